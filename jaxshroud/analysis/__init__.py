@@ -1,0 +1,1 @@
+"""What a computed motion says: samples, spectra, period numbers, power and energy."""

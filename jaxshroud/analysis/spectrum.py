@@ -1,0 +1,167 @@
+"""Amplitude spectrum over whole drive periods, and names for its lines (Figs. 10, 12 and 14)."""
+
+from fractions import Fraction
+from math import isqrt
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+Window = Literal["rectangular", "hann"]
+
+NEIGHBOURS = 8  # bins on either side that a line is compared with
+PROMINENCE = 5.0  # over their median; broadband (Rayleigh) noise exceeds this in 1 bin of 30,000
+FEWEST_PERIODS = 9  # below this, thirds of f_e are not resolved and only harmonics are named
+
+
+def amplitude_spectrum(
+    signal: ArrayLike, samples_per_period: int | Fraction, window: Window = "rectangular"
+) -> tuple[Floats, Floats]:
+    """One-sided amplitudes of `signal` over the last whole number n of drive periods.
+
+    A sin(k tau) gives the amplitude A at frequency k where n k is an integer: the line falls on a bin.
+    Any other line leaks. With the rectangular window its peak is up to 36 % low (1 - 2/pi) and its tails
+    fall as 1/distance; with "hann" the peak is up to 15 % low (1 - 8/(3 pi)), a line is four bins wide and
+    its tails fall as 1/distance^3. So: rectangular over a multiple of the period number, Hann without one.
+    The mean is taken out before the window and stands, as its magnitude, at frequency 0.
+
+    Args:
+        signal: Equidistant samples (m,); of a run that stores both ends, the first is dropped.
+        samples_per_period: Samples in one drive period, at least 2; a Fraction where a sample does not fall
+            on every period's end.
+        window: "rectangular" or "hann".
+
+    Returns:
+        Frequency in units of f_e and amplitude in the signal's unit, both (n samples_per_period // 2 + 1,).
+        One NaN in the signal makes every amplitude NaN.
+
+    Raises:
+        ValueError: The signal is shorter than one drive period, or an argument is out of range.
+    """
+    x = _series(signal)
+    rate = _rate(samples_per_period)
+    n_periods = whole_periods(x.size, rate)
+    if n_periods < 1:
+        need = int(rate * rate.denominator)
+        raise ValueError(
+            f"Argument `signal` must have {need} samples (whole drive periods), but has {x.size}."
+        )
+    x = x[x.size - int(n_periods * rate) :]
+    mean = x.mean()
+    weight = _weights(window, x.size)
+    amplitude = 2 * np.abs(np.fft.rfft((x - mean) * weight)) / weight.sum()
+    if x.size % 2 == 0:
+        amplitude[-1] /= 2  # the highest frequency has no mirror image
+    amplitude[0] = abs(mean)
+    return np.arange(amplitude.size) / n_periods, amplitude
+
+
+def whole_periods(n_samples: int, samples_per_period: int | Fraction) -> int:
+    """The largest number of drive periods within `n_samples` that is a whole number of samples."""
+    rate = _rate(samples_per_period)
+    return int(n_samples / rate) // rate.denominator * rate.denominator
+
+
+def repeats_after(
+    signal: ArrayLike, samples_per_period: int | Fraction, *, tolerance: float = 1e-3, largest: int = 16
+) -> int:
+    """The smallest number of drive periods after which the whole signal repeats itself.
+
+    This chooses the length of a spectrum without leakage. Unlike a period number it asks for every sample,
+    not only for those at the periods' ends, and for two repeats within the signal.
+
+    Args:
+        signal: Equidistant samples (m,).
+        samples_per_period: Samples in one drive period.
+        tolerance: Largest difference that counts as equal, relative to the largest magnitude.
+        largest: The largest number tried.
+
+    Returns:
+        1 to `largest`, or 0 where the signal does not repeat (or has a NaN).
+    """
+    x, rate = _series(signal), _rate(samples_per_period)
+    if x.size == 0:
+        return 0
+    near = tolerance * np.abs(x).max()
+    for q in range(rate.denominator, largest + 1, rate.denominator):
+        shift = int(q * rate)
+        if 2 * shift <= x.size and np.abs(x[shift:] - x[:-shift]).max() <= near:
+            return q
+    return 0
+
+
+def label_lines(
+    frequency: ArrayLike,
+    amplitude: ArrayLike,
+    period_number: int = 0,
+    *,
+    max_denominator: int = 16,
+    threshold: float = 1e-3,
+) -> list[tuple[float, str]]:
+    """Names of the visible lines: harmonics `f_e`, `2f_e` and fractions `f_e/2`, `3f_e/2`.
+
+    Args:
+        frequency: In units of f_e, equidistant from 0 (m,).
+        amplitude: One per frequency (m,).
+        period_number: q where the motion is known to repeat after q periods: every multiple of f_e/q above
+            the threshold is named. The spectrum should cover a multiple of q periods.
+            0 (unknown or aperiodic): peaks that stand out from the bins around them are named, if they lie
+            within half a bin of a fraction that the resolution can tell from the next one:
+            denominator^2 <= n periods; and below 9 periods harmonics only.
+        max_denominator: The largest denominator for period number 0.
+        threshold: Smallest amplitude of a named line, relative to the largest; the mean does not count.
+
+    Returns:
+        (frequency in units of f_e, label), by rising frequency.
+    """
+    f, a = _series(frequency), _series(amplitude)
+    if f.size < 2:
+        return []
+    n_periods = round(1 / (f[1] - f[0]))
+    visible = (a > threshold * a[1:].max()) & (f > 0)
+    if period_number == 0 and n_periods >= FEWEST_PERIODS:
+        lines = _standing_out(f, a, visible, min(max_denominator, isqrt(n_periods)))
+    else:
+        q = max(period_number, 1)
+        multiples = [Fraction(p, q) for p in range(1, int(f[-1] * q + 1e-9) + 1)]
+        lines = [line for line in multiples if visible[round(line * n_periods)]]
+    return [(float(line), line_label(line)) for line in lines]
+
+
+def line_label(line: Fraction) -> str:
+    """`f_e`, `2f_e`, `f_e/2`, `3f_e/2`, ... for a frequency in units of f_e."""
+    times = "" if line.numerator == 1 else str(line.numerator)
+    over = "" if line.denominator == 1 else f"/{line.denominator}"
+    return f"{times}f_e{over}"
+
+
+def _standing_out(f: Floats, a: Floats, visible: NDArray[np.bool_], max_denominator: int) -> list[Fraction]:
+    padded = np.pad(a, NEIGHBOURS, mode="edge")
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
+    left, right = around[:, NEIGHBOURS - 1], around[:, NEIGHBOURS + 1]
+    peaks = visible & (a >= left) & (a >= right) & (a > PROMINENCE * np.median(around, axis=1))
+    near = [(peak, Fraction(peak).limit_denominator(max_denominator)) for peak in f[peaks]]
+    half_bin = (f[1] - f[0]) / 2
+    return sorted({line for peak, line in near if line > 0 and abs(peak - line) <= half_bin * (1 + 1e-9)})
+
+
+def _weights(window: str, n: int) -> Floats:
+    if window == "rectangular":
+        return np.ones(n)
+    if window == "hann":
+        return np.sin(np.pi * np.arange(n) / n) ** 2  # periodic form: exact for lines on a bin
+    raise ValueError(f"Argument `window` must be 'rectangular' or 'hann', but is {window!r}.")
+
+
+def _series(values: ArrayLike) -> Floats:
+    array = np.asarray(values, dtype=float)
+    if array.ndim != 1:
+        raise ValueError(f"A signal or spectrum must have one dimension, but has shape {array.shape}.")
+    return array
+
+
+def _rate(samples_per_period: int | Fraction) -> Fraction:
+    if not samples_per_period >= 2:
+        raise ValueError(f"Argument `samples_per_period` must be at least 2, but is {samples_per_period}.")
+    return Fraction(samples_per_period)

@@ -1,0 +1,155 @@
+"""Corners of the two blocks, penetration and slide of the corner in contact (Sec. 2.3, Eqs. (3)-(20)).
+
+The contact faces ab and cd lean to the right going up; y points up and theta is positive clockwise:
+
+        d-----.   right block: c = -b, d = -a
+         \\     \\
+    .-----a    c--.
+     \\     b
+      `----
+
+In each case one corner (the tip) presses on the other block's face:
+
+    case 1: a on cd    case 2: c on ab    (theta_1 > theta_2, upper corners a and c)
+    case 3: b on cd    case 4: d on ab    (theta_1 <= theta_2, lower corners b and d)
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from jaxshroud.scene import Motion, PerBlade, Scalar, Shroud
+from jaxshroud.trig import sincos
+
+
+class Corners(NamedTuple):
+    """Constants of the blocks: corners a and b of the left one about its centre, and the face angle."""
+
+    a_x: Scalar
+    b_x: Scalar
+    h_y: Scalar  # a_y = h_y, b_y = -h_y
+    sin_alpha: Scalar
+    cos_alpha: Scalar
+    gap: Scalar
+
+
+def corners(shroud: Shroud) -> Corners:
+    """The block's corners from its sides, the faces leaning right going up."""
+    sin_alpha, cos_alpha = jnp.sin(shroud.alpha), jnp.cos(shroud.alpha)
+    lean = shroud.l_ab * cos_alpha / 2
+    half = shroud.l_oa / 2
+    return Corners(half + lean, half - lean, shroud.l_ab * sin_alpha / 2, sin_alpha, cos_alpha, shroud.gap)
+
+
+class Pose(NamedTuple):
+    """Position of both blocks, with the sine and cosine of their angles."""
+
+    x: PerBlade
+    y: PerBlade
+    theta: PerBlade
+    sin: PerBlade
+    cos: PerBlade
+
+
+def pose(x: PerBlade, y: PerBlade, theta: PerBlade) -> Pose:
+    """Positions with their trigonometry done once."""
+    (s_1, c_1), (s_2, c_2) = sincos(theta[0]), sincos(theta[1])
+    return Pose(x, y, theta, (s_1, s_2), (c_1, c_2))
+
+
+def is_upper(case: Int[Array, "..."]) -> Bool[Array, "..."]:
+    """Cases 1 and 2: the upper corners a and c meet."""
+    return case <= 2
+
+
+def tip_is_left(case: Int[Array, "..."]) -> Bool[Array, "..."]:
+    """Cases 1 and 3: a corner of the left block presses on the right block's face."""
+    return (case == 1) | (case == 3)
+
+
+class Touch(NamedTuple):
+    """The corner pair of one case: lengths in m, angles in rad."""
+
+    v: Scalar  # penetration, Eqs. (8), (12), (16), (19); contact when v >= 0
+    u: Scalar  # slide of the left block against the right one
+    height: Scalar  # r_ay - r_cy or r_by - r_dy: decides between tip left and tip right
+    turn: Scalar  # theta_1 - theta_2: decides between upper and lower corners
+    normal: tuple[Scalar, Scalar]  # n = (sin A, -cos A), A = alpha - theta of the face's block
+    tangent: tuple[Scalar, Scalar]  # t = (cos A, sin A)
+    corner: PerBlade  # x of the rotated corner of each block about its centre ...
+    corner_y: PerBlade  # ... and y
+    offset: tuple[Scalar, Scalar]  # (d_x - gap, d_y): from the right block's corner to the left one's
+    sin_A2: Scalar  # sin(alpha - theta_2), which (20) prints for sin(alpha - theta_1)
+
+
+def _rotated(px: Scalar, py: Scalar, s: Scalar, c: Scalar) -> tuple[Scalar, Scalar]:
+    return px * c + py * s, py * c - px * s  # clockwise
+
+
+def touch(q: Pose, case: Int[Array, ""], block: Corners, reading: frozenset[str]) -> Touch:
+    """Penetration, slide and lever points while `case` is held fixed.
+
+    Source:
+        Eqs. (3)-(6) as exact rotations. The printed gap functions (7), (11), (15), (18) have `+ d_y cos A`, which
+        contradicts the force directions of Eq. (1); it is kept under the misprint `gap_sign`.
+    """
+    upper = is_upper(case)
+    p_y = jnp.where(upper, block.h_y, -block.h_y)
+    left_x = jnp.where(upper, block.a_x, block.b_x)
+    right_x = -jnp.where(upper, block.b_x, block.a_x)
+    l_x, l_y = _rotated(left_x, p_y, q.sin[0], q.cos[0])
+    r_x, r_y = _rotated(right_x, p_y, q.sin[1], q.cos[1])
+    e_x = (q.x[0] - q.x[1]) + (l_x - left_x) - (r_x - right_x) - block.gap
+    d_y = (q.y[0] - q.y[1]) + (l_y - p_y) - (r_y - p_y)
+
+    left_tip = tip_is_left(case)
+    s_f, c_f = jnp.where(left_tip, q.sin[1], q.sin[0]), jnp.where(left_tip, q.cos[1], q.cos[0])
+    sin_A = block.sin_alpha * c_f - block.cos_alpha * s_f
+    cos_A = block.cos_alpha * c_f + block.sin_alpha * s_f
+    lean = -1.0 if "gap_sign" in reading else 1.0
+    return Touch(
+        v=e_x * sin_A - lean * d_y * cos_A,
+        u=e_x * cos_A + lean * d_y * sin_A,
+        height=d_y,
+        turn=q.theta[0] - q.theta[1],
+        normal=(sin_A, -cos_A),
+        tangent=(cos_A, sin_A),
+        corner=(l_x, r_x),
+        corner_y=(l_y, r_y),
+        offset=(e_x, d_y),
+        sin_A2=block.sin_alpha * q.cos[1] - block.cos_alpha * q.sin[1],
+    )
+
+
+class Rates(NamedTuple):
+    """Time derivatives of the scalars of `Touch`."""
+
+    v: Scalar
+    u: Scalar
+    height: Scalar
+    turn: Scalar
+
+
+def touch_and_rates(
+    q: Pose, z: Motion, case: Int[Array, ""], block: Corners, reading: frozenset[str]
+) -> tuple[Touch, Rates]:
+    """`touch` with the rates of its scalars, by forward differentiation along the motion."""
+    q_dot = Pose(
+        z.v_x,
+        z.v_y,
+        z.v_theta,
+        (q.cos[0] * z.v_theta[0], q.cos[1] * z.v_theta[1]),
+        (-q.sin[0] * z.v_theta[0], -q.sin[1] * z.v_theta[1]),
+    )
+    point, dot = jax.jvp(lambda q: touch(q, case, block, reading), (q,), (q_dot,))
+    return point, Rates(dot.v, dot.u, dot.height, dot.turn)
+
+
+def natural_case(q: Pose, block: Corners) -> Int[Array, ""]:
+    """The case that Sec. 2.3 assigns to a position: 1-4 from the signs of theta_1 - theta_2 and of the height."""
+    upper = q.theta[0] > q.theta[1]
+    height = touch(q, jnp.where(upper, 1, 3), block, frozenset()).height
+    left_tip = jnp.where(upper, height < 0, height > 0)
+    return jnp.where(upper, jnp.where(left_tip, 1, 2), jnp.where(left_tip, 3, 4)).astype(jnp.int32)

@@ -1,0 +1,142 @@
+"""Equation (1): the motion of both blocks while the contact mode and case are held fixed."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxshroud.contact import Load, contact_load
+from jaxshroud.friction import Springs, friction_force, normal_force, slider_speed, springs
+from jaxshroud.geometry import Corners, Pose, corners, pose, touch_and_rates
+from jaxshroud.scene import Blades, Motion, PerBlade, Scalar, Scene
+from jaxshroud.state import State
+from jaxshroud.trig import sincos_turns
+
+
+def as_pairs(tree):
+    """`tree` with every (2,) array as a tuple of two scalars: one flat array per number when lanes are batched."""
+    return jax.tree.map(lambda a: (a[0], a[1]) if jnp.ndim(a) == 1 else a, tree)
+
+
+def as_arrays(motion: Motion) -> Motion:
+    """The inverse of `as_pairs` for a motion: fields of shape (2,)."""
+    return Motion(*(jnp.stack(getattr(motion, name)) for name in Motion._fields))
+
+
+class Excitation(NamedTuple):
+    """Amplitudes and phases of the drive (Sec. 3.1), resolved in x and y."""
+
+    F_x: PerBlade  # F_0 cos(beta) [N]
+    F_y: PerBlade  # F_0 sin(beta) [N]
+    M_0: PerBlade  # [N m]
+    sin_phase: PerBlade
+    cos_phase: PerBlade
+
+
+class Model(eqx.Module):
+    """A scene made ready for stepping: everything that can be computed once per lane."""
+
+    blades: Blades
+    block: Corners
+    spring: Springs
+    drive: Excitation
+    gyration: Scalar  # J_A / A = (l_oa^2 + l_ab^2) / 12 [m^2]
+    reading: frozenset[str] = eqx.field(static=True)
+
+
+def model(scene: Scene) -> Model:
+    """`scene` with its constants worked out."""
+    d, s = scene.drive, scene.shroud
+    drive = Excitation(
+        d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase)
+    )
+    gyration = (s.l_oa**2 + s.l_ab**2) / 12
+    parts = as_pairs((scene.blades, corners(s), springs(scene), drive, gyration))
+    return Model(*parts, reading=scene.contact.reading)
+
+
+class Integrals(NamedTuple):
+    """Time integrals carried along with the motion, to the integrator's order."""
+
+    power: PerBlade  # mean square displacement over the block, Eq. (23) divided by its area [m^2 s]
+    drive: Scalar  # work of the drive [J]
+    viscous: Scalar  # loss in the dampers [J]
+    friction: Scalar  # loss in the sliding contact [J]
+
+
+def wave(turns: Scalar, drive: Excitation) -> PerBlade:
+    """sin(omega t + phase) of each blade's drive, `turns` being omega t / (2 pi)."""
+    s, c = sincos_turns(turns)
+    return tuple(s * drive.cos_phase[i] + c * drive.sin_phase[i] for i in (0, 1))
+
+
+def accelerated(z: Motion, Q: PerBlade, load: Load, model: Model) -> Motion:
+    """dz/dt by Eq. (1), with `Q` the drive's wave of each blade."""
+    b, d = model.blades, model.drive
+    sign = (1.0, -1.0)  # the right block feels the opposite force
+    a_x, a_y, a_theta = zip(
+        *(
+            (
+                (d.F_x[i] * Q[i] + sign[i] * load.R_x - b.c_x[i] * z.v_x[i] - b.k_x[i] * z.x[i]) / b.m[i],
+                (d.F_y[i] * Q[i] + sign[i] * load.R_y - b.c_y[i] * z.v_y[i] - b.k_y[i] * z.y[i]) / b.m_y[i],
+                (d.M_0[i] * Q[i] + load.M[i] - b.c_T[i] * z.v_theta[i] - b.k_T[i] * z.theta[i]) / b.I[i],
+            )
+            for i in (0, 1)
+        ),
+        strict=True,
+    )
+    return Motion(z.v_x, z.v_y, z.v_theta, a_x, a_y, a_theta)
+
+
+def mean_square(q: Pose, gyration: Scalar) -> PerBlade:
+    """Square displacement averaged over each block: x^2 + y^2 + 4 (J_A/A) sin^2(theta/2) [m^2].
+
+    Source:
+        Eqs. (22), (23): over a centrally symmetric block the cross terms vanish, so no area quadrature is needed.
+    """
+    # 4 sin^2(theta/2) = 2 sin^2(theta) / (1 + cos(theta)), without cancellation at small angles
+    return tuple(
+        q.x[i] ** 2 + q.y[i] ** 2 + gyration * 2 * q.sin[i] ** 2 / (1 + q.cos[i]) for i in (0, 1)
+    )
+
+
+def integrands(q: Pose, z: Motion, Q: PerBlade, F: Scalar, slide: Scalar, model: Model) -> Integrals:
+    """Rates of the running integrals."""
+    b, d = model.blades, model.drive
+    drive = sum((d.F_x[i] * z.v_x[i] + d.F_y[i] * z.v_y[i] + d.M_0[i] * z.v_theta[i]) * Q[i] for i in (0, 1))
+    viscous = sum(
+        b.c_x[i] * z.v_x[i] ** 2 + b.c_y[i] * z.v_y[i] ** 2 + b.c_T[i] * z.v_theta[i] ** 2 for i in (0, 1)
+    )
+    return Integrals(mean_square(q, model.gyration), drive, viscous, F * slide)
+
+
+def rhs(turns: Scalar, z: Motion, held: State, model: Model, seam: Callable) -> tuple[Motion, Integrals]:
+    """dz/dt of Eq. (1) and the rates of the running integrals while mode, case and slider of `held` stay fixed."""
+    q = seam(pose, z.x, z.y, z.theta)
+    Q = wave(turns, model.drive)
+    load, F, slide = seam(_contact, q, z, held, model)
+    return seam(accelerated, z, Q, load, model), integrands(q, z, Q, F, slide, model)
+
+
+def _contact(q: Pose, z: Motion, held: State, model: Model) -> tuple[Load, Scalar, Scalar]:
+    at, rate = touch_and_rates(q, z, held.case, model.block, model.reading)
+    N = normal_force(at.v, held.mode, model.spring)
+    F = friction_force(at.v, at.u, held.u_s, held.mode, model.spring)
+    slide = slider_speed(rate.v, rate.u, held.mode, model.spring)
+    return contact_load(at, N, F, held.case, model.block, model.reading), F, slide
+
+
+def stored_energy(z: Motion, model: Model) -> Scalar:
+    """Kinetic energy and energy of the blades' own springs [J]."""
+    b = model.blades
+    return sum(
+        b.m[i] * z.v_x[i] ** 2
+        + b.m_y[i] * z.v_y[i] ** 2
+        + b.I[i] * z.v_theta[i] ** 2
+        + b.k_x[i] * z.x[i] ** 2
+        + b.k_y[i] * z.y[i] ** 2
+        + b.k_T[i] * z.theta[i] ** 2
+        for i in (0, 1)
+    ) / 2

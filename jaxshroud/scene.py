@@ -1,0 +1,171 @@
+"""What stays fixed while a scene runs: blades, shroud, contact, friction, drive and the starting motion."""
+
+import math
+import re
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+Scalar = Float[Array, ""]
+# One value per blade, left first. Inside compiled loops the two values travel as a tuple: same face, faster code.
+PerBlade = Float[Array, "2"] | tuple[Scalar, Scalar]
+
+MISPRINTS = ("gap_sign", "friction_components", "M_N2_case1", "M_N1_case2", "M_N1_case4", "levers")
+
+
+def per_blade(value: Any) -> PerBlade:
+    """`value` as one number per blade; a single number means alike blades."""
+    if isinstance(value, tuple | list):
+        return jnp.stack([jnp.asarray(v, dtype=float) for v in value])
+    if isinstance(value, ArrayLike):
+        value = jnp.asarray(value, dtype=float)
+        return jnp.broadcast_to(value, (2,)) if value.ndim == 0 else value
+    return value
+
+
+def scalar(value: Any) -> Scalar:
+    """`value` as a float array, so that changing it never recompiles."""
+    return jnp.asarray(value, dtype=float) if isinstance(value, ArrayLike) else value
+
+
+class Blades(eqx.Module):
+    """Both blades as lumped masses on springs (Sec. 2.1, Table 1).
+
+    One value per blade: `blades.m[0]` is the paper's m_1. A single number means alike blades.
+    `m_y` is the inertia against motion in y; it equals `m` except where Eq. (21) is taken literally.
+    """
+
+    m: PerBlade = eqx.field(converter=per_blade)  # mass [kg]
+    I: PerBlade = eqx.field(converter=per_blade)  # moment of inertia about z [kg m^2]
+    k_x: PerBlade = eqx.field(converter=per_blade)  # bending stiffness [N/m]
+    k_y: PerBlade = eqx.field(converter=per_blade)  # bending stiffness [N/m]
+    k_T: PerBlade = eqx.field(converter=per_blade)  # torsion stiffness [N m/rad]
+    c_x: PerBlade = eqx.field(converter=per_blade)  # damping [N s/m]
+    c_y: PerBlade = eqx.field(converter=per_blade)  # damping [N s/m]
+    c_T: PerBlade = eqx.field(converter=per_blade)  # damping [N m s/rad]
+    m_y: PerBlade = eqx.field(converter=per_blade)  # mass in y [kg]
+
+
+class Shroud(eqx.Module):
+    """The two alike parallelogram blocks and the gap between them (Sec. 2.1, Fig. 2)."""
+
+    alpha: Scalar = eqx.field(converter=scalar)  # acute angle of the parallelogram [rad]
+    l_oa: Scalar = eqx.field(converter=scalar)  # side along x [m]
+    l_ab: Scalar = eqx.field(converter=scalar)  # side along the contact face [m]
+    gap: Scalar = eqx.field(converter=scalar)  # initial gap Delta along x [m]; negative: interference
+
+
+class Contact(eqx.Module):
+    """The normal spring, given by `k` or by the stiffness ratio `gamma`; the other is None.
+
+    `reading` holds the misprints of the article that are kept: empty is the consistent reading.
+    """
+
+    k: Scalar | None = eqx.field(converter=scalar)  # impact stiffness [N/m]
+    gamma: Scalar | None = eqx.field(converter=scalar)  # k / k_x of the left blade (Sec. 3.1.1)
+    reading: frozenset[str] = eqx.field(static=True, default=frozenset())
+
+    def __check_init__(self):
+        if (self.k is None) == (self.gamma is None):
+            raise ValueError("Exactly one of `k` and `gamma` must be given.")
+        unknown = self.reading - set(MISPRINTS)
+        if unknown:
+            raise ValueError(f"Unknown misprint {sorted(unknown)[0]!r}; known are {', '.join(MISPRINTS)}.")
+
+
+class Friction(eqx.Module):
+    """The bilinear friction element of Eq. (2). `k_d = 0` or `mu = 0` means no friction."""
+
+    k_d: Scalar = eqx.field(converter=scalar)  # tangential stiffness [N/m]
+    mu: Scalar = eqx.field(converter=scalar)  # friction coefficient [-]
+
+
+class Drive(eqx.Module):
+    """Aerodynamic force `Q_i = F_0 sin(omega t + phase)` at angle `beta` to x, and moment `M_0 sin(...)` (Sec. 3.1)."""
+
+    omega: Scalar = eqx.field(converter=scalar)  # circular frequency, common to both blades [rad/s]
+    beta: PerBlade = eqx.field(converter=per_blade)  # direction of the force [rad]
+    F_0: PerBlade = eqx.field(converter=per_blade)  # force amplitude [N]
+    M_0: PerBlade = eqx.field(converter=per_blade)  # moment amplitude [N m]
+    phase: PerBlade = eqx.field(converter=per_blade)  # the paper's phi_1, phi_2 [rad]
+
+    @property
+    def period(self) -> Scalar:
+        """Forcing period T = 2 pi / omega [s]."""
+        return 2 * math.pi / self.omega
+
+
+class Motion(NamedTuple):
+    """Displacements and rates of both blocks, left first; theta is positive clockwise."""
+
+    x: PerBlade  # [m]
+    y: PerBlade  # [m]
+    theta: PerBlade  # [rad]
+    v_x: PerBlade  # [m/s]
+    v_y: PerBlade  # [m/s]
+    v_theta: PerBlade  # [rad/s]
+
+
+AT_REST = Motion(*[(0.0, 0.0)] * 6)
+
+
+class Scene(eqx.Module):
+    """One physical set-up in SI units; every number is an array leaf, so scenes batch with `jax.vmap`."""
+
+    blades: Blades
+    shroud: Shroud
+    contact: Contact
+    friction: Friction
+    drive: Drive
+    initial: Motion = eqx.field(converter=lambda z: Motion(*map(per_blade, z)), default=AT_REST)
+
+    @property
+    def k(self) -> Scalar:
+        """Impact stiffness [N/m], `gamma k_x` of the left blade where `gamma` is given."""
+        if self.contact.k is not None:
+            return self.contact.k
+        return self.contact.gamma * self.blades.k_x[0]
+
+
+KEY = re.compile(r"^(?P<table>[a-z]+)\.(?P<name>\w+)(\[(?P<blade>[01])\])?$")
+NUMERIC_KEYS = tuple(
+    f"{table}.{field}"
+    for table, kind in dict(
+        blades=Blades, shroud=Shroud, contact=Contact, friction=Friction, drive=Drive, initial=Motion
+    ).items()
+    for field in kind.__annotations__
+    if field != "reading"
+)
+
+
+def vary(scene: Scene, key: str, value: ArrayLike) -> Scene:
+    """`scene` with one number replaced.
+
+    Args:
+        scene: The scene to start from.
+        key: `table.name`, or `table.name[0]`, `table.name[1]` for one blade only.
+        value: The new value in SI units; a scalar or, for a per-blade key, one value per blade.
+
+    Returns:
+        A new scene. Setting `contact.k` drops `contact.gamma`, and the other way round.
+
+    Raises:
+        KeyError: There is no such number.
+    """
+    match = KEY.match(key)
+    if match is None or f"{match['table']}.{match['name']}" not in NUMERIC_KEYS:
+        raise KeyError(f"The scene has no number called {key!r}.")
+    table, name, blade = match["table"], match["name"], match["blade"]
+    old = getattr(getattr(scene, table), name)
+    if blade is not None:
+        if old is None or old.ndim == 0:
+            raise KeyError(f"{table}.{name!s} is one number, not one per blade.")
+        value = old.at[int(blade)].set(value)
+    if table == "contact":
+        other = {"k": "gamma", "gamma": "k"}[name]
+        contact = Contact(**{name: value, other: None}, reading=scene.contact.reading)
+        return eqx.tree_at(lambda s: s.contact, scene, contact)
+    new = jnp.broadcast_to(jnp.asarray(value, dtype=old.dtype), old.shape)
+    return eqx.tree_at(lambda s: getattr(getattr(s, table), name), scene, new)
