@@ -14,13 +14,26 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.friction import Springs, contact_energy, slider_speed, slip_sign, stretch
-from jaxshroud.geometry import Rates, Touch, is_upper, natural_case, pose, tip_is_left, touch, touch_and_rates
+from jaxshroud.geometry import (
+    Corners,
+    Pose,
+    Rates,
+    Touch,
+    is_upper,
+    natural_case,
+    pose,
+    tip_is_left,
+    touch,
+    touch_and_rates,
+)
 from jaxshroud.rhs import Model
 from jaxshroud.scene import Motion, Scalar
+from jaxshroud.seam import Seam
 from jaxshroud.state import Mode, State
 
 
@@ -47,18 +60,24 @@ class Guards(NamedTuple):
 class View(NamedTuple):
     """Where the corners are at the end of a trial step."""
 
+    q: Pose
     at: Touch
     rate: Rates
     case: Int[Array, ""]  # the held case, or when apart the one the position would have
     guards: Guards
 
 
-def look(z: Motion, held: State, model: Model) -> View:
+@jax.jit
+def look(z: Motion, held: State, model: Model, seam: Seam) -> View:
     """Corner positions and guards of the motion `z` in the mode of `held`."""
-    q = pose(z.x, z.y, z.theta)
-    case = jnp.where(held.mode == Mode.APART, natural_case(q, model.block), held.case)
-    at, rate = touch_and_rates(q, z, case, model.block, model.reading)
-    return View(at, rate, case, guards(at, rate, held, case, model.spring))
+    q = seam(pose, z.x, z.y, z.theta)
+    case = seam(_case_in_view, q, held, model.block)
+    at, rate = seam(touch_and_rates, q, z, case, model.block, model.reading)
+    return View(q, at, rate, case, seam(guards, at, rate, held, case, model.spring))
+
+
+def _case_in_view(q: Pose, held: State, block: Corners) -> Int[Array, ""]:
+    return jnp.where(held.mode == Mode.APART, natural_case(q, block), held.case)
 
 
 def guards(at: Touch, rate: Rates, held: State, case: Int[Array, ""], spring: Springs) -> Guards:
@@ -124,7 +143,7 @@ def crossing(
     switch = (kind == Kind.TURN) | (kind == Kind.HEIGHT)
     neighbour = jnp.where(kind == Kind.TURN, 5 - view.case, view.case + jnp.where(tip_is_left(view.case), 1, -1))
     case = jnp.where(switch, neighbour, view.case)
-    new = touch(pose(z.x, z.y, z.theta), case, model.block, model.reading)
+    new = touch(view.q, case, model.block, model.reading)
 
     mode = jnp.where(
         kind == Kind.LIFT,

@@ -18,6 +18,7 @@ from jaxshroud.events import View, Counters, Guards, Kind, count, crossing, firs
 from jaxshroud.friction import contact_energy, stretch
 from jaxshroud.rhs import Integrals, Model, rhs, stored_energy
 from jaxshroud.scene import Motion, Scalar
+from jaxshroud.seam import Seam
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.tableau import RK4, Tableau
 from jaxshroud.trig import ANGLE_RANGE
@@ -37,7 +38,7 @@ class Grid(NamedTuple):
     """Steps of equal length: step i starts at drive phase `start + i / steps` turns."""
 
     start: Scalar  # drive phase where step 0 starts [turns]
-    steps: Int[Array, ""]  # steps per period
+    steps: Scalar  # steps per period; not whole where a run is led to a phase between two steps
     period: Scalar  # [s]
 
 
@@ -63,7 +64,7 @@ class Search(NamedTuple):
     bracketing: Bool[Array, ""]
     peeking: Bool[Array, ""]  # the next trial ends where a guard seems to peak
     inside: Bool[Array, ""]  # the bracket was found by peeking
-    recheck: Bool[Array, ""]  # guards jumped: the next trial has length zero
+    recheck: Bool[Array, ""]  # guards may have jumped: a violated one counts even in a trial of length zero
     events: Int[Array, ""]  # in this step
 
 
@@ -78,9 +79,7 @@ class Lane(eqx.Module):
     status: Int[Array, ""]
 
 
-def no_seam(f: Callable, *args):
-    """Call `f` as it is; the place where a compiled batch may put a fusion boundary."""
-    return f(*args)
+NO_SEAM = Seam()
 
 
 def begin(state: State, model: Model) -> Lane:
@@ -92,7 +91,8 @@ def begin(state: State, model: Model) -> Lane:
     tally = Tally(
         Integrals((zero, zero), zero, zero, zero), zero, zero, zero, zero, zero, Counters(*[count0] * 10)
     )
-    return Lane(state, count0, _fresh(zero, zero, ~no, count0), look(z, state, model).guards, tally, count0)
+    guards = Guards((zero,) * 4, (zero,) * 4, zero)  # the first trial, of length zero, sets them
+    return Lane(state, count0, _fresh(zero, zero, ~no, count0), guards, tally, count0)
 
 
 def _fresh(done: Scalar, length: Scalar, recheck: Bool[Array, ""], events: Int[Array, ""]) -> Search:
@@ -101,20 +101,22 @@ def _fresh(done: Scalar, length: Scalar, recheck: Bool[Array, ""], events: Int[A
 
 
 def rk_step(
-    turns: Callable[[float], Scalar], h: Scalar, held: State, model: Model, method: Tableau, seam: Callable
+    turns: Callable[[float], Scalar], h: Scalar, held: State, model: Model, method: Tableau, seam: Seam
 ) -> tuple[Motion, Integrals]:
     """One explicit Runge-Kutta step of length `h` [s] in a fixed mode: the new motion and what the integrals gain."""
-    axpy = lambda z, h, weights, slopes: jax.tree.map(  # noqa: E731
-        lambda z, *k: z + h * sum(w * k for w, k in zip(weights, k, strict=True) if w), z, *slopes
-    )
     z, slopes, gains = held.motion, [], []
     for a, c in zip(method.a, method.c, strict=True):
-        stage = seam(lambda z, h, ks, a=a: axpy(z, h, a, ks), z, h, slopes) if a else z
+        stage = seam(_combined, z, h, a, slopes) if a else z
         slope, gain = rhs(turns(c), stage, held, model, seam)
         slopes.append(slope)
         gains.append(gain)
     none = jax.tree.map(jnp.zeros_like, gains[0])
-    return axpy(z, h, method.b, slopes), axpy(none, h, method.b, gains)
+    return seam(_combined, z, h, method.b, slopes), seam(_combined, none, h, method.b, gains)
+
+
+def _combined(z, h: Scalar, weights: tuple[float, ...], slopes: list):
+    """z + h sum(weights * slopes), leaf by leaf."""
+    return jax.tree.map(lambda z, *k: z + h * sum(w * k for w, k in zip(weights, k, strict=True) if w), z, *slopes)
 
 
 def peak(start: Guards, end: Guards, h: Scalar) -> Scalar:
@@ -171,13 +173,13 @@ class Verdict(NamedTuple):
     search: Search  # if the trial was not accepted
 
 
-def bisect(search: Search, kind, violated, peek: Scalar, method: Method) -> Verdict:
+def bisect(search: Search, kind, violated, peek: Scalar, locate: str) -> Verdict:
     """Judge a trial: march on, look inside it at the fraction `peek`, halve the bracket, or fire the event."""
     bracketing = search.bracketing | violated
     high = jnp.where(violated, search.length, search.high)
     low = jnp.where(search.bracketing & ~violated, search.length, search.low)
     width = high - low
-    if method.locate == "none":
+    if locate == "none":
         no = jnp.zeros_like(violated)
         return Verdict(~no, violated, width, search)
     fire = violated & (width <= _tolerance(kind, high.dtype))
@@ -199,25 +201,27 @@ def _select(condition: Bool[Array, ""], yes, no):
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
-def trial(lane: Lane, model: Model, grid: Grid, method: Method, seam: Callable) -> Lane:
+def trial(lane: Lane, model: Model, grid: Grid, method: Method, seam: Seam) -> Lane:
     """One trial step of a lane: the body of the flat loop."""
     search, held, tally = lane.search, lane.state, lane.tally
-    steps = grid.steps.astype(search.done.dtype)
-    at = lambda c: grid.start + lane.step / steps + (search.done + c * search.length) / steps  # noqa: E731
-    h_full = grid.period / steps
+    step_start = grid.start + lane.step.astype(search.done.dtype) / grid.steps
+    at = lambda c: step_start + (search.done + c * search.length) / grid.steps  # noqa: E731
+    h_full = grid.period / grid.steps
     h = search.length * h_full
     z, gain = rk_step(at, h, held, model, method.tableau, seam)
-    view = seam(look, z, held, model)
+    view = look(z, held, model, seam)
 
-    violated = tuple(g > 0 for g in view.guards.value)
+    counts = (search.length > 0) | search.recheck
+    violated = tuple((g > 0) & counts for g in view.guards.value)
     kind = first_kind(violated)
     several = sum(g.astype(jnp.int32) for g in violated) > 1
-    verdict = bisect(search, kind, sum(violated) > 0, peak(lane.guards, view.guards, h), method)
+    peek = seam(peak, lane.guards, view.guards, h)
+    verdict = seam(bisect, search, kind, sum(violated) > 0, peek, method.locate)
     accept, fire = verdict.accept, verdict.fire
 
     cross = seam(crossing, z, held, view, kind, verdict.width * h_full, model)
     state = _select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
-    tally = _select(accept, _tallied(tally, gain, h, held, view, cross, fire, search.inside), tally)
+    tally = _select(accept, seam(_tallied, tally, gain, h, held, view, cross, fire, search.inside), tally)
     recheck = fire & (several | (kind == Kind.TURN) | (kind == Kind.HEIGHT))
     ahead, step = _advanced(search, lane.step, fire, recheck)
     status = _status(z, accept, ahead.events)
@@ -225,7 +229,7 @@ def trial(lane: Lane, model: Model, grid: Grid, method: Method, seam: Callable) 
         _select(accept, state, held),
         jnp.where(accept, step, lane.step),
         _select(accept, ahead, verdict.search),
-        _select(accept & ~fire, view.guards, _select(fire, seam(look, z, cross.after, model).guards, lane.guards)),
+        _select(accept, view.guards, lane.guards),
         tally,
         jnp.where(lane.status == Status.OK, status, lane.status),
     )
@@ -253,7 +257,8 @@ def _advanced(search: Search, step, fire, recheck) -> tuple[Search, Int[Array, "
     over = done >= 1 - sliver
     done = jnp.where(over, 0.0, done)
     events = jnp.where(over, 0, search.events + fire.astype(jnp.int32))
-    ahead = _fresh(done, jnp.where(recheck, 0.0, 1 - done), recheck, events)
+    # after an event, a trial of length zero evaluates the guards of the new mode
+    ahead = _fresh(done, jnp.where(fire, 0.0, 1 - done), recheck, events)
     # a trial that only peeked leaves the guard at its peak: march on without peeking again
     return ahead._replace(peeking=search.peeking & ~fire), step + over.astype(jnp.int32)
 
@@ -267,7 +272,7 @@ def _status(z: Motion, accept, events) -> Int[Array, ""]:
     return jnp.where(accept, status, Status.OK).astype(jnp.int32)
 
 
-def march(lane: Lane, stop: Int[Array, ""], model: Model, grid: Grid, method: Method, seam: Callable = no_seam) -> Lane:
+def march(lane: Lane, stop: Int[Array, ""], model: Model, grid: Grid, method: Method, seam: Seam = NO_SEAM) -> Lane:
     """Run `lane` to the start of step `stop`, or until its status is no longer OK."""
     return lax.while_loop(
         lambda lane: (lane.step < stop) & (lane.status == Status.OK),
@@ -278,6 +283,6 @@ def march(lane: Lane, stop: Int[Array, ""], model: Model, grid: Grid, method: Me
 
 def energy(state: State, model: Model) -> Scalar:
     """Kinetic energy, blades' springs and contact springs [J]."""
-    at = look(state.motion, state, model).at
+    at = look(state.motion, state, model, NO_SEAM).at
     w = stretch(at.v, at.u, state.u_s, state.mode, model.spring)
     return stored_energy(state.motion, model) + contact_energy(at.v, w, state.mode, model.spring)

@@ -1,6 +1,5 @@
 """Equation (1): the motion of both blocks while the contact mode and case are held fixed."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -9,8 +8,9 @@ import jax.numpy as jnp
 
 from jaxshroud.contact import Load, contact_load
 from jaxshroud.friction import Springs, friction_force, normal_force, slider_speed, springs
-from jaxshroud.geometry import Corners, Pose, corners, pose, touch_and_rates
+from jaxshroud.geometry import Corners, Pose, Rates, Touch, corners, pose, touch_and_rates
 from jaxshroud.scene import Blades, Motion, PerBlade, Scalar, Scene
+from jaxshroud.seam import Seam
 from jaxshroud.state import State
 from jaxshroud.trig import sincos_turns
 
@@ -112,20 +112,21 @@ def integrands(q: Pose, z: Motion, Q: PerBlade, F: Scalar, slide: Scalar, model:
     return Integrals(mean_square(q, model.gyration), drive, viscous, F * slide)
 
 
-def rhs(turns: Scalar, z: Motion, held: State, model: Model, seam: Callable) -> tuple[Motion, Integrals]:
+@jax.jit  # traced once for all stages
+def rhs(turns: Scalar, z: Motion, held: State, model: Model, seam: Seam) -> tuple[Motion, Integrals]:
     """dz/dt of Eq. (1) and the rates of the running integrals while mode, case and slider of `held` stay fixed."""
+    Q = seam(wave, turns, model.drive)
     q = seam(pose, z.x, z.y, z.theta)
-    Q = wave(turns, model.drive)
-    load, F, slide = seam(_contact, q, z, held, model)
-    return seam(accelerated, z, Q, load, model), integrands(q, z, Q, F, slide, model)
+    at, rate = seam(touch_and_rates, q, z, held.case, model.block, model.reading)
+    N, F, slide = seam(_forces, at, rate, held, model.spring)
+    load = seam(contact_load, at, N, F, held.case, model.block, model.reading)
+    return seam(accelerated, z, Q, load, model), seam(integrands, q, z, Q, F, slide, model)
 
 
-def _contact(q: Pose, z: Motion, held: State, model: Model) -> tuple[Load, Scalar, Scalar]:
-    at, rate = touch_and_rates(q, z, held.case, model.block, model.reading)
-    N = normal_force(at.v, held.mode, model.spring)
-    F = friction_force(at.v, at.u, held.u_s, held.mode, model.spring)
-    slide = slider_speed(rate.v, rate.u, held.mode, model.spring)
-    return contact_load(at, N, F, held.case, model.block, model.reading), F, slide
+def _forces(at: Touch, rate: Rates, held: State, spring: Springs) -> tuple[Scalar, Scalar, Scalar]:
+    N = normal_force(at.v, held.mode, spring)
+    F = friction_force(at.v, at.u, held.u_s, held.mode, spring)
+    return N, F, slider_speed(rate.v, rate.u, held.mode, spring)
 
 
 def stored_energy(z: Motion, model: Model) -> Scalar:

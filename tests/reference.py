@@ -22,10 +22,8 @@ from scipy.optimize import brentq, minimize_scalar
 APART, STICK, SLIP_PLUS, SLIP_MINUS = range(4)
 SIGMA = {SLIP_PLUS: 1.0, SLIP_MINUS: -1.0}
 PRINTED = frozenset({"gap_sign", "friction_components", "M_N2_case1", "M_N1_case2", "M_N1_case4", "levers"})
-COUNTS = (
-    *("onset_slip", "onset_stick", "separation", "stick_slip", "slip_stick"),
-    *("switch_14", "switch_23", "switch_12", "switch_34"),
-)
+ONSETS, SLIPS = ("onset_slip", "onset_stick", "separation"), ("stick_slip", "slip_stick")
+COUNTS = (*ONSETS, *SLIPS, "switch_14", "switch_23", "switch_12", "switch_34")
 PAIRS = ("m", "I", "k_x", "k_y", "k_T", "c_x", "c_y", "c_T", "m_y", "beta", "F_0", "M_0", "phase")
 SUBPOINTS = 16  # points of each step at which the guards are looked at
 Pair = tuple[float, float]
@@ -65,7 +63,7 @@ class Parameters:
 
     @cached_property
     def corners(self) -> tuple[float, float, float, float]:
-        """The lengths l_ap, l_ob and the angles varphi_1, varphi_2 of a parallelogram leaning to the right."""
+        """Lengths l_ap, l_ob and angles varphi_1, varphi_2 of a parallelogram leaning to the right."""
         lean, height = self.l_ab * math.cos(self.alpha) / 2, self.l_ab * math.sin(self.alpha) / 2
         right, left = self.l_oa / 2 + lean, self.l_oa / 2 - lean
         return (
@@ -83,7 +81,7 @@ class Parameters:
 class Outcome:
     """Where a run ended, what happened on the way, and its energy account (joule)."""
 
-    status: str
+    status: str  # ok, face_to_face, too_many_events, not_finite, angle
     t: float
     y: np.ndarray
     u_s: float
@@ -109,7 +107,7 @@ class Relative(NamedTuple):
 
 
 def relative(p: Parameters, case: int, q, rate, lib=math) -> Relative:
-    """Displacements (3)-(6) of the corners and v_1 of (8), (12), (16), (19), its tangential twin, their rates."""
+    """Displacements (3)-(6) of the corners; v_1 of (8), (12), (16), (19), its tangential twin, rates."""
     x1, x2, y1, y2, th1, th2 = q
     x1_, x2_, y1_, y2_, th1_, th2_ = rate
     l_ap, l_ob, phi1, phi2 = p.corners
@@ -161,28 +159,19 @@ def moments(p: Parameters, case: int, q, r: Relative, N: float, F: float) -> tup
     else:  # along and across the face, from the face's own corner to the corner that touches it
         offset = r.dx * ca + r.dy * sa
         arm = l_ap * math.sin(a - phi1) / 2 - (r.dx * sa - r.dy * ca)
-    if case == 1:
-        e = a - phi1 + th1 - th2
-        sign = 1 if "M_N2_case1" in p.reading else -1
-        on_face = sign * N * (l_ob / 2 * math.cos(a + phi2) - offset) + F * arm
-        return l_ap / 2 * (-N * math.cos(e) + F * math.sin(e)), on_face
-    if case == 2:
-        e = a + phi2 - th1 + th2
-        if "M_N1_case2" in p.reading:
-            offset += r.dy / math.sin(a - phi1) - r.dy / sa
-        on_face = -N * (l_ap / 2 * math.cos(a - phi1) - offset) + F * arm
-        return on_face, l_ob / 2 * (-N * math.cos(e) + F * math.sin(e))
-    if case == 3:
-        e = a + phi2 - th2 + th1
-        on_face = -N * (l_ap / 2 * math.cos(a - phi1) - offset) + F * arm
-        return l_ob / 2 * (-N * math.cos(e) + F * math.sin(e)), on_face
-    e = a - phi1 + th2 - th1
-    sign = -1
-    if "M_N1_case4" in p.reading:
-        sign = 1
+    turn = th1 - th2 if case in (1, 3) else th2 - th1  # of the corner's block against the face's
+    if case in (1, 4):  # corners a and d; the face's own corners are c and b
+        length, e, rest = l_ap / 2, a - phi1 + turn, l_ob / 2 * math.cos(a + phi2)
+    else:
+        length, e, rest = l_ob / 2, a + phi2 + turn, l_ap / 2 * math.cos(a - phi1)
+    if case == 2 and "M_N1_case2" in p.reading:
+        offset += r.dy / math.sin(a - phi1) - r.dy / sa
+    if case == 4 and "M_N1_case4" in p.reading:
         offset += r.dy / math.sin(a - th2) - r.dy / sa
-    on_face = sign * N * (l_ob / 2 * math.cos(a + phi2) - offset) + F * arm
-    return on_face, l_ap / 2 * (-N * math.cos(e) + F * math.sin(e))
+    wrong = {1: "M_N2_case1", 4: "M_N1_case4"}.get(case) in p.reading
+    on_face = (N if wrong else -N) * (rest - offset) + F * arm
+    at_corner = length * (F * math.sin(e) - N * math.cos(e))
+    return (at_corner, on_face) if case in (1, 3) else (on_face, at_corner)
 
 
 def load(p: Parameters, q, qdot, mode: int, case: int, u_s: float) -> tuple[float, ...]:
@@ -191,7 +180,10 @@ def load(p: Parameters, q, qdot, mode: int, case: int, u_s: float) -> tuple[floa
     The right block feels the opposite force.  `case` 0 lets the positions choose; apart, all loads vanish.
     """
     case = case or choose_case(p, q)
-    r = relative(p, case, q, qdot)
+    return _load(p, q, relative(p, case, q, qdot), mode, case, u_s)
+
+
+def _load(p: Parameters, q, r: Relative, mode: int, case: int, u_s: float) -> tuple[float, ...]:
     if mode == APART:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, r.v, r.u
     N, F = p.k * r.v, friction(p, mode, r, u_s)
@@ -199,6 +191,15 @@ def load(p: Parameters, q, qdot, mode: int, case: int, u_s: float) -> tuple[floa
     f_x, f_y = (F * sa, F * ca) if "friction_components" in p.reading else (F * ca, F * sa)
     M_1, M_2 = moments(p, case, q, r, N, F)
     return -N * sa - f_x, N * ca - f_y, M_1, M_2, N, F, r.v, r.u
+
+
+def _upward_zero(f: Callable[[float], float], low: float, high: float) -> float:
+    """Zero between `low` (f negative) and `high` (f positive), down to the spacing of floats."""
+    if f(low) >= 0:
+        return low
+    if f(high) <= 0:
+        return high
+    return brentq(f, low, high, xtol=1e-16 * (high - low), rtol=1e-15, maxiter=300, disp=False)
 
 
 class _Run:
@@ -212,22 +213,27 @@ class _Run:
         self.recent: deque[tuple[float, str]] = deque(maxlen=200)
         self.restarts: deque[float] = deque(maxlen=2000)
         self.handled: set[str] = set()
-        self.status = "ok"
+        self.status, self.last = "ok", -1.0
         self._scales()
+        names = ("m", "m_y", "I", "k_x", "k_y", "k_T", "c_x", "c_y", "c_T")
+        self.blades = [
+            (*(getattr(p, n)[i] for n in names), F * math.cos(b), F * math.sin(b), p.M_0[i], p.phase[i])
+            for i, (F, b) in enumerate(zip(p.F_0, p.beta, strict=True))
+        ]
         if self.relative().v > 0:
             self.apply("onset", self.y)
         self.jump, self.stored_0 = 0.0, self.stored()
 
     def _scales(self) -> None:
-        """Absolute tolerances, the longest steps apart and in contact, and the rounding level of each guard."""
+        """Absolute tolerances, longest steps apart and in contact, rounding level of each guard."""
         p = self.p
         span = max(f / min(a, b) for f, a, b in zip(p.F_0, p.k_x, p.k_y, strict=True)) + p.gap
         span = max(span, *(abs(s) for s in p.initial[:4]), 1e-9)
         turn = max(m / k for m, k in zip(p.M_0, p.k_T, strict=True)) + span / (p.l_oa + p.l_ab)
         reach = span + turn * (p.l_oa + p.l_ab)
-        work = max(p.F_0) * span + max(p.M_0) * turn + max(p.k_x) * span**2
+        work = max(p.F_0) * span + max(p.M_0) * turn + max(p.k_x) * span * span
         place = np.array([span] * 4 + [turn] * 2)
-        scale = np.concatenate([place, place * p.omega, [work] * 3, [reach**2 / p.omega] * 2])
+        scale = np.concatenate([place, place * p.omega, [work] * 3, [reach * reach / p.omega] * 2])
         self.atol = 0.1 * self.rtol * scale
         own = [k / m for k, m in zip(p.k_x + p.k_y + p.k_T, p.m + p.m_y + p.I, strict=True)]
         arm = (p.corners[0] / 2) ** 2
@@ -240,36 +246,31 @@ class _Run:
         self.tiny |= {"limit": tiny * (1 + p.mu * p.k / p.k_d) if p.rubs else 0.0}
         self.tiny |= {"reverse": self.tiny["limit"] * max(p.omega, fast)}
 
-    # --- the flow -----------------------------------------------------------------------------------------
-
     def relative(self, y=None) -> Relative:
         z = (self.y if y is None else y)[:12].tolist()
         return relative(self.p, self.case, z[:6], z[6:])
 
     def rhs(self, t: float, y: np.ndarray) -> list[float]:
         """Equation (1) and the quadratures of the energy account and of (23)."""
-        p = self.p
-        z = y.tolist()
+        p, z = self.p, y.tolist()
         q, rate = z[:6], z[6:12]
-        acceleration, work, loss, rub = [0.0] * 6, 0.0, 0.0, 0.0
+        acceleration, work, loss, rub, power = [0.0] * 6, 0.0, 0.0, 0.0, [0.0, 0.0]
         R_x = R_y = M_1 = M_2 = 0.0
         if self.mode != APART:
-            R_x, R_y, M_1, M_2, _, F, _, _ = load(p, q, rate, self.mode, self.case, self.u_s)
+            r = relative(p, self.case, q, rate)
+            R_x, R_y, M_1, M_2, _, F, _, _ = _load(p, q, r, self.mode, self.case, self.u_s)
             if self.mode != STICK and p.rubs:
-                r = relative(p, self.case, q, rate)
-                rub = F * (r.u_rate - SIGMA[self.mode] * p.mu * p.k * r.v_rate / p.k_d)
-        for i, (side, moment) in enumerate(((1.0, M_1), (-1.0, M_2))):
-            swing = math.sin(p.omega * t + p.phase[i])
-            Q, M = p.F_0[i] * swing, p.M_0[i] * swing
-            Q_x, Q_y = Q * math.cos(p.beta[i]), Q * math.sin(p.beta[i])
-            x, y_, th, x_, y__, th_ = q[i], q[2 + i], q[4 + i], rate[i], rate[2 + i], rate[4 + i]
-            acceleration[i] = (Q_x + side * R_x - p.c_x[i] * x_ - p.k_x[i] * x) / p.m[i]
-            acceleration[2 + i] = (Q_y + side * R_y - p.c_y[i] * y__ - p.k_y[i] * y_) / p.m_y[i]
-            acceleration[4 + i] = (M + moment - p.c_T[i] * th_ - p.k_T[i] * th) / p.I[i]
-            work += Q_x * x_ + Q_y * y__ + M * th_
-            loss += p.c_x[i] * x_**2 + p.c_y[i] * y__**2 + p.c_T[i] * th_**2
-        radius = (p.l_oa**2 + p.l_ab**2) / 12
-        power = [q[i] ** 2 + q[2 + i] ** 2 + 4 * radius * math.sin(q[4 + i] / 2) ** 2 for i in (0, 1)]
+                rub = F * (r.u_rate - SIGMA[self.mode] * p.mu * p.k / p.k_d * r.v_rate)
+        for i, side, moment in ((0, 1.0, M_1), (1, -1.0, M_2)):
+            m, m_y, I, k_x, k_y, k_T, c_x, c_y, c_T, Q_x, Q_y, M_0, phase = self.blades[i]
+            x, y_, th, dx, dy, dth = z[i:12:2]
+            swing = math.sin(p.omega * t + phase)
+            acceleration[i] = (Q_x * swing + side * R_x - c_x * dx - k_x * x) / m
+            acceleration[2 + i] = (Q_y * swing + side * R_y - c_y * dy - k_y * y_) / m_y
+            acceleration[4 + i] = (M_0 * swing + moment - c_T * dth - k_T * th) / I
+            work += swing * (Q_x * dx + Q_y * dy + M_0 * dth)
+            loss += c_x * dx * dx + c_y * dy * dy + c_T * dth * dth
+            power[i] = x * x + y_ * y_ + (p.l_oa**2 + p.l_ab**2) / 3 * math.sin(th / 2) ** 2
         return [*rate, *acceleration, work, loss, rub, *power]
 
     def contact_energy(self) -> float:
@@ -285,17 +286,13 @@ class _Run:
         stiffness, inertia = np.array(p.k_x + p.k_y + p.k_T), np.array(p.m + p.m_y + p.I)
         return float(stiffness @ y[:6] ** 2 + inertia @ y[6:12] ** 2) / 2 + self.contact_energy()
 
-    # --- guards and transitions ---------------------------------------------------------------------------
-
     def guards(self, y: np.ndarray, lib=math) -> dict[str, Any]:
         """Functions that are negative inside the present mode and case and rise through zero at its end."""
         p, z = self.p, y if lib is np else y.tolist()
         r = relative(p, self.case, z[:6], z[6:12], lib)
         ahead = z[4] - z[5]
-        values = {
-            "theta": -ahead if self.case <= 2 else ahead,
-            "height": r.dy if self.case in (1, 4) else -r.dy,
-        }
+        values = {"theta": -ahead if self.case <= 2 else ahead}
+        values["height"] = r.dy if self.case in (1, 4) else -r.dy
         if self.mode == APART:
             return values | {"onset": r.v}
         values["separation"] = -r.v
@@ -359,7 +356,9 @@ class _Run:
     def transition(self, kind: str, probe: np.ndarray) -> None:
         """A transition and whatever it sets off at the same instant; books the jump of the stored energy."""
         before = self.contact_energy()
-        self.handled = set()
+        if self.t > self.last * (1 + 1e-14):  # else what was handled at this very instant stays so
+            self.handled = set()
+        self.last = self.t
         self.apply(kind, probe)
         for _ in range(12):
             due = [k for k, g in self.guards(self.y).items() if k not in self.handled and g > self.tiny[k]]
@@ -367,8 +366,6 @@ class _Run:
                 break
             self.apply(due[0], probe)
         self.jump += self.contact_energy() - before
-
-    # --- location of events -------------------------------------------------------------------------------
 
     def first_event(self, dense: Callable, start: float, end: float) -> tuple[float, str] | None:
         """The earliest guard to be crossed in one accepted step, and when."""
@@ -389,7 +386,7 @@ class _Run:
                 for j in range(1, 41):
                     t = ts[0] + (ts[1] - ts[0]) / 2**j
                     if t > ts[0] and f(t) < 0:
-                        return brentq(f, t, ts[1], xtol=1e-300, rtol=1e-15)
+                        return _upward_zero(f, t, ts[1])
                 return ts[0]
         elif g[0] > 0:
             return ts[0]
@@ -398,46 +395,61 @@ class _Run:
         for i in self.peaks(g):
             if i <= stop:
                 top = minimize_scalar(lambda t: -f(t), bounds=(ts[i - 1], ts[i + 1]), method="bounded")
-                if top.fun < 0:
-                    return brentq(f, ts[i - 1], top.x, xtol=1e-300, rtol=1e-15)
-        return brentq(f, ts[stop], ts[stop + 1], xtol=1e-300, rtol=1e-15) if len(stops) else None
+                if top.fun < -self.tiny[kind]:
+                    return _upward_zero(f, ts[i - 1], top.x)
+        return _upward_zero(f, ts[stop], ts[stop + 1]) if len(stops) else None
 
     @staticmethod
     def peaks(g: np.ndarray) -> list[int]:
         """Middle points of negative triples whose parabola comes near zero between its ends."""
+        if 2 * g.min() > 3 * g.max():  # far from zero for its variation
+            return []
         a, b, c = g[:-2], g[1:-1], g[2:]
         bend = a - 2 * b + c
         hidden = (a < 0) & (b < 0) & (c < 0) & (bend < 0) & (abs(a - c) <= -2 * bend)
         top = b - (a - c) ** 2 / np.where(hidden, 8 * bend, 1.0)
         return (np.flatnonzero(hidden & (top > bend / 2)) + 1).tolist()
 
-    # --- the loop -----------------------------------------------------------------------------------------
-
     def advance(self, end: float) -> None:
         """Integrate to `end`, or until the run has to be given up."""
         while self.status == "ok" and self.t < end:
-            solver = DOP853(self.rhs, self.t, self.y, end, self.longest[self.mode], self.rtol, self.atol)
-            while solver.status == "running":
-                solver.step()
-                if solver.status == "failed" or not np.all(np.isfinite(solver.y)):
-                    self.status = "not_finite"
-                    return
-                dense = solver.dense_output()
-                event = self.first_event(dense, solver.t_old, solver.t)
-                if event is None:
-                    self.t, self.y = solver.t, solver.y
-                    self.handled = set()
-                    continue
+            try:
+                with np.errstate(all="ignore"):
+                    finite = self.segment(end)
+            except (OverflowError, ValueError):  # raised by math on infinite arguments
+                finite = False
+            if finite:
+                self.inspect()
+            else:
+                self.status = "not_finite"
+
+    def segment(self, end: float) -> bool:
+        """Integrate to the next transition, or to `end`; False where the solution is lost."""
+        longest = self.longest[self.mode]
+        solver = DOP853(self.rhs, self.t, self.y, end, max_step=longest, rtol=self.rtol, atol=self.atol)
+        while solver.status == "running":
+            solver.step()
+            if solver.status == "failed" or not np.all(np.isfinite(solver.y)):
+                return False
+            dense = solver.dense_output()
+            event = self.first_event(dense, solver.t_old, solver.t)
+            if event is not None:
                 self.t, self.y = event[0], dense(event[0])
                 self.transition(event[1], dense(min(self.t + 1e-3 * solver.step_size, solver.t)))
                 break
-            self.inspect()
+            self.t, self.y, self.handled = solver.t, solver.y, set()
+            if self.tilted():
+                break
+        return True
+
+    def tilted(self) -> bool:
+        """Whether a block has turned beyond 1.2 rad or a face lies within 0.02 of the x axis."""
+        return any(abs(th) > 1.2 or math.sin(self.p.alpha - th) < 0.02 for th in self.y[4:6].tolist())
 
     def inspect(self) -> None:
         """Refuse runs whose events accumulate and blocks that turn too far."""
         self.restarts.append(self.t)
-        theta, p = self.y[4:6], self.p
-        if np.any(abs(theta) > 1.2) or np.any(np.sin(p.alpha - theta) < 0.02):
+        if self.tilted():
             self.status = "angle"
             return
         recent = [kind for t, kind in self.recent if t > self.t - self.period / 200]
@@ -467,23 +479,14 @@ def simulate(p: Parameters, n_periods: int, rtol: float = 1e-12) -> Outcome:
     energy = {"drive": drive, "viscous": viscous, "friction": rub, "jump": run.jump}
     energy["stored_change"] = run.stored() - run.stored_0
     energy["residual"] = drive - viscous - rub + run.jump - energy["stored_change"]
-    return Outcome(
-        status=run.status,
-        t=run.t,
-        y=run.y[:12].copy(),
-        u_s=run.slider(),
-        mode=run.mode,
-        case=run.case if run.mode else 0,
-        counts=run.counts,
-        events=run.events,
-        samples=np.array(samples).reshape(-1, 12),
-        power=(power[0] / run.t, power[1] / run.t) if run.t else (math.nan, math.nan),
-        energy=energy,
-    )
+    mean = (power[0] / run.t, power[1] / run.t) if run.t else (math.nan, math.nan)
+    place = (run.y[:12].copy(), run.slider(), run.mode, run.case if run.mode else 0)
+    history = (run.counts, run.events, np.array(samples).reshape(-1, 12))
+    return Outcome(run.status, run.t, *place, *history, mean, energy)
 
 
 def table1(**changes) -> Parameters:
-    """Table 1 with gap, F_0 of Table 2 and gamma = k / k_x = 2.5; a single number given for a pair fills both."""
+    """Table 1, gap and F_0 of Table 2, gamma = k / k_x = 2.5; one number given for a pair fills both."""
     values: dict[str, Any] = {
         **{"m": 0.08, "I": 2.46e-3, "k_x": 1e5, "k_y": 3e6, "k_T": 2e3, "c_x": 3.57, "c_y": 19.6},
         **{"c_T": 0.506, "alpha": math.pi / 3, "l_oa": 0.05, "l_ab": 0.035, "gap": 0.022e-3},
@@ -505,18 +508,11 @@ def random_parameters(rng: np.random.Generator, reading: frozenset[str] = frozen
     blades = [_random_blade(rng, omega) for _ in range(2)]
     if rng.random() < 0.4:
         blades[1] = blades[0] | {"phase": blades[1]["phase"]}
-    return Parameters(
-        **{name: (blades[0][name], blades[1][name]) for name in PAIRS},
-        alpha=float(alpha),
-        l_oa=_log(rng, 0.02, 0.12),
-        l_ab=_log(rng, 0.015, 0.08),
-        gap=float(rng.uniform(0.0, 0.2e-3)),
-        k=_log(rng, 1e3, 1e7),
-        k_d=_log(rng, 1e3, 1e7),
-        mu=_log(rng, 0.02, 1.0),
-        omega=omega,
-        reading=frozenset(reading),
-    )
+    pairs = {name: (blades[0][name], blades[1][name]) for name in PAIRS}
+    lengths = {"l_oa": _log(rng, 0.02, 0.12), "l_ab": _log(rng, 0.015, 0.08)}
+    lengths |= {"gap": float(rng.uniform(0.0, 0.2e-3)), "alpha": float(alpha)}
+    contact = {"k": _log(rng, 1e3, 1e7), "k_d": _log(rng, 1e3, 1e7), "mu": _log(rng, 0.02, 1.0)}
+    return Parameters(**pairs, **lengths, **contact, omega=omega, reading=frozenset(reading))
 
 
 def _log(rng: np.random.Generator, low: float, high: float) -> float:

@@ -2,13 +2,11 @@
 
 from fractions import Fraction
 from math import isqrt
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
-Window = Literal["rectangular", "hann"]
 
 NEIGHBOURS = 8  # bins on either side that a line is compared with
 PROMINENCE = 5.0  # over their median; broadband (Rayleigh) noise exceeds this in 1 bin of 30,000
@@ -16,7 +14,7 @@ FEWEST_PERIODS = 9  # below this, thirds of f_e are not resolved and only harmon
 
 
 def amplitude_spectrum(
-    signal: ArrayLike, samples_per_period: int | Fraction, window: Window = "rectangular"
+    signal: ArrayLike, samples_per_period: int | Fraction, window: str = "rectangular"
 ) -> tuple[Floats, Floats]:
     """One-sided amplitudes of `signal` over the last whole number n of drive periods.
 

@@ -1,0 +1,77 @@
+"""Vibration-power reduction P_d and its uncertainty (Sec. 3.2, Eqs. (23), (24))."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+Floats = NDArray[np.float64]
+BATCHES = 10
+DRIFT = 0.01  # percentage points between the two halves of a run that never count as drift
+
+
+class Reduction(NamedTuple):
+    """Power of both blades and the reduction of the left one, for each lane."""
+
+    P: Floats  # (..., 2) [m^4]
+    P_d: Floats  # (...) [%]
+    ci: Floats  # (...) half width of the 95 % interval of P_d [percentage points]
+    settled: NDArray[np.bool_]  # (...) no drift between the two halves of the run
+    n: NDArray[np.int64]  # (...) periods averaged over
+
+
+def reduction(power: Floats, P_0: Floats, number: NDArray[np.int32]) -> Reduction:
+    """P_d by the paper's rule for the number n of averaged periods.
+
+    Args:
+        power: P of each kept period, (..., n, 2) [m^4], oldest first.
+        P_0: Power without contact, (..., 2) [m^4].
+        number: Period number of each lane, 0 if aperiodic.
+
+    Returns:
+        Averages over the largest multiple of the period number within the kept periods, or over all of them where the
+        orbit is aperiodic. The interval is by batch means: over ten batches of equal length, or over blocks of one
+        orbit where that gives fewer. It is NaN below two batches. P_d is NaN where P_0 is zero (no drive).
+    """
+    power, P_0, number = np.asarray(power), np.asarray(P_0), np.asarray(number)
+    lanes = number.shape
+    flat = power.reshape(-1, *power.shape[-2:])
+    base = np.broadcast_to(P_0, (*lanes, 2)).reshape(-1, 2)
+    out = Reduction(
+        np.full((len(flat), 2), np.nan),
+        *(np.full(len(flat), np.nan) for _ in range(2)),
+        np.zeros(len(flat), bool),
+        np.zeros(len(flat), np.int64),
+    )
+    for q in np.unique(number):
+        at = np.flatnonzero(number.ravel() == q)
+        for whole, part in zip(out, _same_period(flat[at], base[at], max(int(q), 1)), strict=True):
+            whole[at] = part
+    return Reduction(*(a.reshape(lanes + a.shape[1:]) for a in out))
+
+
+def _same_period(power: Floats, P_0: Floats, q: int) -> Reduction:
+    n = power.shape[1] // q * q
+    used = power[:, power.shape[1] - n :]
+    P = used.mean(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        percent = 100 * (1 - used[..., 0] / P_0[:, :1])  # P_d of each period
+    percent = np.where(P_0[:, :1] > 0, percent, np.nan)
+    ci = interval(percent, q)
+    half = n // (2 * q) * q
+    with np.errstate(invalid="ignore"):
+        drift = np.abs(percent[:, n - half :].mean(axis=1) - percent[:, : n - half].mean(axis=1)) if half else np.nan
+        settled = drift <= np.maximum(2 * ci, DRIFT)
+    return Reduction(P, percent.mean(axis=1), ci, np.broadcast_to(settled, len(P)), np.full(len(P), n))
+
+
+def interval(series: Floats, q: int = 1) -> Floats:
+    """Half width of the 95 % interval of the mean of `series` (lanes, n) by batch means; batches hold whole orbits."""
+    orbits = series.shape[-1] // q
+    batches = min(BATCHES, orbits)
+    if batches < 2:
+        return np.full(series.shape[:-1], np.nan)
+    length = orbits // batches * q
+    batch = series[..., series.shape[-1] - batches * length :].reshape(*series.shape[:-1], batches, length).mean(axis=-1)
+    return student.ppf(0.975, batches - 1) * batch.std(axis=-1, ddof=1) / np.sqrt(batches)

@@ -1,0 +1,50 @@
+"""Closed-form response of the blades while they do not touch: Eq. (1) with the contact forces absent."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float
+
+from jaxshroud.scene import PerBlade, Scene, Shroud
+
+QUADRATURE = 128  # points over one drive period: exact to rounding while the torsion amplitude is below 50 rad
+
+
+class Amplitudes(NamedTuple):
+    """Complex amplitudes: the displacement is the imaginary part of `amplitude * exp(i omega t)`."""
+
+    x: Complex[Array, "2"]  # [m]
+    y: Complex[Array, "2"]  # [m]
+    theta: Complex[Array, "2"]  # [rad]
+
+
+def steady_amplitudes(scene: Scene) -> Amplitudes:
+    """Steady response of the free blades to the drive (Sec. 3.1)."""
+    b, d = scene.blades, scene.drive
+    turn = jnp.exp(1j * d.phase)
+    s = 1j * d.omega
+    return Amplitudes(
+        d.F_0 * jnp.cos(d.beta) * turn / (b.m * s**2 + b.c_x * s + b.k_x),
+        d.F_0 * jnp.sin(d.beta) * turn / (b.m_y * s**2 + b.c_y * s + b.k_y),
+        d.M_0 * turn / (b.I * s**2 + b.c_T * s + b.k_T),
+    )
+
+
+def area(shroud: Shroud) -> Float[Array, ""]:
+    """Area A of one block [m^2]."""
+    return shroud.l_oa * shroud.l_ab * jnp.sin(shroud.alpha)
+
+
+def free_power(scene: Scene) -> PerBlade:
+    """P_0 of Eq. (23), in closed form [m^4].
+
+    Source:
+        Over a centrally symmetric block P_0 = A <x^2 + y^2> + 4 J_A <sin^2(theta/2)>; the mean of
+        sin^2(Theta sin(tau) / 2) is (1 - J_0(Theta)) / 2, here by the trapezoidal rule, which is exact to rounding.
+    """
+    free, s = steady_amplitudes(scene), scene.shroud
+    tau = jnp.arange(QUADRATURE) * (2 * jnp.pi / QUADRATURE)
+    swing = jnp.sin(jnp.abs(free.theta)[:, None] * jnp.sin(tau) / 2) ** 2
+    gyration = (s.l_oa**2 + s.l_ab**2) / 12
+    translation = (jnp.abs(free.x) ** 2 + jnp.abs(free.y) ** 2) / 2
+    return area(s) * (translation + 4 * gyration * jnp.mean(swing, axis=1))
