@@ -1,57 +1,28 @@
 """Scene files: TOML in, a checked `Scene` with its run and sweep out.
 
-The models below say what a file may hold: pydantic checks structure and ranges, pint converts strings with
-units. The rest of this module turns the first problem into one line that names file, table, key and cure.
+The first problem of a file becomes one line that names file, table, key and cure.
 """
 
-import difflib
-import functools
 import json
-import math
 import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from decimal import Decimal
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn, TypeVar, get_origin
+from typing import Any, NoReturn
 
 import numpy as np
 import tomli_w
 from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
     TypeAdapter,
     ValidationError,
-    model_validator,
 )
 from pydantic.fields import FieldInfo
 
 from jaxshroud.scene import MISPRINTS, NUMERIC_KEYS, Blades, Contact, Drive, Friction, Motion, Scene, Shroud
+from jaxshroud.schema import PHYSICS, TABLES, Direction, File, Run, SweepTable, Table, hint, is_per_blade
 
-T = TypeVar("T")
-
-# What messages call a unit; where two are alike in dimension, the first names what the user gave.
-KINDS = {
-    "": "a pure number",
-    "rad": "an angle",
-    "m": "a length",
-    "kg": "a mass",
-    "s": "a time",
-    "N": "a force",
-    "m/s": "a speed",
-    "rad/s": "a circular frequency",
-    "kg m^2": "a moment of inertia",
-    "N/m": "a stiffness",
-    "N s/m": "a damping",
-    "N m": "a moment",
-    "N m/rad": "a torsion stiffness",
-    "N m s/rad": "a torsion damping",
-}
-QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,4})?)\s*([^\d\s].{0,60})?")
 OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+)(?:\[([01])\])?\s*=\s*(\S.*?)\s*")
 # Setting the left key drops the right ones: they say the same thing another way.
 RIVALS = {
@@ -69,222 +40,6 @@ class SceneError(ValueError):
 
 def _fail(where: str, what: str) -> NoReturn:
     raise SceneError(" ".join(f"{where}: {what}".split()))
-
-
-@functools.cache
-def _registry() -> Any:
-    """Pint's units, imported when the first string is met; decimal, so that "0.022 mm" is exactly 2.2e-5."""
-    import pint
-
-    return pint.UnitRegistry(non_int_type=Decimal)  # pyright: ignore[reportArgumentType]
-
-
-def _units(text: str) -> Any:
-    """The pint units called `text`, or a ValueError."""
-    try:
-        units = _registry().parse_units(f"1{text}" if text.startswith("/") else text)
-        _registry().Quantity(Decimal(1), units).to_root_units()  # refuses decibels and the like
-    except Exception:  # pint's parser raises a dozen types on malformed text
-        raise ValueError(f"has an unknown unit `{text}`") from None
-    return units
-
-
-def _to_si(unit: str, value: Any) -> Any:
-    """`value` with every string in it converted to the SI `unit`; numbers pass as they are."""
-    if isinstance(value, list | tuple):
-        return [_to_si(unit, v) for v in value]
-    if not isinstance(value, str):
-        return value
-    match = QUANTITY.fullmatch(value)
-    if match is None:
-        raise ValueError("is not a number with a unit")
-    given = _units(match[2] or "")
-    needed = _units(unit)
-    if given.dimensionality != needed.dimensionality:
-        kind = next((k for u, k in KINDS.items() if _units(u).dimensionality == given.dimensionality), None)
-        raise ValueError(f"is {kind or f'of dimension {given.dimensionality}'}, but {KINDS[unit]} is needed")
-    if unit == "rad/s" and "hertz" in str(given):  # pint would take 1 Hz for 1 rad/s
-        raise ValueError("is a frequency, but a circular frequency is needed")
-    return float(_registry().Quantity(Decimal(match[1]), given).to(needed).magnitude)
-
-
-def si(unit: str) -> BeforeValidator:
-    """Accept numbers in SI or strings in any unit of the same dimension as `unit`."""
-    return BeforeValidator(functools.partial(_to_si, unit))
-
-
-def _pair(value: Any) -> Any:
-    if isinstance(value, list) and len(value) != 2:
-        raise ValueError("must be one number or a pair [left, right]")
-    return value if isinstance(value, list) else (value, value)
-
-
-def _misprints(value: Any) -> frozenset[str]:
-    """The misprints kept by a `reading`."""
-    names = {"consistent": [], "printed": MISPRINTS}.get(value, [value]) if isinstance(value, str) else value
-    if not isinstance(names, list | tuple):
-        raise ValueError('must be "consistent", "printed" or a list of misprints')
-    known = (*MISPRINTS, "consistent", "printed") if isinstance(value, str) else MISPRINTS
-    for name in names:
-        if name not in MISPRINTS:
-            raise ValueError(f"names the unknown misprint `{name}`{_hint(str(name), known)}")
-    return frozenset(names)
-
-
-def key(meaning: str, example: Any, **kwargs: Any) -> Any:
-    """What messages say about a key."""
-    return Field(description=meaning, examples=[example], **kwargs)
-
-
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[Number, Field(gt=0)]
-NonNegative = Annotated[Number, Field(ge=0)]
-FaceAngle = Annotated[Number, Field(gt=0, le=math.pi / 2)]
-Count = Annotated[int, Field(strict=True, ge=1)]
-PerBlade = Annotated[tuple[T, T], BeforeValidator(_pair)]
-Misprints = Annotated[frozenset[str], BeforeValidator(_misprints)]
-Direction = Literal["independent", "forward", "backward"]
-
-
-class Table(BaseModel):
-    """One table of a scene file, in SI units."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class BladesTable(Table):
-    """Both blades; `m_y` is `m` unless given."""
-
-    m: Annotated[PerBlade[Positive], si("kg"), key("mass", "0.08 kg")]
-    I: Annotated[PerBlade[Positive], si("kg m^2"), key("moment of inertia", "2.46e-3 kg m^2")]
-    k_x: Annotated[PerBlade[Positive], si("N/m"), key("bending stiffness in x", "1e5 N/m")]
-    k_y: Annotated[PerBlade[Positive], si("N/m"), key("bending stiffness in y", "3e6 N/m")]
-    k_T: Annotated[PerBlade[Positive], si("N m/rad"), key("torsion stiffness", "2000 N m/rad")]
-    c_x: Annotated[PerBlade[NonNegative], si("N s/m"), key("damping in x", "3.57 N s/m")]
-    c_y: Annotated[PerBlade[NonNegative], si("N s/m"), key("damping in y", "19.6 N s/m")]
-    c_T: Annotated[PerBlade[NonNegative], si("N m s/rad"), key("torsion damping", "0.506 N m s/rad")]
-    m_y: Annotated[PerBlade[Positive], si("kg"), key("mass against motion in y", "0.08 kg")]
-
-    @model_validator(mode="before")
-    @classmethod
-    def _alike(cls, table: Any) -> Any:
-        return {"m_y": table["m"], **table} if isinstance(table, dict) and "m" in table else table
-
-
-class ShroudTable(Table):
-    """The two alike blocks and the gap between them."""
-
-    alpha: Annotated[FaceAngle, si("rad"), key("acute angle of the block, at most pi/2", "60 deg")]
-    l_oa: Annotated[Positive, si("m"), key("side along x", "50 mm")]
-    l_ab: Annotated[Positive, si("m"), key("side along the contact face", "35 mm")]
-    gap: Annotated[Number, si("m"), key("initial gap along x; negative: interference", "0.022 mm")]
-
-
-class ContactTable(Table):
-    """The normal spring, by `k` or by `gamma`, and the misprints kept."""
-
-    k: Annotated[NonNegative | None, si("N/m"), key("impact stiffness", "2.5e5 N/m")] = None
-    gamma: Annotated[NonNegative | None, si(""), key("stiffness ratio k / k_x", 2.5)] = None
-    reading: Annotated[Misprints, key("misprints kept", "consistent")] = frozenset()
-
-    @model_validator(mode="after")
-    def _one_stiffness(self) -> "ContactTable":
-        if (self.k is None) == (self.gamma is None):
-            fault = "lacks a stiffness; add" if self.k is None else "gives both `k` and `gamma`; keep"
-            raise ValueError(f"{fault} one of them, e.g. gamma = 2.5 (gamma = k / k_x of the left blade)")
-        return self
-
-
-class FrictionTable(Table):
-    """The bilinear friction element."""
-
-    k_d: Annotated[NonNegative, si("N/m"), key("tangential stiffness", "1e6 N/m")]
-    mu: Annotated[NonNegative, si(""), key("friction coefficient", 0.5)]
-
-
-class DriveTable(Table):
-    """Force and moment on the blades."""
-
-    omega: Annotated[Positive, si("rad/s"), key("circular frequency, 2 pi times the frequency", "536 rad/s")]
-    beta: Annotated[PerBlade[Number], si("rad"), key("direction of the force", "30 deg")]
-    F_0: Annotated[PerBlade[Number], si("N"), key("force amplitude", "60 N")]
-    M_0: Annotated[PerBlade[Number], si("N m"), key("moment amplitude", "100 N m")]
-    phase: Annotated[PerBlade[Number], si("rad"), key("phases of the drive", ["0 deg", "180 deg"])]
-
-
-class InitialTable(Table):
-    """Motion at t = 0, at rest unless given."""
-
-    x: Annotated[PerBlade[Number], si("m"), key("displacement in x", "0.01 mm")] = (0.0, 0.0)
-    y: Annotated[PerBlade[Number], si("m"), key("displacement in y", "0.01 mm")] = (0.0, 0.0)
-    theta: Annotated[PerBlade[Number], si("rad"), key("torsion angle, clockwise", "0.1 deg")] = (0.0, 0.0)
-    v_x: Annotated[PerBlade[Number], si("m/s"), key("velocity in x", "0.01 m/s")] = (0.0, 0.0)
-    v_y: Annotated[PerBlade[Number], si("m/s"), key("velocity in y", "0.01 m/s")] = (0.0, 0.0)
-    v_theta: Annotated[PerBlade[Number], si("rad/s"), key("torsion rate", "0.1 rad/s")] = (0.0, 0.0)
-
-
-class Run(Table):
-    """How long and how finely to integrate."""
-
-    periods: Annotated[Count, key("forcing periods kept", 100)]
-    transient: Annotated[int, Field(strict=True, ge=0), key("periods discarded before them", 300)] = 0
-    steps_per_period: Annotated[Count, key("integration steps in one forcing period", 400)]
-
-
-class SweepTable(Table):
-    """One or two keys to vary; with two, every entry is a list of two."""
-
-    along: Annotated[list[str], Field(min_length=1, max_length=2), key("key to vary", "contact.gamma")]
-    start: Annotated[list[Any] | None, key("first value", 0.0)] = None
-    stop: Annotated[list[Any] | None, key("last value", 8.0)] = None
-    num: Annotated[list[Annotated[int, Field(strict=True)]] | None, key("number of values", 500)] = None
-    values: Annotated[list[list[Any]] | None, key("the values", [0.3, 2.5, 4.2, 7.5])] = None
-    direction: Annotated[Direction, key("order of the values", "forward")] = "independent"
-    keep: Annotated[Count | None, key("periods kept in a sweep, instead of run.periods", 100)] = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _as_lists(cls, table: Any) -> Any:
-        if not isinstance(table, dict) or not isinstance(table.get("along"), str):
-            return table
-        listed = ("along", "start", "stop", "num", "values")
-        return {name: [value] if name in listed else value for name, value in table.items()}
-
-    @model_validator(mode="after")
-    def _complete(self) -> "SweepTable":
-        ends = [self.start, self.stop, self.num]
-        if (self.values is None and None in ends) or (self.values is not None and ends != [None] * 3):
-            raise ValueError("needs either `start`, `stop` and `num`, or `values`, e.g. values = [0.3, 2.5]")
-        if any(e is not None and len(e) != len(self.along) for e in (*ends, self.values)):
-            raise ValueError(f"varies {len(self.along)} keys; give as many entries in every list")
-        return self
-
-
-class File(Table):
-    """A whole scene file."""
-
-    title: Annotated[str, key("what the scene shows, in one line", "Fig. 9", pattern="^.*$")] = ""
-    blades: BladesTable
-    shroud: ShroudTable
-    contact: ContactTable
-    friction: FrictionTable
-    drive: DriveTable
-    initial: InitialTable = InitialTable()
-    run: Run
-    sweep: SweepTable | None = None
-
-
-TABLES: dict[str, type[Table]] = {
-    "blades": BladesTable,
-    "shroud": ShroudTable,
-    "contact": ContactTable,
-    "friction": FrictionTable,
-    "drive": DriveTable,
-    "initial": InitialTable,
-    "run": Run,
-    "sweep": SweepTable,
-}
-PHYSICS = tuple(TABLES)[:6]
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,7 +64,7 @@ class SceneFile:
     tables: Mapping[str, Mapping[str, Any]]  # the physics as plain SI numbers, as `text` writes it
     run: Run
     axes: tuple[Axis, ...] = ()
-    direction: str = "independent"
+    direction: Direction = "independent"
     keep: int | None = None  # periods kept in a sweep, where they differ from `run.periods`
 
     def __post_init__(self):
@@ -361,8 +116,9 @@ def _plain(table: Table) -> dict[str, Any]:
 
 
 def _scene(file: File) -> Scene:
+    m_y = None if file.blades.m_y == file.blades.m else file.blades.m_y
     return Scene(
-        blades=Blades(**dict(file.blades)),
+        blades=Blades(**{**dict(file.blades), "m_y": m_y}),
         shroud=Shroud(**dict(file.shroud)),
         contact=Contact(**dict(file.contact)),
         friction=Friction(**dict(file.friction)),
@@ -372,13 +128,6 @@ def _scene(file: File) -> Scene:
 
 
 # Messages
-
-
-def _hint(word: str, known: Sequence[str]) -> str:
-    """The cure for a word that is not `known`."""
-    folded = {k.casefold(): k for k in known}
-    close = difflib.get_close_matches(word.casefold(), folded, n=1)
-    return f"; did you mean `{folded[close[0]]}`?" if close else f"; known are {', '.join(known)}"
 
 
 def _shown(value: Any) -> str:
@@ -395,10 +144,6 @@ def _example(field: FieldInfo) -> Any:
     return (field.examples or [""])[0]
 
 
-def _per_blade(table: str, name: str) -> bool:
-    return get_origin(TABLES[table].model_fields[name].annotation) is tuple
-
-
 def _problem(error: ValidationError, document: dict[str, Any]) -> tuple[str, str, str]:
     """Table, key and description of the first problem; unknown keys first: they explain missing ones."""
     first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
@@ -408,7 +153,7 @@ def _problem(error: ValidationError, document: dict[str, Any]) -> tuple[str, str
         return table, name, _table_problem(table, first["type"], told)
     fields = TABLES[table].model_fields
     if first["type"] == "extra_forbidden":
-        return table, name, f"[{table}] has no key `{name}`{_hint(name, list(fields))}"
+        return table, name, f"[{table}] has no key `{name}`{hint(name, list(fields))}"
     example, meaning = _shown(_example(fields[name])), fields[name].description
     if first["type"] == "missing" and len(first["loc"]) == 2:
         return table, name, f"[{table}] lacks `{name}`; add it, e.g. {name} = {example} ({meaning})"
@@ -418,7 +163,7 @@ def _problem(error: ValidationError, document: dict[str, Any]) -> tuple[str, str
 
 def _table_problem(table: str, kind: str, told: str) -> str:
     if kind == "extra_forbidden":
-        return f"there is no table [{table}]{_hint(table, list(File.model_fields))}"
+        return f"there is no table [{table}]{hint(table, list(File.model_fields))}"
     if kind == "missing":
         return f"[{table}] is missing; add this table with {', '.join(TABLES[table].model_fields)}"
     if table not in TABLES:
@@ -453,7 +198,7 @@ def _override(document: dict[str, Any], text: str) -> tuple[str, str]:
     if not isinstance(rows, dict):
         return "", ""  # the fault is the file's
     if blade is not None:
-        if table in TABLES and name in TABLES[table].model_fields and not _per_blade(table, name):
+        if table in TABLES and name in TABLES[table].model_fields and not is_per_blade(table, name):
             _fail("--set", f"[{table}] {name} is one number, not one per blade; drop the [{blade}]")
         old = rows.get(name, rows.get("m") if name == "m_y" else 0.0 if table == "initial" else None)
         pair = old if isinstance(old, list) else [old, old]
@@ -520,9 +265,9 @@ def axis(
     where, known = where or f"--along {key}", NUMERIC_KEYS
     match = re.fullmatch(r"(([a-z]+)\.(\w+?))(\[[01]\])?", key)
     if match is None or match[1] not in known:
-        _fail(where, f"the scene has no number `{key}`{_hint(key, known)}")
+        _fail(where, f"the scene has no number `{key}`{hint(key, known)}")
     table, name, blade = match[2], match[3], match[4]
-    if blade and not _per_blade(table, name):
+    if blade and not is_per_blade(table, name):
         _fail(where, f"{table}.{name} is one number, not one per blade; drop the {blade}")
     ends = [start, stop, num]
     if (values is None and None in ends) or (values is not None and ends != [None] * 3):
@@ -595,8 +340,8 @@ def load(source: str | os.PathLike, overrides: Sequence[str] = ()) -> SceneFile:
     if not path.is_file():
         names = [p.stem for p in sorted(_config_dir().glob("*.toml"))]
         if name.removesuffix(".toml") not in names:
-            hint = _hint(path.name.removesuffix(".toml"), names)
-            _fail(name, f"no such file or shipped scene{hint}; `jaxshroud scenes` lists the shipped ones")
+            cure = hint(path.name.removesuffix(".toml"), names)
+            _fail(name, f"no such file or shipped scene{cure}; `jaxshroud scenes` lists the shipped ones")
         path = _config_dir() / f"{name.removesuffix('.toml')}.toml"
         name = path.name
     try:

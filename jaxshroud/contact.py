@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxshroud.geometry import Corners, Touch, tip_is_left
-from jaxshroud.scene import PerBlade, Scalar
+from jaxshroud.scene import Pair, Scalar
 
 
 class Load(NamedTuple):
@@ -14,7 +14,7 @@ class Load(NamedTuple):
 
     R_x: Scalar  # [N]
     R_y: Scalar  # [N]
-    M: PerBlade  # clockwise, about each block's centre [N m]
+    M: Pair  # clockwise, about each block's centre [N m]
 
 
 def _moment(lever: tuple[Scalar, Scalar], force: tuple[Scalar, Scalar]) -> Scalar:

@@ -98,7 +98,12 @@ def guards(at: Touch, rate: Rates, held: State, case: Int[Array, ""], spring: Sp
     still = lambda g: jnp.where(apart, 0.0, g)  # noqa: E731
     return Guards(
         value=(lift * at.v, idle(turn * at.turn), idle(height * at.height), rub),
-        rate=(lift * rate.v, still(turn * rate.turn), still(height * rate.height), jnp.where(stick, in_stick[1], 0.0)),
+        rate=(
+            lift * rate.v,
+            still(turn * rate.turn),
+            still(height * rate.height),
+            jnp.where(stick, in_stick[1], 0.0),
+        ),
         slid=jnp.where(stick | apart | ~rubs, 0.0, -sigma * (at.u - sigma * spring.lag * at.v)),
     )
 
@@ -135,9 +140,7 @@ class Crossing(NamedTuple):
     before: Int[Array, ""]  # mode before
 
 
-def crossing(
-    z: Motion, held: State, view: View, kind: Int[Array, ""], late: Scalar, model: Model
-) -> Crossing:
+def crossing(z: Motion, held: State, view: View, kind: Int[Array, ""], late: Scalar, model: Model) -> Crossing:
     """The transition of `kind` at motion `z`, where the guard was crossed at most `late` seconds ago."""
     spring, at = model.spring, view.at
     switch = (kind == Kind.TURN) | (kind == Kind.HEIGHT)
@@ -170,7 +173,7 @@ def _rub_mode(at: Touch, held: State) -> Int[Array, ""]:
 
 
 def _touch_down(view: View, late: Scalar) -> Scalar:
-    """u at the instant v = 0, extrapolated back from the located time by the remaining penetration."""
+    """U at the instant v = 0, extrapolated back from the located time by the remaining penetration."""
     v, rate = view.at.v, view.rate
     closing = rate.v > 0
     return view.at.u - rate.u * jnp.where(closing, jnp.minimum(v / jnp.where(closing, rate.v, 1.0), late), 0.0)

@@ -1,11 +1,11 @@
-"""Corners of the two blocks, penetration and slide of the corner in contact (Sec. 2.3, Eqs. (3)-(20)).
+r"""Corners of the two blocks, penetration and slide of the corner in contact (Sec. 2.3, Eqs. (3)-(20)).
 
 The contact faces ab and cd lean to the right going up; y points up and theta is positive clockwise:
 
         d-----.   right block: c = -b, d = -a
-         \\     \\
+         \     \
     .-----a    c--.
-     \\     b
+     \     b
       `----
 
 In each case one corner (the tip) presses on the other block's face:
@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.scene import Motion, PerBlade, Scalar, Shroud
+from jaxshroud.scene import Motion, Pair, Scalar, Shroud
 from jaxshroud.trig import sincos
 
 
@@ -46,14 +46,14 @@ def corners(shroud: Shroud) -> Corners:
 class Pose(NamedTuple):
     """Position of both blocks, with the sine and cosine of their angles."""
 
-    x: PerBlade
-    y: PerBlade
-    theta: PerBlade
-    sin: PerBlade
-    cos: PerBlade
+    x: Pair
+    y: Pair
+    theta: Pair
+    sin: Pair
+    cos: Pair
 
 
-def pose(x: PerBlade, y: PerBlade, theta: PerBlade) -> Pose:
+def pose(x: Pair, y: Pair, theta: Pair) -> Pose:
     """Positions with their trigonometry done once."""
     (s_1, c_1), (s_2, c_2) = sincos(theta[0]), sincos(theta[1])
     return Pose(x, y, theta, (s_1, s_2), (c_1, c_2))
@@ -78,8 +78,8 @@ class Touch(NamedTuple):
     turn: Scalar  # theta_1 - theta_2: decides between upper and lower corners
     normal: tuple[Scalar, Scalar]  # n = (sin A, -cos A), A = alpha - theta of the face's block
     tangent: tuple[Scalar, Scalar]  # t = (cos A, sin A)
-    corner: PerBlade  # x of the rotated corner of each block about its centre ...
-    corner_y: PerBlade  # ... and y
+    corner: Pair  # x of the rotated corner of each block about its centre ...
+    corner_y: Pair  # ... and y
     offset: tuple[Scalar, Scalar]  # (d_x - gap, d_y): from the right block's corner to the left one's
     sin_A2: Scalar  # sin(alpha - theta_2), which (20) prints for sin(alpha - theta_1)
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.events import View, Counters, Guards, Kind, count, crossing, first_kind, look
+from jaxshroud.events import Counters, Guards, Kind, View, count, crossing, first_kind, look
 from jaxshroud.friction import contact_energy, stretch
 from jaxshroud.rhs import Integrals, Model, rhs, stored_energy
 from jaxshroud.scene import Motion, Scalar
@@ -32,6 +32,9 @@ class Method(NamedTuple):
     tableau: Tableau = RK4
     # "bisection": halve the bracket; "none": change mode at the end of the step (first order, for comparison only)
     locate: Literal["bisection", "none"] = "bisection"
+
+
+REFERENCE = Method()
 
 
 class Grid(NamedTuple):
@@ -88,10 +91,10 @@ def begin(state: State, model: Model) -> Lane:
     zero = jnp.zeros_like(z.x[0])
     count0 = jnp.zeros((), jnp.int32)
     no = jnp.zeros((), bool)
-    tally = Tally(
-        Integrals((zero, zero), zero, zero, zero), zero, zero, zero, zero, zero, Counters(*[count0] * 10)
-    )
-    guards = Guards((zero,) * 4, (zero,) * 4, zero)  # the first trial, of length zero, sets them
+    tally = Tally(Integrals((zero, zero), zero, zero, zero), zero, zero, zero, zero, zero, Counters(*[count0] * 10))
+    guards = Guards(
+        (zero, zero, zero, zero), (zero, zero, zero, zero), zero
+    )  # the first trial, of length zero, sets them
     return Lane(state, count0, _fresh(zero, zero, ~no, count0), guards, tally, count0)
 
 
@@ -115,7 +118,7 @@ def rk_step(
 
 
 def _combined(z, h: Scalar, weights: tuple[float, ...], slopes: list):
-    """z + h sum(weights * slopes), leaf by leaf."""
+    """Z + h sum(weights * slopes), leaf by leaf."""
     return jax.tree.map(lambda z, *k: z + h * sum(w * k for w, k in zip(weights, k, strict=True) if w), z, *slopes)
 
 
@@ -235,9 +238,7 @@ def trial(lane: Lane, model: Model, grid: Grid, method: Method, seam: Seam) -> L
     )
 
 
-def _tallied(
-    tally: Tally, gain: Integrals, h: Scalar, held: State, view: View, cross, fire, inside
-) -> Tally:
+def _tallied(tally: Tally, gain: Integrals, h: Scalar, held: State, view: View, cross, fire, inside) -> Tally:
     apart, stick = held.mode == Mode.APART, held.mode == Mode.STICK
     return Tally(
         jax.tree.map(jnp.add, tally.integrals, gain),

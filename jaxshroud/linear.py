@@ -25,7 +25,7 @@ def steady_amplitudes(scene: Scene) -> Amplitudes:
     s = 1j * d.omega
     return Amplitudes(
         d.F_0 * jnp.cos(d.beta) * turn / (b.m * s**2 + b.c_x * s + b.k_x),
-        d.F_0 * jnp.sin(d.beta) * turn / (b.m_y * s**2 + b.c_y * s + b.k_y),
+        d.F_0 * jnp.sin(d.beta) * turn / (b.inertia_y * s**2 + b.c_y * s + b.k_y),
         d.M_0 * turn / (b.I * s**2 + b.c_T * s + b.k_T),
     )
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxshroud.integrate import Grid, Lane, Method, begin, energy, march
 from jaxshroud.rhs import as_pairs, model
-from jaxshroud.scene import Motion, PerBlade, Scalar, Scene
+from jaxshroud.scene import Motion, Pair, Scalar, Scene
 from jaxshroud.seam import Seam
 from jaxshroud.state import State, Status
 
@@ -20,15 +20,15 @@ BLOCK = 32  # periods per call: the grain of progress and of what is held in mem
 
 # XLA:CPU makes one LLVM function of a call marked so, loops included: no dispatch of hundreds of small kernels per
 # trial. An internal of XLA that may vanish: without it the results are the same.
-_ONE_KERNEL = dict(inlineable="false", xla_cpu_small_call="true")
-_COMPILER = {"xla_cpu_prefer_vector_width": 512}
+ONE_KERNEL = dict(inlineable="false", xla_cpu_small_call="true")
+COMPILER = {"xla_cpu_prefer_vector_width": 512}
 
 
 class Sample(NamedTuple):
     """One period of one lane: the motion at its end, and what was summed over it. NaN once the lane has stopped."""
 
     motion: Motion
-    power: PerBlade  # mean square displacement over block and period [m^2]
+    power: Pair  # mean square displacement over block and period [m^2]
     work: Scalar  # of the drive [J]
     residual: Scalar  # energy balance: drive + jumps - losses - change of stored energy [J]
 
@@ -63,7 +63,7 @@ def _lane_periods(scene: Scene, lane: Lane, clock: Clock, n, one, method: Method
     return jax.lax.scan(body, lane, jnp.arange(block))
 
 
-@partial(jax.jit, static_argnames=("method", "block"), compiler_options=_COMPILER)
+@partial(jax.jit, static_argnames=("method", "block"), compiler_options=COMPILER)
 def run_block(scenes: Scene, lanes: Lane, clock: Clock, n, method: Method, block: int) -> tuple[Lane, Sample]:
     """Run up to `block` periods of every lane.
 
@@ -83,7 +83,7 @@ def run_block(scenes: Scene, lanes: Lane, clock: Clock, n, method: Method, block
     def chunk(scenes, lanes, clock, n, one):
         return jax.vmap(lambda s, a: _lane_periods(s, a, clock, n, one, method, block))(scenes, lanes)
 
-    with set_xla_metadata(**_ONE_KERNEL):
+    with set_xla_metadata(**ONE_KERNEL):
         return chunk(scenes, lanes, clock, n, (n >= 0).astype(jnp.int32))
 
 

@@ -2,20 +2,20 @@
 
 import math
 import re
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 Scalar = Float[Array, ""]
-# One value per blade, left first. Inside compiled loops the two values travel as a tuple: same face, faster code.
-PerBlade = Float[Array, "2"] | tuple[Scalar, Scalar]
+PerBlade = Float[Array, "2"]  # left blade first
+Pair = tuple[Scalar, Scalar]  # the same inside compiled loops: two flat arrays of lanes are faster than one strided
 
 MISPRINTS = ("gap_sign", "friction_components", "M_N2_case1", "M_N1_case2", "M_N1_case4", "levers")
 
 
-def per_blade(value: Any) -> PerBlade:
+def per_blade(value: Any) -> Any:
     """`value` as one number per blade; a single number means alike blades."""
     if isinstance(value, tuple | list):
         return jnp.stack([jnp.asarray(v, dtype=float) for v in value])
@@ -25,7 +25,7 @@ def per_blade(value: Any) -> PerBlade:
     return value
 
 
-def scalar(value: Any) -> Scalar:
+def scalar(value: Any) -> Any:
     """`value` as a float array, so that changing it never recompiles."""
     return jnp.asarray(value, dtype=float) if isinstance(value, ArrayLike) else value
 
@@ -34,7 +34,7 @@ class Blades(eqx.Module):
     """Both blades as lumped masses on springs (Sec. 2.1, Table 1).
 
     One value per blade: `blades.m[0]` is the paper's m_1. A single number means alike blades.
-    `m_y` is the inertia against motion in y; it equals `m` except where Eq. (21) is taken literally.
+    `m_y` differs from `m` only where Eq. (21) is taken literally.
     """
 
     m: PerBlade = eqx.field(converter=per_blade)  # mass [kg]
@@ -45,7 +45,12 @@ class Blades(eqx.Module):
     c_x: PerBlade = eqx.field(converter=per_blade)  # damping [N s/m]
     c_y: PerBlade = eqx.field(converter=per_blade)  # damping [N s/m]
     c_T: PerBlade = eqx.field(converter=per_blade)  # damping [N m s/rad]
-    m_y: PerBlade = eqx.field(converter=per_blade)  # mass in y [kg]
+    m_y: PerBlade | None = eqx.field(converter=per_blade, default=None)  # mass in y [kg]; None: m
+
+    @property
+    def inertia_y(self) -> PerBlade:
+        """The mass against motion in y [kg]."""
+        return self.m if self.m_y is None else self.m_y
 
 
 class Shroud(eqx.Module):
@@ -97,15 +102,18 @@ class Drive(eqx.Module):
         return 2 * math.pi / self.omega
 
 
-class Motion(NamedTuple):
+T = TypeVar("T")
+
+
+class Motion(NamedTuple, Generic[T]):
     """Displacements and rates of both blocks, left first; theta is positive clockwise."""
 
-    x: PerBlade  # [m]
-    y: PerBlade  # [m]
-    theta: PerBlade  # [rad]
-    v_x: PerBlade  # [m/s]
-    v_y: PerBlade  # [m/s]
-    v_theta: PerBlade  # [rad/s]
+    x: T  # [m]
+    y: T  # [m]
+    theta: T  # [rad]
+    v_x: T  # [m/s]
+    v_y: T  # [m/s]
+    v_theta: T  # [rad/s]
 
 
 AT_REST = Motion(*[(0.0, 0.0)] * 6)
@@ -119,13 +127,14 @@ class Scene(eqx.Module):
     contact: Contact
     friction: Friction
     drive: Drive
-    initial: Motion = eqx.field(converter=lambda z: Motion(*map(per_blade, z)), default=AT_REST)
+    initial: Motion[PerBlade] = eqx.field(converter=lambda z: Motion(*map(per_blade, z)), default=AT_REST)
 
     @property
     def k(self) -> Scalar:
         """Impact stiffness [N/m], `gamma k_x` of the left blade where `gamma` is given."""
         if self.contact.k is not None:
             return self.contact.k
+        assert self.contact.gamma is not None  # Contact has exactly one of them
         return self.contact.gamma * self.blades.k_x[0]
 
 
@@ -158,7 +167,7 @@ def vary(scene: Scene, key: str, value: ArrayLike) -> Scene:
     if match is None or f"{match['table']}.{match['name']}" not in NUMERIC_KEYS:
         raise KeyError(f"The scene has no number called {key!r}.")
     table, name, blade = match["table"], match["name"], match["blade"]
-    old = getattr(getattr(scene, table), name)
+    old = scene.blades.inertia_y if name == "m_y" else getattr(getattr(scene, table), name)
     if blade is not None:
         if old is None or old.ndim == 0:
             raise KeyError(f"{table}.{name!s} is one number, not one per blade.")
@@ -168,4 +177,4 @@ def vary(scene: Scene, key: str, value: ArrayLike) -> Scene:
         contact = Contact(**{name: value, other: None}, reading=scene.contact.reading)
         return eqx.tree_at(lambda s: s.contact, scene, contact)
     new = jnp.broadcast_to(jnp.asarray(value, dtype=old.dtype), old.shape)
-    return eqx.tree_at(lambda s: getattr(getattr(s, table), name), scene, new)
+    return eqx.tree_at(lambda s: getattr(getattr(s, table), name), scene, new, is_leaf=lambda x: x is None)

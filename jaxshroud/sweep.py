@@ -15,7 +15,7 @@ from jaxshroud.analysis.period import PERIOD_TOLERANCE, periodicity
 from jaxshroud.analysis.power import reduction
 from jaxshroud.checks import count_argument
 from jaxshroud.events import Counters
-from jaxshroud.integrate import Lane, Method
+from jaxshroud.integrate import REFERENCE, Lane, Method
 from jaxshroud.linear import area, free_power
 from jaxshroud.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, run_block
 from jaxshroud.scene import Motion, Scene, vary
@@ -35,7 +35,9 @@ class SweepResult:
 
     axes: dict[str, np.ndarray]  # key -> values, in SI
     period: np.ndarray  # absolute count of each kept period
-    motion: Motion  # at the drive phase `phase` of each kept period (..., period, 2); NaN after a lane has stopped
+    motion: Motion[
+        np.ndarray
+    ]  # at the drive phase `phase` of each kept period (..., period, 2); NaN after a lane has stopped
     phase: float  # [rad]
     gap: np.ndarray  # [m]
     P: np.ndarray  # (..., 2) [m^4], Eq. (23)
@@ -65,7 +67,7 @@ def sweep(
     direction: Direction = "independent",
     phase: float = 0.0,
     period_tol: float = PERIOD_TOLERANCE,
-    method: Method = Method(),
+    method: Method = REFERENCE,
     progress: Progress | None = None,
 ) -> SweepResult:
     """Simulate `scene` for every value (or pair of values) of one or two of its numbers.
@@ -162,6 +164,7 @@ class Ticker:
         self.total, self.done, self.report = total, 0, report
 
     def __call__(self, lane_periods: int) -> None:
+        """Report `lane_periods` more as done."""
         self.done += lane_periods
         if self.report is not None:
             self.report(self.done, self.total)
@@ -231,13 +234,17 @@ def continued(scenes: Scene, shape: tuple[int, ...], direction: Direction, plan:
     return jax.tree.map(lambda *a: np.stack(a).reshape(*shape, *a[0].shape[1:]), *runs)
 
 
+def final_states(last: Lane) -> State:
+    """The states that lanes have come to, as a start for others."""
+    state = last.state
+    return State(Motion(*(np.stack(pair, axis=-1) for pair in state.motion)), state.u_s, state.mode, state.case)
+
+
 def _carried_on(last: Lane, fresh: State) -> State:
     """The final states, but a fresh start for lanes that had stopped."""
     ok = last.status == Status.OK
-    motion = Motion(*(np.stack(pair, axis=-1) for pair in last.state.motion))
-    state = State(motion, last.state.u_s, last.state.mode, last.state.case)
     choose = lambda a, b: np.where(ok.reshape(-1, *[1] * (np.ndim(a) - 1)), a, b)  # noqa: E731
-    return jax.tree.map(choose, state, fresh)
+    return jax.tree.map(choose, final_states(last), fresh)
 
 
 def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, period_tol: float) -> SweepResult:

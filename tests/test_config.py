@@ -183,8 +183,7 @@ def test_wrong_values(name, value, expected):
         (
             "contact.gamma",
             "contact.gama",
-            "my.toml: [sweep] contact.gama: the scene has no number `contact.gama`; "
-            "did you mean `contact.gamma`?",
+            "my.toml: [sweep] contact.gama: the scene has no number `contact.gama`; did you mean `contact.gamma`?",
         ),
         ("contact.gamma", "contact.reading", "the scene has no number `contact.reading`"),
         ("contact.gamma", "run.periods", "the scene has no number `run.periods`"),
@@ -218,9 +217,7 @@ def test_wrong_sweeps(old, new, expected):
     assert expected in message
 
 
-@pytest.mark.parametrize(
-    "keys", [("contact.k", "contact.gamma"), ("blades.m", "blades.m[0]"), ("drive.F_0",) * 2]
-)
+@pytest.mark.parametrize("keys", [("contact.k", "contact.gamma"), ("blades.m", "blades.m[0]"), ("drive.F_0",) * 2])
 def test_a_grid_needs_independent_keys(keys):
     grid = f"[sweep]\nalong = {list(keys)}\nvalues = [[1, 2], [3, 4]]"
     assert "is no grid; give one or two independent keys" in told(GOOD + grid)
@@ -260,9 +257,7 @@ def test_an_override_is_not_blamed_for_the_file():
 def test_wrong_files(tmp_path):
     assert told(edited("m = 0.08", "m 0.08")).startswith("my.toml: not valid TOML: Expected '=' after a key")
     assert "(at line 4, column 3)" in told(edited("m = 0.08", "m 0.08"))
-    with pytest.raises(
-        SceneError, match=r"^fig9: no such file .*; did you mean `fig09`\?; `jaxshroud scenes` lists"
-    ):
+    with pytest.raises(SceneError, match=r"^fig9: no such file .*; did you mean `fig09`\?; `jaxshroud scenes` lists"):
         load("fig9")
     with pytest.raises(SceneError, match=r"no such file or shipped scene; known are eq21, fig09"):
         load(tmp_path / "zzz.toml")
@@ -299,11 +294,11 @@ def test_units_equal_si_numbers(name, text, number):
 
 def test_defaults():
     got = parse(GOOD, "a")
-    np.testing.assert_array_equal(got.scene.blades.m_y, got.scene.blades.m)
+    np.testing.assert_array_equal(got.scene.blades.inertia_y, got.scene.blades.m)
     assert got.scene.contact.reading == frozenset()
     assert all(np.all(np.asarray(leaf) == 0) for leaf in got.scene.initial)
     assert (got.run.transient, got.axes, got.direction, got.keep) == (0, (), "independent", None)
-    np.testing.assert_array_equal(parse(GOOD, "a", ["blades.m=[1, 2]"]).scene.blades.m_y, [1.0, 2.0])
+    np.testing.assert_array_equal(parse(GOOD, "a", ["blades.m=[1, 2]"]).scene.blades.inertia_y, [1.0, 2.0])
     assert tomllib.loads(parse(GOOD, "a", ["blades.m_y[1]=2"]).text())["blades"]["m_y"] == [0.08, 2.0]
     # Every number takes JAX's float type: float64 where x64 is on.
     assert {leaf.dtype for leaf in jax.tree.leaves(got.scene)} == {jnp.result_type(float)}
@@ -313,9 +308,7 @@ def test_gamma_and_k_replace_each_other():
     by_gamma = parse(GOOD, "a")
     by_k = parse(GOOD, "a", ["contact.k=2.5e5"])
     assert by_k.scene.contact.gamma is None
-    np.testing.assert_allclose(
-        by_k.scene.k, by_gamma.scene.k, rtol=1e-7
-    )  # equal but for rounding, float32 included
+    np.testing.assert_allclose(by_k.scene.k, by_gamma.scene.k, rtol=1e-7)  # equal but for rounding, float32 included
     assert parse(by_k.text(), "b", ["contact.gamma=3"]).scene.contact.k is None
 
 
@@ -352,9 +345,7 @@ def test_readings(reading, kept):
 
 
 def test_later_overrides_win_and_drop_what_they_replace():
-    got = parse(
-        GOOD + SWEEP + "keep = 50", "a", ["sweep.values=0.3, 2.5", "contact.gamma=1", "contact.gamma=2"]
-    )
+    got = parse(GOOD + SWEEP + "keep = 50", "a", ["sweep.values=0.3, 2.5", "contact.gamma=1", "contact.gamma=2"])
     np.testing.assert_array_equal(got.axes[0].values, [0.3, 2.5])
     assert float(got.scene.contact.gamma) == 2.0
     assert (got.run.periods, got.sweep_run.periods) == (10, 50)
@@ -425,7 +416,7 @@ def test_every_figure_is_shipped():
 
 def test_eq21_puts_every_frequency_at_the_drives():
     blades, drive = load("eq21").scene.blades, load("eq21").scene.drive
-    for stiffness, inertia in ((blades.k_x, blades.m), (blades.k_y, blades.m_y), (blades.k_T, blades.I)):
+    for stiffness, inertia in ((blades.k_x, blades.m), (blades.k_y, blades.inertia_y), (blades.k_T, blades.I)):
         # Five printed digits.
         np.testing.assert_allclose(np.sqrt(np.asarray(stiffness / inertia)), float(drive.omega), rtol=2e-5)
 

@@ -116,9 +116,7 @@ def test_label(line, label):
 def test_lines_of_a_known_period_number():
     # Covering q periods only, each bin is a line: a small one beside a larger one is named all the same.
     t = tau(2)
-    spectrum = amplitude_spectrum(
-        np.sin(t) + 0.3 * np.sin(t / 2) + 0.2 * np.sin(1.5 * t) + 0.1 * np.sin(3 * t), 64
-    )
+    spectrum = amplitude_spectrum(np.sin(t) + 0.3 * np.sin(t / 2) + 0.2 * np.sin(1.5 * t) + 0.1 * np.sin(3 * t), 64)
     assert label_lines(*spectrum, 2) == [(0.5, "f_e/2"), (1.0, "f_e"), (1.5, "3f_e/2"), (3.0, "3f_e")]
     assert names(*spectrum, 1) == ["f_e", "3f_e"]
     assert names(*spectrum, 2, threshold=0.25) == ["f_e/2", "f_e"]

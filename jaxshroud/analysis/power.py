@@ -38,17 +38,10 @@ def reduction(power: Floats, P_0: Floats, number: NDArray[np.int32]) -> Reductio
     lanes = number.shape
     flat = power.reshape(-1, *power.shape[-2:])
     base = np.broadcast_to(P_0, (*lanes, 2)).reshape(-1, 2)
-    out = Reduction(
-        np.full((len(flat), 2), np.nan),
-        *(np.full(len(flat), np.nan) for _ in range(2)),
-        np.zeros(len(flat), bool),
-        np.zeros(len(flat), np.int64),
-    )
-    for q in np.unique(number):
-        at = np.flatnonzero(number.ravel() == q)
-        for whole, part in zip(out, _same_period(flat[at], base[at], max(int(q), 1)), strict=True):
-            whole[at] = part
-    return Reduction(*(a.reshape(lanes + a.shape[1:]) for a in out))
+    groups = [np.flatnonzero(number.ravel() == q) for q in np.unique(number)]
+    parts = [_same_period(flat[at], base[at], max(int(q), 1)) for q, at in zip(np.unique(number), groups, strict=True)]
+    back = np.argsort(np.concatenate(groups))
+    return Reduction(*(np.concatenate(a)[back].reshape(*lanes, *a[0].shape[1:]) for a in zip(*parts, strict=True)))
 
 
 def _same_period(power: Floats, P_0: Floats, q: int) -> Reduction:
@@ -73,5 +66,7 @@ def interval(series: Floats, q: int = 1) -> Floats:
     if batches < 2:
         return np.full(series.shape[:-1], np.nan)
     length = orbits // batches * q
-    batch = series[..., series.shape[-1] - batches * length :].reshape(*series.shape[:-1], batches, length).mean(axis=-1)
+    batch = (
+        series[..., series.shape[-1] - batches * length :].reshape(*series.shape[:-1], batches, length).mean(axis=-1)
+    )
     return student.ppf(0.975, batches - 1) * batch.std(axis=-1, ddof=1) / np.sqrt(batches)

@@ -42,9 +42,7 @@ def amplitude_spectrum(
     n_periods = whole_periods(x.size, rate)
     if n_periods < 1:
         need = int(rate * rate.denominator)
-        raise ValueError(
-            f"Argument `signal` must have {need} samples (whole drive periods), but has {x.size}."
-        )
+        raise ValueError(f"Argument `signal` must have {need} samples (whole drive periods), but has {x.size}.")
     x = x[x.size - int(n_periods * rate) :]
     mean = x.mean()
     weight = _weights(window, x.size)

@@ -1,0 +1,461 @@
+"""The command line: load a scene, compute, write. One verb per question.
+
+Exit status 0: done (a run that stopped early is a warning). 2: the input is wrong, one line says where.
+"""
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+import jax
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from jaxshroud.config import Axis, SceneError, SceneFile, axis, load, shipped
+from jaxshroud.state import Status
+from jaxshroud.store import (
+    StoreError,
+    last_state,
+    power_json,
+    read,
+    read_json,
+    sweep_dataset,
+    trajectory_dataset,
+    write_dataset,
+    write_json,
+)
+from jaxshroud.version import __version__
+
+EXAMPLES = {
+    "simulate": "jaxshroud simulate fig10b --periods 20 --out fig10b.nc",
+    "sweep": "jaxshroud sweep fig09 --out fig09\n"
+    "  jaxshroud sweep table1 --along contact.gamma --start 0 --stop 8 --num 200 --transient 100 --out gamma",
+    "power": "jaxshroud power fig15a --out fig15a",
+    "plot": "jaxshroud plot fig09",
+    "scenes": "jaxshroud scenes",
+}
+
+
+class InputError(ValueError):
+    """The command line is wrong; the message is one line."""
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Leave with status 2."""
+        raise InputError(f"{self.prog}: {message}; see {self.prog} --help")
+
+
+@dataclass
+class Along:
+    """One axis asked for on the command line."""
+
+    key: str
+    values: str | None = None
+    start: str | None = None
+    stop: str | None = None
+    num: str | None = None
+
+
+class _NewAxis(argparse.Action):
+    def __call__(self, parser, namespace, values, option_string=None):
+        """Begin a new axis."""
+        namespace.along = [*(namespace.along or []), Along(str(values))]
+
+
+class _OfAxis(argparse.Action):
+    def __call__(self, parser, namespace, values, option_string=None):
+        """Describe the latest axis."""
+        if not namespace.along:
+            parser.error(f"{option_string} needs an --along KEY before it")
+        setattr(namespace.along[-1], self.dest.removeprefix("axis_"), str(values))
+
+
+def _count(least: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"must be a whole number of at least {least}, but is {text!r}")
+        return int(text)
+
+    return parse
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be a number, but is {text!r}") from None
+
+
+def parser() -> OneLineParser:
+    """All verbs with their options."""
+    top = OneLineParser(
+        prog="jaxshroud",
+        description="Rub-impact dynamics of two shrouded blades under bending-torsion coupling.",
+    )
+    top.add_argument("--version", action="version", version=__version__)
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=OneLineParser)
+
+    def verb(name: str, run: Callable, text: str) -> OneLineParser:
+        made = verbs.add_parser(
+            name,
+            help=text,
+            description=text,
+            epilog=f"example:\n  {EXAMPLES[name]}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        made.set_defaults(run=run)
+        return made
+
+    one = verb("simulate", simulate_verb, "Integrate one scene and store its motion at every step.")
+    _scene_options(one)
+    one.add_argument("--every", type=_count(1), default=1, metavar="M", help="store every M-th step")
+    one.add_argument("--from", dest="earlier", type=Path, metavar="FILE.nc", help="start from its last state")
+    one.add_argument("--out", type=Path, required=True, metavar="FILE.nc")
+
+    many = verb("sweep", sweep_verb, "Simulate a scene for many values of one or two of its numbers.")
+    _scene_options(many)
+    many.add_argument("--along", action=_NewAxis, metavar="KEY", help="key to vary; twice makes a grid")
+    for name, text in dict(values="a,b,c", start="A", stop="B", num="N").items():
+        many.add_argument(f"--{name}", dest=f"axis_{name}", action=_OfAxis, metavar=text, help="of the last --along")
+    many.add_argument("--direction", choices=("independent", "forward", "backward"))
+    many.add_argument("--transient", type=_count(0), metavar="N", help="periods discarded first")
+    many.add_argument("--phase", type=_number, default=0.0, metavar="RAD", help="drive phase of the samples")
+    many.add_argument("--period-tol", type=_number, default=1e-3, help="relative tolerance of the period number")
+    many.add_argument("--out", type=Path, required=True, metavar="DIR")
+
+    mean = verb("power", power_verb, "Vibration-power reduction P_d of one scene and its convergence.")
+    _scene_options(mean)
+    mean.add_argument("--transient", type=_count(0), metavar="N", help="periods discarded first")
+    mean.add_argument("--tolerance", type=_number, default=0.1, help="percentage points at which P_d counts as stable")
+    mean.add_argument("--out", type=Path, required=True, metavar="DIR")
+
+    draw = verb("plot", plot_verb, "Draw stored results again, without simulating.")
+    draw.add_argument("source", type=Path, metavar="DIR|FILE")
+    draw.add_argument("--out", type=Path, metavar="PICTURE", help="by default beside the result")
+    draw.add_argument("--force", action="store_true", help="replace a picture named by --out")
+
+    verb("scenes", scenes_verb, "List the shipped scenes.")
+    return top
+
+
+def _scene_options(made: argparse.ArgumentParser) -> None:
+    made.add_argument("scene", metavar="SCENE", help="a TOML file or the name of a shipped scene")
+    made.add_argument("--set", action="append", default=[], metavar="K=V", help="override table.key=value")
+    made.add_argument("--periods", type=_count(1), metavar="N", help="periods kept")
+    made.add_argument("--steps-per-period", type=_count(1), metavar="N")
+    made.add_argument("--locate", choices=("bisection", "none"), default="bisection", help="how events are located")
+    made.add_argument("--force", action="store_true", help="replace existing results")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    jax.config.update("jax_enable_x64", True)
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        cache = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+        jax.config.update("jax_compilation_cache_dir", os.path.join(cache, "jaxshroud"))
+    try:
+        options = parser().parse_args(arguments)
+        options.run(options)
+    except (InputError, SceneError, StoreError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted; nothing was written", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _loaded(options: argparse.Namespace) -> SceneFile:
+    flags = {"periods": options.periods, "steps_per_period": options.steps_per_period}
+    flags["transient"] = getattr(options, "transient", None)
+    overrides = [f"run.{name}={value}" for name, value in flags.items() if value is not None]
+    return load(options.scene, [*options.set, *overrides])
+
+
+def _method(options: argparse.Namespace):
+    from jaxshroud.integrate import Method
+
+    return Method(locate=options.locate)
+
+
+def simulate_verb(options: argparse.Namespace) -> None:
+    """`jaxshroud simulate`."""
+    from jaxshroud.trajectory import simulate
+
+    file = _loaded(options)
+    _free(options.out, options.force)
+    if options.out.suffix != ".nc":
+        raise InputError(f"{options.out}: a trajectory needs a name that ends in .nc")
+    _check_step(file, None)
+    state, t, turns = (None, 0.0, 0.0) if options.earlier is None else last_state(options.earlier)
+    steps = file.run.steps_per_period
+    run = simulate(
+        file.scene,
+        state,
+        n_periods=file.run.periods,
+        steps_per_period=steps,
+        every=options.every,
+        turns=turns,
+        t=t,
+        method=_method(options),
+    )
+    write_dataset(trajectory_dataset(run, file, steps, options.every), options.out)
+    _warn_status(np.asarray([run.status]))
+    events = ", ".join(f"{n} {name}" for name, n in run.counters.items() if n) or "none"
+    _table(
+        file.title or file.name,
+        {
+            "samples": len(run.t),
+            "status": Status(run.status).name,
+            "events": events,
+            "energy residual": f"{run.energy_residual:.1e} of the drive's work",
+            "written": options.out,
+        },
+    )
+
+
+def sweep_verb(options: argparse.Namespace) -> None:
+    """`jaxshroud sweep`."""
+    from jaxshroud.sweep import sweep
+
+    file = _with_axes(_loaded(options), options)
+    if not 0 <= options.phase < 2 * np.pi:
+        raise InputError(f"--phase must be in [0, 2 pi), but is {options.phase}")
+    names = ("sweep.nc", "sweep.png", "summary.json")
+    _directory(options.out, names, options.force)
+    _check_step(file, file.axes)
+    run, began = file.sweep_run, time.perf_counter()
+    with _progress("lane-periods") as report:
+        result = sweep(
+            file.scene,
+            {a.key: a.values for a in file.axes},
+            n_periods=run.periods,
+            transient=run.transient,
+            steps_per_period=run.steps_per_period,
+            direction=file.direction,
+            phase=options.phase,
+            period_tol=options.period_tol,
+            method=_method(options),
+            progress=report,
+        )
+    ds = sweep_dataset(result, file)
+    write_dataset(ds, options.out / "sweep.nc")
+    _draw_dataset(ds, options.out / "sweep.png")
+    summary = sweep_summary(result, time.perf_counter() - began) | {
+        "scene": file.name,
+        "version": __version__,
+    }
+    write_json(summary, options.out / "summary.json")
+    _warn_status(result.status)
+    _table(file.title or file.name, {**summary, "written": options.out})
+
+
+def sweep_summary(result, seconds: float) -> dict[str, Any]:
+    """A sweep in a few numbers."""
+    ok = result.status == Status.OK
+    P_d = np.where(ok, result.P_d, np.nan)
+    numbers, counts = np.unique(result.period_number[ok], return_counts=True)
+    best = None
+    if np.isfinite(P_d).any():
+        at = np.unravel_index(np.nanargmax(P_d), P_d.shape)
+        place = {key: float(v[i]) for (key, v), i in zip(result.axes.items(), at, strict=True)}
+        best = {"P_d": float(P_d[at]), "ci": float(result.P_d_ci[at]), **place}
+    return {
+        "lanes": int(ok.size),
+        "periods kept": len(result.period),
+        "status": {s.name: int((result.status == s).sum()) for s in Status if (result.status == s).any()},
+        "period numbers": {str(n) if n else "aperiodic": int(c) for n, c in zip(numbers, counts, strict=True)},
+        "unsettled": int((~result.settled & ok).sum()),
+        "largest P_d": best,
+        "largest energy residual": float(np.max(result.energy_residual, where=ok, initial=0.0)),
+        "seconds": round(seconds, 2),
+    }
+
+
+def power_verb(options: argparse.Namespace) -> None:
+    """`jaxshroud power`."""
+    from jaxshroud.power import power
+
+    file = _loaded(options)
+    if not options.tolerance > 0:
+        raise InputError(f"--tolerance must be positive, but is {options.tolerance}")
+    _directory(options.out, ("power.json", "power.png"), options.force)
+    _check_step(file, None)
+    with _progress("periods") as report:
+        result = power(
+            file.scene,
+            most_periods=file.run.periods,
+            transient=file.run.transient,
+            steps_per_period=file.run.steps_per_period,
+            tolerance=options.tolerance,
+            method=_method(options),
+            progress=report,
+        )
+    data = power_json(result, file)
+    write_json(data, options.out / "power.json")
+    _draw_power(read_json(options.out / "power.json"), options.out / "power.png")
+    final = result.final
+    _warn_status(np.asarray([final["status"]]))
+    if not final["stable"]:
+        print(
+            f"warning: P_d is not stable after {final['n']} periods; give more with --periods",
+            file=sys.stderr,
+        )
+    _table(
+        file.title or file.name,
+        {
+            "P_d": f"{final['P_d']:.6g} +- {final['ci']:.2g} %",
+            "periods": final["n"],
+            "stable": final["stable"],
+            "period number": final["period_number"] or "aperiodic",
+            "written": options.out,
+        },
+    )
+
+
+def plot_verb(options: argparse.Namespace) -> None:
+    """`jaxshroud plot`."""
+    source = options.source
+    if source.is_dir():
+        found = [p for p in (source / "sweep.nc", source / "power.json") if p.exists()]
+        if not found:
+            raise InputError(f"{source}: holds neither sweep.nc nor power.json; give a result of jaxshroud")
+        source = found[0]
+    picture = options.out or source.with_suffix(".png")
+    if options.out is not None:
+        _free(options.out, options.force)
+    if source.suffix == ".json":
+        _draw_power(read_json(source), picture)
+    else:
+        _draw_dataset(read(source), picture)
+    print(picture)
+
+
+def scenes_verb(options: argparse.Namespace) -> None:
+    """`jaxshroud scenes`."""
+    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
+    for name, title in shipped().items():
+        table.add_row(name, title)
+    Console(soft_wrap=True).print(table)
+
+
+def _draw_dataset(ds, picture: Path) -> None:
+    from jaxshroud import plot
+
+    if "axes" in ds.attrs:
+        draw = plot.bifurcation if "," not in ds.attrs["axes"] else plot.power_map
+    elif "end_turns" in ds.attrs:
+        draw = plot.trajectory
+    else:
+        raise StoreError("not a result of jaxshroud; give a sweep or a trajectory")
+    _saved(lambda: draw(ds), picture)
+
+
+def _draw_power(data: dict[str, Any], picture: Path) -> None:
+    from jaxshroud import plot
+
+    _saved(lambda: plot.power_convergence(data), picture)
+
+
+def _saved(draw: Callable, picture: Path) -> None:
+    from jaxshroud import plot
+
+    try:
+        plot.save(draw(), picture)
+    except KeyError as error:
+        raise StoreError(f"{picture}: the result lacks {error}; run the command again") from None
+    except OSError as error:
+        raise StoreError(f"{picture}: cannot be written ({error.strerror or error}); choose another --out") from None
+    except ValueError as error:
+        raise InputError(f"{picture}: {' '.join(str(error).split())}") from None
+
+
+def _with_axes(file: SceneFile, options: argparse.Namespace) -> SceneFile:
+    axes = file.axes
+    if options.along:
+        axes = tuple(_axis(file, asked) for asked in options.along)
+    if not axes:
+        raise InputError(f"{file.name}: [sweep] is missing; add it, or give --along KEY --values a,b,c")
+    return replace(file, axes=axes, direction=options.direction or file.direction)
+
+
+def _axis(file: SceneFile, asked: Along) -> Axis:
+    num = None
+    if asked.num is not None:
+        if not asked.num.isdecimal():
+            raise InputError(f"--along {asked.key}: --num must be a whole number, but is {asked.num!r}")
+        num = int(asked.num)
+    return axis(file, asked.key, asked.values, start=asked.start, stop=asked.stop, num=num)
+
+
+def _check_step(file: SceneFile, axes: tuple[Axis, ...] | None) -> None:
+    """Refuse a step that is unstable for some lane, warn of one that is inaccurate."""
+    from jaxshroud.stability import StepTooLongError, step_report, stiffest
+    from jaxshroud.sweep import grid_of_scenes
+
+    scenes = None if axes is None else grid_of_scenes(file.scene, {a.key: a.values for a in axes})
+    omega_max, period = stiffest(file.scene if scenes is None else scenes, 0 if axes is None else len(axes))
+    try:
+        report = step_report(omega_max, period, file.run.steps_per_period)
+    except StepTooLongError as error:
+        raise InputError(f"{file.name}: [run] {error}") from None
+    if report:
+        print(f"warning: {file.name}: [run] {report}", file=sys.stderr)
+
+
+def _warn_status(status: np.ndarray) -> None:
+    for s in Status:
+        count = int((status == s).sum())
+        if s != Status.OK and count:
+            print(f"warning: {count} of {status.size} runs stopped with {s.name}", file=sys.stderr)
+
+
+def _free(path: Path, force: bool) -> None:
+    if path.exists() and not force:
+        raise InputError(f"{path}: exists and is kept; give --force to replace it")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no directory {path.parent}; make it first or choose another --out")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"{path}: {path.parent} is not writable; choose another --out")
+
+
+def _directory(path: Path, names: Sequence[str], force: bool) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made ({error.strerror}); choose another --out") from None
+    for name in names:
+        _free(path / name, force)
+
+
+@contextmanager
+def _progress(unit: str):
+    """A progress report; the bar appears on a terminal's standard error."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task(f"{unit} (compiling)", total=None)
+        yield lambda done, total: bar.update(task, description=unit, completed=done, total=total)
+
+
+def _table(title: str, rows: dict[str, Any]) -> None:
+    table = Table(title=title, title_justify="left", show_header=False, box=None, padding=(0, 2, 0, 0))
+    for name, value in rows.items():
+        text = ", ".join(f"{k}: {v}" for k, v in value.items()) if isinstance(value, dict) else str(value)
+        table.add_row(name, text)
+    Console(soft_wrap=True).print(table)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,244 @@
+"""Labelled results on disk: NetCDF through xarray, JSON for summaries. Files appear whole or not at all."""
+
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from jaxshroud.config import SceneFile
+from jaxshroud.power import PowerResult
+from jaxshroud.scene import Motion
+from jaxshroud.state import Mode, State, Status
+from jaxshroud.sweep import SweepResult
+from jaxshroud.trajectory import Trajectory
+from jaxshroud.version import __version__
+
+MOTION_ATTRS = {
+    "x": ("m", "displacement in x"),
+    "y": ("m", "displacement in y"),
+    "theta": ("rad", "torsion angle, positive clockwise"),
+    "v_x": ("m s-1", "velocity in x"),
+    "v_y": ("m s-1", "velocity in y"),
+    "v_theta": ("rad s-1", "torsion rate"),
+}
+UNITS = {  # of the scene's numbers, by key
+    **dict.fromkeys(("blades.m", "blades.m_y"), "kg"),
+    "blades.I": "kg m2",
+    **dict.fromkeys(("blades.k_x", "blades.k_y", "contact.k", "friction.k_d"), "N m-1"),
+    "blades.k_T": "N m rad-1",
+    **dict.fromkeys(("blades.c_x", "blades.c_y"), "N s m-1"),
+    "blades.c_T": "N m s rad-1",
+    **dict.fromkeys(("shroud.l_oa", "shroud.l_ab", "shroud.gap", "initial.x", "initial.y"), "m"),
+    **dict.fromkeys(("shroud.alpha", "drive.beta", "drive.phase", "initial.theta"), "rad"),
+    **dict.fromkeys(("drive.omega", "initial.v_theta"), "rad s-1"),
+    "drive.F_0": "N",
+    "drive.M_0": "N m",
+    **dict.fromkeys(("initial.v_x", "initial.v_y"), "m s-1"),
+}
+STATUS = {"flag_values": [int(s) for s in Status], "flag_meanings": " ".join(s.name for s in Status)}
+MODE = {"flag_values": [int(m) for m in Mode], "flag_meanings": " ".join(m.name for m in Mode)}
+
+
+class StoreError(ValueError):
+    """A result cannot be written or read; the message is one line with the place and the cure."""
+
+
+def dimension(key: str) -> str:
+    """Name of the dimension along `key`: its last word, but `initial_x` where a variable has that name."""
+    table, name = key.split(".")
+    stem, _, blade = name.partition("[")
+    stem = f"{table}_{stem}" if stem in MOTION_ATTRS or stem in ("period", "blade") else stem
+    return stem + {"": "", "0]": "_left", "1]": "_right"}[blade]
+
+
+def sweep_dataset(result: SweepResult, scene_file: SceneFile) -> xr.Dataset:
+    """A sweep as a dataset: dimensions of its axes, then `period` and `blade`."""
+    dims = [dimension(key) for key in result.axes]
+    lane = lambda values, **attrs: (dims, values, attrs)  # noqa: E731
+    data: dict[str, Any] = {
+        name: ([*dims, "period", "blade"], getattr(result.motion, name), _named(*MOTION_ATTRS[name]))
+        for name in Motion._fields
+    }
+    data |= {
+        "P": ([*dims, "blade"], result.P, _named("m4", "average power, Eq. (23)")),
+        "P_0": ([*dims, "blade"], result.P_0, _named("m4", "average power without contact, closed form")),
+        "P_d": lane(result.P_d, **_named("percent", "vibration-power reduction of the left blade, Eq. (24)")),
+        "P_d_ci": lane(result.P_d_ci, **_named("percent", "half width of the 95 % interval of P_d, batch means")),
+        "P_d_settled": lane(result.P_d_settled.astype(np.int8), long_name="no drift of P_d between halves of the run"),
+        "period_number": lane(result.period_number, long_name="period of the orbit in drive periods; 0: aperiodic"),
+        "settled": lane(result.settled.astype(np.int8), long_name="the transient is over"),
+        "status": lane(result.status.astype(np.int8), **STATUS),
+        "energy_residual": lane(
+            result.energy_residual,
+            long_name="largest energy residual of a period over the drive's mean work",
+            units="1",
+        ),
+        "v_max": lane(result.v_max, **_named("m", "largest penetration")),
+    }
+    data |= {
+        name: lane(getattr(result, name), **_named("1", f"fraction of the time: {name[5:]}"))
+        for name in ("time_apart", "time_stick", "time_slip")
+    }
+    data |= {name: lane(n, long_name=f"events in the kept periods: {name}") for name, n in result.counters.items()}
+    coords: dict[str, Any] = {
+        dim: (dim, values, {"key": key, "units": UNITS.get(key.partition("[")[0], "1"), "long_name": key})
+        for dim, (key, values) in zip(dims, result.axes.items(), strict=True)
+    }
+    if "gap" not in dims:
+        data["gap"] = lane(result.gap, **_named("m", "initial gap"))
+    coords |= {
+        "period": ("period", result.period, {"long_name": "drive periods since t = 0"}),
+        "blade": [0, 1],
+    }
+    attrs = _attrs(scene_file) | {
+        "axes": ",".join(dims),
+        "drive_phase": float(result.phase),
+        "period_tol": float(result.period_tol),
+    }
+    return xr.Dataset(data, coords, attrs)
+
+
+def trajectory_dataset(run: Trajectory, scene_file: SceneFile, steps_per_period: int, every: int) -> xr.Dataset:
+    """A trajectory as a dataset with dimensions `time` and `blade`."""
+    data: dict[str, Any] = {
+        name: (["time", "blade"], getattr(run.motion, name), _named(*MOTION_ATTRS[name])) for name in Motion._fields
+    }
+    data |= {
+        "u_s": ("time", run.u_s, _named("m", "slider of the friction element; NaN when apart")),
+        "mode": ("time", run.mode.astype(np.int8), {"long_name": "contact mode", **MODE}),
+        "case": (
+            "time",
+            run.case.astype(np.int8),
+            {"long_name": "contact case 1-4 of Sec. 2.3; 0 when apart"},
+        ),
+    }
+    scene = scene_file.scene
+    attrs = _attrs(scene_file) | {
+        "status": run.status,
+        **STATUS,
+        **{f"count_{name}": n for name, n in run.counters.items()},
+        "energy_residual": run.energy_residual,
+        "omega": float(scene.drive.omega),
+        "gap": float(scene.shroud.gap),
+        "steps_per_period": steps_per_period,
+        "every": every,
+        "end_turns": run.turns,
+    }
+    return xr.Dataset(data, {"time": ("time", run.t, _named("s", "time")), "blade": [0, 1]}, attrs)
+
+
+def last_state(path: str | os.PathLike[str]) -> tuple[State, float, float]:
+    """The last state of a stored trajectory, its time [s] and drive phase [turns].
+
+    Raises:
+        StoreError: The file is no complete trajectory, or its run had stopped.
+    """
+    ds = read(path)
+    if "end_turns" not in ds.attrs:
+        raise StoreError(f"{path}: not a trajectory; give a file written by `jaxshroud simulate`")
+    if ds.attrs["status"] != Status.OK:
+        raise StoreError(f"{path}: the run stopped ({Status(ds.attrs['status']).name}); start from an earlier file")
+    end = ds.isel(time=-1)
+    motion = Motion(*(jnp.asarray(end[name].to_numpy()) for name in Motion._fields))
+    u_s = jnp.asarray(np.nan_to_num(end["u_s"].to_numpy()))
+    state = State(motion, u_s, *(jnp.asarray(end[name].to_numpy(), jnp.int32) for name in ("mode", "case")))
+    return state, float(end["time"]), float(ds.attrs["end_turns"])
+
+
+def power_json(result: PowerResult, scene_file: SceneFile) -> dict[str, Any]:
+    """A power convergence as plain numbers."""
+    curve = {name: getattr(result, name).tolist() for name in ("n", "P_d", "P_d_ci")}
+    return {**_attrs(scene_file), **curve, "final": result.final}
+
+
+def read(path: str | os.PathLike[str]) -> xr.Dataset:
+    """A stored dataset, loaded whole.
+
+    Raises:
+        StoreError: The file is missing, truncated or not a result.
+    """
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as ds:
+            return ds.load()
+    except FileNotFoundError:
+        raise StoreError(f"{path}: no such file; give a result written by jaxshroud") from None
+    except Exception as error:  # h5py raises many types on damaged files
+        what = " ".join(str(error).split())[:120]
+        raise StoreError(f"{path}: not a complete result file ({what}); run the command again") from None
+
+
+def write_dataset(ds: xr.Dataset, path: Path) -> None:
+    """Write a dataset under a temporary name, then rename it."""
+    whole(path, lambda temporary: ds.to_netcdf(temporary, engine="h5netcdf"))
+
+
+def write_json(data: dict[str, Any], path: Path) -> None:
+    """Write JSON under a temporary name, then rename it. NaN becomes null."""
+    whole(path, lambda temporary: Path(temporary).write_text(json.dumps(_plain(data), indent=1) + "\n", "utf-8"))
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """A stored summary.
+
+    Raises:
+        StoreError: The file is missing or not complete JSON.
+    """
+    try:
+        return json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise StoreError(f"{path}: cannot be read ({error}); run the command again") from None
+
+
+def whole(path: Path, write: Callable[[str], Any]) -> None:
+    """Call `write` with a temporary name beside `path` and rename the file it made.
+
+    Raises:
+        StoreError: The place cannot be written.
+    """
+    temporary = None
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+        os.close(handle)
+        write(temporary)
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be written ({error.strerror or error}); choose another --out") from None
+    finally:
+        if temporary is not None and os.path.exists(temporary):
+            os.remove(temporary)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _named(units: str, long_name: str) -> dict[str, str]:
+    return {"units": units, "long_name": long_name}
+
+
+def _attrs(scene_file: SceneFile) -> dict[str, Any]:
+    return {
+        "title": scene_file.title,
+        "scene": scene_file.text(),
+        "source": scene_file.name,
+        "version": __version__,
+    }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(v) for key, v in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -1,0 +1,146 @@
+"""One scene in full: its motion at every step."""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.experimental.xla_metadata import set_xla_metadata
+
+from jaxshroud.checks import count_argument
+from jaxshroud.events import look
+from jaxshroud.friction import stretch
+from jaxshroud.integrate import NO_SEAM, REFERENCE, Grid, Lane, Method, begin, energy, march
+from jaxshroud.periods import COMPILER, ONE_KERNEL
+from jaxshroud.rhs import Model, as_arrays, as_pairs, model
+from jaxshroud.scene import Motion, Scalar, Scene
+from jaxshroud.state import Mode, State, Status, start
+
+BLOCK = 1024  # samples per call
+
+
+class Trajectory(NamedTuple):
+    """Samples of one run, the initial state first; one value per blade in the last dimension of `motion`."""
+
+    t: Any  # (n,) [s]
+    motion: Motion  # (n, 2); NaN after the run has stopped
+    u_s: Any  # (n,) slider [m]; NaN when apart
+    mode: Any  # (n,) see `Mode`
+    case: Any  # (n,) 1-4; 0 when apart
+    status: Any  # () see `Status`
+    counters: dict[str, int]
+    energy_residual: float  # relative to the drive's work
+    last: State  # to go on from; at the last sample
+    turns: float  # drive phase of the last sample [turns]
+
+
+def simulate(
+    scene: Scene,
+    state: State | None = None,
+    *,
+    n_periods: int,
+    steps_per_period: int = 400,
+    every: int = 1,
+    turns: float = 0.0,
+    t: float = 0.0,
+    method: Method = REFERENCE,
+) -> Trajectory:
+    """Integrate Eq. (1), stopping inside a step at every contact change.
+
+    Args:
+        scene: Blades, shroud, contact, friction, drive and initial motion, in SI units.
+        state: Where to start; by default `scene.initial`, apart. A start in overlap is an onset at once.
+        n_periods: Forcing periods T = 2 pi / omega to run.
+        steps_per_period: Runge-Kutta steps in one period.
+        every: Keep every so many steps.
+        turns: Phase of the drive at the start [turns]; 0 for t = 0.
+        t: Time at the start [s].
+        method: Static choices of the march.
+
+    Returns:
+        The initial state and then every `every`-th step of `n_periods * steps_per_period`.
+
+    Raises:
+        ValueError: A count is not a positive integer.
+
+    Source:
+        Eq. (1), Sec. 3.1, in SI; not Eq. (21), whose time scaling is inconsistent.
+    """
+    for name, value in dict(n_periods=n_periods, steps_per_period=steps_per_period, every=every).items():
+        count_argument(name, value, 1)
+    state = start(scene.initial) if state is None else state
+    lane, first = _begin(scene, state)
+    samples, total = [first], n_periods * steps_per_period // every
+    steps, phase = jnp.int32(steps_per_period), jnp.asarray(turns, first.u_s.dtype)
+    held = _energy(scene, lane)
+    for done in range(0, total, BLOCK):
+        n = min(BLOCK, total - done)
+        lane, block = _samples(scene, lane, steps, phase, jnp.int32(every), jnp.int32(n), method)
+        samples.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
+    whole = jax.tree.map(lambda *a: np.concatenate(a), jax.tree.map(lambda a: np.asarray(a)[None], first), *samples[1:])
+    period = float(scene.drive.period)
+    index = np.arange(total + 1) * every
+    gain, tally = lane.tally.integrals, lane.tally
+    balance = gain.drive + tally.jumps - gain.viscous - gain.friction - (_energy(scene, lane) - held)
+    return Trajectory(
+        t=t + index * (period / steps_per_period),
+        motion=whole.motion,
+        u_s=np.where(whole.mode == Mode.APART, np.nan, whole.u_s),
+        mode=whole.mode,
+        case=whole.case,
+        status=int(lane.status),
+        counters={name: int(n) for name, n in vars(tally.counters).items()},
+        energy_residual=float(balance / jnp.where(gain.drive == 0, 1.0, jnp.abs(gain.drive))),
+        last=jax.tree.map(lambda a: a[-1], whole),
+        turns=float((turns + (index[-1] % steps_per_period) / steps_per_period) % 1),
+    )
+
+
+@jax.jit
+def _begin(scene: Scene, state: State) -> tuple[Lane, State]:
+    lane = begin(as_pairs(state), model(scene))
+    return lane, _sample(lane, model(scene))
+
+
+@jax.jit
+def _energy(scene: Scene, lane: Lane) -> Scalar:
+    return energy(lane.state, model(scene))
+
+
+def _sample(lane: Lane, scene_model: Model) -> State:
+    """The lane's state with its slider brought up to date; NaN once the lane has stopped."""
+    held = lane.state
+    at = look(held.motion, held, scene_model, NO_SEAM).at
+    u_s = at.u - stretch(at.v, at.u, held.u_s, held.mode, scene_model.spring)
+    motion, u_s = jax.tree.map(lambda a: jnp.where(lane.status == Status.OK, a, jnp.nan), (as_arrays(held.motion), u_s))
+    return State(motion, u_s, held.mode, held.case)
+
+
+@partial(jax.jit, static_argnames="method", compiler_options=COMPILER)
+def _samples(scene: Scene, lane: Lane, steps, turns, every, n, method: Method) -> tuple[Lane, State]:
+    """`n` samples, `every` steps apart; the rows beyond are meaningless."""
+
+    @jax.jit
+    def kernel(scene, lane, steps, turns, every, n):
+        scene_model = model(scene)
+        grid = Grid(turns, steps.astype(turns.dtype), scene.drive.period)
+
+        def one_step(_, lane):
+            lane = march(lane, lane.step + 1, scene_model, grid, method)
+            return lane_at(lane, jnp.where(lane.step == steps, 0, lane.step))
+
+        def one_sample(lane, i):
+            lane = lax.fori_loop(0, jnp.where(i < n, every, 0), one_step, lane)
+            return lane, _sample(lane, scene_model)
+
+        return lax.scan(one_sample, lane, jnp.arange(BLOCK))
+
+    with set_xla_metadata(**ONE_KERNEL):
+        return kernel(scene, lane, steps, turns, every, n)
+
+
+def lane_at(lane: Lane, step) -> Lane:
+    """`lane` with its clock set to `step`."""
+    return Lane(lane.state, step, lane.search, lane.guards, lane.tally, lane.status)
