@@ -29,7 +29,7 @@ from jaxshroud.geometry import (
     pose,
     tip_is_left,
     touch,
-    touch_and_rates,
+    touch_rates,
 )
 from jaxshroud.rhs import Model
 from jaxshroud.scene import Motion, Scalar
@@ -72,7 +72,8 @@ def look(z: Motion, held: State, model: Model, seam: Seam) -> View:
     """Corner positions and guards of the motion `z` in the mode of `held`."""
     q = seam(pose, z.x, z.y, z.theta)
     case = seam(_case_in_view, q, held, model.block)
-    at, rate = seam(touch_and_rates, q, z, case, model.block, model.reading)
+    at = seam(touch, q, case, model.block, model.reading)
+    rate = seam(touch_rates, at, z, case, model.reading)
     return View(q, at, rate, case, seam(guards, at, rate, held, case, model.spring))
 
 

@@ -16,7 +16,6 @@ In each case one corner (the tip) presses on the other block's face:
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
@@ -108,10 +107,10 @@ def touch(q: Pose, case: Int[Array, ""], block: Corners, reading: frozenset[str]
     s_f, c_f = jnp.where(left_tip, q.sin[1], q.sin[0]), jnp.where(left_tip, q.cos[1], q.cos[0])
     sin_A = block.sin_alpha * c_f - block.cos_alpha * s_f
     cos_A = block.cos_alpha * c_f + block.sin_alpha * s_f
-    lean = -1.0 if "gap_sign" in reading else 1.0
+    lean = -d_y if "gap_sign" in reading else d_y
     return Touch(
-        v=e_x * sin_A - lean * d_y * cos_A,
-        u=e_x * cos_A + lean * d_y * sin_A,
+        v=e_x * sin_A - lean * cos_A,
+        u=e_x * cos_A + lean * sin_A,
         height=d_y,
         turn=q.theta[0] - q.theta[1],
         normal=(sin_A, -cos_A),
@@ -132,19 +131,25 @@ class Rates(NamedTuple):
     turn: Scalar
 
 
-def touch_and_rates(
-    q: Pose, z: Motion, case: Int[Array, ""], block: Corners, reading: frozenset[str]
-) -> tuple[Touch, Rates]:
-    """`touch` with the rates of its scalars, by forward differentiation along the motion."""
-    q_dot = Pose(
-        z.v_x,
-        z.v_y,
-        z.v_theta,
-        (q.cos[0] * z.v_theta[0], q.cos[1] * z.v_theta[1]),
-        (-q.sin[0] * z.v_theta[0], -q.sin[1] * z.v_theta[1]),
+def touch_rates(at: Touch, z: Motion[Pair], case: Int[Array, ""], reading: frozenset[str]) -> Rates:
+    """Time derivatives of the scalars of `at` along the motion, the case held fixed.
+
+    The offset e moves with the corners' velocities, and the axes n, t turn with the face: A' = -theta_f'. Hence
+    v' = e'.n - theta_f' u and u' = e'.t + theta_f' v.
+    """
+    (l_x, r_x), (l_y, r_y) = at.corner, at.corner_y
+    w = z.v_theta
+    e_x = (z.v_x[0] - z.v_x[1]) + w[0] * l_y - w[1] * r_y
+    d_y = (z.v_y[0] - z.v_y[1]) - w[0] * l_x + w[1] * r_x
+    sin_A, cos_A = at.tangent[1], at.tangent[0]
+    lean = -d_y if "gap_sign" in reading else d_y
+    w_face = jnp.where(tip_is_left(case), w[1], w[0])
+    return Rates(
+        v=e_x * sin_A - lean * cos_A - w_face * at.u,
+        u=e_x * cos_A + lean * sin_A + w_face * at.v,
+        height=d_y,
+        turn=w[0] - w[1],
     )
-    point, dot = jax.jvp(lambda q: touch(q, case, block, reading), (q,), (q_dot,))
-    return point, Rates(dot.v, dot.u, dot.height, dot.turn)
 
 
 def natural_case(q: Pose, block: Corners) -> Int[Array, ""]:

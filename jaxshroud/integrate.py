@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.events import Counters, Guards, Kind, View, count, crossing, first_kind, look
 from jaxshroud.friction import contact_energy, stretch
-from jaxshroud.rhs import Integrals, Model, rhs, stored_energy
+from jaxshroud.rhs import Integrals, Model, rhs, stored_energy, wave
 from jaxshroud.scene import Motion, Scalar
 from jaxshroud.seam import Seam
 from jaxshroud.state import Mode, State, Status
@@ -107,10 +107,11 @@ def rk_step(
     turns: Callable[[float], Scalar], h: Scalar, held: State, model: Model, method: Tableau, seam: Seam
 ) -> tuple[Motion, Integrals]:
     """One explicit Runge-Kutta step of length `h` [s] in a fixed mode: the new motion and what the integrals gain."""
+    waves = {c: seam(wave, turns(c), model.drive) for c in set(method.c)}
     z, slopes, gains = held.motion, [], []
     for a, c in zip(method.a, method.c, strict=True):
         stage = seam(_combined, z, h, a, slopes) if a else z
-        slope, gain = rhs(turns(c), stage, held, model, seam)
+        slope, gain = rhs(waves[c], stage, held, model, seam)
         slopes.append(slope)
         gains.append(gain)
     none = jax.tree.map(jnp.zeros_like, gains[0])
@@ -123,20 +124,27 @@ def _combined(z, h: Scalar, weights: tuple[float, ...], slopes: list):
 
 
 def peak(start: Guards, end: Guards, h: Scalar) -> Scalar:
-    """Fraction of a trial at which some guard, negative at both ends, seems to have risen above zero; 1 if none.
+    """Fraction of a trial at which a guard, negative at both ends, seems to have risen above zero; 1 if none.
 
     A guard's derivative over the step is taken as the parabola through its end values with the right mean; for the
     slip guard the guard itself is that parabola, its mean being the slider's way. No further evaluation is needed.
     """
-    first = jnp.ones_like(h)
+    # the guard that seems to rise highest, by the straight line between its end rates
+    best = (-jnp.ones_like(h),) * 5
     for g0, g1, r0, r1 in zip(start.value, end.value, start.rate, end.rate, strict=True):
-        at, height = _peak_of_cubic(g0, g1, r0 * h, r1 * h)
-        first = jnp.where((g0 <= 0) & (g1 <= 0) & (height > 0), jnp.minimum(first, at), first)
+        turns_back = (g0 <= 0) & (g1 <= 0) & (r0 > 0) & (r1 < 0)
+        height = jnp.maximum(g0, g1) + jnp.minimum(r0, -r1) * h / 2
+        higher = turns_back & (height > best[0])
+        best = tuple(jnp.where(higher, new, old) for new, old in zip((height, g0, g1, r0, r1), best, strict=True))
+    _, g0, g1, r0, r1 = best
+    at, height = _peak_of_cubic(g0, g1, r0 * h, r1 * h)
+    first = jnp.where(height > 0, at, 1.0)
+
     g0, g1 = start.value[Kind.RUB], end.value[Kind.RUB]
-    slipping = (start.slid != 0) & (h > 0)
     bulge = 6 * ((end.slid - start.slid) / jnp.where(h > 0, h, 1.0) - (g0 + g1) / 2)
     at, height = _peak_of_parabola(g0, g1, bulge)
-    return jnp.where(slipping & (g0 <= 0) & (g1 <= 0) & (height > 0), jnp.minimum(first, at), first)
+    slips_back = (start.slid != 0) & (h > 0) & (g0 <= 0) & (g1 <= 0) & (height > 0)
+    return jnp.where(slips_back, jnp.minimum(first, at), first)
 
 
 def _peak_of_parabola(g0: Scalar, g1: Scalar, bulge: Scalar) -> tuple[Scalar, Scalar]:

@@ -84,7 +84,10 @@ def run_block(scenes: Scene, lanes: Lane, clock: Clock, n, method: Method, block
         return jax.vmap(lambda s, a: _lane_periods(s, a, clock, n, one, method, block))(scenes, lanes)
 
     with set_xla_metadata(**ONE_KERNEL):
-        return chunk(scenes, lanes, clock, n, (n >= 0).astype(jnp.int32))
+        one = (
+            None if lanes.step.size == 1 else (n >= 0).astype(jnp.int32)
+        )  # boundaries cost a single lane more than they save
+        return chunk(scenes, lanes, clock, n, one)
 
 
 @jax.jit

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from jaxshroud.contact import Load, contact_load
 from jaxshroud.friction import Springs, friction_force, normal_force, slider_speed, springs
-from jaxshroud.geometry import Corners, Pose, Rates, Touch, corners, pose, touch_and_rates
+from jaxshroud.geometry import Corners, Pose, Rates, Touch, corners, pose, touch, touch_rates
 from jaxshroud.scene import Blades, Motion, Pair, PerBlade, Scalar, Scene
 from jaxshroud.seam import Seam
 from jaxshroud.state import State
@@ -105,11 +105,14 @@ def integrands(q: Pose, z: Motion[Pair], Q: Pair, F: Scalar, slide: Scalar, mode
 
 
 @jax.jit  # traced once for all stages
-def rhs(turns: Scalar, z: Motion, held: State, model: Model, seam: Seam) -> tuple[Motion, Integrals]:
-    """dz/dt of Eq. (1) and the rates of the running integrals while mode, case and slider of `held` stay fixed."""
-    Q = seam(wave, turns, model.drive)
+def rhs(Q: Pair, z: Motion, held: State, model: Model, seam: Seam) -> tuple[Motion, Integrals]:
+    """dz/dt of Eq. (1) and the rates of the running integrals while mode, case and slider of `held` stay fixed.
+
+    `Q` is the drive's `wave` at the time in question.
+    """
     q = seam(pose, z.x, z.y, z.theta)
-    at, rate = seam(touch_and_rates, q, z, held.case, model.block, model.reading)
+    at = seam(touch, q, held.case, model.block, model.reading)
+    rate = seam(touch_rates, at, z, held.case, model.reading)
     N, F, slide = seam(_forces, at, rate, held, model.spring)
     load = seam(contact_load, at, N, F, held.case, model.block, model.reading)
     return seam(accelerated, z, Q, load, model), seam(integrands, q, z, Q, F, slide, model)
