@@ -1,1 +1,30 @@
 """jaxshroud: rub-impact dynamics of two shrouded turbine blades, event-exact, batched and differentiable."""
+
+from jaxshroud.analysis.period import periodicity as periodicity
+from jaxshroud.analysis.spectrum import amplitude_spectrum as amplitude_spectrum
+from jaxshroud.config import SceneError as SceneError
+from jaxshroud.config import SceneFile as SceneFile
+from jaxshroud.config import load as load
+from jaxshroud.config import shipped as shipped
+from jaxshroud.integrate import Method as Method
+from jaxshroud.linear import free_power as free_power
+from jaxshroud.power import PowerResult as PowerResult
+from jaxshroud.power import power as power
+from jaxshroud.scene import AT_REST as AT_REST
+from jaxshroud.scene import Blades as Blades
+from jaxshroud.scene import Contact as Contact
+from jaxshroud.scene import Drive as Drive
+from jaxshroud.scene import Friction as Friction
+from jaxshroud.scene import Motion as Motion
+from jaxshroud.scene import Scene as Scene
+from jaxshroud.scene import Shroud as Shroud
+from jaxshroud.scene import vary as vary
+from jaxshroud.stability import largest_frequency as largest_frequency
+from jaxshroud.state import Mode as Mode
+from jaxshroud.state import State as State
+from jaxshroud.state import Status as Status
+from jaxshroud.sweep import SweepResult as SweepResult
+from jaxshroud.sweep import sweep as sweep
+from jaxshroud.trajectory import Trajectory as Trajectory
+from jaxshroud.trajectory import simulate as simulate
+from jaxshroud.version import __version__ as __version__

@@ -188,7 +188,7 @@ def count(counters: Counters, crossing: Crossing, fired: Bool[Array, ""], inside
     turn, height = kind == Kind.TURN, kind == Kind.HEIGHT
     case = crossing.after.case
     outer = (case == 1) | (case == 4)
-    happened = Counters(
+    happened = dict(
         onset_slip=onset & (mode != Mode.STICK),
         onset_stick=onset & (mode == Mode.STICK),
         separation=(kind == Kind.LIFT) & (before != Mode.APART),
@@ -200,4 +200,4 @@ def count(counters: Counters, crossing: Crossing, fired: Bool[Array, ""], inside
         switch_34=height & ~is_upper(case),
         grazing=onset & inside,
     )
-    return Counters(*(getattr(counters, n) + (getattr(happened, n) & fired) for n in vars(happened)))
+    return Counters(**{n: getattr(counters, n) + (h & fired).astype(jnp.int32) for n, h in happened.items()})

@@ -131,7 +131,7 @@ class Rates(NamedTuple):
     turn: Scalar
 
 
-def touch_rates(at: Touch, z: Motion[Pair], case: Int[Array, ""], reading: frozenset[str]) -> Rates:
+def touch_rates(at: Touch, z: Motion, case: Int[Array, ""], reading: frozenset[str]) -> Rates:
     """Time derivatives of the scalars of `at` along the motion, the case held fixed.
 
     The offset e moves with the corners' velocities, and the axes n, t turn with the face: A' = -theta_f'. Hence

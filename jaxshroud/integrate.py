@@ -225,15 +225,15 @@ def trial(lane: Lane, model: Model, grid: Grid, method: Method, seam: Seam) -> L
     counts = (search.length > 0) | search.recheck
     violated = tuple((g > 0) & counts for g in view.guards.value)
     kind = first_kind(violated)
-    several = sum(g.astype(jnp.int32) for g in violated) > 1
+    number = sum(g.astype(jnp.int32) for g in violated)
     peek = seam(peak, lane.guards, view.guards, h)
-    verdict = seam(bisect, search, kind, sum(violated) > 0, peek, method.locate)
+    verdict = seam(bisect, search, kind, number > 0, peek, method.locate)
     accept, fire = verdict.accept, verdict.fire
 
     cross = seam(crossing, z, held, view, kind, verdict.width * h_full, model)
     state = _select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
     tally = _select(accept, seam(_tallied, tally, gain, h, held, view, cross, fire, search.inside), tally)
-    recheck = fire & (several | (kind == Kind.TURN) | (kind == Kind.HEIGHT))
+    recheck = fire & ((number > 1) | (kind == Kind.TURN) | (kind == Kind.HEIGHT))
     ahead, step = _advanced(search, lane.step, fire, recheck)
     status = _status(z, accept, ahead.events)
     return Lane(

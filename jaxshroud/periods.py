@@ -60,7 +60,7 @@ def _lane_periods(scene: Scene, lane: Lane, clock: Clock, n, one, method: Method
     body = lambda lane, i: _one_period(  # noqa: E731
         lane, (i < n) & (lane.status == Status.OK), scene_model, clock, scene.drive.period, method, Seam(one)
     )
-    return jax.lax.scan(body, lane, jnp.arange(block))
+    return jax.lax.scan(body, lane, jnp.arange(block, dtype=jnp.int32))
 
 
 @partial(jax.jit, static_argnames=("method", "block"), compiler_options=COMPILER)

@@ -71,7 +71,7 @@ def wave(turns: Scalar, drive: Excitation) -> Pair:
     return left, right
 
 
-def accelerated(z: Motion[Pair], Q: Pair, load: Load, model: Model) -> Motion[Pair]:
+def accelerated(z: Motion, Q: Pair, load: Load, model: Model) -> Motion:
     """dz/dt by Eq. (1), with `Q` the drive's wave of each blade."""
     b, d, R_x, R_y = model.blades, model.drive, (load.R_x, -load.R_x), (load.R_y, -load.R_y)
 
@@ -96,7 +96,7 @@ def mean_square(q: Pose, gyration: Scalar) -> Pair:
     return left, right
 
 
-def integrands(q: Pose, z: Motion[Pair], Q: Pair, F: Scalar, slide: Scalar, model: Model) -> Integrals:
+def integrands(q: Pose, z: Motion, Q: Pair, F: Scalar, slide: Scalar, model: Model) -> Integrals:
     """Rates of the running integrals."""
     b, d = model.blades, model.drive
     drive = lambda i: (d.F_x[i] * z.v_x[i] + d.F_y[i] * z.v_y[i] + d.M_0[i] * z.v_theta[i]) * Q[i]  # noqa: E731
@@ -124,7 +124,7 @@ def _forces(at: Touch, rate: Rates, held: State, spring: Springs) -> tuple[Scala
     return N, F, slider_speed(rate.v, rate.u, held.mode, spring)
 
 
-def stored_energy(z: Motion[Pair], model: Model) -> Scalar:
+def stored_energy(z: Motion, model: Model) -> Scalar:
     """Kinetic energy and energy of the blades' own springs [J]."""
     b = model.blades
 

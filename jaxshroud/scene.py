@@ -2,7 +2,7 @@
 
 import math
 import re
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -48,7 +48,7 @@ class Blades(eqx.Module):
     m_y: PerBlade | None = eqx.field(converter=per_blade, default=None)  # mass in y [kg]; None: m
 
     @property
-    def inertia_y(self) -> PerBlade:
+    def inertia_y(self) -> Any:
         """The mass against motion in y [kg]."""
         return self.m if self.m_y is None else self.m_y
 
@@ -102,18 +102,18 @@ class Drive(eqx.Module):
         return 2 * math.pi / self.omega
 
 
-T = TypeVar("T")
+class Motion(NamedTuple):
+    """Displacements and rates of both blocks, left first; theta is positive clockwise.
 
+    A field is `PerBlade` in a scene or state, a `Pair` in compiled loops, and an array (..., 2) in results.
+    """
 
-class Motion(NamedTuple, Generic[T]):
-    """Displacements and rates of both blocks, left first; theta is positive clockwise."""
-
-    x: T  # [m]
-    y: T  # [m]
-    theta: T  # [rad]
-    v_x: T  # [m/s]
-    v_y: T  # [m/s]
-    v_theta: T  # [rad/s]
+    x: Any  # [m]
+    y: Any  # [m]
+    theta: Any  # [rad]
+    v_x: Any  # [m/s]
+    v_y: Any  # [m/s]
+    v_theta: Any  # [rad/s]
 
 
 AT_REST = Motion(*[(0.0, 0.0)] * 6)
@@ -127,7 +127,7 @@ class Scene(eqx.Module):
     contact: Contact
     friction: Friction
     drive: Drive
-    initial: Motion[PerBlade] = eqx.field(converter=lambda z: Motion(*map(per_blade, z)), default=AT_REST)
+    initial: Motion = eqx.field(converter=lambda z: Motion(*map(per_blade, z)), default=AT_REST)
 
     @property
     def k(self) -> Scalar:

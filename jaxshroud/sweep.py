@@ -35,9 +35,7 @@ class SweepResult:
 
     axes: dict[str, np.ndarray]  # key -> values, in SI
     period: np.ndarray  # absolute count of each kept period
-    motion: Motion[
-        np.ndarray
-    ]  # at the drive phase `phase` of each kept period (..., period, 2); NaN after a lane has stopped
+    motion: Motion  # at the drive phase `phase` of each kept period (..., period, 2); NaN after a lane has stopped
     phase: float  # [rad]
     gap: np.ndarray  # [m]
     P: np.ndarray  # (..., 2) [m^4], Eq. (23)

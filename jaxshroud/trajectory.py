@@ -135,7 +135,7 @@ def _samples(scene: Scene, lane: Lane, steps, turns, every, n, method: Method) -
             lane = lax.fori_loop(0, jnp.where(i < n, every, 0), one_step, lane)
             return lane, _sample(lane, scene_model)
 
-        return lax.scan(one_sample, lane, jnp.arange(BLOCK))
+        return lax.scan(one_sample, lane, jnp.arange(BLOCK, dtype=jnp.int32))
 
     with set_xla_metadata(**ONE_KERNEL):
         return kernel(scene, lane, steps, turns, every, n)

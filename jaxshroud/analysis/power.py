@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 Floats = NDArray[np.float64]
 BATCHES = 10
@@ -41,7 +41,7 @@ def reduction(power: Floats, P_0: Floats, number: NDArray[np.int32]) -> Reductio
     groups = [np.flatnonzero(number.ravel() == q) for q in np.unique(number)]
     parts = [_same_period(flat[at], base[at], max(int(q), 1)) for q, at in zip(np.unique(number), groups, strict=True)]
     back = np.argsort(np.concatenate(groups))
-    return Reduction(*(np.concatenate(a)[back].reshape(*lanes, *a[0].shape[1:]) for a in zip(*parts, strict=True)))
+    return Reduction(*(np.concatenate(a)[back].reshape(lanes + a[0].shape[1:]) for a in zip(*parts, strict=True)))
 
 
 def _same_period(power: Floats, P_0: Floats, q: int) -> Reduction:
@@ -69,4 +69,4 @@ def interval(series: Floats, q: int = 1) -> Floats:
     batch = (
         series[..., series.shape[-1] - batches * length :].reshape(*series.shape[:-1], batches, length).mean(axis=-1)
     )
-    return student.ppf(0.975, batches - 1) * batch.std(axis=-1, ddof=1) / np.sqrt(batches)
+    return stdtrit(batches - 1, 0.975) * batch.std(axis=-1, ddof=1) / np.sqrt(batches)
