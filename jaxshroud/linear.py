@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Complex, Float
 
 from jaxshroud.scene import PerBlade, Scene, Shroud
@@ -20,13 +21,16 @@ class Amplitudes(NamedTuple):
 
 def steady_amplitudes(scene: Scene) -> Amplitudes:
     """Steady response of the free blades to the drive (Sec. 3.1)."""
-    b, d = scene.blades, scene.drive
-    turn = jnp.exp(1j * d.phase)
-    s = 1j * d.omega
+    b, d, omega = scene.blades, scene.drive, scene.drive.omega
+
+    def response(load, m, c, k):
+        force = lax.complex(load * jnp.cos(d.phase), load * jnp.sin(d.phase))
+        return force / lax.complex(k - m * omega**2, c * omega)
+
     return Amplitudes(
-        d.F_0 * jnp.cos(d.beta) * turn / (b.m * s**2 + b.c_x * s + b.k_x),
-        d.F_0 * jnp.sin(d.beta) * turn / (b.inertia_y * s**2 + b.c_y * s + b.k_y),
-        d.M_0 * turn / (b.I * s**2 + b.c_T * s + b.k_T),
+        response(d.F_0 * jnp.cos(d.beta), b.m, b.c_x, b.k_x),
+        response(d.F_0 * jnp.sin(d.beta), b.inertia_y, b.c_y, b.k_y),
+        response(d.M_0, b.I, b.c_T, b.k_T),
     )
 
 
@@ -43,7 +47,7 @@ def free_power(scene: Scene) -> PerBlade:
         sin^2(Theta sin(tau) / 2) is (1 - J_0(Theta)) / 2, here by the trapezoidal rule, which is exact to rounding.
     """
     free, s = steady_amplitudes(scene), scene.shroud
-    tau = jnp.arange(QUADRATURE) * (2 * jnp.pi / QUADRATURE)
+    tau = jnp.linspace(0, 2 * jnp.pi, QUADRATURE, endpoint=False)
     swing = jnp.sin(jnp.abs(free.theta)[:, None] * jnp.sin(tau) / 2) ** 2
     gyration = (s.l_oa**2 + s.l_ab**2) / 12
     translation = (jnp.abs(free.x) ** 2 + jnp.abs(free.y) ** 2) / 2

@@ -1,7 +1,7 @@
 """Many scenes at once: bifurcation diagrams and power curves over any number of a scene."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -57,7 +57,7 @@ class SweepResult:
 
 def sweep(
     scene: Scene,
-    along: Mapping[str, ArrayLike],
+    along: Mapping[str, ArrayLike | Sequence[float]],
     *,
     n_periods: int,
     transient: int = 0,

@@ -1,0 +1,225 @@
+"""The event-located march against laws: closed forms, energy, order, symmetry, a second opinion."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import reference
+from batch import counts, ends, energy_residual, relative_error, run, scene_of, sizes
+
+from jaxshroud import Motion, Status, load, simulate, sweep, vary
+from jaxshroud.geometry import corners, natural_case, pose, touch
+from jaxshroud.integrate import Method
+from jaxshroud.linear import steady_amplitudes
+from jaxshroud.rhs import as_pairs
+
+GAMMAS = (0.3, 2.5, 4.2, 7.5)
+KINDS = ("onset_slip", "onset_stick", "separation", "stick_slip", "slip_stick")
+SWITCHES = ("switch_14", "switch_23", "switch_12", "switch_34")
+
+
+@pytest.fixture(scope="module")
+def scenes(table1):
+    return [vary(table1, "contact.gamma", gamma) for gamma in GAMMAS]
+
+
+@pytest.fixture(scope="module")
+def refined(scenes):
+    """The scenes over 3 periods from rest at rising numbers of steps."""
+    return {n: run(scenes, 3, n) for n in (1000, 2000, 4000, 8000, 32000)}
+
+
+def printed(scene):
+    return eqx.tree_at(lambda s: s.contact, scene, load("table1", ["contact.reading=printed"]).scene.contact)
+
+
+def on_steady_motion(scene):
+    """`scene` started on the closed-form steady motion of free blades."""
+    free = steady_amplitudes(scene)
+    at_zero = [jnp.imag(a) for a in free] + [scene.drive.omega * jnp.real(a) for a in free]
+    return eqx.tree_at(lambda s: s.initial, scene, Motion(*at_zero))
+
+
+def test_apart_blades_follow_the_closed_form(table1):
+    # A gap of 1 m never closes, so Eq. (1) is three driven oscillators per blade.
+    scene = on_steady_motion(vary(table1, "shroud.gap", 1.0))
+    got = simulate(scene, n_periods=5, steps_per_period=800)
+    free, turn = steady_amplitudes(scene), np.exp(1j * float(scene.drive.omega) * got.t)[:, None]
+    for x, amplitude in zip((got.motion.x, got.motion.y, got.motion.theta), free, strict=True):
+        # RK4's error is about 1e-10 of the amplitude here; it falls 16-fold per halved step.
+        np.testing.assert_allclose(
+            x, np.imag(np.asarray(amplitude) * turn), rtol=0, atol=1e-8 * np.abs(amplitude).max()
+        )
+    assert set(got.mode) == {0}
+
+
+def test_blades_that_never_touch_reduce_no_power(table1):
+    # After 120 periods the slowest transient, exp(-c_x t / 2 m), is 2e-14; RK4 at 400 steps costs the rest.
+    got = sweep(table1, {"shroud.gap": [0.5, 1.0]}, n_periods=2, transient=120)
+    assert np.all(np.abs(got.P_d) <= 1e-5)
+    assert np.all(got.time_apart == 1)
+
+
+def test_energy_balances_to_the_integrators_order(scenes, refined):
+    residual = {n: np.abs(energy_residual(r)) for n, r in refined.items()}
+    assert all(counts(refined[2000], name)[0] > 0 for name in SWITCHES)  # the work at case switches is counted
+    assert np.all(residual[2000] <= 1e-8)
+    steps = np.array([1000, 2000, 4000, 8000])
+    for lane in (1, 2, 3):  # at gamma = 0.3 the residual reaches rounding, 2e-14, within this range
+        slope = np.polyfit(np.log(steps), np.log([residual[n][lane] for n in steps]), 1)[0]
+        assert -slope >= 3.5 or residual[8000][lane] < 1e-12
+
+
+def test_the_printed_reading_does_not_balance(scenes):
+    # Control: the misprints pump energy, 1 to 11 % of the drive's work.
+    residual = np.abs(energy_residual(run([printed(vary(s, "drive.M_0", 100.0)) for s in scenes[:1]] * 2, 3, 2000)))
+    assert np.all(residual > 1e-3)
+
+
+def test_order_of_the_located_march(refined):
+    fine = refined[32000]
+    for name in (*KINDS, *SWITCHES):
+        assert counts(fine, name).sum() > 0, f"no scene here has {name}"
+    error = {n: relative_error(ends(r), ends(fine), sizes(fine)) for n, r in refined.items()}
+    for n in (1000, 2000, 4000):
+        assert np.all(np.log2(error[n] / error[2 * n]) >= 3.8)
+
+
+def test_without_location_the_march_is_of_low_order(scenes, refined):
+    # Control: changing mode at step ends only costs the order.
+    fine = refined[32000]
+    coarse, finer = (
+        relative_error(ends(run(scenes, 3, n, Method(locate="none"))), ends(fine), sizes(fine)) for n in (1000, 8000)
+    )
+    assert np.median(np.log2(coarse / finer) / 3) <= 2
+    assert np.all(finer > 1000 * relative_error(ends(refined[8000]), ends(fine), sizes(fine)))
+
+
+@pytest.mark.parametrize("reading", ["consistent", "printed"])
+def test_second_opinion(reading):
+    # An event-driven DOP853 march in plain Python, written separately. 16,000 steps leave RK4 an error of 1e-8 at
+    # the stiffest of these scenes.
+    rng = np.random.default_rng(2021)
+    kept = reference.PRINTED if reading == "printed" else frozenset()
+    parameters = [reference.random_parameters(rng, kept) for _ in range(64)]
+    runs = run([scene_of(p) for p in parameters], 3, 20000)
+    outcomes = [reference.simulate(p, 3) for p in parameters]
+    face = [o.status in ("face_to_face", "too_many_events") for o in outcomes]
+    ok = [o.status == "ok" for o in outcomes]
+    stopped = [o.status in ("angle", "not_finite") for o in outcomes]
+    assert np.mean(face) <= 0.15
+    # A scene that leaves the angle range has no end state to compare; both codes must say so.
+    for lane in np.flatnonzero(stopped):
+        assert runs.last.status[lane] != Status.OK
+    compared = np.flatnonzero(ok)
+    exact = np.array([outcomes[i].y for i in compared])
+    largest = np.array([np.abs(outcomes[i].samples).reshape(3, 6, 2).max(axis=(0, 2)) for i in compared])
+    error = relative_error(ends(runs)[compared], exact, np.repeat(largest, 2, axis=-1))
+    assert len(compared) >= 40
+    assert np.all(runs.last.status[compared] == Status.OK)
+    assert np.all(error <= 1e-7), dict(zip(compared, error, strict=True))
+
+
+def test_a_batch_equals_single_runs(scenes):
+    together = run(scenes, 5, 400)
+    for lane, scene in enumerate(scenes):
+        alone = run([scene], 5, 400)
+        # Different compilations round differently; 5 periods amplify that by less than 1e4.
+        assert relative_error(ends(alone)[0], ends(together)[lane], sizes(together)[lane]) <= 1e-10
+
+
+def test_a_lane_that_fails_is_marked_alone(table1):
+    good = sweep(table1, {"drive.M_0": [50.0, 100.0]}, n_periods=4)
+    got = sweep(table1, {"drive.M_0": [50.0, 3000.0, 100.0]}, n_periods=4)
+    assert got.status.tolist() == [Status.OK, Status.ANGLE_OUT_OF_RANGE, Status.OK]
+    assert np.isnan(got.P_d[1])
+    assert np.isnan(got.motion.x[1]).all()
+    np.testing.assert_array_equal(got.motion.x[[0, 2]], good.motion.x)
+
+
+def test_the_printed_reading_overflows_at_high_stiffness(table1):
+    got = sweep(printed(table1), {"contact.gamma": [0.3, 30.0, 2.5]}, n_periods=20)
+    assert got.status[0] == got.status[2] == Status.OK
+    assert got.status[1] in (Status.NOT_FINITE, Status.ANGLE_OUT_OF_RANGE)
+
+
+def test_face_to_face_contact_has_a_status(table1):
+    # From rest with M_0 = 0 the faces stay parallel: a relay that switches case without bound.
+    got = sweep(table1, {"drive.M_0": [0.0, 100.0]}, n_periods=2)
+    assert got.status.tolist() == [Status.TOO_MANY_EVENTS, Status.OK]
+
+
+def test_small_motions_scale(table1):
+    # Small theta: (F_0, M_0, gap) -> s (...) leaves x / gap unchanged; the deviation shrinks in proportion to s.
+    base = vary(vary(table1, "contact.gamma", 0.3), "drive.M_0", 10.0)
+    keys = ("drive.F_0", "drive.M_0", "shroud.gap")
+    values = {"drive.F_0": 60.0, "drive.M_0": 10.0, "shroud.gap": 0.022e-3}
+
+    def scaled(s):
+        scene = base
+        for key in keys:
+            scene = vary(scene, key, s * values[key])
+        return scene
+
+    factors = np.array([1e-1, 1e-2, 1e-3, 1e-6])
+    end = ends(run([scaled(s) for s in factors], 2, 1000)) / factors[:, None]
+    deviation = np.abs(end[:3, 0] - end[3, 0]) / np.abs(end[3, 0])
+    assert np.all(deviation > 0)
+    np.testing.assert_allclose(deviation[:-1] / deviation[1:], 10, rtol=0.2)
+
+
+def half_turned(scene):
+    """The scene seen after half a turn about the middle of the gap: blades change places, x and y change sign."""
+    b, d = scene.blades, scene.drive
+    swap = lambda a: a[::-1]  # noqa: E731
+    blades = type(b)(*(swap(getattr(b, n)) for n in ("m", "I", "k_x", "k_y", "k_T", "c_x", "c_y", "c_T")))
+    drive = type(d)(d.omega, swap(d.beta), -swap(d.F_0), swap(d.M_0), swap(d.phase))
+    return eqx.tree_at(lambda s: (s.blades, s.drive), scene, (blades, drive))
+
+
+def asymmetric(scene):
+    scene = vary(scene, "contact.k", scene.k)  # gamma counts from the left blade alone
+    for key, value in {"blades.m[1]": 0.1, "blades.k_x[0]": 1.2e5, "drive.F_0[1]": 45.0, "blades.I[1]": 3e-3}.items():
+        scene = vary(scene, key, value)
+    return scene
+
+
+def half_turn_deviation(scenes):
+    turned = ends(run([half_turned(s) for s in scenes], 3, 1000))
+    plain = run(scenes, 3, 1000)
+    sign = np.repeat([-1, -1, 1, -1, -1, 1], 2)
+    image = (turned * sign).reshape(-1, 6, 2)[:, :, ::-1].reshape(-1, 12)
+    return relative_error(image, ends(plain), sizes(plain))
+
+
+def test_half_turn_symmetry(scenes):
+    assert np.all(half_turn_deviation([asymmetric(s) for s in scenes]) <= 1e-9)
+
+
+def test_the_printed_reading_breaks_the_half_turn(scenes):
+    # Control: M_N2 of case 1 and M_N1 of case 4 should be images of each other, and their misprints are not.
+    assert np.all(half_turn_deviation([printed(asymmetric(s)) for s in scenes[:2]]) > 1e-3)
+
+
+def test_impacts_shorter_than_a_step_are_found(table1):
+    # The free blades would overlap by 1e-4 to 1e-2 of the gap: a contact far shorter than a step of T / 20.
+    free = simulate(vary(table1, "shroud.gap", 1.0), n_periods=1, steps_per_period=2000)
+    scene = vary(vary(table1, "contact.gamma", 0.1), "friction.mu", 0.0)
+    got = run(
+        [vary(scene, "shroud.gap", closest_gap(table1, free) * (1 - f)) for f in np.geomspace(1e-4, 1e-2, 12)], 1, 40
+    )
+    assert np.all(counts(got, "onset_slip") > 0)
+    assert counts(got, "grazing").sum() > 0
+
+
+def closest_gap(scene, free):
+    """The gap that a free motion would just close."""
+    block = corners(vary(scene, "shroud.gap", 0.0).shroud)
+
+    def reach(z):
+        q = pose(*as_pairs(z)[:3])
+        at = touch(q, natural_case(q, block), block, frozenset())
+        return at.v / at.normal[0]
+
+    return float(jax.vmap(reach)(jax.tree.map(jnp.asarray, free.motion)).max())
