@@ -1,13 +1,21 @@
 """Closed forms in NumPy, written from the article with its half angles and lengths; shared by the tests.
 
+At the end, what hands such positions to the package.
+
 Everything is over arrays of n random positions. A position is (x_1, x_2, y_1, y_2, theta_1, theta_2), the last axis
 of `q`; angles are positive clockwise, y points up, SI units.
 """
 
+from functools import partial
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
+
+from jaxshroud.geometry import Corners, Pose, Rates, Touch, corners, pose, touch, touch_rates
+from jaxshroud.scene import Motion, Shroud
 
 Floats = NDArray[np.float64]
 CASES = (1, 2, 3, 4)
@@ -23,6 +31,10 @@ class Sides(NamedTuple):
     l_oa: Floats
     l_ab: Floats
     gap: Floats
+
+    def records(self) -> list[dict[str, float]]:
+        """One dictionary of plain numbers per block."""
+        return [dict(zip(self._fields, row, strict=True)) for row in np.stack(self, axis=-1).tolist()]
 
 
 class Lengths(NamedTuple):
@@ -45,7 +57,9 @@ class Draw(NamedTuple):
 def draw(n: int, seed: int = 1) -> Draw:
     """Blocks from 2 to 12 cm, displaced by millimetres and turned by up to 0.5 rad."""
     rng = np.random.default_rng(seed)
-    sides = Sides(rng.uniform(0.8, 1.5, n), rng.uniform(0.02, 0.12, n), rng.uniform(0.015, 0.08, n), rng.normal(0, 1e-3, n))
+    sides = Sides(
+        rng.uniform(0.8, 1.5, n), rng.uniform(0.02, 0.12, n), rng.uniform(0.015, 0.08, n), rng.normal(0, 1e-3, n)
+    )
     q = np.concatenate([rng.normal(0, 2e-3, (n, 4)), rng.uniform(-0.5, 0.5, (n, 2))], axis=1)
     rate = np.concatenate([rng.normal(0, 1.0, (n, 4)), rng.normal(0, 30.0, (n, 2))], axis=1)
     return Draw(sides, q, rate)
@@ -55,7 +69,9 @@ def lengths(b: Sides) -> Lengths:
     """l_ap, l_ob, varphi_1, varphi_2 from the sides: corner a is the far right one, b below it to its left."""
     lean, height = b.l_ab * np.cos(b.alpha) / 2, b.l_ab * np.sin(b.alpha) / 2
     a_x, b_x = b.l_oa / 2 + lean, b.l_oa / 2 - lean
-    return Lengths(2 * np.hypot(a_x, height), 2 * np.hypot(b_x, height), np.arctan2(height, a_x), np.arctan2(height, b_x))
+    return Lengths(
+        2 * np.hypot(a_x, height), 2 * np.hypot(b_x, height), np.arctan2(height, a_x), np.arctan2(height, b_x)
+    )
 
 
 def corner_displacements(b: Sides, q: Floats) -> dict[str, tuple[Floats, Floats]]:
@@ -127,3 +143,37 @@ def furthest(got, want) -> float:
 def share_beyond(got, want, margin: float) -> float:
     """Share of the samples that differ by more than `margin` of what was wanted: a control's strength."""
     return float(np.mean(np.abs(np.asarray(got) - want) > margin * np.abs(want)))
+
+
+def motion(q, rate) -> Motion:
+    """A position and its rates, (6,) each, as the package's motion of pairs."""
+    return Motion(*((a[i], a[i + 1]) for a in (q, rate) for i in (0, 2, 4)))
+
+
+def posed(q) -> Pose:
+    """A position (6,) as the package's pose."""
+    return pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5]))
+
+
+def shrouds(b: Sides) -> Shroud:
+    """Blocks (n,) as a batch of the package's shrouds."""
+    return jax.vmap(Shroud)(*map(jnp.asarray, b))
+
+
+def touch_at(shroud: Shroud, q, case: int, reading: frozenset[str] = CONSISTENT) -> tuple[Touch, Corners]:
+    """The package's corner pair of one position."""
+    block = corners(shroud)
+    return touch(posed(q), jnp.int32(case), block, reading), block
+
+
+@partial(jax.jit, static_argnums=(2, 3))
+@partial(jax.vmap, in_axes=(0, 0, None, None))
+def _touch_and_rates(shroud: Shroud, z: Motion, case: int, reading: frozenset[str]) -> tuple[Touch, Rates]:
+    at, _ = touch_at(shroud, [*z.x, *z.y, *z.theta], case, reading)
+    return at, touch_rates(at, z, jnp.int32(case), reading)
+
+
+def touches(d: Draw, case: int, reading: frozenset[str] = CONSISTENT) -> tuple[Touch, Rates]:
+    """The package's corner pairs and their rates at all positions of a draw."""
+    z = motion(jnp.asarray(d.q.T), jnp.asarray(d.rate.T))
+    return _touch_and_rates(shrouds(d.sides), z, case, reading)

@@ -1,0 +1,18 @@
+"""Every notebook runs from top to bottom, at reduced size."""
+
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=[p.stem for p in NOTEBOOKS])
+@pytest.mark.filterwarnings("ignore")  # the notebook's kernel reports its own errors; its transport warns
+def test_notebook_runs(path, monkeypatch):
+    monkeypatch.setenv("JAXSHROUD_QUICK", "1")
+    NotebookClient(
+        nbformat.read(path, as_version=4), timeout=600, resources={"metadata": {"path": path.parent}}
+    ).execute()
