@@ -57,9 +57,8 @@ class Draw(NamedTuple):
 def draw(n: int, seed: int = 1) -> Draw:
     """Blocks from 2 to 12 cm, displaced by millimetres and turned by up to 0.5 rad."""
     rng = np.random.default_rng(seed)
-    sides = Sides(
-        rng.uniform(0.8, 1.5, n), rng.uniform(0.02, 0.12, n), rng.uniform(0.015, 0.08, n), rng.normal(0, 1e-3, n)
-    )
+    alpha, l_oa, l_ab = rng.uniform([[0.8], [0.02], [0.015]], [[1.5], [0.12], [0.08]], (3, n))
+    sides = Sides(alpha, l_oa, l_ab, rng.normal(0, 1e-3, n))
     q = np.concatenate([rng.normal(0, 2e-3, (n, 4)), rng.uniform(-0.5, 0.5, (n, 2))], axis=1)
     rate = np.concatenate([rng.normal(0, 1.0, (n, 4)), rng.normal(0, 30.0, (n, 2))], axis=1)
     return Draw(sides, q, rate)
@@ -69,9 +68,8 @@ def lengths(b: Sides) -> Lengths:
     """l_ap, l_ob, varphi_1, varphi_2 from the sides: corner a is the far right one, b below it to its left."""
     lean, height = b.l_ab * np.cos(b.alpha) / 2, b.l_ab * np.sin(b.alpha) / 2
     a_x, b_x = b.l_oa / 2 + lean, b.l_oa / 2 - lean
-    return Lengths(
-        2 * np.hypot(a_x, height), 2 * np.hypot(b_x, height), np.arctan2(height, a_x), np.arctan2(height, b_x)
-    )
+    angles = np.arctan2(height, a_x), np.arctan2(height, b_x)
+    return Lengths(2 * np.hypot(a_x, height), 2 * np.hypot(b_x, height), *angles)
 
 
 def corner_displacements(b: Sides, q: Floats) -> dict[str, tuple[Floats, Floats]]:
@@ -160,20 +158,25 @@ def shrouds(b: Sides) -> Shroud:
     return jax.vmap(Shroud)(*map(jnp.asarray, b))
 
 
-def touch_at(shroud: Shroud, q, case: int, reading: frozenset[str] = CONSISTENT) -> tuple[Touch, Corners]:
+def touch_at(shroud: Shroud, q, case, reading: frozenset[str] = CONSISTENT) -> tuple[Touch, Corners]:
     """The package's corner pair of one position."""
     block = corners(shroud)
-    return touch(posed(q), jnp.int32(case), block, reading), block
+    return touch(posed(q), case, block, reading), block
 
 
-@partial(jax.jit, static_argnums=(2, 3))
-@partial(jax.vmap, in_axes=(0, 0, None, None))
-def _touch_and_rates(shroud: Shroud, z: Motion, case: int, reading: frozenset[str]) -> tuple[Touch, Rates]:
-    at, _ = touch_at(shroud, [*z.x, *z.y, *z.theta], case, reading)
-    return at, touch_rates(at, z, jnp.int32(case), reading)
+def over_draws(per_state):
+    """`per_state(reading, case, shroud, ...)` over arrays of states, compiled once per reading and not per case."""
+    lanes = lambda reading, case, *states: jax.vmap(partial(per_state, reading, case))(*states)  # noqa: E731
+    compiled = jax.jit(lanes, static_argnums=0)
+    return lambda reading, case, *states: compiled(reading, jnp.int32(case), *jax.tree.map(jnp.asarray, states))
+
+
+@over_draws
+def _touch_and_rates(reading: frozenset[str], case, shroud: Shroud, q, rate) -> tuple[Touch, Rates]:
+    at, _ = touch_at(shroud, q, case, reading)
+    return at, touch_rates(at, motion(q, rate), case, reading)
 
 
 def touches(d: Draw, case: int, reading: frozenset[str] = CONSISTENT) -> tuple[Touch, Rates]:
     """The package's corner pairs and their rates at all positions of a draw."""
-    z = motion(jnp.asarray(d.q.T), jnp.asarray(d.rate.T))
-    return _touch_and_rates(shrouds(d.sides), z, case, reading)
+    return _touch_and_rates(reading, case, shrouds(d.sides), d.q, d.rate)

@@ -1,6 +1,5 @@
 """Contact forces and moments: mechanics, the printed formulas word for word, and a second opinion."""
 
-from functools import partial
 from typing import NamedTuple
 
 import exact
@@ -19,6 +18,7 @@ DRAW = exact.draw(2000, seed=4)
 SHROUDS = exact.shrouds(DRAW.sides)
 K, K_D, MU = 1e6, 3e5, 0.4
 U_S = np.random.default_rng(5).normal(0, 1e-3, 2000)
+MODES = [int(mode) for mode in (Mode.STICK, Mode.SLIP_PLUS, Mode.SLIP_MINUS)]
 UNIT, NONE = np.ones(2000), np.zeros(2000)
 
 
@@ -83,17 +83,16 @@ def by_equation_1(p: Pieces) -> np.ndarray:
     return np.stack([-p.N_x - p.f_x, p.N_y - p.f_y, p.M_N1 + p.M_f1, p.M_N2 + p.M_f2])
 
 
-@partial(jax.jit, static_argnums=(4, 5))
-@partial(jax.vmap, in_axes=(0, 0, 0, 0, None, None))
-def _loads(shroud, q, N, F, case, reading):
+@exact.over_draws
+def _loads(reading, case, shroud, q, N, F):
     at, block = exact.touch_at(shroud, q, case, reading)
-    load = contact_load(at, N, F, jnp.int32(case), block, reading)
+    load = contact_load(at, N, F, case, block, reading)
     return jnp.stack([load.R_x, load.R_y, *load.M])
 
 
 def loads(d: exact.Draw, N, F, case: int, reading=CONSISTENT) -> np.ndarray:
     """R_x, R_y, M_1, M_2 of the package, (4, n)."""
-    return np.asarray(_loads(exact.shrouds(d.sides), *map(jnp.asarray, (d.q, N, F)), case, reading)).T
+    return np.asarray(_loads(reading, case, exact.shrouds(d.sides), d.q, N, F)).T
 
 
 def pieces(d: exact.Draw, case: int, reading=CONSISTENT) -> Pieces:
@@ -103,22 +102,23 @@ def pieces(d: exact.Draw, case: int, reading=CONSISTENT) -> Pieces:
     return Pieces(N_x, N_y, f_x, f_y, M_N1, M_f1, M_N2, M_f2)
 
 
-@partial(jax.jit, static_argnums=(3, 4))
-@partial(jax.vmap, in_axes=(0, 0, 0, None, None))
-def force_and_gradients(shroud, q, u_s, case, reading):
+@exact.over_draws
+def force_and_gradients(reading, case, shroud, q, u_s):
     """Generalised contact force (6,), and -N dv/dq - F du/dq with N = k v and F = k_d (u - u_s)."""
     v = lambda q: exact.touch_at(shroud, q, case, reading)[0].v  # noqa: E731
     u = lambda q: exact.touch_at(shroud, q, case, reading)[0].u  # noqa: E731
     at, block = exact.touch_at(shroud, q, case, reading)
     N, F = K * at.v, K_D * (at.u - u_s)
-    load = contact_load(at, N, F, jnp.int32(case), block, reading)
+    load = contact_load(at, N, F, case, block, reading)
     force = jnp.stack([load.R_x, -load.R_x, load.R_y, -load.R_y, *load.M])
     return force, -N * jax.grad(v)(q) - F * jax.grad(u)(q)
 
 
 def virtual_work_error(case: int, reading: frozenset[str]) -> np.ndarray:
-    """Difference of both, relative to their size, state by state."""
-    force, gradient = force_and_gradients(SHROUDS, jnp.asarray(DRAW.q), jnp.asarray(U_S), case, reading)
+    """Difference of both, relative to their size, state by state; moments are told in forces at the arm l_oa."""
+    force, gradient = map(np.array, force_and_gradients(reading, case, SHROUDS, DRAW.q, U_S))
+    force[:, 4:] /= DRAW.sides.l_oa[:, None]
+    gradient[:, 4:] /= DRAW.sides.l_oa[:, None]
     return np.linalg.norm(force - gradient, axis=-1) / np.linalg.norm(gradient, axis=-1)
 
 
@@ -133,8 +133,7 @@ def test_the_contact_force_is_that_of_two_scalars(case):
 
 @pytest.mark.parametrize("misprint", MISPRINTS)
 def test_every_single_misprint_breaks_virtual_work(misprint):
-    # Control for each row of the table alone, in the cases it touches. A sign that gap_sign alone turns over turns v
-    # and u with it, so forces and gradients part; the lever's error is of the order of v over the block.
+    # Control for each row of the table alone, in the cases it touches. The weakest are the levers, wrong by O(v).
     cases = [int(misprint[-1])] if misprint[-1].isdigit() else CASES
     for case in cases:
         assert np.mean(virtual_work_error(case, frozenset({misprint})) > 1e-3) > 0.9
@@ -175,23 +174,21 @@ def test_printed_formulas_agree_at_first_touch_outside_the_misprint_table(case, 
     if misprint is None:
         assert furthest(consistent, want) < 1e-13
     else:
-        assert exact.share_beyond(consistent, want, 0.01) > 0.9  # control: what is misprinted does disagree
+        assert exact.share_beyond(consistent, want, 0.01) > 0.85  # control: what is misprinted does disagree
         assert furthest(getattr(pieces(touching, case, frozenset({misprint})), piece), want) < 1e-13
 
 
-@pytest.mark.parametrize(("case", "pair"), [(1, (1, 2)), (2, (0, 1)), (3, (1, 2)), (4, (0, 1))])
-def test_the_printed_levers_part_with_penetration(case, pair):
-    # The face's moments (N and f) end at the corner's height on the face: off by O(v), exact under "levers".
-    names = ("M_N2", "M_f2") if case in (1, 3) else ("M_N1", "M_f1")
-    v = np.abs(exact.penetration_and_slide(DRAW.sides, DRAW.q, case)[0])
-    known = PRINTED - {"gap_sign"}
-    for name in names:
+@pytest.mark.parametrize("case", CASES)
+def test_the_printed_levers_part_with_penetration(case):
+    # They end at the corner's *height* on the face, v cot A away from the corner along it and v across it.
+    face = 2 if case in (1, 3) else 1
+    v, _ = exact.penetration_and_slide(DRAW.sides, DRAW.q, case)
+    A, others = exact.face_angle(DRAW.sides, DRAW.q, case), PRINTED - {"levers"}
+    for name, apart in ((f"M_N{face}", v / np.tan(A)), (f"M_f{face}", v)):
         want = getattr(printed(case, DRAW, UNIT, UNIT), name)
-        got = getattr(pieces(DRAW, case, known - {"levers"}), name)
-        A = exact.face_angle(DRAW.sides, DRAW.q, case)
-        np.testing.assert_array_less(np.abs(got - want), 1.001 * v / np.tan(A) + 1.001 * v + 1e-15)
-        assert np.mean(np.abs(got - want) > 0.02 * v) > 0.9  # control
-        assert furthest(getattr(pieces(DRAW, case, known), name), want) < 1e-13
+        assert furthest(getattr(pieces(DRAW, case, PRINTED), name), want) < 1e-13
+        np.testing.assert_allclose(np.abs(getattr(pieces(DRAW, case, others), name) - want), np.abs(apart), atol=1e-15)
+        assert np.mean(np.abs(apart) > 1e-3 * np.abs(want)) > 0.9  # control: that is not nothing
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -205,15 +202,14 @@ def test_the_full_printed_reading_is_the_article_word_for_word(case):
         assert furthest(got, row) < 1e-13
 
 
-@partial(jax.jit, static_argnums=(3, 4, 5))
-@partial(jax.vmap, in_axes=(0, 0, 0, None, None, None))
-def in_mode(shroud, q, u_s, mode, case, reading):
+@exact.over_draws
+def in_mode(reading, case, shroud, q, u_s, mode):
     """R_x, R_y, M_1, M_2, N, F, v, u of the package in one mode."""
     at, block = exact.touch_at(shroud, q, case, reading)
     spring = Springs(*(jnp.asarray(value) for value in (K, K_D, MU, MU * K / K_D)))
-    N = normal_force(at.v, jnp.int32(mode), spring)
-    F = friction_force(at.v, at.u, u_s, jnp.int32(mode), spring)
-    load = contact_load(at, N, F, jnp.int32(case), block, reading)
+    N = normal_force(at.v, mode, spring)
+    F = friction_force(at.v, at.u, u_s, mode, spring)
+    load = contact_load(at, N, F, case, block, reading)
     return jnp.stack([load.R_x, load.R_y, *load.M, N, F, at.v, at.u])
 
 
@@ -223,18 +219,18 @@ READINGS = [CONSISTENT, PRINTED, *(frozenset({name}) for name in MISPRINTS)]
 @pytest.mark.parametrize("reading", READINGS, ids=lambda reading: "+".join(sorted(reading)) or "consistent")
 @pytest.mark.parametrize("case", CASES)
 def test_a_second_opinion_has_the_same_loads(case, reading):
-    mode = (Mode.STICK, Mode.SLIP_PLUS, Mode.SLIP_MINUS, Mode.STICK)[case - 1]
-    got = in_mode(SHROUDS, jnp.asarray(DRAW.q), jnp.asarray(U_S), int(mode), case, reading)[::4]
+    modes = (MODES * 667)[:2000]  # stick and both slips in turn
+    got = in_mode(reading, case, SHROUDS, DRAW.q, U_S, np.array(modes, np.int32))[::4]
     opinion = [
         reference.load(
-            reference.table1(**scalars, k=K, k_d=K_D, mu=MU, reading=reading), q, (0.0,) * 6, int(mode), case, u_s
+            reference.table1(**scalars, k=K, k_d=K_D, mu=MU, reading=reading), q, (0.0,) * 6, mode, case, u_s
         )
-        for scalars, q, u_s in zip(DRAW.sides.records()[::4], DRAW.q[::4].tolist(), U_S[::4].tolist(), strict=True)
+        for scalars, q, u_s, mode in zip(DRAW.sides.records()[::4], DRAW.q[::4].tolist(), U_S[::4].tolist(), modes[::4], strict=True)
     ]
     for column, want in zip(np.asarray(got).T, np.array(opinion).T, strict=True):
         assert furthest(column, want) < 1e-13
 
 
 def test_blocks_apart_feel_nothing():
-    got = in_mode(SHROUDS, jnp.asarray(DRAW.q), jnp.asarray(U_S), int(Mode.APART), 1, PRINTED)
-    assert not np.any(np.asarray(got)[:, :6])
+    apart = np.full(2000, Mode.APART, np.int32)
+    assert not np.any(np.asarray(in_mode(PRINTED, 1, SHROUDS, DRAW.q, U_S, apart))[:, :6])

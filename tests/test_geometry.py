@@ -1,7 +1,5 @@
 """Corners, penetration and slide against Eqs. (3)-(6) with their half angles, and the cases of Sec. 2.3."""
 
-from functools import partial
-
 import exact
 import jax
 import jax.numpy as jnp
@@ -57,9 +55,8 @@ def test_penetration_and_slide_are_the_offset_along_the_faces_axes(case, reading
     assert exact.share_beyond(at.v, exact.penetration_and_slide(DRAW.sides, DRAW.q, case, -gap_sign)[0], 0.01) > 0.9
 
 
-@partial(jax.jit, static_argnums=(3, 4))
-@partial(jax.vmap, in_axes=(0, 0, 0, None, None))
-def along_the_motion(shroud, q, rate, case, reading):
+@exact.over_draws
+def along_the_motion(reading, case, shroud, q, rate):
     def scalars(q):
         at, _ = exact.touch_at(shroud, q, case, reading)
         return at.v, at.u, at.height, at.turn
@@ -71,7 +68,7 @@ def along_the_motion(shroud, q, rate, case, reading):
 @pytest.mark.parametrize("case", CASES)
 def test_rates_by_hand_are_the_derivatives_along_the_motion(case, reading):
     _, rate = exact.touches(DRAW, case, reading)
-    want = along_the_motion(exact.shrouds(DRAW.sides), jnp.asarray(DRAW.q), jnp.asarray(DRAW.rate), case, reading)
+    want = along_the_motion(reading, case, exact.shrouds(DRAW.sides), DRAW.q, DRAW.rate)
     for by_hand, derivative in zip(rate, want, strict=True):
         assert furthest(by_hand, np.asarray(derivative)) < 1e-14  # both are a few sums of products
 
@@ -103,7 +100,7 @@ def test_equal_angles_give_both_corner_pairs_the_same_displacement():
 @jax.jit
 @jax.vmap
 def natural(shroud, q):
-    return natural_case(exact.posed(q), corners(shroud)), exact.touch_at(shroud, q, 1)[0].height
+    return natural_case(exact.posed(q), corners(shroud)), exact.touch_at(shroud, q, jnp.int32(1))[0].height
 
 
 def test_the_case_is_that_of_section_2_3():
