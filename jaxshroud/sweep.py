@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -234,8 +235,8 @@ def continued(scenes: Scene, shape: tuple[int, ...], direction: Direction, plan:
 
 def final_states(last: Lane) -> State:
     """The states that lanes have come to, as a start for others."""
-    state = last.state
-    return State(Motion(*(np.stack(pair, axis=-1) for pair in state.motion)), state.u_s, state.mode, state.case)
+    motion = Motion(*(np.stack(pair, axis=-1) for pair in last.state.motion))
+    return eqx.tree_at(lambda state: state.motion, last.state, motion)
 
 
 def _carried_on(last: Lane, fresh: State) -> State:

@@ -225,7 +225,9 @@ def test_a_second_opinion_has_the_same_loads(case, reading):
         reference.load(
             reference.table1(**scalars, k=K, k_d=K_D, mu=MU, reading=reading), q, (0.0,) * 6, mode, case, u_s
         )
-        for scalars, q, u_s, mode in zip(DRAW.sides.records()[::4], DRAW.q[::4].tolist(), U_S[::4].tolist(), modes[::4], strict=True)
+        for scalars, q, u_s, mode in zip(
+            DRAW.sides.records()[::4], DRAW.q[::4].tolist(), U_S[::4].tolist(), modes[::4], strict=True
+        )
     ]
     for column, want in zip(np.asarray(got).T, np.array(opinion).T, strict=True):
         assert furthest(column, want) < 1e-13

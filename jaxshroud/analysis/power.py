@@ -69,4 +69,4 @@ def interval(series: Floats, q: int = 1) -> Floats:
     batch = (
         series[..., series.shape[-1] - batches * length :].reshape(*series.shape[:-1], batches, length).mean(axis=-1)
     )
-    return stdtrit(batches - 1, 0.975) * batch.std(axis=-1, ddof=1) / np.sqrt(batches)
+    return np.asarray(stdtrit(batches - 1, 0.975) * batch.std(axis=-1, ddof=1) / np.sqrt(batches))

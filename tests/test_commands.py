@@ -1,0 +1,196 @@
+"""What the command line makes of wrong input, and what its files hold."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jaxshroud import cli, simulate
+from jaxshroud.config import load
+
+
+def refused(capsys, *arguments):
+    """The one line that a wrong command leaves on standard error, with exit status 2."""
+    assert cli.main([str(a) for a in arguments]) == 2
+    error = capsys.readouterr().err.strip()
+    assert "\n" not in error
+    return error
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """One trajectory of 3 periods, and one of 2 with its continuation."""
+    out = tmp_path_factory.mktemp("runs")
+    base = ["simulate", "fig10d", "--steps-per-period", "200", "--every", "2"]
+    assert cli.main([*base, "--periods", "3", "--out", str(out / "long.nc")]) == 0
+    assert cli.main([*base, "--periods", "2", "--out", str(out / "first.nc")]) == 0
+    assert cli.main([*base, "--periods", "1", "--from", str(out / "first.nc"), "--out", str(out / "second.nc")]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    """A sweep of five values with one lane that leaves the angle range."""
+    out = tmp_path_factory.mktemp("sweep") / "new" / "dir"
+    words = [
+        "sweep",
+        "table1",
+        "--along",
+        "drive.M_0",
+        "--values",
+        "20,60,100,3000,110",
+        "--periods",
+        "4",
+        "--transient",
+        "2",
+    ]
+    assert cli.main([*words, "--transient", "2", "--steps-per-period", "200", "--out", str(out)]) == 0
+    return out
+
+
+def test_trajectory_file(stored):
+    ds = xr.open_dataset(stored / "long.nc")
+    assert dict(ds.sizes) == {"time": 301, "blade": 2}
+    assert ds["x"].dims == ("time", "blade")
+    assert ds["mode"].dims == ("time",)
+    T = 2 * np.pi / ds.attrs["omega"]
+    np.testing.assert_allclose(ds["time"], np.arange(301) * T / 100, rtol=1e-12)
+    assert np.all(ds["x"].isel(time=0) == 0)
+    apart = ds["mode"] == 0
+    assert np.all(np.isnan(ds["u_s"]) == apart)
+    assert np.all((ds["case"] == 0) == apart)
+    assert ds["x"].attrs["units"] == "m"
+    assert ds.attrs["status"] == 0
+    assert tomllib.loads(ds.attrs["scene"])["contact"]["gamma"] == 7.5
+
+
+def test_a_run_goes_on_from_a_file(stored):
+    whole, second = (xr.open_dataset(stored / f"{n}.nc") for n in ("long", "second"))
+    tail = whole.isel(time=slice(200, None))
+    # The same arithmetic, but for the drive's phase being rebuilt from the file.
+    np.testing.assert_allclose(second["x"], tail["x"], rtol=0, atol=1e-12 * float(np.abs(whole["x"]).max()))
+    np.testing.assert_allclose(second["time"], tail["time"], rtol=1e-12)
+    np.testing.assert_array_equal(second["mode"], tail["mode"])
+    np.testing.assert_allclose(second["u_s"], tail["u_s"], rtol=0, atol=1e-12 * float(np.abs(whole["x"]).max()))
+
+
+def test_sweep_files(swept):
+    ds = xr.open_dataset(swept / "sweep.nc")
+    assert dict(ds.sizes) == {"M_0": 5, "period": 4, "blade": 2}
+    assert ds["period"].to_numpy().tolist() == [3, 4, 5, 6]
+    assert ds["status"].to_numpy().tolist() == [0, 0, 0, 3, 0]
+    assert "ANGLE_OUT_OF_RANGE" in ds["status"].attrs["flag_meanings"]
+    assert ds["x"].dims == ("M_0", "period", "blade")
+    assert {"P", "P_0", "P_d", "P_d_ci", "P_d_settled", "period_number", "settled", "energy_residual"} <= set(ds)
+    assert {"time_apart", "onset_slip", "onset_stick", "grazing", "switch_14"} <= set(ds)
+    assert json.loads((swept / "summary.json").read_text())["status"] == {"OK": 4, "ANGLE_OUT_OF_RANGE": 1}
+    assert sorted(p.name for p in swept.iterdir()) == ["summary.json", "sweep.nc", "sweep.png"]
+
+
+def test_samples_at_a_phase_lie_on_the_trajectory(tmp_path):
+    words = "sweep fig10d --along contact.gamma --values 7.5,2.5 --periods 2 --transient 0 --steps-per-period 200"
+    assert cli.main([*words.split(), "--phase", str(np.pi / 2), "--out", str(tmp_path / "s")]) == 0
+    ds = xr.open_dataset(tmp_path / "s" / "sweep.nc")
+    run = simulate(load("fig10d").scene, n_periods=3, steps_per_period=200)
+    # the lead-in has the same steps, so only rounding differs, amplified over 2 periods
+    np.testing.assert_allclose(ds["x"][0], run.motion.x[[250, 450]], rtol=1e-8)
+
+
+def test_continuation_starts_from_the_neighbour(tmp_path):
+    words = "sweep fig10a --along contact.gamma --values 0.3,0.4 --periods 2 --transient 1 --steps-per-period 200"
+    for direction in ("forward", "backward"):
+        assert cli.main([*words.split(), "--direction", direction, "--out", str(tmp_path / direction)]) == 0
+    forward, backward = (xr.open_dataset(tmp_path / d / "sweep.nc")["x"] for d in ("forward", "backward"))
+    a, b = (load("fig10a", [f"contact.gamma={g}"]).scene for g in (0.3, 0.4))
+    first = simulate(a, n_periods=3, steps_per_period=200)
+    then = simulate(b, first.last, n_periods=3, steps_per_period=200)
+    np.testing.assert_allclose(forward[0], first.motion.x[[400, 600]], rtol=1e-8)
+    np.testing.assert_allclose(forward[1], then.motion.x[[400, 600]], rtol=1e-8)
+    np.testing.assert_allclose(
+        backward[1], simulate(b, n_periods=3, steps_per_period=200).motion.x[[400, 600]], rtol=1e-8
+    )
+
+
+def test_plot_does_not_simulate(stored, swept, monkeypatch, capsys):
+    monkeypatch.setattr("jaxshroud.periods.run_block", None)
+    monkeypatch.setattr("jaxshroud.trajectory._samples", None)
+    for source, picture in ((swept, swept / "sweep.png"), (stored / "long.nc", stored / "long.png")):
+        before = picture.stat().st_mtime_ns if picture.exists() else 0
+        assert cli.main(["plot", str(source)]) == 0
+        assert picture.stat().st_mtime_ns > before
+
+
+@pytest.mark.parametrize("verb", ["simulate", "sweep", "power", "plot", "scenes"])
+def test_help_has_an_example(verb, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main([verb, "--help"])
+    assert stop.value.code == 0
+    assert "example:" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("simulate nothing --out a.nc", ("nothing", "no such file or shipped scene")),
+        ("simulate table1 --set friction.kd=1 --out a.nc", ("[friction] has no key `kd`", "`k_d`")),
+        ("simulate table1 --set blades.m=-1 --out a.nc", ("[blades] m", "greater than 0")),
+        ("simulate table1 --set shroud.gap=nan --out a.nc", ("[shroud] gap", "finite")),
+        ("simulate table1 --periods 0 --out a.nc", ("--periods", "at least 1")),
+        ("simulate table1 --steps-per-period 5 --out a.nc", ("table1", "omega_max h", "use at least")),
+        ("simulate table1 --out a.txt", ("a.txt", ".nc")),
+        ("simulate table1 --out no/such/a.nc", ("no/such", "make it first")),
+        ("sweep table1 --along contact.gama --values 1,2 --out s", ("contact.gama", "`contact.gamma`")),
+        ("sweep table1 --along contact.gamma --values 1 --out s", ("contact.gamma", "at least two")),
+        ("sweep table1 --along contact.gamma --start 1 --stop 2 --num 1 --out s", ("at least two",)),
+        ("sweep table1 --along contact.gamma --start 1 --stop 2 --num x --out s", ("--num", "whole number")),
+        ("sweep table1 --values 1,2 --out s", ("--values", "--along KEY before it")),
+        ("sweep table1 --out s", ("[sweep] is missing", "--along")),
+        ("sweep fig09 --phase 7 --out s", ("--phase", "[0, 2 pi)")),
+        ("power table1 --tolerance 0 --out s", ("--tolerance", "positive")),
+        ("plot nothing", ("nothing", "no such file")),
+        ("plot .", ("neither sweep.nc nor power.json",)),
+        ("simulate", ("SCENE", "--help")),
+    ],
+)
+def test_wrong_input_is_one_line(words, told, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    error = refused(capsys, *words.split())
+    assert all(t in error for t in told), error
+    assert list(tmp_path.glob("*.nc")) == []
+
+
+def test_results_are_kept_unless_forced(stored, swept, capsys):
+    assert "--force" in refused(capsys, "simulate", "table1", "--out", stored / "long.nc")
+    assert "--force" in refused(capsys, "sweep", "fig09", "--out", swept)
+
+
+def test_damaged_files_are_named(stored, tmp_path, capsys):
+    half = tmp_path / "half.nc"
+    data = (stored / "long.nc").read_bytes()
+    half.write_bytes(data[: len(data) // 2])
+    for words in (["plot", half], ["simulate", "table1", "--from", half, "--out", tmp_path / "a.nc"]):
+        assert "half.nc: not a complete result file" in refused(capsys, *words)
+    (tmp_path / "power.json").write_text('{"n": [1, 2')
+    assert "power.json: cannot be read" in refused(capsys, "plot", tmp_path)
+
+
+def test_a_failed_write_leaves_nothing(tmp_path, capsys, monkeypatch):
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", fail)
+    words = ["simulate", "fig10d", "--steps-per-period", "200", "--every", "2", "--periods", "1"]
+    assert "No space left" in refused(capsys, *words, "--out", tmp_path / "a.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_power_files(tmp_path, capsys):
+    words = ["power", "fig10a", "--transient", "40", "--periods", "64", "--steps-per-period", "200"]
+    assert cli.main([*words, "--out", str(tmp_path)]) == 0
+    data = json.loads((tmp_path / "power.json").read_text())
+    assert data["final"]["stable"]
+    assert data["n"][-1] == data["final"]["n"] == 64
+    assert data["P_d"][-1] == pytest.approx(data["final"]["P_d"], rel=1e-12)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["power.json", "power.png"]
