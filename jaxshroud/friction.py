@@ -26,7 +26,7 @@ def springs(scene: Scene) -> Springs:
     return Springs(k, k_d, jnp.where(rubs, mu, 0.0), jnp.where(rubs, lag, 0.0))
 
 
-def slip_sign(mode: Int[Array, "..."], dtype) -> Scalar:
+def slip_sign(mode: Int[Array, ""], dtype) -> Scalar:
     """sigma: +1 in slip+, -1 in slip-, 0 otherwise."""
     return (mode == Mode.SLIP_PLUS).astype(dtype) - (mode == Mode.SLIP_MINUS).astype(dtype)
 

@@ -137,7 +137,8 @@ def power_map(ds: xr.Dataset) -> Figure:
 
     Args:
         ds: A sweep along two axes, the first of which is drawn to the right. Lanes whose status is not OK
-            are hatched. P_d below -100 % shares the colour of -100 %.
+            are hatched. The lowest twentieth of the P_d values share a colour, so that a few outliers do not
+            flatten the rest.
 
     Raises:
         ValueError: The sweep has not exactly two axes.
@@ -150,9 +151,10 @@ def power_map(ds: xr.Dataset) -> Figure:
     x, y = _axis(ds[across]), _axis(ds[up])
     power, motions = figure.subplots(2, 1, sharex=True, sharey=True)
     P_d = np.ma.masked_invalid(np.where(motion >= 0, ds["P_d"].to_numpy(), np.nan))
-    mesh = power.pcolormesh(x.edges, y.edges, P_d.clip(min=-100), rasterized=True)
+    floor = np.percentile(P_d.compressed(), 5, method="higher") if P_d.count() else 0.0
+    mesh = power.pcolormesh(x.edges, y.edges, P_d.clip(min=floor), rasterized=True)
     power.patch.set(**STOPPED)
-    bar = figure.colorbar(mesh, ax=power, extend="min" if (P_d < -100).any() else "neither", pad=0.02)
+    bar = figure.colorbar(mesh, ax=power, extend="min" if (P_d < floor).any() else "neither", pad=0.02)
     bar.set_label("power reduction $P_d$ [%]")
     _draw_motions(motions, x.edges, y.edges, motion)
     power.set(ylabel=y.label)
@@ -212,6 +214,7 @@ def power_convergence(data: Mapping[str, Any]) -> Figure:
     if final["P_d"] is not None:
         panel.axhline(final["P_d"], color=INK, lw=0.7, ls="--", label=_final(**final))
     panel.set(xlabel="periods averaged over, $n$", ylabel="power reduction $P_d$ [%]")
+    panel.set(ylim=_limits(np.concatenate(_interval(P_d, ci)), least=0.1))  # else a periodic orbit shows rounding
     if n.max() > 10 * n.min() > 0:
         panel.set(xscale="log", xlim=(n.min(), n.max()))
     _legend(figure, panel.get_legend_handles_labels()[0])
@@ -245,7 +248,7 @@ def _figure(title: str, width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     if title:
-        figure.suptitle(fill(title, round(18 * width)))
+        figure.suptitle(fill(title, round(15 * width)))
     return figure
 
 
@@ -308,6 +311,7 @@ def _scale(gap: Floats) -> Scale:
 
 def _limits(values: Floats, least: float = 0.0) -> tuple[float, float]:
     """Ends of an axis that shows `values` with a margin and is at least `least` long."""
+    values = values[np.isfinite(values)]
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
     half = max(0.55 * (high - low), least / 2) or 1.0
     return (low + high) / 2 - half, (low + high) / 2 + half

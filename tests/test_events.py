@@ -47,7 +47,7 @@ def ready(scene):
 
 
 def held_at(q, rate, mode: Mode, case: int, u_s: float = 0.0) -> State:
-    z = exact.motion(jnp.asarray(q), jnp.asarray(rate))
+    z = jax.tree.map(jnp.asarray, exact.motion(q, rate))
     return State(z, jnp.asarray(u_s), jnp.int32(mode), jnp.int32(case))
 
 
@@ -57,11 +57,14 @@ def seen(held: State, model: Model) -> View:
 
 
 @eqx.filter_jit
+def _crossed(held: State, kind: jax.Array, model: Model, late: jax.Array) -> tuple[Crossing, View]:
+    event = crossing(held.motion, held, look(held.motion, held, model, Seam()), kind, late, model)
+    return event, look(held.motion, event.after, model, Seam())
+
+
 def crossed(held: State, kind: Kind, model: Model, late: float = 0.0) -> tuple[Crossing, View]:
     """The transition, and where the corners are after it."""
-    view = look(held.motion, held, model, Seam())
-    crossing_ = crossing(held.motion, held, view, jnp.int32(kind), jnp.asarray(late), model)
-    return crossing_, look(held.motion, crossing_.after, model, Seam())
+    return _crossed(held, jnp.int32(kind), model, jnp.asarray(late))
 
 
 def values(held: State, model: Model) -> np.ndarray:

@@ -41,7 +41,7 @@ def test_a_periodic_run_has_no_uncertainty(q):
     series = np.resize(cycle, 60)  # batches of whole orbits all have the same mean
     assert interval(series[None], q)[0] < 1e-15
     if q > 1:  # control: batches that cut orbits do not
-        assert interval(np.resize(cycle, 10 * q + 1)[None], 1)[0] > 1e-4
+        assert interval(np.resize(cycle, 10 * (q + 1))[None])[0] > 1e-4
 
 
 def test_fewer_than_ten_orbits_are_the_batches_themselves():
@@ -79,9 +79,14 @@ def test_no_drive_has_no_reduction():
     np.testing.assert_array_equal(found.P, 1.0)
 
 
-@pytest.mark.parametrize(
-    "drift", [np.linspace(0, 1, 60), np.repeat([0.0, 1.0], 30)], ids=["ramp", "step between the halves"]
-)
+DRIFTS = {
+    "ramp": np.linspace(0, 1, 60),
+    "step between the halves": np.repeat([0.0, 1.0], 30),
+    "transient of ten periods": np.exp(-np.arange(60) / 10),
+}
+
+
+@pytest.mark.parametrize("drift", DRIFTS.values(), ids=DRIFTS)
 def test_drift_is_not_settled(drift):
     def settled(percent):
         return bool(reduction(as_power(percent[None]), np.full((1, 2), 2.0), np.array([1], np.int32)).settled[0])

@@ -35,7 +35,7 @@ def periodicity(x: ArrayLike, tolerance: float = PERIOD_TOLERANCE) -> Periodicit
     with np.errstate(invalid="ignore"):  # a stopped lane is NaN, which is never closed
         for q in range(min(LARGEST_PERIOD, n - 1), 0, -1):
             error = np.abs(x[..., q:] - x[..., :-q])
-            number = np.where(error.max(axis=-1) <= tolerance * scale, q, number)
+            number = np.where((error.max(axis=-1) <= tolerance * scale) & np.isfinite(scale), q, number)
             half = error.shape[-1] // 2
             if half >= LARGEST_PERIOD:
                 early, late = error[..., :half].max(axis=-1), error[..., half:].max(axis=-1)

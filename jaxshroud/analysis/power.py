@@ -51,12 +51,18 @@ def _same_period(power: Floats, P_0: Floats, q: int) -> Reduction:
     with np.errstate(divide="ignore", invalid="ignore"):
         percent = 100 * (1 - used[..., 0] / P_0[:, :1])  # P_d of each period
     percent = np.where(P_0[:, :1] > 0, percent, np.nan)
-    ci = interval(percent, q)
-    half = n // (2 * q) * q
+    return Reduction(P, percent.mean(axis=1), interval(percent, q), _settled(percent, q), np.full(len(P), n))
+
+
+def _settled(series: Floats, q: int) -> NDArray[np.bool_]:
+    """Whether the halves of `series` (lanes, n) differ by no more than twice the later one's own interval."""
+    half = series.shape[1] // (2 * q) * q
+    if half == 0:
+        return np.zeros(len(series), bool)
+    early, late = series[:, :-half], series[:, -half:]
     with np.errstate(invalid="ignore"):
-        drift = np.abs(percent[:, n - half :].mean(axis=1) - percent[:, : n - half].mean(axis=1)) if half else np.nan
-        settled = drift <= np.maximum(2 * ci, DRIFT)
-    return Reduction(P, percent.mean(axis=1), ci, np.broadcast_to(settled, len(P)), np.full(len(P), n))
+        drift = np.abs(late.mean(axis=1) - early.mean(axis=1))
+        return drift <= np.fmax(2 * interval(late, q), DRIFT)
 
 
 def interval(series: Floats, q: int = 1) -> Floats:
