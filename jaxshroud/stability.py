@@ -26,13 +26,13 @@ def largest_frequency(scene: Scene) -> Scalar:
     k_d = jnp.where(spring.mu > 0, spring.k_d, 0.0)
     squares = []
     for case in (1, 3):
-        v_q, u_q = _gradients(case, block, mass)
+        v_q, u_q = contact_gradients(case, block, mass)
         K = blades + spring.k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q)
         squares.append(jnp.linalg.eigvalsh(K / jnp.sqrt(jnp.outer(mass, mass)))[-1])
     return jnp.sqrt(jnp.maximum(*squares))
 
 
-def _gradients(case: int, block: Corners, like: Array) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
+def contact_gradients(case: int, block: Corners, like: Array) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
     """dv/dq and du/dq of the corner pair of `case`, q = (x_1, x_2, y_1, y_2, theta_1, theta_2) = 0."""
 
     def v_and_u(q):

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 import reference
 from batch import counts, ends, energy_residual, relative_error, run, scene_of, sizes
+from scipy.linalg import expm
 
 from jaxshroud import Motion, Status, load, simulate, sweep, vary
 from jaxshroud.geometry import corners, natural_case, pose, touch
 from jaxshroud.integrate import Method
 from jaxshroud.linear import steady_amplitudes
 from jaxshroud.rhs import as_pairs
+from jaxshroud.stability import contact_gradients
 
 GAMMAS = (0.3, 2.5, 4.2, 7.5)
 KINDS = ("onset_slip", "onset_stick", "separation", "stick_slip", "slip_stick")
@@ -229,3 +231,48 @@ def closest_gap(scene, free):
         return at.v / at.normal[0]
 
     return float(jax.vmap(reach)(jax.tree.map(jnp.asarray, free.motion)).max())
+
+
+def test_permanent_stick_is_linear(table1):
+    # Preloaded by an interference of 1e-6 m and stuck, the blocks are a linear system in one case: v and u by their
+    # gradients. Over 0.1 ms (0.8 rad of the fastest mode) the exact march differs by the curvature of v and u only.
+    scene = table1
+    for key, value in {"shroud.gap": -1e-6, "friction.mu": 10.0, "drive.F_0": 0.0, "drive.M_0": 0.0}.items():
+        scene = vary(scene, key, value)
+    scene = vary(scene, "initial.theta[0]", 1e-6)
+    got = simulate(scene, n_periods=1, steps_per_period=8000)
+    now = slice(0, 69)
+    assert set(got.mode[now]) == {0, 1}  # the start is recorded before the onset at t = 0
+    assert set(got.case[now]) == {0, 1}
+    exact = linear_stick(scene, got.t[now])
+    moved = np.concatenate([got.motion.x[now], got.motion.y[now], got.motion.theta[now]], axis=-1)
+    np.testing.assert_allclose(moved, exact, rtol=0, atol=1e-4 * np.abs(exact[:, :4]).max())
+
+
+def linear_stick(scene, t):
+    """Positions (n, 6) of the blocks stuck in case 1, by the matrix exponential."""
+    b, k, k_d = scene.blades, float(scene.k), float(scene.friction.k_d)
+    mass = np.concatenate([b.m, b.inertia_y, b.I])
+    v_q, u_q = map(np.asarray, contact_gradients(1, corners(scene.shroud), jnp.asarray(mass)))
+    q_0 = np.concatenate([scene.initial.x, scene.initial.y, scene.initial.theta])
+    v_0 = -float(scene.shroud.gap) * np.sin(float(scene.shroud.alpha))
+    K = np.diag(np.concatenate([b.k_x, b.k_y, b.k_T])) + k * np.outer(v_q, v_q) + k_d * np.outer(u_q, u_q)
+    force = -k * v_0 * v_q + k_d * (u_q @ q_0) * u_q  # u_s = u at the start
+    C = np.diag(np.concatenate([b.c_x, b.c_y, b.c_T]))
+    A = np.zeros((13, 13))
+    A[:6, 6:12] = np.eye(6)
+    A[6:12, :6], A[6:12, 6:12], A[6:12, 12] = -K / mass[:, None], -C / mass[:, None], force / mass
+    return np.array([(expm(A * s) @ np.concatenate([q_0, np.zeros(6), [1.0]]))[:6] for s in t])
+
+
+def test_no_stiffness_means_no_reduction(table1):
+    # P_d tends to 0 with gamma; at gamma = 0 the overlap carries no force.
+    got = sweep(table1, {"contact.gamma": [0.0, 1e-6, 1e-4]}, n_periods=4, transient=120)
+    assert np.all(np.abs(got.P_d) <= [1e-5, 1e-4, 1e-2])
+
+
+def test_the_labelled_points_of_fig_10_are_not_reproduced(table1):
+    # The article prints periods 1, 2, 3 and chaos; see README.
+    got = sweep(table1, {"contact.gamma": [0.3, 2.5, 4.2, 7.5]}, n_periods=64, transient=300)
+    assert got.period_number.tolist() == [1, 1, 2, 1]
+    assert np.all(got.P_d < 0)
