@@ -344,10 +344,8 @@ def plot_verb(options: argparse.Namespace) -> None:
 
 def scenes_verb(options: argparse.Namespace) -> None:
     """`jaxshroud scenes`."""
-    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
     for name, title in shipped().items():
-        table.add_row(name, title)
-    Console(soft_wrap=True).print(table)
+        print(f"{name:<12} {title}")
 
 
 def _draw_dataset(ds, picture: Path) -> None:
@@ -454,7 +452,7 @@ def _table(title: str, rows: dict[str, Any]) -> None:
     for name, value in rows.items():
         text = ", ".join(f"{k}: {v}" for k, v in value.items()) if isinstance(value, dict) else str(value)
         table.add_row(name, text)
-    Console(soft_wrap=True).print(table)
+    Console(width=None if sys.stdout.isatty() else 160).print(table)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jaxshroud import cli, simulate
+from jaxshroud import cli, shipped, simulate
 from jaxshroud.config import load
 
 
@@ -120,6 +120,12 @@ def test_plot_does_not_simulate(stored, swept, monkeypatch, capsys):
         before = picture.stat().st_mtime_ns if picture.exists() else 0
         assert cli.main(["plot", str(source)]) == 0
         assert picture.stat().st_mtime_ns > before
+
+
+def test_scenes_are_listed_one_a_line(capsys):
+    assert cli.main(["scenes"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(shipped())
 
 
 @pytest.mark.parametrize("verb", ["simulate", "sweep", "power", "plot", "scenes"])
