@@ -167,9 +167,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options = parser().parse_args(arguments)
         options.run(options)
+        sys.stdout.flush()
     except (InputError, SceneError, StoreError) as error:
         print(error, file=sys.stderr)
         return 2
+    except BrokenPipeError:  # the reader of standard output went away; keep Python's own flush from complaining
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
     except KeyboardInterrupt:
         print("interrupted; nothing was written", file=sys.stderr)
         return 130
