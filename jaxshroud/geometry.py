@@ -42,6 +42,11 @@ def corners(shroud: Shroud) -> Corners:
     return Corners(half + lean, half - lean, shroud.l_ab * sin_alpha / 2, sin_alpha, cos_alpha, shroud.gap)
 
 
+def gyration(shroud: Shroud) -> Scalar:
+    """J_A / A: polar second moment of a block's area about its centroid, per area [m^2]."""
+    return (shroud.l_oa**2 + shroud.l_ab**2) / 12
+
+
 class Pose(NamedTuple):
     """Position of both blocks, with the sine and cosine of their angles."""
 

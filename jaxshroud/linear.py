@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Complex, Float
 
+from jaxshroud.geometry import gyration
 from jaxshroud.scene import PerBlade, Scene, Shroud
 
 QUADRATURE = 128  # points over one drive period: exact to rounding while the torsion amplitude is below 50 rad
@@ -49,6 +50,5 @@ def free_power(scene: Scene) -> PerBlade:
     free, s = steady_amplitudes(scene), scene.shroud
     tau = jnp.linspace(0, 2 * jnp.pi, QUADRATURE, endpoint=False)
     swing = jnp.sin(jnp.abs(free.theta)[:, None] * jnp.sin(tau) / 2) ** 2
-    gyration = (s.l_oa**2 + s.l_ab**2) / 12
     translation = (jnp.abs(free.x) ** 2 + jnp.abs(free.y) ** 2) / 2
-    return area(s) * (translation + 4 * gyration * jnp.mean(swing, axis=1))
+    return area(s) * (translation + 4 * gyration(s) * jnp.mean(swing, axis=1))

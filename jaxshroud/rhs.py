@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from jaxshroud.contact import Load, contact_load
 from jaxshroud.friction import Springs, friction_force, normal_force, slider_speed, springs
-from jaxshroud.geometry import Corners, Pose, Rates, Touch, corners, pose, touch, touch_rates
+from jaxshroud.geometry import Corners, Pose, Rates, Touch, corners, gyration, pose, touch, touch_rates
 from jaxshroud.scene import Blades, Motion, Pair, PerBlade, Scalar, Scene
 from jaxshroud.seam import Seam
 from jaxshroud.state import State
@@ -42,7 +42,7 @@ class Model(eqx.Module):
     block: Corners
     spring: Springs
     drive: Excitation
-    gyration: Scalar  # J_A / A = (l_oa^2 + l_ab^2) / 12 [m^2]
+    gyration: Scalar  # J_A / A [m^2]
     reading: frozenset[str] = eqx.field(static=True)
 
 
@@ -50,8 +50,7 @@ def model(scene: Scene) -> Model:
     """`scene` with its constants worked out."""
     d, s = scene.drive, scene.shroud
     drive = Excitation(d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase))
-    gyration = (s.l_oa**2 + s.l_ab**2) / 12
-    parts = as_pairs((scene.blades, corners(s), springs(scene), drive, gyration))
+    parts = as_pairs((scene.blades, corners(s), springs(scene), drive, gyration(s)))
     return Model(*parts, reading=scene.contact.reading)
 
 

@@ -3,6 +3,7 @@
 from functools import partial
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -129,7 +130,7 @@ def _samples(scene: Scene, lane: Lane, steps, turns, every, n, method: Method) -
 
         def one_step(_, lane):
             lane = march(lane, lane.step + 1, scene_model, grid, method)
-            return lane_at(lane, jnp.where(lane.step == steps, 0, lane.step))
+            return eqx.tree_at(lambda lane: lane.step, lane, jnp.where(lane.step == steps, 0, lane.step))
 
         def one_sample(lane, i):
             lane = lax.fori_loop(0, jnp.where(i < n, every, 0), one_step, lane)
@@ -139,8 +140,3 @@ def _samples(scene: Scene, lane: Lane, steps, turns, every, n, method: Method) -
 
     with set_xla_metadata(**ONE_KERNEL):
         return kernel(scene, lane, steps, turns, every, n)
-
-
-def lane_at(lane: Lane, step) -> Lane:
-    """`lane` with its clock set to `step`."""
-    return Lane(lane.state, step, lane.search, lane.guards, lane.tally, lane.status)
