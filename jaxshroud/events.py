@@ -10,7 +10,9 @@
 | case 1 <-> 2, 3 <-> 4 | height changes sign               | the same, and v jumps                                 |
 """
 
+from collections.abc import Iterable
 from enum import IntEnum
+from functools import reduce
 from typing import NamedTuple
 
 import equinox as eqx
@@ -33,7 +35,6 @@ from jaxshroud.geometry import (
 )
 from jaxshroud.rhs import Model
 from jaxshroud.scene import Motion, Scalar
-from jaxshroud.seam import Seam
 from jaxshroud.state import Mode, State
 
 
@@ -68,13 +69,13 @@ class View(NamedTuple):
 
 
 @jax.jit
-def look(z: Motion, held: State, model: Model, seam: Seam) -> View:
+def look(z: Motion, held: State, model: Model) -> View:
     """Corner positions and guards of the motion `z` in the mode of `held`."""
-    q = seam(pose, z.x, z.y, z.theta)
-    case = seam(_case_in_view, q, held, model.block)
-    at = seam(touch, q, case, model.block, model.reading)
-    rate = seam(touch_rates, at, z, case, model.reading)
-    return View(q, at, rate, case, seam(guards, at, rate, held, case, model.spring))
+    q = pose(z.x, z.y, z.theta)
+    case = _case_in_view(q, held, model.block)
+    at = touch(q, case, model.block, model.reading)
+    rate = touch_rates(at, z, case, model.reading)
+    return View(q, at, rate, case, guards(at, rate, held, case, model.spring))
 
 
 def _case_in_view(q: Pose, held: State, block: Corners) -> Int[Array, ""]:
@@ -109,6 +110,11 @@ def guards(at: Touch, rate: Rates, held: State, case: Int[Array, ""], spring: Sp
     )
 
 
+def any_of(flags: Iterable[Bool[Array, ""]]) -> Bool[Array, ""]:
+    """Whether any of the scalars is true."""
+    return reduce(jnp.logical_or, flags)
+
+
 def first_kind(violated: tuple[Bool[Array, ""], ...]) -> Int[Array, ""]:
     """The kind that takes precedence among the violated guards."""
     kind = jnp.asarray(Kind.RUB, jnp.int32)
@@ -136,6 +142,7 @@ class Crossing(NamedTuple):
     """What an event does: the state after it, the contact energy it adds, and which one it was."""
 
     after: State
+    guards: Guards  # of the mode after it
     energy: Scalar  # jump of the energy in the contact springs [J]
     kind: Int[Array, ""]
     before: Int[Array, ""]  # mode before
@@ -157,8 +164,9 @@ def crossing(z: Motion, held: State, view: View, kind: Int[Array, ""], late: Sca
     w = stretch(at.v, at.u, held.u_s, held.mode, spring)
     u_s = jnp.where(held.mode == Mode.APART, _touch_down(view, late), new.u - w)
     after = State(z, u_s, mode, jnp.where(mode == Mode.APART, 0, case).astype(jnp.int32))
+    ahead = guards(new, touch_rates(new, z, case, model.reading), after, case, spring)
     energy = contact_energy(new.v, stretch(new.v, new.u, u_s, mode, spring), mode, spring)
-    return Crossing(after, energy - contact_energy(at.v, w, held.mode, spring), kind, held.mode)
+    return Crossing(after, ahead, energy - contact_energy(at.v, w, held.mode, spring), kind, held.mode)
 
 
 def _onset_mode(view: View, spring: Springs) -> Int[Array, ""]:

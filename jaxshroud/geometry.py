@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.scene import Motion, Pair, Scalar, Shroud
-from jaxshroud.trig import sincos
+from jaxshroud.trig import sine_versine
 
 
 class Corners(NamedTuple):
@@ -48,19 +48,20 @@ def gyration(shroud: Shroud) -> Scalar:
 
 
 class Pose(NamedTuple):
-    """Position of both blocks, with the sine and cosine of their angles."""
+    """Position of both blocks, with the sine, cosine and versine of their angles."""
 
     x: Pair
     y: Pair
     theta: Pair
     sin: Pair
     cos: Pair
+    versine: Pair  # 1 - cos
 
 
 def pose(x: Pair, y: Pair, theta: Pair) -> Pose:
     """Positions with their trigonometry done once."""
-    (s_1, c_1), (s_2, c_2) = sincos(theta[0]), sincos(theta[1])
-    return Pose(x, y, theta, (s_1, s_2), (c_1, c_2))
+    (s_1, v_1), (s_2, v_2) = sine_versine(theta[0]), sine_versine(theta[1])
+    return Pose(x, y, theta, (s_1, s_2), (1 - v_1, 1 - v_2), (v_1, v_2))
 
 
 def is_upper(case: Int[Array, "..."]) -> Bool[Array, "..."]:

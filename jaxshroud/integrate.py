@@ -5,8 +5,8 @@ marching to the end of its step or closing in on an event. Under `jax.vmap` ever
 only, where a bisection nested in the step would make all lanes wait for the one that is bisecting.
 """
 
-from collections.abc import Callable
-from typing import Literal, NamedTuple
+import math
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,14 +14,15 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.events import Counters, Guards, Kind, View, count, crossing, first_kind, look
+from jaxshroud.events import Counters, Crossing, Guards, Kind, View, any_of, count, crossing, first_kind, look
 from jaxshroud.friction import contact_energy, stretch
+from jaxshroud.lanes import EachLane
+from jaxshroud.locate import Locate, Search, fresh, judge, select
 from jaxshroud.rhs import Integrals, Model, rhs, stored_energy, wave
-from jaxshroud.scene import Motion, Scalar
-from jaxshroud.seam import Seam
+from jaxshroud.scene import Motion, Pair, Scalar
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.tableau import RK4, Tableau
-from jaxshroud.trig import ANGLE_RANGE
+from jaxshroud.trig import ANGLE_RANGE, sincos_turns, sine_versine
 
 MAX_EVENTS_PER_STEP = 64  # more is chatter: regular scenes have a few per *period*
 
@@ -30,8 +31,8 @@ class Method(NamedTuple):
     """Static choices of the march."""
 
     tableau: Tableau = RK4
-    # "bisection": halve the bracket; "none": change mode at the end of the step (first order, for comparison only)
-    locate: Literal["bisection", "none"] = "bisection"
+    locate: Locate = "bisection"
+    ledger: bool = True  # keep the works that the energy balance needs
 
 
 REFERENCE = Method()
@@ -49,26 +50,12 @@ class Tally(eqx.Module):
     """What a lane has summed up so far."""
 
     integrals: Integrals
-    jumps: Scalar  # energy put into the contact springs by events [J]
+    jumps: Scalar | None  # energy put into the contact springs by events [J]; None where it is not kept
     time_apart: Scalar  # [s]
     time_stick: Scalar  # [s]
     time_slip: Scalar  # [s]
     v_max: Scalar  # largest penetration at the end of a step or at an event [m]
     counters: Counters
-
-
-class Search(NamedTuple):
-    """Where a lane is inside its current step; lengths are fractions of a step."""
-
-    done: Scalar  # accepted so far
-    length: Scalar  # of the next trial
-    low: Scalar  # bracket of the event, lengths from `done`
-    high: Scalar
-    bracketing: Bool[Array, ""]
-    peeking: Bool[Array, ""]  # the next trial ends where a guard seems to peak
-    inside: Bool[Array, ""]  # the bracket was found by peeking
-    recheck: Bool[Array, ""]  # guards may have jumped: a violated one counts even in a trial of length zero
-    events: Int[Array, ""]  # in this step
 
 
 class Lane(eqx.Module):
@@ -82,40 +69,45 @@ class Lane(eqx.Module):
     status: Int[Array, ""]
 
 
-NO_SEAM = Seam()
-
-
-def begin(state: State, model: Model) -> Lane:
+def begin(state: State, model: Model, method: Method) -> Lane:
     """A lane at step 0 whose first act is to check every guard: a start in overlap is an onset at t = 0."""
-    z = state.motion
-    zero = jnp.zeros_like(z.x[0])
+    zero = jnp.zeros_like(state.motion.x[0])
     count0 = jnp.zeros((), jnp.int32)
-    no = jnp.zeros((), bool)
-    tally = Tally(Integrals((zero, zero), zero, zero, zero), zero, zero, zero, zero, zero, Counters(*[count0] * 10))
-    guards = Guards(
-        (zero, zero, zero, zero), (zero, zero, zero, zero), zero
-    )  # the first trial, of length zero, sets them
-    return Lane(state, count0, _fresh(zero, zero, ~no, count0), guards, tally, count0)
-
-
-def _fresh(done: Scalar, length: Scalar, recheck: Bool[Array, ""], events: Int[Array, ""]) -> Search:
-    zero, no = jnp.zeros_like(done), jnp.zeros((), bool)
-    return Search(done, length, zero, zero, no, no, no, recheck, events)
+    yes = jnp.ones((), bool)
+    none = jax.tree.map(jnp.zeros_like, rhs((zero, zero), state.motion, state, model, method.ledger)[1])
+    jumps = zero if method.ledger else None
+    tally = Tally(none, jumps, zero, zero, zero, zero, Counters(*[count0] * 10))
+    four = (zero, zero, zero, zero)
+    guards = Guards(four, four, zero)  # the first trial, of length zero, sets them
+    return Lane(state, count0, fresh(zero, zero, yes, count0, method.locate), guards, tally, count0)
 
 
 def rk_step(
-    turns: Callable[[float], Scalar], h: Scalar, held: State, model: Model, method: Tableau, seam: Seam
+    turns: Scalar, dturns: Scalar, h: Scalar, held: State, model: Model, method: Method
 ) -> tuple[Motion, Integrals]:
-    """One explicit Runge-Kutta step of length `h` [s] in a fixed mode: the new motion and what the integrals gain."""
-    waves = {c: seam(wave, turns(c), model.drive) for c in set(method.c)}
-    z, slopes, gains = held.motion, [], []
-    for a, c in zip(method.a, method.c, strict=True):
-        stage = seam(_combined, z, h, a, slopes) if a else z
-        slope, gain = rhs(waves[c], stage, held, model, seam)
+    """One explicit Runge-Kutta step in a fixed mode: the new motion and what the integrals gain.
+
+    `h` is its length [s], `turns` the drive's phase at its start and `dturns` what it gains [turns].
+    """
+    tableau, z, slopes, gains = method.tableau, held.motion, [], []
+    waves = _waves(turns, dturns, tableau, model)
+    for a, c in zip(tableau.a, tableau.c, strict=True):
+        stage = _combined(z, h, a, slopes) if a else z
+        slope, gain = rhs(waves[c], stage, held, model, method.ledger)
         slopes.append(slope)
         gains.append(gain)
     none = jax.tree.map(jnp.zeros_like, gains[0])
-    return seam(_combined, z, h, method.b, slopes), seam(_combined, none, h, method.b, gains)
+    return _combined(z, h, tableau.b, slopes), _combined(none, h, tableau.b, gains)
+
+
+def _waves(turns: Scalar, dturns: Scalar, tableau: Tableau, model: Model) -> dict[float, Pair]:
+    """The drive at each of the tableau's nodes, by angle addition from the start of the step."""
+    s_0, c_0 = sincos_turns(turns)
+    waves = {}
+    for c in set(tableau.c):
+        s, v = sine_versine(2 * math.pi * c * dturns)
+        waves[c] = wave(s_0 - s_0 * v + c_0 * s, c_0 - c_0 * v - s_0 * s, model.drive)
+    return waves
 
 
 def _combined(z, h: Scalar, weights: tuple[float, ...], slopes: list):
@@ -123,134 +115,47 @@ def _combined(z, h: Scalar, weights: tuple[float, ...], slopes: list):
     return jax.tree.map(lambda z, *k: z + h * sum(w * k for w, k in zip(weights, k, strict=True) if w), z, *slopes)
 
 
-def peak(start: Guards, end: Guards, h: Scalar) -> Scalar:
-    """Fraction of a trial at which a guard, negative at both ends, seems to have risen above zero; 1 if none.
-
-    A guard's derivative over the step is taken as the parabola through its end values with the right mean; for the
-    slip guard the guard itself is that parabola, its mean being the slider's way. No further evaluation is needed.
-    """
-    # the guard that seems to rise highest, by the straight line between its end rates
-    best = (-jnp.ones_like(h),) * 5
-    for g0, g1, r0, r1 in zip(start.value, end.value, start.rate, end.rate, strict=True):
-        turns_back = (g0 <= 0) & (g1 <= 0) & (r0 > 0) & (r1 < 0)
-        height = jnp.maximum(g0, g1) + jnp.minimum(r0, -r1) * h / 2
-        higher = turns_back & (height > best[0])
-        best = tuple(jnp.where(higher, new, old) for new, old in zip((height, g0, g1, r0, r1), best, strict=True))
-    _, g0, g1, r0, r1 = best
-    at, height = _peak_of_cubic(g0, g1, r0 * h, r1 * h)
-    first = jnp.where(height > 0, at, 1.0)
-
-    g0, g1 = start.value[Kind.RUB], end.value[Kind.RUB]
-    bulge = 6 * ((end.slid - start.slid) / jnp.where(h > 0, h, 1.0) - (g0 + g1) / 2)
-    at, height = _peak_of_parabola(g0, g1, bulge)
-    slips_back = (start.slid != 0) & (h > 0) & (g0 <= 0) & (g1 <= 0) & (height > 0)
-    return jnp.where(slips_back, jnp.minimum(first, at), first)
-
-
-def _peak_of_parabola(g0: Scalar, g1: Scalar, bulge: Scalar) -> tuple[Scalar, Scalar]:
-    """Interior maximum of `g0 + (g1 - g0) s + bulge s (1 - s)`: (s, value); value -1 if there is none."""
-    curved = bulge > 0
-    s = 0.5 + (g1 - g0) / (2 * jnp.where(curved, bulge, 1.0))
-    inside = curved & (s > 0) & (s < 1)
-    return s, jnp.where(inside, g0 + (g1 - g0) * s + bulge * s * (1 - s), -1.0)
-
-
-def _peak_of_cubic(g0: Scalar, g1: Scalar, r0: Scalar, r1: Scalar) -> tuple[Scalar, Scalar]:
-    """Interior maximum of the cubic with end values `g` and end slopes `r` on [0, 1]."""
-    # g'(s) = r0 + (r1 - r0 + b) s - b s^2 with b = 6 (g1 - g0) - 3 (r0 + r1); it falls through zero at the maximum
-    b = 6 * (g1 - g0) - 3 * (r0 + r1)
-    p = r1 - r0 + b
-    root = jnp.sqrt(jnp.maximum(p * p + 4 * b * r0, 0.0))
-    s = 2 * r0 / jnp.where(root - p == 0, 1.0, root - p)
-    inside = (r0 > 0) & (r1 < 0) & (s > 0) & (s < 1)
-    return s, jnp.where(inside, g0 + s * (r0 + s * (p / 2 - b * s / 3)), -1.0)
-
-
-def _tolerance(kind: Int[Array, ""], dtype) -> Scalar:
-    """Width of the bracket, in steps, at which an event counts as located.
-
-    Force-continuous events cost an error of the square of this width, loaded case switches its first power.
-    """
-    coarse, fine = (2.0**-20, 2.0**-36) if dtype == jnp.float64 else (2.0**-12, 2.0**-18)
-    return jnp.where((kind == Kind.TURN) | (kind == Kind.HEIGHT), fine, coarse).astype(dtype)
-
-
-class Verdict(NamedTuple):
-    """What to do with a finished trial."""
-
-    accept: Bool[Array, ""]
-    fire: Bool[Array, ""]  # accept and change mode
-    width: Scalar  # of the bracket, in steps
-    search: Search  # if the trial was not accepted
-
-
-def bisect(search: Search, kind, violated, peek: Scalar, locate: str) -> Verdict:
-    """Judge a trial: march on, look inside it at the fraction `peek`, halve the bracket, or fire the event."""
-    bracketing = search.bracketing | violated
-    high = jnp.where(violated, search.length, search.high)
-    low = jnp.where(search.bracketing & ~violated, search.length, search.low)
-    width = high - low
-    if locate == "none":
-        no = jnp.zeros_like(violated)
-        return Verdict(~no, violated, width, search)
-    fire = violated & (width <= _tolerance(kind, high.dtype))
-    peeks = ~bracketing & ~search.peeking & (peek < 1)
-    narrow = width <= _tolerance(jnp.int32(Kind.TURN), high.dtype)
-    halved = jnp.where(narrow, high, (low + high) / 2)
-    after = search._replace(
-        length=jnp.where(peeks, peek * search.length, halved),
-        low=low,
-        high=high,
-        bracketing=bracketing,
-        peeking=peeks,
-        inside=search.inside | (search.peeking & violated),
-    )
-    return Verdict((~bracketing & ~peeks) | fire, fire, width, after)
-
-
-def _select(condition: Bool[Array, ""], yes, no):
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
-
-
-def trial(lane: Lane, model: Model, grid: Grid, method: Method, seam: Seam) -> Lane:
+def trial(lane: Lane, model: Model, grid: Grid, method: Method) -> Lane:
     """One trial step of a lane: the body of the flat loop."""
-    search, held, tally = lane.search, lane.state, lane.tally
-    step_start = grid.start + lane.step.astype(search.done.dtype) / grid.steps
-    at = lambda c: step_start + (search.done + c * search.length) / grid.steps  # noqa: E731
+    search, held = lane.search, lane.state
+    turns = grid.start + (lane.step.astype(search.done.dtype) + search.done) / grid.steps
     h_full = grid.period / grid.steps
     h = search.length * h_full
-    z, gain = rk_step(at, h, held, model, method.tableau, seam)
-    view = look(z, held, model, seam)
+    z, gain = rk_step(turns, search.length / grid.steps, h, held, model, method)
+    view = look(z, held, model)
 
     counts = (search.length > 0) | search.recheck
     violated = tuple((g > 0) & counts for g in view.guards.value)
     kind = first_kind(violated)
-    number = sum(g.astype(jnp.int32) for g in violated)
-    peek = seam(peak, lane.guards, view.guards, h)
-    verdict = seam(bisect, search, kind, number > 0, peek, method.locate)
-    accept, fire = verdict.accept, verdict.fire
+    verdict = judge(search, lane.guards, view.guards, violated, kind, h_full, method.locate)
+    fire, lost = verdict.fire, ~_finite(z)
+    accept = verdict.accept | lost
 
-    cross = seam(crossing, z, held, view, kind, verdict.width * h_full, model)
-    state = _select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
-    tally = _select(accept, seam(_tallied, tally, gain, h, held, view, cross, fire, search.inside), tally)
-    recheck = fire & ((number > 1) | (kind == Kind.TURN) | (kind == Kind.HEIGHT))
-    ahead, step = _advanced(search, lane.step, fire, recheck)
-    status = _status(z, accept, ahead.events)
+    cross = crossing(z, held, view, kind, verdict.late * h_full, model)
+    state = select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
+    guards = select(fire, cross.guards, view.guards)
+    # where guards may have jumped, or several were violated, one that still is fires in a trial of length zero
+    several = sum(g.astype(jnp.int32) for g in violated) > 1
+    jumped = several | (kind == Kind.TURN) | (kind == Kind.HEIGHT)
+    again = fire & jumped & any_of(g > 0 for g in guards.value)
+    ahead, step = _advanced(search, lane.step, fire, again, method.locate)
+    tally = _tallied(lane.tally, gain, h, held, view, cross, fire, search.inside)
+    status = jnp.where(accept, _status(z, lost, ahead.events), Status.OK).astype(jnp.int32)
     return Lane(
-        _select(accept, state, held),
+        select(accept, state, held),
         jnp.where(accept, step, lane.step),
-        _select(accept, ahead, verdict.search),
-        _select(accept, view.guards, lane.guards),
-        tally,
+        select(accept, ahead, verdict.search),
+        select(accept | (search.bracketing & ~any_of(violated)), guards, lane.guards),
+        select(accept, tally, lane.tally),
         jnp.where(lane.status == Status.OK, status, lane.status),
     )
 
 
-def _tallied(tally: Tally, gain: Integrals, h: Scalar, held: State, view: View, cross, fire, inside) -> Tally:
+def _tallied(tally: Tally, gain: Integrals, h: Scalar, held: State, view: View, cross: Crossing, fire, inside) -> Tally:
     apart, stick = held.mode == Mode.APART, held.mode == Mode.STICK
     return Tally(
         jax.tree.map(jnp.add, tally.integrals, gain),
-        tally.jumps + jnp.where(fire, cross.energy, 0.0),
+        None if tally.jumps is None else tally.jumps + jnp.where(fire, cross.energy, 0.0),
         tally.time_apart + jnp.where(apart, h, 0.0),
         tally.time_stick + jnp.where(stick, h, 0.0),
         tally.time_slip + jnp.where(apart | stick, 0.0, h),
@@ -259,39 +164,49 @@ def _tallied(tally: Tally, gain: Integrals, h: Scalar, held: State, view: View, 
     )
 
 
-def _advanced(search: Search, step, fire, recheck) -> tuple[Search, Int[Array, ""]]:
+def _advanced(search: Search, step, fire, again, locate: Locate) -> tuple[Search, Int[Array, ""]]:
     """The search of the next trial and the clock, after an accepted trial."""
     done = search.done + search.length
     sliver = 1e-12 if done.dtype == jnp.float64 else 1e-6
     over = done >= 1 - sliver
     done = jnp.where(over, 0.0, done)
     events = jnp.where(over, 0, search.events + fire.astype(jnp.int32))
-    # after an event, a trial of length zero evaluates the guards of the new mode
-    ahead = _fresh(done, jnp.where(fire, 0.0, 1 - done), recheck, events)
+    ahead = fresh(done, jnp.where(again, 0.0, 1 - done), again, events, locate)
     # a trial that only peeked leaves the guard at its peak: march on without peeking again
     return ahead._replace(peeking=search.peeking & ~fire), step + over.astype(jnp.int32)
 
 
-def _status(z: Motion, accept, events) -> Int[Array, ""]:
-    finite = jnp.isfinite(sum(jax.tree.leaves(jax.tree.map(jnp.abs, z))))
+def _finite(z: Motion) -> Bool[Array, ""]:
+    return jnp.isfinite(sum(jax.tree.leaves(jax.tree.map(jnp.abs, z))))
+
+
+def _status(z: Motion, lost, events) -> Int[Array, ""]:
     turned = jnp.maximum(jnp.abs(z.theta[0]), jnp.abs(z.theta[1])) > ANGLE_RANGE
     status = jnp.where(events > MAX_EVENTS_PER_STEP, Status.TOO_MANY_EVENTS, Status.OK)
     status = jnp.where(turned, Status.ANGLE_OUT_OF_RANGE, status)
-    status = jnp.where(finite, status, Status.NOT_FINITE)
-    return jnp.where(accept, status, Status.OK).astype(jnp.int32)
+    return jnp.where(lost, Status.NOT_FINITE, status).astype(jnp.int32)
 
 
-def march(lane: Lane, stop: Int[Array, ""], model: Model, grid: Grid, method: Method, seam: Seam = NO_SEAM) -> Lane:
-    """Run `lane` to the start of step `stop`, or until its status is no longer OK."""
-    return lax.while_loop(
-        lambda lane: (lane.step < stop) & (lane.status == Status.OK),
-        lambda lane: trial(lane, model, grid, method, seam),
-        lane,
-    )
+def advance(lane: Lane, fixed: tuple[Model, Grid, Int[Array, ""]], method: Method) -> Lane:
+    """One trial step of a lane on its way to the start of step `stop`; nothing if it has arrived or failed."""
+    model, grid, stop = fixed
+    return select(running(lane, stop), trial(lane, model, grid, method), lane)
+
+
+def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
+    """Whether a lane has not arrived at the start of step `stop` and has not failed."""
+    return (lane.step < stop) & (lane.status == Status.OK)
+
+
+def march(lanes: Lane, models: Model, grids: Grid, stops: Int[Array, " lanes"], method: Method, each: EachLane) -> Lane:
+    """Run every lane (leading axis of all arguments) to the start of step `stop`, or until its status is not OK."""
+    fixed = (models, grids, stops)
+    once = lambda lanes: each(lambda lane, fixed: advance(lane, fixed, method), lanes, fixed)  # noqa: E731
+    return lax.while_loop(lambda lanes: jnp.any(running(lanes, stops)), lambda lanes: once(once(lanes)), lanes)
 
 
 def energy(state: State, model: Model) -> Scalar:
     """Kinetic energy, blades' springs and contact springs [J]."""
-    at = look(state.motion, state, model, NO_SEAM).at
+    at = look(state.motion, state, model).at
     w = stretch(at.v, at.u, state.u_s, state.mode, model.spring)
     return stored_energy(state.motion, model) + contact_energy(at.v, w, state.mode, model.spring)

@@ -1,27 +1,22 @@
 """Whole drive periods of many lanes: one compiled function, called over blocks of lanes and of periods."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.experimental.xla_metadata import set_xla_metadata
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.integrate import Grid, Lane, Method, begin, energy, march
-from jaxshroud.rhs import as_pairs, model
-from jaxshroud.scene import Motion, Pair, Scalar, Scene
-from jaxshroud.seam import Seam
+from jaxshroud.lanes import EachLane
+from jaxshroud.rhs import Model, as_pairs, model
+from jaxshroud.scene import Motion, Pair, Scene
 from jaxshroud.state import State, Status
 
-CHUNK = 64  # lanes per call: kernels are long enough to pay for their dispatch, and lanes rarely wait for each other
+CHUNK = 64  # lanes per call: the loop is long enough to pay for its dispatch, and lanes rarely wait for each other
 BLOCK = 32  # periods per call: the grain of progress and of what is held in memory
-
-# XLA:CPU makes one LLVM function of a call marked so, loops included: no dispatch of hundreds of small kernels per
-# trial. An internal of XLA that may vanish: without it the results are the same.
-ONE_KERNEL = dict(inlineable="false", xla_cpu_small_call="true")
-COMPILER = {"xla_cpu_prefer_vector_width": 512}
+COMPILER = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
 
 
 class Sample(NamedTuple):
@@ -29,8 +24,8 @@ class Sample(NamedTuple):
 
     motion: Motion
     power: Pair  # mean square displacement over block and period [m^2]
-    work: Scalar  # of the drive [J]
-    residual: Scalar  # energy balance: drive + jumps - losses - change of stored energy [J]
+    work: Any  # of the drive [J]; None where no ledger is kept
+    residual: Any  # energy balance: drive + jumps - losses - change of stored energy [J]
 
 
 class Clock(NamedTuple):
@@ -41,30 +36,30 @@ class Clock(NamedTuple):
     per_period: Float[Array, ""]
 
 
-def _one_period(lane: Lane, active, scene_model, clock: Clock, period, method: Method, seam: Seam):
-    before, held = lane.tally.integrals, energy(lane.state, scene_model)
-    jumps = lane.tally.jumps
-    grid = Grid(clock.start, clock.per_period, period)
-    lane = march(lane, jnp.where(active, clock.steps, 0), scene_model, grid, method, seam)
-    gain = jax.tree.map(jnp.subtract, lane.tally.integrals, before)
-    stored = energy(lane.state, scene_model) - held
-    residual = gain.drive + (lane.tally.jumps - jumps) - gain.viscous - gain.friction - stored
-    power = tuple(p / period for p in gain.power)
-    sample = Sample(lane.state.motion, power, gain.drive, residual)
-    sample = jax.tree.map(lambda a: jnp.where(lane.status == Status.OK, a, jnp.nan), sample)
-    return eqx.tree_at(lambda lane: lane.step, lane, jnp.where(active, 0, lane.step)), sample
+def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Method, each: EachLane):
+    before, held = lanes.tally, _energies(lanes, models)
+    like = lambda a: jnp.broadcast_to(a, periods.shape)  # noqa: E731
+    grids = Grid(like(clock.start), like(clock.per_period), periods)
+    lanes = march(lanes, models, grids, jnp.where(active, clock.steps, 0), method, each)
+    gain = jax.tree.map(jnp.subtract, lanes.tally.integrals, before.integrals)
+    work = residual = None
+    if gain.ledger is not None and before.jumps is not None:
+        assert lanes.tally.jumps is not None  # kept together with the ledger
+        work, jumps = gain.ledger.drive, lanes.tally.jumps - before.jumps
+        residual = work + jumps - gain.ledger.viscous - gain.ledger.friction - (_energies(lanes, models) - held)
+    sample = Sample(lanes.state.motion, (gain.power[0] / periods, gain.power[1] / periods), work, residual)
+    sample = jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
+    return eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(active, 0, lanes.step)), sample
 
 
-def _lane_periods(scene: Scene, lane: Lane, clock: Clock, n, one, method: Method, block: int):
-    scene_model = model(scene)
-    body = lambda lane, i: _one_period(  # noqa: E731
-        lane, (i < n) & (lane.status == Status.OK), scene_model, clock, scene.drive.period, method, Seam(one)
-    )
-    return jax.lax.scan(body, lane, jnp.arange(block, dtype=jnp.int32))
+def _energies(lanes: Lane, models: Model) -> Float[Array, " lanes"]:
+    return jax.vmap(lambda lane, m: energy(lane.state, m))(lanes, models)
 
 
-@partial(jax.jit, static_argnames=("method", "block"), compiler_options=COMPILER)
-def run_block(scenes: Scene, lanes: Lane, clock: Clock, n, method: Method, block: int) -> tuple[Lane, Sample]:
+@partial(jax.jit, static_argnames=("method", "block", "each"), compiler_options=COMPILER)
+def run_block(
+    scenes: Scene, lanes: Lane, clock: Clock, n: Int[Array, ""], method: Method, block: int, each: EachLane
+) -> tuple[Lane, Sample]:
     """Run up to `block` periods of every lane.
 
     Args:
@@ -74,23 +69,19 @@ def run_block(scenes: Scene, lanes: Lane, clock: Clock, n, method: Method, block
         n: Periods to run; the samples beyond are meaningless.
         method: Static choices of the march.
         block: Length of the sample axis.
+        each: How a function of one lane is run on all.
 
     Returns:
-        The lanes at the end, and samples with axes (lane, period).
+        The lanes at the end, and samples with axes (period, lane).
     """
-
-    @jax.jit
-    def chunk(scenes, lanes, clock, n, one):
-        return jax.vmap(lambda s, a: _lane_periods(s, a, clock, n, one, method, block))(scenes, lanes)
-
-    with set_xla_metadata(**ONE_KERNEL):
-        one = (
-            None if lanes.step.size == 1 else (n >= 0).astype(jnp.int32)
-        )  # boundaries cost a single lane more than they save
-        return chunk(scenes, lanes, clock, n, one)
+    models, periods = jax.vmap(lambda scene: (model(scene), scene.drive.period))(scenes)
+    one = lambda lanes, i: _one_period(  # noqa: E731
+        lanes, (i < n) & (lanes.status == Status.OK), models, periods, clock, method, each
+    )
+    return jax.lax.scan(one, lanes, jnp.arange(block, dtype=jnp.int32))
 
 
-@jax.jit
-def begin_lanes(scenes: Scene, states: State) -> Lane:
+@partial(jax.jit, static_argnames="method")
+def begin_lanes(scenes: Scene, states: State, method: Method) -> Lane:
     """Lanes about to start from `states`."""
-    return jax.vmap(lambda scene, state: begin(as_pairs(state), model(scene)))(scenes, states)
+    return jax.vmap(lambda scene, state: begin(as_pairs(state), model(scene), method))(scenes, states)

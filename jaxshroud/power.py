@@ -13,7 +13,7 @@ from jaxshroud.linear import area, free_power
 from jaxshroud.periods import BLOCK, Sample
 from jaxshroud.scene import Scene
 from jaxshroud.state import Status
-from jaxshroud.sweep import Plan, Progress, Ticker, final_states, run_lanes, starts
+from jaxshroud.sweep import Plan, Progress, Ticker, final_states, relative_residual, run_lanes, starts
 
 
 class PowerResult(NamedTuple):
@@ -33,8 +33,6 @@ def _summary(samples: list[Sample], A: float, P_0: np.ndarray, period_tol: float
     """The answer from the periods run so far, with the `series` of P_d of each period."""
     x = np.concatenate([s.motion.x[0][0] for s in samples])
     P = A * np.stack([np.concatenate([s.power[i][0] for s in samples]) for i in (0, 1)], axis=-1)
-    residual = np.concatenate([s.residual[0] for s in samples])
-    work = np.abs(np.concatenate([s.work[0] for s in samples])).mean()
     orbit = periodicity(x, period_tol)
     q = max(int(orbit.number), 1)
     now, before = (reduction(p, P_0, orbit.number) for p in (P, P[: max(len(P) // (2 * q) * q, q)]))
@@ -50,9 +48,16 @@ def _summary(samples: list[Sample], A: float, P_0: np.ndarray, period_tol: float
         "period_number": int(orbit.number),
         "P": now.P.tolist(),
         "P_0": P_0.tolist(),
-        "energy_residual": float(np.abs(residual).max() / (work or 1.0)),
+        "energy_residual": _residual(samples),
         "series": 100 * (1 - P[:, 0] / P_0[0]) if P_0[0] > 0 else np.full(len(P), np.nan),
     }
+
+
+def _residual(samples: list[Sample]) -> float:
+    if samples[0].residual is None:
+        return float("nan")
+    whole = jax.tree.map(lambda *a: np.concatenate(a, axis=-1), *samples)
+    return float(relative_residual(whole)[0])
 
 
 def _convergence(summary: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,5 +1,6 @@
 """Equation (1): the motion of both blocks while the contact mode and case are held fixed."""
 
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -8,11 +9,9 @@ import jax.numpy as jnp
 
 from jaxshroud.contact import Load, contact_load
 from jaxshroud.friction import Springs, friction_force, normal_force, slider_speed, springs
-from jaxshroud.geometry import Corners, Pose, Rates, Touch, corners, gyration, pose, touch, touch_rates
+from jaxshroud.geometry import Corners, Pose, corners, gyration, pose, touch, touch_rates
 from jaxshroud.scene import Blades, Motion, Pair, PerBlade, Scalar, Scene
-from jaxshroud.seam import Seam
 from jaxshroud.state import State
-from jaxshroud.trig import sincos_turns
 
 
 def as_pairs(tree):
@@ -35,6 +34,14 @@ class Excitation(NamedTuple):
     cos_phase: PerBlade | Pair
 
 
+class Mobility(NamedTuple):
+    """Reciprocal masses: a product is several times cheaper than a quotient."""
+
+    x: PerBlade | Pair  # 1 / m [1/kg]
+    y: PerBlade | Pair  # [1/kg]
+    theta: PerBlade | Pair  # 1 / I [1/(kg m^2)]
+
+
 class Model(eqx.Module):
     """A scene made ready for stepping: everything that can be computed once per lane."""
 
@@ -43,6 +50,7 @@ class Model(eqx.Module):
     spring: Springs
     drive: Excitation
     gyration: Scalar  # J_A / A [m^2]
+    mobility: Mobility
     reading: frozenset[str] = eqx.field(static=True)
 
 
@@ -50,34 +58,42 @@ def model(scene: Scene) -> Model:
     """`scene` with its constants worked out."""
     d, s = scene.drive, scene.shroud
     drive = Excitation(d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase))
-    parts = as_pairs((scene.blades, corners(s), springs(scene), drive, gyration(s)))
+    b = scene.blades
+    mobility = Mobility(1 / b.m, 1 / b.inertia_y, 1 / b.I)
+    parts = as_pairs((scene.blades, corners(s), springs(scene), drive, gyration(s), mobility))
     return Model(*parts, reading=scene.contact.reading)
+
+
+class Ledger(NamedTuple):
+    """Works that the energy balance needs."""
+
+    drive: Scalar  # done by the drive [J]
+    viscous: Scalar  # lost in the dampers [J]
+    friction: Scalar  # lost in the sliding contact [J]
 
 
 class Integrals(NamedTuple):
     """Time integrals carried along with the motion, to the integrator's order."""
 
     power: Pair  # mean square displacement over the block, Eq. (23) divided by its area [m^2 s]
-    drive: Scalar  # work of the drive [J]
-    viscous: Scalar  # loss in the dampers [J]
-    friction: Scalar  # loss in the sliding contact [J]
+    ledger: Ledger | None  # None where it is not kept
 
 
-def wave(turns: Scalar, drive: Excitation) -> Pair:
-    """sin(omega t + phase) of each blade's drive, `turns` being omega t / (2 pi)."""
-    s, c = sincos_turns(turns)
+def wave(s: Scalar, c: Scalar, drive: Excitation) -> Pair:
+    """sin(omega t + phase) of each blade's drive from the sine and cosine of omega t."""
     left, right = (s * drive.cos_phase[i] + c * drive.sin_phase[i] for i in (0, 1))
     return left, right
 
 
 def accelerated(z: Motion, Q: Pair, load: Load, model: Model) -> Motion:
     """dz/dt by Eq. (1), with `Q` the drive's wave of each blade."""
-    b, d, R_x, R_y = model.blades, model.drive, (load.R_x, -load.R_x), (load.R_y, -load.R_y)
+    b, d, inverse = model.blades, model.drive, model.mobility
+    R_x, R_y = (load.R_x, -load.R_x), (load.R_y, -load.R_y)
 
     def rates(i: int) -> tuple[Scalar, Scalar, Scalar]:
-        a_x = (d.F_x[i] * Q[i] + R_x[i] - b.c_x[i] * z.v_x[i] - b.k_x[i] * z.x[i]) / b.m[i]
-        a_y = (d.F_y[i] * Q[i] + R_y[i] - b.c_y[i] * z.v_y[i] - b.k_y[i] * z.y[i]) / b.inertia_y[i]
-        a_theta = (d.M_0[i] * Q[i] + load.M[i] - b.c_T[i] * z.v_theta[i] - b.k_T[i] * z.theta[i]) / b.I[i]
+        a_x = (d.F_x[i] * Q[i] + R_x[i] - b.c_x[i] * z.v_x[i] - b.k_x[i] * z.x[i]) * inverse.x[i]
+        a_y = (d.F_y[i] * Q[i] + R_y[i] - b.c_y[i] * z.v_y[i] - b.k_y[i] * z.y[i]) * inverse.y[i]
+        a_theta = (d.M_0[i] * Q[i] + load.M[i] - b.c_T[i] * z.v_theta[i] - b.k_T[i] * z.theta[i]) * inverse.theta[i]
         return a_x, a_y, a_theta
 
     left, right = rates(0), rates(1)
@@ -90,37 +106,34 @@ def mean_square(q: Pose, gyration: Scalar) -> Pair:
     Source:
         Eqs. (22), (23): over a centrally symmetric block the cross terms vanish, so no area quadrature is needed.
     """
-    # 4 sin^2(theta/2) = 2 sin^2(theta) / (1 + cos(theta)), without cancellation at small angles
-    left, right = (q.x[i] ** 2 + q.y[i] ** 2 + gyration * 2 * q.sin[i] ** 2 / (1 + q.cos[i]) for i in (0, 1))
+    left, right = (q.x[i] ** 2 + q.y[i] ** 2 + gyration * 2 * q.versine[i] for i in (0, 1))
     return left, right
 
 
-def integrands(q: Pose, z: Motion, Q: Pair, F: Scalar, slide: Scalar, model: Model) -> Integrals:
-    """Rates of the running integrals."""
+def works(z: Motion, Q: Pair, F: Scalar, slide: Scalar, model: Model) -> Ledger:
+    """Rates of the works; `slide` is the slider's speed."""
     b, d = model.blades, model.drive
     drive = lambda i: (d.F_x[i] * z.v_x[i] + d.F_y[i] * z.v_y[i] + d.M_0[i] * z.v_theta[i]) * Q[i]  # noqa: E731
     viscous = lambda i: b.c_x[i] * z.v_x[i] ** 2 + b.c_y[i] * z.v_y[i] ** 2 + b.c_T[i] * z.v_theta[i] ** 2  # noqa: E731
-    return Integrals(mean_square(q, model.gyration), drive(0) + drive(1), viscous(0) + viscous(1), F * slide)
+    return Ledger(drive(0) + drive(1), viscous(0) + viscous(1), F * slide)
 
 
-@jax.jit  # traced once for all stages
-def rhs(Q: Pair, z: Motion, held: State, model: Model, seam: Seam) -> tuple[Motion, Integrals]:
+@partial(jax.jit, static_argnames="ledger")  # traced once for all stages
+def rhs(Q: Pair, z: Motion, held: State, model: Model, ledger: bool) -> tuple[Motion, Integrals]:
     """dz/dt of Eq. (1) and the rates of the running integrals while mode, case and slider of `held` stay fixed.
 
-    `Q` is the drive's `wave` at the time in question.
+    `Q` is the drive's `wave` at the time in question; the rates of the works are left out without `ledger`.
     """
-    q = seam(pose, z.x, z.y, z.theta)
-    at = seam(touch, q, held.case, model.block, model.reading)
-    rate = seam(touch_rates, at, z, held.case, model.reading)
-    N, F, slide = seam(_forces, at, rate, held, model.spring)
-    load = seam(contact_load, at, N, F, held.case, model.block, model.reading)
-    return seam(accelerated, z, Q, load, model), seam(integrands, q, z, Q, F, slide, model)
-
-
-def _forces(at: Touch, rate: Rates, held: State, spring: Springs) -> tuple[Scalar, Scalar, Scalar]:
-    N = normal_force(at.v, held.mode, spring)
-    F = friction_force(at.v, at.u, held.u_s, held.mode, spring)
-    return N, F, slider_speed(rate.v, rate.u, held.mode, spring)
+    q = pose(z.x, z.y, z.theta)
+    at = touch(q, held.case, model.block, model.reading)
+    N = normal_force(at.v, held.mode, model.spring)
+    F = friction_force(at.v, at.u, held.u_s, held.mode, model.spring)
+    load = contact_load(at, N, F, held.case, model.block, model.reading)
+    spent = None
+    if ledger:
+        rate = touch_rates(at, z, held.case, model.reading)
+        spent = works(z, Q, F, slider_speed(rate.v, rate.u, held.mode, model.spring), model)
+    return accelerated(z, Q, load, model), Integrals(mean_square(q, model.gyration), spent)
 
 
 def stored_energy(z: Motion, model: Model) -> Scalar:

@@ -17,6 +17,7 @@ from jaxshroud.analysis.power import reduction
 from jaxshroud.checks import count_argument
 from jaxshroud.events import Counters
 from jaxshroud.integrate import REFERENCE, Lane, Method
+from jaxshroud.lanes import best
 from jaxshroud.linear import area, free_power
 from jaxshroud.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, run_block
 from jaxshroud.scene import Motion, Scene, vary
@@ -48,7 +49,7 @@ class SweepResult:
     settled: np.ndarray  # False: transient not over
     period_tol: float
     status: np.ndarray
-    energy_residual: np.ndarray  # largest of any kept period, relative to the mean work of the drive per period
+    energy_residual: np.ndarray  # largest of any kept period, relative to the drive's mean work; NaN without a ledger
     time_apart: np.ndarray  # fractions of the time
     time_stick: np.ndarray
     time_slip: np.ndarray
@@ -199,9 +200,9 @@ def _take(tree, at):
 
 def _run_chunk(chunk: tuple[Scene, State], plan: Plan, tick: Callable[[int], None]) -> Runs:
     scenes, states = chunk
-    lanes = begin_lanes(scenes, states)
+    lanes = begin_lanes(scenes, states, plan.method)
     if plan.lead_in is not None:
-        lanes, _ = run_block(scenes, lanes, plan.lead_in, jnp.int32(1), plan.method, BLOCK)
+        lanes, _ = run_block(scenes, lanes, plan.lead_in, jnp.int32(1), plan.method, BLOCK, best())
     lanes, _ = _blocks(scenes, lanes, plan.transient, plan, tick, keep=False)
     before = lanes.tally
     lanes, samples = _blocks(scenes, lanes, plan.kept, plan, tick, keep=True)
@@ -212,10 +213,10 @@ def _blocks(scenes: Scene, lanes: Lane, periods: int, plan: Plan, tick, keep: bo
     kept: list[Sample] = []
     for done in range(0, periods, BLOCK):
         n = min(BLOCK, periods - done)
-        lanes, sample = run_block(scenes, lanes, plan.clock, jnp.int32(n), plan.method, BLOCK)
+        lanes, sample = run_block(scenes, lanes, plan.clock, jnp.int32(n), plan.method, BLOCK, best())
         jax.block_until_ready(lanes.status)
         if keep:
-            kept.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:, :n], sample))
+            kept.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n].T, sample))
         tick(n)
     return lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *kept) if kept else None
 
@@ -246,6 +247,12 @@ def _carried_on(last: Lane, fresh: State) -> State:
     return jax.tree.map(choose, final_states(last), fresh)
 
 
+def relative_residual(samples: Sample) -> np.ndarray:
+    """Largest energy residual of any period over the mean work of the drive in one, (lanes,)."""
+    work = np.abs(samples.work).mean(axis=-1)
+    return np.abs(samples.residual).max(axis=-1) / np.where(work > 0, work, 1.0)
+
+
 def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, period_tol: float) -> SweepResult:
     shape = tuple(len(v) for v in axes.values())
     flat = jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), scenes)
@@ -259,8 +266,7 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
     whole = sum(spent)
     with np.errstate(invalid="ignore", divide="ignore"):
         times = [t / whole for t in spent]
-        work = np.abs(runs.samples.work).mean(axis=-1)
-        residual = np.abs(runs.samples.residual).max(axis=-1) / np.where(work > 0, work, 1.0)
+        residual = relative_residual(runs.samples) if plan.method.ledger else np.full(shape, np.nan)
     counters = {n: getattr(tally.counters, n) - getattr(before.counters, n) for n in Counters.__annotations__}
     return SweepResult(
         axes=axes,

@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.experimental.xla_metadata import set_xla_metadata
 
 from jaxshroud.checks import count_argument
 from jaxshroud.events import look
 from jaxshroud.friction import stretch
-from jaxshroud.integrate import NO_SEAM, REFERENCE, Grid, Lane, Method, begin, energy, march
-from jaxshroud.periods import COMPILER, ONE_KERNEL
+from jaxshroud.integrate import REFERENCE, Grid, Lane, Method, begin, energy, march
+from jaxshroud.lanes import EachLane, best
+from jaxshroud.periods import COMPILER
 from jaxshroud.rhs import Model, as_arrays, as_pairs, model
 from jaxshroud.scene import Motion, Scalar, Scene
 from jaxshroud.state import Mode, State, Status, start
@@ -32,7 +32,7 @@ class Trajectory(NamedTuple):
     case: Any  # (n,) 1-4; 0 when apart
     status: Any  # () see `Status`
     counters: dict[str, int]
-    energy_residual: float  # relative to the drive's work
+    energy_residual: float  # relative to the drive's work; NaN where the method keeps no ledger
     last: State  # to go on from; at the last sample
     turns: float  # drive phase of the last sample [turns]
 
@@ -72,19 +72,22 @@ def simulate(
     for name, value in dict(n_periods=n_periods, steps_per_period=steps_per_period, every=every).items():
         count_argument(name, value, 1)
     state = start(scene.initial) if state is None else state
-    lane, first = _begin(scene, state)
+    lane, first = _begin(scene, state, method)
     samples, total = [first], n_periods * steps_per_period // every
     steps, phase = jnp.int32(steps_per_period), jnp.asarray(turns, first.u_s.dtype)
     held = _energy(scene, lane)
     for done in range(0, total, BLOCK):
         n = min(BLOCK, total - done)
-        lane, block = _samples(scene, lane, steps, phase, jnp.int32(every), jnp.int32(n), method)
+        lane, block = _samples(scene, lane, steps, phase, jnp.int32(every), jnp.int32(n), method, best())
         samples.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
     whole = jax.tree.map(lambda *a: np.concatenate(a), jax.tree.map(lambda a: np.asarray(a)[None], first), *samples[1:])
     period = float(scene.drive.period)
     index = np.arange(total + 1) * every
-    gain, tally = lane.tally.integrals, lane.tally
-    balance = gain.drive + tally.jumps - gain.viscous - gain.friction - (_energy(scene, lane) - held)
+    tally, residual = lane.tally, float("nan")
+    if method.ledger:
+        gain = tally.integrals.ledger
+        balance = gain.drive + tally.jumps - gain.viscous - gain.friction - (_energy(scene, lane) - held)
+        residual = float(balance / jnp.where(gain.drive == 0, 1.0, jnp.abs(gain.drive)))
     return Trajectory(
         t=t + index * (period / steps_per_period),
         motion=whole.motion,
@@ -93,15 +96,15 @@ def simulate(
         case=whole.case,
         status=int(lane.status),
         counters={name: int(n) for name, n in vars(tally.counters).items()},
-        energy_residual=float(balance / jnp.where(gain.drive == 0, 1.0, jnp.abs(gain.drive))),
+        energy_residual=residual,
         last=jax.tree.map(lambda a: a[-1], whole),
         turns=float((turns + (index[-1] % steps_per_period) / steps_per_period) % 1),
     )
 
 
-@jax.jit
-def _begin(scene: Scene, state: State) -> tuple[Lane, State]:
-    lane = begin(as_pairs(state), model(scene))
+@partial(jax.jit, static_argnames="method")
+def _begin(scene: Scene, state: State, method: Method) -> tuple[Lane, State]:
+    lane = begin(as_pairs(state), model(scene), method)
     return lane, _sample(lane, model(scene))
 
 
@@ -113,30 +116,26 @@ def _energy(scene: Scene, lane: Lane) -> Scalar:
 def _sample(lane: Lane, scene_model: Model) -> State:
     """The lane's state with its slider brought up to date; NaN once the lane has stopped."""
     held = lane.state
-    at = look(held.motion, held, scene_model, NO_SEAM).at
+    at = look(held.motion, held, scene_model).at
     u_s = at.u - stretch(at.v, at.u, held.u_s, held.mode, scene_model.spring)
     motion, u_s = jax.tree.map(lambda a: jnp.where(lane.status == Status.OK, a, jnp.nan), (as_arrays(held.motion), u_s))
     return State(motion, u_s, held.mode, held.case)
 
 
-@partial(jax.jit, static_argnames="method", compiler_options=COMPILER)
-def _samples(scene: Scene, lane: Lane, steps, turns, every, n, method: Method) -> tuple[Lane, State]:
+@partial(jax.jit, static_argnames=("method", "each"), compiler_options=COMPILER)
+def _samples(scene: Scene, lane: Lane, steps, turns, every, n, method: Method, each: EachLane) -> tuple[Lane, State]:
     """`n` samples, `every` steps apart; the rows beyond are meaningless."""
+    alone = lambda tree: jax.tree.map(lambda a: a[None], tree)  # noqa: E731
+    scene_model = model(scene)
+    models, grids = alone((scene_model, Grid(turns, steps.astype(turns.dtype), scene.drive.period)))
 
-    @jax.jit
-    def kernel(scene, lane, steps, turns, every, n):
-        scene_model = model(scene)
-        grid = Grid(turns, steps.astype(turns.dtype), scene.drive.period)
+    def one_step(_, lanes):
+        lanes = march(lanes, models, grids, lanes.step + 1, method, each)
+        return eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(lanes.step == steps, 0, lanes.step))
 
-        def one_step(_, lane):
-            lane = march(lane, lane.step + 1, scene_model, grid, method)
-            return eqx.tree_at(lambda lane: lane.step, lane, jnp.where(lane.step == steps, 0, lane.step))
+    def one_sample(lanes, i):
+        lanes = lax.fori_loop(0, jnp.where(i < n, every, 0), one_step, lanes)
+        return lanes, _sample(jax.tree.map(lambda a: a[0], lanes), scene_model)
 
-        def one_sample(lane, i):
-            lane = lax.fori_loop(0, jnp.where(i < n, every, 0), one_step, lane)
-            return lane, _sample(lane, scene_model)
-
-        return lax.scan(one_sample, lane, jnp.arange(BLOCK, dtype=jnp.int32))
-
-    with set_xla_metadata(**ONE_KERNEL):
-        return kernel(scene, lane, steps, turns, every, n)
+    lanes, samples = lax.scan(one_sample, alone(lane), jnp.arange(BLOCK, dtype=jnp.int32))
+    return jax.tree.map(lambda a: a[0], lanes), samples

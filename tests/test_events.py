@@ -14,7 +14,6 @@ from jaxshroud.events import Counters, Crossing, Kind, View, count, crossing, fi
 from jaxshroud.friction import contact_energy, friction_force, stretch
 from jaxshroud.rhs import Model, as_pairs, model
 from jaxshroud.scene import Contact, vary
-from jaxshroud.seam import Seam
 from jaxshroud.state import Mode, State
 
 K, K_D, MU = 1e6, 5e5, 0.4
@@ -53,13 +52,13 @@ def held_at(q, rate, mode: Mode, case: int, u_s: float = 0.0) -> State:
 
 @eqx.filter_jit
 def seen(held: State, model: Model) -> View:
-    return look(held.motion, held, model, Seam())
+    return look(held.motion, held, model)
 
 
 @eqx.filter_jit
 def _crossed(held: State, kind: jax.Array, model: Model, late: jax.Array) -> tuple[Crossing, View]:
-    event = crossing(held.motion, held, look(held.motion, held, model, Seam()), kind, late, model)
-    return event, look(held.motion, event.after, model, Seam())
+    event = crossing(held.motion, held, look(held.motion, held, model), kind, late, model)
+    return event, look(held.motion, event.after, model)
 
 
 def crossed(held: State, kind: Kind, model: Model, late: float = 0.0) -> tuple[Crossing, View]:
@@ -138,7 +137,7 @@ def test_rates_of_the_guards_are_their_derivatives(scene, reading):
     def guards_and_derivatives(q, rate, mode, case):
         def guards(q):
             held = State(exact.motion(q, rate), jnp.asarray(1e-4), mode, case)
-            return look(held.motion, held, ready, Seam()).guards
+            return look(held.motion, held, ready).guards
 
         return guards(q), jax.jvp(guards, (q,), (rate,))[1]
 

@@ -20,7 +20,6 @@ from jaxshroud.friction import (
 )
 from jaxshroud.rhs import Model, as_arrays, as_pairs, model
 from jaxshroud.scene import Motion, vary
-from jaxshroud.seam import Seam
 from jaxshroud.state import Mode, State, start
 
 K, K_D, MU = 1e6, 1e6, 0.5
@@ -34,7 +33,7 @@ def led(model: Model, motions: Motion) -> tuple[jax.Array, jax.Array]:
     """Friction force and slide along a prescribed motion, under the transitions of `events`."""
 
     def step(held: State, z: Motion) -> tuple[State, tuple[jax.Array, jax.Array]]:
-        view = look(z, held, model, Seam())
+        view = look(z, held, model)
         violated = tuple(g > 0 for g in view.guards.value)
         due = jnp.any(jnp.stack(violated))
         fired = crossing(z, held, view, first_kind(violated), jnp.asarray(0.0), model).after
