@@ -68,7 +68,6 @@ class View(NamedTuple):
     guards: Guards
 
 
-@jax.jit
 def look(z: Motion, held: State, model: Model) -> View:
     """Corner positions and guards of the motion `z` in the mode of `held`."""
     q = pose(z.x, z.y, z.theta)

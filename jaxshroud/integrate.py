@@ -18,12 +18,14 @@ from jaxshroud.events import Counters, Crossing, Guards, Kind, View, any_of, cou
 from jaxshroud.friction import contact_energy, stretch
 from jaxshroud.lanes import EachLane
 from jaxshroud.locate import Locate, Search, fresh, judge, select
-from jaxshroud.rhs import Integrals, Model, rhs, stored_energy, wave
+from jaxshroud.rhs import Acceleration, Integrals, Model, rhs, stored_energy, wave
 from jaxshroud.scene import Motion, Pair, Scalar
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.tableau import RK4, Tableau
 from jaxshroud.trig import ANGLE_RANGE, sincos_turns, sine_versine
 
+STAGES_AT_ONCE = 7  # in one kernel: `lanes.fused` says why there is a limit
+STAGES_WITH_EVENTS = 4  # in one kernel with everything else that a trial does
 MAX_EVENTS_PER_STEP = 64  # more is chatter: regular scenes have a few per *period*
 
 
@@ -82,52 +84,87 @@ def begin(state: State, model: Model, method: Method) -> Lane:
     return Lane(state, count0, fresh(zero, zero, yes, count0, method.locate), guards, tally, count0)
 
 
-def rk_step(
-    turns: Scalar, dturns: Scalar, h: Scalar, held: State, model: Model, method: Method
-) -> tuple[Motion, Integrals]:
-    """One explicit Runge-Kutta step in a fixed mode: the new motion and what the integrals gain.
+class Place(NamedTuple):
+    """A trial step of one lane in time."""
 
-    `h` is its length [s], `turns` the drive's phase at its start and `dturns` what it gains [turns].
-    """
-    tableau, z, slopes, gains = method.tableau, held.motion, [], []
-    waves = _waves(turns, dturns, tableau, model)
-    for a, c in zip(tableau.a, tableau.c, strict=True):
-        stage = _combined(z, h, a, slopes) if a else z
-        slope, gain = rhs(waves[c], stage, held, model, method.ledger)
-        slopes.append(slope)
-        gains.append(gain)
-    none = jax.tree.map(jnp.zeros_like, gains[0])
-    return _combined(z, h, tableau.b, slopes), _combined(none, h, tableau.b, gains)
+    turns: Scalar  # phase of the drive at its start [turns]
+    dturns: Scalar  # and what it gains [turns]
+    h: Scalar  # its length [s]
 
 
-def _waves(turns: Scalar, dturns: Scalar, tableau: Tableau, model: Model) -> dict[float, Pair]:
-    """The drive at each of the tableau's nodes, by angle addition from the start of the step."""
-    s_0, c_0 = sincos_turns(turns)
+def _place(lane: Lane, grid: Grid) -> Place:
+    done = lane.step.astype(lane.search.done.dtype) + lane.search.done
+    dturns = lane.search.length / grid.steps
+    return Place(grid.start + done / grid.steps, dturns, dturns * grid.period)
+
+
+class Stages(NamedTuple):
+    """What the stages of a Runge-Kutta step so far have found."""
+
+    accelerations: tuple[Acceleration, ...]
+    gain: Integrals | None  # sum of the integrals' rates times the weights b
+
+
+NO_STAGES = Stages((), None)
+
+
+def rk_stages(known: Stages, upto: int, place: Place, held: State, model: Model, method: Method):
+    """The stages before number `upto`, and the slopes dz/dt in all of them; the mode stays fixed."""
+    tableau, (found, gain) = method.tableau, known
+    slopes: list[Motion] = []
+    waves = _waves(place, set(tableau.c[len(found) : upto]), model)
+    for i in range(upto):
+        z = _combined(held.motion, place.h, tableau.a[i][: len(slopes)], slopes)
+        if i == len(found):
+            acceleration, rates = rhs(waves[tableau.c[i]], z, held, model, method.ledger)
+            found = (*found, acceleration)
+            gain = _added(gain, tableau.b[i], rates)
+        slopes.append(Motion(z.v_x, z.v_y, z.v_theta, *found[i]))
+    return Stages(found, gain), slopes
+
+
+def _added(total: Integrals | None, weight: float, rates: Integrals) -> Integrals | None:
+    weighted = jax.tree.map(lambda a: weight * a, rates) if weight else None
+    return weighted if total is None else total if weighted is None else jax.tree.map(jnp.add, total, weighted)
+
+
+def rk_step(known: Stages, place: Place, held: State, model: Model, method: Method) -> tuple[Motion, Integrals]:
+    """One explicit Runge-Kutta step in a fixed mode: the new motion and what the integrals gain."""
+    b = method.tableau.b
+    (_, gain), slopes = rk_stages(known, len(b), place, held, model, method)
+    return _combined(held.motion, place.h, b, slopes), jax.tree.map(lambda a: place.h * a, gain)
+
+
+def _waves(place: Place, nodes: set[float], model: Model) -> dict[float, Pair]:
+    """The drive at some of the tableau's nodes, by angle addition from the start of the step."""
+    s_0, c_0 = sincos_turns(place.turns)
     waves = {}
-    for c in set(tableau.c):
-        s, v = sine_versine(2 * math.pi * c * dturns)
+    for c in nodes:
+        s, v = sine_versine(2 * math.pi * c * place.dturns)
         waves[c] = wave(s_0 - s_0 * v + c_0 * s, c_0 - c_0 * v - s_0 * s, model.drive)
     return waves
 
 
-def _combined(z, h: Scalar, weights: tuple[float, ...], slopes: list):
+def _combined(z, h: Scalar, weights, slopes):
     """Z + h sum(weights * slopes), leaf by leaf."""
-    return jax.tree.map(lambda z, *k: z + h * sum(w * k for w, k in zip(weights, k, strict=True) if w), z, *slopes)
+    used = [(w, k) for w, k in zip(weights, slopes, strict=True) if w]
+    if not used:
+        return z
+    weights, slopes = zip(*used, strict=True)
+    return jax.tree.map(lambda z, *k: z + h * sum(w * k for w, k in zip(weights, k, strict=True)), z, *slopes)
 
 
-def trial(lane: Lane, model: Model, grid: Grid, method: Method) -> Lane:
-    """One trial step of a lane: the body of the flat loop."""
+def trial(lane: Lane, end: tuple[Motion, Integrals], model: Model, grid: Grid, method: Method) -> Lane:
+    """What becomes of a lane whose trial step has come to `end`."""
     search, held = lane.search, lane.state
-    turns = grid.start + (lane.step.astype(search.done.dtype) + search.done) / grid.steps
-    h_full = grid.period / grid.steps
-    h = search.length * h_full
-    z, gain = rk_step(turns, search.length / grid.steps, h, held, model, method)
+    h, h_full = _place(lane, grid).h, grid.period / grid.steps
+    z, gain = end
     view = look(z, held, model)
 
     counts = (search.length > 0) | search.recheck
     violated = tuple((g > 0) & counts for g in view.guards.value)
     kind = first_kind(violated)
-    verdict = judge(search, lane.guards, view.guards, violated, kind, h_full, method.locate)
+    verdict = judge(search, lane.guards, view.guards, violated, kind, h_full, method.locate, method.tableau.order)
     fire, lost = verdict.fire, ~_finite(z)
     accept = verdict.accept | lost
 
@@ -173,7 +210,7 @@ def _advanced(search: Search, step, fire, again, locate: Locate) -> tuple[Search
     events = jnp.where(over, 0, search.events + fire.astype(jnp.int32))
     ahead = fresh(done, jnp.where(again, 0.0, 1 - done), again, events, locate)
     # a trial that only peeked leaves the guard at its peak: march on without peeking again
-    return ahead._replace(peeking=search.peeking & ~fire), step + over.astype(jnp.int32)
+    return ahead._replace(peeking=search.peeking & ~fire & ~over), step + over.astype(jnp.int32)
 
 
 def _finite(z: Motion) -> Bool[Array, ""]:
@@ -187,10 +224,39 @@ def _status(z: Motion, lost, events) -> Int[Array, ""]:
     return jnp.where(lost, Status.NOT_FINITE, status).astype(jnp.int32)
 
 
-def advance(lane: Lane, fixed: tuple[Model, Grid, Int[Array, ""]], method: Method) -> Lane:
-    """One trial step of a lane on its way to the start of step `stop`; nothing if it has arrived or failed."""
+Fixed = tuple[Model, Grid, Int[Array, "..."]]  # of a lane: its scene, its time grid, the step where it stops
+
+
+Fixed = tuple[Model, Grid, Int[Array, "..."]]  # of a lane: its scene, its time grid, the step where it stops
+
+
+def advance(lanes: Lane, fixed: Fixed, method: Method, each: EachLane) -> Lane:
+    """One trial step of every lane on its way.
+
+    A short Runge-Kutta method and all that follows is one kernel. The stages of a long one come first, in groups.
+    """
+    size, known = len(method.tableau.b), NO_STAGES
+    if size <= STAGES_WITH_EVENTS:
+        return each(lambda lane, fixed: _on(lane, _step(lane, NO_STAGES, fixed, method), fixed, method), lanes, fixed)
+    for upto in range(STAGES_AT_ONCE, size, STAGES_AT_ONCE):
+        known = each(lambda lane, known, fixed, upto=upto: _some(lane, known, upto, fixed, method), lanes, known, fixed)
+    end = each(lambda lane, known, fixed: _step(lane, known, fixed, method), lanes, known, fixed)
+    return each(lambda lane, end, fixed: _on(lane, end, fixed, method), lanes, end, fixed)
+
+
+def _some(lane: Lane, known: Stages, upto: int, fixed: Fixed, method: Method) -> Stages:
+    model, grid, _ = fixed
+    return rk_stages(known, upto, _place(lane, grid), lane.state, model, method)[0]
+
+
+def _step(lane: Lane, known: Stages, fixed: Fixed, method: Method) -> tuple[Motion, Integrals]:
+    model, grid, _ = fixed
+    return rk_step(known, _place(lane, grid), lane.state, model, method)
+
+
+def _on(lane: Lane, end: tuple[Motion, Integrals], fixed: Fixed, method: Method) -> Lane:
     model, grid, stop = fixed
-    return select(running(lane, stop), trial(lane, model, grid, method), lane)
+    return select(running(lane, stop), trial(lane, end, model, grid, method), lane)
 
 
 def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
@@ -200,8 +266,8 @@ def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
 
 def march(lanes: Lane, models: Model, grids: Grid, stops: Int[Array, " lanes"], method: Method, each: EachLane) -> Lane:
     """Run every lane (leading axis of all arguments) to the start of step `stop`, or until its status is not OK."""
-    fixed = (models, grids, stops)
-    once = lambda lanes: each(lambda lane, fixed: advance(lane, fixed, method), lanes, fixed)  # noqa: E731
+    once = lambda lanes: advance(lanes, (models, grids, stops), method, each)  # noqa: E731
+    # two by two: the first writes to memory of its own, the second back where the lanes came from, and none is copied
     return lax.while_loop(lambda lanes: jnp.any(running(lanes, stops)), lambda lanes: once(once(lanes)), lanes)
 
 

@@ -16,25 +16,63 @@ import jax.numpy as jnp
 from jax import lax
 from jax.extend.core import jaxpr_as_fun
 
-# (f, carried, fixed): `f(carried, fixed)`, alike in shape to `carried`, of every lane; all arrays have a lane axis
-EachLane = Callable[[Callable, Any, Any], Any]
+EachLane = Callable[..., Any]  # (f, *args): `f(*args)` of every lane; all arrays have a leading axis of lanes
 
 
-def plain(f: Callable, carried: Any, fixed: Any) -> Any:
+def plain(f: Callable, *args: Any) -> Any:
     """By `jax.vmap`: runs, and differentiates, anywhere."""
-    return jax.vmap(f)(carried, fixed)
+    return jax.vmap(f)(*args)
 
 
-def fused(f: Callable, carried: Any, fixed: Any) -> Any:
-    """As one kernel; `f` may use elementwise operations on scalars only."""
-    leaves, tree = jax.tree.flatten((carried, fixed))
-    like, kept = jax.tree.structure(carried), len(jax.tree.leaves(carried))
+def fused(f: Callable, *args: Any) -> Any:
+    """As one kernel; `f` may use elementwise operations on scalars only.
+
+    XLA:CPU keeps a kernel whole up to some 3,500 operations. Beyond, it cuts it into functions that recompute each
+    other's results: give large functions in parts.
+    """
+    leaves, tree = jax.tree.flatten(args)
     scalars = [jax.ShapeDtypeStruct((), a.dtype) for a in leaves]
-    one = jaxpr_as_fun(jax.make_jaxpr(lambda *a: jax.tree.leaves(f(*tree.unflatten(a))))(*scalars))
-    # as many results as operands are asked for: the fixed ones pass through
-    reducer = lambda _, lane: (*one(*lane), *lane[kept:])  # noqa: E731
-    zeros = tuple(jnp.zeros((), a.dtype) for a in leaves)
-    return like.unflatten(lax.reduce_window(tuple(leaves), zeros, reducer, (1,), (1,), "VALID")[:kept])
+    jaxpr, shape = jax.make_jaxpr(lambda *a: f(*tree.unflatten(a)), return_shape=True)(*scalars)
+    used = _used(jaxpr.jaxpr)
+    operands, results = _paired([leaves[i] for i in used], [a.dtype for a in jaxpr.out_avals])
+    kernel = _reducer(jaxpr_as_fun(jaxpr), scalars, used, results)
+    zeros = tuple(jnp.zeros((), a.dtype) for a in operands)
+    out = lax.reduce_window(operands, zeros, kernel, (1,), (1,), "VALID")
+    return jax.tree.unflatten(jax.tree.structure(shape), [out[i] for i in results])
+
+
+def _used(jaxpr) -> list[int]:
+    """Which arguments matter to the results."""
+    read = {id(v) for eqn in jaxpr.eqns for v in eqn.invars} | {id(v) for v in jaxpr.outvars}
+    return [i for i, v in enumerate(jaxpr.invars) if id(v) in read]
+
+
+def _paired(leaves: list, out_types: list) -> tuple[tuple, list[int]]:
+    """Operands, and at which of them each result goes: a reduction returns as many results, of the same types."""
+    operands, free = list(leaves), list(range(len(leaves)))
+    places = []
+    for dtype in out_types:
+        place = next((i for i in free if leaves[i].dtype == dtype), None)
+        if place is None:
+            place = len(operands)
+            operands.append(jnp.zeros(leaves[0].shape, dtype))
+        else:
+            free.remove(place)
+        places.append(place)
+    return tuple(operands), places
+
+
+def _reducer(one: Callable, scalars: list, used: list[int], places: list[int]) -> Callable:
+    def reducer(_, lane):
+        arguments = [jnp.zeros((), a.dtype) for a in scalars]
+        for i, value in zip(used, lane, strict=False):
+            arguments[i] = value
+        results = list(lane)  # places that hold no result pass their operand through
+        for place, value in zip(places, one(*arguments), strict=True):
+            results[place] = value
+        return tuple(results)
+
+    return reducer
 
 
 @cache
@@ -42,10 +80,10 @@ def best() -> EachLane:
     """`fused` on a CPU where it does what it should, else `plain`."""
     if jax.default_backend() != "cpu":
         return plain
-    lanes = jnp.arange(1.0, 9.0)
-    double = jax.jit(lambda a, b: fused(lambda a, b: (a[0] * b, -a[0]), (a, a), b))
+    a = jnp.arange(1.0, 9.0)
     try:
-        got = double(lanes, 2 * lanes)
+        got = jax.jit(lambda a: fused(lambda a, b: (a * b, -a, a > 4), a, 2 * a))(a)
     except Exception:  # whatever a future XLA may object to, the plain way remains
         return plain
-    return fused if bool(jnp.all(got[0] == 2 * lanes**2) & jnp.all(got[1] == -lanes)) else plain
+    right = jnp.all(got[0] == 2 * a**2) & jnp.all(got[1] == -a) & jnp.all(got[2] == (a > 4))
+    return fused if bool(right) else plain

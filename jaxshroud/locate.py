@@ -117,16 +117,15 @@ def peak(start: Guards, end: Guards, h: Scalar) -> Scalar:
     return first
 
 
-def tolerance(kind: Int[Array, ""], locate: Locate, dtype) -> Scalar:
+def tolerance(kind: Int[Array, ""], locate: Locate, order: int, dtype) -> Scalar:
     """How late an event may be found, in steps.
 
-    Force-continuous events cost an error of the square of this, loaded case switches its first power.
+    Force-continuous events cost an error of the square of this, loaded case switches its first power. Closing in by
+    the cubic, more than a method of this order resolves is not asked for.
     """
-    coarse, fine = {
-        ("bisection", jnp.dtype("float64")): (2.0**-20, 2.0**-36),
-        ("cubic", jnp.dtype("float64")): (2.0**-16, 2.0**-34),
-    }.get((locate, jnp.dtype(dtype)), (2.0**-12, 2.0**-18))
-    return jnp.where((kind == Kind.TURN) | (kind == Kind.HEIGHT), fine, coarse).astype(dtype)
+    bits = 20 if locate == "bisection" else 8 + order
+    bits = (bits, 36 if locate == "bisection" else 2 * bits) if dtype == jnp.float64 else (10, 16)
+    return jnp.where((kind == Kind.TURN) | (kind == Kind.HEIGHT), 2.0 ** -bits[1], 2.0 ** -bits[0]).astype(dtype)
 
 
 def judge(
@@ -137,6 +136,7 @@ def judge(
     kind: Int[Array, ""],
     h: Scalar,
     locate: Locate,
+    order: int,
 ) -> Verdict:
     """Judge a trial that ended with the guards `end`.
 
@@ -148,6 +148,7 @@ def judge(
         kind: The one of them that takes precedence.
         h: Length of a whole step [s].
         locate: Way of closing in.
+        order: Of the Runge-Kutta method.
     """
     hit = any_of(violated)
     if locate == "none":
@@ -157,8 +158,8 @@ def judge(
     below = jnp.where(search.bracketing & ~hit, search.length, search.low)
     top = peak(low, end, search.length * h)
     peeks = ~bracketing & ~search.peeking & (top < 1)
-    narrow = tolerance(jnp.int32(Kind.TURN), locate, high.dtype)
-    allowed = tolerance(kind, locate, high.dtype)
+    narrow = tolerance(jnp.int32(Kind.TURN), locate, order, high.dtype)
+    allowed = tolerance(kind, locate, order, high.dtype)
     if locate == "cubic":
         target = _target(search, low, end, violated, search.length - search.low, h)
         now = select(hit | ~search.bracketing, low, end)

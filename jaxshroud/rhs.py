@@ -1,6 +1,5 @@
 """Equation (1): the motion of both blocks while the contact mode and case are held fixed."""
 
-from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -64,6 +63,14 @@ def model(scene: Scene) -> Model:
     return Model(*parts, reading=scene.contact.reading)
 
 
+class Acceleration(NamedTuple):
+    """Second derivatives of the displacements."""
+
+    x: Pair  # [m/s^2]
+    y: Pair
+    theta: Pair  # [rad/s^2]
+
+
 class Ledger(NamedTuple):
     """Works that the energy balance needs."""
 
@@ -85,8 +92,8 @@ def wave(s: Scalar, c: Scalar, drive: Excitation) -> Pair:
     return left, right
 
 
-def accelerated(z: Motion, Q: Pair, load: Load, model: Model) -> Motion:
-    """dz/dt by Eq. (1), with `Q` the drive's wave of each blade."""
+def accelerated(z: Motion, Q: Pair, load: Load, model: Model) -> Acceleration:
+    """Accelerations by Eq. (1), with `Q` the drive's wave of each blade."""
     b, d, inverse = model.blades, model.drive, model.mobility
     R_x, R_y = (load.R_x, -load.R_x), (load.R_y, -load.R_y)
 
@@ -97,7 +104,7 @@ def accelerated(z: Motion, Q: Pair, load: Load, model: Model) -> Motion:
         return a_x, a_y, a_theta
 
     left, right = rates(0), rates(1)
-    return Motion(z.v_x, z.v_y, z.v_theta, *zip(left, right, strict=True))
+    return Acceleration(*zip(left, right, strict=True))
 
 
 def mean_square(q: Pose, gyration: Scalar) -> Pair:
@@ -118,9 +125,8 @@ def works(z: Motion, Q: Pair, F: Scalar, slide: Scalar, model: Model) -> Ledger:
     return Ledger(drive(0) + drive(1), viscous(0) + viscous(1), F * slide)
 
 
-@partial(jax.jit, static_argnames="ledger")  # traced once for all stages
-def rhs(Q: Pair, z: Motion, held: State, model: Model, ledger: bool) -> tuple[Motion, Integrals]:
-    """dz/dt of Eq. (1) and the rates of the running integrals while mode, case and slider of `held` stay fixed.
+def rhs(Q: Pair, z: Motion, held: State, model: Model, ledger: bool) -> tuple[Acceleration, Integrals]:
+    """Accelerations by Eq. (1) and the rates of the running integrals while mode, case and slider of `held` stay fixed.
 
     `Q` is the drive's `wave` at the time in question; the rates of the works are left out without `ledger`.
     """

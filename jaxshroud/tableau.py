@@ -1,10 +1,16 @@
-"""Explicit Runge-Kutta methods of the fixed-step march."""
+"""Explicit Runge-Kutta methods of the fixed-step march.
 
+All but the reference come from well-kept solver libraries; these are imported when such a method is asked for.
+"""
+
+from functools import cache
 from typing import NamedTuple
+
+import numpy as np
 
 
 class Tableau(NamedTuple):
-    """Butcher tableau with its order; `a` is strictly lower triangular."""
+    """Butcher tableau with its order; `a` is strictly lower triangular, one row for each stage."""
 
     a: tuple[tuple[float, ...], ...]
     b: tuple[float, ...]
@@ -18,3 +24,36 @@ RK4 = Tableau(
     c=(0.0, 0.5, 0.5, 1.0),
     order=4,
 )
+TABLEAUS = {"rk4": 4, "tsit5": 5, "dop853": 8, "dopri8": 8}  # name -> order
+
+
+@cache
+def tableau(name: str) -> Tableau:
+    """The Runge-Kutta method of that name.
+
+    Args:
+        name: "rk4", the reference; "tsit5" (6 stages) and "dopri8" (13 stages) as in diffrax; "dop853" (12 stages) as
+            in SciPy.
+
+    Raises:
+        ValueError: There is no such method.
+    """
+    if name not in TABLEAUS:
+        raise ValueError(f"Unknown Runge-Kutta method {name!r}; known are {', '.join(TABLEAUS)}.")
+    if name == "rk4":
+        return RK4
+    if name == "dop853":
+        from scipy.integrate import DOP853
+
+        return _explicit(list(DOP853.A), DOP853.B, DOP853.C, TABLEAUS[name])
+    import diffrax
+
+    source = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}[name].tableau
+    return _explicit([(), *source.a_lower], source.b_sol, (0.0, *source.c), TABLEAUS[name])
+
+
+def _explicit(a, b, c, order: int) -> Tableau:
+    """Without the stages at the end that serve an error estimate or the next step only."""
+    stages = int(np.flatnonzero(b)[-1]) + 1
+    rows = tuple(tuple(float(w) for w in np.asarray(row)[:i]) for i, row in enumerate(a[:stages]))
+    return Tableau(rows, tuple(float(w) for w in b[:stages]), tuple(float(w) for w in c[:stages]), order)
