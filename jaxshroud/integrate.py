@@ -224,10 +224,12 @@ def _status(z: Motion, lost, events) -> Int[Array, ""]:
     return jnp.where(lost, Status.NOT_FINITE, status).astype(jnp.int32)
 
 
-Fixed = tuple[Model, Grid, Int[Array, "..."]]  # of a lane: its scene, its time grid, the step where it stops
+class Fixed(NamedTuple):
+    """What stays the same for a lane during a march."""
 
-
-Fixed = tuple[Model, Grid, Int[Array, "..."]]  # of a lane: its scene, its time grid, the step where it stops
+    model: Model
+    grid: Grid
+    stop: Int[Array, "..."]  # the step at whose start it ends
 
 
 def advance(lanes: Lane, fixed: Fixed, method: Method, each: EachLane) -> Lane:
@@ -266,7 +268,7 @@ def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
 
 def march(lanes: Lane, models: Model, grids: Grid, stops: Int[Array, " lanes"], method: Method, each: EachLane) -> Lane:
     """Run every lane (leading axis of all arguments) to the start of step `stop`, or until its status is not OK."""
-    once = lambda lanes: advance(lanes, (models, grids, stops), method, each)  # noqa: E731
+    once = lambda lanes: advance(lanes, Fixed(models, grids, stops), method, each)  # noqa: E731
     # two by two: the first writes to memory of its own, the second back where the lanes came from, and none is copied
     return lax.while_loop(lambda lanes: jnp.any(running(lanes, stops)), lambda lanes: once(once(lanes)), lanes)
 
