@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
+from jaxshroud.checks import Precision
 from jaxshroud.events import Counters, Crossing, Guards, Kind, View, any_of, count, crossing, first_kind, look
 from jaxshroud.friction import contact_energy, stretch
 from jaxshroud.lanes import EachLane
@@ -26,6 +27,7 @@ from jaxshroud.trig import ANGLE_RANGE, sincos_turns, sine_versine
 
 STAGES_AT_ONCE = 7  # in one kernel: `lanes.fused` says why there is a limit
 STAGES_WITH_EVENTS = 4  # in one kernel with everything else that a trial does
+LEAST_STEPS = 8  # per period: what the drive's phase gains in a step must stay within ANGLE_RANGE
 MAX_EVENTS_PER_STEP = 64  # more is chatter: regular scenes have a few per *period*
 
 
@@ -35,9 +37,15 @@ class Method(NamedTuple):
     tableau: Tableau = RK4
     locate: Locate = "bisection"
     ledger: bool = True  # keep the works that the energy balance needs
+    precision: Precision = "float64"
+
+    def __str__(self) -> str:
+        return f"{self.tableau.name}, events by {self.locate}, {self.precision}"
 
 
 REFERENCE = Method()
+FAST_WITH_LEDGER = Method(locate="cubic")  # the same errors in less time
+FAST = FAST_WITH_LEDGER._replace(ledger=False)  # no energy residual either
 
 
 class Grid(NamedTuple):
@@ -268,7 +276,8 @@ def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
 
 def march(lanes: Lane, models: Model, grids: Grid, stops: Int[Array, " lanes"], method: Method, each: EachLane) -> Lane:
     """Run every lane (leading axis of all arguments) to the start of step `stop`, or until its status is not OK."""
-    once = lambda lanes: advance(lanes, Fixed(models, grids, stops), method, each)  # noqa: E731
+    fixed = Fixed(models, grids, stops)
+    once = jax.jit(lambda lanes: advance(lanes, fixed, method, each))  # traced once
     # two by two: the first writes to memory of its own, the second back where the lanes came from, and none is copied
     return lax.while_loop(lambda lanes: jnp.any(running(lanes, stops)), lambda lanes: once(once(lanes)), lanes)
 

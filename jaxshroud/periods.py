@@ -38,7 +38,7 @@ class Clock(NamedTuple):
 
 def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Method, each: EachLane):
     before, held = lanes.tally, _energies(lanes, models)
-    like = lambda a: jnp.broadcast_to(a, periods.shape)  # noqa: E731
+    like = lambda a: jnp.broadcast_to(a.astype(periods.dtype), periods.shape)  # noqa: E731
     grids = Grid(like(clock.start), like(clock.per_period), periods)
     lanes = march(lanes, models, grids, jnp.where(active, clock.steps, 0), method, each)
     gain = jax.tree.map(jnp.subtract, lanes.tally.integrals, before.integrals)

@@ -7,8 +7,8 @@ import numpy as np
 
 from jaxshroud.analysis.period import PERIOD_TOLERANCE, periodicity
 from jaxshroud.analysis.power import interval, reduction
-from jaxshroud.checks import count_argument
-from jaxshroud.integrate import REFERENCE, Method
+from jaxshroud.checks import count_argument, in_precision
+from jaxshroud.integrate import FAST_WITH_LEDGER, LEAST_STEPS, Method
 from jaxshroud.linear import area, free_power
 from jaxshroud.periods import BLOCK, Sample
 from jaxshroud.scene import Scene
@@ -22,7 +22,7 @@ class PowerResult(NamedTuple):
     n: np.ndarray  # (m,) numbers of periods
     P_d: np.ndarray  # (m,) average over the first n kept periods [%]
     P_d_ci: np.ndarray  # (m,) half width of its 95 % interval [percentage points]; NaN below two batches
-    final: dict  # the answer: n, P_d, ci, settled, stable, period_number, P, P_0, status, energy_residual
+    final: dict  # the answer: n, P_d, ci, settled, stable, period_number, P, P_0, status, energy_residual, method
 
 
 def _alone(scene: Scene) -> Scene:
@@ -77,7 +77,7 @@ def power(
     steps_per_period: int = 400,
     tolerance: float = 0.1,
     period_tol: float = PERIOD_TOLERANCE,
-    method: Method = REFERENCE,
+    method: Method = FAST_WITH_LEDGER,
     progress: Progress | None = None,
 ) -> PowerResult:
     """Average P_d over more and more periods until it is stable.
@@ -101,10 +101,10 @@ def power(
     """
     count_argument("most_periods", most_periods, 1)
     count_argument("transient", transient, 0)
-    count_argument("steps_per_period", steps_per_period, 1)
+    count_argument("steps_per_period", steps_per_period, LEAST_STEPS)
     if not tolerance > 0:
         raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")
-    scenes = _alone(scene)
+    scenes = in_precision(_alone(scene), method.precision)
     ticker = Ticker(transient + most_periods, progress)
     state, lead, samples = starts(scenes), transient, []
     A, P_0 = float(area(scene.shroud)), np.asarray(free_power(scene))
@@ -117,4 +117,4 @@ def power(
         summary = _summary(samples, A, P_0, period_tol, tolerance)
     n, P_d, ci = _convergence(summary)
     final = {name: value for name, value in summary.items() if name != "series"}
-    return PowerResult(n, P_d, ci, {**final, "status": status})
+    return PowerResult(n, P_d, ci, {**final, "status": status, "method": str(method)})

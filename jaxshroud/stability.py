@@ -1,17 +1,39 @@
 """The fastest motion of a scene, and the steps per period it asks for."""
 
 import math
+from functools import cache
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxshroud.friction import springs
 from jaxshroud.geometry import Corners, corners, pose, touch
 from jaxshroud.scene import Scalar, Scene
+from jaxshroud.tableau import RK4, Tableau
 
-STABILITY_LIMIT = 2.8  # omega h beyond which RK4 amplifies an undamped oscillation (2.83 exactly)
-ACCURACY_LIMIT = 0.5  # omega h at which an error of about 1e-4 of the state per few periods is to be expected
+ACCURACY_LIMIT = 0.5  # omega h at which RK4 errs by about 1e-4 of the state in a few periods
+GROWTH = 1.01  # of an undamped oscillation per step, beyond which a method is called unstable
+
+
+def amplification(method: Tableau, omega_h: np.ndarray) -> np.ndarray:
+    """By what an undamped oscillation, exp(i omega h) in truth, is multiplied in one step."""
+    stages, i_y = [], 1j * np.asarray(omega_h)
+    for row in method.a:
+        stages.append(1 + i_y * sum((w * k for w, k in zip(row, stages, strict=True)), 0j))
+    return 1 + i_y * sum(w * k for w, k in zip(method.b, stages, strict=True))
+
+
+@cache
+def limits(method: Tableau) -> tuple[float, float]:
+    """Omega h beyond which the method is unstable, and beyond which it errs more per radian than RK4 at 0.5."""
+    y = np.linspace(0.01, 12, 1200)
+    grows = np.abs(amplification(method, y)) > GROWTH
+    error = lambda m, y: np.abs(amplification(m, y) * np.exp(-1j * y) - 1) / y  # noqa: E731
+    errs = error(method, y) > error(RK4, np.asarray(ACCURACY_LIMIT)) * (1 + 1e-9)
+    stable = float(y[np.argmax(grows)])
+    return stable, min(float(y[np.argmax(errs)]), stable)
 
 
 def largest_frequency(scene: Scene) -> Scalar:
@@ -47,24 +69,25 @@ class StepTooLongError(ValueError):
     """The march would be unstable, or the message of a warning that it will be inaccurate."""
 
 
-def step_report(omega_max: float, period: float, steps_per_period: int) -> str | None:
+def step_report(omega_max: float, period: float, steps_per_period: int, method: Tableau = RK4) -> str | None:
     """What is wrong with the step: None if nothing, else one line with numbers and cure.
 
     Raises:
         StepTooLongError: The march would be unstable.
     """
+    unstable, inaccurate = limits(method)
     product = omega_max * period / steps_per_period
     need = lambda limit: math.ceil(omega_max * period / limit)  # noqa: E731
     numbers = f"omega_max h = {product:.3g} (omega_max = {omega_max:.4g} rad/s with contact and friction springs)"
-    if product > STABILITY_LIMIT:
+    if product > unstable:
         raise StepTooLongError(
-            f"steps_per_period = {steps_per_period} is unstable: {numbers} exceeds {STABILITY_LIMIT}; "
-            f"use at least {need(ACCURACY_LIMIT)}"
+            f"steps_per_period = {steps_per_period} is unstable: {numbers} exceeds {unstable:.3g}; "
+            f"use at least {need(inaccurate)}"
         )
-    if product > ACCURACY_LIMIT:
+    if product > inaccurate:
         return (
-            f"steps_per_period = {steps_per_period} is inaccurate: {numbers} exceeds {ACCURACY_LIMIT}; "
-            f"{need(ACCURACY_LIMIT)} steps would meet it"
+            f"steps_per_period = {steps_per_period} is inaccurate: {numbers} exceeds {inaccurate:.3g}; "
+            f"{need(inaccurate)} steps would meet it"
         )
     return None
 

@@ -74,17 +74,15 @@ def sweep_dataset(result: SweepResult, scene_file: SceneFile) -> xr.Dataset:
         "period_number": lane(result.period_number, long_name="period of the orbit in drive periods; 0: aperiodic"),
         "settled": lane(result.settled.astype(np.int8), long_name="the transient is over"),
         "status": lane(result.status.astype(np.int8), **STATUS),
-        "energy_residual": lane(
-            result.energy_residual,
-            long_name="largest energy residual of a period over the drive's mean work",
-            units="1",
-        ),
         "v_max": lane(result.v_max, **_named("m", "largest penetration")),
     }
     data |= {
         name: lane(getattr(result, name), **_named("1", f"fraction of the time: {name[5:]}"))
         for name in ("time_apart", "time_stick", "time_slip")
     }
+    if result.energy_residual is not None:
+        text = "largest energy residual of a period over the drive's mean work"
+        data["energy_residual"] = lane(result.energy_residual, **_named("1", text))
     data |= {name: lane(n, long_name=f"events in the kept periods: {name}") for name, n in result.counters.items()}
     coords: dict[str, Any] = {
         dim: (dim, values, {"key": key, "units": UNITS.get(key.partition("[")[0], "1"), "long_name": key})
@@ -100,6 +98,8 @@ def sweep_dataset(result: SweepResult, scene_file: SceneFile) -> xr.Dataset:
         "axes": ",".join(dims),
         "drive_phase": float(result.phase),
         "period_tol": float(result.period_tol),
+        "steps_per_period": result.steps_per_period,
+        "method": str(result.method),
     }
     return xr.Dataset(data, coords, attrs)
 

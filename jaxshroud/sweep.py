@@ -14,9 +14,9 @@ from jaxtyping import ArrayLike
 
 from jaxshroud.analysis.period import PERIOD_TOLERANCE, periodicity
 from jaxshroud.analysis.power import reduction
-from jaxshroud.checks import count_argument
+from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.events import Counters
-from jaxshroud.integrate import REFERENCE, Lane, Method
+from jaxshroud.integrate import FAST, LEAST_STEPS, Lane, Method
 from jaxshroud.lanes import best
 from jaxshroud.linear import area, free_power
 from jaxshroud.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, run_block
@@ -49,12 +49,14 @@ class SweepResult:
     settled: np.ndarray  # False: transient not over
     period_tol: float
     status: np.ndarray
-    energy_residual: np.ndarray  # largest of any kept period, relative to the drive's mean work; NaN without a ledger
+    energy_residual: np.ndarray | None  # largest of any kept period over the drive's mean work; None without a ledger
     time_apart: np.ndarray  # fractions of the time
     time_stick: np.ndarray
     time_slip: np.ndarray
     v_max: np.ndarray  # largest penetration, of the whole run [m]
     counters: dict[str, np.ndarray]
+    steps_per_period: int
+    method: Method
 
 
 def sweep(
@@ -67,7 +69,7 @@ def sweep(
     direction: Direction = "independent",
     phase: float = 0.0,
     period_tol: float = PERIOD_TOLERANCE,
-    method: Method = REFERENCE,
+    method: Method = FAST,
     progress: Progress | None = None,
 ) -> SweepResult:
     """Simulate `scene` for every value (or pair of values) of one or two of its numbers.
@@ -89,19 +91,19 @@ def sweep(
         Samples and statistics of every lane. A lane that failed has a status and NaN; the others are not affected.
 
     Raises:
-        ValueError: A count is not positive, an axis is empty, or the phase is out of range.
+        ValueError: A count is too small, an axis is empty, the phase is out of range, or float64 is not to be had.
         KeyError: The scene has no such number.
     """
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
-    count_argument("steps_per_period", steps_per_period, 1)
+    count_argument("steps_per_period", steps_per_period, LEAST_STEPS)
     if not 0 <= phase < 2 * np.pi:
         raise ValueError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     axes = {key: np.atleast_1d(np.asarray(values, dtype=float)) for key, values in along.items()}
     if not 1 <= len(axes) <= 2 or any(v.ndim != 1 or v.size == 0 for v in axes.values()):
         raise ValueError("Argument `along` must name one or two keys, each with at least one value.")
     plan = Plan(transient, n_periods, steps_per_period, phase, method)
-    scenes = grid_of_scenes(scene, axes)
+    scenes = in_precision(grid_of_scenes(scene, axes), method.precision)
     shape = tuple(len(v) for v in axes.values())
     total = int(np.prod(shape)) * (transient + n_periods)
     ticker = Ticker(total, progress)
@@ -119,7 +121,7 @@ def grid_of_scenes(scene: Scene, axes: Mapping[str, np.ndarray]) -> Scene:
     build = lambda *values: _varied(scene, dict(zip(axes, values, strict=True)))  # noqa: E731
     for i in reversed(range(len(axes))):
         build = jax.vmap(build, in_axes=[0 if j == i else None for j in range(len(axes))])
-    return build(*(jnp.asarray(v) for v in axes.values()))
+    return jax.jit(build)(*(jnp.asarray(v) for v in axes.values()))
 
 
 def _varied(scene: Scene, values: Mapping[str, Any]) -> Scene:
@@ -253,10 +255,20 @@ def relative_residual(samples: Sample) -> np.ndarray:
     return np.abs(samples.residual).max(axis=-1) / np.where(work > 0, work, 1.0)
 
 
+@jax.jit
+def _closed_forms(scenes: Scene):
+    return jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(scenes)
+
+
+def _in_full(a) -> np.ndarray:
+    return np.asarray(a, float) if np.issubdtype(np.asarray(a).dtype, np.floating) else np.asarray(a)
+
+
 def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, period_tol: float) -> SweepResult:
     shape = tuple(len(v) for v in axes.values())
     flat = jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), scenes)
-    A, P_0 = (np.asarray(f).reshape(*shape, -1) for f in jax.vmap(lambda s: (area(s.shroud), free_power(s)))(flat))
+    A, P_0 = (np.asarray(f, float).reshape(*shape, -1) for f in _closed_forms(flat))
+    runs = jax.tree.map(_in_full, runs)
     stack = lambda pair: np.stack(pair, axis=-1)  # noqa: E731
     motion = Motion(*map(stack, runs.samples.motion))
     orbit = periodicity(motion.x[..., 0], period_tol)
@@ -266,7 +278,7 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
     whole = sum(spent)
     with np.errstate(invalid="ignore", divide="ignore"):
         times = [t / whole for t in spent]
-        residual = relative_residual(runs.samples) if plan.method.ledger else np.full(shape, np.nan)
+        residual = relative_residual(runs.samples) if plan.method.ledger else None
     counters = {n: getattr(tally.counters, n) - getattr(before.counters, n) for n in Counters.__annotations__}
     return SweepResult(
         axes=axes,
@@ -289,4 +301,6 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
         time_slip=times[2],
         v_max=np.asarray(tally.v_max),
         counters=counters,
+        steps_per_period=plan.steps_per_period,
+        method=plan.method,
     )

@@ -12,6 +12,7 @@ import numpy as np
 class Tableau(NamedTuple):
     """Butcher tableau with its order; `a` is strictly lower triangular, one row for each stage."""
 
+    name: str
     a: tuple[tuple[float, ...], ...]
     b: tuple[float, ...]
     c: tuple[float, ...]
@@ -19,6 +20,7 @@ class Tableau(NamedTuple):
 
 
 RK4 = Tableau(
+    name="rk4",
     a=((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)),
     b=(1 / 6, 1 / 3, 1 / 3, 1 / 6),
     c=(0.0, 0.5, 0.5, 1.0),
@@ -45,15 +47,16 @@ def tableau(name: str) -> Tableau:
     if name == "dop853":
         from scipy.integrate import DOP853
 
-        return _explicit(list(DOP853.A), DOP853.B, DOP853.C, TABLEAUS[name])
+        return _explicit(name, list(DOP853.A), DOP853.B, DOP853.C)
     import diffrax
 
     source = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}[name].tableau
-    return _explicit([(), *source.a_lower], source.b_sol, (0.0, *source.c), TABLEAUS[name])
+    return _explicit(name, [(), *source.a_lower], source.b_sol, (0.0, *source.c))
 
 
-def _explicit(a, b, c, order: int) -> Tableau:
+def _explicit(name: str, a, b, c) -> Tableau:
     """Without the stages at the end that serve an error estimate or the next step only."""
     stages = int(np.flatnonzero(b)[-1]) + 1
     rows = tuple(tuple(float(w) for w in np.asarray(row)[:i]) for i, row in enumerate(a[:stages]))
-    return Tableau(rows, tuple(float(w) for w in b[:stages]), tuple(float(w) for w in c[:stages]), order)
+    weights, nodes = (tuple(float(w) for w in row[:stages]) for row in (b, c))
+    return Tableau(name, rows, weights, nodes, TABLEAUS[name])

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxshroud.checks import count_argument
+from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.events import look
 from jaxshroud.friction import stretch
-from jaxshroud.integrate import REFERENCE, Grid, Lane, Method, begin, energy, march
+from jaxshroud.integrate import LEAST_STEPS, REFERENCE, Grid, Lane, Method, begin, energy, march
 from jaxshroud.lanes import EachLane, best
 from jaxshroud.periods import COMPILER
 from jaxshroud.rhs import Model, as_arrays, as_pairs, model
@@ -69,9 +69,11 @@ def simulate(
     Source:
         Eq. (1), Sec. 3.1, in SI; not Eq. (21), whose time scaling is inconsistent.
     """
-    for name, value in dict(n_periods=n_periods, steps_per_period=steps_per_period, every=every).items():
+    for name, value in dict(n_periods=n_periods, every=every).items():
         count_argument(name, value, 1)
-    state = start(scene.initial) if state is None else state
+    count_argument("steps_per_period", steps_per_period, LEAST_STEPS)
+    scene = in_precision(scene, method.precision)
+    state = start(scene.initial) if state is None else in_precision(state, method.precision)
     lane, first = _begin(scene, state, method)
     samples, total = [first], n_periods * steps_per_period // every
     steps, phase = jnp.int32(steps_per_period), jnp.asarray(turns, first.u_s.dtype)
