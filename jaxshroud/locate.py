@@ -121,11 +121,10 @@ def tolerance(kind: Int[Array, ""], locate: Locate, order: int, dtype) -> Scalar
     """How late an event may be found, in steps.
 
     Force-continuous events cost an error of the square of this, loaded case switches its first power. Closing in by
-    the cubic, more than a method of this order resolves is not asked for.
+    the cubic, no more is asked of the former than a method of this order resolves.
     """
-    bits = 20 if locate == "bisection" else 8 + order
-    bits = (bits, 36 if locate == "bisection" else 2 * bits) if dtype == jnp.float64 else (10, 16)
-    return jnp.where((kind == Kind.TURN) | (kind == Kind.HEIGHT), 2.0 ** -bits[1], 2.0 ** -bits[0]).astype(dtype)
+    coarse, fine = (20 if locate == "bisection" else 10 + order, 36) if dtype == jnp.float64 else (10, 16)
+    return jnp.where((kind == Kind.TURN) | (kind == Kind.HEIGHT), 2.0**-fine, 2.0**-coarse).astype(dtype)
 
 
 def judge(

@@ -31,7 +31,7 @@ def limits(method: Tableau) -> tuple[float, float]:
     y = np.linspace(0.01, 12, 1200)
     grows = np.abs(amplification(method, y)) > GROWTH
     error = lambda m, y: np.abs(amplification(m, y) * np.exp(-1j * y) - 1) / y  # noqa: E731
-    errs = error(method, y) > error(RK4, np.asarray(ACCURACY_LIMIT)) * (1 + 1e-9)
+    errs = error(method, y) > error(RK4, np.array([ACCURACY_LIMIT])) * (1 + 1e-9)
     stable = float(y[np.argmax(grows)])
     return stable, min(float(y[np.argmax(errs)]), stable)
 

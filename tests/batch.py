@@ -4,14 +4,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.checks import in_precision
 from jaxshroud.integrate import REFERENCE, Method
 from jaxshroud.scene import AT_REST, Blades, Contact, Drive, Friction, Motion, Scene, Shroud
 from jaxshroud.sweep import Plan, Runs, run_lanes, starts
+from jaxshroud.tableau import TABLEAUS, tableau
+
+# Every method that claims to be of its tableau's order, and steps per period from which on it is.
+EXACT = {f"{name}-{how}": Method(tableau(name), how) for name in TABLEAUS for how in ("bisection", "cubic")}
+STEPS = {"rk4": 1000, "tsit5": 300, "dop853": 75, "dopri8": 75}
 
 
 def run(scenes: list[Scene], periods: int, steps: int, method: Method = REFERENCE) -> Runs:
     """Runs of alike-structured scenes from their initial motions, all periods kept."""
     batch = jax.tree.map(lambda *a: jnp.stack(a), *scenes)
+    batch = in_precision(batch, method.precision)
     return run_lanes(batch, starts(batch), Plan(0, periods, steps, 0.0, method), lambda _: None)
 
 
