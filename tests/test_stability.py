@@ -87,14 +87,14 @@ def test_a_step_is_refused_warned_of_or_passed():
     warning = step_report(800.0, 0.1, 100)
     assert warning == (
         "steps_per_period = 100 is inaccurate: omega_max h = 0.8 (omega_max = 800 rad/s with contact and friction "
-        "springs) exceeds 0.5; 160 steps would meet it"
+        "springs) exceeds 0.51; 157 steps would meet it"
     )
     assert step_report(2799.0, 0.1, 100).startswith("steps_per_period = 100 is inaccurate")
     with pytest.raises(StepTooLongError) as refused:
         step_report(2900.0, 0.1, 100)
     assert str(refused.value) == (
         "steps_per_period = 100 is unstable: omega_max h = 2.9 (omega_max = 2900 rad/s with contact and friction "
-        "springs) exceeds 2.84; use at least 580"
+        "springs) exceeds 2.84; use at least 569"
     )
 
 

@@ -1,0 +1,59 @@
+"""One function of one lane on many lanes: fused into one kernel, or by vmap."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from batch import EXACT
+
+from jaxshroud import vary
+from jaxshroud.integrate import Fixed, Grid, advance
+from jaxshroud.lanes import best, fused, plain
+from jaxshroud.periods import begin_lanes
+from jaxshroud.rhs import model
+from jaxshroud.sweep import starts
+
+LANES = 8
+
+
+def mixed(a, b):
+    """Results of other types and number than the arguments, one argument unused, one passed on."""
+    (x, n), unused = a, b["unused"]
+    del unused
+    return {"big": x > 2, "y": x * b["factor"], "n": n + 1, "x": x, "half": x / 2, "more": -x}
+
+
+def test_fused_returns_what_vmap_does():
+    lanes = jnp.arange(1.0, 6.0)
+    arguments = (lanes, jnp.arange(5, dtype=jnp.int32)), {"factor": 3 * lanes, "unused": lanes}
+    got, expected = (jax.jit(lambda a, b, each=each: each(mixed, a, b))(*arguments) for each in (fused, plain))
+    jax.tree.map(np.testing.assert_array_equal, got, expected)
+    assert jax.tree.structure(got) == jax.tree.structure(expected)
+
+
+def test_the_fused_way_is_used_on_a_cpu():
+    assert best() is (fused if jax.default_backend() == "cpu" else plain)
+
+
+@pytest.mark.parametrize("name", ["rk4-bisection", "rk4-cubic", "dopri8-cubic"])
+def test_fused_and_plain_trials_agree(table1, name):
+    # Through the first events of eight scenes, to rounding.
+    method, steps = EXACT[name], 100
+    scenes = jax.vmap(lambda gamma: vary(table1, "contact.gamma", gamma))(jnp.linspace(0.3, 8.0, LANES))
+    periods = jnp.broadcast_to(table1.drive.period, LANES)
+    grids = Grid(jnp.zeros(LANES), jnp.full(LANES, float(steps)), periods)
+    fixed = Fixed(jax.vmap(model)(scenes), grids, jnp.full(LANES, steps, jnp.int32))
+
+    def trials(each):
+        one = jax.jit(lambda lanes: advance(lanes, fixed, method, each))
+        lanes = begin_lanes(scenes, starts(scenes), method)
+        for _ in range(60):
+            lanes = one(lanes)
+        return lanes
+
+    got, expected = trials(fused), trials(plain)
+    np.testing.assert_array_equal(got.step, expected.step)
+    np.testing.assert_array_equal(got.state.mode, expected.state.mode)
+    assert (got.tally.counters.onset_slip + got.tally.counters.onset_stick).sum() > 0
+    close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)  # noqa: E731
+    jax.tree.map(close, got.state.motion, expected.state.motion)
