@@ -186,7 +186,7 @@ def not_converged(p, outcome):
     return np.max(np.abs(np.asarray(looser.y) - outcome.y) / np.abs(outcome.samples).max(axis=0)) > 1e-8
 
 
-@pytest.mark.parametrize("method", (REFERENCE, FAST, EXACT["dopri8-cubic"]), ids=str)
+@pytest.mark.parametrize("method", [REFERENCE, FAST, EXACT["dopri8-cubic"]], ids=str)
 def test_a_batch_equals_single_runs(scenes, method):
     together = run(scenes, 5, 400, method)
     for lane, scene in enumerate(scenes):

@@ -1,0 +1,53 @@
+"""jaxshroud itself behind the peers' interface: chunk after chunk in the calling thread."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from problem import PERIODS, Problem
+
+from jaxshroud.checks import in_precision
+from jaxshroud.integrate import Lane, Method
+from jaxshroud.lanes import best
+from jaxshroud.periods import CHUNK, Clock, begin_lanes, run_block
+from jaxshroud.scene import Blades, Contact, Drive, Friction, Scene, Shroud
+from jaxshroud.sweep import starts
+from jaxshroud.tableau import tableau
+
+STEPS = {"rk4": (100, 200, 500, 1000, 2000), "tsit5": (50, 75, 100, 150, 250, 400), "dopri8": (50, 75, 100, 150, 250)}
+METHODS = {f"jaxshroud {name}": (Method(tableau(name), "cubic", False), steps) for name, steps in STEPS.items()} | {
+    "jaxshroud rk4, bisection": (Method(locate="bisection", ledger=False), (200, 500, 1000)),
+    "jaxshroud rk4, no location": (Method(locate="none", ledger=False), (200, 500, 1000)),
+    "jaxshroud rk4 float32": (Method(locate="cubic", ledger=False, precision="float32"), (50, 100, 200, 500)),
+    "jaxshroud tsit5 float32": (Method(tableau("tsit5"), "cubic", False, "float32"), (50, 75, 100, 150)),
+}
+
+
+def scenes_of(p: Problem) -> Scene:
+    """One scene for each stiffness ratio."""
+    drive = Drive(p.omega, p.beta, p.F_0, p.M_0, p.phase)
+    blades = Blades(p.m, p.I, p.k_x, p.k_y, p.k_T, p.c_x, p.c_y, p.c_T)
+    shroud, friction = Shroud(p.alpha, p.l_oa, p.l_ab, p.gap), Friction(p.k_d, p.mu)
+    make = lambda gamma: Scene(blades, shroud, Contact(None, gamma), friction, drive)  # noqa: E731
+    return jax.vmap(make)(jnp.asarray(p.gamma))
+
+
+def motions(lanes: Lane) -> np.ndarray:
+    """(lanes, 12) in the order of the peers."""
+    return np.concatenate([np.stack(pair, axis=-1) for pair in lanes.state.motion], axis=-1).astype(float)
+
+
+def prepare(p: Problem, method: Method, chunk: int = CHUNK, periods: int = PERIODS) -> Callable[[int], np.ndarray]:
+    """A function of the steps per period that gives the final motions."""
+    scenes = in_precision(scenes_of(p), method.precision)
+    pieces = [jax.tree.map(lambda a, i=i: a[i : i + chunk], scenes) for i in range(0, len(p.gamma), chunk)]
+    begun = [begin_lanes(piece, starts(piece), method) for piece in pieces]
+
+    def march(steps: int) -> np.ndarray:
+        clock = Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)))
+        n = jnp.int32(periods)
+        ends = [run_block(s, a, clock, n, method, periods, best())[0] for s, a in zip(pieces, begun, strict=True)]
+        return np.concatenate([motions(lanes) for lanes in ends])
+
+    return march

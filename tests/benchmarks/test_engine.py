@@ -1,0 +1,153 @@
+"""What the engine costs at other sizes, and its observed orders."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+
+import engine
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from peers import scalar_c
+from problem import PERIODS, Problem, errors, problem
+from test_peers import RESULTS, one_core  # noqa: F401
+
+from jaxshroud.integrate import FAST, Fixed, Method
+from jaxshroud.lanes import fused
+from jaxshroud.periods import CHUNK, Clock, begin_lanes, run_block
+from jaxshroud.rhs import model
+from jaxshroud.sweep import Plan, run_lanes, starts
+from jaxshroud.tableau import TABLEAUS, tableau
+
+pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]
+SWEEP = """
+import time; begin = time.perf_counter()
+import jax
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_compilation_cache_dir", {cache!r})
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+import numpy as np, jaxshroud as js
+js.sweep(js.load("table1").scene, {{"contact.gamma": np.linspace(0.1, 8, 64)}}, n_periods=10)
+print(time.perf_counter() - begin)
+"""
+
+
+def record(name: str, found: dict) -> None:
+    """Print a finding and keep it."""
+    path = RESULTS / "engine.json"
+    RESULTS.mkdir(exist_ok=True)
+    kept = json.loads(path.read_text()) if path.exists() else {}
+    path.write_text(json.dumps(kept | {name: found}, indent=1, sort_keys=True))
+    print(f"\n{name}: {json.dumps(found)}")
+
+
+def alternately(rounds: int, **runs) -> dict[str, float]:
+    """Median seconds of each run, taken in turn, after one that is not counted."""
+    taken = {name: [] for name in runs}
+    for i in range(rounds + 1):
+        for name, run in runs.items():
+            start = time.perf_counter()
+            run()
+            if i:
+                taken[name].append(time.perf_counter() - start)
+    return {name: float(np.median(t)) for name, t in taken.items()}
+
+
+@pytest.mark.usefixtures("one_core")
+def test_many_lanes():
+    few, many, steps = engine.prepare(problem(1024), FAST), engine.prepare(problem(65536), FAST), 100
+    taken = alternately(1, few=lambda: few(steps), many=lambda: many(steps))
+    few_us, many_us = (taken[k] / n / PERIODS * 1e6 for k, n in (("few", 1024), ("many", 65536)))
+    record("us per lane and period", {"1024 lanes": few_us, "65536 lanes": many_us, "ratio": many_us / few_us})
+
+
+@pytest.mark.usefixtures("one_core")
+def test_general_parameters():
+    # The same chunk with every number of the scene in the lanes, or all but gamma as constants of the program.
+    part, steps, n = problem(CHUNK), 500, jnp.int32(PERIODS)
+    clock = Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)))
+    scenes = engine.scenes_of(part)
+    lanes = begin_lanes(scenes, starts(scenes), FAST)
+    numbers = jax.tree.map(lambda a: float(a[0]), jax.vmap(model)(scenes))
+
+    def constant(f, lanes, fixed):
+        def with_constants(lane, k, lag, grid, stop):
+            spring = numbers.spring._replace(k=k, lag=lag)
+            return f(lane, Fixed(eqx.tree_at(lambda m: m.spring, numbers, spring), grid, stop))
+
+        spring = fixed.model.spring
+        return fused(with_constants, lanes, spring.k, spring.lag, fixed.grid, fixed.stop)
+
+    def march(each):
+        return lambda: jax.block_until_ready(run_block(scenes, lanes, clock, n, FAST, PERIODS, each))
+
+    taken = alternately(15, general=march(fused), constant=march(constant))
+    record("seconds, parameters in the lanes and constant", taken | {"ratio": taken["general"] / taken["constant"]})
+
+
+@pytest.mark.usefixtures("one_core")
+@pytest.mark.skipif(scalar_c.missing() is not None, reason="needs a C compiler")
+def test_one_lane():
+    part = Problem(np.array([2.5]))
+    runs = {name: engine.prepare(part, FAST._replace(locate=name), chunk=1) for name in ("cubic", "bisection")}
+    c = scalar_c.prepare(part)
+    taken = alternately(15, c=lambda: c(500), **{name: lambda run=run: run(500) for name, run in runs.items()})
+    record("seconds, one lane", taken | {"cubic over C": taken["cubic"] / taken["c"]})
+
+
+def test_two_cores():
+    cores = sorted(os.sched_getaffinity(0))
+    if len(cores) < 2:
+        pytest.skip("needs two cores")
+    scenes = engine.scenes_of(problem(1024))
+    plan = Plan(0, PERIODS, 500, 0.0, FAST)
+
+    def on(some: set[int]) -> None:
+        os.sched_setaffinity(0, some)
+        run_lanes(scenes, starts(scenes), plan, lambda _: None)
+
+    taken = alternately(5, one=lambda: on({cores[0]}), two=lambda: on(set(cores[:2])))
+    os.sched_setaffinity(0, cores)
+    record("seconds, one core and two", taken | {"ratio": taken["one"] / taken["two"]})
+
+
+def test_cold_start():
+    taken = {"empty cache": [], "filled cache": []}
+    for _ in range(3):
+        with tempfile.TemporaryDirectory() as cache:
+            for name in taken:
+                start = time.perf_counter()
+                subprocess.run([sys.executable, "-c", SWEEP.format(cache=cache)], check=True, capture_output=True)
+                taken[name].append(time.perf_counter() - start)
+    record("seconds to the result of a small sweep", {name: float(np.median(t)) for name, t in taken.items()})
+
+
+def test_observed_orders():
+    whole = problem(64)
+    reference = engine.prepare(whole, Method(tableau("dopri8"), ledger=False))(1500)
+    shown = {f"{n}, {how}": Method(tableau(n), how, False) for n in TABLEAUS for how in ("cubic", "bisection")}
+    shown |= {"rk4, not located": Method(locate="none", ledger=False)}
+    shown |= {"tsit5, cubic, float32": Method(tableau("tsit5"), "cubic", False, "float32")}
+    figure, axes = plt.subplots(figsize=(6, 4.5), layout="constrained")
+    found = {}
+    for name, method in shown.items():
+        steps = np.array([50, 75, 100, 150, 200, 300, 400, 600, 800])
+        run = engine.prepare(whole, method)
+        error = np.array([np.median(errors(run(int(n)), reference)) for n in steps])
+        falling = error > 1e-12
+        found[name] = float(-np.polyfit(np.log(steps[falling][-4:]), np.log(error[falling][-4:]), 1)[0])
+        color = f"C{list(TABLEAUS).index(method.tableau.name)}"
+        style = {"cubic": "-", "bisection": "none", "none": ":"}[method.locate]
+        marker = "o" if method.locate == "bisection" else "x" if method.precision == "float32" else None
+        axes.loglog(steps, error, color=color, ls=style, marker=marker, mfc="none", label=f"{name}: {found[name]:.1f}")
+    axes.set(xlabel="steps per period", ylabel="median error after 3 periods")
+    axes.legend(title="method: observed order", fontsize=7, title_fontsize=7, frameon=False)
+    figure.savefig(RESULTS / "order.png", dpi=150)
+    plt.close(figure)
+    record("observed order", found)
