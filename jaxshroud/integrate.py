@@ -162,9 +162,22 @@ def _combined(z, h: Scalar, weights, slopes):
     return jax.tree.map(lambda z, *k: z + h * sum(w * k for w, k in zip(weights, k, strict=True)), z, *slopes)
 
 
-def trial(lane: Lane, end: tuple[Motion, Integrals], model: Model, grid: Grid, method: Method) -> Lane:
-    """What becomes of a lane whose trial step has come to `end`."""
-    search, held = lane.search, lane.state
+class Fixed(NamedTuple):
+    """What stays the same for a lane during a march."""
+
+    model: Model
+    grid: Grid
+    stop: Int[Array, "..."]  # the step at whose start it ends
+
+
+def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
+    """Whether a lane has not arrived at the start of step `stop` and has not failed."""
+    return (lane.step < stop) & (lane.status == Status.OK)
+
+
+def trial(lane: Lane, end: tuple[Motion, Integrals], fixed: Fixed, method: Method) -> Lane:
+    """What becomes of a lane whose trial step has come to `end`; nothing if it has arrived or failed."""
+    (model, grid, stop), search, held = fixed, lane.search, lane.state
     h, h_full = _place(lane, grid).h, grid.period / grid.steps
     z, gain = end
     view = look(z, held, model)
@@ -173,8 +186,8 @@ def trial(lane: Lane, end: tuple[Motion, Integrals], model: Model, grid: Grid, m
     violated = tuple((g > 0) & counts for g in view.guards.value)
     kind = first_kind(violated)
     verdict = judge(search, lane.guards, view.guards, violated, kind, h_full, method.locate, method.tableau.order)
-    fire, lost = verdict.fire, ~_finite(z)
-    accept = verdict.accept | lost
+    goes, lost = running(lane, stop), ~_finite(z)
+    fire, accept = verdict.fire & goes, (verdict.accept | lost) & goes
 
     cross = crossing(z, held, view, kind, verdict.late * h_full, model)
     state = select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
@@ -189,10 +202,10 @@ def trial(lane: Lane, end: tuple[Motion, Integrals], model: Model, grid: Grid, m
     return Lane(
         select(accept, state, held),
         jnp.where(accept, step, lane.step),
-        select(accept, ahead, verdict.search),
-        select(accept | (search.bracketing & ~any_of(violated)), guards, lane.guards),
+        select(accept, ahead, select(goes, verdict.search, search)),
+        select(accept | (goes & search.bracketing & ~any_of(violated)), guards, lane.guards),
         select(accept, tally, lane.tally),
-        jnp.where(lane.status == Status.OK, status, lane.status),
+        jnp.where(goes, status, lane.status),
     )
 
 
@@ -232,14 +245,6 @@ def _status(z: Motion, lost, events) -> Int[Array, ""]:
     return jnp.where(lost, Status.NOT_FINITE, status).astype(jnp.int32)
 
 
-class Fixed(NamedTuple):
-    """What stays the same for a lane during a march."""
-
-    model: Model
-    grid: Grid
-    stop: Int[Array, "..."]  # the step at whose start it ends
-
-
 def advance(lanes: Lane, fixed: Fixed, method: Method, each: EachLane) -> Lane:
     """One trial step of every lane on its way.
 
@@ -247,11 +252,11 @@ def advance(lanes: Lane, fixed: Fixed, method: Method, each: EachLane) -> Lane:
     """
     size, known = len(method.tableau.b), NO_STAGES
     if size <= STAGES_WITH_EVENTS:
-        return each(lambda lane, fixed: _on(lane, _step(lane, NO_STAGES, fixed, method), fixed, method), lanes, fixed)
+        return each(lambda lane, fixed: trial(lane, _step(lane, NO_STAGES, fixed, method), fixed, method), lanes, fixed)
     for upto in range(STAGES_AT_ONCE, size, STAGES_AT_ONCE):
         known = each(lambda lane, known, fixed, upto=upto: _some(lane, known, upto, fixed, method), lanes, known, fixed)
     end = each(lambda lane, known, fixed: _step(lane, known, fixed, method), lanes, known, fixed)
-    return each(lambda lane, end, fixed: _on(lane, end, fixed, method), lanes, end, fixed)
+    return each(lambda lane, end, fixed: trial(lane, end, fixed, method), lanes, end, fixed)
 
 
 def _some(lane: Lane, known: Stages, upto: int, fixed: Fixed, method: Method) -> Stages:
@@ -262,16 +267,6 @@ def _some(lane: Lane, known: Stages, upto: int, fixed: Fixed, method: Method) ->
 def _step(lane: Lane, known: Stages, fixed: Fixed, method: Method) -> tuple[Motion, Integrals]:
     model, grid, _ = fixed
     return rk_step(known, _place(lane, grid), lane.state, model, method)
-
-
-def _on(lane: Lane, end: tuple[Motion, Integrals], fixed: Fixed, method: Method) -> Lane:
-    model, grid, stop = fixed
-    return select(running(lane, stop), trial(lane, end, model, grid, method), lane)
-
-
-def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
-    """Whether a lane has not arrived at the start of step `stop` and has not failed."""
-    return (lane.step < stop) & (lane.status == Status.OK)
 
 
 def march(lanes: Lane, models: Model, grids: Grid, stops: Int[Array, " lanes"], method: Method, each: EachLane) -> Lane:
