@@ -3,12 +3,14 @@
 import json
 import tomllib
 
+import jax
 import numpy as np
 import pytest
 import xarray as xr
 
-from jaxshroud import cli, shipped, simulate
+from jaxshroud import cli, shipped, simulate, sweep
 from jaxshroud.config import load
+from jaxshroud.integrate import FAST
 
 
 def refused(capsys, *arguments):
@@ -46,7 +48,7 @@ def swept(tmp_path_factory):
         "--transient",
         "2",
     ]
-    assert cli.main([*words, "--transient", "2", "--steps-per-period", "200", "--out", str(out)]) == 0
+    assert cli.main([*words, "--transient", "2", "--steps-per-period", "200", "--ledger", "--out", str(out)]) == 0
     return out
 
 
@@ -93,7 +95,7 @@ def test_samples_at_a_phase_lie_on_the_trajectory(tmp_path):
     words = "sweep fig10d --along contact.gamma --values 7.5,2.5 --periods 2 --transient 0 --steps-per-period 200"
     assert cli.main([*words.split(), "--phase", str(np.pi / 2), "--out", str(tmp_path / "s")]) == 0
     ds = xr.open_dataset(tmp_path / "s" / "sweep.nc")
-    run = simulate(load("fig10d").scene, n_periods=3, steps_per_period=200)
+    run = simulate(load("fig10d").scene, n_periods=3, steps_per_period=200, method=FAST)
     # the lead-in has the same steps, so only rounding differs, amplified over 2 periods
     np.testing.assert_allclose(ds["x"][0], run.motion.x[[250, 450]], rtol=1e-8)
 
@@ -200,3 +202,38 @@ def test_power_files(tmp_path, capsys):
     assert data["n"][-1] == data["final"]["n"] == 64
     assert data["P_d"][-1] == pytest.approx(data["final"]["P_d"], rel=1e-12)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["power.json", "power.png"]
+
+
+def test_methods_by_name(tmp_path):
+    words = ["sweep", "table1", "--along", "contact.gamma", "--values", "1,2.5", "--transient", "0", "--periods", "2"]
+    words += ["--steps-per-period", "200"]
+    methods = {
+        "rk4, events by cubic, float64": [],
+        "dopri8, events by bisection, float64": ["--tableau", "dopri8", "--locate", "bisection"],
+        "tsit5, events by cubic, float32": ["--tableau", "tsit5", "--precision", "float32"],
+    }
+    swept = []
+    for i, (label, options) in enumerate(methods.items()):
+        assert cli.main([*words, *options, "--out", str(tmp_path / f"{i}")]) == 0
+        swept.append(xr.open_dataset(tmp_path / f"{i}" / "sweep.nc"))
+        assert swept[-1].attrs["method"] == label
+        assert swept[-1].attrs["steps_per_period"] == 200
+        assert "energy_residual" not in swept[-1]
+    for other in swept[1:]:  # RK4's error at 200 steps is 3e-5 of the state
+        np.testing.assert_allclose(other["x"], swept[0]["x"], rtol=0, atol=1e-3 * float(np.abs(swept[0]["x"]).max()))
+        np.testing.assert_allclose(other["P_d"], swept[0]["P_d"], rtol=1e-3)
+
+
+def test_each_method_has_its_own_limit_of_stability(tmp_path, capsys):
+    # omega_max h = 3.6: beyond RK4's 2.84, within Dormand-Prince 8's 4.09.
+    words = f"simulate table1 --periods 1 --steps-per-period 25 --out {tmp_path / 'run.nc'}".split()
+    assert "is unstable" in refused(capsys, *words)
+    assert cli.main([*words, "--tableau", "dopri8"]) == 0
+
+
+def test_float64_is_not_lost_silently(table1):
+    single = jax.tree.map(lambda a: a.astype("float32"), table1)
+    with pytest.raises(ValueError, match="Float64 is asked for"):
+        sweep(single, {"contact.gamma": [1.0, 2.0]}, n_periods=1)
+    with pytest.raises(ValueError, match="steps_per_period"):
+        sweep(table1, {"contact.gamma": [1.0]}, n_periods=1, steps_per_period=4)
