@@ -25,6 +25,7 @@ from jaxshroud.state import State as State
 from jaxshroud.state import Status as Status
 from jaxshroud.sweep import SweepResult as SweepResult
 from jaxshroud.sweep import sweep as sweep
+from jaxshroud.tableau import tableau as tableau
 from jaxshroud.trajectory import Trajectory as Trajectory
 from jaxshroud.trajectory import simulate as simulate
 from jaxshroud.version import __version__ as __version__

@@ -158,12 +158,14 @@ def test_observed_orders():
         steps = np.array([50, 75, 100, 150, 200, 300, 400, 600, 800])
         run = engine.prepare(whole, method)
         error = np.array([np.median(errors(run(int(n)), reference)) for n in steps])
-        falling = error > 1e-12
+        falling = error > (1e-12 if method.precision == "float64" else 5e-6)  # above rounding
         found[name] = float(-np.polyfit(np.log(steps[falling][-4:]), np.log(error[falling][-4:]), 1)[0])
         color = f"C{list(TABLEAUS).index(method.tableau.name)}"
         style = {"cubic": "-", "bisection": "none", "none": ":"}[method.locate]
         marker = "o" if method.locate == "bisection" else "x" if method.precision == "float32" else None
         axes.loglog(steps, error, color=color, ls=style, marker=marker, mfc="none", label=f"{name}: {found[name]:.1f}")
+    axes.set_xticks([50, 100, 200, 400, 800], ["50", "100", "200", "400", "800"])
+    axes.minorticks_off()
     axes.set(xlabel="steps per period", ylabel="median error after 3 periods")
     axes.legend(title="method: observed order", fontsize=7, title_fontsize=7, frameon=False)
     figure.savefig(RESULTS / "order.png", dpi=150)
