@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from batch import EXACT
 
-from jaxshroud import vary
+from jaxshroud import sweep, vary
 from jaxshroud.integrate import Fixed, Grid, advance
 from jaxshroud.lanes import best, fused, plain
-from jaxshroud.periods import begin_lanes
+from jaxshroud.periods import begin_lanes, run_block
 from jaxshroud.rhs import model
 from jaxshroud.sweep import starts
 
@@ -57,3 +57,10 @@ def test_fused_and_plain_trials_agree(table1, name):
     assert (got.tally.counters.onset_slip + got.tally.counters.onset_stick).sum() > 0
     close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)  # noqa: E731
     jax.tree.map(close, got.state.motion, expected.state.motion)
+
+
+def test_one_compilation_serves_all_sizes(table1):
+    sweep(table1, {"contact.gamma": [1.0, 2.0]}, n_periods=2, steps_per_period=100)
+    before = run_block._cache_size()
+    sweep(table1, {"shroud.gap": np.linspace(1e-5, 1e-4, 70)}, n_periods=3, transient=1, steps_per_period=120)
+    assert run_block._cache_size() == before
