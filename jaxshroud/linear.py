@@ -48,7 +48,7 @@ def free_power(scene: Scene) -> PerBlade:
         sin^2(Theta sin(tau) / 2) is (1 - J_0(Theta)) / 2, here by the trapezoidal rule, which is exact to rounding.
     """
     free, s = steady_amplitudes(scene), scene.shroud
-    tau = jnp.linspace(0, 2 * jnp.pi, QUADRATURE, endpoint=False)
+    tau = jnp.linspace(0, 2 * jnp.pi, QUADRATURE, endpoint=False, dtype=s.gap.dtype)
     swing = jnp.sin(jnp.abs(free.theta)[:, None] * jnp.sin(tau) / 2) ** 2
     translation = (jnp.abs(free.x) ** 2 + jnp.abs(free.y) ** 2) / 2
     return area(s) * (translation + 4 * gyration(s) * jnp.mean(swing, axis=1))

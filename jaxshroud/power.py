@@ -107,7 +107,7 @@ def power(
     scenes = in_precision(_alone(scene), method.precision)
     ticker = Ticker(transient + most_periods, progress)
     state, lead, samples = starts(scenes), transient, []
-    A, P_0 = float(area(scene.shroud)), np.asarray(free_power(scene))
+    A, P_0 = float(area(scene.shroud)), np.asarray(free_power(scene), float)
     done, status, summary = 0, Status.OK, {}
     while done < most_periods and status == Status.OK and not summary.get("stable"):
         n = min(max(2 * BLOCK, done), most_periods - done)  # doubles what there is

@@ -218,7 +218,7 @@ def _blocks(scenes: Scene, lanes: Lane, periods: int, plan: Plan, tick, keep: bo
         lanes, sample = run_block(scenes, lanes, plan.clock, jnp.int32(n), plan.method, BLOCK, best())
         jax.block_until_ready(lanes.status)
         if keep:
-            kept.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n].T, sample))
+            kept.append(jax.tree.map(lambda a, n=n: _in_full(a)[:n].T, sample))
         tick(n)
     return lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *kept) if kept else None
 

@@ -9,7 +9,7 @@ import reference
 from batch import EXACT, STEPS, counts, ends, energy_residual, relative_error, run, scene_of, sizes
 from scipy.linalg import expm
 
-from jaxshroud import Motion, Status, load, simulate, sweep, vary
+from jaxshroud import Motion, Status, load, power, simulate, sweep, vary
 from jaxshroud.geometry import corners, natural_case, pose, touch
 from jaxshroud.integrate import FAST, REFERENCE, Method
 from jaxshroud.linear import steady_amplitudes
@@ -131,7 +131,7 @@ def test_float32_errs_by_its_rounding(scenes, fine):
     for name, steps in STEPS.items():
         method = Method(tableau(name), "cubic", precision="float32")
         got = run(scenes, 3, steps, method)
-        assert got.samples.motion.x[0].dtype == np.float32
+        assert got.last.state.motion.x[0].dtype == np.float32
         error = relative_error(ends(got), exact, sizes(fine))
         assert np.median(error) <= 3e-4
         assert np.all(error <= 1e-2)
@@ -258,6 +258,22 @@ def half_turn_deviation(scenes, method=REFERENCE):
     sign = np.repeat([-1, -1, 1, -1, -1, 1], 2)
     image = (turned * sign).reshape(-1, 6, 2)[:, :, ::-1].reshape(-1, 12)
     return relative_error(image, ends(plain), sizes(plain))
+
+
+def test_every_verb_runs_in_float32(table1):
+    single, double = (Method(locate="cubic", precision=p) for p in ("float32", "float64"))
+    run, exact = (simulate(table1, n_periods=2, steps_per_period=200, method=m) for m in (single, double))
+    assert run.motion.x.dtype == np.float32
+    np.testing.assert_allclose(run.motion.x, exact.motion.x, rtol=0, atol=1e-3 * np.abs(exact.motion.x).max())
+    more = simulate(table1, run.last, n_periods=1, steps_per_period=200, method=single)
+    assert more.status == Status.OK
+    got, true = (power(table1, most_periods=64, transient=64, method=m).final for m in (single, double))
+    assert got["P_d"] == pytest.approx(true["P_d"], rel=1e-4)
+    got, true = (
+        sweep(table1, {"contact.gamma": [1.0, 2.5]}, n_periods=2, phase=1.0, method=m) for m in (single, double)
+    )
+    np.testing.assert_allclose(got.P_d, true.P_d, rtol=1e-3)
+    assert np.all(got.energy_residual < 1e-4)
 
 
 @pytest.mark.parametrize("method", EXACT.values(), ids=str)
