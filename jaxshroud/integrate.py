@@ -18,7 +18,8 @@ from jaxshroud.checks import Precision
 from jaxshroud.events import Counters, Crossing, Guards, Kind, View, any_of, count, crossing, first_kind, look
 from jaxshroud.friction import contact_energy, stretch
 from jaxshroud.lanes import EachLane
-from jaxshroud.locate import Locate, Search, fresh, judge, select
+from jaxshroud.implicit import at_the_root
+from jaxshroud.locate import Locate, Search, fresh, judge, picked, select
 from jaxshroud.rhs import Acceleration, Integrals, Model, rhs, stored_energy, wave
 from jaxshroud.scene import Motion, Pair, Scalar
 from jaxshroud.state import Mode, State, Status
@@ -27,6 +28,7 @@ from jaxshroud.trig import ANGLE_RANGE, sincos_turns, sine_versine
 
 STAGES_AT_ONCE = 7  # in one kernel: `lanes.fused` says why there is a limit
 STAGES_WITH_EVENTS = 4  # in one kernel with everything else that a trial does
+DUAL_STAGES = 4  # in one kernel where tangents come along
 LEAST_STEPS = 8  # per period: what the drive's phase gains in a step must stay within ANGLE_RANGE
 MAX_EVENTS_PER_STEP = 64  # more is chatter: regular scenes have a few per *period*
 
@@ -38,6 +40,7 @@ class Method(NamedTuple):
     locate: Locate = "bisection"
     ledger: bool = True  # keep the works that the energy balance needs
     precision: Precision = "float64"
+    derivative: bool = False  # instants of events are differentiable, at the price of one more trial for each
 
     def __str__(self) -> str:
         return f"{self.tableau.name}, events by {self.locate}, {self.precision}"
@@ -89,7 +92,8 @@ def begin(state: State, model: Model, method: Method) -> Lane:
     tally = Tally(none, jumps, zero, zero, zero, zero, Counters(*[count0] * 10))
     four = (zero, zero, zero, zero)
     guards = Guards(four, four, zero)  # the first trial, of length zero, sets them
-    return Lane(state, count0, fresh(zero, zero, yes, count0, method.locate), guards, tally, count0)
+    search = fresh(zero, zero, yes, count0, method.locate, method.derivative)
+    return Lane(state, count0, search, guards, tally, count0)
 
 
 class Place(NamedTuple):
@@ -136,11 +140,24 @@ def _added(total: Integrals | None, weight: float, rates: Integrals) -> Integral
     return weighted if total is None else total if weighted is None else jax.tree.map(jnp.add, total, weighted)
 
 
-def rk_step(known: Stages, place: Place, held: State, model: Model, method: Method) -> tuple[Motion, Integrals]:
-    """One explicit Runge-Kutta step in a fixed mode: the new motion and what the integrals gain."""
+class End(NamedTuple):
+    """Where a trial step ends."""
+
+    motion: Motion
+    gain: Integrals  # of the step
+    slope: tuple[Motion, Integrals] | None  # d/dt of both; None where nothing is differentiated
+
+
+def rk_step(known: Stages, place: Place, held: State, model: Model, method: Method) -> End:
+    """One explicit Runge-Kutta step in a fixed mode."""
     b = method.tableau.b
     (_, gain), slopes = rk_stages(known, len(b), place, held, model, method)
-    return _combined(held.motion, place.h, b, slopes), jax.tree.map(lambda a: place.h * a, gain)
+    z = _combined(held.motion, place.h, b, slopes)
+    slope = None
+    if method.derivative:
+        acceleration, rates = rhs(_waves(place, {1.0}, model)[1.0], z, held, model, method.ledger)
+        slope = Motion(z.v_x, z.v_y, z.v_theta, *acceleration), rates
+    return End(z, jax.tree.map(lambda a: place.h * a, gain), slope)
 
 
 def _waves(place: Place, nodes: set[float], model: Model) -> dict[float, Pair]:
@@ -175,28 +192,36 @@ def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
     return (lane.step < stop) & (lane.status == Status.OK)
 
 
-def trial(lane: Lane, end: tuple[Motion, Integrals], fixed: Fixed, method: Method) -> Lane:
+def trial(lane: Lane, end: End, fixed: Fixed, method: Method) -> Lane:
     """What becomes of a lane whose trial step has come to `end`; nothing if it has arrived or failed."""
     (model, grid, stop), search, held = fixed, lane.search, lane.state
     h, h_full = _place(lane, grid).h, grid.period / grid.steps
-    z, gain = end
+    z, gain, _ = end
     view = look(z, held, model)
 
     counts = (search.length > 0) | search.recheck
     violated = tuple((g > 0) & counts for g in view.guards.value)
     kind = first_kind(violated)
-    verdict = judge(search, lane.guards, view.guards, violated, kind, h_full, method.locate, method.tableau.order)
+    found = lax.stop_gradient((search, lane.guards, view.guards, h_full))
+    verdict = judge(*found[:3], violated, kind, found[3], method.locate, method.tableau.order)
     goes, lost = running(lane, stop), ~_finite(z)
     fire, accept = verdict.fire & goes, (verdict.accept | lost) & goes
+    if search.met is not None:  # what is differentiated meets an event twice: first to learn how its instant shifts
+        z, gain, length = select(fire, _at_the_event(end, search, view, kind, held, fixed), (z, gain, search.length))
+        once_more = fire & ~search.met & (search.length > 0)
+        met, unmet = search._replace(length=length, met=search.met | once_more), verdict.search._replace(done=search.done)
+        verdict = verdict._replace(search=select(once_more, met, unmet))
+        fire, accept = fire & ~once_more, accept & ~once_more
+        search, view = search._replace(length=length), look(z, held, model)
 
-    cross = crossing(z, held, view, kind, verdict.late * h_full, model)
+    cross = crossing(z, held, view, kind, verdict.late * found[3], model)
     state = select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
     guards = select(fire, cross.guards, view.guards)
     # where guards may have jumped, or several were violated, one that still is fires in a trial of length zero
     several = sum(g.astype(jnp.int32) for g in violated) > 1
     jumped = several | (kind == Kind.TURN) | (kind == Kind.HEIGHT)
     again = fire & jumped & any_of(g > 0 for g in guards.value)
-    ahead, step = _advanced(search, lane.step, fire, again, method.locate)
+    ahead, step = _advanced(search, lane.step, fire, again, method)
     tally = _tallied(lane.tally, gain, h, held, view, cross, fire, search.inside)
     status = jnp.where(accept, _status(z, lost, ahead.events), Status.OK).astype(jnp.int32)
     return Lane(
@@ -207,6 +232,18 @@ def trial(lane: Lane, end: tuple[Motion, Integrals], fixed: Fixed, method: Metho
         select(accept, tally, lane.tally),
         jnp.where(goes, status, lane.status),
     )
+
+
+def _at_the_event(end: End, search: Search, view: View, kind, held: State, fixed: Fixed):
+    """Motion, integrals and length of a trial that ends where the guard of `kind` vanishes, with their derivatives."""
+    assert end.slope is not None
+    model, grid, _ = fixed
+    tangent = lax.stop_gradient(end.slope[0])
+    rates = jax.jvp(lambda z: look(z, held, model).guards.value, (end.motion,), (tangent,))[1]
+    guard, rate = picked(view.guards.value, kind), picked(rates, kind)
+    rate = jnp.where((search.length > 0) & (rate > 0), rate, jnp.inf)  # a trial of length zero has a given instant
+    quantities = end.motion, end.gain, search.length
+    return at_the_root(quantities, (*end.slope, grid.steps / grid.period), guard, rate)
 
 
 def _tallied(tally: Tally, gain: Integrals, h: Scalar, held: State, view: View, cross: Crossing, fire, inside) -> Tally:
@@ -222,14 +259,14 @@ def _tallied(tally: Tally, gain: Integrals, h: Scalar, held: State, view: View, 
     )
 
 
-def _advanced(search: Search, step, fire, again, locate: Locate) -> tuple[Search, Int[Array, ""]]:
+def _advanced(search: Search, step, fire, again, method: Method) -> tuple[Search, Int[Array, ""]]:
     """The search of the next trial and the clock, after an accepted trial."""
     done = search.done + search.length
     sliver = 1e-12 if done.dtype == jnp.float64 else 1e-6
     over = done >= 1 - sliver
     done = jnp.where(over, 0.0, done)
     events = jnp.where(over, 0, search.events + fire.astype(jnp.int32))
-    ahead = fresh(done, jnp.where(again, 0.0, 1 - done), again, events, locate)
+    ahead = fresh(done, jnp.where(again, 0.0, 1 - done), again, events, method.locate, method.derivative)
     # a trial that only peeked leaves the guard at its peak: march on without peeking again
     return ahead._replace(peeking=search.peeking & ~fire & ~over), step + over.astype(jnp.int32)
 
@@ -251,9 +288,10 @@ def advance(lanes: Lane, fixed: Fixed, method: Method, each: EachLane) -> Lane:
     A short Runge-Kutta method and all that follows is one kernel. The stages of a long one come first, in groups.
     """
     size, known = len(method.tableau.b), NO_STAGES
-    if size <= STAGES_WITH_EVENTS:
+    at_once = DUAL_STAGES if method.derivative else STAGES_AT_ONCE
+    if size <= STAGES_WITH_EVENTS and not method.derivative:
         return each(lambda lane, fixed: trial(lane, _step(lane, NO_STAGES, fixed, method), fixed, method), lanes, fixed)
-    for upto in range(STAGES_AT_ONCE, size, STAGES_AT_ONCE):
+    for upto in range(at_once, size, at_once):
         known = each(lambda lane, known, fixed, upto=upto: _some(lane, known, upto, fixed, method), lanes, known, fixed)
     end = each(lambda lane, known, fixed: _step(lane, known, fixed, method), lanes, known, fixed)
     return each(lambda lane, end, fixed: trial(lane, end, fixed, method), lanes, end, fixed)
@@ -264,7 +302,7 @@ def _some(lane: Lane, known: Stages, upto: int, fixed: Fixed, method: Method) ->
     return rk_stages(known, upto, _place(lane, grid), lane.state, model, method)[0]
 
 
-def _step(lane: Lane, known: Stages, fixed: Fixed, method: Method) -> tuple[Motion, Integrals]:
+def _step(lane: Lane, known: Stages, fixed: Fixed, method: Method) -> End:
     model, grid, _ = fixed
     return rk_step(known, _place(lane, grid), lane.state, model, method)
 

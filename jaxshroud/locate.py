@@ -44,13 +44,22 @@ class Search(NamedTuple):
     recheck: Bool[Array, ""]  # guards may have jumped: a violated one counts even in a trial of length zero
     events: Int[Array, ""]  # in this step
     target: Target | None  # None unless the locator is "cubic"
+    met: Bool[Array, ""] | None  # the event has been found once, and `length` has its derivative; None: no derivatives
 
 
-def fresh(done: Scalar, length: Scalar, recheck: Bool[Array, ""], events: Int[Array, ""], locate: Locate) -> Search:
+def fresh(
+    done: Scalar,
+    length: Scalar,
+    recheck: Bool[Array, ""],
+    events: Int[Array, ""],
+    locate: Locate,
+    derivative: bool,
+) -> Search:
     """A search that has not met anything yet."""
     zero, no, none = jnp.zeros_like(done), jnp.zeros((), bool), jnp.zeros((), jnp.int32)
     target = Target(none, zero, zero, zero, none) if locate == "cubic" else None
-    return Search(done, length, zero, zero, no, no, no, recheck, events, target)
+    met = no if derivative and locate != "none" else None
+    return Search(done, length, zero, zero, no, no, no, recheck, events, target, met)
 
 
 def select(condition: Bool[Array, ""], yes, no):
@@ -198,7 +207,7 @@ def _target(search: Search, low: Guards, end: Guards, violated, width: Scalar, h
 
 def _close_in(target: Target, low: Guards, below: Scalar, high: Scalar, h: Scalar, allowed: Scalar):
     """Length of the next trial, just beyond the target's root, and how late the upper end is, in steps."""
-    pick = lambda four: _picked(four, target.kind)  # noqa: E731
+    pick = lambda four: picked(four, target.kind)  # noqa: E731
     slid = jnp.where(target.kind == Kind.RUB, low.slid, 0.0)
     width = high - below
     rise = _rise((pick(low.value), target.value), (pick(low.rate), target.rate), (slid, target.slid), width * h)
@@ -206,7 +215,8 @@ def _close_in(target: Target, low: Guards, below: Scalar, high: Scalar, h: Scala
     return jnp.minimum(below + width * _root(rise) + allowed / 2, high), late * width
 
 
-def _picked(four, kind: Int[Array, ""]) -> Scalar:
+def picked(four, kind: Int[Array, ""]) -> Scalar:
+    """The one of four scalars that belongs to `kind`."""
     chosen = four[0]
     for k in (1, 2, 3):
         chosen = jnp.where(kind == k, four[k], chosen)

@@ -149,6 +149,18 @@ NUMERIC_KEYS = tuple(
 )
 
 
+def _numbers(scene: Scene, key: str) -> tuple[str, str, str | None, Any]:
+    """Table, name and blade that a key names, and the scene's number or numbers there."""
+    match = KEY.match(key)
+    if match is None or f"{match['table']}.{match['name']}" not in NUMERIC_KEYS:
+        raise KeyError(f"The scene has no number called {key!r}.")
+    table, name, blade = match["table"], match["name"], match["blade"]
+    old = scene.blades.inertia_y if name == "m_y" else getattr(getattr(scene, table), name)
+    if blade is not None and (old is None or old.ndim == 0):
+        raise KeyError(f"{table}.{name!s} is one number, not one per blade.")
+    return table, name, blade, old
+
+
 def vary(scene: Scene, key: str, value: ArrayLike) -> Scene:
     """`scene` with one number replaced.
 
@@ -163,14 +175,8 @@ def vary(scene: Scene, key: str, value: ArrayLike) -> Scene:
     Raises:
         KeyError: There is no such number.
     """
-    match = KEY.match(key)
-    if match is None or f"{match['table']}.{match['name']}" not in NUMERIC_KEYS:
-        raise KeyError(f"The scene has no number called {key!r}.")
-    table, name, blade = match["table"], match["name"], match["blade"]
-    old = scene.blades.inertia_y if name == "m_y" else getattr(getattr(scene, table), name)
+    table, name, blade, old = _numbers(scene, key)
     if blade is not None:
-        if old is None or old.ndim == 0:
-            raise KeyError(f"{table}.{name!s} is one number, not one per blade.")
         value = old.at[int(blade)].set(value)
     if table == "contact":
         other = {"k": "gamma", "gamma": "k"}[name]
@@ -178,3 +184,20 @@ def vary(scene: Scene, key: str, value: ArrayLike) -> Scene:
         return eqx.tree_at(lambda s: s.contact, scene, contact)
     new = jnp.broadcast_to(jnp.asarray(value, dtype=old.dtype), old.shape)
     return eqx.tree_at(lambda s: getattr(getattr(s, table), name), scene, new, is_leaf=lambda x: x is None)
+
+
+def value_of(scene: Scene, key: str) -> float:
+    """One number of a scene, in SI units.
+
+    Raises:
+        KeyError: There is no such number, or the blades differ and the key names neither `[0]` nor `[1]`.
+    """
+    table, name, blade, old = _numbers(scene, key)
+    if key == "contact.k":
+        old = scene.k
+    if key == "contact.gamma":
+        old = scene.k / scene.blades.k_x[0]
+    values = [float(v) for v in jnp.atleast_1d(old)]
+    if blade is None and len(set(values)) > 1:
+        raise KeyError(f"{table}.{name} differs between the blades; name {key}[0] or {key}[1].")
+    return values[int(blade or 0)]

@@ -1,0 +1,230 @@
+"""Tangents: the march together with its derivative along given directions, forward in time.
+
+A tangent travels with its lane. Each lane has one direction, so that several directions of one scene are several lanes
+with the same scene: what is batched over scenes is batched over directions too.
+"""
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Int
+
+from jaxshroud.friction import stretch
+from jaxshroud.events import look
+from jaxshroud.integrate import Fixed, Grid, Lane, Method, advance, begin, running
+from jaxshroud.lanes import EachLane, best, plain
+from jaxshroud.periods import COMPILER
+from jaxshroud.rhs import Model, as_pairs, model
+from jaxshroud.scene import Motion, Pair, Scalar, Scene, value_of, vary
+from jaxshroud.state import Mode, State
+
+WIDTHS = (16, 64)  # lanes per call, for few and for many: a loop of fewer does not pay for its dispatch
+STATE = 13  # numbers of a state
+
+
+class Dual(NamedTuple):
+    """A tree and its tangent: the same tree with None where nothing depends on the direction."""
+
+    value: Any
+    tangent: Any
+
+
+def _moving(tree: Any) -> Any:
+    """Which leaves of a tree have a tangent: of a lane its motion, slider, clock and power, else every real number."""
+    return jax.tree.map(_moving_leaf, tree, is_leaf=lambda a: isinstance(a, Lane))
+
+
+def _moving_leaf(leaf: Any) -> Any:
+    if not isinstance(leaf, Lane):
+        return jnp.issubdtype(leaf.dtype, jnp.floating)
+    places = lambda lane: (  # noqa: E731
+        lane.state.motion,
+        lane.state.u_s,
+        lane.search.done,
+        lane.search.length,
+        lane.tally.integrals.power,
+    )
+    fixed = jax.tree.map(lambda _: False, leaf)
+    return eqx.tree_at(places, fixed, jax.tree.map(lambda _: True, places(leaf)))
+
+
+def dual(each: EachLane) -> EachLane:
+    """The way to run a function of one lane on `Dual`s of many; an argument that is none has no tangent."""
+
+    def run(f, *args: Any) -> Dual:
+        duals = [a if isinstance(a, Dual) else Dual(a, jax.tree.map(lambda _: None, a)) for a in args]
+        return each(lambda *duals: _pushed(f, duals), *duals)
+
+    return run
+
+
+def _pushed(f, duals: tuple[Dual, ...]) -> Dual:
+    """`f` and its derivative."""
+    values, tangents = zip(*duals, strict=True)
+    moving = jax.tree.map(lambda _, d: d is not None, values, tangents, is_leaf=lambda x: x is None)
+    moves, rest = eqx.partition(values, moving)
+
+    def of_moving(moves):
+        out = f(*eqx.combine(moves, rest))
+        return eqx.partition(out, _moving(out))
+
+    out, out_tangent, out_rest = jax.jvp(of_moving, (moves,), (tangents,), has_aux=True)
+    return Dual(eqx.combine(out, out_rest), out_tangent)
+
+
+class Flow(NamedTuple):
+    """What whole drive periods lead to."""
+
+    state: State  # with its slider brought up to date; motion as pairs
+    power: Pair  # mean square displacement over block and time [m^2]
+    status: Int[Array, "..."]
+
+
+def canonical(state: State, scene_model: Model) -> State:
+    """The state with its slider where it is known to be: u - sigma mu N / k_d in slip, and 0 apart.
+
+    Sliders that no later motion depends on then agree, and have no tangent.
+    """
+    at = look(state.motion, state, scene_model).at
+    u_s = at.u - stretch(at.v, at.u, state.u_s, state.mode, scene_model.spring)
+    return eqx.tree_at(lambda s: s.u_s, state, jnp.where(state.mode == Mode.APART, 0.0, u_s))
+
+
+def _begun(scene: Scene, state: State, method: Method) -> tuple[Lane, Model, Scalar]:
+    scene_model = model(scene)
+    lane = begin(canonical(as_pairs(state), scene_model), scene_model, method)
+    return lane, scene_model, scene.drive.period
+
+
+def _ended(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
+    left, right = lane.tally.integrals.power
+    return Flow(canonical(lane.state, scene_model), (left / time, right / time), lane.status)
+
+
+@partial(jax.jit, static_argnames=("method", "each"), compiler_options=COMPILER)
+def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], method: Method, each: EachLane) -> Dual:
+    """Run `n` drive periods from drive phase 0, with tangents.
+
+    Args:
+        scenes: Scenes with a leading lane axis, and one direction for each lane.
+        states: Where to start, with the same axis, and one direction for each.
+        n: Periods to run.
+        steps: Runge-Kutta steps in one period.
+        method: Static choices of the march; `derivative` must be set.
+        each: How a function of one lane is run on all.
+
+    Returns:
+        A `Flow` with leading lane axis and its tangent.
+    """
+    begun = dual(plain)(lambda scene, state: _begun(scene, state, method), scenes, states)
+    lanes, models, periods = (Dual(a, b) for a, b in zip(*begun, strict=True))
+    like = lambda a: jnp.broadcast_to(a.astype(periods.value.dtype), periods.value.shape)  # noqa: E731
+    stops = jnp.full_like(lanes.value.step, 1) * steps
+    fixed = Dual(
+        Fixed(models.value, Grid(like(jnp.zeros(())), like(steps), periods.value), stops),
+        Fixed(models.tangent, Grid(None, None, periods.tangent), None),
+    )
+    once = jax.jit(lambda lanes: advance(lanes, fixed, method, dual(each)))  # traced once
+
+    def one_period(_, lanes):
+        lanes = lax.while_loop(lambda lanes: jnp.any(running(lanes.value, stops)), lambda lanes: once(once(lanes)), lanes)
+        return lanes._replace(value=eqx.tree_at(lambda lane: lane.step, lanes.value, jnp.zeros_like(stops)))
+
+    lanes = lax.fori_loop(0, n, one_period, lanes)
+    times = jax.tree.map(lambda a: n * a, periods)
+    return dual(plain)(_ended, lanes, models, times)
+
+
+def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Method) -> Dual:
+    """`flow` for any number of lanes, in chunks that share one compiled function; numpy arrays."""
+    lanes = len(scenes.value.drive.omega)
+    width = WIDTHS[lanes > WIDTHS[0] * 2]
+    pieces = [np.minimum(np.arange(i, i + width), lanes - 1) for i in range(0, lanes, width)]
+    method = method._replace(derivative=True, ledger=False)
+
+    def run(at):
+        scene, state = jax.tree.map(lambda a: jnp.asarray(a)[at], (scenes, states))
+        return jax.tree.map(np.asarray, flow(scene, state, jnp.int32(n), jnp.int32(steps), method, best()))
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        done = list(pool.map(run, pieces))
+    return jax.tree.map(lambda *a: np.concatenate(a)[:lanes], *done)
+
+
+class Tangents(NamedTuple):
+    """A scene's flow over some periods, and its derivatives with respect to the starting state and some parameters.
+
+    A state is a vector of 13: x, y, theta and their rates, left blade before right, then the slider.
+    """
+
+    end: State
+    vector: np.ndarray  # (13,) of `end`
+    power: np.ndarray  # (2,) mean square displacement over block and time [m^2]
+    status: int
+    by_state: np.ndarray  # (13, 13) d vector / d start
+    power_by_state: np.ndarray  # (2, 13)
+    by_parameter: np.ndarray  # (13, parameters)
+    power_by_parameter: np.ndarray  # (2, parameters)
+
+
+def tangents(
+    scene: Scene, state: State, directions: Sequence[Scene], *, n: int, steps: int, method: Method, by_state: bool = True
+) -> Tangents:
+    """Flow of one scene over `n` periods from drive phase 0 with all its tangents.
+
+    Args:
+        scene: The scene.
+        state: Where to start.
+        directions: Derivative of the scene with respect to each parameter.
+        n: Drive periods.
+        steps: Runge-Kutta steps in one period.
+        method: Static choices of the march.
+        by_state: False leaves the derivatives with respect to the start out (they are then 0).
+    """
+    count = STATE if by_state else 0
+    lanes = count + max(len(directions), 0 if by_state else 1)
+    repeat = lambda tree: jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), tree)  # noqa: E731
+    along = jax.tree.map(lambda a: np.zeros((lanes, *a.shape), a.dtype), scene)
+    for i, direction in enumerate(directions):
+        along = jax.tree.map(lambda a, d, i=i: _row(a, count + i, d), along, direction)
+    unit = np.zeros((lanes, STATE), scene.drive.omega.dtype)
+    unit[:count] = np.eye(STATE)[:count]
+    shift = from_vector(unit, state.mode, state.case)
+    starts = Dual(repeat(state), State(shift.motion, shift.u_s, None, None))  # type: ignore[arg-type]
+    value, slope = run_flow(Dual(repeat(scene), along), starts, n, steps, method)
+    end = jax.tree.map(lambda a: a[0], value.state)
+    end = State(Motion(*(np.stack(pair) for pair in end.motion)), end.u_s, end.mode, end.case)
+    by = to_vector(slope.state)
+    power, power_by = np.stack([a[0] for a in value.power]), np.stack(slope.power)
+    parts = by[:count].T, power_by[:, :count], by[count:].T, power_by[:, count:]
+    return Tangents(end, to_vector(end), power, int(value.status[0]), *parts)
+
+
+def _row(a: np.ndarray, i: int, value) -> np.ndarray:
+    a[i] = value
+    return a
+
+
+def to_vector(state: State) -> np.ndarray:
+    """States (motions as arrays (..., 2) or as pairs) as vectors (..., 13)."""
+    pairs = [a if isinstance(a, tuple) else (a[..., 0], a[..., 1]) for a in state.motion]
+    return np.stack([np.asarray(a) for pair in pairs for a in pair] + [np.asarray(state.u_s)], axis=-1)
+
+
+def from_vector(vector: np.ndarray, mode, case) -> State:
+    """The inverse of `to_vector`."""
+    return State(Motion(*(vector[..., i : i + 2] for i in range(0, 12, 2))), vector[..., 12], mode, case)
+
+
+def direction(scene: Scene, key: str) -> Scene:
+    """Derivative of a scene with respect to one of its numbers, or to one that both blades share."""
+    at = jnp.asarray(value_of(scene, key), scene.drive.omega.dtype)
+    return jax.jvp(lambda value: vary(scene, key, value), (at,), (jnp.ones_like(at),))[1]
