@@ -17,8 +17,8 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.checks import Precision
 from jaxshroud.events import Counters, Crossing, Guards, Kind, View, any_of, count, crossing, first_kind, look
 from jaxshroud.friction import contact_energy, stretch
-from jaxshroud.lanes import EachLane
 from jaxshroud.implicit import at_the_root
+from jaxshroud.lanes import EachLane
 from jaxshroud.locate import Locate, Search, fresh, judge, picked, select
 from jaxshroud.rhs import Acceleration, Integrals, Model, rhs, stored_energy, wave
 from jaxshroud.scene import Motion, Pair, Scalar
@@ -59,16 +59,22 @@ class Grid(NamedTuple):
     period: Scalar  # [s]
 
 
-class Tally(eqx.Module):
-    """What a lane has summed up so far."""
+class Log(eqx.Module):
+    """What has happened to a lane so far."""
 
-    integrals: Integrals
-    jumps: Scalar | None  # energy put into the contact springs by events [J]; None where it is not kept
     time_apart: Scalar  # [s]
     time_stick: Scalar  # [s]
     time_slip: Scalar  # [s]
     v_max: Scalar  # largest penetration at the end of a step or at an event [m]
     counters: Counters
+
+
+class Tally(eqx.Module):
+    """What a lane has summed up so far."""
+
+    integrals: Integrals
+    jumps: Scalar | None  # energy put into the contact springs by events [J]; None where it is not kept
+    log: Log | None  # None where derivatives are computed
 
 
 class Lane(eqx.Module):
@@ -89,7 +95,8 @@ def begin(state: State, model: Model, method: Method) -> Lane:
     yes = jnp.ones((), bool)
     none = jax.tree.map(jnp.zeros_like, rhs((zero, zero), state.motion, state, model, method.ledger)[1])
     jumps = zero if method.ledger else None
-    tally = Tally(none, jumps, zero, zero, zero, zero, Counters(*[count0] * 10))
+    log = None if method.derivative else Log(zero, zero, zero, zero, Counters(*[count0] * 10))
+    tally = Tally(none, jumps, log)
     four = (zero, zero, zero, zero)
     guards = Guards(four, four, zero)  # the first trial, of length zero, sets them
     search = fresh(zero, zero, yes, count0, method.locate, method.derivative)
@@ -192,70 +199,106 @@ def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
     return (lane.step < stop) & (lane.status == Status.OK)
 
 
-def trial(lane: Lane, end: End, fixed: Fixed, method: Method) -> Lane:
-    """What becomes of a lane whose trial step has come to `end`; nothing if it has arrived or failed."""
-    (model, grid, stop), search, held = fixed, lane.search, lane.state
-    h, h_full = _place(lane, grid).h, grid.period / grid.steps
-    z, gain, _ = end
-    view = look(z, held, model)
+class Decision(NamedTuple):
+    """What a trial step has come to."""
 
+    accept: Bool[Array, ""]
+    fire: Bool[Array, ""]  # accept and change mode
+    again: Bool[Array, ""]  # an event was found, but it must be met once more for its derivative
+    kind: Int[Array, ""]  # of the event
+    several: Bool[Array, ""]  # guards were violated at once
+    forget: Bool[Array, ""]  # the trial's end is the new lower end of the bracket
+    lost: Bool[Array, ""]
+    late: Scalar  # the event is at most so long ago [s]
+    search: Search  # if the trial is not accepted
+
+
+def decide(lane: Lane, end: End, fixed: Fixed, method: Method) -> Decision:
+    """Judge a trial step that has come to `end`. Nothing here has a derivative."""
+    lane, end, fixed = lax.stop_gradient((lane, end, fixed))
+    (model, grid, stop), search = fixed, lane.search
+    h = grid.period / grid.steps
+    guards = look(end.motion, lane.state, model).guards
     counts = (search.length > 0) | search.recheck
-    violated = tuple((g > 0) & counts for g in view.guards.value)
+    violated = tuple((g > 0) & counts for g in guards.value)
     kind = first_kind(violated)
-    found = lax.stop_gradient((search, lane.guards, view.guards, h_full))
-    verdict = judge(*found[:3], violated, kind, found[3], method.locate, method.tableau.order)
-    goes, lost = running(lane, stop), ~_finite(z)
-    fire, accept = verdict.fire & goes, (verdict.accept | lost) & goes
-    if search.met is not None:  # what is differentiated meets an event twice: first to learn how its instant shifts
-        z, gain, length = select(fire, _at_the_event(end, search, view, kind, held, fixed), (z, gain, search.length))
-        once_more = fire & ~search.met & (search.length > 0)
-        met, unmet = search._replace(length=length, met=search.met | once_more), verdict.search._replace(done=search.done)
-        verdict = verdict._replace(search=select(once_more, met, unmet))
-        fire, accept = fire & ~once_more, accept & ~once_more
-        search, view = search._replace(length=length), look(z, held, model)
-
-    cross = crossing(z, held, view, kind, verdict.late * found[3], model)
-    state = select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
-    guards = select(fire, cross.guards, view.guards)
-    # where guards may have jumped, or several were violated, one that still is fires in a trial of length zero
-    several = sum(g.astype(jnp.int32) for g in violated) > 1
-    jumped = several | (kind == Kind.TURN) | (kind == Kind.HEIGHT)
-    again = fire & jumped & any_of(g > 0 for g in guards.value)
-    ahead, step = _advanced(search, lane.step, fire, again, method)
-    tally = _tallied(lane.tally, gain, h, held, view, cross, fire, search.inside)
-    status = jnp.where(accept, _status(z, lost, ahead.events), Status.OK).astype(jnp.int32)
-    return Lane(
-        select(accept, state, held),
-        jnp.where(accept, step, lane.step),
-        select(accept, ahead, select(goes, verdict.search, search)),
-        select(accept | (goes & search.bracketing & ~any_of(violated)), guards, lane.guards),
-        select(accept, tally, lane.tally),
-        jnp.where(goes, status, lane.status),
+    verdict = judge(search, lane.guards, guards, violated, kind, h, method.locate, method.tableau.order)
+    goes, lost = running(lane, stop), ~_finite(end.motion)
+    again = jnp.zeros_like(goes)
+    if search.met is not None:
+        again = verdict.fire & goes & ~search.met & (search.length > 0)
+    return Decision(
+        accept=(verdict.accept | lost) & goes & ~again,
+        fire=verdict.fire & goes & ~again,
+        again=again,
+        kind=kind,
+        several=sum(g.astype(jnp.int32) for g in violated) > 1,
+        forget=goes & search.bracketing & ~any_of(violated),
+        lost=lost,
+        late=verdict.late * h,
+        search=select(goes & ~again, verdict.search, search),
     )
 
 
-def _at_the_event(end: End, search: Search, view: View, kind, held: State, fixed: Fixed):
+def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method) -> Lane:
+    """What becomes of a lane whose trial step has come to `end`; nothing if it has arrived or failed."""
+    (model, grid, stop), search, held = fixed, lane.search, lane.state
+    accept, fire, again, kind = decision.accept, decision.fire, decision.again, decision.kind
+    h = _place(lane, grid).h
+    z, gain, _ = end
+    unaccepted = decision.search._replace(done=search.done)  # which may have a derivative
+    if search.met is not None:
+        z, gain, length = select(fire | again, _at_the_event(end, lane, kind, fixed), (z, gain, search.length))
+        search = search._replace(length=length)
+        length = jnp.where(again, length, unaccepted.length)
+        unaccepted = unaccepted._replace(length=length, met=search.met | again)
+    view = look(z, held, model)
+
+    cross = crossing(z, held, view, kind, decision.late, model)
+    state = select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
+    guards = select(fire, cross.guards, view.guards)
+    # where guards may have jumped, or several were violated, one that still is fires in a trial of length zero
+    jumped = decision.several | (kind == Kind.TURN) | (kind == Kind.HEIGHT)
+    recheck = fire & jumped & any_of(g > 0 for g in guards.value)
+    ahead, step = _advanced(search, lane.step, fire, recheck, method)
+    tally = _tallied(lane.tally, gain, h, held, view, cross, fire, search.inside)
+    status = jnp.where(accept, _status(z, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
+    return Lane(
+        select(accept, state, held),
+        jnp.where(accept, step, lane.step),
+        select(accept, ahead, unaccepted),
+        select(accept | decision.forget, guards, lane.guards),
+        select(accept, tally, lane.tally),
+        jnp.where(running(lane, stop), status, lane.status),
+    )
+
+
+def _at_the_event(end: End, lane: Lane, kind: Int[Array, ""], fixed: Fixed):
     """Motion, integrals and length of a trial that ends where the guard of `kind` vanishes, with their derivatives."""
     assert end.slope is not None
-    model, grid, _ = fixed
-    tangent = lax.stop_gradient(end.slope[0])
-    rates = jax.jvp(lambda z: look(z, held, model).guards.value, (end.motion,), (tangent,))[1]
-    guard, rate = picked(view.guards.value, kind), picked(rates, kind)
-    rate = jnp.where((search.length > 0) & (rate > 0), rate, jnp.inf)  # a trial of length zero has a given instant
-    quantities = end.motion, end.gain, search.length
-    return at_the_root(quantities, (*end.slope, grid.steps / grid.period), guard, rate)
+    (model, grid, _), held, length = fixed, lane.state, lane.search.length
+    guard = lambda z: picked(look(z, held, model).guards.value, kind)  # noqa: E731
+    value, rate = jax.jvp(guard, (end.motion,), (lax.stop_gradient(end.slope[0]),))
+    rate = jnp.where((length > 0) & (rate > 0), rate, jnp.inf)  # a trial of length zero has a given instant
+    return at_the_root((end.motion, end.gain, length), (*end.slope, grid.steps / grid.period), value, rate)
 
 
 def _tallied(tally: Tally, gain: Integrals, h: Scalar, held: State, view: View, cross: Crossing, fire, inside) -> Tally:
-    apart, stick = held.mode == Mode.APART, held.mode == Mode.STICK
     return Tally(
         jax.tree.map(jnp.add, tally.integrals, gain),
         None if tally.jumps is None else tally.jumps + jnp.where(fire, cross.energy, 0.0),
-        tally.time_apart + jnp.where(apart, h, 0.0),
-        tally.time_stick + jnp.where(stick, h, 0.0),
-        tally.time_slip + jnp.where(apart | stick, 0.0, h),
-        jnp.maximum(tally.v_max, jnp.where(apart, 0.0, view.at.v)),
-        count(tally.counters, cross, fire, inside),
+        None if tally.log is None else _logged(tally.log, h, held, view, cross, fire, inside),
+    )
+
+
+def _logged(log: Log, h: Scalar, held: State, view: View, cross: Crossing, fire, inside) -> Log:
+    apart, stick = held.mode == Mode.APART, held.mode == Mode.STICK
+    return Log(
+        log.time_apart + jnp.where(apart, h, 0.0),
+        log.time_stick + jnp.where(stick, h, 0.0),
+        log.time_slip + jnp.where(apart | stick, 0.0, h),
+        jnp.maximum(log.v_max, jnp.where(apart, 0.0, view.at.v)),
+        count(log.counters, cross, fire, inside),
     )
 
 
@@ -290,11 +333,22 @@ def advance(lanes: Lane, fixed: Fixed, method: Method, each: EachLane) -> Lane:
     size, known = len(method.tableau.b), NO_STAGES
     at_once = DUAL_STAGES if method.derivative else STAGES_AT_ONCE
     if size <= STAGES_WITH_EVENTS and not method.derivative:
-        return each(lambda lane, fixed: trial(lane, _step(lane, NO_STAGES, fixed, method), fixed, method), lanes, fixed)
+        return each(lambda lane, fixed: _whole(lane, fixed, method), lanes, fixed)
     for upto in range(at_once, size, at_once):
         known = each(lambda lane, known, fixed, upto=upto: _some(lane, known, upto, fixed, method), lanes, known, fixed)
     end = each(lambda lane, known, fixed: _step(lane, known, fixed, method), lanes, known, fixed)
-    return each(lambda lane, end, fixed: trial(lane, end, fixed, method), lanes, end, fixed)
+    if not method.derivative:
+        return each(lambda lane, end, fixed: _judged(lane, end, fixed, method), lanes, end, fixed)
+    decision = each(lambda lane, end, fixed: decide(lane, end, fixed, method), lanes, end, fixed)
+    return each(lambda lane, end, what, fixed: trial(lane, end, what, fixed, method), lanes, end, decision, fixed)
+
+
+def _whole(lane: Lane, fixed: Fixed, method: Method) -> Lane:
+    return _judged(lane, _step(lane, NO_STAGES, fixed, method), fixed, method)
+
+
+def _judged(lane: Lane, end: End, fixed: Fixed, method: Method) -> Lane:
+    return trial(lane, end, decide(lane, end, fixed, method), fixed, method)
 
 
 def _some(lane: Lane, known: Stages, upto: int, fixed: Fixed, method: Method) -> Stages:

@@ -34,6 +34,8 @@ def fused(f: Callable, *args: Any) -> Any:
     leaves, tree = jax.tree.flatten(args)
     scalars = [jax.ShapeDtypeStruct((), a.dtype) for a in leaves]
     jaxpr, shape = jax.make_jaxpr(lambda *a: f(*tree.unflatten(a)), return_shape=True)(*scalars)
+    if not jaxpr.out_avals:
+        return jax.tree.unflatten(jax.tree.structure(shape), [])
     used = _used(jaxpr.jaxpr)
     operands, results = _paired([leaves[i] for i in used], [a.dtype for a in jaxpr.out_avals])
     kernel = _reducer(jaxpr_as_fun(jaxpr), scalars, used, results)
@@ -44,8 +46,11 @@ def fused(f: Callable, *args: Any) -> Any:
 
 def _used(jaxpr) -> list[int]:
     """Which arguments matter to the results."""
-    read = {id(v) for eqn in jaxpr.eqns for v in eqn.invars} | {id(v) for v in jaxpr.outvars}
-    return [i for i, v in enumerate(jaxpr.invars) if id(v) in read]
+    needed = {id(v) for v in jaxpr.outvars}
+    for eqn in reversed(jaxpr.eqns):
+        if any(id(v) in needed for v in eqn.outvars):
+            needed |= {id(v) for v in eqn.invars}
+    return [i for i, v in enumerate(jaxpr.invars) if id(v) in needed]
 
 
 def _paired(leaves: list, out_types: list) -> tuple[tuple, list[int]]:

@@ -17,7 +17,7 @@ from jaxshroud.linear import area, free_power
 from jaxshroud.scene import Scene
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.sweep import Plan, final_states, run_lanes, starts
-from jaxshroud.tangents import STATE, Tangents, from_vector, tangents, to_vector
+from jaxshroud.tangents import STATE, Tangents, differentiable, from_vector, tangents, to_vector
 
 BLOCK = 8  # periods between two looks whether the motion repeats
 WINDOW = 48  # of the latest periods is looked at, at most
@@ -57,14 +57,16 @@ class Orbit:
         return self.q > 0
 
     @property
+    def slider_is_free(self) -> bool:
+        """Whether the slider stays wherever it starts (permanent stick)."""
+        return "not unique" in self.flags
+
+    @property
     def bifurcation(self) -> tuple[str, float]:
         """The bifurcation that the leading multiplier is on its way to, and its distance 1 - abs(multiplier)."""
         lead = self.multipliers[0]
-        if abs(lead.imag) > 1e-6 * abs(lead):
-            name = "Neimark-Sacker"
-        else:
-            name = "fold" if lead.real > 0 else "flip"
-        return name, 1 - abs(lead)
+        real = "fold" if lead.real > 0 else "flip"
+        return "Neimark-Sacker" if abs(lead.imag) > 1e-6 * abs(lead) else real, float(1 - abs(lead))
 
 
 class _Shot(NamedTuple):
@@ -180,7 +182,7 @@ def _closed(
     """Newton's method on the map of `q` periods, in quantities scaled by their `sizes`."""
     best, unchanged = None, 0
     for updates in range(most + 1):
-        at = tangents(scene, state, [], n=q, steps=steps, method=method)
+        at = tangents(scene, state, [], n=q, steps=steps, method=differentiable(method))
         z = to_vector(state)
         z[STATE - 1] = z[STATE - 1] if at.end.mode == Mode.STICK else at.vector[STATE - 1]
         miss = (at.vector - z) / sizes

@@ -149,16 +149,25 @@ NUMERIC_KEYS = tuple(
 )
 
 
-def _numbers(scene: Scene, key: str) -> tuple[str, str, str | None, Any]:
-    """Table, name and blade that a key names, and the scene's number or numbers there."""
+def key_parts(key: str) -> tuple[str, str, int | None]:
+    """Table, name and blade (None: both, or neither) that a key names.
+
+    Raises:
+        KeyError: A scene has no such number.
+    """
     match = KEY.match(key)
     if match is None or f"{match['table']}.{match['name']}" not in NUMERIC_KEYS:
         raise KeyError(f"The scene has no number called {key!r}.")
-    table, name, blade = match["table"], match["name"], match["blade"]
+    return match["table"], match["name"], None if match["blade"] is None else int(match["blade"])
+
+
+def _numbers(scene: Scene, key: str) -> Any:
+    """The scene's number or numbers that a key names, before a blade is chosen."""
+    table, name, blade = key_parts(key)
     old = scene.blades.inertia_y if name == "m_y" else getattr(getattr(scene, table), name)
     if blade is not None and (old is None or old.ndim == 0):
         raise KeyError(f"{table}.{name!s} is one number, not one per blade.")
-    return table, name, blade, old
+    return old
 
 
 def vary(scene: Scene, key: str, value: ArrayLike) -> Scene:
@@ -175,9 +184,9 @@ def vary(scene: Scene, key: str, value: ArrayLike) -> Scene:
     Raises:
         KeyError: There is no such number.
     """
-    table, name, blade, old = _numbers(scene, key)
+    (table, name, blade), old = key_parts(key), _numbers(scene, key)
     if blade is not None:
-        value = old.at[int(blade)].set(value)
+        value = old.at[blade].set(value)
     if table == "contact":
         other = {"k": "gamma", "gamma": "k"}[name]
         contact = Contact(**{name: value, other: None}, reading=scene.contact.reading)
@@ -192,12 +201,12 @@ def value_of(scene: Scene, key: str) -> float:
     Raises:
         KeyError: There is no such number, or the blades differ and the key names neither `[0]` nor `[1]`.
     """
-    table, name, blade, old = _numbers(scene, key)
+    blade, old = key_parts(key)[2], _numbers(scene, key)
     if key == "contact.k":
         old = scene.k
     if key == "contact.gamma":
         old = scene.k / scene.blades.k_x[0]
     values = [float(v) for v in jnp.atleast_1d(old)]
     if blade is None and len(set(values)) > 1:
-        raise KeyError(f"{table}.{name} differs between the blades; name {key}[0] or {key}[1].")
-    return values[int(blade or 0)]
+        raise KeyError(f"{key} differs between the blades; name {key}[0] or {key}[1].")
+    return values[blade or 0]

@@ -197,7 +197,7 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Callable[[int], 
 
 
 def _take(tree, at):
-    return jax.tree.map(lambda a: jnp.asarray(a)[at], tree)
+    return jax.tree.map(lambda a: np.asarray(a)[at], tree)
 
 
 def _run_chunk(chunk: tuple[Scene, State], plan: Plan, tick: Callable[[int], None]) -> Runs:
@@ -273,13 +273,13 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
     motion = Motion(*map(stack, runs.samples.motion))
     orbit = periodicity(motion.x[..., 0], period_tol)
     power = reduction(A[..., None] * stack(runs.samples.power), P_0, orbit.number)
-    tally, before = runs.last.tally, runs.before
-    spent = [getattr(tally, n) - getattr(before, n) for n in ("time_apart", "time_stick", "time_slip")]
+    log, before = runs.last.tally.log, runs.before.log
+    spent = [getattr(log, n) - getattr(before, n) for n in ("time_apart", "time_stick", "time_slip")]
     whole = sum(spent)
     with np.errstate(invalid="ignore", divide="ignore"):
         times = [t / whole for t in spent]
         residual = relative_residual(runs.samples) if plan.method.ledger else None
-    counters = {n: getattr(tally.counters, n) - getattr(before.counters, n) for n in Counters.__annotations__}
+    counters = {n: getattr(log.counters, n) - getattr(before.counters, n) for n in Counters.__annotations__}
     return SweepResult(
         axes=axes,
         period=np.arange(plan.transient + 1, plan.transient + plan.kept + 1),
@@ -299,7 +299,7 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
         time_apart=times[0],
         time_stick=times[1],
         time_slip=times[2],
-        v_max=np.asarray(tally.v_max),
+        v_max=np.asarray(log.v_max),
         counters=counters,
         steps_per_period=plan.steps_per_period,
         method=plan.method,

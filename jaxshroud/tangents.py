@@ -17,17 +17,18 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
-from jaxshroud.friction import stretch
 from jaxshroud.events import look
-from jaxshroud.integrate import Fixed, Grid, Lane, Method, advance, begin, running
+from jaxshroud.friction import stretch
+from jaxshroud.integrate import Decision, End, Fixed, Grid, Lane, Method, advance, begin, running
 from jaxshroud.lanes import EachLane, best, plain
 from jaxshroud.periods import COMPILER
 from jaxshroud.rhs import Model, as_pairs, model
-from jaxshroud.scene import Motion, Pair, Scalar, Scene, value_of, vary
+from jaxshroud.scene import Motion, Pair, Scalar, Scene, key_parts
 from jaxshroud.state import Mode, State
 
 WIDTHS = (16, 64)  # lanes per call, for few and for many: a loop of fewer does not pay for its dispatch
 STATE = 13  # numbers of a state
+AT_ONCE = 160  # numbers that values and tangents may take in one kernel; beyond, two are faster (`lanes.fused`)
 
 
 class Dual(NamedTuple):
@@ -38,13 +39,18 @@ class Dual(NamedTuple):
 
 
 def _moving(tree: Any) -> Any:
-    """Which leaves of a tree have a tangent: of a lane its motion, slider, clock and power, else every real number."""
-    return jax.tree.map(_moving_leaf, tree, is_leaf=lambda a: isinstance(a, Lane))
+    """Which leaves of a tree have a tangent: every real number that later motion or power depends on."""
+    return jax.tree.map(_moving_part, tree, is_leaf=lambda a: isinstance(a, Lane | End | Decision))
 
 
-def _moving_leaf(leaf: Any) -> Any:
-    if not isinstance(leaf, Lane):
-        return jnp.issubdtype(leaf.dtype, jnp.floating)
+def _moving_part(part: Any) -> Any:
+    fixed = jax.tree.map(lambda _: False, part)
+    if isinstance(part, Decision):
+        return fixed
+    if isinstance(part, End):
+        return fixed._replace(motion=True, gain=True)
+    if not isinstance(part, Lane):
+        return jnp.issubdtype(part.dtype, jnp.floating)
     places = lambda lane: (  # noqa: E731
         lane.state.motion,
         lane.state.u_s,
@@ -52,8 +58,7 @@ def _moving_leaf(leaf: Any) -> Any:
         lane.search.length,
         lane.tally.integrals.power,
     )
-    fixed = jax.tree.map(lambda _: False, leaf)
-    return eqx.tree_at(places, fixed, jax.tree.map(lambda _: True, places(leaf)))
+    return eqx.tree_at(places, fixed, jax.tree.map(lambda _: True, places(part)))
 
 
 def dual(each: EachLane) -> EachLane:
@@ -61,7 +66,10 @@ def dual(each: EachLane) -> EachLane:
 
     def run(f, *args: Any) -> Dual:
         duals = [a if isinstance(a, Dual) else Dual(a, jax.tree.map(lambda _: None, a)) for a in args]
-        return each(lambda *duals: _pushed(f, duals), *duals)
+        if sum(map(len, map(jax.tree.leaves, duals))) < 200:
+            return each(lambda *duals: _pushed(f, duals), *duals)
+        value = each(f, *(d.value for d in duals))
+        return Dual(value, each(lambda *duals: _pushed(f, duals).tangent, *duals))
 
     return run
 
@@ -118,7 +126,7 @@ def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], m
         states: Where to start, with the same axis, and one direction for each.
         n: Periods to run.
         steps: Runge-Kutta steps in one period.
-        method: Static choices of the march; `derivative` must be set.
+        method: Static choices of the march, `differentiable`: else the derivatives lack what the events add.
         each: How a function of one lane is run on all.
 
     Returns:
@@ -135,7 +143,9 @@ def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], m
     once = jax.jit(lambda lanes: advance(lanes, fixed, method, dual(each)))  # traced once
 
     def one_period(_, lanes):
-        lanes = lax.while_loop(lambda lanes: jnp.any(running(lanes.value, stops)), lambda lanes: once(once(lanes)), lanes)
+        lanes = lax.while_loop(
+            lambda lanes: jnp.any(running(lanes.value, stops)), lambda lanes: once(once(lanes)), lanes
+        )
         return lanes._replace(value=eqx.tree_at(lambda lane: lane.step, lanes.value, jnp.zeros_like(stops)))
 
     lanes = lax.fori_loop(0, n, one_period, lanes)
@@ -143,15 +153,19 @@ def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], m
     return dual(plain)(_ended, lanes, models, times)
 
 
+def differentiable(method: Method) -> Method:
+    """The same method with derivatives of the events' instants, and nothing else that a flow does not need."""
+    return method._replace(derivative=True, ledger=False)
+
+
 def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Method) -> Dual:
     """`flow` for any number of lanes, in chunks that share one compiled function; numpy arrays."""
     lanes = len(scenes.value.drive.omega)
     width = WIDTHS[lanes > WIDTHS[0] * 2]
     pieces = [np.minimum(np.arange(i, i + width), lanes - 1) for i in range(0, lanes, width)]
-    method = method._replace(derivative=True, ledger=False)
 
     def run(at):
-        scene, state = jax.tree.map(lambda a: jnp.asarray(a)[at], (scenes, states))
+        scene, state = jax.tree.map(lambda a: np.asarray(a)[at], (scenes, states))
         return jax.tree.map(np.asarray, flow(scene, state, jnp.int32(n), jnp.int32(steps), method, best()))
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -176,7 +190,14 @@ class Tangents(NamedTuple):
 
 
 def tangents(
-    scene: Scene, state: State, directions: Sequence[Scene], *, n: int, steps: int, method: Method, by_state: bool = True
+    scene: Scene,
+    state: State,
+    directions: Sequence[Scene],
+    *,
+    n: int,
+    steps: int,
+    method: Method,
+    by_state: bool = True,
 ) -> Tangents:
     """Flow of one scene over `n` periods from drive phase 0 with all its tangents.
 
@@ -186,15 +207,14 @@ def tangents(
         directions: Derivative of the scene with respect to each parameter.
         n: Drive periods.
         steps: Runge-Kutta steps in one period.
-        method: Static choices of the march.
+        method: Static choices of the march, `differentiable`.
         by_state: False leaves the derivatives with respect to the start out (they are then 0).
     """
     count = STATE if by_state else 0
-    lanes = count + max(len(directions), 0 if by_state else 1)
+    lanes = max(count + len(directions), 1)
     repeat = lambda tree: jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), tree)  # noqa: E731
-    along = jax.tree.map(lambda a: np.zeros((lanes, *a.shape), a.dtype), scene)
-    for i, direction in enumerate(directions):
-        along = jax.tree.map(lambda a, d, i=i: _row(a, count + i, d), along, direction)
+    still = [jax.tree.map(np.zeros_like, scene)] * (lanes - len(directions))
+    along = jax.tree.map(lambda *a: np.stack(a), *still, *directions)
     unit = np.zeros((lanes, STATE), scene.drive.omega.dtype)
     unit[:count] = np.eye(STATE)[:count]
     shift = from_vector(unit, state.mode, state.case)
@@ -206,11 +226,6 @@ def tangents(
     power, power_by = np.stack([a[0] for a in value.power]), np.stack(slope.power)
     parts = by[:count].T, power_by[:, :count], by[count:].T, power_by[:, count:]
     return Tangents(end, to_vector(end), power, int(value.status[0]), *parts)
-
-
-def _row(a: np.ndarray, i: int, value) -> np.ndarray:
-    a[i] = value
-    return a
 
 
 def to_vector(state: State) -> np.ndarray:
@@ -225,6 +240,8 @@ def from_vector(vector: np.ndarray, mode, case) -> State:
 
 
 def direction(scene: Scene, key: str) -> Scene:
-    """Derivative of a scene with respect to one of its numbers, or to one that both blades share."""
-    at = jnp.asarray(value_of(scene, key), scene.drive.omega.dtype)
-    return jax.jvp(lambda value: vary(scene, key, value), (at,), (jnp.ones_like(at),))[1]
+    """Derivative of a scene with respect to one of its own numbers, or to one that both blades share."""
+    table, name, blade = key_parts(key)
+    place = lambda s: getattr(getattr(s, table), name)  # noqa: E731
+    unit = np.ones_like(place(scene)) if blade is None else np.eye(2)[blade]
+    return eqx.tree_at(place, jax.tree.map(np.zeros_like, scene), unit)

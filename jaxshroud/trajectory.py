@@ -97,7 +97,7 @@ def simulate(
         mode=whole.mode,
         case=whole.case,
         status=int(lane.status),
-        counters={name: int(n) for name, n in vars(tally.counters).items()},
+        counters={name: int(n) for name, n in vars(tally.log.counters).items()},
         energy_residual=residual,
         last=jax.tree.map(lambda a: a[-1], whole),
         turns=float((turns + (index[-1] % steps_per_period) / steps_per_period) % 1),

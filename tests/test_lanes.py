@@ -54,7 +54,7 @@ def test_fused_and_plain_trials_agree(table1, name):
     got, expected = trials(fused), trials(plain)
     np.testing.assert_array_equal(got.step, expected.step)
     np.testing.assert_array_equal(got.state.mode, expected.state.mode)
-    assert (got.tally.counters.onset_slip + got.tally.counters.onset_stick).sum() > 0
+    assert (got.tally.log.counters.onset_slip + got.tally.log.counters.onset_stick).sum() > 0
     close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)  # noqa: E731
     jax.tree.map(close, got.state.motion, expected.state.motion)
 

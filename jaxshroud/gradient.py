@@ -1,0 +1,237 @@
+"""Derivatives of the vibration-power reduction, of the kind that the motion allows.
+
+On a periodic orbit P_d has a derivative, and it is exact. In chaos P_d against a parameter has windows, jumps and no
+derivative at a point; what exists is the derivative of an average over a stated width.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.special import stdtrit
+
+from jaxshroud.analysis.period import PERIOD_TOLERANCE, periodicity
+from jaxshroud.analysis.power import reduction
+from jaxshroud.checks import count_argument
+from jaxshroud.integrate import FAST, Method
+from jaxshroud.linear import area, free_power
+from jaxshroud.orbit import Orbit, orbit
+from jaxshroud.scene import Scene, value_of, vary
+from jaxshroud.state import Status
+from jaxshroud.sweep import Plan, run_lanes, starts
+from jaxshroud.tangents import STATE, differentiable, direction, tangents
+
+Of = Literal["P_d", "P"]
+STRUCTURE = 3.0  # times its own noise that P_d may scatter about a straight line in a smooth neighbourhood
+
+
+@dataclass(frozen=True)
+class Gradient:
+    """Derivatives of `of` with respect to some numbers of a scene, in SI units (P_d in percentage points)."""
+
+    of: Of
+    kind: Literal["periodic", "smoothed"]
+    value: dict[str, float]
+    ci: dict[str, float]  # half width of the 95 % interval; 0 where the derivative is exact
+    level: float  # what is differentiated: its value on the orbit, or its average over the neighbourhood
+    level_ci: float
+    orbit: Orbit  # see its flags, multipliers and bifurcation
+    conditioning: float  # 1 / abs(1 - multiplier), the largest: how far a push moves the orbit; NaN if smoothed
+    sigma: float  # relative width of the neighbourhood; 0 on an orbit
+    flags: tuple[str, ...]  # those of the orbit, "structured" where the neighbourhood is not smooth, "lanes stopped"
+
+
+def gradient(
+    scene: Scene,
+    wrt: Sequence[str],
+    *,
+    of: Of = "P_d",
+    at: Orbit | None = None,
+    sigma: float = 0.01,
+    pairs: int = 128,
+    n_periods: int = 256,
+    transient: int = 64,
+    most_periods: int = 512,
+    steps_per_period: int = 400,
+    seed: int = 0,
+    method: Method = FAST,
+) -> Gradient:
+    """Gradient of the left blade's P_d, or of P, with respect to numbers of the scene.
+
+    Where the scene settles on a periodic orbit the gradient is exact, by the implicit function theorem. Elsewhere it is
+    the gradient of the average over a normal distribution of the parameters around their values, with an interval.
+
+    Args:
+        scene: The scene.
+        wrt: Keys as for `vary`; without a blade's index both blades change together.
+        of: What to differentiate.
+        at: The scene's orbit where it is known already.
+        sigma: Standard deviation of that distribution, relative to each parameter's value.
+        pairs: Antithetic pairs of samples; all samples start from the scene's initial state.
+        n_periods: Drive periods that each sample's P_d is averaged over.
+        transient: Drive periods each sample runs before.
+        most_periods: Drive periods after which a motion that has not repeated counts as aperiodic.
+        steps_per_period: Runge-Kutta steps in one period.
+        seed: Of the samples.
+        method: Static choices of the march.
+
+    Returns:
+        The derivatives and what they are worth.
+
+    Raises:
+        KeyError: The scene has no such number.
+        ValueError: A count is too small, or a smoothed derivative is asked for with respect to a number that is 0.
+
+    Source:
+        dP/dp = P_p + P_z (I - M)^-1 Phi_p for the fixed point z of the flow Phi over the orbit's periods.
+    """
+    scene = with_numbers(scene, wrt)
+    found = (
+        at
+        if at is not None
+        else orbit(scene, most_periods=most_periods, steps_per_period=steps_per_period, method=method)
+    )
+    if found.found and not {"unstable", "not converged"} & set(found.flags):
+        return on_orbit(found, wrt, of)
+    if "stopped" in found.flags:
+        raise ValueError("The march stops in this scene; there is nothing to differentiate.")
+    count_argument("pairs", pairs, 2)
+    plan = Plan(transient, n_periods, steps_per_period, 0.0, method)
+    return smoothed(scene, wrt, of, found, sigma, pairs, plan, seed)
+
+
+def with_numbers(scene: Scene, keys: Sequence[str]) -> Scene:
+    """The scene written such that each of `keys` is one of its own numbers (`gamma` or `k`, `m_y` or `m`).
+
+    Raises:
+        KeyError: There is no such number, or both `contact.k` and `contact.gamma` are asked for.
+    """
+    if {"contact.k", "contact.gamma"} <= set(keys):
+        raise KeyError("contact.k and contact.gamma are one number; name one of them.")
+    for key in keys:
+        value = value_of(scene, key)
+        if key.split("[")[0] in ("contact.k", "contact.gamma", "blades.m_y"):
+            scene = vary(scene, key, value)
+    return scene
+
+
+def on_orbit(found: Orbit, wrt: Sequence[str], of: Of = "P_d") -> Gradient:
+    """The exact gradient on a periodic orbit."""
+    scene, at = with_numbers(found.scene, wrt), found.jacobian
+    assert at is not None  # there is an orbit
+    along = [direction(scene, key) for key in wrt]
+    steps, method = found.steps_per_period, differentiable(found.method)
+    by = tangents(scene, found.start, along, n=found.q, steps=steps, method=method, by_state=False)
+    moved = _moved(at.by_state, by.by_parameter, found.slider_is_free)
+    power_by = by.power_by_parameter + at.power_by_state @ moved
+    slopes = _slopes(scene, at.power, jax.tree.map(lambda *a: np.stack(a), *along), power_by.T, of)
+    value = dict(zip(wrt, np.asarray(slopes, float).tolist(), strict=True))
+    conditioning = float(np.max(1 / np.abs(1 - np.delete(found.multipliers, _slider(found)))))
+    level = found.P_d if of == "P_d" else float(found.P[0])
+    return Gradient(of, "periodic", value, dict.fromkeys(wrt, 0.0), level, 0.0, found, conditioning, 0.0, found.flags)
+
+
+def _slider(found: Orbit) -> list[int]:
+    """Which multiplier is that of a slider that stays where it starts, if it does."""
+    return [int(np.argmin(np.abs(found.multipliers - 1)))] if found.slider_is_free else []
+
+
+def _moved(M: np.ndarray, by_parameter: np.ndarray, slider_is_free: bool) -> np.ndarray:
+    """How the orbit's start moves, (13, parameters); a slider that stays where it starts is held."""
+    size = STATE - slider_is_free
+    moved = np.zeros_like(by_parameter)
+    moved[:size] = np.linalg.solve(np.eye(size) - M[:size, :size], by_parameter[:size])
+    return moved
+
+
+def _measure(of: Of, scene: Scene, power):
+    """`of` from the left blade's mean square displacement."""
+    P = area(scene.shroud) * power[0]
+    return P if of == "P" else 100 * (1 - P / free_power(scene)[0])
+
+
+@partial(jax.jit, static_argnames="of")
+def _slopes(scene: Scene, power, along: Scene, power_along, of: Of):
+    """Derivatives of `of` along directions (leading axis) of the scene and of the mean square displacement."""
+    measure = lambda scene, power: _measure(of, scene, power)  # noqa: E731
+    slope = lambda *direction: jax.jvp(measure, (scene, power), direction)[1]  # noqa: E731
+    return jax.vmap(slope)(along, power_along)
+
+
+def smoothed(
+    scene: Scene, wrt: Sequence[str], of: Of, found: Orbit, sigma: float, pairs: int, plan: Plan, seed: int
+) -> Gradient:
+    """The gradient of the average of `of` over normally distributed parameters, by antithetic pairs.
+
+    The slope is fitted to the differences of the pairs by least squares. In expectation that is the gradient of the
+    average; where `of` is linear across the neighbourhood it is exact for any samples.
+    """
+    centre = np.array([value_of(scene, key) for key in wrt])
+    for key, value in zip(wrt, centre, strict=True):
+        if value == 0:
+            raise ValueError(f"{key} is 0: a relative width says nothing about it.")
+    xi = np.random.default_rng(seed).standard_normal((pairs, len(wrt)))
+    signed = np.concatenate([xi, -xi])
+    level, noise, number, ok = _levels(scene, wrt, centre * (1 + sigma * signed), of, plan)
+    good = ok[:pairs] & ok[pairs:]
+    difference = (level[:pairs] - level[pairs:])[good] / 2
+    slope, slope_ci = _fitted(xi[good], difference)
+    scatter = np.std((level[:pairs] + level[pairs:])[good] / 2) + np.std(difference - xi[good] @ slope)
+    own = np.sqrt(np.mean(noise[np.isfinite(noise)] ** 2)) / 1.96 if np.isfinite(noise).any() else 0.0
+    floor = max(own, 1e-6 * np.std(level))
+    structured = len(np.unique(number)) > 1 or scatter > STRUCTURE * floor
+    flags = (*found.flags, *(["structured"] if structured else []), *([] if good.all() else ["lanes stopped"]))
+    means = ((level[:pairs] + level[pairs:]) / 2)[good]
+    return Gradient(
+        of=of,
+        kind="smoothed",
+        value=dict(zip(wrt, (slope / (sigma * centre)).tolist(), strict=True)),
+        ci=dict(zip(wrt, (slope_ci / np.abs(sigma * centre)).tolist(), strict=True)),
+        level=float(means.mean()),
+        level_ci=float(stdtrit(len(means) - 1, 0.975) * means.std(ddof=1) / np.sqrt(len(means))),
+        orbit=found,
+        conditioning=float("nan"),
+        sigma=sigma,
+        flags=flags,
+    )
+
+
+def _levels(scene: Scene, wrt: Sequence[str], values: np.ndarray, of: Of, plan: Plan):
+    """At each row of parameter values: `of`, its own half interval, the period number, and whether the lane is OK."""
+    scenes = scenes_at(scene, wrt, values)
+    runs = run_lanes(scenes, starts(scenes), plan, lambda _: None)
+    A, P_0 = (np.asarray(a, float) for a in jax.vmap(lambda s: (area(s.shroud), free_power(s)))(scenes))
+    number = periodicity(np.asarray(runs.samples.motion.x[0], float), PERIOD_TOLERANCE).number
+    got = reduction(A[:, None, None] * np.stack(runs.samples.power, axis=-1), P_0, number)
+    share = P_0[:, 0] / 100
+    level, noise = (got.P_d, got.ci) if of == "P_d" else (got.P[:, 0], got.ci * share)
+    return level, noise, number, runs.last.status == Status.OK
+
+
+def scenes_at(scene: Scene, keys: Sequence[str], values: np.ndarray) -> Scene:
+    """Scenes (leading axis) with the numbers `keys` set to each row of `values` (n, keys)."""
+
+    def one(row):
+        varied = scene
+        for i, key in enumerate(keys):
+            varied = vary(varied, key, row[i])
+        return varied
+
+    return jax.jit(jax.vmap(one))(jnp.asarray(values, scene.drive.omega.dtype))
+
+
+def _fitted(xi: np.ndarray, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least squares slope (parameters,) of `difference` in `xi`, and the half width of its 95 % interval.
+
+    The scatter about the line is no constant (curvature, windows), so the covariance is the one that allows for that.
+    """
+    n, size = xi.shape
+    inverse = np.linalg.inv(xi.T @ xi)
+    slope = inverse @ xi.T @ difference
+    rest = (difference - xi @ slope) / (1 - np.einsum("ij,jk,ik->i", xi, inverse, xi))  # as if each were left out
+    covariance = inverse @ (xi.T * rest**2) @ xi @ inverse
+    return slope, stdtrit(n - size, 0.975) * np.sqrt(np.diag(covariance))
