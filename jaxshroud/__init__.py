@@ -6,8 +6,15 @@ from jaxshroud.config import SceneError as SceneError
 from jaxshroud.config import SceneFile as SceneFile
 from jaxshroud.config import load as load
 from jaxshroud.config import shipped as shipped
+from jaxshroud.gradient import Gradient as Gradient
+from jaxshroud.gradient import gradient as gradient
 from jaxshroud.integrate import Method as Method
 from jaxshroud.linear import free_power as free_power
+from jaxshroud.lyapunov import Lyapunov as Lyapunov
+from jaxshroud.lyapunov import lyapunov as lyapunov
+from jaxshroud.orbit import Orbit as Orbit
+from jaxshroud.orbit import orbit as orbit
+from jaxshroud.periodmap import period_map as period_map
 from jaxshroud.power import PowerResult as PowerResult
 from jaxshroud.power import power as power
 from jaxshroud.scene import AT_REST as AT_REST
@@ -18,6 +25,7 @@ from jaxshroud.scene import Friction as Friction
 from jaxshroud.scene import Motion as Motion
 from jaxshroud.scene import Scene as Scene
 from jaxshroud.scene import Shroud as Shroud
+from jaxshroud.scene import value_of as value_of
 from jaxshroud.scene import vary as vary
 from jaxshroud.stability import largest_frequency as largest_frequency
 from jaxshroud.state import Mode as Mode

@@ -6,7 +6,7 @@ only, where a bisection nested in the step would make all lanes wait for the one
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -225,19 +225,23 @@ def decide(lane: Lane, end: End, fixed: Fixed, method: Method) -> Decision:
     verdict = judge(search, lane.guards, guards, violated, kind, h, method.locate, method.tableau.order)
     goes, lost = running(lane, stop), ~_finite(end.motion)
     again = jnp.zeros_like(goes)
-    if search.met is not None:
+    if search.met is not None:  # what is differentiated meets an event twice: first to learn how its instant moves
         again = verdict.fire & goes & ~search.met & (search.length > 0)
     return Decision(
         accept=(verdict.accept | lost) & goes & ~again,
         fire=verdict.fire & goes & ~again,
         again=again,
         kind=kind,
-        several=sum(g.astype(jnp.int32) for g in violated) > 1,
+        several=_two_of(violated),
         forget=goes & search.bracketing & ~any_of(violated),
         lost=lost,
         late=verdict.late * h,
         search=select(goes & ~again, verdict.search, search),
     )
+
+
+def _two_of(flags: tuple[Bool[Array, ""], ...]) -> Bool[Array, ""]:
+    return any_of(a & any_of(flags[i + 1 :]) for i, a in enumerate(flags[:-1]))
 
 
 def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method) -> Lane:
@@ -325,8 +329,8 @@ def _status(z: Motion, lost, events) -> Int[Array, ""]:
     return jnp.where(lost, Status.NOT_FINITE, status).astype(jnp.int32)
 
 
-def advance(lanes: Lane, fixed: Fixed, method: Method, each: EachLane) -> Lane:
-    """One trial step of every lane on its way.
+def advance(lanes: Any, fixed: Any, method: Method, each: EachLane) -> Any:
+    """One trial step of every lane on its way: of `Lane`s, or of whatever `each` makes of them.
 
     A short Runge-Kutta method and all that follows is one kernel. The stages of a long one come first, in groups.
     """
@@ -361,10 +365,23 @@ def _step(lane: Lane, known: Stages, fixed: Fixed, method: Method) -> End:
     return rk_step(known, _place(lane, grid), lane.state, model, method)
 
 
-def march(lanes: Lane, models: Model, grids: Grid, stops: Int[Array, " lanes"], method: Method, each: EachLane) -> Lane:
-    """Run every lane (leading axis of all arguments) to the start of step `stop`, or until its status is not OK."""
+def march(
+    lanes: Lane,
+    models: Model,
+    grids: Grid,
+    stops: Int[Array, " lanes"],
+    method: Method,
+    each: EachLane,
+    most_trials: int | None = None,
+) -> Lane:
+    """Run every lane (leading axis of all arguments) to the start of step `stop`, or until its status is not OK.
+
+    With `most_trials` it ends after so many trials anyway: a loop of known length can be differentiated in reverse.
+    """
     fixed = Fixed(models, grids, stops)
     once = jax.jit(lambda lanes: advance(lanes, fixed, method, each))  # traced once
+    if most_trials is not None:
+        return lax.fori_loop(0, most_trials, lambda _, lanes: once(lanes), lanes)
     # two by two: the first writes to memory of its own, the second back where the lanes came from, and none is copied
     return lax.while_loop(lambda lanes: jnp.any(running(lanes, stops)), lambda lanes: once(once(lanes)), lanes)
 

@@ -126,13 +126,15 @@ def peak(start: Guards, end: Guards, h: Scalar) -> Scalar:
     return first
 
 
-def tolerance(kind: Int[Array, ""], locate: Locate, order: int, dtype) -> Scalar:
+def tolerance(kind: Int[Array, ""], locate: Locate, order: int, derivative: bool, dtype) -> Scalar:
     """How late an event may be found, in steps.
 
     Force-continuous events cost an error of the square of this, loaded case switches its first power. Closing in by
-    the cubic, no more is asked of the former than a method of this order resolves.
+    the cubic, no more is asked of the former than a method of this order resolves. A derivative's error is one power
+    lower, so it asks for the finer one always.
     """
     coarse, fine = (20 if locate == "bisection" else 10 + order, 36) if dtype == jnp.float64 else (10, 16)
+    coarse = fine if derivative else coarse
     return jnp.where((kind == Kind.TURN) | (kind == Kind.HEIGHT), 2.0**-fine, 2.0**-coarse).astype(dtype)
 
 
@@ -166,8 +168,9 @@ def judge(
     below = jnp.where(search.bracketing & ~hit, search.length, search.low)
     top = peak(low, end, search.length * h)
     peeks = ~bracketing & ~search.peeking & (top < 1)
-    narrow = tolerance(jnp.int32(Kind.TURN), locate, order, high.dtype)
-    allowed = tolerance(kind, locate, order, high.dtype)
+    derivative = search.met is not None
+    narrow = tolerance(jnp.int32(Kind.TURN), locate, order, derivative, high.dtype)
+    allowed = tolerance(kind, locate, order, derivative, high.dtype)
     if locate == "cubic":
         target = _target(search, low, end, violated, search.length - search.low, h)
         now = select(hit | ~search.bracketing, low, end)

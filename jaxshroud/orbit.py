@@ -126,6 +126,7 @@ def _settled(scene: Scene, state: State | None, most: int, steps: int, tolerance
     alone = jax.tree.map(lambda a: np.asarray(a)[None], scene)
     states = starts(alone) if state is None else jax.tree.map(lambda a: np.asarray(a)[None], state)
     spent, samples, latest = 0, np.empty((0, STATE - 1)), None
+    here = jax.tree.map(lambda a: a[0], states)
     for done in range(BLOCK, most + BLOCK, BLOCK):
         runs = run_lanes(alone, states, Plan(0, BLOCK, steps, 0.0, method), lambda _: None)
         spent, states = spent + BLOCK, final_states(runs.last)
@@ -180,7 +181,7 @@ def _closed(
     most: int = MOST_UPDATES,
 ) -> _Shot:
     """Newton's method on the map of `q` periods, in quantities scaled by their `sizes`."""
-    best, unchanged = None, 0
+    best, unchanged, updates = None, 0, 0
     for updates in range(most + 1):
         at = tangents(scene, state, [], n=q, steps=steps, method=differentiable(method))
         z = to_vector(state)

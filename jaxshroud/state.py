@@ -1,12 +1,12 @@
 """What moves: the state of one lane, its contact mode and how its run ended."""
 
 from enum import IntEnum
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Int
 
-from jaxshroud.scene import Motion, Scalar
+from jaxshroud.scene import Motion
 
 
 class Mode(IntEnum):
@@ -30,13 +30,13 @@ class Status(IntEnum):
 class State(eqx.Module):
     """Motion and contact of one lane.
 
-    `u_s` is the slider of Eq. (2) [m], meaningful in contact only. `case` is 1-4 (Sec. 2.3), 0 when apart.
+    Scalars in compiled code, arrays of lanes outside.
     """
 
     motion: Motion
-    u_s: Scalar
-    mode: Int[Array, ""]
-    case: Int[Array, ""]
+    u_s: Any  # slider of Eq. (2), meaningful in contact only [m]
+    mode: Any  # see `Mode`
+    case: Any  # 1-4 (Sec. 2.3), 0 when apart
 
 
 def start(motion: Motion) -> State:

@@ -106,13 +106,15 @@ def canonical(state: State, scene_model: Model) -> State:
     return eqx.tree_at(lambda s: s.u_s, state, jnp.where(state.mode == Mode.APART, 0.0, u_s))
 
 
-def _begun(scene: Scene, state: State, method: Method) -> tuple[Lane, Model, Scalar]:
+def begun(scene: Scene, state: State, method: Method) -> tuple[Lane, Model, Scalar]:
+    """A lane about to start, its model and the drive's period."""
     scene_model = model(scene)
     lane = begin(canonical(as_pairs(state), scene_model), scene_model, method)
     return lane, scene_model, scene.drive.period
 
 
-def _ended(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
+def ended(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
+    """What a lane has come to after `time` seconds."""
     left, right = lane.tally.integrals.power
     return Flow(canonical(lane.state, scene_model), (left / time, right / time), lane.status)
 
@@ -132,14 +134,14 @@ def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], m
     Returns:
         A `Flow` with leading lane axis and its tangent.
     """
-    begun = dual(plain)(lambda scene, state: _begun(scene, state, method), scenes, states)
-    lanes, models, periods = (Dual(a, b) for a, b in zip(*begun, strict=True))
+    first = dual(plain)(lambda scene, state: begun(scene, state, method), scenes, states)
+    lanes, models, periods = (Dual(a, b) for a, b in zip(*first, strict=True))
     like = lambda a: jnp.broadcast_to(a.astype(periods.value.dtype), periods.value.shape)  # noqa: E731
     stops = jnp.full_like(lanes.value.step, 1) * steps
-    fixed = Dual(
-        Fixed(models.value, Grid(like(jnp.zeros(())), like(steps), periods.value), stops),
-        Fixed(models.tangent, Grid(None, None, periods.tangent), None),
-    )
+    fixed = Fixed(models.value, Grid(like(jnp.zeros(())), like(steps), periods.value), stops)
+    still = jax.tree.map(lambda _: None, fixed)
+    along = still._replace(model=models.tangent, grid=still.grid._replace(period=periods.tangent))
+    fixed = Dual(fixed, along)
     once = jax.jit(lambda lanes: advance(lanes, fixed, method, dual(each)))  # traced once
 
     def one_period(_, lanes):
@@ -149,8 +151,8 @@ def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], m
         return lanes._replace(value=eqx.tree_at(lambda lane: lane.step, lanes.value, jnp.zeros_like(stops)))
 
     lanes = lax.fori_loop(0, n, one_period, lanes)
-    times = jax.tree.map(lambda a: n * a, periods)
-    return dual(plain)(_ended, lanes, models, times)
+    times = jax.tree.map(lambda a: n.astype(a.dtype) * a, periods)
+    return dual(plain)(ended, lanes, models, times)
 
 
 def differentiable(method: Method) -> Method:
