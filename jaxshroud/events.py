@@ -90,9 +90,8 @@ def guards(at: Touch, rate: Rates, held: State, case: Int[Array, ""], spring: Sp
     w = at.u - held.u_s
     sigma = slip_sign(held.mode, at.v.dtype)
     rubs = spring.mu > 0
-    # stick may begin at its limit, where u - u_s is known to some roundings of u only: they are no slip
-    rounding = 8 * jnp.finfo(at.u.dtype).eps * (jnp.abs(at.u) + jnp.abs(held.u_s))
-    in_stick = jnp.abs(w) - spring.lag * at.v - rounding, jnp.sign(w) * rate.u - spring.lag * rate.v
+    # stick may begin at its limit, where a few roundings are no slip
+    in_stick = jnp.abs(w) - spring.lag * at.v - 2 * at.rounding, jnp.sign(w) * rate.u - spring.lag * rate.v
     in_slip = -sigma * slider_speed(rate.v, rate.u, held.mode, spring)
     rub = jnp.where(stick, in_stick[0], jnp.where(rubs & ~apart, in_slip, -1.0))
 

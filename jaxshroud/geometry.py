@@ -87,10 +87,12 @@ class Touch(NamedTuple):
     corner_y: Pair  # ... and y
     offset: tuple[Scalar, Scalar]  # (d_x - gap, d_y): from the right block's corner to the left one's
     sin_A2: Scalar  # sin(alpha - theta_2), which (20) prints for sin(alpha - theta_1)
+    rounding: Scalar  # how far v and u may be off by the rounding of the terms they are sums of
 
 
-def _rotated(px: Scalar, py: Scalar, s: Scalar, c: Scalar) -> tuple[Scalar, Scalar]:
-    return px * c + py * s, py * c - px * s  # clockwise
+def _shift(px: Scalar, py: Scalar, s: Scalar, versine: Scalar) -> tuple[Scalar, Scalar]:
+    """How far a clockwise rotation moves a corner: without the rounding of positions many times larger."""
+    return py * s - px * versine, -px * s - py * versine
 
 
 def touch(q: Pose, case: Int[Array, ""], block: Corners, reading: frozenset[str]) -> Touch:
@@ -104,10 +106,11 @@ def touch(q: Pose, case: Int[Array, ""], block: Corners, reading: frozenset[str]
     p_y = jnp.where(upper, block.h_y, -block.h_y)
     left_x = jnp.where(upper, block.a_x, block.b_x)
     right_x = -jnp.where(upper, block.b_x, block.a_x)
-    l_x, l_y = _rotated(left_x, p_y, q.sin[0], q.cos[0])
-    r_x, r_y = _rotated(right_x, p_y, q.sin[1], q.cos[1])
-    e_x = (q.x[0] - q.x[1]) + (l_x - left_x) - (r_x - right_x) - block.gap
-    d_y = (q.y[0] - q.y[1]) + (l_y - p_y) - (r_y - p_y)
+    dl_x, dl_y = _shift(left_x, p_y, q.sin[0], q.versine[0])
+    dr_x, dr_y = _shift(right_x, p_y, q.sin[1], q.versine[1])
+    e_x = (q.x[0] - q.x[1]) + dl_x - dr_x - block.gap
+    d_y = (q.y[0] - q.y[1]) + dl_y - dr_y
+    terms = (*q.x, *q.y, dl_x, dr_x, dl_y, dr_y, block.gap)
 
     left_tip = tip_is_left(case)
     s_f, c_f = jnp.where(left_tip, q.sin[1], q.sin[0]), jnp.where(left_tip, q.cos[1], q.cos[0])
@@ -121,10 +124,11 @@ def touch(q: Pose, case: Int[Array, ""], block: Corners, reading: frozenset[str]
         turn=q.theta[0] - q.theta[1],
         normal=(sin_A, -cos_A),
         tangent=(cos_A, sin_A),
-        corner=(l_x, r_x),
-        corner_y=(l_y, r_y),
+        corner=(left_x + dl_x, right_x + dr_x),
+        corner_y=(p_y + dl_y, p_y + dr_y),
         offset=(e_x, d_y),
         sin_A2=block.sin_alpha * q.cos[1] - block.cos_alpha * q.sin[1],
+        rounding=4 * jnp.finfo(e_x.dtype).eps * sum(jnp.abs(t) for t in terms),
     )
 
 

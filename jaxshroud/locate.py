@@ -18,7 +18,7 @@ from jaxshroud.scene import Scalar
 # the step (first order, for comparison only)
 Locate = Literal["bisection", "cubic", "none"]
 
-CUBIC_TRIALS = 5  # in one bracket; then it is halved
+CUBIC_TRIALS = 5  # in one bracket; then every other one halves it
 
 
 class Target(NamedTuple):
@@ -99,11 +99,13 @@ class Rise(NamedTuple):
 def _rise(value: tuple, rate: tuple, slid: tuple, h: Scalar) -> Rise:
     """From values, rates and integrals at both ends of a stretch of `h` seconds.
 
-    The slip guard has no rate but an integral, the slider's way: its cubic is the parabola with the right mean.
+    The slip guard has no rate but an integral, the slider's way: its cubic is the parabola with the right mean, or the
+    straight line where the way is so short that its rounding would bend the parabola.
     """
     (g_0, g_1), way = value, slid[1] - slid[0]
     bulge = 6 * way / jnp.where(h > 0, h, 1.0) - 3 * (g_0 + g_1)
-    parabola = (slid[0] != 0) & (slid[1] != 0) & (h > 0)
+    rounding = jnp.finfo(h.dtype).eps * (jnp.abs(slid[0]) + jnp.abs(slid[1]))
+    parabola = (slid[0] != 0) & (slid[1] != 0) & (h > 0) & (jnp.abs(way) > 1000 * rounding)
     straight = g_1 - g_0
     m_0 = jnp.where(parabola, straight + bulge, rate[0] * h)
     m_1 = jnp.where(parabola, straight - bulge, rate[1] * h)
@@ -175,7 +177,7 @@ def judge(
         target = _target(search, low, end, violated, search.length - search.low, h)
         now = select(hit | ~search.bracketing, low, end)
         nearer, late = _close_in(target, now, below, high, h, allowed)
-        halve = target.tries > CUBIC_TRIALS
+        halve = (target.tries > CUBIC_TRIALS) & (target.tries % 2 == 0)
         nearer = jnp.where(halve, (below + high) / 2, nearer)
     else:
         target, late, nearer = None, high - below, (below + high) / 2
@@ -230,7 +232,9 @@ def _root(rise: Rise) -> Scalar:
     """Where the cubic, negative at 0 and positive at 1, crosses zero: Newton steps from the straight line's root."""
     a, b, c = rise.powers
     climb = jnp.maximum(rise.g_1 - rise.g_0, jnp.finfo(rise.g_1.dtype).tiny)
-    s = jnp.clip(-rise.g_0 / climb, 0.0, 1.0)
+    straight = jnp.clip(-rise.g_0 / climb, 0.0, 1.0)
+    rises = a + straight * (2 * b + straight * 3 * c) > climb / 8
+    s = jnp.where(rises, straight, 1.0)  # a guard that starts at its limit and first falls has its root far from there
     for _ in range(3):
         slope = a + s * (2 * b + s * 3 * c)
         s = jnp.clip(s - rise(s) / jnp.where(slope > climb / 8, slope, climb), 0.0, 1.0)

@@ -58,6 +58,7 @@ def period_map(
     lanes, arrived = lax.scan(one_period, alone(lane), length=n_periods)
     flow = ended(jax.tree.map(lambda a: a[0], lanes), model, n_periods * period)
     good = jnp.all(arrived) & (flow.status == Status.OK)
-    known = lambda tree: jax.tree.map(lambda a: jnp.where(good, a, jnp.nan), tree)  # noqa: E731
+    mark = jnp.where(good, 1.0, jnp.nan).astype(period.dtype)  # as a factor, so that derivatives are NaN too
+    known = lambda tree: jax.tree.map(lambda a: a * mark, tree)  # noqa: E731
     motion, u_s, power = known((as_arrays(flow.state.motion), flow.state.u_s, flow.power))
     return Flow(State(motion, u_s, flow.state.mode, flow.state.case), power, flow.status)
