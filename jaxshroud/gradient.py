@@ -128,8 +128,9 @@ def on_orbit(found: Orbit, wrt: Sequence[str], of: Of = "P_d") -> Gradient:
     by = tangents(scene, found.start, along, n=found.q, steps=steps, method=method, by_state=False)
     moved = _moved(at.by_state, by.by_parameter, found.slider_is_free)
     power_by = by.power_by_parameter + at.power_by_state @ moved
-    slopes = _slopes(scene, at.power, jax.tree.map(lambda *a: np.stack(a), *along), power_by.T, of)
-    value = dict(zip(wrt, np.asarray(slopes, float).tolist(), strict=True))
+    same = jax.tree.map(lambda a: np.broadcast_to(a, (len(wrt), *np.shape(a))), (scene, at.power))
+    slope = slopes(*same, jax.tree.map(lambda *a: np.stack(a), *along), power_by.T, of)
+    value = dict(zip(wrt, np.asarray(slope, float).tolist(), strict=True))
     conditioning = float(np.max(1 / np.abs(1 - np.delete(found.multipliers, _slider(found)))))
     level = found.P_d if of == "P_d" else float(found.P[0])
     return Gradient(of, "periodic", value, dict.fromkeys(wrt, 0.0), level, 0.0, found, conditioning, 0.0, found.flags)
@@ -155,11 +156,13 @@ def _measure(of: Of, scene: Scene, power):
 
 
 @partial(jax.jit, static_argnames="of")
-def _slopes(scene: Scene, power, along: Scene, power_along, of: Of):
-    """Derivatives of `of` along directions (leading axis) of the scene and of the mean square displacement."""
-    measure = lambda scene, power: _measure(of, scene, power)  # noqa: E731
-    slope = lambda *direction: jax.jvp(measure, (scene, power), direction)[1]  # noqa: E731
-    return jax.vmap(slope)(along, power_along)
+def slopes(scenes: Scene, power, along: Scene, power_along, of: Of):
+    """Derivatives of `of` along directions of scenes and of the mean square displacement, all with a leading axis."""
+    return jax.vmap(lambda *point_and_direction: _slope(of, *point_and_direction))(scenes, power, along, power_along)
+
+
+def _slope(of: Of, scene: Scene, power, along: Scene, power_along):
+    return jax.jvp(lambda scene, power: _measure(of, scene, power), (scene, power), (along, power_along))[1]
 
 
 def smoothed(

@@ -1,0 +1,354 @@
+"""Design: the numbers of a scene that reduce the vibration most, over a range of operating conditions.
+
+A coarse scan chooses starts; from each of them Adam climbs in variables scaled to the unit cube. A start's slope is
+exact while the motion forgets a push in every operating condition. Where it does not (chaos), or where a limit is
+exceeded, it is the slope across a neighbourhood of stated width instead.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.stats import qmc
+
+from jaxshroud.analysis.period import periodicity
+from jaxshroud.analysis.power import reduction
+from jaxshroud.checks import count_argument
+from jaxshroud.gradient import scenes_at, slopes, with_numbers
+from jaxshroud.integrate import FAST, REFERENCE, Method
+from jaxshroud.linear import area, free_power
+from jaxshroud.scene import Motion, Scene, value_of
+from jaxshroud.state import State, Status
+from jaxshroud.sweep import Plan, Progress, Ticker, run_lanes, starts
+from jaxshroud.tangents import Dual, differentiable, direction, run_flow, to_vector
+
+Goal = Literal["mean", "worst"]
+RATE = 0.03  # Adam's first step, in units of the cube's side
+PUSH = 100.0  # growth of a relative change of a parameter in the state, beyond which an exact slope says nothing
+REACH = 0.03  # half width of the neighbourhood that a slope is taken across then
+PENALTY = 100.0  # percentage points for exceeding a limit by its own size
+AGREES = 0.5  # percentage points by which re-simulations may differ beyond their own intervals
+
+
+class Problem(NamedTuple):
+    """What is to be tuned."""
+
+    scene: Scene
+    over: dict[str, tuple[float, float]]  # key -> bounds
+    conditions: dict[str, tuple[float, ...]]  # key -> values; every combination counts
+    goal: Goal
+    most_penetration: float  # [m]; infinite for none
+    most_force: float  # normal force of the contact [N]; infinite for none
+    plan: Plan
+
+    @property
+    def rows(self) -> np.ndarray:
+        """All combinations of the conditions' values, (conditions, keys)."""
+        return np.array(list(product(*self.conditions.values())))
+
+    def values(self, u: np.ndarray) -> np.ndarray:
+        """Designs (n, keys) from points of the unit cube: logarithmic between positive bounds, else linear."""
+        low, high = np.array(list(self.over.values())).T
+        with np.errstate(invalid="ignore", divide="ignore"):
+            scaled = low * (high / low) ** u
+        return np.where(low > 0, scaled, low + (high - low) * u)
+
+    def rates(self, u: np.ndarray) -> np.ndarray:
+        """Derivatives of `values`."""
+        low, high = np.array(list(self.over.values())).T
+        with np.errstate(invalid="ignore", divide="ignore"):
+            scaled = self.values(u) * np.log(high / low)
+        return np.where(low > 0, scaled, high - low)
+
+
+class Judged(NamedTuple):
+    """What simulations say of some designs."""
+
+    score: np.ndarray  # (n,) objective less the penalties [%]
+    objective: np.ndarray  # (n,) mean or least P_d over the conditions [%]
+    P_d: np.ndarray  # (n, conditions) [%]
+    ci: np.ndarray  # (n, conditions) half widths of 95 % intervals [percentage points]
+    v_max: np.ndarray  # (n,) largest penetration in any condition [m]
+    force: np.ndarray  # (n,) largest normal force [N]
+    period_number: np.ndarray  # (n, conditions); 0: aperiodic
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """A tuned design and how it was found."""
+
+    design: dict[str, float]
+    objective: float  # by the search's own short runs [%]
+    problem: Problem
+    points: np.ndarray  # (updates + 1, starts, keys) designs along each path, the starts first
+    scores: np.ndarray  # (updates + 1, starts)
+    exact: np.ndarray  # (updates + 1, starts) whether the slope was exact
+    scanned: np.ndarray  # (n, keys) designs of the scan
+    scanned_scores: np.ndarray  # (n,)
+    periods: int  # drive periods simulated in all, each tangent counted as one more run
+    checks: dict[str, Judged]  # the winner simulated again in other ways
+    confirmed: bool  # all of these agree with the search and with one another, and keep the limits
+
+
+def tune(
+    scene: Scene,
+    over: Mapping[str, tuple[float, float]],
+    *,
+    conditions: Mapping[str, Sequence[float]] | None = None,
+    goal: Goal = "mean",
+    most_penetration: float = np.inf,
+    most_force: float = np.inf,
+    scan: int | None = None,
+    n_starts: int | None = None,
+    updates: int = 16,
+    n_periods: int = 64,
+    transient: int = 64,
+    steps_per_period: int = 200,
+    seed: int = 0,
+    method: Method = FAST,
+    progress: Progress | None = None,
+) -> Tuned:
+    """Find the numbers of a scene that make P_d of the left blade largest.
+
+    Args:
+        scene: The scene; what is neither tuned nor varied stays as it is.
+        over: Keys as for `vary`, each with its bounds in SI units.
+        conditions: Operating conditions: keys with their values in SI units; every combination is simulated.
+        goal: "mean": the mean of P_d over the conditions; "worst": its least value.
+        most_penetration: Limit of the penetration in every condition, transients included [m].
+        most_force: Limit of the contact's normal force, likewise [N].
+        scan: Designs looked at first; by default 32 for each key.
+        n_starts: The best of them, from which paths start; by default 3 for each key.
+        updates: Steps of each path.
+        n_periods: Drive periods that P_d is averaged over.
+        transient: Drive periods run before.
+        steps_per_period: Runge-Kutta steps in one period.
+        seed: Of the scan, and of the starting motions that the winner is tried from.
+        method: Static choices of the march.
+        progress: Called with (lane-periods done, lane-periods at most).
+
+    Returns:
+        The best design of all that were simulated, with its history and an independent verdict on it.
+
+    Raises:
+        KeyError: The scene has no such number.
+        ValueError: A count is too small, or bounds are not in order.
+    """
+    size = len(over)
+    scan, n_starts = scan or 32 * size, n_starts or 3 * size
+    for name, value in dict(scan=scan, n_starts=n_starts, updates=updates, n_periods=n_periods).items():
+        count_argument(name, value, 1)
+    problem = _problem(scene, over, conditions or {}, goal, most_penetration, most_force)
+    problem = problem._replace(plan=Plan(transient, n_periods, steps_per_period, 0.0, method))
+    lanes = len(problem.rows) * (scan + min(n_starts, scan) * (updates * (1 + 2 * size) + 1))
+    ticker = Ticker(lanes * (transient + n_periods), progress)
+    cube = qmc.Sobol(size, rng=np.random.default_rng(seed)).random(scan)
+    scanned = judge_designs(problem, problem.values(cube), ticker)
+    at = np.argsort(-scanned.score, kind="stable")[:n_starts]
+    points, scores, exact = _climb(problem, cube[at], Judged(*(a[at] for a in scanned)), updates, ticker)
+    everything = np.concatenate([problem.values(cube), problem.values(points).reshape(-1, size)])
+    best = everything[np.nanargmax(np.concatenate([scanned.score, scores.ravel()]))]
+    spent = ticker.done
+    found = judge_designs(problem, best[None], ticker)
+    checks = _checks(problem, best, seed)
+    return Tuned(
+        design=dict(zip(over, best.tolist(), strict=True)),
+        objective=float(found.objective[0]),
+        problem=problem,
+        points=problem.values(points),
+        scores=scores,
+        exact=exact,
+        scanned=problem.values(cube),
+        scanned_scores=scanned.score,
+        periods=spent,
+        checks=checks,
+        confirmed=_agree(problem, found, checks),
+    )
+
+
+def _problem(scene: Scene, over, conditions, goal: Goal, most_penetration: float, most_force: float) -> Problem:
+    if not over:
+        raise ValueError("Argument `over` must name at least one number.")
+    for key, (low, high) in over.items():
+        if not low < high:
+            raise ValueError(f"The bounds of {key} must be in order, but are {low} and {high}.")
+    both = set(over) & set(conditions)
+    if both:
+        raise ValueError(f"{sorted(both)[0]} is both tuned and an operating condition.")
+    known = {key: tuple(float(v) for v in np.ravel(values)) for key, values in conditions.items()}
+    whole = with_numbers(scene, [*over, *known])
+    return Problem(whole, dict(over), known, goal, most_penetration, most_force, Plan(0, 1, 8, 0.0, FAST))
+
+
+class _Paths(NamedTuple):
+    points: np.ndarray
+    scores: np.ndarray
+    exact: np.ndarray
+
+
+def scenes_of(problem: Problem, designs: np.ndarray) -> Scene:
+    """Scenes of every design in every condition, (designs * conditions,)."""
+    rows = problem.rows
+    values = np.concatenate([np.repeat(designs, len(rows), axis=0), np.tile(rows, (len(designs), 1))], axis=1)
+    return scenes_at(problem.scene, [*problem.over, *problem.conditions], values)
+
+
+def judge_designs(problem: Problem, designs: np.ndarray, tick, states: State | None = None) -> Judged:
+    """Simulate designs (n, keys) in every condition, from the scene's start or from one state in all of them."""
+    scenes = scenes_of(problem, designs)
+    lanes = len(scenes.drive.omega)
+    first = starts(scenes) if states is None else jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *a.shape)), states)
+    runs = run_lanes(scenes, first, problem.plan, tick)
+    A, P_0, k = (np.asarray(a, float) for a in _constants(scenes))
+    number = periodicity(np.asarray(runs.samples.motion.x[0], float)).number
+    got = reduction(A[:, None, None] * np.stack(runs.samples.power, axis=-1), P_0, number)
+    shape = len(designs), len(problem.rows)
+    v_max = np.asarray(runs.last.tally.log.v_max, float)
+    ok = np.asarray(runs.last.status) == Status.OK
+    P_d = np.where(ok, got.P_d, -np.inf).reshape(shape)
+    objective = P_d.mean(axis=1) if problem.goal == "mean" else P_d.min(axis=1)
+    v, force = v_max.reshape(shape).max(axis=1), (k * v_max).reshape(shape).max(axis=1)
+    beyond = np.maximum(v / problem.most_penetration - 1, 0) + np.maximum(force / problem.most_force - 1, 0)
+    score = objective - PENALTY * beyond
+    return Judged(score, objective, P_d, got.ci.reshape(shape), v, force, number.reshape(shape))
+
+
+@jax.jit
+def _constants(scenes: Scene):
+    return jax.vmap(lambda s: (area(s.shroud), free_power(s), s.k))(scenes)
+
+
+def _climb(problem: Problem, u: np.ndarray, judged: Judged, updates: int, tick) -> _Paths:
+    """Paths from all starts `u` (starts, keys): a step that does not gain is taken back, and the next is shorter."""
+    import optax
+
+    adam = optax.adam(1.0)
+    memory = adam.init(jnp.asarray(u))
+    rate, score = np.full((len(u), 1), RATE), judged.score
+    slope, sound = _slope(problem, u, judged, tick)
+    points, scores, exact = [u], [score], [sound]
+    for _ in range(updates):
+        change, memory = adam.update(jnp.asarray(-slope), memory)
+        tried = np.clip(u + rate * np.asarray(change), 0.0, 1.0)
+        judged = judge_designs(problem, problem.values(tried), tick)
+        gains = np.flatnonzero(judged.score > score)
+        rate = np.where(judged.score > score, 1.2 * rate.T, rate.T / 3).T
+        if len(gains):
+            u, score, slope, sound = u.copy(), score.copy(), slope.copy(), sound.copy()
+            u[gains], score[gains] = tried[gains], judged.score[gains]
+            slope[gains], sound[gains] = _slope(problem, u[gains], Judged(*(a[gains] for a in judged)), tick)
+        points.append(u)
+        scores.append(score)
+        exact.append(sound)
+    return _Paths(np.array(points), np.array(scores), np.array(exact))
+
+
+def _slope(problem: Problem, u: np.ndarray, judged: Judged, tick) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes of the score at points `u` (n, keys) of the cube, and where they are exact."""
+    by_condition, growth = _exact_slopes(problem, u, tick)
+    if problem.goal == "mean":
+        slope = by_condition.mean(axis=1)
+    else:
+        slope = by_condition[np.arange(len(u)), judged.P_d.argmin(axis=1)]
+    sound = (growth <= PUSH).all(axis=(1, 2)) & (judged.score == judged.objective) & np.isfinite(slope).all(axis=1)
+    rough = np.flatnonzero(~sound)
+    if len(rough):
+        slope[rough] = _wide_slopes(problem, u[rough], tick)
+    return np.nan_to_num(slope), sound
+
+
+def _exact_slopes(problem: Problem, u: np.ndarray, tick) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of P_d and growth of a push in the state, both (n, conditions, keys), per side of the cube."""
+    plan, keys, rows = problem.plan, list(problem.over), len(problem.rows)
+    designs, rates = problem.values(u), problem.rates(u)
+    scenes = scenes_of(problem, designs)
+    lanes = len(u) * rows * len(keys)
+    each = lambda tree: jax.tree.map(lambda a: np.repeat(np.asarray(a), len(keys), axis=0), tree)  # noqa: E731
+    unit = [direction(jax.tree.map(lambda a: a[0], scenes), key) for key in keys]
+    rate = np.repeat(rates, rows, axis=0).ravel()
+    along = jax.tree.map(lambda *a: np.tile(np.stack(a), (len(u) * rows, *[1] * np.ndim(a[0]))), *unit)
+    along = jax.tree.map(lambda a: a * rate.reshape(-1, *[1] * (a.ndim - 1)), along)
+    scene, state = Dual(each(scenes), along), _resting(each(starts(scenes)))
+    method, steps = differentiable(plan.method), plan.steps_per_period
+    if plan.transient:
+        state = _onward(run_flow(scene, state, plan.transient, steps, method))
+    end = run_flow(scene, state, plan.kept, steps, method)
+    tick(lanes * (plan.transient + plan.kept))
+    value, tangent = end
+    power, by = np.stack(value.power, axis=-1), np.stack(tangent.power, axis=-1)
+    slope = np.asarray(slopes(scene.value, power, along, by, "P_d"), float)
+    growth = np.abs(to_vector(tangent.state)).max(axis=1) / np.abs(to_vector(value.state)).max(axis=1)
+    shape = len(u), rows, len(keys)
+    return slope.reshape(shape), np.where(np.isfinite(growth), growth, np.inf).reshape(shape)
+
+
+def _resting(states: State) -> Dual:
+    """States that do not depend on the direction."""
+    motion, u_s = jax.tree.map(np.zeros_like, (states.motion, states.u_s))
+    return Dual(states, State(motion, u_s, None, None))
+
+
+def _onward(end: Dual) -> Dual:
+    """The states at the end of a flow, as a start."""
+    motion = lambda state: Motion(*(np.stack(pair, axis=-1) for pair in state.motion))  # noqa: E731
+    (state, _, _), (tangent, _, _) = end
+    return Dual(
+        State(motion(state), state.u_s, state.mode, state.case), State(motion(tangent), tangent.u_s, None, None)
+    )
+
+
+def _wide_slopes(problem: Problem, u: np.ndarray, tick) -> np.ndarray:
+    """Slopes of the score across the neighbourhood, one key at a time; one-sided at the cube's faces."""
+    n, size = u.shape
+    low, high = (np.repeat(u, size, axis=0).reshape(n, size, size) for _ in range(2))
+    for i in range(size):
+        low[:, i, i] = np.maximum(u[:, i] - REACH, 0.0)
+        high[:, i, i] = np.minimum(u[:, i] + REACH, 1.0)
+    both = np.concatenate([low, high]).reshape(-1, size)
+    score = judge_designs(problem, problem.values(both), tick).score.reshape(2, n, size)
+    return (score[1] - score[0]) / np.einsum("nii->ni", high - low)
+
+
+def _checks(problem: Problem, design: np.ndarray, seed: int) -> dict[str, Judged]:
+    """The design simulated again: with half the step and the reference method, four times as long, from elsewhere."""
+    plan, quiet = problem.plan, lambda _: None
+    fine = Plan(plan.transient, plan.kept, 2 * plan.steps_per_period, 0.0, REFERENCE._replace(ledger=False))
+    long = Plan(4 * plan.transient, 4 * plan.kept, plan.steps_per_period, 0.0, plan.method)
+    checks = {
+        "half the step, reference method": judge_designs(problem._replace(plan=fine), design[None], quiet),
+        "four times as long": judge_designs(problem._replace(plan=long), design[None], quiet),
+    }
+    random = np.random.default_rng(seed)
+    for i in range(3):
+        state = _pushed(problem.scene, random)
+        checks[f"another start, {i + 1}"] = judge_designs(problem._replace(plan=long), design[None], quiet, state)
+    return checks
+
+
+def _pushed(scene: Scene, random: np.random.Generator) -> State:
+    """A starting state with displacements up to the gap, or a tenth of a millimetre, away from contact."""
+    from jaxshroud.state import start
+
+    reach = max(abs(float(scene.shroud.gap)), 1e-4)
+    x, y = -reach * np.sort(random.random(2))[::-1] * [1, -1], reach * (random.random(2) - 0.5)
+    still = np.zeros(2)
+    return start(jax.tree.map(jnp.asarray, Motion(x, y, still, still, still, still)))
+
+
+def _agree(problem: Problem, found: Judged, checks: dict[str, Judged]) -> bool:
+    """Whether every check comes to the same objective within the intervals, and keeps the limits."""
+    width = lambda judged: float(np.sqrt(np.nanmean(judged.ci[0] ** 2))) if np.isfinite(judged.ci).any() else 0.0  # noqa: E731
+    for check in checks.values():
+        allowed = AGREES + width(found) + width(check)
+        if not abs(check.objective[0] - found.objective[0]) <= allowed or check.score[0] < check.objective[0]:
+            return False
+    return True
+
+
+def named(problem: Problem) -> dict[str, float]:
+    """The scene's own values of the tuned numbers."""
+    return {key: value_of(problem.scene, key) for key in problem.over}
