@@ -36,4 +36,6 @@ from jaxshroud.sweep import sweep as sweep
 from jaxshroud.tableau import tableau as tableau
 from jaxshroud.trajectory import Trajectory as Trajectory
 from jaxshroud.trajectory import simulate as simulate
+from jaxshroud.tune import Tuned as Tuned
+from jaxshroud.tune import tune as tune
 from jaxshroud.version import __version__ as __version__

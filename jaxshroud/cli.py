@@ -8,19 +8,15 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import jax
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
-from jaxshroud.config import Axis, SceneError, SceneFile, axis, load, shipped
-from jaxshroud.locate import Locate
+from jaxshroud.cli_design import gradient_options, gradient_verb, tune_options, tune_verb
+from jaxshroud.config import Axis, SceneError, SceneFile, axis, shipped
 from jaxshroud.state import Status
 from jaxshroud.store import (
     StoreError,
@@ -33,7 +29,21 @@ from jaxshroud.store import (
     write_dataset,
     write_json,
 )
-from jaxshroud.tableau import TABLEAUS, tableau
+from jaxshroud.terminal import (
+    InputError,
+    OneLineParser,
+    check_step,
+    chosen_method,
+    count,
+    directory,
+    free,
+    loaded,
+    number,
+    print_table,
+    progress_bar,
+    scene_options,
+    warn_status,
+)
 from jaxshroud.version import __version__
 
 EXAMPLES = {
@@ -41,21 +51,12 @@ EXAMPLES = {
     "sweep": "jaxshroud sweep fig09 --out fig09\n"
     "  jaxshroud sweep table1 --along contact.gamma --start 0 --stop 8 --num 200 --transient 100 --out gamma",
     "power": "jaxshroud power fig15a --out fig15a",
+    "gradient": "jaxshroud gradient fig10b --wrt shroud.gap,contact.gamma --check --out gradient.json",
+    "tune": "jaxshroud tune table1 --set drive.M_0=10 --over shroud.gap=5um:200um --over contact.gamma=0.1:10 "
+    "--range drive.F_0=20,40,60,80 --out tuned",
     "plot": "jaxshroud plot fig09",
     "scenes": "jaxshroud scenes",
 }
-
-
-class InputError(ValueError):
-    """The command line is wrong; the message is one line."""
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Leave with status 2."""
-        raise InputError(f"{self.prog}: {message}; see {self.prog} --help")
 
 
 @dataclass
@@ -83,22 +84,6 @@ class _OfAxis(argparse.Action):
         setattr(namespace.along[-1], self.dest.removeprefix("axis_"), str(values))
 
 
-def _count(least: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"must be a whole number of at least {least}, but is {text!r}")
-        return int(text)
-
-    return parse
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be a number, but is {text!r}") from None
-
-
 def parser() -> OneLineParser:
     """All verbs with their options."""
     top = OneLineParser(
@@ -120,28 +105,31 @@ def parser() -> OneLineParser:
         return made
 
     one = verb("simulate", simulate_verb, "Integrate one scene and store its motion at every step.")
-    _scene_options(one)
-    one.add_argument("--every", type=_count(1), default=1, metavar="M", help="store every M-th step")
+    scene_options(one)
+    one.add_argument("--every", type=count(1), default=1, metavar="M", help="store every M-th step")
     one.add_argument("--from", dest="earlier", type=Path, metavar="FILE.nc", help="start from its last state")
     one.add_argument("--out", type=Path, required=True, metavar="FILE.nc")
 
     many = verb("sweep", sweep_verb, "Simulate a scene for many values of one or two of its numbers.")
-    _scene_options(many)
+    scene_options(many)
     many.add_argument("--along", action=_NewAxis, metavar="KEY", help="key to vary; twice makes a grid")
     for name, text in dict(values="a,b,c", start="A", stop="B", num="N").items():
         many.add_argument(f"--{name}", dest=f"axis_{name}", action=_OfAxis, metavar=text, help="of the last --along")
     many.add_argument("--direction", choices=("independent", "forward", "backward"))
-    many.add_argument("--transient", type=_count(0), metavar="N", help="periods discarded first")
-    many.add_argument("--phase", type=_number, default=0.0, metavar="RAD", help="drive phase of the samples")
-    many.add_argument("--period-tol", type=_number, default=1e-3, help="relative tolerance of the period number")
+    many.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
+    many.add_argument("--phase", type=number, default=0.0, metavar="RAD", help="drive phase of the samples")
+    many.add_argument("--period-tol", type=number, default=1e-3, help="relative tolerance of the period number")
     many.add_argument("--ledger", action="store_true", help="keep the energy balance of every lane (10 to 20 % slower)")
     many.add_argument("--out", type=Path, required=True, metavar="DIR")
 
     mean = verb("power", power_verb, "Vibration-power reduction P_d of one scene and its convergence.")
-    _scene_options(mean)
-    mean.add_argument("--transient", type=_count(0), metavar="N", help="periods discarded first")
-    mean.add_argument("--tolerance", type=_number, default=0.1, help="percentage points at which P_d counts as stable")
+    scene_options(mean)
+    mean.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
+    mean.add_argument("--tolerance", type=number, default=0.1, help="percentage points at which P_d counts as stable")
     mean.add_argument("--out", type=Path, required=True, metavar="DIR")
+
+    gradient_options(verb("gradient", gradient_verb, "Derivatives of P_d with respect to numbers of a scene."))
+    tune_options(verb("tune", tune_verb, "Find the numbers of a scene that reduce the vibration most."))
 
     draw = verb("plot", plot_verb, "Draw stored results again, without simulating.")
     draw.add_argument("source", type=Path, metavar="DIR|FILE")
@@ -150,17 +138,6 @@ def parser() -> OneLineParser:
 
     verb("scenes", scenes_verb, "List the shipped scenes.")
     return top
-
-
-def _scene_options(made: argparse.ArgumentParser) -> None:
-    made.add_argument("scene", metavar="SCENE", help="a TOML file or the name of a shipped scene")
-    made.add_argument("--set", action="append", default=[], metavar="K=V", help="override table.key=value")
-    made.add_argument("--periods", type=_count(1), metavar="N", help="periods kept")
-    made.add_argument("--steps-per-period", type=_count(1), metavar="N")
-    made.add_argument("--tableau", choices=TABLEAUS, default="rk4", help="Runge-Kutta method; rk4 by default")
-    made.add_argument("--locate", choices=("cubic", "bisection", "none"), help="how events are located")
-    made.add_argument("--precision", choices=("float64", "float32"), default="float64")
-    made.add_argument("--force", action="store_true", help="replace existing results")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -186,29 +163,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _loaded(options: argparse.Namespace) -> SceneFile:
-    flags = {"periods": options.periods, "steps_per_period": options.steps_per_period}
-    flags["transient"] = getattr(options, "transient", None)
-    overrides = [f"run.{name}={value}" for name, value in flags.items() if value is not None]
-    return load(options.scene, [*options.set, *overrides])
-
-
-def _method(options: argparse.Namespace, locate: Locate = "cubic"):
-    from jaxshroud.integrate import Method
-
-    ledger = getattr(options, "ledger", True)
-    return Method(tableau(options.tableau), options.locate or locate, ledger, options.precision)
-
-
 def simulate_verb(options: argparse.Namespace) -> None:
     """`jaxshroud simulate`."""
     from jaxshroud.trajectory import simulate
 
-    file = _loaded(options)
-    _free(options.out, options.force)
+    file = loaded(options)
+    free(options.out, options.force)
     if options.out.suffix != ".nc":
         raise InputError(f"{options.out}: a trajectory needs a name that ends in .nc")
-    _check_step(file, None, options)
+    check_step(file, None, options)
     state, t, turns = (None, 0.0, 0.0) if options.earlier is None else last_state(options.earlier)
     steps = file.run.steps_per_period
     run = simulate(
@@ -219,12 +182,12 @@ def simulate_verb(options: argparse.Namespace) -> None:
         every=options.every,
         turns=turns,
         t=t,
-        method=_method(options, "bisection"),
+        method=chosen_method(options, "bisection"),
     )
     write_dataset(trajectory_dataset(run, file, steps, options.every), options.out)
-    _warn_status(np.asarray([run.status]))
+    warn_status(np.asarray([run.status]))
     events = ", ".join(f"{n} {name}" for name, n in run.counters.items() if n) or "none"
-    _table(
+    print_table(
         file.title or file.name,
         {
             "samples": len(run.t),
@@ -240,14 +203,14 @@ def sweep_verb(options: argparse.Namespace) -> None:
     """`jaxshroud sweep`."""
     from jaxshroud.sweep import sweep
 
-    file = _with_axes(_loaded(options), options)
+    file = _with_axes(loaded(options), options)
     if not 0 <= options.phase < 2 * np.pi:
         raise InputError(f"--phase must be in [0, 2 pi), but is {options.phase}")
     names = ("sweep.nc", "sweep.png", "summary.json")
-    _directory(options.out, names, options.force)
-    _check_step(file, file.axes, options)
+    directory(options.out, names, options.force)
+    check_step(file, file.axes, options)
     run, began = file.sweep_run, time.perf_counter()
-    with _progress("lane-periods") as report:
+    with progress_bar("lane-periods") as report:
         result = sweep(
             file.scene,
             {a.key: a.values for a in file.axes},
@@ -257,7 +220,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
             direction=file.direction,
             phase=options.phase,
             period_tol=options.period_tol,
-            method=_method(options),
+            method=chosen_method(options),
             progress=report,
         )
     ds = sweep_dataset(result, file)
@@ -268,8 +231,8 @@ def sweep_verb(options: argparse.Namespace) -> None:
         "version": __version__,
     }
     write_json(summary, options.out / "summary.json")
-    _warn_status(result.status)
-    _table(file.title or file.name, {**summary, "written": options.out})
+    warn_status(result.status)
+    print_table(file.title or file.name, {**summary, "written": options.out})
 
 
 def sweep_summary(result, seconds: float) -> dict[str, Any]:
@@ -299,32 +262,32 @@ def power_verb(options: argparse.Namespace) -> None:
     """`jaxshroud power`."""
     from jaxshroud.power import power
 
-    file = _loaded(options)
+    file = loaded(options)
     if not options.tolerance > 0:
         raise InputError(f"--tolerance must be positive, but is {options.tolerance}")
-    _directory(options.out, ("power.json", "power.png"), options.force)
-    _check_step(file, None, options)
-    with _progress("periods") as report:
+    directory(options.out, ("power.json", "power.png"), options.force)
+    check_step(file, None, options)
+    with progress_bar("periods") as report:
         result = power(
             file.scene,
             most_periods=file.run.periods,
             transient=file.run.transient,
             steps_per_period=file.run.steps_per_period,
             tolerance=options.tolerance,
-            method=_method(options),
+            method=chosen_method(options),
             progress=report,
         )
     data = power_json(result, file)
     write_json(data, options.out / "power.json")
     _draw_power(read_json(options.out / "power.json"), options.out / "power.png")
     final = result.final
-    _warn_status(np.asarray([final["status"]]))
+    warn_status(np.asarray([final["status"]]))
     if not final["stable"]:
         print(
             f"warning: P_d is not stable after {final['n']} periods; give more with --periods",
             file=sys.stderr,
         )
-    _table(
+    print_table(
         file.title or file.name,
         {
             "P_d": f"{final['P_d']:.6g} +- {final['ci']:.2g} %",
@@ -346,7 +309,7 @@ def plot_verb(options: argparse.Namespace) -> None:
         source = found[0]
     picture = options.out or source.with_suffix(".png")
     if options.out is not None:
-        _free(options.out, options.force)
+        free(options.out, options.force)
     if source.suffix == ".json":
         _draw_power(read_json(source), picture)
     else:
@@ -407,64 +370,6 @@ def _axis(file: SceneFile, asked: Along) -> Axis:
             raise InputError(f"--along {asked.key}: --num must be a whole number, but is {asked.num!r}")
         num = int(asked.num)
     return axis(file, asked.key, asked.values, start=asked.start, stop=asked.stop, num=num)
-
-
-def _check_step(file: SceneFile, axes: tuple[Axis, ...] | None, options: argparse.Namespace) -> None:
-    """Refuse a step that is unstable for some lane, warn of one that is inaccurate."""
-    from jaxshroud.stability import StepTooLongError, step_report, stiffest
-    from jaxshroud.sweep import grid_of_scenes
-
-    scenes = None if axes is None else grid_of_scenes(file.scene, {a.key: a.values for a in axes})
-    omega_max, period = stiffest(file.scene if scenes is None else scenes, 0 if axes is None else len(axes))
-    try:
-        report = step_report(omega_max, period, file.run.steps_per_period, tableau(options.tableau))
-    except StepTooLongError as error:
-        raise InputError(f"{file.name}: [run] {error}") from None
-    if report:
-        print(f"warning: {file.name}: [run] {report}", file=sys.stderr)
-
-
-def _warn_status(status: np.ndarray) -> None:
-    for s in Status:
-        count = int((status == s).sum())
-        if s != Status.OK and count:
-            print(f"warning: {count} of {status.size} runs stopped with {s.name}", file=sys.stderr)
-
-
-def _free(path: Path, force: bool) -> None:
-    if path.exists() and not force:
-        raise InputError(f"{path}: exists and is kept; give --force to replace it")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no directory {path.parent}; make it first or choose another --out")
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(f"{path}: {path.parent} is not writable; choose another --out")
-
-
-def _directory(path: Path, names: Sequence[str], force: bool) -> None:
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be made ({error.strerror}); choose another --out") from None
-    for name in names:
-        _free(path / name, force)
-
-
-@contextmanager
-def _progress(unit: str):
-    """A progress report; the bar appears on a terminal's standard error."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(f"{unit} (compiling)", total=None)
-        yield lambda done, total: bar.update(task, description=unit, completed=done, total=total)
-
-
-def _table(title: str, rows: dict[str, Any]) -> None:
-    table = Table(title=title, title_justify="left", show_header=False, box=None, padding=(0, 2, 0, 0))
-    for name, value in rows.items():
-        text = ", ".join(f"{k}: {v}" for k, v in value.items()) if isinstance(value, dict) else str(value)
-        table.add_row(name, text)
-    Console(width=None if sys.stdout.isatty() else 160).print(table)
 
 
 if __name__ == "__main__":

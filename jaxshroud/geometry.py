@@ -14,6 +14,7 @@ In each case one corner (the tip) presses on the other block's face:
     case 3: b on cd    case 4: d on ab    (theta_1 <= theta_2, lower corners b and d)
 """
 
+from functools import reduce
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -128,7 +129,7 @@ def touch(q: Pose, case: Int[Array, ""], block: Corners, reading: frozenset[str]
         corner_y=(p_y + dl_y, p_y + dr_y),
         offset=(e_x, d_y),
         sin_A2=block.sin_alpha * q.cos[1] - block.cos_alpha * q.sin[1],
-        rounding=4 * jnp.finfo(e_x.dtype).eps * sum(jnp.abs(t) for t in terms),
+        rounding=4 * float(jnp.finfo(e_x.dtype).eps) * reduce(jnp.add, map(jnp.abs, terms)),
     )
 
 

@@ -141,6 +141,28 @@ def _slider(found: Orbit) -> list[int]:
     return [int(np.argmin(np.abs(found.multipliers - 1)))] if found.slider_is_free else []
 
 
+def differences(found: Orbit, wrt: Sequence[str], step: float, of: Of = "P_d") -> dict[str, float]:
+    """Fourth-order central differences of `of` on orbits followed from scene to scene: a check of `on_orbit`.
+
+    Args:
+        found: The orbit.
+        wrt: Keys as for `gradient`.
+        step: Relative to each parameter's value, or absolute where that is 0.
+        of: What to differentiate.
+    """
+    out = {}
+    for key in wrt:
+        value = value_of(found.scene, key)
+        h = step * (abs(value) or 1)
+        scenes = scenes_at(with_numbers(found.scene, [key]), [key], value + h * np.array([[-2], [-1], [1], [2]]))
+        steps, method = found.steps_per_period, found.method
+        each = [jax.tree.map(lambda a, i=i: a[i], scenes) for i in range(4)]
+        orbits = [orbit(s, state=found.start, q=found.q, steps_per_period=steps, method=method) for s in each]
+        level = [o.P_d if of == "P_d" else float(o.P[0]) for o in orbits]
+        out[key] = (level[0] - 8 * level[1] + 8 * level[2] - level[3]) / (12 * h)
+    return out
+
+
 def _moved(M: np.ndarray, by_parameter: np.ndarray, slider_is_free: bool) -> np.ndarray:
     """How the orbit's start moves, (13, parameters); a slider that stays where it starts is held."""
     size = STATE - slider_is_free

@@ -253,9 +253,8 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method
     unaccepted = decision.search._replace(done=search.done)  # which may have a derivative
     if search.met is not None:
         z, gain, length = select(fire | again, _at_the_event(end, lane, kind, fixed), (z, gain, search.length))
-        search = search._replace(length=length)
-        length = jnp.where(again, length, unaccepted.length)
-        unaccepted = unaccepted._replace(length=length, met=search.met | again)
+        met = unaccepted._replace(length=length, met=jnp.ones_like(again))
+        search, unaccepted = search._replace(length=length), select(again, met, unaccepted)
     view = look(z, held, model)
 
     cross = crossing(z, held, view, kind, decision.late, model)

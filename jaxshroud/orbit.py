@@ -12,12 +12,15 @@ import numpy as np
 
 from jaxshroud.analysis.period import periodicity
 from jaxshroud.checks import count_argument, in_precision
+from jaxshroud.events import look
 from jaxshroud.integrate import FAST, LEAST_STEPS, Method
 from jaxshroud.linear import area, free_power
+from jaxshroud.rhs import as_pairs, model
 from jaxshroud.scene import Scene
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.sweep import Plan, final_states, run_lanes, starts
 from jaxshroud.tangents import STATE, Tangents, differentiable, from_vector, tangents, to_vector
+from jaxshroud.trajectory import simulate
 
 BLOCK = 8  # periods between two looks whether the motion repeats
 WINDOW = 48  # of the latest periods is looked at, at most
@@ -264,3 +267,42 @@ def _none(scene: Scene, state: State, flags: tuple[str, ...], spent: int, steps:
         method=method,
         jacobian=None,
     )
+
+
+class Margins(NamedTuple):
+    """How far an orbit is from grazing, where its derivatives would be infinite."""
+
+    counters: dict[str, int]  # events on the orbit
+    slowest_onset: float  # closing speed at the gentlest onset, over the largest on the orbit; NaN without contact
+    nearest_miss: float  # least distance that the corners come to without touching [m]; NaN where there is none
+
+
+def contact_margins(found: Orbit) -> Margins:
+    """Grazing margins of an orbit, from its samples at every step."""
+    run = simulate(
+        found.scene,
+        found.start,
+        n_periods=found.q,
+        steps_per_period=found.steps_per_period,
+        method=found.method._replace(ledger=False),
+    )
+    states = State(run.motion, np.nan_to_num(run.u_s), run.mode, run.case)
+    v, closing = (np.asarray(a) for a in _penetrations(found.scene, states))
+    apart = run.mode == Mode.APART
+    onset = np.flatnonzero(apart[:-1] & ~apart[1:])
+    gentlest = closing[onset].min() / np.abs(closing).max() if len(onset) else np.nan
+    inner = apart[:-2] & apart[1:-1] & apart[2:]
+    tops = inner & (v[1:-1] >= v[:-2]) & (v[1:-1] > v[2:]) & (v[1:-1] < 0)
+    miss = -v[1:-1][tops].max() if tops.any() else np.nan
+    return Margins(run.counters, float(gentlest), float(miss))
+
+
+@jax.jit
+def _penetrations(scene: Scene, states: State):
+    whole = model(scene)
+
+    def one(state: State):
+        view = look(state.motion, state, whole)
+        return view.at.v, view.rate.v
+
+    return jax.vmap(lambda state: one(as_pairs(state)))(states)

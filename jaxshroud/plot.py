@@ -222,6 +222,27 @@ def power_convergence(data: Mapping[str, Any]) -> Figure:
 
 
 @mpl.rc_context(STYLE)
+@mpl.rc_context(STYLE)
+def tuning(data: Mapping[str, Any]) -> Figure:
+    """Paths of a tuning over the map of its objective, or key by key where it has no map, and the paths' scores.
+
+    Args:
+        data: A tuning as `tune.json` holds it.
+    """
+    figure = _figure(f"{data['title']}: {data['goal']} of $P_d$", WIDE, WIDE * 0.5)
+    left, right = figure.subplots(1, 2)
+    points, scores = np.array(data["points"]), np.array(data["scores"], float)
+    best = int(np.nanargmax(scores[-1]))
+    if data["map"] is None:
+        _draw_keys(left, data, points, best)
+    else:
+        _draw_paths(figure, left, data, points, best)
+    for i in range(scores.shape[1]):
+        right.plot(scores[:, i], color=BLUE if i == best else GREY, lw=1.2 if i == best else 0.6)
+    right.set(xlabel="update", ylabel="objective less penalties [%]", title="each start; the best in blue")
+    return figure
+
+
 def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write `figure` under a temporary name beside `path`, then rename it: never half a file.
 
@@ -445,3 +466,43 @@ def _write_lines(panel: Axes, lines: list[tuple[float, str]], f: Floats, a: Floa
         if all(abs(line - other) > apart for other in written):
             written.append(line)
             panel.annotate(f"${label}$", (line, float(np.interp(line, f, a))), (0, 2), **style)
+
+
+def _quantity(key: str) -> tuple[str, float]:
+    """Axis label of one of the scene's numbers, and its unit per SI unit."""
+    symbol, words, unit, factor = QUANTITIES.get(key.split("[")[0], (None, key, "SI", 1))
+    name = words if symbol is None else f"{words} ${symbol}$"
+    return f"{name} [{unit}]" if unit else name, float(factor)
+
+
+def _draw_paths(figure: Figure, panel: Axes, data: Mapping[str, Any], points: Floats, best: int) -> None:
+    (x_key, x_ends), (y_key, y_ends) = data["over"].items()
+    (x_label, x_unit), (y_label, y_unit) = _quantity(x_key), _quantity(y_key)
+    x, y = np.array(data["map"]["first"]) * x_unit, np.array(data["map"]["second"]) * y_unit
+    drawn = panel.pcolormesh(
+        x, y, np.array(data["map"]["objective"], float).T, cmap="viridis", shading="nearest", rasterized=True
+    )
+    figure.colorbar(drawn, ax=panel, label="objective [%]")
+    for i in range(points.shape[1]):
+        path = points[:, i] * [x_unit, y_unit]
+        width, size = (1.4, 3.5) if i == best else (0.7, 2.0)
+        panel.plot(*path.T, color="white", lw=width + 1.2)
+        panel.plot(*path.T, color=INK, lw=width)
+        panel.plot(*path[0], "o", color="white", mec=INK, mew=0.6, ms=size)
+    end = np.array(list(data["design"].values())) * [x_unit, y_unit]
+    panel.plot(*end, "*", color=ORANGE, mec=INK, mew=0.5, ms=9, label="tuned design", clip_on=False)
+    panel.set(xlabel=x_label, ylabel=y_label, xlim=x[[0, -1]], ylim=y[[0, -1]])
+    panel.set_xscale("log" if x_ends[0] > 0 else "linear")
+    panel.set_yscale("log" if y_ends[0] > 0 else "linear")
+    panel.set_title("paths from their starts (circles)")
+
+
+def _draw_keys(panel: Axes, data: Mapping[str, Any], points: Floats, best: int) -> None:
+    """The best path, every key from its lower to its upper bound."""
+    colors = [BLUE, ORANGE, PINK, SKY, INK, GREY]
+    for i, (key, (low, high)) in enumerate(data["over"].items()):
+        value = points[:, best, i]
+        share = np.log(value / low) / np.log(high / low) if low > 0 else (value - low) / (high - low)
+        panel.plot(share, color=colors[i % len(colors)], ls="-" if i < len(colors) else "--", label=key)
+    panel.set(xlabel="update", ylabel="place between the bounds", ylim=(-0.02, 1.02), title="the best path")
+    panel.legend(loc="best")

@@ -12,11 +12,13 @@ import numpy as np
 import xarray as xr
 
 from jaxshroud.config import SceneFile
+from jaxshroud.gradient import Gradient
 from jaxshroud.power import PowerResult
 from jaxshroud.scene import Motion
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.sweep import SweepResult
 from jaxshroud.trajectory import Trajectory
+from jaxshroud.tune import Tuned
 from jaxshroud.version import __version__
 
 MOTION_ATTRS = {
@@ -155,6 +157,34 @@ def power_json(result: PowerResult, scene_file: SceneFile) -> dict[str, Any]:
     """A power convergence as plain numbers."""
     curve = {name: getattr(result, name).tolist() for name in ("n", "P_d", "P_d_ci")}
     return {**_attrs(scene_file), **curve, "final": result.final}
+
+
+def gradient_json(found: Gradient, scene_file: SceneFile) -> dict[str, Any]:
+    """A gradient as `gradient.json` holds it."""
+    at = found.orbit
+    plain = {n: getattr(found, n) for n in ("of", "kind", "value", "ci", "level", "level_ci", "sigma", "flags")}
+    orbit = {
+        "period_number": at.q,
+        "residual": at.residual,
+        "multipliers": [[float(m.real), float(m.imag)] for m in at.multipliers],
+        "nearest_bifurcation": at.bifurcation[0] if at.found else None,
+        "conditioning": found.conditioning,
+        "periods": at.periods,
+        "start": {name: np.asarray(pair).tolist() for name, pair in at.start.motion._asdict().items()},
+    }
+    how = {"method": str(at.method), "steps_per_period": at.steps_per_period}
+    return _plain({**plain, "orbit": orbit, **how, **_attrs(scene_file)})
+
+
+def tune_json(tuned: Tuned, drawn: dict[str, Any] | None, scene_file: SceneFile) -> dict[str, Any]:
+    """A tuning as `tune.json` holds it; `drawn` is the map of the objective."""
+    problem = tuned.problem
+    told = {n: getattr(tuned, n) for n in ("design", "objective", "confirmed", "periods")}
+    search = {n: getattr(tuned, n) for n in ("points", "scores", "exact", "scanned", "scanned_scores")}
+    limits = {"most_penetration": problem.most_penetration, "most_force": problem.most_force}
+    asked = {"over": problem.over, "conditions": problem.conditions, "goal": problem.goal, **limits}
+    checks = {name: judged._asdict() for name, judged in tuned.checks.items()}
+    return _plain({**told, **asked, "checks": checks, "map": drawn, **search, **_attrs(scene_file)})
 
 
 def read(path: str | os.PathLike[str]) -> xr.Dataset:

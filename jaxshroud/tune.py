@@ -21,8 +21,8 @@ from jaxshroud.checks import count_argument
 from jaxshroud.gradient import scenes_at, slopes, with_numbers
 from jaxshroud.integrate import FAST, REFERENCE, Method
 from jaxshroud.linear import area, free_power
-from jaxshroud.scene import Motion, Scene, value_of
-from jaxshroud.state import State, Status
+from jaxshroud.scene import Motion, Scene
+from jaxshroud.state import State, Status, start
 from jaxshroud.sweep import Plan, Progress, Ticker, run_lanes, starts
 from jaxshroud.tangents import Dual, differentiable, direction, run_flow, to_vector
 
@@ -331,8 +331,6 @@ def _checks(problem: Problem, design: np.ndarray, seed: int) -> dict[str, Judged
 
 def _pushed(scene: Scene, random: np.random.Generator) -> State:
     """A starting state with displacements up to the gap, or a tenth of a millimetre, away from contact."""
-    from jaxshroud.state import start
-
     reach = max(abs(float(scene.shroud.gap)), 1e-4)
     x, y = -reach * np.sort(random.random(2))[::-1] * [1, -1], reach * (random.random(2) - 0.5)
     still = np.zeros(2)
@@ -349,6 +347,15 @@ def _agree(problem: Problem, found: Judged, checks: dict[str, Judged]) -> bool:
     return True
 
 
-def named(problem: Problem) -> dict[str, float]:
-    """The scene's own values of the tuned numbers."""
-    return {key: value_of(problem.scene, key) for key in problem.over}
+def objective_map(tuned: Tuned, n: int) -> dict[str, np.ndarray]:
+    """The objective on a grid of `n` values of each of two tuned numbers, spaced as in the search.
+
+    Returns:
+        The values of the two numbers (n,) each, and `objective` (n, n), the first number first.
+    """
+    side = np.linspace(0.0, 1.0, n)
+    cube = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
+    designs = tuned.problem.values(cube)
+    judged = judge_designs(tuned.problem, designs, lambda _: None)
+    first, second = designs.reshape(n, n, 2)[:, 0, 0], designs.reshape(n, n, 2)[0, :, 1]
+    return {"first": first, "second": second, "objective": judged.objective.reshape(n, n)}

@@ -40,11 +40,14 @@ ORDER = [
     "orbit",
     "gradient",
     "lyapunov",
+    "tune",
     # the edges
     "schema",
     "config",
     "store",
     "plot",
+    "terminal",
+    "cli_design",
     "cli",
 ]
 EDGES = ORDER[ORDER.index("schema") :]

@@ -1,15 +1,22 @@
 """Periodic orbits by shooting, and exact gradients on them."""
 
-import jax
 import numpy as np
 import pytest
 
 from jaxshroud import load, orbit, simulate, value_of
-from jaxshroud.gradient import on_orbit, scenes_at, with_numbers
-from jaxshroud.orbit import Orbit
+from jaxshroud.gradient import differences, on_orbit
 
 PARAMETERS = (
-    ["shroud.gap", "contact.gamma", "friction.k_d", "friction.mu", "drive.omega", "shroud.alpha", "shroud.l_oa", "shroud.l_ab"]
+    [
+        "shroud.gap",
+        "contact.gamma",
+        "friction.k_d",
+        "friction.mu",
+        "drive.omega",
+        "shroud.alpha",
+        "shroud.l_oa",
+        "shroud.l_ab",
+    ]
     + [f"drive.{n}[{i}]" for n in ("F_0", "M_0", "beta", "phase") for i in (0, 1)]
     + [f"blades.{n}[{i}]" for n in ("m", "I", "k_x", "k_y", "k_T", "c_x", "c_y", "c_T") for i in (0, 1)]
 )
@@ -56,21 +63,9 @@ def scaled(values: dict, scene) -> np.ndarray:
     return np.array([slope * (abs(value_of(scene, key)) or 1) for key, slope in values.items()])
 
 
-def by_differences(found: Orbit, step: float) -> np.ndarray:
-    """The same by fourth-order central differences of P_d on orbits followed from scene to scene."""
-    out = []
-    for key in PARAMETERS:
-        value = value_of(found.scene, key)
-        h = step * (abs(value) or 1)
-        scenes = scenes_at(with_numbers(found.scene, [key]), [key], value + h * np.array([[-2], [-1], [1], [2]]))
-        P_d = [orbit(jax.tree.map(lambda a, i=i: a[i], scenes), state=found.start, q=found.q).P_d for i in range(4)]
-        out.append((P_d[0] - 8 * P_d[1] + 8 * P_d[2] - P_d[3]) / (12 * step))
-    return np.array(out)
-
-
 def test_exact_gradient_of_all_parameters(case):
     found, _, _ = case
     exact = scaled(on_orbit(found, PARAMETERS).value, found.scene)
     largest = np.abs(exact).max()
     for step in (3e-5, 1e-5, 3e-6):
-        assert np.abs(by_differences(found, step) - exact).max() <= 1e-6 * largest
+        assert np.abs(scaled(differences(found, PARAMETERS, step), found.scene) - exact).max() <= 1e-6 * largest

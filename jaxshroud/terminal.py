@@ -1,0 +1,150 @@
+"""What all commands share: options, checks, progress and tables."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from jaxshroud.config import Axis, SceneFile, load
+from jaxshroud.locate import Locate
+from jaxshroud.state import Status
+from jaxshroud.tableau import TABLEAUS, tableau
+
+
+class InputError(ValueError):
+    """The command line is wrong; the message is one line."""
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Leave with status 2."""
+        raise InputError(f"{self.prog}: {message}; see {self.prog} --help")
+
+
+def count(least: int) -> Callable[[str], int]:
+    """A parser of whole numbers of at least `least`."""
+
+    def parse(text: str) -> int:
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"must be a whole number of at least {least}, but is {text!r}")
+        return int(text)
+
+    return parse
+
+
+def number(text: str) -> float:
+    """A number, or a message that says what was given."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be a number, but is {text!r}") from None
+
+
+def scene_options(made: argparse.ArgumentParser) -> None:
+    """Options of every command that simulates a scene."""
+    made.add_argument("scene", metavar="SCENE", help="a TOML file or the name of a shipped scene")
+    made.add_argument("--set", action="append", default=[], metavar="K=V", help="override table.key=value")
+    made.add_argument("--periods", type=count(1), metavar="N", help="periods kept")
+    made.add_argument("--steps-per-period", type=count(1), metavar="N")
+    made.add_argument("--tableau", choices=TABLEAUS, default="rk4", help="Runge-Kutta method; rk4 by default")
+    made.add_argument("--locate", choices=("cubic", "bisection", "none"), help="how events are located")
+    made.add_argument("--precision", choices=("float64", "float32"), default="float64")
+    made.add_argument("--force", action="store_true", help="replace existing results")
+
+
+def loaded(options: argparse.Namespace) -> SceneFile:
+    """The scene file asked for, with its overrides."""
+    flags = {"periods": options.periods, "steps_per_period": options.steps_per_period}
+    flags["transient"] = getattr(options, "transient", None)
+    overrides = [f"run.{name}={value}" for name, value in flags.items() if value is not None]
+    return load(options.scene, [*options.set, *overrides])
+
+
+def chosen_method(options: argparse.Namespace, locate: Locate = "cubic"):
+    """The static choices of the march asked for."""
+    from jaxshroud.integrate import Method
+
+    ledger = getattr(options, "ledger", True)
+    return Method(tableau(options.tableau), options.locate or locate, ledger, options.precision)
+
+
+def check_step(file: SceneFile, axes: tuple[Axis, ...] | None, options: argparse.Namespace) -> None:
+    """Refuse a step that is unstable for some lane, warn of one that is inaccurate."""
+    from jaxshroud.stability import StepTooLongError, step_report, stiffest
+    from jaxshroud.sweep import grid_of_scenes
+
+    scenes = None if axes is None else grid_of_scenes(file.scene, {a.key: a.values for a in axes})
+    omega_max, period = stiffest(file.scene if scenes is None else scenes, 0 if axes is None else len(axes))
+    try:
+        report = step_report(omega_max, period, file.run.steps_per_period, tableau(options.tableau))
+    except StepTooLongError as error:
+        raise InputError(f"{file.name}: [run] {error}") from None
+    if report:
+        print(f"warning: {file.name}: [run] {report}", file=sys.stderr)
+
+
+def warn_status(status: np.ndarray) -> None:
+    """Say on standard error how many runs stopped early."""
+    for s in Status:
+        count = int((status == s).sum())
+        if s != Status.OK and count:
+            print(f"warning: {count} of {status.size} runs stopped with {s.name}", file=sys.stderr)
+
+
+def free(path: Path, force: bool) -> None:
+    """Refuse a path that exists, unless forced, or that cannot be written."""
+    if path.exists() and not force:
+        raise InputError(f"{path}: exists and is kept; give --force to replace it")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no directory {path.parent}; make it first or choose another --out")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"{path}: {path.parent} is not writable; choose another --out")
+
+
+def directory(path: Path, names: Sequence[str], force: bool) -> None:
+    """Make a directory for results with these names, all of them free."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made ({error.strerror}); choose another --out") from None
+    for name in names:
+        free(path / name, force)
+
+
+@contextmanager
+def progress_bar(unit: str):
+    """A progress report; the bar appears on a terminal's standard error."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task(f"{unit} (compiling)", total=None)
+        yield lambda done, total: bar.update(task, description=unit, completed=done, total=total)
+
+
+def print_table(title: str, rows: dict[str, Any]) -> None:
+    """A table of two columns."""
+    table = Table(title=title, title_justify="left", show_header=False, box=None, padding=(0, 2, 0, 0))
+    for name, value in rows.items():
+        text = ", ".join(f"{k}: {v}" for k, v in value.items()) if isinstance(value, dict) else str(value)
+        table.add_row(name, text)
+    Console(width=None if sys.stdout.isatty() else 160).print(table)
+
+
+def print_columns(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table with a head, numbers to the right."""
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for i, head in enumerate(heads):
+        table.add_column(head, justify="right" if i else "left")
+    for row in rows:
+        table.add_row(*row)
+    Console(width=None if sys.stdout.isatty() else 160).print(table)
