@@ -26,7 +26,8 @@ from jaxshroud.sweep import Plan, run_lanes, starts
 from jaxshroud.tangents import STATE, differentiable, direction, tangents
 
 Of = Literal["P_d", "P"]
-STRUCTURE = 3.0  # times its own noise that P_d may scatter about a straight line in a smooth neighbourhood
+STRUCTURE = 3.0  # times its own noise that P_d may scatter about a straight line in a smooth neighbourhood,
+ROUGH = 0.1  # or this share of all its scatter, whichever is more
 
 
 @dataclass(frozen=True)
@@ -205,10 +206,8 @@ def smoothed(
     good = ok[:pairs] & ok[pairs:]
     difference = (level[:pairs] - level[pairs:])[good] / 2
     slope, slope_ci = _fitted(xi[good], difference)
-    scatter = np.std((level[:pairs] + level[pairs:])[good] / 2) + np.std(difference - xi[good] @ slope)
-    own = np.sqrt(np.mean(noise[np.isfinite(noise)] ** 2)) / 1.96 if np.isfinite(noise).any() else 0.0
-    floor = max(own, 1e-6 * np.std(level))
-    structured = len(np.unique(number)) > 1 or scatter > STRUCTURE * floor
+    rest, own = np.std(difference - xi[good] @ slope), np.sqrt(np.nanmean(np.append(noise, 0.0) ** 2)) / 1.96
+    structured = len(np.unique(number)) > 1 or rest > max(STRUCTURE * own, ROUGH * np.std(difference))
     flags = (*found.flags, *(["structured"] if structured else []), *([] if good.all() else ["lanes stopped"]))
     means = ((level[:pairs] + level[pairs:]) / 2)[good]
     return Gradient(

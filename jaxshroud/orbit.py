@@ -72,7 +72,7 @@ class Orbit:
         return "Neimark-Sacker" if abs(lead.imag) > 1e-6 * abs(lead) else real, float(1 - abs(lead))
 
 
-class _Shot(NamedTuple):
+class Shot(NamedTuple):
     """A state on its way to becoming an orbit."""
 
     state: State
@@ -121,7 +121,7 @@ def orbit(
     scene = in_precision(scene, method.precision)
     if q is not None and state is not None:
         shot = _closed(scene, state, q, _sizes(to_vector(state)[None]), steps_per_period, tolerance, method)
-        return _orbit(scene, shot, q, tolerance, (shot.updates + 1) * q, steps_per_period, method)
+        return described(scene, shot, q, tolerance, (shot.updates + 1) * q, steps_per_period, method)
     return _settled(scene, state, most_periods, steps_per_period, tolerance, method)
 
 
@@ -143,7 +143,7 @@ def _settled(scene: Scene, state: State | None, most: int, steps: int, tolerance
             continue
         shot = _closed(scene, here, q, _sizes(samples), steps, tolerance, method)
         spent += (shot.updates + 1) * q
-        latest = _orbit(scene, shot, q, tolerance, spent, steps, method)
+        latest = described(scene, shot, q, tolerance, spent, steps, method)
         if not {"unstable", "not converged", "stopped"} & set(latest.flags):
             return _shortest(latest, _sizes(samples), tolerance)
     return _none(scene, here, ("aperiodic",), spent, steps, method) if latest is None else latest
@@ -156,7 +156,7 @@ def _shortest(long: Orbit, sizes: np.ndarray, tolerance: float) -> Orbit:
             shot = _closed(long.scene, long.start, q, sizes, long.steps_per_period, tolerance, long.method, most=0)
             if shot.residual <= TOGETHER:
                 spent = long.periods + q
-                return _orbit(long.scene, shot, q, tolerance, spent, long.steps_per_period, long.method)
+                return described(long.scene, shot, q, tolerance, spent, long.steps_per_period, long.method)
     return long
 
 
@@ -182,7 +182,7 @@ def _closed(
     tolerance: float,
     method: Method,
     most: int = MOST_UPDATES,
-) -> _Shot:
+) -> Shot:
     """Newton's method on the map of `q` periods, in quantities scaled by their `sizes`."""
     best, unchanged, updates = None, 0, 0
     for updates in range(most + 1):
@@ -191,7 +191,7 @@ def _closed(
         z[STATE - 1] = z[STATE - 1] if at.end.mode == Mode.STICK else at.vector[STATE - 1]
         miss = (at.vector - z) / sizes
         residual = float(np.max(np.abs(miss)))
-        shot = _Shot(state, at, residual, updates)
+        shot = Shot(state, at, residual, updates)
         if best is None or residual < best.residual:
             best, unchanged = shot, 0
         else:
@@ -217,7 +217,8 @@ def _slider_is_free(at: Tangents) -> bool:
     return bool(at.end.mode == Mode.STICK and np.array_equal(at.by_state[-1], np.eye(STATE)[-1]))
 
 
-def _orbit(scene: Scene, shot: _Shot, q: int, tolerance: float, spent: int, steps: int, method: Method) -> Orbit:
+def described(scene: Scene, shot: Shot, q: int, tolerance: float, spent: int, steps: int, method: Method) -> Orbit:
+    """The orbit through a closed shot, with its multipliers and flags."""
     at = shot.at
     multipliers = np.linalg.eigvals(at.by_state) if np.all(np.isfinite(at.by_state)) else np.full(STATE, np.nan + 0j)
     free = _slider_is_free(at)

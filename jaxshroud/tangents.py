@@ -175,6 +175,21 @@ def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Method) -> 
     return jax.tree.map(lambda *a: np.concatenate(a)[:lanes], *done)
 
 
+def resting(states: State) -> Dual:
+    """States that do not depend on the direction."""
+    motion, u_s = jax.tree.map(np.zeros_like, (states.motion, states.u_s))
+    return Dual(states, State(motion, u_s, None, None))
+
+
+def onward(end: Dual) -> Dual:
+    """The states at the end of a flow, as a start."""
+    motion = lambda state: Motion(*(np.stack(pair, axis=-1) for pair in state.motion))  # noqa: E731
+    (state, _, _), (tangent, _, _) = end
+    return Dual(
+        State(motion(state), state.u_s, state.mode, state.case), State(motion(tangent), tangent.u_s, None, None)
+    )
+
+
 class Tangents(NamedTuple):
     """A scene's flow over some periods, and its derivatives with respect to the starting state and some parameters.
 

@@ -24,7 +24,7 @@ from jaxshroud.linear import area, free_power
 from jaxshroud.scene import Motion, Scene
 from jaxshroud.state import State, Status, start
 from jaxshroud.sweep import Plan, Progress, Ticker, run_lanes, starts
-from jaxshroud.tangents import Dual, differentiable, direction, run_flow, to_vector
+from jaxshroud.tangents import Dual, differentiable, direction, onward, resting, run_flow, to_vector
 
 Goal = Literal["mean", "worst"]
 RATE = 0.03  # Adam's first step, in units of the cube's side
@@ -272,10 +272,10 @@ def _exact_slopes(problem: Problem, u: np.ndarray, tick) -> tuple[np.ndarray, np
     rate = np.repeat(rates, rows, axis=0).ravel()
     along = jax.tree.map(lambda *a: np.tile(np.stack(a), (len(u) * rows, *[1] * np.ndim(a[0]))), *unit)
     along = jax.tree.map(lambda a: a * rate.reshape(-1, *[1] * (a.ndim - 1)), along)
-    scene, state = Dual(each(scenes), along), _resting(each(starts(scenes)))
+    scene, state = Dual(each(scenes), along), resting(each(starts(scenes)))
     method, steps = differentiable(plan.method), plan.steps_per_period
     if plan.transient:
-        state = _onward(run_flow(scene, state, plan.transient, steps, method))
+        state = onward(run_flow(scene, state, plan.transient, steps, method))
     end = run_flow(scene, state, plan.kept, steps, method)
     tick(lanes * (plan.transient + plan.kept))
     value, tangent = end
@@ -284,21 +284,6 @@ def _exact_slopes(problem: Problem, u: np.ndarray, tick) -> tuple[np.ndarray, np
     growth = np.abs(to_vector(tangent.state)).max(axis=1) / np.abs(to_vector(value.state)).max(axis=1)
     shape = len(u), rows, len(keys)
     return slope.reshape(shape), np.where(np.isfinite(growth), growth, np.inf).reshape(shape)
-
-
-def _resting(states: State) -> Dual:
-    """States that do not depend on the direction."""
-    motion, u_s = jax.tree.map(np.zeros_like, (states.motion, states.u_s))
-    return Dual(states, State(motion, u_s, None, None))
-
-
-def _onward(end: Dual) -> Dual:
-    """The states at the end of a flow, as a start."""
-    motion = lambda state: Motion(*(np.stack(pair, axis=-1) for pair in state.motion))  # noqa: E731
-    (state, _, _), (tangent, _, _) = end
-    return Dual(
-        State(motion(state), state.u_s, state.mode, state.case), State(motion(tangent), tangent.u_s, None, None)
-    )
 
 
 def _wide_slopes(problem: Problem, u: np.ndarray, tick) -> np.ndarray:

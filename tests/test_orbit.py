@@ -1,10 +1,23 @@
 """Periodic orbits by shooting, and exact gradients on them."""
 
+from dataclasses import replace
+
+import jax
 import numpy as np
 import pytest
 
-from jaxshroud import load, orbit, simulate, value_of
-from jaxshroud.gradient import differences, on_orbit
+from jaxshroud import gradient, integrate, load, orbit, simulate, value_of
+from jaxshroud.gradient import differences, on_orbit, slopes
+from jaxshroud.integrate import FAST
+from jaxshroud.linear import area
+from jaxshroud.orbit import Shot, contact_margins, described
+from jaxshroud.state import Mode, State, start
+from jaxshroud.tangents import STATE, Dual, differentiable, direction, onward, resting, run_flow, tangents
+
+
+def many(tree, n):
+    return jax.tree.map(lambda a: np.broadcast_to(a, (n, *np.shape(a))), tree)
+
 
 PARAMETERS = (
     [
@@ -69,3 +82,81 @@ def test_exact_gradient_of_all_parameters(case):
     largest = np.abs(exact).max()
     for step in (3e-5, 1e-5, 3e-6):
         assert np.abs(scaled(differences(found, PARAMETERS, step), found.scene) - exact).max() <= 1e-6 * largest
+
+
+def test_naive_gradient_is_wrong(monkeypatch):
+    # Control: without the derivative of the events' instants the gap's derivative misses by more than 1 %, on an orbit
+    # with onsets into stick and loaded switches.
+    found = orbit(scene_of(("contact.gamma=4.2",)))
+    right = on_orbit(found, ["shroud.gap"]).value["shroud.gap"]
+    monkeypatch.setattr(integrate, "at_the_root", lambda quantities, *_: quantities)
+    method = found.method._replace(tableau=found.method.tableau._replace(name="naive"))  # compiled anew
+    steps = found.steps_per_period
+    jacobian = tangents(found.scene, found.start, [], n=found.q, steps=steps, method=differentiable(method))
+    naive = on_orbit(replace(found, method=method, jacobian=jacobian), ["shroud.gap"]).value["shroud.gap"]
+    assert abs(naive - right) > 0.01 * abs(right)
+
+
+def test_shooting_does_what_a_long_transient_does():
+    # The slowest multiplier is 0.93 over two periods.
+    scene, keys, long = scene_of(("contact.gamma=4.2",)), ["shroud.gap", "contact.gamma", "drive.omega"], 720
+    found = orbit(scene)
+    assert 10 * found.periods <= long
+    along = [direction(scene, key) for key in keys]
+    method = differentiable(FAST)
+    n = len(keys)
+    dual = Dual(many(scene, n), jax.tree.map(lambda *a: np.stack(a), *along))
+    settled = run_flow(dual, resting(many(start(scene.initial), n)), long, 400, method)
+    last = run_flow(dual, onward(settled), found.q, 400, method)
+    P = float(area(scene.shroud)) * last.value.power[0][0]
+    assert pytest.approx(found.P[0], rel=1e-10) == P
+    by = np.stack(last.tangent.power, axis=-1)
+    exact = on_orbit(found, keys).value
+    slope = slopes(dual.value, np.stack(last.value.power, axis=-1), dual.tangent, by, "P_d")
+    np.testing.assert_allclose(slope, list(exact.values()), rtol=1e-7)
+
+
+def test_no_contact_no_derivative():
+    scene = load("table1", ['shroud.gap="5 mm"', "drive.F_0=60"]).scene
+    got = gradient(scene, ["shroud.gap", "contact.gamma", "friction.mu", "friction.k_d"])
+    assert got.kind == "periodic"
+    assert set(got.value.values()) == {0.0}
+    assert got.level == pytest.approx(0.0, abs=1e-5)
+
+
+def test_permanent_stick_is_not_unique():
+    # A Jacobian that leaves the slider where it starts, put together by hand: with this contact model blades that stay
+    # pressed together still change case, which moves the slider.
+    found = orbit(scene_of(("contact.gamma=2.5",)))
+    M = found.jacobian.by_state.copy()
+    M[-1], M[:-1, -1] = np.eye(STATE)[-1], 0.1 * np.arange(1, STATE)
+    end = State(found.start.motion, found.start.u_s, np.int32(Mode.STICK), np.int32(1))
+    shot = Shot(found.start, found.jacobian._replace(by_state=M, end=end), 0.0, 1)
+    held = described(found.scene, shot, 1, 1e-11, 8, 400, FAST)
+    assert held.flags == ("not unique",)
+    assert held.slider_is_free
+    got = on_orbit(held, ["shroud.gap"])
+    assert np.isfinite(got.value["shroud.gap"])
+    assert got.conditioning < 10
+
+
+def test_chaos_has_no_orbit():
+    found = orbit(scene_of(("contact.gamma=5.5",)), most_periods=200)
+    assert not found.found
+    assert found.flags == ("aperiodic",)
+    assert np.isnan(found.P_d)
+
+
+def test_a_known_period_number_needs_a_state(table1):
+    with pytest.raises(ValueError, match="needs a `state`"):
+        orbit(table1, q=2)
+
+
+def test_margins_of_grazing():
+    found = orbit(scene_of(("contact.gamma=2.5",)))
+    margins = contact_margins(found)
+    assert 0 < margins.slowest_onset <= 1
+    assert margins.counters["onset_slip"] == 4
+    none = contact_margins(orbit(load("table1", ['shroud.gap="5 mm"', "drive.F_0=60"]).scene))
+    assert np.isnan(none.slowest_onset)
+    assert none.nearest_miss > 0
