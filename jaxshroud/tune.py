@@ -138,11 +138,11 @@ def tune(
         KeyError: The scene has no such number.
         ValueError: A count is too small, or bounds are not in order.
     """
+    problem = _problem(scene, over, conditions or {}, goal, most_penetration, most_force)
     size = len(over)
     scan, n_starts = scan or 32 * size, n_starts or 3 * size
     for name, value in dict(scan=scan, n_starts=n_starts, updates=updates, n_periods=n_periods).items():
         count_argument(name, value, 1)
-    problem = _problem(scene, over, conditions or {}, goal, most_penetration, most_force)
     problem = problem._replace(plan=Plan(transient, n_periods, steps_per_period, 0.0, method))
     lanes = len(problem.rows) * (scan + min(n_starts, scan) * (updates * (1 + 2 * size) + 1))
     ticker = Ticker(lanes * (transient + n_periods), progress)
@@ -232,7 +232,8 @@ def _climb(problem: Problem, u: np.ndarray, judged: Judged, updates: int, tick) 
     slope, sound = _slope(problem, u, judged, tick)
     points, scores, exact = [u], [score], [sound]
     for _ in range(updates):
-        change, memory = adam.update(jnp.asarray(-slope), memory)
+        with jax.numpy_dtype_promotion("standard"):  # as optax assumes
+            change, memory = adam.update(jnp.asarray(-slope), memory)
         tried = np.clip(u + rate * np.asarray(change), 0.0, 1.0)
         judged = judge_designs(problem, problem.values(tried), tick)
         gains = np.flatnonzero(judged.score > score)
@@ -249,7 +250,7 @@ def _climb(problem: Problem, u: np.ndarray, judged: Judged, updates: int, tick) 
 
 def _slope(problem: Problem, u: np.ndarray, judged: Judged, tick) -> tuple[np.ndarray, np.ndarray]:
     """Slopes of the score at points `u` (n, keys) of the cube, and where they are exact."""
-    by_condition, growth = _exact_slopes(problem, u, tick)
+    by_condition, growth = exact_slopes(problem, u, tick)
     if problem.goal == "mean":
         slope = by_condition.mean(axis=1)
     else:
@@ -261,7 +262,7 @@ def _slope(problem: Problem, u: np.ndarray, judged: Judged, tick) -> tuple[np.nd
     return np.nan_to_num(slope), sound
 
 
-def _exact_slopes(problem: Problem, u: np.ndarray, tick) -> tuple[np.ndarray, np.ndarray]:
+def exact_slopes(problem: Problem, u: np.ndarray, tick) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of P_d and growth of a push in the state, both (n, conditions, keys), per side of the cube."""
     plan, keys, rows = problem.plan, list(problem.over), len(problem.rows)
     designs, rates = problem.values(u), problem.rates(u)

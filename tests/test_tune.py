@@ -1,0 +1,119 @@
+"""Tuning: slopes, limits, and that the search finds what it should."""
+
+import numpy as np
+import pytest
+
+from jaxshroud import load, power, tune, vary
+from jaxshroud.integrate import FAST
+from jaxshroud.sweep import Plan
+from jaxshroud.tune import PUSH, Problem, exact_slopes, judge_designs, objective_map
+
+OVER = {"shroud.gap": (5e-6, 2e-4), "contact.gamma": (0.1, 10.0)}
+SHORT = {"scan": 16, "n_starts": 2, "updates": 5, "n_periods": 16, "transient": 32, "steps_per_period": 100}
+
+
+def quiet(_):
+    pass
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A torque small enough for the shroud to take vibration out."""
+    return load("table1", ["drive.M_0=10"]).scene
+
+
+@pytest.fixture(scope="module")
+def tuned(scene):
+    return tune(scene, OVER, conditions={"drive.F_0": [40.0, 60.0]}, **SHORT)
+
+
+def problem_of(scene, conditions, goal="mean", **limits):
+    bounds = {"most_penetration": np.inf, "most_force": np.inf, **limits}
+    return Problem(scene, OVER, conditions, goal, bounds["most_penetration"], bounds["most_force"], PLAN)
+
+
+PLAN = Plan(128, 16, 200, 0.0, FAST)
+
+
+def test_paths_never_lose(tuned):
+    assert tuned.points.shape == (6, 2, 2)
+    assert np.all(np.diff(tuned.scores, axis=0) >= 0)
+    assert tuned.objective >= tuned.scanned_scores.max()
+    for (low, high), value in zip(OVER.values(), tuned.design.values(), strict=True):
+        assert low <= value <= high
+    assert tuned.periods <= 2 * (16 + 2 + 2 * 5 * 7) * 48
+
+
+def test_the_objective_is_that_of_single_runs(scene, tuned):
+    found = []
+    for F_0 in (40.0, 60.0):
+        one = vary(scene, "drive.F_0", F_0)
+        for key, value in tuned.design.items():
+            one = vary(one, key, value)
+        found.append(power(one, most_periods=512, transient=128, steps_per_period=400).final["P_d"])
+    assert tuned.checks["four times as long"].objective[0] == pytest.approx(np.mean(found), abs=0.2)
+
+
+def test_exact_slopes_are_those_of_the_objective(scene):
+    problem = problem_of(scene, {"drive.F_0": (60.0, 80.0)})
+    u = np.array([[0.5, 0.3], [0.3, 0.5]])
+    slope, growth = exact_slopes(problem, u, quiet)
+    assert np.all(growth < PUSH)
+    for i in range(2):
+        h = 1e-4 * np.eye(2)[i]
+        up, down = (judge_designs(problem, problem.values(u + s * h), quiet).P_d for s in (1, -1))
+        np.testing.assert_allclose(slope[..., i], (up - down) / 2e-4, rtol=1e-4, atol=1e-3)
+
+
+def test_chaos_is_noticed():
+    # Control: a chaotic design pushes its state apart.
+    scene = vary(load("table1", ["drive.M_0=100"]).scene, "contact.gamma", 5.5)
+    problem = problem_of(scene, {"drive.F_0": (60.0,)})
+    low, high = OVER["contact.gamma"]
+    u = np.array([[0.4, np.log(5.5 / low) / np.log(high / low)]])
+    assert exact_slopes(problem, u, quiet)[1].min() > PUSH
+
+
+def test_limits_are_kept(scene, tuned):
+    force = 0.5 * tuned.checks["four times as long"].force[0]
+    held = tune(scene, OVER, conditions={"drive.F_0": [40.0, 60.0]}, most_force=force, **SHORT)
+    assert held.checks["four times as long"].force[0] <= 1.02 * force
+    assert held.objective < tuned.objective
+
+
+def test_the_worst_condition_counts(scene):
+    conditions = {"drive.F_0": (40.0, 60.0), "friction.mu": (0.3, 0.5, 0.7)}
+    worst, mean = (problem_of(scene, conditions, goal) for goal in ("worst", "mean"))
+    design = np.array([[5e-5, 1.0]])
+    a, b = judge_designs(worst, design, quiet), judge_designs(mean, design, quiet)
+    assert a.P_d.shape == (1, 6)
+    np.testing.assert_array_equal(a.P_d, b.P_d)
+    assert a.objective[0] == a.P_d.min() < b.objective[0]
+
+
+def test_map_has_the_objective(tuned):
+    drawn = objective_map(tuned, 3)
+    assert drawn["objective"].shape == (3, 3)
+    corner = np.array([[drawn["first"][2], drawn["second"][0]]])
+    assert judge_designs(tuned.problem, corner, quiet).objective[0] == pytest.approx(drawn["objective"][2, 0], rel=1e-9)
+
+
+def test_scaled_variables():
+    problem = problem_of(load("table1").scene, {})._replace(
+        over={"shroud.gap": (1e-6, 1e-4), "friction.mu": (0.0, 1.0)}
+    )
+    np.testing.assert_allclose(problem.values(np.array([[0.5, 0.5]])), [[1e-5, 0.5]])
+    u, h = np.array([[0.3, 0.7]]), 1e-6
+    slope = (problem.values(u + h) - problem.values(u - h)) / (2 * h)
+    np.testing.assert_allclose(problem.rates(u), slope, rtol=1e-8)
+
+
+def test_wrong_requests_are_told(scene):
+    with pytest.raises(ValueError, match="in order"):
+        tune(scene, {"shroud.gap": (2e-4, 1e-4)})
+    with pytest.raises(ValueError, match="at least one"):
+        tune(scene, {})
+    with pytest.raises(ValueError, match="both tuned and an operating condition"):
+        tune(scene, OVER, conditions={"shroud.gap": [1e-4]})
+    with pytest.raises(KeyError, match="no number called"):
+        tune(scene, {"shroud.gaps": (1.0, 2.0)})
