@@ -7,6 +7,7 @@ from jaxshroud.config import SceneFile as SceneFile
 from jaxshroud.config import load as load
 from jaxshroud.config import shipped as shipped
 from jaxshroud.gradient import Gradient as Gradient
+from jaxshroud.gradient import differences as differences
 from jaxshroud.gradient import gradient as gradient
 from jaxshroud.integrate import Method as Method
 from jaxshroud.linear import free_power as free_power
@@ -37,5 +38,6 @@ from jaxshroud.tableau import tableau as tableau
 from jaxshroud.trajectory import Trajectory as Trajectory
 from jaxshroud.trajectory import simulate as simulate
 from jaxshroud.tune import Tuned as Tuned
+from jaxshroud.tune import objective_map as objective_map
 from jaxshroud.tune import tune as tune
 from jaxshroud.version import __version__ as __version__

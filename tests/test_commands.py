@@ -237,3 +237,77 @@ def test_float64_is_not_lost_silently(table1):
         sweep(single, {"contact.gamma": [1.0, 2.0]}, n_periods=1)
     with pytest.raises(ValueError, match="steps_per_period"):
         sweep(table1, {"contact.gamma": [1.0]}, n_periods=1, steps_per_period=4)
+
+
+def test_gradient_command(tmp_path, capsys):
+    out = tmp_path / "gradient.json"
+    words = ["gradient", "fig10b", "--wrt", "shroud.gap,contact.gamma", "--check", "--out", str(out)]
+    assert cli.main(words) == 0
+    told = capsys.readouterr().out
+    for part in ("periodic", "dP_d/d shroud.gap", "nearest bifurcation", "step 1e-05", "slowest onset", "onset_slip"):
+        assert part in told
+    data = json.loads(out.read_text())
+    assert data["kind"] == "periodic"
+    assert data["flags"] == []
+    assert data["orbit"]["period_number"] == 1
+    assert len(data["orbit"]["multipliers"]) == 13
+    assert max(data["check"]["relative_error"].values()) < 1e-7
+    assert "exists" in refused(capsys, *words)
+
+
+def test_gradient_command_in_chaos(tmp_path, capsys):
+    out = tmp_path / "gradient.json"
+    small = ["--pairs", "8", "--periods", "16", "--transient", "16", "--steps-per-period", "200"]
+    scene = ["gradient", "table1", "--set", "contact.gamma=5.5"]
+    assert cli.main([*scene, *small, "--wrt", "contact.gamma", "--check", "--out", str(out)]) == 0
+    data = json.loads(out.read_text())
+    assert data["kind"] == "smoothed"
+    assert "aperiodic" in data["flags"]
+    assert data["ci"]["contact.gamma"] > 0
+    assert data["check"] == {}
+    assert "no check" in capsys.readouterr().err
+
+
+def test_gradient_command_refuses(tmp_path, capsys):
+    out = ["--out", tmp_path / "g.json"]
+    assert "no number called 'shroud.gaps'" in refused(capsys, "gradient", "fig10b", "--wrt", "shroud.gaps", *out)
+    assert "--sigma" in refused(capsys, "gradient", "fig10b", "--wrt", "shroud.gap", "--sigma", "0", *out)
+
+
+def test_tune_command(tmp_path, capsys):
+    out = tmp_path / "tuned"
+    words = ["tune", "table1", "--set", "drive.M_0=10", "--steps-per-period", "100", "--periods", "16"]
+    words += ["--transient", "32", "--over", "shroud.gap=5um:0.2mm", "--over", "contact.gamma=0.1:10"]
+    words += ["--range", "drive.F_0=40,60", "--scan", "8", "--starts", "2", "--updates", "2", "--map", "4"]
+    assert cli.main([*words, "--most-force", "1kN", "--out", str(out)]) == 0
+    told = capsys.readouterr().out
+    for part in ("mean P_d", "half the step", "four times as long", "another start, 3", "verdict"):
+        assert part in told
+    data = json.loads((out / "tune.json").read_text())
+    assert 5e-6 <= data["design"]["shroud.gap"] <= 2e-4
+    assert data["most_force"] == 1000
+    assert np.shape(data["map"]["objective"]) == (4, 4)
+    assert (out / "tune.png").stat().st_size > 10_000
+    best = load(out / "best.toml").scene
+    assert float(best.shroud.gap) == data["design"]["shroud.gap"]
+    assert "exists" in refused(capsys, *words, "--out", out)
+
+
+def test_tune_command_without_a_map(tmp_path):
+    out = tmp_path / "tuned"
+    words = ["tune", "table1", "--set", "drive.M_0=10", "--steps-per-period", "100", "--periods", "8"]
+    words += ["--transient", "8", "--over", "friction.mu=0:1", "--scan", "4", "--starts", "1", "--updates", "1"]
+    assert cli.main([*words, "--goal", "worst", "--out", str(out)]) == 0
+    assert json.loads((out / "tune.json").read_text())["map"] is None
+    assert (out / "tune.png").exists()
+
+
+def test_tune_command_refuses(tmp_path, capsys):
+    out = ["--out", tmp_path / "tuned"]
+    assert "KEY=LOW:HIGH" in refused(capsys, "tune", "table1", "--over", "shroud.gap=1e-5", *out)
+    assert "KEY=A,B,C" in refused(
+        capsys, "tune", "table1", "--over", "shroud.gap=1e-5:1e-4", "--range", "drive.F_0", *out
+    )
+    assert "no number" in refused(capsys, "tune", "table1", "--over", "shroud.gaps=1:2", *out)
+    assert "in order" in refused(capsys, "tune", "table1", "--over", "shroud.gap=1e-4:1e-5", *out)
+    assert "positive" in refused(capsys, "tune", "table1", "--over", "shroud.gap=1e-5:1e-4", "--most-force=-1", *out)
