@@ -129,7 +129,7 @@ def tune_options(made: OneLineParser) -> None:
     made.add_argument("--most-force", metavar="FORCE", help="limit of the normal force, e.g. 500N")
     made.add_argument("--scan", type=count(1), metavar="N", help="designs looked at first")
     made.add_argument("--starts", type=count(1), metavar="N", help="the best of them, to climb from")
-    made.add_argument("--updates", type=count(1), default=16, metavar="N", help="steps of each path")
+    made.add_argument("--updates", type=count(1), metavar="N", help="steps of each path")
     made.add_argument("--map", type=count(0), default=MAP, metavar="N", help="values a side of the map; 0 for none")
     made.add_argument("--seed", type=count(0), default=0, metavar="N")
     made.add_argument("--out", type=Path, required=True, metavar="DIR")

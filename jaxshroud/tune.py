@@ -2,7 +2,8 @@
 
 A coarse scan chooses starts; from each of them Adam climbs in variables scaled to the unit cube. A start's slope is
 exact while the motion forgets a push in every operating condition. Where it does not (chaos), or where a limit is
-exceeded, it is the slope across a neighbourhood of stated width instead.
+exceeded, it is the slope across a neighbourhood of stated width instead. The best designs often lie where two kinds of
+motion meet, and no slope leads along such an edge: the best path ends with a few rounds of samples around it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,6 +31,8 @@ Goal = Literal["mean", "worst"]
 RATE = 0.03  # Adam's first step, in units of the cube's side
 PUSH = 100.0  # growth of a relative change of a parameter in the state, beyond which an exact slope says nothing
 REACH = 0.03  # half width of the neighbourhood that a slope is taken across then
+POLISH = (0.03, 0.02, 0.01, 0.005, 0.003, 0.002, 0.001)  # widths of the last rounds' samples
+SAMPLES = 8  # in each of these rounds, for each key
 PENALTY = 100.0  # percentage points for exceeding a limit by its own size
 AGREES = 0.5  # percentage points by which re-simulations may differ beyond their own intervals
 
@@ -104,7 +107,7 @@ def tune(
     most_force: float = np.inf,
     scan: int | None = None,
     n_starts: int | None = None,
-    updates: int = 16,
+    updates: int | None = None,
     n_periods: int = 64,
     transient: int = 64,
     steps_per_period: int = 200,
@@ -123,7 +126,7 @@ def tune(
         most_force: Limit of the contact's normal force, likewise [N].
         scan: Designs looked at first; by default 32 for each key.
         n_starts: The best of them, from which paths start; by default 3 for each key.
-        updates: Steps of each path.
+        updates: Steps of each path; by default 6 for each key.
         n_periods: Drive periods that P_d is averaged over.
         transient: Drive periods run before.
         steps_per_period: Runge-Kutta steps in one period.
@@ -140,18 +143,19 @@ def tune(
     """
     problem = _problem(scene, over, conditions or {}, goal, most_penetration, most_force)
     size = len(over)
-    scan, n_starts = scan or 32 * size, n_starts or 3 * size
+    scan, n_starts, updates = scan or 32 * size, n_starts or 3 * size, updates or 6 * size
     for name, value in dict(scan=scan, n_starts=n_starts, updates=updates, n_periods=n_periods).items():
         count_argument(name, value, 1)
     problem = problem._replace(plan=Plan(transient, n_periods, steps_per_period, 0.0, method))
-    lanes = len(problem.rows) * (scan + min(n_starts, scan) * (updates * (1 + 2 * size) + 1))
+    climbs, rounds = min(n_starts, scan) * (updates + 1) * (1 + 3 * size), len(POLISH) * SAMPLES * size
+    lanes = len(problem.rows) * (scan + climbs + rounds + 1)
     ticker = Ticker(lanes * (transient + n_periods), progress)
     cube = qmc.Sobol(size, rng=np.random.default_rng(seed)).random(scan)
     scanned = judge_designs(problem, problem.values(cube), ticker)
     at = np.argsort(-scanned.score, kind="stable")[:n_starts]
     points, scores, exact = _climb(problem, cube[at], Judged(*(a[at] for a in scanned)), updates, ticker)
-    everything = np.concatenate([problem.values(cube), problem.values(points).reshape(-1, size)])
-    best = everything[np.nanargmax(np.concatenate([scanned.score, scores.ravel()]))]
+    last = int(np.argmax(scores[-1]))
+    best = problem.values(_polished(problem, points[-1, last], scores[-1, last], np.random.default_rng(seed), ticker))
     spent = ticker.done
     found = judge_designs(problem, best[None], ticker)
     checks = _checks(problem, best, seed)
@@ -246,6 +250,16 @@ def _climb(problem: Problem, u: np.ndarray, judged: Judged, updates: int, tick) 
         scores.append(score)
         exact.append(sound)
     return _Paths(np.array(points), np.array(scores), np.array(exact))
+
+
+def _polished(problem: Problem, u: np.ndarray, score: float, random: np.random.Generator, tick) -> np.ndarray:
+    """The best point of the cube found by sampling closer and closer around `u`."""
+    for width in POLISH:
+        tried = np.clip(u + width * random.standard_normal((SAMPLES * len(u), len(u))), 0.0, 1.0)
+        found = judge_designs(problem, problem.values(tried), tick).score
+        if found.max() > score:
+            u, score = tried[found.argmax()], float(found.max())
+    return u
 
 
 def _slope(problem: Problem, u: np.ndarray, judged: Judged, tick) -> tuple[np.ndarray, np.ndarray]:

@@ -41,7 +41,7 @@ def test_paths_never_lose(tuned):
     assert tuned.objective >= tuned.scanned_scores.max()
     for (low, high), value in zip(OVER.values(), tuned.design.values(), strict=True):
         assert low <= value <= high
-    assert tuned.periods <= 2 * (16 + 2 + 2 * 5 * 7) * 48
+    assert tuned.periods <= 2 * (16 + 2 * 6 * 7 + 7 * 8 * 2) * 48
 
 
 def test_the_objective_is_that_of_single_runs(scene, tuned):
