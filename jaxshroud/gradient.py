@@ -85,7 +85,8 @@ def gradient(
 
     Raises:
         KeyError: The scene has no such number.
-        ValueError: A count is too small, or a smoothed derivative is asked for with respect to a number that is 0.
+        ValueError: A count is too small, the march stops in this scene or in nearly all of its neighbourhood, or a
+            smoothed derivative is asked for with respect to a number that is 0.
 
     Source:
         dP/dp = P_p + P_z (I - M)^-1 Phi_p for the fixed point z of the flow Phi over the orbit's periods.
@@ -204,6 +205,8 @@ def smoothed(
     signed = np.concatenate([xi, -xi])
     level, noise, number, ok = _levels(scene, wrt, centre * (1 + sigma * signed), of, plan)
     good = ok[:pairs] & ok[pairs:]
+    if good.sum() < len(wrt) + 2:
+        raise ValueError(f"Only {good.sum()} of {pairs} pairs ran to their end; too few for {len(wrt)} derivatives.")
     difference = (level[:pairs] - level[pairs:])[good] / 2
     slope, slope_ci = _fitted(xi[good], difference)
     rest, own = np.std(difference - xi[good] @ slope), np.sqrt(np.nanmean(np.append(noise, 0.0) ** 2)) / 1.96

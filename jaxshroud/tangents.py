@@ -66,7 +66,7 @@ def dual(each: EachLane) -> EachLane:
 
     def run(f, *args: Any) -> Dual:
         duals = [a if isinstance(a, Dual) else Dual(a, jax.tree.map(lambda _: None, a)) for a in args]
-        if sum(map(len, map(jax.tree.leaves, duals))) < 200:
+        if len(jax.tree.leaves(duals)) <= AT_ONCE:
             return each(lambda *duals: _pushed(f, duals), *duals)
         value = each(f, *(d.value for d in duals))
         return Dual(value, each(lambda *duals: _pushed(f, duals).tangent, *duals))

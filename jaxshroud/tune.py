@@ -150,7 +150,7 @@ def tune(
     climbs, rounds = min(n_starts, scan) * (updates + 1) * (1 + 3 * size), len(POLISH) * SAMPLES * size
     lanes = len(problem.rows) * (scan + climbs + rounds + 1)
     ticker = Ticker(lanes * (transient + n_periods), progress)
-    cube = qmc.Sobol(size, rng=np.random.default_rng(seed)).random(scan)
+    cube = qmc.Sobol(size, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(scan))))[:scan]
     scanned = judge_designs(problem, problem.values(cube), ticker)
     at = np.argsort(-scanned.score, kind="stable")[:n_starts]
     points, scores, exact = _climb(problem, cube[at], Judged(*(a[at] for a in scanned)), updates, ticker)
@@ -213,7 +213,7 @@ def judge_designs(problem: Problem, designs: np.ndarray, tick, states: State | N
     shape = len(designs), len(problem.rows)
     v_max = np.asarray(runs.last.tally.log.v_max, float)
     ok = np.asarray(runs.last.status) == Status.OK
-    P_d = np.where(ok, got.P_d, -np.inf).reshape(shape)
+    P_d = np.where(ok & np.isfinite(got.P_d), got.P_d, -np.inf).reshape(shape)
     objective = P_d.mean(axis=1) if problem.goal == "mean" else P_d.min(axis=1)
     v, force = v_max.reshape(shape).max(axis=1), (k * v_max).reshape(shape).max(axis=1)
     beyond = np.maximum(v / problem.most_penetration - 1, 0) + np.maximum(force / problem.most_force - 1, 0)

@@ -108,6 +108,12 @@ def test_scaled_variables():
     np.testing.assert_allclose(problem.rates(u), slope, rtol=1e-8)
 
 
+def test_three_numbers_need_no_power_of_two(scene):
+    over = {**OVER, "friction.mu": (0.1, 0.9)}
+    small = {**SHORT, "scan": 6, "updates": 1, "n_periods": 2, "transient": 2}
+    assert tune(scene, over, **small).scanned.shape == (6, 3)
+
+
 def test_wrong_requests_are_told(scene):
     with pytest.raises(ValueError, match="in order"):
         tune(scene, {"shroud.gap": (2e-4, 1e-4)})

@@ -22,7 +22,7 @@ except ImportError:  # told by missing()
     njit = lambda f: f  # noqa: E731
 
 NAME = "heyoka.py, batch Taylor, terminal events"
-SETTINGS = (1e-6, 1e-8, 1e-10, 1e-12)  # tolerances
+SETTINGS = (1e-3, 1e-5, 1e-6, 1e-8, 1e-10, 1e-12)  # tolerances
 
 # Guards are lowered by this much [m or rad]: heyoka loses the next root of a series that starts at exactly zero, as a
 # guard does that was crossed just now. It also keeps a transition from undoing itself, so that no cooldown is needed.
