@@ -14,15 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import stdtrit
 
-from jaxshroud.analysis.period import PERIOD_TOLERANCE, periodicity
-from jaxshroud.analysis.power import reduction
 from jaxshroud.checks import count_argument
 from jaxshroud.integrate import FAST, Method
 from jaxshroud.linear import area, free_power
 from jaxshroud.orbit import Orbit, orbit
 from jaxshroud.scene import Scene, value_of, vary
 from jaxshroud.state import Status
-from jaxshroud.sweep import Plan, run_lanes, starts
+from jaxshroud.sweep import Plan, averages, run_lanes, starts, varied
 from jaxshroud.tangents import STATE, differentiable, direction, tangents
 
 Of = Literal["P_d", "P"]
@@ -133,14 +131,9 @@ def on_orbit(found: Orbit, wrt: Sequence[str], of: Of = "P_d") -> Gradient:
     same = jax.tree.map(lambda a: np.broadcast_to(a, (len(wrt), *np.shape(a))), (scene, at.power))
     slope = slopes(*same, jax.tree.map(lambda *a: np.stack(a), *along), power_by.T, of)
     value = dict(zip(wrt, np.asarray(slope, float).tolist(), strict=True))
-    conditioning = float(np.max(1 / np.abs(1 - np.delete(found.multipliers, _slider(found)))))
+    conditioning = float(np.max(1 / np.abs(1 - found.others)))
     level = found.P_d if of == "P_d" else float(found.P[0])
     return Gradient(of, "periodic", value, dict.fromkeys(wrt, 0.0), level, 0.0, found, conditioning, 0.0, found.flags)
-
-
-def _slider(found: Orbit) -> list[int]:
-    """Which multiplier is that of a slider that stays where it starts, if it does."""
-    return [int(np.argmin(np.abs(found.multipliers - 1)))] if found.slider_is_free else []
 
 
 def differences(found: Orbit, wrt: Sequence[str], step: float, of: Of = "P_d") -> dict[str, float]:
@@ -231,24 +224,20 @@ def _levels(scene: Scene, wrt: Sequence[str], values: np.ndarray, of: Of, plan: 
     """At each row of parameter values: `of`, its own half interval, the period number, and whether the lane is OK."""
     scenes = scenes_at(scene, wrt, values)
     runs = run_lanes(scenes, starts(scenes), plan, lambda _: None)
-    A, P_0 = (np.asarray(a, float) for a in jax.vmap(lambda s: (area(s.shroud), free_power(s)))(scenes))
-    number = periodicity(np.asarray(runs.samples.motion.x[0], float), PERIOD_TOLERANCE).number
-    got = reduction(A[:, None, None] * np.stack(runs.samples.power, axis=-1), P_0, number)
+    motion, got, P_0 = averages(scenes, runs)
     share = P_0[:, 0] / 100
     level, noise = (got.P_d, got.ci) if of == "P_d" else (got.P[:, 0], got.ci * share)
-    return level, noise, number, runs.last.status == Status.OK
+    return level, noise, motion.number, runs.last.status == Status.OK
 
 
 def scenes_at(scene: Scene, keys: Sequence[str], values: np.ndarray) -> Scene:
     """Scenes (leading axis) with the numbers `keys` set to each row of `values` (n, keys)."""
+    return _scenes_at(scene, tuple(keys), jnp.asarray(values, scene.drive.omega.dtype))
 
-    def one(row):
-        varied = scene
-        for i, key in enumerate(keys):
-            varied = vary(varied, key, row[i])
-        return varied
 
-    return jax.jit(jax.vmap(one))(jnp.asarray(values, scene.drive.omega.dtype))
+@partial(jax.jit, static_argnames="keys")
+def _scenes_at(scene: Scene, keys: tuple[str, ...], rows) -> Scene:
+    return jax.vmap(lambda row: varied(scene, keys, row))(rows)
 
 
 def _fitted(xi: np.ndarray, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -65,6 +65,11 @@ class Orbit:
         return "not unique" in self.flags
 
     @property
+    def others(self) -> np.ndarray:
+        """The multipliers without that of a slider that stays wherever it starts, if it does."""
+        return _without_slider(self.multipliers, self.slider_is_free)
+
+    @property
     def bifurcation(self) -> tuple[str, float]:
         """The bifurcation that the leading multiplier is on its way to, and its distance 1 - abs(multiplier)."""
         lead = self.multipliers[0]
@@ -217,13 +222,17 @@ def _slider_is_free(at: Tangents) -> bool:
     return bool(at.end.mode == Mode.STICK and np.array_equal(at.by_state[-1], np.eye(STATE)[-1]))
 
 
+def _without_slider(multipliers: np.ndarray, slider_is_free: bool) -> np.ndarray:
+    return np.delete(multipliers, np.argmin(np.abs(multipliers - 1))) if slider_is_free else multipliers
+
+
 def described(scene: Scene, shot: Shot, q: int, tolerance: float, spent: int, steps: int, method: Method) -> Orbit:
     """The orbit through a closed shot, with its multipliers and flags."""
     at = shot.at
     multipliers = np.linalg.eigvals(at.by_state) if np.all(np.isfinite(at.by_state)) else np.full(STATE, np.nan + 0j)
     free = _slider_is_free(at)
     multipliers = multipliers[np.argsort(-np.abs(multipliers))]
-    others = np.delete(multipliers, np.argmin(np.abs(multipliers - 1))) if free else multipliers
+    others = _without_slider(multipliers, free)
     flags = {
         "stopped": at.status != Status.OK,
         "not converged": not shot.residual <= max(1e3 * tolerance, 1e-9),

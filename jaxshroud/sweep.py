@@ -1,7 +1,7 @@
 """Many scenes at once: bifurcation diagrams and power curves over any number of a scene."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxshroud.analysis.period import PERIOD_TOLERANCE, periodicity
-from jaxshroud.analysis.power import reduction
+from jaxshroud.analysis.period import PERIOD_TOLERANCE, Periodicity, periodicity
+from jaxshroud.analysis.power import Reduction, reduction
 from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.events import Counters
 from jaxshroud.integrate import FAST, LEAST_STEPS, Lane, Method
@@ -118,14 +118,15 @@ def sweep(
 
 def grid_of_scenes(scene: Scene, axes: Mapping[str, np.ndarray]) -> Scene:
     """Scenes with one leading dimension per axis."""
-    build = lambda *values: _varied(scene, dict(zip(axes, values, strict=True)))  # noqa: E731
+    build = lambda *values: varied(scene, axes, values)  # noqa: E731
     for i in reversed(range(len(axes))):
         build = jax.vmap(build, in_axes=[0 if j == i else None for j in range(len(axes))])
     return jax.jit(build)(*(jnp.asarray(v) for v in axes.values()))
 
 
-def _varied(scene: Scene, values: Mapping[str, Any]) -> Scene:
-    for key, value in values.items():
+def varied(scene: Scene, keys: Iterable[str], values: Iterable[Any]) -> Scene:
+    """`scene` with several numbers replaced, one after the other."""
+    for key, value in zip(keys, values, strict=True):
         scene = vary(scene, key, value)
     return scene
 
@@ -258,6 +259,14 @@ def relative_residual(samples: Sample) -> np.ndarray:
 @jax.jit
 def _closed_forms(scenes: Scene):
     return jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(scenes)
+
+
+def averages(scenes: Scene, runs: Runs, period_tol: float = PERIOD_TOLERANCE) -> tuple[Periodicity, Reduction, Any]:
+    """Period number and power of lanes (one leading axis of lanes) over their kept periods, and P_0 (lanes, 2)."""
+    A, P_0 = (np.asarray(f, float) for f in _closed_forms(scenes))
+    samples = runs.samples
+    orbit = periodicity(np.asarray(samples.motion.x[0], float), period_tol)
+    return orbit, reduction(A[:, None, None] * np.stack(samples.power, axis=-1), P_0, orbit.number), P_0
 
 
 def _in_full(a) -> np.ndarray:

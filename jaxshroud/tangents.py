@@ -236,9 +236,8 @@ def tangents(
     unit[:count] = np.eye(STATE)[:count]
     shift = from_vector(unit, state.mode, state.case)
     starts = Dual(repeat(state), State(shift.motion, shift.u_s, None, None))  # type: ignore[arg-type]
-    value, slope = run_flow(Dual(repeat(scene), along), starts, n, steps, method)
-    end = jax.tree.map(lambda a: a[0], value.state)
-    end = State(Motion(*(np.stack(pair) for pair in end.motion)), end.u_s, end.mode, end.case)
+    came = run_flow(Dual(repeat(scene), along), starts, n, steps, method)
+    (value, slope), end = came, jax.tree.map(lambda a: a[0], onward(came).value)
     by = to_vector(slope.state)
     power, power_by = np.stack([a[0] for a in value.power]), np.stack(slope.power)
     parts = by[:count].T, power_by[:, :count], by[count:].T, power_by[:, count:]

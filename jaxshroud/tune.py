@@ -16,15 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import qmc
 
-from jaxshroud.analysis.period import periodicity
-from jaxshroud.analysis.power import reduction
 from jaxshroud.checks import count_argument
 from jaxshroud.gradient import scenes_at, slopes, with_numbers
 from jaxshroud.integrate import FAST, REFERENCE, Method
-from jaxshroud.linear import area, free_power
 from jaxshroud.scene import Motion, Scene
 from jaxshroud.state import State, Status, start
-from jaxshroud.sweep import Plan, Progress, Ticker, run_lanes, starts
+from jaxshroud.sweep import Plan, Progress, Ticker, averages, run_lanes, starts
 from jaxshroud.tangents import Dual, differentiable, direction, onward, resting, run_flow, to_vector
 
 Goal = Literal["mean", "worst"]
@@ -141,12 +138,12 @@ def tune(
         KeyError: The scene has no such number.
         ValueError: A count is too small, or bounds are not in order.
     """
-    problem = _problem(scene, over, conditions or {}, goal, most_penetration, most_force)
+    plan = Plan(transient, n_periods, steps_per_period, 0.0, method)
+    problem = _problem(scene, over, conditions or {}, goal, most_penetration, most_force, plan)
     size = len(over)
     scan, n_starts, updates = scan or 32 * size, n_starts or 3 * size, updates or 6 * size
     for name, value in dict(scan=scan, n_starts=n_starts, updates=updates, n_periods=n_periods).items():
         count_argument(name, value, 1)
-    problem = problem._replace(plan=Plan(transient, n_periods, steps_per_period, 0.0, method))
     climbs, rounds = min(n_starts, scan) * (updates + 1) * (1 + 3 * size), len(POLISH) * SAMPLES * size
     lanes = len(problem.rows) * (scan + climbs + rounds + 1)
     ticker = Ticker(lanes * (transient + n_periods), progress)
@@ -174,7 +171,7 @@ def tune(
     )
 
 
-def _problem(scene: Scene, over, conditions, goal: Goal, most_penetration: float, most_force: float) -> Problem:
+def _problem(scene: Scene, over, conditions, goal: Goal, most_penetration: float, most_force: float, plan: Plan):
     if not over:
         raise ValueError("Argument `over` must name at least one number.")
     for key, (low, high) in over.items():
@@ -185,7 +182,7 @@ def _problem(scene: Scene, over, conditions, goal: Goal, most_penetration: float
         raise ValueError(f"{sorted(both)[0]} is both tuned and an operating condition.")
     known = {key: tuple(float(v) for v in np.ravel(values)) for key, values in conditions.items()}
     whole = with_numbers(scene, [*over, *known])
-    return Problem(whole, dict(over), known, goal, most_penetration, most_force, Plan(0, 1, 8, 0.0, FAST))
+    return Problem(whole, dict(over), known, goal, most_penetration, most_force, plan)
 
 
 class _Paths(NamedTuple):
@@ -207,23 +204,24 @@ def judge_designs(problem: Problem, designs: np.ndarray, tick, states: State | N
     lanes = len(scenes.drive.omega)
     first = starts(scenes) if states is None else jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *a.shape)), states)
     runs = run_lanes(scenes, first, problem.plan, tick)
-    A, P_0, k = (np.asarray(a, float) for a in _constants(scenes))
-    number = periodicity(np.asarray(runs.samples.motion.x[0], float)).number
-    got = reduction(A[:, None, None] * np.stack(runs.samples.power, axis=-1), P_0, number)
+    motion, got, _ = averages(scenes, runs)
     shape = len(designs), len(problem.rows)
     v_max = np.asarray(runs.last.tally.log.v_max, float)
     ok = np.asarray(runs.last.status) == Status.OK
     P_d = np.where(ok & np.isfinite(got.P_d), got.P_d, -np.inf).reshape(shape)
     objective = P_d.mean(axis=1) if problem.goal == "mean" else P_d.min(axis=1)
-    v, force = v_max.reshape(shape).max(axis=1), (k * v_max).reshape(shape).max(axis=1)
+    v, force = (
+        v_max.reshape(shape).max(axis=1),
+        (np.asarray(_stiffnesses(scenes), float) * v_max).reshape(shape).max(axis=1),
+    )
     beyond = np.maximum(v / problem.most_penetration - 1, 0) + np.maximum(force / problem.most_force - 1, 0)
     score = objective - PENALTY * beyond
-    return Judged(score, objective, P_d, got.ci.reshape(shape), v, force, number.reshape(shape))
+    return Judged(score, objective, P_d, got.ci.reshape(shape), v, force, motion.number.reshape(shape))
 
 
 @jax.jit
-def _constants(scenes: Scene):
-    return jax.vmap(lambda s: (area(s.shroud), free_power(s), s.k))(scenes)
+def _stiffnesses(scenes: Scene):
+    return jax.vmap(lambda scene: scene.k)(scenes)
 
 
 def _climb(problem: Problem, u: np.ndarray, judged: Judged, updates: int, tick) -> _Paths:
