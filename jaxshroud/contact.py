@@ -2,10 +2,11 @@
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxshroud.geometry import Corners, Touch, tip_is_left
+from jaxshroud.geometry import FLAT, Corners, Touch, tip_is_left
 from jaxshroud.scene import Pair, Scalar
 
 
@@ -46,7 +47,8 @@ def contact_load(
     normal = (-_moment(left, at.normal), _moment(right, at.normal))
     friction = (-_moment(left, at.tangent), _moment(right, at.tangent))
     if reading:
-        normal, friction = _printed_moments(normal, friction, at, case, block, reading)
+        printed = _printed_moments(normal, friction, at, case, block, reading)
+        normal, friction = jax.tree.map(lambda a, b: jnp.where(case == FLAT, a, b), (normal, friction), printed)
     f_x, f_y = (t_y, t_x) if "friction_components" in reading else (t_x, t_y)
     M = (N * normal[0] + F * friction[0], N * normal[1] + F * friction[1])
     return Load(-N * n_x - F * f_x, -N * n_y - F * f_y, M)
@@ -55,7 +57,8 @@ def contact_load(
 def _printed_moments(normal, friction, at: Touch, case, block: Corners, reading: frozenset[str]):
     """Moments per unit N and unit F with the misprints of `reading` put back, one by one.
 
-    Only the moment about the face's own block is misprinted: M_N2 in cases 1 and 3, M_N1 in cases 2 and 4.
+    Only the moment about the face's own block is misprinted: M_N2 in cases 1 and 3, M_N1 in cases 2 and 4. Flat
+    contact is not in print.
     """
     left_tip, height, sin_A = tip_is_left(case), at.height, at.normal[0]
     across_a = block.a_x * block.sin_alpha - block.h_y * block.cos_alpha  # l_ap sin(alpha - varphi_1) / 2

@@ -8,6 +8,15 @@
 | slip -> stick       | rub = -sigma (u' - sigma mu k v'/k_d) | u_s frozen where it is                              |
 | case 1 <-> 4, 2 <-> 3 | turn = theta_1 - theta_2 changes sign | tip, lever, face change; w carried                |
 | case 1 <-> 2, 3 <-> 4 | height changes sign               | the same, and v jumps                                 |
+| corner -> flat      | turn, and it would soon change back | both blocks turn as one; w carried                    |
+| flat -> lower corner | turn = -moment about it            | case 3 or 4; force and moment continuous              |
+| flat -> upper corner | height = -moment about it          | case 1 or 2; the same                                 |
+
+**Flat contact.** Contact at the upper corners turns the blocks one way against each other, at the lower ones the other
+way: under load theta_1 - theta_2 is a relay oscillator, whose crossings come ever sooner as it is damped, and at once
+where it starts at rest. A crossing whose predicted return, 2 abs(g') / abs(g''), comes sooner than `FLAT_RETURN` of a
+step therefore leads into flat contact, and what is left of the rocking is dropped. That costs an error of at most
+`FLAT_RETURN` / 2 of a step times g'' in the rates of theta; with a finer step the rocking itself is followed.
 """
 
 from collections.abc import Iterable
@@ -16,15 +25,18 @@ from functools import reduce
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.friction import Springs, contact_energy, slider_speed, slip_sign, stretch
 from jaxshroud.geometry import (
+    FLAT,
     Corners,
     Pose,
     Rates,
     Touch,
+    corner_case,
     is_upper,
     natural_case,
     pose,
@@ -32,9 +44,11 @@ from jaxshroud.geometry import (
     touch,
     touch_rates,
 )
-from jaxshroud.rhs import Model
-from jaxshroud.scene import Motion, Scalar
+from jaxshroud.rhs import Lean, Model, as_one, lean, stored_energy
+from jaxshroud.scene import Motion, Pair, Scalar
 from jaxshroud.state import Mode, State
+
+FLAT_RETURN = 1 / 16  # of a step: rocking quicker than this counts as flat contact
 
 
 class Kind(IntEnum):
@@ -53,7 +67,7 @@ class Guards(NamedTuple):
     """Guard values of the current mode: negative while the mode may go on."""
 
     value: Four
-    rate: Four  # d(value)/dt; for RUB in slip it is not known and is 0
+    rate: Four  # d(value)/dt; not known and 0 for RUB in slip, TURN and HEIGHT in flat contact
     slid: Scalar  # an integral of RUB's value in slip (the slider's way), 0 otherwise
 
 
@@ -64,25 +78,32 @@ class View(NamedTuple):
     at: Touch
     rate: Rates
     case: Int[Array, ""]  # the held case, or when apart the one the position would have
+    lean: Lean
     guards: Guards
 
 
-def look(z: Motion, held: State, model: Model) -> View:
-    """Corner positions and guards of the motion `z` in the mode of `held`."""
+def look(z: Motion, Q: Pair, held: State, model: Model) -> View:
+    """Corner positions and guards of the motion `z` in the mode of `held`, with `Q` the drive's wave."""
+    q, case, at = seat(z, held, model)
+    rate = touch_rates(at, z, case, model.reading)
+    leans = lean(z, Q, at, held, model)
+    return View(q, at, rate, case, leans, guards(at, rate, leans, held, case, model.spring))
+
+
+def seat(z: Motion, held: State, model: Model) -> tuple[Pose, Int[Array, ""], Touch]:
+    """Pose, case and corner positions of the motion `z` in the mode of `held`."""
     q = pose(z.x, z.y, z.theta)
     case = _case_in_view(q, held, model.block)
-    at = touch(q, case, model.block, model.reading)
-    rate = touch_rates(at, z, case, model.reading)
-    return View(q, at, rate, case, guards(at, rate, held, case, model.spring))
+    return q, case, touch(q, case, model.block, model.reading)
 
 
 def _case_in_view(q: Pose, held: State, block: Corners) -> Int[Array, ""]:
     return jnp.where(held.mode == Mode.APART, natural_case(q, block), held.case)
 
 
-def guards(at: Touch, rate: Rates, held: State, case: Int[Array, ""], spring: Springs) -> Guards:
+def guards(at: Touch, rate: Rates, leans: Lean, held: State, case: Int[Array, ""], spring: Springs) -> Guards:
     """Values and rates of the four guards."""
-    apart, stick = held.mode == Mode.APART, held.mode == Mode.STICK
+    apart, stick, flat = held.mode == Mode.APART, held.mode == Mode.STICK, case == FLAT
     lift = jnp.where(apart, 1.0, -1.0)
     turn = jnp.where(is_upper(case), -1.0, 1.0)
     height = jnp.where(is_upper(case) == tip_is_left(case), 1.0, -1.0)
@@ -96,9 +117,10 @@ def guards(at: Touch, rate: Rates, held: State, case: Int[Array, ""], spring: Sp
     rub = jnp.where(stick, in_stick[0], jnp.where(rubs & ~apart, in_slip, -1.0))
 
     idle = lambda g: jnp.where(apart, -1.0, g)  # noqa: E731
-    still = lambda g: jnp.where(apart, 0.0, g)  # noqa: E731
+    still = lambda g: jnp.where(apart | flat, 0.0, g)  # noqa: E731
+    lower, upper = jnp.where(flat, -leans.moment, turn * at.turn), leans.moment - leans.limit
     return Guards(
-        value=(lift * at.v, idle(turn * at.turn), idle(height * at.height), rub),
+        value=(lift * at.v, idle(lower), idle(jnp.where(flat, upper, height * at.height)), rub),
         rate=(
             lift * rate.v,
             still(turn * rate.turn),
@@ -134,6 +156,8 @@ class Counters(eqx.Module):
     switch_23: Int[Array, ""]
     switch_12: Int[Array, ""]
     switch_34: Int[Array, ""]
+    flat: Int[Array, ""]  # beginnings of face-to-face contact ...
+    flat_corner: Int[Array, ""]  # ... and its ends at a corner
     grazing: Int[Array, ""]  # onsets that began and ended within one step, found by looking inside it
 
 
@@ -144,15 +168,17 @@ class Crossing(NamedTuple):
     guards: Guards  # of the mode after it
     energy: Scalar  # jump of the energy in the contact springs [J]
     kind: Int[Array, ""]
-    before: Int[Array, ""]  # mode before
+    before: State
 
 
-def crossing(z: Motion, held: State, view: View, kind: Int[Array, ""], late: Scalar, model: Model) -> Crossing:
-    """The transition of `kind` at motion `z`, where the guard was crossed at most `late` seconds ago."""
+def crossing(
+    z: Motion, held: State, view: View, kind: Int[Array, ""], late: Scalar, h: Scalar, model: Model
+) -> Crossing:
+    """The transition of `kind` at motion `z`, where the guard was crossed at most `late` seconds ago in a step `h`."""
     spring, at = model.spring, view.at
-    switch = (kind == Kind.TURN) | (kind == Kind.HEIGHT)
-    neighbour = jnp.where(kind == Kind.TURN, 5 - view.case, view.case + jnp.where(tip_is_left(view.case), 1, -1))
-    case = jnp.where(switch, neighbour, view.case)
+    case = _next_case(held, view, kind, h, model)
+    begins = (case == FLAT) & (held.case != FLAT)
+    came, z = z, jax.tree.map(lambda one, own: jnp.where(begins, one, own), _parallel(z, model), z)
     new = touch(view.q, case, model.block, model.reading)
 
     mode = jnp.where(
@@ -163,9 +189,35 @@ def crossing(z: Motion, held: State, view: View, kind: Int[Array, ""], late: Sca
     w = stretch(at.v, at.u, held.u_s, held.mode, spring)
     u_s = jnp.where(held.mode == Mode.APART, _touch_down(view, late), new.u - w)
     after = State(z, u_s, mode, jnp.where(mode == Mode.APART, 0, case).astype(jnp.int32))
-    ahead = guards(new, touch_rates(new, z, case, model.reading), after, case, spring)
+    ahead = guards(new, touch_rates(new, z, case, model.reading), view.lean, after, case, spring)
     energy = contact_energy(new.v, stretch(new.v, new.u, u_s, mode, spring), mode, spring)
-    return Crossing(after, ahead, energy - contact_energy(at.v, w, held.mode, spring), kind, held.mode)
+    energy = energy - contact_energy(at.v, w, held.mode, spring)
+    lost = stored_energy(came, model) - stored_energy(z, model)  # in rocking
+    return Crossing(after, ahead, energy - jnp.where(begins, lost, 0.0), kind, held)
+
+
+def _parallel(z: Motion, model: Model) -> Motion:
+    """The motion once both blocks turn as one; the sum of their angular momenta stays."""
+    return z._replace(theta=as_one(z.theta, model), v_theta=as_one(z.v_theta, model))
+
+
+def _next_case(held: State, view: View, kind: Int[Array, ""], h: Scalar, model: Model) -> Int[Array, ""]:
+    """The case after an event of `kind`."""
+    now, turns = view.case, kind == Kind.TURN
+    neighbour = jnp.where(turns, 5 - now, now + jnp.where(tip_is_left(now), 1, -1))
+    corner = jnp.where(now == FLAT, corner_case(~turns, view.at.height), neighbour)
+    case = jnp.where(turns | (kind == Kind.HEIGHT), corner, now)
+    touches = (kind == Kind.LIFT) & (held.mode == Mode.APART)
+    level = touches & (view.at.turn == 0) & (view.rate.turn == 0)
+    return jnp.where(level | (turns & (now != FLAT) & _soon_back(view, corner, h, model)), FLAT, case)
+
+
+def _soon_back(view: View, beyond: Int[Array, ""], h: Scalar, model: Model) -> Bool[Array, ""]:
+    """Whether theta_1 - theta_2, having crossed zero, is pushed back from both sides and returns before long."""
+    moment, limit = view.lean
+    back = jnp.where(is_upper(beyond), limit - moment, moment)
+    pushed = (moment > 0) & (moment < limit)
+    return pushed & (2 * jnp.abs(view.rate.turn) * model.mobility.joint < FLAT_RETURN * h * back)
 
 
 def _onset_mode(view: View, spring: Springs) -> Int[Array, ""]:
@@ -189,22 +241,25 @@ def _touch_down(view: View, late: Scalar) -> Scalar:
 
 def count(counters: Counters, crossing: Crossing, fired: Bool[Array, ""], inside: Bool[Array, ""]) -> Counters:
     """`counters` with this crossing added where it `fired`; `inside`: found between two free step ends."""
-    kind, mode, before = crossing.kind, crossing.after.mode, crossing.before
+    kind, mode, before = crossing.kind, crossing.after.mode, crossing.before.mode
     onset = (kind == Kind.LIFT) & (before == Mode.APART)
     rub = kind == Kind.RUB
     turn, height = kind == Kind.TURN, kind == Kind.HEIGHT
-    case = crossing.after.case
-    outer = (case == 1) | (case == 4)
+    case, old = crossing.after.case, crossing.before.case
+    begins, ends = (case == FLAT) & (old != FLAT), (old == FLAT) & (turn | height)
+    outer, corners = (case == 1) | (case == 4), ~begins & ~ends
     happened = dict(
         onset_slip=onset & (mode != Mode.STICK),
         onset_stick=onset & (mode == Mode.STICK),
         separation=(kind == Kind.LIFT) & (before != Mode.APART),
         stick_slip=rub & (before == Mode.STICK),
         slip_stick=rub & (before != Mode.STICK),
-        switch_14=turn & outer,
-        switch_23=turn & ~outer,
-        switch_12=height & is_upper(case),
-        switch_34=height & ~is_upper(case),
+        switch_14=turn & corners & outer,
+        switch_23=turn & corners & ~outer,
+        switch_12=height & corners & is_upper(case),
+        switch_34=height & corners & ~is_upper(case),
+        flat=begins,
+        flat_corner=ends,
         grazing=onset & inside,
     )
     return Counters(**{n: getattr(counters, n) + (h & fired).astype(jnp.int32) for n, h in happened.items()})

@@ -12,6 +12,9 @@ In each case one corner (the tip) presses on the other block's face:
 
     case 1: a on cd    case 2: c on ab    (theta_1 > theta_2, upper corners a and c)
     case 3: b on cd    case 4: d on ab    (theta_1 <= theta_2, lower corners b and d)
+
+Where both corners would turn the blocks back, neither is left: the faces stay parallel, flat on each other. The
+article leaves this limit of a relay out; here it is case 5, `FLAT`, whose geometry is that of case 4.
 """
 
 from functools import reduce
@@ -23,6 +26,8 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.scene import Motion, Pair, Scalar, Shroud
 from jaxshroud.trig import sine_versine
 
+FLAT = 5  # the case of face-to-face contact
+
 
 class Corners(NamedTuple):
     """Constants of the blocks: corners a and b of the left one about its centre, and the face angle."""
@@ -33,6 +38,7 @@ class Corners(NamedTuple):
     sin_alpha: Scalar
     cos_alpha: Scalar
     gap: Scalar
+    l_ab: Scalar
 
 
 def corners(shroud: Shroud) -> Corners:
@@ -40,7 +46,7 @@ def corners(shroud: Shroud) -> Corners:
     sin_alpha, cos_alpha = jnp.sin(shroud.alpha), jnp.cos(shroud.alpha)
     lean = shroud.l_ab * cos_alpha / 2
     half = shroud.l_oa / 2
-    return Corners(half + lean, half - lean, shroud.l_ab * sin_alpha / 2, sin_alpha, cos_alpha, shroud.gap)
+    return Corners(half + lean, half - lean, shroud.l_ab * sin_alpha / 2, sin_alpha, cos_alpha, shroud.gap, shroud.l_ab)
 
 
 def gyration(shroud: Shroud) -> Scalar:
@@ -166,6 +172,10 @@ def touch_rates(at: Touch, z: Motion, case: Int[Array, ""], reading: frozenset[s
 def natural_case(q: Pose, block: Corners) -> Int[Array, ""]:
     """The case that Sec. 2.3 assigns to a position: 1-4 from the signs of theta_1 - theta_2 and of the height."""
     upper = q.theta[0] > q.theta[1]
-    height = touch(q, jnp.where(upper, 1, 3), block, frozenset()).height
+    return corner_case(upper, touch(q, jnp.where(upper, 1, 3), block, frozenset()).height)
+
+
+def corner_case(upper: Bool[Array, ""], height: Scalar) -> Int[Array, ""]:
+    """The case of the upper or the lower corners at a height difference."""
     left_tip = jnp.where(upper, height < 0, height > 0)
     return jnp.where(upper, jnp.where(left_tip, 1, 2), jnp.where(left_tip, 3, 4)).astype(jnp.int32)

@@ -15,7 +15,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.checks import Precision
-from jaxshroud.events import Counters, Crossing, Guards, Kind, View, any_of, count, crossing, first_kind, look
+from jaxshroud.events import Counters, Crossing, Guards, Kind, View, any_of, count, crossing, first_kind, look, seat
 from jaxshroud.friction import contact_energy, stretch
 from jaxshroud.implicit import at_the_root
 from jaxshroud.lanes import EachLane
@@ -95,7 +95,8 @@ def begin(state: State, model: Model, method: Method) -> Lane:
     yes = jnp.ones((), bool)
     none = jax.tree.map(jnp.zeros_like, rhs((zero, zero), state.motion, state, model, method.ledger)[1])
     jumps = zero if method.ledger else None
-    log = None if method.derivative else Log(zero, zero, zero, zero, Counters(*[count0] * 10))
+    counters = Counters(*[count0] * len(Counters.__annotations__))
+    log = None if method.derivative else Log(zero, zero, zero, zero, counters)
     tally = Tally(none, jumps, log)
     four = (zero, zero, zero, zero)
     guards = Guards(four, four, zero)  # the first trial, of length zero, sets them
@@ -151,8 +152,9 @@ class End(NamedTuple):
     """Where a trial step ends."""
 
     motion: Motion
+    Q: Pair  # the drive's wave
     gain: Integrals  # of the step
-    slope: tuple[Motion, Integrals] | None  # d/dt of both; None where nothing is differentiated
+    slope: tuple[Motion, Pair, Integrals] | None  # d/dt of all three; None where nothing is differentiated
 
 
 def rk_step(known: Stages, place: Place, held: State, model: Model, method: Method) -> End:
@@ -160,11 +162,18 @@ def rk_step(known: Stages, place: Place, held: State, model: Model, method: Meth
     b = method.tableau.b
     (_, gain), slopes = rk_stages(known, len(b), place, held, model, method)
     z = _combined(held.motion, place.h, b, slopes)
-    slope = None
+    Q, slope = _waves(place, {1.0}, model)[1.0], None
     if method.derivative:
-        acceleration, rates = rhs(_waves(place, {1.0}, model)[1.0], z, held, model, method.ledger)
-        slope = Motion(z.v_x, z.v_y, z.v_theta, *acceleration), rates
-    return End(z, jax.tree.map(lambda a: place.h * a, gain), slope)
+        acceleration, rates = rhs(Q, z, held, model, method.ledger)
+        slope = Motion(z.v_x, z.v_y, z.v_theta, *acceleration), _wave_rates(place, model), rates
+    return End(z, Q, jax.tree.map(lambda a: place.h * a, gain), slope)
+
+
+def _wave_rates(place: Place, model: Model) -> Pair:
+    """d/dt of the drive's wave at the end of the step."""
+    ahead = _waves(place._replace(turns=place.turns + 0.25), {1.0}, model)[1.0]
+    omega = 2 * math.pi * place.dturns / jnp.where(place.h > 0, place.h, 1.0)
+    return omega * ahead[0], omega * ahead[1]
 
 
 def _waves(place: Place, nodes: set[float], model: Model) -> dict[float, Pair]:
@@ -218,7 +227,7 @@ def decide(lane: Lane, end: End, fixed: Fixed, method: Method) -> Decision:
     lane, end, fixed = lax.stop_gradient((lane, end, fixed))
     (model, grid, stop), search = fixed, lane.search
     h = grid.period / grid.steps
-    guards = look(end.motion, lane.state, model).guards
+    guards = look(end.motion, end.Q, lane.state, model).guards
     counts = (search.length > 0) | search.recheck
     violated = tuple((g > 0) & counts for g in guards.value)
     kind = first_kind(violated)
@@ -249,15 +258,16 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method
     (model, grid, stop), search, held = fixed, lane.search, lane.state
     accept, fire, again, kind = decision.accept, decision.fire, decision.again, decision.kind
     h = _place(lane, grid).h
-    z, gain, _ = end
+    z, Q, gain, _ = end
     unaccepted = decision.search._replace(done=search.done)  # which may have a derivative
     if search.met is not None:
-        z, gain, length = select(fire | again, _at_the_event(end, lane, kind, fixed), (z, gain, search.length))
+        there = _at_the_event(end, lane, kind, fixed)
+        z, Q, gain, length = select(fire | again, there, (z, Q, gain, search.length))
         met = unaccepted._replace(length=length, met=jnp.ones_like(again))
         search, unaccepted = search._replace(length=length), select(again, met, unaccepted)
-    view = look(z, held, model)
+    view = look(z, Q, held, model)
 
-    cross = crossing(z, held, view, kind, decision.late, model)
+    cross = crossing(z, held, view, kind, decision.late, grid.period / grid.steps, model)
     state = select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
     guards = select(fire, cross.guards, view.guards)
     # where guards may have jumped, or several were violated, one that still is fires in a trial of length zero
@@ -277,13 +287,13 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method
 
 
 def _at_the_event(end: End, lane: Lane, kind: Int[Array, ""], fixed: Fixed):
-    """Motion, integrals and length of a trial that ends where the guard of `kind` vanishes, with their derivatives."""
+    """Motion, wave, integrals and length of a trial ending where the guard of `kind` vanishes, with derivatives."""
     assert end.slope is not None
     (model, grid, _), held, length = fixed, lane.state, lane.search.length
-    guard = lambda z: picked(look(z, held, model).guards.value, kind)  # noqa: E731
-    value, rate = jax.jvp(guard, (end.motion,), (lax.stop_gradient(end.slope[0]),))
+    guard = lambda z, Q: picked(look(z, Q, held, model).guards.value, kind)  # noqa: E731
+    value, rate = jax.jvp(guard, (end.motion, end.Q), lax.stop_gradient(end.slope[:2]))
     rate = jnp.where((length > 0) & (rate > 0), rate, jnp.inf)  # a trial of length zero has a given instant
-    return at_the_root((end.motion, end.gain, length), (*end.slope, grid.steps / grid.period), value, rate)
+    return at_the_root((end.motion, end.Q, end.gain, length), (*end.slope, grid.steps / grid.period), value, rate)
 
 
 def _tallied(tally: Tally, gain: Integrals, h: Scalar, held: State, view: View, cross: Crossing, fire, inside) -> Tally:
@@ -387,6 +397,6 @@ def march(
 
 def energy(state: State, model: Model) -> Scalar:
     """Kinetic energy, blades' springs and contact springs [J]."""
-    at = look(state.motion, state, model).at
+    at = seat(state.motion, state, model)[2]
     w = stretch(at.v, at.u, state.u_s, state.mode, model.spring)
     return stored_energy(state.motion, model) + contact_energy(at.v, w, state.mode, model.spring)

@@ -100,15 +100,16 @@ def _rise(value: tuple, rate: tuple, slid: tuple, h: Scalar) -> Rise:
     """From values, rates and integrals at both ends of a stretch of `h` seconds.
 
     The slip guard has no rate but an integral, the slider's way: its cubic is the parabola with the right mean, or the
-    straight line where the way is so short that its rounding would bend the parabola.
+    straight line where the way is so short that its rounding would bend the parabola. Where nothing at all is known of
+    the rates it is the straight line too.
     """
     (g_0, g_1), way = value, slid[1] - slid[0]
     bulge = 6 * way / jnp.where(h > 0, h, 1.0) - 3 * (g_0 + g_1)
     rounding = jnp.finfo(h.dtype).eps * (jnp.abs(slid[0]) + jnp.abs(slid[1]))
     parabola = (slid[0] != 0) & (slid[1] != 0) & (h > 0) & (jnp.abs(way) > 1000 * rounding)
-    straight = g_1 - g_0
-    m_0 = jnp.where(parabola, straight + bulge, rate[0] * h)
-    m_1 = jnp.where(parabola, straight - bulge, rate[1] * h)
+    straight, unknown = g_1 - g_0, (rate[0] == 0) & (rate[1] == 0)
+    m_0 = jnp.where(parabola, straight + bulge, jnp.where(unknown, straight, rate[0] * h))
+    m_1 = jnp.where(parabola, straight - bulge, jnp.where(unknown, straight, rate[1] * h))
     return Rise(g_0, g_1, m_0, m_1)
 
 

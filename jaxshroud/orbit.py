@@ -12,7 +12,8 @@ import numpy as np
 
 from jaxshroud.analysis.period import periodicity
 from jaxshroud.checks import count_argument, in_precision
-from jaxshroud.events import look
+from jaxshroud.events import seat
+from jaxshroud.geometry import touch_rates
 from jaxshroud.integrate import FAST, LEAST_STEPS, Method
 from jaxshroud.linear import area, free_power
 from jaxshroud.rhs import as_pairs, model
@@ -312,7 +313,7 @@ def _penetrations(scene: Scene, states: State):
     whole = model(scene)
 
     def one(state: State):
-        view = look(state.motion, state, whole)
-        return view.at.v, view.rate.v
+        _, case, at = seat(state.motion, state, whole)
+        return at.v, touch_rates(at, state.motion, case, whole.reading).v
 
     return jax.vmap(lambda state: one(as_pairs(state)))(states)

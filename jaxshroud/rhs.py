@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from jaxshroud.contact import Load, contact_load
 from jaxshroud.friction import Springs, friction_force, normal_force, slider_speed, springs
-from jaxshroud.geometry import Corners, Pose, corners, gyration, pose, touch, touch_rates
+from jaxshroud.geometry import FLAT, Corners, Pose, Touch, corners, gyration, is_upper, pose, touch, touch_rates
 from jaxshroud.scene import Blades, Motion, Pair, PerBlade, Scalar, Scene
 from jaxshroud.state import State
 
@@ -39,6 +39,8 @@ class Mobility(NamedTuple):
     x: PerBlade | Pair  # 1 / m [1/kg]
     y: PerBlade | Pair  # [1/kg]
     theta: PerBlade | Pair  # 1 / I [1/(kg m^2)]
+    share: Scalar  # I_1 / (I_1 + I_2)
+    joint: Scalar  # I_1 I_2 / (I_1 + I_2): inertia against a turn of the blocks towards each other [kg m^2]
 
 
 class Model(eqx.Module):
@@ -58,7 +60,8 @@ def model(scene: Scene) -> Model:
     d, s = scene.drive, scene.shroud
     drive = Excitation(d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase))
     b = scene.blades
-    mobility = Mobility(1 / b.m, 1 / b.inertia_y, 1 / b.I)
+    share = b.I[0] / (b.I[0] + b.I[1])
+    mobility = Mobility(1 / b.m, 1 / b.inertia_y, 1 / b.I, share, b.I[1] * share)
     parts = as_pairs((scene.blades, corners(s), springs(scene), drive, gyration(s), mobility))
     return Model(*parts, reading=scene.contact.reading)
 
@@ -93,7 +96,7 @@ def wave(s: Scalar, c: Scalar, drive: Excitation) -> Pair:
 
 
 def accelerated(z: Motion, Q: Pair, load: Load, model: Model) -> Acceleration:
-    """Accelerations by Eq. (1), with `Q` the drive's wave of each blade."""
+    """Accelerations by Eq. (1), with `Q` the drive's wave of each blade and `load` at a corner."""
     b, d, inverse = model.blades, model.drive, model.mobility
     R_x, R_y = (load.R_x, -load.R_x), (load.R_y, -load.R_y)
 
@@ -105,6 +108,33 @@ def accelerated(z: Motion, Q: Pair, load: Load, model: Model) -> Acceleration:
 
     left, right = rates(0), rates(1)
     return Acceleration(*zip(left, right, strict=True))
+
+
+def as_one(pair: Pair, model: Model) -> Pair:
+    """What two turning blocks have in common once they are held parallel: their mean, weighted by inertia."""
+    mean = pair[1] + model.mobility.share * (pair[0] - pair[1])
+    return mean, mean
+
+
+class Lean(NamedTuple):
+    """Where the contact's resultant would have to act to keep the faces parallel."""
+
+    moment: Scalar  # its moment about the lower corner [N m]
+    limit: Scalar  # and about the upper one: N l_ab [N m]
+
+
+def lean(z: Motion, Q: Pair, at: Touch, held: State, model: Model) -> Lean:
+    """The resultant's place from the accelerations towards each other that it has to make up for."""
+    N, _, load = _loaded(at, held, model)
+    left, right = accelerated(z, Q, load, model).theta
+    limit = N * model.block.l_ab
+    return Lean(model.mobility.joint * (left - right) + jnp.where(is_upper(held.case), limit, 0.0), limit)
+
+
+def _loaded(at: Touch, held: State, model: Model) -> tuple[Scalar, Scalar, Load]:
+    N = normal_force(at.v, held.mode, model.spring)
+    F = friction_force(at.v, at.u, held.u_s, held.mode, model.spring)
+    return N, F, contact_load(at, N, F, held.case, model.block, model.reading)
 
 
 def mean_square(q: Pose, gyration: Scalar) -> Pair:
@@ -132,14 +162,14 @@ def rhs(Q: Pair, z: Motion, held: State, model: Model, ledger: bool) -> tuple[Ac
     """
     q = pose(z.x, z.y, z.theta)
     at = touch(q, held.case, model.block, model.reading)
-    N = normal_force(at.v, held.mode, model.spring)
-    F = friction_force(at.v, at.u, held.u_s, held.mode, model.spring)
-    load = contact_load(at, N, F, held.case, model.block, model.reading)
+    _, F, load = _loaded(at, held, model)
     spent = None
     if ledger:
         rate = touch_rates(at, z, held.case, model.reading)
         spent = works(z, Q, F, slider_speed(rate.v, rate.u, held.mode, model.spring), model)
-    return accelerated(z, Q, load, model), Integrals(mean_square(q, model.gyration), spent)
+    a = accelerated(z, Q, load, model)
+    theta = jax.tree.map(lambda one, own: jnp.where(held.case == FLAT, one, own), as_one(a.theta, model), a.theta)
+    return a._replace(theta=theta), Integrals(mean_square(q, model.gyration), spent)
 
 
 def stored_energy(z: Motion, model: Model) -> Scalar:

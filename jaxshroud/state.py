@@ -22,7 +22,7 @@ class Status(IntEnum):
     """How a lane's run ended. A lane that is not OK stops there; the others go on."""
 
     OK = 0
-    TOO_MANY_EVENTS = 1  # more contact changes in one step than allowed: chatter, or face-to-face contact
+    TOO_MANY_EVENTS = 1  # more contact changes in one step than allowed: chatter
     NOT_FINITE = 2  # the state overflowed
     ANGLE_OUT_OF_RANGE = 3  # a block turned further than the model's angle range
 
@@ -36,7 +36,7 @@ class State(eqx.Module):
     motion: Motion
     u_s: Any  # slider of Eq. (2), meaningful in contact only [m]
     mode: Any  # see `Mode`
-    case: Any  # 1-4 (Sec. 2.3), 0 when apart
+    case: Any  # 1-4 (Sec. 2.3), 5 in flat contact, 0 when apart
 
 
 def start(motion: Motion) -> State:

@@ -117,7 +117,7 @@ def trajectory_dataset(run: Trajectory, scene_file: SceneFile, steps_per_period:
         "case": (
             "time",
             run.case.astype(np.int8),
-            {"long_name": "contact case 1-4 of Sec. 2.3; 0 when apart"},
+            {"long_name": "contact case 1-4 of Sec. 2.3; 5: face to face; 0 when apart"},
         ),
     }
     scene = scene_file.scene

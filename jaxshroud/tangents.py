@@ -17,7 +17,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
-from jaxshroud.events import look
+from jaxshroud.events import seat
 from jaxshroud.friction import stretch
 from jaxshroud.integrate import Decision, End, Fixed, Grid, Lane, Method, advance, begin, running
 from jaxshroud.lanes import EachLane, best, plain
@@ -48,7 +48,7 @@ def _moving_part(part: Any) -> Any:
     if isinstance(part, Decision):
         return fixed
     if isinstance(part, End):
-        return fixed._replace(motion=True, gain=True)
+        return fixed._replace(motion=True, Q=True, gain=True)
     if not isinstance(part, Lane):
         return jnp.issubdtype(part.dtype, jnp.floating)
     places = lambda lane: (  # noqa: E731
@@ -101,7 +101,7 @@ def canonical(state: State, scene_model: Model) -> State:
 
     Sliders that no later motion depends on then agree, and have no tangent.
     """
-    at = look(state.motion, state, scene_model).at
+    at = seat(state.motion, state, scene_model)[2]
     u_s = at.u - stretch(at.v, at.u, state.u_s, state.mode, scene_model.spring)
     return eqx.tree_at(lambda s: s.u_s, state, jnp.where(state.mode == Mode.APART, 0.0, u_s))
 

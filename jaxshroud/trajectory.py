@@ -10,7 +10,7 @@ import numpy as np
 from jax import lax
 
 from jaxshroud.checks import count_argument, in_precision
-from jaxshroud.events import look
+from jaxshroud.events import seat
 from jaxshroud.friction import stretch
 from jaxshroud.integrate import LEAST_STEPS, REFERENCE, Grid, Lane, Method, begin, energy, march
 from jaxshroud.lanes import EachLane, best
@@ -29,7 +29,7 @@ class Trajectory(NamedTuple):
     motion: Motion  # (n, 2); NaN after the run has stopped
     u_s: Any  # (n,) slider [m]; NaN when apart
     mode: Any  # (n,) see `Mode`
-    case: Any  # (n,) 1-4; 0 when apart
+    case: Any  # (n,) 1-4, 5 in flat contact; 0 when apart
     status: Any  # () see `Status`
     counters: dict[str, int]
     energy_residual: float  # relative to the drive's work; NaN where the method keeps no ledger
@@ -118,7 +118,7 @@ def _energy(scene: Scene, lane: Lane) -> Scalar:
 def _sample(lane: Lane, scene_model: Model) -> State:
     """The lane's state with its slider brought up to date; NaN once the lane has stopped."""
     held = lane.state
-    at = look(held.motion, held, scene_model).at
+    at = seat(held.motion, held, scene_model)[2]
     u_s = at.u - stretch(at.v, at.u, held.u_s, held.mode, scene_model.spring)
     motion, u_s = jax.tree.map(lambda a: jnp.where(lane.status == Status.OK, a, jnp.nan), (as_arrays(held.motion), u_s))
     return State(motion, u_s, held.mode, held.case)

@@ -25,6 +25,7 @@ PRINTED = frozenset({"gap_sign", "friction_components", "M_N2_case1", "M_N1_case
 ONSETS, SLIPS = ("onset_slip", "onset_stick", "separation"), ("stick_slip", "slip_stick")
 COUNTS = (*ONSETS, *SLIPS, "switch_14", "switch_23", "switch_12", "switch_34")
 PAIRS = ("m", "I", "k_x", "k_y", "k_T", "c_x", "c_y", "c_T", "m_y", "beta", "F_0", "M_0", "phase")
+OPPOSITE = {1: 4, 4: 1, 2: 3, 3: 2}  # cases that meet at theta_1 = theta_2
 SUBPOINTS = 16  # points of each step at which the guards are looked at
 Pair = tuple[float, float]
 
@@ -56,6 +57,7 @@ class Parameters:
     phase: Pair
     reading: frozenset[str] = frozenset()
     initial: tuple[float, ...] = (0.0,) * 12
+    k_face: float = 0.0  # rotational spring between the faces, N m/rad, critically damped; 0: corner contact
 
     def __post_init__(self) -> None:
         if unknown := self.reading - PRINTED:
@@ -239,7 +241,8 @@ class _Run:
         arm = (p.corners[0] / 2) ** 2
         soft = sum(1 / i for i in p.m + p.m_y) + arm * sum(1 / i for i in p.I)
         fast = math.sqrt(max(own) + (p.k + p.k_d) * soft)
-        self.longest = {m: min(self.period / 400, 0.4 / fast) for m in (STICK, SLIP_PLUS, SLIP_MINUS)}
+        rock = math.sqrt(max(own) + (p.k + p.k_d) * soft + p.k_face * sum(1 / i for i in p.I))
+        self.longest = {m: min(self.period / 400, 0.4 / rock) for m in (STICK, SLIP_PLUS, SLIP_MINUS)}
         self.longest[APART] = min(self.period / 400, 0.4 / math.sqrt(max(own)))
         tiny = 4e-16 * (p.l_oa + p.l_ab)
         self.tiny = {"theta": 1e-16, "height": tiny, "onset": tiny, "separation": tiny}
@@ -248,7 +251,13 @@ class _Run:
 
     def relative(self, y=None) -> Relative:
         z = (self.y if y is None else y)[:12].tolist()
-        return relative(self.p, self.case, z[:6], z[6:])
+        return relative(self.p, self.case_at(z), z[:6], z[6:])
+
+    def case_at(self, q) -> int:
+        """The case; with a spring between the faces the corners follow the angles without an event."""
+        if self.p.k_face and (q[4] > q[5]) != (self.case <= 2):
+            return OPPOSITE[self.case]
+        return self.case
 
     def rhs(self, t: float, y: np.ndarray) -> list[float]:
         """Equation (1) and the quadratures of the energy account and of (23)."""
@@ -257,8 +266,11 @@ class _Run:
         acceleration, work, loss, rub, power = [0.0] * 6, 0.0, 0.0, 0.0, [0.0, 0.0]
         R_x = R_y = M_1 = M_2 = 0.0
         if self.mode != APART:
-            r = relative(p, self.case, q, rate)
-            R_x, R_y, M_1, M_2, _, F, _, _ = _load(p, q, r, self.mode, self.case, self.u_s)
+            case = self.case_at(q)
+            r = relative(p, case, q, rate)
+            R_x, R_y, M_1, M_2, N, F, _, _ = _load(p, q, r, self.mode, case, self.u_s)
+            couple = self.couple(q, rate, N, case)
+            M_1, M_2 = M_1 + couple, M_2 - couple
             if self.mode != STICK and p.rubs:
                 rub = F * (r.u_rate - SIGMA[self.mode] * p.mu * p.k / p.k_d * r.v_rate)
         for i, side, moment in ((0, 1.0, M_1), (1, -1.0, M_2)):
@@ -272,6 +284,16 @@ class _Run:
             loss += c_x * dx * dx + c_y * dy * dy + c_T * dth * dth
             power[i] = x * x + y_ * y_ + (p.l_oa**2 + p.l_ab**2) / 3 * math.sin(th / 2) ** 2
         return [*rate, *acceleration, work, loss, rub, *power]
+
+    def couple(self, q, rate, N: float, case: int) -> float:
+        """Moves the resultant from the corner to where the spring between the faces wants it, but off no face."""
+        p = self.p
+        if not p.k_face:
+            return 0.0
+        damping = 2 * math.sqrt(p.k_face / sum(1 / i for i in p.I))
+        upper, back = (1 if case <= 2 else -1), p.k_face * (q[4] - q[5]) + damping * (rate[4] - rate[5])
+        half = N * p.l_ab / 2
+        return upper * half - min(max(back, -half), half)
 
     def contact_energy(self) -> float:
         if self.mode == APART:
@@ -289,9 +311,16 @@ class _Run:
     def guards(self, y: np.ndarray, lib=math) -> dict[str, Any]:
         """Functions that are negative inside the present mode and case and rise through zero at its end."""
         p, z = self.p, y if lib is np else y.tolist()
-        r = relative(p, self.case, z[:6], z[6:12], lib)
         ahead = z[4] - z[5]
-        values = {"theta": -ahead if self.case <= 2 else ahead}
+        if p.k_face:
+            values = {}
+            if lib is np:
+                whole = [self.guards(row) for row in y.T]
+                return {name: np.array([g[name] for g in whole]) for name in whole[0]}
+            r = relative(p, self.case_at(z), z[:6], z[6:12])
+        else:
+            r = relative(p, self.case, z[:6], z[6:12], lib)
+            values = {"theta": -ahead if self.case <= 2 else ahead}
         values["height"] = r.dy if self.case in (1, 4) else -r.dy
         if self.mode == APART:
             return values | {"onset": r.v}
@@ -345,8 +374,7 @@ class _Run:
     def switch(self, kind: str, r: Relative) -> None:
         """Change of the case; under load the stretch of the friction spring is carried in stick."""
         old, w = self.case, r.u - self.u_s
-        table = {1: 4, 4: 1, 2: 3, 3: 2} if kind == "theta" else {1: 2, 2: 1, 3: 4, 4: 3}
-        self.case = table[old]
+        self.case = (OPPOSITE if kind == "theta" else {1: 2, 2: 1, 3: 4, 4: 3})[old]
         if self.mode == APART:
             return
         self.note("switch_{}{}".format(*sorted((old, self.case))))

@@ -24,6 +24,7 @@ HEIGHT = {1: -H, 2: H, 3: H, 4: -H}
 CONTACTS = (Mode.STICK, Mode.SLIP_PLUS, Mode.SLIP_MINUS)
 SLIPS = CONTACTS[1:]
 SIGMA = {Mode.STICK: 0, Mode.SLIP_PLUS: 1, Mode.SLIP_MINUS: -1}
+STILL = (jnp.asarray(0.0), jnp.asarray(0.0))  # no drive
 GAP_SIGN = frozenset({"gap_sign"})
 
 
@@ -52,13 +53,13 @@ def held_at(q, rate, mode: Mode, case: int, u_s: float = 0.0) -> State:
 
 @eqx.filter_jit
 def seen(held: State, model: Model) -> View:
-    return look(held.motion, held, model)
+    return look(held.motion, STILL, held, model)
 
 
 @eqx.filter_jit
 def _crossed(held: State, kind: jax.Array, model: Model, late: jax.Array) -> tuple[Crossing, View]:
-    event = crossing(held.motion, held, look(held.motion, held, model), kind, late, model)
-    return event, look(held.motion, event.after, model)
+    event = crossing(held.motion, held, look(held.motion, STILL, held, model), kind, late, jnp.asarray(0.0), model)
+    return event, look(held.motion, STILL, event.after, model)
 
 
 def crossed(held: State, kind: Kind, model: Model, late: float = 0.0) -> tuple[Crossing, View]:
@@ -137,7 +138,7 @@ def test_rates_of_the_guards_are_their_derivatives(scene, reading):
     def guards_and_derivatives(q, rate, mode, case):
         def guards(q):
             held = State(exact.motion(q, rate), jnp.asarray(1e-4), mode, case)
-            return look(held.motion, held, ready).guards
+            return look(held.motion, STILL, held, ready).guards
 
         return guards(q), jax.jvp(guards, (q,), (rate,))[1]
 
@@ -286,7 +287,7 @@ HAPPENINGS = [
 def test_every_event_is_counted_once_under_its_name(sides, ready, name, mode, case, kind, place):
     event, _ = crossed(inside(sides, mode, case, **place), kind, ready)
     yes, no = jnp.asarray(True), jnp.asarray(False)
-    none = Counters(*[jnp.int32(0)] * 10)
+    none = Counters(*[jnp.int32(0)] * len(Counters.__annotations__))
     once = {field: int(number) for field, number in vars(count(none, event, yes, no)).items() if number}
     assert once == {name: 1}
     assert not any(vars(count(none, event, no, yes)).values())  # not fired, not counted

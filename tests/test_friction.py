@@ -24,6 +24,7 @@ from jaxshroud.state import Mode, State, start
 
 K, K_D, MU = 1e6, 1e6, 0.5
 SPRING = Springs(*(jnp.asarray(value) for value in (K, K_D, MU, MU * K / K_D)))
+STILL = (jnp.asarray(0.0), jnp.asarray(0.0))  # no drive
 MODES = jnp.arange(4, dtype=jnp.int32)
 AMPLITUDE, STEPS = 2e-4, 64  # [m]; steps in a quarter of a cycle
 
@@ -33,10 +34,10 @@ def led(model: Model, motions: Motion) -> tuple[jax.Array, jax.Array]:
     """Friction force and slide along a prescribed motion, under the transitions of `events`."""
 
     def step(held: State, z: Motion) -> tuple[State, tuple[jax.Array, jax.Array]]:
-        view = look(z, held, model)
+        view = look(z, STILL, held, model)
         violated = tuple(g > 0 for g in view.guards.value)
         due = jnp.any(jnp.stack(violated))
-        fired = crossing(z, held, view, first_kind(violated), jnp.asarray(0.0), model).after
+        fired = crossing(z, held, view, first_kind(violated), jnp.asarray(0.0), jnp.asarray(0.0), model).after
         stayed = State(z, held.u_s, held.mode, held.case)
         held = jax.tree.map(lambda a, b: jnp.where(due, a, b), fired, stayed)
         return held, (friction_force(view.at.v, view.at.u, held.u_s, held.mode, model.spring), view.at.u)

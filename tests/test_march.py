@@ -210,12 +210,6 @@ def test_the_printed_reading_overflows_at_high_stiffness(table1):
     assert got.status[1] in (Status.NOT_FINITE, Status.ANGLE_OUT_OF_RANGE)
 
 
-def test_face_to_face_contact_has_a_status(table1):
-    # From rest with M_0 = 0 the faces stay parallel: a relay that switches case without bound.
-    got = sweep(table1, {"drive.M_0": [0.0, 100.0]}, n_periods=2)
-    assert got.status.tolist() == [Status.TOO_MANY_EVENTS, Status.OK]
-
-
 def test_small_motions_scale(table1):
     # Small theta: (F_0, M_0, gap) -> s (...) leaves x / gap unchanged; the deviation shrinks in proportion to s.
     base = vary(vary(table1, "contact.gamma", 0.3), "drive.M_0", 10.0)
