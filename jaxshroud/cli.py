@@ -171,9 +171,8 @@ def simulate_verb(options: argparse.Namespace) -> None:
     free(options.out, options.force)
     if options.out.suffix != ".nc":
         raise InputError(f"{options.out}: a trajectory needs a name that ends in .nc")
-    check_step(file, None, options)
+    steps = check_step(file, None, options)
     state, t, turns = (None, 0.0, 0.0) if options.earlier is None else last_state(options.earlier)
-    steps = file.run.steps_per_period
     run = simulate(
         file.scene,
         state,
@@ -208,7 +207,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
         raise InputError(f"--phase must be in [0, 2 pi), but is {options.phase}")
     names = ("sweep.nc", "sweep.png", "summary.json")
     directory(options.out, names, options.force)
-    check_step(file, file.axes, options)
+    steps = check_step(file, file.axes, options)
     run, began = file.sweep_run, time.perf_counter()
     with progress_bar("lane-periods") as report:
         result = sweep(
@@ -216,7 +215,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
             {a.key: a.values for a in file.axes},
             n_periods=run.periods,
             transient=run.transient,
-            steps_per_period=run.steps_per_period,
+            steps_per_period=steps,
             direction=file.direction,
             phase=options.phase,
             period_tol=options.period_tol,
@@ -266,13 +265,13 @@ def power_verb(options: argparse.Namespace) -> None:
     if not options.tolerance > 0:
         raise InputError(f"--tolerance must be positive, but is {options.tolerance}")
     directory(options.out, ("power.json", "power.png"), options.force)
-    check_step(file, None, options)
+    steps = check_step(file, None, options)
     with progress_bar("periods") as report:
         result = power(
             file.scene,
             most_periods=file.run.periods,
             transient=file.run.transient,
-            steps_per_period=file.run.steps_per_period,
+            steps_per_period=steps,
             tolerance=options.tolerance,
             method=chosen_method(options),
             progress=report,

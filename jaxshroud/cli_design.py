@@ -51,7 +51,7 @@ def gradient_verb(options: argparse.Namespace) -> None:
     if not options.sigma > 0:
         raise InputError(f"--sigma must be positive, but is {options.sigma}")
     wrt = list(dict.fromkeys(key.strip() for key in options.wrt.split(",")))
-    check_step(file, None, options)
+    steps = check_step(file, None, options)
     try:
         found = gradient(
             file.scene,
@@ -61,7 +61,7 @@ def gradient_verb(options: argparse.Namespace) -> None:
             pairs=options.pairs,
             n_periods=file.run.periods,
             transient=file.run.transient,
-            steps_per_period=file.run.steps_per_period,
+            steps_per_period=steps,
             seed=options.seed,
             method=chosen_method(options)._replace(ledger=False),
         )
@@ -147,9 +147,9 @@ def tune_verb(options: argparse.Namespace) -> None:
     most_N = _limit(file, "--most-force", "drive.F_0", options.most_force)
     directory(options.out, ("tune.json", "tune.png", "best.toml"), options.force)
     corners = [Axis(key, np.array(ends)) for key, ends in over.items()]
-    for pair in (corners[i : i + 2] for i in range(0, len(corners), 2)):
-        check_step(file, tuple(pair), options)
     run = file.run
+    for pair in (corners[i : i + 2] for i in range(0, len(corners), 2) if run.steps_per_period != "auto"):
+        check_step(file, tuple(pair), options)
     with progress_bar("lane-periods") as report:
         try:
             tuned = tune(

@@ -20,7 +20,7 @@ from pydantic import (
 )
 from pydantic.fields import FieldInfo
 
-from jaxshroud.scene import MISPRINTS, NUMERIC_KEYS, Blades, Contact, Drive, Friction, Motion, Scene, Shroud
+from jaxshroud.scene import MISPRINTS, NUMERIC_KEYS, Blades, Contact, Drive, Friction, Motion, Parts, Scene, Shroud
 from jaxshroud.schema import PHYSICS, TABLES, Direction, File, Run, SweepTable, Table, hint, is_per_blade
 
 OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+)(?:\[([01])\])?\s*=\s*(\S.*?)\s*")
@@ -108,6 +108,8 @@ def _plain(table: Table) -> dict[str, Any]:
         if name == "reading":
             kept = [m for m in MISPRINTS if m in value]
             plain[name] = {0: "consistent", len(MISPRINTS): "printed"}.get(len(kept), kept)
+        elif name == "motion":
+            plain[name] = list(value)
         elif value is not None:
             plain[name] = value[0] if isinstance(value, tuple) and value[0] == value[1] else value
     if plain.get("m_y", 0) == plain.get("m"):
@@ -124,6 +126,7 @@ def _scene(file: File) -> Scene:
         friction=Friction(**dict(file.friction)),
         drive=Drive(**dict(file.drive)),
         initial=Motion(**dict(file.initial)),
+        parts=Parts(**dict(file.model)),
     )
 
 
@@ -147,6 +150,8 @@ def _example(field: FieldInfo) -> Any:
 def _problem(error: ValidationError, document: dict[str, Any]) -> tuple[str, str, str]:
     """Table, key and description of the first problem; unknown keys first: they explain missing ones."""
     first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+    if not first["loc"]:
+        return "model", "contact", _told(first)
     table, name = (*map(str, first["loc"][:2]), "")[:2]
     told = _told(first)
     if name == "":

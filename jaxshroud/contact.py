@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
 
-from jaxshroud.geometry import FLAT, Corners, Touch, tip_is_left
+from jaxshroud.absent import mixed
+from jaxshroud.geometry import FLAT, Case, Corners, Touch, tip_is_left
 from jaxshroud.scene import Pair, Scalar
 
 
@@ -25,14 +25,12 @@ def _moment(lever: tuple[Scalar, Scalar], force: tuple[Scalar, Scalar]) -> Scala
 def _levers(at: Touch, left_tip) -> tuple[tuple[Scalar, Scalar], tuple[Scalar, Scalar]]:
     """Levers from each block's centre to the penetrating corner (on the face's block: the same point in space)."""
     (l_x, r_x), (l_y, r_y), (e_x, e_y) = at.corner, at.corner_y, at.offset
-    left = jnp.where(left_tip, l_x, l_x - e_x), jnp.where(left_tip, l_y, l_y - e_y)
-    right = jnp.where(left_tip, r_x + e_x, r_x), jnp.where(left_tip, r_y + e_y, r_y)
+    left = mixed(left_tip, l_x, l_x - e_x), mixed(left_tip, l_y, l_y - e_y)
+    right = mixed(left_tip, r_x + e_x, r_x), mixed(left_tip, r_y + e_y, r_y)
     return left, right
 
 
-def contact_load(
-    at: Touch, N: Scalar, F: Scalar, case: Int[Array, ""], block: Corners, reading: frozenset[str]
-) -> Load:
+def contact_load(at: Touch, N: Scalar, F: Scalar, case: Case, block: Corners, reading: frozenset[str]) -> Load:
     """Forces and moments of normal force `N` and friction force `F` at the corner of `case`.
 
     Source:

@@ -22,20 +22,21 @@ step therefore leads into flat contact, and what is left of the rocking is dropp
 from collections.abc import Iterable
 from enum import IntEnum
 from functools import reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from jaxshroud.absent import ABSENT, Absent, is_absent
 from jaxshroud.friction import Springs, contact_energy, slider_speed, slip_sign, stretch
 from jaxshroud.geometry import (
     FLAT,
-    Corners,
     Pose,
     Rates,
     Touch,
+    blend,
     corner_case,
     is_upper,
     natural_case,
@@ -44,7 +45,7 @@ from jaxshroud.geometry import (
     touch,
     touch_rates,
 )
-from jaxshroud.rhs import Lean, Model, as_one, lean, stored_energy
+from jaxshroud.rhs import Lean, Model, as_one, lean, stored_energy, turns
 from jaxshroud.scene import Motion, Pair, Scalar
 from jaxshroud.state import Mode, State
 
@@ -63,12 +64,20 @@ class Kind(IntEnum):
 Four = tuple[Scalar, Scalar, Scalar, Scalar]  # one number per Kind
 
 
+def kinds(four: Four) -> list[Kind]:
+    """The kinds of events that a model has."""
+    return [kind for kind in Kind if not is_absent(four[kind])]
+
+
 class Guards(NamedTuple):
-    """Guard values of the current mode: negative while the mode may go on."""
+    """Guard values of the current mode: negative while the mode may go on. Absent where the model lacks the event."""
 
     value: Four
     rate: Four  # d(value)/dt; not known and 0 for RUB in slip, TURN and HEIGHT in flat contact
     slid: Scalar  # an integral of RUB's value in slip (the slider's way), 0 otherwise
+
+
+Violated = dict[Kind, Bool[Array, ""]]  # of the kinds that a model has
 
 
 class View(NamedTuple):
@@ -90,44 +99,55 @@ def look(z: Motion, Q: Pair, held: State, model: Model) -> View:
     return View(q, at, rate, case, leans, guards(at, rate, leans, held, case, model.spring))
 
 
-def seat(z: Motion, held: State, model: Model) -> tuple[Pose, Int[Array, ""], Touch]:
+def seat(z: Motion, held: State, model: Model) -> tuple[Pose, Any, Touch]:
     """Pose, case and corner positions of the motion `z` in the mode of `held`."""
     q = pose(z.x, z.y, z.theta)
-    case = _case_in_view(q, held, model.block)
+    smooth = model.spring.smooth and turns(model)
+    case = blend(q, model.block, model.spring.width) if smooth else _case_in_view(q, held, model)
     return q, case, touch(q, case, model.block, model.reading)
 
 
-def _case_in_view(q: Pose, held: State, block: Corners) -> Int[Array, ""]:
-    return jnp.where(held.mode == Mode.APART, natural_case(q, block), held.case)
+def _case_in_view(q: Pose, held: State, model: Model) -> Int[Array, ""]:
+    if not turns(model):
+        return jnp.int32(1)  # without rotation all corners move alike
+    return jnp.where(held.mode == Mode.APART, natural_case(q, model.block), held.case)
 
 
 def guards(at: Touch, rate: Rates, leans: Lean, held: State, case: Int[Array, ""], spring: Springs) -> Guards:
     """Values and rates of the four guards."""
-    apart, stick, flat = held.mode == Mode.APART, held.mode == Mode.STICK, case == FLAT
+    apart, flat = held.mode == Mode.APART, case == FLAT
     lift = jnp.where(apart, 1.0, -1.0)
     turn = jnp.where(is_upper(case), -1.0, 1.0)
     height = jnp.where(is_upper(case) == tip_is_left(case), 1.0, -1.0)
 
+    value, along = [lift * at.v], [lift * rate.v]
+    if is_absent(at.turn):
+        value, along = [*value, ABSENT, ABSENT], [*along, ABSENT, ABSENT]
+    else:
+        idle = lambda g: jnp.where(apart, -1.0, g)  # noqa: E731
+        still = lambda g: jnp.where(apart | flat, 0.0, g)  # noqa: E731
+        lower, upper = jnp.where(flat, -leans.moment, turn * at.turn), leans.moment - leans.limit
+        value += [idle(lower), idle(jnp.where(flat, upper, height * at.height))]
+        along += [still(turn * rate.turn), still(height * rate.height)]
+    rub, rub_rate, slid = _rub(at, rate, held, spring)
+    return Guards((*value, rub), (*along, rub_rate), slid)  # pyright: ignore[reportArgumentType]
+
+
+def _rub(at: Touch, rate: Rates, held: State, spring: Springs) -> tuple[Scalar, Scalar, Scalar]:
+    """Value, rate and integral of the guard of the friction element."""
+    if is_absent(spring.lag):
+        return ABSENT, ABSENT, ABSENT
+    apart, stick = held.mode == Mode.APART, held.mode == Mode.STICK
     w = at.u - held.u_s
     sigma = slip_sign(held.mode, at.v.dtype)
     rubs = spring.mu > 0
     # stick may begin at its limit, where a few roundings are no slip
     in_stick = jnp.abs(w) - spring.lag * at.v - 2 * at.rounding, jnp.sign(w) * rate.u - spring.lag * rate.v
     in_slip = -sigma * slider_speed(rate.v, rate.u, held.mode, spring)
-    rub = jnp.where(stick, in_stick[0], jnp.where(rubs & ~apart, in_slip, -1.0))
-
-    idle = lambda g: jnp.where(apart, -1.0, g)  # noqa: E731
-    still = lambda g: jnp.where(apart | flat, 0.0, g)  # noqa: E731
-    lower, upper = jnp.where(flat, -leans.moment, turn * at.turn), leans.moment - leans.limit
-    return Guards(
-        value=(lift * at.v, idle(lower), idle(jnp.where(flat, upper, height * at.height)), rub),
-        rate=(
-            lift * rate.v,
-            still(turn * rate.turn),
-            still(height * rate.height),
-            jnp.where(stick, in_stick[1], 0.0),
-        ),
-        slid=jnp.where(stick | apart | ~rubs, 0.0, -sigma * (at.u - sigma * spring.lag * at.v)),
+    return (
+        jnp.where(stick, in_stick[0], jnp.where(rubs & ~apart, in_slip, -1.0)),
+        jnp.where(stick, in_stick[1], 0.0),
+        jnp.where(stick | apart | ~rubs, 0.0, -sigma * (at.u - sigma * spring.lag * at.v)),
     )
 
 
@@ -136,29 +156,33 @@ def any_of(flags: Iterable[Bool[Array, ""]]) -> Bool[Array, ""]:
     return reduce(jnp.logical_or, flags)
 
 
-def first_kind(violated: tuple[Bool[Array, ""], ...]) -> Int[Array, ""]:
+def first_kind(violated: Violated) -> Int[Array, ""]:
     """The kind that takes precedence among the violated guards."""
-    kind = jnp.asarray(Kind.RUB, jnp.int32)
-    for k in (Kind.HEIGHT, Kind.TURN, Kind.LIFT):
+    *others, last = violated
+    kind = jnp.asarray(last, jnp.int32)
+    for k in reversed(others):
         kind = jnp.where(violated[k], jnp.int32(k), kind)
     return kind
 
 
-class Counters(eqx.Module):
-    """How often each event happened."""
+Count = Int[Array, ""] | Absent
 
-    onset_slip: Int[Array, ""]
-    onset_stick: Int[Array, ""]
-    separation: Int[Array, ""]
-    stick_slip: Int[Array, ""]
-    slip_stick: Int[Array, ""]
-    switch_14: Int[Array, ""]
-    switch_23: Int[Array, ""]
-    switch_12: Int[Array, ""]
-    switch_34: Int[Array, ""]
-    flat: Int[Array, ""]  # beginnings of face-to-face contact ...
-    flat_corner: Int[Array, ""]  # ... and its ends at a corner
-    grazing: Int[Array, ""]  # onsets that began and ended within one step, found by looking inside it
+
+class Counters(eqx.Module):
+    """How often each event happened; absent where the model lacks it."""
+
+    onset_slip: Count
+    onset_stick: Count
+    separation: Count
+    stick_slip: Count
+    slip_stick: Count
+    switch_14: Count
+    switch_23: Count
+    switch_12: Count
+    switch_34: Count
+    flat: Count  # beginnings of face-to-face contact ...
+    flat_corner: Count  # ... and its ends at a corner
+    grazing: Count  # onsets that began and ended within one step, found by looking inside it
 
 
 class Crossing(NamedTuple):
@@ -175,10 +199,11 @@ def crossing(
     z: Motion, held: State, view: View, kind: Int[Array, ""], late: Scalar, h: Scalar, model: Model
 ) -> Crossing:
     """The transition of `kind` at motion `z`, where the guard was crossed at most `late` seconds ago in a step `h`."""
-    spring, at = model.spring, view.at
-    case = _next_case(held, view, kind, h, model)
+    spring, at, came = model.spring, view.at, z
+    case = _next_case(held, view, kind, h, model) if turns(model) else view.case
     begins = (case == FLAT) & (held.case != FLAT)
-    came, z = z, jax.tree.map(lambda one, own: jnp.where(begins, one, own), _parallel(z, model), z)
+    if turns(model):
+        z = jax.tree.map(lambda one, own: jnp.where(begins, one, own), _parallel(z, model), z)
     new = touch(view.q, case, model.block, model.reading)
 
     mode = jnp.where(
@@ -187,7 +212,9 @@ def crossing(
         jnp.where(kind == Kind.RUB, _rub_mode(at, held), held.mode),
     )
     w = stretch(at.v, at.u, held.u_s, held.mode, spring)
-    u_s = jnp.where(held.mode == Mode.APART, _touch_down(view, late), new.u - w)
+    u_s = ABSENT
+    if not is_absent(held.u_s):
+        u_s = jnp.where(held.mode == Mode.APART, _touch_down(view, late), new.u - w)
     after = State(z, u_s, mode, jnp.where(mode == Mode.APART, 0, case).astype(jnp.int32))
     ahead = guards(new, touch_rates(new, z, case, model.reading), view.lean, after, case, spring)
     energy = contact_energy(new.v, stretch(new.v, new.u, u_s, mode, spring), mode, spring)
@@ -203,13 +230,13 @@ def _parallel(z: Motion, model: Model) -> Motion:
 
 def _next_case(held: State, view: View, kind: Int[Array, ""], h: Scalar, model: Model) -> Int[Array, ""]:
     """The case after an event of `kind`."""
-    now, turns = view.case, kind == Kind.TURN
-    neighbour = jnp.where(turns, 5 - now, now + jnp.where(tip_is_left(now), 1, -1))
-    corner = jnp.where(now == FLAT, corner_case(~turns, view.at.height), neighbour)
-    case = jnp.where(turns | (kind == Kind.HEIGHT), corner, now)
+    now, turn = view.case, kind == Kind.TURN
+    neighbour = jnp.where(turn, 5 - now, now + jnp.where(tip_is_left(now), 1, -1))
+    corner = jnp.where(now == FLAT, corner_case(~turn, view.at.height), neighbour)
+    case = jnp.where(turn | (kind == Kind.HEIGHT), corner, now)
     touches = (kind == Kind.LIFT) & (held.mode == Mode.APART)
     level = touches & (view.at.turn == 0) & (view.rate.turn == 0)
-    return jnp.where(level | (turns & (now != FLAT) & _soon_back(view, corner, h, model)), FLAT, case)
+    return jnp.where(level | (turn & (now != FLAT) & _soon_back(view, corner, h, model)), FLAT, case)
 
 
 def _soon_back(view: View, beyond: Int[Array, ""], h: Scalar, model: Model) -> Bool[Array, ""]:
@@ -222,12 +249,16 @@ def _soon_back(view: View, beyond: Int[Array, ""], h: Scalar, model: Model) -> B
 
 def _onset_mode(view: View, spring: Springs) -> Int[Array, ""]:
     rate = view.rate
+    if is_absent(spring.lag):
+        return jnp.int32(Mode.SLIP_PLUS)
     slips = (jnp.abs(rate.u) > spring.lag * rate.v) | (spring.mu == 0)
     sliding = jnp.where(rate.u < 0, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
     return jnp.where(slips, sliding, jnp.int32(Mode.STICK))
 
 
 def _rub_mode(at: Touch, held: State) -> Int[Array, ""]:
+    if is_absent(held.u_s):
+        return held.mode
     sliding = jnp.where(at.u < held.u_s, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
     return jnp.where(held.mode == Mode.STICK, sliding, jnp.int32(Mode.STICK))
 
@@ -262,4 +293,16 @@ def count(counters: Counters, crossing: Crossing, fired: Bool[Array, ""], inside
         flat_corner=ends,
         grazing=onset & inside,
     )
-    return Counters(**{n: getattr(counters, n) + (h & fired).astype(jnp.int32) for n, h in happened.items()})
+    counts = ((name, getattr(counters, name), now) for name, now in happened.items())
+    return Counters(**{name: n + (now & fired).astype(jnp.int32) if not is_absent(n) else n for name, n, now in counts})
+
+
+def no_events(model: Model) -> Counters:
+    """Counters at zero, of the events that a model has."""
+    corners = ("switch_14", "switch_23", "switch_12", "switch_34", "flat", "flat_corner")
+    if not model.spring.modal:
+        return Counters(*[ABSENT] * len(Counters.__annotations__))
+    lacks = set() if turns(model) else set(corners)
+    lacks |= {"onset_stick", "stick_slip", "slip_stick"} if is_absent(model.spring.lag) else set()
+    zero = jnp.zeros((), jnp.int32)
+    return Counters(**{name: ABSENT if name in lacks else zero for name in Counters.__annotations__})

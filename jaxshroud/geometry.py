@@ -17,12 +17,14 @@ Where both corners would turn the blocks back, neither is left: the faces stay p
 article leaves this limit of a relay out; here it is case 5, `FLAT`, whose geometry is that of case 4.
 """
 
+import operator
 from functools import reduce
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from jaxshroud.absent import is_absent, mixed
 from jaxshroud.scene import Motion, Pair, Scalar, Shroud
 from jaxshroud.trig import sine_versine
 
@@ -67,18 +69,28 @@ class Pose(NamedTuple):
 
 def pose(x: Pair, y: Pair, theta: Pair) -> Pose:
     """Positions with their trigonometry done once."""
-    (s_1, v_1), (s_2, v_2) = sine_versine(theta[0]), sine_versine(theta[1])
+    (s_1, v_1), (s_2, v_2) = ((t, t) if is_absent(t) else sine_versine(t) for t in theta)
     return Pose(x, y, theta, (s_1, s_2), (1 - v_1, 1 - v_2), (v_1, v_2))
 
 
-def is_upper(case: Int[Array, "..."]) -> Bool[Array, "..."]:
+class Blend(NamedTuple):
+    """A mixture of the four cases, of which smooth contact has none on its own."""
+
+    upper: Scalar  # share of cases 1 and 2
+    left_tip: Scalar  # share of cases 1 and 3
+
+
+Case = Int[Array, "..."] | Blend
+
+
+def is_upper(case: Case) -> Bool[Array, "..."] | Scalar:
     """Cases 1 and 2: the upper corners a and c meet."""
-    return case <= 2
+    return case.upper if isinstance(case, Blend) else case <= 2
 
 
-def tip_is_left(case: Int[Array, "..."]) -> Bool[Array, "..."]:
+def tip_is_left(case: Case) -> Bool[Array, "..."] | Scalar:
     """Cases 1 and 3: a corner of the left block presses on the right block's face."""
-    return (case == 1) | (case == 3)
+    return case.left_tip if isinstance(case, Blend) else (case == 1) | (case == 3)
 
 
 class Touch(NamedTuple):
@@ -102,7 +114,7 @@ def _shift(px: Scalar, py: Scalar, s: Scalar, versine: Scalar) -> tuple[Scalar, 
     return py * s - px * versine, -px * s - py * versine
 
 
-def touch(q: Pose, case: Int[Array, ""], block: Corners, reading: frozenset[str]) -> Touch:
+def touch(q: Pose, case: Case, block: Corners, reading: frozenset[str]) -> Touch:
     """Penetration, slide and lever points while `case` is held fixed.
 
     Source:
@@ -110,9 +122,9 @@ def touch(q: Pose, case: Int[Array, ""], block: Corners, reading: frozenset[str]
         contradicts the force directions of Eq. (1); it is kept under the misprint `gap_sign`.
     """
     upper = is_upper(case)
-    p_y = jnp.where(upper, block.h_y, -block.h_y)
-    left_x = jnp.where(upper, block.a_x, block.b_x)
-    right_x = -jnp.where(upper, block.b_x, block.a_x)
+    p_y = mixed(upper, block.h_y, -block.h_y)
+    left_x = mixed(upper, block.a_x, block.b_x)
+    right_x = -mixed(upper, block.b_x, block.a_x)
     dl_x, dl_y = _shift(left_x, p_y, q.sin[0], q.versine[0])
     dr_x, dr_y = _shift(right_x, p_y, q.sin[1], q.versine[1])
     e_x = (q.x[0] - q.x[1]) + dl_x - dr_x - block.gap
@@ -120,7 +132,7 @@ def touch(q: Pose, case: Int[Array, ""], block: Corners, reading: frozenset[str]
     terms = (*q.x, *q.y, dl_x, dr_x, dl_y, dr_y, block.gap)
 
     left_tip = tip_is_left(case)
-    s_f, c_f = jnp.where(left_tip, q.sin[1], q.sin[0]), jnp.where(left_tip, q.cos[1], q.cos[0])
+    s_f, c_f = mixed(left_tip, q.sin[1], q.sin[0]), mixed(left_tip, q.cos[1], q.cos[0])
     sin_A = block.sin_alpha * c_f - block.cos_alpha * s_f
     cos_A = block.cos_alpha * c_f + block.sin_alpha * s_f
     lean = -d_y if "gap_sign" in reading else d_y
@@ -135,7 +147,7 @@ def touch(q: Pose, case: Int[Array, ""], block: Corners, reading: frozenset[str]
         corner_y=(p_y + dl_y, p_y + dr_y),
         offset=(e_x, d_y),
         sin_A2=block.sin_alpha * q.cos[1] - block.cos_alpha * q.sin[1],
-        rounding=4 * float(jnp.finfo(e_x.dtype).eps) * reduce(jnp.add, map(jnp.abs, terms)),
+        rounding=4 * float(jnp.finfo(e_x.dtype).eps) * reduce(operator.add, map(abs, terms)),
     )
 
 
@@ -148,7 +160,7 @@ class Rates(NamedTuple):
     turn: Scalar
 
 
-def touch_rates(at: Touch, z: Motion, case: Int[Array, ""], reading: frozenset[str]) -> Rates:
+def touch_rates(at: Touch, z: Motion, case: Case, reading: frozenset[str]) -> Rates:
     """Time derivatives of the scalars of `at` along the motion, the case held fixed.
 
     The offset e moves with the corners' velocities, and the axes n, t turn with the face: A' = -theta_f'. Hence
@@ -160,7 +172,7 @@ def touch_rates(at: Touch, z: Motion, case: Int[Array, ""], reading: frozenset[s
     d_y = (z.v_y[0] - z.v_y[1]) - w[0] * l_x + w[1] * r_x
     sin_A, cos_A = at.tangent[1], at.tangent[0]
     lean = -d_y if "gap_sign" in reading else d_y
-    w_face = jnp.where(tip_is_left(case), w[1], w[0])
+    w_face = mixed(tip_is_left(case), w[1], w[0])
     return Rates(
         v=e_x * sin_A - lean * cos_A - w_face * at.u,
         u=e_x * cos_A + lean * sin_A + w_face * at.v,
@@ -169,9 +181,23 @@ def touch_rates(at: Touch, z: Motion, case: Int[Array, ""], reading: frozenset[s
     )
 
 
+def blend(q: Pose, block: Corners, width: Scalar) -> Blend:
+    """The cases mixed as the corners' distances from where the cases meet, over a `width`.
+
+    Near theta_1 = theta_2 the point of contact then moves along the face from corner to corner.
+    """
+    upper = _share((q.theta[0] - q.theta[1]) * block.l_ab, width)
+    higher = _share(touch(q, Blend(upper, jnp.full_like(upper, 0.5)), block, frozenset()).height, width)
+    return Blend(upper, upper + higher - 2 * upper * higher)
+
+
+def _share(x: Scalar, width: Scalar) -> Scalar:
+    return (1 + x / jnp.sqrt(x * x + width * width)) / 2
+
+
 def natural_case(q: Pose, block: Corners) -> Int[Array, ""]:
     """The case that Sec. 2.3 assigns to a position: 1-4 from the signs of theta_1 - theta_2 and of the height."""
-    upper = q.theta[0] > q.theta[1]
+    upper = q.theta[0] - q.theta[1] > 0
     return corner_case(upper, touch(q, jnp.where(upper, 1, 3), block, frozenset()).height)
 
 

@@ -19,6 +19,7 @@ from jaxshroud.integrate import FAST, Method
 from jaxshroud.linear import area, free_power
 from jaxshroud.orbit import Orbit, orbit
 from jaxshroud.scene import Scene, value_of, vary
+from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import Status
 from jaxshroud.sweep import Plan, averages, run_lanes, starts, varied
 from jaxshroud.tangents import STATE, differentiable, direction, tangents
@@ -55,7 +56,7 @@ def gradient(
     n_periods: int = 256,
     transient: int = 64,
     most_periods: int = 512,
-    steps_per_period: int = 400,
+    steps_per_period: Steps = 400,
     seed: int = 0,
     method: Method = FAST,
 ) -> Gradient:
@@ -74,7 +75,7 @@ def gradient(
         n_periods: Drive periods that each sample's P_d is averaged over.
         transient: Drive periods each sample runs before.
         most_periods: Drive periods after which a motion that has not repeated counts as aperiodic.
-        steps_per_period: Runge-Kutta steps in one period.
+        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs.
         seed: Of the samples.
         method: Static choices of the march.
 
@@ -90,6 +91,7 @@ def gradient(
         dP/dp = P_p + P_z (I - M)^-1 Phi_p for the fixed point z of the flow Phi over the orbit's periods.
     """
     scene = with_numbers(scene, wrt)
+    steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
     found = (
         at
         if at is not None

@@ -12,15 +12,28 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.checks import Precision
-from jaxshroud.events import Counters, Crossing, Guards, Kind, View, any_of, count, crossing, first_kind, look, seat
+from jaxshroud.events import (
+    Counters,
+    Guards,
+    Kind,
+    any_of,
+    count,
+    crossing,
+    first_kind,
+    kinds,
+    look,
+    no_events,
+    seat,
+)
 from jaxshroud.friction import contact_energy, stretch
+from jaxshroud.geometry import Touch
 from jaxshroud.implicit import at_the_root
 from jaxshroud.lanes import EachLane
 from jaxshroud.locate import Locate, Search, fresh, judge, picked, select
-from jaxshroud.rhs import Acceleration, Integrals, Model, rhs, stored_energy, wave
+from jaxshroud.rhs import Integrals, Model, Slope, reduced, rhs, stored_energy, wave
 from jaxshroud.scene import Motion, Pair, Scalar
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.tableau import RK4, Tableau
@@ -29,7 +42,6 @@ from jaxshroud.trig import ANGLE_RANGE, sincos_turns, sine_versine
 STAGES_AT_ONCE = 7  # in one kernel: `lanes.fused` says why there is a limit
 STAGES_WITH_EVENTS = 4  # in one kernel with everything else that a trial does
 DUAL_STAGES = 4  # in one kernel where tangents come along
-LEAST_STEPS = 8  # per period: what the drive's phase gains in a step must stay within ANGLE_RANGE
 MAX_EVENTS_PER_STEP = 64  # more is chatter: regular scenes have a few per *period*
 
 
@@ -51,12 +63,20 @@ FAST_WITH_LEDGER = Method(locate="cubic")  # the same errors in less time
 FAST = FAST_WITH_LEDGER._replace(ledger=False)  # no energy residual either
 
 
+Lanes = Float[Array, "..."]  # one number for each lane, or one lane's
+
+
 class Grid(NamedTuple):
-    """Steps of equal length: step i starts at drive phase `start + i / steps` turns."""
+    """Steps of equal length: step i starts at drive phase `start + i * turn` turns."""
 
     start: Scalar  # drive phase where step 0 starts [turns]
-    steps: Scalar  # steps per period; not whole where a run is led to a phase between two steps
-    period: Scalar  # [s]
+    turn: Scalar  # what the drive's phase gains in a step [turns]
+    h: Scalar  # length of a step [s]
+
+
+def grid(start: Lanes, steps: Lanes, period: Lanes) -> Grid:
+    """Steps of which `steps` make a drive period of `period` seconds; not whole on the way to a phase in between."""
+    return Grid(start, 1 / steps, period / steps)
 
 
 class Log(eqx.Module):
@@ -83,7 +103,7 @@ class Lane(eqx.Module):
     state: State
     step: Int[Array, ""]  # the clock: integer index of the current step in the period
     search: Search
-    guards: Guards  # at the start of the trial
+    guards: Guards | None  # at the start of the trial; None where there are no events
     tally: Tally
     status: Int[Array, ""]
 
@@ -93,13 +113,13 @@ def begin(state: State, model: Model, method: Method) -> Lane:
     zero = jnp.zeros_like(state.motion.x[0])
     count0 = jnp.zeros((), jnp.int32)
     yes = jnp.ones((), bool)
-    none = jax.tree.map(jnp.zeros_like, rhs((zero, zero), state.motion, state, model, method.ledger)[1])
+    state = reduced(state, model)
+    none = jax.tree.map(jnp.zeros_like, rhs((zero, zero), state, model, method.ledger)[1])
     jumps = zero if method.ledger else None
-    counters = Counters(*[count0] * len(Counters.__annotations__))
-    log = None if method.derivative else Log(zero, zero, zero, zero, counters)
+    log = None if method.derivative else Log(zero, zero, zero, zero, no_events(model))
     tally = Tally(none, jumps, log)
-    four = (zero, zero, zero, zero)
-    guards = Guards(four, four, zero)  # the first trial, of length zero, sets them
+    guards = look(state.motion, (zero, zero), state, model).guards if model.spring.modal else None
+    guards = jax.tree.map(jnp.zeros_like, guards)  # the first trial, of length zero, sets them
     search = fresh(zero, zero, yes, count0, method.locate, method.derivative)
     return Lane(state, count0, search, guards, tally, count0)
 
@@ -114,14 +134,14 @@ class Place(NamedTuple):
 
 def _place(lane: Lane, grid: Grid) -> Place:
     done = lane.step.astype(lane.search.done.dtype) + lane.search.done
-    dturns = lane.search.length / grid.steps
-    return Place(grid.start + done / grid.steps, dturns, dturns * grid.period)
+    length = lane.search.length
+    return Place(grid.start + done * grid.turn, length * grid.turn, length * grid.h)
 
 
 class Stages(NamedTuple):
     """What the stages of a Runge-Kutta step so far have found."""
 
-    accelerations: tuple[Acceleration, ...]
+    slopes: tuple[Slope, ...]
     gain: Integrals | None  # sum of the integrals' rates times the weights b
 
 
@@ -131,16 +151,22 @@ NO_STAGES = Stages((), None)
 def rk_stages(known: Stages, upto: int, place: Place, held: State, model: Model, method: Method):
     """The stages before number `upto`, and the slopes dz/dt in all of them; the mode stays fixed."""
     tableau, (found, gain) = method.tableau, known
-    slopes: list[Motion] = []
+    slopes: list[State] = []
     waves = _waves(place, set(tableau.c[len(found) : upto]), model)
     for i in range(upto):
-        z = _combined(held.motion, place.h, tableau.a[i][: len(slopes)], slopes)
+        now = _combined(held, place.h, tableau.a[i][: len(slopes)], slopes, model)
         if i == len(found):
-            acceleration, rates = rhs(waves[tableau.c[i]], z, held, model, method.ledger)
-            found = (*found, acceleration)
+            slope, rates = rhs(waves[tableau.c[i]], now, model, method.ledger)
+            found = (*found, slope)
             gain = _added(gain, tableau.b[i], rates)
-        slopes.append(Motion(z.v_x, z.v_y, z.v_theta, *found[i]))
+        slopes.append(_rates(now, found[i]))
     return Stages(found, gain), slopes
+
+
+def _rates(now: State, slope: Slope) -> State:
+    """d/dt of a state's numbers."""
+    z = now.motion
+    return State(Motion(z.v_x, z.v_y, z.v_theta, *slope.acceleration), slope.u_s, None, None)
 
 
 def _added(total: Integrals | None, weight: float, rates: Integrals) -> Integrals | None:
@@ -151,22 +177,22 @@ def _added(total: Integrals | None, weight: float, rates: Integrals) -> Integral
 class End(NamedTuple):
     """Where a trial step ends."""
 
-    motion: Motion
+    state: State  # in the mode and case of the step
     Q: Pair  # the drive's wave
     gain: Integrals  # of the step
-    slope: tuple[Motion, Pair, Integrals] | None  # d/dt of all three; None where nothing is differentiated
+    slope: tuple[State, Pair, Integrals] | None  # d/dt of all three; None where nothing is differentiated
 
 
 def rk_step(known: Stages, place: Place, held: State, model: Model, method: Method) -> End:
     """One explicit Runge-Kutta step in a fixed mode."""
     b = method.tableau.b
     (_, gain), slopes = rk_stages(known, len(b), place, held, model, method)
-    z = _combined(held.motion, place.h, b, slopes)
+    now = _combined(held, place.h, b, slopes, model)
     Q, slope = _waves(place, {1.0}, model)[1.0], None
     if method.derivative:
-        acceleration, rates = rhs(Q, z, held, model, method.ledger)
-        slope = Motion(z.v_x, z.v_y, z.v_theta, *acceleration), _wave_rates(place, model), rates
-    return End(z, Q, jax.tree.map(lambda a: place.h * a, gain), slope)
+        rates, of_integrals = rhs(Q, now, model, method.ledger)
+        slope = _rates(now, rates), _wave_rates(place, model), of_integrals
+    return End(now, Q, jax.tree.map(lambda a: place.h * a, gain), slope)
 
 
 def _wave_rates(place: Place, model: Model) -> Pair:
@@ -186,13 +212,16 @@ def _waves(place: Place, nodes: set[float], model: Model) -> dict[float, Pair]:
     return waves
 
 
-def _combined(z, h: Scalar, weights, slopes):
-    """Z + h sum(weights * slopes), leaf by leaf."""
+def _combined(held: State, h: Scalar, weights, slopes: Any, model: Model) -> State:
+    """The held state + h sum(weights * slopes), number by number."""
     used = [(w, k) for w, k in zip(weights, slopes, strict=True) if w]
     if not used:
-        return z
+        return held
     weights, slopes = zip(*used, strict=True)
-    return jax.tree.map(lambda z, *k: z + h * sum(w * k for w, k in zip(weights, k, strict=True)), z, *slopes)
+    add = lambda z, *k: z + h * sum(w * k for w, k in zip(weights, k, strict=True))  # noqa: E731
+    motion = jax.tree.map(add, held.motion, *(k.motion for k in slopes))
+    u_s = jax.tree.map(add, held.u_s, *(k.u_s for k in slopes)) if model.spring.smooth else held.u_s
+    return State(motion, u_s, held.mode, held.case)
 
 
 class Fixed(NamedTuple):
@@ -226,13 +255,16 @@ def decide(lane: Lane, end: End, fixed: Fixed, method: Method) -> Decision:
     """Judge a trial step that has come to `end`. Nothing here has a derivative."""
     lane, end, fixed = lax.stop_gradient((lane, end, fixed))
     (model, grid, stop), search = fixed, lane.search
-    h = grid.period / grid.steps
-    guards = look(end.motion, end.Q, lane.state, model).guards
+    goes, lost, h = running(lane, stop), ~_finite(end.state.motion), grid.h
+    if not model.spring.modal:
+        no = jnp.zeros_like(goes)
+        return Decision(goes, no, no, jnp.int32(Kind.LIFT), no, no, lost, jnp.zeros_like(h), search)
+    assert lane.guards is not None
+    guards = look(end.state.motion, end.Q, lane.state, model).guards
     counts = (search.length > 0) | search.recheck
-    violated = tuple((g > 0) & counts for g in guards.value)
+    violated = {kind: (guards.value[kind] > 0) & counts for kind in kinds(guards.value)}
     kind = first_kind(violated)
     verdict = judge(search, lane.guards, guards, violated, kind, h, method.locate, method.tableau.order)
-    goes, lost = running(lane, stop), ~_finite(end.motion)
     again = jnp.zeros_like(goes)
     if search.met is not None:  # what is differentiated meets an event twice: first to learn how its instant moves
         again = verdict.fire & goes & ~search.met & (search.length > 0)
@@ -241,8 +273,8 @@ def decide(lane: Lane, end: End, fixed: Fixed, method: Method) -> Decision:
         fire=verdict.fire & goes & ~again,
         again=again,
         kind=kind,
-        several=_two_of(violated),
-        forget=goes & search.bracketing & ~any_of(violated),
+        several=_two_of(tuple(violated.values())),
+        forget=goes & search.bracketing & ~any_of(violated.values()),
         lost=lost,
         late=verdict.late * h,
         search=select(goes & ~again, verdict.search, search),
@@ -250,7 +282,8 @@ def decide(lane: Lane, end: End, fixed: Fixed, method: Method) -> Decision:
 
 
 def _two_of(flags: tuple[Bool[Array, ""], ...]) -> Bool[Array, ""]:
-    return any_of(a & any_of(flags[i + 1 :]) for i, a in enumerate(flags[:-1]))
+    none = jnp.zeros_like(flags[0])
+    return any_of([none, *(a & any_of(flags[i + 1 :]) for i, a in enumerate(flags[:-1]))])
 
 
 def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method) -> Lane:
@@ -258,23 +291,27 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method
     (model, grid, stop), search, held = fixed, lane.search, lane.state
     accept, fire, again, kind = decision.accept, decision.fire, decision.again, decision.kind
     h = _place(lane, grid).h
-    z, Q, gain, _ = end
+    if not model.spring.modal:
+        return _glided(lane, end, decision, fixed, method)
+    state, Q, gain, _ = end
     unaccepted = decision.search._replace(done=search.done)  # which may have a derivative
     if search.met is not None:
         there = _at_the_event(end, lane, kind, fixed)
-        z, Q, gain, length = select(fire | again, there, (z, Q, gain, search.length))
+        state, Q, gain, length = select(fire | again, there, (state, Q, gain, search.length))
         met = unaccepted._replace(length=length, met=jnp.ones_like(again))
         search, unaccepted = search._replace(length=length), select(again, met, unaccepted)
+    z = state.motion
     view = look(z, Q, held, model)
 
-    cross = crossing(z, held, view, kind, decision.late, grid.period / grid.steps, model)
-    state = select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
+    cross = crossing(z, held, view, kind, decision.late, grid.h, model)
+    state = select(fire, cross.after, state)
     guards = select(fire, cross.guards, view.guards)
     # where guards may have jumped, or several were violated, one that still is fires in a trial of length zero
     jumped = decision.several | (kind == Kind.TURN) | (kind == Kind.HEIGHT)
-    recheck = fire & jumped & any_of(g > 0 for g in guards.value)
+    recheck = fire & jumped & any_of(guards.value[kind] > 0 for kind in kinds(guards.value))
     ahead, step = _advanced(search, lane.step, fire, recheck, method)
-    tally = _tallied(lane.tally, gain, h, held, view, cross, fire, search.inside)
+    counts = lambda counters: count(counters, cross, fire, search.inside)  # noqa: E731
+    tally = _tallied(lane.tally, gain, jnp.where(fire, cross.energy, 0.0), h, held.mode, view.at, counts)
     status = jnp.where(accept, _status(z, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
     return Lane(
         select(accept, state, held),
@@ -286,32 +323,52 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method
     )
 
 
+def _glided(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method) -> Lane:
+    """`trial` without events."""
+    (model, grid, stop), accept = fixed, decision.accept
+    at = seat(end.state.motion, lane.state, model)[2]
+    ahead, step = _advanced(lane.search, lane.step, jnp.zeros_like(accept), jnp.zeros_like(accept), method)
+    mode, h = jnp.where(at.v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)), _place(lane, grid).h
+    tally = _tallied(lane.tally, end.gain, jnp.zeros_like(h), h, mode, at, lambda counters: counters)
+    status = jnp.where(accept, _status(end.state.motion, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
+    before = (lane.state, lane.step, lane.search, lane.tally)
+    state, step, search, tally = select(accept, (end.state, step, ahead, tally), before)
+    return Lane(state, step, search, None, tally, jnp.where(running(lane, stop), status, lane.status))
+
+
 def _at_the_event(end: End, lane: Lane, kind: Int[Array, ""], fixed: Fixed):
     """Motion, wave, integrals and length of a trial ending where the guard of `kind` vanishes, with derivatives."""
     assert end.slope is not None
     (model, grid, _), held, length = fixed, lane.state, lane.search.length
     guard = lambda z, Q: picked(look(z, Q, held, model).guards.value, kind)  # noqa: E731
-    value, rate = jax.jvp(guard, (end.motion, end.Q), lax.stop_gradient(end.slope[:2]))
+    slope, Q_rate, _ = lax.stop_gradient(end.slope)
+    value, rate = jax.jvp(guard, (end.state.motion, end.Q), (slope.motion, Q_rate))
     rate = jnp.where((length > 0) & (rate > 0), rate, jnp.inf)  # a trial of length zero has a given instant
-    return at_the_root((end.motion, end.Q, end.gain, length), (*end.slope, grid.steps / grid.period), value, rate)
+    z, Q, gain, length = at_the_root(
+        (end.state.motion, end.Q, end.gain, length),
+        (end.slope[0].motion, *end.slope[1:], 1 / grid.h),
+        value,
+        rate,
+    )
+    return State(z, held.u_s, held.mode, held.case), Q, gain, length
 
 
-def _tallied(tally: Tally, gain: Integrals, h: Scalar, held: State, view: View, cross: Crossing, fire, inside) -> Tally:
+def _tallied(tally: Tally, gain: Integrals, jump: Scalar, h: Scalar, mode, at: Touch, counts) -> Tally:
     return Tally(
         jax.tree.map(jnp.add, tally.integrals, gain),
-        None if tally.jumps is None else tally.jumps + jnp.where(fire, cross.energy, 0.0),
-        None if tally.log is None else _logged(tally.log, h, held, view, cross, fire, inside),
+        None if tally.jumps is None else tally.jumps + jump,
+        None if tally.log is None else _logged(tally.log, h, mode, at, counts),
     )
 
 
-def _logged(log: Log, h: Scalar, held: State, view: View, cross: Crossing, fire, inside) -> Log:
-    apart, stick = held.mode == Mode.APART, held.mode == Mode.STICK
+def _logged(log: Log, h: Scalar, mode, at: Touch, counts) -> Log:
+    apart, stick = mode == Mode.APART, mode == Mode.STICK
     return Log(
         log.time_apart + jnp.where(apart, h, 0.0),
         log.time_stick + jnp.where(stick, h, 0.0),
         log.time_slip + jnp.where(apart | stick, 0.0, h),
-        jnp.maximum(log.v_max, jnp.where(apart, 0.0, view.at.v)),
-        count(log.counters, cross, fire, inside),
+        jnp.maximum(log.v_max, jnp.where(apart, 0.0, at.v)),
+        counts(log.counters),
     )
 
 
@@ -332,7 +389,7 @@ def _finite(z: Motion) -> Bool[Array, ""]:
 
 
 def _status(z: Motion, lost, events) -> Int[Array, ""]:
-    turned = jnp.maximum(jnp.abs(z.theta[0]), jnp.abs(z.theta[1])) > ANGLE_RANGE
+    turned = any_of([lost, *(jnp.abs(theta) > ANGLE_RANGE for theta in jax.tree.leaves(z.theta))])
     status = jnp.where(events > MAX_EVENTS_PER_STEP, Status.TOO_MANY_EVENTS, Status.OK)
     status = jnp.where(turned, Status.ANGLE_OUT_OF_RANGE, status)
     return jnp.where(lost, Status.NOT_FINITE, status).astype(jnp.int32)

@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.events import Guards, Kind, any_of
+from jaxshroud.absent import is_absent
+from jaxshroud.events import Guards, Kind, Violated, any_of, kinds
 from jaxshroud.scene import Scalar
 
 # "bisection": halve the bracket; "cubic": go where the guard's cubic crosses zero; "none": change mode at the end of
@@ -114,13 +115,13 @@ def _rise(value: tuple, rate: tuple, slid: tuple, h: Scalar) -> Rise:
 
 
 def _slid(guards: Guards, kind: int) -> Scalar:
-    return guards.slid if kind == Kind.RUB else jnp.zeros_like(guards.slid)
+    return guards.slid if kind == Kind.RUB else jnp.zeros_like(guards.value[0])
 
 
 def peak(start: Guards, end: Guards, h: Scalar) -> Scalar:
     """Earliest fraction of a trial at which a guard, negative at both ends, seems to be above zero; 1 if none."""
     first = jnp.ones_like(h)
-    for kind in Kind:
+    for kind in kinds(start.value):
         ends = (start.value[kind], end.value[kind]), (start.rate[kind], end.rate[kind])
         rise = _rise(*ends, (_slid(start, kind), _slid(end, kind)), h)
         humps = (rise.g_0 <= 0) & (rise.g_1 <= 0) & (rise.m_0 > 0) & (rise.m_1 < 0)
@@ -145,7 +146,7 @@ def judge(
     search: Search,
     low: Guards,
     end: Guards,
-    violated: tuple[Bool[Array, ""], ...],
+    violated: Violated,
     kind: Int[Array, ""],
     h: Scalar,
     locate: Locate,
@@ -163,7 +164,7 @@ def judge(
         locate: Way of closing in.
         order: Of the Runge-Kutta method.
     """
-    hit = any_of(violated)
+    hit = any_of(violated.values())
     if locate == "none":
         return Verdict(jnp.ones_like(hit), hit, search.length, search)
     bracketing = search.bracketing | hit
@@ -195,13 +196,13 @@ def judge(
     return Verdict((~bracketing & ~peeks) | fire, fire, late, after)
 
 
-def _target(search: Search, low: Guards, end: Guards, violated, width: Scalar, h: Scalar) -> Target:
+def _target(search: Search, low: Guards, end: Guards, violated: Violated, width: Scalar, h: Scalar) -> Target:
     """The guard that was crossed first, by the straight lines between the ends; the old one if none is violated."""
     old = search.target
     assert old is not None
-    hit = any_of(violated)
+    hit = any_of(violated.values())
     best, chosen = jnp.zeros_like(h), old
-    for kind in Kind:
+    for kind in violated:
         above = end.value[kind]
         share = above / (above - jnp.minimum(low.value[kind], 0.0))  # of the width, spent above zero
         sooner = violated[kind] & (share > best)
@@ -213,9 +214,8 @@ def _target(search: Search, low: Guards, end: Guards, violated, width: Scalar, h
 
 def _close_in(target: Target, low: Guards, below: Scalar, high: Scalar, h: Scalar, allowed: Scalar):
     """Length of the next trial, just beyond the target's root, and how late the upper end is, in steps."""
-    pick = lambda four: picked(four, target.kind)  # noqa: E731
-    slid = jnp.where(target.kind == Kind.RUB, low.slid, 0.0)
-    width = high - below
+    pick, width = lambda four: picked(four, target.kind), high - below
+    slid = jnp.zeros_like(width) if is_absent(low.slid) else jnp.where(target.kind == Kind.RUB, low.slid, 0.0)
     rise = _rise((pick(low.value), target.value), (pick(low.rate), target.rate), (slid, target.slid), width * h)
     late = jnp.where(rise.m_1 > 0, jnp.minimum(rise.g_1 / jnp.where(rise.m_1 > 0, rise.m_1, 1.0), 1.0), 1.0)
     return jnp.minimum(below + width * _root(rise) + allowed / 2, high), late * width
@@ -223,8 +223,9 @@ def _close_in(target: Target, low: Guards, below: Scalar, high: Scalar, h: Scala
 
 def picked(four, kind: Int[Array, ""]) -> Scalar:
     """The one of four scalars that belongs to `kind`."""
-    chosen = four[0]
-    for k in (1, 2, 3):
+    first, *others = kinds(four)
+    chosen = four[first]
+    for k in others:
         chosen = jnp.where(kind == k, four[k], chosen)
     return chosen
 

@@ -7,8 +7,9 @@ import numpy as np
 
 from jaxshroud.analysis.power import interval
 from jaxshroud.checks import count_argument, in_precision
-from jaxshroud.integrate import FAST, LEAST_STEPS, Method
+from jaxshroud.integrate import FAST, Method
 from jaxshroud.scene import Scene
+from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import State, Status
 from jaxshroud.sweep import Plan, final_states, run_lanes, starts
 from jaxshroud.tangents import STATE, differentiable, tangents
@@ -29,7 +30,7 @@ def lyapunov(
     *,
     n_periods: int,
     transient: int = 64,
-    steps_per_period: int = 400,
+    steps_per_period: Steps = 400,
     method: Method = FAST,
 ) -> Lyapunov:
     """Exponents of the motion that a scene settles on.
@@ -38,7 +39,7 @@ def lyapunov(
         scene: The scene, started from its initial motion.
         n_periods: Drive periods averaged over.
         transient: Drive periods run and discarded first.
-        steps_per_period: Runge-Kutta steps in one period.
+        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs.
         method: Static choices of the march.
 
     Returns:
@@ -49,7 +50,7 @@ def lyapunov(
     """
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
-    count_argument("steps_per_period", steps_per_period, LEAST_STEPS)
+    steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
     scene = in_precision(scene, method.precision)
     state = settled(scene, transient, steps_per_period, method)
     frame, growth, status = np.eye(STATE), [], Status.OK

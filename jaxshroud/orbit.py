@@ -14,10 +14,11 @@ from jaxshroud.analysis.period import periodicity
 from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.events import seat
 from jaxshroud.geometry import touch_rates
-from jaxshroud.integrate import FAST, LEAST_STEPS, Method
+from jaxshroud.integrate import FAST, Method
 from jaxshroud.linear import area, free_power
 from jaxshroud.rhs import as_pairs, model
 from jaxshroud.scene import Scene
+from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.sweep import Plan, final_states, run_lanes, starts
 from jaxshroud.tangents import STATE, Tangents, differentiable, from_vector, tangents, to_vector
@@ -93,7 +94,7 @@ def orbit(
     state: State | None = None,
     q: int | None = None,
     most_periods: int = 1024,
-    steps_per_period: int = 400,
+    steps_per_period: Steps = 400,
     tolerance: float = 1e-11,
     method: Method = FAST,
 ) -> Orbit:
@@ -108,7 +109,7 @@ def orbit(
         q: The period number where it is known. The given state is then closed at once, without a run, whether or not
             the orbit is stable: so an orbit can be followed from scene to scene.
         most_periods: Give up when the motion has not repeated by then.
-        steps_per_period: Runge-Kutta steps in one period.
+        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs.
         tolerance: Closing error at which Newton's method ends, relative to the largest value of each quantity.
         method: Static choices of the march.
 
@@ -119,7 +120,7 @@ def orbit(
         ValueError: A count is too small, or `q` is given without a state.
     """
     count_argument("most_periods", most_periods, 1)
-    count_argument("steps_per_period", steps_per_period, LEAST_STEPS)
+    steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
     if q is not None:
         count_argument("q", q, 1)
         if state is None:

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxshroud.integrate import FAST, Grid, Method, march
+from jaxshroud.integrate import FAST, Method, grid, march
 from jaxshroud.lanes import plain
 from jaxshroud.rhs import as_arrays
 from jaxshroud.scene import Scene
@@ -46,8 +46,8 @@ def period_map(
     lane, model, period = begun(scene, state, method)
     alone = lambda tree: jax.tree.map(lambda a: jnp.asarray(a)[None], tree)  # noqa: E731
     steps = jnp.full((1,), steps_per_period, jnp.int32)
-    grid = Grid(jnp.zeros_like(period), jnp.full_like(period, steps_per_period), period)
-    models, grids = alone((model, grid))
+    steps_of = grid(jnp.zeros_like(period), jnp.full_like(period, steps_per_period), period)
+    models, grids = alone((model, steps_of))
 
     def one_period(lanes, _):
         lanes = march(lanes, models, grids, steps, method, plain, most_trials)

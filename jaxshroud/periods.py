@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.integrate import Grid, Lane, Method, begin, energy, march
+from jaxshroud.absent import filled
+from jaxshroud.integrate import Lane, Method, begin, energy, grid, march
 from jaxshroud.lanes import EachLane
-from jaxshroud.rhs import Model, as_pairs, model
+from jaxshroud.rhs import Model, as_pairs, model, whole
 from jaxshroud.scene import Motion, Pair, Scene
 from jaxshroud.state import State, Status
 
@@ -39,7 +40,7 @@ class Clock(NamedTuple):
 def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Method, each: EachLane):
     before, held = lanes.tally, _energies(lanes, models)
     like = lambda a: jnp.broadcast_to(a.astype(periods.dtype), periods.shape)  # noqa: E731
-    grids = Grid(like(clock.start), like(clock.per_period), periods)
+    grids = grid(like(clock.start), like(clock.per_period), periods)
     lanes = march(lanes, models, grids, jnp.where(active, clock.steps, 0), method, each)
     gain = jax.tree.map(jnp.subtract, lanes.tally.integrals, before.integrals)
     work = residual = None
@@ -47,7 +48,8 @@ def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, metho
         assert lanes.tally.jumps is not None  # kept together with the ledger
         work, jumps = gain.ledger.drive, lanes.tally.jumps - before.jumps
         residual = work + jumps - gain.ledger.viscous - gain.ledger.friction - (_energies(lanes, models) - held)
-    sample = Sample(lanes.state.motion, (gain.power[0] / periods, gain.power[1] / periods), work, residual)
+    power = filled(gain.power, periods)
+    sample = Sample(whole(lanes.state).motion, (power[0] / periods, power[1] / periods), work, residual)
     sample = jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
     return eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(active, 0, lanes.step)), sample
 

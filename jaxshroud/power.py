@@ -8,10 +8,11 @@ import numpy as np
 from jaxshroud.analysis.period import PERIOD_TOLERANCE, periodicity
 from jaxshroud.analysis.power import interval, reduction
 from jaxshroud.checks import count_argument, in_precision
-from jaxshroud.integrate import FAST_WITH_LEDGER, LEAST_STEPS, Method
+from jaxshroud.integrate import FAST_WITH_LEDGER, Method
 from jaxshroud.linear import area, free_power
 from jaxshroud.periods import BLOCK, Sample
 from jaxshroud.scene import Scene
+from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import Status
 from jaxshroud.sweep import Plan, Progress, Ticker, final_states, relative_residual, run_lanes, starts
 
@@ -74,7 +75,7 @@ def power(
     *,
     most_periods: int,
     transient: int = 0,
-    steps_per_period: int = 400,
+    steps_per_period: Steps = 400,
     tolerance: float = 0.1,
     period_tol: float = PERIOD_TOLERANCE,
     method: Method = FAST_WITH_LEDGER,
@@ -86,7 +87,7 @@ def power(
         scene: The scene, started from its initial motion.
         most_periods: Stop here even if P_d is not stable yet.
         transient: Drive periods run and discarded first.
-        steps_per_period: Runge-Kutta steps in one period.
+        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs.
         tolerance: P_d counts as stable when its 95 % half width, and its change since half as many periods, are both
             at most this [percentage points].
         period_tol: Tolerance of the period number.
@@ -101,7 +102,7 @@ def power(
     """
     count_argument("most_periods", most_periods, 1)
     count_argument("transient", transient, 0)
-    count_argument("steps_per_period", steps_per_period, LEAST_STEPS)
+    steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
     if not tolerance > 0:
         raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")
     scenes = in_precision(_alone(scene), method.precision)

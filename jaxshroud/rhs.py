@@ -6,11 +6,25 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from jaxshroud.absent import ABSENT, filled, is_absent
 from jaxshroud.contact import Load, contact_load
-from jaxshroud.friction import Springs, friction_force, normal_force, slider_speed, springs
-from jaxshroud.geometry import FLAT, Corners, Pose, Touch, corners, gyration, is_upper, pose, touch, touch_rates
-from jaxshroud.scene import Blades, Motion, Pair, PerBlade, Scalar, Scene
-from jaxshroud.state import State
+from jaxshroud.friction import Springs, following, friction_force, normal_force, slider_speed, springs
+from jaxshroud.geometry import (
+    FLAT,
+    Case,
+    Corners,
+    Pose,
+    Touch,
+    blend,
+    corners,
+    gyration,
+    is_upper,
+    pose,
+    touch,
+    touch_rates,
+)
+from jaxshroud.scene import Blades, Motion, Pair, Parts, PerBlade, Scalar, Scene
+from jaxshroud.state import Mode, State
 
 
 def as_pairs(tree):
@@ -34,11 +48,11 @@ class Excitation(NamedTuple):
 
 
 class Mobility(NamedTuple):
-    """Reciprocal masses: a product is several times cheaper than a quotient."""
+    """Reciprocal masses: a product is several times cheaper than a quotient. Absent where a block cannot move."""
 
-    x: PerBlade | Pair  # 1 / m [1/kg]
-    y: PerBlade | Pair  # [1/kg]
-    theta: PerBlade | Pair  # 1 / I [1/(kg m^2)]
+    x: Pair  # 1 / m [1/kg]
+    y: Pair  # [1/kg]
+    theta: Pair  # 1 / I [1/(kg m^2)]
     share: Scalar  # I_1 / (I_1 + I_2)
     joint: Scalar  # I_1 I_2 / (I_1 + I_2): inertia against a turn of the blocks towards each other [kg m^2]
 
@@ -53,17 +67,43 @@ class Model(eqx.Module):
     gyration: Scalar  # J_A / A [m^2]
     mobility: Mobility
     reading: frozenset[str] = eqx.field(static=True)
+    parts: Parts = eqx.field(static=True)
 
 
 def model(scene: Scene) -> Model:
     """`scene` with its constants worked out."""
     d, s = scene.drive, scene.shroud
     drive = Excitation(d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase))
-    b = scene.blades
-    share = b.I[0] / (b.I[0] + b.I[1])
-    mobility = Mobility(1 / b.m, 1 / b.inertia_y, 1 / b.I, share, b.I[1] * share)
-    parts = as_pairs((scene.blades, corners(s), springs(scene), drive, gyration(s), mobility))
-    return Model(*parts, reading=scene.contact.reading)
+    blades, block, spring, drive, size = as_pairs((scene.blades, corners(s), springs(scene), drive, gyration(s)))
+    return Model(blades, block, spring, drive, size, _mobility(scene), scene.contact.reading, scene.parts)
+
+
+def _mobility(scene: Scene) -> Mobility:
+    b, has = scene.blades, scene.parts.has
+    of = lambda name, mass: tuple(1 / mass[i] if has(name, i) else ABSENT for i in (0, 1))  # noqa: E731
+    share = b.I[0] / (b.I[0] + b.I[1]) if scene.parts.neighbour == "blade" else jnp.zeros_like(b.I[0])
+    joint = b.I[1] * share if scene.parts.neighbour == "blade" else b.I[0]
+    return Mobility(of("x", b.m), of("y", b.inertia_y), of("theta", b.I), share, joint)
+
+
+def reduced(state: State, model: Model) -> State:
+    """A state (motion as pairs) without what the model leaves out."""
+    names = [name.removeprefix("v_") for name in Motion._fields]
+    keep = lambda name, pair: tuple(pair[i] if model.parts.has(name, i) else ABSENT for i in (0, 1))  # noqa: E731
+    motion = Motion(*(keep(name, pair) for name, pair in zip(names, state.motion, strict=True)))
+    mode = jnp.full_like(state.mode, Mode.SMOOTH) if model.spring.smooth else state.mode
+    return State(motion, ABSENT if is_absent(model.spring.lag) else state.u_s, mode, state.case)
+
+
+def whole(state: State) -> State:
+    """The inverse of `reduced`: zeros for what is absent."""
+    motion, u_s = filled((state.motion, state.u_s), state.motion.x[0])
+    return State(motion, u_s, state.mode, state.case)
+
+
+def turns(model: Model) -> bool:
+    """Whether the blocks can turn."""
+    return "theta" in model.parts.motion
 
 
 class Acceleration(NamedTuple):
@@ -113,7 +153,7 @@ def accelerated(z: Motion, Q: Pair, load: Load, model: Model) -> Acceleration:
 def as_one(pair: Pair, model: Model) -> Pair:
     """What two turning blocks have in common once they are held parallel: their mean, weighted by inertia."""
     mean = pair[1] + model.mobility.share * (pair[0] - pair[1])
-    return mean, mean
+    return mean, pair[1] if is_absent(pair[1]) else mean
 
 
 class Lean(NamedTuple):
@@ -125,16 +165,16 @@ class Lean(NamedTuple):
 
 def lean(z: Motion, Q: Pair, at: Touch, held: State, model: Model) -> Lean:
     """The resultant's place from the accelerations towards each other that it has to make up for."""
-    N, _, load = _loaded(at, held, model)
+    N, _, load = _loaded(at, held, held.case, model)
     left, right = accelerated(z, Q, load, model).theta
     limit = N * model.block.l_ab
     return Lean(model.mobility.joint * (left - right) + jnp.where(is_upper(held.case), limit, 0.0), limit)
 
 
-def _loaded(at: Touch, held: State, model: Model) -> tuple[Scalar, Scalar, Load]:
+def _loaded(at: Touch, held: State, case: Case, model: Model) -> tuple[Scalar, Scalar, Load]:
     N = normal_force(at.v, held.mode, model.spring)
     F = friction_force(at.v, at.u, held.u_s, held.mode, model.spring)
-    return N, F, contact_load(at, N, F, held.case, model.block, model.reading)
+    return N, F, contact_load(at, N, F, case, model.block, model.reading)
 
 
 def mean_square(q: Pose, gyration: Scalar) -> Pair:
@@ -155,21 +195,34 @@ def works(z: Motion, Q: Pair, F: Scalar, slide: Scalar, model: Model) -> Ledger:
     return Ledger(drive(0) + drive(1), viscous(0) + viscous(1), F * slide)
 
 
-def rhs(Q: Pair, z: Motion, held: State, model: Model, ledger: bool) -> tuple[Acceleration, Integrals]:
-    """Accelerations by Eq. (1) and the rates of the running integrals while mode, case and slider of `held` stay fixed.
+class Slope(NamedTuple):
+    """Second derivatives of the displacements, and d/dt of the slider where it moves without events."""
+
+    acceleration: Acceleration
+    u_s: Scalar
+
+
+def rhs(Q: Pair, now: State, model: Model, ledger: bool) -> tuple[Slope, Integrals]:
+    """Accelerations by Eq. (1) and the rates of the running integrals while mode and case stay fixed.
 
     `Q` is the drive's `wave` at the time in question; the rates of the works are left out without `ledger`.
     """
+    z, spring = now.motion, model.spring
     q = pose(z.x, z.y, z.theta)
-    at = touch(q, held.case, model.block, model.reading)
-    _, F, load = _loaded(at, held, model)
+    case = blend(q, model.block, spring.width) if spring.smooth and turns(model) else now.case
+    at = touch(q, case, model.block, model.reading)
+    _, F, load = _loaded(at, now, case, model)
+    u_s = following(at.v, at.u, now.u_s, now.mode, spring) if spring.smooth else ABSENT
     spent = None
     if ledger:
-        rate = touch_rates(at, z, held.case, model.reading)
-        spent = works(z, Q, F, slider_speed(rate.v, rate.u, held.mode, model.spring), model)
+        rate = touch_rates(at, z, case, model.reading)
+        slide = u_s if spring.smooth else slider_speed(rate.v, rate.u, now.mode, spring)
+        spent = works(z, Q, F, slide, model)
     a = accelerated(z, Q, load, model)
-    theta = jax.tree.map(lambda one, own: jnp.where(held.case == FLAT, one, own), as_one(a.theta, model), a.theta)
-    return a._replace(theta=theta), Integrals(mean_square(q, model.gyration), spent)
+    if turns(model) and spring.modal:
+        theta = jax.tree.map(lambda one, own: jnp.where(case == FLAT, one, own), as_one(a.theta, model), a.theta)
+        a = a._replace(theta=theta)
+    return Slope(a, u_s), Integrals(mean_square(q, model.gyration), spent)
 
 
 def stored_energy(z: Motion, model: Model) -> Scalar:

@@ -2,16 +2,22 @@
 
 import math
 import re
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-Scalar = Float[Array, ""]
+from jaxshroud.absent import Absent
+
+if TYPE_CHECKING:
+    Scalar = Float[Array, ""]
+else:
+    Scalar = Float[Array, ""] | Absent  # in compiled loops only, where it behaves as a number would
 PerBlade = Float[Array, "2"]  # left blade first
 Pair = tuple[Scalar, Scalar]  # the same inside compiled loops: two flat arrays of lanes are faster than one strided
 
+MOTIONS = (("x",), ("x", "y"), ("x", "y", "theta"))
 MISPRINTS = ("gap_sign", "friction_components", "M_N2_case1", "M_N1_case2", "M_N1_case4", "levers")
 
 
@@ -65,12 +71,14 @@ class Shroud(eqx.Module):
 class Contact(eqx.Module):
     """The normal spring, given by `k` or by the stiffness ratio `gamma`; the other is None.
 
-    `reading` holds the misprints of the article that are kept: empty is the consistent reading.
+    `reading` holds the misprints of the article that are kept: empty is the consistent reading. `width` is asked for
+    by smooth contact alone.
     """
 
     k: Scalar | None = eqx.field(converter=scalar)  # impact stiffness [N/m]
     gamma: Scalar | None = eqx.field(converter=scalar)  # k / k_x of the left blade (Sec. 3.1.1)
     reading: frozenset[str] = eqx.field(static=True, default=frozenset())
+    width: Scalar | None = eqx.field(converter=scalar, default=None)  # over which smooth contact sets in [m]
 
     def __check_init__(self):
         if (self.k is None) == (self.gamma is None):
@@ -119,6 +127,19 @@ class Motion(NamedTuple):
 AT_REST = Motion(*[(0.0, 0.0)] * 6)
 
 
+class Parts(NamedTuple):
+    """What the model of a scene consists of. What is left out is not in the compiled program."""
+
+    motion: tuple[str, ...] = ("x", "y", "theta")  # coordinates of a block, see `MOTIONS`
+    neighbour: Literal["blade", "rigid"] = "blade"  # "rigid": the right block stands still
+    friction: Literal["bilinear", "none"] = "bilinear"
+    contact: Literal["spring", "smooth", "none"] = "spring"
+
+    def has(self, coordinate: str, blade: int) -> bool:
+        """Whether a block (0: left, 1: right) moves in a coordinate."""
+        return coordinate in self.motion and (blade == 0 or self.neighbour == "blade")
+
+
 class Scene(eqx.Module):
     """One physical set-up in SI units; every number is an array leaf, so scenes batch with `jax.vmap`."""
 
@@ -128,6 +149,15 @@ class Scene(eqx.Module):
     friction: Friction
     drive: Drive
     initial: Motion = eqx.field(converter=lambda z: Motion(*map(per_blade, z)), default=AT_REST)
+    parts: Parts = eqx.field(static=True, default=Parts())
+
+    def __check_init__(self):
+        if self.parts.motion not in MOTIONS:
+            raise ValueError(f"`motion` must be one of {', '.join(map(str, MOTIONS))}, but is {self.parts.motion}.")
+        if (self.parts.contact == "smooth") != (self.contact.width is not None):
+            raise ValueError("A `width` must be given for smooth contact, and only for that.")
+        if self.parts.contact == "smooth" and self.contact.reading:
+            raise ValueError("Smooth contact has no misprints: its `reading` must be consistent.")
 
     @property
     def k(self) -> Scalar:
@@ -165,6 +195,8 @@ def _numbers(scene: Scene, key: str) -> Any:
     """The scene's number or numbers that a key names, before a blade is chosen."""
     table, name, blade = key_parts(key)
     old = scene.blades.inertia_y if name == "m_y" else getattr(getattr(scene, table), name)
+    if name == "width" and old is None:
+        raise KeyError("The scene's contact is not smooth: it has no width.")
     if blade is not None and (old is None or old.ndim == 0):
         raise KeyError(f"{table}.{name!s} is one number, not one per blade.")
     return old
@@ -187,9 +219,9 @@ def vary(scene: Scene, key: str, value: ArrayLike) -> Scene:
     (table, name, blade), old = key_parts(key), _numbers(scene, key)
     if blade is not None:
         value = old.at[blade].set(value)
-    if table == "contact":
+    if name in ("k", "gamma"):
         other = {"k": "gamma", "gamma": "k"}[name]
-        contact = Contact(**{name: value, other: None}, reading=scene.contact.reading)
+        contact = Contact(**{name: value, other: None}, reading=scene.contact.reading, width=scene.contact.width)
         return eqx.tree_at(lambda s: s.contact, scene, contact)
     new = jnp.broadcast_to(jnp.asarray(value, dtype=old.dtype), old.shape)
     return eqx.tree_at(lambda s: getattr(getattr(s, table), name), scene, new, is_leaf=lambda x: x is None)

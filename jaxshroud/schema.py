@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from jaxshroud.scene import MISPRINTS
+from jaxshroud.scene import MISPRINTS, MOTIONS
 
 T = TypeVar("T")
 
@@ -159,6 +159,7 @@ class ContactTable(Table):
     k: Annotated[NonNegative | None, si("N/m"), key("impact stiffness", "2.5e5 N/m")] = None
     gamma: Annotated[NonNegative | None, si(""), key("stiffness ratio k / k_x", 2.5)] = None
     reading: Annotated[Misprints, key("misprints kept", "consistent")] = frozenset()
+    width: Annotated[Positive | None, si("m"), key("width of smooth contact", "0.1 um")] = None
 
     @model_validator(mode="after")
     def _one_stiffness(self) -> "ContactTable":
@@ -196,12 +197,29 @@ class InitialTable(Table):
     v_theta: Annotated[PerBlade[Number], si("rad/s"), key("torsion rate", "0.1 rad/s")] = (0.0, 0.0)
 
 
+def _coordinates(value: Any) -> Any:
+    if not isinstance(value, list | tuple) or tuple(value) not in MOTIONS:
+        raise ValueError('must be ["x"], ["x", "y"] or ["x", "y", "theta"]')
+    return tuple(value)
+
+
+class ModelTable(Table):
+    """What the model of the scene consists of; the full model unless given."""
+
+    motion: Annotated[tuple[str, ...], BeforeValidator(_coordinates), key("coordinates of a block", ["x", "y"])] = (
+        MOTIONS[-1]
+    )
+    neighbour: Annotated[Literal["blade", "rigid"], key("the right block: a blade, or at rest", "rigid")] = "blade"
+    friction: Annotated[Literal["bilinear", "none"], key("law of friction", "none")] = "bilinear"
+    contact: Annotated[Literal["spring", "smooth", "none"], key("law of contact", "smooth")] = "spring"
+
+
 class Run(Table):
     """How long and how finely to integrate."""
 
     periods: Annotated[Count, key("forcing periods kept", 100)]
     transient: Annotated[int, Field(strict=True, ge=0), key("periods discarded before them", 300)] = 0
-    steps_per_period: Annotated[Count, key("integration steps in one forcing period", 400)]
+    steps_per_period: Annotated[Count | Literal["auto"], key("integration steps in one forcing period", 400)]
 
 
 class SweepTable(Table):
@@ -243,8 +261,20 @@ class File(Table):
     friction: FrictionTable
     drive: DriveTable
     initial: InitialTable = InitialTable()
+    model: ModelTable = ModelTable()
     run: Run
     sweep: SweepTable | None = None
+
+    @model_validator(mode="after")
+    def _smooth_has_a_width(self) -> "File":
+        smooth, width = self.model.contact == "smooth", self.contact.width
+        if smooth and width is None:
+            raise ValueError('[contact] lacks `width`; add it for contact = "smooth", e.g. width = "0.1 um"')
+        if smooth and self.contact.reading:
+            raise ValueError('[contact] reading must be "consistent" for contact = "smooth"')
+        if width is not None and not smooth:
+            raise ValueError('[contact] width is for smooth contact; drop it, or add [model] contact = "smooth"')
+        return self
 
 
 TABLES: dict[str, type[Table]] = {
@@ -254,10 +284,11 @@ TABLES: dict[str, type[Table]] = {
     "friction": FrictionTable,
     "drive": DriveTable,
     "initial": InitialTable,
+    "model": ModelTable,
     "run": Run,
     "sweep": SweepTable,
 }
-PHYSICS = tuple(TABLES)[:6]
+PHYSICS = tuple(TABLES)[:7]
 
 
 def is_per_blade(table: str, name: str) -> bool:

@@ -16,6 +16,7 @@ class Mode(IntEnum):
     STICK = 1
     SLIP_PLUS = 2
     SLIP_MINUS = 3
+    SMOOTH = 4  # smooth contact, which has no modes
 
 
 class Status(IntEnum):

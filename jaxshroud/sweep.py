@@ -6,21 +6,24 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
+from jaxshroud.absent import filled
 from jaxshroud.analysis.period import PERIOD_TOLERANCE, Periodicity, periodicity
 from jaxshroud.analysis.power import Reduction, reduction
 from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.events import Counters
-from jaxshroud.integrate import FAST, LEAST_STEPS, Lane, Method
+from jaxshroud.free import free_runs
+from jaxshroud.integrate import FAST, Lane, Method
 from jaxshroud.lanes import best
 from jaxshroud.linear import area, free_power
 from jaxshroud.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, run_block
+from jaxshroud.rhs import whole
 from jaxshroud.scene import Motion, Scene, vary
+from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import State, Status, start
 
 Direction = Literal["independent", "forward", "backward"]
@@ -65,7 +68,7 @@ def sweep(
     *,
     n_periods: int,
     transient: int = 0,
-    steps_per_period: int = 400,
+    steps_per_period: Steps = 400,
     direction: Direction = "independent",
     phase: float = 0.0,
     period_tol: float = PERIOD_TOLERANCE,
@@ -79,7 +82,7 @@ def sweep(
         along: One or two keys as for `vary`, each with its values (n,) in SI units; two make a grid.
         n_periods: Drive periods kept.
         transient: Drive periods run and discarded before these.
-        steps_per_period: Runge-Kutta steps in one period.
+        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs.
         direction: "independent": every lane starts from `scene.initial`. "forward" or "backward": along the first key
             each value starts from its neighbour's final state, slider and mode included.
         phase: Drive phase omega t at which samples are taken, 0 <= phase < 2 pi [rad].
@@ -96,14 +99,14 @@ def sweep(
     """
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
-    count_argument("steps_per_period", steps_per_period, LEAST_STEPS)
     if not 0 <= phase < 2 * np.pi:
         raise ValueError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     axes = {key: np.atleast_1d(np.asarray(values, dtype=float)) for key, values in along.items()}
     if not 1 <= len(axes) <= 2 or any(v.ndim != 1 or v.size == 0 for v in axes.values()):
         raise ValueError("Argument `along` must name one or two keys, each with at least one value.")
-    plan = Plan(transient, n_periods, steps_per_period, phase, method)
     scenes = in_precision(grid_of_scenes(scene, axes), method.precision)
+    steps = steps_for(scenes, len(axes), steps_per_period, method.tableau)
+    plan = Plan(transient, n_periods, steps, phase, method)
     shape = tuple(len(v) for v in axes.values())
     total = int(np.prod(shape)) * (transient + n_periods)
     ticker = Ticker(total, progress)
@@ -188,6 +191,10 @@ jax.tree_util.register_dataclass(Runs, ["samples", "before", "last"], [])
 def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Callable[[int], None]) -> Runs:
     """All lanes (leading axis), in chunks that share one compiled function, one thread per core."""
     lanes = len(scenes.drive.omega)
+    if scenes.parts.contact == "none":
+        samples, last = free_runs(scenes, states, plan.transient, plan.kept, plan.phase, plan.method)
+        ticker(lanes * (plan.transient + plan.kept))
+        return Runs(samples, last.tally, last)
     width = 1 if lanes == 1 else CHUNK
     pieces = [np.minimum(np.arange(i, i + width), lanes - 1) for i in range(0, lanes, width)]
     real = [min(width, lanes - i) for i in range(0, lanes, width)]
@@ -239,8 +246,9 @@ def continued(scenes: Scene, shape: tuple[int, ...], direction: Direction, plan:
 
 def final_states(last: Lane) -> State:
     """The states that lanes have come to, as a start for others."""
-    motion = Motion(*(np.stack(pair, axis=-1) for pair in last.state.motion))
-    return eqx.tree_at(lambda state: state.motion, last.state, motion)
+    state = whole(last.state)
+    motion = Motion(*(np.stack(pair, axis=-1) for pair in state.motion))
+    return State(motion, state.u_s, state.mode, state.case)
 
 
 def _carried_on(last: Lane, fresh: State) -> State:
@@ -288,7 +296,8 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
     with np.errstate(invalid="ignore", divide="ignore"):
         times = [t / whole for t in spent]
         residual = relative_residual(runs.samples) if plan.method.ledger else None
-    counters = {n: getattr(log.counters, n) - getattr(before.counters, n) for n in Counters.__annotations__}
+    counts = [filled(of.counters, runs.last.status) for of in (log, before)]
+    counters = {n: getattr(counts[0], n) - getattr(counts[1], n) for n in Counters.__annotations__}
     return SweepResult(
         axes=axes,
         period=np.arange(plan.transient + 1, plan.transient + plan.kept + 1),

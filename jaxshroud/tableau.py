@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+LEAST_STEPS = 8  # per period: what the drive's phase gains in a step must stay within the range of `trig`
+
 
 class Tableau(NamedTuple):
     """Butcher tableau with its order; `a` is strictly lower triangular, one row for each stage."""

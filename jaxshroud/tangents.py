@@ -17,12 +17,13 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
+from jaxshroud.absent import filled, is_absent
 from jaxshroud.events import seat
 from jaxshroud.friction import stretch
-from jaxshroud.integrate import Decision, End, Fixed, Grid, Lane, Method, advance, begin, running
+from jaxshroud.integrate import Decision, End, Fixed, Lane, Method, advance, begin, grid, running
 from jaxshroud.lanes import EachLane, best, plain
 from jaxshroud.periods import COMPILER
-from jaxshroud.rhs import Model, as_pairs, model
+from jaxshroud.rhs import Model, as_pairs, model, reduced, whole
 from jaxshroud.scene import Motion, Pair, Scalar, Scene, key_parts
 from jaxshroud.state import Mode, State
 
@@ -48,7 +49,8 @@ def _moving_part(part: Any) -> Any:
     if isinstance(part, Decision):
         return fixed
     if isinstance(part, End):
-        return fixed._replace(motion=True, Q=True, gain=True)
+        places = lambda end: (end.state.motion, end.state.u_s, end.Q, end.gain)  # noqa: E731
+        return eqx.tree_at(places, fixed, jax.tree.map(lambda _: True, places(part)))
     if not isinstance(part, Lane):
         return jnp.issubdtype(part.dtype, jnp.floating)
     places = lambda lane: (  # noqa: E731
@@ -102,6 +104,8 @@ def canonical(state: State, scene_model: Model) -> State:
     Sliders that no later motion depends on then agree, and have no tangent.
     """
     at = seat(state.motion, state, scene_model)[2]
+    if is_absent(state.u_s) or scene_model.spring.smooth:
+        return state
     u_s = at.u - stretch(at.v, at.u, state.u_s, state.mode, scene_model.spring)
     return eqx.tree_at(lambda s: s.u_s, state, jnp.where(state.mode == Mode.APART, 0.0, u_s))
 
@@ -109,14 +113,14 @@ def canonical(state: State, scene_model: Model) -> State:
 def begun(scene: Scene, state: State, method: Method) -> tuple[Lane, Model, Scalar]:
     """A lane about to start, its model and the drive's period."""
     scene_model = model(scene)
-    lane = begin(canonical(as_pairs(state), scene_model), scene_model, method)
+    lane = begin(canonical(reduced(as_pairs(state), scene_model), scene_model), scene_model, method)
     return lane, scene_model, scene.drive.period
 
 
 def ended(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
     """What a lane has come to after `time` seconds."""
-    left, right = lane.tally.integrals.power
-    return Flow(canonical(lane.state, scene_model), (left / time, right / time), lane.status)
+    left, right = filled(lane.tally.integrals.power, time)
+    return Flow(whole(canonical(lane.state, scene_model)), (left / time, right / time), lane.status)
 
 
 @partial(jax.jit, static_argnames=("method", "each"), compiler_options=COMPILER)
@@ -138,9 +142,9 @@ def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], m
     lanes, models, periods = (Dual(a, b) for a, b in zip(*first, strict=True))
     like = lambda a: jnp.broadcast_to(a.astype(periods.value.dtype), periods.value.shape)  # noqa: E731
     stops = jnp.full_like(lanes.value.step, 1) * steps
-    fixed = Fixed(models.value, Grid(like(jnp.zeros(())), like(steps), periods.value), stops)
+    fixed = Fixed(models.value, grid(like(jnp.zeros(())), like(steps), periods.value), stops)
     still = jax.tree.map(lambda _: None, fixed)
-    along = still._replace(model=models.tangent, grid=still.grid._replace(period=periods.tangent))
+    along = still._replace(model=models.tangent, grid=still.grid._replace(h=periods.tangent / like(steps)))
     fixed = Dual(fixed, along)
     once = jax.jit(lambda lanes: advance(lanes, fixed, method, dual(each)))  # traced once
 

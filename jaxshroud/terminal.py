@@ -50,12 +50,16 @@ def number(text: str) -> float:
         raise argparse.ArgumentTypeError(f"must be a number, but is {text!r}") from None
 
 
+def _steps(text: str) -> int | str:
+    return text if text == "auto" else count(1)(text)
+
+
 def scene_options(made: argparse.ArgumentParser) -> None:
     """Options of every command that simulates a scene."""
     made.add_argument("scene", metavar="SCENE", help="a TOML file or the name of a shipped scene")
     made.add_argument("--set", action="append", default=[], metavar="K=V", help="override table.key=value")
     made.add_argument("--periods", type=count(1), metavar="N", help="periods kept")
-    made.add_argument("--steps-per-period", type=count(1), metavar="N")
+    made.add_argument("--steps-per-period", type=_steps, metavar="N", help='or "auto"')
     made.add_argument("--tableau", choices=TABLEAUS, default="rk4", help="Runge-Kutta method; rk4 by default")
     made.add_argument("--locate", choices=("cubic", "bisection", "none"), help="how events are located")
     made.add_argument("--precision", choices=("float64", "float32"), default="float64")
@@ -78,19 +82,24 @@ def chosen_method(options: argparse.Namespace, locate: Locate = "cubic"):
     return Method(tableau(options.tableau), options.locate or locate, ledger, options.precision)
 
 
-def check_step(file: SceneFile, axes: tuple[Axis, ...] | None, options: argparse.Namespace) -> None:
-    """Refuse a step that is unstable for some lane, warn of one that is inaccurate."""
-    from jaxshroud.stability import StepTooLongError, step_report, stiffest
+def check_step(file: SceneFile, axes: tuple[Axis, ...] | None, options: argparse.Namespace) -> int:
+    """Steps per period of a scene or sweep: refuse what is unstable for some lane, warn of what is inaccurate."""
+    from jaxshroud.stability import step_report, steps_for, stiffest
     from jaxshroud.sweep import grid_of_scenes
 
-    scenes = None if axes is None else grid_of_scenes(file.scene, {a.key: a.values for a in axes})
-    omega_max, period = stiffest(file.scene if scenes is None else scenes, 0 if axes is None else len(axes))
+    scenes, dims, method = file.scene, 0, tableau(options.tableau)
+    if axes is not None:
+        scenes, dims = grid_of_scenes(file.scene, {a.key: a.values for a in axes}), len(axes)
+    asked = file.run.steps_per_period
     try:
-        report = step_report(omega_max, period, file.run.steps_per_period, tableau(options.tableau))
-    except StepTooLongError as error:
+        steps = steps_for(scenes, dims, asked, method)
+    except ValueError as error:
         raise InputError(f"{file.name}: [run] {error}") from None
-    if report:
+    if asked == "auto":
+        print(f"steps_per_period = {steps}, by the stiffness of the scene", file=sys.stderr)
+    elif report := step_report(*stiffest(scenes, dims), steps, method):
         print(f"warning: {file.name}: [run] {report}", file=sys.stderr)
+    return steps
 
 
 def warn_status(status: np.ndarray) -> None:

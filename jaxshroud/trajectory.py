@@ -9,15 +9,19 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxshroud.absent import filled
 from jaxshroud.checks import count_argument, in_precision
-from jaxshroud.events import seat
+from jaxshroud.events import Counters, seat
 from jaxshroud.friction import stretch
-from jaxshroud.integrate import LEAST_STEPS, REFERENCE, Grid, Lane, Method, begin, energy, march
+from jaxshroud.integrate import REFERENCE, Lane, Method, begin, energy, grid, march
 from jaxshroud.lanes import EachLane, best
+from jaxshroud.linear import free_motion
 from jaxshroud.periods import COMPILER
-from jaxshroud.rhs import Model, as_arrays, as_pairs, model
+from jaxshroud.rhs import Model, as_arrays, as_pairs, model, whole
 from jaxshroud.scene import Motion, Scalar, Scene
+from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import Mode, State, Status, start
+from jaxshroud.trig import ANGLE_RANGE
 
 BLOCK = 1024  # samples per call
 
@@ -42,7 +46,7 @@ def simulate(
     state: State | None = None,
     *,
     n_periods: int,
-    steps_per_period: int = 400,
+    steps_per_period: Steps = 400,
     every: int = 1,
     turns: float = 0.0,
     t: float = 0.0,
@@ -54,7 +58,7 @@ def simulate(
         scene: Blades, shroud, contact, friction, drive and initial motion, in SI units.
         state: Where to start; by default `scene.initial`, apart. A start in overlap is an onset at once.
         n_periods: Forcing periods T = 2 pi / omega to run.
-        steps_per_period: Runge-Kutta steps in one period.
+        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs.
         every: Keep every so many steps.
         turns: Phase of the drive at the start [turns]; 0 for t = 0.
         t: Time at the start [s].
@@ -71,11 +75,18 @@ def simulate(
     """
     for name, value in dict(n_periods=n_periods, every=every).items():
         count_argument(name, value, 1)
-    count_argument("steps_per_period", steps_per_period, LEAST_STEPS)
     scene = in_precision(scene, method.precision)
-    state = start(scene.initial) if state is None else in_precision(state, method.precision)
-    lane, first = _begin(scene, state, method)
-    samples, total = [first], n_periods * steps_per_period // every
+    steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
+    first_state = start(scene.initial) if state is None else in_precision(state, method.precision)
+    total = n_periods * steps_per_period // every
+    index = np.arange(total + 1) * every
+    period = float(scene.drive.period)
+    times = t + index * (period / steps_per_period)
+    after = float((turns + (index[-1] % steps_per_period) / steps_per_period) % 1)
+    if scene.parts.contact == "none":
+        return _without_contact(scene, first_state, turns, index / steps_per_period, times, after)
+    lane, first = _begin(scene, first_state, method)
+    samples = [first]
     steps, phase = jnp.int32(steps_per_period), jnp.asarray(turns, first.u_s.dtype)
     held = _energy(scene, lane)
     for done in range(0, total, BLOCK):
@@ -83,25 +94,40 @@ def simulate(
         lane, block = _samples(scene, lane, steps, phase, jnp.int32(every), jnp.int32(n), method, best())
         samples.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
     whole = jax.tree.map(lambda *a: np.concatenate(a), jax.tree.map(lambda a: np.asarray(a)[None], first), *samples[1:])
-    period = float(scene.drive.period)
-    index = np.arange(total + 1) * every
     tally, residual = lane.tally, float("nan")
     if method.ledger:
         gain = tally.integrals.ledger
         balance = gain.drive + tally.jumps - gain.viscous - gain.friction - (_energy(scene, lane) - held)
         residual = float(balance / jnp.where(gain.drive == 0, 1.0, jnp.abs(gain.drive)))
     return Trajectory(
-        t=t + index * (period / steps_per_period),
+        t=times,
         motion=whole.motion,
         u_s=np.where(whole.mode == Mode.APART, np.nan, whole.u_s),
         mode=whole.mode,
         case=whole.case,
         status=int(lane.status),
-        counters={name: int(n) for name, n in vars(tally.log.counters).items()},
+        counters={name: int(n) for name, n in vars(filled(tally.log.counters, jnp.int32(0))).items()},
         energy_residual=residual,
         last=jax.tree.map(lambda a: a[-1], whole),
-        turns=float((turns + (index[-1] % steps_per_period) / steps_per_period) % 1),
+        turns=after,
     )
+
+
+def _without_contact(scene: Scene, state: State, turns: float, periods: np.ndarray, times, after: float) -> Trajectory:
+    """Samples after so many `periods`, in closed form."""
+    dtype = state.motion.x.dtype
+    seconds = jnp.asarray(periods, dtype) * scene.drive.period
+    motion = jax.tree.map(np.asarray, _free_motion(scene, state.motion, jnp.asarray(turns, dtype), seconds))
+    none = np.zeros(len(times), np.int32)
+    last = State(Motion(*(a[-1] for a in motion)), jnp.zeros((), dtype), jnp.int32(0), jnp.int32(0))
+    fine = all(np.isfinite(a).all() for a in motion)
+    turned = fine and np.abs(motion.theta).max() > ANGLE_RANGE
+    status = Status.ANGLE_OUT_OF_RANGE if turned else Status.OK if fine else Status.NOT_FINITE
+    counters = dict.fromkeys(Counters.__annotations__, 0)
+    return Trajectory(times, motion, np.full(len(times), np.nan), none, none, int(status), counters, 0.0, last, after)
+
+
+_free_motion = jax.jit(free_motion)
 
 
 @partial(jax.jit, static_argnames="method")
@@ -119,7 +145,8 @@ def _sample(lane: Lane, scene_model: Model) -> State:
     """The lane's state with its slider brought up to date; NaN once the lane has stopped."""
     held = lane.state
     at = seat(held.motion, held, scene_model)[2]
-    u_s = at.u - stretch(at.v, at.u, held.u_s, held.mode, scene_model.spring)
+    smooth, held = scene_model.spring.smooth, whole(held)
+    u_s = held.u_s if smooth else at.u - stretch(at.v, at.u, held.u_s, held.mode, scene_model.spring)
     motion, u_s = jax.tree.map(lambda a: jnp.where(lane.status == Status.OK, a, jnp.nan), (as_arrays(held.motion), u_s))
     return State(motion, u_s, held.mode, held.case)
 
@@ -129,7 +156,7 @@ def _samples(scene: Scene, lane: Lane, steps, turns, every, n, method: Method, e
     """`n` samples, `every` steps apart; the rows beyond are meaningless."""
     alone = lambda tree: jax.tree.map(lambda a: a[None], tree)  # noqa: E731
     scene_model = model(scene)
-    models, grids = alone((scene_model, Grid(turns, steps.astype(turns.dtype), scene.drive.period)))
+    models, grids = alone((scene_model, grid(turns, steps.astype(turns.dtype), scene.drive.period)))
 
     def one_step(_, lanes):
         lanes = march(lanes, models, grids, lanes.step + 1, method, each)

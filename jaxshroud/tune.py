@@ -7,7 +7,7 @@ motion meet, and no slope leads along such an edge: the best path ends with a fe
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal, NamedTuple
 
@@ -20,6 +20,7 @@ from jaxshroud.checks import count_argument
 from jaxshroud.gradient import scenes_at, slopes, with_numbers
 from jaxshroud.integrate import FAST, REFERENCE, Method
 from jaxshroud.scene import Motion, Scene
+from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import State, Status, start
 from jaxshroud.sweep import Plan, Progress, Ticker, averages, run_lanes, starts
 from jaxshroud.tangents import Dual, differentiable, direction, onward, resting, run_flow, to_vector
@@ -107,7 +108,7 @@ def tune(
     updates: int | None = None,
     n_periods: int = 64,
     transient: int = 64,
-    steps_per_period: int = 200,
+    steps_per_period: Steps = 200,
     seed: int = 0,
     method: Method = FAST,
     progress: Progress | None = None,
@@ -126,7 +127,7 @@ def tune(
         updates: Steps of each path; by default 6 for each key.
         n_periods: Drive periods that P_d is averaged over.
         transient: Drive periods run before.
-        steps_per_period: Runge-Kutta steps in one period.
+        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs.
         seed: Of the scan, and of the starting motions that the winner is tried from.
         method: Static choices of the march.
         progress: Called with (lane-periods done, lane-periods at most).
@@ -138,8 +139,10 @@ def tune(
         KeyError: The scene has no such number.
         ValueError: A count is too small, or bounds are not in order.
     """
-    plan = Plan(transient, n_periods, steps_per_period, 0.0, method)
+    plan = Plan(transient, n_periods, 1, 0.0, method)
     problem = _problem(scene, over, conditions or {}, goal, most_penetration, most_force, plan)
+    steps = steps_for(_corners(problem), 1, steps_per_period, method.tableau)
+    problem = problem._replace(plan=replace(plan, steps_per_period=steps))
     size = len(over)
     scan, n_starts, updates = scan or 32 * size, n_starts or 3 * size, updates or 6 * size
     for name, value in dict(scan=scan, n_starts=n_starts, updates=updates, n_periods=n_periods).items():
@@ -196,6 +199,14 @@ def scenes_of(problem: Problem, designs: np.ndarray) -> Scene:
     rows = problem.rows
     values = np.concatenate([np.repeat(designs, len(rows), axis=0), np.tile(rows, (len(designs), 1))], axis=1)
     return scenes_at(problem.scene, [*problem.over, *problem.conditions], values)
+
+
+def _corners(problem: Problem) -> Scene:
+    """The extreme scenes of a problem: every combination of bounds, or bounds one by one where these are many."""
+    size = len(problem.over)
+    one_by_one = np.vstack([np.zeros(size), np.ones(size), np.eye(size), 1 - np.eye(size)])
+    u = np.array(list(product((0.0, 1.0), repeat=size))) if size <= 8 else one_by_one
+    return scenes_of(problem, problem.values(u))
 
 
 def judge_designs(problem: Problem, designs: np.ndarray, tick, states: State | None = None) -> Judged:

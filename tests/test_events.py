@@ -269,7 +269,7 @@ def test_energy_after_an_event_is_that_of_the_state_after_it(sides, ready):
 def test_the_first_violated_guard_takes_precedence():
     for flags in itertools.product([False, True], repeat=4):
         want = flags.index(True) if any(flags) else Kind.RUB
-        assert int(first_kind(tuple(map(jnp.asarray, flags)))) == want
+        assert int(first_kind(dict(zip(Kind, map(jnp.asarray, flags), strict=True)))) == want
 
 
 HAPPENINGS = [

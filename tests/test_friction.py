@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxshroud.events import crossing, first_kind, look
+from jaxshroud.events import Kind, crossing, first_kind, look
 from jaxshroud.friction import (
     Springs,
     contact_energy,
@@ -35,8 +35,8 @@ def led(model: Model, motions: Motion) -> tuple[jax.Array, jax.Array]:
 
     def step(held: State, z: Motion) -> tuple[State, tuple[jax.Array, jax.Array]]:
         view = look(z, STILL, held, model)
-        violated = tuple(g > 0 for g in view.guards.value)
-        due = jnp.any(jnp.stack(violated))
+        violated = {kind: view.guards.value[kind] > 0 for kind in Kind}
+        due = jnp.any(jnp.stack(list(violated.values())))
         fired = crossing(z, held, view, first_kind(violated), jnp.asarray(0.0), jnp.asarray(0.0), model).after
         stayed = State(z, held.u_s, held.mode, held.case)
         held = jax.tree.map(lambda a, b: jnp.where(due, a, b), fired, stayed)

@@ -7,7 +7,7 @@ import pytest
 from batch import EXACT
 
 from jaxshroud import sweep, vary
-from jaxshroud.integrate import Fixed, Grid, advance
+from jaxshroud.integrate import Fixed, advance, grid
 from jaxshroud.lanes import best, fused, plain
 from jaxshroud.periods import begin_lanes, run_block
 from jaxshroud.rhs import model
@@ -41,7 +41,7 @@ def test_fused_and_plain_trials_agree(table1, name):
     method, steps = EXACT[name], 100
     scenes = jax.vmap(lambda gamma: vary(table1, "contact.gamma", gamma))(jnp.linspace(0.3, 8.0, LANES))
     periods = jnp.broadcast_to(table1.drive.period, LANES)
-    grids = Grid(jnp.zeros(LANES), jnp.full(LANES, float(steps)), periods)
+    grids = grid(jnp.zeros(LANES), jnp.full(LANES, float(steps)), periods)
     fixed = Fixed(jax.vmap(model)(scenes), grids, jnp.full(LANES, steps, jnp.int32))
 
     def trials(each):

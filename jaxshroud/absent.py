@@ -1,0 +1,72 @@
+"""Numbers that a scene leaves out.
+
+A model without torsion, without friction or with one blade is not the full one with zeros in it: what is absent must
+not be in the compiled program at all. Here an absent number is `ABSENT`. Arithmetic with it is done when a function is
+traced, as with an exact zero, and leaves no operation behind; as a pytree it has no leaves, so that a loop does not
+carry it. The physics is written once, for the full model.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+
+class Absent:
+    """An exact zero that is known when tracing."""
+
+    def __add__(self, other: Any) -> Any:
+        """The other one."""
+        return other
+
+    def __neg__(self) -> "Absent":
+        """Still absent."""
+        return self
+
+    def __rsub__(self, other: Any) -> Any:
+        """The other one."""
+        return other
+
+    def __sub__(self, other: Any) -> Any:
+        """The other one's negative."""
+        return -other
+
+    def __mul__(self, other: Any) -> "Absent":
+        """Still absent."""
+        return self
+
+    def __repr__(self) -> str:
+        """As it is called."""
+        return "ABSENT"
+
+    __radd__, __rmul__, __truediv__, __pow__, __abs__ = __add__, __mul__, __mul__, __mul__, __neg__
+
+
+ABSENT: Any = Absent()
+jax.tree_util.register_pytree_node(Absent, lambda _: ((), None), lambda *_: ABSENT)
+
+
+def is_absent(value: Any) -> bool:
+    """Whether a number is left out."""
+    return isinstance(value, Absent)
+
+
+def where(condition: Any, yes: Any, no: Any) -> Any:
+    """`jnp.where` of numbers that may be absent."""
+    if yes is no:
+        return yes
+    return jnp.where(condition, *(0.0 if is_absent(a) else a for a in (yes, no)))
+
+
+def mixed(share: Any, yes: Any, no: Any) -> Any:
+    """`yes` or `no` by a truth value, or their mixture by a share of `yes` in [0, 1]."""
+    if yes is no:
+        return yes
+    if jnp.issubdtype(jnp.asarray(share).dtype, jnp.bool_):
+        return where(share, yes, no)
+    return no + share * (yes - no)
+
+
+def filled(tree: Any, like: Any) -> Any:
+    """`tree` with zeros for what is absent, of the shape and type of `like`."""
+    return jax.tree.map(lambda a: jnp.zeros_like(like) if is_absent(a) else a, tree, is_leaf=is_absent)

@@ -1,0 +1,77 @@
+"""Runs of scenes whose model has no contact: in closed form, without any stepping."""
+
+import math
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxshroud.geometry import gyration
+from jaxshroud.integrate import Method
+from jaxshroud.linear import free_motion
+from jaxshroud.periods import Sample, begin_lanes
+from jaxshroud.rhs import as_pairs, model, reduced
+from jaxshroud.scene import Motion, PerBlade, Scalar, Scene
+from jaxshroud.stability import stiffest
+from jaxshroud.state import State, Status
+from jaxshroud.trig import ANGLE_RANGE, sine_versine
+
+NODES = 32  # of the Gauss-Legendre rule over a period, and so many more for each of its fastest oscillation
+MOST_NODES = 1 << 14  # beyond, the fastest motion is no longer resolved
+
+
+def nodes_needed(scenes: Scene) -> int:
+    """Points at which a period is looked at: exact to rounding, in powers of two so that few programs are compiled."""
+    omega_max, period = stiffest(scenes, 1)
+    cycles = omega_max * period / (2 * math.pi)
+    return min(1 << math.ceil(math.log2(NODES + 8 * cycles)), MOST_NODES)
+
+
+def free_runs(scenes: Scene, states: State, transient: int, kept: int, phase: float, method: Method):
+    """Samples and final lanes of scenes (leading axis) without contact; see `sweep.Runs`.
+
+    Args:
+        scenes: The scenes.
+        states: Where they start, at drive phase 0.
+        transient: Drive periods before those that are kept.
+        kept: Drive periods kept.
+        phase: Drive phase at which samples are taken [rad].
+        method: For the precision and shape of the result; there is nothing else to choose.
+    """
+    turns = jnp.asarray(phase / (2 * math.pi), scenes.drive.omega.dtype)
+    samples, *end = _samples(scenes, states, jnp.full_like(turns, transient), turns, kept, nodes_needed(scenes))
+    lanes = eqx.tree_at(lambda lane: [lane.state, lane.status], begin_lanes(scenes, states, method), end)
+    zeros = np.zeros(np.shape(samples.power[0]))
+    return jax.tree.map(np.asarray, (samples._replace(work=zeros, residual=zeros), lanes))
+
+
+@partial(jax.jit, static_argnames=("kept", "nodes"))
+def _samples(scenes: Scene, states: State, transient, turns, kept: int, nodes: int):
+    def one(scene: Scene, state: State):
+        period = scene.drive.period
+        ends = (transient + turns + jnp.arange(kept + 1)) * period
+        motion = free_motion(scene, state.motion, jnp.zeros_like(turns), ends)
+        power, largest = jax.vmap(lambda z: _mean_square(scene, z, turns, nodes))(Motion(*(a[:-1] for a in motion)))
+        sample = Sample(Motion(*((a[1:, 0], a[1:, 1]) for a in motion)), (power[:, 0], power[:, 1]), None, None)
+        last = State(Motion(*(a[-1] for a in motion)), state.u_s, state.mode, state.case)
+        finite = jnp.all(jnp.isfinite(power))
+        status = jnp.where(jnp.max(largest) > ANGLE_RANGE, Status.ANGLE_OUT_OF_RANGE, Status.OK)
+        status = jnp.where(finite, status, Status.NOT_FINITE).astype(jnp.int32)
+        sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
+        return sample, reduced(as_pairs(last), model(scene)), status
+
+    return jax.vmap(one)(scenes, states)
+
+
+def _mean_square(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple[PerBlade, Scalar]:
+    """Square displacement averaged over each block and the period from `first` on, and the largest angle in it.
+
+    Source:
+        Eqs. (22), (23), as in `rhs.mean_square`.
+    """
+    place, weights = np.polynomial.legendre.leggauss(nodes)
+    z = free_motion(scene, first, turns, jnp.asarray((place + 1) / 2) * scene.drive.period)
+    _, versine = sine_versine(z.theta)
+    return (weights / 2) @ (z.x**2 + z.y**2 + gyration(scene.shroud) * 2 * versine), jnp.max(jnp.abs(z.theta))
