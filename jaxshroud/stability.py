@@ -131,8 +131,9 @@ def steps_for(scenes: Scene, batch_dims: int, steps: Steps, method: Tableau) -> 
     if steps == "auto":
         omega_max, own, period = _fastest(scenes, batch_dims)
         return _auto(np.asarray(omega_max), np.asarray(own), np.asarray(period), method)
-    count_argument("steps_per_period", steps, LEAST_STEPS)
+    count_argument("steps_per_period", steps, 1)
     step_report(*stiffest(scenes, batch_dims), steps, method)
+    count_argument("steps_per_period", steps, LEAST_STEPS)
     return steps
 
 
