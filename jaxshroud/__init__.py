@@ -6,6 +6,7 @@ from jaxshroud.config import SceneError as SceneError
 from jaxshroud.config import SceneFile as SceneFile
 from jaxshroud.config import load as load
 from jaxshroud.config import shipped as shipped
+from jaxshroud.explain import explain as explain
 from jaxshroud.gradient import Gradient as Gradient
 from jaxshroud.gradient import differences as differences
 from jaxshroud.gradient import gradient as gradient
@@ -24,6 +25,7 @@ from jaxshroud.scene import Contact as Contact
 from jaxshroud.scene import Drive as Drive
 from jaxshroud.scene import Friction as Friction
 from jaxshroud.scene import Motion as Motion
+from jaxshroud.scene import Parts as Parts
 from jaxshroud.scene import Scene as Scene
 from jaxshroud.scene import Shroud as Shroud
 from jaxshroud.scene import value_of as value_of

@@ -55,6 +55,7 @@ EXAMPLES = {
     "tune": "jaxshroud tune table1 --set drive.M_0=10 --over shroud.gap=5um:200um --over contact.gamma=0.1:10 "
     "--range drive.F_0=20,40,60,80 --out tuned",
     "plot": "jaxshroud plot fig09",
+    "explain": 'jaxshroud explain table1 --set \'model.motion=["x", "y"]\'',
     "scenes": "jaxshroud scenes",
 }
 
@@ -130,6 +131,9 @@ def parser() -> OneLineParser:
 
     gradient_options(verb("gradient", gradient_verb, "Derivatives of P_d with respect to numbers of a scene."))
     tune_options(verb("tune", tune_verb, "Find the numbers of a scene that reduce the vibration most."))
+
+    tell = verb("explain", explain_verb, "Say what the model of a scene consists of, what it lacks and what it costs.")
+    scene_options(tell)
 
     draw = verb("plot", plot_verb, "Draw stored results again, without simulating.")
     draw.add_argument("source", type=Path, metavar="DIR|FILE")
@@ -296,6 +300,35 @@ def power_verb(options: argparse.Namespace) -> None:
             "written": options.out,
         },
     )
+
+
+def explain_verb(options: argparse.Namespace) -> None:
+    """`jaxshroud explain`."""
+    from jaxshroud.explain import explain
+    from jaxshroud.scene import Parts
+
+    file = loaded(options)
+    told = explain(file.scene, chosen_method(options)._replace(ledger=False))
+    whole = zip(Parts._fields, told.parts, Parts(), strict=True)
+    lacks = [f"{name}: {part}" for name, part, full in whole if part != full]
+    closed = told.parts.contact == "none"
+    share = told.operations / told.full_operations
+    rows = {
+        "motion": ", ".join(told.parts.motion)
+        + (" of both blocks" if told.parts.neighbour == "blade" else " of the left"),
+        "friction": told.parts.friction,
+        "contact": told.parts.contact,
+        "not the full model in": "; ".join(lacks) or "nothing",
+        "events looked for": ", ".join(told.events) or "none",
+        "numbers carried by a lane": told.numbers,
+        "operations in a trial step": "none: closed form"
+        if closed
+        else f"{told.operations}, {share:.2f} of the full model",
+        "omega_max": f"{told.omega_max:.4g} rad/s",
+        **{f"steps per period, {name}": n for name, n in told.steps.items()},
+        **{f"note {i}": text for i, text in enumerate(told.advice, 1)},
+    }
+    print_table(file.title or file.name, rows)
 
 
 def plot_verb(options: argparse.Namespace) -> None:

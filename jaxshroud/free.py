@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxshroud.geometry import gyration
 from jaxshroud.integrate import Method
-from jaxshroud.linear import free_motion
+from jaxshroud.linear import free_motion, steady_amplitudes
 from jaxshroud.periods import Sample, begin_lanes
 from jaxshroud.rhs import as_pairs, model, reduced
 from jaxshroud.scene import Motion, PerBlade, Scalar, Scene
@@ -19,6 +19,7 @@ from jaxshroud.state import State, Status
 from jaxshroud.trig import ANGLE_RANGE, sine_versine
 
 NODES = 32  # of the Gauss-Legendre rule over a period, and so many more for each of its fastest oscillation
+MOST_CANCELLED = 1e8  # a steady response so many times larger than the motion leaves it no digits
 MOST_NODES = 1 << 14  # beyond, the fastest motion is no longer resolved
 
 
@@ -51,12 +52,14 @@ def free_runs(scenes: Scene, states: State, transient: int, kept: int, phase: fl
 def _samples(scenes: Scene, states: State, transient, turns, kept: int, nodes: int):
     def one(scene: Scene, state: State):
         period = scene.drive.period
-        ends = (transient + turns + jnp.arange(kept + 1)) * period
+        ends = (transient + turns + jnp.arange(kept + 1, dtype=turns.dtype)) * period
         motion = free_motion(scene, state.motion, jnp.zeros_like(turns), ends)
         power, largest = jax.vmap(lambda z: _mean_square(scene, z, turns, nodes))(Motion(*(a[:-1] for a in motion)))
         sample = Sample(Motion(*((a[1:, 0], a[1:, 1]) for a in motion)), (power[:, 0], power[:, 1]), None, None)
         last = State(Motion(*(a[-1] for a in motion)), state.u_s, state.mode, state.case)
-        finite = jnp.all(jnp.isfinite(power))
+        swing = jnp.stack([motion.x, motion.y, motion.theta]), jnp.abs(jnp.stack(steady_amplitudes(scene)))
+        lost = swing[1] > MOST_CANCELLED * jnp.max(jnp.abs(swing[0]), axis=1)  # resonance without damping
+        finite = jnp.all(jnp.isfinite(power)) & ~jnp.any(lost)
         status = jnp.where(jnp.max(largest) > ANGLE_RANGE, Status.ANGLE_OUT_OF_RANGE, Status.OK)
         status = jnp.where(finite, status, Status.NOT_FINITE).astype(jnp.int32)
         sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)

@@ -28,7 +28,7 @@ class Springs(NamedTuple):
     mu: Scalar
     lag: Scalar  # mu k / k_d: stretch of the friction spring in slip, per unit penetration
     width: Scalar = ABSENT  # of smooth contact [m]; absent where contact sets in at once
-    haste: Scalar = ABSENT  # at which the slider of smooth contact follows [1/s]
+    haste: Scalar = ABSENT  # at which its slider follows: the blades' speed over the width [1/s]
 
     @property
     def smooth(self) -> bool:
@@ -47,11 +47,11 @@ def springs(scene: Scene) -> Springs:
     if scene.parts.contact == "none":
         return Springs(ABSENT, ABSENT, ABSENT, ABSENT)
     width = ABSENT if scene.contact.width is None else scene.contact.width
+    haste = width if is_absent(width) else _free_speed(scene) / width
     if scene.parts.friction == "none":
-        return Springs(k, ABSENT, ABSENT, ABSENT, width)
+        return Springs(k, ABSENT, ABSENT, ABSENT, width, haste)
     rubs = (k > 0) & (k_d > 0) & (mu > 0)
     lag = mu * k / jnp.where(rubs, k_d, 1.0)
-    haste = width if is_absent(width) else _free_speed(scene) / width
     return Springs(k, k_d, jnp.where(rubs, mu, 0.0), jnp.where(rubs, lag, 0.0), width, haste)
 
 
@@ -98,7 +98,9 @@ def slider_speed(v_rate: Scalar, u_rate: Scalar, mode: Int[Array, ""], spring: S
 
 
 def following(v: Scalar, u: Scalar, u_s: Scalar, mode: Int[Array, ""], spring: Springs) -> Scalar:
-    """d(u_s)/dt of smooth contact [m/s]; absent where the slider moves by events."""
+    """d(u_s)/dt of smooth contact [m/s]; absent where the slider moves by events, or there is none."""
+    if not spring.smooth or is_absent(spring.lag):
+        return ABSENT
     return spring.haste * (u - u_s - stretch(v, u, u_s, mode, spring))
 
 

@@ -14,7 +14,7 @@ from jaxshroud.periods import BLOCK, Sample
 from jaxshroud.scene import Scene
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import Status
-from jaxshroud.sweep import Plan, Progress, Ticker, final_states, relative_residual, run_lanes, starts
+from jaxshroud.sweep import Plan, Progress, Ticker, final_states, relative_residual, run_lanes, starts, stepper
 
 
 class PowerResult(NamedTuple):
@@ -102,7 +102,7 @@ def power(
     """
     count_argument("most_periods", most_periods, 1)
     count_argument("transient", transient, 0)
-    steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
+    steps_per_period = steps_for(scene, 0, steps_per_period, stepper(scene, method))
     if not tolerance > 0:
         raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")
     scenes = in_precision(_alone(scene), method.precision)

@@ -212,7 +212,7 @@ def rhs(Q: Pair, now: State, model: Model, ledger: bool) -> tuple[Slope, Integra
     case = blend(q, model.block, spring.width) if spring.smooth and turns(model) else now.case
     at = touch(q, case, model.block, model.reading)
     _, F, load = _loaded(at, now, case, model)
-    u_s = following(at.v, at.u, now.u_s, now.mode, spring) if spring.smooth else ABSENT
+    u_s = following(at.v, at.u, now.u_s, now.mode, spring)
     spent = None
     if ledger:
         rate = touch_rates(at, z, case, model.reading)

@@ -72,7 +72,9 @@ def _frequency(scene: Scene, engaged: bool) -> Scalar:
         v_q, u_q = contact_gradients(case, block, mass)
         K = blades + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q)
         squares.append(jnp.linalg.eigvalsh(K * jnp.sqrt(jnp.outer(mobility, mobility)))[-1])
-    fading = jnp.max(jnp.concatenate([b.c_x, b.c_y, b.c_T]) * mobility)  # an overdamped motion's rate is at most that
+    damping = jnp.concatenate([b.c_x, b.c_y, b.c_T]) * mobility / 2
+    excess = damping**2 - jnp.diag(blades) * mobility
+    fading = jnp.max(jnp.where(excess > 0, damping + jnp.sqrt(jnp.maximum(excess, 0.0)), 0.0))  # if overdamped
     fastest = jnp.maximum(jnp.sqrt(jnp.maximum(*squares)), fading)
     return jnp.maximum(fastest, spring.haste) if engaged and not is_absent(spring.haste) else fastest
 
@@ -115,19 +117,23 @@ def step_report(omega_max: float, period: float, steps_per_period: int, method: 
     return None
 
 
-def steps_for(scenes: Scene, batch_dims: int, steps: Steps, method: Tableau) -> int:
+def steps_for(scenes: Scene, batch_dims: int, steps: Steps, method: Tableau | None) -> int:
     """Steps per period to march with.
 
     Args:
         scenes: One scene, or many with so many leading dimensions.
         batch_dims: How many those are.
         steps: Steps asked for, or "auto": by the stiffness of the lane that needs the most.
-        method: The Runge-Kutta method.
+        method: The Runge-Kutta method; None where nothing is stepped.
 
     Raises:
         StepTooLongError: The march would be unstable, or "auto" would take more than 10^7 steps.
         ValueError: `steps` is too small a number, or none.
     """
+    if method is None:
+        steps = LEAST_AUTO if steps == "auto" else steps
+        count_argument("steps_per_period", steps, 1)
+        return steps
     if steps == "auto":
         omega_max, own, period = _fastest(scenes, batch_dims)
         return _auto(np.asarray(omega_max), np.asarray(own), np.asarray(period), method)

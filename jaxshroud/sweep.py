@@ -25,6 +25,7 @@ from jaxshroud.rhs import whole
 from jaxshroud.scene import Motion, Scene, vary
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import State, Status, start
+from jaxshroud.tableau import Tableau
 
 Direction = Literal["independent", "forward", "backward"]
 Progress = Callable[[int, int], None]  # lane-periods done so far, and in all
@@ -105,7 +106,7 @@ def sweep(
     if not 1 <= len(axes) <= 2 or any(v.ndim != 1 or v.size == 0 for v in axes.values()):
         raise ValueError("Argument `along` must name one or two keys, each with at least one value.")
     scenes = in_precision(grid_of_scenes(scene, axes), method.precision)
-    steps = steps_for(scenes, len(axes), steps_per_period, method.tableau)
+    steps = steps_for(scenes, len(axes), steps_per_period, stepper(scene, method))
     plan = Plan(transient, n_periods, steps, phase, method)
     shape = tuple(len(v) for v in axes.values())
     total = int(np.prod(shape)) * (transient + n_periods)
@@ -161,6 +162,11 @@ class Plan:
         turns = self.phase / (2 * np.pi)
         steps = int(np.ceil(turns * self.steps_per_period))
         return Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(steps / turns)) if steps else None
+
+
+def stepper(scene: Scene, method: Method) -> Tableau | None:
+    """What steps through a scene: nothing where there is a closed form."""
+    return None if scene.parts.contact == "none" else method.tableau
 
 
 class Ticker:
@@ -297,7 +303,7 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
         times = [t / whole for t in spent]
         residual = relative_residual(runs.samples) if plan.method.ledger else None
     counts = [filled(of.counters, runs.last.status) for of in (log, before)]
-    counters = {n: getattr(counts[0], n) - getattr(counts[1], n) for n in Counters.__annotations__}
+    counters = {n: np.asarray(getattr(counts[0], n) - getattr(counts[1], n)) for n in Counters.__annotations__}
     return SweepResult(
         axes=axes,
         period=np.arange(plan.transient + 1, plan.transient + plan.kept + 1),

@@ -49,18 +49,20 @@ def _moving_part(part: Any) -> Any:
     if isinstance(part, Decision):
         return fixed
     if isinstance(part, End):
-        places = lambda end: (end.state.motion, end.state.u_s, end.Q, end.gain)  # noqa: E731
-        return eqx.tree_at(places, fixed, jax.tree.map(lambda _: True, places(part)))
+        return fixed._replace(state=_real(part.state), Q=True, gain=True)
     if not isinstance(part, Lane):
         return jnp.issubdtype(part.dtype, jnp.floating)
     places = lambda lane: (  # noqa: E731
-        lane.state.motion,
-        lane.state.u_s,
+        lane.state,
         lane.search.done,
         lane.search.length,
         lane.tally.integrals.power,
     )
-    return eqx.tree_at(places, fixed, jax.tree.map(lambda _: True, places(part)))
+    return eqx.tree_at(places, fixed, _real(places(part)))
+
+
+def _real(tree: Any) -> Any:
+    return jax.tree.map(lambda a: bool(jnp.issubdtype(a.dtype, jnp.floating)), tree)
 
 
 def dual(each: EachLane) -> EachLane:

@@ -90,14 +90,14 @@ def check_step(file: SceneFile, axes: tuple[Axis, ...] | None, options: argparse
     scenes, dims, method = file.scene, 0, tableau(options.tableau)
     if axes is not None:
         scenes, dims = grid_of_scenes(file.scene, {a.key: a.values for a in axes}), len(axes)
-    asked = file.run.steps_per_period
+    asked, free = file.run.steps_per_period, file.scene.parts.contact == "none"
     try:
-        steps = steps_for(scenes, dims, asked, method)
+        steps = steps_for(scenes, dims, asked, None if free else method)
     except ValueError as error:
         raise InputError(f"{file.name}: [run] {error}") from None
-    if asked == "auto":
+    if asked == "auto" and not free:
         print(f"steps_per_period = {steps}, by the stiffness of the scene", file=sys.stderr)
-    elif report := step_report(*stiffest(scenes, dims), steps, method):
+    elif not free and (report := step_report(*stiffest(scenes, dims), steps, method)):
         print(f"warning: {file.name}: [run] {report}", file=sys.stderr)
     return steps
 

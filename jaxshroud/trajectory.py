@@ -21,6 +21,7 @@ from jaxshroud.rhs import Model, as_arrays, as_pairs, model, whole
 from jaxshroud.scene import Motion, Scalar, Scene
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import Mode, State, Status, start
+from jaxshroud.sweep import stepper
 from jaxshroud.trig import ANGLE_RANGE
 
 BLOCK = 1024  # samples per call
@@ -76,7 +77,7 @@ def simulate(
     for name, value in dict(n_periods=n_periods, every=every).items():
         count_argument(name, value, 1)
     scene = in_precision(scene, method.precision)
-    steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
+    steps_per_period = steps_for(scene, 0, steps_per_period, stepper(scene, method))
     first_state = start(scene.initial) if state is None else in_precision(state, method.precision)
     total = n_periods * steps_per_period // every
     index = np.arange(total + 1) * every

@@ -37,6 +37,7 @@ ORDER = [
     "sweep",
     "power",
     "trajectory",
+    "explain",
     "tangents",
     "periodmap",
     "orbit",
