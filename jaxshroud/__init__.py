@@ -31,6 +31,7 @@ from jaxshroud.scene import Shroud as Shroud
 from jaxshroud.scene import value_of as value_of
 from jaxshroud.scene import vary as vary
 from jaxshroud.stability import largest_frequency as largest_frequency
+from jaxshroud.stability import steps_for as steps_for
 from jaxshroud.state import Mode as Mode
 from jaxshroud.state import State as State
 from jaxshroud.state import Status as Status

@@ -38,20 +38,26 @@ class Clock(NamedTuple):
 
 
 def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Method, each: EachLane):
-    before, held = lanes.tally, _energies(lanes, models)
+    lanes, held = _with_empty_tally(lanes), _energies(lanes, models)
     like = lambda a: jnp.broadcast_to(a.astype(periods.dtype), periods.shape)  # noqa: E731
     grids = grid(like(clock.start), like(clock.per_period), periods)
     lanes = march(lanes, models, grids, jnp.where(active, clock.steps, 0), method, each)
-    gain = jax.tree.map(jnp.subtract, lanes.tally.integrals, before.integrals)
+    gain, jumps = lanes.tally.integrals, lanes.tally.jumps
     work = residual = None
-    if gain.ledger is not None and before.jumps is not None:
-        assert lanes.tally.jumps is not None  # kept together with the ledger
-        work, jumps = gain.ledger.drive, lanes.tally.jumps - before.jumps
+    if gain.ledger is not None and jumps is not None:
+        work = gain.ledger.drive
         residual = work + jumps - gain.ledger.viscous - gain.ledger.friction - (_energies(lanes, models) - held)
     power = filled(gain.power, periods)
     sample = Sample(whole(lanes.state).motion, (power[0] / periods, power[1] / periods), work, residual)
     sample = jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
     return eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(active, 0, lanes.step)), sample
+
+
+def _with_empty_tally(lanes: Lane) -> Lane:
+    """The lanes with their integrals at zero: what a late period adds to a long sum would be lost in float32."""
+    sums = lanes.tally.integrals, lanes.tally.jumps
+    places = lambda lane: (lane.tally.integrals, lane.tally.jumps)  # noqa: E731
+    return eqx.tree_at(places, lanes, jax.tree.map(jnp.zeros_like, sums), is_leaf=lambda a: a is None)
 
 
 def _energies(lanes: Lane, models: Model) -> Float[Array, " lanes"]:

@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -220,9 +221,15 @@ def _run_chunk(chunk: tuple[Scene, State], plan: Plan, tick: Callable[[int], Non
     if plan.lead_in is not None:
         lanes, _ = run_block(scenes, lanes, plan.lead_in, jnp.int32(1), plan.method, BLOCK, best())
     lanes, _ = _blocks(scenes, lanes, plan.transient, plan, tick, keep=False)
+    lanes = eqx.tree_at(_times, lanes, jax.tree.map(jnp.zeros_like, _times(lanes)))  # late in float32, sums lose digits
     before = lanes.tally
     lanes, samples = _blocks(scenes, lanes, plan.kept, plan, tick, keep=True)
     return jax.tree.map(np.asarray, Runs(samples, before, lanes))
+
+
+def _times(lanes: Any):
+    log = lanes.tally.log
+    return log.time_apart, log.time_stick, log.time_slip
 
 
 def _blocks(scenes: Scene, lanes: Lane, periods: int, plan: Plan, tick, keep: bool):

@@ -145,7 +145,7 @@ def test_automatic_steps_follow_the_stiffness(table1):
         float(largest_frequency(vary(table1, "contact.gamma", g))) * T / n
         for g, n in zip((0.0, 1e4), auto[::3], strict=True)
     ]
-    np.testing.assert_allclose(product, [0.2, 0.03], rtol=0.01)
+    np.testing.assert_allclose(product, [0.2, 0.02], rtol=0.01)
     with pytest.raises(StepTooLongError, match="too slow"):
         steps_for(vary(table1, "drive.omega", 1e-3), 0, "auto", RK4)
     with pytest.raises(ValueError, match="at least 8"):

@@ -1,0 +1,109 @@
+"""Measures `jaxshroud/accuracy.json`: python tests/benchmarks/accuracy.py.
+
+Random scenes around Table 1 in four classes of stiffness; every candidate setting's error on each lane, and its cost.
+"""
+
+import json
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxshroud import load
+from jaxshroud.accuracy import CLASSES
+from jaxshroud.scene import vary
+from jaxshroud.stability import stiffness_ratio
+from jaxshroud.trade import LEVELS, TRUTH, Setting, cost, end_states, state_errors
+
+MARGIN, SHARE, LANES = 3.0, 0.98, 96
+CANDIDATES = [
+    *(Setting("rk4", "cubic", "float32", p) for p in (2.0, 1.4, 1.0, 0.7, 0.5)),
+    *(Setting("tsit5", "cubic", "float32", p) for p in (2.0, 1.4, 1.0, 0.7, 0.5)),
+    *(Setting("tsit5", "cubic", "float64", p) for p in (2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25, 0.12)),
+    *(
+        Setting("dopri8", "cubic", "float64", p)
+        for p in (2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03)
+    ),
+]
+TARGETS = ((0.01, 10.0), (20.0, 150.0), (200.0, 1500.0), (2000.0, 1e4))  # gamma for each class, log-uniform
+
+
+def random_scene(rng: np.random.Generator, gamma: tuple[float, float]):
+    """One scene around Table 1 or its variant after Eq. (21)."""
+    scene = load(str(rng.choice(["table1", "eq21"]))).scene
+    scene = vary(scene, "contact.gamma", float(np.exp(rng.uniform(*np.log(gamma)))))
+    for key, low, high in (
+        ("shroud.gap", 2e-6, 2e-4),
+        ("drive.F_0", 20.0, 90.0),
+        ("drive.omega", 400.0, 800.0),
+        ("friction.mu", 0.05, 0.8),
+        ("friction.k_d", 2e5, 2e6),
+        ("drive.M_0", 2.0, 100.0),
+    ):
+        scene = vary(scene, key, float(np.exp(rng.uniform(np.log(low), np.log(high)))))
+    return scene
+
+
+def in_class(rng: np.random.Generator, index: int, count: int) -> list:
+    """Random scenes whose stiffness is of that class."""
+    low = 0.0 if index == 0 else CLASSES[index - 1]
+    kept = []
+    while len(kept) < count:
+        scene = random_scene(rng, TARGETS[index])
+        if low < stiffness_ratio(scene, 0) <= CLASSES[index]:
+            kept.append(scene)
+    return kept
+
+
+def stacked(scenes: list):
+    """The scenes with a leading axis."""
+    return jax.tree.map(lambda *a: jnp.stack(a), *scenes)
+
+
+def errors(scenes: list, setting: Setting, truths: list[np.ndarray]) -> np.ndarray:
+    """State error of each scene, every one with its own number of steps in powers of the tenth root of two."""
+    from jaxshroud.stability import stiffest
+
+    found = []
+    for scene, truth in zip(scenes, truths, strict=True):
+        alone = jax.tree.map(lambda a: a[None], scene)
+        found.append(state_errors(end_states(alone, setting.steps(*stiffest(scene, 0)), setting.method), truth)[0])
+    return np.array(found)
+
+
+def main() -> None:
+    """Measure and write."""
+    jax.config.update("jax_enable_x64", True)
+    from jaxshroud.stability import stiffest
+
+    rng, table = np.random.default_rng(11), []
+    for index in range(len(CLASSES)):
+        scenes = in_class(rng, index, LANES)
+        truths = [
+            end_states(
+                jax.tree.map(lambda a: a[None], s),
+                TRUTH._replace(product=0.02 if index else 0.1).steps(*stiffest(s, 0)),
+                TRUTH.method,
+            )
+            for s in scenes
+        ]
+        batch = stacked(scenes)
+        turn = stiffest(batch, 1)
+        measured = []
+        for setting in CANDIDATES:
+            error = np.nan_to_num(errors(scenes, setting, truths), nan=np.inf)
+            bound = float(np.quantile(error, SHARE, method="higher"))
+            measured.append((setting, bound, cost(batch, setting, setting.steps(*turn), 3)))
+            print(index, setting, f"{bound:.1e}", f"{measured[-1][2] * 1e6:.1f} us", flush=True)
+        row = {}
+        for level in LEVELS:
+            able = [m for m in measured if m[1] * MARGIN <= level] or [min(measured, key=lambda m: m[1])]
+            row[f"{level:.0e}"] = list(min(able, key=lambda m: m[2])[0])
+        table.append(row)
+    path = Path(__file__).parents[2] / "jaxshroud" / "accuracy.json"
+    path.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
