@@ -28,6 +28,7 @@ class Choice:
     accuracy: float  # of the state after three periods, relative to its largest number, for 95 % of lanes
     setting: Setting
     steps: int
+    promised: bool  # False: in scenes so stiff errors grow too fast for it, and this is the best there is
 
     @property
     def method(self) -> Method:
@@ -35,12 +36,13 @@ class Choice:
         return self.setting.method
 
     def __str__(self) -> str:
-        return f"accuracy {self.accuracy:.0e}: {self.setting} (omega_max h), {self.steps} steps a period"
+        doubt = "" if self.promised else "; not promised in a scene so stiff"
+        return f"accuracy {self.accuracy:.0e}: {self.setting} (omega_max h), {self.steps} steps a period{doubt}"
 
 
 @cache
 def _table() -> list[dict[str, list]]:
-    """For each class: level -> tableau, locator, precision, omega_max h."""
+    """For each class of stiffness: levels that can be promised, with tableau, locator, precision and omega_max h."""
     return json.loads((Path(__file__).parent / "accuracy.json").read_text("utf-8"))
 
 
@@ -68,16 +70,17 @@ def choose(scenes: Scene, batch_dims: int, asked: str | float) -> Choice:
         asked: "fast", "balanced", "reference" or a number; see `NAMED`.
 
     Returns:
-        The cheapest setting of the table at that level or a finer one.
+        The cheapest setting of the table at that level or a finer one; the finest where none is promised to be enough.
 
     Raises:
         ValueError: There is no such accuracy.
     """
     wanted = level(asked)
     row = _table()[int(np.searchsorted(CLASSES, stiffness_ratio(scenes, batch_dims)))]
-    finest = max(at for at in LEVELS if at <= wanted * 1.001)
-    setting = Setting(*row[f"{finest:.0e}"])
-    return Choice(wanted, setting, setting.steps(*stiffest(scenes, batch_dims)))
+    able = {float(at): Setting(*setting) for at, setting in row.items()}
+    fine_enough = [at for at in able if at <= wanted * 1.001]
+    setting = able[max(fine_enough) if fine_enough else min(able)]
+    return Choice(wanted, setting, setting.steps(*stiffest(scenes, batch_dims)), bool(fine_enough))
 
 
 def estimated_errors(scenes: Scene, choice: Choice) -> np.ndarray:

@@ -16,6 +16,7 @@ import jax
 import numpy as np
 
 from jaxshroud.cli_design import gradient_options, gradient_verb, tune_options, tune_verb
+from jaxshroud.cli_trade import trade_options, trade_verb
 from jaxshroud.config import Axis, SceneError, SceneFile, axis, shipped
 from jaxshroud.state import Status
 from jaxshroud.store import (
@@ -42,6 +43,7 @@ from jaxshroud.terminal import (
     print_table,
     progress_bar,
     scene_options,
+    unmet,
     warn_status,
 )
 from jaxshroud.version import __version__
@@ -55,6 +57,7 @@ EXAMPLES = {
     "tune": "jaxshroud tune table1 --set drive.M_0=10 --over shroud.gap=5um:200um --over contact.gamma=0.1:10 "
     "--range drive.F_0=20,40,60,80 --out tuned",
     "plot": "jaxshroud plot fig09",
+    "trade": "jaxshroud trade table1 --out trade",
     "explain": 'jaxshroud explain table1 --set \'model.motion=["x", "y"]\'',
     "scenes": "jaxshroud scenes",
 }
@@ -132,6 +135,8 @@ def parser() -> OneLineParser:
     gradient_options(verb("gradient", gradient_verb, "Derivatives of P_d with respect to numbers of a scene."))
     tune_options(verb("tune", tune_verb, "Find the numbers of a scene that reduce the vibration most."))
 
+    trade_options(verb("trade", trade_verb, "Measure accuracy against cost on a scene of your own."))
+
     tell = verb("explain", explain_verb, "Say what the model of a scene consists of, what it lacks and what it costs.")
     scene_options(tell)
 
@@ -189,6 +194,7 @@ def simulate_verb(options: argparse.Namespace) -> None:
     )
     write_dataset(trajectory_dataset(run, file, steps, options.every), options.out)
     warn_status(np.asarray([run.status]))
+    unmet(jax.tree.map(lambda a: a[None], file.scene), options)
     events = ", ".join(f"{n} {name}" for name, n in run.counters.items() if n) or "none"
     print_table(
         file.title or file.name,
@@ -226,13 +232,21 @@ def sweep_verb(options: argparse.Namespace) -> None:
             method=chosen_method(options),
             progress=report,
         )
-    ds = sweep_dataset(result, file)
+    ds, missed = sweep_dataset(result, file), unmet(_flat_scenes(file), options)
+    if missed is not None:
+        about = {"long_name": "estimated to miss the accuracy asked for", "accuracy": options.choice.accuracy}
+        ds["inaccurate"] = (ds["status"].dims, missed.reshape(ds["status"].shape).astype(np.int8), about)
     write_dataset(ds, options.out / "sweep.nc")
     _draw_dataset(ds, options.out / "sweep.png")
-    summary = sweep_summary(result, time.perf_counter() - began) | {
-        "scene": file.name,
-        "version": __version__,
-    }
+    met = {} if missed is None else {"accuracy": str(options.choice), "inaccurate": int(missed.sum())}
+    summary = (
+        sweep_summary(result, time.perf_counter() - began)
+        | met
+        | {
+            "scene": file.name,
+            "version": __version__,
+        }
+    )
     write_json(summary, options.out / "summary.json")
     warn_status(result.status)
     print_table(file.title or file.name, {**summary, "written": options.out})
@@ -284,6 +298,7 @@ def power_verb(options: argparse.Namespace) -> None:
     write_json(data, options.out / "power.json")
     _draw_power(read_json(options.out / "power.json"), options.out / "power.png")
     final = result.final
+    unmet(jax.tree.map(lambda a: a[None], file.scene), options)
     warn_status(np.asarray([final["status"]]))
     if not final["stable"]:
         print(
@@ -384,6 +399,13 @@ def _saved(draw: Callable, picture: Path) -> None:
         raise StoreError(f"{picture}: cannot be written ({error.strerror or error}); choose another --out") from None
     except ValueError as error:
         raise InputError(f"{picture}: {' '.join(str(error).split())}") from None
+
+
+def _flat_scenes(file: SceneFile):
+    from jaxshroud.sweep import grid_of_scenes
+
+    scenes = grid_of_scenes(file.scene, {a.key: a.values for a in file.axes})
+    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(file.axes) :]), scenes)
 
 
 def _with_axes(file: SceneFile, options: argparse.Namespace) -> SceneFile:

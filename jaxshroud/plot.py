@@ -243,6 +243,39 @@ def tuning(data: Mapping[str, Any]) -> Figure:
     return figure
 
 
+def trade(data: Mapping[str, Any]) -> Figure:
+    """Errors against cost for every setting, the front in the errors of the state marked.
+
+    Args:
+        data: Measured settings as `trade.json` holds them.
+    """
+    figure = _figure(f"{data['title']}: accuracy against cost", WIDE, WIDE * 0.62)
+    rows = data["settings"]
+    wanted = {
+        "state_error": f"state after {data['horizon']} periods, 95 % of lanes",
+        "P_d": "$P_d$ [percentage points], median",
+        "gradient": "d(power)/d(gap), relative, median",
+        "period": "share of lanes with the right period number",
+    }
+    kinds = list(dict.fromkeys((r["tableau"], r["precision"], r["locate"]) for r in rows))
+    for panel, (name, title) in zip(figure.subplots(2, 2).ravel(), wanted.items(), strict=True):
+        for i, kind in enumerate(kinds):
+            mine = [r for r in rows if (r["tableau"], r["precision"], r["locate"]) == kind and r[name] is not None]
+            cost, error = [r["cost"] * 1e6 for r in mine], [r[name] for r in mine]
+            label = kind[0] + {"float32": ", float32"}.get(kind[1], "")
+            label += {"none": ", not located", "bisection": ", bisection"}.get(kind[2], "")
+            style = dict(marker="osv^DPX"[i % 7], ms=3.5, lw=0.9, color=f"C{i}", label=label)
+            panel.plot(cost, error, ls=":" if kind[1] == "float32" else "-", **style)
+        panel.set(xscale="log", xlabel="µs per lane and period", title=title)
+        if name != "period":
+            panel.set(yscale="log")
+    first, last = figure.axes[0], figure.axes[-1]
+    best = sorted((r for r in rows if r["front"]), key=lambda r: r["cost"])
+    first.plot([r["cost"] * 1e6 for r in best], [r["state_error"] for r in best], color="k", lw=3, alpha=0.15)
+    last.legend(fontsize=6, loc="lower right")
+    return figure
+
+
 def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write `figure` under a temporary name beside `path`, then rename it: never half a file.
 

@@ -3,7 +3,7 @@
 import json
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from jaxshroud.power import PowerResult
 from jaxshroud.scene import Motion
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.sweep import SweepResult
+from jaxshroud.trade import HORIZON, Measured, error_of, front
 from jaxshroud.trajectory import Trajectory
 from jaxshroud.tune import Tuned
 from jaxshroud.version import __version__
@@ -36,7 +37,7 @@ UNITS = {  # of the scene's numbers, by key
     "blades.k_T": "N m rad-1",
     **dict.fromkeys(("blades.c_x", "blades.c_y"), "N s m-1"),
     "blades.c_T": "N m s rad-1",
-    **dict.fromkeys(("shroud.l_oa", "shroud.l_ab", "shroud.gap", "initial.x", "initial.y"), "m"),
+    **dict.fromkeys(("shroud.l_oa", "shroud.l_ab", "shroud.gap", "contact.width", "initial.x", "initial.y"), "m"),
     **dict.fromkeys(("shroud.alpha", "drive.beta", "drive.phase", "initial.theta"), "rad"),
     **dict.fromkeys(("drive.omega", "initial.v_theta"), "rad s-1"),
     "drive.F_0": "N",
@@ -185,6 +186,25 @@ def tune_json(tuned: Tuned, drawn: dict[str, Any] | None, scene_file: SceneFile)
     asked = {"over": problem.over, "conditions": problem.conditions, "goal": problem.goal, **limits}
     checks = {name: judged._asdict() for name, judged in tuned.checks.items()}
     return _plain({**told, **asked, "checks": checks, "map": drawn, **search, **_attrs(scene_file)})
+
+
+def trade_json(found: Sequence[Measured], scene_file: SceneFile) -> dict[str, Any]:
+    """Measured settings as `trade.json` holds them."""
+    kept = front(found)
+    rows = [
+        {
+            "setting": str(m.setting),
+            **m.setting._asdict(),
+            "steps_per_period": m.steps,
+            "cost": m.cost,
+            "state_error": error_of(m),
+            "state_error_median": np.nanmedian(m.state),
+            **{name: getattr(m, name) for name in ("P_d", "ci", "period", "gradient")},
+            "front": i in kept,
+        }
+        for i, m in enumerate(found)
+    ]
+    return _plain({"settings": rows, "horizon": HORIZON, **_attrs(scene_file)})
 
 
 def read(path: str | os.PathLike[str]) -> xr.Dataset:

@@ -54,15 +54,18 @@ def _steps(text: str) -> int | str:
     return text if text == "auto" else count(1)(text)
 
 
-def scene_options(made: argparse.ArgumentParser) -> None:
-    """Options of every command that simulates a scene."""
+def scene_options(made: argparse.ArgumentParser, method: bool = True) -> None:
+    """Options of every command that simulates a scene; those of the march only if it has a `method` to choose."""
     made.add_argument("scene", metavar="SCENE", help="a TOML file or the name of a shipped scene")
     made.add_argument("--set", action="append", default=[], metavar="K=V", help="override table.key=value")
     made.add_argument("--periods", type=count(1), metavar="N", help="periods kept")
-    made.add_argument("--steps-per-period", type=_steps, metavar="N", help='or "auto"')
-    made.add_argument("--tableau", choices=TABLEAUS, default="rk4", help="Runge-Kutta method; rk4 by default")
-    made.add_argument("--locate", choices=("cubic", "bisection", "none"), help="how events are located")
-    made.add_argument("--precision", choices=("float64", "float32"), default="float64")
+    made.set_defaults(steps_per_period=None, choice=None)
+    if method:
+        made.add_argument("--accuracy", metavar="A", help="fast, balanced, reference or a number: chooses all below")
+        made.add_argument("--steps-per-period", type=_steps, metavar="N", help='or "auto"')
+        made.add_argument("--tableau", choices=TABLEAUS, help="Runge-Kutta method; rk4 by default")
+        made.add_argument("--locate", choices=("cubic", "bisection", "none"), help="how events are located")
+        made.add_argument("--precision", choices=("float64", "float32"), help="float64 by default")
     made.add_argument("--force", action="store_true", help="replace existing results")
 
 
@@ -79,7 +82,10 @@ def chosen_method(options: argparse.Namespace, locate: Locate = "cubic"):
     from jaxshroud.integrate import Method
 
     ledger = getattr(options, "ledger", True)
-    return Method(tableau(options.tableau), options.locate or locate, ledger, options.precision)
+    if options.choice is not None:
+        return options.choice.method._replace(ledger=ledger)
+    precision = options.precision or "float64"
+    return Method(tableau(options.tableau or "rk4"), options.locate or locate, ledger, precision)
 
 
 def check_step(file: SceneFile, axes: tuple[Axis, ...] | None, options: argparse.Namespace) -> int:
@@ -87,9 +93,11 @@ def check_step(file: SceneFile, axes: tuple[Axis, ...] | None, options: argparse
     from jaxshroud.stability import step_report, steps_for, stiffest
     from jaxshroud.sweep import grid_of_scenes
 
-    scenes, dims, method = file.scene, 0, tableau(options.tableau)
+    scenes, dims, method = file.scene, 0, tableau(options.tableau or "rk4")
     if axes is not None:
         scenes, dims = grid_of_scenes(file.scene, {a.key: a.values for a in axes}), len(axes)
+    if options.accuracy is not None and file.scene.parts.contact == "spring":
+        return _chosen(file, scenes, dims, options)
     asked, free = file.run.steps_per_period, file.scene.parts.contact == "none"
     try:
         steps = steps_for(scenes, dims, asked, None if free else method)
@@ -100,6 +108,34 @@ def check_step(file: SceneFile, axes: tuple[Axis, ...] | None, options: argparse
     elif not free and (report := step_report(*stiffest(scenes, dims), steps, method)):
         print(f"warning: {file.name}: [run] {report}", file=sys.stderr)
     return steps
+
+
+def _chosen(file: SceneFile, scenes: Any, dims: int, options: argparse.Namespace) -> int:
+    """Steps per period for the accuracy asked for; keeps the choice in the options."""
+    from jaxshroud.accuracy import choose
+
+    for name in ("steps_per_period", "tableau", "locate", "precision"):
+        if getattr(options, name) is not None:
+            raise InputError(f"--accuracy chooses --{name.replace('_', '-')} itself; give one of them")
+    try:
+        options.choice = choose(scenes, dims, options.accuracy)
+    except ValueError as error:
+        raise InputError(f"--accuracy {error}") from None
+    print(f"{file.name}: {options.choice}", file=sys.stderr)
+    return options.choice.steps
+
+
+def unmet(scenes: Any, options: argparse.Namespace) -> np.ndarray | None:
+    """Which lanes (leading axis) seem to miss the accuracy asked for, with a warning; None if none was asked for."""
+    from jaxshroud.accuracy import broken
+
+    if options.choice is None:
+        return None
+    missed = broken(scenes, options.choice)
+    if missed.any():
+        accuracy = f"the accuracy of {options.choice.accuracy:.0e}"
+        print(f"warning: {missed.sum()} of {missed.size} runs miss {accuracy} within three periods", file=sys.stderr)
+    return missed
 
 
 def warn_status(status: np.ndarray) -> None:

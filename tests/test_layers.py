@@ -44,6 +44,8 @@ ORDER = [
     "gradient",
     "lyapunov",
     "tune",
+    "trade",
+    "accuracy",
     # the edges
     "schema",
     "config",
@@ -51,6 +53,7 @@ ORDER = [
     "plot",
     "terminal",
     "cli_design",
+    "cli_trade",
     "cli",
 ]
 EDGES = ORDER[ORDER.index("schema") :]

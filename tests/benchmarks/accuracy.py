@@ -16,15 +16,12 @@ from jaxshroud.scene import vary
 from jaxshroud.stability import stiffness_ratio
 from jaxshroud.trade import LEVELS, TRUTH, Setting, cost, end_states, state_errors
 
-MARGIN, SHARE, LANES = 3.0, 0.98, 96
+MARGIN, SHARE, LANES = 3.0, 0.98, 64
 CANDIDATES = [
     *(Setting("rk4", "cubic", "float32", p) for p in (2.0, 1.4, 1.0, 0.7, 0.5)),
     *(Setting("tsit5", "cubic", "float32", p) for p in (2.0, 1.4, 1.0, 0.7, 0.5)),
     *(Setting("tsit5", "cubic", "float64", p) for p in (2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25, 0.12)),
-    *(
-        Setting("dopri8", "cubic", "float64", p)
-        for p in (2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03)
-    ),
+    *(Setting("dopri8", "cubic", "float64", p) for p in (2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12)),
 ]
 TARGETS = ((0.01, 10.0), (20.0, 150.0), (200.0, 1500.0), (2000.0, 1e4))  # gamma for each class, log-uniform
 
@@ -32,6 +29,7 @@ TARGETS = ((0.01, 10.0), (20.0, 150.0), (200.0, 1500.0), (2000.0, 1e4))  # gamma
 def random_scene(rng: np.random.Generator, gamma: tuple[float, float]):
     """One scene around Table 1 or its variant after Eq. (21)."""
     scene = load(str(rng.choice(["table1", "eq21"]))).scene
+    scene = vary(scene, "blades.m_y", scene.blades.inertia_y)  # all of one structure
     scene = vary(scene, "contact.gamma", float(np.exp(rng.uniform(*np.log(gamma)))))
     for key, low, high in (
         ("shroud.gap", 2e-6, 2e-4),
@@ -62,7 +60,7 @@ def stacked(scenes: list):
 
 
 def errors(scenes: list, setting: Setting, truths: list[np.ndarray]) -> np.ndarray:
-    """State error of each scene, every one with its own number of steps in powers of the tenth root of two."""
+    """State error of each scene, every one with its own number of steps."""
     from jaxshroud.stability import stiffest
 
     found = []
@@ -83,7 +81,7 @@ def main() -> None:
         truths = [
             end_states(
                 jax.tree.map(lambda a: a[None], s),
-                TRUTH._replace(product=0.02 if index else 0.1).steps(*stiffest(s, 0)),
+                TRUTH._replace(product=0.08).steps(*stiffest(s, 0)),
                 TRUTH.method,
             )
             for s in scenes
@@ -98,8 +96,9 @@ def main() -> None:
             print(index, setting, f"{bound:.1e}", f"{measured[-1][2] * 1e6:.1f} us", flush=True)
         row = {}
         for level in LEVELS:
-            able = [m for m in measured if m[1] * MARGIN <= level] or [min(measured, key=lambda m: m[1])]
-            row[f"{level:.0e}"] = list(min(able, key=lambda m: m[2])[0])
+            able = [m for m in measured if m[1] * MARGIN <= level]
+            if able:  # else nothing is promised: errors grow too fast in scenes so stiff
+                row[f"{level:.0e}"] = list(min(able, key=lambda m: m[2])[0])
         table.append(row)
     path = Path(__file__).parents[2] / "jaxshroud" / "accuracy.json"
     path.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,67 @@
+"""The command `trade`."""
+
+import argparse
+from pathlib import Path
+
+from jaxshroud.store import trade_json, write_json
+from jaxshroud.terminal import (
+    InputError,
+    OneLineParser,
+    count,
+    directory,
+    loaded,
+    print_columns,
+    progress_bar,
+    scene_options,
+)
+
+
+def trade_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud trade`."""
+    scene_options(made, method=False)
+    made.add_argument("--lanes", type=count(8), default=64, metavar="N", help="scenes scattered around the scene")
+    made.add_argument("--seed", type=count(0), default=0, metavar="N", help="of the scattering")
+    made.add_argument("--out", type=Path, required=True, metavar="DIR")
+
+
+def trade_verb(options: argparse.Namespace) -> None:
+    """`jaxshroud trade`."""
+    from jaxshroud import plot
+    from jaxshroud.trade import LEVELS, cheapest, error_of, trade
+
+    file = loaded(options)
+    directory(options.out, ("trade.json", "trade.png"), options.force)
+    run = file.run
+    with progress_bar("settings") as report:
+        try:
+            found = trade(
+                file.scene,
+                lanes=options.lanes,
+                transient=run.transient,
+                n_periods=run.periods,
+                seed=options.seed,
+                progress=report,
+            )
+        except ValueError as error:
+            raise InputError(f"{file.name}: {error}") from None
+    data = trade_json(found, file)
+    write_json(data, options.out / "trade.json")
+    plot.save(plot.trade(data), options.out / "trade.png")
+    heads = (
+        "accuracy of the state",
+        "cheapest setting, omega_max h",
+        "steps",
+        "us / lane / period",
+        "error",
+        "P_d [%]",
+    )
+    rows = []
+    for level in LEVELS:
+        best = cheapest(found, level)
+        told = ("none reaches it", "", "", "", "")
+        if best is not None:
+            numbers = (f"{best.steps}", f"{best.cost * 1e6:.3g}", f"{error_of(best):.1e}", f"{best.P_d:.1e}")
+            told = (str(best.setting), *numbers)
+        rows.append((f"{level:.0e}", *told))
+    print_columns(f"{file.title or file.name}: {options.lanes} scenes around it", heads, rows)
+    print(options.out)

@@ -1,0 +1,105 @@
+"""Accuracy against cost: measured settings, and those that are chosen for an accuracy."""
+
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxshroud import accuracy
+from jaxshroud.accuracy import CLASSES, Choice, broken, choose, level
+from jaxshroud.scene import vary
+from jaxshroud.stability import stiffest
+from jaxshroud.trade import TRUTH, Setting, cheapest, end_states, error_of, front, neighbourhood, state_errors, trade
+
+sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
+from accuracy import in_class  # type: ignore[attr-defined]
+
+FEW = (
+    Setting("rk4", "cubic", "float64", 1.0),
+    Setting("rk4", "cubic", "float64", 0.25),
+    Setting("rk4", "none", "float64", 0.25),
+    Setting("tsit5", "cubic", "float32", 1.0),
+)
+
+
+@pytest.fixture(scope="module")
+def measured(table1):
+    return trade(table1, settings=FEW, lanes=16, transient=8, n_periods=8)
+
+
+def test_errors_fall_with_the_step_and_with_located_events(measured):
+    coarse, fine, unlocated, single = measured
+    assert error_of(coarse) > 50 * error_of(fine)
+    assert error_of(unlocated) > 10 * error_of(fine)  # control: events at the ends of steps
+    assert coarse.gradient > 50 * fine.gradient
+    assert np.isnan(single.gradient)
+    assert np.isnan(unlocated.gradient)
+    assert fine.P_d < coarse.P_d
+    assert all(m.cost > 0 and 0 <= m.period <= 1 for m in measured)
+
+
+def test_the_front_is_not_beaten(measured):
+    kept = front(measured)
+    for i in kept:
+        assert not any(m.cost < measured[i].cost and error_of(m) < error_of(measured[i]) for m in measured)
+    assert cheapest(measured, 1e-12) is None
+    best = cheapest(measured, 1e-2)
+    assert best is not None
+    assert error_of(best) <= 1e-2
+
+
+def test_only_the_spring_has_settings_to_trade(table1):
+    from test_parts import with_parts
+
+    with pytest.raises(ValueError, match="Only spring contact"):
+        trade(with_parts(table1, contact="none"))
+
+
+def test_a_neighbourhood_is_the_scene_and_others_near_it(table1):
+    near = neighbourhood(table1, 8)
+    np.testing.assert_allclose(near.shroud.gap[0], table1.shroud.gap)
+    assert 0 < np.max(np.abs(near.shroud.gap / table1.shroud.gap - 1)) <= 0.05
+
+
+@pytest.mark.parametrize(("asked", "value"), [("fast", 1e-3), ("balanced", 1e-6), ("1e-4", 1e-4), (1e-10, 1e-10)])
+def test_accuracies_have_names_and_numbers(asked, value):
+    assert level(asked) == value
+
+
+@pytest.mark.parametrize("asked", ["best", "1", "1e-12", "nan"])
+def test_other_accuracies_are_refused(asked):
+    with pytest.raises(ValueError, match="fast, balanced, reference"):
+        level(asked)
+
+
+@pytest.mark.parametrize("index", range(len(CLASSES)))
+def test_promised_accuracies_are_kept_on_unseen_scenes(index):
+    # Five scenes of each class that the table has not seen, and eight lanes around each.
+    scenes = in_class(np.random.default_rng(77 + index), index, 5)
+    lanes = jax.tree.map(lambda *a: jnp.concatenate(a), *(neighbourhood(s, 8) for s in scenes))
+    turn = stiffest(lanes, 1)
+    exact = end_states(lanes, TRUTH._replace(product=0.08).steps(*turn), TRUTH.method)
+    promised = [choice for a in (1e-2, 1e-3, 1e-6, 1e-9) if (choice := choose(lanes, 1, a)).promised]
+    assert promised
+    for choice in promised:
+        error = state_errors(end_states(lanes, choice.steps, choice.method), exact)
+        missed = ~(error <= choice.accuracy)
+        assert np.mean(missed) <= 0.05, str(choice)
+        assert np.all(broken(lanes, choice)[error > 2 * choice.accuracy])  # and these carry a warning
+
+
+def test_a_promise_that_is_broken_is_found(table1):
+    # Control: a setting far too coarse for what it is said to reach.
+    lanes = neighbourhood(table1, 8)
+    wrong = Choice(1e-8, Setting("rk4", "cubic", "float64", 1.0), 100, True)
+    assert broken(lanes, wrong).all()
+
+
+def test_the_table_is_ordered(table1):
+    for row in accuracy._table():
+        assert list(row) == [f"{at:.0e}" for at in sorted((float(a) for a in row), reverse=True)]
+    stiff, soft = (choose(vary(table1, "contact.gamma", g), 0, "fast") for g in (1e3, 1.0))
+    assert stiff.steps > 4 * soft.steps
