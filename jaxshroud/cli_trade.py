@@ -19,6 +19,7 @@ from jaxshroud.terminal import (
 def trade_options(made: OneLineParser) -> None:
     """Options of `jaxshroud trade`."""
     scene_options(made, method=False)
+    made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded before P_d is averaged")
     made.add_argument("--lanes", type=count(8), default=64, metavar="N", help="scenes scattered around the scene")
     made.add_argument("--seed", type=count(0), default=0, metavar="N", help="of the scattering")
     made.add_argument("--out", type=Path, required=True, metavar="DIR")
