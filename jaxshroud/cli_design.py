@@ -29,6 +29,12 @@ MAP = 24  # values of each of two keys in the map behind the paths
 CHECK_STEPS = (1e-4, 3e-5, 1e-5)  # relative
 
 
+def _with_derivatives(options: argparse.Namespace):
+    """The static choices of the march; an accuracy that float32 reaches is not one of its derivatives."""
+    method = chosen_method(options)._replace(ledger=False)
+    return method if options.choice is None else method._replace(precision="float64")
+
+
 def gradient_options(made: OneLineParser) -> None:
     """Options of `jaxshroud gradient`."""
     scene_options(made)
@@ -63,7 +69,7 @@ def gradient_verb(options: argparse.Namespace) -> None:
             transient=file.run.transient,
             steps_per_period=steps,
             seed=options.seed,
-            method=chosen_method(options)._replace(ledger=False),
+            method=_with_derivatives(options),
         )
     except (KeyError, ValueError) as error:
         raise InputError(f"--wrt {options.wrt}: {error.args[0]}") from None
@@ -166,7 +172,7 @@ def tune_verb(options: argparse.Namespace) -> None:
                 transient=run.transient,
                 steps_per_period=run.steps_per_period,
                 seed=options.seed,
-                method=chosen_method(options)._replace(ledger=False),
+                method=_with_derivatives(options),
                 progress=report,
             )
         except (KeyError, ValueError) as error:

@@ -274,6 +274,8 @@ def axis(
     table, name, blade = match[2], match[3], match[4]
     if blade and not is_per_blade(table, name):
         _fail(where, f"{table}.{name} is one number, not one per blade; drop the {blade}")
+    if name == "width" and scene_file.scene.contact.width is None:
+        _fail(where, 'the scene\'s contact is not smooth and has no width; add [model] contact = "smooth"')
     ends = [start, stop, num]
     if (values is None and None in ends) or (values is not None and ends != [None] * 3):
         _fail(where, "needs either values, or start, stop and num")

@@ -104,7 +104,7 @@ def _counted(jaxpr: Any) -> Iterator[int]:
 def _ready(scene: Scene, method: Method) -> tuple[Lane, Fixed]:
     """One lane about to start, and what it marches by."""
     alone = jax.tree.map(lambda a: a[None], (scene, start(scene.initial)))
-    lanes, period = begin_lanes(*alone, method), alone[0].drive.period
+    lanes, period = begin_lanes(*alone, method), scene.drive.period[None]
     steps = grid(jnp.zeros_like(period), jnp.full_like(period, 400.0), period)
     return lanes, Fixed(jax.vmap(model)(alone[0]), steps, jnp.full((1,), 400, jnp.int32))
 

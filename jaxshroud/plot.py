@@ -18,6 +18,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from jaxshroud.analysis.spectrum import amplitude_spectrum, label_lines, repeats_after, whole_periods
@@ -222,7 +223,6 @@ def power_convergence(data: Mapping[str, Any]) -> Figure:
 
 
 @mpl.rc_context(STYLE)
-@mpl.rc_context(STYLE)
 def tuning(data: Mapping[str, Any]) -> Figure:
     """Paths of a tuning over the map of its objective, or key by key where it has no map, and the paths' scores.
 
@@ -243,36 +243,42 @@ def tuning(data: Mapping[str, Any]) -> Figure:
     return figure
 
 
+@mpl.rc_context(STYLE)
 def trade(data: Mapping[str, Any]) -> Figure:
     """Errors against cost for every setting, the front in the errors of the state marked.
 
     Args:
         data: Measured settings as `trade.json` holds them.
     """
-    figure = _figure(f"{data['title']}: accuracy against cost", WIDE, WIDE * 0.62)
+    figure = _figure(data["title"], WIDE, WIDE * 0.9)
     rows = data["settings"]
     wanted = {
-        "state_error": f"state after {data['horizon']} periods, 95 % of lanes",
-        "P_d": "$P_d$ [percentage points], median",
-        "gradient": "d(power)/d(gap), relative, median",
-        "period": "share of lanes with the right period number",
+        "state_error": f"state after {data['horizon']} periods",
+        "P_d": "$P_d$ [percentage points]",
+        "gradient": "d(power)/d(gap), relative",
+        "period": "share with the right period",
     }
     kinds = list(dict.fromkeys((r["tableau"], r["precision"], r["locate"]) for r in rows))
-    for panel, (name, title) in zip(figure.subplots(2, 2).ravel(), wanted.items(), strict=True):
+    panels = figure.subplots(2, 2).ravel()
+    for panel, (name, title) in zip(panels, wanted.items(), strict=True):
         for i, kind in enumerate(kinds):
             mine = [r for r in rows if (r["tableau"], r["precision"], r["locate"]) == kind and r[name] is not None]
             cost, error = [r["cost"] * 1e6 for r in mine], [r[name] for r in mine]
             label = kind[0] + {"float32": ", float32"}.get(kind[1], "")
             label += {"none": ", not located", "bisection": ", bisection"}.get(kind[2], "")
-            style = dict(marker="osv^DPX"[i % 7], ms=3.5, lw=0.9, color=f"C{i}", label=label)
+            style = dict(marker="osv^DPX"[i % 7], ms=3, lw=0.8, color=f"C{i}", label=label)
             panel.plot(cost, error, ls=":" if kind[1] == "float32" else "-", **style)
-        panel.set(xscale="log", xlabel="µs per lane and period", title=title)
+        panel.set(xscale="log", ylabel=title)
+        panel.xaxis.set_major_formatter("{x:g}")
+        panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        panel.xaxis.set_minor_formatter(NullFormatter())
         if name != "period":
             panel.set(yscale="log")
-    first, last = figure.axes[0], figure.axes[-1]
+    for panel in panels[2:]:
+        panel.set(xlabel="µs per lane and period")
     best = sorted((r for r in rows if r["front"]), key=lambda r: r["cost"])
-    first.plot([r["cost"] * 1e6 for r in best], [r["state_error"] for r in best], color="k", lw=3, alpha=0.15)
-    last.legend(fontsize=6, loc="lower right")
+    panels[0].plot([r["cost"] * 1e6 for r in best], [r["state_error"] for r in best], color="k", lw=4, alpha=0.15)
+    _legend(figure, panels[0].get_legend_handles_labels()[0])
     return figure
 
 

@@ -233,6 +233,7 @@ def tangents(
         method: Static choices of the march, `differentiable`.
         by_state: False leaves the derivatives with respect to the start out (they are then 0).
     """
+    state = jax.tree.map(lambda a: np.asarray(a, _like(a, scene)), state)
     count = STATE if by_state else 0
     lanes = max(count + len(directions), 1)
     repeat = lambda tree: jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), tree)  # noqa: E731
@@ -248,6 +249,11 @@ def tangents(
     power, power_by = np.stack([a[0] for a in value.power]), np.stack(slope.power)
     parts = by[:count].T, power_by[:, :count], by[count:].T, power_by[:, count:]
     return Tangents(end, to_vector(end), power, int(value.status[0]), *parts)
+
+
+def _like(a: Any, scene: Scene) -> Any:
+    """The type of a state's numbers: real ones are of the scene's precision."""
+    return scene.drive.omega.dtype if np.issubdtype(np.asarray(a).dtype, np.floating) else np.asarray(a).dtype
 
 
 def to_vector(state: State) -> np.ndarray:

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from jaxshroud import cli, shipped, simulate, sweep
-from jaxshroud.config import load
+from jaxshroud.config import load, parse
 from jaxshroud.integrate import FAST
 
 
@@ -158,6 +158,14 @@ def test_help_has_an_example(verb, capsys):
         ("sweep fig09 --phase 7 --out s", ("--phase", "[0, 2 pi)")),
         ("power table1 --tolerance 0 --out s", ("--tolerance", "positive")),
         ("plot nothing", ("nothing", "no such file")),
+        ("simulate table1 --accuracy superb --out a.nc", ("--accuracy", "fast, balanced, reference")),
+        ("simulate table1 --accuracy fast --tableau rk4 --out a.nc", ("--accuracy chooses --tableau itself",)),
+        ("simulate table1 --set drive.omega=1e-3 --steps-per-period auto --out a.nc", ("auto", "too slow")),
+        ("simulate table1 --set model.contact=smooth --out a.nc", ("[contact] lacks `width`",)),
+        ("simulate table1 --set contact.width=1e-6 --out a.nc", ("[contact] width is for smooth contact",)),
+        ("simulate table1 --set model.fricton=none --out a.nc", ("[model]", "`friction`")),
+        ("sweep table1 --along contact.width --values 1e-6,2e-6 --out s", ("contact.width", "not smooth")),
+        ("trade table1 --set model.contact=none --out s", ("Only spring contact",)),
         ("plot .", ("neither sweep.nc nor power.json",)),
         ("simulate", ("SCENE", "--help")),
     ],
@@ -311,3 +319,63 @@ def test_tune_command_refuses(tmp_path, capsys):
     assert "no number" in refused(capsys, "tune", "table1", "--over", "shroud.gaps=1:2", *out)
     assert "in order" in refused(capsys, "tune", "table1", "--over", "shroud.gap=1e-4:1e-5", *out)
     assert "positive" in refused(capsys, "tune", "table1", "--over", "shroud.gap=1e-5:1e-4", "--most-force=-1", *out)
+
+
+def test_accuracy_is_chosen_printed_and_stored(tmp_path, capsys):
+    words = [
+        "sweep",
+        "table1",
+        "--along",
+        "contact.gamma",
+        "--values",
+        "0.5,2,4",
+        "--periods",
+        "4",
+        "--accuracy",
+        "1e-6",
+    ]
+    assert cli.main([*words, "--transient", "2", "--out", str(tmp_path / "s")]) == 0
+    told = capsys.readouterr()
+    assert "accuracy 1e-06: dopri8" in told.err
+    summary = json.loads((tmp_path / "s" / "summary.json").read_text())
+    assert "accuracy 1e-06: dopri8" in summary["accuracy"]
+    with xr.open_dataset(tmp_path / "s" / "sweep.nc", engine="h5netcdf") as ds:
+        assert ds["inaccurate"].to_numpy().tolist() == [0, 0, 0]
+        assert ds["inaccurate"].attrs["accuracy"] == 1e-6
+
+
+def test_automatic_steps_are_printed(tmp_path, capsys):
+    words = ["simulate", "table1", "--periods", "1", "--steps-per-period", "auto"]
+    assert cli.main([*words, "--out", str(tmp_path / "a.nc")]) == 0
+    assert "steps_per_period = 455, by the stiffness of the scene" in capsys.readouterr().err
+
+
+def test_explain_tells_what_is_left_out(capsys):
+    assert cli.main(["explain", "table1", "--set", 'model.motion=["x", "y"]', "--set", "friction.mu=0"]) == 0
+    told = capsys.readouterr().out
+    assert "motion: ('x', 'y')" in told
+    assert "of the full" in told
+    assert 'friction = "none" gives the same motion' in told
+    assert cli.main(["explain", "table1", "--set", "model.contact=none"]) == 0
+    assert "closed form" in capsys.readouterr().out
+
+
+def test_trade_files(tmp_path, capsys, monkeypatch):
+    from jaxshroud import trade
+
+    monkeypatch.setattr(trade, "SETTINGS", trade.SETTINGS[1:3])
+    monkeypatch.setattr(trade.trade, "__kwdefaults__", {**trade.trade.__kwdefaults__, "settings": trade.SETTINGS})
+    words = ["trade", "table1", "--lanes", "8", "--periods", "4", "--transient", "4"]
+    assert cli.main([*words, "--out", str(tmp_path)]) == 0
+    assert "none reaches it" in capsys.readouterr().out
+    data = json.loads((tmp_path / "trade.json").read_text())
+    assert [row["tableau"] for row in data["settings"]] == ["rk4", "rk4"]
+    assert any(row["front"] for row in data["settings"])
+    assert (tmp_path / "trade.png").stat().st_size > 10_000
+
+
+def test_the_model_of_a_scene_is_kept_in_its_file(tmp_path):
+    file = load("table1", ['model.motion=["x"]', "model.friction=none"])
+    again = parse(file.text(), "again")
+    assert again.scene.parts == file.scene.parts
+    assert file.scene.parts.motion == ("x",)

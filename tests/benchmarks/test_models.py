@@ -1,0 +1,72 @@
+"""Cost of reduced models against the full one, in one run: pytest --benchmark tests/benchmarks/test_models.py -s."""
+
+import json
+import time
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxshroud import load
+from jaxshroud.explain import operations
+from jaxshroud.free import free_runs
+from jaxshroud.integrate import FAST
+from jaxshroud.lanes import best
+from jaxshroud.periods import BLOCK, begin_lanes, run_block
+from jaxshroud.scene import Contact, Parts, Scene
+from jaxshroud.sweep import Plan, grid_of_scenes, starts
+
+pytestmark = pytest.mark.benchmark
+RESULT = Path(__file__).parent / "results" / "models.json"
+GAMMA, PERIODS, STEPS, REPEATS = np.linspace(0.1, 8.0, 64), 32, 200, 9
+MODELS = {
+    "full": {},
+    "x, y": {"motion": ("x", "y")},
+    "x": {"motion": ("x",)},
+    "no friction": {"friction": "none"},
+    "rigid neighbour": {"neighbour": "rigid"},
+    "x, no friction, rigid neighbour": {"motion": ("x",), "friction": "none", "neighbour": "rigid"},
+    "smooth": {"contact": "smooth"},
+}
+
+
+def model_of(scene: Scene, parts: dict) -> Scene:
+    """The scene with another model."""
+    width = 5e-5 if parts.get("contact") == "smooth" else None
+    contact = Contact(None, scene.contact.gamma, width=width)
+    return Scene(scene.blades, scene.shroud, contact, scene.friction, scene.drive, scene.initial, Parts(**parts))
+
+
+def test_cost_of_models():
+    table1 = load("table1").scene
+    runs = {}
+    for name, parts in MODELS.items():
+        scenes = grid_of_scenes(model_of(table1, parts), {"contact.gamma": GAMMA})
+        lanes, plan = begin_lanes(scenes, starts(scenes), FAST), Plan(0, PERIODS, STEPS, 0.0, FAST)
+        runs[name] = lambda scenes=scenes, lanes=lanes, plan=plan: jax.block_until_ready(
+            run_block(scenes, lanes, plan.clock, jnp.int32(PERIODS), FAST, BLOCK, best())
+        )
+        runs[name]()
+    free = grid_of_scenes(model_of(table1, {"contact": "none"}), {"contact.gamma": GAMMA})
+    runs["closed form"] = lambda: free_runs(free, starts(free), 0, PERIODS, 0.0, FAST)
+    runs["closed form"]()
+    seconds = {name: [] for name in runs}
+    for _ in range(REPEATS):
+        for name, run in runs.items():
+            began = time.perf_counter()
+            run()
+            seconds[name].append(time.perf_counter() - began)
+    whole = operations(table1, FAST)
+    rows = {
+        name: {
+            "ratio": float(np.median(np.divide(times, seconds["full"]))),
+            "us per lane and period": float(np.median(times)) / len(GAMMA) / PERIODS * 1e6,
+            "operations": None if name == "closed form" else operations(model_of(table1, MODELS[name]), FAST) / whole,
+        }
+        for name, times in seconds.items()
+    }
+    for name, row in rows.items():
+        print(f"{name:<34}", *(f"{key} {value:.3g}" for key, value in row.items() if value is not None), sep="  ")
+    RESULT.write_text(json.dumps({"steps": STEPS, "lanes": len(GAMMA), "models": rows}, indent=1) + "\n", "utf-8")
