@@ -73,10 +73,10 @@ def test_it_is_integrated_at_the_order_of_the_method(table1):
 
 
 def test_its_derivatives_are_those_of_the_computed_map(table1):
-    scene = with_parts(vary(table1, "contact.gamma", 0.3), 2e-5, contact="smooth")
-    found = js.orbit(scene, most_periods=300, steps_per_period=1000)
+    scene = with_parts(vary(table1, "contact.gamma", 0.3), 5e-5, contact="smooth")
+    found = js.orbit(scene, most_periods=300, steps_per_period=400)
     assert found.found
-    slope = js.gradient(scene, ["shroud.gap", "contact.width"], at=found, steps_per_period=1000).value
+    slope = js.gradient(scene, ["shroud.gap", "contact.width"], at=found, steps_per_period=400).value
     from jaxshroud.gradient import differences as by_differences
 
     check = by_differences(found, ["shroud.gap", "contact.width"], 1e-4)
