@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxshroud.geometry import gyration
 from jaxshroud.integrate import Method
-from jaxshroud.linear import free_motion, steady_amplitudes
+from jaxshroud.linear import amounts, courses, free_motion, steady_amplitudes
 from jaxshroud.periods import Sample, begin_lanes
 from jaxshroud.rhs import as_pairs, model, reduced
 from jaxshroud.scene import Motion, PerBlade, Scalar, Scene
@@ -71,10 +71,18 @@ def _samples(scenes: Scene, states: State, transient, turns, kept: int, nodes: i
 def _mean_square(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple[PerBlade, Scalar]:
     """Square displacement averaged over each block and the period from `first` on, and the largest angle in it.
 
+    The squares of x and y are quadratic forms of where the period begins, the same for every period; theta needs a look
+    at all points.
+
     Source:
         Eqs. (22), (23), as in `rhs.mean_square`.
     """
     place, weights = np.polynomial.legendre.leggauss(nodes)
-    z = free_motion(scene, first, turns, jnp.asarray((place + 1) / 2) * scene.drive.period)
-    _, versine = sine_versine(z.theta)
-    return (weights / 2) @ (z.x**2 + z.y**2 + gyration(scene.shroud) * 2 * versine), jnp.max(jnp.abs(z.theta))
+    dtype = scene.drive.omega.dtype
+    weights, start = jnp.asarray(weights / 2, dtype), amounts(scene, first, turns)
+    course, _ = courses(scene, jnp.asarray((place + 1) / 2, dtype) * scene.drive.period)
+    form = jnp.einsum("n,nbik,nbil->bikl", weights, course[:, :, :2], course[:, :, :2])
+    bending = jnp.einsum("bik,bikl,bil->b", start[:, :2], form, start[:, :2])
+    theta = jnp.einsum("nbk,bk->nb", course[:, :, 2], start[:, 2])
+    _, versine = sine_versine(theta)
+    return bending + gyration(scene.shroud) * 2 * (weights @ versine), jnp.max(jnp.abs(theta))

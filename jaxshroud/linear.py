@@ -1,6 +1,5 @@
 """Closed-form motion of the blades while they do not touch: Eq. (1) with the contact forces absent."""
 
-import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -89,21 +88,32 @@ def decay(swing: Swing, t: Float[Array, "..."]) -> tuple[Float[Array, "..."], Fl
     return even, jnp.where(omega > 0, odd, fade * t)
 
 
-def free_motion(scene: Scene, first: Motion, turns: Scalar, t: Float[Array, " n"]) -> Motion:
-    """Motion of the free blades, fields (n, 2), at times `t` after the motion `first` at a drive phase [turns]."""
+def amounts(scene: Scene, first: Motion, turns: Scalar) -> Float[Array, "2 3 4"]:
+    """Deviation, its rate and the steady response of each coordinate at the motion `first` at a drive phase [turns].
+
+    Blades, then x, y and theta, then what `courses` goes on from: deviation, rate, real and imaginary amplitude.
+    """
     swing, omega = swings(scene), scene.drive.omega
     moves = jnp.array([[scene.parts.has(name, i) for name in ("x", "y", "theta")] for i in (0, 1)])
     at = jnp.where(moves, jnp.stack([first.x, first.y, first.theta], axis=-1), 0.0)
     rate = jnp.where(moves, jnp.stack([first.v_x, first.v_y, first.v_theta], axis=-1), 0.0)
     (s, c), (re, im) = sincos_turns(turns), (swing.steady.real, swing.steady.imag)
     re, im = re * c - im * s, re * s + im * c  # of the amplitude, its phase counted from there
-    d, w = at - im, rate - omega * re
-    t = t[:, None, None]
+    return jnp.stack([at - im, rate - omega * re, re, im], axis=-1)
+
+
+def courses(scene: Scene, t: Float[Array, " n"]) -> tuple[Float[Array, "n 2 3 4"], Float[Array, "n 2 3 4"]]:
+    """What a unit of each of the `amounts` is a time `t` later: displacement and speed."""
+    swing, omega, t = swings(scene), scene.drive.omega, t[:, None, None]
     even, odd = decay(swing, t)
     s, c = (jnp.broadcast_to(f(omega * t), even.shape) for f in (jnp.sin, jnp.cos))
     stiffness, lag = swing.square + swing.damping**2, swing.damping * odd
-    # as products of matrices: many starts share what depends on the time alone
-    amounts, along = jnp.stack([d, w, re, im], axis=-1), functools.partial(jnp.einsum, "nbik,bik->nbi")
-    place = along(jnp.stack([even + lag, odd, s, c], axis=-1), amounts)
-    speed = along(jnp.stack([-stiffness * odd, even - lag, omega * c, -omega * s], axis=-1), amounts)
-    return Motion(*(a[..., i] for a in (place, speed) for i in range(3)))
+    place = jnp.stack([even + lag, odd, s, c], axis=-1)
+    return place, jnp.stack([-stiffness * odd, even - lag, omega * c, -omega * s], axis=-1)
+
+
+def free_motion(scene: Scene, first: Motion, turns: Scalar, t: Float[Array, " n"]) -> Motion:
+    """Motion of the free blades, fields (n, 2), at times `t` after the motion `first` at a drive phase [turns]."""
+    start = amounts(scene, first, turns)
+    parts = (jnp.einsum("nbik,bik->nbi", course, start) for course in courses(scene, t))
+    return Motion(*(a[..., i] for a in parts for i in range(3)))

@@ -81,11 +81,11 @@ def test_it_is_the_limit_of_a_stiff_rotational_spring(weak):
     errors = np.array([springs_apart(p, *at) for p, at in zip(weak, got, strict=True) if at is not None])
     assert len(errors) > 0.8 * SCENES  # the others' first flat contact is too short to be sampled
     soft, stiff, stiffer, limit = errors.T
-    # The difference falls as 1 / k_face; extrapolated to rigid faces it is gone but for its next power.
+    # The difference falls as 1 / k_face; extrapolated to rigid faces, its next power and the march's error remain.
     assert np.median(stiff / stiffer) == pytest.approx(10, rel=0.1)
     assert np.mean(stiff / stiffer > 3) > 0.9
-    assert np.median(limit) < 5e-5
-    assert np.mean(limit < 0.2 * stiffer) > 0.85
+    assert np.median(limit) < 0.2 * np.median(stiffer)
+    assert np.mean(limit < np.maximum(stiffer, 1e-5)) > 0.9
     assert np.median(soft) > 0.05  # control: a spring that is far too soft is told from flat contact
 
 
