@@ -14,8 +14,8 @@ import numpy as np
 
 from jaxshroud.integrate import Method
 from jaxshroud.scene import Scene
+from jaxshroud.setting import LEVELS, Setting, end_states, state_errors
 from jaxshroud.stability import stiffest, stiffness_ratio
-from jaxshroud.trade import LEVELS, Setting, end_states, state_errors
 
 NAMED = {"fast": 1e-3, "balanced": 1e-6, "reference": 1e-10}
 CLASSES = (1.5, 4.0, 12.0, np.inf)  # upper bounds of omega_max over the largest frequency without contact

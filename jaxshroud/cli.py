@@ -18,6 +18,7 @@ import numpy as np
 from jaxshroud.cli_design import gradient_options, gradient_verb, tune_options, tune_verb
 from jaxshroud.cli_trade import trade_options, trade_verb
 from jaxshroud.config import Axis, SceneError, SceneFile, axis, shipped
+from jaxshroud.lanes import alone
 from jaxshroud.state import Status
 from jaxshroud.store import (
     StoreError,
@@ -180,7 +181,8 @@ def simulate_verb(options: argparse.Namespace) -> None:
     free(options.out, options.force)
     if options.out.suffix != ".nc":
         raise InputError(f"{options.out}: a trajectory needs a name that ends in .nc")
-    steps = check_step(file, None, options)
+    lanes = alone(file.scene)
+    steps = check_step(file, lanes, options)
     state, t, turns = (None, 0.0, 0.0) if options.earlier is None else last_state(options.earlier)
     run = simulate(
         file.scene,
@@ -194,7 +196,7 @@ def simulate_verb(options: argparse.Namespace) -> None:
     )
     write_dataset(trajectory_dataset(run, file, steps, options.every), options.out)
     warn_status(np.asarray([run.status]))
-    unmet(jax.tree.map(lambda a: a[None], file.scene), options)
+    unmet(lanes, options)
     events = ", ".join(f"{n} {name}" for name, n in run.counters.items() if n) or "none"
     print_table(
         file.title or file.name,
@@ -217,7 +219,8 @@ def sweep_verb(options: argparse.Namespace) -> None:
         raise InputError(f"--phase must be in [0, 2 pi), but is {options.phase}")
     names = ("sweep.nc", "sweep.png", "summary.json")
     directory(options.out, names, options.force)
-    steps = check_step(file, file.axes, options)
+    lanes = _lanes(file)
+    steps = check_step(file, lanes, options)
     run, began = file.sweep_run, time.perf_counter()
     with progress_bar("lane-periods") as report:
         result = sweep(
@@ -232,21 +235,15 @@ def sweep_verb(options: argparse.Namespace) -> None:
             method=chosen_method(options),
             progress=report,
         )
-    ds, missed = sweep_dataset(result, file), unmet(_flat_scenes(file), options)
+    ds, missed = sweep_dataset(result, file), unmet(lanes, options)
     if missed is not None:
         about = {"long_name": "estimated to miss the accuracy asked for", "accuracy": options.choice.accuracy}
         ds["inaccurate"] = (ds["status"].dims, missed.reshape(ds["status"].shape).astype(np.int8), about)
     write_dataset(ds, options.out / "sweep.nc")
     _draw_dataset(ds, options.out / "sweep.png")
     met = {} if missed is None else {"accuracy": str(options.choice), "inaccurate": int(missed.sum())}
-    summary = (
-        sweep_summary(result, time.perf_counter() - began)
-        | met
-        | {
-            "scene": file.name,
-            "version": __version__,
-        }
-    )
+    summary = sweep_summary(result, time.perf_counter() - began)
+    summary |= {**met, "scene": file.name, "version": __version__}
     write_json(summary, options.out / "summary.json")
     warn_status(result.status)
     print_table(file.title or file.name, {**summary, "written": options.out})
@@ -283,7 +280,8 @@ def power_verb(options: argparse.Namespace) -> None:
     if not options.tolerance > 0:
         raise InputError(f"--tolerance must be positive, but is {options.tolerance}")
     directory(options.out, ("power.json", "power.png"), options.force)
-    steps = check_step(file, None, options)
+    lanes = alone(file.scene)
+    steps = check_step(file, lanes, options)
     with progress_bar("periods") as report:
         result = power(
             file.scene,
@@ -298,7 +296,7 @@ def power_verb(options: argparse.Namespace) -> None:
     write_json(data, options.out / "power.json")
     _draw_power(read_json(options.out / "power.json"), options.out / "power.png")
     final = result.final
-    unmet(jax.tree.map(lambda a: a[None], file.scene), options)
+    unmet(lanes, options)
     warn_status(np.asarray([final["status"]]))
     if not final["stable"]:
         print(
@@ -326,19 +324,18 @@ def explain_verb(options: argparse.Namespace) -> None:
     told = explain(file.scene, chosen_method(options)._replace(ledger=False))
     whole = zip(Parts._fields, told.parts, Parts(), strict=True)
     lacks = [f"{name}: {part}" for name, part, full in whole if part != full]
-    closed = told.parts.contact == "none"
-    share = told.operations / told.full_operations
+    operations = f"{told.operations}, {told.operations / told.full_operations:.2f} of the full model"
+    if told.parts.contact == "none":
+        operations = "none: closed form"
     rows = {
-        "motion": ", ".join(told.parts.motion)
-        + (" of both blocks" if told.parts.neighbour == "blade" else " of the left"),
+        "motion": ", ".join(told.parts.motion),
+        "neighbour": told.parts.neighbour,
         "friction": told.parts.friction,
         "contact": told.parts.contact,
         "not the full model in": "; ".join(lacks) or "nothing",
         "events looked for": ", ".join(told.events) or "none",
         "numbers carried by a lane": told.numbers,
-        "operations in a trial step": "none: closed form"
-        if closed
-        else f"{told.operations}, {share:.2f} of the full model",
+        "operations in a trial step": operations,
         "omega_max": f"{told.omega_max:.4g} rad/s",
         **{f"steps per period, {name}": n for name, n in told.steps.items()},
         **{f"note {i}": text for i, text in enumerate(told.advice, 1)},
@@ -401,7 +398,8 @@ def _saved(draw: Callable, picture: Path) -> None:
         raise InputError(f"{picture}: {' '.join(str(error).split())}") from None
 
 
-def _flat_scenes(file: SceneFile):
+def _lanes(file: SceneFile):
+    """The scenes of a sweep (leading axis)."""
     from jaxshroud.sweep import grid_of_scenes
 
     scenes = grid_of_scenes(file.scene, {a.key: a.values for a in file.axes})

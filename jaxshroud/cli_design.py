@@ -5,9 +5,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from jaxshroud.config import Axis, SceneFile, axis, load
+from jaxshroud.lanes import alone
 from jaxshroud.store import gradient_json, tune_json, whole, write_json
 from jaxshroud.terminal import (
     InputError,
@@ -57,7 +56,7 @@ def gradient_verb(options: argparse.Namespace) -> None:
     if not options.sigma > 0:
         raise InputError(f"--sigma must be positive, but is {options.sigma}")
     wrt = list(dict.fromkeys(key.strip() for key in options.wrt.split(",")))
-    steps = check_step(file, None, options)
+    steps = check_step(file, alone(file.scene), options)
     try:
         found = gradient(
             file.scene,
@@ -144,7 +143,7 @@ def tune_options(made: OneLineParser) -> None:
 def tune_verb(options: argparse.Namespace) -> None:
     """`jaxshroud tune`."""
     from jaxshroud import plot
-    from jaxshroud.tune import objective_map, tune
+    from jaxshroud.tune import corners, objective_map, problem_of, tune
 
     file = loaded(options)
     over = {a.key: (float(a.values[0]), float(a.values[1])) for a in (_bounds(file, t) for t in options.over)}
@@ -152,10 +151,11 @@ def tune_verb(options: argparse.Namespace) -> None:
     most_v = _limit(file, "--most-penetration", "shroud.gap", options.most_penetration)
     most_N = _limit(file, "--most-force", "drive.F_0", options.most_force)
     directory(options.out, ("tune.json", "tune.png", "best.toml"), options.force)
-    corners = [Axis(key, np.array(ends)) for key, ends in over.items()]
     run = file.run
-    for pair in (corners[i : i + 2] for i in range(0, len(corners), 2) if run.steps_per_period != "auto"):
-        check_step(file, tuple(pair), options)
+    try:
+        steps = check_step(file, corners(problem_of(file.scene, over, conditions)), options)
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{file.name}: {error.args[0]}") from None
     with progress_bar("lane-periods") as report:
         try:
             tuned = tune(
@@ -170,7 +170,7 @@ def tune_verb(options: argparse.Namespace) -> None:
                 updates=options.updates,
                 n_periods=run.periods,
                 transient=run.transient,
-                steps_per_period=run.steps_per_period,
+                steps_per_period=steps,
                 seed=options.seed,
                 method=_with_derivatives(options),
                 progress=report,

@@ -5,7 +5,6 @@ from pathlib import Path
 
 from jaxshroud.store import trade_json, write_json
 from jaxshroud.terminal import (
-    InputError,
     OneLineParser,
     count,
     directory,
@@ -28,29 +27,27 @@ def trade_options(made: OneLineParser) -> None:
 def trade_verb(options: argparse.Namespace) -> None:
     """`jaxshroud trade`."""
     from jaxshroud import plot
-    from jaxshroud.trade import LEVELS, cheapest, error_of, trade
+    from jaxshroud.setting import LEVELS
+    from jaxshroud.trade import cheapest, error_of, trade
 
     file = loaded(options)
     directory(options.out, ("trade.json", "trade.png"), options.force)
     run = file.run
     with progress_bar("settings") as report:
-        try:
-            found = trade(
-                file.scene,
-                lanes=options.lanes,
-                transient=run.transient,
-                n_periods=run.periods,
-                seed=options.seed,
-                progress=report,
-            )
-        except ValueError as error:
-            raise InputError(f"{file.name}: {error}") from None
+        found = trade(
+            file.scene,
+            lanes=options.lanes,
+            transient=run.transient,
+            n_periods=run.periods,
+            seed=options.seed,
+            progress=report,
+        )
     data = trade_json(found, file)
     write_json(data, options.out / "trade.json")
     plot.save(plot.trade(data), options.out / "trade.png")
     heads = (
         "accuracy of the state",
-        "cheapest setting, omega_max h",
+        "cheapest setting",
         "steps",
         "us / lane / period",
         "error",

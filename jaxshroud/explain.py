@@ -4,18 +4,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.events import Kind
 from jaxshroud.integrate import Fixed, Lane, Method, advance, grid
-from jaxshroud.lanes import plain
+from jaxshroud.lanes import alone, plain
 from jaxshroud.linear import steady_amplitudes
 from jaxshroud.periods import begin_lanes
 from jaxshroud.rhs import model
-from jaxshroud.scene import MOTIONS, Parts, Scene
+from jaxshroud.scene import MOTIONS, Parts, Scene, with_parts
 from jaxshroud.stability import largest_frequency, limits, steps_for
 from jaxshroud.state import start
 
@@ -53,7 +52,7 @@ def explain(scene: Scene, method: Method) -> Explained:
         method: Static choices of the march.
     """
     closed = scene.parts.contact == "none"
-    full = _with_parts(scene, Parts(contact="spring"))
+    full = with_parts(scene, Parts())
     lane = _ready(scene, method)[0]
     omega_max, period = float(largest_frequency(scene)), float(scene.drive.period)
     stable, accurate = limits(method.tableau)
@@ -103,15 +102,10 @@ def _counted(jaxpr: Any) -> Iterator[int]:
 
 def _ready(scene: Scene, method: Method) -> tuple[Lane, Fixed]:
     """One lane about to start, and what it marches by."""
-    alone = jax.tree.map(lambda a: a[None], (scene, start(scene.initial)))
-    lanes, period = begin_lanes(*alone, method), scene.drive.period[None]
-    steps = grid(jnp.zeros_like(period), jnp.full_like(period, 400.0), period)
-    return lanes, Fixed(jax.vmap(model)(alone[0]), steps, jnp.full((1,), 400, jnp.int32))
-
-
-def _with_parts(scene: Scene, parts: Parts) -> Scene:
-    contact = eqx.tree_at(lambda c: c.width, scene.contact, None, is_leaf=lambda a: a is None)
-    return Scene(scene.blades, scene.shroud, contact, scene.friction, scene.drive, scene.initial, parts)
+    scenes, states = alone((scene, start(scene.initial)))
+    period, stop = scenes.drive.period, jnp.ones((1,), jnp.int32)
+    steps = grid(jnp.zeros_like(period), stop.astype(period.dtype), period)
+    return begin_lanes(scenes, states, method), Fixed(jax.vmap(model)(scenes), steps, stop)
 
 
 def _events(lane: Lane) -> tuple[str, ...]:

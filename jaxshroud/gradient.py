@@ -10,7 +10,6 @@ from functools import partial
 from typing import Literal
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.special import stdtrit
 
@@ -21,7 +20,7 @@ from jaxshroud.orbit import Orbit, orbit
 from jaxshroud.scene import Scene, value_of, vary
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import Status
-from jaxshroud.sweep import Plan, averages, run_lanes, starts, varied
+from jaxshroud.sweep import Plan, averages, run_lanes, scenes_at, starts
 from jaxshroud.tangents import STATE, differentiable, direction, tangents
 
 Of = Literal["P_d", "P"]
@@ -226,20 +225,10 @@ def _levels(scene: Scene, wrt: Sequence[str], values: np.ndarray, of: Of, plan: 
     """At each row of parameter values: `of`, its own half interval, the period number, and whether the lane is OK."""
     scenes = scenes_at(scene, wrt, values)
     runs = run_lanes(scenes, starts(scenes), plan, lambda _: None)
-    motion, got, P_0 = averages(scenes, runs)
+    motion, got, P_0 = averages(scenes, runs.samples)
     share = P_0[:, 0] / 100
     level, noise = (got.P_d, got.ci) if of == "P_d" else (got.P[:, 0], got.ci * share)
     return level, noise, motion.number, runs.last.status == Status.OK
-
-
-def scenes_at(scene: Scene, keys: Sequence[str], values: np.ndarray) -> Scene:
-    """Scenes (leading axis) with the numbers `keys` set to each row of `values` (n, keys)."""
-    return _scenes_at(scene, tuple(keys), jnp.asarray(values, scene.drive.omega.dtype))
-
-
-@partial(jax.jit, static_argnames="keys")
-def _scenes_at(scene: Scene, keys: tuple[str, ...], rows) -> Scene:
-    return jax.vmap(lambda row: varied(scene, keys, row))(rows)
 
 
 def _fitted(xi: np.ndarray, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -42,6 +42,7 @@ from jaxshroud.trig import ANGLE_RANGE, sincos_turns, sine_versine
 STAGES_AT_ONCE = 7  # in one kernel: `lanes.fused` says why there is a limit
 STAGES_WITH_EVENTS = 4  # in one kernel with everything else that a trial does
 DUAL_STAGES = 4  # in one kernel where tangents come along
+SMOOTH = 0.75  # of all these numbers in smooth contact, whose laws are longer: beyond, RK8 is 60 times slower
 MAX_EVENTS_PER_STEP = 64  # more is chatter: regular scenes have a few per *period*
 
 
@@ -402,6 +403,8 @@ def advance(lanes: Any, fixed: Any, method: Method, each: EachLane) -> Any:
     """
     size, known = len(method.tableau.b), NO_STAGES
     at_once = DUAL_STAGES if method.derivative else STAGES_AT_ONCE
+    if getattr(fixed, "value", fixed).model.spring.smooth:
+        at_once = int(at_once * SMOOTH)
     if size <= STAGES_WITH_EVENTS and not method.derivative:
         return each(lambda lane, fixed: _whole(lane, fixed, method), lanes, fixed)
     for upto in range(at_once, size, at_once):

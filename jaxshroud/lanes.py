@@ -19,6 +19,11 @@ from jax.extend.core import jaxpr_as_fun
 EachLane = Callable[..., Any]  # (f, *args): `f(*args)` of every lane; all arrays have a leading axis of lanes
 
 
+def alone(tree: Any) -> Any:
+    """A tree of arrays with a leading axis of one lane."""
+    return jax.tree.map(lambda a: jnp.asarray(a)[None], tree)
+
+
 def plain(f: Callable, *args: Any) -> Any:
     """By `jax.vmap`: runs, and differentiates, anywhere."""
     return lax.optimization_barrier(jax.vmap(f)(*args))

@@ -8,6 +8,7 @@ import numpy as np
 from jaxshroud.analysis.power import interval
 from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.integrate import FAST, Method
+from jaxshroud.lanes import alone
 from jaxshroud.scene import Scene
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import State, Status
@@ -71,6 +72,6 @@ def lyapunov(
 
 def settled(scene: Scene, transient: int, steps: int, method: Method) -> State:
     """The state after `transient` periods from the scene's start."""
-    alone = jax.tree.map(lambda a: np.asarray(a)[None], scene)
-    runs = run_lanes(alone, starts(alone), Plan(max(transient - 1, 0), 1, steps, 0.0, method), lambda _: None)
+    lane = alone(scene)
+    runs = run_lanes(lane, starts(lane), Plan(max(transient - 1, 0), 1, steps, 0.0, method), lambda _: None)
     return jax.tree.map(lambda a: a[0], final_states(runs.last))

@@ -15,6 +15,7 @@ from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.events import seat
 from jaxshroud.geometry import touch_rates
 from jaxshroud.integrate import FAST, Method
+from jaxshroud.lanes import alone
 from jaxshroud.linear import area, free_power
 from jaxshroud.rhs import as_pairs, model
 from jaxshroud.scene import Scene
@@ -133,12 +134,12 @@ def orbit(
 
 
 def _settled(scene: Scene, state: State | None, most: int, steps: int, tolerance: float, method: Method) -> Orbit:
-    alone = jax.tree.map(lambda a: np.asarray(a)[None], scene)
-    states = starts(alone) if state is None else jax.tree.map(lambda a: np.asarray(a)[None], state)
+    lane = alone(scene)
+    states = starts(lane) if state is None else alone(state)
     spent, samples, latest = 0, np.empty((0, STATE - 1)), None
     here = jax.tree.map(lambda a: a[0], states)
     for done in range(BLOCK, most + BLOCK, BLOCK):
-        runs = run_lanes(alone, states, Plan(0, BLOCK, steps, 0.0, method), lambda _: None)
+        runs = run_lanes(lane, states, Plan(0, BLOCK, steps, 0.0, method), lambda _: None)
         spent, states = spent + BLOCK, final_states(runs.last)
         here = jax.tree.map(lambda a: a[0], states)
         if int(runs.last.status[0]) != Status.OK:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxshroud.integrate import FAST, Method, grid, march
-from jaxshroud.lanes import plain
+from jaxshroud.lanes import alone, plain
 from jaxshroud.rhs import as_arrays
 from jaxshroud.scene import Scene
 from jaxshroud.state import State, Status
@@ -44,7 +44,6 @@ def period_map(
     """
     method = differentiable(method)
     lane, model, period = begun(scene, state, method)
-    alone = lambda tree: jax.tree.map(lambda a: jnp.asarray(a)[None], tree)  # noqa: E731
     steps = jnp.full((1,), steps_per_period, jnp.int32)
     steps_of = grid(jnp.zeros_like(period), jnp.full_like(period, steps_per_period), period)
     models, grids = alone((model, steps_of))

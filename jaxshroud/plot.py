@@ -258,16 +258,14 @@ def trade(data: Mapping[str, Any]) -> Figure:
         "gradient": "d(power)/d(gap), relative",
         "period": "share with the right period",
     }
-    kinds = list(dict.fromkeys((r["tableau"], r["precision"], r["locate"]) for r in rows))
+    kinds = list(dict.fromkeys(r["kind"] for r in rows))
     panels = figure.subplots(2, 2).ravel()
     for panel, (name, title) in zip(panels, wanted.items(), strict=True):
         for i, kind in enumerate(kinds):
-            mine = [r for r in rows if (r["tableau"], r["precision"], r["locate"]) == kind and r[name] is not None]
+            mine = [r for r in rows if r["kind"] == kind and r[name] is not None]
             cost, error = [r["cost"] * 1e6 for r in mine], [r[name] for r in mine]
-            label = kind[0] + {"float32": ", float32"}.get(kind[1], "")
-            label += {"none": ", not located", "bisection": ", bisection"}.get(kind[2], "")
-            style = dict(marker="osv^DPX"[i % 7], ms=3, lw=0.8, color=f"C{i}", label=label)
-            panel.plot(cost, error, ls=":" if kind[1] == "float32" else "-", **style)
+            dashes = {"float32": ":", "smooth": "--"}.get(kind.split(", ")[-1], "-")
+            panel.plot(cost, error, dashes, marker="osv^DPX*"[i % 8], ms=3, lw=0.8, color=f"C{i}", label=kind)
         panel.set(xscale="log", ylabel=title)
         panel.xaxis.set_major_formatter("{x:g}")
         panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))

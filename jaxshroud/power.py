@@ -9,6 +9,7 @@ from jaxshroud.analysis.period import PERIOD_TOLERANCE, periodicity
 from jaxshroud.analysis.power import interval, reduction
 from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.integrate import FAST_WITH_LEDGER, Method
+from jaxshroud.lanes import alone
 from jaxshroud.linear import area, free_power
 from jaxshroud.periods import BLOCK, Sample
 from jaxshroud.scene import Scene
@@ -24,10 +25,6 @@ class PowerResult(NamedTuple):
     P_d: np.ndarray  # (m,) average over the first n kept periods [%]
     P_d_ci: np.ndarray  # (m,) half width of its 95 % interval [percentage points]; NaN below two batches
     final: dict  # the answer: n, P_d, ci, settled, stable, period_number, P, P_0, status, energy_residual, method
-
-
-def _alone(scene: Scene) -> Scene:
-    return jax.tree.map(lambda a: a[None], scene)
 
 
 def _summary(samples: list[Sample], A: float, P_0: np.ndarray, period_tol: float, tolerance: float) -> dict:
@@ -105,7 +102,7 @@ def power(
     steps_per_period = steps_for(scene, 0, steps_per_period, stepper(scene, method))
     if not tolerance > 0:
         raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")
-    scenes = in_precision(_alone(scene), method.precision)
+    scenes = in_precision(alone(scene), method.precision)
     ticker = Ticker(transient + most_periods, progress)
     state, lead, samples = starts(scenes), transient, []
     A, P_0 = float(area(scene.shroud)), np.asarray(free_power(scene), float)

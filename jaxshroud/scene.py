@@ -168,6 +168,13 @@ class Scene(eqx.Module):
         return self.contact.gamma * self.blades.k_x[0]
 
 
+def with_parts(scene: Scene, parts: Parts, width: ArrayLike | None = None) -> Scene:
+    """`scene` with its model made of other parts; smooth contact asks for a `width` [m]."""
+    c = scene.contact
+    contact = Contact(c.k, c.gamma, c.reading, width)  # pyright: ignore[reportArgumentType]
+    return Scene(scene.blades, scene.shroud, contact, scene.friction, scene.drive, scene.initial, parts)
+
+
 KEY = re.compile(r"^(?P<table>[a-z]+)\.(?P<name>\w+)(\[(?P<blade>[01])\])?$")
 NUMERIC_KEYS = tuple(
     f"{table}.{field}"

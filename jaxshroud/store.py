@@ -194,7 +194,7 @@ def trade_json(found: Sequence[Measured], scene_file: SceneFile) -> dict[str, An
     rows = [
         {
             "setting": str(m.setting),
-            **m.setting._asdict(),
+            "kind": m.setting.kind,
             "steps_per_period": m.steps,
             "cost": m.cost,
             "state_error": error_of(m),

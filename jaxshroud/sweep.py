@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import equinox as eqx
@@ -134,6 +135,16 @@ def varied(scene: Scene, keys: Iterable[str], values: Iterable[Any]) -> Scene:
     for key, value in zip(keys, values, strict=True):
         scene = vary(scene, key, value)
     return scene
+
+
+def scenes_at(scene: Scene, keys: Sequence[str], values: np.ndarray) -> Scene:
+    """Scenes (leading axis) with the numbers `keys` set to each row of `values` (n, keys)."""
+    return _scenes_at(scene, tuple(keys), jnp.asarray(values, scene.drive.omega.dtype))
+
+
+@partial(jax.jit, static_argnames="keys")
+def _scenes_at(scene: Scene, keys: tuple[str, ...], rows) -> Scene:
+    return jax.vmap(lambda row: varied(scene, keys, row))(rows)
 
 
 def starts(scenes: Scene) -> State:
@@ -282,11 +293,10 @@ def _closed_forms(scenes: Scene):
     return jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(scenes)
 
 
-def averages(scenes: Scene, runs: Runs, period_tol: float = PERIOD_TOLERANCE) -> tuple[Periodicity, Reduction, Any]:
+def averages(scenes: Scene, samples: Sample) -> tuple[Periodicity, Reduction, Any]:
     """Period number and power of lanes (one leading axis of lanes) over their kept periods, and P_0 (lanes, 2)."""
     A, P_0 = (np.asarray(f, float) for f in _closed_forms(scenes))
-    samples = runs.samples
-    orbit = periodicity(np.asarray(samples.motion.x[0], float), period_tol)
+    orbit = periodicity(np.asarray(samples.motion.x[0], float), PERIOD_TOLERANCE)
     return orbit, reduction(A[:, None, None] * np.stack(samples.power, axis=-1), P_0, orbit.number), P_0
 
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from jaxshroud.config import Axis, SceneFile, load
+from jaxshroud.config import SceneFile, load
 from jaxshroud.locate import Locate
 from jaxshroud.state import Status
 from jaxshroud.tableau import TABLEAUS, tableau
@@ -88,29 +88,26 @@ def chosen_method(options: argparse.Namespace, locate: Locate = "cubic"):
     return Method(tableau(options.tableau or "rk4"), options.locate or locate, ledger, precision)
 
 
-def check_step(file: SceneFile, axes: tuple[Axis, ...] | None, options: argparse.Namespace) -> int:
-    """Steps per period of a scene or sweep: refuse what is unstable for some lane, warn of what is inaccurate."""
+def check_step(file: SceneFile, scenes: Any, options: argparse.Namespace) -> int:
+    """Steps per period of scenes (leading axis): refuse what is unstable for some, warn of what is inaccurate."""
     from jaxshroud.stability import step_report, steps_for, stiffest
-    from jaxshroud.sweep import grid_of_scenes
 
-    scenes, dims, method = file.scene, 0, tableau(options.tableau or "rk4")
-    if axes is not None:
-        scenes, dims = grid_of_scenes(file.scene, {a.key: a.values for a in axes}), len(axes)
+    method = tableau(options.tableau or "rk4")
     if options.accuracy is not None and file.scene.parts.contact == "spring":
-        return _chosen(file, scenes, dims, options)
+        return _chosen(file, scenes, options)
     asked, free = file.run.steps_per_period, file.scene.parts.contact == "none"
     try:
-        steps = steps_for(scenes, dims, asked, None if free else method)
+        steps = steps_for(scenes, 1, asked, None if free else method)
     except ValueError as error:
         raise InputError(f"{file.name}: [run] {error}") from None
     if asked == "auto" and not free:
         print(f"steps_per_period = {steps}, by the stiffness of the scene", file=sys.stderr)
-    elif not free and (report := step_report(*stiffest(scenes, dims), steps, method)):
+    elif not free and (report := step_report(*stiffest(scenes, 1), steps, method)):
         print(f"warning: {file.name}: [run] {report}", file=sys.stderr)
     return steps
 
 
-def _chosen(file: SceneFile, scenes: Any, dims: int, options: argparse.Namespace) -> int:
+def _chosen(file: SceneFile, scenes: Any, options: argparse.Namespace) -> int:
     """Steps per period for the accuracy asked for; keeps the choice in the options."""
     from jaxshroud.accuracy import choose
 
@@ -118,7 +115,7 @@ def _chosen(file: SceneFile, scenes: Any, dims: int, options: argparse.Namespace
         if getattr(options, name) is not None:
             raise InputError(f"--accuracy chooses --{name.replace('_', '-')} itself; give one of them")
     try:
-        options.choice = choose(scenes, dims, options.accuracy)
+        options.choice = choose(scenes, 1, options.accuracy)
     except ValueError as error:
         raise InputError(f"--accuracy {error}") from None
     print(f"{file.name}: {options.choice}", file=sys.stderr)

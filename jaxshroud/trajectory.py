@@ -14,7 +14,7 @@ from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.events import Counters, seat
 from jaxshroud.friction import stretch
 from jaxshroud.integrate import REFERENCE, Lane, Method, begin, energy, grid, march
-from jaxshroud.lanes import EachLane, best
+from jaxshroud.lanes import EachLane, alone, best
 from jaxshroud.linear import free_motion
 from jaxshroud.periods import COMPILER
 from jaxshroud.rhs import Model, as_arrays, as_pairs, model, whole
@@ -155,7 +155,6 @@ def _sample(lane: Lane, scene_model: Model) -> State:
 @partial(jax.jit, static_argnames=("method", "each"), compiler_options=COMPILER)
 def _samples(scene: Scene, lane: Lane, steps, turns, every, n, method: Method, each: EachLane) -> tuple[Lane, State]:
     """`n` samples, `every` steps apart; the rows beyond are meaningless."""
-    alone = lambda tree: jax.tree.map(lambda a: a[None], tree)  # noqa: E731
     scene_model = model(scene)
     models, grids = alone((scene_model, grid(turns, steps.astype(turns.dtype), scene.drive.period)))
 

@@ -7,7 +7,7 @@ motion meet, and no slope leads along such an edge: the best path ends with a fe
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import Literal, NamedTuple
 
@@ -17,12 +17,12 @@ import numpy as np
 from scipy.stats import qmc
 
 from jaxshroud.checks import count_argument
-from jaxshroud.gradient import scenes_at, slopes, with_numbers
+from jaxshroud.gradient import slopes, with_numbers
 from jaxshroud.integrate import FAST, REFERENCE, Method
 from jaxshroud.scene import Motion, Scene
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import State, Status, start
-from jaxshroud.sweep import Plan, Progress, Ticker, averages, run_lanes, starts
+from jaxshroud.sweep import Plan, Progress, Ticker, averages, run_lanes, scenes_at, starts
 from jaxshroud.tangents import Dual, differentiable, direction, onward, resting, run_flow, to_vector
 
 Goal = Literal["mean", "worst"]
@@ -41,10 +41,10 @@ class Problem(NamedTuple):
     scene: Scene
     over: dict[str, tuple[float, float]]  # key -> bounds
     conditions: dict[str, tuple[float, ...]]  # key -> values; every combination counts
-    goal: Goal
-    most_penetration: float  # [m]; infinite for none
-    most_force: float  # normal force of the contact [N]; infinite for none
-    plan: Plan
+    goal: Goal = "mean"
+    most_penetration: float = np.inf  # [m]
+    most_force: float = np.inf  # normal force of the contact [N]
+    plan: Plan = Plan(0, 1, 400, 0.0, FAST)
 
     @property
     def rows(self) -> np.ndarray:
@@ -139,10 +139,10 @@ def tune(
         KeyError: The scene has no such number.
         ValueError: A count is too small, or bounds are not in order.
     """
-    plan = Plan(transient, n_periods, 1, 0.0, method)
-    problem = _problem(scene, over, conditions or {}, goal, most_penetration, most_force, plan)
-    steps = steps_for(_corners(problem), 1, steps_per_period, method.tableau)
-    problem = problem._replace(plan=replace(plan, steps_per_period=steps))
+    problem = problem_of(scene, over, conditions or {})
+    steps = steps_for(corners(problem), 1, steps_per_period, method.tableau)
+    plan = Plan(transient, n_periods, steps, 0.0, method)
+    problem = problem._replace(goal=goal, most_penetration=most_penetration, most_force=most_force, plan=plan)
     size = len(over)
     scan, n_starts, updates = scan or 32 * size, n_starts or 3 * size, updates or 6 * size
     for name, value in dict(scan=scan, n_starts=n_starts, updates=updates, n_periods=n_periods).items():
@@ -174,7 +174,15 @@ def tune(
     )
 
 
-def _problem(scene: Scene, over, conditions, goal: Goal, most_penetration: float, most_force: float, plan: Plan):
+def problem_of(
+    scene: Scene, over: Mapping[str, tuple[float, float]], conditions: Mapping[str, Sequence[float]]
+) -> Problem:
+    """What is to be tuned, without limits; see `tune`.
+
+    Raises:
+        KeyError: The scene has no such number.
+        ValueError: Bounds are not in order, or a key is both tuned and a condition.
+    """
     if not over:
         raise ValueError("Argument `over` must name at least one number.")
     for key, (low, high) in over.items():
@@ -185,7 +193,7 @@ def _problem(scene: Scene, over, conditions, goal: Goal, most_penetration: float
         raise ValueError(f"{sorted(both)[0]} is both tuned and an operating condition.")
     known = {key: tuple(float(v) for v in np.ravel(values)) for key, values in conditions.items()}
     whole = with_numbers(scene, [*over, *known])
-    return Problem(whole, dict(over), known, goal, most_penetration, most_force, plan)
+    return Problem(whole, dict(over), known)
 
 
 class _Paths(NamedTuple):
@@ -201,7 +209,7 @@ def scenes_of(problem: Problem, designs: np.ndarray) -> Scene:
     return scenes_at(problem.scene, [*problem.over, *problem.conditions], values)
 
 
-def _corners(problem: Problem) -> Scene:
+def corners(problem: Problem) -> Scene:
     """The extreme scenes of a problem: every combination of bounds, or bounds one by one where these are many."""
     size = len(problem.over)
     one_by_one = np.vstack([np.zeros(size), np.ones(size), np.eye(size), 1 - np.eye(size)])
@@ -215,7 +223,7 @@ def judge_designs(problem: Problem, designs: np.ndarray, tick, states: State | N
     lanes = len(scenes.drive.omega)
     first = starts(scenes) if states is None else jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *a.shape)), states)
     runs = run_lanes(scenes, first, problem.plan, tick)
-    motion, got, _ = averages(scenes, runs)
+    motion, got, _ = averages(scenes, runs.samples)
     shape = len(designs), len(problem.rows)
     v_max = np.asarray(runs.last.tally.log.v_max, float)
     ok = np.asarray(runs.last.status) == Status.OK

@@ -44,6 +44,8 @@ ORDER = [
     "gradient",
     "lyapunov",
     "tune",
+    "setting",
+    "adaptive",
     "trade",
     "accuracy",
     # the edges

@@ -7,10 +7,11 @@ import pytest
 from batch import EXACT, ends, relative_error, run, sizes
 
 import jaxshroud as js
+from jaxshroud import scene as scene_module
 from jaxshroud.explain import lowered_operations, operations
 from jaxshroud.integrate import FAST, FAST_WITH_LEDGER
 from jaxshroud.periods import begin_lanes
-from jaxshroud.scene import Contact, Parts, Scene, vary
+from jaxshroud.scene import Parts, Scene, vary
 from jaxshroud.state import Status
 from jaxshroud.sweep import starts
 
@@ -18,8 +19,7 @@ PERIODS, STEPS = 2, 400
 
 
 def with_parts(scene: Scene, width: float | None = None, **parts) -> Scene:
-    contact = Contact(scene.contact.k, scene.contact.gamma, scene.contact.reading, width)
-    return Scene(scene.blades, scene.shroud, contact, scene.friction, scene.drive, scene.initial, Parts(**parts))
+    return scene_module.with_parts(scene, Parts(**parts), width)
 
 
 def varied(scene: Scene, **changes) -> Scene:

@@ -7,12 +7,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from test_parts import with_parts
 
 from jaxshroud import accuracy
 from jaxshroud.accuracy import CLASSES, Choice, broken, choose, level
+from jaxshroud.adaptive import Adaptive
 from jaxshroud.scene import vary
+from jaxshroud.setting import Setting, end_states, state_errors
 from jaxshroud.stability import stiffest
-from jaxshroud.trade import TRUTH, Setting, cheapest, end_states, error_of, front, neighbourhood, state_errors, trade
+from jaxshroud.trade import TRUTH, ClosedForm, cheapest, error_of, front, neighbourhood, trade
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from accuracy import in_class  # type: ignore[attr-defined]
@@ -22,6 +25,8 @@ FEW = (
     Setting("rk4", "cubic", "float64", 0.25),
     Setting("rk4", "none", "float64", 0.25),
     Setting("tsit5", "cubic", "float32", 1.0),
+    *(Setting("rk4", "cubic", "float64", 0.5, width) for width in (1 / 8, 1 / 64)),
+    Adaptive("Tsit5", 1e-4, 1 / 64),
 )
 
 
@@ -31,7 +36,7 @@ def measured(table1):
 
 
 def test_errors_fall_with_the_step_and_with_located_events(measured):
-    coarse, fine, unlocated, single = measured
+    coarse, fine, unlocated, single, *_ = measured
     assert error_of(coarse) > 50 * error_of(fine)
     assert error_of(unlocated) > 10 * error_of(fine)  # control: events at the ends of steps
     assert coarse.gradient > 50 * fine.gradient
@@ -51,11 +56,32 @@ def test_the_front_is_not_beaten(measured):
     assert error_of(best) <= 1e-2
 
 
-def test_only_the_spring_has_settings_to_trade(table1):
-    from test_parts import with_parts
+def test_smooth_contact_is_an_approximation_of_the_spring(measured):
+    wide, narrow, adaptive = measured[-3:]
+    assert error_of(narrow) < error_of(wide) / 2
+    assert error_of(narrow) > 1e-4  # of the width: the march's own is finer
+    assert error_of(adaptive) == pytest.approx(error_of(narrow), rel=0.1)
+    assert narrow.gradient < wide.gradient / 2
+    assert adaptive.gradient < wide.gradient / 2
 
-    with pytest.raises(ValueError, match="Only spring contact"):
-        trade(with_parts(table1, contact="none"))
+
+def test_a_scene_without_contact_is_traded_against_adaptive_solvers(table1):
+    ways = [ClosedForm(), Adaptive("Tsit5", 1e-3), Adaptive("Tsit5", 1e-7), Adaptive("Kvaerno5", 1e-4)]
+    own, coarse, fine, implicit = trade(with_parts(table1, contact="none"), settings=ways, lanes=8, n_periods=16)
+    assert own.cost < fine.cost
+    assert error_of(own) == 0.0
+    assert error_of(fine) < error_of(coarse) / 100
+    assert fine.P_d < 1e-6
+    assert error_of(implicit) < 1e-2
+    assert np.isnan(implicit.P_d)  # not run for so long
+
+
+def test_smooth_contact_is_traded_against_adaptive_solvers(table1):
+    ways = [Setting("rk4", "cubic", "float64", 1.0), Adaptive("Tsit5", 1e-7)]
+    for found in trade(with_parts(table1, 1e-5, contact="smooth"), settings=ways, lanes=8, transient=0, n_periods=4):
+        assert error_of(found) < 1e-4
+        assert found.P_d < 1e-3
+        assert found.gradient < 1e-2
 
 
 def test_a_neighbourhood_is_the_scene_and_others_near_it(table1):

@@ -13,8 +13,9 @@ import numpy as np
 from jaxshroud import load
 from jaxshroud.accuracy import CLASSES
 from jaxshroud.scene import vary
-from jaxshroud.stability import stiffness_ratio
-from jaxshroud.trade import LEVELS, TRUTH, Setting, cost, end_states, state_errors
+from jaxshroud.setting import LEVELS, Setting, end_states, state_errors
+from jaxshroud.stability import stiffest, stiffness_ratio
+from jaxshroud.trade import TRUTH, cost
 
 MARGIN, SHARE, LANES = 3.0, 0.98, 64
 CANDIDATES = [
@@ -61,8 +62,6 @@ def stacked(scenes: list):
 
 def errors(scenes: list, setting: Setting, truths: list[np.ndarray]) -> np.ndarray:
     """State error of each scene, every one with its own number of steps."""
-    from jaxshroud.stability import stiffest
-
     found = []
     for scene, truth in zip(scenes, truths, strict=True):
         alone = jax.tree.map(lambda a: a[None], scene)
@@ -73,8 +72,6 @@ def errors(scenes: list, setting: Setting, truths: list[np.ndarray]) -> np.ndarr
 def main() -> None:
     """Measure and write."""
     jax.config.update("jax_enable_x64", True)
-    from jaxshroud.stability import stiffest
-
     rng, table = np.random.default_rng(11), []
     for index in range(len(CLASSES)):
         scenes = in_class(rng, index, LANES)
@@ -87,12 +84,11 @@ def main() -> None:
             for s in scenes
         ]
         batch = stacked(scenes)
-        turn = stiffest(batch, 1)
         measured = []
         for setting in CANDIDATES:
             error = np.nan_to_num(errors(scenes, setting, truths), nan=np.inf)
             bound = float(np.quantile(error, SHARE, method="higher"))
-            measured.append((setting, bound, cost(batch, setting, setting.steps(*turn), 3)))
+            measured.append((setting, bound, cost(batch, setting)))
             print(index, setting, f"{bound:.1e}", f"{measured[-1][2] * 1e6:.1f} us", flush=True)
         row = {}
         for level in LEVELS:

@@ -1,0 +1,37 @@
+"""Adaptive solvers of diffrax, explicit and implicit, on scenes that are valid input for them: those without events."""
+
+import numpy as np
+import pytest
+from batch import ends, relative_error, run, sizes
+from test_parts import with_parts
+
+from jaxshroud.adaptive import Adaptive
+from jaxshroud.integrate import FAST_WITH_LEDGER
+from jaxshroud.lanes import alone
+from jaxshroud.scene import vary
+from jaxshroud.setting import states
+from jaxshroud.stability import largest_frequency
+
+
+def solved(scene, solver: str, rtol: float) -> np.ndarray:
+    """The motion after one period from the scene's start, (12,)."""
+    ran = Adaptive(solver, rtol).run(alone(scene), 1)
+    assert ran is not None
+    return states(ran.samples, 0)[0]
+
+
+SOLVERS = {"explicit": ("Dopri8", 1e-11, 1e-7), "implicit": ("Kvaerno5", 1e-7, 1e-3)}
+
+
+@pytest.mark.parametrize("kind", SOLVERS)
+def test_smooth_contact(table1, kind):
+    # The same right-hand side, another way through time. The motion amplifies errors some thousandfold in a period.
+    solver, rtol, agree = SOLVERS[kind]
+    scene = with_parts(vary(table1, "contact.gamma", 2.5), 2e-6, contact="smooth")
+    steps = int(float(largest_frequency(scene) * scene.drive.period) / 0.1)
+    ours = run([scene], 1, steps, FAST_WITH_LEDGER)
+    error = relative_error(ends(ours)[0], solved(scene, solver, rtol), sizes(ours)[0])
+    assert error < agree
+    # Control: the spring's law is another scene.
+    spring = run([vary(table1, "contact.gamma", 2.5)], 1, 1000, FAST_WITH_LEDGER)
+    assert relative_error(ends(spring)[0], ends(ours)[0], sizes(ours)[0]) > 10 * error
