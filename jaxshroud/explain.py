@@ -102,8 +102,8 @@ def _counted(jaxpr: Any) -> Iterator[int]:
 
 def _ready(scene: Scene, method: Method) -> tuple[Lane, Fixed]:
     """One lane about to start, and what it marches by."""
-    scenes, states = alone((scene, start(scene.initial)))
-    period, stop = scenes.drive.period, jnp.ones((1,), jnp.int32)
+    scenes, states, period = alone((scene, start(scene.initial), scene.drive.period))
+    stop = jnp.ones((1,), jnp.int32)
     steps = grid(jnp.zeros_like(period), stop.astype(period.dtype), period)
     return begin_lanes(scenes, states, method), Fixed(jax.vmap(model)(scenes), steps, stop)
 

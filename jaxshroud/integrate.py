@@ -207,10 +207,22 @@ def _waves(place: Place, nodes: set[float], model: Model) -> dict[float, Pair]:
     """The drive at some of the tableau's nodes, by angle addition from the start of the step."""
     s_0, c_0 = sincos_turns(place.turns)
     waves = {}
-    for c in nodes:
-        s, v = sine_versine(2 * math.pi * c * place.dturns)
-        waves[c] = wave(s_0 - s_0 * v + c_0 * s, c_0 - c_0 * v - s_0 * s, model.drive)
+    for c, (s, v) in _angles(place.dturns, nodes).items():
+        now = (s_0 - s_0 * v + c_0 * s, c_0 - c_0 * v - s_0 * s) if c else (s_0, c_0)
+        waves[c] = wave(*now, model.drive)
     return waves
+
+
+def _angles(dturns: Scalar, nodes: set[float]) -> dict[float, Pair]:
+    """Sine and versine of what the drive's phase gains up to the nodes, by that of half the angle where it is known."""
+    known: dict[float, Pair] = {}
+    for c in sorted(nodes):
+        if c / 2 in known and c:
+            s, v = known[c / 2]
+            known[c] = 2 * (s - s * v), 2 * s * s
+        else:
+            known[c] = sine_versine(2 * math.pi * c * dturns)
+    return known
 
 
 def _combined(held: State, h: Scalar, weights, slopes: Any, model: Model) -> State:
@@ -386,7 +398,7 @@ def _advanced(search: Search, step, fire, again, method: Method) -> tuple[Search
 
 
 def _finite(z: Motion) -> Bool[Array, ""]:
-    return jnp.isfinite(sum(jax.tree.leaves(jax.tree.map(jnp.abs, z))))
+    return jnp.isfinite(sum(jax.tree.leaves(z)))  # no sum of numbers one of which is not finite is
 
 
 def _status(z: Motion, lost, events) -> Int[Array, ""]:

@@ -97,20 +97,23 @@ class Rise(NamedTuple):
         return self.m_0, 3 * rise - 2 * self.m_0 - self.m_1, self.m_0 + self.m_1 - 2 * rise
 
 
-def _rise(value: tuple, rate: tuple, slid: tuple, h: Scalar) -> Rise:
-    """From values, rates and integrals at both ends of a stretch of `h` seconds.
+def _rise(value: tuple, rate: tuple, slid: tuple | None, h: Scalar) -> Rise:
+    """From values, rates and, where there are any, integrals at both ends of a stretch of `h` seconds.
 
     The slip guard has no rate but an integral, the slider's way: its cubic is the parabola with the right mean, or the
     straight line where the way is so short that its rounding would bend the parabola. Where nothing at all is known of
     the rates it is the straight line too.
     """
-    (g_0, g_1), way = value, slid[1] - slid[0]
+    g_0, g_1 = value
+    straight, unknown = g_1 - g_0, (rate[0] == 0) & (rate[1] == 0)
+    m_0, m_1 = (jnp.where(unknown, straight, m * h) for m in rate)
+    if slid is None:
+        return Rise(g_0, g_1, m_0, m_1)
+    way = slid[1] - slid[0]
     bulge = 6 * way / jnp.where(h > 0, h, 1.0) - 3 * (g_0 + g_1)
     rounding = jnp.finfo(h.dtype).eps * (jnp.abs(slid[0]) + jnp.abs(slid[1]))
     parabola = (slid[0] != 0) & (slid[1] != 0) & (h > 0) & (jnp.abs(way) > 1000 * rounding)
-    straight, unknown = g_1 - g_0, (rate[0] == 0) & (rate[1] == 0)
-    m_0 = jnp.where(parabola, straight + bulge, jnp.where(unknown, straight, rate[0] * h))
-    m_1 = jnp.where(parabola, straight - bulge, jnp.where(unknown, straight, rate[1] * h))
+    m_0, m_1 = jnp.where(parabola, straight + bulge, m_0), jnp.where(parabola, straight - bulge, m_1)
     return Rise(g_0, g_1, m_0, m_1)
 
 
@@ -119,12 +122,15 @@ def _slid(guards: Guards, kind: int) -> Scalar:
 
 
 def peak(start: Guards, end: Guards, h: Scalar) -> Scalar:
-    """Earliest fraction of a trial at which a guard, negative at both ends, seems to be above zero; 1 if none."""
+    """Earliest fraction of a trial at which a guard seems to be above zero; 1 if none.
+
+    All guards must be below zero at the end of the trial.
+    """
     first = jnp.ones_like(h)
     for kind in kinds(start.value):
         ends = (start.value[kind], end.value[kind]), (start.rate[kind], end.rate[kind])
-        rise = _rise(*ends, (_slid(start, kind), _slid(end, kind)), h)
-        humps = (rise.g_0 <= 0) & (rise.g_1 <= 0) & (rise.m_0 > 0) & (rise.m_1 < 0)
+        rise = _rise(*ends, (start.slid, end.slid) if kind == Kind.RUB else None, h)
+        humps = (rise.g_0 <= 0) & (rise.m_0 > 0) & (rise.m_1 < 0)
         top = rise.m_0 / jnp.where(humps, rise.m_0 - rise.m_1, 1.0)
         first = jnp.where(humps & (rise(top) > 0), jnp.minimum(first, top), first)
     return first
@@ -201,12 +207,12 @@ def _target(search: Search, low: Guards, end: Guards, violated: Violated, width:
     old = search.target
     assert old is not None
     hit = any_of(violated.values())
-    best, chosen = jnp.zeros_like(h), old
+    best, chosen = (jnp.zeros_like(h), jnp.ones_like(h)), old
     for kind in violated:
         above = end.value[kind]
-        share = above / (above - jnp.minimum(low.value[kind], 0.0))  # of the width, spent above zero
-        sooner = violated[kind] & (share > best)
-        best = jnp.where(sooner, share, best)
+        share = above, above - jnp.minimum(low.value[kind], 0.0)  # of the width, spent above zero: a quotient
+        sooner = violated[kind] & (share[0] * best[1] > best[0] * share[1])
+        best = select(sooner, share, best)
         new = Target(jnp.int32(kind), above, end.rate[kind], _slid(end, kind), old.tries)
         chosen = select(sooner, new, chosen)
     return chosen._replace(tries=jnp.where(hit | search.bracketing, old.tries + 1, 0))
