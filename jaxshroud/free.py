@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Int
 
 from jaxshroud.geometry import gyration
 from jaxshroud.integrate import Method
@@ -57,15 +58,20 @@ def _samples(scenes: Scene, states: State, transient, turns, kept: int, nodes: i
         power, largest = jax.vmap(lambda z: _mean_square(scene, z, turns, nodes))(Motion(*(a[:-1] for a in motion)))
         sample = Sample(Motion(*((a[1:, 0], a[1:, 1]) for a in motion)), (power[:, 0], power[:, 1]), None, None)
         last = State(Motion(*(a[-1] for a in motion)), state.u_s, state.mode, state.case)
-        swing = jnp.stack([motion.x, motion.y, motion.theta]), jnp.abs(jnp.stack(steady_amplitudes(scene)))
-        lost = swing[1] > MOST_CANCELLED * jnp.max(jnp.abs(swing[0]), axis=1)  # resonance without damping
-        finite = jnp.all(jnp.isfinite(power)) & ~jnp.any(lost)
-        status = jnp.where(jnp.max(largest) > ANGLE_RANGE, Status.ANGLE_OUT_OF_RANGE, Status.OK)
-        status = jnp.where(finite, status, Status.NOT_FINITE).astype(jnp.int32)
+        status = free_status(scene, motion, jnp.max(largest))
         sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
         return sample, reduced(as_pairs(last), model(scene)), status
 
     return jax.vmap(one)(scenes, states)
+
+
+def free_status(scene: Scene, motion: Motion, turned: Scalar) -> Int[Array, ""]:
+    """How a run ended that came to `motion`, fields (n, 2), and turned its blocks so far at most [rad]."""
+    swing, steady = jnp.stack([motion.x, motion.y, motion.theta]), jnp.abs(jnp.stack(steady_amplitudes(scene)))
+    lost = steady > MOST_CANCELLED * jnp.max(jnp.abs(swing), axis=1)  # resonance without damping
+    finite = jnp.all(jnp.isfinite(swing)) & jnp.isfinite(turned) & ~jnp.any(lost)
+    status = jnp.where(turned > ANGLE_RANGE, Status.ANGLE_OUT_OF_RANGE, Status.OK)
+    return jnp.where(finite, status, Status.NOT_FINITE).astype(jnp.int32)
 
 
 def _mean_square(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple[PerBlade, Scalar]:

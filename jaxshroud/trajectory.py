@@ -8,10 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jaxtyping import Array, Int
 
 from jaxshroud.absent import filled
 from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.events import Counters, seat
+from jaxshroud.free import free_status
 from jaxshroud.friction import stretch
 from jaxshroud.integrate import REFERENCE, Lane, Method, begin, energy, grid, march
 from jaxshroud.lanes import EachLane, alone, best
@@ -22,7 +24,6 @@ from jaxshroud.scene import Motion, Scalar, Scene
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import Mode, State, Status, start
 from jaxshroud.sweep import stepper
-from jaxshroud.trig import ANGLE_RANGE
 
 BLOCK = 1024  # samples per call
 
@@ -118,17 +119,18 @@ def _without_contact(scene: Scene, state: State, turns: float, periods: np.ndarr
     """Samples after so many `periods`, in closed form."""
     dtype = state.motion.x.dtype
     seconds = jnp.asarray(periods, dtype) * scene.drive.period
-    motion = jax.tree.map(np.asarray, _free_motion(scene, state.motion, jnp.asarray(turns, dtype), seconds))
+    motion, status = _free(scene, state.motion, jnp.asarray(turns, dtype), seconds)
+    motion = jax.tree.map(np.asarray, motion)
     none = np.zeros(len(times), np.int32)
     last = State(Motion(*(a[-1] for a in motion)), jnp.zeros((), dtype), jnp.int32(0), jnp.int32(0))
-    fine = all(np.isfinite(a).all() for a in motion)
-    turned = fine and np.abs(motion.theta).max() > ANGLE_RANGE
-    status = Status.ANGLE_OUT_OF_RANGE if turned else Status.OK if fine else Status.NOT_FINITE
     counters = dict.fromkeys(Counters.__annotations__, 0)
     return Trajectory(times, motion, np.full(len(times), np.nan), none, none, int(status), counters, 0.0, last, after)
 
 
-_free_motion = jax.jit(free_motion)
+@jax.jit
+def _free(scene: Scene, first: Motion, turns: Scalar, t) -> tuple[Motion, Int[Array, ""]]:
+    motion = free_motion(scene, first, turns, t)
+    return motion, free_status(scene, motion, jnp.max(jnp.abs(motion.theta)))
 
 
 @partial(jax.jit, static_argnames="method")

@@ -119,9 +119,11 @@ def test_samples_of_a_free_scene_lie_on_one_motion(table1):
 def test_an_undamped_resonance_is_not_finite(table1):
     scene = varied(table1, drive__omega=float(np.sqrt(1e5 / 0.08)), blades__c_x=0.0)
     scene = vary(scene, "blades.k_x", 0.08 * float(scene.drive.omega) ** 2)
-    got = js.sweep(with_parts(scene, contact="none"), {"drive.F_0": [60.0]}, n_periods=2)
+    free = with_parts(scene, contact="none")
+    got = js.sweep(free, {"drive.F_0": [60.0]}, n_periods=2)
     assert got.status[0] == Status.NOT_FINITE
     assert np.isnan(got.P_d[0])
+    assert js.simulate(free, n_periods=2, steps_per_period=10).status == Status.NOT_FINITE
 
 
 REDUCED = [
