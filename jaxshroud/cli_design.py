@@ -153,9 +153,10 @@ def tune_verb(options: argparse.Namespace) -> None:
     directory(options.out, ("tune.json", "tune.png", "best.toml"), options.force)
     run = file.run
     try:
-        steps = check_step(file, corners(problem_of(file.scene, over, conditions)), options)
+        extremes = corners(problem_of(file.scene, over, conditions))
     except (KeyError, ValueError) as error:
         raise InputError(f"{file.name}: {error.args[0]}") from None
+    steps = check_step(file, extremes, options)
     with progress_bar("lane-periods") as report:
         try:
             tuned = tune(

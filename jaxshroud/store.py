@@ -185,7 +185,8 @@ def tune_json(tuned: Tuned, drawn: dict[str, Any] | None, scene_file: SceneFile)
     limits = {"most_penetration": problem.most_penetration, "most_force": problem.most_force}
     asked = {"over": problem.over, "conditions": problem.conditions, "goal": problem.goal, **limits}
     checks = {name: judged._asdict() for name, judged in tuned.checks.items()}
-    return _plain({**told, **asked, "checks": checks, "map": drawn, **search, **_attrs(scene_file)})
+    how = {"method": str(problem.plan.method), "steps_per_period": problem.plan.steps_per_period}
+    return _plain({**told, **asked, **how, "checks": checks, "map": drawn, **search, **_attrs(scene_file)})
 
 
 def trade_json(found: Sequence[Measured], scene_file: SceneFile) -> dict[str, Any]:

@@ -301,12 +301,17 @@ def test_tune_command(tmp_path, capsys):
     assert "exists" in refused(capsys, *words, "--out", out)
 
 
-def test_tune_command_without_a_map(tmp_path):
+def test_tune_command_without_a_map(tmp_path, capsys):
     out = tmp_path / "tuned"
-    words = ["tune", "table1", "--set", "drive.M_0=10", "--steps-per-period", "100", "--periods", "8"]
+    words = ["tune", "table1", "--set", "drive.M_0=10", "--accuracy", "1e-4", "--periods", "8"]
     words += ["--transient", "8", "--over", "friction.mu=0:1", "--scan", "4", "--starts", "1", "--updates", "1"]
     assert cli.main([*words, "--goal", "worst", "--out", str(out)]) == 0
-    assert json.loads((out / "tune.json").read_text())["map"] is None
+    data = json.loads((out / "tune.json").read_text())
+    assert data["map"] is None
+    assert (
+        f"{data['steps_per_period']} steps" in capsys.readouterr().err
+    )  # those of the accuracy, by the stiffest design
+    assert "float64" in data["method"]
     assert (out / "tune.png").exists()
 
 
