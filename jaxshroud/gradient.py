@@ -16,7 +16,7 @@ from scipy.special import stdtrit
 from jaxshroud.checks import count_argument
 from jaxshroud.integrate import FAST, Method
 from jaxshroud.linear import area, free_power
-from jaxshroud.orbit import Orbit, orbit
+from jaxshroud.orbit import UNSOUND, Orbit, orbit
 from jaxshroud.scene import Scene, value_of, vary
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import Status
@@ -96,7 +96,7 @@ def gradient(
         if at is not None
         else orbit(scene, most_periods=most_periods, steps_per_period=steps_per_period, method=method)
     )
-    if found.found and not {"unstable", "not converged"} & set(found.flags):
+    if found.found and not UNSOUND & set(found.flags):
         return on_orbit(found, wrt, of)
     if "stopped" in found.flags:
         raise ValueError("The march stops in this scene; there is nothing to differentiate.")

@@ -30,6 +30,7 @@ WINDOW = 48  # of the latest periods is looked at, at most
 NEAR = 1e-2  # how nearly it must, relative to the largest displacement, for Newton's method to take over
 MOST_UPDATES = 12
 TOGETHER = 1e-8  # states of an orbit so close are one and the same
+UNSOUND = {"unstable", "not converged", "stopped"}  # flags of what is not a motion that lasts
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ def _settled(scene: Scene, state: State | None, most: int, steps: int, tolerance
         shot = _closed(scene, here, q, _sizes(samples), steps, tolerance, method)
         spent += (shot.updates + 1) * q
         latest = described(scene, shot, q, tolerance, spent, steps, method)
-        if not {"unstable", "not converged", "stopped"} & set(latest.flags):
+        if not UNSOUND & set(latest.flags):
             return _shortest(latest, _sizes(samples), tolerance)
     return _none(scene, here, ("aperiodic",), spent, steps, method) if latest is None else latest
 
