@@ -261,8 +261,9 @@ def trade(data: Mapping[str, Any]) -> Figure:
     kinds = list(dict.fromkeys(r["kind"] for r in rows))
     panels = figure.subplots(2, 2).ravel()
     for panel, (name, title) in zip(panels, wanted.items(), strict=True):
+        drawn = [r for r in rows if r[name] is not None and (r[name] > 0 or name == "period")]
         for i, kind in enumerate(kinds):
-            mine = [r for r in rows if r["kind"] == kind and r[name] is not None]
+            mine = [r for r in drawn if r["kind"] == kind]
             cost, error = [r["cost"] * 1e6 for r in mine], [r[name] for r in mine]
             dashes = {"float32": ":", "smooth": "--"}.get(kind.split(", ")[-1], "-")
             panel.plot(cost, error, dashes, marker="osv^DPX*"[i % 8], ms=3, lw=0.8, color=f"C{i}", label=kind)
@@ -270,8 +271,10 @@ def trade(data: Mapping[str, Any]) -> Figure:
         panel.xaxis.set_major_formatter("{x:g}")
         panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         panel.xaxis.set_minor_formatter(NullFormatter())
-        if name != "period":
+        if name != "period" and drawn:
             panel.set(yscale="log")
+        if not drawn:
+            panel.text(0.5, 0.5, "nothing to compare", ha="center", transform=panel.transAxes)
     for panel in panels[2:]:
         panel.set(xlabel="µs per lane and period")
     best = sorted((r for r in rows if r["front"]), key=lambda r: r["cost"])

@@ -165,7 +165,6 @@ def test_help_has_an_example(verb, capsys):
         ("simulate table1 --set contact.width=1e-6 --out a.nc", ("[contact] width is for smooth contact",)),
         ("simulate table1 --set model.fricton=none --out a.nc", ("[model]", "`friction`")),
         ("sweep table1 --along contact.width --values 1e-6,2e-6 --out s", ("contact.width", "not smooth")),
-        ("trade table1 --set model.contact=none --out s", ("Only spring contact",)),
         ("plot .", ("neither sweep.nc nor power.json",)),
         ("simulate", ("SCENE", "--help")),
     ],
@@ -368,15 +367,18 @@ def test_explain_tells_what_is_left_out(capsys):
 def test_trade_files(tmp_path, capsys, monkeypatch):
     from jaxshroud import trade
 
-    monkeypatch.setattr(trade, "SETTINGS", trade.SETTINGS[1:3])
-    monkeypatch.setattr(trade.trade, "__kwdefaults__", {**trade.trade.__kwdefaults__, "settings": trade.SETTINGS})
-    words = ["trade", "table1", "--lanes", "8", "--periods", "4", "--transient", "4"]
+    short = {contact: ways[:2] for contact, ways in trade.SETTINGS.items()}
+    monkeypatch.setattr(trade, "SETTINGS", short)
+    words = ["trade", "table1", "--lanes", "8", "--periods", "4", "--transient", "4", "--set", 'model.motion=["x"]']
     assert cli.main([*words, "--out", str(tmp_path)]) == 0
     assert "none reaches it" in capsys.readouterr().out
     data = json.loads((tmp_path / "trade.json").read_text())
-    assert [row["tableau"] for row in data["settings"]] == ["rk4", "rk4"]
+    assert [row["kind"] for row in data["settings"]] == ["rk4", "rk4"]
     assert any(row["front"] for row in data["settings"])
     assert (tmp_path / "trade.png").stat().st_size > 10_000
+    assert cli.main([*words, "--set", "model.contact=none", "--out", str(tmp_path / "free")]) == 0
+    assert "closed form" in capsys.readouterr().out
+    assert (tmp_path / "free" / "trade.png").stat().st_size > 10_000
 
 
 def test_the_model_of_a_scene_is_kept_in_its_file(tmp_path):
