@@ -307,9 +307,8 @@ def test_tune_command_without_a_map(tmp_path, capsys):
     assert cli.main([*words, "--goal", "worst", "--out", str(out)]) == 0
     data = json.loads((out / "tune.json").read_text())
     assert data["map"] is None
-    assert (
-        f"{data['steps_per_period']} steps" in capsys.readouterr().err
-    )  # those of the accuracy, by the stiffest design
+    # The steps are those of the accuracy, by the stiffest design.
+    assert f"{data['steps_per_period']} steps" in capsys.readouterr().err
     assert "float64" in data["method"]
     assert (out / "tune.png").exists()
 

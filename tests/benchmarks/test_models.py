@@ -15,7 +15,7 @@ from jaxshroud.free import free_runs
 from jaxshroud.integrate import FAST
 from jaxshroud.lanes import best
 from jaxshroud.periods import BLOCK, begin_lanes, run_block
-from jaxshroud.scene import Contact, Parts, Scene
+from jaxshroud.scene import Parts, Scene, with_parts
 from jaxshroud.sweep import Plan, grid_of_scenes, starts
 
 pytestmark = pytest.mark.benchmark
@@ -35,8 +35,7 @@ MODELS = {
 def model_of(scene: Scene, parts: dict) -> Scene:
     """The scene with another model."""
     width = 5e-5 if parts.get("contact") == "smooth" else None
-    contact = Contact(None, scene.contact.gamma, width=width)
-    return Scene(scene.blades, scene.shroud, contact, scene.friction, scene.drive, scene.initial, Parts(**parts))
+    return with_parts(scene, Parts(**parts), width)
 
 
 def test_cost_of_models():
