@@ -16,12 +16,12 @@ from scipy.special import stdtrit
 from jaxshroud.checks import count_argument
 from jaxshroud.integrate import FAST, Method
 from jaxshroud.linear import area, free_power
-from jaxshroud.orbit import UNSOUND, Orbit, orbit
+from jaxshroud.orbit import UNSOUND, Orbit, followed, moved_start, orbit
 from jaxshroud.scene import Scene, value_of, vary
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import Status
 from jaxshroud.sweep import Plan, averages, run_lanes, scenes_at, starts
-from jaxshroud.tangents import STATE, differentiable, direction, tangents
+from jaxshroud.tangents import differentiable, direction, tangents
 
 Of = Literal["P_d", "P"]
 STRUCTURE = 3.0  # times its own noise that P_d may scatter about a straight line in a smooth neighbourhood,
@@ -127,7 +127,7 @@ def on_orbit(found: Orbit, wrt: Sequence[str], of: Of = "P_d") -> Gradient:
     along = [direction(scene, key) for key in wrt]
     steps, method = found.steps_per_period, differentiable(found.method)
     by = tangents(scene, found.start, along, n=found.q, steps=steps, method=method, by_state=False)
-    moved = _moved(at.by_state, by.by_parameter, found.slider_is_free)
+    moved = moved_start(at.by_state, by.by_parameter, found.slider_is_free)
     power_by = by.power_by_parameter + at.power_by_state @ moved
     same = jax.tree.map(lambda a: np.broadcast_to(a, (len(wrt), *np.shape(a))), (scene, at.power))
     slope = slopes(*same, jax.tree.map(lambda *a: np.stack(a), *along), power_by.T, of)
@@ -146,31 +146,25 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Of = "P_d") -
         step: Relative to each parameter's value, or absolute where that is 0.
         of: What to differentiate.
     """
-    out = {}
-    for key in wrt:
-        value = value_of(found.scene, key)
-        h = step * (abs(value) or 1)
-        scenes = scenes_at(with_numbers(found.scene, [key]), [key], value + h * np.array([[-2], [-1], [1], [2]]))
-        steps, method = found.steps_per_period, found.method
-        each = [jax.tree.map(lambda a, i=i: a[i], scenes) for i in range(4)]
-        orbits = [orbit(s, state=found.start, q=found.q, steps_per_period=steps, method=method) for s in each]
-        level = [o.P_d if of == "P_d" else float(o.P[0]) for o in orbits]
-        out[key] = (level[0] - 8 * level[1] + 8 * level[2] - level[3]) / (12 * h)
-    return out
-
-
-def _moved(M: np.ndarray, by_parameter: np.ndarray, slider_is_free: bool) -> np.ndarray:
-    """How the orbit's start moves, (13, parameters); a slider that stays where it starts is held."""
-    size = STATE - slider_is_free
-    moved = np.zeros_like(by_parameter)
-    moved[:size] = np.linalg.solve(np.eye(size) - M[:size, :size], by_parameter[:size])
-    return moved
+    scene, offsets = with_numbers(found.scene, wrt), np.array([[-2], [-1], [1], [2]])
+    values = [value_of(scene, key) for key in wrt]
+    each = [step * (abs(value) or 1) for value in values]
+    parts = [scenes_at(scene, [key], v + h * offsets) for key, v, h in zip(wrt, values, each, strict=True)]
+    scenes = jax.tree.map(lambda *a: np.concatenate(a), *parts)
+    level = np.asarray(_measures(of, scenes, followed(found, scenes)), float).reshape(len(wrt), 4)
+    slope = level @ np.array([1, -8, 8, -1]) / (12 * np.array(each))
+    return dict(zip(wrt, slope.tolist(), strict=True))
 
 
 def _measure(of: Of, scene: Scene, power):
     """`of` from the left blade's mean square displacement."""
     P = area(scene.shroud) * power[0]
     return P if of == "P" else 100 * (1 - P / free_power(scene)[0])
+
+
+@partial(jax.jit, static_argnames="of")
+def _measures(of: Of, scenes: Scene, power):
+    return jax.vmap(lambda scene, power: _measure(of, scene, power))(scenes, power)
 
 
 @partial(jax.jit, static_argnames="of")

@@ -22,13 +22,24 @@ from jaxshroud.scene import Scene
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.sweep import Plan, final_states, run_lanes, starts
-from jaxshroud.tangents import STATE, Tangents, differentiable, from_vector, tangents, to_vector
+from jaxshroud.tangents import (
+    STATE,
+    Dual,
+    Tangents,
+    differentiable,
+    from_vector,
+    resting,
+    run_flow,
+    tangents,
+    to_vector,
+)
 from jaxshroud.trajectory import simulate
 
 BLOCK = 8  # periods between two looks whether the motion repeats
 WINDOW = 48  # of the latest periods is looked at, at most
 NEAR = 1e-2  # how nearly it must, relative to the largest displacement, for Newton's method to take over
 MOST_UPDATES = 12
+CLOSED = 1e-9  # relative closing error of orbits that are only followed
 TOGETHER = 1e-8  # states of an orbit so close are one and the same
 UNSOUND = {"unstable", "not converged", "stopped"}  # flags of what is not a motion that lasts
 
@@ -219,6 +230,37 @@ def _newton_step(M: np.ndarray, miss: np.ndarray, slider_is_free: bool) -> np.nd
     step = np.zeros(STATE)
     step[:size] = np.linalg.lstsq(np.eye(size) - M[:size, :size], miss[:size], rcond=None)[0]
     return step
+
+
+def moved_start(M: np.ndarray, by: np.ndarray, slider_is_free: bool) -> np.ndarray:
+    """How the orbit's start moves, (13, n), where its map moves `by` (13, n); a slider that stays is held."""
+    size = STATE - slider_is_free
+    moved = np.zeros_like(by)
+    moved[:size] = np.linalg.solve(np.eye(size) - M[:size, :size], by[:size])
+    return moved
+
+
+def followed(found: Orbit, scenes: Scene) -> np.ndarray:
+    """Mean square displacements (lanes, 2) on the orbits of scenes (leading axis) very near that of `found`.
+
+    All are closed at once, by Newton's method with the Jacobian of the known orbit. NaN where that does not close.
+    """
+    assert found.jacobian is not None  # there is an orbit
+    lanes, sizes = len(scenes.drive.omega), _sizes(to_vector(found.start)[None])
+    states = jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), found.start)
+    still, method = jax.tree.map(np.zeros_like, scenes), differentiable(found.method)
+    power, least = np.full((lanes, 2), np.nan), np.full(lanes, np.inf)
+    for _ in range(MOST_UPDATES):
+        came = run_flow(Dual(scenes, still), resting(states), found.q, found.steps_per_period, method).value
+        z, end = to_vector(states), to_vector(came.state)
+        miss = np.max(np.abs(end - z) / sizes, axis=1)
+        better = miss < least
+        power[better], least[better] = np.stack(came.power, axis=-1)[better], miss[better]
+        if not better.any():
+            break
+        step = moved_start(found.jacobian.by_state, (end - z).T, found.slider_is_free).T
+        states = from_vector(z + step, came.state.mode, came.state.case)
+    return np.where((least <= CLOSED)[:, None], power, np.nan)
 
 
 def _slider_is_free(at: Tangents) -> bool:

@@ -12,6 +12,8 @@ from jaxshroud import cli, shipped, simulate, sweep
 from jaxshroud.config import load, parse
 from jaxshroud.integrate import FAST
 
+SMALL = ["--set", 'model.motion=["x"]']  # a model that is compiled quickly
+
 
 def refused(capsys, *arguments):
     """The one line that a wrong command leaves on standard error, with exit status 2."""
@@ -213,7 +215,7 @@ def test_power_files(tmp_path, capsys):
 
 def test_methods_by_name(tmp_path):
     words = ["sweep", "table1", "--along", "contact.gamma", "--values", "1,2.5", "--transient", "0", "--periods", "2"]
-    words += ["--steps-per-period", "200"]
+    words += ["--steps-per-period", "200", *SMALL]
     methods = {
         "rk4, events by cubic, float64": [],
         "dopri8, events by bisection, float64": ["--tableau", "dopri8", "--locate", "bisection"],
@@ -283,7 +285,7 @@ def test_gradient_command_refuses(tmp_path, capsys):
 
 def test_tune_command(tmp_path, capsys):
     out = tmp_path / "tuned"
-    words = ["tune", "table1", "--set", "drive.M_0=10", "--steps-per-period", "100", "--periods", "16"]
+    words = ["tune", "table1", *SMALL, "--steps-per-period", "100", "--periods", "16"]
     words += ["--transient", "32", "--over", "shroud.gap=5um:0.2mm", "--over", "contact.gamma=0.1:10"]
     words += ["--range", "drive.F_0=40,60", "--scan", "8", "--starts", "2", "--updates", "2", "--map", "4"]
     assert cli.main([*words, "--most-force", "1kN", "--out", str(out)]) == 0
@@ -302,7 +304,7 @@ def test_tune_command(tmp_path, capsys):
 
 def test_tune_command_without_a_map(tmp_path, capsys):
     out = tmp_path / "tuned"
-    words = ["tune", "table1", "--set", "drive.M_0=10", "--accuracy", "1e-4", "--periods", "8"]
+    words = ["tune", "table1", *SMALL, "--accuracy", "1e-4", "--periods", "8"]
     words += ["--transient", "8", "--over", "friction.mu=0:1", "--scan", "4", "--starts", "1", "--updates", "1"]
     assert cli.main([*words, "--goal", "worst", "--out", str(out)]) == 0
     data = json.loads((out / "tune.json").read_text())
@@ -336,6 +338,7 @@ def test_accuracy_is_chosen_printed_and_stored(tmp_path, capsys):
         "4",
         "--accuracy",
         "1e-6",
+        *SMALL,
     ]
     assert cli.main([*words, "--transient", "2", "--out", str(tmp_path / "s")]) == 0
     told = capsys.readouterr()
@@ -368,7 +371,8 @@ def test_trade_files(tmp_path, capsys, monkeypatch):
 
     short = {contact: ways[:2] for contact, ways in trade.SETTINGS.items()}
     monkeypatch.setattr(trade, "SETTINGS", short)
-    words = ["trade", "table1", "--lanes", "8", "--periods", "4", "--transient", "4", "--set", 'model.motion=["x"]']
+    words = ["trade", "table1", "--lanes", "8", "--periods", "4", "--transient", "4", *SMALL]
+    words += ["--set", "model.friction=none"]
     assert cli.main([*words, "--out", str(tmp_path)]) == 0
     assert "none reaches it" in capsys.readouterr().out
     data = json.loads((tmp_path / "trade.json").read_text())

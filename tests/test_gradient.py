@@ -8,7 +8,7 @@ from jaxshroud.gradient import on_orbit, smoothed, with_numbers
 from jaxshroud.integrate import FAST
 from jaxshroud.sweep import Plan
 
-PLAN = Plan(32, 64, 200, 0.0, FAST)
+PLAN = Plan(16, 32, 200, 0.0, FAST)
 SIGMA = 0.01
 CHAOTIC = {"gamma 5.5": 5.5, "gamma 10": 10.0}
 
@@ -19,7 +19,7 @@ def scene_at(gamma):
 
 def kernel_weighted_slope(scene, gamma):
     """Slope of the normally weighted average of P_d, by a dense sweep."""
-    xi = np.linspace(-4.5, 4.5, 4001)
+    xi = np.linspace(-4.5, 4.5, 3001)
     dense = sweep(
         scene,
         {"contact.gamma": gamma * (1 + SIGMA * xi)},

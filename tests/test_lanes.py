@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from batch import EXACT
+from test_parts import with_parts
 
 from jaxshroud import sweep, vary
 from jaxshroud.integrate import Fixed, advance, grid
@@ -35,12 +36,14 @@ def test_the_fused_way_is_used_on_a_cpu():
     assert best() is (fused if jax.default_backend() == "cpu" else plain)
 
 
-@pytest.mark.parametrize("name", ["rk4-bisection", "rk4-cubic", "dopri8-cubic"])
-def test_fused_and_plain_trials_agree(table1, name):
+@pytest.mark.parametrize(
+    ("name", "motion"), [("rk4-bisection", ("x",)), ("rk4-cubic", ("x", "y")), ("dopri8-cubic", ("x",))]
+)
+def test_fused_and_plain_trials_agree(table1, name, motion):
     # Through the first events of eight scenes, to rounding.
-    method, steps = EXACT[name], 100
-    scenes = jax.vmap(lambda gamma: vary(table1, "contact.gamma", gamma))(jnp.linspace(0.3, 8.0, LANES))
-    periods = jnp.broadcast_to(table1.drive.period, LANES)
+    method, steps, scene = EXACT[name], 100, with_parts(table1, motion=motion)
+    scenes = jax.vmap(lambda gamma: vary(scene, "contact.gamma", gamma))(jnp.linspace(0.3, 8.0, LANES))
+    periods = jnp.broadcast_to(scene.drive.period, LANES)
     grids = grid(jnp.zeros(LANES), jnp.full(LANES, float(steps)), periods)
     fixed = Fixed(jax.vmap(model)(scenes), grids, jnp.full(LANES, steps, jnp.int32))
 

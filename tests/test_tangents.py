@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from test_parts import with_parts
 
 from jaxshroud import integrate, load, lyapunov, period_map, value_of, vary
 from jaxshroud.integrate import FAST, Method
@@ -88,10 +89,13 @@ def test_one_period_jacobian_in_chaos():
         assert np.max(error_of(scene, only, np.repeat(along[lane : lane + 1], 16, axis=0), STEPS + 1)) <= 1e-7
 
 
-@pytest.mark.parametrize(("name", "locate"), [("rk4", "bisection"), ("tsit5", "cubic"), ("dopri8", "cubic")])
-def test_jacobian_of_other_methods(name, locate):
+@pytest.mark.parametrize(
+    ("name", "locate", "motion"),
+    [("rk4", "bisection", ("x",)), ("tsit5", "cubic", ("x", "y", "theta")), ("dopri8", "cubic", ("x", "y"))],
+)
+def test_jacobian_of_other_methods(name, locate, motion):
     method = Method(tableau(name), locate)
-    scene = scene_at(5.5)
+    scene = with_parts(scene_at(5.5), motion=motion)
     states = states_of(scene, 12)
     along = np.random.default_rng(2).standard_normal((12, STATE)) * sizes_of(states)
     steps = {"rk4": 400, "tsit5": 200, "dopri8": 100}[name]
@@ -175,7 +179,7 @@ def test_no_nan_at_the_corners_of_the_model():
 def test_jax_differentiates_the_period_map():
     # Forward and reverse mode of the plain function against the fused tangents, with respect to a parameter and to the
     # starting state.
-    scene, steps = scene_at(4.2), 100
+    scene, steps = with_parts(scene_at(4.2), motion=("x",)), 100
     first = start(scene.initial)
 
     def power(gap, x, most=None):
@@ -192,6 +196,6 @@ def test_jax_differentiates_the_period_map():
 
 
 def test_too_few_trials_are_told():
-    scene = scene_at(4.2)
+    scene = with_parts(scene_at(4.2), motion=("x",))
     flow_end = period_map(scene, start(scene.initial), steps_per_period=50, most_trials=20)
     assert np.isnan(flow_end.power[0])
