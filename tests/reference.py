@@ -312,15 +312,13 @@ class _Run:
         """Functions that are negative inside the present mode and case and rise through zero at its end."""
         p, z = self.p, y if lib is np else y.tolist()
         ahead = z[4] - z[5]
-        if p.k_face:
-            values = {}
-            if lib is np:
-                whole = [self.guards(row) for row in y.T]
-                return {name: np.array([g[name] for g in whole]) for name in whole[0]}
-            r = relative(p, self.case_at(z), z[:6], z[6:12])
+        values, r = {}, relative(p, self.case, z[:6], z[6:12], lib)
+        if not p.k_face:
+            values["theta"] = -ahead if self.case <= 2 else ahead
         else:
-            r = relative(p, self.case, z[:6], z[6:12], lib)
-            values = {"theta": -ahead if self.case <= 2 else ahead}
+            other = relative(p, OPPOSITE[self.case], z[:6], z[6:12], lib)
+            here = (ahead > 0) == (self.case <= 2)
+            r = Relative(*(np.where(here, a, b) if lib is np else a if here else b for a, b in zip(r, other)))
         values["height"] = r.dy if self.case in (1, 4) else -r.dy
         if self.mode == APART:
             return values | {"onset": r.v}

@@ -16,7 +16,7 @@ from jaxshroud.tangents import differentiable, direction, tangents
 from jaxshroud.trajectory import simulate
 
 SCENES = 50
-SPRINGS = (1e2, 1e4, 1e5)  # [N m/rad]
+SPRINGS = (1e2, 1e5, 1e6)  # [N m/rad]
 
 
 def weak_torque(rng: np.random.Generator) -> reference.Parameters:

@@ -67,7 +67,7 @@ def on_steady_motion(scene):
 def test_apart_blades_follow_the_closed_form(table1, method):
     # A gap of 1 m never closes, so Eq. (1) is three driven oscillators per blade, on their steady motion for ever.
     scene = all_numbers(on_steady_motion(vary(table1, "shroud.gap", 1.0)))
-    got = run([scene], 5, 800, method)
+    got = run([scene] * 2, 5, 1000, method)
     free, omega = steady_amplitudes(scene), float(scene.drive.omega)
     for name, amplitude in zip(("x", "y", "theta"), free, strict=True):
         # RK4's error is about 1e-10 of the amplitude here; it falls 16-fold per halved step.
@@ -75,7 +75,7 @@ def test_apart_blades_follow_the_closed_form(table1, method):
             ends_at = np.stack(getattr(got.samples.motion, field), axis=-1)[0]
             scale = np.abs(amplitude).max() * (omega if field.startswith("v_") else 1.0)
             np.testing.assert_allclose(ends_at, np.tile(exact, (5, 1)), rtol=0, atol=1e-8 * scale)
-    assert counts(got, "onset_slip") + counts(got, "onset_stick") == 0
+    assert not np.any(counts(got, "onset_slip") + counts(got, "onset_stick"))
 
 
 def test_blades_that_never_touch_reduce_no_power(table1):
@@ -182,7 +182,9 @@ def test_opinions_in_the_file_are_those_of_the_reference(reading):
     for i in np.random.default_rng(3).choice(np.flatnonzero(~(told.moved > 1e-8)), 4, replace=False):
         status, samples, _ = opinions.opinion(opinions.scenes(reading)[i])
         assert status == told.status[i]
-        np.testing.assert_allclose(samples, told.samples[i], rtol=0, atol=1e-7 * np.nanmax(np.abs(told.samples[i])))
+        np.testing.assert_allclose(
+            samples, told.samples[i], rtol=0, atol=1e-7 * np.nan_to_num(np.abs(told.samples[i])).max()
+        )
 
 
 @pytest.mark.parametrize("method", [REFERENCE, FAST, EXACT["dopri8-cubic"]], ids=str)
@@ -282,7 +284,7 @@ def test_the_printed_reading_breaks_the_half_turn(scenes):
 def test_impacts_shorter_than_a_step_are_found(table1, method):
     # The free blades would overlap by 1e-4 to 1e-2 of the gap: a contact far shorter than a step of T / 39.
     free = simulate(vary(table1, "shroud.gap", 1.0), n_periods=1, steps_per_period=2000)
-    scene = vary(vary(table1, "contact.gamma", 0.1), "friction.mu", 0.0)
+    scene = all_numbers(vary(vary(table1, "contact.gamma", 0.1), "friction.mu", 0.0))
     gaps = closest_gap(table1, free) * (1 - np.geomspace(1e-4, 1e-2, 12))
     got = run([vary(scene, "shroud.gap", gap) for gap in gaps], 1, 39, method)
     assert np.all(counts(got, "onset_slip") > 0)

@@ -52,6 +52,7 @@ def flow_of(scenes, states, along=None, steps=STEPS, method=FAST):
 
 def sizes_of(states):
     z = np.abs(to_vector(states))[:, :12].reshape(-1, 6, 2).max(axis=(0, 2))
+    z = np.where(z > 0, z, 1.0)  # what does not move in this model
     return np.append(np.repeat(z, 2), z[0])
 
 

@@ -26,7 +26,7 @@ FEW = (
     Setting("rk4", "none", "float64", 0.25),
     Setting("tsit5", "cubic", "float32", 1.0),
     *(Setting("rk4", "cubic", "float64", 0.5, width) for width in (1 / 8, 1 / 64)),
-    Adaptive("Tsit5", 1e-4, 1 / 64),
+    Adaptive("Tsit5", 1e-6, 1 / 64),
 )
 
 
@@ -35,7 +35,9 @@ SMALL = {"motion": ("x",), "friction": "none"}
 
 @pytest.fixture(scope="module")
 def measured(table1):
-    return trade(table1, settings=FEW, lanes=16, transient=8, n_periods=8)
+    return trade(
+        with_parts(table1, motion=("x", "y"), friction="none"), settings=FEW, lanes=16, transient=8, n_periods=8
+    )
 
 
 def test_errors_fall_with_the_step_and_with_located_events(measured):
