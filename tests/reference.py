@@ -317,8 +317,8 @@ class _Run:
             values["theta"] = -ahead if self.case <= 2 else ahead
         else:
             other = relative(p, OPPOSITE[self.case], z[:6], z[6:12], lib)
-            here = (ahead > 0) == (self.case <= 2)
-            r = Relative(*(np.where(here, a, b) if lib is np else a if here else b for a, b in zip(r, other)))
+            here, both = (ahead > 0) == (self.case <= 2), zip(r, other, strict=True)
+            r = Relative(*(np.where(here, a, b) if lib is np else a if here else b for a, b in both))
         values["height"] = r.dy if self.case in (1, 4) else -r.dy
         if self.mode == APART:
             return values | {"onset": r.v}
