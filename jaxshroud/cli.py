@@ -386,10 +386,10 @@ def _draw_power(data: dict[str, Any], picture: Path) -> None:
 
 
 def _saved(draw: Callable, picture: Path) -> None:
-    from jaxshroud import plot
+    from jaxshroud import drawing
 
     try:
-        plot.save(draw(), picture)
+        drawing.save(draw(), picture)
     except KeyError as error:
         raise StoreError(f"{picture}: the result lacks {error}; run the command again") from None
     except OSError as error:

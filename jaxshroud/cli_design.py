@@ -142,7 +142,7 @@ def tune_options(made: OneLineParser) -> None:
 
 def tune_verb(options: argparse.Namespace) -> None:
     """`jaxshroud tune`."""
-    from jaxshroud import plot
+    from jaxshroud import drawing, plot_design
     from jaxshroud.tune import corners, objective_map, problem_of, tune
 
     file = loaded(options)
@@ -181,7 +181,7 @@ def tune_verb(options: argparse.Namespace) -> None:
         drawn = objective_map(tuned, options.map) if len(over) == 2 and options.map else None
     data = tune_json(tuned, drawn, file)
     write_json(data, options.out / "tune.json")
-    whole(options.out / "tune.png", lambda path: plot.save(plot.tuning(data), Path(path)))
+    whole(options.out / "tune.png", lambda path: drawing.save(plot_design.tuning(data), Path(path)))
     best = load(options.scene, [*options.set, *(f"{key}={value!r}" for key, value in tuned.design.items())])
     whole(options.out / "best.toml", lambda path: Path(path).write_text(best.text(), "utf-8"))
     print_table(

@@ -26,7 +26,7 @@ def trade_options(made: OneLineParser) -> None:
 
 def trade_verb(options: argparse.Namespace) -> None:
     """`jaxshroud trade`."""
-    from jaxshroud import plot
+    from jaxshroud import drawing, plot_design
     from jaxshroud.setting import LEVELS
     from jaxshroud.trade import cheapest, error_of, trade
 
@@ -44,7 +44,7 @@ def trade_verb(options: argparse.Namespace) -> None:
         )
     data = trade_json(found, file)
     write_json(data, options.out / "trade.json")
-    plot.save(plot.trade(data), options.out / "trade.png")
+    drawing.save(plot_design.trade(data), options.out / "trade.png")
     heads = (
         "accuracy of the state",
         "cheapest setting",

@@ -1,69 +1,37 @@
-"""Pictures of stored results, sized for a journal column; nothing here simulates.
+"""Pictures of stored runs and sweeps, sized for a journal column; nothing here simulates."""
 
-Figures are built on `matplotlib.figure.Figure` alone: no window, no global state, nothing left open.
-"""
-
-import os
 from collections.abc import Mapping
 from fractions import Fraction
-from pathlib import Path
-from textwrap import fill
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
-from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from jaxshroud.analysis.spectrum import amplitude_spectrum, label_lines, repeats_after, whole_periods
+from jaxshroud.drawing import (
+    BLUE,
+    COLUMN,
+    GREY,
+    INK,
+    ORANGE,
+    PINK,
+    QUANTITIES,
+    SKY,
+    STYLE,
+    WIDE,
+    Floats,
+    legend_below,
+    new_figure,
+    say,
+)
 from jaxshroud.state import Mode, Status
 
-COLUMN, WIDE = 88 / 25.4, 140 / 25.4  # one and one and a half columns [inch]
-STYLE: Any = {
-    **dict.fromkeys(("font.size", "axes.titlesize", "figure.titlesize"), 8),
-    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 7),
-    **dict.fromkeys(("xtick.direction", "ytick.direction"), "in"),
-    **{"axes.titlelocation": "left", "axes.linewidth": 0.6, "hatch.linewidth": 0.4},
-    **{"legend.frameon": False, "legend.handlelength": 1.2, "legend.columnspacing": 1.2},
-    **{"pdf.fonttype": 42, "svg.fonttype": "none"},  # text stays text
-}
-DEGREE = 180 / np.pi
-# Key of the scene -> symbol, words, unit, units per SI unit. A key that is not here is written as it stands.
-QUANTITIES = {
-    "blades.m": ("m", "mass", "g", 1e3),
-    "blades.m_y": ("m_y", "mass in y", "g", 1e3),
-    "blades.I": ("I", "moment of inertia", "g m²", 1e3),
-    "blades.k_x": ("k_x", "bending stiffness", "kN/m", 1e-3),
-    "blades.k_y": ("k_y", "bending stiffness", "kN/m", 1e-3),
-    "blades.k_T": ("k_T", "torsion stiffness", "N m/rad", 1),
-    "blades.c_x": ("c_x", "damping", "N s/m", 1),
-    "blades.c_y": ("c_y", "damping", "N s/m", 1),
-    "blades.c_T": ("c_T", "torsion damping", "N m s/rad", 1),
-    "shroud.alpha": (r"\alpha", "shroud angle", "°", DEGREE),
-    "shroud.l_oa": ("l_{oa}", "side of the block", "mm", 1e3),
-    "shroud.l_ab": ("l_{ab}", "contact side", "mm", 1e3),
-    "shroud.gap": (r"\Delta", "initial gap", "mm", 1e3),
-    "contact.k": ("k", "contact stiffness", "kN/m", 1e-3),
-    "contact.gamma": (r"\gamma = k/k_x", "stiffness ratio", "", 1),
-    "friction.k_d": ("k_d", "friction stiffness", "kN/m", 1e-3),
-    "friction.mu": (r"\mu", "friction coefficient", "", 1),
-    "drive.omega": (r"\omega", "drive frequency", "rad/s", 1),
-    "drive.beta": (r"\beta", "force direction", "°", DEGREE),
-    "drive.F_0": ("F_0", "force amplitude", "N", 1),
-    "drive.M_0": ("M_0", "moment amplitude", "N m", 1),
-    "drive.phase": (r"\phi", "drive phase", "°", DEGREE),
-    "initial.x": ("x(0)", "initial displacement", "mm", 1e3),
-    "initial.y": ("y(0)", "initial displacement", "mm", 1e3),
-    "initial.theta": (r"\theta(0)", "initial angle", "°", DEGREE),
-}
-# Colours after Okabe and Ito, which colour-blind readers tell apart.
-INK, GREY, BLUE, ORANGE, SKY, PINK = "#1a1a1a", "#8c8c8c", "#0072B2", "#E69F00", "#56B4E9", "#CC79A7"
 MOTIONS = {
     "period 1": BLUE,
     "period 2": ORANGE,
@@ -77,7 +45,6 @@ MOTION_OF = np.array([6, 0, 1, 2, 3, *[4] * 4, *[5] * 8])  # period number -> pl
 MODES = {Mode.STICK: ("stick", SKY), Mode.SLIP_PLUS: ("slip +", ORANGE), Mode.SLIP_MINUS: ("slip −", PINK)}
 STOPPED: Any = {"facecolor": "#ededed", "edgecolor": "#9c9c9c", "hatch": "//////"}
 
-Floats = NDArray[np.float64]
 Integers = NDArray[np.integer[Any]]
 Booleans = NDArray[np.bool_]
 
@@ -115,9 +82,9 @@ def bifurcation(ds: xr.Dataset) -> Figure:
     """
     (dim,) = _dims(ds, 1)
     ds = ds.sortby(dim).transpose(dim, "period", "blade", ...)
-    figure, axis, motion = _figure(_title(ds), COLUMN, 4.4), _axis(ds[dim]), _motion(ds)
+    figure, axis, motion = new_figure(_title(ds), COLUMN, 4.4), _axis(ds[dim]), _motion(ds)
     if not (motion >= 0).any():
-        return _say(figure, _nothing(ds))
+        return say(figure, _nothing(ds))
     samples, strip, power = figure.subplots(3, 1, sharex=True, height_ratios=[3, 0.2, 1.7])
     _draw_samples(samples, ds, axis, motion)
     _draw_motions(strip, axis.edges, np.array([0.0, 1.0]), motion[None])
@@ -128,7 +95,7 @@ def bifurcation(ds: xr.Dataset) -> Figure:
     figure.align_ylabels([samples, power])
     for panel in (samples, power):
         _legend_above(panel)
-    _legend(figure, _motion_handles(motion))
+    legend_below(figure, _motion_handles(motion))
     return figure
 
 
@@ -146,9 +113,9 @@ def power_map(ds: xr.Dataset) -> Figure:
     """
     across, up = _dims(ds, 2)
     ds = ds.sortby([across, up]).transpose(up, across, ...)
-    figure, motion = _figure(_title(ds), COLUMN, 5.2), _motion(ds)
+    figure, motion = new_figure(_title(ds), COLUMN, 5.2), _motion(ds)
     if not (motion >= 0).any():
-        return _say(figure, _nothing(ds))
+        return say(figure, _nothing(ds))
     x, y = _axis(ds[across]), _axis(ds[up])
     power, motions = figure.subplots(2, 1, sharex=True, sharey=True)
     P_d = np.ma.masked_invalid(np.where(motion >= 0, ds["P_d"].to_numpy(), np.nan))
@@ -163,7 +130,7 @@ def power_map(ds: xr.Dataset) -> Figure:
     if (motion < 0).any():
         power.add_patch(Rectangle((0, 0), 0, 0, label="stopped: " + ",\n".join(_stopped(ds)), **STOPPED))
     _legend_above(power)
-    _legend(figure, _motion_handles(motion))
+    legend_below(figure, _motion_handles(motion))
     return figure
 
 
@@ -175,11 +142,11 @@ def trajectory(ds: xr.Dataset, settled_from: float = 0.5) -> Figure:
         ds: A stored trajectory. What lies after its first value that is not finite is left out.
         settled_from: The share of the run that all panels but the time history leave out, as its transient.
     """
-    figure = _figure(_title(ds), WIDE, 4.4)
+    figure = new_figure(_title(ds), WIDE, 4.4)
     bad = ~np.isfinite(ds["x"].to_numpy() + ds["v_x"].to_numpy()).all(axis=1)
     ds = ds.isel(time=slice(0, int(bad.argmax()) if bad.any() else None))
     if ds.sizes["time"] < 2:
-        return _say(figure, "the run has no finite step")
+        return say(figure, "the run has no finite step")
     scale, steps = _scale(np.asarray(ds.attrs["gap"])), int(ds.attrs["steps_per_period"])
     t = ds["time"].to_numpy() * float(ds.attrs["omega"]) / (2 * np.pi)
     x, v = ds["x"].to_numpy() * scale.factor, ds["v_x"].to_numpy()[:, 0]
@@ -193,7 +160,7 @@ def trajectory(ds: xr.Dataset, settled_from: float = 0.5) -> Figure:
     poincare.set(xlabel=scale.label("1"))
     _draw_spectrum(spectrum, x[kept, 0], Fraction(steps, int(ds.attrs["every"])))
     spectrum.set(xlabel="frequency $f/f_e$", ylabel=f"amplitude of {scale.label('1')}", title="spectrum")
-    _legend(figure, history.get_legend_handles_labels()[0])
+    legend_below(figure, history.get_legend_handles_labels()[0])
     return figure
 
 
@@ -204,10 +171,10 @@ def power_convergence(data: Mapping[str, Any]) -> Figure:
     Args:
         data: `n`, `P_d` and `P_d_ci` (lists; None is a missing number), `final` and `title`.
     """
-    figure = _figure(str(data.get("title", "")), COLUMN, 2.8)
+    figure = new_figure(str(data.get("title", "")), COLUMN, 2.8)
     n, P_d, ci = (np.array(data[key], dtype=float) for key in ("n", "P_d", "P_d_ci"))
     if not np.isfinite(P_d).any():
-        return _say(figure, "no period was finished")
+        return say(figure, "no period was finished")
     panel = figure.subplots()
     panel.fill_between(n, *_interval(P_d, ci), color=BLUE, alpha=0.25, lw=0, label="95 % interval")
     panel.plot(n, P_d, color=BLUE, lw=0.9, marker="." if n.size < 60 else "", ms=3, label="$P_d(n)$")
@@ -218,119 +185,13 @@ def power_convergence(data: Mapping[str, Any]) -> Figure:
     panel.set(ylim=_limits(np.concatenate(_interval(P_d, ci)), least=0.1))  # else a periodic orbit shows rounding
     if n.max() > 10 * n.min() > 0:
         panel.set(xscale="log", xlim=(n.min(), n.max()))
-    _legend(figure, panel.get_legend_handles_labels()[0])
-    return figure
-
-
-@mpl.rc_context(STYLE)
-def tuning(data: Mapping[str, Any]) -> Figure:
-    """Paths of a tuning over the map of its objective, or key by key where it has no map, and the paths' scores.
-
-    Args:
-        data: A tuning as `tune.json` holds it.
-    """
-    figure = _figure(f"{data['title']}: {data['goal']} of $P_d$", WIDE, WIDE * 0.5)
-    left, right = figure.subplots(1, 2)
-    points, scores = np.array(data["points"]), np.array(data["scores"], float)
-    best = int(np.nanargmax(scores[-1]))
-    if data["map"] is None:
-        _draw_keys(left, data, points, best)
-    else:
-        _draw_paths(figure, left, data, points, best)
-    for i in range(scores.shape[1]):
-        right.plot(scores[:, i], color=BLUE if i == best else GREY, lw=1.2 if i == best else 0.6)
-    right.set(xlabel="update", ylabel="objective less penalties [%]", title="each start; the best in blue")
-    return figure
-
-
-@mpl.rc_context(STYLE)
-def trade(data: Mapping[str, Any]) -> Figure:
-    """Errors against cost for every setting, the front in the errors of the state marked.
-
-    Args:
-        data: Measured settings as `trade.json` holds them.
-    """
-    figure = _figure(data["title"], WIDE, WIDE * 0.9)
-    rows = data["settings"]
-    wanted = {
-        "state_error": f"state after {data['horizon']} periods",
-        "P_d": "$P_d$ [percentage points]",
-        "gradient": "d(power)/d(gap), relative",
-        "period": "share with the right period",
-    }
-    kinds = list(dict.fromkeys(r["kind"] for r in rows))
-    panels = figure.subplots(2, 2).ravel()
-    for panel, (name, title) in zip(panels, wanted.items(), strict=True):
-        drawn = [r for r in rows if r[name] is not None and (r[name] > 0 or name == "period")]
-        for i, kind in enumerate(kinds):
-            mine = [r for r in drawn if r["kind"] == kind]
-            cost, error = [r["cost"] * 1e6 for r in mine], [r[name] for r in mine]
-            dashes = {"float32": ":", "smooth": "--"}.get(kind.split(", ")[-1], "-")
-            panel.plot(cost, error, dashes, marker="osv^DPX*"[i % 8], ms=3, lw=0.8, color=f"C{i}", label=kind)
-        panel.set(xscale="log", ylabel=title)
-        panel.xaxis.set_major_formatter("{x:g}")
-        panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        panel.xaxis.set_minor_formatter(NullFormatter())
-        if name != "period" and drawn:
-            panel.set(yscale="log")
-        if not drawn:
-            panel.text(0.5, 0.5, "nothing to compare", ha="center", transform=panel.transAxes)
-    for panel in panels[2:]:
-        panel.set(xlabel="µs per lane and period")
-    best = sorted((r for r in rows if r["front"]), key=lambda r: r["cost"])
-    panels[0].plot([r["cost"] * 1e6 for r in best], [r["state_error"] for r in best], color="k", lw=4, alpha=0.15)
-    _legend(figure, panels[0].get_legend_handles_labels()[0])
-    return figure
-
-
-def save(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write `figure` under a temporary name beside `path`, then rename it: never half a file.
-
-    Args:
-        figure: Any figure.
-        path: Its suffix says the format: .png (200 dpi), .pdf or .svg.
-
-    Raises:
-        ValueError: The suffix names no format of matplotlib.
-        OSError: The folder is missing or not writable.
-    """
-    path = Path(path)
-    if not path.suffix:
-        raise ValueError(f"{path}: a picture needs a suffix, such as .png, .pdf or .svg.")
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        figure.savefig(part, format=path.suffix[1:].lower(), dpi=200)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def _figure(title: str, width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    if title:
-        figure.suptitle(fill(title, round(15 * width)))
+    legend_below(figure, panel.get_legend_handles_labels()[0])
     return figure
 
 
 def _title(ds: xr.Dataset) -> str:
     status = int(ds.attrs.get("status", Status.OK))
     return str(ds.attrs.get("title", "")) + (f" (stopped: {_status(status)})" if status else "")
-
-
-def _say(figure: Figure, text: str) -> Figure:
-    figure.set_figheight(1.5)
-    figure.text(0.5, 0.45, text, ha="center", va="center", color=INK)
-    return figure
-
-
-def _legend(figure: Figure, handles: list[Any]) -> None:
-    """Below the panels, in as many columns as fit."""
-    for columns in range(min(6, len(handles)), 0, -1):
-        legend = figure.legend(handles=handles, loc="outside lower center", ncols=columns)
-        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
-            return
-        legend.remove()
 
 
 def _legend_above(panel: Axes) -> None:
@@ -506,43 +367,3 @@ def _write_lines(panel: Axes, lines: list[tuple[float, str]], f: Floats, a: Floa
         if all(abs(line - other) > apart for other in written):
             written.append(line)
             panel.annotate(f"${label}$", (line, float(np.interp(line, f, a))), (0, 2), **style)
-
-
-def _quantity(key: str) -> tuple[str, float]:
-    """Axis label of one of the scene's numbers, and its unit per SI unit."""
-    symbol, words, unit, factor = QUANTITIES.get(key.split("[")[0], (None, key, "SI", 1))
-    name = words if symbol is None else f"{words} ${symbol}$"
-    return f"{name} [{unit}]" if unit else name, float(factor)
-
-
-def _draw_paths(figure: Figure, panel: Axes, data: Mapping[str, Any], points: Floats, best: int) -> None:
-    (x_key, x_ends), (y_key, y_ends) = data["over"].items()
-    (x_label, x_unit), (y_label, y_unit) = _quantity(x_key), _quantity(y_key)
-    x, y = np.array(data["map"]["first"]) * x_unit, np.array(data["map"]["second"]) * y_unit
-    drawn = panel.pcolormesh(
-        x, y, np.array(data["map"]["objective"], float).T, cmap="viridis", shading="nearest", rasterized=True
-    )
-    figure.colorbar(drawn, ax=panel, label="objective [%]")
-    for i in range(points.shape[1]):
-        path = points[:, i] * [x_unit, y_unit]
-        width, size = (1.4, 3.5) if i == best else (0.7, 2.0)
-        panel.plot(*path.T, color="white", lw=width + 1.2)
-        panel.plot(*path.T, color=INK, lw=width)
-        panel.plot(*path[0], "o", color="white", mec=INK, mew=0.6, ms=size)
-    end = np.array(list(data["design"].values())) * [x_unit, y_unit]
-    panel.plot(*end, "*", color=ORANGE, mec=INK, mew=0.5, ms=9, label="tuned design", clip_on=False)
-    panel.set(xlabel=x_label, ylabel=y_label, xlim=x[[0, -1]], ylim=y[[0, -1]])
-    panel.set_xscale("log" if x_ends[0] > 0 else "linear")
-    panel.set_yscale("log" if y_ends[0] > 0 else "linear")
-    panel.set_title("paths from their starts (circles)")
-
-
-def _draw_keys(panel: Axes, data: Mapping[str, Any], points: Floats, best: int) -> None:
-    """The best path, every key from its lower to its upper bound."""
-    colors = [BLUE, ORANGE, PINK, SKY, INK, GREY]
-    for i, (key, (low, high)) in enumerate(data["over"].items()):
-        value = points[:, best, i]
-        share = np.log(value / low) / np.log(high / low) if low > 0 else (value - low) / (high - low)
-        panel.plot(share, color=colors[i % len(colors)], ls="-" if i < len(colors) else "--", label=key)
-    panel.set(xlabel="update", ylabel="place between the bounds", ylim=(-0.02, 1.02), title="the best path")
-    panel.legend(loc="best")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jaxshroud import plot
+from jaxshroud import drawing, plot
 
 STATUSES = {"flag_values": np.arange(4), "flag_meanings": "OK TOO_MANY_EVENTS NOT_FINITE ANGLE_OUT_OF_RANGE"}
 MOTION = ("x", "y", "theta", "v_x", "v_y", "v_theta")
@@ -249,7 +249,7 @@ def test_a_hundred_thousand_samples_stay_small(tmp_path):
     # Vector formats hold dots as one picture: 500 x 200 dots as paths would take about 6 MB.
     gamma = np.linspace(0, 10, 500)
     ds = sweep({"gamma": (gamma, "contact.gamma", "1")}, logistic(2.6 + 0.14 * gamma, 200), gamma)
-    plot.save(plot.bifurcation(ds), tmp_path / "sweep.pdf")
+    drawing.save(plot.bifurcation(ds), tmp_path / "sweep.pdf")
     assert (tmp_path / "sweep.pdf").stat().st_size < 5e5
 
 
@@ -362,13 +362,13 @@ def test_figures_redraw_from_files(tmp_path):
 @pytest.mark.parametrize(("suffix", "start"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
 def test_save(tmp_path, suffix, start):
     path = tmp_path / f"power.{suffix}"
-    plot.save(plot.power_convergence(power()), path)
+    drawing.save(plot.power_convergence(power()), path)
     assert path.read_bytes().startswith(start)
     assert [found.name for found in tmp_path.iterdir()] == [path.name]
 
 
 def test_png_has_200_dpi(tmp_path):
-    plot.save(plot.power_convergence(power()), tmp_path / "power.png")
+    drawing.save(plot.power_convergence(power()), tmp_path / "power.png")
     header = (tmp_path / "power.png").read_bytes()[16:24]  # width and height, big-endian
     assert int.from_bytes(header[:4]) == int(88 / 25.4 * 200)
 
@@ -377,7 +377,7 @@ def test_png_has_200_dpi(tmp_path):
 def test_a_failed_save_leaves_the_old_file(tmp_path, name):
     (tmp_path / name).write_text("old")
     with pytest.raises(ValueError, match=r"xyz|suffix"):
-        plot.save(plot.power_convergence(power()), tmp_path / name)
+        drawing.save(plot.power_convergence(power()), tmp_path / name)
     assert [(found.name, found.read_text()) for found in tmp_path.iterdir()] == [(name, "old")]
 
 
