@@ -24,6 +24,8 @@ from jaxshroud.drawing import (
     quantity,
 )
 
+WORTHLESS = 10.0  # relative error of a derivative: lines beyond leave the picture
+
 
 @mpl.rc_context(STYLE)
 def tuning(data: Mapping[str, Any]) -> Figure:
@@ -76,6 +78,8 @@ def trade(data: Mapping[str, Any]) -> Figure:
         panel.xaxis.set_minor_formatter(NullFormatter())
         if name != "period" and drawn:
             panel.set(yscale="log")
+        if name == "gradient" and max((r[name] for r in drawn), default=0) > WORTHLESS:
+            panel.set_ylim(top=WORTHLESS)
         if not drawn:
             panel.text(0.5, 0.5, "nothing to compare", ha="center", transform=panel.transAxes)
     for panel in panels[2:]:

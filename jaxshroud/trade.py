@@ -19,6 +19,7 @@ SPREAD = 0.05  # relative, of the lanes around a scene
 NEIGHBOURS = ("contact.gamma", "shroud.gap", "drive.F_0[0]", "drive.F_0[1]", "drive.omega", "friction.mu")
 REPEATS = 3  # of a timing; the fastest counts
 ENOUGH = 0.5  # seconds for a timing
+PLENTY = 5.0  # seconds of a timing that need not be repeated
 SLOPES = 16  # lanes whose derivatives are compared
 
 
@@ -194,8 +195,10 @@ def cost(scenes: Scene, way: Way) -> float:
         return time.perf_counter() - began
 
     seconds(HORIZON)  # which compiles
-    periods = SHORT if seconds(HORIZON) < ENOUGH else HORIZON
-    return min(seconds(periods) for _ in range(REPEATS)) / len(scenes.drive.omega) / periods
+    first = seconds(HORIZON)
+    periods = SHORT if first < ENOUGH else HORIZON
+    best = first if first > PLENTY else min(seconds(periods) for _ in range(REPEATS))
+    return best / len(scenes.drive.omega) / periods
 
 
 def error_of(measured: Measured, share: float = 0.95) -> float:
