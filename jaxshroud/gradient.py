@@ -145,6 +145,9 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Of = "P_d") -
         wrt: Keys as for `gradient`.
         step: Relative to each parameter's value, or absolute where that is 0.
         of: What to differentiate.
+
+    Returns:
+        The derivative with respect to each key; NaN where an orbit so near does not close.
     """
     scene, offsets = with_numbers(found.scene, wrt), np.array([[-2], [-1], [1], [2]])
     values = [value_of(scene, key) for key in wrt]
