@@ -242,7 +242,8 @@ class _Run:
         soft = sum(1 / i for i in p.m + p.m_y) + arm * sum(1 / i for i in p.I)
         fast = math.sqrt(max(own) + (p.k + p.k_d) * soft)
         rock = math.sqrt(max(own) + (p.k + p.k_d) * soft + p.k_face * sum(1 / i for i in p.I))
-        self.longest = {m: min(self.period / 400, 0.4 / rock) for m in (STICK, SLIP_PLUS, SLIP_MINUS)}
+        pressed = min(self.period / 400, 0.4 / fast, 1.0 / rock)
+        self.longest = dict.fromkeys((STICK, SLIP_PLUS, SLIP_MINUS), pressed)
         self.longest[APART] = min(self.period / 400, 0.4 / math.sqrt(max(own)))
         tiny = 4e-16 * (p.l_oa + p.l_ab)
         self.tiny = {"theta": 1e-16, "height": tiny, "onset": tiny, "separation": tiny}

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import jax
 import nbformat
 import pytest
 from nbclient import NotebookClient
@@ -13,6 +14,8 @@ NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 @pytest.mark.filterwarnings("ignore")  # the notebook's kernel reports its own errors; its transport warns
 def test_notebook_runs(path, monkeypatch):
     monkeypatch.setenv("JAXSHROUD_QUICK", "1")
+    if cache := jax.config.jax_compilation_cache_dir:  # what the command line's tests have compiled
+        monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", cache)
     NotebookClient(
         nbformat.read(path, as_version=4), timeout=600, resources={"metadata": {"path": path.parent}}
     ).execute()
