@@ -15,6 +15,7 @@ from scipy.special import stdtrit
 
 from jaxshroud.checks import count_argument
 from jaxshroud.integrate import FAST, Method
+from jaxshroud.lanes import repeated
 from jaxshroud.linear import area, free_power
 from jaxshroud.orbit import UNSOUND, Orbit, followed, moved_start, orbit
 from jaxshroud.scene import Scene, value_of, vary
@@ -129,7 +130,7 @@ def on_orbit(found: Orbit, wrt: Sequence[str], of: Of = "P_d") -> Gradient:
     by = tangents(scene, found.start, along, n=found.q, steps=steps, method=method, by_state=False)
     moved = moved_start(at.by_state, by.by_parameter, found.slider_is_free)
     power_by = by.power_by_parameter + at.power_by_state @ moved
-    same = jax.tree.map(lambda a: np.broadcast_to(a, (len(wrt), *np.shape(a))), (scene, at.power))
+    same = repeated((scene, at.power), len(wrt))
     slope = slopes(*same, jax.tree.map(lambda *a: np.stack(a), *along), power_by.T, of)
     value = dict(zip(wrt, np.asarray(slope, float).tolist(), strict=True))
     conditioning = float(np.max(1 / np.abs(1 - found.others)))

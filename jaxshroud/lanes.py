@@ -13,6 +13,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.extend.core import jaxpr_as_fun
 
@@ -22,6 +23,11 @@ EachLane = Callable[..., Any]  # (f, *args): `f(*args)` of every lane; all array
 def alone(tree: Any) -> Any:
     """A tree of arrays with a leading axis of one lane."""
     return jax.tree.map(lambda a: jnp.asarray(a)[None], tree)
+
+
+def repeated(tree: Any, lanes: int) -> Any:
+    """A tree of arrays with a leading axis of equal lanes; numpy views that may not be written to."""
+    return jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), tree)
 
 
 def plain(f: Callable, *args: Any) -> Any:

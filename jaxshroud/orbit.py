@@ -15,7 +15,7 @@ from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.events import seat
 from jaxshroud.geometry import touch_rates
 from jaxshroud.integrate import FAST, Method
-from jaxshroud.lanes import alone
+from jaxshroud.lanes import alone, repeated
 from jaxshroud.linear import area, free_power
 from jaxshroud.rhs import as_pairs, model
 from jaxshroud.scene import Scene
@@ -247,7 +247,7 @@ def followed(found: Orbit, scenes: Scene) -> np.ndarray:
     """
     assert found.jacobian is not None  # there is an orbit
     lanes, sizes = len(scenes.drive.omega), _sizes(to_vector(found.start)[None])
-    states = jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), found.start)
+    states = repeated(found.start, lanes)
     still, method = jax.tree.map(np.zeros_like, scenes), differentiable(found.method)
     power, least = np.full((lanes, 2), np.nan), np.full(lanes, np.inf)
     for _ in range(MOST_UPDATES):

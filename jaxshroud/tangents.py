@@ -21,7 +21,7 @@ from jaxshroud.absent import filled, is_absent
 from jaxshroud.events import seat
 from jaxshroud.friction import stretch
 from jaxshroud.integrate import Decision, End, Fixed, Lane, Method, advance, begin, grid, running
-from jaxshroud.lanes import EachLane, best, plain
+from jaxshroud.lanes import EachLane, best, plain, repeated
 from jaxshroud.periods import COMPILER
 from jaxshroud.rhs import Model, as_pairs, model, reduced, whole
 from jaxshroud.scene import Motion, Pair, Scalar, Scene, key_parts
@@ -236,14 +236,13 @@ def tangents(
     state = jax.tree.map(lambda a: np.asarray(a, _like(a, scene)), state)
     count = STATE if by_state else 0
     lanes = max(count + len(directions), 1)
-    repeat = lambda tree: jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), tree)  # noqa: E731
     still = [jax.tree.map(np.zeros_like, scene)] * (lanes - len(directions))
     along = jax.tree.map(lambda *a: np.stack(a), *still, *directions)
     unit = np.zeros((lanes, STATE), scene.drive.omega.dtype)
     unit[:count] = np.eye(STATE)[:count]
     shift = from_vector(unit, state.mode, state.case)
-    starts = Dual(repeat(state), State(shift.motion, shift.u_s, None, None))  # type: ignore[arg-type]
-    came = run_flow(Dual(repeat(scene), along), starts, n, steps, method)
+    starts = Dual(repeated(state, lanes), State(shift.motion, shift.u_s, None, None))  # type: ignore[arg-type]
+    came = run_flow(Dual(repeated(scene, lanes), along), starts, n, steps, method)
     (value, slope), end = came, jax.tree.map(lambda a: a[0], onward(came).value)
     by = to_vector(slope.state)
     power, power_by = np.stack([a[0] for a in value.power]), np.stack(slope.power)

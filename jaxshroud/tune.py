@@ -19,6 +19,7 @@ from scipy.stats import qmc
 from jaxshroud.checks import count_argument
 from jaxshroud.gradient import slopes, with_numbers
 from jaxshroud.integrate import FAST, REFERENCE, Method
+from jaxshroud.lanes import repeated
 from jaxshroud.scene import Motion, Scene
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import State, Status, start
@@ -221,7 +222,7 @@ def judge_designs(problem: Problem, designs: np.ndarray, tick, states: State | N
     """Simulate designs (n, keys) in every condition, from the scene's start or from one state in all of them."""
     scenes = scenes_of(problem, designs)
     lanes = len(scenes.drive.omega)
-    first = starts(scenes) if states is None else jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *a.shape)), states)
+    first = starts(scenes) if states is None else repeated(states, lanes)
     runs = run_lanes(scenes, first, problem.plan, tick)
     motion, got, _ = averages(scenes, runs.samples)
     shape = len(designs), len(problem.rows)

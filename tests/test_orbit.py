@@ -9,15 +9,11 @@ import pytest
 from jaxshroud import events, gradient, integrate, load, orbit, simulate, value_of
 from jaxshroud.gradient import differences, on_orbit, slopes
 from jaxshroud.integrate import FAST
+from jaxshroud.lanes import repeated
 from jaxshroud.linear import area
 from jaxshroud.orbit import Shot, contact_margins, described
 from jaxshroud.state import Mode, State, start
 from jaxshroud.tangents import STATE, Dual, differentiable, direction, onward, resting, run_flow, tangents
-
-
-def many(tree, n):
-    return jax.tree.map(lambda a: np.broadcast_to(a, (n, *np.shape(a))), tree)
-
 
 PARAMETERS = (
     [
@@ -117,8 +113,8 @@ def test_shooting_does_what_a_long_transient_does():
     along = [direction(scene, key) for key in keys]
     method = differentiable(FAST)
     n = len(keys)
-    dual = Dual(many(scene, n), jax.tree.map(lambda *a: np.stack(a), *along))
-    settled = run_flow(dual, resting(many(start(scene.initial), n)), long, 400, method)
+    dual = Dual(repeated(scene, n), jax.tree.map(lambda *a: np.stack(a), *along))
+    settled = run_flow(dual, resting(repeated(start(scene.initial), n)), long, 400, method)
     last = run_flow(dual, onward(settled), found.q, 400, method)
     P = float(area(scene.shroud)) * last.value.power[0][0]
     assert pytest.approx(found.P[0], rel=1e-10) == P

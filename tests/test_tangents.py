@@ -9,6 +9,7 @@ from test_parts import with_parts
 
 from jaxshroud import integrate, load, lyapunov, period_map, value_of, vary
 from jaxshroud.integrate import FAST, Method
+from jaxshroud.lanes import repeated
 from jaxshroud.lyapunov import settled
 from jaxshroud.state import Status, start
 from jaxshroud.sweep import Plan, final_states, run_lanes
@@ -23,12 +24,8 @@ def scene_at(gamma):
     return load("table1", [f"contact.gamma={gamma}", "drive.F_0=60"]).scene
 
 
-def many(tree, n):
-    return jax.tree.map(lambda a: np.broadcast_to(a, (n, *np.shape(a))), tree)
-
-
 def alone(tree):
-    return many(tree, 1)
+    return repeated(tree, 1)
 
 
 def states_of(scene, n, method=FAST):
@@ -63,7 +60,7 @@ def differences(scene, states, along, h, steps=STEPS, method=FAST):
     ends = []
     for c in (-2, -1, 1, 2):
         shifted = from_vector(z + c * h * along, states.mode, states.case)
-        ends.append(to_vector(flow_of(many(scene, lanes), shifted, None, steps, method).value.state))
+        ends.append(to_vector(flow_of(repeated(scene, lanes), shifted, None, steps, method).value.state))
     return (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * h)
 
 
@@ -71,7 +68,7 @@ def error_of(scene, states, along, steps=STEPS, method=FAST):
     """Largest difference of tangents and differences over the largest tangent, with the best of three step sizes."""
     sizes = sizes_of(states)
     lanes = len(states.u_s)
-    tangent = to_vector(flow_of(many(scene, lanes), states, along, steps, method).tangent.state)
+    tangent = to_vector(flow_of(repeated(scene, lanes), states, along, steps, method).tangent.state)
     scale = np.abs(tangent / sizes).max(axis=1)
     slopes = [differences(scene, states, along, h, steps, method) for h in (1e-5, 1e-6, 1e-7)]
     return np.min([np.abs((slope - tangent) / sizes).max(axis=1) / scale for slope in slopes], axis=0)
@@ -125,7 +122,7 @@ def two_trajectories(scene, state, n, apart=1e-7):
     for _ in range(n):
         z = to_vector(state)
         other = from_vector(z + gap, state.mode, state.case)
-        ends = flow_of(many(scene, 2), jax.tree.map(lambda *a: np.stack(a), state, other)).value.state
+        ends = flow_of(repeated(scene, 2), jax.tree.map(lambda *a: np.stack(a), state, other)).value.state
         state = jax.tree.map(lambda a: a[0], from_vector(to_vector(ends), ends.mode, ends.case))
         gap = np.diff(to_vector(ends), axis=0)[0]
         growth.append(np.linalg.norm(gap) / apart)
