@@ -14,14 +14,15 @@ with install_import_hook("jaxshroud", "beartype.beartype"):
 
 def pytest_addoption(parser):
     parser.addoption("--benchmark", action="store_true", help="run the side-by-side timings too")
+    parser.addoption("--studies", action="store_true", help="run seeded samples of the studies too")
 
 
 def pytest_collection_modifyitems(config, items):
-    if config.getoption("--benchmark"):
-        return
-    for item in items:
-        if "benchmark" in item.keywords:
-            item.add_marker(pytest.mark.skip(reason="timings run only with --benchmark"))
+    for mark, reason in {"benchmark": "timings run only with --benchmark", "studies": "run with --studies"}.items():
+        if not config.getoption(f"--{mark}"):
+            for item in items:
+                if item.get_closest_marker(mark):
+                    item.add_marker(pytest.mark.skip(reason=reason))
 
 
 @pytest.fixture(scope="session")
