@@ -102,4 +102,4 @@ def _periodic(scene: Scene, moving, rtol, solver: str):
     assert found.ys is not None
     z, u_s, total = jax.tree.map(lambda a: a[0], found.ys)
     motion, power = filled((z, jax.tree.map(lambda a: a / period, total)), period)
-    return (z, u_s), Sample(motion, power, None, None), found.stats["num_steps"]
+    return (z, u_s), Sample(motion, power), found.stats["num_steps"]

@@ -195,7 +195,7 @@ def simulate_verb(options: argparse.Namespace) -> None:
         method=chosen_method(options, "bisection"),
     )
     write_dataset(trajectory_dataset(run, file, steps, options.every), options.out)
-    warn_status(np.asarray([run.status]))
+    warn_status(np.asarray([run.status]), run.chatter)
     unmet(lanes, options)
     events = ", ".join(f"{n} {name}" for name, n in run.counters.items() if n) or "none"
     print_table(
@@ -205,6 +205,7 @@ def simulate_verb(options: argparse.Namespace) -> None:
             "status": Status(run.status).name,
             "events": events,
             "energy residual": f"{run.energy_residual:.1e} of the drive's work",
+            "energy dropped": f"{run.energy_dropped:.1e} of the drive's gross work, where flat contact began",
             "written": options.out,
         },
     )
@@ -245,13 +246,13 @@ def sweep_verb(options: argparse.Namespace) -> None:
     summary = sweep_summary(result, time.perf_counter() - began)
     summary |= {**met, "scene": file.name, "version": __version__}
     write_json(summary, options.out / "summary.json")
-    warn_status(result.status)
+    warn_status(result.status, result.chatter)
     print_table(file.title or file.name, {**summary, "written": options.out})
 
 
 def sweep_summary(result, seconds: float) -> dict[str, Any]:
     """A sweep in a few numbers."""
-    ok, residual = result.status == Status.OK, result.energy_residual
+    ok, residual, dropped = result.status == Status.OK, result.energy_residual, result.energy_dropped
     P_d = np.where(ok, result.P_d, np.nan)
     numbers, counts = np.unique(result.period_number[ok], return_counts=True)
     best = None
@@ -267,6 +268,7 @@ def sweep_summary(result, seconds: float) -> dict[str, Any]:
         "unsettled": int((~result.settled & ok).sum()),
         "largest P_d": best,
         **({} if residual is None else {"largest energy residual": float(np.max(residual, where=ok, initial=0.0))}),
+        **({} if dropped is None else {"largest energy dropped": float(np.max(dropped, where=ok, initial=0.0))}),
         "method": f"{result.method}, {result.steps_per_period} steps a period",
         "seconds": round(seconds, 2),
     }
@@ -297,7 +299,7 @@ def power_verb(options: argparse.Namespace) -> None:
     _draw_power(read_json(options.out / "power.json"), options.out / "power.png")
     final = result.final
     unmet(lanes, options)
-    warn_status(np.asarray([final["status"]]))
+    warn_status(np.asarray([final["status"]]), final["chatter"])
     if not final["stable"]:
         print(
             f"warning: P_d is not stable after {final['n']} periods; give more with --periods",

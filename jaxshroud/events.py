@@ -9,14 +9,19 @@
 | case 1 <-> 4, 2 <-> 3 | turn = theta_1 - theta_2 changes sign | tip, lever, face change; w carried                |
 | case 1 <-> 2, 3 <-> 4 | height changes sign               | the same, and v jumps                                 |
 | corner -> flat      | turn, and it would soon change back | both blocks turn as one; w carried                    |
-| flat -> lower corner | turn = -moment about it            | case 3 or 4; force and moment continuous              |
-| flat -> upper corner | height = -moment about it          | case 1 or 2; the same                                 |
+| flat -> lower corner | turn = -torque of contact there     | case 3 or 4; force and moment continuous              |
+| flat -> upper corner | height = torque of contact there   | case 1 or 2; the same                                 |
 
 **Flat contact.** Contact at the upper corners turns the blocks one way against each other, at the lower ones the other
-way: under load theta_1 - theta_2 is a relay oscillator, whose crossings come ever sooner as it is damped, and at once
-where it starts at rest. A crossing whose predicted return, 2 abs(g') / abs(g''), comes sooner than `FLAT_RETURN` of a
-step therefore leads into flat contact, and what is left of the rocking is dropped. That costs an error of at most
-`FLAT_RETURN` / 2 of a step times g'' in the rates of theta; with a finer step the rocking itself is followed.
+way: under load g = theta_1 - theta_2 is a relay oscillator, whose crossings come ever sooner as it is damped, and at
+once where it starts at rest. A crossing that predicts two returns, 2 abs(g') / abs(g'') on either side, within
+`FLAT_RETURN` of a step therefore leads into flat contact, and what is left of the rocking is dropped: an error of at
+most `FLAT_RETURN` / 2 of a step times g'' in the rates of theta, and a loss of energy that the ledger names; with a
+finer step the rocking itself is followed.
+
+Flat contact ends where the torque at one end of the overlap no longer pushes back. There g, g' and g'' all vanish:
+the faces part as the third power of the time, and until g has left its rounding its sign says nothing. A turn of the
+blocks therefore counts only beyond that rounding.
 """
 
 from collections.abc import Iterable
@@ -126,8 +131,10 @@ def guards(at: Touch, rate: Rates, leans: Lean, held: State, case: Int[Array, ""
     else:
         idle = lambda g: jnp.where(apart, -1.0, g)  # noqa: E731
         still = lambda g: jnp.where(apart | flat, 0.0, g)  # noqa: E731
-        lower, upper = jnp.where(flat, -leans.moment, turn * at.turn), leans.moment - leans.limit
-        value += [idle(lower), idle(jnp.where(flat, upper, height * at.height))]
+        value += [
+            idle(jnp.where(flat, -leans.lower, turn * at.turn - at.turn_rounding)),
+            idle(jnp.where(flat, leans.upper, height * at.height)),
+        ]
         along += [still(turn * rate.turn), still(height * rate.height)]
     rub, rub_rate, slid = _rub(at, rate, held, spring)
     return Guards((*value, rub), (*along, rub_rate), slid)  # pyright: ignore[reportArgumentType]
@@ -165,6 +172,13 @@ def first_kind(violated: Violated) -> Int[Array, ""]:
     return kind
 
 
+def is_switch(kind: Int[Array, ""], held: State, model: Model) -> Bool[Array, ""]:
+    """Whether an event of `kind` is a loaded case switch, at which forces jump."""
+    if not turns(model):
+        return jnp.zeros_like(kind, bool)
+    return ((kind == Kind.TURN) | (kind == Kind.HEIGHT)) & (held.case != FLAT)
+
+
 Count = Int[Array, ""] | Absent
 
 
@@ -186,11 +200,12 @@ class Counters(eqx.Module):
 
 
 class Crossing(NamedTuple):
-    """What an event does: the state after it, the contact energy it adds, and which one it was."""
+    """What an event does: the state after it, the energies it adds and drops, and which one it was."""
 
     after: State
     guards: Guards  # of the mode after it
     energy: Scalar  # jump of the energy in the contact springs [J]
+    dropped: Scalar  # energy of the rocking that flat contact ends [J]; absent where blocks do not turn
     kind: Int[Array, ""]
     before: State
 
@@ -219,8 +234,10 @@ def crossing(
     ahead = guards(new, touch_rates(new, z, case, model.reading), view.lean, after, case, spring)
     energy = contact_energy(new.v, stretch(new.v, new.u, u_s, mode, spring), mode, spring)
     energy = energy - contact_energy(at.v, w, held.mode, spring)
-    lost = stored_energy(came, model) - stored_energy(z, model)  # in rocking
-    return Crossing(after, ahead, energy - jnp.where(begins, lost, 0.0), kind, held)
+    dropped = ABSENT
+    if turns(model):
+        dropped = jnp.where(begins, stored_energy(came, model) - stored_energy(z, model), 0.0)
+    return Crossing(after, ahead, energy, dropped, kind, held)
 
 
 def _parallel(z: Motion, model: Model) -> Motion:
@@ -236,15 +253,14 @@ def _next_case(held: State, view: View, kind: Int[Array, ""], h: Scalar, model: 
     case = jnp.where(turn | (kind == Kind.HEIGHT), corner, now)
     touches = (kind == Kind.LIFT) & (held.mode == Mode.APART)
     level = touches & (view.at.turn == 0) & (view.rate.turn == 0)
-    return jnp.where(level | (turn & (now != FLAT) & _soon_back(view, corner, h, model)), FLAT, case)
+    return jnp.where(level | (turn & (now != FLAT) & _soon_back(view, h, model)), FLAT, case)
 
 
-def _soon_back(view: View, beyond: Int[Array, ""], h: Scalar, model: Model) -> Bool[Array, ""]:
-    """Whether theta_1 - theta_2, having crossed zero, is pushed back from both sides and returns before long."""
-    moment, limit = view.lean
-    back = jnp.where(is_upper(beyond), limit - moment, moment)
-    pushed = (moment > 0) & (moment < limit)
-    return pushed & (2 * jnp.abs(view.rate.turn) * model.mobility.joint < FLAT_RETURN * h * back)
+def _soon_back(view: View, h: Scalar, model: Model) -> Bool[Array, ""]:
+    """Whether theta_1 - theta_2, having crossed zero, is pushed back from both sides and returns twice before long."""
+    lower, upper = view.lean
+    returns = 2 * jnp.abs(view.rate.turn) * model.mobility.joint * (lower - upper)  # times -lower * upper
+    return (lower > 0) & (upper < 0) & (returns < FLAT_RETURN * h * -lower * upper)
 
 
 def _onset_mode(view: View, spring: Springs) -> Int[Array, ""]:

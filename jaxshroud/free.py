@@ -46,7 +46,7 @@ def free_runs(scenes: Scene, states: State, transient: int, kept: int, phase: fl
     samples, *end = _samples(scenes, states, jnp.full_like(turns, transient), turns, kept, nodes_needed(scenes))
     lanes = eqx.tree_at(lambda lane: [lane.state, lane.status], begin_lanes(scenes, states, method), end)
     zeros = np.zeros(np.shape(samples.power[0]))
-    return jax.tree.map(np.asarray, (samples._replace(work=zeros, residual=zeros), lanes))
+    return jax.tree.map(np.asarray, (samples._replace(work=zeros, gross=zeros, dropped=zeros, residual=zeros), lanes))
 
 
 @partial(jax.jit, static_argnames=("kept", "nodes"))
@@ -56,7 +56,7 @@ def _samples(scenes: Scene, states: State, transient, turns, kept: int, nodes: i
         ends = (transient + turns + jnp.arange(kept + 1, dtype=turns.dtype)) * period
         motion = free_motion(scene, state.motion, jnp.zeros_like(turns), ends)
         power, largest = jax.vmap(lambda z: _mean_square(scene, z, turns, nodes))(Motion(*(a[:-1] for a in motion)))
-        sample = Sample(Motion(*((a[1:, 0], a[1:, 1]) for a in motion)), (power[:, 0], power[:, 1]), None, None)
+        sample = Sample(Motion(*((a[1:, 0], a[1:, 1]) for a in motion)), (power[:, 0], power[:, 1]))
         last = State(Motion(*(a[-1] for a in motion)), state.u_s, state.mode, state.case)
         status = free_status(scene, motion, jnp.max(largest))
         sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)

@@ -106,7 +106,8 @@ class Touch(NamedTuple):
     corner_y: Pair  # ... and y
     offset: tuple[Scalar, Scalar]  # (d_x - gap, d_y): from the right block's corner to the left one's
     sin_A2: Scalar  # sin(alpha - theta_2), which (20) prints for sin(alpha - theta_1)
-    rounding: Scalar  # how far v and u may be off by the rounding of the terms they are sums of
+    rounding: Scalar  # how far v, u and the height may be off by the rounding of the terms they are sums of
+    turn_rounding: Scalar  # and theta_1 - theta_2
 
 
 def _shift(px: Scalar, py: Scalar, s: Scalar, versine: Scalar) -> tuple[Scalar, Scalar]:
@@ -147,8 +148,15 @@ def touch(q: Pose, case: Case, block: Corners, reading: frozenset[str]) -> Touch
         corner_y=(p_y + dl_y, p_y + dr_y),
         offset=(e_x, d_y),
         sin_A2=block.sin_alpha * q.cos[1] - block.cos_alpha * q.sin[1],
-        rounding=4 * float(jnp.finfo(e_x.dtype).eps) * reduce(operator.add, map(abs, terms)),
+        rounding=_rounding(terms),
+        turn_rounding=_rounding(q.theta),
     )
+
+
+def _rounding(terms: tuple[Scalar, ...]) -> Scalar:
+    """Four roundings of every term of a sum."""
+    size = reduce(operator.add, map(abs, terms))
+    return size if is_absent(size) else 4 * float(jnp.finfo(size.dtype).eps) * size
 
 
 class Rates(NamedTuple):

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxshroud.absent import ABSENT, where
 from jaxshroud.checks import Precision
 from jaxshroud.events import (
     Counters,
@@ -23,6 +24,7 @@ from jaxshroud.events import (
     count,
     crossing,
     first_kind,
+    is_switch,
     kinds,
     look,
     no_events,
@@ -33,7 +35,7 @@ from jaxshroud.geometry import Touch
 from jaxshroud.implicit import at_the_root
 from jaxshroud.lanes import EachLane
 from jaxshroud.locate import Locate, Search, fresh, judge, picked, select
-from jaxshroud.rhs import Integrals, Model, Slope, reduced, rhs, stored_energy, wave
+from jaxshroud.rhs import Integrals, Ledger, Model, Slope, reduced, rhs, stored_energy, turns, wave
 from jaxshroud.scene import Motion, Pair, Scalar
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.tableau import RK4, Tableau
@@ -90,11 +92,18 @@ class Log(eqx.Module):
     counters: Counters
 
 
+class Jumps(NamedTuple):
+    """Energies that change at events."""
+
+    springs: Scalar  # put into the contact springs [J]
+    dropped: Scalar  # of the rocking that flat contact ended [J]; absent where blocks do not turn
+
+
 class Tally(eqx.Module):
     """What a lane has summed up so far."""
 
     integrals: Integrals
-    jumps: Scalar | None  # energy put into the contact springs by events [J]; None where it is not kept
+    jumps: Jumps | None  # None where they are not kept
     log: Log | None  # None where derivatives are computed
 
 
@@ -116,7 +125,7 @@ def begin(state: State, model: Model, method: Method) -> Lane:
     yes = jnp.ones((), bool)
     state = reduced(state, model)
     none = jax.tree.map(jnp.zeros_like, rhs((zero, zero), state, model, method.ledger)[1])
-    jumps = zero if method.ledger else None
+    jumps = Jumps(zero, zero if turns(model) else ABSENT) if method.ledger else None
     log = None if method.derivative else Log(zero, zero, zero, zero, no_events(model))
     tally = Tally(none, jumps, log)
     guards = look(state.motion, (zero, zero), state, model).guards if model.spring.modal else None
@@ -273,11 +282,14 @@ def decide(lane: Lane, end: End, fixed: Fixed, method: Method) -> Decision:
         no = jnp.zeros_like(goes)
         return Decision(goes, no, no, jnp.int32(Kind.LIFT), no, no, lost, jnp.zeros_like(h), search)
     assert lane.guards is not None
-    guards = look(end.state.motion, end.Q, lane.state, model).guards
+    _, at, _, _, _, guards = look(end.state.motion, end.Q, lane.state, model)
     counts = (search.length > 0) | search.recheck
     violated = {kind: (guards.value[kind] > 0) & counts for kind in kinds(guards.value)}
     kind = first_kind(violated)
-    verdict = judge(search, lane.guards, guards, violated, kind, h, method.locate, method.tableau.order)
+    jumps = is_switch(kind, lane.state, model)
+    rounding = where(kind == Kind.TURN, at.turn_rounding, at.rounding)
+    exact = jumps & (picked(guards.value, kind) <= rounding)
+    verdict = judge(search, lane.guards, guards, violated, jumps, exact, h, method.locate, method.tableau.order)
     again = jnp.zeros_like(goes)
     if search.met is not None:  # what is differentiated meets an event twice: first to learn how its instant moves
         again = verdict.fire & goes & ~search.met & (search.length > 0)
@@ -324,7 +336,8 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method
     recheck = fire & jumped & any_of(guards.value[kind] > 0 for kind in kinds(guards.value))
     ahead, step = _advanced(search, lane.step, fire, recheck, method)
     counts = lambda counters: count(counters, cross, fire, search.inside)  # noqa: E731
-    tally = _tallied(lane.tally, gain, jnp.where(fire, cross.energy, 0.0), h, held.mode, view.at, counts)
+    jumps = jax.tree.map(lambda a: jnp.where(fire, a, 0.0), Jumps(cross.energy, cross.dropped))
+    tally = _tallied(lane.tally, gain, jumps, h, held.mode, view.at, counts)
     status = jnp.where(accept, _status(z, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
     return Lane(
         select(accept, state, held),
@@ -342,7 +355,8 @@ def _glided(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Meth
     at = seat(end.state.motion, lane.state, model)[2]
     ahead, step = _advanced(lane.search, lane.step, jnp.zeros_like(accept), jnp.zeros_like(accept), method)
     mode, h = jnp.where(at.v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)), _place(lane, grid).h
-    tally = _tallied(lane.tally, end.gain, jnp.zeros_like(h), h, mode, at, lambda counters: counters)
+    still = jax.tree.map(jnp.zeros_like, lane.tally.jumps)
+    tally = _tallied(lane.tally, end.gain, still, h, mode, at, lambda counters: counters)
     status = jnp.where(accept, _status(end.state.motion, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
     before = (lane.state, lane.step, lane.search, lane.tally)
     state, step, search, tally = select(accept, (end.state, step, ahead, tally), before)
@@ -366,10 +380,10 @@ def _at_the_event(end: End, lane: Lane, kind: Int[Array, ""], fixed: Fixed):
     return State(z, held.u_s, held.mode, held.case), Q, gain, length
 
 
-def _tallied(tally: Tally, gain: Integrals, jump: Scalar, h: Scalar, mode, at: Touch, counts) -> Tally:
+def _tallied(tally: Tally, gain: Integrals, jumps: Jumps | None, h: Scalar, mode, at: Touch, counts) -> Tally:
     return Tally(
         jax.tree.map(jnp.add, tally.integrals, gain),
-        None if tally.jumps is None else tally.jumps + jump,
+        None if tally.jumps is None else jax.tree.map(jnp.add, tally.jumps, jumps),
         None if tally.log is None else _logged(tally.log, h, mode, at, counts),
     )
 
@@ -472,3 +486,8 @@ def energy(state: State, model: Model) -> Scalar:
     at = seat(state.motion, state, model)[2]
     w = stretch(at.v, at.u, state.u_s, state.mode, model.spring)
     return stored_energy(state.motion, model) + contact_energy(at.v, w, state.mode, model.spring)
+
+
+def balance(ledger: Ledger, jumps: Jumps, stored: Lanes) -> Lanes:
+    """What the energy balance misses [J]: works and jumps less the change of the `stored` energy."""
+    return ledger.drive + jumps.springs - jumps.dropped - ledger.viscous - ledger.friction - stored

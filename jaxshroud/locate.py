@@ -136,16 +136,17 @@ def peak(start: Guards, end: Guards, h: Scalar) -> Scalar:
     return first
 
 
-def tolerance(kind: Int[Array, ""], locate: Locate, order: int, derivative: bool, dtype) -> Scalar:
-    """How late an event may be found, in steps.
+def tolerance(jumps: Bool[Array, ""], locate: Locate, order: int, derivative: bool, dtype) -> Scalar:
+    """How late an event may be found, in steps; `jumps`: forces jump at it.
 
-    Force-continuous events cost an error of the square of this, loaded case switches its first power. Closing in by
-    the cubic, no more is asked of the former than a method of this order resolves. A derivative's error is one power
-    lower, so it asks for the finer one always.
+    Force-continuous events cost an error of the square of this. Closing in by the cubic, no more is asked of them than
+    a method of this order resolves; a derivative's error is one power lower. Loaded case switches cost its first power,
+    and nearly parallel faces make dozens of them in a period: they are found to rounding.
     """
-    coarse, fine = (20 if locate == "bisection" else 10 + order, 36) if dtype == jnp.float64 else (10, 16)
-    coarse = fine if derivative else coarse
-    return jnp.where((kind == Kind.TURN) | (kind == Kind.HEIGHT), 2.0**-fine, 2.0**-coarse).astype(dtype)
+    single = dtype != jnp.float64
+    coarse = (10 if single else 20) if locate == "bisection" else 10 if single else 10 + order
+    coarse = (16 if single else 36) if derivative else coarse
+    return jnp.where(jumps, 2.0 ** -(16 if single else 48), 2.0**-coarse).astype(dtype)
 
 
 def judge(
@@ -153,7 +154,8 @@ def judge(
     low: Guards,
     end: Guards,
     violated: Violated,
-    kind: Int[Array, ""],
+    jumps: Bool[Array, ""],
+    exact: Bool[Array, ""],
     h: Scalar,
     locate: Locate,
     order: int,
@@ -165,7 +167,8 @@ def judge(
         low: Guards at the lower end of the bracket, or at the trial's start.
         end: Guards at its end.
         violated: Those above zero that count.
-        kind: The one of them that takes precedence.
+        jumps: Whether forces jump at the one of them that takes precedence.
+        exact: Whether that one is zero to rounding.
         h: Length of a whole step [s].
         locate: Way of closing in.
         order: Of the Runge-Kutta method.
@@ -179,8 +182,8 @@ def judge(
     top = peak(low, end, search.length * h)
     peeks = ~bracketing & ~search.peeking & (top < 1)
     derivative = search.met is not None
-    narrow = tolerance(jnp.int32(Kind.TURN), locate, order, derivative, high.dtype)
-    allowed = tolerance(kind, locate, order, derivative, high.dtype)
+    narrow = tolerance(jnp.ones_like(hit), locate, order, derivative, high.dtype)
+    allowed = tolerance(jumps, locate, order, derivative, high.dtype)
     if locate == "cubic":
         target = _target(search, low, end, violated, search.length - search.low, h)
         now = select(hit | ~search.bracketing, low, end)
@@ -189,7 +192,7 @@ def judge(
         nearer = jnp.where(halve, (below + high) / 2, nearer)
     else:
         target, late, nearer = None, high - below, (below + high) / 2
-    fire = hit & (late <= allowed)
+    fire = hit & ((late <= allowed) | exact)
     after = search._replace(
         length=jnp.where(peeks, top * search.length, jnp.where(high - below <= narrow, high, nearer)),
         low=below,

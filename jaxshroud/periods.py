@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.absent import filled
-from jaxshroud.integrate import Lane, Method, begin, energy, grid, march
+from jaxshroud.integrate import Lane, Method, balance, begin, energy, grid, march
 from jaxshroud.lanes import EachLane
 from jaxshroud.rhs import Model, as_pairs, model, whole
 from jaxshroud.scene import Motion, Pair, Scene
@@ -25,8 +25,10 @@ class Sample(NamedTuple):
 
     motion: Motion
     power: Pair  # mean square displacement over block and period [m^2]
-    work: Any  # of the drive [J]; None where no ledger is kept
-    residual: Any  # energy balance: drive + jumps - losses - change of stored energy [J]
+    work: Any = None  # of the drive [J]; None where no ledger is kept, like all that follow
+    gross: Any = None  # of the drive, without its sign at each instant [J]
+    dropped: Any = None  # energy of the rocking that flat contact ended [J]
+    residual: Any = None  # of the energy balance [J]
 
 
 class Clock(NamedTuple):
@@ -43,12 +45,12 @@ def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, metho
     grids = grid(like(clock.start), like(clock.per_period), periods)
     lanes = march(lanes, models, grids, jnp.where(active, clock.steps, 0), method, each)
     gain, jumps = lanes.tally.integrals, lanes.tally.jumps
-    work = residual = None
+    kept = ()
     if gain.ledger is not None and jumps is not None:
-        work = gain.ledger.drive
-        residual = work + jumps - gain.ledger.viscous - gain.ledger.friction - (_energies(lanes, models) - held)
+        residual = balance(gain.ledger, jumps, _energies(lanes, models) - held)
+        kept = gain.ledger.drive, gain.ledger.gross, filled(jumps.dropped, periods), residual
     power = filled(gain.power, periods)
-    sample = Sample(whole(lanes.state).motion, (power[0] / periods, power[1] / periods), work, residual)
+    sample = Sample(whole(lanes.state).motion, (power[0] / periods, power[1] / periods), *kept)
     sample = jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
     return eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(active, 0, lanes.step)), sample
 

@@ -15,7 +15,17 @@ from jaxshroud.periods import BLOCK, Sample
 from jaxshroud.scene import Scene
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import Status
-from jaxshroud.sweep import Plan, Progress, Ticker, final_states, relative_residual, run_lanes, starts, stepper
+from jaxshroud.sweep import (
+    Plan,
+    Progress,
+    Ticker,
+    final_states,
+    relative_residual,
+    run_lanes,
+    starts,
+    stepper,
+    told_chatter,
+)
 
 
 class PowerResult(NamedTuple):
@@ -106,13 +116,14 @@ def power(
     ticker = Ticker(transient + most_periods, progress)
     state, lead, samples = starts(scenes), transient, []
     A, P_0 = float(area(scene.shroud)), np.asarray(free_power(scene), float)
-    done, status, summary = 0, Status.OK, {}
+    done, status, summary, alternating = 0, Status.OK, {}, None
     while done < most_periods and status == Status.OK and not summary.get("stable"):
         n = min(max(2 * BLOCK, done), most_periods - done)  # doubles what there is
         runs = run_lanes(scenes, state, Plan(lead, n, steps_per_period, 0.0, method), ticker)
+        alternating = told_chatter(scenes, runs, Plan(transient + done, n, steps_per_period, 0.0, method))
         samples.append(runs.samples)
         state, lead, done, status = final_states(runs.last), 0, done + n, int(runs.last.status[0])
         summary = _summary(samples, A, P_0, period_tol, tolerance)
     n, P_d, ci = _convergence(summary)
     final = {name: value for name, value in summary.items() if name != "series"}
-    return PowerResult(n, P_d, ci, {**final, "status": status, "method": str(method)})
+    return PowerResult(n, P_d, ci, {**final, "status": status, "method": str(method), "chatter": alternating})

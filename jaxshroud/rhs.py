@@ -20,6 +20,7 @@ from jaxshroud.geometry import (
     gyration,
     is_upper,
     pose,
+    tip_is_left,
     touch,
     touch_rates,
 )
@@ -118,6 +119,7 @@ class Ledger(NamedTuple):
     """Works that the energy balance needs."""
 
     drive: Scalar  # done by the drive [J]
+    gross: Scalar  # the same, without its sign at each instant [J]
     viscous: Scalar  # lost in the dampers [J]
     friction: Scalar  # lost in the sliding contact [J]
 
@@ -157,18 +159,30 @@ def as_one(pair: Pair, model: Model) -> Pair:
 
 
 class Lean(NamedTuple):
-    """Where the contact's resultant would have to act to keep the faces parallel."""
+    """What contact at either end of the faces' overlap would do to parallel blocks: torques on theta_1 - theta_2.
 
-    moment: Scalar  # its moment about the lower corner [N m]
-    limit: Scalar  # and about the upper one: N l_ab [N m]
+    Each is the reduced inertia times the acceleration towards each other; absent where blocks do not turn. Where the
+    lower is positive and the upper negative, the resultant finds a place between them that keeps the blocks parallel.
+    """
+
+    lower: Scalar  # of contact at corner b or d [N m]
+    upper: Scalar  # of contact at corner a or c [N m]
 
 
 def lean(z: Motion, Q: Pair, at: Touch, held: State, model: Model) -> Lean:
-    """The resultant's place from the accelerations towards each other that it has to make up for."""
-    N, _, load = _loaded(at, held, held.case, model)
+    """Torques at both ends of the overlap, from that at the corner of the held case.
+
+    A resultant of -N n - F t that acts elsewhere by s t + r n changes the torque by F r - N s. Seen from d, b is
+    u t + v n away, c is l_ab t, and a is both; the overlap ends at d and a, or at b and c.
+    """
+    if not turns(model):
+        return Lean(ABSENT, ABSENT)
+    N, F, load = _loaded(at, held, held.case, model)
     left, right = accelerated(z, Q, load, model).theta
-    limit = N * model.block.l_ab
-    return Lean(model.mobility.joint * (left - right) + jnp.where(is_upper(held.case), limit, 0.0), limit)
+    along, corner = N * model.block.l_ab, F * at.v - N * at.u
+    here = jnp.where(is_upper(held.case), along, 0.0) - jnp.where(tip_is_left(held.case), corner, 0.0)
+    at_d, higher = model.mobility.joint * (left - right) + here, at.height > 0
+    return Lean(at_d + jnp.where(higher, corner, 0.0), at_d - along + jnp.where(higher, 0.0, corner))
 
 
 def _loaded(at: Touch, held: State, case: Case, model: Model) -> tuple[Scalar, Scalar, Load]:
@@ -192,7 +206,8 @@ def works(z: Motion, Q: Pair, F: Scalar, slide: Scalar, model: Model) -> Ledger:
     b, d = model.blades, model.drive
     drive = lambda i: (d.F_x[i] * z.v_x[i] + d.F_y[i] * z.v_y[i] + d.M_0[i] * z.v_theta[i]) * Q[i]  # noqa: E731
     viscous = lambda i: b.c_x[i] * z.v_x[i] ** 2 + b.c_y[i] * z.v_y[i] ** 2 + b.c_T[i] * z.v_theta[i] ** 2  # noqa: E731
-    return Ledger(drive(0) + drive(1), viscous(0) + viscous(1), F * slide)
+    power = drive(0) + drive(1)
+    return Ledger(power, abs(power), viscous(0) + viscous(1), F * slide)
 
 
 class Slope(NamedTuple):

@@ -86,6 +86,9 @@ def sweep_dataset(result: SweepResult, scene_file: SceneFile) -> xr.Dataset:
     if result.energy_residual is not None:
         text = "largest energy residual of a period over the drive's mean work"
         data["energy_residual"] = lane(result.energy_residual, **_named("1", text))
+    if result.energy_dropped is not None:
+        text = "largest energy dropped in a period by beginnings of flat contact, over the drive's gross work"
+        data["energy_dropped"] = lane(result.energy_dropped, **_named("1", text))
     data |= {name: lane(n, long_name=f"events in the kept periods: {name}") for name, n in result.counters.items()}
     coords: dict[str, Any] = {
         dim: (dim, values, {"key": key, "units": UNITS.get(key.partition("[")[0], "1"), "long_name": key})
@@ -127,6 +130,7 @@ def trajectory_dataset(run: Trajectory, scene_file: SceneFile, steps_per_period:
         **STATUS,
         **{f"count_{name}": n for name, n in run.counters.items()},
         "energy_residual": run.energy_residual,
+        "energy_dropped": run.energy_dropped,
         "omega": float(scene.drive.omega),
         "gap": float(scene.shroud.gap),
         "steps_per_period": steps_per_period,

@@ -16,6 +16,7 @@ from jaxtyping import ArrayLike
 from jaxshroud.absent import filled
 from jaxshroud.analysis.period import PERIOD_TOLERANCE, Periodicity, periodicity
 from jaxshroud.analysis.power import Reduction, reduction
+from jaxshroud.chatter import chatter
 from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.events import Counters
 from jaxshroud.free import free_runs
@@ -63,6 +64,8 @@ class SweepResult:
     counters: dict[str, np.ndarray]
     steps_per_period: int
     method: Method
+    energy_dropped: np.ndarray | None = None  # by flat contact, largest of any kept period over the drive's gross work
+    chatter: str | None = None  # what alternated in the first lane that stopped with TOO_MANY_EVENTS
 
 
 def sweep(
@@ -288,6 +291,21 @@ def relative_residual(samples: Sample) -> np.ndarray:
     return np.abs(samples.residual).max(axis=-1) / np.where(work > 0, work, 1.0)
 
 
+def relative_drop(samples: Sample) -> np.ndarray:
+    """Largest energy that flat contact dropped in any period over the drive's gross work in it, (lanes,)."""
+    gross = np.asarray(samples.gross)
+    return (samples.dropped / np.where(gross > 0, gross, 1.0)).max(axis=-1)
+
+
+def told_chatter(scenes: Scene, runs: Runs, plan: Plan) -> str | None:
+    """What alternated in the first of the lanes (leading axis) that stopped with TOO_MANY_EVENTS."""
+    if scenes.parts.contact == "none":
+        return None
+    whole = np.isfinite(runs.samples.power[0]).sum(axis=-1)
+    period = np.where((whole > 0) | (plan.transient == 0), plan.transient + whole + 1, 0)
+    return chatter(scenes, runs.last, period, plan.clock, plan.method)
+
+
 @jax.jit
 def _closed_forms(scenes: Scene):
     return jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(scenes)
@@ -308,6 +326,7 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
     shape = tuple(len(v) for v in axes.values())
     flat = jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), scenes)
     A, P_0 = (np.asarray(f, float).reshape(*shape, -1) for f in _closed_forms(flat))
+    alternating = told_chatter(flat, jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), runs), plan)
     runs = jax.tree.map(_in_full, runs)
     stack = lambda pair: np.stack(pair, axis=-1)  # noqa: E731
     motion = Motion(*map(stack, runs.samples.motion))
@@ -319,6 +338,7 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
     with np.errstate(invalid="ignore", divide="ignore"):
         times = [t / whole for t in spent]
         residual = relative_residual(runs.samples) if plan.method.ledger else None
+        dropped = relative_drop(runs.samples) if plan.method.ledger else None
     counts = [filled(of.counters, runs.last.status) for of in (log, before)]
     counters = {n: np.asarray(getattr(counts[0], n) - getattr(counts[1], n)) for n in Counters.__annotations__}
     return SweepResult(
@@ -344,4 +364,6 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
         counters=counters,
         steps_per_period=plan.steps_per_period,
         method=plan.method,
+        energy_dropped=dropped,
+        chatter=alternating,
     )

@@ -135,12 +135,13 @@ def unmet(scenes: Any, options: argparse.Namespace) -> np.ndarray | None:
     return missed
 
 
-def warn_status(status: np.ndarray) -> None:
-    """Say on standard error how many runs stopped early."""
+def warn_status(status: np.ndarray, chatter: str | None = None) -> None:
+    """Say on standard error how many runs stopped early, and what alternated where one had too many events."""
     for s in Status:
         count = int((status == s).sum())
         if s != Status.OK and count:
-            print(f"warning: {count} of {status.size} runs stopped with {s.name}", file=sys.stderr)
+            about = f": {chatter}" if s == Status.TOO_MANY_EVENTS and chatter else ""
+            print(f"warning: {count} of {status.size} runs stopped with {s.name}{about}", file=sys.stderr)
 
 
 def free(path: Path, force: bool) -> None:

@@ -11,14 +11,15 @@ from jax import lax
 from jaxtyping import Array, Int
 
 from jaxshroud.absent import filled
+from jaxshroud.chatter import chatter
 from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.events import Counters, seat
 from jaxshroud.free import free_status
 from jaxshroud.friction import stretch
-from jaxshroud.integrate import REFERENCE, Lane, Method, begin, energy, grid, march
+from jaxshroud.integrate import REFERENCE, Lane, Method, balance, begin, energy, grid, march
 from jaxshroud.lanes import EachLane, alone, best
 from jaxshroud.linear import free_motion
-from jaxshroud.periods import COMPILER
+from jaxshroud.periods import COMPILER, Clock
 from jaxshroud.rhs import Model, as_arrays, as_pairs, model, whole
 from jaxshroud.scene import Motion, Scalar, Scene
 from jaxshroud.stability import Steps, steps_for
@@ -41,6 +42,8 @@ class Trajectory(NamedTuple):
     energy_residual: float  # relative to the drive's work; NaN where the method keeps no ledger
     last: State  # to go on from; at the last sample
     turns: float  # drive phase of the last sample [turns]
+    energy_dropped: float = 0.0  # by beginnings of flat contact, relative to the drive's gross work; NaN likewise
+    chatter: str | None = None  # what alternated where the run stopped with TOO_MANY_EVENTS
 
 
 def simulate(
@@ -96,11 +99,12 @@ def simulate(
         lane, block = _samples(scene, lane, steps, phase, jnp.int32(every), jnp.int32(n), method, best())
         samples.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
     whole = jax.tree.map(lambda *a: np.concatenate(a), jax.tree.map(lambda a: np.asarray(a)[None], first), *samples[1:])
-    tally, residual = lane.tally, float("nan")
+    tally, residual, dropped = lane.tally, float("nan"), float("nan")
     if method.ledger:
         gain = tally.integrals.ledger
-        balance = gain.drive + tally.jumps - gain.viscous - gain.friction - (_energy(scene, lane) - held)
-        residual = float(balance / jnp.where(gain.drive == 0, 1.0, jnp.abs(gain.drive)))
+        missing = balance(gain, tally.jumps, _energy(scene, lane) - held)
+        residual = float(missing / jnp.where(gain.drive == 0, 1.0, jnp.abs(gain.drive)))
+        dropped = float(filled(tally.jumps.dropped, gain.gross) / jnp.where(gain.gross > 0, gain.gross, 1.0))
     return Trajectory(
         t=times,
         motion=whole.motion,
@@ -112,7 +116,14 @@ def simulate(
         energy_residual=residual,
         last=jax.tree.map(lambda a: a[-1], whole),
         turns=after,
+        energy_dropped=dropped,
+        chatter=_told_chatter(scene, lane, whole, Clock(phase, steps, steps.astype(phase.dtype)), every, method),
     )
+
+
+def _told_chatter(scene: Scene, lane: Lane, samples: State, clock: Clock, every: int, method: Method) -> str | None:
+    done = (np.isfinite(samples.motion.x[:, 0]).sum() - 1) * every // int(clock.steps)
+    return chatter(alone(scene), alone(lane), np.array([done + 1]), clock, method)
 
 
 def _without_contact(scene: Scene, state: State, turns: float, periods: np.ndarray, times, after: float) -> Trajectory:

@@ -60,10 +60,11 @@ def test_corner_contact_alone_is_a_relay_without_bound(table1):
 def test_random_scenes_end_with_few_events_and_converge(weak):
     scenes = [scene_of(p) for p in weak]
     runs = {n: run(scenes, 3, n, FAST_WITH_LEDGER) for n in (10000, 20000, 40000)}
-    for of in runs.values():
+    for n, of in runs.items():
         assert np.all(of.last.status == Status.OK)
         assert np.all(counts(of, "flat") > 0)
-        assert np.max(sum(counts(of, name) for name in Counters.__annotations__)) < 3 * 200
+        # A rocking that fades is followed until it returns within a part of the step: twice as long in half the steps.
+        assert np.max(sum(counts(of, name) for name in Counters.__annotations__)) < 3 * 200 * n / 10000
         assert np.max(np.abs(energy_residual(of))) < 1e-7
     # What rounding and a sensitive scene leave: the energy of every lane closes at the march's order on the median.
     residual = [np.median(np.abs(energy_residual(of))) for of in runs.values()]

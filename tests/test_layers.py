@@ -29,6 +29,7 @@ ORDER = [
     "integrate",
     "stability",
     "periods",
+    "chatter",
     "free",
     "analysis",
     "analysis.period",
