@@ -346,3 +346,15 @@ def test_the_labelled_points_of_fig_10_are_not_reproduced(table1):
     got = sweep(table1, {"contact.gamma": [0.3, 2.5, 4.2, 7.5]}, n_periods=64, transient=300)
     assert got.period_number.tolist() == [1, 1, 2, 1]
     assert np.all(got.P_d < 0)
+
+
+def test_order_between_nearly_parallel_faces(table1):
+    # A small moment: 32 loaded case switches in the first period. Located to 2^-36 of a step instead of to rounding,
+    # each costs so much of a step: an error of 4e-11 at 400 steps that falls with the step's first power only.
+    scene = all_numbers(vary(table1, "drive.M_0", 0.1))
+    method = EXACT["dopri8-cubic"]
+    truth = run([scene], 1, 3000, method)
+    assert counts(truth, "switch_23") > 25
+    error = [relative_error(ends(run([scene], 1, n, method)), ends(truth), sizes(truth))[0] for n in (100, 200, 400)]
+    assert np.log2(error[0] / error[1]) > 7.4
+    assert error[2] < 5e-12
