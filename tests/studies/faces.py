@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from realistic import SEED, at, drawn, marched
 
@@ -47,7 +48,7 @@ def flat_scenes(count: int, seed: int, periods: int = PERIODS) -> tuple[list[ref
     lanes = np.flatnonzero(coarse.last.tally.log.counters.flat > 0)[:SCENES]
     chosen = at(scenes, lanes)
     fine = marched(chosen, periods, STEPS, Method(tableau("dopri8"), "cubic", False))
-    return [parameters(at(scenes, i)) for i in lanes], states(fine.samples, periods - 1)
+    return [parameters(jax.tree.map(jnp.asarray, at(scenes, i))) for i in lanes], states(fine.samples, periods - 1)
 
 
 def differences(p: reference.Parameters, exact: np.ndarray, periods: int = PERIODS) -> list[float]:

@@ -1,0 +1,32 @@
+"""Seeded samples of the studies of realistic blades and of flat contact."""
+
+import faces
+import numpy as np
+import pytest
+import realistic
+
+from jaxshroud.integrate import Method
+from jaxshroud.state import Status
+from jaxshroud.tableau import tableau
+
+pytestmark = pytest.mark.studies
+DOPRI8 = Method(tableau("dopri8"), "cubic")
+
+
+@pytest.mark.parametrize("steps", realistic.STEPS)
+def test_realistic_blades_end_well(steps):
+    found = realistic.figures(realistic.drawn(120, 12), 15, steps, DOPRI8)
+    assert found["status"] == {Status.OK.name: found["scenes"]}
+    assert found["in flat contact"] > 2
+    assert found["dropped"]["1.0"] < 1e-6
+    if steps == max(realistic.STEPS):
+        assert found["residual"]["1.0"] < 1e-8
+
+
+def test_flat_contact_is_the_limit_of_a_spring_between_the_faces():
+    scenes, exact = faces.flat_scenes(60, 12, periods=1)
+    found = np.array([faces.differences(p, state, periods=1) for p, state in zip(scenes[:4], exact, strict=False)])
+    known = found[np.isfinite(found).all(axis=1)]
+    assert len(known) > 1
+    assert np.median(known[:, 0] / known[:, -1]) > 10  # over two decades
+    assert np.median(known[:, -1]) < 1e-2
