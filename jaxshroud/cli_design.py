@@ -85,6 +85,7 @@ def gradient_verb(options: argparse.Namespace) -> None:
         name, margin = at.bifurcation
         rows["period number"] = at.q
         rows["nearest bifurcation"] = f"{name}, at a distance of {margin:.3g}"
+        rows["conditioning"] = f"{found.conditioning:.3g}"
         rows["periods simulated"] = at.periods
     else:
         rows["smoothing"] = f"{found.sigma:g} of each value"

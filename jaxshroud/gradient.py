@@ -40,7 +40,7 @@ class Gradient:
     level: float  # what is differentiated: its value on the orbit, or its average over the neighbourhood
     level_ci: float
     orbit: Orbit  # see its flags, multipliers and bifurcation
-    conditioning: float  # 1 / abs(1 - multiplier), the largest: how far a push moves the orbit; NaN if smoothed
+    conditioning: float  # of the orbit: how far a push of its map moves it; NaN if smoothed
     sigma: float  # relative width of the neighbourhood; 0 on an orbit
     flags: tuple[str, ...]  # those of the orbit, "structured" where the neighbourhood is not smooth, "lanes stopped"
 
@@ -133,9 +133,10 @@ def on_orbit(found: Orbit, wrt: Sequence[str], of: Of = "P_d") -> Gradient:
     same = repeated((scene, at.power), len(wrt))
     slope = slopes(*same, jax.tree.map(lambda *a: np.stack(a), *along), power_by.T, of)
     value = dict(zip(wrt, np.asarray(slope, float).tolist(), strict=True))
-    conditioning = float(np.max(1 / np.abs(1 - found.others)))
     level = found.P_d if of == "P_d" else float(found.P[0])
-    return Gradient(of, "periodic", value, dict.fromkeys(wrt, 0.0), level, 0.0, found, conditioning, 0.0, found.flags)
+    return Gradient(
+        of, "periodic", value, dict.fromkeys(wrt, 0.0), level, 0.0, found, found.conditioning, 0.0, found.flags
+    )
 
 
 def differences(found: Orbit, wrt: Sequence[str], step: float, of: Of = "P_d") -> dict[str, float]:

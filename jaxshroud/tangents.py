@@ -20,10 +20,12 @@ from jaxtyping import Array, Int
 from jaxshroud.absent import filled, is_absent
 from jaxshroud.events import seat
 from jaxshroud.friction import stretch
+from jaxshroud.geometry import FLAT
 from jaxshroud.integrate import Decision, End, Fixed, Lane, Method, advance, begin, grid, running
 from jaxshroud.lanes import EachLane, best, plain, repeated
+from jaxshroud.locate import select
 from jaxshroud.periods import COMPILER
-from jaxshroud.rhs import Model, as_pairs, model, reduced, whole
+from jaxshroud.rhs import Model, as_one, as_pairs, model, reduced, turns, whole
 from jaxshroud.scene import Motion, Pair, Scalar, Scene, key_parts
 from jaxshroud.state import Mode, State
 
@@ -101,10 +103,14 @@ class Flow(NamedTuple):
 
 
 def canonical(state: State, scene_model: Model) -> State:
-    """The state with its slider where it is known to be: u - sigma mu N / k_d in slip, and 0 apart.
+    """The state with what its mode determines: the slider u - sigma mu N / k_d in slip, and 0 apart; one angle if flat.
 
-    Sliders that no later motion depends on then agree, and have no tangent.
+    Numbers that no later motion depends on then agree, and have no tangent.
     """
+    if turns(scene_model) and scene_model.spring.modal:
+        angles = lambda motion: (motion.theta, motion.v_theta)  # noqa: E731
+        level = [select(state.case == FLAT, as_one(pair, scene_model), pair) for pair in angles(state.motion)]
+        state = eqx.tree_at(lambda s: angles(s.motion), state, tuple(level))
     at = seat(state.motion, state, scene_model)[2]
     if is_absent(state.u_s) or scene_model.spring.smooth:
         return state
