@@ -53,7 +53,7 @@ def gradient_verb(options: argparse.Namespace) -> None:
 
     file = loaded(options)
     free(options.out, options.force)
-    if not options.sigma > 0:
+    if not 0 < options.sigma < float("inf"):
         raise InputError(f"--sigma must be positive, but is {options.sigma}")
     wrt = list(dict.fromkeys(key.strip() for key in options.wrt.split(",")))
     steps = check_step(file, alone(file.scene), options)

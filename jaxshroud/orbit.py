@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from jaxshroud.analysis.period import periodicity
-from jaxshroud.checks import count_argument, in_precision
+from jaxshroud.checks import count_argument, in_precision, positive_argument
 from jaxshroud.events import seat
 from jaxshroud.geometry import touch_rates
 from jaxshroud.integrate import FAST, Method
@@ -135,9 +135,10 @@ def orbit(
         The orbit. See its `flags` before using it.
 
     Raises:
-        ValueError: A count is too small, or `q` is given without a state.
+        ValueError: A count is too small, the tolerance is not positive, or `q` is given without a state.
     """
     count_argument("most_periods", most_periods, 1)
+    positive_argument("tolerance", tolerance)
     steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
     if q is not None:
         count_argument("q", q, 1)

@@ -27,7 +27,7 @@ from jaxshroud.locate import select
 from jaxshroud.periods import COMPILER
 from jaxshroud.rhs import Model, as_one, as_pairs, model, reduced, turns, whole
 from jaxshroud.scene import Motion, Pair, Scalar, Scene, key_parts
-from jaxshroud.state import Mode, State
+from jaxshroud.state import Mode, State, Status
 
 WIDTHS = (16, 64)  # lanes per call, for few and for many: a loop of fewer does not pay for its dispatch
 STATE = 13  # numbers of a state
@@ -128,7 +128,9 @@ def begun(scene: Scene, state: State, method: Method) -> tuple[Lane, Model, Scal
 def ended(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
     """What a lane has come to after `time` seconds."""
     left, right = filled(lane.tally.integrals.power, time)
-    return Flow(whole(canonical(lane.state, scene_model)), (left / time, right / time), lane.status)
+    overflowed = (lane.status == Status.OK) & ~jnp.isfinite(left + right)
+    status = jnp.where(overflowed, Status.NOT_FINITE, lane.status).astype(lane.status.dtype)
+    return Flow(whole(canonical(lane.state, scene_model)), (left / time, right / time), status)
 
 
 @partial(jax.jit, static_argnames=("method", "each"), compiler_options=COMPILER)

@@ -96,10 +96,11 @@ def simulate(
         lane, block = _samples(scene, lane, steps, phase, jnp.int32(every), jnp.int32(n), method, best())
         samples.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
     whole = jax.tree.map(lambda *a: np.concatenate(a), jax.tree.map(lambda a: np.asarray(a)[None], first), *samples[1:])
-    tally, residual = lane.tally, float("nan")
+    tally, residual, energies = lane.tally, float("nan"), (_energy(scene, lane), held)
+    overflowed = int(lane.status) == Status.OK and not np.isfinite(sum(jax.tree.leaves((tally.integrals, energies))))
     if method.ledger:
         gain = tally.integrals.ledger
-        balance = gain.drive + tally.jumps - gain.viscous - gain.friction - (_energy(scene, lane) - held)
+        balance = gain.drive + tally.jumps - gain.viscous - gain.friction - (energies[0] - held)
         residual = float(balance / jnp.where(gain.drive == 0, 1.0, jnp.abs(gain.drive)))
     return Trajectory(
         t=times,
@@ -107,7 +108,7 @@ def simulate(
         u_s=np.where(whole.mode == Mode.APART, np.nan, whole.u_s),
         mode=whole.mode,
         case=whole.case,
-        status=int(lane.status),
+        status=int(Status.NOT_FINITE) if overflowed else int(lane.status),
         counters={name: int(n) for name, n in vars(filled(tally.log.counters, jnp.int32(0))).items()},
         energy_residual=residual,
         last=jax.tree.map(lambda a: a[-1], whole),

@@ -280,7 +280,14 @@ def test_gradient_command_in_chaos(tmp_path, capsys):
 def test_gradient_command_refuses(tmp_path, capsys):
     out = ["--out", tmp_path / "g.json"]
     assert "no number called 'shroud.gaps'" in refused(capsys, "gradient", "fig10b", "--wrt", "shroud.gaps", *out)
-    assert "--sigma" in refused(capsys, "gradient", "fig10b", "--wrt", "shroud.gap", "--sigma", "0", *out)
+    for sigma in ("0", "-1", "nan", "inf"):
+        assert "--sigma" in refused(capsys, "gradient", "fig10b", "--wrt", "shroud.gap", f"--sigma={sigma}", *out)
+
+
+@pytest.mark.parametrize("tolerance", ["nan", "-1e-3"])
+def test_tolerances_are_numbers(tmp_path, capsys, tolerance):
+    words = ["sweep", "fig09", "--out", tmp_path / "made", f"--period-tol={tolerance}"]
+    assert "--period-tol must be a number of at least 0" in refused(capsys, *words)
 
 
 def test_tune_command(tmp_path, capsys):
