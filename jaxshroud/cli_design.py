@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from jaxshroud.config import Axis, SceneFile, axis, load
+from jaxshroud.config import Axis, SceneFile, axis
 from jaxshroud.lanes import alone
 from jaxshroud.store import gradient_json, tune_json, whole, write_json
 from jaxshroud.terminal import (
@@ -183,15 +183,19 @@ def tune_verb(options: argparse.Namespace) -> None:
     data = tune_json(tuned, drawn, file)
     write_json(data, options.out / "tune.json")
     whole(options.out / "tune.png", lambda path: drawing.save(plot_design.tuning(data), Path(path)))
-    best = load(options.scene, [*options.set, *(f"{key}={value!r}" for key, value in tuned.design.items())])
+    best = loaded(options, *(f"{key}={value!r}" for key, value in tuned.design.items()))
     whole(options.out / "best.toml", lambda path: Path(path).write_text(best.text(), "utf-8"))
     print_table(
         file.title or file.name,
         {
+            **({} if tuned.feasible else {"infeasible": "the best design found does not keep the limits, or stops"}),
             **{key: f"{value:.6g}" for key, value in tuned.design.items()},
             f"{options.goal} P_d": f"{tuned.objective:.4g} %",
             **{f"  {name}": f"{c.objective[0]:.4g} %" for name, c in tuned.checks.items()},
-            "verdict": "confirmed" if tuned.confirmed else "not confirmed: the simulations above do not agree",
+            **{f"at its {end} bound": key for key, end in tuned.at_bounds.items()},
+            "verdict": "confirmed"
+            if tuned.confirmed
+            else "not confirmed: the simulations above differ or stray beyond limits",
             "periods simulated": tuned.periods,
             "written": options.out,
         },

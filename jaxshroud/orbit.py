@@ -10,14 +10,12 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from jaxshroud.absent import filled
 from jaxshroud.analysis.period import periodicity
 from jaxshroud.checks import count_argument, in_precision, positive_argument
-from jaxshroud.events import seat
-from jaxshroud.geometry import touch_rates
 from jaxshroud.integrate import FAST, Method
 from jaxshroud.lanes import alone, repeated
 from jaxshroud.linear import area, free_power
-from jaxshroud.rhs import as_pairs, model
 from jaxshroud.scene import Scene
 from jaxshroud.stability import Steps, steps_for, stiffest
 from jaxshroud.state import Mode, State, Status
@@ -33,7 +31,6 @@ from jaxshroud.tangents import (
     tangents,
     to_vector,
 )
-from jaxshroud.trajectory import simulate
 
 BLOCK = 8  # periods between two looks whether the motion repeats
 WINDOW = 48  # of the latest periods is looked at, at most
@@ -392,31 +389,11 @@ class Margins(NamedTuple):
 
 
 def contact_margins(found: Orbit) -> Margins:
-    """Grazing margins of an orbit, from its samples at every step."""
-    run = simulate(
-        found.scene,
-        found.start,
-        n_periods=found.q,
-        steps_per_period=found.steps_per_period,
-        method=found.method._replace(ledger=False),
-    )
-    states = State(run.motion, np.nan_to_num(run.u_s), run.mode, run.case)
-    v, closing = (np.asarray(a) for a in _penetrations(found.scene, states))
-    apart = run.mode == Mode.APART
-    onset = np.flatnonzero(apart[:-1] & ~apart[1:])
-    gentlest = closing[onset].min() / np.abs(closing).max() if len(onset) else np.nan
-    inner = apart[:-2] & apart[1:-1] & apart[2:]
-    tops = inner & (v[1:-1] >= v[:-2]) & (v[1:-1] > v[2:]) & (v[1:-1] < 0)
-    miss = -v[1:-1][tops].max() if tops.any() else np.nan
-    return Margins(run.counters, float(gentlest), float(miss))
-
-
-@jax.jit
-def _penetrations(scene: Scene, states: State):
-    whole = model(scene)
-
-    def one(state: State):
-        _, case, at = seat(state.motion, state, whole)
-        return at.v, touch_rates(at, state.motion, case, whole.reading).v
-
-    return jax.vmap(lambda state: one(as_pairs(state)))(states)
+    """Grazing margins of an orbit, from its onsets and from between the ends of its steps."""
+    method = found.method._replace(ledger=False, within=True)
+    plan = Plan(0, found.q, found.steps_per_period, 0.0, method)
+    log = run_lanes(alone(found.scene), alone(found.start), plan, lambda _: None).last.tally.log
+    counters = {name: int(n[0]) for name, n in vars(filled(log.counters, log.time_apart)).items()}
+    fastest, gentlest, miss = (float(a[0]) for a in log.within[1:])
+    slowest = gentlest / fastest if np.isfinite(gentlest) else np.nan
+    return Margins(counters, slowest, miss if np.isfinite(miss) else np.nan)
