@@ -192,10 +192,8 @@ def tune_verb(options: argparse.Namespace) -> None:
             **{key: f"{value:.6g}" for key, value in tuned.design.items()},
             f"{options.goal} P_d": f"{tuned.objective:.4g} %",
             **{f"  {name}": f"{c.objective[0]:.4g} %" for name, c in tuned.checks.items()},
-            **{f"at its {end} bound": key for key, end in tuned.at_bounds.items()},
-            "verdict": "confirmed"
-            if tuned.confirmed
-            else "not confirmed: the simulations above differ or stray beyond limits",
+            **({"at a bound": tuned.at_bounds} if tuned.at_bounds else {}),
+            "verdict": "confirmed" if tuned.confirmed else "not confirmed: the simulations differ, or exceed a limit",
             "periods simulated": tuned.periods,
             "written": options.out,
         },

@@ -244,7 +244,8 @@ def judge_designs(problem: Problem, designs: np.ndarray, tick, states: State | N
     lanes = len(scenes.drive.omega)
     first = starts(scenes) if states is None else repeated(states, lanes)
     runs = run_lanes(scenes, first, problem.plan, tick)
-    motion, got, _ = averages(scenes, runs.samples)
+    with np.errstate(invalid="ignore", over="ignore"):  # of a design that is far out
+        motion, got, _ = averages(scenes, runs.samples)
     shape = len(designs), len(problem.rows)
     log = runs.last.tally.log
     v_max = np.asarray((log if log.within is None else log.within).v_max, float)
