@@ -233,3 +233,24 @@ def test_margins_of_grazing():
     none = contact_margins(orbit(load("table1", ['shroud.gap="5 mm"', "drive.F_0=60"]).scene))
     assert np.isnan(none.slowest_onset)
     assert none.nearest_miss > 0
+
+
+def test_margins_see_grazes_and_misses_within_steps():
+    # Bending alone, in closed form until the blocks touch. With 37 steps a period the corners pass their least distance
+    # between two ends of steps, and a graze begins and ends there.
+    free = load("table1", ['shroud.gap="5 mm"', "drive.F_0=60", "drive.M_0=0", "contact.gamma=2.5"]).scene
+    found = orbit(free, steps_per_period=37)
+    missed = contact_margins(found).nearest_miss
+    swing, alpha, deep = steady_amplitudes(free), float(free.shroud.alpha), 1e-8
+    d_x, d_y = (complex(a[0] - a[1]) for a in (swing.x, swing.y))
+    size = abs(d_x * np.sin(alpha) - d_y * np.cos(alpha))
+    exact = 5e-3 * np.sin(alpha) - size
+    assert missed == pytest.approx(exact, rel=2e-5)  # RK4's own error of the motion with such steps
+    run = simulate(free, found.start, n_periods=1, steps_per_period=37, method=found.method)
+    x, y = (np.asarray(a) @ [1, -1] for a in (run.motion.x, run.motion.y))
+    ends = (5e-3 - x) * np.sin(alpha) + y * np.cos(alpha)
+    assert ends.min() > exact * (1 + 5e-4)  # control: at the ends of steps it is further away
+    grazing = replace(found, scene=vary(free, "shroud.gap", 5e-3 - (missed + deep) / np.sin(alpha)))
+    margins = contact_margins(grazing)
+    assert margins.counters["grazing"] == 1
+    assert margins.slowest_onset == pytest.approx(np.sqrt(2 * deep / size), rel=0.2)
