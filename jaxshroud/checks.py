@@ -15,6 +15,18 @@ def count_argument(name: str, value: int, least: int) -> None:
         raise ValueError(f"Argument `{name}` must be {kind}, but is {value}.")
 
 
+def tolerance_argument(name: str, value: float) -> None:
+    """Raise ValueError unless `value` is a number of at least 0."""
+    if not value >= 0:
+        raise ValueError(f"Argument `{name}` must be a number of at least 0, but is {value}.")
+
+
+def positive_argument(name: str, value: float) -> None:
+    """Raise ValueError unless `value` is a positive, finite number."""
+    if not 0 < value < float("inf"):
+        raise ValueError(f"Argument `{name}` must be a positive number, but is {value}.")
+
+
 def in_precision(tree: Any, precision: Precision) -> Any:
     """`tree` with its floating-point arrays in that precision; ValueError if digits asked for are not there."""
     floats = [a for a in jax.tree.leaves(tree) if jnp.issubdtype(a.dtype, jnp.floating)]

@@ -218,6 +218,8 @@ def sweep_verb(options: argparse.Namespace) -> None:
     file = _with_axes(loaded(options), options)
     if not 0 <= options.phase < 2 * np.pi:
         raise InputError(f"--phase must be in [0, 2 pi), but is {options.phase}")
+    if not options.period_tol >= 0:
+        raise InputError(f"--period-tol must be a number of at least 0, but is {options.period_tol}")
     names = ("sweep.nc", "sweep.png", "summary.json")
     directory(options.out, names, options.force)
     lanes = _lanes(file)

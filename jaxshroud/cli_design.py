@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from jaxshroud.config import Axis, SceneFile, axis, load
+from jaxshroud.config import Axis, SceneFile, axis
 from jaxshroud.lanes import alone
 from jaxshroud.store import gradient_json, tune_json, whole, write_json
 from jaxshroud.terminal import (
@@ -53,7 +53,7 @@ def gradient_verb(options: argparse.Namespace) -> None:
 
     file = loaded(options)
     free(options.out, options.force)
-    if not options.sigma > 0:
+    if not 0 < options.sigma < float("inf"):
         raise InputError(f"--sigma must be positive, but is {options.sigma}")
     wrt = list(dict.fromkeys(key.strip() for key in options.wrt.split(",")))
     steps = check_step(file, alone(file.scene), options)
@@ -85,6 +85,7 @@ def gradient_verb(options: argparse.Namespace) -> None:
         name, margin = at.bifurcation
         rows["period number"] = at.q
         rows["nearest bifurcation"] = f"{name}, at a distance of {margin:.3g}"
+        rows["conditioning"] = f"{found.conditioning:.3g}"
         rows["periods simulated"] = at.periods
     else:
         rows["smoothing"] = f"{found.sigma:g} of each value"
@@ -182,15 +183,17 @@ def tune_verb(options: argparse.Namespace) -> None:
     data = tune_json(tuned, drawn, file)
     write_json(data, options.out / "tune.json")
     whole(options.out / "tune.png", lambda path: drawing.save(plot_design.tuning(data), Path(path)))
-    best = load(options.scene, [*options.set, *(f"{key}={value!r}" for key, value in tuned.design.items())])
+    best = loaded(options, *(f"{key}={value!r}" for key, value in tuned.design.items()))
     whole(options.out / "best.toml", lambda path: Path(path).write_text(best.text(), "utf-8"))
     print_table(
         file.title or file.name,
         {
+            **({} if tuned.feasible else {"infeasible": "the best design found does not keep the limits, or stops"}),
             **{key: f"{value:.6g}" for key, value in tuned.design.items()},
             f"{options.goal} P_d": f"{tuned.objective:.4g} %",
             **{f"  {name}": f"{c.objective[0]:.4g} %" for name, c in tuned.checks.items()},
-            "verdict": "confirmed" if tuned.confirmed else "not confirmed: the simulations above do not agree",
+            **({"at a bound": tuned.at_bounds} if tuned.at_bounds else {}),
+            "verdict": "confirmed" if tuned.confirmed else "not confirmed: the simulations differ, or exceed a limit",
             "periods simulated": tuned.periods,
             "written": options.out,
         },

@@ -44,7 +44,8 @@ def free_runs(scenes: Scene, states: State, transient: int, kept: int, phase: fl
     """
     turns = jnp.asarray(phase / (2 * math.pi), scenes.drive.omega.dtype)
     samples, *end = _samples(scenes, states, jnp.full_like(turns, transient), turns, kept, nodes_needed(scenes))
-    lanes = eqx.tree_at(lambda lane: [lane.state, lane.status], begin_lanes(scenes, states, method), end)
+    places = lambda lane: [lane.state, lane.status, lane.tally.log.time_apart]  # noqa: E731
+    lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
     zeros = np.zeros(np.shape(samples.power[0]))
     return jax.tree.map(np.asarray, (samples._replace(work=zeros, gross=zeros, dropped=zeros, residual=zeros), lanes))
 
@@ -60,7 +61,7 @@ def _samples(scenes: Scene, states: State, transient, turns, kept: int, nodes: i
         last = State(Motion(*(a[-1] for a in motion)), state.u_s, state.mode, state.case)
         status = free_status(scene, motion, jnp.max(largest))
         sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
-        return sample, reduced(as_pairs(last), model(scene)), status
+        return sample, reduced(as_pairs(last), model(scene)), status, ends[-1] - ends[0]
 
     return jax.vmap(one)(scenes, states)
 
@@ -69,7 +70,7 @@ def free_status(scene: Scene, motion: Motion, turned: Scalar) -> Int[Array, ""]:
     """How a run ended that came to `motion`, fields (n, 2), and turned its blocks so far at most [rad]."""
     swing, steady = jnp.stack([motion.x, motion.y, motion.theta]), jnp.abs(jnp.stack(steady_amplitudes(scene)))
     lost = steady > MOST_CANCELLED * jnp.max(jnp.abs(swing), axis=1)  # resonance without damping
-    finite = jnp.all(jnp.isfinite(swing)) & jnp.isfinite(turned) & ~jnp.any(lost)
+    finite = jnp.all(jnp.isfinite(swing**2)) & jnp.isfinite(turned) & ~jnp.any(lost)
     status = jnp.where(turned > ANGLE_RANGE, Status.ANGLE_OUT_OF_RANGE, Status.OK)
     return jnp.where(finite, status, Status.NOT_FINITE).astype(jnp.int32)
 

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from scipy.special import stdtrit
 
-from jaxshroud.checks import count_argument
+from jaxshroud.checks import count_argument, positive_argument
 from jaxshroud.integrate import FAST, Method
 from jaxshroud.lanes import repeated
 from jaxshroud.linear import area, free_power
@@ -40,7 +40,7 @@ class Gradient:
     level: float  # what is differentiated: its value on the orbit, or its average over the neighbourhood
     level_ci: float
     orbit: Orbit  # see its flags, multipliers and bifurcation
-    conditioning: float  # 1 / abs(1 - multiplier), the largest: how far a push moves the orbit; NaN if smoothed
+    conditioning: float  # of the orbit: how far a push of its map moves it; NaN if smoothed
     sigma: float  # relative width of the neighbourhood; 0 on an orbit
     flags: tuple[str, ...]  # those of the orbit, "structured" where the neighbourhood is not smooth, "lanes stopped"
 
@@ -84,12 +84,13 @@ def gradient(
 
     Raises:
         KeyError: The scene has no such number.
-        ValueError: A count is too small, the march stops in this scene or in nearly all of its neighbourhood, or a
-            smoothed derivative is asked for with respect to a number that is 0.
+        ValueError: A count is too small, `sigma` is not positive, the march stops in this scene or in nearly all of its
+            neighbourhood, or a smoothed derivative is asked for with respect to a number that is 0.
 
     Source:
         dP/dp = P_p + P_z (I - M)^-1 Phi_p for the fixed point z of the flow Phi over the orbit's periods.
     """
+    positive_argument("sigma", sigma)
     scene = with_numbers(scene, wrt)
     steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
     found = (
@@ -133,9 +134,10 @@ def on_orbit(found: Orbit, wrt: Sequence[str], of: Of = "P_d") -> Gradient:
     same = repeated((scene, at.power), len(wrt))
     slope = slopes(*same, jax.tree.map(lambda *a: np.stack(a), *along), power_by.T, of)
     value = dict(zip(wrt, np.asarray(slope, float).tolist(), strict=True))
-    conditioning = float(np.max(1 / np.abs(1 - found.others)))
     level = found.P_d if of == "P_d" else float(found.P[0])
-    return Gradient(of, "periodic", value, dict.fromkeys(wrt, 0.0), level, 0.0, found, conditioning, 0.0, found.flags)
+    return Gradient(
+        of, "periodic", value, dict.fromkeys(wrt, 0.0), level, 0.0, found, found.conditioning, 0.0, found.flags
+    )
 
 
 def differences(found: Orbit, wrt: Sequence[str], step: float, of: Of = "P_d") -> dict[str, float]:
@@ -149,7 +151,11 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Of = "P_d") -
 
     Returns:
         The derivative with respect to each key; NaN where an orbit so near does not close.
+
+    Raises:
+        ValueError: The step is not positive.
     """
+    positive_argument("step", step)
     scene, offsets = with_numbers(found.scene, wrt), np.array([[-2], [-1], [1], [2]])
     values = [value_of(scene, key) for key in wrt]
     each = [step * (abs(value) or 1) for value in values]

@@ -2,10 +2,12 @@
 
 Searching for a root gives its value but no derivative: the instant enters through comparisons only, and differentiating
 through them is silently wrong wherever the forces differ before and after. The implicit function theorem has it: where
-a guard g(t, p) vanishes, dt/dp = -(dg/dp) / (dg/dt).
+a guard g(t, p) vanishes, dt/dp = -(dg/dp) / (dg/dt). That is the first derivative only; a second one is refused.
 """
 
 import jax
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
 
 
 @jax.custom_jvp
@@ -20,6 +22,9 @@ def at_the_root(quantities, slopes, guard, rate):
         slopes: Their time derivatives.
         guard: Value of the guard there.
         rate: Its time derivative; infinite where the instant is given and not a root.
+
+    Raises:
+        TypeError: It is differentiated twice: how the slopes themselves move with the root is not known.
     """
     del slopes, guard, rate
     return quantities
@@ -27,6 +32,21 @@ def at_the_root(quantities, slopes, guard, rate):
 
 @at_the_root.defjvp
 def _at_the_root(primals, tangents):
-    quantities, slopes, _, rate = primals
+    quantities, slopes, _, rate = jax.tree.map(_once.bind, primals)
     shift = -tangents[2] / rate
     return quantities, jax.tree.map(lambda d, slope: d + slope * shift, tangents[0], slopes)
+
+
+def _refused(primals, tangents):
+    raise TypeError(
+        "Derivatives through contact events are of first order only: this motion is differentiated twice. "
+        "Take differences of first derivatives instead, or contact that is smooth or absent."
+    )
+
+
+_once = Primitive("once")  # a number with no further derivative; a custom rule would be lost in reverse mode
+_once.def_impl(lambda a: a)
+_once.def_abstract_eval(lambda a: a)
+ad.primitive_jvps[_once] = _refused
+batching.primitive_batchers[_once] = lambda args, axes: (_once.bind(*args), *axes)
+mlir.register_lowering(_once, lambda _, a: [a])

@@ -6,6 +6,7 @@ only, where a bisection nested in the step would make all lanes wait for the one
 """
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -40,6 +41,7 @@ from jaxshroud.scene import Motion, Pair, Scalar
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.tableau import RK4, Tableau
 from jaxshroud.trig import ANGLE_RANGE, sincos_turns, sine_versine
+from jaxshroud.within import Within, extremes, nothing_yet
 
 STAGES_AT_ONCE = 7  # in one kernel: `lanes.fused` says why there is a limit
 STAGES_WITH_EVENTS = 4  # in one kernel with everything else that a trial does
@@ -56,6 +58,7 @@ class Method(NamedTuple):
     ledger: bool = True  # keep the works that the energy balance needs
     precision: Precision = "float64"
     derivative: bool = False  # instants of events are differentiable, at the price of one more trial for each
+    within: bool = False  # log what happens between the ends of steps too
 
     def __str__(self) -> str:
         return f"{self.tableau.name}, events by {self.locate}, {self.precision}"
@@ -90,6 +93,7 @@ class Log(eqx.Module):
     time_slip: Scalar  # [s]
     v_max: Scalar  # largest penetration at the end of a step or at an event [m]
     counters: Counters
+    within: Within | None  # None where nobody asked for it
 
 
 class Jumps(NamedTuple):
@@ -126,7 +130,8 @@ def begin(state: State, model: Model, method: Method) -> Lane:
     state = reduced(state, model)
     none = jax.tree.map(jnp.zeros_like, rhs((zero, zero), state, model, method.ledger)[1])
     jumps = Jumps(zero, zero if turns(model) else ABSENT) if method.ledger else None
-    log = None if method.derivative else Log(zero, zero, zero, zero, no_events(model))
+    within = nothing_yet(zero) if method.within else None
+    log = None if method.derivative else Log(zero, zero, zero, zero, no_events(model), within)
     tally = Tally(none, jumps, log)
     guards = look(state.motion, (zero, zero), state, model).guards if model.spring.modal else None
     guards = jax.tree.map(jnp.zeros_like, guards)  # the first trial, of length zero, sets them
@@ -335,9 +340,13 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method
     jumped = decision.several | (kind == Kind.TURN) | (kind == Kind.HEIGHT)
     recheck = fire & jumped & any_of(guards.value[kind] > 0 for kind in kinds(guards.value))
     ahead, step = _advanced(search, lane.step, fire, recheck, method)
-    counts = lambda counters: count(counters, cross, fire, search.inside)  # noqa: E731
+    onset = fire & (kind == Kind.LIFT) & (held.mode == Mode.APART)
+    noted = Noted(
+        lambda counters: count(counters, cross, fire, search.inside),
+        lambda before: extremes(before, held, z, h, held.mode == Mode.APART, onset, model),
+    )
     jumps = jax.tree.map(lambda a: jnp.where(fire, a, 0.0), Jumps(cross.energy, cross.dropped))
-    tally = _tallied(lane.tally, gain, jumps, h, held.mode, view.at, counts)
+    tally = _tallied(lane.tally, gain, jumps, h, held.mode, view.at, noted)
     status = jnp.where(accept, _status(z, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
     return Lane(
         select(accept, state, held),
@@ -355,8 +364,11 @@ def _glided(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Meth
     at = seat(end.state.motion, lane.state, model)[2]
     ahead, step = _advanced(lane.search, lane.step, jnp.zeros_like(accept), jnp.zeros_like(accept), method)
     mode, h = jnp.where(at.v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)), _place(lane, grid).h
-    still = jax.tree.map(jnp.zeros_like, lane.tally.jumps)
-    tally = _tallied(lane.tally, end.gain, still, h, mode, at, lambda counters: counters)
+    no, still = jnp.zeros_like(accept), jax.tree.map(jnp.zeros_like, lane.tally.jumps)
+    noted = Noted(
+        lambda counters: counters, lambda before: extremes(before, lane.state, end.state.motion, h, no, no, model)
+    )
+    tally = _tallied(lane.tally, end.gain, still, h, mode, at, noted)
     status = jnp.where(accept, _status(end.state.motion, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
     before = (lane.state, lane.step, lane.search, lane.tally)
     state, step, search, tally = select(accept, (end.state, step, ahead, tally), before)
@@ -380,22 +392,30 @@ def _at_the_event(end: End, lane: Lane, kind: Int[Array, ""], fixed: Fixed):
     return State(z, held.u_s, held.mode, held.case), Q, gain, length
 
 
-def _tallied(tally: Tally, gain: Integrals, jumps: Jumps | None, h: Scalar, mode, at: Touch, counts) -> Tally:
+class Noted(NamedTuple):
+    """What a log notes of a trial beside its length."""
+
+    counts: Callable[[Counters], Counters]
+    within: Callable[[Within], Within]
+
+
+def _tallied(tally: Tally, gain: Integrals, jumps: Jumps | None, h: Scalar, mode, at: Touch, noted: Noted) -> Tally:
     return Tally(
         jax.tree.map(jnp.add, tally.integrals, gain),
         None if tally.jumps is None else jax.tree.map(jnp.add, tally.jumps, jumps),
-        None if tally.log is None else _logged(tally.log, h, mode, at, counts),
+        None if tally.log is None else _logged(tally.log, h, mode, at, noted),
     )
 
 
-def _logged(log: Log, h: Scalar, mode, at: Touch, counts) -> Log:
+def _logged(log: Log, h: Scalar, mode, at: Touch, noted: Noted) -> Log:
     apart, stick = mode == Mode.APART, mode == Mode.STICK
     return Log(
         log.time_apart + jnp.where(apart, h, 0.0),
         log.time_stick + jnp.where(stick, h, 0.0),
         log.time_slip + jnp.where(apart | stick, 0.0, h),
         jnp.maximum(log.v_max, jnp.where(apart, 0.0, at.v)),
-        counts(log.counters),
+        noted.counts(log.counters),
+        None if log.within is None else noted.within(log.within),
     )
 
 

@@ -10,16 +10,14 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from jaxshroud.absent import filled
 from jaxshroud.analysis.period import periodicity
-from jaxshroud.checks import count_argument, in_precision
-from jaxshroud.events import seat
-from jaxshroud.geometry import touch_rates
+from jaxshroud.checks import count_argument, in_precision, positive_argument
 from jaxshroud.integrate import FAST, Method
 from jaxshroud.lanes import alone, repeated
 from jaxshroud.linear import area, free_power
-from jaxshroud.rhs import as_pairs, model
 from jaxshroud.scene import Scene
-from jaxshroud.stability import Steps, steps_for
+from jaxshroud.stability import Steps, steps_for, stiffest
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.sweep import Plan, final_states, run_lanes, starts
 from jaxshroud.tangents import (
@@ -33,7 +31,6 @@ from jaxshroud.tangents import (
     tangents,
     to_vector,
 )
-from jaxshroud.trajectory import simulate
 
 BLOCK = 8  # periods between two looks whether the motion repeats
 WINDOW = 48  # of the latest periods is looked at, at most
@@ -41,6 +38,8 @@ NEAR = 1e-2  # how nearly it must, relative to the largest displacement, for New
 MOST_UPDATES = 12
 CLOSED = 1e-9  # relative closing error of orbits that are only followed
 TOGETHER = 1e-8  # states of an orbit so close are one and the same
+EXACT = 1e-6  # relative error of derivatives that is promised; where it cannot be kept, conditions are ill
+ROUNDINGS = 1e3  # units of rounding that a slider's row of the Jacobian may differ by from that of a slider at rest
 UNSOUND = {"unstable", "not converged", "stopped"}  # flags of what is not a motion that lasts
 
 
@@ -50,8 +49,9 @@ class Orbit:
 
     `flags` is empty for an orbit that can be relied upon. Else it holds any of "aperiodic" (the motion never nearly
     repeated), "not converged" (Newton's method did not close it), "unstable" (a multiplier outside the unit circle),
-    "not unique" (permanent stick: the slider stays wherever it starts, one orbit for each of its places) and
-    "stopped" (the march ended with a status other than OK).
+    "not unique" (permanent stick: the slider stays wherever it starts, one orbit for each of its places; derivatives
+    are those with the slider held in its place), "ill conditioned" (`doubt` exceeds 1e-6) and "stopped" (the march
+    ended with a status other than OK).
     """
 
     scene: Scene
@@ -62,6 +62,8 @@ class Orbit:
     P_d: float  # of the left blade, Eq. (24) [%]
     residual: float  # of closing, relative to the largest value of each quantity
     multipliers: np.ndarray  # (13,) Floquet multipliers, largest first; the slider's own is among them
+    conditioning: float  # norm of (I - M)^-1 in the units of `_lengths`: how far a push of the map moves the orbit
+    doubt: float  # relative error that derivatives may have from how well the orbit is closed, or from rounding
     flags: tuple[str, ...]
     updates: int  # of Newton's method
     periods: int  # drive periods simulated in all, each Jacobian counted as one run
@@ -87,7 +89,7 @@ class Orbit:
     @property
     def bifurcation(self) -> tuple[str, float]:
         """The bifurcation that the leading multiplier is on its way to, and its distance 1 - abs(multiplier)."""
-        lead = self.multipliers[0]
+        lead = self.others[0]
         real = "fold" if lead.real > 0 else "flip"
         return "Neimark-Sacker" if abs(lead.imag) > 1e-6 * abs(lead) else real, float(1 - abs(lead))
 
@@ -130,9 +132,10 @@ def orbit(
         The orbit. See its `flags` before using it.
 
     Raises:
-        ValueError: A count is too small, or `q` is given without a state.
+        ValueError: A count is too small, the tolerance is not positive, or `q` is given without a state.
     """
     count_argument("most_periods", most_periods, 1)
+    positive_argument("tolerance", tolerance)
     steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
     if q is not None:
         count_argument("q", q, 1)
@@ -140,7 +143,7 @@ def orbit(
             raise ValueError("Argument `q` needs a `state` close to the orbit.")
     scene = in_precision(scene, method.precision)
     if q is not None and state is not None:
-        shot = _closed(scene, state, q, _sizes(to_vector(state)[None]), steps_per_period, tolerance, method)
+        shot = _closed(scene, state, q, _sizes(scene, to_vector(state)[None]), steps_per_period, tolerance, method)
         return described(scene, shot, q, tolerance, (shot.updates + 1) * q, steps_per_period, method)
     return _settled(scene, state, most_periods, steps_per_period, tolerance, method)
 
@@ -161,11 +164,11 @@ def _settled(scene: Scene, state: State | None, most: int, steps: int, tolerance
         q = _nearly(samples)
         if q == 0:
             continue
-        shot = _closed(scene, here, q, _sizes(samples), steps, tolerance, method)
+        shot = _closed(scene, here, q, _sizes(scene, samples), steps, tolerance, method)
         spent += (shot.updates + 1) * q
         latest = described(scene, shot, q, tolerance, spent, steps, method)
         if not UNSOUND & set(latest.flags):
-            return _shortest(latest, _sizes(samples), tolerance)
+            return _shortest(latest, _sizes(scene, samples), tolerance)
     return _none(scene, here, ("aperiodic",), spent, steps, method) if latest is None else latest
 
 
@@ -186,11 +189,18 @@ def _nearly(samples: np.ndarray) -> int:
     return q if 3 * q <= len(samples) else 0
 
 
-def _sizes(samples: np.ndarray) -> np.ndarray:
-    """Largest value of each quantity over samples (n, 12 or 13) and both blades, (13,); the slider's is that of x."""
-    pairs = np.abs(samples[:, :12]).reshape(-1, 6, 2).max(axis=(0, 2))
-    sizes = np.repeat(np.where(pairs > 0, pairs, 1.0), 2)
-    return np.append(sizes, sizes[0])
+def _sizes(scene: Scene, samples: np.ndarray) -> np.ndarray:
+    """Largest value of each quantity over samples (n, 12 or 13) and both blades, (13,); the slider's is that of x.
+
+    What happens to be small at drive phase 0 counts as what it must come to: no motion is slower than the drive, nor
+    faster than the stiffest of its springs.
+    """
+    omega_max, period = stiffest(scene, 0)
+    place, rate = np.abs(samples[:, :12]).reshape(-1, 2, 3, 2).max(axis=(0, 3))
+    place = np.maximum(place, rate / omega_max)
+    rate = np.maximum(rate, 2 * np.pi / period * place)
+    size = np.concatenate([place, rate])
+    return np.append(np.repeat(np.where(size > 0, size, 1.0), 2), place[0] or 1.0)
 
 
 def _closed(
@@ -216,9 +226,12 @@ def _closed(
             best, unchanged = shot, 0
         else:
             unchanged += 1
-        if at.status != Status.OK or residual <= tolerance or unchanged == 2 or not np.isfinite(residual):
+        if at.status != Status.OK or unchanged == 2 or not np.isfinite(residual):
             break
-        step = _newton_step(at.by_state * sizes / sizes[:, None], miss, _slider_is_free(at))
+        free = _slider_is_free(scene, at)
+        if residual <= tolerance and _doubt(_conditioning(scene, at, free), shot) <= EXACT:
+            break
+        step = _newton_step(at.by_state * sizes / sizes[:, None], miss, free)
         state = from_vector(z + sizes * step, at.end.mode, at.end.case)
     assert best is not None
     return best._replace(updates=updates)
@@ -246,7 +259,7 @@ def followed(found: Orbit, scenes: Scene) -> np.ndarray:
     All are closed at once, by Newton's method with the Jacobian of the known orbit. NaN where that does not close.
     """
     assert found.jacobian is not None  # there is an orbit
-    lanes, sizes = len(scenes.drive.omega), _sizes(to_vector(found.start)[None])
+    lanes, sizes = len(scenes.drive.omega), _sizes(found.scene, to_vector(found.start)[None])
     states = repeated(found.start, lanes)
     still, method = jax.tree.map(np.zeros_like, scenes), differentiable(found.method)
     power, least = np.full((lanes, 2), np.nan), np.full(lanes, np.inf)
@@ -263,9 +276,44 @@ def followed(found: Orbit, scenes: Scene) -> np.ndarray:
     return np.where((least <= CLOSED)[:, None], power, np.nan)
 
 
-def _slider_is_free(at: Tangents) -> bool:
-    """Permanent stick: where the slider ends is where it started, and nothing else moves it."""
-    return bool(at.end.mode == Mode.STICK and np.array_equal(at.by_state[-1], np.eye(STATE)[-1]))
+def _lengths(scene: Scene) -> np.ndarray:
+    """What a state's numbers (13,) are counted in to compare them: lengths at a block's corner, and these per radian.
+
+    A norm in these units does not depend on how large the motion is.
+    """
+    lever = np.hypot(float(scene.shroud.l_oa), float(scene.shroud.l_ab)) / 2
+    place = np.repeat([1.0, 1.0, 1 / lever], 2)
+    return np.concatenate([place, float(scene.drive.omega) * place, [1.0]])
+
+
+def _in_lengths(scene: Scene, M: np.ndarray) -> np.ndarray:
+    units = _lengths(scene)
+    return M * units / units[:, None]
+
+
+def _slider_is_free(scene: Scene, at: Tangents) -> bool:
+    """Permanent stick: but for rounding, where the slider ends is where it started, and nothing else moves it."""
+    M = _in_lengths(scene, at.by_state)
+    most = ROUNDINGS * np.finfo(at.by_state.dtype).eps * max(1.0, float(np.abs(M).max()))
+    return bool(at.end.mode == Mode.STICK and np.all(np.abs(M[-1] - np.eye(STATE)[-1]) <= most))
+
+
+def _conditioning(scene: Scene, at: Tangents, slider_is_free: bool) -> float:
+    """Norm of (I - M)^-1 in the units of `_lengths`, without a slider that stays where it starts; NaN if unknown."""
+    if not np.all(np.isfinite(at.by_state)):
+        return float("nan")
+    size = STATE - slider_is_free
+    with np.errstate(divide="ignore"):
+        rest = np.eye(size) - _in_lengths(scene, at.by_state)[:size, :size]
+        return float(1 / np.linalg.svd(rest, compute_uv=False)[-1])
+
+
+def _doubt(conditioning: float, shot: Shot) -> float:
+    """Relative error that derivatives may have from closing no better than this, or from rounding.
+
+    An error of the map moves the orbit by `conditioning` times as much, and the derivatives by that once more.
+    """
+    return conditioning**2 * max(shot.residual, float(np.finfo(shot.at.by_state.dtype).eps))
 
 
 def _without_slider(multipliers: np.ndarray, slider_is_free: bool) -> np.ndarray:
@@ -276,14 +324,17 @@ def described(scene: Scene, shot: Shot, q: int, tolerance: float, spent: int, st
     """The orbit through a closed shot, with its multipliers and flags."""
     at = shot.at
     multipliers = np.linalg.eigvals(at.by_state) if np.all(np.isfinite(at.by_state)) else np.full(STATE, np.nan + 0j)
-    free = _slider_is_free(at)
+    free = _slider_is_free(scene, at)
     multipliers = multipliers[np.argsort(-np.abs(multipliers))]
     others = _without_slider(multipliers, free)
+    conditioning = _conditioning(scene, at, free)
+    doubt = _doubt(conditioning, shot)
     flags = {
         "stopped": at.status != Status.OK,
         "not converged": not shot.residual <= max(1e3 * tolerance, 1e-9),
         "unstable": bool(np.any(np.abs(others) > 1)),
         "not unique": free,
+        "ill conditioned": doubt > EXACT,
     }
     P = float(area(scene.shroud)) * at.power
     P_0 = np.asarray(free_power(scene), float)
@@ -296,6 +347,8 @@ def described(scene: Scene, shot: Shot, q: int, tolerance: float, spent: int, st
         P_d=float(100 * (1 - P[0] / P_0[0])) if P_0[0] > 0 else float("nan"),
         residual=shot.residual,
         multipliers=multipliers,
+        conditioning=conditioning,
+        doubt=doubt,
         flags=tuple(name for name, raised in flags.items() if raised),
         updates=shot.updates,
         periods=spent,
@@ -316,6 +369,8 @@ def _none(scene: Scene, state: State, flags: tuple[str, ...], spent: int, steps:
         P_d=float("nan"),
         residual=float("nan"),
         multipliers=np.full(STATE, np.nan + 0j),
+        conditioning=float("nan"),
+        doubt=float("nan"),
         flags=flags,
         updates=0,
         periods=spent,
@@ -334,31 +389,11 @@ class Margins(NamedTuple):
 
 
 def contact_margins(found: Orbit) -> Margins:
-    """Grazing margins of an orbit, from its samples at every step."""
-    run = simulate(
-        found.scene,
-        found.start,
-        n_periods=found.q,
-        steps_per_period=found.steps_per_period,
-        method=found.method._replace(ledger=False),
-    )
-    states = State(run.motion, np.nan_to_num(run.u_s), run.mode, run.case)
-    v, closing = (np.asarray(a) for a in _penetrations(found.scene, states))
-    apart = run.mode == Mode.APART
-    onset = np.flatnonzero(apart[:-1] & ~apart[1:])
-    gentlest = closing[onset].min() / np.abs(closing).max() if len(onset) else np.nan
-    inner = apart[:-2] & apart[1:-1] & apart[2:]
-    tops = inner & (v[1:-1] >= v[:-2]) & (v[1:-1] > v[2:]) & (v[1:-1] < 0)
-    miss = -v[1:-1][tops].max() if tops.any() else np.nan
-    return Margins(run.counters, float(gentlest), float(miss))
-
-
-@jax.jit
-def _penetrations(scene: Scene, states: State):
-    whole = model(scene)
-
-    def one(state: State):
-        _, case, at = seat(state.motion, state, whole)
-        return at.v, touch_rates(at, state.motion, case, whole.reading).v
-
-    return jax.vmap(lambda state: one(as_pairs(state)))(states)
+    """Grazing margins of an orbit, from its onsets and from between the ends of its steps."""
+    method = found.method._replace(ledger=False, within=True)
+    plan = Plan(0, found.q, found.steps_per_period, 0.0, method)
+    log = run_lanes(alone(found.scene), alone(found.start), plan, lambda _: None).last.tally.log
+    counters = {name: int(n[0]) for name, n in vars(filled(log.counters, log.time_apart)).items()}
+    fastest, gentlest, miss = (float(a[0]) for a in log.within[1:])
+    slowest = gentlest / fastest if np.isfinite(gentlest) else np.nan
+    return Margins(counters, slowest, miss if np.isfinite(miss) else np.nan)

@@ -41,6 +41,9 @@ def period_map(
     Returns:
         The state, the mean square displacement of both blades and the status; NaN where the run stopped or
         `most_trials` was too small.
+
+    Raises:
+        TypeError: It is differentiated twice, and contact has events: their derivatives are of first order only.
     """
     method = differentiable(method)
     lane, model, period = begun(scene, state, method)

@@ -45,12 +45,15 @@ def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, metho
     grids = grid(like(clock.start), like(clock.per_period), periods)
     lanes = march(lanes, models, grids, jnp.where(active, clock.steps, 0), method, each)
     gain, jumps = lanes.tally.integrals, lanes.tally.jumps
-    kept = ()
+    kept, energies = (), _energies(lanes, models)
     if gain.ledger is not None and jumps is not None:
-        residual = balance(gain.ledger, jumps, _energies(lanes, models) - held)
+        residual = balance(gain.ledger, jumps, energies - held)
         kept = gain.ledger.drive, gain.ledger.gross, filled(jumps.dropped, periods), residual
     power = filled(gain.power, periods)
     sample = Sample(whole(lanes.state).motion, (power[0] / periods, power[1] / periods), *kept)
+    overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(sum(jax.tree.leaves(sample), energies))
+    status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
+    lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
     sample = jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
     return eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(active, 0, lanes.step)), sample
 

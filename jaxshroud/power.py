@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxshroud.analysis.period import PERIOD_TOLERANCE, periodicity
 from jaxshroud.analysis.power import interval, reduction
-from jaxshroud.checks import count_argument, in_precision
+from jaxshroud.checks import count_argument, in_precision, tolerance_argument
 from jaxshroud.integrate import FAST_WITH_LEDGER, Method
 from jaxshroud.lanes import alone
 from jaxshroud.linear import area, free_power
@@ -112,6 +112,7 @@ def power(
     steps_per_period = steps_for(scene, 0, steps_per_period, stepper(scene, method))
     if not tolerance > 0:
         raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")
+    tolerance_argument("period_tol", period_tol)
     scenes = in_precision(alone(scene), method.precision)
     ticker = Ticker(transient + most_periods, progress)
     state, lead, samples = starts(scenes), transient, []

@@ -184,7 +184,7 @@ def gradient_json(found: Gradient, scene_file: SceneFile) -> dict[str, Any]:
 def tune_json(tuned: Tuned, drawn: dict[str, Any] | None, scene_file: SceneFile) -> dict[str, Any]:
     """A tuning as `tune.json` holds it; `drawn` is the map of the objective."""
     problem = tuned.problem
-    told = {n: getattr(tuned, n) for n in ("design", "objective", "confirmed", "periods")}
+    told = {n: getattr(tuned, n) for n in ("feasible", "design", "objective", "at_bounds", "confirmed", "periods")}
     search = {n: getattr(tuned, n) for n in ("points", "scores", "exact", "scanned", "scanned_scores")}
     limits = {"most_penetration": problem.most_penetration, "most_force": problem.most_force}
     asked = {"over": problem.over, "conditions": problem.conditions, "goal": problem.goal, **limits}

@@ -17,7 +17,7 @@ from jaxshroud.absent import filled
 from jaxshroud.analysis.period import PERIOD_TOLERANCE, Periodicity, periodicity
 from jaxshroud.analysis.power import Reduction, reduction
 from jaxshroud.chatter import chatter
-from jaxshroud.checks import count_argument, in_precision
+from jaxshroud.checks import count_argument, in_precision, tolerance_argument
 from jaxshroud.events import Counters
 from jaxshroud.free import free_runs
 from jaxshroud.integrate import FAST, Lane, Method
@@ -100,13 +100,15 @@ def sweep(
         Samples and statistics of every lane. A lane that failed has a status and NaN; the others are not affected.
 
     Raises:
-        ValueError: A count is too small, an axis is empty, the phase is out of range, or float64 is not to be had.
+        ValueError: A count is too small, an axis is empty, the phase or the tolerance is out of range, or float64 is
+            not to be had.
         KeyError: The scene has no such number.
     """
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
     if not 0 <= phase < 2 * np.pi:
         raise ValueError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
+    tolerance_argument("period_tol", period_tol)
     axes = {key: np.atleast_1d(np.asarray(values, dtype=float)) for key, values in along.items()}
     if not 1 <= len(axes) <= 2 or any(v.ndim != 1 or v.size == 0 for v in axes.values()):
         raise ValueError("Argument `along` must name one or two keys, each with at least one value.")
@@ -215,7 +217,7 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Callable[[int], 
     if scenes.parts.contact == "none":
         samples, last = free_runs(scenes, states, plan.transient, plan.kept, plan.phase, plan.method)
         ticker(lanes * (plan.transient + plan.kept))
-        return Runs(samples, last.tally, last)
+        return Runs(samples, jax.tree.map(np.zeros_like, last.tally), last)
     width = 1 if lanes == 1 else CHUNK
     pieces = [np.minimum(np.arange(i, i + width), lanes - 1) for i in range(0, lanes, width)]
     real = [min(width, lanes - i) for i in range(0, lanes, width)]

@@ -20,12 +20,14 @@ from jaxtyping import Array, Int
 from jaxshroud.absent import filled, is_absent
 from jaxshroud.events import seat
 from jaxshroud.friction import stretch
+from jaxshroud.geometry import FLAT
 from jaxshroud.integrate import Decision, End, Fixed, Lane, Method, advance, begin, grid, running
 from jaxshroud.lanes import EachLane, best, plain, repeated
+from jaxshroud.locate import select
 from jaxshroud.periods import COMPILER
-from jaxshroud.rhs import Model, as_pairs, model, reduced, whole
+from jaxshroud.rhs import Model, as_one, as_pairs, model, reduced, turns, whole
 from jaxshroud.scene import Motion, Pair, Scalar, Scene, key_parts
-from jaxshroud.state import Mode, State
+from jaxshroud.state import Mode, State, Status
 
 WIDTHS = (16, 64)  # lanes per call, for few and for many: a loop of fewer does not pay for its dispatch
 STATE = 13  # numbers of a state
@@ -101,10 +103,14 @@ class Flow(NamedTuple):
 
 
 def canonical(state: State, scene_model: Model) -> State:
-    """The state with its slider where it is known to be: u - sigma mu N / k_d in slip, and 0 apart.
+    """The state with what its mode determines: the slider u - sigma mu N / k_d in slip, and 0 apart; one angle if flat.
 
-    Sliders that no later motion depends on then agree, and have no tangent.
+    Numbers that no later motion depends on then agree, and have no tangent.
     """
+    if turns(scene_model) and scene_model.spring.modal:
+        angles = lambda motion: (motion.theta, motion.v_theta)  # noqa: E731
+        level = [select(state.case == FLAT, as_one(pair, scene_model), pair) for pair in angles(state.motion)]
+        state = eqx.tree_at(lambda s: angles(s.motion), state, tuple(level))
     at = seat(state.motion, state, scene_model)[2]
     if is_absent(state.u_s) or scene_model.spring.smooth:
         return state
@@ -122,7 +128,9 @@ def begun(scene: Scene, state: State, method: Method) -> tuple[Lane, Model, Scal
 def ended(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
     """What a lane has come to after `time` seconds."""
     left, right = filled(lane.tally.integrals.power, time)
-    return Flow(whole(canonical(lane.state, scene_model)), (left / time, right / time), lane.status)
+    overflowed = (lane.status == Status.OK) & ~jnp.isfinite(left + right)
+    status = jnp.where(overflowed, Status.NOT_FINITE, lane.status).astype(lane.status.dtype)
+    return Flow(whole(canonical(lane.state, scene_model)), (left / time, right / time), status)
 
 
 @partial(jax.jit, static_argnames=("method", "each"), compiler_options=COMPILER)
@@ -163,7 +171,7 @@ def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], m
 
 def differentiable(method: Method) -> Method:
     """The same method with derivatives of the events' instants, and nothing else that a flow does not need."""
-    return method._replace(derivative=True, ledger=False)
+    return method._replace(derivative=True, ledger=False, within=False)
 
 
 def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Method) -> Dual:

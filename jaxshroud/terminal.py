@@ -69,12 +69,12 @@ def scene_options(made: argparse.ArgumentParser, method: bool = True) -> None:
     made.add_argument("--force", action="store_true", help="replace existing results")
 
 
-def loaded(options: argparse.Namespace) -> SceneFile:
-    """The scene file asked for, with its overrides."""
+def loaded(options: argparse.Namespace, *more: str) -> SceneFile:
+    """The scene file asked for, with its overrides and `more` of them."""
     flags = {"periods": options.periods, "steps_per_period": options.steps_per_period}
     flags["transient"] = getattr(options, "transient", None)
     overrides = [f"run.{name}={value}" for name, value in flags.items() if value is not None]
-    return load(options.scene, [*options.set, *overrides])
+    return load(options.scene, [*options.set, *overrides, *more])
 
 
 def chosen_method(options: argparse.Namespace, locate: Locate = "cubic"):

@@ -99,10 +99,12 @@ def simulate(
         lane, block = _samples(scene, lane, steps, phase, jnp.int32(every), jnp.int32(n), method, best())
         samples.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
     whole = jax.tree.map(lambda *a: np.concatenate(a), jax.tree.map(lambda a: np.asarray(a)[None], first), *samples[1:])
-    tally, residual, dropped = lane.tally, float("nan"), float("nan")
+    tally, energies = lane.tally, (_energy(scene, lane), held)
+    residual = dropped = float("nan")
+    overflowed = int(lane.status) == Status.OK and not np.isfinite(sum(jax.tree.leaves((tally.integrals, energies))))
     if method.ledger:
         gain = tally.integrals.ledger
-        missing = balance(gain, tally.jumps, _energy(scene, lane) - held)
+        missing = balance(gain, tally.jumps, energies[0] - held)
         residual = float(missing / jnp.where(gain.drive == 0, 1.0, jnp.abs(gain.drive)))
         dropped = float(filled(tally.jumps.dropped, gain.gross) / jnp.where(gain.gross > 0, gain.gross, 1.0))
     return Trajectory(
@@ -111,7 +113,7 @@ def simulate(
         u_s=np.where(whole.mode == Mode.APART, np.nan, whole.u_s),
         mode=whole.mode,
         case=whole.case,
-        status=int(lane.status),
+        status=int(Status.NOT_FINITE) if overflowed else int(lane.status),
         counters={name: int(n) for name, n in vars(filled(tally.log.counters, jnp.int32(0))).items()},
         energy_residual=residual,
         last=jax.tree.map(lambda a: a[-1], whole),

@@ -33,6 +33,8 @@ REACH = 0.03  # half width of the neighbourhood that a slope is taken across the
 POLISH = (0.03, 0.02, 0.01, 0.005, 0.003, 0.002, 0.001)  # widths of the last rounds' samples
 SAMPLES = 8  # in each of these rounds, for each key
 PENALTY = 100.0  # percentage points for exceeding a limit by its own size
+KEEPS = 1e-3  # relative, by which a check may exceed a limit: about what the search's step errs by
+SAME_START = ("half the step, reference method", "four times as long")  # checks from the scene's own start
 AGREES = 0.5  # percentage points by which re-simulations may differ beyond their own intervals
 
 
@@ -74,9 +76,13 @@ class Judged(NamedTuple):
     objective: np.ndarray  # (n,) mean or least P_d over the conditions [%]
     P_d: np.ndarray  # (n, conditions) [%]
     ci: np.ndarray  # (n, conditions) half widths of 95 % intervals [percentage points]
-    v_max: np.ndarray  # (n,) largest penetration in any condition [m]
-    force: np.ndarray  # (n,) largest normal force [N]
+    v_max: np.ndarray  # (n,) largest penetration in any condition [m]; within steps too where there is a limit
+    force: np.ndarray  # (n,) largest normal force, likewise [N]
     period_number: np.ndarray  # (n, conditions); 0: aperiodic
+
+    def keeps(self, margin: float = 0.0) -> np.ndarray:
+        """Whether each design ran to its end in every condition, its limits exceeded by `margin` at most, (n,)."""
+        return np.isfinite(self.objective) & (self.score >= self.objective - PENALTY * margin)
 
 
 @dataclass(frozen=True)
@@ -94,6 +100,8 @@ class Tuned:
     periods: int  # drive periods simulated in all, each tangent counted as one more run
     checks: dict[str, Judged]  # the winner simulated again in other ways
     confirmed: bool  # all of these agree with the search and with one another, and keep the limits
+    feasible: bool  # from the scene's own start it runs to its end in every condition and keeps the limits
+    at_bounds: dict[str, str]  # keys whose best value is at its "lower" or "upper" bound: beyond may be better
 
 
 def tune(
@@ -138,9 +146,13 @@ def tune(
 
     Raises:
         KeyError: The scene has no such number.
-        ValueError: A count is too small, or bounds are not in order.
+        ValueError: A count is too small, a number is not finite, a limit is not positive, or bounds are not in order.
     """
+    for name, limit in dict(most_penetration=most_penetration, most_force=most_force).items():
+        if not limit > 0:
+            raise ValueError(f"Argument `{name}` must be positive, but is {limit}.")
     problem = problem_of(scene, over, conditions or {})
+    method = method._replace(within=bool(min(most_penetration, most_force) < np.inf))
     steps = steps_for(corners(problem), 1, steps_per_period, method.tableau)
     plan = Plan(transient, n_periods, steps, 0.0, method)
     problem = problem._replace(goal=goal, most_penetration=most_penetration, most_force=most_force, plan=plan)
@@ -156,8 +168,8 @@ def tune(
     at = np.argsort(-scanned.score, kind="stable")[:n_starts]
     points, scores, exact = _climb(problem, cube[at], Judged(*(a[at] for a in scanned)), updates, ticker)
     last = int(np.argmax(scores[-1]))
-    best = problem.values(_polished(problem, points[-1, last], scores[-1, last], np.random.default_rng(seed), ticker))
-    spent = ticker.done
+    u = _polished(problem, points[-1, last], scores[-1, last], np.random.default_rng(seed), ticker)
+    best, spent = problem.values(u), ticker.done
     found = judge_designs(problem, best[None], ticker)
     checks = _checks(problem, best, seed)
     return Tuned(
@@ -171,8 +183,16 @@ def tune(
         scanned_scores=scanned.score,
         periods=spent,
         checks=checks,
-        confirmed=_agree(problem, found, checks),
+        confirmed=_agree(found, checks),
+        feasible=bool(found.keeps()[0] and all(checks[name].keeps(KEEPS)[0] for name in SAME_START)),
+        at_bounds={key: end for key, place in zip(over, u, strict=True) if (end := _bound(place))},
     )
+
+
+def _bound(place: float) -> str | None:
+    """The end of its range that a number of the unit cube is at, as nearly as the search looks."""
+    near = POLISH[-1]
+    return "lower" if place <= near else "upper" if place >= 1 - near else None
 
 
 def problem_of(
@@ -187,8 +207,8 @@ def problem_of(
     if not over:
         raise ValueError("Argument `over` must name at least one number.")
     for key, (low, high) in over.items():
-        if not low < high:
-            raise ValueError(f"The bounds of {key} must be in order, but are {low} and {high}.")
+        if not -np.inf < low < high < np.inf:
+            raise ValueError(f"The bounds of {key} must be finite and in order, but are {low} and {high}.")
     both = set(over) & set(conditions)
     if both:
         raise ValueError(f"{sorted(both)[0]} is both tuned and an operating condition.")
@@ -224,18 +244,19 @@ def judge_designs(problem: Problem, designs: np.ndarray, tick, states: State | N
     lanes = len(scenes.drive.omega)
     first = starts(scenes) if states is None else repeated(states, lanes)
     runs = run_lanes(scenes, first, problem.plan, tick)
-    motion, got, _ = averages(scenes, runs.samples)
+    with np.errstate(invalid="ignore", over="ignore"):  # of a design that is far out
+        motion, got, _ = averages(scenes, runs.samples)
     shape = len(designs), len(problem.rows)
-    v_max = np.asarray(runs.last.tally.log.v_max, float)
+    log = runs.last.tally.log
+    v_max = np.asarray((log if log.within is None else log.within).v_max, float)
     ok = np.asarray(runs.last.status) == Status.OK
     P_d = np.where(ok & np.isfinite(got.P_d), got.P_d, -np.inf).reshape(shape)
     objective = P_d.mean(axis=1) if problem.goal == "mean" else P_d.min(axis=1)
-    v, force = (
-        v_max.reshape(shape).max(axis=1),
-        (np.asarray(_stiffnesses(scenes), float) * v_max).reshape(shape).max(axis=1),
-    )
-    beyond = np.maximum(v / problem.most_penetration - 1, 0) + np.maximum(force / problem.most_force - 1, 0)
-    score = objective - PENALTY * beyond
+    with np.errstate(invalid="ignore", over="ignore"):  # what stopped has no penetration
+        N_max = np.asarray(_stiffnesses(scenes), float) * v_max
+        v, force = (a.reshape(shape).max(axis=1) for a in (v_max, N_max))
+        beyond = np.maximum(v / problem.most_penetration - 1, 0) + np.maximum(force / problem.most_force - 1, 0)
+    score = np.where(np.isfinite(objective), objective - PENALTY * beyond, -np.inf)
     return Judged(score, objective, P_d, got.ci.reshape(shape), v, force, motion.number.reshape(shape))
 
 
@@ -291,7 +312,7 @@ def _slope(problem: Problem, u: np.ndarray, judged: Judged, tick) -> tuple[np.nd
     rough = np.flatnonzero(~sound)
     if len(rough):
         slope[rough] = _wide_slopes(problem, u[rough], tick)
-    return np.nan_to_num(slope), sound
+    return np.where(np.isfinite(slope), slope, 0.0), sound
 
 
 def exact_slopes(problem: Problem, u: np.ndarray, tick) -> tuple[np.ndarray, np.ndarray]:
@@ -328,17 +349,22 @@ def _wide_slopes(problem: Problem, u: np.ndarray, tick) -> np.ndarray:
         high[:, i, i] = np.minimum(u[:, i] + REACH, 1.0)
     both = np.concatenate([low, high]).reshape(-1, size)
     score = judge_designs(problem, problem.values(both), tick).score.reshape(2, n, size)
-    return (score[1] - score[0]) / np.einsum("nii->ni", high - low)
+    with np.errstate(invalid="ignore"):  # where a design stops
+        return (score[1] - score[0]) / np.einsum("nii->ni", high - low)
 
 
 def _checks(problem: Problem, design: np.ndarray, seed: int) -> dict[str, Judged]:
-    """The design simulated again: with half the step and the reference method, four times as long, from elsewhere."""
+    """The design simulated again: with half the step and the reference method, four times as long, from elsewhere.
+
+    The reference method is bisection in float64, with the search's own tableau: no check is coarser than the search.
+    """
     plan, quiet = problem.plan, lambda _: None
-    fine = Plan(plan.transient, plan.kept, 2 * plan.steps_per_period, 0.0, REFERENCE._replace(ledger=False))
+    reference = plan.method._replace(locate=REFERENCE.locate, precision=REFERENCE.precision, ledger=False)
+    fine = Plan(plan.transient, plan.kept, 2 * plan.steps_per_period, 0.0, reference)
     long = Plan(4 * plan.transient, 4 * plan.kept, plan.steps_per_period, 0.0, plan.method)
     checks = {
-        "half the step, reference method": judge_designs(problem._replace(plan=fine), design[None], quiet),
-        "four times as long": judge_designs(problem._replace(plan=long), design[None], quiet),
+        SAME_START[0]: judge_designs(problem._replace(plan=fine), design[None], quiet),
+        SAME_START[1]: judge_designs(problem._replace(plan=long), design[None], quiet),
     }
     random = np.random.default_rng(seed)
     for i in range(3):
@@ -355,14 +381,14 @@ def _pushed(scene: Scene, random: np.random.Generator) -> State:
     return start(jax.tree.map(jnp.asarray, Motion(x, y, still, still, still, still)))
 
 
-def _agree(problem: Problem, found: Judged, checks: dict[str, Judged]) -> bool:
+def _agree(found: Judged, checks: dict[str, Judged]) -> bool:
     """Whether every check comes to the same objective within the intervals, and keeps the limits."""
     width = lambda judged: float(np.sqrt(np.nanmean(judged.ci[0] ** 2))) if np.isfinite(judged.ci).any() else 0.0  # noqa: E731
     for check in checks.values():
         allowed = AGREES + width(found) + width(check)
-        if not abs(check.objective[0] - found.objective[0]) <= allowed or check.score[0] < check.objective[0]:
+        if not check.keeps(KEEPS)[0] or not abs(check.objective[0] - found.objective[0]) <= allowed:
             return False
-    return True
+    return bool(found.keeps()[0])
 
 
 def objective_map(tuned: Tuned, n: int) -> dict[str, np.ndarray]:

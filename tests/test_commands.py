@@ -280,7 +280,14 @@ def test_gradient_command_in_chaos(tmp_path, capsys):
 def test_gradient_command_refuses(tmp_path, capsys):
     out = ["--out", tmp_path / "g.json"]
     assert "no number called 'shroud.gaps'" in refused(capsys, "gradient", "fig10b", "--wrt", "shroud.gaps", *out)
-    assert "--sigma" in refused(capsys, "gradient", "fig10b", "--wrt", "shroud.gap", "--sigma", "0", *out)
+    for sigma in ("0", "-1", "nan", "inf"):
+        assert "--sigma" in refused(capsys, "gradient", "fig10b", "--wrt", "shroud.gap", f"--sigma={sigma}", *out)
+
+
+@pytest.mark.parametrize("tolerance", ["nan", "-1e-3"])
+def test_tolerances_are_numbers(tmp_path, capsys, tolerance):
+    words = ["sweep", "fig09", "--out", tmp_path / "made", f"--period-tol={tolerance}"]
+    assert "--period-tol must be a number of at least 0" in refused(capsys, *words)
 
 
 def test_tune_command(tmp_path, capsys):
@@ -299,6 +306,10 @@ def test_tune_command(tmp_path, capsys):
     assert (out / "tune.png").stat().st_size > 10_000
     best = load(out / "best.toml").scene
     assert float(best.shroud.gap) == data["design"]["shroud.gap"]
+    run = load(out / "best.toml").run
+    assert (run.periods, run.transient, run.steps_per_period) == (16, 32, 100)
+    assert data["feasible"]
+    assert "infeasible" not in told
     assert "exists" in refused(capsys, *words, "--out", out)
 
 
@@ -306,11 +317,15 @@ def test_tune_command_without_a_map(tmp_path, capsys):
     out = tmp_path / "tuned"
     words = ["tune", "table1", *SMALL, "--accuracy", "1e-4", "--periods", "8"]
     words += ["--transient", "8", "--over", "friction.mu=0:1", "--scan", "4", "--starts", "1", "--updates", "1"]
-    assert cli.main([*words, "--goal", "worst", "--out", str(out)]) == 0
+    assert cli.main([*words, "--goal", "worst", "--most-force", "1e-9N", "--out", str(out)]) == 0
+    told = capsys.readouterr()
+    assert told.out.splitlines()[1].startswith("infeasible")
     data = json.loads((out / "tune.json").read_text())
     assert data["map"] is None
+    assert next(iter(data)) == "feasible"
+    assert not data["feasible"]
     # The steps are those of the accuracy, by the stiffest design.
-    assert f"{data['steps_per_period']} steps" in capsys.readouterr().err
+    assert f"{data['steps_per_period']} steps" in told.err
     assert "float64" in data["method"]
     assert (out / "tune.png").exists()
 

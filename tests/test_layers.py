@@ -25,6 +25,7 @@ ORDER = [
     "events",
     "tableau",
     "locate",
+    "within",
     "implicit",
     "integrate",
     "stability",

@@ -10,8 +10,9 @@ from jaxshroud import events, gradient, integrate, load, orbit, simulate, value_
 from jaxshroud.gradient import differences, on_orbit, slopes
 from jaxshroud.integrate import FAST
 from jaxshroud.lanes import repeated
-from jaxshroud.linear import area
-from jaxshroud.orbit import Shot, contact_margins, described
+from jaxshroud.linear import area, steady_amplitudes
+from jaxshroud.orbit import Shot, contact_margins, described, moved_start
+from jaxshroud.scene import Motion, vary
 from jaxshroud.state import Mode, State, start
 from jaxshroud.tangents import STATE, Dual, differentiable, direction, onward, resting, run_flow, tangents
 
@@ -148,6 +149,70 @@ def test_permanent_stick_is_not_unique():
     assert got.conditioning < 10
 
 
+STICKS = ("shroud.gap=-0.0004", "friction.mu=5", "drive.M_0=1", "drive.F_0=20")  # the blocks stay pressed together
+FEW = ["shroud.gap", "contact.gamma", "friction.k_d", "drive.omega", "drive.M_0[0]"]
+
+
+def test_permanent_stick_is_not_unique_through_case_switches():
+    # Each switch rewrites the slider's place, which leaves a rounding in its row of the Jacobian.
+    found = orbit(load("table1", STICKS).scene, steps_per_period="auto")
+    assert simulate(found.scene, found.start, n_periods=2, steps_per_period="auto").counters["switch_14"] == 4
+    assert found.flags == ("not unique",)
+    assert np.abs(found.others).max() < 0.9
+    assert found.bifurcation[1] > 0.1
+    got = on_orbit(found, FEW)
+    assert got.flags == ("not unique",)
+    assert got.conditioning < 10
+    assert got.value["shroud.gap"] == pytest.approx(643128.32, rel=1e-7)
+    exact = scaled(got.value, found.scene)
+    step = scaled(differences(found, FEW, 1e-5), found.scene)
+    assert np.abs(step - exact).max() <= 1e-8 * np.abs(exact).max()
+    # Control: a slider that is only held where its row is that of the unit matrix to the last bit is not held here.
+    at = found.jacobian
+    assert not np.array_equal(at.by_state[-1], np.eye(STATE)[-1])
+    by = tangents(found.scene, found.start, [direction(found.scene, "shroud.gap")], n=found.q, **how(found))
+    free = np.linalg.solve(np.eye(STATE) - at.by_state, by.by_parameter)
+    held = moved_start(at.by_state, by.by_parameter, True)
+    assert np.abs(free - held).max() > 0.01 * np.abs(held).max()
+
+
+def how(found) -> dict:
+    return {"steps": found.steps_per_period, "method": differentiable(found.method)}
+
+
+def test_permanent_flat_contact_has_one_angle():
+    # A difference of the angles does not exist there. Taken for a motion of its own it would stay for ever: a second
+    # multiplier of 1, and derivatives off by up to twenty times.
+    found = orbit(load("table1", ["shroud.gap=-0.0005", "friction.mu=5", "drive.M_0=0.05", "drive.F_0=5"]).scene)
+    run = simulate(found.scene, found.start, n_periods=1)
+    assert set(run.case.tolist()) == {5}
+    assert found.flags == ("not unique",)
+    assert np.abs(found.others).max() < 0.9
+    assert np.sum(np.abs(found.multipliers) < 1e-9) == 2
+    exact = scaled(on_orbit(found, FEW).value, found.scene)
+    step = scaled(differences(found, FEW, 1e-5), found.scene)
+    assert np.abs(step - exact).max() <= 1e-8 * np.abs(exact).max()
+
+
+def orbit_near_resonance(c_x):
+    """An orbit without contact that the more a push moves, the less damping there is; in closed form."""
+    scene = load("table1", ["shroud.gap=1", f"blades.c_x={c_x}", f"drive.F_0={c_x}", "drive.M_0=0"]).scene
+    scene = vary(scene, "drive.omega", float(np.sqrt(scene.blades.k_x[0] / scene.blades.m[0])))
+    swing = steady_amplitudes(scene)
+    place, speed = [a.imag for a in swing], [scene.drive.omega * a.real for a in swing]
+    return orbit(scene, state=start(Motion(*place, *speed)), q=1, steps_per_period=20000)
+
+
+def test_ill_conditions_are_told():
+    damped, nearly_free = orbit_near_resonance(1.0), orbit_near_resonance(1e-7)
+    assert damped.flags == ()
+    assert damped.conditioning == pytest.approx(28.7, rel=0.01)
+    assert nearly_free.flags == ("ill conditioned",)
+    assert nearly_free.doubt > 1e-6 > damped.doubt
+    assert on_orbit(nearly_free, ["drive.omega"]).flags == ("ill conditioned",)
+    assert nearly_free.conditioning == pytest.approx(1e7 * damped.conditioning, rel=0.05)
+
+
 def test_chaos_has_no_orbit():
     found = orbit(scene_of(("contact.gamma=5.5",)), most_periods=200)
     assert not found.found
@@ -168,3 +233,24 @@ def test_margins_of_grazing():
     none = contact_margins(orbit(load("table1", ['shroud.gap="5 mm"', "drive.F_0=60"]).scene))
     assert np.isnan(none.slowest_onset)
     assert none.nearest_miss > 0
+
+
+def test_margins_see_grazes_and_misses_within_steps():
+    # Bending alone, in closed form until the blocks touch. With 37 steps a period the corners pass their least distance
+    # between two ends of steps, and a graze begins and ends there.
+    free = load("table1", ['shroud.gap="5 mm"', "drive.F_0=60", "drive.M_0=0", "contact.gamma=2.5"]).scene
+    found = orbit(free, steps_per_period=37)
+    missed = contact_margins(found).nearest_miss
+    swing, alpha, deep = steady_amplitudes(free), float(free.shroud.alpha), 1e-8
+    d_x, d_y = (complex(a[0] - a[1]) for a in (swing.x, swing.y))
+    size = abs(d_x * np.sin(alpha) - d_y * np.cos(alpha))
+    exact = 5e-3 * np.sin(alpha) - size
+    assert missed == pytest.approx(exact, rel=2e-5)  # RK4's own error of the motion with such steps
+    run = simulate(free, found.start, n_periods=1, steps_per_period=37, method=found.method)
+    x, y = (np.asarray(a) @ [1, -1] for a in (run.motion.x, run.motion.y))
+    ends = (5e-3 - x) * np.sin(alpha) + y * np.cos(alpha)
+    assert ends.min() > exact * (1 + 5e-4)  # control: at the ends of steps it is further away
+    grazing = replace(found, scene=vary(free, "shroud.gap", 5e-3 - (missed + deep) / np.sin(alpha)))
+    margins = contact_margins(grazing)
+    assert margins.counters["grazing"] == 1
+    assert margins.slowest_onset == pytest.approx(np.sqrt(2 * deep / size), rel=0.2)

@@ -199,3 +199,37 @@ def test_a_scene_is_explained(table1):
     assert (free.operations, free.numbers, free.events) == (0, 0, ())
     assert any("friction" in text for text in js.explain(vary(table1, "friction.mu", 0.0), FAST).advice)
     assert any("gap" in text for text in js.explain(vary(table1, "shroud.gap", 1.0), FAST).advice)
+
+
+def test_blades_without_contact_are_apart_all_the_time(table1):
+    found = js.sweep(with_parts(table1, contact="none"), {"friction.mu": [0.3, 0.5]}, n_periods=3, transient=2)
+    np.testing.assert_array_equal([found.time_apart, found.time_stick, found.time_slip], [[1, 1], [0, 0], [0, 0]])
+
+
+@pytest.mark.parametrize("contact", ["spring", "none"])
+def test_a_motion_whose_energy_overflows_has_stopped(table1, contact):
+    # The numbers of the state are finite, their squares are not.
+    scene = vary(with_parts(table1, motion=("x",), contact=contact), "initial.x", 1e200)
+    swept = js.sweep(scene, {"friction.mu": [0.5]}, n_periods=2, method=FAST)
+    assert swept.status[0] == Status.NOT_FINITE
+    assert np.isnan(swept.P_d[0])
+    assert js.power(scene, most_periods=2, method=FAST).final["status"] == Status.NOT_FINITE
+    assert js.simulate(scene, n_periods=1, method=FAST).status == Status.NOT_FINITE
+    assert js.orbit(scene, most_periods=8, method=FAST).flags == ("stopped",)
+
+
+@pytest.mark.parametrize("wrong", [float("nan"), -1e-3])
+def test_tolerances_are_numbers(table1, wrong):
+    with pytest.raises(ValueError, match="`period_tol` must be a number of at least 0"):
+        js.sweep(table1, {"friction.mu": [0.5]}, n_periods=2, period_tol=wrong)
+    with pytest.raises(ValueError, match="`period_tol` must be a number of at least 0"):
+        js.power(table1, most_periods=2, period_tol=wrong)
+    with pytest.raises(ValueError, match="`tolerance` must be positive"):
+        js.power(table1, most_periods=2, tolerance=wrong)
+    with pytest.raises(ValueError, match="`phase` must be in"):
+        js.sweep(table1, {"friction.mu": [0.5]}, n_periods=2, phase=wrong)
+    for sigma in (wrong, 0.0, float("inf")):
+        with pytest.raises(ValueError, match="`sigma` must be a positive number"):
+            js.gradient(table1, ["shroud.gap"], sigma=sigma)
+    with pytest.raises(ValueError, match="`tolerance` must be a positive number"):
+        js.orbit(table1, tolerance=wrong)
