@@ -87,6 +87,7 @@ class Log(eqx.Module):
     time_stick: Scalar  # [s]
     time_slip: Scalar  # [s]
     v_max: Scalar  # largest penetration at the end of a step or at an event [m]
+    largest: tuple[Pair, Pair, Pair]  # magnitudes of x, y [m] and theta [rad] at ends of steps and at events
     counters: Counters
 
 
@@ -117,7 +118,8 @@ def begin(state: State, model: Model, method: Method) -> Lane:
     state = reduced(state, model)
     none = jax.tree.map(jnp.zeros_like, rhs((zero, zero), state, model, method.ledger)[1])
     jumps = zero if method.ledger else None
-    log = None if method.derivative else Log(zero, zero, zero, zero, no_events(model))
+    largest = jax.tree.map(jnp.zeros_like, _displacements(state.motion))
+    log = None if method.derivative else Log(zero, zero, zero, zero, largest, no_events(model))
     tally = Tally(none, jumps, log)
     guards = look(state.motion, (zero, zero), state, model).guards if model.spring.modal else None
     guards = jax.tree.map(jnp.zeros_like, guards)  # the first trial, of length zero, sets them
@@ -324,7 +326,7 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method
     recheck = fire & jumped & any_of(guards.value[kind] > 0 for kind in kinds(guards.value))
     ahead, step = _advanced(search, lane.step, fire, recheck, method)
     counts = lambda counters: count(counters, cross, fire, search.inside)  # noqa: E731
-    tally = _tallied(lane.tally, gain, jnp.where(fire, cross.energy, 0.0), h, held.mode, view.at, counts)
+    tally = _tallied(lane.tally, gain, jnp.where(fire, cross.energy, 0.0), h, held.mode, z, view.at, counts)
     status = jnp.where(accept, _status(z, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
     return Lane(
         select(accept, state, held),
@@ -342,7 +344,8 @@ def _glided(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Meth
     at = seat(end.state.motion, lane.state, model)[2]
     ahead, step = _advanced(lane.search, lane.step, jnp.zeros_like(accept), jnp.zeros_like(accept), method)
     mode, h = jnp.where(at.v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)), _place(lane, grid).h
-    tally = _tallied(lane.tally, end.gain, jnp.zeros_like(h), h, mode, at, lambda counters: counters)
+    z = end.state.motion
+    tally = _tallied(lane.tally, end.gain, jnp.zeros_like(h), h, mode, z, at, lambda counters: counters)
     status = jnp.where(accept, _status(end.state.motion, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
     before = (lane.state, lane.step, lane.search, lane.tally)
     state, step, search, tally = select(accept, (end.state, step, ahead, tally), before)
@@ -366,21 +369,26 @@ def _at_the_event(end: End, lane: Lane, kind: Int[Array, ""], fixed: Fixed):
     return State(z, held.u_s, held.mode, held.case), Q, gain, length
 
 
-def _tallied(tally: Tally, gain: Integrals, jump: Scalar, h: Scalar, mode, at: Touch, counts) -> Tally:
+def _displacements(z: Motion) -> tuple[Pair, Pair, Pair]:
+    return z.x, z.y, z.theta
+
+
+def _tallied(tally: Tally, gain: Integrals, jump: Scalar, h: Scalar, mode, z: Motion, at: Touch, counts) -> Tally:
     return Tally(
         jax.tree.map(jnp.add, tally.integrals, gain),
         None if tally.jumps is None else tally.jumps + jump,
-        None if tally.log is None else _logged(tally.log, h, mode, at, counts),
+        None if tally.log is None else _logged(tally.log, h, mode, z, at, counts),
     )
 
 
-def _logged(log: Log, h: Scalar, mode, at: Touch, counts) -> Log:
+def _logged(log: Log, h: Scalar, mode, z: Motion, at: Touch, counts) -> Log:
     apart, stick = mode == Mode.APART, mode == Mode.STICK
     return Log(
         log.time_apart + jnp.where(apart, h, 0.0),
         log.time_stick + jnp.where(stick, h, 0.0),
         log.time_slip + jnp.where(apart | stick, 0.0, h),
         jnp.maximum(log.v_max, jnp.where(apart, 0.0, at.v)),
+        jax.tree.map(lambda most, now: jnp.maximum(most, jnp.abs(now)), log.largest, _displacements(z)),
         counts(log.counters),
     )
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.analysis.power import interval
+from jaxshroud.analysis.interval import interval
 from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.integrate import FAST, Method
 from jaxshroud.lanes import alone

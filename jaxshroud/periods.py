@@ -27,6 +27,7 @@ class Sample(NamedTuple):
     power: Pair  # mean square displacement over block and period [m^2]
     work: Any  # of the drive [J]; None where no ledger is kept
     residual: Any  # energy balance: drive + jumps - losses - change of stored energy [J]
+    largest: Any = None  # magnitudes of x, y [m] and theta [rad], three pairs; None where they were not looked at
 
 
 class Clock(NamedTuple):
@@ -48,16 +49,16 @@ def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, metho
         work = gain.ledger.drive
         residual = work + jumps - gain.ledger.viscous - gain.ledger.friction - (_energies(lanes, models) - held)
     power = filled(gain.power, periods)
-    sample = Sample(whole(lanes.state).motion, (power[0] / periods, power[1] / periods), work, residual)
+    largest = None if lanes.tally.log is None else filled(lanes.tally.log.largest, periods)
+    sample = Sample(whole(lanes.state).motion, (power[0] / periods, power[1] / periods), work, residual, largest)
     sample = jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
     return eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(active, 0, lanes.step)), sample
 
 
 def _with_empty_tally(lanes: Lane) -> Lane:
-    """The lanes with their integrals at zero: what a late period adds to a long sum would be lost in float32."""
-    sums = lanes.tally.integrals, lanes.tally.jumps
-    places = lambda lane: (lane.tally.integrals, lane.tally.jumps)  # noqa: E731
-    return eqx.tree_at(places, lanes, jax.tree.map(jnp.zeros_like, sums), is_leaf=lambda a: a is None)
+    """The lanes with what a sample holds at zero: what a late period adds to a long sum would be lost in float32."""
+    places = lambda lane: (lane.tally.integrals, lane.tally.jumps, lane.tally.log and lane.tally.log.largest)  # noqa: E731
+    return eqx.tree_at(places, lanes, jax.tree.map(jnp.zeros_like, places(lanes)), is_leaf=lambda a: a is None)
 
 
 def _energies(lanes: Lane, models: Model) -> Float[Array, " lanes"]:

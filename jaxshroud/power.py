@@ -5,8 +5,9 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.analysis.period import PERIOD_TOLERANCE, periodicity
-from jaxshroud.analysis.power import interval, reduction
+from jaxshroud.analysis.interval import interval
+from jaxshroud.analysis.period import PERIOD_TOLERANCE
+from jaxshroud.analysis.power import reduction
 from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.integrate import FAST_WITH_LEDGER, Method
 from jaxshroud.lanes import alone

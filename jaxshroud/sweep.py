@@ -14,11 +14,13 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.absent import filled
-from jaxshroud.analysis.period import PERIOD_TOLERANCE, Periodicity, periodicity
+from jaxshroud.analysis.period import PERIOD_TOLERANCE, Repetition, repetition
 from jaxshroud.analysis.power import Reduction, reduction
+from jaxshroud.analysis.settling import YES
 from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.events import Counters
 from jaxshroud.free import free_runs
+from jaxshroud.geometry import corners
 from jaxshroud.integrate import FAST, Lane, Method
 from jaxshroud.lanes import best
 from jaxshroud.linear import area, free_power
@@ -50,9 +52,9 @@ class SweepResult:
     P_0: np.ndarray  # (..., 2) [m^4]
     P_d: np.ndarray  # left blade, Eq. (24) [%]
     P_d_ci: np.ndarray  # half width of its 95 % interval [percentage points]
-    P_d_settled: np.ndarray
+    P_d_settled: np.ndarray  # True: on evidence
     period_number: np.ndarray  # 0: aperiodic
-    settled: np.ndarray  # False: transient not over
+    settled: np.ndarray  # True: the transient is over, on evidence
     period_tol: float
     status: np.ndarray
     energy_residual: np.ndarray | None  # largest of any kept period over the drive's mean work; None without a ledger
@@ -63,6 +65,11 @@ class SweepResult:
     counters: dict[str, np.ndarray]
     steps_per_period: int
     method: Method
+    settling: np.ndarray  # 0: the transient is not over, 1: it is, 2: unknown
+    periods_more: np.ndarray  # of transient until it is; NaN if unknown
+    P_d_settling: np.ndarray  # 0: P_d still drifts, 1: it does not, 2: unknown
+    P_d_periods_more: np.ndarray  # of transient until it no longer does; NaN if unknown
+    P_d_ci_short: np.ndarray  # True: fewer than 30 correlation times, too few to trust the interval
 
 
 def sweep(
@@ -290,13 +297,34 @@ def relative_residual(samples: Sample) -> np.ndarray:
 
 @jax.jit
 def _closed_forms(scenes: Scene):
-    return jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(scenes)
+    """Area, power without contact and half the longer diagonal of each lane's blocks."""
+
+    def of(scene: Scene):
+        block = corners(scene.shroud)
+        return area(scene.shroud), free_power(scene), jnp.hypot(block.a_x, block.h_y)
+
+    return jax.vmap(of)(scenes)
 
 
-def averages(scenes: Scene, samples: Sample) -> tuple[Periodicity, Reduction, Any]:
+def displacements(samples: Sample) -> np.ndarray:
+    """x, y and theta of both blades at the ends of periods, (lanes, n, 6)."""
+    z = samples.motion
+    return np.stack([np.asarray(a, float) for pair in (z.x, z.y, z.theta) for a in pair], axis=-1)
+
+
+def sizes_of(samples: Sample) -> np.ndarray:
+    """The largest magnitude of each of the `displacements`, (lanes, 6)."""
+    if samples.largest is None:
+        return np.abs(displacements(samples)).max(axis=-2)
+    return np.stack([np.asarray(a, float).max(axis=-1) for pair in samples.largest for a in pair], axis=-1)
+
+
+def averages(
+    scenes: Scene, samples: Sample, period_tol: float = PERIOD_TOLERANCE
+) -> tuple[Repetition, Reduction, np.ndarray]:
     """Period number and power of lanes (one leading axis of lanes) over their kept periods, and P_0 (lanes, 2)."""
-    A, P_0 = (np.asarray(f, float) for f in _closed_forms(scenes))
-    orbit = periodicity(np.asarray(samples.motion.x[0], float), PERIOD_TOLERANCE)
+    A, P_0, lever = (np.asarray(f, float) for f in _closed_forms(scenes))
+    orbit = repetition(displacements(samples), sizes_of(samples), lever, period_tol, scenes.drive.omega.dtype)
     return orbit, reduction(A[:, None, None] * np.stack(samples.power, axis=-1), P_0, orbit.number), P_0
 
 
@@ -306,13 +334,11 @@ def _in_full(a) -> np.ndarray:
 
 def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, period_tol: float) -> SweepResult:
     shape = tuple(len(v) for v in axes.values())
-    flat = jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), scenes)
-    A, P_0 = (np.asarray(f, float).reshape(*shape, -1) for f in _closed_forms(flat))
+    in_line = lambda tree: jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), tree)  # noqa: E731
     runs = jax.tree.map(_in_full, runs)
-    stack = lambda pair: np.stack(pair, axis=-1)  # noqa: E731
-    motion = Motion(*map(stack, runs.samples.motion))
-    orbit = periodicity(motion.x[..., 0], period_tol)
-    power = reduction(A[..., None] * stack(runs.samples.power), P_0, orbit.number)
+    motion = Motion(*(np.stack(pair, axis=-1) for pair in runs.samples.motion))
+    got = averages(in_line(scenes), in_line(runs.samples), period_tol)
+    (number, told), power, P_0 = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), got)
     log, before = runs.last.tally.log, runs.before.log
     spent = [getattr(log, n) - getattr(before, n) for n in ("time_apart", "time_stick", "time_slip")]
     whole = sum(spent)
@@ -332,8 +358,8 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
         P_d=power.P_d,
         P_d_ci=power.ci,
         P_d_settled=power.settled,
-        period_number=orbit.number,
-        settled=orbit.settled,
+        period_number=number,
+        settled=told.verdict == YES,
         period_tol=period_tol,
         status=np.asarray(runs.last.status),
         energy_residual=residual,
@@ -344,4 +370,9 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
         counters=counters,
         steps_per_period=plan.steps_per_period,
         method=plan.method,
+        settling=told.verdict,
+        periods_more=told.periods_more,
+        P_d_settling=power.settling,
+        P_d_periods_more=power.periods_more,
+        P_d_ci_short=power.ci_short,
     )

@@ -31,6 +31,8 @@ ORDER = [
     "periods",
     "free",
     "analysis",
+    "analysis.interval",
+    "analysis.settling",
     "analysis.period",
     "analysis.power",
     "analysis.spectrum",

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxshroud.analysis.power import BATCHES, interval, reduction
+from jaxshroud.analysis.interval import interval
+from jaxshroud.analysis.power import reduction
 
 SEEDS = 400
 
@@ -44,13 +45,12 @@ def test_a_periodic_run_has_no_uncertainty(q):
         assert interval(np.resize(cycle, 10 * (q + 1))[None])[0] > 1e-4
 
 
-def test_fewer_than_ten_orbits_are_the_batches_themselves():
+def test_fewer_than_six_orbits_are_the_batches_themselves():
     # Student's t for 3 - 1 degrees of freedom: 4.303.
     series = np.array([[1.0, 3.0, 2.0, 5.0, 4.0, 3.0]])  # three orbits of two periods: means 2, 3.5, 3.5
     by_hand = 4.302653 * np.std([2.0, 3.5, 3.5], ddof=1) / np.sqrt(3)
     np.testing.assert_allclose(interval(series, 2), by_hand, rtol=1e-6)
     assert np.isnan(interval(series, 6)[0])  # one orbit: nothing to tell from
-    assert BATCHES == 10
 
 
 @pytest.mark.parametrize(("q", "n"), [(0, 25), (1, 25), (2, 24), (3, 24), (7, 21), (16, 16)])
@@ -92,7 +92,8 @@ def test_drift_is_not_settled(drift):
         return bool(reduction(as_power(percent[None]), np.full((1, 2), 2.0), np.array([1], np.int32)).settled[0])
 
     assert not settled(10 + drift)
-    assert settled(10 + 0.009 * drift)  # a hundredth of a percentage point does not count
+    # A hundredth of a percentage point does not count, unless it goes on and on: where a ramp ends, nobody knows.
+    assert settled(10 + 0.009 * drift) == (drift[-2] == drift[-1] or drift[0] > drift[-1])
 
 
 def test_stationary_noise_is_settled():
@@ -117,7 +118,7 @@ def test_mixed_period_numbers_keep_the_order_of_lanes():
 def test_a_single_lane_has_no_lane_dimension():
     percent = np.random.default_rng(16).uniform(10, 20, 40)
     found = reduction(as_power(percent), np.array([2.0, 4.0]), np.array(2, np.int32))
-    assert [value.shape for value in found] == [(2,), (), (), (), ()]
+    assert [value.shape for value in found] == [(2,), *[()] * 7]
     np.testing.assert_allclose(found.P_d, percent.mean(), rtol=1e-12)
 
 
