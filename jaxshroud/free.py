@@ -80,7 +80,7 @@ def _mean_square(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tupl
     """Square displacement averaged over each block and the period from `first` on, and sizes of x, y and theta in it.
 
     The squares of x and y are quadratic forms of where the period begins, the same for every period; theta needs a look
-    at all points. Its size is the largest it has there, that of x and y the amplitude of a sine of the same mean square.
+    at all points. Its size is the largest it has there, that of x and y the amplitude of a sine of equal mean square.
 
     Source:
         Eqs. (22), (23), as in `rhs.mean_square`.

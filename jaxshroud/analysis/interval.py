@@ -26,7 +26,6 @@ def correlation_times(series: Floats, q: int = 1) -> Floats:
     Infinite where the orbits' means are all alike, NaN below two orbits. A series that does not know its mean yet gives
     too many: three where it spans less than one.
     """
-    orbits = series.shape[-1] // q
     errors = [error for _, error in _errors(series, q)]
     if not errors:
         return np.full(series.shape[:-1], np.nan)

@@ -63,27 +63,22 @@ def settling(samples: Floats, near: Floats, q: int) -> Settling:
 
 
 def series_settling(series: Floats, q: int, near: float) -> Settling:
-    """Whether the mean of `series` (lanes, n) will stay within `near` of what it is, or within its interval.
+    """Whether the mean of `series` (lanes, n) will stay within `near` of what it is; aperiodic: within its interval.
 
     Args:
         series: One number for each period, oldest first.
         q: The period number of the lanes; 0: aperiodic.
         near: Difference that does not count.
     """
-    lanes, n = series.shape
-    changes, step = block_changes(series[..., None], max(q, 1))
-    to_go, rate = _remaining(changes, n // max(q, 1))
-    last = series[:, n - step :].mean(axis=1) if step else np.full(lanes, np.nan)
+    if q == 0:
+        return _of_aperiodic(series[..., None], series[..., None] / near)
+    n = series.shape[1]
+    changes, step = block_changes(series[..., None], q)
+    to_go, rate = _remaining(changes, n // q)
+    off = np.abs(series.mean(axis=1) - series[:, n - max(step, 1) :].mean(axis=1)) + to_go
     with np.errstate(invalid="ignore"):
-        off = np.abs(series.mean(axis=1) - last) + to_go
-        verdict = np.where(off <= near, YES, np.where((rate < 1) & (q > 0), NO, UNKNOWN))
-    if n < FEWEST:
-        verdict = np.where(verdict == YES, UNKNOWN, verdict)
-    elif q == 0:
-        apart, times = _halves_apart(series), correlation_times(series)
-        stationary = (apart <= APART) & (times >= ENOUGH) & (n >= FEWEST_APERIODIC)
-        verdict = np.where((verdict == YES) | stationary, YES, np.where(apart > 2 * APART, NO, UNKNOWN))
-    return _with_periods(verdict, off / near, np.where(q > 0, rate, np.nan), step)
+        verdict = np.where(off <= near, YES if n >= FEWEST else UNKNOWN, np.where(rate < 1, NO, UNKNOWN))
+    return _with_periods(verdict, off / near, rate, step)
 
 
 def block_changes(samples: Floats, q: int) -> tuple[Floats, int]:
@@ -148,7 +143,8 @@ def _of_aperiodic(samples: Floats, scaled: Floats) -> Settling:
 
 def _stationary(samples: Floats) -> NDArray[np.bool_]:
     fine = np.ones(len(samples), bool)
-    for series in (*np.moveaxis(samples, -1, 0), *np.moveaxis(samples**2, -1, 0)):
+    squares = (samples - samples.mean(axis=1, keepdims=True)) ** 2
+    for series in (*np.moveaxis(samples, -1, 0), *np.moveaxis(squares, -1, 0)):
         moves = series.std(axis=1) > 0
         fine &= ~moves | ((_halves_apart(series) <= APART) & (correlation_times(series) >= ENOUGH))
     return fine & np.isfinite(samples).all(axis=(1, 2))
