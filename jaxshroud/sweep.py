@@ -26,7 +26,7 @@ from jaxshroud.lanes import best
 from jaxshroud.linear import area, free_power
 from jaxshroud.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, run_block
 from jaxshroud.rhs import whole
-from jaxshroud.scene import Motion, Scene, vary
+from jaxshroud.scene import Motion, Scalar, Scene, Shroud, vary
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import State, Status, start
 from jaxshroud.tableau import Tableau
@@ -297,13 +297,14 @@ def relative_residual(samples: Sample) -> np.ndarray:
 
 @jax.jit
 def _closed_forms(scenes: Scene):
-    """Area, power without contact and half the longer diagonal of each lane's blocks."""
+    """Area, power without contact and half the diagonal of each lane's blocks."""
+    return jax.vmap(lambda scene: (area(scene.shroud), free_power(scene), half_diagonal(scene.shroud)))(scenes)
 
-    def of(scene: Scene):
-        block = corners(scene.shroud)
-        return area(scene.shroud), free_power(scene), jnp.hypot(block.a_x, block.h_y)
 
-    return jax.vmap(of)(scenes)
+def half_diagonal(shroud: Shroud) -> Scalar:
+    """Half the longer diagonal of a block [m]: how far its corners go when it turns by a radian."""
+    block = corners(shroud)
+    return jnp.hypot(block.a_x, block.h_y)
 
 
 def displacements(samples: Sample) -> np.ndarray:
@@ -313,10 +314,10 @@ def displacements(samples: Sample) -> np.ndarray:
 
 
 def sizes_of(samples: Sample) -> np.ndarray:
-    """The largest magnitude of each of the `displacements`, (lanes, 6)."""
+    """The largest magnitude of each of the `displacements` within each period, (lanes, n, 6)."""
     if samples.largest is None:
-        return np.abs(displacements(samples)).max(axis=-2)
-    return np.stack([np.asarray(a, float).max(axis=-1) for pair in samples.largest for a in pair], axis=-1)
+        return np.abs(displacements(samples))
+    return np.stack([np.asarray(a, float) for pair in samples.largest for a in pair], axis=-1)
 
 
 def averages(
@@ -324,7 +325,9 @@ def averages(
 ) -> tuple[Repetition, Reduction, np.ndarray]:
     """Period number and power of lanes (one leading axis of lanes) over their kept periods, and P_0 (lanes, 2)."""
     A, P_0, lever = (np.asarray(f, float) for f in _closed_forms(scenes))
-    orbit = repetition(displacements(samples), sizes_of(samples), lever, period_tol, scenes.drive.omega.dtype)
+    orbit = repetition(
+        displacements(samples), sizes_of(samples).max(axis=-2), lever, period_tol, scenes.drive.omega.dtype
+    )
     return orbit, reduction(A[:, None, None] * np.stack(samples.power, axis=-1), P_0, orbit.number), P_0
 
 

@@ -22,7 +22,7 @@ FEWEST_APERIODIC = 64  # periods
 SLOWEST = 1000.0  # blocks that a decay takes at most: changes so much smaller than the tolerance are none
 SAFETY = 3.0  # of the way still to go
 MARGIN = 2.0  # around the tolerance, within which a period number is in doubt
-STEADY = 0.8  # ratio of late to early return errors above which nothing converges, and below a half something does
+STEADY = 0.65  # ratio of late to early return errors above which nothing converges, and below a half something does
 APART = 1.5  # half widths of their difference's interval by which halves of a stationary run may differ
 
 
@@ -128,7 +128,7 @@ def _of_aperiodic(samples: Floats, scaled: Floats) -> Settling:
             break
         errors = _return_errors(scaled, p)
         half = errors.shape[1] // 2
-        first, second = errors[:, :half].max(axis=1), errors[:, half:].max(axis=1)
+        first, second = (np.sqrt((part**2).mean(axis=1)) for part in (errors[:, :half], errors[:, half:]))
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = second / first
         better = ratio < shrinks
