@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxshroud.analysis.interval import interval
 from jaxshroud.analysis.period import PERIOD_TOLERANCE
+from jaxshroud.analysis.power import Reduction
 from jaxshroud.analysis.settling import NO
 from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.integrate import FAST_WITH_LEDGER, Method
@@ -38,6 +39,11 @@ class PowerResult(NamedTuple):
     final: dict  # the answer: n, P_d, ci, settled, settling, stable, period_number, P, P_0, status, method and more
 
 
+def near_enough(now: Reduction, change: np.ndarray | float, tolerance: float) -> np.ndarray:
+    """Whether P_d of lanes, and its `change` since half as many periods, may count as known to `tolerance`."""
+    return (now.ci <= tolerance) & (change <= tolerance) & ~now.ci_short & (now.settling != NO)
+
+
 def _summary(scenes: Scene, samples: list[Sample], period_tol: float, tolerance: float, earlier: dict) -> dict:
     """The answer from the periods run so far, with the `series` of P_d of each period."""
     whole = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
@@ -48,7 +54,7 @@ def _summary(scenes: Scene, samples: list[Sample], period_tol: float, tolerance:
     q = max(int(orbit.number), 1)
     half = max(len(series) // (2 * q) * q, q)
     change = abs(float(series[:half].mean() - now.P_d))
-    close = bool(now.ci <= tolerance and change <= tolerance and not now.ci_short and now.settling != NO)
+    close = bool(near_enough(now, change, tolerance))
     return {
         "n": int(now.n),
         "P_d": float(now.P_d),

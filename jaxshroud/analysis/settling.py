@@ -22,7 +22,7 @@ FEWEST_APERIODIC = 64  # periods
 SLOWEST = 1000.0  # blocks that a decay takes at most: changes so much smaller than the tolerance are none
 SAFETY = 3.0  # of the way still to go
 MARGIN = 2.0  # around the tolerance, within which a period number is in doubt
-STEADY = 0.65  # ratio of late to early return errors above which nothing converges, and below a half something does
+STEADY = 0.6  # ratio of late to early return errors above which nothing converges, and below a half something does
 APART = 1.5  # half widths of their difference's interval by which halves of a stationary run may differ
 
 
