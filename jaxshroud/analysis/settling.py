@@ -23,6 +23,7 @@ SLOWEST = 1000.0  # blocks that a decay takes at most: changes so much smaller t
 SAFETY = 3.0  # of the way still to go
 MARGIN = 2.0  # around the tolerance, within which a period number is in doubt
 STEADY = 0.6  # ratio of late to early return errors above which nothing converges, and below a half something does
+ORDER, REGULAR = 8, 0.1  # numbers of a series from which the next one follows, but for so much of it
 APART = 1.5  # half widths of their difference's interval by which halves of a stationary run may differ
 
 
@@ -44,7 +45,8 @@ def settling(samples: Floats, near: Floats, q: int) -> Settling:
     Returns:
         For an orbit "yes" where what it still has to go is less than `near`, and its period number not in doubt. For
         aperiodic motion "yes" where the means and mean squares of both halves agree within their intervals, over at
-        least 30 correlation times, and no return error shrinks.
+        least 30 correlation times, no return error shrinks, and it is not regular: what rings on for a thousand periods
+        cannot be told from what does so for ever.
     """
     scaled = samples / np.maximum(near, np.finfo(float).tiny)[:, None]
     if q == 0:
@@ -146,8 +148,17 @@ def _stationary(samples: Floats) -> NDArray[np.bool_]:
     squares = (samples - samples.mean(axis=1, keepdims=True)) ** 2
     for series in (*np.moveaxis(samples, -1, 0), *np.moveaxis(squares, -1, 0)):
         moves = series.std(axis=1) > 0
-        fine &= ~moves | ((_halves_apart(series) <= APART) & (correlation_times(series) >= ENOUGH))
+        chaotic = (_halves_apart(series) <= APART) & (correlation_times(series) >= ENOUGH) & ~_regular(series)
+        fine &= ~moves | chaotic
     return fine & np.isfinite(samples).all(axis=(1, 2))
+
+
+def _regular(series: Floats) -> NDArray[np.bool_]:
+    """Whether each number of `series` (lanes, n) follows linearly from the eight before, as in free vibration."""
+    windows = np.lib.stride_tricks.sliding_window_view(series - series.mean(axis=1, keepdims=True), ORDER + 1, axis=1)
+    known, last = np.linalg.qr(windows[..., :ORDER])[0], windows[..., ORDER, None]
+    left = last - known @ (np.swapaxes(known, 1, 2) @ last)
+    return np.linalg.norm(left[..., 0], axis=1) < REGULAR * np.linalg.norm(last[..., 0], axis=1)
 
 
 def _halves_apart(series: Floats) -> Floats:
