@@ -29,6 +29,8 @@ from jaxshroud.sweep import (
     stepper,
 )
 
+FIRST = 2 * BLOCK  # periods before the first look
+
 
 class PowerResult(NamedTuple):
     """P_d of the left blade against the number of averaged periods."""
@@ -126,7 +128,7 @@ def power(
     state, lead, samples = starts(scenes), transient, []
     done, status, summary = 0, Status.OK, {}
     while done < most_periods and status == Status.OK and not summary.get("stable"):
-        n = min(max(2 * BLOCK, done), most_periods - done)  # doubles what there is
+        n = min(max(FIRST, done), most_periods - done)  # doubles what there is
         runs = run_lanes(scenes, state, Plan(lead, n, steps_per_period, 0.0, method), ticker)
         samples.append(runs.samples)
         state, lead, done, status = final_states(runs.last), 0, done + n, int(runs.last.status[0])

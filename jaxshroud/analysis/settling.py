@@ -145,20 +145,25 @@ def _of_aperiodic(samples: Floats, scaled: Floats) -> Settling:
 
 def _stationary(samples: Floats) -> NDArray[np.bool_]:
     fine = np.ones(len(samples), bool)
+    fine = np.isfinite(samples).all(axis=(1, 2))
     squares = (samples - samples.mean(axis=1, keepdims=True)) ** 2
     for series in (*np.moveaxis(samples, -1, 0), *np.moveaxis(squares, -1, 0)):
-        moves = series.std(axis=1) > 0
-        chaotic = (_halves_apart(series) <= APART) & (correlation_times(series) >= ENOUGH) & ~_regular(series)
-        fine &= ~moves | chaotic
-    return fine & np.isfinite(samples).all(axis=(1, 2))
+        at = np.flatnonzero(fine & (series.std(axis=1) > 0))
+        moving = series[at]
+        fine[at] = (_halves_apart(moving) <= APART) & (correlation_times(moving) >= ENOUGH) & ~_regular(moving)
+    return fine
 
 
 def _regular(series: Floats) -> NDArray[np.bool_]:
     """Whether each number of `series` (lanes, n) follows linearly from the eight before, as in free vibration."""
-    windows = np.lib.stride_tricks.sliding_window_view(series - series.mean(axis=1, keepdims=True), ORDER + 1, axis=1)
-    known, last = np.linalg.qr(windows[..., :ORDER])[0], windows[..., ORDER, None]
-    left = last - known @ (np.swapaxes(known, 1, 2) @ last)
-    return np.linalg.norm(left[..., 0], axis=1) < REGULAR * np.linalg.norm(last[..., 0], axis=1)
+    about = series - series.mean(axis=1, keepdims=True)
+    windows = np.lib.stride_tricks.sliding_window_view(about, ORDER + 1, axis=1)
+    products = np.einsum("lni,lnj->lij", windows, windows)
+    size = products[:, ORDER, ORDER]
+    normal = products[:, :ORDER, :ORDER] + 1e-12 * size[:, None, None] * np.eye(ORDER)
+    mixed = products[:, :ORDER, ORDER]
+    left = size - np.einsum("li,li->l", mixed, np.linalg.solve(normal, mixed[..., None])[..., 0])
+    return left < REGULAR**2 * size
 
 
 def _halves_apart(series: Floats) -> Floats:
