@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_parts import with_parts
 
-from jaxshroud import integrate, load, lyapunov, period_map, value_of, vary
+from jaxshroud import integrate, load, lyapunov, orbit, period_map, value_of, vary
 from jaxshroud.integrate import FAST, Method
 from jaxshroud.lanes import repeated
 from jaxshroud.lyapunov import ALIGNING, settled
@@ -140,6 +140,17 @@ def test_largest_exponent_is_that_of_two_trajectories(gamma, monkeypatch):
     by_tangents = found.growth[:, 0].mean()
     assert by_tangents > 0.1
     assert by_tangents == pytest.approx(by_distance, rel=0.03)
+
+
+@pytest.mark.parametrize("transient", [0, 64])
+def test_the_largest_exponent_of_an_orbit_is_that_of_floquet(transient):
+    # A complex pair of multipliers: both exponents are ln abs(multiplier), found to a hundredth in 32 periods.
+    scene = scene_at(2.5)
+    found = lyapunov(scene, n_periods=32, transient=transient)
+    exact = np.log(np.abs(orbit(scene).multipliers[:2]))
+    np.testing.assert_allclose(exact, -0.2616, atol=5e-5)
+    assert np.all(np.abs(found.exponents[:2] - exact) <= found.ci[:2])
+    assert np.all(found.ci[:2] < 0.01)
 
 
 def test_multipliers_without_contact_have_the_dampers_product():
