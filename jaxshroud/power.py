@@ -1,6 +1,6 @@
 """Vibration-power reduction of one scene, averaged over as many periods as it takes (Sec. 3.2, Fig. 15)."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -41,7 +41,7 @@ class PowerResult(NamedTuple):
     final: dict  # the answer: n, P_d, ci, settled, settling, stable, period_number, P, P_0, status, method and more
 
 
-def near_enough(now: Reduction, change: np.ndarray | float, tolerance: float) -> np.ndarray:
+def near_enough(now: Reduction, change: np.ndarray | float, tolerance: float) -> Any:
     """Whether P_d of lanes, and its `change` since half as many periods, may count as known to `tolerance`."""
     return (now.ci <= tolerance) & (change <= tolerance) & ~now.ci_short & (now.settling != NO)
 

@@ -5,10 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jaxshroud.analysis.settling import UNKNOWN, YES, Settling, settling
+from jaxshroud.analysis.settling import LARGEST_PERIOD, UNKNOWN, YES, Settling, settling
 
 Floats = NDArray[np.float64]
-LARGEST_PERIOD = 16
 PERIOD_TOLERANCE = 1e-3  # of the largest displacement
 SMALLEST = 1e-6  # size of a displacement that still counts, over the motion's largest
 ROUNDING = 100  # units of the last place of the motion's largest that never count

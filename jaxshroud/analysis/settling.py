@@ -15,6 +15,7 @@ from jaxshroud.analysis.interval import ENOUGH, correlation_times, interval
 
 Floats = NDArray[np.float64]
 NO, YES, UNKNOWN = 0, 1, 2
+LARGEST_PERIOD = 16  # that is looked for
 BLOCKS = 4
 FEWEST = 16  # periods; fewer have looked settled in front of an unstable orbit
 FEWEST_ORBITS = 8  # for a rate of decay; with half as many the slowest counts
@@ -113,8 +114,12 @@ def _with_periods(verdict, off: Floats, rate: Floats, step: int) -> Settling:
     """`off`: in units of what does not count. It is a block's end that is so far off: the kept ones begin earlier."""
     with np.errstate(divide="ignore", invalid="ignore"):
         more = np.ceil(step * (BLOCKS - np.log(off) / np.log(rate)))
-    more = np.where((verdict == NO) & np.isfinite(more), more, np.nan)
-    return Settling(verdict.astype(np.int8), np.where(verdict == YES, 0.0, more))
+    return _told(verdict, more)
+
+
+def _told(verdict, more: Floats) -> Settling:
+    known = np.where((verdict == NO) & np.isfinite(more), np.maximum(more, 1.0), np.nan)
+    return Settling(verdict.astype(np.int8), np.where(verdict == YES, 0.0, known))
 
 
 def _return_errors(scaled: Floats, q: int) -> Floats:
@@ -125,7 +130,7 @@ def _return_errors(scaled: Floats, q: int) -> Floats:
 def _of_aperiodic(samples: Floats, scaled: Floats) -> Settling:
     n = samples.shape[1]
     shrinks, early, half = np.full(len(samples), np.inf), np.full(len(samples), np.nan), 0
-    for p in range(1, 17):
+    for p in range(1, LARGEST_PERIOD + 1):
         if n - p < FEWEST // 2:
             break
         errors = _return_errors(scaled, p)
@@ -140,12 +145,11 @@ def _of_aperiodic(samples: Floats, scaled: Floats) -> Settling:
         verdict = np.where((shrinks > STEADY) & _stationary(samples), YES, verdict)
     with np.errstate(divide="ignore", invalid="ignore"):
         more = np.ceil(half * np.log(MARGIN * early) / -np.log(shrinks))
-    return Settling(verdict.astype(np.int8), np.where(verdict == YES, 0.0, np.where(verdict == NO, more, np.nan)))
+    return _told(verdict, more)
 
 
 def _stationary(samples: Floats) -> NDArray[np.bool_]:
-    fine = np.ones(len(samples), bool)
-    fine = np.isfinite(samples).all(axis=(1, 2))
+    fine = np.asarray(np.isfinite(samples).all(axis=(1, 2)))
     squares = (samples - samples.mean(axis=1, keepdims=True)) ** 2
     for series in (*np.moveaxis(samples, -1, 0), *np.moveaxis(squares, -1, 0)):
         at = np.flatnonzero(fine & (series.std(axis=1) > 0))
