@@ -50,8 +50,9 @@ def _summary(scenes: Scene, samples: list[Sample], period_tol: float, tolerance:
     """The answer from the periods run so far, with the `series` of P_d of each period."""
     whole = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
     orbit, now, P_0 = jax.tree.map(lambda a: a[0], averages(scenes, whole, period_tol))
+    A = float(area(jax.tree.map(lambda a: a[0], scenes.shroud)))
     with np.errstate(divide="ignore", invalid="ignore"):
-        series = 100 * (1 - float(area(scenes.shroud)[0]) * whole.power[0][0] / P_0[0])
+        series = 100 * (1 - A * whole.power[0][0] / P_0[0])
     series = np.where(P_0[0] > 0, series, np.nan)
     q = max(int(orbit.number), 1)
     half = max(len(series) // (2 * q) * q, q)
