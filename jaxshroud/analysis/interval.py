@@ -17,7 +17,7 @@ def interval(series: Floats, q: int = 1) -> Floats:
     times as wide as one that knows the spectrum. NaN below two orbits.
     """
     widths = [stdtrit(m - 1, 0.975) * error for m, error in _errors(series, q)]
-    return np.max(widths, axis=0) if widths else np.full(series.shape[:-1], np.nan)
+    return np.asarray(np.max(widths, axis=0)) if widths else np.full(series.shape[:-1], np.nan)
 
 
 def correlation_times(series: Floats, q: int = 1) -> Floats:
@@ -47,5 +47,5 @@ def _errors(series: Floats, q: int) -> list[tuple[int, Floats]]:
         means = orbit_means(series, length * q)
         batches = means.shape[-1]
         if batches > 1:
-            found.append((batches, means.std(axis=-1, ddof=1) / np.sqrt(batches)))
+            found.append((batches, np.asarray(means.std(axis=-1, ddof=1) / np.sqrt(batches))))
     return found
