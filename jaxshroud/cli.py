@@ -15,6 +15,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxshroud.analysis.settling import UNKNOWN
 from jaxshroud.cli_design import gradient_options, gradient_verb, tune_options, tune_verb
 from jaxshroud.cli_trade import trade_options, trade_verb
 from jaxshroud.config import Axis, SceneError, SceneFile, axis, shipped
@@ -268,11 +269,23 @@ def sweep_summary(result, seconds: float) -> dict[str, Any]:
         "status": {s.name: int((result.status == s).sum()) for s in Status if (result.status == s).any()},
         "period numbers": {str(n) if n else "aperiodic": int(c) for n, c in zip(numbers, counts, strict=True)},
         "unsettled": int((~result.settled & ok).sum()),
+        **_settling(result, ok),
         "largest P_d": best,
         **({} if residual is None else {"largest energy residual": float(np.max(residual, where=ok, initial=0.0))}),
         **({} if dropped is None else {"largest energy dropped": float(np.max(dropped, where=ok, initial=0.0))}),
         "method": f"{result.method}, {result.steps_per_period} steps a period",
         "seconds": round(seconds, 2),
+    }
+
+
+def _settling(result, ok: np.ndarray) -> dict[str, Any]:
+    """What is known of lanes that are not settled, and of intervals that span too little."""
+    more = result.periods_more[ok & np.isfinite(result.periods_more)]
+    return {
+        "of these unknown": int(((result.settling == UNKNOWN) & ok).sum()),
+        "most periods more": float(more.max(initial=0.0)),
+        "P_d unsettled": int((~result.P_d_settled & ok).sum()),
+        "short intervals of P_d": int((result.P_d_ci_short & ok).sum()),
     }
 
 

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from jaxshroud.geometry import gyration
 from jaxshroud.integrate import Method
@@ -57,9 +57,11 @@ def _samples(scenes: Scene, states: State, transient, turns, kept: int, nodes: i
         ends = (transient + turns + jnp.arange(kept + 1, dtype=turns.dtype)) * period
         motion = free_motion(scene, state.motion, jnp.zeros_like(turns), ends)
         power, largest = jax.vmap(lambda z: _mean_square(scene, z, turns, nodes))(Motion(*(a[:-1] for a in motion)))
-        sample = Sample(Motion(*((a[1:, 0], a[1:, 1]) for a in motion)), (power[:, 0], power[:, 1]))
+        in_pairs = lambda a: (a[:, 0], a[:, 1])  # noqa: E731
+        sizes = tuple(in_pairs(largest[..., i]) for i in range(3))
+        sample = Sample(Motion(*(in_pairs(a[1:]) for a in motion)), in_pairs(power), largest=sizes)
         last = State(Motion(*(a[-1] for a in motion)), state.u_s, state.mode, state.case)
-        status = free_status(scene, motion, jnp.max(largest))
+        status = free_status(scene, motion, jnp.max(largest[..., 2]))
         sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
         return sample, reduced(as_pairs(last), model(scene)), status, ends[-1] - ends[0]
 
@@ -75,11 +77,11 @@ def free_status(scene: Scene, motion: Motion, turned: Scalar) -> Int[Array, ""]:
     return jnp.where(finite, status, Status.NOT_FINITE).astype(jnp.int32)
 
 
-def _mean_square(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple[PerBlade, Scalar]:
-    """Square displacement averaged over each block and the period from `first` on, and the largest angle in it.
+def _mean_square(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple[PerBlade, Float[Array, "2 3"]]:
+    """Square displacement averaged over each block and the period from `first` on, and sizes of x, y and theta in it.
 
     The squares of x and y are quadratic forms of where the period begins, the same for every period; theta needs a look
-    at all points.
+    at all points. Its size is the largest it has there, that of x and y the amplitude of a sine of equal mean square.
 
     Source:
         Eqs. (22), (23), as in `rhs.mean_square`.
@@ -89,7 +91,8 @@ def _mean_square(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tupl
     weights, start = jnp.asarray(weights / 2, dtype), amounts(scene, first, turns)
     course, _ = courses(scene, jnp.asarray((place + 1) / 2, dtype) * scene.drive.period)
     form = jnp.einsum("n,nbik,nbil->bikl", weights, course[:, :, :2], course[:, :, :2])
-    bending = jnp.einsum("bik,bikl,bil->b", start[:, :2], form, start[:, :2])
+    bending = jnp.einsum("bik,bikl,bil->bi", start[:, :2], form, start[:, :2])
     theta = jnp.einsum("nbk,bk->nb", course[:, :, 2], start[:, 2])
     _, versine = sine_versine(theta)
-    return bending + gyration(scene.shroud) * 2 * (weights @ versine), jnp.max(jnp.abs(theta))
+    sizes = jnp.append(jnp.sqrt(2 * bending), jnp.max(jnp.abs(theta), axis=0)[:, None], axis=1)
+    return bending.sum(axis=1) + gyration(scene.shroud) * 2 * (weights @ versine), sizes

@@ -92,6 +92,7 @@ class Log(eqx.Module):
     time_stick: Scalar  # [s]
     time_slip: Scalar  # [s]
     v_max: Scalar  # largest penetration at the end of a step or at an event [m]
+    largest: tuple[Pair, Pair, Pair]  # magnitudes of x, y [m] and theta [rad] at ends of steps and at events
     counters: Counters
     within: Within | None  # None where nobody asked for it
 
@@ -131,7 +132,8 @@ def begin(state: State, model: Model, method: Method) -> Lane:
     none = jax.tree.map(jnp.zeros_like, rhs((zero, zero), state, model, method.ledger)[1])
     jumps = Jumps(zero, zero if turns(model) else ABSENT) if method.ledger else None
     within = nothing_yet(zero) if method.within else None
-    log = None if method.derivative else Log(zero, zero, zero, zero, no_events(model), within)
+    largest = jax.tree.map(jnp.zeros_like, _displacements(state.motion))
+    log = None if method.derivative else Log(zero, zero, zero, zero, largest, no_events(model), within)
     tally = Tally(none, jumps, log)
     guards = look(state.motion, (zero, zero), state, model).guards if model.spring.modal else None
     guards = jax.tree.map(jnp.zeros_like, guards)  # the first trial, of length zero, sets them
@@ -346,7 +348,7 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method
         lambda before: extremes(before, held, z, h, held.mode == Mode.APART, onset, model),
     )
     jumps = jax.tree.map(lambda a: jnp.where(fire, a, 0.0), Jumps(cross.energy, cross.dropped))
-    tally = _tallied(lane.tally, gain, jumps, h, held.mode, view.at, noted)
+    tally = _tallied(lane.tally, gain, jumps, h, held.mode, z, view.at, noted)
     status = jnp.where(accept, _status(z, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
     return Lane(
         select(accept, state, held),
@@ -365,10 +367,9 @@ def _glided(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Meth
     ahead, step = _advanced(lane.search, lane.step, jnp.zeros_like(accept), jnp.zeros_like(accept), method)
     mode, h = jnp.where(at.v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)), _place(lane, grid).h
     no, still = jnp.zeros_like(accept), jax.tree.map(jnp.zeros_like, lane.tally.jumps)
-    noted = Noted(
-        lambda counters: counters, lambda before: extremes(before, lane.state, end.state.motion, h, no, no, model)
-    )
-    tally = _tallied(lane.tally, end.gain, still, h, mode, at, noted)
+    z = end.state.motion
+    noted = Noted(lambda counters: counters, lambda before: extremes(before, lane.state, z, h, no, no, model))
+    tally = _tallied(lane.tally, end.gain, still, h, mode, z, at, noted)
     status = jnp.where(accept, _status(end.state.motion, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
     before = (lane.state, lane.step, lane.search, lane.tally)
     state, step, search, tally = select(accept, (end.state, step, ahead, tally), before)
@@ -399,21 +400,28 @@ class Noted(NamedTuple):
     within: Callable[[Within], Within]
 
 
-def _tallied(tally: Tally, gain: Integrals, jumps: Jumps | None, h: Scalar, mode, at: Touch, noted: Noted) -> Tally:
+def _displacements(z: Motion) -> tuple[Pair, Pair, Pair]:
+    return z.x, z.y, z.theta
+
+
+def _tallied(
+    tally: Tally, gain: Integrals, jumps: Jumps | None, h: Scalar, mode, z: Motion, at: Touch, noted: Noted
+) -> Tally:
     return Tally(
         jax.tree.map(jnp.add, tally.integrals, gain),
         None if tally.jumps is None else jax.tree.map(jnp.add, tally.jumps, jumps),
-        None if tally.log is None else _logged(tally.log, h, mode, at, noted),
+        None if tally.log is None else _logged(tally.log, h, mode, z, at, noted),
     )
 
 
-def _logged(log: Log, h: Scalar, mode, at: Touch, noted: Noted) -> Log:
+def _logged(log: Log, h: Scalar, mode, z: Motion, at: Touch, noted: Noted) -> Log:
     apart, stick = mode == Mode.APART, mode == Mode.STICK
     return Log(
         log.time_apart + jnp.where(apart, h, 0.0),
         log.time_stick + jnp.where(stick, h, 0.0),
         log.time_slip + jnp.where(apart | stick, 0.0, h),
         jnp.maximum(log.v_max, jnp.where(apart, 0.0, at.v)),
+        jax.tree.map(lambda most, now: jnp.maximum(most, jnp.abs(now)), log.largest, _displacements(z)),
         noted.counts(log.counters),
         None if log.within is None else noted.within(log.within),
     )

@@ -5,13 +5,13 @@ The section is drive phase 0. An orbit of period number q is a fixed point of th
 """
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from jaxshroud.absent import filled
-from jaxshroud.analysis.period import periodicity
+from jaxshroud.analysis.period import repetition
 from jaxshroud.checks import count_argument, in_precision, positive_argument
 from jaxshroud.integrate import FAST, Method
 from jaxshroud.lanes import alone, repeated
@@ -19,7 +19,7 @@ from jaxshroud.linear import area, free_power
 from jaxshroud.scene import Scene
 from jaxshroud.stability import Steps, steps_for, stiffest
 from jaxshroud.state import Mode, State, Status
-from jaxshroud.sweep import Plan, final_states, run_lanes, starts
+from jaxshroud.sweep import Plan, final_states, half_diagonal, run_lanes, sizes_of, starts
 from jaxshroud.tangents import (
     STATE,
     Dual,
@@ -34,7 +34,7 @@ from jaxshroud.tangents import (
 
 BLOCK = 8  # periods between two looks whether the motion repeats
 WINDOW = 48  # of the latest periods is looked at, at most
-NEAR = 1e-2  # how nearly it must, relative to the largest displacement, for Newton's method to take over
+NEAR = 1e-2  # how nearly it must, relative to each displacement's size, for Newton's method to take over
 MOST_UPDATES = 12
 CLOSED = 1e-9  # relative closing error of orbits that are only followed
 TOGETHER = 1e-8  # states of an orbit so close are one and the same
@@ -151,7 +151,8 @@ def orbit(
 def _settled(scene: Scene, state: State | None, most: int, steps: int, tolerance: float, method: Method) -> Orbit:
     lane = alone(scene)
     states = starts(lane) if state is None else alone(state)
-    spent, samples, latest = 0, np.empty((0, STATE - 1)), None
+    spent, samples, largest, latest = 0, np.empty((0, STATE - 1)), np.empty((0, 6)), None
+    lever = float(half_diagonal(scene.shroud))
     here = jax.tree.map(lambda a: a[0], states)
     for done in range(BLOCK, most + BLOCK, BLOCK):
         runs = run_lanes(lane, states, Plan(0, BLOCK, steps, 0.0, method), lambda _: None)
@@ -160,8 +161,10 @@ def _settled(scene: Scene, state: State | None, most: int, steps: int, tolerance
         if int(runs.last.status[0]) != Status.OK:
             return _none(scene, here, ("stopped",), spent, steps, method)
         new = np.concatenate([np.stack(pair, axis=-1)[0] for pair in runs.samples.motion], axis=-1)
-        samples = np.concatenate([samples, new])[-max(min(WINDOW, done // 2), BLOCK) :]
-        q = _nearly(samples)
+        latest_ones = slice(-max(min(WINDOW, done // 2), BLOCK), None)
+        samples = np.concatenate([samples, new])[latest_ones]
+        largest = np.concatenate([largest, sizes_of(runs.samples)[0]])[latest_ones]
+        q = _nearly(samples, largest.max(axis=0), lever, scene.drive.omega.dtype)
         if q == 0:
             continue
         shot = _closed(scene, here, q, _sizes(scene, samples), steps, tolerance, method)
@@ -183,9 +186,9 @@ def _shortest(long: Orbit, sizes: np.ndarray, tolerance: float) -> Orbit:
     return long
 
 
-def _nearly(samples: np.ndarray) -> int:
+def _nearly(samples: np.ndarray, sizes: np.ndarray, lever: float, precision: Any) -> int:
     """The period number that samples (n, 12) nearly have, if they show it three times; else 0."""
-    q = int(periodicity(samples[:, 0], NEAR).number)
+    q = int(repetition(samples[:, :6], sizes, np.asarray(lever), NEAR, precision).number)
     return q if 3 * q <= len(samples) else 0
 
 

@@ -29,6 +29,7 @@ class Sample(NamedTuple):
     gross: Any = None  # of the drive, without its sign at each instant [J]
     dropped: Any = None  # energy of the rocking that flat contact ended [J]
     residual: Any = None  # of the energy balance [J]
+    largest: Any = None  # magnitudes of x, y [m] and theta [rad], three pairs; None where they were not looked at
 
 
 class Clock(NamedTuple):
@@ -50,7 +51,9 @@ def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, metho
         residual = balance(gain.ledger, jumps, energies - held)
         kept = gain.ledger.drive, gain.ledger.gross, filled(jumps.dropped, periods), residual
     power = filled(gain.power, periods)
-    sample = Sample(whole(lanes.state).motion, (power[0] / periods, power[1] / periods), *kept)
+    largest = None if lanes.tally.log is None else filled(lanes.tally.log.largest, periods)
+    power = power[0] / periods, power[1] / periods
+    sample = Sample(whole(lanes.state).motion, power, *kept, largest=largest)
     overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(sum(jax.tree.leaves(sample), energies))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
     lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
@@ -59,10 +62,9 @@ def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, metho
 
 
 def _with_empty_tally(lanes: Lane) -> Lane:
-    """The lanes with their integrals at zero: what a late period adds to a long sum would be lost in float32."""
-    sums = lanes.tally.integrals, lanes.tally.jumps
-    places = lambda lane: (lane.tally.integrals, lane.tally.jumps)  # noqa: E731
-    return eqx.tree_at(places, lanes, jax.tree.map(jnp.zeros_like, sums), is_leaf=lambda a: a is None)
+    """The lanes with what a sample holds at zero: what a late period adds to a long sum would be lost in float32."""
+    places = lambda lane: (lane.tally.integrals, lane.tally.jumps, lane.tally.log and lane.tally.log.largest)  # noqa: E731
+    return eqx.tree_at(places, lanes, jax.tree.map(jnp.zeros_like, places(lanes)), is_leaf=lambda a: a is None)
 
 
 def _energies(lanes: Lane, models: Model) -> Float[Array, " lanes"]:

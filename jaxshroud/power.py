@@ -1,16 +1,18 @@
 """Vibration-power reduction of one scene, averaged over as many periods as it takes (Sec. 3.2, Fig. 15)."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from jaxshroud.analysis.period import PERIOD_TOLERANCE, periodicity
-from jaxshroud.analysis.power import interval, reduction
+from jaxshroud.analysis.interval import interval
+from jaxshroud.analysis.period import PERIOD_TOLERANCE
+from jaxshroud.analysis.power import Reduction
+from jaxshroud.analysis.settling import NO
 from jaxshroud.checks import count_argument, in_precision, tolerance_argument
 from jaxshroud.integrate import FAST_WITH_LEDGER, Method
 from jaxshroud.lanes import alone
-from jaxshroud.linear import area, free_power
+from jaxshroud.linear import area
 from jaxshroud.periods import BLOCK, Sample
 from jaxshroud.scene import Scene
 from jaxshroud.stability import Steps, steps_for
@@ -19,6 +21,7 @@ from jaxshroud.sweep import (
     Plan,
     Progress,
     Ticker,
+    averages,
     final_states,
     relative_residual,
     run_lanes,
@@ -27,6 +30,8 @@ from jaxshroud.sweep import (
     told_chatter,
 )
 
+FIRST = 2 * BLOCK  # periods before the first look
+
 
 class PowerResult(NamedTuple):
     """P_d of the left blade against the number of averaged periods."""
@@ -34,38 +39,44 @@ class PowerResult(NamedTuple):
     n: np.ndarray  # (m,) numbers of periods
     P_d: np.ndarray  # (m,) average over the first n kept periods [%]
     P_d_ci: np.ndarray  # (m,) half width of its 95 % interval [percentage points]; NaN below two batches
-    final: dict  # the answer: n, P_d, ci, settled, stable, period_number, P, P_0, status, energy_residual, method
+    final: dict  # the answer: n, P_d, ci, settled, settling, stable, period_number, P, P_0, status, method and more
 
 
-def _summary(samples: list[Sample], A: float, P_0: np.ndarray, period_tol: float, tolerance: float) -> dict:
+def near_enough(now: Reduction, change: np.ndarray | float, tolerance: float) -> Any:
+    """Whether P_d of lanes, and its `change` since half as many periods, may count as known to `tolerance`."""
+    return (now.ci <= tolerance) & (change <= tolerance) & ~now.ci_short & (now.settling != NO)
+
+
+def _summary(scenes: Scene, samples: list[Sample], period_tol: float, tolerance: float, earlier: dict) -> dict:
     """The answer from the periods run so far, with the `series` of P_d of each period."""
-    x = np.concatenate([s.motion.x[0][0] for s in samples])
-    P = A * np.stack([np.concatenate([s.power[i][0] for s in samples]) for i in (0, 1)], axis=-1)
-    orbit = periodicity(x, period_tol)
+    whole = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
+    orbit, now, P_0 = jax.tree.map(lambda a: a[0], averages(scenes, whole, period_tol))
+    A = float(area(jax.tree.map(lambda a: a[0], scenes.shroud)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        series = 100 * (1 - A * whole.power[0][0] / P_0[0])
+    series = np.where(P_0[0] > 0, series, np.nan)
     q = max(int(orbit.number), 1)
-    now, before = (reduction(p, P_0, orbit.number) for p in (P, P[: max(len(P) // (2 * q) * q, q)]))
-    change = abs(float(now.P_d - before.P_d))
+    half = max(len(series) // (2 * q) * q, q)
+    change = abs(float(series[:half].mean() - now.P_d))
+    close = bool(near_enough(now, change, tolerance))
     return {
         "n": int(now.n),
         "P_d": float(now.P_d),
         "ci": float(now.ci),
         "change": change,
         "tolerance": tolerance,
-        "stable": bool(now.ci <= tolerance and change <= tolerance),
+        "close": close,
+        "stable": close and bool((now.settled and orbit.number > 0) or earlier.get("close", False)),
         "settled": bool(now.settled),
+        "settling": int(now.settling),
+        "periods_more": float(now.periods_more),
+        "ci_short": bool(now.ci_short),
         "period_number": int(orbit.number),
         "P": now.P.tolist(),
         "P_0": P_0.tolist(),
-        "energy_residual": _residual(samples),
-        "series": 100 * (1 - P[:, 0] / P_0[0]) if P_0[0] > 0 else np.full(len(P), np.nan),
+        "energy_residual": float("nan") if whole.residual is None else float(relative_residual(whole)[0]),
+        "series": series,
     }
-
-
-def _residual(samples: list[Sample]) -> float:
-    if samples[0].residual is None:
-        return float("nan")
-    whole = jax.tree.map(lambda *a: np.concatenate(a, axis=-1), *samples)
-    return float(relative_residual(whole)[0])
 
 
 def _convergence(summary: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -96,7 +107,9 @@ def power(
         transient: Drive periods run and discarded first.
         steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs.
         tolerance: P_d counts as stable when its 95 % half width, and its change since half as many periods, are both
-            at most this [percentage points].
+            at most this [percentage points]: at once on an orbit that P_d has settled on, else over at least 30
+            correlation times and at two looks in succession, the second after twice as many periods. (Stopping at the
+            first interval that is short enough would choose those that are too short.)
         period_tol: Tolerance of the period number.
         method: Static choices of the march.
         progress: Called with (periods done, periods at most).
@@ -116,15 +129,14 @@ def power(
     scenes = in_precision(alone(scene), method.precision)
     ticker = Ticker(transient + most_periods, progress)
     state, lead, samples = starts(scenes), transient, []
-    A, P_0 = float(area(scene.shroud)), np.asarray(free_power(scene), float)
     done, status, summary, alternating = 0, Status.OK, {}, None
     while done < most_periods and status == Status.OK and not summary.get("stable"):
-        n = min(max(2 * BLOCK, done), most_periods - done)  # doubles what there is
+        n = min(max(FIRST, done), most_periods - done)  # doubles what there is
         runs = run_lanes(scenes, state, Plan(lead, n, steps_per_period, 0.0, method), ticker)
         alternating = told_chatter(scenes, runs, Plan(transient + done, n, steps_per_period, 0.0, method))
         samples.append(runs.samples)
         state, lead, done, status = final_states(runs.last), 0, done + n, int(runs.last.status[0])
-        summary = _summary(samples, A, P_0, period_tol, tolerance)
+        summary = _summary(scenes, samples, period_tol, tolerance, summary)
     n, P_d, ci = _convergence(summary)
-    final = {name: value for name, value in summary.items() if name != "series"}
+    final = {name: value for name, value in summary.items() if name not in ("series", "close")}
     return PowerResult(n, P_d, ci, {**final, "status": status, "method": str(method), "chatter": alternating})

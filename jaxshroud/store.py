@@ -73,9 +73,14 @@ def sweep_dataset(result: SweepResult, scene_file: SceneFile) -> xr.Dataset:
         "P_0": ([*dims, "blade"], result.P_0, _named("m4", "average power without contact, closed form")),
         "P_d": lane(result.P_d, **_named("percent", "vibration-power reduction of the left blade, Eq. (24)")),
         "P_d_ci": lane(result.P_d_ci, **_named("percent", "half width of the 95 % interval of P_d, batch means")),
-        "P_d_settled": lane(result.P_d_settled.astype(np.int8), long_name="no drift of P_d between halves of the run"),
+        "P_d_ci_short": lane(result.P_d_ci_short.astype(np.int8), long_name="too few correlation times for P_d_ci"),
+        "P_d_settled": lane(result.P_d_settled.astype(np.int8), long_name="P_d no longer drifts, on evidence"),
+        "P_d_settling": lane(result.P_d_settling, **_verdict("P_d no longer drifts")),
+        "P_d_periods_more": lane(result.P_d_periods_more, **_more("P_d no longer drifts")),
         "period_number": lane(result.period_number, long_name="period of the orbit in drive periods; 0: aperiodic"),
-        "settled": lane(result.settled.astype(np.int8), long_name="the transient is over"),
+        "settled": lane(result.settled.astype(np.int8), long_name="the transient is over, on evidence"),
+        "settling": lane(result.settling, **_verdict("the transient is over")),
+        "periods_more": lane(result.periods_more, **_more("it is over")),
         "status": lane(result.status.astype(np.int8), **STATUS),
         "v_max": lane(result.v_max, **_named("m", "largest penetration")),
     }
@@ -278,6 +283,14 @@ def _umask() -> int:
 
 def _named(units: str, long_name: str) -> dict[str, str]:
     return {"units": units, "long_name": long_name}
+
+
+def _verdict(what: str) -> dict[str, Any]:
+    return {"long_name": what, "flag_values": [0, 1, 2], "flag_meanings": "no yes unknown"}
+
+
+def _more(until: str) -> dict[str, str]:
+    return _named("1", f"drive periods of transient to add until {until}; NaN if unknown")
 
 
 def _attrs(scene_file: SceneFile) -> dict[str, Any]:

@@ -14,18 +14,20 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.absent import filled
-from jaxshroud.analysis.period import PERIOD_TOLERANCE, Periodicity, periodicity
+from jaxshroud.analysis.period import PERIOD_TOLERANCE, Repetition, repetition
 from jaxshroud.analysis.power import Reduction, reduction
+from jaxshroud.analysis.settling import YES
 from jaxshroud.chatter import chatter
 from jaxshroud.checks import count_argument, in_precision, tolerance_argument
 from jaxshroud.events import Counters
 from jaxshroud.free import free_runs
+from jaxshroud.geometry import corners
 from jaxshroud.integrate import FAST, Lane, Method
 from jaxshroud.lanes import best
 from jaxshroud.linear import area, free_power
 from jaxshroud.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, run_block
 from jaxshroud.rhs import whole
-from jaxshroud.scene import Motion, Scene, vary
+from jaxshroud.scene import Motion, Scalar, Scene, Shroud, vary
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import State, Status, start
 from jaxshroud.tableau import Tableau
@@ -51,9 +53,9 @@ class SweepResult:
     P_0: np.ndarray  # (..., 2) [m^4]
     P_d: np.ndarray  # left blade, Eq. (24) [%]
     P_d_ci: np.ndarray  # half width of its 95 % interval [percentage points]
-    P_d_settled: np.ndarray
+    P_d_settled: np.ndarray  # True: on evidence
     period_number: np.ndarray  # 0: aperiodic
-    settled: np.ndarray  # False: transient not over
+    settled: np.ndarray  # True: the transient is over, on evidence
     period_tol: float
     status: np.ndarray
     energy_residual: np.ndarray | None  # largest of any kept period over the drive's mean work; None without a ledger
@@ -64,6 +66,11 @@ class SweepResult:
     counters: dict[str, np.ndarray]
     steps_per_period: int
     method: Method
+    settling: np.ndarray  # 0: the transient is not over, 1: it is, 2: unknown
+    periods_more: np.ndarray  # of transient until it is; NaN if unknown
+    P_d_settling: np.ndarray  # 0: P_d still drifts, 1: it does not, 2: unknown
+    P_d_periods_more: np.ndarray  # of transient until it no longer does; NaN if unknown
+    P_d_ci_short: np.ndarray  # True: fewer than 30 correlation times, too few to trust the interval
     energy_dropped: np.ndarray | None = None  # by flat contact, largest of any kept period over the drive's gross work
     chatter: str | None = None  # what alternated in the first lane that stopped with TOO_MANY_EVENTS
 
@@ -310,13 +317,37 @@ def told_chatter(scenes: Scene, runs: Runs, plan: Plan) -> str | None:
 
 @jax.jit
 def _closed_forms(scenes: Scene):
-    return jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(scenes)
+    """Area, power without contact and half the diagonal of each lane's blocks."""
+    return jax.vmap(lambda scene: (area(scene.shroud), free_power(scene), half_diagonal(scene.shroud)))(scenes)
 
 
-def averages(scenes: Scene, samples: Sample) -> tuple[Periodicity, Reduction, Any]:
+def half_diagonal(shroud: Shroud) -> Scalar:
+    """Half the longer diagonal of a block [m]: how far its corners go when it turns by a radian."""
+    block = corners(shroud)
+    return jnp.hypot(block.a_x, block.h_y)
+
+
+def displacements(samples: Sample) -> np.ndarray:
+    """x, y and theta of both blades at the ends of periods, (lanes, n, 6)."""
+    z = samples.motion
+    return np.stack([np.asarray(a, float) for pair in (z.x, z.y, z.theta) for a in pair], axis=-1)
+
+
+def sizes_of(samples: Sample) -> np.ndarray:
+    """The largest magnitude of each of the `displacements` within each period, (lanes, n, 6)."""
+    if samples.largest is None:
+        return np.abs(displacements(samples))
+    return np.stack([np.asarray(a, float) for pair in samples.largest for a in pair], axis=-1)
+
+
+def averages(
+    scenes: Scene, samples: Sample, period_tol: float = PERIOD_TOLERANCE
+) -> tuple[Repetition, Reduction, np.ndarray]:
     """Period number and power of lanes (one leading axis of lanes) over their kept periods, and P_0 (lanes, 2)."""
-    A, P_0 = (np.asarray(f, float) for f in _closed_forms(scenes))
-    orbit = periodicity(np.asarray(samples.motion.x[0], float), PERIOD_TOLERANCE)
+    A, P_0, lever = (np.asarray(f, float) for f in _closed_forms(scenes))
+    orbit = repetition(
+        displacements(samples), sizes_of(samples).max(axis=-2), lever, period_tol, scenes.drive.omega.dtype
+    )
     return orbit, reduction(A[:, None, None] * np.stack(samples.power, axis=-1), P_0, orbit.number), P_0
 
 
@@ -326,14 +357,12 @@ def _in_full(a) -> np.ndarray:
 
 def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, period_tol: float) -> SweepResult:
     shape = tuple(len(v) for v in axes.values())
-    flat = jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), scenes)
-    A, P_0 = (np.asarray(f, float).reshape(*shape, -1) for f in _closed_forms(flat))
-    alternating = told_chatter(flat, jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), runs), plan)
+    in_line = lambda tree: jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), tree)  # noqa: E731
+    alternating = told_chatter(in_line(scenes), in_line(runs), plan)
     runs = jax.tree.map(_in_full, runs)
-    stack = lambda pair: np.stack(pair, axis=-1)  # noqa: E731
-    motion = Motion(*map(stack, runs.samples.motion))
-    orbit = periodicity(motion.x[..., 0], period_tol)
-    power = reduction(A[..., None] * stack(runs.samples.power), P_0, orbit.number)
+    motion = Motion(*(np.stack(pair, axis=-1) for pair in runs.samples.motion))
+    got = averages(in_line(scenes), in_line(runs.samples), period_tol)
+    (number, told), power, P_0 = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), got)
     log, before = runs.last.tally.log, runs.before.log
     spent = [getattr(log, n) - getattr(before, n) for n in ("time_apart", "time_stick", "time_slip")]
     whole = sum(spent)
@@ -354,8 +383,8 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
         P_d=power.P_d,
         P_d_ci=power.ci,
         P_d_settled=power.settled,
-        period_number=orbit.number,
-        settled=orbit.settled,
+        period_number=number,
+        settled=told.verdict == YES,
         period_tol=period_tol,
         status=np.asarray(runs.last.status),
         energy_residual=residual,
@@ -368,4 +397,9 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
         method=plan.method,
         energy_dropped=dropped,
         chatter=alternating,
+        settling=told.verdict,
+        periods_more=told.periods_more,
+        P_d_settling=power.settling,
+        P_d_periods_more=power.periods_more,
+        P_d_ci_short=power.ci_short,
     )

@@ -33,6 +33,8 @@ ORDER = [
     "chatter",
     "free",
     "analysis",
+    "analysis.interval",
+    "analysis.settling",
     "analysis.period",
     "analysis.power",
     "analysis.spectrum",
