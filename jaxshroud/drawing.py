@@ -4,6 +4,7 @@ Figures are built on `matplotlib.figure.Figure` alone: no window, no global stat
 """
 
 import os
+from io import BytesIO
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -12,6 +13,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+from jaxshroud.files import write
 
 COLUMN, WIDE = 88 / 25.4, 140 / 25.4  # one and one and a half columns [inch]
 STYLE: Any = {
@@ -90,7 +93,7 @@ def quantity(key: str) -> tuple[str, float]:
 
 
 def save(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write `figure` under a temporary name beside `path`, then rename it: never half a file.
+    """Write `figure`: never half a file.
 
     Args:
         figure: Any figure.
@@ -98,14 +101,11 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
 
     Raises:
         ValueError: The suffix names no format of matplotlib.
-        OSError: The folder is missing or not writable.
+        WriteError: The place cannot be written.
     """
     path = Path(path)
     if not path.suffix:
         raise ValueError(f"{path}: a picture needs a suffix, such as .png, .pdf or .svg.")
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        figure.savefig(part, format=path.suffix[1:].lower(), dpi=200)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    picture = BytesIO()
+    figure.savefig(picture, format=path.suffix[1:].lower(), dpi=200)
+    write(path, picture.getbuffer())

@@ -17,6 +17,7 @@ from jaxshroud.state import State, Status
 
 CHUNK = 64  # lanes per call: the loop is long enough to pay for its dispatch, and lanes rarely wait for each other
 BLOCK = 32  # periods per call: the grain of progress and of what is held in memory
+LANE_STEPS = 1 << 20  # per call at most, unless a single period has more: Ctrl-C is heard between calls
 COMPILER = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
 
 
@@ -35,6 +36,11 @@ class Clock(NamedTuple):
     start: Float[Array, ""]  # [turns]
     steps: Int[Array, ""]
     per_period: Float[Array, ""]
+
+
+def block_length(lanes: int, steps: int) -> int:
+    """Periods of so many lanes and steps to run in one call: at most `BLOCK`, and a fraction of a second."""
+    return min(max(LANE_STEPS // (max(lanes, 32) * steps), 1), BLOCK)
 
 
 def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Method, each: EachLane):
