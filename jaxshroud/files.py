@@ -46,12 +46,10 @@ def write(path: Path, content: bytes | memoryview) -> None:
             os.replace(part, path)
         written.append(path)
     except OSError as error:
-        kind, cure = (
-            (MachineError, "make room and run again")
-            if error.errno in MACHINE
-            else (WriteError, "choose another --out")
-        )
-        raise kind(f"{path}: cannot be written ({error.strerror or error}); {cure}") from None
+        told = f"{path}: cannot be written ({error.strerror or error}); "
+        if error.errno in MACHINE:
+            raise MachineError(told + "make room and run again") from None
+        raise WriteError(told + "choose another --out") from None
     finally:
         if part is not None:
             _remove(part)

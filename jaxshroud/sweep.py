@@ -237,7 +237,7 @@ def run_lanes(
     joined = lambda done: jax.tree.map(lambda *a: np.concatenate(a)[:lanes], *done)  # noqa: E731
 
     def run(check: Check, at: np.ndarray) -> Runs:
-        n = min(width, lanes - at[0])
+        n = min(width, lanes - int(at[0]))
 
         def tick(periods: int) -> None:
             ticker(periods * n)
