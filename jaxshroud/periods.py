@@ -17,7 +17,7 @@ from jaxshroud.state import State, Status
 
 CHUNK = 64  # lanes per call: the loop is long enough to pay for its dispatch, and lanes rarely wait for each other
 BLOCK = 32  # periods per call: the grain of progress and of what is held in memory
-LANE_STEPS = 1 << 20  # per call at most, unless a single period has more: Ctrl-C is heard between calls
+AT_ONCE = 1 << 23  # stages of lanes per call, or a single period: a fraction of a second; Ctrl-C is heard in between
 COMPILER = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
 
 
@@ -38,9 +38,9 @@ class Clock(NamedTuple):
     per_period: Float[Array, ""]
 
 
-def block_length(lanes: int, steps: int) -> int:
-    """Periods of so many lanes and steps to run in one call: at most `BLOCK`, and a fraction of a second."""
-    return min(max(LANE_STEPS // (max(lanes, 32) * steps), 1), BLOCK)
+def periods_at_once(lanes: int, steps: int, method: Method) -> int:
+    """How many periods of so many lanes and steps to run in one call at most."""
+    return max(AT_ONCE // (max(lanes, 32) * steps * len(method.tableau.b)), 1)
 
 
 def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Method, each: EachLane):

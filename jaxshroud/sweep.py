@@ -20,7 +20,7 @@ from jaxshroud.free import free_runs
 from jaxshroud.integrate import FAST, Lane, Method
 from jaxshroud.lanes import best
 from jaxshroud.linear import area, free_power
-from jaxshroud.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, block_length, run_block
+from jaxshroud.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, periods_at_once, run_block
 from jaxshroud.rhs import whole
 from jaxshroud.scene import Motion, Scene, vary
 from jaxshroud.stability import Steps, steps_for
@@ -294,7 +294,7 @@ def _times(lanes: Any):
 
 def _blocks(scenes: Scene, lanes: Lane, periods: int, plan: Plan, tick, keep: bool):
     kept: list[Sample] = []
-    longest = block_length(len(lanes.status), plan.steps_per_period)
+    longest = min(periods_at_once(len(lanes.status), plan.steps_per_period, plan.method), BLOCK)
     for done in range(0, periods, longest):
         n = min(longest, periods - done)
         lanes, sample = run_block(scenes, lanes, plan.clock, jnp.int32(n), plan.method, BLOCK, best())

@@ -26,6 +26,7 @@ from jaxshroud.state import Mode, State, Status, start
 from jaxshroud.sweep import stepper
 
 BLOCK = 1024  # samples per call
+STEPS_AT_ONCE = 1 << 15  # per call, or a single sample: Ctrl-C is heard in between
 
 
 class Trajectory(NamedTuple):
@@ -91,8 +92,9 @@ def simulate(
     samples = [first]
     steps, phase = jnp.int32(steps_per_period), jnp.asarray(turns, first.u_s.dtype)
     held = _energy(scene, lane)
-    for done in range(0, total, BLOCK):
-        n = min(BLOCK, total - done)
+    longest = min(max(STEPS_AT_ONCE // every, 1), BLOCK)
+    for done in range(0, total, longest):
+        n = min(longest, total - done)
         lane, block = _samples(scene, lane, steps, phase, jnp.int32(every), jnp.int32(n), method, best())
         samples.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
     whole = jax.tree.map(lambda *a: np.concatenate(a), jax.tree.map(lambda a: np.asarray(a)[None], first), *samples[1:])

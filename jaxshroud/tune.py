@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import qmc
 
-from jaxshroud.checks import count_argument
+from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.gradient import slopes, with_numbers
 from jaxshroud.integrate import FAST, REFERENCE, Method
 from jaxshroud.lanes import repeated
@@ -24,7 +24,7 @@ from jaxshroud.scene import Motion, Scene
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import State, Status, start
 from jaxshroud.sweep import Plan, Progress, Ticker, averages, run_lanes, scenes_at, starts
-from jaxshroud.tangents import Dual, differentiable, direction, onward, resting, run_flow, to_vector
+from jaxshroud.tangents import Dual, as_precise, differentiable, direction, onward, resting, run_flow, to_vector
 
 Goal = Literal["mean", "worst"]
 RATE = 0.03  # Adam's first step, in units of the cube's side
@@ -138,8 +138,9 @@ def tune(
 
     Raises:
         KeyError: The scene has no such number.
-        ValueError: A count is too small, or bounds are not in order.
+        ValueError: A count is too small, bounds are not in order, or float64 is not to be had.
     """
+    in_precision(scene, method.precision)  # refused now rather than after the search
     problem = problem_of(scene, over, conditions or {})
     steps = steps_for(corners(problem), 1, steps_per_period, method.tableau)
     plan = Plan(transient, n_periods, steps, 0.0, method)
@@ -220,9 +221,9 @@ def corners(problem: Problem) -> Scene:
 
 def judge_designs(problem: Problem, designs: np.ndarray, tick, states: State | None = None) -> Judged:
     """Simulate designs (n, keys) in every condition, from the scene's start or from one state in all of them."""
-    scenes = scenes_of(problem, designs)
+    scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
     lanes = len(scenes.drive.omega)
-    first = starts(scenes) if states is None else repeated(states, lanes)
+    first = starts(scenes) if states is None else repeated(as_precise(states, scenes), lanes)
     runs = run_lanes(scenes, first, problem.plan, tick)
     motion, got, _ = averages(scenes, runs.samples)
     shape = len(designs), len(problem.rows)
@@ -298,13 +299,13 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick) -> tuple[np.ndarray, np.
     """Derivatives of P_d and growth of a push in the state, both (n, conditions, keys), per side of the cube."""
     plan, keys, rows = problem.plan, list(problem.over), len(problem.rows)
     designs, rates = problem.values(u), problem.rates(u)
-    scenes = scenes_of(problem, designs)
+    scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
     lanes = len(u) * rows * len(keys)
     each = lambda tree: jax.tree.map(lambda a: np.repeat(np.asarray(a), len(keys), axis=0), tree)  # noqa: E731
     unit = [direction(jax.tree.map(lambda a: a[0], scenes), key) for key in keys]
     rate = np.repeat(rates, rows, axis=0).ravel()
     along = jax.tree.map(lambda *a: np.tile(np.stack(a), (len(u) * rows, *[1] * np.ndim(a[0]))), *unit)
-    along = jax.tree.map(lambda a: a * rate.reshape(-1, *[1] * (a.ndim - 1)), along)
+    along = jax.tree.map(lambda a: (a * rate.reshape(-1, *[1] * (a.ndim - 1))).astype(a.dtype), along)
     scene, state = Dual(each(scenes), along), resting(each(starts(scenes)))
     method, steps = differentiable(plan.method), plan.steps_per_period
     if plan.transient:
@@ -334,7 +335,8 @@ def _wide_slopes(problem: Problem, u: np.ndarray, tick) -> np.ndarray:
 def _checks(problem: Problem, design: np.ndarray, seed: int) -> dict[str, Judged]:
     """The design simulated again: with half the step and the reference method, four times as long, from elsewhere."""
     plan, quiet = problem.plan, lambda _: None
-    fine = Plan(plan.transient, plan.kept, 2 * plan.steps_per_period, 0.0, REFERENCE._replace(ledger=False))
+    reference = REFERENCE._replace(ledger=False, precision=problem.scene.drive.omega.dtype.name)
+    fine = Plan(plan.transient, plan.kept, 2 * plan.steps_per_period, 0.0, reference)
     long = Plan(4 * plan.transient, 4 * plan.kept, plan.steps_per_period, 0.0, plan.method)
     checks = {
         "half the step, reference method": judge_designs(problem._replace(plan=fine), design[None], quiet),

@@ -64,7 +64,7 @@ def test_a_failed_write_keeps_the_old_file(tmp_path, full, name, saved):
 
 
 def test_a_wrong_place_is_no_fault_of_the_machine(tmp_path):
-    with pytest.raises(WriteError, match="no/such/a.json") as told:
+    with pytest.raises(WriteError, match=r"no/such/a\.json") as told:
         write_json({}, tmp_path / "no" / "such" / "a.json")
     assert not isinstance(told.value, MachineError)
 

@@ -140,11 +140,15 @@ def test_an_interrupt_that_python_must_ignore_is_repeated():
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(0.01)  # handled, and ignored, within the callback
 
-    gc.callbacks.append(collected)
-    try:
-        with pytest.raises(KeyboardInterrupt), interruptible(lambda: calls.append("left")):
+    def collect():
+        with interruptible(lambda: calls.append("left")):
             gc.collect()
             time.sleep(60)
+
+    gc.callbacks.append(collected)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            collect()
     finally:
         gc.callbacks.remove(collected)
     assert "left" not in calls
