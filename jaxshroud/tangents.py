@@ -5,7 +5,6 @@ with the same scene: what is batched over scenes is batched over directions too.
 """
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -16,11 +15,12 @@ from jax import lax
 from jaxtyping import Array, Int
 
 from jaxshroud.absent import filled, is_absent
+from jaxshroud.compiled import compiled
 from jaxshroud.events import seat
 from jaxshroud.friction import stretch
 from jaxshroud.integrate import Decision, End, Fixed, Lane, Method, advance, begin, grid, running
 from jaxshroud.lanes import EachLane, best, plain, repeated
-from jaxshroud.periods import COMPILER, periods_at_once
+from jaxshroud.periods import periods_at_once
 from jaxshroud.rhs import Model, as_pairs, model, reduced, whole
 from jaxshroud.scene import Motion, Pair, Scalar, Scene, key_parts
 from jaxshroud.state import Mode, State, Status
@@ -124,7 +124,7 @@ def ended(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
     return Flow(whole(canonical(lane.state, scene_model)), (left / time, right / time), lane.status)
 
 
-@partial(jax.jit, static_argnames=("method", "each"), compiler_options=COMPILER)
+@compiled("method", "each")
 def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], method: Method, each: EachLane) -> Dual:
     """Run `n` drive periods from drive phase 0, with tangents.
 

@@ -12,13 +12,13 @@ from jaxtyping import Array, Int
 
 from jaxshroud.absent import filled
 from jaxshroud.checks import count_argument, in_precision
+from jaxshroud.compiled import compiled
 from jaxshroud.events import Counters, seat
 from jaxshroud.free import free_status
 from jaxshroud.friction import stretch
 from jaxshroud.integrate import REFERENCE, Lane, Method, begin, energy, grid, march
 from jaxshroud.lanes import EachLane, alone, best
 from jaxshroud.linear import free_motion
-from jaxshroud.periods import COMPILER
 from jaxshroud.rhs import Model, as_arrays, as_pairs, model, whole
 from jaxshroud.scene import Motion, Scalar, Scene
 from jaxshroud.stability import Steps, steps_for
@@ -156,7 +156,7 @@ def _sample(lane: Lane, scene_model: Model) -> State:
     return State(motion, u_s, held.mode, held.case)
 
 
-@partial(jax.jit, static_argnames=("method", "each"), compiler_options=COMPILER)
+@compiled("method", "each")
 def _samples(scene: Scene, lane: Lane, steps, turns, every, n, method: Method, each: EachLane) -> tuple[Lane, State]:
     """`n` samples, `every` steps apart; the rows beyond are meaningless."""
     scene_model = model(scene)

@@ -20,6 +20,7 @@ ORDER = [
     "linear",
     "contact",
     "friction",
+    "compiled",
     "lanes",
     "threads",
     "rhs",
