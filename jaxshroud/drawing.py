@@ -60,9 +60,16 @@ INK, GREY, BLUE, ORANGE, SKY, PINK = "#1a1a1a", "#8c8c8c", "#0072B2", "#E69F00",
 Floats = NDArray[np.float64]
 
 
+class Picture(Figure):
+    """A figure that notebooks show as a picture, whether or not pyplot is there."""
+
+    def _repr_png_(self) -> bytes:
+        return _content(self, "png")
+
+
 def new_figure(title: str, width: float, height: float) -> Figure:
     """An empty figure of `width` by `height` [inch]."""
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Picture(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     if title:
         figure.suptitle(fill(title, round(15 * width)))
@@ -106,6 +113,11 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     path = Path(path)
     if not path.suffix:
         raise ValueError(f"{path}: a picture needs a suffix, such as .png, .pdf or .svg.")
+    write(path, _content(figure, path.suffix[1:].lower()))
+
+
+def _content(figure: Figure, form: str) -> bytes:
+    """What a file of that format holds."""
     picture = BytesIO()
-    figure.savefig(picture, format=path.suffix[1:].lower(), dpi=200)
-    write(path, picture.getbuffer())
+    figure.savefig(picture, format=form, dpi=200)
+    return picture.getvalue()

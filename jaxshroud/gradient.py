@@ -44,6 +44,14 @@ class Gradient:
     sigma: float  # relative width of the neighbourhood; 0 on an orbit
     flags: tuple[str, ...]  # those of the orbit, "structured" where the neighbourhood is not smooth, "lanes stopped"
 
+    def __repr__(self) -> str:
+        unit = "%" if self.of == "P_d" else "m^4"
+        slopes = ", ".join(f"d{self.of}/d {key} = {v:.6g} +- {self.ci[key]:.2g}" for key, v in self.value.items())
+        return (
+            f"Gradient, {self.kind}: {slopes}; {self.of} {self.level:.6g} +- {self.level_ci:.2g} {unit}; "
+            f"flags: {', '.join(self.flags) or 'none'}"
+        )
+
 
 def gradient(
     scene: Scene,

@@ -73,6 +73,16 @@ class Orbit:
     method: Method
     jacobian: Tangents | None = field(repr=False)  # of the map at the orbit
 
+    def __repr__(self) -> str:
+        motion = f"period {self.q}, P_d {self.P_d:.6g} %" if self.found else "none found"
+        closed = (
+            f"closed to {self.residual:.1e}, largest multiplier {abs(self.multipliers[0]):.3g}; " if self.found else ""
+        )
+        return (
+            f"Orbit: {motion}; {closed}flags: {', '.join(self.flags) or 'none'}; {self.periods} periods simulated; "
+            f"{self.method}, {self.steps_per_period} steps a period"
+        )
+
     @property
     def found(self) -> bool:
         """Whether there is a periodic orbit, stable or not."""

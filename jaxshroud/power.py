@@ -26,6 +26,14 @@ class PowerResult(NamedTuple):
     P_d_ci: np.ndarray  # (m,) half width of its 95 % interval [percentage points]; NaN below two batches
     final: dict  # the answer: n, P_d, ci, settled, stable, period_number, P, P_0, status, energy_residual, method
 
+    def __repr__(self) -> str:
+        end = self.final
+        motion = f"period {end['period_number']}" if end["period_number"] else "aperiodic"
+        return (
+            f"PowerResult: P_d {end['P_d']:.6g} +- {end['ci']:.2g} % over {end['n']} periods, {motion}, "
+            f"{'' if end['stable'] else 'not '}stable; {Status(end['status']).name}; {end['method']}"
+        )
+
 
 def _summary(samples: list[Sample], A: float, P_0: np.ndarray, period_tol: float, tolerance: float) -> dict:
     """The answer from the periods run so far, with the `series` of P_d of each period."""

@@ -68,6 +68,17 @@ class SweepResult:
         """Whether all lanes were run; False only in the result that an interruption leaves."""
         return not np.any(self.status == Status.NOT_RUN)
 
+    def __repr__(self) -> str:
+        along = " x ".join(f"{key} ({len(v)}: {v[0]:g} to {v[-1]:g})" for key, v in self.axes.items())
+        ended = ", ".join(
+            f"{n} {Status(s).name}" for s, n in zip(*np.unique(self.status, return_counts=True), strict=True)
+        )
+        best = np.nanmax(self.P_d, initial=-np.inf, where=self.status == Status.OK)
+        return (
+            f"SweepResult along {along}: {len(self.period)} periods kept of each lane; {ended}; "
+            f"largest P_d {best:.4g} %; {self.method}, {self.steps_per_period} steps a period"
+        )
+
 
 def sweep(
     scene: Scene,

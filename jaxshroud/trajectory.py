@@ -43,6 +43,13 @@ class Trajectory(NamedTuple):
     last: State  # to go on from; at the last sample
     turns: float  # drive phase of the last sample [turns]
 
+    def __repr__(self) -> str:
+        events = ", ".join(f"{n} {name}" for name, n in self.counters.items() if n) or "none"
+        return (
+            f"Trajectory: {len(self.t)} samples from {self.t[0]:.4g} to {self.t[-1]:.4g} s; "
+            f"{Status(self.status).name}; events: {events}; energy residual {self.energy_residual:.1e}"
+        )
+
 
 def simulate(
     scene: Scene,

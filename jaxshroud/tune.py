@@ -95,6 +95,13 @@ class Tuned:
     checks: dict[str, Judged]  # the winner simulated again in other ways
     confirmed: bool  # all of these agree with the search and with one another, and keep the limits
 
+    def __repr__(self) -> str:
+        design = ", ".join(f"{key} = {value:.6g}" for key, value in self.design.items())
+        return (
+            f"Tuned: {design}; {self.problem.goal} P_d {self.objective:.4g} % over {len(self.problem.rows)} "
+            f"conditions, {'' if self.confirmed else 'not '}confirmed; {self.periods} periods simulated"
+        )
+
 
 def tune(
     scene: Scene,

@@ -56,10 +56,23 @@ VERBS = {
 }
 
 
+def in_short(result):
+    """Whether a result is told in one paragraph."""
+    told = repr(result)
+    return told.startswith(type(result).__name__) and len(told) < 400 and "array" not in told
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_float32_is_what_is_computed(scene, computed, verb):
-    VERBS[verb](scene)
+    result = VERBS[verb](scene)
     assert computed == {"float32"}
+    assert in_short(result)
+
+
+def test_a_sweep_is_told_by_its_axes(scene):
+    swept = sweep_verb(scene, {"contact.gamma": [1.0, 2.0], "drive.F_0": [40.0, 60.0]}, n_periods=1, **STEPS)
+    told = "SweepResult along contact.gamma (2: 1 to 2) x drive.F_0 (2: 40 to 60): 1 periods kept of each lane; 4 OK; "
+    assert repr(swept).startswith(told)
 
 
 def test_a_design_is_sought_in_float32_and_checked_in_float64(scene, computed):
@@ -67,6 +80,7 @@ def test_a_design_is_sought_in_float32_and_checked_in_float64(scene, computed):
     tuned = js.tune(scene, {"shroud.gap": (2e-5, 4e-5)}, **small, **STEPS)
     assert tuned.problem.plan.method.precision == "float32"
     assert computed == {"float32", "float64"}  # the reference method of one of the checks
+    assert in_short(tuned)
     computed.clear()
     single = jax.tree.map(lambda a: a.astype("float32"), scene)
     js.tune(single, {"shroud.gap": (2e-5, 4e-5)}, **small, **STEPS)
