@@ -38,6 +38,7 @@ from jaxshroud.state import Status as Status
 from jaxshroud.sweep import SweepResult as SweepResult
 from jaxshroud.sweep import sweep as sweep
 from jaxshroud.tableau import tableau as tableau
+from jaxshroud.threads import Interrupted as Interrupted
 from jaxshroud.trajectory import Trajectory as Trajectory
 from jaxshroud.trajectory import simulate as simulate
 from jaxshroud.tune import Tuned as Tuned

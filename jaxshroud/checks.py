@@ -8,6 +8,10 @@ import jax.numpy as jnp
 Precision = Literal["float64", "float32"]
 
 
+class NumericalError(ValueError):
+    """What was asked for is in order, but the numbers do not bear it."""
+
+
 def count_argument(name: str, value: int, least: int) -> None:
     """Raise ValueError unless `value` is a whole number of at least `least`."""
     if not isinstance(value, int) or isinstance(value, bool) or value < least:

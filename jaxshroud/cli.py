@@ -1,6 +1,7 @@
 """The command line: load a scene, compute, write. One verb per question.
 
-Exit status 0: done (a run that stopped early is a warning). 2: the input is wrong, one line says where.
+Exit status 0: done (a run that stopped early is a warning). 1: the machine or the numbers failed. 2: the input is
+wrong, one line says where. 130: interrupted. 141: nobody reads what is printed.
 """
 
 import argparse
@@ -10,19 +11,21 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import jax
 import numpy as np
 
+from jaxshroud import files
 from jaxshroud.analysis.settling import UNKNOWN
 from jaxshroud.cli_design import gradient_options, gradient_verb, tune_options, tune_verb
 from jaxshroud.cli_trade import trade_options, trade_verb
 from jaxshroud.config import Axis, SceneError, SceneFile, axis, shipped
+from jaxshroud.files import StoreError
+from jaxshroud.keyboard import interruptible
 from jaxshroud.lanes import alone
 from jaxshroud.state import Status
 from jaxshroud.store import (
-    StoreError,
     last_state,
     power_json,
     read,
@@ -33,6 +36,7 @@ from jaxshroud.store import (
     write_json,
 )
 from jaxshroud.terminal import (
+    NUMERICAL,
     InputError,
     OneLineParser,
     check_step,
@@ -63,6 +67,8 @@ EXAMPLES = {
     "explain": 'jaxshroud explain table1 --set \'model.motion=["x", "y"]\'',
     "scenes": "jaxshroud scenes",
 }
+
+SHOW_CURSOR = "\x1b[?25h"  # which the progress bar hides
 
 
 @dataclass
@@ -158,20 +164,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
         cache = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
         jax.config.update("jax_compilation_cache_dir", os.path.join(cache, "jaxshroud"))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    files.written.clear()
+    with interruptible(_leave):
+        try:
+            return _status(arguments)
+        except KeyboardInterrupt as stopped:
+            print(_interrupted(str(stopped)), file=sys.stderr)
+            return 130
+
+
+def _status(arguments: Sequence[str] | None) -> int:
+    """Exit status of the command, whose failures are told in one line."""
     try:
         options = parser().parse_args(arguments)
         options.run(options)
         sys.stdout.flush()
+    except files.MachineError as error:
+        print(error, file=sys.stderr)
+        return 1
     except (InputError, SceneError, StoreError) as error:
         print(error, file=sys.stderr)
         return 2
+    except NUMERICAL as error:
+        print(f"numerical failure: {error}", file=sys.stderr)
+        return 1
     except BrokenPipeError:  # the reader of standard output went away; keep Python's own flush from complaining
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
-    except KeyboardInterrupt:
-        print("interrupted; nothing was written", file=sys.stderr)
-        return 130
     return 0
+
+
+def _interrupted(told: str = "") -> str:
+    """What an interrupted command says."""
+    return f"interrupted; {told or ', '.join(map(str, files.written)) or 'nothing'} was written"
+
+
+def _leave() -> None:
+    """End the process at once: the second Ctrl-C."""
+    files.remove_parts()
+    os.write(2, f"{SHOW_CURSOR if sys.stderr.isatty() else ''}{_interrupted()}\n".encode())
+    os._exit(130)
 
 
 def simulate_verb(options: argparse.Namespace) -> None:
@@ -215,6 +247,7 @@ def simulate_verb(options: argparse.Namespace) -> None:
 def sweep_verb(options: argparse.Namespace) -> None:
     """`jaxshroud sweep`."""
     from jaxshroud.sweep import sweep
+    from jaxshroud.threads import Interrupted
 
     file = _with_axes(loaded(options), options)
     if not 0 <= options.phase < 2 * np.pi:
@@ -227,18 +260,23 @@ def sweep_verb(options: argparse.Namespace) -> None:
     steps = check_step(file, lanes, options)
     run, began = file.sweep_run, time.perf_counter()
     with progress_bar("lane-periods") as report:
-        result = sweep(
-            file.scene,
-            {a.key: a.values for a in file.axes},
-            n_periods=run.periods,
-            transient=run.transient,
-            steps_per_period=steps,
-            direction=file.direction,
-            phase=options.phase,
-            period_tol=options.period_tol,
-            method=chosen_method(options),
-            progress=report,
-        )
+        try:
+            result = sweep(
+                file.scene,
+                {a.key: a.values for a in file.axes},
+                n_periods=run.periods,
+                transient=run.transient,
+                steps_per_period=steps,
+                direction=file.direction,
+                phase=options.phase,
+                period_tol=options.period_tol,
+                method=chosen_method(options),
+                progress=report,
+            )
+        except Interrupted as stopped:
+            if stopped.done is None:
+                raise
+            _keep_finished(stopped.done, file, options.out, began)
     ds, missed = sweep_dataset(result, file), unmet(lanes, options)
     if missed is not None:
         about = {"long_name": "estimated to miss the accuracy asked for", "accuracy": options.choice.accuracy}
@@ -246,11 +284,22 @@ def sweep_verb(options: argparse.Namespace) -> None:
     write_dataset(ds, options.out / "sweep.nc")
     _draw_dataset(ds, options.out / "sweep.png")
     met = {} if missed is None else {"accuracy": str(options.choice), "inaccurate": int(missed.sum())}
-    summary = sweep_summary(result, time.perf_counter() - began)
-    summary |= {**met, "scene": file.name, "version": __version__}
+    summary = _summary(result, file, began) | met
     write_json(summary, options.out / "summary.json")
     warn_status(result.status, result.chatter)
     print_table(file.title or file.name, {**summary, "written": options.out})
+
+
+def _keep_finished(result, file: SceneFile, out: Path, began: float) -> NoReturn:
+    """Write what an interrupted sweep had finished, without a picture."""
+    write_dataset(sweep_dataset(result, file), out / "sweep.nc")
+    write_json(_summary(result, file, began), out / "summary.json")
+    done, lanes = (result.status != Status.NOT_RUN).sum(), result.status.size
+    raise KeyboardInterrupt(f"{out / 'sweep.nc'} with the {done} of {lanes} lanes that had ended")
+
+
+def _summary(result, file: SceneFile, began: float) -> dict[str, Any]:
+    return {**sweep_summary(result, time.perf_counter() - began), "scene": file.name, "version": __version__}
 
 
 def sweep_summary(result, seconds: float) -> dict[str, Any]:
@@ -409,8 +458,8 @@ def _saved(draw: Callable, picture: Path) -> None:
         drawing.save(draw(), picture)
     except KeyError as error:
         raise StoreError(f"{picture}: the result lacks {error}; run the command again") from None
-    except OSError as error:
-        raise StoreError(f"{picture}: cannot be written ({error.strerror or error}); choose another --out") from None
+    except StoreError:
+        raise
     except ValueError as error:
         raise InputError(f"{picture}: {' '.join(str(error).split())}") from None
 

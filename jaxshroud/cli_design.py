@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from jaxshroud.config import Axis, SceneFile, axis
+from jaxshroud.files import write
 from jaxshroud.lanes import alone
-from jaxshroud.store import gradient_json, tune_json, whole, write_json
+from jaxshroud.store import gradient_json, tune_json, write_json
 from jaxshroud.terminal import (
+    NUMERICAL,
     InputError,
     OneLineParser,
     check_step,
@@ -70,6 +72,8 @@ def gradient_verb(options: argparse.Namespace) -> None:
             seed=options.seed,
             method=_with_derivatives(options),
         )
+    except NUMERICAL:
+        raise
     except (KeyError, ValueError) as error:
         raise InputError(f"--wrt {options.wrt}: {error.args[0]}") from None
     data = gradient_json(found, file)
@@ -177,14 +181,16 @@ def tune_verb(options: argparse.Namespace) -> None:
                 method=_with_derivatives(options),
                 progress=report,
             )
+        except NUMERICAL:
+            raise
         except (KeyError, ValueError) as error:
             raise InputError(f"{file.name}: {error.args[0]}") from None
         drawn = objective_map(tuned, options.map) if len(over) == 2 and options.map else None
     data = tune_json(tuned, drawn, file)
     write_json(data, options.out / "tune.json")
-    whole(options.out / "tune.png", lambda path: drawing.save(plot_design.tuning(data), Path(path)))
+    drawing.save(plot_design.tuning(data), options.out / "tune.png")
     best = loaded(options, *(f"{key}={value!r}" for key, value in tuned.design.items()))
-    whole(options.out / "best.toml", lambda path: Path(path).write_text(best.text(), "utf-8"))
+    write(options.out / "best.toml", best.text().encode())
     print_table(
         file.title or file.name,
         {

@@ -4,6 +4,7 @@ Figures are built on `matplotlib.figure.Figure` alone: no window, no global stat
 """
 
 import os
+from io import BytesIO
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -12,6 +13,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+from jaxshroud.files import write
 
 COLUMN, WIDE = 88 / 25.4, 140 / 25.4  # one and one and a half columns [inch]
 STYLE: Any = {
@@ -57,9 +60,16 @@ INK, GREY, BLUE, ORANGE, SKY, PINK = "#1a1a1a", "#8c8c8c", "#0072B2", "#E69F00",
 Floats = NDArray[np.float64]
 
 
+class Picture(Figure):
+    """A figure that notebooks show as a picture, whether or not pyplot is there."""
+
+    def _repr_png_(self) -> bytes:
+        return _content(self, "png")
+
+
 def new_figure(title: str, width: float, height: float) -> Figure:
     """An empty figure of `width` by `height` [inch]."""
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Picture(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     if title:
         figure.suptitle(fill(title, round(15 * width)))
@@ -90,7 +100,7 @@ def quantity(key: str) -> tuple[str, float]:
 
 
 def save(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write `figure` under a temporary name beside `path`, then rename it: never half a file.
+    """Write `figure`: never half a file.
 
     Args:
         figure: Any figure.
@@ -98,14 +108,16 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
 
     Raises:
         ValueError: The suffix names no format of matplotlib.
-        OSError: The folder is missing or not writable.
+        WriteError: The place cannot be written.
     """
     path = Path(path)
     if not path.suffix:
         raise ValueError(f"{path}: a picture needs a suffix, such as .png, .pdf or .svg.")
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        figure.savefig(part, format=path.suffix[1:].lower(), dpi=200)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    write(path, _content(figure, path.suffix[1:].lower()))
+
+
+def _content(figure: Figure, form: str) -> bytes:
+    """What a file of that format holds."""
+    picture = BytesIO()
+    figure.savefig(picture, format=form, dpi=200)
+    return picture.getvalue()

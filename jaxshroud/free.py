@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from jaxshroud.geometry import gyration
 from jaxshroud.integrate import Method
@@ -31,19 +31,24 @@ def nodes_needed(scenes: Scene) -> int:
     return min(1 << math.ceil(math.log2(NODES + 8 * cycles)), MOST_NODES)
 
 
-def free_runs(scenes: Scene, states: State, transient: int, kept: int, phase: float, method: Method):
+def free_runs(
+    scenes: Scene, states: State, transient: int, kept: int, phase: float, method: Method, begin: ArrayLike = 0.0
+):
     """Samples and final lanes of scenes (leading axis) without contact; see `sweep.Runs`.
 
     Args:
         scenes: The scenes.
-        states: Where they start, at drive phase 0.
+        states: Where they start.
         transient: Drive periods before those that are kept.
         kept: Drive periods kept.
         phase: Drive phase at which samples are taken [rad].
         method: For the precision and shape of the result; there is nothing else to choose.
+        begin: Drive phase at which the lanes start [rad], one for all or (lanes,).
     """
-    turns = jnp.asarray(phase / (2 * math.pi), scenes.drive.omega.dtype)
-    samples, *end = _samples(scenes, states, jnp.full_like(turns, transient), turns, kept, nodes_needed(scenes))
+    dtype, count = scenes.drive.omega.dtype, len(scenes.drive.omega)
+    turns = jnp.asarray(phase / (2 * math.pi), dtype)
+    begin = jnp.broadcast_to(jnp.asarray(np.asarray(begin) / (2 * math.pi), dtype), count)
+    samples, *end = _samples(scenes, states, begin, jnp.full_like(turns, transient), turns, kept, nodes_needed(scenes))
     places = lambda lane: [lane.state, lane.status, lane.tally.log.time_apart]  # noqa: E731
     lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
     zeros = np.zeros(np.shape(samples.power[0]))
@@ -51,11 +56,11 @@ def free_runs(scenes: Scene, states: State, transient: int, kept: int, phase: fl
 
 
 @partial(jax.jit, static_argnames=("kept", "nodes"))
-def _samples(scenes: Scene, states: State, transient, turns, kept: int, nodes: int):
-    def one(scene: Scene, state: State):
+def _samples(scenes: Scene, states: State, begin, transient, turns, kept: int, nodes: int):
+    def one(scene: Scene, state: State, begin):
         period = scene.drive.period
-        ends = (transient + turns + jnp.arange(kept + 1, dtype=turns.dtype)) * period
-        motion = free_motion(scene, state.motion, jnp.zeros_like(turns), ends)
+        ends = (transient + (turns - begin) + jnp.arange(kept + 1, dtype=turns.dtype)) * period
+        motion = free_motion(scene, state.motion, begin, ends)
         power, largest = jax.vmap(lambda z: _mean_square(scene, z, turns, nodes))(Motion(*(a[:-1] for a in motion)))
         in_pairs = lambda a: (a[:, 0], a[:, 1])  # noqa: E731
         sizes = tuple(in_pairs(largest[..., i]) for i in range(3))
@@ -65,7 +70,7 @@ def _samples(scenes: Scene, states: State, transient, turns, kept: int, nodes: i
         sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
         return sample, reduced(as_pairs(last), model(scene)), status, ends[-1] - ends[0]
 
-    return jax.vmap(one)(scenes, states)
+    return jax.vmap(one)(scenes, states, begin)
 
 
 def free_status(scene: Scene, motion: Motion, turned: Scalar) -> Int[Array, ""]:

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from scipy.special import stdtrit
 
-from jaxshroud.checks import count_argument, positive_argument
+from jaxshroud.checks import NumericalError, count_argument, in_precision, positive_argument
 from jaxshroud.integrate import FAST, Method
 from jaxshroud.lanes import repeated
 from jaxshroud.linear import area, free_power
@@ -43,6 +43,14 @@ class Gradient:
     conditioning: float  # of the orbit: how far a push of its map moves it; NaN if smoothed
     sigma: float  # relative width of the neighbourhood; 0 on an orbit
     flags: tuple[str, ...]  # those of the orbit, "structured" where the neighbourhood is not smooth, "lanes stopped"
+
+    def __repr__(self) -> str:
+        unit = "%" if self.of == "P_d" else "m^4"
+        slopes = ", ".join(f"d{self.of}/d {key} = {v:.6g} +- {self.ci[key]:.2g}" for key, v in self.value.items())
+        return (
+            f"Gradient, {self.kind}: {slopes}; {self.of} {self.level:.6g} +- {self.level_ci:.2g} {unit}; "
+            f"flags: {', '.join(self.flags) or 'none'}"
+        )
 
 
 def gradient(
@@ -84,8 +92,10 @@ def gradient(
 
     Raises:
         KeyError: The scene has no such number.
-        ValueError: A count is too small, `sigma` is not positive, the march stops in this scene or in nearly all of its
-            neighbourhood, or a smoothed derivative is asked for with respect to a number that is 0.
+        ValueError: A count is too small, `sigma` is not positive, or a smoothed derivative is asked for with respect
+            to a number that is 0.
+        NumericalError: The march stops in this scene or in nearly all of its neighbourhood.
+        LinAlgError: The orbit's equations cannot be solved.
 
     Source:
         dP/dp = P_p + P_z (I - M)^-1 Phi_p for the fixed point z of the flow Phi over the orbit's periods.
@@ -101,7 +111,7 @@ def gradient(
     if found.found and not UNSOUND & set(found.flags):
         return on_orbit(found, wrt, of)
     if "stopped" in found.flags:
-        raise ValueError("The march stops in this scene; there is nothing to differentiate.")
+        raise NumericalError("The march stops in this scene; there is nothing to differentiate.")
     count_argument("pairs", pairs, 2)
     plan = Plan(transient, n_periods, steps_per_period, 0.0, method)
     return smoothed(scene, wrt, of, found, sigma, pairs, plan, seed)
@@ -204,7 +214,8 @@ def smoothed(
     level, noise, number, ok = _levels(scene, wrt, centre * (1 + sigma * signed), of, plan)
     good = ok[:pairs] & ok[pairs:]
     if good.sum() < len(wrt) + 2:
-        raise ValueError(f"Only {good.sum()} of {pairs} pairs ran to their end; too few for {len(wrt)} derivatives.")
+        told = f"Only {good.sum()} of {pairs} pairs ran to their end; too few for {len(wrt)} derivatives."
+        raise NumericalError(told)
     difference = (level[:pairs] - level[pairs:])[good] / 2
     slope, slope_ci = _fitted(xi[good], difference)
     rest, own = np.std(difference - xi[good] @ slope), np.sqrt(np.nanmean(np.append(noise, 0.0) ** 2)) / 1.96
@@ -227,7 +238,7 @@ def smoothed(
 
 def _levels(scene: Scene, wrt: Sequence[str], values: np.ndarray, of: Of, plan: Plan):
     """At each row of parameter values: `of`, its own half interval, the period number, and whether the lane is OK."""
-    scenes = scenes_at(scene, wrt, values)
+    scenes = in_precision(scenes_at(scene, wrt, values), plan.method.precision)
     runs = run_lanes(scenes, starts(scenes), plan, lambda _: None)
     motion, got, P_0 = averages(scenes, runs.samples)
     share = P_0[:, 0] / 100

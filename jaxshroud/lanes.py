@@ -17,6 +17,8 @@ import numpy as np
 from jax import lax
 from jax.extend.core import jaxpr_as_fun
 
+from jaxshroud.compiled import slower
+
 EachLane = Callable[..., Any]  # (f, *args): `f(*args)` of every lane; all arrays have a leading axis of lanes
 
 
@@ -94,14 +96,32 @@ def _reducer(one: Callable, scalars: list, used: list[int], places: list[int]) -
 
 @cache
 def best() -> EachLane:
-    """`fused` on a CPU where it does what it should, else `plain`."""
+    """`fused` on a CPU where it does what `plain` does; warns if it does not."""
     if jax.default_backend() != "cpu":
         return plain
     try:
         with jax.ensure_compile_time_eval():
-            a = jnp.arange(1.0, 9.0)
-            got = jax.jit(lambda a: fused(lambda a, b: (a * b, -a, a > 4), a, 2 * a))(a)
-            right = bool(jnp.all(got[0] == 2 * a**2) & jnp.all(got[1] == -a) & jnp.all(got[2] == (a > 4)))
-    except Exception:  # whatever a future XLA may object to, the plain way remains
+            lanes = jnp.linspace(-2.0, 2.0, 16), jnp.arange(16, dtype=jnp.int32), jnp.arange(16) % 3 == 0
+            got, right = jax.jit(lambda lanes: (fused(_alike, lanes), plain(_alike, lanes)))(lanes)
+            close = jax.tree.map(lambda a, b: np.allclose(a, b, rtol=1e-4, atol=1e-4), got, right)
+    except Exception as error:  # of whatever type a future XLA may raise
+        slower(f"one kernel for all results of a trial step cannot be compiled ({error})")
         return plain
-    return fused if right else plain
+    if not all(jax.tree.leaves(close)):
+        slower("one kernel for all results of a trial step computes other numbers")
+        return plain
+    return fused
+
+
+def _alike(lane: Any) -> dict[str, Any]:
+    """Dozens of operations on numbers of every type, with choices that depend on one another, as in a trial step."""
+    x, n, held = lane
+    v, passed = jnp.sqrt(jnp.abs(x)), []
+    for i in range(4):
+        force = jnp.where(held, x * (1 + x * x), x)
+        v, before = v - 0.1 * force, x
+        x = x + 0.1 * v
+        crossed = (x > 0) != (before > 0)
+        n, held = jnp.where(crossed, n + i, n), jnp.where(crossed, n % 2 == 0, held | (n > 12))
+        passed.append(jnp.where(crossed, before / jnp.where(crossed, before - x, 1.0), x))
+    return {"state": (x, v), "count": n, "held": held, "passed": passed, "done": n > 6}

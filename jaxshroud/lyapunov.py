@@ -31,6 +31,12 @@ class Lyapunov(NamedTuple):
     status: int
     last: State
 
+    def __repr__(self) -> str:
+        first = ", ".join(f"{v:.4g} +- {ci:.2g}" for v, ci in zip(self.exponents[:3], self.ci, strict=False))
+        return (
+            f"Lyapunov exponents per drive period: {first}, ...; {len(self.growth)} periods; {Status(self.status).name}"
+        )
+
 
 def lyapunov(
     scene: Scene,

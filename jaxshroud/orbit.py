@@ -24,6 +24,7 @@ from jaxshroud.tangents import (
     STATE,
     Dual,
     Tangents,
+    as_precise,
     differentiable,
     from_vector,
     resting,
@@ -36,10 +37,13 @@ BLOCK = 8  # periods between two looks whether the motion repeats
 WINDOW = 48  # of the latest periods is looked at, at most
 NEAR = 1e-2  # how nearly it must, relative to each displacement's size, for Newton's method to take over
 MOST_UPDATES = 12
-CLOSED = 1e-9  # relative closing error of orbits that are only followed
-TOGETHER = 1e-8  # states of an orbit so close are one and the same
 EXACT = 1e-6  # relative error of derivatives that is promised; where it cannot be kept, conditions are ill
 ROUNDINGS = 1e3  # units of rounding that a slider's row of the Jacobian may differ by from that of a slider at rest
+# Relative closing errors. The march's rounding leaves some 1e-13 in float64 and 1e-6 to 2e-5 in float32, where Newton's
+# method ends as soon as it no longer gains; an orbit counts as closed up to a thousand times the tolerance.
+TOLERANCE = {"float64": 1e-11, "float32": 1e-7}
+CLOSED = {"float64": 1e-9, "float32": 1e-4}  # of orbits that are only followed
+TOGETHER = {"float64": 1e-8, "float32": 1e-4}  # states of an orbit so close are one and the same
 UNSOUND = {"unstable", "not converged", "stopped"}  # flags of what is not a motion that lasts
 
 
@@ -70,6 +74,16 @@ class Orbit:
     steps_per_period: int
     method: Method
     jacobian: Tangents | None = field(repr=False)  # of the map at the orbit
+
+    def __repr__(self) -> str:
+        motion = f"period {self.q}, P_d {self.P_d:.6g} %" if self.found else "none found"
+        closed = (
+            f"closed to {self.residual:.1e}, largest multiplier {abs(self.multipliers[0]):.3g}; " if self.found else ""
+        )
+        return (
+            f"Orbit: {motion}; {closed}flags: {', '.join(self.flags) or 'none'}; {self.periods} periods simulated; "
+            f"{self.method}, {self.steps_per_period} steps a period"
+        )
 
     @property
     def found(self) -> bool:
@@ -110,7 +124,7 @@ def orbit(
     q: int | None = None,
     most_periods: int = 1024,
     steps_per_period: Steps = 400,
-    tolerance: float = 1e-11,
+    tolerance: float | None = None,
     method: Method = FAST,
 ) -> Orbit:
     """The periodic orbit that a scene settles on.
@@ -125,7 +139,8 @@ def orbit(
             the orbit is stable: so an orbit can be followed from scene to scene.
         most_periods: Give up when the motion has not repeated by then.
         steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs.
-        tolerance: Closing error at which Newton's method ends, relative to the largest value of each quantity.
+        tolerance: Closing error at which Newton's method ends, relative to the largest value of each quantity; by
+            default 1e-11 in float64 and 1e-7 in float32.
         method: Static choices of the march.
 
     Returns:
@@ -135,6 +150,7 @@ def orbit(
         ValueError: A count is too small, the tolerance is not positive, or `q` is given without a state.
     """
     count_argument("most_periods", most_periods, 1)
+    tolerance = TOLERANCE[method.precision] if tolerance is None else tolerance
     positive_argument("tolerance", tolerance)
     steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
     if q is not None:
@@ -142,6 +158,7 @@ def orbit(
         if state is None:
             raise ValueError("Argument `q` needs a `state` close to the orbit.")
     scene = in_precision(scene, method.precision)
+    state = state and as_precise(state, scene)
     if q is not None and state is not None:
         shot = _closed(scene, state, q, _sizes(scene, to_vector(state)[None]), steps_per_period, tolerance, method)
         return described(scene, shot, q, tolerance, (shot.updates + 1) * q, steps_per_period, method)
@@ -180,7 +197,7 @@ def _shortest(long: Orbit, sizes: np.ndarray, tolerance: float) -> Orbit:
     for q in range(1, long.q):
         if long.q % q == 0:
             shot = _closed(long.scene, long.start, q, sizes, long.steps_per_period, tolerance, long.method, most=0)
-            if shot.residual <= TOGETHER:
+            if shot.residual <= TOGETHER[long.method.precision]:
                 spent = long.periods + q
                 return described(long.scene, shot, q, tolerance, spent, long.steps_per_period, long.method)
     return long
@@ -276,7 +293,7 @@ def followed(found: Orbit, scenes: Scene) -> np.ndarray:
             break
         step = moved_start(found.jacobian.by_state, (end - z).T, found.slider_is_free).T
         states = from_vector(z + step, came.state.mode, came.state.case)
-    return np.where((least <= CLOSED)[:, None], power, np.nan)
+    return np.where((least <= CLOSED[found.method.precision])[:, None], power, np.nan)
 
 
 def _lengths(scene: Scene) -> np.ndarray:

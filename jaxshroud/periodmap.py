@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxshroud.checks import in_precision
 from jaxshroud.integrate import FAST, Method, grid, march
 from jaxshroud.lanes import alone, plain
 from jaxshroud.rhs import as_arrays
@@ -43,8 +44,10 @@ def period_map(
         `most_trials` was too small.
 
     Raises:
+        ValueError: Float64 is not to be had.
         TypeError: It is differentiated twice, and contact has events: their derivatives are of first order only.
     """
+    scene, state = (in_precision(tree, method.precision) for tree in (scene, state))
     method = differentiable(method)
     lane, model, period = begun(scene, state, method)
     steps = jnp.full((1,), steps_per_period, jnp.int32)

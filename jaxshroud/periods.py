@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.absent import filled
+from jaxshroud.compiled import compiled
 from jaxshroud.integrate import Lane, Method, balance, begin, energy, grid, march
 from jaxshroud.lanes import EachLane
 from jaxshroud.rhs import Model, as_pairs, model, whole
@@ -17,7 +18,7 @@ from jaxshroud.state import State, Status
 
 CHUNK = 64  # lanes per call: the loop is long enough to pay for its dispatch, and lanes rarely wait for each other
 BLOCK = 32  # periods per call: the grain of progress and of what is held in memory
-COMPILER = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
+AT_ONCE = 1 << 23  # stages of lanes per call, or a single period: a fraction of a second; Ctrl-C is heard in between
 
 
 class Sample(NamedTuple):
@@ -38,6 +39,11 @@ class Clock(NamedTuple):
     start: Float[Array, ""]  # [turns]
     steps: Int[Array, ""]
     per_period: Float[Array, ""]
+
+
+def periods_at_once(lanes: int, steps: int, method: Method) -> int:
+    """How many periods of so many lanes and steps to run in one call at most."""
+    return max(AT_ONCE // (max(lanes, 32) * steps * len(method.tableau.b)), 1)
 
 
 def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Method, each: EachLane):
@@ -71,7 +77,7 @@ def _energies(lanes: Lane, models: Model) -> Float[Array, " lanes"]:
     return jax.vmap(lambda lane, m: energy(lane.state, m))(lanes, models)
 
 
-@partial(jax.jit, static_argnames=("method", "block", "each"), compiler_options=COMPILER)
+@compiled("method", "block", "each")
 def run_block(
     scenes: Scene, lanes: Lane, clock: Clock, n: Int[Array, ""], method: Method, block: int, each: EachLane
 ) -> tuple[Lane, Sample]:

@@ -41,6 +41,14 @@ class PowerResult(NamedTuple):
     P_d_ci: np.ndarray  # (m,) half width of its 95 % interval [percentage points]; NaN below two batches
     final: dict  # the answer: n, P_d, ci, settled, settling, stable, period_number, P, P_0, status, method and more
 
+    def __repr__(self) -> str:
+        end = self.final
+        motion = f"period {end['period_number']}" if end["period_number"] else "aperiodic"
+        return (
+            f"PowerResult: P_d {end['P_d']:.6g} +- {end['ci']:.2g} % over {end['n']} periods, {motion}, "
+            f"{'' if end['stable'] else 'not '}stable; {Status(end['status']).name}; {end['method']}"
+        )
+
 
 def near_enough(now: Reduction, change: np.ndarray | float, tolerance: float) -> Any:
     """Whether P_d of lanes, and its `change` since half as many periods, may count as known to `tolerance`."""

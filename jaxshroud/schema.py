@@ -54,9 +54,10 @@ def _registry() -> Any:
 
 def _units(text: str) -> Any:
     """The pint units called `text`, or a ValueError."""
+    registry = _registry()  # what keeps pint from being imported is no fault of the text
     try:
-        units = _registry().parse_units(f"1{text}" if text.startswith("/") else text)
-        _registry().Quantity(Decimal(1), units).to_root_units()  # refuses decibels and the like
+        units = registry.parse_units(f"1{text}" if text.startswith("/") else text)
+        registry.Quantity(Decimal(1), units).to_root_units()  # refuses decibels and the like
     except Exception:  # pint's parser raises a dozen types on malformed text
         raise ValueError(f"has an unknown unit `{text}`") from None
     return units

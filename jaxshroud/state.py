@@ -26,6 +26,7 @@ class Status(IntEnum):
     TOO_MANY_EVENTS = 1  # more contact changes in one step than allowed: chatter
     NOT_FINITE = 2  # the state, or its energy, overflowed
     ANGLE_OUT_OF_RANGE = 3  # a block turned further than the model's angle range
+    NOT_RUN = 4  # interrupted before it had come to its end
 
 
 class State(eqx.Module):

@@ -2,8 +2,7 @@
 
 import json
 import os
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from jaxshroud.config import SceneFile
+from jaxshroud.files import StoreError, write
 from jaxshroud.gradient import Gradient
 from jaxshroud.power import PowerResult
 from jaxshroud.scene import Motion
@@ -46,10 +46,6 @@ UNITS = {  # of the scene's numbers, by key
 }
 STATUS = {"flag_values": [int(s) for s in Status], "flag_meanings": " ".join(s.name for s in Status)}
 MODE = {"flag_values": [int(m) for m in Mode], "flag_meanings": " ".join(m.name for m in Mode)}
-
-
-class StoreError(ValueError):
-    """A result cannot be written or read; the message is one line with the place and the cure."""
 
 
 def dimension(key: str) -> str:
@@ -111,6 +107,7 @@ def sweep_dataset(result: SweepResult, scene_file: SceneFile) -> xr.Dataset:
         "period_tol": float(result.period_tol),
         "steps_per_period": result.steps_per_period,
         "method": str(result.method),
+        "complete": int(result.complete),
     }
     return xr.Dataset(data, coords, attrs)
 
@@ -234,13 +231,13 @@ def read(path: str | os.PathLike[str]) -> xr.Dataset:
 
 
 def write_dataset(ds: xr.Dataset, path: Path) -> None:
-    """Write a dataset under a temporary name, then rename it."""
-    whole(path, lambda temporary: ds.to_netcdf(temporary, engine="h5netcdf"))
+    """Write a dataset, whole or not at all; in memory first, as HDF5 does not bear a full disk."""
+    write(path, ds.to_netcdf(engine="h5netcdf"))
 
 
 def write_json(data: dict[str, Any], path: Path) -> None:
-    """Write JSON under a temporary name, then rename it. NaN becomes null."""
-    whole(path, lambda temporary: Path(temporary).write_text(json.dumps(_plain(data), indent=1) + "\n", "utf-8"))
+    """Write JSON, whole or not at all. NaN becomes null."""
+    write(path, (json.dumps(_plain(data), indent=1) + "\n").encode())
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -253,32 +250,6 @@ def read_json(path: Path) -> dict[str, Any]:
         return json.loads(path.read_text("utf-8"))
     except (OSError, ValueError) as error:
         raise StoreError(f"{path}: cannot be read ({error}); run the command again") from None
-
-
-def whole(path: Path, write: Callable[[str], Any]) -> None:
-    """Call `write` with a temporary name beside `path` and rename the file it made.
-
-    Raises:
-        StoreError: The place cannot be written.
-    """
-    temporary = None
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-        os.close(handle)
-        write(temporary)
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be written ({error.strerror or error}); choose another --out") from None
-    finally:
-        if temporary is not None and os.path.exists(temporary):
-            os.remove(temporary)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def _named(units: str, long_name: str) -> dict[str, str]:

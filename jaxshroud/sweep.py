@@ -1,9 +1,7 @@
 """Many scenes at once: bifurcation diagrams and power curves over any number of a scene."""
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -25,12 +23,13 @@ from jaxshroud.geometry import corners
 from jaxshroud.integrate import FAST, Lane, Method
 from jaxshroud.lanes import best
 from jaxshroud.linear import area, free_power
-from jaxshroud.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, run_block
+from jaxshroud.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, periods_at_once, run_block
 from jaxshroud.rhs import whole
 from jaxshroud.scene import Motion, Scalar, Scene, Shroud, vary
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import State, Status, start
 from jaxshroud.tableau import Tableau
+from jaxshroud.threads import Check, Interrupted, in_threads
 
 Direction = Literal["independent", "forward", "backward"]
 Progress = Callable[[int, int], None]  # lane-periods done so far, and in all
@@ -74,6 +73,22 @@ class SweepResult:
     energy_dropped: np.ndarray | None = None  # by flat contact, largest of any kept period over the drive's gross work
     chatter: str | None = None  # what alternated in the first lane that stopped with TOO_MANY_EVENTS
 
+    @property
+    def complete(self) -> bool:
+        """Whether all lanes were run; False only in the result that an interruption leaves."""
+        return not np.any(self.status == Status.NOT_RUN)
+
+    def __repr__(self) -> str:
+        along = " x ".join(f"{key} ({len(v)}: {v[0]:g} to {v[-1]:g})" for key, v in self.axes.items())
+        ended = ", ".join(
+            f"{n} {Status(s).name}" for s, n in zip(*np.unique(self.status, return_counts=True), strict=True)
+        )
+        best = np.nanmax(self.P_d, initial=-np.inf, where=self.status == Status.OK)
+        return (
+            f"SweepResult along {along}: {len(self.period)} periods kept of each lane; {ended}; "
+            f"largest P_d {best:.4g} %; {self.method}, {self.steps_per_period} steps a period"
+        )
+
 
 def sweep(
     scene: Scene,
@@ -110,6 +125,8 @@ def sweep(
         ValueError: A count is too small, an axis is empty, the phase or the tolerance is out of range, or float64 is
             not to be had.
         KeyError: The scene has no such number.
+        Interrupted: Ctrl-C; its `done` is the result with the lanes that had ended, the others with status NOT_RUN, or
+            None where none had.
     """
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
@@ -124,13 +141,11 @@ def sweep(
     plan = Plan(transient, n_periods, steps, phase, method)
     shape = tuple(len(v) for v in axes.values())
     total = int(np.prod(shape)) * (transient + n_periods)
-    ticker = Ticker(total, progress)
-    if direction == "independent":
-        flat = jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), scenes)
-        runs = run_lanes(flat, starts(flat), plan, ticker)
-        runs = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), runs)
-    else:
-        runs = continued(scenes, shape, direction, plan, ticker)
+    run = independent if direction == "independent" else partial(continued, direction=direction)
+    try:
+        runs = run(scenes, shape, plan=plan, ticker=Ticker(total, progress))
+    except Interrupted as stopped:
+        raise Interrupted(stopped.done and _result(scenes, axes, stopped.done, plan, period_tol)) from None
     return _result(scenes, axes, runs, plan, period_tol)
 
 
@@ -218,36 +233,81 @@ class Runs:
 jax.tree_util.register_dataclass(Runs, ["samples", "before", "last"], [])
 
 
-def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Callable[[int], None]) -> Runs:
-    """All lanes (leading axis), in chunks that share one compiled function, one thread per core."""
+def run_lanes(
+    scenes: Scene, states: State, plan: Plan, ticker: Callable[[int], None], arrived: np.ndarray | None = None
+) -> Runs:
+    """All lanes (leading axis), in chunks that share one compiled function, one thread per core.
+
+    Args:
+        scenes: The scenes.
+        states: Where they start, at drive phase 0.
+        plan: How long to run.
+        ticker: Told after every block how many lane-periods it had.
+        arrived: Which lanes start at the plan's phase instead (lanes,); by default none.
+
+    Raises:
+        Interrupted: Ctrl-C; `done` has the lanes that had ended, the others with status NOT_RUN.
+    """
     lanes = len(scenes.drive.omega)
+    arrived = np.zeros(lanes, bool) if arrived is None else arrived
     if scenes.parts.contact == "none":
-        samples, last = free_runs(scenes, states, plan.transient, plan.kept, plan.phase, plan.method)
+        begin = np.where(arrived, plan.phase, 0.0)
+        samples, last = free_runs(scenes, states, plan.transient, plan.kept, plan.phase, plan.method, begin)
         ticker(lanes * (plan.transient + plan.kept))
         return Runs(samples, jax.tree.map(np.zeros_like, last.tally), last)
     width = 1 if lanes == 1 else CHUNK
     pieces = [np.minimum(np.arange(i, i + width), lanes - 1) for i in range(0, lanes, width)]
-    real = [min(width, lanes - i) for i in range(0, lanes, width)]
-    run = lambda at, n: _run_chunk(_take((scenes, states), at), plan, lambda p: ticker(p * n))  # noqa: E731
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        done = list(pool.map(run, pieces, real))
-    return jax.tree.map(lambda *a: np.concatenate(a)[:lanes], *done)
+    joined = lambda done: jax.tree.map(lambda *a: np.concatenate(a)[:lanes], *done)  # noqa: E731
+
+    def run(check: Check, at: np.ndarray) -> Runs:
+        n = min(width, lanes - int(at[0]))
+
+        def tick(periods: int) -> None:
+            ticker(periods * n)
+            check()
+
+        return _run_chunk(_take((scenes, states, arrived), at), plan, tick)
+
+    try:
+        return joined(in_threads(run, pieces))
+    except Interrupted as stopped:
+        raise Interrupted(_completed(stopped.done, joined)) from None
+
+
+def _completed(runs: list[Runs | None], joined: Callable[[list[Runs]], Runs]) -> Runs | None:
+    """All runs, those that are missing with status NOT_RUN; None if all are."""
+    known = next((run for run in runs if run is not None), None)
+    return None if known is None else joined([_not_run(known) if run is None else run for run in runs])
+
+
+def _not_run(like: Runs) -> Runs:
+    """As many lanes, none of which has run."""
+    fill = lambda a: np.full_like(a, np.nan if np.issubdtype(a.dtype, np.floating) else 0)  # noqa: E731
+    empty = jax.tree.map(fill, like)
+    status = np.full_like(like.last.status, Status.NOT_RUN)
+    return replace(empty, last=eqx.tree_at(lambda lane: lane.status, empty.last, status))
 
 
 def _take(tree, at):
     return jax.tree.map(lambda a: np.asarray(a)[at], tree)
 
 
-def _run_chunk(chunk: tuple[Scene, State], plan: Plan, tick: Callable[[int], None]) -> Runs:
-    scenes, states = chunk
+def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, tick: Callable[[int], None]) -> Runs:
+    scenes, states, arrived = chunk
     lanes = begin_lanes(scenes, states, plan.method)
-    if plan.lead_in is not None:
-        lanes, _ = run_block(scenes, lanes, plan.lead_in, jnp.int32(1), plan.method, BLOCK, best())
+    if plan.lead_in is not None and not arrived.all():
+        led, _ = run_block(scenes, lanes, plan.lead_in, jnp.int32(1), plan.method, BLOCK, best())
+        lanes = _chosen(arrived, lanes, led)
     lanes, _ = _blocks(scenes, lanes, plan.transient, plan, tick, keep=False)
     lanes = eqx.tree_at(_times, lanes, jax.tree.map(jnp.zeros_like, _times(lanes)))  # late in float32, sums lose digits
     before = lanes.tally
     lanes, samples = _blocks(scenes, lanes, plan.kept, plan, tick, keep=True)
     return jax.tree.map(np.asarray, Runs(samples, before, lanes))
+
+
+def _chosen(which: np.ndarray, a: Any, b: Any) -> Any:
+    """Trees of arrays with a leading axis: `a` where `which`, else `b`."""
+    return jax.tree.map(lambda a, b: np.where(which.reshape(-1, *[1] * (np.ndim(a) - 1)), a, b), a, b)
 
 
 def _times(lanes: Any):
@@ -257,8 +317,9 @@ def _times(lanes: Any):
 
 def _blocks(scenes: Scene, lanes: Lane, periods: int, plan: Plan, tick, keep: bool):
     kept: list[Sample] = []
-    for done in range(0, periods, BLOCK):
-        n = min(BLOCK, periods - done)
+    longest = min(periods_at_once(len(lanes.status), plan.steps_per_period, plan.method), BLOCK)
+    for done in range(0, periods, longest):
+        n = min(longest, periods - done)
         lanes, sample = run_block(scenes, lanes, plan.clock, jnp.int32(n), plan.method, BLOCK, best())
         jax.block_until_ready(lanes.status)
         if keep:
@@ -267,17 +328,41 @@ def _blocks(scenes: Scene, lanes: Lane, periods: int, plan: Plan, tick, keep: bo
     return lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *kept) if kept else None
 
 
-def continued(scenes: Scene, shape: tuple[int, ...], direction: Direction, plan: Plan, ticker: Ticker) -> Runs:
-    """Lanes along the first axis one after the other, each from the final state of the one before."""
+def independent(scenes: Scene, shape: tuple[int, ...], plan: Plan, ticker: Ticker) -> Runs:
+    """All lanes at once, each from its scene's start.
+
+    Raises:
+        Interrupted: As in `run_lanes`.
+    """
+    flat = jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), scenes)
+    shaped = lambda runs: jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), runs)  # noqa: E731
+    try:
+        return shaped(run_lanes(flat, starts(flat), plan, ticker))
+    except Interrupted as stopped:
+        raise Interrupted(stopped.done and shaped(stopped.done)) from None
+
+
+def continued(scenes: Scene, shape: tuple[int, ...], plan: Plan, ticker: Ticker, direction: Direction) -> Runs:
+    """Lanes along the first axis one after the other, each from the final state of the one before.
+
+    Raises:
+        Interrupted: As in `run_lanes`.
+    """
     order = range(shape[0]) if direction == "forward" else range(shape[0] - 1, -1, -1)
-    runs: list[Any] = [None] * shape[0]
-    state = None
+    joined = lambda runs: jax.tree.map(lambda *a: np.stack(a).reshape(*shape, *a[0].shape[1:]), *runs)  # noqa: E731
+    runs: list[Runs | None] = [None] * shape[0]
+    state = arrived = None
     for i in order:
         here = jax.tree.map(lambda a, i=i: a[i].reshape(-1, *a.shape[len(shape) :]), scenes)
         fresh = starts(here)
-        runs[i] = run_lanes(here, fresh if state is None else state, plan, ticker)
-        state = _carried_on(runs[i].last, fresh)
-    return jax.tree.map(lambda *a: np.stack(a).reshape(*shape, *a[0].shape[1:]), *runs)
+        try:
+            runs[i] = run = run_lanes(here, fresh if state is None else state, plan, ticker, arrived)
+        except Interrupted as stopped:
+            runs[i] = stopped.done
+            raise Interrupted(_completed(runs, joined)) from None
+        arrived = run.last.status == Status.OK  # a lane that had stopped starts afresh
+        state = _chosen(arrived, final_states(run.last), fresh)
+    return joined(runs)
 
 
 def final_states(last: Lane) -> State:
@@ -285,13 +370,6 @@ def final_states(last: Lane) -> State:
     state = whole(last.state)
     motion = Motion(*(np.stack(pair, axis=-1) for pair in state.motion))
     return State(motion, state.u_s, state.mode, state.case)
-
-
-def _carried_on(last: Lane, fresh: State) -> State:
-    """The final states, but a fresh start for lanes that had stopped."""
-    ok = last.status == Status.OK
-    choose = lambda a, b: np.where(ok.reshape(-1, *[1] * (np.ndim(a) - 1)), a, b)  # noqa: E731
-    return jax.tree.map(choose, final_states(last), fresh)
 
 
 def relative_residual(samples: Sample) -> np.ndarray:

@@ -4,10 +4,7 @@ A tangent travels with its lane. Each lane has one direction, so that several di
 with the same scene: what is batched over scenes is batched over directions too.
 """
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -18,16 +15,18 @@ from jax import lax
 from jaxtyping import Array, Int
 
 from jaxshroud.absent import filled, is_absent
+from jaxshroud.compiled import compiled
 from jaxshroud.events import seat
 from jaxshroud.friction import stretch
 from jaxshroud.geometry import FLAT
 from jaxshroud.integrate import Decision, End, Fixed, Lane, Method, advance, begin, grid, running
 from jaxshroud.lanes import EachLane, best, plain, repeated
 from jaxshroud.locate import select
-from jaxshroud.periods import COMPILER
+from jaxshroud.periods import periods_at_once
 from jaxshroud.rhs import Model, as_one, as_pairs, model, reduced, turns, whole
 from jaxshroud.scene import Motion, Pair, Scalar, Scene, key_parts
 from jaxshroud.state import Mode, State, Status
+from jaxshroud.threads import Check, in_threads
 
 WIDTHS = (16, 64)  # lanes per call, for few and for many: a loop of fewer does not pay for its dispatch
 STATE = 13  # numbers of a state
@@ -133,7 +132,7 @@ def ended(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
     return Flow(whole(canonical(lane.state, scene_model)), (left / time, right / time), status)
 
 
-@partial(jax.jit, static_argnames=("method", "each"), compiler_options=COMPILER)
+@compiled("method", "each")
 def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], method: Method, each: EachLane) -> Dual:
     """Run `n` drive periods from drive phase 0, with tangents.
 
@@ -180,13 +179,32 @@ def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Method) -> 
     width = WIDTHS[lanes > WIDTHS[0] * 2]
     pieces = [np.minimum(np.arange(i, i + width), lanes - 1) for i in range(0, lanes, width)]
 
-    def run(at):
+    def run(check: Check, at: np.ndarray) -> Dual:
         scene, state = jax.tree.map(lambda a: np.asarray(a)[at], (scenes, states))
-        return jax.tree.map(np.asarray, flow(scene, state, jnp.int32(n), jnp.int32(steps), method, best()))
+        return _in_parts(scene, state, n, steps, method, check)
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        done = list(pool.map(run, pieces))
-    return jax.tree.map(lambda *a: np.concatenate(a)[:lanes], *done)
+    return jax.tree.map(lambda *a: np.concatenate(a)[:lanes], *in_threads(run, pieces))
+
+
+def _in_parts(scenes: Dual, states: Dual, n: int, steps: int, method: Method, check: Check) -> Dual:
+    """`flow`, in parts so short that an interruption need not wait for long."""
+    longest = periods_at_once(len(scenes.value.drive.omega), steps, method)
+    whole, done = None, 0
+    while whole is None or done < n:
+        check()
+        now = min(longest, n - done)
+        part = jax.tree.map(np.asarray, flow(scenes, states, jnp.int32(now), jnp.int32(steps), method, best()))
+        whole = part if whole is None else _joined(whole, part, now / (done + now))
+        states, done = onward(part), done + now
+    return whole
+
+
+def _joined(first: Dual, then: Dual, weight: float) -> Dual:
+    """Two flows, one after the other; the second has `weight` of their time."""
+    mean = lambda a, b: a + np.asarray(weight, a.dtype) * (b - a)  # noqa: E731
+    power = jax.tree.map(mean, *([flow.power for flow in both] for both in (first, then)))
+    status = np.where(first.value.status == Status.OK, then.value.status, first.value.status)
+    return Dual(then.value._replace(power=power[0], status=status), then.tangent._replace(power=power[1]))
 
 
 def resting(states: State) -> Dual:
@@ -241,7 +259,7 @@ def tangents(
         method: Static choices of the march, `differentiable`.
         by_state: False leaves the derivatives with respect to the start out (they are then 0).
     """
-    state = jax.tree.map(lambda a: np.asarray(a, _like(a, scene)), state)
+    state = as_precise(state, scene)
     count = STATE if by_state else 0
     lanes = max(count + len(directions), 1)
     still = [jax.tree.map(np.zeros_like, scene)] * (lanes - len(directions))
@@ -258,9 +276,10 @@ def tangents(
     return Tangents(end, to_vector(end), power, int(value.status[0]), *parts)
 
 
-def _like(a: Any, scene: Scene) -> Any:
-    """The type of a state's numbers: real ones are of the scene's precision."""
-    return scene.drive.omega.dtype if np.issubdtype(np.asarray(a).dtype, np.floating) else np.asarray(a).dtype
+def as_precise(state: State, scene: Scene) -> State:
+    """The state with real numbers of the scene's precision."""
+    real = lambda a: np.issubdtype(np.asarray(a).dtype, np.floating)  # noqa: E731
+    return jax.tree.map(lambda a: np.asarray(a, scene.drive.omega.dtype if real(a) else None), state)
 
 
 def to_vector(state: State) -> np.ndarray:

@@ -13,10 +13,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from jaxshroud.checks import NumericalError
 from jaxshroud.config import SceneFile, load
 from jaxshroud.locate import Locate
 from jaxshroud.state import Status
 from jaxshroud.tableau import TABLEAUS, tableau
+
+NUMERICAL = (NumericalError, np.linalg.LinAlgError, FloatingPointError)  # no fault of the input
 
 
 class InputError(ValueError):
@@ -139,7 +142,7 @@ def warn_status(status: np.ndarray, chatter: str | None = None) -> None:
     """Say on standard error how many runs stopped early, and what alternated where one had too many events."""
     for s in Status:
         count = int((status == s).sum())
-        if s != Status.OK and count:
+        if s not in (Status.OK, Status.NOT_RUN) and count:
             about = f": {chatter}" if s == Status.TOO_MANY_EVENTS and chatter else ""
             print(f"warning: {count} of {status.size} runs stopped with {s.name}{about}", file=sys.stderr)
 
@@ -169,7 +172,7 @@ def progress_bar(unit: str):
     """A progress report; the bar appears on a terminal's standard error."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(f"{unit} (compiling)", total=None)
         yield lambda done, total: bar.update(task, description=unit, completed=done, total=total)
 

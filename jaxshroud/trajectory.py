@@ -13,13 +13,14 @@ from jaxtyping import Array, Int
 from jaxshroud.absent import filled
 from jaxshroud.chatter import chatter
 from jaxshroud.checks import count_argument, in_precision
+from jaxshroud.compiled import compiled
 from jaxshroud.events import Counters, seat
 from jaxshroud.free import free_status
 from jaxshroud.friction import stretch
 from jaxshroud.integrate import REFERENCE, Lane, Method, balance, begin, energy, grid, march
 from jaxshroud.lanes import EachLane, alone, best
 from jaxshroud.linear import free_motion
-from jaxshroud.periods import COMPILER, Clock
+from jaxshroud.periods import Clock
 from jaxshroud.rhs import Model, as_arrays, as_pairs, model, whole
 from jaxshroud.scene import Motion, Scalar, Scene
 from jaxshroud.stability import Steps, steps_for
@@ -27,6 +28,7 @@ from jaxshroud.state import Mode, State, Status, start
 from jaxshroud.sweep import stepper
 
 BLOCK = 1024  # samples per call
+STEPS_AT_ONCE = 1 << 15  # per call, or a single sample: Ctrl-C is heard in between
 
 
 class Trajectory(NamedTuple):
@@ -44,6 +46,13 @@ class Trajectory(NamedTuple):
     turns: float  # drive phase of the last sample [turns]
     energy_dropped: float = 0.0  # by beginnings of flat contact, relative to the drive's gross work; NaN likewise
     chatter: str | None = None  # what alternated where the run stopped with TOO_MANY_EVENTS
+
+    def __repr__(self) -> str:
+        events = ", ".join(f"{n} {name}" for name, n in self.counters.items() if n) or "none"
+        return (
+            f"Trajectory: {len(self.t)} samples from {self.t[0]:.4g} to {self.t[-1]:.4g} s; "
+            f"{Status(self.status).name}; events: {events}; energy residual {self.energy_residual:.1e}"
+        )
 
 
 def simulate(
@@ -94,8 +103,9 @@ def simulate(
     samples = [first]
     steps, phase = jnp.int32(steps_per_period), jnp.asarray(turns, first.u_s.dtype)
     held = _energy(scene, lane)
-    for done in range(0, total, BLOCK):
-        n = min(BLOCK, total - done)
+    longest = min(max(STEPS_AT_ONCE // every, 1), BLOCK)
+    for done in range(0, total, longest):
+        n = min(longest, total - done)
         lane, block = _samples(scene, lane, steps, phase, jnp.int32(every), jnp.int32(n), method, best())
         samples.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
     whole = jax.tree.map(lambda *a: np.concatenate(a), jax.tree.map(lambda a: np.asarray(a)[None], first), *samples[1:])
@@ -167,7 +177,7 @@ def _sample(lane: Lane, scene_model: Model) -> State:
     return State(motion, u_s, held.mode, held.case)
 
 
-@partial(jax.jit, static_argnames=("method", "each"), compiler_options=COMPILER)
+@compiled("method", "each")
 def _samples(scene: Scene, lane: Lane, steps, turns, every, n, method: Method, each: EachLane) -> tuple[Lane, State]:
     """`n` samples, `every` steps apart; the rows beyond are meaningless."""
     scene_model = model(scene)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import qmc
 
-from jaxshroud.checks import count_argument
+from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.gradient import slopes, with_numbers
 from jaxshroud.integrate import FAST, REFERENCE, Method
 from jaxshroud.lanes import repeated
@@ -24,7 +24,7 @@ from jaxshroud.scene import Motion, Scene
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import State, Status, start
 from jaxshroud.sweep import Plan, Progress, Ticker, averages, run_lanes, scenes_at, starts
-from jaxshroud.tangents import Dual, differentiable, direction, onward, resting, run_flow, to_vector
+from jaxshroud.tangents import Dual, as_precise, differentiable, direction, onward, resting, run_flow, to_vector
 
 Goal = Literal["mean", "worst"]
 RATE = 0.03  # Adam's first step, in units of the cube's side
@@ -103,6 +103,13 @@ class Tuned:
     feasible: bool  # from the scene's own start it runs to its end in every condition and keeps the limits
     at_bounds: dict[str, str]  # keys whose best value is at its "lower" or "upper" bound: beyond may be better
 
+    def __repr__(self) -> str:
+        design = ", ".join(f"{key} = {value:.6g}" for key, value in self.design.items())
+        return (
+            f"Tuned: {design}; {self.problem.goal} P_d {self.objective:.4g} % over {len(self.problem.rows)} "
+            f"conditions, {'' if self.confirmed else 'not '}confirmed; {self.periods} periods simulated"
+        )
+
 
 def tune(
     scene: Scene,
@@ -146,8 +153,10 @@ def tune(
 
     Raises:
         KeyError: The scene has no such number.
-        ValueError: A count is too small, a number is not finite, a limit is not positive, or bounds are not in order.
+        ValueError: A count is too small, a number is not finite, a limit is not positive, bounds are not in order, or
+            float64 is not to be had.
     """
+    in_precision(scene, method.precision)  # refused now rather than after the search
     for name, limit in dict(most_penetration=most_penetration, most_force=most_force).items():
         if not limit > 0:
             raise ValueError(f"Argument `{name}` must be positive, but is {limit}.")
@@ -240,9 +249,9 @@ def corners(problem: Problem) -> Scene:
 
 def judge_designs(problem: Problem, designs: np.ndarray, tick, states: State | None = None) -> Judged:
     """Simulate designs (n, keys) in every condition, from the scene's start or from one state in all of them."""
-    scenes = scenes_of(problem, designs)
+    scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
     lanes = len(scenes.drive.omega)
-    first = starts(scenes) if states is None else repeated(states, lanes)
+    first = starts(scenes) if states is None else repeated(as_precise(states, scenes), lanes)
     runs = run_lanes(scenes, first, problem.plan, tick)
     with np.errstate(invalid="ignore", over="ignore"):  # of a design that is far out
         motion, got, _ = averages(scenes, runs.samples)
@@ -319,13 +328,13 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick) -> tuple[np.ndarray, np.
     """Derivatives of P_d and growth of a push in the state, both (n, conditions, keys), per side of the cube."""
     plan, keys, rows = problem.plan, list(problem.over), len(problem.rows)
     designs, rates = problem.values(u), problem.rates(u)
-    scenes = scenes_of(problem, designs)
+    scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
     lanes = len(u) * rows * len(keys)
     each = lambda tree: jax.tree.map(lambda a: np.repeat(np.asarray(a), len(keys), axis=0), tree)  # noqa: E731
     unit = [direction(jax.tree.map(lambda a: a[0], scenes), key) for key in keys]
     rate = np.repeat(rates, rows, axis=0).ravel()
     along = jax.tree.map(lambda *a: np.tile(np.stack(a), (len(u) * rows, *[1] * np.ndim(a[0]))), *unit)
-    along = jax.tree.map(lambda a: a * rate.reshape(-1, *[1] * (a.ndim - 1)), along)
+    along = jax.tree.map(lambda a: (a * rate.reshape(-1, *[1] * (a.ndim - 1))).astype(a.dtype), along)
     scene, state = Dual(each(scenes), along), resting(each(starts(scenes)))
     method, steps = differentiable(plan.method), plan.steps_per_period
     if plan.transient:
@@ -359,7 +368,9 @@ def _checks(problem: Problem, design: np.ndarray, seed: int) -> dict[str, Judged
     The reference method is bisection in float64, with the search's own tableau: no check is coarser than the search.
     """
     plan, quiet = problem.plan, lambda _: None
-    reference = plan.method._replace(locate=REFERENCE.locate, precision=REFERENCE.precision, ledger=False)
+    reference = plan.method._replace(
+        locate=REFERENCE.locate, precision=problem.scene.drive.omega.dtype.name, ledger=False
+    )
     fine = Plan(plan.transient, plan.kept, 2 * plan.steps_per_period, 0.0, reference)
     long = Plan(4 * plan.transient, 4 * plan.kept, plan.steps_per_period, 0.0, plan.method)
     checks = {

@@ -1,6 +1,7 @@
 """What the command line makes of wrong input, and what its files hold."""
 
 import json
+import sys
 import tomllib
 
 import jax
@@ -9,6 +10,7 @@ import pytest
 import xarray as xr
 
 from jaxshroud import cli, shipped, simulate, sweep
+from jaxshroud.checks import NumericalError
 from jaxshroud.config import load, parse
 from jaxshroud.integrate import FAST
 
@@ -199,7 +201,8 @@ def test_a_failed_write_leaves_nothing(tmp_path, capsys, monkeypatch):
 
     monkeypatch.setattr("os.replace", fail)
     words = ["simulate", "fig10d", "--steps-per-period", "200", "--every", "2", "--periods", "1"]
-    assert "No space left" in refused(capsys, *words, "--out", tmp_path / "a.nc")
+    assert cli.main([*words, "--out", str(tmp_path / "a.nc")]) == 1
+    assert "No space left" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -404,3 +407,30 @@ def test_the_model_of_a_scene_is_kept_in_its_file(tmp_path):
     again = parse(file.text(), "again")
     assert again.scene.parts == file.scene.parts
     assert file.scene.parts.motion == ("x",)
+
+
+@pytest.mark.parametrize(
+    ("fails", "error"),
+    [
+        ("gradient", np.linalg.LinAlgError("Singular matrix")),
+        ("gradient", NumericalError("The march stops in this scene; there is nothing to differentiate.")),
+        ("tune", np.linalg.LinAlgError("SVD did not converge")),
+    ],
+)
+def test_a_numerical_failure_is_no_wrong_input(fails, error, tmp_path, capsys, monkeypatch):
+    def failing(*_, **__):
+        raise error
+
+    monkeypatch.setattr(sys.modules[f"jaxshroud.{fails}"], fails, failing)
+    words = {"gradient": ["--wrt", "shroud.gap"], "tune": ["--over", "shroud.gap=1e-5:1e-4"]}[fails]
+    assert cli.main([fails, "table1", *words, "--out", str(tmp_path / "out.json")]) == 1
+    assert capsys.readouterr().err == f"numerical failure: {error}\n"
+
+
+def test_a_scene_that_stops_is_a_numerical_failure(tmp_path, capsys):
+    # Two blocks turned beyond their angle range within the first period.
+    words = ["gradient", "fig10b", "--set", "drive.M_0=3000", "--wrt", "shroud.gap"]
+    assert cli.main([*words, "--out", str(tmp_path / "g.json")]) == 1
+    assert capsys.readouterr().err == (
+        "numerical failure: The march stops in this scene; there is nothing to differentiate.\n"
+    )

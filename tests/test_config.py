@@ -1,6 +1,7 @@
 """Scene files: every mistake is told in one line with its place and its cure; right ones load."""
 
 import math
+import sys
 import tomllib
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ import pytest
 from jaxshroud import config
 from jaxshroud.config import SceneError, axis, load, parse, shipped
 from jaxshroud.scene import MISPRINTS, NUMERIC_KEYS
+from jaxshroud.schema import _registry
 
 GOOD = """
 title = "test"
@@ -425,3 +427,10 @@ def test_the_models_know_every_number_of_a_scene():
     named = {f"{t}.{n}" for t in config.PHYSICS for n in config.TABLES[t].model_fields}
     named -= {"contact.reading", *(f"model.{n}" for n in config.TABLES["model"].model_fields)}
     assert named == set(NUMERIC_KEYS)
+
+
+def test_a_missing_pint_is_not_an_unknown_unit(monkeypatch):
+    _registry.cache_clear()
+    monkeypatch.setitem(sys.modules, "pint", None)
+    with pytest.raises(ImportError, match="pint"):
+        load("table1", ["shroud.gap=0.022 mm"])

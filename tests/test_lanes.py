@@ -7,7 +7,7 @@ import pytest
 from batch import EXACT
 from test_parts import with_parts
 
-from jaxshroud import sweep, vary
+from jaxshroud import compiled, lanes, sweep, vary
 from jaxshroud.integrate import Fixed, advance, grid
 from jaxshroud.lanes import best, fused, plain
 from jaxshroud.periods import begin_lanes, run_block
@@ -25,8 +25,8 @@ def mixed(a, b):
 
 
 def test_fused_returns_what_vmap_does():
-    lanes = jnp.arange(1.0, 6.0)
-    arguments = (lanes, jnp.arange(5, dtype=jnp.int32)), {"factor": 3 * lanes, "unused": lanes}
+    a = jnp.arange(1.0, 6.0)
+    arguments = (a, jnp.arange(5, dtype=jnp.int32)), {"factor": 3 * a, "unused": a}
     got, expected = (jax.jit(lambda a, b, each=each: each(mixed, a, b))(*arguments) for each in (fused, plain))
     jax.tree.map(np.testing.assert_array_equal, got, expected)
     assert jax.tree.structure(got) == jax.tree.structure(expected)
@@ -34,6 +34,45 @@ def test_fused_returns_what_vmap_does():
 
 def test_the_fused_way_is_used_on_a_cpu():
     assert best() is (fused if jax.default_backend() == "cpu" else plain)
+
+
+@pytest.fixture
+def asked_again():
+    """The probes' answers are forgotten, before and after."""
+    for probe in (best, compiled.accepted):
+        probe.cache_clear()
+    yield
+    for probe in (best, compiled.accepted):
+        probe.cache_clear()
+
+
+@pytest.mark.usefixtures("asked_again")
+def test_a_slower_way_is_told_with_its_reason_once(monkeypatch):
+    def refused(*_):
+        raise RuntimeError("no such\nreduction")
+
+    monkeypatch.setattr(lanes, "fused", refused)
+    with pytest.warns(RuntimeWarning, match=r"slower: .*cannot be compiled \(no such reduction\)"):
+        assert best() is plain
+    assert best() is plain  # a second warning would be an error
+
+
+@pytest.mark.usefixtures("asked_again")
+def test_a_kernel_that_computes_other_numbers_is_not_used(monkeypatch):
+    # Only one result of many, the last count, is wrong: three operations would not have shown it.
+    wrong = lambda f, *args: plain(lambda *a: {**(out := f(*a)), "count": out["count"] + 1}, *args)  # noqa: E731
+    monkeypatch.setattr(lanes, "fused", wrong)
+    with pytest.warns(RuntimeWarning, match="other numbers"):
+        assert best() is plain
+
+
+@pytest.mark.usefixtures("asked_again")
+def test_an_option_that_xla_refuses_is_left_out(monkeypatch):
+    monkeypatch.setattr(compiled, "COMPILER", {"xla_no_such_option": 1})
+    doubled = compiled.compiled("by")(lambda a, by: by * a)
+    with pytest.warns(RuntimeWarning, match="XLA refuses .*xla_no_such_option"):
+        assert doubled(jnp.ones(()), by=2) == 2
+    assert doubled(jnp.ones(()), by=3) == 3
 
 
 @pytest.mark.parametrize(
@@ -48,11 +87,11 @@ def test_fused_and_plain_trials_agree(table1, name, motion):
     fixed = Fixed(jax.vmap(model)(scenes), grids, jnp.full(LANES, steps, jnp.int32))
 
     def trials(each):
-        one = jax.jit(lambda lanes: advance(lanes, fixed, method, each))
-        lanes = begin_lanes(scenes, starts(scenes), method)
+        one = jax.jit(lambda now: advance(now, fixed, method, each))
+        now = begin_lanes(scenes, starts(scenes), method)
         for _ in range(60):
-            lanes = one(lanes)
-        return lanes
+            now = one(now)
+        return now
 
     got, expected = trials(fused), trials(plain)
     np.testing.assert_array_equal(got.step, expected.step)
@@ -64,6 +103,6 @@ def test_fused_and_plain_trials_agree(table1, name, motion):
 
 def test_one_compilation_serves_all_sizes(table1):
     sweep(table1, {"contact.gamma": [1.0, 2.0]}, n_periods=2, steps_per_period=100)
-    before = run_block._cache_size()
+    before = run_block.widest._cache_size()
     sweep(table1, {"shroud.gap": np.linspace(1e-5, 1e-4, 70)}, n_periods=3, transient=1, steps_per_period=120)
-    assert run_block._cache_size() == before
+    assert run_block.widest._cache_size() == before

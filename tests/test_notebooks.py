@@ -1,5 +1,6 @@
 """Every notebook runs from top to bottom, at reduced size."""
 
+import re
 from pathlib import Path
 
 import jax
@@ -7,6 +8,7 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
+DRAWS = re.compile(r"^(plot|plot_design|plt)\.\w+\(.*\)\s*\Z", re.MULTILINE)  # as a cell's last line
 NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 
 
@@ -16,6 +18,10 @@ def test_notebook_runs(path, monkeypatch):
     monkeypatch.setenv("JAXSHROUD_QUICK", "1")
     if cache := jax.config.jax_compilation_cache_dir:  # what the command line's tests have compiled
         monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", cache)
-    NotebookClient(
+    client = NotebookClient(
         nbformat.read(path, as_version=4), timeout=600, resources={"metadata": {"path": path.parent}}
-    ).execute()
+    )
+    pictures = [cell for cell in client.execute().cells if DRAWS.search(cell.source)]
+    assert pictures
+    for cell in pictures:
+        assert [out for out in cell.outputs if "image/png" in out.get("data", {})], cell.source

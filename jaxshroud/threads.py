@@ -1,0 +1,98 @@
+"""Calls on one thread per core, under the caller's JAX settings; Ctrl-C ends them soon, and all of them."""
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack
+from threading import Event
+from typing import Any
+
+import jax
+
+Check = Callable[[], None]  # to be called now and then: ends its thread's work once that is no longer wanted
+SETTINGS = (  # of JAX that belong to a thread
+    "enable_x64",
+    "numpy_dtype_promotion",
+    "numpy_rank_promotion",
+    "default_device",
+    "default_matmul_precision",
+    "debug_nans",
+    "debug_infs",
+    "disable_jit",
+    "log_compiles",
+)
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C in the midst of a computation, all of whose threads have ended.
+
+    `done` is what had been finished by then, None if nothing had. Of a `sweep` it is the `SweepResult`, in which the
+    other lanes have status `NOT_RUN`.
+    """
+
+    def __init__(self, done: Any):
+        super().__init__()
+        self.done = done
+
+
+class _Unwanted(Exception):  # noqa: N818  not an error
+    """The results of a thread are no longer wanted."""
+
+
+def in_threads(run: Callable[..., Any], *columns: Iterable[Any]) -> list[Any]:
+    """`run(check, *row)` of every row of the columns.
+
+    Raises:
+        Interrupted: Ctrl-C; `done` has the results in order, None for rows that had not ended.
+    """
+    unwanted, settings = Event(), _settings()
+
+    def check() -> None:
+        if unwanted.is_set():
+            raise _Unwanted
+
+    def one(*row: Any) -> Any:
+        check()
+        with _under(settings):
+            return run(check, *row)
+
+    pool, calls = ThreadPoolExecutor(os.cpu_count()), []
+    try:
+        calls.extend(pool.submit(one, *row) for row in zip(*columns, strict=True))
+        for call in wait(calls, return_when=FIRST_EXCEPTION).done:
+            call.result()
+    except KeyboardInterrupt:
+        unwanted.set()
+        _end(pool)
+        raise Interrupted([_result(call) for call in calls]) from None
+    finally:
+        unwanted.set()
+        _end(pool)
+    return [call.result() for call in calls]
+
+
+def _settings() -> dict[str, Any]:
+    """The thread's JAX settings."""
+    return {name: getattr(jax.config, f"jax_{name}") for name in SETTINGS}
+
+
+def _under(settings: dict[str, Any]) -> ExitStack:
+    """The thread's JAX settings made those `settings`, until the end of a `with` statement."""
+    stack, own = ExitStack(), _settings()
+    for name, value in settings.items():
+        if own[name] != value:
+            stack.enter_context(getattr(jax, name)(value))
+    return stack
+
+
+def _end(pool: ThreadPoolExecutor) -> None:
+    """Wait for the calls under way, whatever the keyboard says: threads in XLA must not outlive the interpreter."""
+    while True:
+        try:
+            return pool.shutdown(cancel_futures=True)
+        except KeyboardInterrupt:
+            continue
+
+
+def _result(call: Future) -> Any:
+    return None if call.cancelled() or call.exception() else call.result()
