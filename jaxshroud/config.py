@@ -20,8 +20,10 @@ from pydantic import (
 )
 from pydantic.fields import FieldInfo
 
+from jaxshroud.checks import hint, meant
 from jaxshroud.scene import MISPRINTS, NUMERIC_KEYS, Blades, Contact, Drive, Friction, Motion, Parts, Scene, Shroud
-from jaxshroud.schema import PHYSICS, TABLES, Direction, File, Run, SweepTable, Table, hint, is_per_blade
+from jaxshroud.schema import PHYSICS, TABLES, File, Run, SweepTable, Table, is_per_blade
+from jaxshroud.sweep import Direction
 
 OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+)(?:\[([01])\])?\s*=\s*(\S.*?)\s*")
 # Setting the left key drops the right ones: they say the same thing another way.
@@ -140,7 +142,9 @@ def _shown(value: Any) -> str:
 
 def _told(problem: Any) -> str:
     """Pydantic's account of a problem, in our words where a validator of ours found it."""
-    return str(problem.get("ctx", {}).get("error", re.sub(r"^\w+ should", "must", problem["msg"])))
+    context = problem.get("ctx", {})
+    cure = meant(str(problem["input"]), re.findall(r"'(\w+)'", context.get("expected", "")))
+    return str(context.get("error", re.sub(r"^\w+ should", "must", problem["msg"]))) + cure
 
 
 def _example(field: FieldInfo) -> Any:

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from scipy.special import stdtrit
 
-from jaxshroud.checks import count_argument
+from jaxshroud.checks import count_argument, word_argument
 from jaxshroud.integrate import FAST, Method
 from jaxshroud.lanes import repeated
 from jaxshroud.linear import area, free_power
@@ -84,12 +84,13 @@ def gradient(
 
     Raises:
         KeyError: The scene has no such number.
-        ValueError: A count is too small, the march stops in this scene or in nearly all of its neighbourhood, or a
-            smoothed derivative is asked for with respect to a number that is 0.
+        ValueError: There is no such `of`, a count is too small, the march stops in this scene or in nearly all of its
+            neighbourhood, or a smoothed derivative is asked for with respect to a number that is 0.
 
     Source:
         dP/dp = P_p + P_z (I - M)^-1 Phi_p for the fixed point z of the flow Phi over the orbit's periods.
     """
+    word_argument("of", of, Of)
     scene = with_numbers(scene, wrt)
     steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
     found = (
@@ -122,7 +123,8 @@ def with_numbers(scene: Scene, keys: Sequence[str]) -> Scene:
 
 
 def on_orbit(found: Orbit, wrt: Sequence[str], of: Of = "P_d") -> Gradient:
-    """The exact gradient on a periodic orbit."""
+    """The exact gradient on a periodic orbit; ValueError if there is no such `of`."""
+    word_argument("of", of, Of)
     scene, at = with_numbers(found.scene, wrt), found.jacobian
     assert at is not None  # there is an orbit
     along = [direction(scene, key) for key in wrt]
@@ -149,7 +151,11 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Of = "P_d") -
 
     Returns:
         The derivative with respect to each key; NaN where an orbit so near does not close.
+
+    Raises:
+        ValueError: There is no such `of`.
     """
+    word_argument("of", of, Of)
     scene, offsets = with_numbers(found.scene, wrt), np.array([[-2], [-1], [1], [2]])
     values = [value_of(scene, key) for key in wrt]
     each = [step * (abs(value) or 1) for value in values]

@@ -16,7 +16,7 @@ from jaxtyping import ArrayLike
 from jaxshroud.absent import filled
 from jaxshroud.analysis.period import PERIOD_TOLERANCE, Periodicity, periodicity
 from jaxshroud.analysis.power import Reduction, reduction
-from jaxshroud.checks import count_argument, in_precision
+from jaxshroud.checks import count_argument, in_precision, word_argument
 from jaxshroud.events import Counters
 from jaxshroud.free import free_runs
 from jaxshroud.integrate import FAST, Lane, Method
@@ -97,11 +97,13 @@ def sweep(
         Samples and statistics of every lane. A lane that failed has a status and NaN; the others are not affected.
 
     Raises:
-        ValueError: A count is too small, an axis is empty, the phase is out of range, or float64 is not to be had.
+        ValueError: A count is too small, an axis is empty, the phase is out of range, the direction is not known, or
+            float64 is not to be had.
         KeyError: The scene has no such number.
     """
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
+    word_argument("direction", direction, Direction)
     if not 0 <= phase < 2 * np.pi:
         raise ValueError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     axes = {key: np.atleast_1d(np.asarray(values, dtype=float)) for key, values in along.items()}

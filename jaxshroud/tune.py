@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import qmc
 
-from jaxshroud.checks import count_argument
+from jaxshroud.checks import count_argument, word_argument
 from jaxshroud.gradient import slopes, with_numbers
 from jaxshroud.integrate import FAST, REFERENCE, Method
 from jaxshroud.lanes import repeated
@@ -138,8 +138,9 @@ def tune(
 
     Raises:
         KeyError: The scene has no such number.
-        ValueError: A count is too small, or bounds are not in order.
+        ValueError: There is no such goal, a count is too small, or bounds are not in order.
     """
+    word_argument("goal", goal, Goal)
     problem = problem_of(scene, over, conditions or {})
     steps = steps_for(corners(problem), 1, steps_per_period, method.tableau)
     plan = Plan(transient, n_periods, steps, 0.0, method)
