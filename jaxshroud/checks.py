@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 Precision = Literal["float64", "float32"]
+MOST_COUNT = 2**31 - 1  # compiled loops count in 32 bits
 Tuple = TypeVar("Tuple", bound=type)
 
 
@@ -53,10 +54,12 @@ def checked(cls: Tuple) -> Tuple:
 
 
 def count_argument(name: str, value: int, least: int) -> None:
-    """Raise ValueError unless `value` is a whole number of at least `least`."""
+    """Raise ValueError unless `value` is a whole number from `least` to `MOST_COUNT`."""
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
         kind = "positive" if least == 1 else f"a whole number of at least {least}"
         raise ValueError(f"Argument `{name}` must be {kind}, but is {value}.")
+    if value > MOST_COUNT:
+        raise ValueError(f"Argument `{name}` must be at most {MOST_COUNT}, but is larger.")
 
 
 def in_precision(tree: Any, precision: Precision) -> Any:

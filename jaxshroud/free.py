@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
+from jaxshroud.extent import memory_for
 from jaxshroud.geometry import gyration
 from jaxshroud.integrate import Method
 from jaxshroud.linear import amounts, courses, free_motion, steady_amplitudes
@@ -21,6 +22,7 @@ from jaxshroud.trig import ANGLE_RANGE, sine_versine
 
 NODES = 32  # of the Gauss-Legendre rule over a period, and so many more for each of its fastest oscillation
 MOST_CANCELLED = 1e8  # a steady response so many times larger than the motion leaves it no digits
+NODE, LEAD = 56, 8  # bytes for each lane, period and node at the peak; the lane's own counts as so many periods
 MOST_NODES = 1 << 14  # beyond, the fastest motion is no longer resolved
 
 
@@ -42,8 +44,9 @@ def free_runs(scenes: Scene, states: State, transient: int, kept: int, phase: fl
         phase: Drive phase at which samples are taken [rad].
         method: For the precision and shape of the result; there is nothing else to choose.
     """
-    turns = jnp.asarray(phase / (2 * math.pi), scenes.drive.omega.dtype)
-    samples, *end = _samples(scenes, states, jnp.full_like(turns, transient), turns, kept, nodes_needed(scenes))
+    turns, nodes = jnp.asarray(phase / (2 * math.pi), scenes.drive.omega.dtype), nodes_needed(scenes)
+    memory_for("the closed form of this run", len(scenes.drive.omega) * (kept + LEAD) * nodes * NODE)
+    samples, *end = _samples(scenes, states, jnp.full_like(turns, transient), turns, kept, nodes)
     lanes = eqx.tree_at(lambda lane: [lane.state, lane.status], begin_lanes(scenes, states, method), end)
     zeros = np.zeros(np.shape(samples.power[0]))
     return jax.tree.map(np.asarray, (samples._replace(work=zeros, residual=zeros), lanes))

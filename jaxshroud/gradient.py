@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from jaxshroud.checks import count_argument, word_argument
+from jaxshroud.extent import fits
 from jaxshroud.integrate import FAST, Method
 from jaxshroud.lanes import repeated
 from jaxshroud.linear import area, free_power
@@ -103,6 +104,7 @@ def gradient(
     if "stopped" in found.flags:
         raise ValueError("The march stops in this scene; there is nothing to differentiate.")
     count_argument("pairs", pairs, 2)
+    fits(2 * pairs, transient, n_periods)
     plan = Plan(transient, n_periods, steps_per_period, 0.0, method)
     return smoothed(scene, wrt, of, found, sigma, pairs, plan, seed)
 

@@ -11,7 +11,9 @@ from typing import Annotated, Any, Literal, TypeVar, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from jaxshroud.checks import MOST_COUNT
 from jaxshroud.scene import MOTIONS, ContactLaw, FrictionLaw, Neighbour, misprints
+from jaxshroud.stability import MOST_AUTO
 from jaxshroud.sweep import Direction
 
 T = TypeVar("T")
@@ -93,7 +95,9 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
 NonNegative = Annotated[Number, Field(ge=0)]
 FaceAngle = Annotated[Number, Field(gt=0, le=math.pi / 2)]
-Count = Annotated[int, Field(strict=True, ge=1)]
+Whole = Annotated[int, Field(strict=True, ge=0, le=MOST_COUNT)]
+Count = Annotated[Whole, Field(ge=1)]
+Steps = Annotated[Count, Field(le=MOST_AUTO)]
 PerBlade = Annotated[tuple[T, T], BeforeValidator(_pair)]
 Misprints = Annotated[frozenset[str], BeforeValidator(misprints)]
 
@@ -197,8 +201,8 @@ class Run(Table):
     """How long and how finely to integrate."""
 
     periods: Annotated[Count, key("forcing periods kept", 100)]
-    transient: Annotated[int, Field(strict=True, ge=0), key("periods discarded before them", 300)] = 0
-    steps_per_period: Annotated[Count | Literal["auto"], key("integration steps in one forcing period", 400)]
+    transient: Annotated[Whole, key("periods discarded before them", 300)] = 0
+    steps_per_period: Annotated[Steps | Literal["auto"], key("integration steps in one forcing period", 400)]
 
 
 class SweepTable(Table):

@@ -6,6 +6,7 @@ exceeded, it is the slope across a neighbourhood of stated width instead. The be
 motion meet, and no slope leads along such an edge: the best path ends with a few rounds of samples around it.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -17,6 +18,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from jaxshroud.checks import count_argument, word_argument
+from jaxshroud.extent import fits
 from jaxshroud.gradient import slopes, with_numbers
 from jaxshroud.integrate import FAST, REFERENCE, Method
 from jaxshroud.lanes import repeated
@@ -151,6 +153,7 @@ def tune(
         count_argument(name, value, 1)
     climbs, rounds = min(n_starts, scan) * (updates + 1) * (1 + 3 * size), len(POLISH) * SAMPLES * size
     lanes = len(problem.rows) * (scan + climbs + rounds + 1)
+    fits(max(scan, n_starts * (1 + 3 * size)) * len(problem.rows), 4 * transient, 4 * n_periods)
     ticker = Ticker(lanes * (transient + n_periods), progress)
     cube = qmc.Sobol(size, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(scan))))[:scan]
     scanned = judge_designs(problem, problem.values(cube), ticker)
@@ -194,6 +197,7 @@ def problem_of(
     if both:
         raise ValueError(f"{sorted(both)[0]} is both tuned and an operating condition.")
     known = {key: tuple(float(v) for v in np.ravel(values)) for key, values in conditions.items()}
+    fits(math.prod(map(len, known.values())) << min(len(over), 8), 0, 1)  # the corners are looked at first
     whole = with_numbers(scene, [*over, *known])
     return Problem(whole, dict(over), known)
 
