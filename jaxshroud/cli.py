@@ -395,7 +395,7 @@ def _axis(file: SceneFile, asked: Along) -> Axis:
     num = asked.num
     if num is not None:
         try:
-            num = count(2, MOST_VALUES)(num)
+            num = count(0, MOST_VALUES)(num)
         except argparse.ArgumentTypeError as error:
             raise InputError(f"--along {asked.key}: --num {error}") from None
     return axis(file, asked.key, asked.values, start=asked.start, stop=asked.stop, num=num)

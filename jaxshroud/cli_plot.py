@@ -1,6 +1,7 @@
 """The command `plot`, and how results of any kind are drawn."""
 
 import argparse
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -75,16 +76,18 @@ def draw_json(source: Path, data: Any, picture: Path) -> None:
 def _save(source: Path, draw: Callable[[], Any], picture: Path) -> None:
     from jaxshroud import drawing
 
-    try:
-        figure = draw()
-    except Exception as error:  # what a damaged result raises depends on where it is damaged
-        what = f"lacks {error}" if isinstance(error, KeyError) else f"cannot be drawn ({error})"
-        raise StoreError(f"{source}: the result {what}; run the command again") from None
-    try:
-        drawing.save(figure, picture)
-    except StoreError:
-        raise
-    except OSError as error:
-        raise StoreError(f"{picture}: cannot be written ({error.strerror or error}); choose another --out") from None
-    except (ArithmeticError, RuntimeError, TypeError, ValueError) as error:
-        raise InputError(f"{picture}: {error}") from None
+    with warnings.catch_warnings(action="ignore"):  # what matplotlib thinks of a damaged result is no cure
+        try:
+            figure = draw()
+        except Exception as error:  # of any type: it depends on where the result is damaged
+            what = f"lacks {error}" if isinstance(error, KeyError) else f"cannot be drawn ({error})"
+            raise StoreError(f"{source}: the result {what}; run the command again") from None
+        try:
+            drawing.save(figure, picture)
+        except StoreError:
+            raise
+        except OSError as error:
+            what = f"cannot be written ({error.strerror or error})"
+            raise StoreError(f"{picture}: {what}; choose another --out") from None
+        except (ArithmeticError, RuntimeError, TypeError, ValueError) as error:
+            raise InputError(f"{picture}: {error}") from None

@@ -19,7 +19,7 @@ def fits(lanes: int, transient: int, kept: int) -> None:
     memory_for("this run", lanes * (LANE + kept * SAMPLE))
 
 
-def memory_for(what: str, size: float) -> None:
+def memory_for(what: str, size: int) -> None:
     """Raise ValueError unless `size` bytes for `what` are free."""
     free = psutil.virtual_memory().available
     if size > free:
