@@ -245,7 +245,7 @@ def progress_bar(unit: str):
     """A progress report; the bar appears on a terminal's standard error."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(f"{unit} (compiling)", total=None)
         yield lambda done, total: bar.update(task, description=unit, completed=done, total=total)
 

@@ -43,7 +43,7 @@ COMMANDS = [
     ("jaxshroud plot gap", ""),
 ]
 MADE = {
-    **dict.fromkeys(("fig09", "gap", "grid", "balanced"), {"sweep.nc", "sweep.png", "summary.json"}),
+    **{key: {"sweep.nc", "sweep.png", "summary.json"} for key in ("fig09", "gap", "grid", "balanced")},
     "power": {"power.json", "power.png"},
     "tuned": {"tune.json", "tune.png", "best.toml"},
     "trade": {"trade.json", "trade.png"},
