@@ -107,7 +107,7 @@ def test_a_checked_tuple_is_a_tuple_as_before():
     assert hash(copy.copy(method)) == hash(pickle.loads(pickle.dumps(method)))
     assert Method._make(method) == method
     assert FAST[1] == FAST.locate == "cubic"
-    assert (Parts(("x",))._asdict()["motion"] == Parts._fields and False) or Parts(("x",)).motion == ("x",)
+    assert Parts(("x",))._asdict() == dict(zip(Parts._fields, (("x",), *Parts()[1:]), strict=True))
 
 
 def test_a_reading_may_be_a_word_or_a_list():
@@ -142,7 +142,12 @@ def test_explain_marches_as_the_accuracy_says(capsys):
     told = capsys.readouterr()
     assert "accuracy 1e-06: dopri8" in told.out
     assert "accuracy 1e-06: dopri8" in told.err
-    assert cli.main(["explain", "table1", "--set", "model.contact=none", "--accuracy", "1e-4"]) == 0
+
+
+def test_an_accuracy_that_has_no_choice_is_told(capsys):
+    options = cli.parser().parse_args(["explain", "table1", "--set", "model.contact=none", "--accuracy", "1e-4"])
+    cli.choose_accuracy(cli.loaded(options), None, options)
+    assert options.choice is None
     assert "--accuracy has no choice" in capsys.readouterr().err
 
 
