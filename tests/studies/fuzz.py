@@ -324,7 +324,6 @@ def outcome(one: Input, folder: Path) -> Outcome:
 def outside(one: Input, folder: Path) -> Outcome:
     """The same in a process of its own."""
     _prepare(folder, one)
-    began = time.perf_counter()
     done = subprocess.run(
         [sys.executable, "-m", "jaxshroud.cli", *one.words], cwd=folder, capture_output=True, text=True
     )
