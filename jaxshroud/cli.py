@@ -1,6 +1,7 @@
 """The command line: load a scene, compute, write. One verb per question.
 
-Exit status 0: done (a run that stopped early is a warning). 2: the input is wrong, one line says where.
+Exit status 0: done (a run that stopped early is a warning). 1: the machine failed. 2: the input is wrong, one line says
+where.
 """
 
 import argparse
@@ -170,8 +171,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (InputError, SceneError, StoreError) as error:
         print(one_line(error), file=sys.stderr)
         return 2
-    except MemoryError as error:
-        print(one_line(MemoryError(f"out of memory: {error}")), file=sys.stderr)
+    except (MemoryError, jax.errors.JaxRuntimeError) as error:
+        print(f"the machine failed: {one_line(error) or 'out of memory'}", file=sys.stderr)
         return 1
     except BrokenPipeError:  # the reader of standard output went away; keep Python's own flush from complaining
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -22,6 +22,7 @@ from jaxshroud.state import Status
 from jaxshroud.tableau import TABLEAUS, tableau
 
 NOT_TEXT = re.compile("[\0\ud800-\udfff]")  # NUL, and what Python makes of bytes that are no UTF-8
+LONG = re.compile(r"--[\w-]+")  # an option without its value
 NEGATIVE = re.compile(r"-\.?\d")  # the start of a value below zero
 LINE = 600  # characters of a message
 SEEDS = 10**18
@@ -60,7 +61,7 @@ def words(arguments: Sequence[str]) -> list[str]:
     for word in arguments:
         if NOT_TEXT.search(word):
             raise InputError(f"{word[:60]!a}: holds a NUL or bytes that are no UTF-8; give text")
-        if NEGATIVE.match(word) and joined and joined[-1].startswith("--") and "=" not in joined[-1]:
+        if NEGATIVE.match(word) and joined and LONG.fullmatch(joined[-1]):
             word = f"{joined.pop()}={word}"
         joined.append(word)
     return joined
@@ -237,7 +238,7 @@ def blamed(where: str):
     except (np.linalg.LinAlgError, InputError):
         raise
     except (KeyError, ValueError) as error:
-        raise InputError(f"{where}: {error.args[0]}") from None
+        raise InputError(f"{where}: {error.args[0] if error.args else error!r}") from None
 
 
 @contextmanager

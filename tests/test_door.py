@@ -252,6 +252,20 @@ def test_values_below_zero_are_no_options():
     assert axes("sweep table1 --along shroud.gap --values=1,2mm --out s") == {"shroud.gap": [1.0, 2e-3]}
 
 
+def test_only_the_values_of_options_are_joined_to_them():
+    assert words(["plot", "--", "-1.nc"]) == ["plot", "--", "-1.nc"]
+    assert words(["--phase=1", "-1", "--out", "-2", "-x"]) == ["--phase=1", "-1", "--out=-2", "-x"]
+
+
+def test_a_full_memory_is_no_fault_of_the_input(capsys, monkeypatch):
+    def full():
+        raise MemoryError
+
+    monkeypatch.setattr(cli, "shipped", full)
+    assert cli.main(["scenes"]) == 1
+    assert capsys.readouterr().err == "the machine failed: out of memory\n"
+
+
 def test_a_number_alone_changes_the_scenes_own_sweep():
     whole = axes("sweep fig09 --out s")["contact.gamma"]
     (few,) = axes("sweep fig09 --num 120 --out s").values()
