@@ -21,6 +21,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 
 from jaxshroud.checks import hint, meant
+from jaxshroud.extent import MOST_VALUES
 from jaxshroud.scene import MISPRINTS, NUMERIC_KEYS, Blades, Contact, Drive, Friction, Motion, Parts, Scene, Shroud
 from jaxshroud.schema import PHYSICS, TABLES, File, Run, SweepTable, Table, is_per_blade
 from jaxshroud.sweep import Direction
@@ -308,6 +309,8 @@ def axis(
             where,
             f"{count} different value{'s' * (count != 1)} given; a sweep needs at least two, e.g. num = 100",
         )
+    if size > MOST_VALUES:
+        _fail(where, f"num must be at most {MOST_VALUES}")
     grid = points if values is not None else np.linspace(points[0], points[1], size)
     return Axis(key, np.asarray(grid, np.float64))
 

@@ -306,6 +306,7 @@ def test_every_help_text_is_formatted(verb):
         ("simulate table1 --periods 2000000000 --steps-per-period 50 --out a.nc", "GiB are free"),
         ("simulate table1 --steps-per-period 99999999 --out a.nc", "must be at most 10000000"),
         ("sweep fig09 --periods 2000000000 --out s", "lane-periods"),
+        (f"sweep fig09 --set sweep.num=1{'0' * 30} --out s", "num must be at most 10000000"),
         ("power fig15a --periods 2000000000 --out s", "GiB are free"),
         ("trade table1 --lanes 1000000000 --out s", "lane-periods"),
         ("simulate tab\0le1 --out a.nc", "holds a NUL"),
