@@ -76,7 +76,7 @@ EXAMPLES = {
 class Along:
     """One axis asked for on the command line."""
 
-    key: str
+    key: str | None = None  # None: that of the scene
     values: str | None = None
     start: str | None = None
     stop: str | None = None
@@ -86,7 +86,7 @@ class Along:
 class _NewAxis(argparse.Action):
     def __call__(self, parser, namespace, values, option_string=None):
         """Begin a new axis."""
-        if namespace.along and not namespace.along[0].key:
+        if namespace.along and namespace.along[0].key is None:
             parser.error(f"{option_string} {values} comes after what describes it; give it first")
         namespace.along = [*(namespace.along or []), Along(str(values))]
 
@@ -95,7 +95,7 @@ class _OfAxis(argparse.Action):
     def __call__(self, parser, namespace, values, option_string=None):
         """Describe the latest axis, or the scene's own."""
         if namespace.along is None:
-            namespace.along = [Along("")]
+            namespace.along = [Along()]
         setattr(namespace.along[-1], self.dest.removeprefix("axis_"), str(values))
 
 
@@ -383,28 +383,28 @@ def _lanes(file: SceneFile):
 
 def _with_axes(file: SceneFile, options: argparse.Namespace) -> SceneFile:
     axes = file.axes
-    if options.along and not options.along[0].key:
+    if options.along and options.along[0].key is None:
         axes = (_own_axis(file, options.along[0]),)
     elif options.along:
-        axes = tuple(_axis(file, asked) for asked in options.along)
+        axes = tuple(_axis(file, asked.key, asked) for asked in options.along)
     if not axes:
         raise InputError(f"{file.name}: [sweep] is missing; add it, or give --along KEY --values a,b,c")
     return replace(file, axes=axes, direction=options.direction or file.direction)
 
 
-def _axis(file: SceneFile, asked: Along) -> Axis:
+def _axis(file: SceneFile, key: str, asked: Along) -> Axis:
     num = asked.num
     if num is not None:
         try:
             num = count(0, MOST_VALUES)(num)
         except argparse.ArgumentTypeError as error:
-            raise InputError(f"--along {asked.key}: --num {error}") from None
-    return axis(file, asked.key, asked.values, start=asked.start, stop=asked.stop, num=num)
+            raise InputError(f"--along {key}: --num {error}") from None
+    return axis(file, key, asked.values, start=asked.start, stop=asked.stop, num=num)
 
 
 def _own_axis(file: SceneFile, asked: Along) -> Axis:
     """The scene's own axis with some of what describes it replaced."""
-    given = {name: value for name, value in vars(asked).items() if value}
+    given = {name: value for name, value in vars(asked).items() if value is not None}
     flags = " and ".join(f"--{name}" for name in given)
     if len(file.axes) != 1:
         raise InputError(f"{flags} needs an --along KEY before it: {file.name} sweeps {len(file.axes) or 'no'} keys")
@@ -413,7 +413,7 @@ def _own_axis(file: SceneFile, asked: Along) -> Axis:
         if not np.array_equal(values, np.linspace(values[0], values[-1], values.size)):
             raise InputError(f"{flags}: [sweep] of {file.name} lists its values; give --start, --stop and --num")
         given = {"start": float(values[0]), "stop": float(values[-1]), "num": str(values.size), **given}
-    return _axis(file, Along(own.key, **given))
+    return _axis(file, own.key, Along(**given))
 
 
 if __name__ == "__main__":

@@ -234,12 +234,14 @@ def axes(line):
         ("--along shroud.gap --start 1mm --stop 2 --num 3", '"2" has no unit'),
         ("--num 1e20", "--num must be a whole number"),
         ("--num 100000000000000000000", "--num must be at most 10000000"),
+        ("--along  --num 5", "the scene has no number ``"),
+        ("--values ", "is not a number with a unit"),
         ("--num 5 --along contact.gamma", "--along contact.gamma comes after what describes it"),
     ],
 )
 def test_values_that_are_hardly_meant(line, expected, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert expected in refused(capsys, "sweep", "fig09", *line.split(), "--out", "s")
+    assert expected in refused(capsys, "sweep", "fig09", *line.split(" "), "--out", "s")
     assert "has no unit" in refused(capsys, *["tune", "table1", "--over", "shroud.gap=1um:2", "--out", "t"])
 
 
