@@ -5,6 +5,7 @@ wrong, one line says where. 130: interrupted. 141: nobody reads what is printed.
 """
 
 import argparse
+import math
 import os
 import sys
 import time
@@ -19,38 +20,45 @@ import numpy as np
 from jaxshroud import files
 from jaxshroud.analysis.settling import UNKNOWN
 from jaxshroud.cli_design import gradient_options, gradient_verb, tune_options, tune_verb
+from jaxshroud.cli_plot import draw_dataset, draw_json, plot_options, plot_verb
 from jaxshroud.cli_trade import trade_options, trade_verb
 from jaxshroud.config import Axis, SceneError, SceneFile, axis, shipped
+from jaxshroud.earlier import Earlier, last_state
+from jaxshroud.extent import MOST_VALUES, STEP, fits, memory_for
 from jaxshroud.files import StoreError
 from jaxshroud.keyboard import interruptible
 from jaxshroud.lanes import alone
 from jaxshroud.state import Status
 from jaxshroud.store import (
-    last_state,
     power_json,
-    read,
     read_json,
     sweep_dataset,
     trajectory_dataset,
     write_dataset,
     write_json,
 )
+from jaxshroud.tableau import LEAST_STEPS
 from jaxshroud.terminal import (
     NUMERICAL,
     InputError,
     OneLineParser,
+    blamed,
     check_step,
+    choose_accuracy,
     chosen_method,
     count,
     directory,
     free,
     loaded,
     number,
+    one_line,
+    path,
     print_table,
     progress_bar,
     scene_options,
     unmet,
     warn_status,
+    words,
 )
 from jaxshroud.version import __version__
 
@@ -75,7 +83,7 @@ SHOW_CURSOR = "\x1b[?25h"  # which the progress bar hides
 class Along:
     """One axis asked for on the command line."""
 
-    key: str
+    key: str | None = None  # None: that of the scene
     values: str | None = None
     start: str | None = None
     stop: str | None = None
@@ -85,14 +93,16 @@ class Along:
 class _NewAxis(argparse.Action):
     def __call__(self, parser, namespace, values, option_string=None):
         """Begin a new axis."""
+        if namespace.along and namespace.along[0].key is None:
+            parser.error(f"{option_string} {values} comes after what describes it; give it first")
         namespace.along = [*(namespace.along or []), Along(str(values))]
 
 
 class _OfAxis(argparse.Action):
     def __call__(self, parser, namespace, values, option_string=None):
-        """Describe the latest axis."""
-        if not namespace.along:
-            parser.error(f"{option_string} needs an --along KEY before it")
+        """Describe the latest axis, or the scene's own."""
+        if namespace.along is None:
+            namespace.along = [Along()]
         setattr(namespace.along[-1], self.dest.removeprefix("axis_"), str(values))
 
 
@@ -119,8 +129,8 @@ def parser() -> OneLineParser:
     one = verb("simulate", simulate_verb, "Integrate one scene and store its motion at every step.")
     scene_options(one)
     one.add_argument("--every", type=count(1), default=1, metavar="M", help="store every M-th step")
-    one.add_argument("--from", dest="earlier", type=Path, metavar="FILE.nc", help="start from its last state")
-    one.add_argument("--out", type=Path, required=True, metavar="FILE.nc")
+    one.add_argument("--from", dest="earlier", type=path, metavar="FILE.nc", help="start from its last state")
+    one.add_argument("--out", type=path, required=True, metavar="FILE.nc")
 
     many = verb("sweep", sweep_verb, "Simulate a scene for many values of one or two of its numbers.")
     scene_options(many)
@@ -131,14 +141,14 @@ def parser() -> OneLineParser:
     many.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
     many.add_argument("--phase", type=number, default=0.0, metavar="RAD", help="drive phase of the samples")
     many.add_argument("--period-tol", type=number, default=1e-3, help="relative tolerance of the period number")
-    many.add_argument("--ledger", action="store_true", help="keep the energy balance of every lane (10 to 20 % slower)")
-    many.add_argument("--out", type=Path, required=True, metavar="DIR")
+    many.add_argument("--ledger", action="store_true", help="keep every lane's energy balance (10 to 20 %% slower)")
+    many.add_argument("--out", type=path, required=True, metavar="DIR")
 
     mean = verb("power", power_verb, "Vibration-power reduction P_d of one scene and its convergence.")
     scene_options(mean)
     mean.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
     mean.add_argument("--tolerance", type=number, default=0.1, help="percentage points at which P_d counts as stable")
-    mean.add_argument("--out", type=Path, required=True, metavar="DIR")
+    mean.add_argument("--out", type=path, required=True, metavar="DIR")
 
     gradient_options(verb("gradient", gradient_verb, "Derivatives of P_d with respect to numbers of a scene."))
     tune_options(verb("tune", tune_verb, "Find the numbers of a scene that reduce the vibration most."))
@@ -148,10 +158,7 @@ def parser() -> OneLineParser:
     tell = verb("explain", explain_verb, "Say what the model of a scene consists of, what it lacks and what it costs.")
     scene_options(tell)
 
-    draw = verb("plot", plot_verb, "Draw stored results again, without simulating.")
-    draw.add_argument("source", type=Path, metavar="DIR|FILE")
-    draw.add_argument("--out", type=Path, metavar="PICTURE", help="by default beside the result")
-    draw.add_argument("--force", action="store_true", help="replace a picture named by --out")
+    plot_options(verb("plot", plot_verb, "Draw stored results again, without simulating."))
 
     verb("scenes", scenes_verb, "List the shipped scenes.")
     return top
@@ -176,17 +183,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _status(arguments: Sequence[str] | None) -> int:
     """Exit status of the command, whose failures are told in one line."""
     try:
-        options = parser().parse_args(arguments)
+        options = parser().parse_args(words(sys.argv[1:] if arguments is None else arguments))
         options.run(options)
         sys.stdout.flush()
     except files.MachineError as error:
         print(error, file=sys.stderr)
         return 1
     except (InputError, SceneError, StoreError) as error:
-        print(error, file=sys.stderr)
+        print(one_line(error), file=sys.stderr)
         return 2
     except NUMERICAL as error:
-        print(f"numerical failure: {error}", file=sys.stderr)
+        print(f"numerical failure: {one_line(error)}", file=sys.stderr)
+        return 1
+    except (MemoryError, jax.errors.JaxRuntimeError) as error:
+        print(f"the machine failed: {one_line(error) or 'out of memory'}", file=sys.stderr)
         return 1
     except BrokenPipeError:  # the reader of standard output went away; keep Python's own flush from complaining
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -214,19 +224,26 @@ def simulate_verb(options: argparse.Namespace) -> None:
     free(options.out, options.force)
     if options.out.suffix != ".nc":
         raise InputError(f"{options.out}: a trajectory needs a name that ends in .nc")
+    steps = file.run.steps_per_period
+    least = LEAST_STEPS if steps == "auto" or options.accuracy else steps
+    with blamed(file.name):
+        memory_for("what is stored of this run", file.run.periods * least // options.every * STEP)
     lanes = alone(file.scene)
+    begin = Earlier(None, 0.0, 0.0, ()) if options.earlier is None else last_state(options.earlier, file)
     steps = check_step(file, lanes, options)
-    state, t, turns = (None, 0.0, 0.0) if options.earlier is None else last_state(options.earlier)
-    run = simulate(
-        file.scene,
-        state,
-        n_periods=file.run.periods,
-        steps_per_period=steps,
-        every=options.every,
-        turns=turns,
-        t=t,
-        method=chosen_method(options, "bisection"),
-    )
+    if begin.differences:
+        print(f"going on from another scene: {'; '.join(begin.differences)}", file=sys.stderr)
+    with blamed(file.name):
+        run = simulate(
+            file.scene,
+            begin.state,
+            n_periods=file.run.periods,
+            steps_per_period=steps,
+            every=options.every,
+            turns=begin.turns,
+            t=begin.t,
+            method=chosen_method(options, "bisection"),
+        )
     write_dataset(trajectory_dataset(run, file, steps, options.every), options.out)
     warn_status(np.asarray([run.status]), run.chatter)
     unmet(lanes, options)
@@ -256,10 +273,12 @@ def sweep_verb(options: argparse.Namespace) -> None:
         raise InputError(f"--period-tol must be a number of at least 0, but is {options.period_tol}")
     names = ("sweep.nc", "sweep.png", "summary.json")
     directory(options.out, names, options.force)
+    run, began = file.sweep_run, time.perf_counter()
+    with blamed(file.name):
+        fits(math.prod(a.values.size for a in file.axes), run.transient, run.periods)
     lanes = _lanes(file)
     steps = check_step(file, lanes, options)
-    run, began = file.sweep_run, time.perf_counter()
-    with progress_bar("lane-periods") as report:
+    with progress_bar("lane-periods") as report, blamed(file.name):
         try:
             result = sweep(
                 file.scene,
@@ -282,7 +301,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
         about = {"long_name": "estimated to miss the accuracy asked for", "accuracy": options.choice.accuracy}
         ds["inaccurate"] = (ds["status"].dims, missed.reshape(ds["status"].shape).astype(np.int8), about)
     write_dataset(ds, options.out / "sweep.nc")
-    _draw_dataset(ds, options.out / "sweep.png")
+    draw_dataset(options.out / "sweep.nc", ds, options.out / "sweep.png")
     met = {} if missed is None else {"accuracy": str(options.choice), "inaccurate": int(missed.sum())}
     summary = _summary(result, file, began) | met
     write_json(summary, options.out / "summary.json")
@@ -347,8 +366,10 @@ def power_verb(options: argparse.Namespace) -> None:
         raise InputError(f"--tolerance must be positive, but is {options.tolerance}")
     directory(options.out, ("power.json", "power.png"), options.force)
     lanes = alone(file.scene)
+    with blamed(file.name):
+        fits(1, file.run.transient, file.run.periods)
     steps = check_step(file, lanes, options)
-    with progress_bar("periods") as report:
+    with progress_bar("periods") as report, blamed(file.name):
         result = power(
             file.scene,
             most_periods=file.run.periods,
@@ -360,7 +381,7 @@ def power_verb(options: argparse.Namespace) -> None:
         )
     data = power_json(result, file)
     write_json(data, options.out / "power.json")
-    _draw_power(read_json(options.out / "power.json"), options.out / "power.png")
+    draw_json(options.out / "power.json", read_json(options.out / "power.json"), options.out / "power.png")
     final = result.final
     unmet(lanes, options)
     warn_status(np.asarray([final["status"]]), final["chatter"])
@@ -387,7 +408,9 @@ def explain_verb(options: argparse.Namespace) -> None:
     from jaxshroud.scene import Parts
 
     file = loaded(options)
-    told = explain(file.scene, chosen_method(options)._replace(ledger=False))
+    choose_accuracy(file, alone(file.scene), options)
+    with blamed(file.name):
+        told = explain(file.scene, chosen_method(options)._replace(ledger=False))
     whole = zip(Parts._fields, told.parts, Parts(), strict=True)
     lacks = [f"{name}: {part}" for name, part, full in whole if part != full]
     operations = f"{told.operations}, {told.operations / told.full_operations:.2f} of the full model"
@@ -404,64 +427,16 @@ def explain_verb(options: argparse.Namespace) -> None:
         "operations in a trial step": operations,
         "omega_max": f"{told.omega_max:.4g} rad/s",
         **{f"steps per period, {name}": n for name, n in told.steps.items()},
+        **({} if options.choice is None else {"accuracy": options.choice}),
         **{f"note {i}": text for i, text in enumerate(told.advice, 1)},
     }
     print_table(file.title or file.name, rows)
-
-
-def plot_verb(options: argparse.Namespace) -> None:
-    """`jaxshroud plot`."""
-    source = options.source
-    if source.is_dir():
-        found = [p for p in (source / "sweep.nc", source / "power.json") if p.exists()]
-        if not found:
-            raise InputError(f"{source}: holds neither sweep.nc nor power.json; give a result of jaxshroud")
-        source = found[0]
-    picture = options.out or source.with_suffix(".png")
-    if options.out is not None:
-        free(options.out, options.force)
-    if source.suffix == ".json":
-        _draw_power(read_json(source), picture)
-    else:
-        _draw_dataset(read(source), picture)
-    print(picture)
 
 
 def scenes_verb(options: argparse.Namespace) -> None:
     """`jaxshroud scenes`."""
     for name, title in shipped().items():
         print(f"{name:<12} {title}")
-
-
-def _draw_dataset(ds, picture: Path) -> None:
-    from jaxshroud import plot
-
-    if "axes" in ds.attrs:
-        draw = plot.bifurcation if "," not in ds.attrs["axes"] else plot.power_map
-    elif "end_turns" in ds.attrs:
-        draw = plot.trajectory
-    else:
-        raise StoreError("not a result of jaxshroud; give a sweep or a trajectory")
-    _saved(lambda: draw(ds), picture)
-
-
-def _draw_power(data: dict[str, Any], picture: Path) -> None:
-    from jaxshroud import plot
-
-    _saved(lambda: plot.power_convergence(data), picture)
-
-
-def _saved(draw: Callable, picture: Path) -> None:
-    from jaxshroud import drawing
-
-    try:
-        drawing.save(draw(), picture)
-    except KeyError as error:
-        raise StoreError(f"{picture}: the result lacks {error}; run the command again") from None
-    except StoreError:
-        raise
-    except ValueError as error:
-        raise InputError(f"{picture}: {' '.join(str(error).split())}") from None
 
 
 def _lanes(file: SceneFile):
@@ -474,20 +449,37 @@ def _lanes(file: SceneFile):
 
 def _with_axes(file: SceneFile, options: argparse.Namespace) -> SceneFile:
     axes = file.axes
-    if options.along:
-        axes = tuple(_axis(file, asked) for asked in options.along)
+    if options.along and options.along[0].key is None:
+        axes = (_own_axis(file, options.along[0]),)
+    elif options.along:
+        axes = tuple(_axis(file, asked.key, asked) for asked in options.along)
     if not axes:
         raise InputError(f"{file.name}: [sweep] is missing; add it, or give --along KEY --values a,b,c")
     return replace(file, axes=axes, direction=options.direction or file.direction)
 
 
-def _axis(file: SceneFile, asked: Along) -> Axis:
-    num = None
-    if asked.num is not None:
-        if not asked.num.isdecimal():
-            raise InputError(f"--along {asked.key}: --num must be a whole number, but is {asked.num!r}")
-        num = int(asked.num)
-    return axis(file, asked.key, asked.values, start=asked.start, stop=asked.stop, num=num)
+def _axis(file: SceneFile, key: str, asked: Along) -> Axis:
+    num = asked.num
+    if num is not None:
+        try:
+            num = count(0, MOST_VALUES)(num)
+        except argparse.ArgumentTypeError as error:
+            raise InputError(f"--along {key}: --num {error}") from None
+    return axis(file, key, asked.values, start=asked.start, stop=asked.stop, num=num)
+
+
+def _own_axis(file: SceneFile, asked: Along) -> Axis:
+    """The scene's own axis with some of what describes it replaced."""
+    given = {name: value for name, value in vars(asked).items() if value is not None}
+    flags = " and ".join(f"--{name}" for name in given)
+    if len(file.axes) != 1:
+        raise InputError(f"{flags} needs an --along KEY before it: {file.name} sweeps {len(file.axes) or 'no'} keys")
+    (own,), values = file.axes, file.axes[0].values
+    if "values" not in given and len(given) < 3:
+        if not np.array_equal(values, np.linspace(values[0], values[-1], values.size)):
+            raise InputError(f"{flags}: [sweep] of {file.name} lists its values; give --start, --stop and --num")
+        given = {"start": float(values[0]), "stop": float(values[-1]), "num": str(values.size), **given}
+    return _axis(file, own.key, Along(**given))
 
 
 if __name__ == "__main__":

@@ -1,16 +1,18 @@
 """The commands `gradient` and `tune`."""
 
 import argparse
+import math
 import sys
-from pathlib import Path
 from typing import Any
 
 from jaxshroud.config import Axis, SceneFile, axis
+from jaxshroud.extent import fits
 from jaxshroud.files import write
 from jaxshroud.lanes import alone
 from jaxshroud.store import gradient_json, tune_json, write_json
 from jaxshroud.terminal import (
     NUMERICAL,
+    SEEDS,
     InputError,
     OneLineParser,
     check_step,
@@ -20,13 +22,14 @@ from jaxshroud.terminal import (
     free,
     loaded,
     number,
+    path,
     print_columns,
     print_table,
     progress_bar,
     scene_options,
 )
 
-MAP = 24  # values of each of two keys in the map behind the paths
+MAP, MOST_MAP = 24, 1000  # values of each of two keys in the map behind the paths
 CHECK_STEPS = (1e-4, 3e-5, 1e-5)  # relative
 
 
@@ -44,9 +47,9 @@ def gradient_options(made: OneLineParser) -> None:
     made.add_argument("--of", choices=("P_d", "P"), default="P_d")
     made.add_argument("--sigma", type=number, default=0.01, help="relative width of the smoothing, in chaos")
     made.add_argument("--pairs", type=count(2), default=128, metavar="N", help="pairs of samples, in chaos")
-    made.add_argument("--seed", type=count(0), default=0, metavar="N", help="of the samples")
+    made.add_argument("--seed", type=count(0, SEEDS), default=0, metavar="N", help="of the samples")
     made.add_argument("--check", action="store_true", help="compare with differences at three step sizes")
-    made.add_argument("--out", type=Path, required=True, metavar="FILE.json")
+    made.add_argument("--out", type=path, required=True, metavar="FILE.json")
 
 
 def gradient_verb(options: argparse.Namespace) -> None:
@@ -140,9 +143,9 @@ def tune_options(made: OneLineParser) -> None:
     made.add_argument("--scan", type=count(1), metavar="N", help="designs looked at first")
     made.add_argument("--starts", type=count(1), metavar="N", help="the best of them, to climb from")
     made.add_argument("--updates", type=count(1), metavar="N", help="steps of each path")
-    made.add_argument("--map", type=count(0), default=MAP, metavar="N", help="values a side of the map; 0 for none")
-    made.add_argument("--seed", type=count(0), default=0, metavar="N")
-    made.add_argument("--out", type=Path, required=True, metavar="DIR")
+    made.add_argument("--map", type=count(0, MOST_MAP), default=MAP, metavar="N", help="values a side of the map, or 0")
+    made.add_argument("--seed", type=count(0, SEEDS), default=0, metavar="N")
+    made.add_argument("--out", type=path, required=True, metavar="DIR")
 
 
 def tune_verb(options: argparse.Namespace) -> None:
@@ -159,6 +162,7 @@ def tune_verb(options: argparse.Namespace) -> None:
     run = file.run
     try:
         extremes = corners(problem_of(file.scene, over, conditions))
+        fits(math.prod(map(len, conditions.values())) * options.map**2, run.transient, run.periods)
     except (KeyError, ValueError) as error:
         raise InputError(f"{file.name}: {error.args[0]}") from None
     steps = check_step(file, extremes, options)
@@ -223,7 +227,7 @@ def _values(file: SceneFile, text: str) -> Axis:
 def _limit(file: SceneFile, flag: str, key: str, text: str | None) -> float:
     if text is None:
         return float("inf")
-    value = float(axis(file, key, [text, "0"], where=f"{flag} {text}").values[0])
+    value = float(axis(file, key, ["0", text], where=f"{flag} {text}").values[1])
     if not value > 0:
         raise InputError(f"{flag} {text}: must be positive")
     return value

@@ -1,14 +1,16 @@
 """The command `trade`."""
 
 import argparse
-from pathlib import Path
 
 from jaxshroud.store import trade_json, write_json
 from jaxshroud.terminal import (
+    SEEDS,
     OneLineParser,
+    blamed,
     count,
     directory,
     loaded,
+    path,
     print_columns,
     progress_bar,
     scene_options,
@@ -20,8 +22,8 @@ def trade_options(made: OneLineParser) -> None:
     scene_options(made, method=False)
     made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded before P_d is averaged")
     made.add_argument("--lanes", type=count(8), default=64, metavar="N", help="scenes scattered around the scene")
-    made.add_argument("--seed", type=count(0), default=0, metavar="N", help="of the scattering")
-    made.add_argument("--out", type=Path, required=True, metavar="DIR")
+    made.add_argument("--seed", type=count(0, SEEDS), default=0, metavar="N", help="of the scattering")
+    made.add_argument("--out", type=path, required=True, metavar="DIR")
 
 
 def trade_verb(options: argparse.Namespace) -> None:
@@ -33,7 +35,7 @@ def trade_verb(options: argparse.Namespace) -> None:
     file = loaded(options)
     directory(options.out, ("trade.json", "trade.png"), options.force)
     run = file.run
-    with progress_bar("settings") as report:
+    with progress_bar("settings") as report, blamed(file.name):
         found = trade(
             file.scene,
             lanes=options.lanes,

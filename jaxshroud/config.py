@@ -20,8 +20,11 @@ from pydantic import (
 )
 from pydantic.fields import FieldInfo
 
+from jaxshroud.checks import hint, meant
+from jaxshroud.extent import MOST_VALUES
 from jaxshroud.scene import MISPRINTS, NUMERIC_KEYS, Blades, Contact, Drive, Friction, Motion, Parts, Scene, Shroud
-from jaxshroud.schema import PHYSICS, TABLES, Direction, File, Run, SweepTable, Table, hint, is_per_blade
+from jaxshroud.schema import PHYSICS, TABLES, File, Run, SweepTable, Table, is_per_blade
+from jaxshroud.sweep import Direction
 
 OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+)(?:\[([01])\])?\s*=\s*(\S.*?)\s*")
 # Setting the left key drops the right ones: they say the same thing another way.
@@ -134,13 +137,19 @@ def _scene(file: File) -> Scene:
 
 
 def _shown(value: Any) -> str:
-    text = json.dumps(value, ensure_ascii=False, default=str)
+    try:
+        text = json.dumps(value, ensure_ascii=False, default=str)
+    except ValueError:  # Python does not write whole numbers of more than 4,300 digits
+        text = "a number of thousands of digits"
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _told(problem: Any) -> str:
     """Pydantic's account of a problem, in our words where a validator of ours found it."""
-    return str(problem.get("ctx", {}).get("error", re.sub(r"^\w+ should", "must", problem["msg"])))
+    context = problem.get("ctx", {})
+    given, known = problem["input"], re.findall(r"'(\w+)'", context.get("expected", ""))
+    cure = meant(given, known) if isinstance(given, str) else ""
+    return str(context.get("error", re.sub(r"^\w+ should", "must", problem["msg"]))) + cure
 
 
 def _example(field: FieldInfo) -> Any:
@@ -236,8 +245,19 @@ def _in_range(where: str, table: str, name: str, values: list[Any]) -> list[floa
     return points
 
 
+def _same_units(where: str, values: list[Any]) -> None:
+    """Refuse the text of a bare number after one with a unit, as in `1mm,2`: two metres are hardly meant."""
+    texts = [v for v in values if isinstance(v, str)]
+    bare = [isinstance(_literal(v), int | float) for v in texts]
+    for i, text in enumerate(texts):
+        if bare[i] and not all(bare[:i]):
+            _fail(where, f"{_shown(text)} has no unit, but {_shown(texts[bare.index(False)])} before it has; add one")
+
+
 def _listed(values: Any) -> list[Any]:
-    values = _literal(values) if isinstance(values, str) else values
+    """A sequence of values; those of a text that is no TOML as the texts between its commas."""
+    if isinstance(values, str):
+        values = _literal(values) if values.lstrip().startswith("[") else [v.strip() for v in values.split(",")]
     values = values.tolist() if hasattr(values, "tolist") else values
     return list(values) if isinstance(values, list | tuple) else [values]
 
@@ -280,6 +300,7 @@ def axis(
     if (values is None and None in ends) or (values is not None and ends != [None] * 3):
         _fail(where, "needs either values, or start, stop and num")
     given = [start, stop] if values is None else _listed(values)
+    _same_units(where, given)
     points = _in_range(where, table, name, [_literal(v) if isinstance(v, str) else v for v in given])
     size = len(points) if num is None else num
     if size < 2 or len(set(points)) < 2:
@@ -288,6 +309,8 @@ def axis(
             where,
             f"{count} different value{'s' * (count != 1)} given; a sweep needs at least two, e.g. num = 100",
         )
+    if size > MOST_VALUES:
+        _fail(where, f"num must be at most {MOST_VALUES}")
     grid = points if values is not None else np.linspace(points[0], points[1], size)
     return Axis(key, np.asarray(grid, np.float64))
 
@@ -304,7 +327,7 @@ def parse(text: str, name: str, overrides: Sequence[str] = ()) -> SceneFile:
     """The scene in TOML `text`; messages call it `name`. See `load`."""
     try:
         document = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # not only TOMLDecodeError: a number of 5,000 digits
         _fail(name, f"not valid TOML: {error}")
     blamed = {_override(document, override) for override in overrides}
     try:
@@ -344,7 +367,7 @@ def load(source: str | os.PathLike, overrides: Sequence[str] = ()) -> SceneFile:
         SceneError: The file or an override is wrong; the message is one line with the place and the cure.
     """
     path, name = Path(source), os.fspath(source)
-    if not path.is_file():
+    if not os.path.isfile(path):
         names = [p.stem for p in sorted(_config_dir().glob("*.toml"))]
         if name.removesuffix(".toml") not in names:
             cure = hint(path.name.removesuffix(".toml"), names)

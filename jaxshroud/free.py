@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
+from jaxshroud.extent import memory_for
 from jaxshroud.geometry import gyration
 from jaxshroud.integrate import Method
 from jaxshroud.linear import amounts, courses, free_motion, steady_amplitudes
@@ -21,6 +22,7 @@ from jaxshroud.trig import ANGLE_RANGE, sine_versine
 
 NODES = 32  # of the Gauss-Legendre rule over a period, and so many more for each of its fastest oscillation
 MOST_CANCELLED = 1e8  # a steady response so many times larger than the motion leaves it no digits
+NODE, LEAD = 56, 8  # bytes for each lane, period and node at the peak; the lane's own counts as so many periods
 MOST_NODES = 1 << 14  # beyond, the fastest motion is no longer resolved
 
 
@@ -45,10 +47,11 @@ def free_runs(
         method: For the precision and shape of the result; there is nothing else to choose.
         begin: Drive phase at which the lanes start [rad], one for all or (lanes,).
     """
-    dtype, count = scenes.drive.omega.dtype, len(scenes.drive.omega)
+    dtype, count, nodes = scenes.drive.omega.dtype, len(scenes.drive.omega), nodes_needed(scenes)
+    memory_for("the closed form of this run", count * (kept + LEAD) * nodes * NODE)
     turns = jnp.asarray(phase / (2 * math.pi), dtype)
     begin = jnp.broadcast_to(jnp.asarray(np.asarray(begin) / (2 * math.pi), dtype), count)
-    samples, *end = _samples(scenes, states, begin, jnp.full_like(turns, transient), turns, kept, nodes_needed(scenes))
+    samples, *end = _samples(scenes, states, begin, jnp.full_like(turns, transient), turns, kept, nodes)
     places = lambda lane: [lane.state, lane.status, lane.tally.log.time_apart]  # noqa: E731
     lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
     zeros = np.zeros(np.shape(samples.power[0]))

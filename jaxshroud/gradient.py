@@ -13,7 +13,8 @@ import jax
 import numpy as np
 from scipy.special import stdtrit
 
-from jaxshroud.checks import NumericalError, count_argument, in_precision, positive_argument
+from jaxshroud.checks import NumericalError, count_argument, in_precision, positive_argument, word_argument
+from jaxshroud.extent import fits
 from jaxshroud.integrate import FAST, Method
 from jaxshroud.lanes import repeated
 from jaxshroud.linear import area, free_power
@@ -92,14 +93,15 @@ def gradient(
 
     Raises:
         KeyError: The scene has no such number.
-        ValueError: A count is too small, `sigma` is not positive, or a smoothed derivative is asked for with respect
-            to a number that is 0.
+        ValueError: There is no such `of`, a count is too small, `sigma` is not positive, or a smoothed derivative is
+            asked for with respect to a number that is 0.
         NumericalError: The march stops in this scene or in nearly all of its neighbourhood.
         LinAlgError: The orbit's equations cannot be solved.
 
     Source:
         dP/dp = P_p + P_z (I - M)^-1 Phi_p for the fixed point z of the flow Phi over the orbit's periods.
     """
+    word_argument("of", of, Of)
     positive_argument("sigma", sigma)
     scene = with_numbers(scene, wrt)
     steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
@@ -113,6 +115,7 @@ def gradient(
     if "stopped" in found.flags:
         raise NumericalError("The march stops in this scene; there is nothing to differentiate.")
     count_argument("pairs", pairs, 2)
+    fits(2 * pairs, transient, n_periods)
     plan = Plan(transient, n_periods, steps_per_period, 0.0, method)
     return smoothed(scene, wrt, of, found, sigma, pairs, plan, seed)
 
@@ -133,7 +136,8 @@ def with_numbers(scene: Scene, keys: Sequence[str]) -> Scene:
 
 
 def on_orbit(found: Orbit, wrt: Sequence[str], of: Of = "P_d") -> Gradient:
-    """The exact gradient on a periodic orbit."""
+    """The exact gradient on a periodic orbit; ValueError if there is no such `of`."""
+    word_argument("of", of, Of)
     scene, at = with_numbers(found.scene, wrt), found.jacobian
     assert at is not None  # there is an orbit
     along = [direction(scene, key) for key in wrt]
@@ -163,8 +167,9 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Of = "P_d") -
         The derivative with respect to each key; NaN where an orbit so near does not close.
 
     Raises:
-        ValueError: The step is not positive.
+        ValueError: There is no such `of`, or the step is not positive.
     """
+    word_argument("of", of, Of)
     positive_argument("step", step)
     scene, offsets = with_numbers(found.scene, wrt), np.array([[-2], [-1], [1], [2]])
     values = [value_of(scene, key) for key in wrt]

@@ -16,7 +16,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.absent import ABSENT, where
-from jaxshroud.checks import Precision
+from jaxshroud.checks import Precision, checked, type_argument, word_argument
 from jaxshroud.events import (
     Counters,
     Guards,
@@ -50,8 +50,9 @@ SMOOTH = 0.75  # of all these numbers in smooth contact, whose laws are longer: 
 MAX_EVENTS_PER_STEP = 64  # more is chatter: regular scenes have a few per *period*
 
 
+@checked
 class Method(NamedTuple):
-    """Static choices of the march."""
+    """Static choices of the march; ValueError for a word that is not known."""
 
     tableau: Tableau = RK4
     locate: Locate = "bisection"
@@ -59,6 +60,13 @@ class Method(NamedTuple):
     precision: Precision = "float64"
     derivative: bool = False  # instants of events are differentiable, at the price of one more trial for each
     within: bool = False  # log what happens between the ends of steps too
+
+    def __check_init__(self):
+        type_argument("tableau", self.tableau, Tableau, 'tableau("dopri8")')
+        word_argument("locate", self.locate, Locate)
+        word_argument("precision", self.precision, Precision)
+        type_argument("ledger", self.ledger, bool, "True")
+        type_argument("derivative", self.derivative, bool, "True")
 
     def __str__(self) -> str:
         return f"{self.tableau.name}, events by {self.locate}, {self.precision}"

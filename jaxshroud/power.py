@@ -10,6 +10,7 @@ from jaxshroud.analysis.period import PERIOD_TOLERANCE
 from jaxshroud.analysis.power import Reduction
 from jaxshroud.analysis.settling import NO
 from jaxshroud.checks import count_argument, in_precision, tolerance_argument
+from jaxshroud.extent import fits
 from jaxshroud.integrate import FAST_WITH_LEDGER, Method
 from jaxshroud.lanes import alone
 from jaxshroud.linear import area
@@ -126,10 +127,11 @@ def power(
         The convergence of P_d in n and its final value; for a periodic orbit n runs over multiples of its period.
 
     Raises:
-        ValueError: A count or the tolerance is not positive.
+        ValueError: A count or the tolerance is not positive, or the run would be too long or too large.
     """
     count_argument("most_periods", most_periods, 1)
     count_argument("transient", transient, 0)
+    fits(1, transient, most_periods)
     steps_per_period = steps_for(scene, 0, steps_per_period, stepper(scene, method))
     if not tolerance > 0:
         raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxshroud.absent import Absent
+from jaxshroud.checks import checked, hint, word_argument
 
 if TYPE_CHECKING:
     Scalar = Float[Array, ""]
@@ -34,6 +35,30 @@ def per_blade(value: Any) -> Any:
 def scalar(value: Any) -> Any:
     """`value` as a float array, so that changing it never recompiles."""
     return jnp.asarray(value, dtype=float) if isinstance(value, ArrayLike) else value
+
+
+def misprints(reading: Any) -> Any:
+    """The misprints kept by a `reading`: "consistent", "printed", the name of one, or several names.
+
+    Raises:
+        ValueError: There is no such misprint.
+    """
+    words = isinstance(reading, str)
+    names = {"consistent": (), "printed": MISPRINTS}.get(reading, (reading,)) if words else reading
+    if not isinstance(names, list | tuple | set | frozenset):
+        raise ValueError('must be "consistent", "printed" or a list of misprints')
+    for name in names:
+        if name not in MISPRINTS:
+            known = (*MISPRINTS, "consistent", "printed") if words else MISPRINTS
+            raise ValueError(f"names the unknown misprint `{name}`{hint(str(name), known)}")
+    return frozenset(names)
+
+
+def _reading(value: Any) -> Any:
+    try:
+        return misprints(value)
+    except ValueError as error:
+        raise ValueError(f"Argument `reading` = {value!r} {error}") from None
 
 
 class Blades(eqx.Module):
@@ -77,15 +102,12 @@ class Contact(eqx.Module):
 
     k: Scalar | None = eqx.field(converter=scalar)  # impact stiffness [N/m]
     gamma: Scalar | None = eqx.field(converter=scalar)  # k / k_x of the left blade (Sec. 3.1.1)
-    reading: frozenset[str] = eqx.field(static=True, default=frozenset())
+    reading: frozenset[str] = eqx.field(static=True, converter=_reading, default=frozenset())
     width: Scalar | None = eqx.field(converter=scalar, default=None)  # over which smooth contact sets in [m]
 
     def __check_init__(self):
         if (self.k is None) == (self.gamma is None):
             raise ValueError("Exactly one of `k` and `gamma` must be given.")
-        unknown = self.reading - set(MISPRINTS)
-        if unknown:
-            raise ValueError(f"Unknown misprint {sorted(unknown)[0]!r}; known are {', '.join(MISPRINTS)}.")
 
 
 class Friction(eqx.Module):
@@ -127,13 +149,29 @@ class Motion(NamedTuple):
 AT_REST = Motion(*[(0.0, 0.0)] * 6)
 
 
+Neighbour = Literal["blade", "rigid"]
+FrictionLaw = Literal["bilinear", "none"]
+ContactLaw = Literal["spring", "smooth", "none"]
+
+
+@checked
 class Parts(NamedTuple):
-    """What the model of a scene consists of. What is left out is not in the compiled program."""
+    """What the model of a scene consists of; ValueError for a part that is not known.
+
+    What is left out is not in the compiled program.
+    """
 
     motion: tuple[str, ...] = ("x", "y", "theta")  # coordinates of a block, see `MOTIONS`
-    neighbour: Literal["blade", "rigid"] = "blade"  # "rigid": the right block stands still
-    friction: Literal["bilinear", "none"] = "bilinear"
-    contact: Literal["spring", "smooth", "none"] = "spring"
+    neighbour: Neighbour = "blade"  # "rigid": the right block stands still
+    friction: FrictionLaw = "bilinear"
+    contact: ContactLaw = "spring"
+
+    def __check_init__(self):
+        if self.motion not in MOTIONS:
+            raise ValueError(f"`motion` must be one of {', '.join(map(str, MOTIONS))}, but is {self.motion}.")
+        word_argument("neighbour", self.neighbour, Neighbour)
+        word_argument("friction", self.friction, FrictionLaw)
+        word_argument("contact", self.contact, ContactLaw)
 
     def has(self, coordinate: str, blade: int) -> bool:
         """Whether a block (0: left, 1: right) moves in a coordinate."""
@@ -152,8 +190,6 @@ class Scene(eqx.Module):
     parts: Parts = eqx.field(static=True, default=Parts())
 
     def __check_init__(self):
-        if self.parts.motion not in MOTIONS:
-            raise ValueError(f"`motion` must be one of {', '.join(map(str, MOTIONS))}, but is {self.parts.motion}.")
         if (self.parts.contact == "smooth") != (self.contact.width is not None):
             raise ValueError("A `width` must be given for smooth contact, and only for that.")
         if self.parts.contact == "smooth" and self.contact.reading:

@@ -3,17 +3,18 @@
 pydantic checks structure and ranges, pint converts strings with units.
 """
 
-import difflib
 import functools
 import math
 import re
-from collections.abc import Sequence
 from decimal import Decimal
 from typing import Annotated, Any, Literal, TypeVar, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from jaxshroud.scene import MISPRINTS, MOTIONS
+from jaxshroud.checks import MOST_COUNT
+from jaxshroud.scene import MOTIONS, ContactLaw, FrictionLaw, Neighbour, misprints
+from jaxshroud.stability import MOST_AUTO
+from jaxshroud.sweep import Direction
 
 T = TypeVar("T")
 
@@ -35,13 +36,6 @@ KINDS = {
     "N m s/rad": "a torsion damping",
 }
 QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,4})?)\s*([^\d\s].{0,60})?")
-
-
-def hint(word: str, known: Sequence[str]) -> str:
-    """The cure for a word that is not `known`."""
-    folded = {k.casefold(): k for k in known}
-    close = difflib.get_close_matches(word.casefold(), folded, n=1)
-    return f"; did you mean `{folded[close[0]]}`?" if close else f"; known are {', '.join(known)}"
 
 
 @functools.cache
@@ -93,18 +87,6 @@ def _pair(value: Any) -> Any:
     return value if isinstance(value, list) else (value, value)
 
 
-def _misprints(value: Any) -> frozenset[str]:
-    """The misprints kept by a `reading`."""
-    names = {"consistent": [], "printed": MISPRINTS}.get(value, [value]) if isinstance(value, str) else value
-    if not isinstance(names, list | tuple):
-        raise ValueError('must be "consistent", "printed" or a list of misprints')
-    known = (*MISPRINTS, "consistent", "printed") if isinstance(value, str) else MISPRINTS
-    for name in names:
-        if name not in MISPRINTS:
-            raise ValueError(f"names the unknown misprint `{name}`{hint(str(name), known)}")
-    return frozenset(names)
-
-
 def key(meaning: str, example: Any, **kwargs: Any) -> Any:
     """What messages say about a key."""
     return Field(description=meaning, examples=[example], **kwargs)
@@ -114,10 +96,11 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
 NonNegative = Annotated[Number, Field(ge=0)]
 FaceAngle = Annotated[Number, Field(gt=0, le=math.pi / 2)]
-Count = Annotated[int, Field(strict=True, ge=1)]
+Whole = Annotated[int, Field(strict=True, ge=0, le=MOST_COUNT)]
+Count = Annotated[Whole, Field(ge=1)]
+Steps = Annotated[Count, Field(le=MOST_AUTO)]
 PerBlade = Annotated[tuple[T, T], BeforeValidator(_pair)]
-Misprints = Annotated[frozenset[str], BeforeValidator(_misprints)]
-Direction = Literal["independent", "forward", "backward"]
+Misprints = Annotated[frozenset[str], BeforeValidator(misprints)]
 
 
 class Table(BaseModel):
@@ -210,17 +193,17 @@ class ModelTable(Table):
     motion: Annotated[tuple[str, ...], BeforeValidator(_coordinates), key("coordinates of a block", ["x", "y"])] = (
         MOTIONS[-1]
     )
-    neighbour: Annotated[Literal["blade", "rigid"], key("the right block: a blade, or at rest", "rigid")] = "blade"
-    friction: Annotated[Literal["bilinear", "none"], key("law of friction", "none")] = "bilinear"
-    contact: Annotated[Literal["spring", "smooth", "none"], key("law of contact", "smooth")] = "spring"
+    neighbour: Annotated[Neighbour, key("the right block: a blade, or at rest", "rigid")] = "blade"
+    friction: Annotated[FrictionLaw, key("law of friction", "none")] = "bilinear"
+    contact: Annotated[ContactLaw, key("law of contact", "smooth")] = "spring"
 
 
 class Run(Table):
     """How long and how finely to integrate."""
 
     periods: Annotated[Count, key("forcing periods kept", 100)]
-    transient: Annotated[int, Field(strict=True, ge=0), key("periods discarded before them", 300)] = 0
-    steps_per_period: Annotated[Count | Literal["auto"], key("integration steps in one forcing period", 400)]
+    transient: Annotated[Whole, key("periods discarded before them", 300)] = 0
+    steps_per_period: Annotated[Steps | Literal["auto"], key("integration steps in one forcing period", 400)]
 
 
 class SweepTable(Table):

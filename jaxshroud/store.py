@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
 from jaxshroud.config import SceneFile
+from jaxshroud.extent import memory_for
 from jaxshroud.files import StoreError, write
 from jaxshroud.gradient import Gradient
 from jaxshroud.power import PowerResult
 from jaxshroud.scene import Motion
-from jaxshroud.state import Mode, State, Status
+from jaxshroud.state import Mode, Status
 from jaxshroud.sweep import SweepResult
 from jaxshroud.trade import HORIZON, Measured, error_of, front
 from jaxshroud.trajectory import Trajectory
@@ -142,24 +142,6 @@ def trajectory_dataset(run: Trajectory, scene_file: SceneFile, steps_per_period:
     return xr.Dataset(data, {"time": ("time", run.t, _named("s", "time")), "blade": [0, 1]}, attrs)
 
 
-def last_state(path: str | os.PathLike[str]) -> tuple[State, float, float]:
-    """The last state of a stored trajectory, its time [s] and drive phase [turns].
-
-    Raises:
-        StoreError: The file is no complete trajectory, or its run had stopped.
-    """
-    ds = read(path)
-    if "end_turns" not in ds.attrs:
-        raise StoreError(f"{path}: not a trajectory; give a file written by `jaxshroud simulate`")
-    if ds.attrs["status"] != Status.OK:
-        raise StoreError(f"{path}: the run stopped ({Status(ds.attrs['status']).name}); start from an earlier file")
-    end = ds.isel(time=-1)
-    motion = Motion(*(jnp.asarray(end[name].to_numpy()) for name in Motion._fields))
-    u_s = jnp.asarray(np.nan_to_num(end["u_s"].to_numpy()))
-    state = State(motion, u_s, *(jnp.asarray(end[name].to_numpy(), jnp.int32) for name in ("mode", "case")))
-    return state, float(end["time"]), float(ds.attrs["end_turns"])
-
-
 def power_json(result: PowerResult, scene_file: SceneFile) -> dict[str, Any]:
     """A power convergence as plain numbers."""
     curve = {name: getattr(result, name).tolist() for name in ("n", "P_d", "P_d_ci")}
@@ -222,6 +204,7 @@ def read(path: str | os.PathLike[str]) -> xr.Dataset:
     """
     try:
         with xr.open_dataset(path, engine="h5netcdf") as ds:
+            memory_for("it", ds.nbytes)
             return ds.load()
     except FileNotFoundError:
         raise StoreError(f"{path}: no such file; give a result written by jaxshroud") from None
@@ -240,7 +223,7 @@ def write_json(data: dict[str, Any], path: Path) -> None:
     write(path, (json.dumps(_plain(data), indent=1) + "\n").encode())
 
 
-def read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> Any:
     """A stored summary.
 
     Raises:
@@ -248,7 +231,7 @@ def read_json(path: Path) -> dict[str, Any]:
     """
     try:
         return json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise StoreError(f"{path}: cannot be read ({error}); run the command again") from None
 
 

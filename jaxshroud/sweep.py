@@ -1,5 +1,6 @@
 """Many scenes at once: bifurcation diagrams and power curves over any number of a scene."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,8 +17,9 @@ from jaxshroud.analysis.period import PERIOD_TOLERANCE, Repetition, repetition
 from jaxshroud.analysis.power import Reduction, reduction
 from jaxshroud.analysis.settling import YES
 from jaxshroud.chatter import chatter
-from jaxshroud.checks import count_argument, in_precision, tolerance_argument
+from jaxshroud.checks import count_argument, in_precision, tolerance_argument, word_argument
 from jaxshroud.events import Counters
+from jaxshroud.extent import fits
 from jaxshroud.free import free_runs
 from jaxshroud.geometry import corners
 from jaxshroud.integrate import FAST, Lane, Method
@@ -122,8 +124,8 @@ def sweep(
         Samples and statistics of every lane. A lane that failed has a status and NaN; the others are not affected.
 
     Raises:
-        ValueError: A count is too small, an axis is empty, the phase or the tolerance is out of range, or float64 is
-            not to be had.
+        ValueError: A count is too small, an axis is empty, the phase or the tolerance is out of range, the direction is
+            not known, the run would be too long or too large (see `extent`), or float64 is not to be had.
         KeyError: The scene has no such number.
         Interrupted: Ctrl-C; its `done` is the result with the lanes that had ended, the others with status NOT_RUN, or
             None where none had.
@@ -133,9 +135,11 @@ def sweep(
     if not 0 <= phase < 2 * np.pi:
         raise ValueError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     tolerance_argument("period_tol", period_tol)
+    word_argument("direction", direction, Direction)
     axes = {key: np.atleast_1d(np.asarray(values, dtype=float)) for key, values in along.items()}
     if not 1 <= len(axes) <= 2 or any(v.ndim != 1 or v.size == 0 for v in axes.values()):
         raise ValueError("Argument `along` must name one or two keys, each with at least one value.")
+    fits(math.prod(v.size for v in axes.values()), transient, n_periods)
     scenes = in_precision(grid_of_scenes(scene, axes), method.precision)
     steps = steps_for(scenes, len(axes), steps_per_period, stepper(scene, method))
     plan = Plan(transient, n_periods, steps, phase, method)

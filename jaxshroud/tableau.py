@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxshroud.checks import word_argument
+
 LEAST_STEPS = 8  # per period: what the drive's phase gains in a step must stay within the range of `trig`
 
 
@@ -42,8 +44,7 @@ def tableau(name: str) -> Tableau:
     Raises:
         ValueError: There is no such method.
     """
-    if name not in TABLEAUS:
-        raise ValueError(f"Unknown Runge-Kutta method {name!r}; known are {', '.join(TABLEAUS)}.")
+    word_argument("name", name, TABLEAUS)
     if name == "rk4":
         return RK4
     if name == "dop853":

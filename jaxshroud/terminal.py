@@ -2,24 +2,32 @@
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, get_args
 
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from jaxshroud.checks import NumericalError
+from jaxshroud.checks import MOST_COUNT, NumericalError, Precision, hint, meant
 from jaxshroud.config import SceneFile, load
 from jaxshroud.locate import Locate
+from jaxshroud.stability import MOST_AUTO
 from jaxshroud.state import Status
 from jaxshroud.tableau import TABLEAUS, tableau
 
 NUMERICAL = (NumericalError, np.linalg.LinAlgError, FloatingPointError)  # no fault of the input
+NOT_TEXT = re.compile("[\0\ud800-\udfff]")  # NUL, and what Python makes of bytes that are no UTF-8
+LONG = re.compile(r"--[\w-]+")  # an option without its value
+NEGATIVE = re.compile(r"-\.?\d")  # the start of a value below zero
+LINE = 600  # characters of a message
+SEEDS = 10**18
+DIGITS = 20  # of a number that is too large for anything
 
 
 class InputError(ValueError):
@@ -27,20 +35,49 @@ class InputError(ValueError):
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
+    """An argument parser whose errors are one line, and which knows what a misspelt word may have meant."""
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            raise argparse.ArgumentError(action, f"cannot be {value!r}{hint(str(value), [*action.choices])}")
 
     def error(self, message: str) -> NoReturn:
         """Leave with status 2."""
         raise InputError(f"{self.prog}: {message}; see {self.prog} --help")
 
 
-def count(least: int) -> Callable[[str], int]:
-    """A parser of whole numbers of at least `least`."""
+def one_line(error: Exception) -> str:
+    """The message of an error as one line that can be read."""
+    text = " ".join(str(error).split())
+    return text if len(text) <= LINE else f"{text[: LINE // 2]} ... {text[-LINE // 2 :]}"
+
+
+def words(arguments: Sequence[str]) -> list[str]:
+    """The words of a command line, with a value such as `-2mm` joined to its option: argparse takes it for another.
+
+    Raises:
+        InputError: A word is no text.
+    """
+    joined: list[str] = []
+    for word in arguments:
+        if NOT_TEXT.search(word):
+            raise InputError(f"{word[:60]!a}: holds a NUL or bytes that are no UTF-8; give text")
+        if NEGATIVE.match(word) and joined and LONG.fullmatch(joined[-1]):
+            word = f"{joined.pop()}={word}"
+        joined.append(word)
+    return joined
+
+
+def count(least: int, most: int = MOST_COUNT) -> Callable[[str], int]:
+    """A parser of whole numbers from `least` to `most`."""
 
     def parse(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
+        value = (int(text) if len(text) < DIGITS else most + 1) if text.isdecimal() else -1
+        if value < least:
             raise argparse.ArgumentTypeError(f"must be a whole number of at least {least}, but is {text!r}")
-        return int(text)
+        if value > most:
+            raise argparse.ArgumentTypeError(f"must be at most {most}, but is {text!r}")
+        return value
 
     return parse
 
@@ -53,8 +90,29 @@ def number(text: str) -> float:
         raise argparse.ArgumentTypeError(f"must be a number, but is {text!r}") from None
 
 
+def path(text: str) -> Path:
+    """A path that can be looked up, whether or not something is there."""
+    try:
+        os.stat(text)
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} cannot be looked up ({error.strerror})") from None
+    return Path(text)
+
+
 def _steps(text: str) -> int | str:
-    return text if text == "auto" else count(1)(text)
+    return text if text == "auto" else count(1, MOST_AUTO)(text)
+
+
+def _accuracy(text: str) -> str:
+    from jaxshroud.accuracy import NAMED, level
+
+    try:
+        level(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{error}{meant(text, [*NAMED])}") from None
+    return text
 
 
 def scene_options(made: argparse.ArgumentParser, method: bool = True) -> None:
@@ -64,11 +122,13 @@ def scene_options(made: argparse.ArgumentParser, method: bool = True) -> None:
     made.add_argument("--periods", type=count(1), metavar="N", help="periods kept")
     made.set_defaults(steps_per_period=None, choice=None)
     if method:
-        made.add_argument("--accuracy", metavar="A", help="fast, balanced, reference or a number: chooses all below")
+        made.add_argument(
+            "--accuracy", type=_accuracy, metavar="A", help="fast, balanced, reference or a number: chooses all below"
+        )
         made.add_argument("--steps-per-period", type=_steps, metavar="N", help='or "auto"')
         made.add_argument("--tableau", choices=TABLEAUS, help="Runge-Kutta method; rk4 by default")
-        made.add_argument("--locate", choices=("cubic", "bisection", "none"), help="how events are located")
-        made.add_argument("--precision", choices=("float64", "float32"), help="float64 by default")
+        made.add_argument("--locate", choices=get_args(Locate), help="how events are located")
+        made.add_argument("--precision", choices=get_args(Precision), help="float64 by default")
     made.add_argument("--force", action="store_true", help="replace existing results")
 
 
@@ -96,8 +156,9 @@ def check_step(file: SceneFile, scenes: Any, options: argparse.Namespace) -> int
     from jaxshroud.stability import step_report, steps_for, stiffest
 
     method = tableau(options.tableau or "rk4")
-    if options.accuracy is not None and file.scene.parts.contact == "spring":
-        return _chosen(file, scenes, options)
+    choose_accuracy(file, scenes, options)
+    if options.choice is not None:
+        return options.choice.steps
     asked, free = file.run.steps_per_period, file.scene.parts.contact == "none"
     try:
         steps = steps_for(scenes, 1, asked, None if free else method)
@@ -110,19 +171,23 @@ def check_step(file: SceneFile, scenes: Any, options: argparse.Namespace) -> int
     return steps
 
 
-def _chosen(file: SceneFile, scenes: Any, options: argparse.Namespace) -> int:
-    """Steps per period for the accuracy asked for; keeps the choice in the options."""
+def choose_accuracy(file: SceneFile, scenes: Any, options: argparse.Namespace) -> None:
+    """Keep in the options how to march scenes (leading axis) for the accuracy asked for, if any is."""
     from jaxshroud.accuracy import choose
 
+    if options.accuracy is None:
+        return
     for name in ("steps_per_period", "tableau", "locate", "precision"):
         if getattr(options, name) is not None:
             raise InputError(f"--accuracy chooses --{name.replace('_', '-')} itself; give one of them")
-    try:
-        options.choice = choose(scenes, 1, options.accuracy)
-    except ValueError as error:
-        raise InputError(f"--accuracy {error}") from None
+    contact = file.scene.parts.contact
+    if contact == "smooth":
+        raise InputError("--accuracy knows located contact, not smooth contact; give --steps-per-period instead")
+    if contact == "none":
+        print(f"{file.name}: without contact the motion is in closed form; --accuracy has no choice", file=sys.stderr)
+        return
+    options.choice = choose(scenes, 1, options.accuracy)
     print(f"{file.name}: {options.choice}", file=sys.stderr)
-    return options.choice.steps
 
 
 def unmet(scenes: Any, options: argparse.Namespace) -> np.ndarray | None:
@@ -165,6 +230,17 @@ def directory(path: Path, names: Sequence[str], force: bool) -> None:
         raise InputError(f"{path}: cannot be made ({error.strerror}); choose another --out") from None
     for name in names:
         free(path / name, force)
+
+
+@contextmanager
+def blamed(where: str):
+    """Arguments that turn out to be wrong are wrong input, for which `where` is to blame."""
+    try:
+        yield
+    except (*NUMERICAL, InputError):
+        raise
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{where}: {error.args[0] if error.args else error!r}") from None
 
 
 @contextmanager

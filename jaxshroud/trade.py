@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 from jaxshroud.adaptive import Adaptive
+from jaxshroud.extent import fits
 from jaxshroud.free import free_runs
 from jaxshroud.integrate import FAST
 from jaxshroud.scene import Scene, value_of
@@ -132,7 +133,11 @@ def trade(
 
     Returns:
         One entry for each setting, with its errors against one of `TRUTHS`.
+
+    Raises:
+        ValueError: The run would be too long or too large.
     """
+    fits(lanes, transient, n_periods)
     settings = SETTINGS[scene.parts.contact] if settings is None else settings
     scenes = neighbourhood(scene, lanes, seed)
     truth, found = _outcome(scenes, TRUTHS[scene.parts.contact], transient, n_periods), []

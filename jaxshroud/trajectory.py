@@ -15,6 +15,7 @@ from jaxshroud.chatter import chatter
 from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.compiled import compiled
 from jaxshroud.events import Counters, seat
+from jaxshroud.extent import STEP, memory_for
 from jaxshroud.free import free_status
 from jaxshroud.friction import stretch
 from jaxshroud.integrate import REFERENCE, Lane, Method, balance, begin, energy, grid, march
@@ -82,7 +83,7 @@ def simulate(
         The initial state and then every `every`-th step of `n_periods * steps_per_period`.
 
     Raises:
-        ValueError: A count is not a positive integer.
+        ValueError: A count is not a positive integer, or what is to be stored would not fit into memory.
 
     Source:
         Eq. (1), Sec. 3.1, in SI; not Eq. (21), whose time scaling is inconsistent.
@@ -93,6 +94,7 @@ def simulate(
     steps_per_period = steps_for(scene, 0, steps_per_period, stepper(scene, method))
     first_state = start(scene.initial) if state is None else in_precision(state, method.precision)
     total = n_periods * steps_per_period // every
+    memory_for("what is stored of this run", total * STEP)
     index = np.arange(total + 1) * every
     period = float(scene.drive.period)
     times = t + index * (period / steps_per_period)

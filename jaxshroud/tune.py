@@ -6,6 +6,7 @@ exceeded, it is the slope across a neighbourhood of stated width instead. The be
 motion meet, and no slope leads along such an edge: the best path ends with a few rounds of samples around it.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -16,7 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import qmc
 
-from jaxshroud.checks import count_argument, in_precision
+from jaxshroud.checks import count_argument, in_precision, word_argument
+from jaxshroud.extent import fits
 from jaxshroud.gradient import slopes, with_numbers
 from jaxshroud.integrate import FAST, REFERENCE, Method
 from jaxshroud.lanes import repeated
@@ -153,10 +155,11 @@ def tune(
 
     Raises:
         KeyError: The scene has no such number.
-        ValueError: A count is too small, a number is not finite, a limit is not positive, bounds are not in order, or
-            float64 is not to be had.
+        ValueError: There is no such goal, a count is too small, a number is not finite, a limit is not positive, bounds
+            are not in order, or float64 is not to be had.
     """
     in_precision(scene, method.precision)  # refused now rather than after the search
+    word_argument("goal", goal, Goal)
     for name, limit in dict(most_penetration=most_penetration, most_force=most_force).items():
         if not limit > 0:
             raise ValueError(f"Argument `{name}` must be positive, but is {limit}.")
@@ -171,6 +174,7 @@ def tune(
         count_argument(name, value, 1)
     climbs, rounds = min(n_starts, scan) * (updates + 1) * (1 + 3 * size), len(POLISH) * SAMPLES * size
     lanes = len(problem.rows) * (scan + climbs + rounds + 1)
+    fits(max(scan, n_starts * (1 + 3 * size)) * len(problem.rows), 4 * transient, 4 * n_periods)
     ticker = Ticker(lanes * (transient + n_periods), progress)
     cube = qmc.Sobol(size, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(scan))))[:scan]
     scanned = judge_designs(problem, problem.values(cube), ticker)
@@ -222,6 +226,7 @@ def problem_of(
     if both:
         raise ValueError(f"{sorted(both)[0]} is both tuned and an operating condition.")
     known = {key: tuple(float(v) for v in np.ravel(values)) for key, values in conditions.items()}
+    fits(math.prod(map(len, known.values())) << min(len(over), 8), 0, 1)  # the corners are looked at first
     whole = with_numbers(scene, [*over, *known])
     return Problem(whole, dict(over), known)
 

@@ -370,8 +370,8 @@ def test_sweep_axes():
 
 def test_axis_of_the_command_line():
     scene_file = parse(GOOD, "a")
-    np.testing.assert_array_equal(axis(scene_file, "shroud.gap", ["0.01 mm", "2e-5"]).values, [1e-5, 2e-5])
-    np.testing.assert_array_equal(axis(scene_file, "shroud.gap", "0.01 mm, 2e-5").values, [1e-5, 2e-5])
+    np.testing.assert_array_equal(axis(scene_file, "shroud.gap", ["0.01 mm", "0.02mm"]).values, [1e-5, 2e-5])
+    np.testing.assert_array_equal(axis(scene_file, "shroud.gap", "1e-5, 0.02 mm").values, [1e-5, 2e-5])
     np.testing.assert_array_equal(axis(scene_file, "blades.m", np.linspace(1, 2, 3)).values, [1, 1.5, 2])
     got = axis(scene_file, "drive.phase[1]", start="0 deg", stop=1, num=2)
     np.testing.assert_array_equal(got.values, [0, 1])

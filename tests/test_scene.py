@@ -41,7 +41,7 @@ def test_a_contact_has_exactly_one_of_k_and_gamma(k, gamma):
 
 
 def test_an_unknown_misprint_is_named():
-    with pytest.raises(ValueError, match="Unknown misprint 'gap_sing'; known are gap_sign, friction_components"):
+    with pytest.raises(ValueError, match="names the unknown misprint `gap_sing`; did you mean `gap_sign`"):
         Contact(1e5, None, frozenset({"gap_sing"}))
     assert Contact(1e5, None, frozenset(MISPRINTS)).reading == set(MISPRINTS)
 
