@@ -59,13 +59,29 @@ import jaxshroud_command
 jaxshroud_command.main()
 """
 
+HEEDING = (
+    "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"  # also where tests run under nohup
+)
+
+
+@pytest.fixture(autouse=True)
+def heeding():
+    """Ctrl-C means something to this process, even under nohup."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
 
 def begun(code, *words):
-    """A process that has written its first lines, and what reads them."""
+    """A process that runs `code`, Ctrl-C being heeded."""
     cache = {"JAX_COMPILATION_CACHE_DIR": cache} if (cache := jax.config.jax_compilation_cache_dir) else {}
     pipe = subprocess.PIPE
     return subprocess.Popen(
-        [sys.executable, "-c", code, *map(str, words)], stdout=pipe, stderr=pipe, text=True, env=os.environ | cache
+        [sys.executable, "-c", HEEDING + code, *map(str, words)],
+        stdout=pipe,
+        stderr=pipe,
+        text=True,
+        env=os.environ | cache,
     )
 
 
