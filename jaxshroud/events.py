@@ -54,7 +54,7 @@ from jaxshroud.rhs import Lean, Model, as_one, lean, stored_energy, turns
 from jaxshroud.scene import Motion, Pair, Scalar
 from jaxshroud.state import Mode, State
 
-FLAT_RETURN = 1 / 20  # of a step: a rocking that comes and goes quicker than this counts as flat contact
+FLAT_RETURN = 1 / 24  # of a step: a rocking that comes and goes quicker than this counts as flat contact
 
 
 class Kind(IntEnum):
