@@ -34,7 +34,7 @@ class Choice:
     accuracy: float  # of the state after three periods, relative to its largest number, for 95 % of lanes
     setting: Setting
     steps: int
-    promised: bool  # False: the motion multiplies errors too fast for it, and this is about the best there is
+    promised: bool  # False: it is not to be had, and this is about the best there is
     reached: float = np.nan  # error that so many of the probed lanes stayed below, by comparison with half the step
 
     @property
@@ -46,7 +46,8 @@ class Choice:
         told = f"accuracy {self.accuracy:.0e}: {self.setting} (omega_max h), {self.steps} steps a period"
         if self.promised:
             return told
-        return f"{told}; not to be had: the motion multiplies errors, {self.reached:.0e} is the best for 95 % of runs"
+        best = f"{self.reached:.0e} is the best for 95 % of runs"
+        return f"{told}; not to be had: {best}, as impacts multiply errors and flat contact drops its rocking"
 
 
 @cache
