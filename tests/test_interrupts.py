@@ -174,7 +174,7 @@ def test_what_was_written_before_an_interrupt_is_told(tmp_path, capsys, monkeypa
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "_draw_dataset", interrupted)
+    monkeypatch.setattr(cli, "draw_dataset", interrupted)
     words = ["sweep", "table1", *SMALL, "--along", "contact.gamma", "--values", "1,2", "--periods", "2"]
     assert cli.main([*words, "--out", str(tmp_path)]) == 130
     assert capsys.readouterr().err == f"interrupted; {tmp_path / 'sweep.nc'} was written\n"
