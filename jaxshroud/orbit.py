@@ -37,7 +37,8 @@ BLOCK = 8  # periods between two looks whether the motion repeats
 WINDOW = 48  # of the latest periods is looked at, at most
 NEAR = 1e-2  # how nearly it must, relative to each displacement's size, for Newton's method to take over
 MOST_UPDATES = 12
-EXACT = 1e-6  # relative error of derivatives that is promised; where it cannot be kept, conditions are ill
+# Relative errors of derivatives that are promised; where they cannot be kept, conditions are ill.
+EXACT = {"float64": 1e-6, "float32": 1e-2}
 ROUNDINGS = 1e3  # units of rounding that a slider's row of the Jacobian may differ by from that of a slider at rest
 # Relative closing errors. The march's rounding leaves some 1e-13 in float64 and 1e-6 to 2e-5 in float32, where Newton's
 # method ends as soon as it no longer gains; an orbit counts as closed up to a thousand times the tolerance.
@@ -249,10 +250,10 @@ def _closed(
         if at.status != Status.OK or unchanged == 2 or not np.isfinite(residual):
             break
         free = _slider_is_free(scene, at)
-        if residual <= tolerance and _doubt(_conditioning(scene, at, free), shot) <= EXACT:
+        if residual <= tolerance and _doubt(_conditioning(scene, at, free), shot) <= EXACT[method.precision]:
             break
         step = _newton_step(at.by_state * sizes / sizes[:, None], miss, free)
-        state = from_vector(z + sizes * step, at.end.mode, at.end.case)
+        state = from_vector((z + sizes * step).astype(z.dtype), at.end.mode, at.end.case)
     assert best is not None
     return best._replace(updates=updates)
 
@@ -354,7 +355,7 @@ def described(scene: Scene, shot: Shot, q: int, tolerance: float, spent: int, st
         "not converged": not shot.residual <= max(1e3 * tolerance, 1e-9),
         "unstable": bool(np.any(np.abs(others) > 1)),
         "not unique": free,
-        "ill conditioned": doubt > EXACT,
+        "ill conditioned": doubt > EXACT[method.precision],
     }
     P = float(area(scene.shroud)) * at.power
     P_0 = np.asarray(free_power(scene), float)
