@@ -14,7 +14,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxshroud.integrate import Method
+from jaxshroud.integrate import FAST, Method
 from jaxshroud.scene import Blades, Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.stability import limits, stiffest
 from jaxshroud.state import Status
@@ -94,10 +94,16 @@ def figures(scenes: Scene, periods: int, steps: int, method: Method) -> dict[str
     }
 
 
+def by_events(scenes: Scene) -> Scene:
+    """The scenes, those with the most case switches last: lanes that run together then wait little for each other."""
+    counters = marched(scenes, 5, STEPS[1], FAST).last.tally.log.counters
+    return at(scenes, np.argsort(counters.switch_14 + counters.switch_23, kind="stable"))
+
+
 def main() -> None:
     """Measure and write."""
     jax.config.update("jax_enable_x64", True)
-    scenes, found = drawn(SCENES, SEED), []
+    scenes, found = by_events(drawn(SCENES, SEED)), []
     for name, how in METHODS:
         for steps in STEPS:
             found.append(figures(scenes, PERIODS, steps, Method(tableau(name), how)))
