@@ -91,9 +91,9 @@ def choose(scenes: Scene, batch_dims: int, asked: str | float) -> Choice:
     """
     wanted = level(asked)
     lanes = jax.tree.map(lambda a: np.reshape(a, (-1, *np.shape(a)[batch_dims:])), scenes)
-    probe, tried = _probe(lanes), []
+    probe, turn, tried = _probe(lanes), stiffest(lanes, 1), []
     for setting in _candidates(lanes, wanted):
-        steps = setting.steps(*stiffest(lanes, 1))
+        steps = setting.steps(*turn)
         error = _shared(estimated_errors(probe, setting, steps))
         tried.append(Choice(wanted, setting, steps, error <= wanted, error))
         if error <= wanted:

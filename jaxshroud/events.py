@@ -9,7 +9,7 @@
 | case 1 <-> 4, 2 <-> 3 | turn = theta_1 - theta_2 changes sign | tip, lever, face change; w carried                |
 | case 1 <-> 2, 3 <-> 4 | height changes sign               | the same, and v jumps                                 |
 | corner -> flat      | turn, and it would soon change back | both blocks turn as one; w carried                    |
-| flat -> lower corner | turn = -torque of contact there     | case 3 or 4; force and moment continuous              |
+| flat -> lower corner | turn = -torque of contact there    | case 3 or 4; force and moment continuous              |
 | flat -> upper corner | height = torque of contact there   | case 1 or 2; the same                                 |
 
 **Flat contact.** Contact at the upper corners turns the blocks one way against each other, at the lower ones the other
