@@ -6,10 +6,11 @@ traced, as with an exact zero, and leaves no operation behind; as a pytree it ha
 carry it. The physics is written once, for the full model.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 
 class Absent:
@@ -42,6 +43,11 @@ class Absent:
     __radd__, __rmul__, __truediv__, __pow__, __abs__ = __add__, __mul__, __mul__, __mul__, __neg__
 
 
+if TYPE_CHECKING:
+    Scalar = Float[Array, ""]
+else:
+    Scalar = Float[Array, ""] | Absent  # behaves as a number would
+Pair = tuple[Scalar, Scalar]  # one per blade: two flat arrays of lanes are faster than one strided
 ABSENT: Any = Absent()
 jax.tree_util.register_pytree_node(Absent, lambda _: ((), None), lambda *_: ABSENT)
 

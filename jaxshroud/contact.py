@@ -5,9 +5,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.absent import mixed
+from jaxshroud.absent import Pair, Scalar, mixed
 from jaxshroud.geometry import FLAT, Case, Corners, Touch, tip_is_left
-from jaxshroud.scene import Pair, Scalar
 
 
 class Load(NamedTuple):

@@ -34,7 +34,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.absent import ABSENT, Absent, is_absent
+from jaxshroud.absent import ABSENT, Absent, Pair, Scalar, is_absent
 from jaxshroud.friction import Springs, contact_energy, slider_speed, slip_sign, stretch
 from jaxshroud.geometry import (
     FLAT,
@@ -51,7 +51,7 @@ from jaxshroud.geometry import (
     touch_rates,
 )
 from jaxshroud.rhs import Lean, Model, as_one, lean, stored_energy, turns
-from jaxshroud.scene import Motion, Pair, Scalar
+from jaxshroud.scene import Motion
 from jaxshroud.state import Mode, State
 
 FLAT_RETURN = 1 / 24  # of a step: a rocking that comes and goes quicker than this counts as flat contact

@@ -9,13 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
+from jaxshroud.absent import Scalar
 from jaxshroud.extent import memory_for
 from jaxshroud.geometry import gyration
 from jaxshroud.integrate import Method
 from jaxshroud.linear import amounts, courses, free_motion, steady_amplitudes
 from jaxshroud.periods import Sample, begin_lanes
 from jaxshroud.rhs import as_pairs, model, reduced
-from jaxshroud.scene import Motion, PerBlade, Scalar, Scene
+from jaxshroud.scene import Motion, PerBlade, Scene
 from jaxshroud.stability import stiffest
 from jaxshroud.state import State, Status
 from jaxshroud.trig import ANGLE_RANGE, sine_versine

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from jaxshroud.absent import ABSENT, is_absent, where
+from jaxshroud.absent import ABSENT, Scalar, is_absent, where
 from jaxshroud.linear import steady_amplitudes
-from jaxshroud.scene import Scalar, Scene
+from jaxshroud.scene import Scene
 from jaxshroud.state import Mode
 
 

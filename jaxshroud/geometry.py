@@ -24,8 +24,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.absent import is_absent, mixed
-from jaxshroud.scene import Motion, Pair, Scalar, Shroud
+from jaxshroud.absent import Pair, Scalar, is_absent, mixed
+from jaxshroud.scene import Motion, Shroud
 from jaxshroud.trig import sine_versine
 
 FLAT = 5  # the case of face-to-face contact

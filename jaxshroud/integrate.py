@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxshroud.absent import ABSENT, where
+from jaxshroud.absent import ABSENT, Pair, Scalar, where
 from jaxshroud.checks import Precision, checked, type_argument, word_argument
 from jaxshroud.events import (
     Counters,
@@ -37,7 +37,7 @@ from jaxshroud.implicit import at_the_root
 from jaxshroud.lanes import EachLane
 from jaxshroud.locate import Locate, Search, fresh, judge, picked, select
 from jaxshroud.rhs import Integrals, Ledger, Model, Slope, reduced, rhs, stored_energy, turns, wave
-from jaxshroud.scene import Motion, Pair, Scalar
+from jaxshroud.scene import Motion
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.tableau import RK4, Tableau
 from jaxshroud.trig import ANGLE_RANGE, sincos_turns, sine_versine

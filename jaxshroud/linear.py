@@ -6,8 +6,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Complex, Float
 
+from jaxshroud.absent import Scalar
 from jaxshroud.geometry import gyration
-from jaxshroud.scene import Motion, PerBlade, Scalar, Scene, Shroud
+from jaxshroud.scene import Motion, PerBlade, Scene, Shroud
 from jaxshroud.trig import sincos_turns
 
 QUADRATURE = 128  # points over one drive period: exact to rounding while the torsion amplitude is below 50 rad

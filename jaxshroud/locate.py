@@ -11,9 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.absent import is_absent
+from jaxshroud.absent import Scalar, is_absent
 from jaxshroud.events import Guards, Kind, Violated, any_of, kinds
-from jaxshroud.scene import Scalar
 
 # "bisection": halve the bracket; "cubic": go where the guard's cubic crosses zero; "none": change mode at the end of
 # the step (first order, for comparison only)

@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.absent import filled
+from jaxshroud.absent import Pair, filled
 from jaxshroud.compiled import compiled
 from jaxshroud.integrate import Lane, Method, balance, begin, energy, grid, march
 from jaxshroud.lanes import EachLane
 from jaxshroud.rhs import Model, as_pairs, model, whole
-from jaxshroud.scene import Motion, Pair, Scene
+from jaxshroud.scene import Motion, Scene
 from jaxshroud.state import State, Status
 
 CHUNK = 64  # lanes per call: the loop is long enough to pay for its dispatch, and lanes rarely wait for each other

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.absent import ABSENT, filled, is_absent
+from jaxshroud.absent import ABSENT, Pair, Scalar, filled, is_absent
 from jaxshroud.contact import Load, contact_load
 from jaxshroud.friction import Springs, following, friction_force, normal_force, slider_speed, springs
 from jaxshroud.geometry import (
@@ -24,7 +24,7 @@ from jaxshroud.geometry import (
     touch,
     touch_rates,
 )
-from jaxshroud.scene import Blades, Motion, Pair, Parts, PerBlade, Scalar, Scene
+from jaxshroud.scene import Blades, Motion, Parts, PerBlade, Scene
 from jaxshroud.state import Mode, State
 
 

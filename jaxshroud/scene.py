@@ -2,21 +2,16 @@
 
 import math
 import re
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxshroud.absent import Absent
 from jaxshroud.checks import checked, hint, word_argument
 
-if TYPE_CHECKING:
-    Scalar = Float[Array, ""]
-else:
-    Scalar = Float[Array, ""] | Absent  # in compiled loops only, where it behaves as a number would
+Number = Float[Array, ""]
 PerBlade = Float[Array, "2"]  # left blade first
-Pair = tuple[Scalar, Scalar]  # the same inside compiled loops: two flat arrays of lanes are faster than one strided
 
 MOTIONS = (("x",), ("x", "y"), ("x", "y", "theta"))
 MISPRINTS = ("gap_sign", "friction_components", "M_N2_case1", "M_N1_case2", "M_N1_case4", "levers")
@@ -87,10 +82,10 @@ class Blades(eqx.Module):
 class Shroud(eqx.Module):
     """The two alike parallelogram blocks and the gap between them (Sec. 2.1, Fig. 2)."""
 
-    alpha: Scalar = eqx.field(converter=scalar)  # acute angle of the parallelogram [rad]
-    l_oa: Scalar = eqx.field(converter=scalar)  # side along x [m]
-    l_ab: Scalar = eqx.field(converter=scalar)  # side along the contact face [m]
-    gap: Scalar = eqx.field(converter=scalar)  # initial gap Delta along x [m]; negative: interference
+    alpha: Number = eqx.field(converter=scalar)  # acute angle of the parallelogram [rad]
+    l_oa: Number = eqx.field(converter=scalar)  # side along x [m]
+    l_ab: Number = eqx.field(converter=scalar)  # side along the contact face [m]
+    gap: Number = eqx.field(converter=scalar)  # initial gap Delta along x [m]; negative: interference
 
 
 class Contact(eqx.Module):
@@ -100,10 +95,10 @@ class Contact(eqx.Module):
     by smooth contact alone.
     """
 
-    k: Scalar | None = eqx.field(converter=scalar)  # impact stiffness [N/m]
-    gamma: Scalar | None = eqx.field(converter=scalar)  # k / k_x of the left blade (Sec. 3.1.1)
+    k: Number | None = eqx.field(converter=scalar)  # impact stiffness [N/m]
+    gamma: Number | None = eqx.field(converter=scalar)  # k / k_x of the left blade (Sec. 3.1.1)
     reading: frozenset[str] = eqx.field(static=True, converter=_reading, default=frozenset())
-    width: Scalar | None = eqx.field(converter=scalar, default=None)  # over which smooth contact sets in [m]
+    width: Number | None = eqx.field(converter=scalar, default=None)  # over which smooth contact sets in [m]
 
     def __check_init__(self):
         if (self.k is None) == (self.gamma is None):
@@ -113,21 +108,21 @@ class Contact(eqx.Module):
 class Friction(eqx.Module):
     """The bilinear friction element of Eq. (2). `k_d = 0` or `mu = 0` means no friction."""
 
-    k_d: Scalar = eqx.field(converter=scalar)  # tangential stiffness [N/m]
-    mu: Scalar = eqx.field(converter=scalar)  # friction coefficient [-]
+    k_d: Number = eqx.field(converter=scalar)  # tangential stiffness [N/m]
+    mu: Number = eqx.field(converter=scalar)  # friction coefficient [-]
 
 
 class Drive(eqx.Module):
     """Aerodynamic force `Q_i = F_0 sin(omega t + phase)` at angle `beta` to x, and moment `M_0 sin(...)` (Sec. 3.1)."""
 
-    omega: Scalar = eqx.field(converter=scalar)  # circular frequency, common to both blades [rad/s]
+    omega: Number = eqx.field(converter=scalar)  # circular frequency, common to both blades [rad/s]
     beta: PerBlade = eqx.field(converter=per_blade)  # direction of the force [rad]
     F_0: PerBlade = eqx.field(converter=per_blade)  # force amplitude [N]
     M_0: PerBlade = eqx.field(converter=per_blade)  # moment amplitude [N m]
     phase: PerBlade = eqx.field(converter=per_blade)  # the paper's phi_1, phi_2 [rad]
 
     @property
-    def period(self) -> Scalar:
+    def period(self) -> Number:
         """Forcing period T = 2 pi / omega [s]."""
         return 2 * math.pi / self.omega
 
@@ -196,7 +191,7 @@ class Scene(eqx.Module):
             raise ValueError("Smooth contact has no misprints: its `reading` must be consistent.")
 
     @property
-    def k(self) -> Scalar:
+    def k(self) -> Number:
         """Impact stiffness [N/m], `gamma k_x` of the left blade where `gamma` is given."""
         if self.contact.k is not None:
             return self.contact.k

@@ -6,12 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.absent import Scalar
 from jaxshroud.checks import in_precision
 from jaxshroud.integrate import Method
 from jaxshroud.linear import area, free_power
 from jaxshroud.locate import Locate
 from jaxshroud.periods import Sample
-from jaxshroud.scene import Scalar, Scene, with_parts
+from jaxshroud.scene import Scene, with_parts
 from jaxshroud.stability import stiffest
 from jaxshroud.sweep import Plan, run_lanes, starts
 from jaxshroud.tableau import LEAST_STEPS, tableau

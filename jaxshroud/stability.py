@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxshroud.absent import is_absent
+from jaxshroud.absent import Scalar, is_absent
 from jaxshroud.checks import count_argument
 from jaxshroud.friction import springs
 from jaxshroud.geometry import Corners, corners, pose, touch
-from jaxshroud.scene import Scalar, Scene
+from jaxshroud.scene import Scene
 from jaxshroud.tableau import LEAST_STEPS, RK4, Tableau
 
 Steps = int | Literal["auto"]
@@ -21,7 +21,8 @@ ACCURACY_LIMIT = 0.5  # omega h at which RK4 errs by about 1e-4 of the state in 
 # omega_max h of "auto": where contact is no stiffer than the blades, and where it is stiffest. Every impact multiplies
 # errors, the more of them the stiffer the contact, so that h shrinks faster than 1 / omega_max in between.
 AUTO = {"rk4": (0.2, 0.02), "tsit5": (0.4, 0.08), "dop853": (0.8, 0.4), "dopri8": (0.8, 0.4)}
-LEAST_AUTO, MOST_AUTO = 64, 10**7  # steps per period
+LEAST_AUTO = 64  # steps per period
+MOST_AUTO = 10**7  # steps per period
 GROWTH = 1.01  # of an undamped oscillation per step, beyond which a method is called unstable
 
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxshroud.absent import filled
+from jaxshroud.absent import Scalar, filled
 from jaxshroud.analysis.period import PERIOD_TOLERANCE, Repetition, repetition
 from jaxshroud.analysis.power import Reduction, reduction
 from jaxshroud.analysis.settling import YES
@@ -27,7 +27,7 @@ from jaxshroud.lanes import best
 from jaxshroud.linear import area, free_power
 from jaxshroud.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, periods_at_once, run_block
 from jaxshroud.rhs import whole
-from jaxshroud.scene import Motion, Scalar, Scene, Shroud, vary
+from jaxshroud.scene import Motion, Scene, Shroud, vary
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import State, Status, start
 from jaxshroud.tableau import Tableau

@@ -14,7 +14,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
-from jaxshroud.absent import filled, is_absent
+from jaxshroud.absent import Pair, Scalar, filled, is_absent
 from jaxshroud.compiled import compiled
 from jaxshroud.events import seat
 from jaxshroud.friction import stretch
@@ -24,7 +24,7 @@ from jaxshroud.lanes import EachLane, best, plain, repeated
 from jaxshroud.locate import select
 from jaxshroud.periods import periods_at_once
 from jaxshroud.rhs import Model, as_one, as_pairs, model, reduced, turns, whole
-from jaxshroud.scene import Motion, Pair, Scalar, Scene, key_parts
+from jaxshroud.scene import Motion, Scene, key_parts
 from jaxshroud.state import Mode, State, Status
 from jaxshroud.threads import Check, in_threads
 

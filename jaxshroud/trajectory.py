@@ -10,7 +10,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
-from jaxshroud.absent import filled
+from jaxshroud.absent import Scalar, filled
 from jaxshroud.chatter import chatter
 from jaxshroud.checks import count_argument, in_precision
 from jaxshroud.compiled import compiled
@@ -23,7 +23,7 @@ from jaxshroud.lanes import EachLane, alone, best
 from jaxshroud.linear import free_motion
 from jaxshroud.periods import Clock
 from jaxshroud.rhs import Model, as_arrays, as_pairs, model, whole
-from jaxshroud.scene import Motion, Scalar, Scene
+from jaxshroud.scene import Motion, Scene
 from jaxshroud.stability import Steps, steps_for
 from jaxshroud.state import Mode, State, Status, start
 from jaxshroud.sweep import stepper

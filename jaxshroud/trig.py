@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxshroud.scene import Scalar
+from jaxshroud.absent import Scalar
 
 ANGLE_RANGE = math.pi / 4  # [rad]
 # sin x = x + x^3 S(x^2), 1 - cos x = x^2 / 2 + x^4 V(x^2)

@@ -5,11 +5,12 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from jaxshroud.absent import Scalar
 from jaxshroud.events import seat
 from jaxshroud.geometry import touch_rates
 from jaxshroud.locate import Rise
 from jaxshroud.rhs import Model
-from jaxshroud.scene import Motion, Scalar
+from jaxshroud.scene import Motion
 from jaxshroud.state import State
 
 
