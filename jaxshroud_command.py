@@ -6,11 +6,11 @@ import sys
 
 
 def main() -> int:
-    """Run the command line; see `jaxshroud.cli.main`."""
+    """Run the command line; see `jaxshroud.cli.commands.main`."""
     heeded = signal.getsignal(signal.SIGINT) != signal.SIG_IGN
     if heeded:
         signal.signal(signal.SIGINT, _leave)
-    from jaxshroud.cli import main as run
+    from jaxshroud.cli.commands import main as run
 
     status = run()
     if heeded:

@@ -1,47 +1,8 @@
 """jaxshroud: rub-impact dynamics of two shrouded turbine blades, event-exact, batched and differentiable."""
 
-from jaxshroud.analysis.period import periodicity as periodicity
-from jaxshroud.analysis.spectrum import amplitude_spectrum as amplitude_spectrum
-from jaxshroud.config import SceneError as SceneError
-from jaxshroud.config import SceneFile as SceneFile
-from jaxshroud.config import load as load
-from jaxshroud.config import shipped as shipped
-from jaxshroud.explain import explain as explain
-from jaxshroud.gradient import Gradient as Gradient
-from jaxshroud.gradient import differences as differences
-from jaxshroud.gradient import gradient as gradient
-from jaxshroud.integrate import Method as Method
-from jaxshroud.linear import free_power as free_power
-from jaxshroud.lyapunov import Lyapunov as Lyapunov
-from jaxshroud.lyapunov import lyapunov as lyapunov
-from jaxshroud.orbit import Orbit as Orbit
-from jaxshroud.orbit import orbit as orbit
-from jaxshroud.periodmap import period_map as period_map
-from jaxshroud.power import PowerResult as PowerResult
-from jaxshroud.power import power as power
-from jaxshroud.scene import AT_REST as AT_REST
-from jaxshroud.scene import Blades as Blades
-from jaxshroud.scene import Contact as Contact
-from jaxshroud.scene import Drive as Drive
-from jaxshroud.scene import Friction as Friction
-from jaxshroud.scene import Motion as Motion
-from jaxshroud.scene import Parts as Parts
-from jaxshroud.scene import Scene as Scene
-from jaxshroud.scene import Shroud as Shroud
-from jaxshroud.scene import value_of as value_of
-from jaxshroud.scene import vary as vary
-from jaxshroud.stability import largest_frequency as largest_frequency
-from jaxshroud.stability import steps_for as steps_for
-from jaxshroud.state import Mode as Mode
-from jaxshroud.state import State as State
-from jaxshroud.state import Status as Status
-from jaxshroud.sweep import SweepResult as SweepResult
-from jaxshroud.sweep import sweep as sweep
-from jaxshroud.tableau import tableau as tableau
-from jaxshroud.threads import Interrupted as Interrupted
-from jaxshroud.trajectory import Trajectory as Trajectory
-from jaxshroud.trajectory import simulate as simulate
-from jaxshroud.tune import Tuned as Tuned
-from jaxshroud.tune import objective_map as objective_map
-from jaxshroud.tune import tune as tune
+import lazy_loader
+
+from jaxshroud import _moved as _moved
 from jaxshroud.version import __version__ as __version__
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -9,7 +9,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 with install_import_hook("jaxshroud", "beartype.beartype"):
     import jaxshroud  # noqa: F401
-    from jaxshroud.config import load
+    from jaxshroud.scene.config import load
 
 
 def pytest_addoption(parser):

@@ -14,8 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxshroud.geometry import Corners, Pose, Rates, Touch, corners, pose, touch, touch_rates
-from jaxshroud.scene import Motion, Shroud
+from jaxshroud.model.geometry import Corners, Pose, Rates, Touch, corners, pose, touch, touch_rates
+from jaxshroud.scene.motion import Motion
+from jaxshroud.scene.scene import Shroud
 
 Floats = NDArray[np.float64]
 CASES = (1, 2, 3, 4)

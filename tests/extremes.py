@@ -11,12 +11,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.integrate import FAST_WITH_LEDGER
-from jaxshroud.linear import free_motion
-from jaxshroud.scene import Scene, vary
-from jaxshroud.stability import StepTooLongError, steps_for
-from jaxshroud.state import Status
-from jaxshroud.sweep import Plan, run_lanes, starts
+from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.march.method import FAST_WITH_LEDGER
+from jaxshroud.march.stability import StepTooLongError, steps_for
+from jaxshroud.model.linear import free_motion
+from jaxshroud.model.modes import Status
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.vary import vary
 
 PERIODS = 2
 TOLERANCE = 2e-5  # of either check: what the march errs by at automatic steps
@@ -153,7 +154,7 @@ def rows(found: list[Result]) -> list[tuple[str, ...]]:
 
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
-    from jaxshroud.config import load
+    from jaxshroud.scene.config import load
 
     lines = (f"| {' | '.join(row)} |\n" for row in rows(results(load("table1").scene)))
     TABLE.parent.mkdir(exist_ok=True)

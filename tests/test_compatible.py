@@ -2,7 +2,8 @@
 
 import shlex
 
-from jaxshroud import cli, trade
+from jaxshroud.cli import commands as cli
+from jaxshroud.verbs import trade
 
 # As README of version 0.1 had them; what is appended makes them small, of a model that other tests compile too.
 SMALL = "--set 'model.motion=[\"x\"]'"

@@ -3,7 +3,7 @@
 import pytest
 
 from jaxshroud import Status, load, shipped, simulate
-from jaxshroud.stability import ACCURACY_LIMIT, largest_frequency
+from jaxshroud.march.stability import ACCURACY_LIMIT, largest_frequency
 
 
 @pytest.mark.parametrize("name", list(shipped()))

@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud import load
-from jaxshroud.accuracy import CLASSES
-from jaxshroud.scene import vary
-from jaxshroud.setting import LEVELS, Setting, end_states, state_errors
-from jaxshroud.stability import stiffest, stiffness_ratio
-from jaxshroud.trade import TRUTH, cost
+from jaxshroud.march.stability import stiffest, stiffness_ratio
+from jaxshroud.scene.vary import vary
+from jaxshroud.verbs.accuracy import CLASSES
+from jaxshroud.verbs.setting import LEVELS, Setting, end_states, state_errors
+from jaxshroud.verbs.trade import TRUTH, cost
 
 MARGIN, SHARE, LANES = 3.0, 0.98, 64
 CANDIDATES = [
@@ -96,7 +96,7 @@ def main() -> None:
             if able:  # else nothing is promised: errors grow too fast in scenes so stiff
                 row[f"{level:.0e}"] = list(min(able, key=lambda m: m[2])[0])
         table.append(row)
-    path = Path(__file__).parents[2] / "jaxshroud" / "accuracy.json"
+    path = Path(__file__).parents[2] / "jaxshroud" / "verbs" / "accuracy.json"
     path.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
 
 

@@ -7,13 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 from problem import PERIODS, Problem
 
-from jaxshroud.checks import in_precision
-from jaxshroud.integrate import Lane, Method
-from jaxshroud.lanes import best
-from jaxshroud.periods import CHUNK, Clock, begin_lanes, run_block
-from jaxshroud.scene import Blades, Contact, Drive, Friction, Scene, Shroud
-from jaxshroud.sweep import starts
-from jaxshroud.tableau import tableau
+from jaxshroud.batch.lanes import best
+from jaxshroud.batch.periods import CHUNK, Clock, begin_lanes, run_block
+from jaxshroud.batch.runs import starts
+from jaxshroud.march.lane import Lane
+from jaxshroud.march.method import Method
+from jaxshroud.march.tableau import tableau
+from jaxshroud.scene.precision import in_precision
+from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
 
 STEPS = {"rk4": (100, 200, 500, 1000, 2000), "tsit5": (50, 75, 100, 150, 250, 400), "dopri8": (50, 75, 100, 150, 250)}
 METHODS = {f"jaxshroud {name}": (Method(tableau(name), "cubic", False), steps) for name, steps in STEPS.items()} | {

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from test_peers import RESULTS
 
-from jaxshroud import load, orbit, simulate, tune
-from jaxshroud.gradient import on_orbit
-from jaxshroud.integrate import FAST
-from jaxshroud.sweep import Plan
-from jaxshroud.tune import judge_designs
+from jaxshroud import load, simulate
+from jaxshroud.batch.runs import Plan
+from jaxshroud.march.method import FAST
+from jaxshroud.motion import orbit
+from jaxshroud.verbs import tune
+from jaxshroud.verbs.gradient import on_orbit
+from jaxshroud.verbs.tune import judge_designs
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]
 TWO = {"shroud.gap": (5e-6, 2e-4), "contact.gamma": (0.1, 10.0)}

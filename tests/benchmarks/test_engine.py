@@ -19,12 +19,13 @@ from peers import scalar_c
 from problem import PERIODS, Problem, errors, problem
 from test_peers import RESULTS, one_core  # noqa: F401
 
-from jaxshroud.integrate import FAST, Fixed, Method
-from jaxshroud.lanes import fused
-from jaxshroud.periods import CHUNK, Clock, begin_lanes, run_block
-from jaxshroud.rhs import model
-from jaxshroud.sweep import starts
-from jaxshroud.tableau import TABLEAUS, tableau
+from jaxshroud.batch.lanes import fused
+from jaxshroud.batch.periods import CHUNK, Clock, begin_lanes, run_block
+from jaxshroud.batch.runs import starts
+from jaxshroud.march.lane import Fixed
+from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.tableau import TABLEAUS, tableau
+from jaxshroud.model.rhs import model
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]
 SWEEP = """
@@ -45,8 +46,8 @@ import jax
 jax.config.update("jax_enable_x64", True)
 from engine import scenes_of
 from problem import problem
-from jaxshroud.integrate import FAST
-from jaxshroud.sweep import Plan, run_lanes, starts
+from jaxshroud.march.method import FAST
+from jaxshroud.batch.runs import Plan, run_lanes, starts
 scenes = scenes_of(problem(512))
 run = lambda: run_lanes(scenes, starts(scenes), Plan(0, 32, 500, 0.0, FAST), lambda _: None)
 run()

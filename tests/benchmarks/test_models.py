@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 
 from jaxshroud import load
-from jaxshroud.explain import operations
-from jaxshroud.free import free_runs
-from jaxshroud.integrate import FAST
-from jaxshroud.lanes import best
-from jaxshroud.periods import BLOCK, begin_lanes, run_block
-from jaxshroud.scene import Parts, Scene, with_parts
-from jaxshroud.sweep import Plan, grid_of_scenes, starts
+from jaxshroud.batch.free import free_runs
+from jaxshroud.batch.lanes import best
+from jaxshroud.batch.periods import BLOCK, begin_lanes, run_block
+from jaxshroud.batch.runs import Plan, starts
+from jaxshroud.march.method import FAST
+from jaxshroud.scene.grids import grid_of_scenes
+from jaxshroud.scene.parts import Parts
+from jaxshroud.scene.scene import Scene, with_parts
+from jaxshroud.verbs.explain import operations
 
 pytestmark = pytest.mark.benchmark
 RESULT = Path(__file__).parent / "results" / "models.json"

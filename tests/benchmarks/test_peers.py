@@ -16,8 +16,8 @@ from problem import PERIODS, Problem, errors, problem
 from rich.console import Console
 from rich.table import Table
 
-from jaxshroud.integrate import Method
-from jaxshroud.tableau import tableau
+from jaxshroud.march.method import Method
+from jaxshroud.march.tableau import tableau
 
 RESULTS = Path(__file__).parent / "results"
 PEERS = (

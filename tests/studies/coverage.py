@@ -25,12 +25,12 @@ import numpy as np
 from scipy.signal import lfilter
 
 import jaxshroud as js
-from jaxshroud.analysis.interval import interval
-from jaxshroud.analysis.power import Reduction, reduction
-from jaxshroud.lanes import repeated
-from jaxshroud.linear import area
-from jaxshroud.power import FIRST, near_enough
-from jaxshroud.sweep import Plan, run_lanes, starts
+from jaxshroud.batch.lanes import repeated
+from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.model.linear import area
+from jaxshroud.motion.interval import interval
+from jaxshroud.motion.power import Reduction, reduction
+from jaxshroud.verbs.power import FIRST, near_enough
 
 RHOS, LENGTHS, REPLICATIONS, MOST = (0.0, 0.5, 0.8, 0.9), (64, 512, 2048), 1000, 16384
 STOPS = (64, 256)  # independent samples whose ideal interval is as wide as the tolerance

@@ -20,10 +20,10 @@ from realistic import SEED, at, drawn, marched
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import reference
 
-from jaxshroud.integrate import FAST, Method
-from jaxshroud.scene import Scene
-from jaxshroud.setting import states
-from jaxshroud.tableau import tableau
+from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.tableau import tableau
+from jaxshroud.scene.scene import Scene
+from jaxshroud.verbs.setting import states
 from jaxshroud.version import __version__
 
 SCENES, DRAWN, PERIODS, STEPS = 100, 1000, 3, 20_000

@@ -23,8 +23,9 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from jaxshroud import __version__, cli
-from jaxshroud.config import load
+from jaxshroud import __version__
+from jaxshroud.cli import commands as cli
+from jaxshroud.scene.config import load
 
 SECONDS = 2.0  # that an input may take
 MODEL = ['model.motion=["x"]', "model.friction=none", "model.neighbour=rigid"]

@@ -14,12 +14,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxshroud.integrate import FAST, Method
-from jaxshroud.scene import Blades, Contact, Drive, Friction, Scene, Shroud
-from jaxshroud.stability import limits, stiffest
-from jaxshroud.state import Status
-from jaxshroud.sweep import Plan, Runs, run_lanes, starts
-from jaxshroud.tableau import tableau
+from jaxshroud.batch.runs import Plan, Runs, run_lanes, starts
+from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.stability import limits, stiffest
+from jaxshroud.march.tableau import tableau
+from jaxshroud.model.modes import Status
+from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.version import __version__
 
 SCENES, SEED, PERIODS = 2000, 11, 50

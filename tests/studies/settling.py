@@ -26,10 +26,12 @@ import jax
 import numpy as np
 
 import jaxshroud as js
-from jaxshroud.analysis.period import nearness, repetition
-from jaxshroud.analysis.power import reduction
-from jaxshroud.linear import area
-from jaxshroud.sweep import Plan, displacements, final_states, half_diagonal, run_lanes, scenes_at, sizes_of, starts
+from jaxshroud.batch.runs import Plan, final_states, run_lanes, starts
+from jaxshroud.model.linear import area
+from jaxshroud.motion.averages import displacements, half_diagonal, sizes_of
+from jaxshroud.motion.period import nearness, repetition
+from jaxshroud.motion.power import reduction
+from jaxshroud.scene.grids import scenes_at
 
 KEYS = ("blades.c_x", "contact.gamma", "drive.F_0", "drive.M_0", "shroud.gap")
 LIGHTEST, HEAVIEST, SCENES, GROUPS = 0.02, 4.0, 300, 5  # c_x in N s/m; a group is marched together

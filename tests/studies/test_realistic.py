@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 import realistic
 
-from jaxshroud.integrate import Method
-from jaxshroud.state import Status
-from jaxshroud.tableau import tableau
+from jaxshroud.march.method import Method
+from jaxshroud.march.tableau import tableau
+from jaxshroud.model.modes import Status
 
 pytestmark = pytest.mark.studies
 DOPRI8 = Method(tableau("dopri8"), "cubic")

@@ -1,0 +1,93 @@
+"""Where the modules of version 0.1.0 are now: their names still work, with a warning."""
+
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+PLACES = {
+    "checks": "scene.precision scene.checks",
+    "extent": "scene.limits batch.extent",
+    "absent": "model.absent",
+    "state": "model.modes model.state",
+    "trig": "model.trig",
+    "geometry": "model.geometry",
+    "linear": "model.linear",
+    "contact": "model.contact",
+    "friction": "model.friction",
+    "compiled": "batch.compiled",
+    "lanes": "march.each batch.lanes",
+    "threads": "batch.threads",
+    "rhs": "model.rhs",
+    "events": "march.events",
+    "tableau": "march.tableau",
+    "locate": "march.locate",
+    "within": "march.within",
+    "implicit": "march.implicit",
+    "integrate": "march.trial march.method march.lane march.step march.energy march.march",
+    "stability": "scene.limits march.stability",
+    "periods": "batch.periods",
+    "chatter": "batch.chatter",
+    "free": "batch.free",
+    "analysis.interval": "motion.interval",
+    "analysis.period": "motion.period",
+    "analysis.power": "motion.power",
+    "analysis.settling": "motion.settling",
+    "analysis.spectrum": "motion.spectrum",
+    "sweep": "scene.parts batch.runs results.sweep scene.grids batch.continuation motion.averages verbs.sweep",
+    "power": "results.power verbs.power",
+    "trajectory": "results.trajectory verbs.simulate",
+    "explain": "verbs.explain",
+    "tangents": "batch.tangents",
+    "periodmap": "batch.periodmap",
+    "orbit": "motion.orbit",
+    "gradient": "results.gradient verbs.gradient",
+    "lyapunov": "motion.lyapunov",
+    "tune": "verbs.tune",
+    "setting": "verbs.setting",
+    "adaptive": "verbs.adaptive",
+    "trade": "verbs.trade",
+    "accuracy": "verbs.accuracy",
+    "schema": "scene.schema",
+    "config": "scene.config",
+    "files": "results.files",
+    "store": "cli.store",
+    "earlier": "cli.earlier",
+    "drawing": "results.drawing",
+    "plot": "results.plot",
+    "plot_design": "results.plot_design",
+    "keyboard": "cli.keyboard",
+    "terminal": "cli.terminal",
+    "cli_design": "cli.design",
+    "cli_plot": "cli.plot",
+    "cli_trade": "cli.trade",
+    "analysis": "",
+}
+
+
+def getter(old: str, places: Sequence[str]) -> Callable[[str], Any]:
+    """A module's `__getattr__`, which finds the names of the module `old` in their new `places`."""
+
+    def find(name: str) -> Any:
+        for place in places if not name.startswith("__") else ():
+            found = getattr(import_module(f"jaxshroud.{place}"), name, None)
+            if found is not None:
+                told = f"jaxshroud.{old} is deprecated: {name} is in jaxshroud.{place}"
+                warnings.warn(told, DeprecationWarning, stacklevel=2)
+                return found
+        raise AttributeError(f"module 'jaxshroud.{old}' has no attribute {name!r}")
+
+    return find
+
+
+def stand_in(old: str, places: str) -> ModuleType:
+    """What stands for a module that is no longer there."""
+    module = ModuleType(f"jaxshroud.{old}")
+    vars(module)["__getattr__"] = getter(old, places.split())
+    return module
+
+
+# Found there, they are not set as attributes of the package, where a function may have the same name.
+sys.modules |= {f"jaxshroud.{old}": stand_in(old, places) for old, places in PLACES.items()}

@@ -1,1 +1,0 @@
-"""What a computed motion says: samples, spectra, period numbers, power and energy."""

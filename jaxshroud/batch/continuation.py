@@ -1,0 +1,47 @@
+"""Lanes of a grid: all at once, or along its first axis one after the other."""
+
+import jax
+import numpy as np
+
+from jaxshroud.batch.runs import Plan, Runs, Ticker, chosen, completed, final_states, run_lanes, starts
+from jaxshroud.batch.threads import Interrupted
+from jaxshroud.model.modes import Status
+from jaxshroud.scene.parts import Direction
+from jaxshroud.scene.scene import Scene
+
+
+def independent(scenes: Scene, shape: tuple[int, ...], plan: Plan, ticker: Ticker) -> Runs:
+    """All lanes at once, each from its scene's start.
+
+    Raises:
+        Interrupted: As in `run_lanes`.
+    """
+    flat = jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), scenes)
+    shaped = lambda runs: jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), runs)  # noqa: E731
+    try:
+        return shaped(run_lanes(flat, starts(flat), plan, ticker))
+    except Interrupted as stopped:
+        raise Interrupted(stopped.done and shaped(stopped.done)) from None
+
+
+def continued(scenes: Scene, shape: tuple[int, ...], plan: Plan, ticker: Ticker, direction: Direction) -> Runs:
+    """Lanes along the first axis one after the other, each from the final state of the one before.
+
+    Raises:
+        Interrupted: As in `run_lanes`.
+    """
+    order = range(shape[0]) if direction == "forward" else range(shape[0] - 1, -1, -1)
+    joined = lambda runs: jax.tree.map(lambda *a: np.stack(a).reshape(*shape, *a[0].shape[1:]), *runs)  # noqa: E731
+    runs: list[Runs | None] = [None] * shape[0]
+    state = arrived = None
+    for i in order:
+        here = jax.tree.map(lambda a, i=i: a[i].reshape(-1, *a.shape[len(shape) :]), scenes)
+        fresh = starts(here)
+        try:
+            runs[i] = run = run_lanes(here, fresh if state is None else state, plan, ticker, arrived)
+        except Interrupted as stopped:
+            runs[i] = stopped.done
+            raise Interrupted(completed(runs, joined)) from None
+        arrived = run.last.status == Status.OK  # a lane that had stopped starts afresh
+        state = chosen(arrived, final_states(run.last), fresh)
+    return joined(runs)

@@ -1,0 +1,126 @@
+"""One function of one lane, run on many lanes.
+
+XLA:CPU makes one kernel per number that a function returns, each recomputing or reloading what it needs. For a trial
+step, with some sixty results of some two thousand operations, that is 19 times slower than one loop over the lanes with
+everything in registers, and takes 13 times longer to compile (RK4, 64 lanes). A windowed reduction over several arrays
+is such a loop: its reducer may be any function of scalars and returns all results at once. With windows of one lane
+there is nothing to reduce, and the reducer is simply called once for each lane.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.extend.core import jaxpr_as_fun
+
+from jaxshroud.batch.compiled import slower
+from jaxshroud.march.each import EachLane
+
+
+def alone(tree: Any) -> Any:
+    """A tree of arrays with a leading axis of one lane."""
+    return jax.tree.map(lambda a: jnp.asarray(a)[None], tree)
+
+
+def repeated(tree: Any, lanes: int) -> Any:
+    """A tree of arrays with a leading axis of equal lanes; numpy views that may not be written to."""
+    return jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), tree)
+
+
+def plain(f: Callable, *args: Any) -> Any:
+    """By `jax.vmap`: runs, and differentiates, anywhere."""
+    return lax.optimization_barrier(jax.vmap(f)(*args))
+
+
+def fused(f: Callable, *args: Any) -> Any:
+    """As one kernel; `f` may use elementwise operations on scalars only.
+
+    XLA:CPU keeps a kernel whole up to some 3,500 operations; beyond, it cuts it into functions that recompute each
+    other's results. With more than some 120 arguments or results it no longer uses vector registers. Give larger
+    functions in parts.
+    """
+    leaves, tree = jax.tree.flatten(args)
+    scalars = [jax.ShapeDtypeStruct((), a.dtype) for a in leaves]
+    jaxpr, shape = jax.make_jaxpr(lambda *a: f(*tree.unflatten(a)), return_shape=True)(*scalars)
+    if not jaxpr.out_avals:
+        return jax.tree.unflatten(jax.tree.structure(shape), [])
+    used = _used(jaxpr.jaxpr)
+    operands, results = _paired([leaves[i] for i in used], [a.dtype for a in jaxpr.out_avals])
+    kernel = _reducer(jaxpr_as_fun(jaxpr), scalars, used, results)
+    zeros = tuple(jnp.zeros((), a.dtype) for a in operands)
+    out = lax.reduce_window(operands, zeros, kernel, (1,), (1,), "VALID")
+    return jax.tree.unflatten(jax.tree.structure(shape), [out[i] for i in results])
+
+
+def _used(jaxpr) -> list[int]:
+    """Which arguments matter to the results."""
+    needed = {id(v) for v in jaxpr.outvars}
+    for eqn in reversed(jaxpr.eqns):
+        if any(id(v) in needed for v in eqn.outvars):
+            needed |= {id(v) for v in eqn.invars}
+    return [i for i, v in enumerate(jaxpr.invars) if id(v) in needed]
+
+
+def _paired(leaves: list, out_types: list) -> tuple[tuple, list[int]]:
+    """Operands, and at which of them each result goes: a reduction returns as many results, of the same types."""
+    operands, free = list(leaves), list(range(len(leaves)))
+    places = []
+    for dtype in out_types:
+        place = next((i for i in free if leaves[i].dtype == dtype), None)
+        if place is None:
+            place = len(operands)
+            operands.append(jnp.zeros(leaves[0].shape, dtype))
+        else:
+            free.remove(place)
+        places.append(place)
+    return tuple(operands), places
+
+
+def _reducer(one: Callable, scalars: list, used: list[int], places: list[int]) -> Callable:
+    def reducer(_, lane):
+        arguments = [jnp.zeros((), a.dtype) for a in scalars]
+        for i, value in zip(used, lane, strict=False):
+            arguments[i] = value
+        results = list(lane)  # places that hold no result pass their operand through
+        for place, value in zip(places, one(*arguments), strict=True):
+            results[place] = value
+        return tuple(results)
+
+    return reducer
+
+
+@cache
+def best() -> EachLane:
+    """`fused` on a CPU where it does what `plain` does; warns if it does not."""
+    if jax.default_backend() != "cpu":
+        return plain
+    try:
+        with jax.ensure_compile_time_eval():
+            lanes = jnp.linspace(-2.0, 2.0, 16), jnp.arange(16, dtype=jnp.int32), jnp.arange(16) % 3 == 0
+            got, right = jax.jit(lambda lanes: (fused(_alike, lanes), plain(_alike, lanes)))(lanes)
+            close = jax.tree.map(lambda a, b: np.allclose(a, b, rtol=1e-4, atol=1e-4), got, right)
+    except Exception as error:  # of whatever type a future XLA may raise
+        slower(f"one kernel for all results of a trial step cannot be compiled ({error})")
+        return plain
+    if not all(jax.tree.leaves(close)):
+        slower("one kernel for all results of a trial step computes other numbers")
+        return plain
+    return fused
+
+
+def _alike(lane: Any) -> dict[str, Any]:
+    """Dozens of operations on numbers of every type, with choices that depend on one another, as in a trial step."""
+    x, n, held = lane
+    v, passed = jnp.sqrt(jnp.abs(x)), []
+    for i in range(4):
+        force = jnp.where(held, x * (1 + x * x), x)
+        v, before = v - 0.1 * force, x
+        x = x + 0.1 * v
+        crossed = (x > 0) != (before > 0)
+        n, held = jnp.where(crossed, n + i, n), jnp.where(crossed, n % 2 == 0, held | (n > 12))
+        passed.append(jnp.where(crossed, before / jnp.where(crossed, before - x, 1.0), x))
+    return {"state": (x, v), "count": n, "held": held, "passed": passed, "done": n > 6}

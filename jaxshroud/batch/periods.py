@@ -1,0 +1,113 @@
+"""Whole drive periods of many lanes: one compiled function, called over blocks of lanes and of periods."""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jaxshroud.batch.compiled import compiled
+from jaxshroud.march.each import EachLane
+from jaxshroud.march.energy import balance, energy
+from jaxshroud.march.lane import Lane, begin, grid
+from jaxshroud.march.march import march
+from jaxshroud.march.method import Method
+from jaxshroud.model.absent import Pair, filled
+from jaxshroud.model.modes import Status
+from jaxshroud.model.rhs import Model, as_pairs, model, whole
+from jaxshroud.model.state import State
+from jaxshroud.scene.motion import Motion
+from jaxshroud.scene.scene import Scene
+
+CHUNK = 64  # lanes per call: the loop is long enough to pay for its dispatch, and lanes rarely wait for each other
+BLOCK = 32  # periods per call: the grain of progress and of what is held in memory
+AT_ONCE = 1 << 23  # stages of lanes per call, or a single period: a fraction of a second; Ctrl-C is heard in between
+
+
+class Sample(NamedTuple):
+    """One period of one lane: the motion at its end, and what was summed over it. NaN once the lane has stopped."""
+
+    motion: Motion
+    power: Pair  # mean square displacement over block and period [m^2]
+    work: Any = None  # of the drive [J]; None where no ledger is kept, like all that follow
+    gross: Any = None  # of the drive, without its sign at each instant [J]
+    dropped: Any = None  # energy of the rocking that flat contact ended [J]
+    residual: Any = None  # of the energy balance [J]
+    largest: Any = None  # magnitudes of x, y [m] and theta [rad], three pairs; None where they were not looked at
+
+
+class Clock(NamedTuple):
+    """How a run is divided: `steps` steps of `1 / per_period` drive periods from phase `start`."""
+
+    start: Float[Array, ""]  # [turns]
+    steps: Int[Array, ""]
+    per_period: Float[Array, ""]
+
+
+def periods_at_once(lanes: int, steps: int, method: Method) -> int:
+    """How many periods of so many lanes and steps to run in one call at most."""
+    return max(AT_ONCE // (max(lanes, 32) * steps * len(method.tableau.b)), 1)
+
+
+def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Method, each: EachLane):
+    lanes, held = _with_empty_tally(lanes), _energies(lanes, models)
+    like = lambda a: jnp.broadcast_to(a.astype(periods.dtype), periods.shape)  # noqa: E731
+    grids = grid(like(clock.start), like(clock.per_period), periods)
+    lanes = march(lanes, models, grids, jnp.where(active, clock.steps, 0), method, each)
+    gain, jumps = lanes.tally.integrals, lanes.tally.jumps
+    kept, energies = (), _energies(lanes, models)
+    if gain.ledger is not None and jumps is not None:
+        residual = balance(gain.ledger, jumps, energies - held)
+        kept = gain.ledger.drive, gain.ledger.gross, filled(jumps.dropped, periods), residual
+    power = filled(gain.power, periods)
+    largest = None if lanes.tally.log is None else filled(lanes.tally.log.largest, periods)
+    power = power[0] / periods, power[1] / periods
+    sample = Sample(whole(lanes.state).motion, power, *kept, largest=largest)
+    overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(sum(jax.tree.leaves(sample), energies))
+    status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
+    lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
+    sample = jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
+    return eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(active, 0, lanes.step)), sample
+
+
+def _with_empty_tally(lanes: Lane) -> Lane:
+    """The lanes with what a sample holds at zero: what a late period adds to a long sum would be lost in float32."""
+    places = lambda lane: (lane.tally.integrals, lane.tally.jumps, lane.tally.log and lane.tally.log.largest)  # noqa: E731
+    return eqx.tree_at(places, lanes, jax.tree.map(jnp.zeros_like, places(lanes)), is_leaf=lambda a: a is None)
+
+
+def _energies(lanes: Lane, models: Model) -> Float[Array, " lanes"]:
+    return jax.vmap(lambda lane, m: energy(lane.state, m))(lanes, models)
+
+
+@compiled("method", "block", "each")
+def run_block(
+    scenes: Scene, lanes: Lane, clock: Clock, n: Int[Array, ""], method: Method, block: int, each: EachLane
+) -> tuple[Lane, Sample]:
+    """Run up to `block` periods of every lane.
+
+    Args:
+        scenes: Scenes with a leading lane axis.
+        lanes: Lanes to go on from, with the same axis.
+        clock: The time grid, common to all lanes.
+        n: Periods to run; the samples beyond are meaningless.
+        method: Static choices of the march.
+        block: Length of the sample axis.
+        each: How a function of one lane is run on all.
+
+    Returns:
+        The lanes at the end, and samples with axes (period, lane).
+    """
+    models, periods = jax.vmap(lambda scene: (model(scene), scene.drive.period))(scenes)
+    one = lambda lanes, i: _one_period(  # noqa: E731
+        lanes, (i < n) & (lanes.status == Status.OK), models, periods, clock, method, each
+    )
+    return jax.lax.scan(one, lanes, jnp.arange(block, dtype=jnp.int32))
+
+
+@partial(jax.jit, static_argnames="method")
+def begin_lanes(scenes: Scene, states: State, method: Method) -> Lane:
+    """Lanes about to start from `states`."""
+    return jax.vmap(lambda scene, state: begin(as_pairs(state), model(scene), method))(scenes, states)

@@ -1,0 +1,94 @@
+"""The command `plot`, and how results of any kind are drawn."""
+
+import argparse
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from jaxshroud.cli.store import read, read_json
+from jaxshroud.cli.terminal import InputError, OneLineParser, free, path
+from jaxshroud.results.files import StoreError
+
+IN_FOLDERS = ("sweep.nc", "power.json", "tune.json", "trade.json")
+# What only a result of that kind has.
+POWER, TUNING = {"n", "P_d", "P_d_ci", "final"}, {"over", "points", "scores", "map"}
+TRADE, GRADIENT, SUMMARY = {"settings", "horizon"}, {"of", "kind", "level"}, {"lanes", "period numbers"}
+
+
+def plot_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud plot`."""
+    made.add_argument("source", type=path, metavar="DIR|FILE")
+    made.add_argument("--out", type=path, metavar="PICTURE", help="by default beside the result")
+    made.add_argument("--force", action="store_true", help="replace a picture named by --out")
+
+
+def plot_verb(options: argparse.Namespace) -> None:
+    """`jaxshroud plot`."""
+    source = options.source
+    if source.is_dir():
+        found = [p for p in (source / name for name in IN_FOLDERS) if p.exists()]
+        if not found:
+            kinds = " nor ".join((IN_FOLDERS[0], ", ".join(IN_FOLDERS[1:])))
+            raise InputError(f"{source}: holds neither {kinds}; give a result of jaxshroud")
+        source = found[0]
+    picture = options.out or source.with_suffix(".png")
+    if options.out is not None:
+        free(options.out, options.force)
+    if source.suffix == ".json":
+        draw_json(source, read_json(source), picture)
+    else:
+        draw_dataset(source, read(source), picture)
+    print(picture)
+
+
+def draw_dataset(source: Path, ds: xr.Dataset, picture: Path) -> None:
+    """Draw a sweep or a trajectory."""
+    from jaxshroud.results import plot
+
+    axes = ds.attrs.get("axes")
+    if isinstance(axes, str):
+        draw = plot.power_map if "," in axes else plot.bifurcation
+    elif "end_turns" in ds.attrs:
+        draw = plot.trajectory
+    else:
+        raise StoreError(f"{source}: not a result of jaxshroud; give a sweep or a trajectory")
+    _save(source, lambda: draw(ds), picture)
+
+
+def draw_json(source: Path, data: Any, picture: Path) -> None:
+    """Draw a convergence of P_d, a tuning or a trade."""
+    from jaxshroud.results import plot, plot_design
+
+    keys = set(data) if isinstance(data, dict) else set()
+    if keys >= GRADIENT:
+        raise InputError(f"{source}: holds derivatives, of which there is no picture")
+    if keys >= SUMMARY:
+        raise InputError(f"{source}: is the summary of a sweep; give its folder or its sweep.nc")
+    drawn = ((POWER, plot.power_convergence), (TUNING, plot_design.tuning), (TRADE, plot_design.trade))
+    draw = next((draw for kind, draw in drawn if keys >= kind), None)
+    if draw is None:
+        raise StoreError(f"{source}: not a result of jaxshroud; give a power.json, tune.json or trade.json")
+    _save(source, lambda: draw(data), picture)
+
+
+def _save(source: Path, draw: Callable[[], Any], picture: Path) -> None:
+    from jaxshroud.results import drawing
+
+    with warnings.catch_warnings(action="ignore"):  # what matplotlib thinks of a damaged result is no cure
+        try:
+            figure = draw()
+        except Exception as error:  # of any type: it depends on where the result is damaged
+            what = f"lacks {error}" if isinstance(error, KeyError) else f"cannot be drawn ({error})"
+            raise StoreError(f"{source}: the result {what}; run the command again") from None
+        try:
+            drawing.save(figure, picture)
+        except StoreError:
+            raise
+        except OSError as error:
+            what = f"cannot be written ({error.strerror or error})"
+            raise StoreError(f"{picture}: {what}; choose another --out") from None
+        except (ArithmeticError, RuntimeError, TypeError, ValueError) as error:
+            raise InputError(f"{picture}: {error}") from None

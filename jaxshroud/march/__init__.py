@@ -1,0 +1,1 @@
+"""One lane through time: Runge-Kutta steps that stop at every contact change."""

@@ -1,0 +1,177 @@
+"""The fastest motion of a scene, and the steps per period it asks for."""
+
+import math
+from functools import cache, partial
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxshroud.march.tableau import LEAST_STEPS, RK4, Tableau
+from jaxshroud.model.absent import Scalar, is_absent
+from jaxshroud.model.friction import springs
+from jaxshroud.model.geometry import Corners, corners, pose, touch
+from jaxshroud.scene.checks import count_argument
+from jaxshroud.scene.limits import MOST_AUTO
+from jaxshroud.scene.scene import Scene
+
+Steps = int | Literal["auto"]
+ACCURACY_LIMIT = 0.5  # omega h at which RK4 errs by about 1e-4 of the state in a few periods
+# omega_max h of "auto": where contact is no stiffer than the blades, and where it is stiffest. Every impact multiplies
+# errors, the more of them the stiffer the contact, so that h shrinks faster than 1 / omega_max in between.
+AUTO = {"rk4": (0.2, 0.02), "tsit5": (0.4, 0.08), "dop853": (0.8, 0.4), "dopri8": (0.8, 0.4)}
+LEAST_AUTO = 64  # steps per period
+GROWTH = 1.01  # of an undamped oscillation per step, beyond which a method is called unstable
+
+
+def amplification(method: Tableau, omega_h: np.ndarray) -> np.ndarray:
+    """By what an undamped oscillation, exp(i omega h) in truth, is multiplied in one step.
+
+    An imaginary `omega_h` stands for a decay, exp(-abs(omega h)) in truth.
+    """
+    stages, i_y = [], 1j * np.asarray(omega_h)
+    for row in method.a:
+        stages.append(1 + i_y * sum((w * k for w, k in zip(row, stages, strict=True)), 0j))
+    return 1 + i_y * sum(w * k for w, k in zip(method.b, stages, strict=True))
+
+
+@cache
+def limits(method: Tableau) -> tuple[float, float]:
+    """Omega h beyond which the method is unstable, and beyond which it errs more per radian than RK4 at 0.5.
+
+    Both for oscillations; a decay of that rate is stable as well.
+    """
+    y = np.linspace(0.01, 12, 1200)
+    grows = np.maximum(np.abs(amplification(method, y)), np.abs(amplification(method, 1j * y))) > GROWTH
+    error = lambda m, y: np.abs(amplification(m, y) * np.exp(-1j * y) - 1) / y  # noqa: E731
+    errs = error(method, y) > error(RK4, np.array([ACCURACY_LIMIT])) * (1 + 1e-9)
+    stable = float(y[np.argmax(grows)])
+    return stable, min(float(y[np.argmax(errs)]), stable)
+
+
+def largest_frequency(scene: Scene) -> Scalar:
+    """Largest natural circular frequency, or rate of decay, with contact and friction springs engaged [rad/s].
+
+    Both corner pairs are tried at the blades' unloaded positions, in full stick.
+    """
+    return _frequency(scene, engaged=True)
+
+
+def _frequency(scene: Scene, engaged: bool) -> Scalar:
+    b, spring = scene.blades, springs(scene)
+    block = corners(scene.shroud)
+    mass = jnp.concatenate([b.m, b.inertia_y, b.I])
+    moves = jnp.array([scene.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)])
+    mobility = jnp.where(moves, 1 / mass, 0.0)
+    blades = jnp.diag(jnp.concatenate([b.k_x, b.k_y, b.k_T]))
+    k = spring.k if engaged and not is_absent(spring.k) else 0.0
+    k_d = jnp.where(spring.mu > 0, spring.k_d, 0.0) if engaged and not is_absent(spring.mu) else 0.0
+    squares = []
+    for case in (1, 3):
+        v_q, u_q = contact_gradients(case, block, mass)
+        K = blades + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q)
+        squares.append(jnp.linalg.eigvalsh(K * jnp.sqrt(jnp.outer(mobility, mobility)))[-1])
+    damping = jnp.concatenate([b.c_x, b.c_y, b.c_T]) * mobility / 2
+    excess = damping**2 - jnp.diag(blades) * mobility
+    fading = jnp.max(jnp.where(excess > 0, damping + jnp.sqrt(jnp.maximum(excess, 0.0)), 0.0))  # if overdamped
+    fastest = jnp.maximum(jnp.sqrt(jnp.maximum(*squares)), fading)
+    return jnp.maximum(fastest, spring.haste) if engaged and not is_absent(spring.haste) else fastest
+
+
+def contact_gradients(case: int, block: Corners, like: Array) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
+    """dv/dq and du/dq of the corner pair of `case`, q = (x_1, x_2, y_1, y_2, theta_1, theta_2) = 0."""
+
+    def v_and_u(q):
+        at = touch(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), jnp.int32(case), block, frozenset())
+        return jnp.stack([at.v, at.u])
+
+    v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
+    return v_q, u_q
+
+
+class StepTooLongError(ValueError):
+    """The march would be unstable, or the message of a warning that it will be inaccurate."""
+
+
+def step_report(omega_max: float, period: float, steps_per_period: int, method: Tableau = RK4) -> str | None:
+    """What is wrong with the step: None if nothing, else one line with numbers and cure.
+
+    Raises:
+        StepTooLongError: The march would be unstable.
+    """
+    unstable, inaccurate = limits(method)
+    product = omega_max * period / steps_per_period
+    need = lambda limit: math.ceil(omega_max * period / limit)  # noqa: E731
+    numbers = f"omega_max h = {product:.3g} (omega_max = {omega_max:.4g} rad/s with contact and friction springs)"
+    if product > unstable:
+        raise StepTooLongError(
+            f"steps_per_period = {steps_per_period} is unstable: {numbers} exceeds {unstable:.3g}; "
+            f"use at least {need(inaccurate)}"
+        )
+    if product > inaccurate:
+        return (
+            f"steps_per_period = {steps_per_period} is inaccurate: {numbers} exceeds {inaccurate:.3g}; "
+            f"{need(inaccurate)} steps would meet it"
+        )
+    return None
+
+
+def steps_for(scenes: Scene, batch_dims: int, steps: Steps, method: Tableau | None) -> int:
+    """Steps per period to march with.
+
+    Args:
+        scenes: One scene, or many with so many leading dimensions.
+        batch_dims: How many those are.
+        steps: Steps asked for, or "auto": by the stiffness of the lane that needs the most.
+        method: The Runge-Kutta method; None where nothing is stepped.
+
+    Raises:
+        StepTooLongError: The march would be unstable, or "auto" would take more than 10^7 steps.
+        ValueError: `steps` is too small a number, or none.
+    """
+    if method is None:
+        steps = LEAST_AUTO if steps == "auto" else steps
+        count_argument("steps_per_period", steps, 1)
+        return steps
+    if steps == "auto":
+        omega_max, own, period = _fastest(scenes, batch_dims)
+        return _auto(np.asarray(omega_max), np.asarray(own), np.asarray(period), method)
+    count_argument("steps_per_period", steps, 1)
+    step_report(*stiffest(scenes, batch_dims), steps, method)
+    count_argument("steps_per_period", steps, LEAST_STEPS)
+    return steps
+
+
+def _auto(omega_max: np.ndarray, own: np.ndarray, period: np.ndarray, method: Tableau) -> int:
+    most, least = AUTO[method.name]
+    product = np.clip(1.25 * most * own / omega_max, least, most)
+    need = float(np.max(omega_max * period / product))
+    if not need < MOST_AUTO:
+        raise StepTooLongError(
+            f'steps_per_period = "auto" would be {need:.3g}: the drive is too slow, or a spring or damper too stiff, '
+            f"to follow a period with at most {MOST_AUTO:.0e} steps"
+        )
+    return max(math.ceil(need), LEAST_AUTO)
+
+
+def stiffest(scenes: Scene, batch_dims: int) -> tuple[float, float]:
+    """Largest frequency [rad/s] and drive period [s] of the lane that asks for the most steps per period."""
+    omega_max, _, period = (np.ravel(a) for a in _fastest(scenes, batch_dims))
+    worst = np.argmax(omega_max * period)
+    return float(omega_max[worst]), float(period[worst])
+
+
+def stiffness_ratio(scenes: Scene, batch_dims: int) -> float:
+    """How much faster contact makes the fastest motion, at most, of one scene or many."""
+    omega_max, own, _ = _fastest(scenes, batch_dims)
+    return float(np.max(np.asarray(omega_max) / np.asarray(own)))
+
+
+@partial(jax.jit, static_argnames="batch_dims")
+def _fastest(scenes: Scene, batch_dims: int):
+    measure = lambda scene: (_frequency(scene, True), _frequency(scene, False), scene.drive.period)  # noqa: E731
+    for _ in range(batch_dims):
+        measure = jax.vmap(measure)
+    return measure(scenes)

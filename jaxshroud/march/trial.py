@@ -1,0 +1,206 @@
+"""What becomes of a trial step: accepted, cut short by an event, or repeated."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Int
+
+from jaxshroud.march.events import Counters, Kind, any_of, count, crossing, first_kind, is_switch, kinds, look, seat
+from jaxshroud.march.implicit import at_the_root
+from jaxshroud.march.lane import Fixed, Jumps, Lane, Log, Tally, displacements_of, running
+from jaxshroud.march.locate import Search, fresh, judge, picked, select
+from jaxshroud.march.method import Method
+from jaxshroud.march.step import End, place_of
+from jaxshroud.march.within import Within, extremes
+from jaxshroud.model.absent import Scalar, where
+from jaxshroud.model.geometry import Touch
+from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.rhs import Integrals
+from jaxshroud.model.state import State
+from jaxshroud.model.trig import ANGLE_RANGE
+from jaxshroud.scene.motion import Motion
+
+MAX_EVENTS_PER_STEP = 64  # more is chatter: regular scenes have a few per *period*
+
+
+class Decision(NamedTuple):
+    """What a trial step has come to."""
+
+    accept: Bool[Array, ""]
+    fire: Bool[Array, ""]  # accept and change mode
+    again: Bool[Array, ""]  # an event was found, but it must be met once more for its derivative
+    kind: Int[Array, ""]  # of the event
+    several: Bool[Array, ""]  # guards were violated at once
+    forget: Bool[Array, ""]  # the trial's end is the new lower end of the bracket
+    lost: Bool[Array, ""]
+    late: Scalar  # the event is at most so long ago [s]
+    search: Search  # if the trial is not accepted
+
+
+def decide(lane: Lane, end: End, fixed: Fixed, method: Method) -> Decision:
+    """Judge a trial step that has come to `end`. Nothing here has a derivative."""
+    lane, end, fixed = lax.stop_gradient((lane, end, fixed))
+    (model, grid, stop), search = fixed, lane.search
+    goes, lost, h = running(lane, stop), ~_finite(end.state.motion), grid.h
+    if not model.spring.modal:
+        no = jnp.zeros_like(goes)
+        return Decision(goes, no, no, jnp.int32(Kind.LIFT), no, no, lost, jnp.zeros_like(h), search)
+    assert lane.guards is not None
+    _, at, _, _, _, guards = look(end.state.motion, end.Q, lane.state, model)
+    counts = (search.length > 0) | search.recheck
+    violated = {kind: (guards.value[kind] > 0) & counts for kind in kinds(guards.value)}
+    kind = first_kind(violated)
+    jumps = is_switch(kind, lane.state, model)
+    rounding = where(kind == Kind.TURN, at.turn_rounding, at.rounding)
+    exact = jumps & (picked(guards.value, kind) <= rounding)
+    verdict = judge(search, lane.guards, guards, violated, jumps, exact, h, method.locate, method.tableau.order)
+    again = jnp.zeros_like(goes)
+    if search.met is not None:  # what is differentiated meets an event twice: first to learn how its instant moves
+        again = verdict.fire & goes & ~search.met & (search.length > 0)
+    return Decision(
+        accept=(verdict.accept | lost) & goes & ~again,
+        fire=verdict.fire & goes & ~again,
+        again=again,
+        kind=kind,
+        several=_two_of(tuple(violated.values())),
+        forget=goes & search.bracketing & ~any_of(violated.values()),
+        lost=lost,
+        late=verdict.late * h,
+        search=select(goes & ~again, verdict.search, search),
+    )
+
+
+def _two_of(flags: tuple[Bool[Array, ""], ...]) -> Bool[Array, ""]:
+    none = jnp.zeros_like(flags[0])
+    return any_of([none, *(a & any_of(flags[i + 1 :]) for i, a in enumerate(flags[:-1]))])
+
+
+def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method) -> Lane:
+    """What becomes of a lane whose trial step has come to `end`; nothing if it has arrived or failed."""
+    (model, grid, stop), search, held = fixed, lane.search, lane.state
+    accept, fire, again, kind = decision.accept, decision.fire, decision.again, decision.kind
+    h = place_of(lane, grid).h
+    if not model.spring.modal:
+        return _glided(lane, end, decision, fixed, method)
+    state, Q, gain, _ = end
+    unaccepted = decision.search._replace(done=search.done)  # which may have a derivative
+    if search.met is not None:
+        there = _at_the_event(end, lane, kind, fixed)
+        state, Q, gain, length = select(fire | again, there, (state, Q, gain, search.length))
+        met = unaccepted._replace(length=length, met=jnp.ones_like(again))
+        search, unaccepted = search._replace(length=length), select(again, met, unaccepted)
+    z = state.motion
+    view = look(z, Q, held, model)
+
+    cross = crossing(z, held, view, kind, decision.late, grid.h, model)
+    state = select(fire, cross.after, state)
+    guards = select(fire, cross.guards, view.guards)
+    # where guards may have jumped, or several were violated, one that still is fires in a trial of length zero
+    jumped = decision.several | (kind == Kind.TURN) | (kind == Kind.HEIGHT)
+    recheck = fire & jumped & any_of(guards.value[kind] > 0 for kind in kinds(guards.value))
+    ahead, step = _advanced(search, lane.step, fire, recheck, method)
+    onset = fire & (kind == Kind.LIFT) & (held.mode == Mode.APART)
+    noted = Noted(
+        lambda counters: count(counters, cross, fire, search.inside),
+        lambda before: extremes(before, held, z, h, held.mode == Mode.APART, onset, model),
+    )
+    jumps = jax.tree.map(lambda a: jnp.where(fire, a, 0.0), Jumps(cross.energy, cross.dropped))
+    tally = _tallied(lane.tally, gain, jumps, h, held.mode, z, view.at, noted)
+    status = jnp.where(accept, _status(z, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
+    return Lane(
+        select(accept, state, held),
+        jnp.where(accept, step, lane.step),
+        select(accept, ahead, unaccepted),
+        select(accept | decision.forget, guards, lane.guards),
+        select(accept, tally, lane.tally),
+        jnp.where(running(lane, stop), status, lane.status),
+    )
+
+
+def _glided(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method) -> Lane:
+    """`trial` without events."""
+    (model, grid, stop), accept = fixed, decision.accept
+    at = seat(end.state.motion, lane.state, model)[2]
+    ahead, step = _advanced(lane.search, lane.step, jnp.zeros_like(accept), jnp.zeros_like(accept), method)
+    mode, h = jnp.where(at.v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)), place_of(lane, grid).h
+    no, still = jnp.zeros_like(accept), jax.tree.map(jnp.zeros_like, lane.tally.jumps)
+    z = end.state.motion
+    noted = Noted(lambda counters: counters, lambda before: extremes(before, lane.state, z, h, no, no, model))
+    tally = _tallied(lane.tally, end.gain, still, h, mode, z, at, noted)
+    status = jnp.where(accept, _status(end.state.motion, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
+    before = (lane.state, lane.step, lane.search, lane.tally)
+    state, step, search, tally = select(accept, (end.state, step, ahead, tally), before)
+    return Lane(state, step, search, None, tally, jnp.where(running(lane, stop), status, lane.status))
+
+
+def _at_the_event(end: End, lane: Lane, kind: Int[Array, ""], fixed: Fixed):
+    """Motion, wave, integrals and length of a trial ending where the guard of `kind` vanishes, with derivatives."""
+    assert end.slope is not None
+    (model, grid, _), held, length = fixed, lane.state, lane.search.length
+    guard = lambda z, Q: picked(look(z, Q, held, model).guards.value, kind)  # noqa: E731
+    slope, Q_rate, _ = lax.stop_gradient(end.slope)
+    value, rate = jax.jvp(guard, (end.state.motion, end.Q), (slope.motion, Q_rate))
+    rate = jnp.where((length > 0) & (rate > 0), rate, jnp.inf)  # a trial of length zero has a given instant
+    z, Q, gain, length = at_the_root(
+        (end.state.motion, end.Q, end.gain, length),
+        (end.slope[0].motion, *end.slope[1:], 1 / grid.h),
+        value,
+        rate,
+    )
+    return State(z, held.u_s, held.mode, held.case), Q, gain, length
+
+
+class Noted(NamedTuple):
+    """What a log notes of a trial beside its length."""
+
+    counts: Callable[[Counters], Counters]
+    within: Callable[[Within], Within]
+
+
+def _tallied(
+    tally: Tally, gain: Integrals, jumps: Jumps | None, h: Scalar, mode, z: Motion, at: Touch, noted: Noted
+) -> Tally:
+    return Tally(
+        jax.tree.map(jnp.add, tally.integrals, gain),
+        None if tally.jumps is None else jax.tree.map(jnp.add, tally.jumps, jumps),
+        None if tally.log is None else _logged(tally.log, h, mode, z, at, noted),
+    )
+
+
+def _logged(log: Log, h: Scalar, mode, z: Motion, at: Touch, noted: Noted) -> Log:
+    apart, stick = mode == Mode.APART, mode == Mode.STICK
+    return Log(
+        log.time_apart + jnp.where(apart, h, 0.0),
+        log.time_stick + jnp.where(stick, h, 0.0),
+        log.time_slip + jnp.where(apart | stick, 0.0, h),
+        jnp.maximum(log.v_max, jnp.where(apart, 0.0, at.v)),
+        jax.tree.map(lambda most, now: jnp.maximum(most, jnp.abs(now)), log.largest, displacements_of(z)),
+        noted.counts(log.counters),
+        None if log.within is None else noted.within(log.within),
+    )
+
+
+def _advanced(search: Search, step, fire, again, method: Method) -> tuple[Search, Int[Array, ""]]:
+    """The search of the next trial and the clock, after an accepted trial."""
+    done = search.done + search.length
+    sliver = 1e-12 if done.dtype == jnp.float64 else 1e-6
+    over = done >= 1 - sliver
+    done = jnp.where(over, 0.0, done)
+    events = jnp.where(over, 0, search.events + fire.astype(jnp.int32))
+    ahead = fresh(done, jnp.where(again, 0.0, 1 - done), again, events, method.locate, method.derivative)
+    # a trial that only peeked leaves the guard at its peak: march on without peeking again
+    return ahead._replace(peeking=search.peeking & ~fire & ~over), step + over.astype(jnp.int32)
+
+
+def _finite(z: Motion) -> Bool[Array, ""]:
+    return jnp.isfinite(sum(jax.tree.leaves(z)))  # no sum of numbers one of which is not finite is
+
+
+def _status(z: Motion, lost, events) -> Int[Array, ""]:
+    turned = any_of([lost, *(jnp.abs(theta) > ANGLE_RANGE for theta in jax.tree.leaves(z.theta))])
+    status = jnp.where(events > MAX_EVENTS_PER_STEP, Status.TOO_MANY_EVENTS, Status.OK)
+    status = jnp.where(turned, Status.ANGLE_OUT_OF_RANGE, status)
+    return jnp.where(lost, Status.NOT_FINITE, status).astype(jnp.int32)

@@ -1,0 +1,1 @@
+"""One lane at one instant: the article's equations."""

@@ -1,0 +1,79 @@
+"""Contact forces and moments on both blocks (Sec. 2.3, Eqs. (8)-(20))."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jaxshroud.model.absent import Pair, Scalar, mixed
+from jaxshroud.model.geometry import FLAT, Case, Corners, Touch, tip_is_left
+
+
+class Load(NamedTuple):
+    """What the contact does to the blocks: force on the left one (the right one feels the opposite), moments."""
+
+    R_x: Scalar  # [N]
+    R_y: Scalar  # [N]
+    M: Pair  # clockwise, about each block's centre [N m]
+
+
+def _moment(lever: tuple[Scalar, Scalar], force: tuple[Scalar, Scalar]) -> Scalar:
+    return lever[1] * force[0] - lever[0] * force[1]
+
+
+def _levers(at: Touch, left_tip) -> tuple[tuple[Scalar, Scalar], tuple[Scalar, Scalar]]:
+    """Levers from each block's centre to the penetrating corner (on the face's block: the same point in space)."""
+    (l_x, r_x), (l_y, r_y), (e_x, e_y) = at.corner, at.corner_y, at.offset
+    left = mixed(left_tip, l_x, l_x - e_x), mixed(left_tip, l_y, l_y - e_y)
+    right = mixed(left_tip, r_x + e_x, r_x), mixed(left_tip, r_y + e_y, r_y)
+    return left, right
+
+
+def contact_load(at: Touch, N: Scalar, F: Scalar, case: Case, block: Corners, reading: frozenset[str]) -> Load:
+    """Forces and moments of normal force `N` and friction force `F` at the corner of `case`.
+
+    Source:
+        The left block feels `-N n - F t` at the penetrating corner, the right one the opposite. Printed formulas that
+        depart from this are kept in `_printed_moments` and under `friction_components`, which has
+        `f_x = F sin A, f_y = F cos A` in Eqs. (8) and (13).
+    """
+    (n_x, n_y), (t_x, t_y) = at.normal, at.tangent
+    left_tip = tip_is_left(case)
+    left, right = _levers(at, left_tip)
+    # Moments per unit force, so that misprints can be told apart: rows N and F, columns left and right block.
+    normal = (-_moment(left, at.normal), _moment(right, at.normal))
+    friction = (-_moment(left, at.tangent), _moment(right, at.tangent))
+    if reading:
+        printed = _printed_moments(normal, friction, at, case, block, reading)
+        normal, friction = jax.tree.map(lambda a, b: jnp.where(case == FLAT, a, b), (normal, friction), printed)
+    f_x, f_y = (t_y, t_x) if "friction_components" in reading else (t_x, t_y)
+    M = (N * normal[0] + F * friction[0], N * normal[1] + F * friction[1])
+    return Load(-N * n_x - F * f_x, -N * n_y - F * f_y, M)
+
+
+def _printed_moments(normal, friction, at: Touch, case, block: Corners, reading: frozenset[str]):
+    """Moments per unit N and unit F with the misprints of `reading` put back, one by one.
+
+    Only the moment about the face's own block is misprinted: M_N2 in cases 1 and 3, M_N1 in cases 2 and 4. Flat
+    contact is not in print.
+    """
+    left_tip, height, sin_A = tip_is_left(case), at.height, at.normal[0]
+    across_a = block.a_x * block.sin_alpha - block.h_y * block.cos_alpha  # l_ap sin(alpha - varphi_1) / 2
+    if "levers" in reading:  # the lever ends at the corner's *height* on the face, and friction's is constant
+        along_a = block.a_x * block.cos_alpha + block.h_y * block.sin_alpha  # l_ap cos(alpha - varphi_1) / 2
+        along_b = block.b_x * block.cos_alpha - block.h_y * block.sin_alpha  # l_cg cos(alpha + varphi_2) / 2
+        N_face = height / sin_A - jnp.where((case == 1) | (case == 4), along_b, along_a)
+        F_face = across_a
+    else:
+        N_face = jnp.where(left_tip, normal[1], normal[0])
+        F_face = jnp.where(left_tip, friction[1], friction[0])
+    if "M_N2_case1" in reading:  # (10): sign
+        N_face = jnp.where(case == 1, -N_face, N_face)
+    if "M_N1_case2" in reading:  # (14): sin(alpha - varphi_1) for sin(alpha - theta_1)
+        sin_printed = across_a / jnp.hypot(block.a_x, block.h_y)
+        N_face = jnp.where(case == 2, N_face + height / sin_printed - height / sin_A, N_face)
+    if "M_N1_case4" in reading:  # (20): sign, and sin(alpha - theta_2) for sin(alpha - theta_1)
+        N_face = jnp.where(case == 4, -N_face + height / sin_A - height / at.sin_A2, N_face)
+    on_left = jnp.where(left_tip, normal[0], N_face), jnp.where(left_tip, friction[0], F_face)
+    on_right = jnp.where(left_tip, N_face, normal[1]), jnp.where(left_tip, F_face, friction[1])
+    return (on_left[0], on_right[0]), (on_left[1], on_right[1])

@@ -1,0 +1,216 @@
+r"""Corners of the two blocks, penetration and slide of the corner in contact (Sec. 2.3, Eqs. (3)-(20)).
+
+The contact faces ab and cd lean to the right going up; y points up and theta is positive clockwise:
+
+        d-----.   right block: c = -b, d = -a
+         \     \
+    .-----a    c--.
+     \     b
+      `----
+
+In each case one corner (the tip) presses on the other block's face:
+
+    case 1: a on cd    case 2: c on ab    (theta_1 > theta_2, upper corners a and c)
+    case 3: b on cd    case 4: d on ab    (theta_1 <= theta_2, lower corners b and d)
+
+Where both corners would turn the blocks back, neither is left: the faces stay parallel, flat on each other. The
+article leaves this limit of a relay out; here it is case 5, `FLAT`, whose geometry is that of case 4.
+"""
+
+import operator
+from functools import reduce
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from jaxshroud.model.absent import Pair, Scalar, is_absent, mixed
+from jaxshroud.model.trig import sine_versine
+from jaxshroud.scene.motion import Motion
+from jaxshroud.scene.scene import Shroud
+
+FLAT = 5  # the case of face-to-face contact
+
+
+class Corners(NamedTuple):
+    """Constants of the blocks: corners a and b of the left one about its centre, and the face angle."""
+
+    a_x: Scalar
+    b_x: Scalar
+    h_y: Scalar  # a_y = h_y, b_y = -h_y
+    sin_alpha: Scalar
+    cos_alpha: Scalar
+    gap: Scalar
+    l_ab: Scalar
+
+
+def corners(shroud: Shroud) -> Corners:
+    """The block's corners from its sides, the faces leaning right going up."""
+    sin_alpha, cos_alpha = jnp.sin(shroud.alpha), jnp.cos(shroud.alpha)
+    lean = shroud.l_ab * cos_alpha / 2
+    half = shroud.l_oa / 2
+    return Corners(half + lean, half - lean, shroud.l_ab * sin_alpha / 2, sin_alpha, cos_alpha, shroud.gap, shroud.l_ab)
+
+
+def gyration(shroud: Shroud) -> Scalar:
+    """J_A / A: polar second moment of a block's area about its centroid, per area [m^2]."""
+    return (shroud.l_oa**2 + shroud.l_ab**2) / 12
+
+
+class Pose(NamedTuple):
+    """Position of both blocks, with the sine, cosine and versine of their angles."""
+
+    x: Pair
+    y: Pair
+    theta: Pair
+    sin: Pair
+    cos: Pair
+    versine: Pair  # 1 - cos
+
+
+def pose(x: Pair, y: Pair, theta: Pair) -> Pose:
+    """Positions with their trigonometry done once."""
+    (s_1, v_1), (s_2, v_2) = ((t, t) if is_absent(t) else sine_versine(t) for t in theta)
+    return Pose(x, y, theta, (s_1, s_2), (1 - v_1, 1 - v_2), (v_1, v_2))
+
+
+class Blend(NamedTuple):
+    """A mixture of the four cases, of which smooth contact has none on its own."""
+
+    upper: Scalar  # share of cases 1 and 2
+    left_tip: Scalar  # share of cases 1 and 3
+
+
+Case = Int[Array, "..."] | Blend
+
+
+def is_upper(case: Case) -> Bool[Array, "..."] | Scalar:
+    """Cases 1 and 2: the upper corners a and c meet."""
+    return case.upper if isinstance(case, Blend) else case <= 2
+
+
+def tip_is_left(case: Case) -> Bool[Array, "..."] | Scalar:
+    """Cases 1 and 3: a corner of the left block presses on the right block's face."""
+    return case.left_tip if isinstance(case, Blend) else (case == 1) | (case == 3)
+
+
+class Touch(NamedTuple):
+    """The corner pair of one case: lengths in m, angles in rad."""
+
+    v: Scalar  # penetration, Eqs. (8), (12), (16), (19); contact when v >= 0
+    u: Scalar  # slide of the left block against the right one
+    height: Scalar  # r_ay - r_cy or r_by - r_dy: decides between tip left and tip right
+    turn: Scalar  # theta_1 - theta_2: decides between upper and lower corners
+    normal: tuple[Scalar, Scalar]  # n = (sin A, -cos A), A = alpha - theta of the face's block
+    tangent: tuple[Scalar, Scalar]  # t = (cos A, sin A)
+    corner: Pair  # x of the rotated corner of each block about its centre ...
+    corner_y: Pair  # ... and y
+    offset: tuple[Scalar, Scalar]  # (d_x - gap, d_y): from the right block's corner to the left one's
+    sin_A2: Scalar  # sin(alpha - theta_2), which (20) prints for sin(alpha - theta_1)
+    rounding: Scalar  # how far v, u and the height may be off by the rounding of the terms they are sums of
+    turn_rounding: Scalar  # and theta_1 - theta_2
+
+
+def _shift(px: Scalar, py: Scalar, s: Scalar, versine: Scalar) -> tuple[Scalar, Scalar]:
+    """How far a clockwise rotation moves a corner: without the rounding of positions many times larger."""
+    return py * s - px * versine, -px * s - py * versine
+
+
+def touch(q: Pose, case: Case, block: Corners, reading: frozenset[str]) -> Touch:
+    """Penetration, slide and lever points while `case` is held fixed.
+
+    Source:
+        Eqs. (3)-(6) as exact rotations. The printed gap functions (7), (11), (15), (18) have `+ d_y cos A`, which
+        contradicts the force directions of Eq. (1); it is kept under the misprint `gap_sign`.
+    """
+    upper = is_upper(case)
+    p_y = mixed(upper, block.h_y, -block.h_y)
+    left_x = mixed(upper, block.a_x, block.b_x)
+    right_x = -mixed(upper, block.b_x, block.a_x)
+    dl_x, dl_y = _shift(left_x, p_y, q.sin[0], q.versine[0])
+    dr_x, dr_y = _shift(right_x, p_y, q.sin[1], q.versine[1])
+    e_x = (q.x[0] - q.x[1]) + dl_x - dr_x - block.gap
+    d_y = (q.y[0] - q.y[1]) + dl_y - dr_y
+    terms = (*q.x, *q.y, dl_x, dr_x, dl_y, dr_y, block.gap)
+
+    left_tip = tip_is_left(case)
+    s_f, c_f = mixed(left_tip, q.sin[1], q.sin[0]), mixed(left_tip, q.cos[1], q.cos[0])
+    sin_A = block.sin_alpha * c_f - block.cos_alpha * s_f
+    cos_A = block.cos_alpha * c_f + block.sin_alpha * s_f
+    lean = -d_y if "gap_sign" in reading else d_y
+    return Touch(
+        v=e_x * sin_A - lean * cos_A,
+        u=e_x * cos_A + lean * sin_A,
+        height=d_y,
+        turn=q.theta[0] - q.theta[1],
+        normal=(sin_A, -cos_A),
+        tangent=(cos_A, sin_A),
+        corner=(left_x + dl_x, right_x + dr_x),
+        corner_y=(p_y + dl_y, p_y + dr_y),
+        offset=(e_x, d_y),
+        sin_A2=block.sin_alpha * q.cos[1] - block.cos_alpha * q.sin[1],
+        rounding=_rounding(terms),
+        turn_rounding=_rounding(q.theta),
+    )
+
+
+def _rounding(terms: tuple[Scalar, ...]) -> Scalar:
+    """Four roundings of every term of a sum."""
+    size = reduce(operator.add, map(abs, terms))
+    return size if is_absent(size) else 4 * float(jnp.finfo(size.dtype).eps) * size
+
+
+class Rates(NamedTuple):
+    """Time derivatives of the scalars of `Touch`."""
+
+    v: Scalar
+    u: Scalar
+    height: Scalar
+    turn: Scalar
+
+
+def touch_rates(at: Touch, z: Motion, case: Case, reading: frozenset[str]) -> Rates:
+    """Time derivatives of the scalars of `at` along the motion, the case held fixed.
+
+    The offset e moves with the corners' velocities, and the axes n, t turn with the face: A' = -theta_f'. Hence
+    v' = e'.n - theta_f' u and u' = e'.t + theta_f' v.
+    """
+    (l_x, r_x), (l_y, r_y) = at.corner, at.corner_y
+    w = z.v_theta
+    e_x = (z.v_x[0] - z.v_x[1]) + w[0] * l_y - w[1] * r_y
+    d_y = (z.v_y[0] - z.v_y[1]) - w[0] * l_x + w[1] * r_x
+    sin_A, cos_A = at.tangent[1], at.tangent[0]
+    lean = -d_y if "gap_sign" in reading else d_y
+    w_face = mixed(tip_is_left(case), w[1], w[0])
+    return Rates(
+        v=e_x * sin_A - lean * cos_A - w_face * at.u,
+        u=e_x * cos_A + lean * sin_A + w_face * at.v,
+        height=d_y,
+        turn=w[0] - w[1],
+    )
+
+
+def blend(q: Pose, block: Corners, width: Scalar) -> Blend:
+    """The cases mixed as the corners' distances from where the cases meet, over a `width`.
+
+    Near theta_1 = theta_2 the point of contact then moves along the face from corner to corner.
+    """
+    upper = _share((q.theta[0] - q.theta[1]) * block.l_ab, width)
+    higher = _share(touch(q, Blend(upper, jnp.full_like(upper, 0.5)), block, frozenset()).height, width)
+    return Blend(upper, upper + higher - 2 * upper * higher)
+
+
+def _share(x: Scalar, width: Scalar) -> Scalar:
+    return (1 + x / jnp.sqrt(x * x + width * width)) / 2
+
+
+def natural_case(q: Pose, block: Corners) -> Int[Array, ""]:
+    """The case that Sec. 2.3 assigns to a position: 1-4 from the signs of theta_1 - theta_2 and of the height."""
+    upper = q.theta[0] - q.theta[1] > 0
+    return corner_case(upper, touch(q, jnp.where(upper, 1, 3), block, frozenset()).height)
+
+
+def corner_case(upper: Bool[Array, ""], height: Scalar) -> Int[Array, ""]:
+    """The case of the upper or the lower corners at a height difference."""
+    left_tip = jnp.where(upper, height < 0, height > 0)
+    return jnp.where(upper, jnp.where(left_tip, 1, 2), jnp.where(left_tip, 3, 4)).astype(jnp.int32)

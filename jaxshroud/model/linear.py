@@ -1,0 +1,121 @@
+"""Closed-form motion of the blades while they do not touch: Eq. (1) with the contact forces absent."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Complex, Float
+
+from jaxshroud.model.absent import Scalar
+from jaxshroud.model.geometry import gyration
+from jaxshroud.model.trig import sincos_turns
+from jaxshroud.scene.motion import Motion
+from jaxshroud.scene.scene import PerBlade, Scene, Shroud
+
+QUADRATURE = 128  # points over one drive period: exact to rounding while the torsion amplitude is below 50 rad
+
+
+class Amplitudes(NamedTuple):
+    """Complex amplitudes: the displacement is the imaginary part of `amplitude * exp(i omega t)`."""
+
+    x: Complex[Array, "2"]  # [m]
+    y: Complex[Array, "2"]  # [m]
+    theta: Complex[Array, "2"]  # [rad]
+
+
+def steady_amplitudes(scene: Scene) -> Amplitudes:
+    """Steady response of the free blades to the drive (Sec. 3.1)."""
+    b, d, omega = scene.blades, scene.drive, scene.drive.omega
+    moves = lambda name: jnp.array([scene.parts.has(name, 0), scene.parts.has(name, 1)])  # noqa: E731
+
+    def response(name, load, m, c, k):
+        load = jnp.where(moves(name), load, 0.0)
+        force = lax.complex(load * jnp.cos(d.phase), load * jnp.sin(d.phase))
+        return force / lax.complex(k - m * omega**2, c * omega)
+
+    return Amplitudes(
+        response("x", d.F_0 * jnp.cos(d.beta), b.m, b.c_x, b.k_x),
+        response("y", d.F_0 * jnp.sin(d.beta), b.inertia_y, b.c_y, b.k_y),
+        response("theta", d.M_0, b.I, b.c_T, b.k_T),
+    )
+
+
+def area(shroud: Shroud) -> Float[Array, ""]:
+    """Area A of one block [m^2]."""
+    return shroud.l_oa * shroud.l_ab * jnp.sin(shroud.alpha)
+
+
+def free_power(scene: Scene) -> PerBlade:
+    """P_0 of Eq. (23), in closed form [m^4].
+
+    Source:
+        Over a centrally symmetric block P_0 = A <x^2 + y^2> + 4 J_A <sin^2(theta/2)>; the mean of
+        sin^2(Theta sin(tau) / 2) is (1 - J_0(Theta)) / 2, here by the trapezoidal rule, which is exact to rounding.
+    """
+    free, s = steady_amplitudes(scene), scene.shroud
+    tau = jnp.linspace(0, 2 * jnp.pi, QUADRATURE, endpoint=False, dtype=s.gap.dtype)
+    swing = jnp.sin(jnp.abs(free.theta)[:, None] * jnp.sin(tau) / 2) ** 2
+    translation = (jnp.abs(free.x) ** 2 + jnp.abs(free.y) ** 2) / 2
+    return area(s) * (translation + 4 * gyration(s) * jnp.mean(swing, axis=1))
+
+
+class Swing(NamedTuple):
+    """One coordinate of one free block: its steady response, and how deviations from that die out."""
+
+    steady: Complex[Array, "..."]  # amplitude
+    damping: Float[Array, "..."]  # c / 2m [1/s]
+    square: Float[Array, "..."]  # k / m - damping^2: of the damped circular frequency, negative if overdamped
+
+
+def swings(scene: Scene) -> Swing:
+    """x, y and theta of the left block, then of the right one: fields (2, 3)."""
+    b, free = scene.blades, steady_amplitudes(scene)
+    stack = lambda *columns: jnp.stack(columns, axis=-1)  # noqa: E731
+    mass = stack(b.m, b.inertia_y, b.I)
+    damping = stack(b.c_x, b.c_y, b.c_T) / (2 * mass)
+    return Swing(stack(*free), damping, stack(b.k_x, b.k_y, b.k_T) / mass - damping**2)
+
+
+def decay(swing: Swing, t: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """What becomes after `t` of a unit deviation at rest, less its share of the other, and of a unit of speed.
+
+    A deviation d with rate w is `d (even + damping odd) + w odd` then.
+    """
+    omega = jnp.sqrt(jnp.abs(swing.square))
+    under = swing.square > 0
+    safe = jnp.where(omega > 0, omega, 1.0)
+    fade, slow = jnp.exp(-swing.damping * t), jnp.exp(-jnp.where(under, swing.damping, swing.damping - omega) * t)
+    even = jnp.where(under, fade * jnp.cos(omega * t), slow * (1 + jnp.exp(-2 * omega * t)) / 2)
+    odd = jnp.where(under, fade * jnp.sin(omega * t), slow * -jnp.expm1(-2 * omega * t) / 2) / safe
+    return even, jnp.where(omega > 0, odd, fade * t)
+
+
+def amounts(scene: Scene, first: Motion, turns: Scalar) -> Float[Array, "2 3 4"]:
+    """Deviation, its rate and the steady response of each coordinate at the motion `first` at a drive phase [turns].
+
+    Blades, then x, y and theta, then what `courses` goes on from: deviation, rate, real and imaginary amplitude.
+    """
+    swing, omega = swings(scene), scene.drive.omega
+    moves = jnp.array([[scene.parts.has(name, i) for name in ("x", "y", "theta")] for i in (0, 1)])
+    at = jnp.where(moves, jnp.stack([first.x, first.y, first.theta], axis=-1), 0.0)
+    rate = jnp.where(moves, jnp.stack([first.v_x, first.v_y, first.v_theta], axis=-1), 0.0)
+    (s, c), (re, im) = sincos_turns(turns), (swing.steady.real, swing.steady.imag)
+    re, im = re * c - im * s, re * s + im * c  # of the amplitude, its phase counted from there
+    return jnp.stack([at - im, rate - omega * re, re, im], axis=-1)
+
+
+def courses(scene: Scene, t: Float[Array, " n"]) -> tuple[Float[Array, "n 2 3 4"], Float[Array, "n 2 3 4"]]:
+    """What a unit of each of the `amounts` is a time `t` later: displacement and speed."""
+    swing, omega, t = swings(scene), scene.drive.omega, t[:, None, None]
+    even, odd = decay(swing, t)
+    s, c = (jnp.broadcast_to(f(omega * t), even.shape) for f in (jnp.sin, jnp.cos))
+    stiffness, lag = swing.square + swing.damping**2, swing.damping * odd
+    place = jnp.stack([even + lag, odd, s, c], axis=-1)
+    return place, jnp.stack([-stiffness * odd, even - lag, omega * c, -omega * s], axis=-1)
+
+
+def free_motion(scene: Scene, first: Motion, turns: Scalar, t: Float[Array, " n"]) -> Motion:
+    """Motion of the free blades, fields (n, 2), at times `t` after the motion `first` at a drive phase [turns]."""
+    start = amounts(scene, first, turns)
+    parts = (jnp.einsum("nbik,bik->nbi", course, start) for course in courses(scene, t))
+    return Motion(*(a[..., i] for a in parts for i in range(3)))

@@ -1,0 +1,254 @@
+"""Equation (1): the motion of both blocks while the contact mode and case are held fixed."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxshroud.model.absent import ABSENT, Pair, Scalar, filled, is_absent
+from jaxshroud.model.contact import Load, contact_load
+from jaxshroud.model.friction import Springs, following, friction_force, normal_force, slider_speed, springs
+from jaxshroud.model.geometry import (
+    FLAT,
+    Case,
+    Corners,
+    Pose,
+    Touch,
+    blend,
+    corners,
+    gyration,
+    is_upper,
+    pose,
+    tip_is_left,
+    touch,
+    touch_rates,
+)
+from jaxshroud.model.modes import Mode
+from jaxshroud.model.state import State
+from jaxshroud.scene.motion import Motion
+from jaxshroud.scene.parts import Parts
+from jaxshroud.scene.scene import Blades, PerBlade, Scene
+
+
+def as_pairs(tree):
+    """`tree` with every (2,) array as a tuple of two scalars: one flat array per number when lanes are batched."""
+    return jax.tree.map(lambda a: (a[0], a[1]) if jnp.ndim(a) == 1 else a, tree)
+
+
+def as_arrays(motion: Motion) -> Motion:
+    """The inverse of `as_pairs` for a motion: fields of shape (2,)."""
+    return Motion(*map(jnp.stack, motion))
+
+
+class Excitation(NamedTuple):
+    """Amplitudes and phases of the drive (Sec. 3.1), resolved in x and y."""
+
+    F_x: PerBlade | Pair  # F_0 cos(beta) [N]
+    F_y: PerBlade | Pair  # F_0 sin(beta) [N]
+    M_0: PerBlade | Pair  # [N m]
+    sin_phase: PerBlade | Pair
+    cos_phase: PerBlade | Pair
+
+
+class Mobility(NamedTuple):
+    """Reciprocal masses: a product is several times cheaper than a quotient. Absent where a block cannot move."""
+
+    x: Pair  # 1 / m [1/kg]
+    y: Pair  # [1/kg]
+    theta: Pair  # 1 / I [1/(kg m^2)]
+    share: Scalar  # I_1 / (I_1 + I_2)
+    joint: Scalar  # I_1 I_2 / (I_1 + I_2): inertia against a turn of the blocks towards each other [kg m^2]
+
+
+class Model(eqx.Module):
+    """A scene made ready for stepping: everything that can be computed once per lane."""
+
+    blades: Blades
+    block: Corners
+    spring: Springs
+    drive: Excitation
+    gyration: Scalar  # J_A / A [m^2]
+    mobility: Mobility
+    reading: frozenset[str] = eqx.field(static=True)
+    parts: Parts = eqx.field(static=True)
+
+
+def model(scene: Scene) -> Model:
+    """`scene` with its constants worked out."""
+    d, s = scene.drive, scene.shroud
+    drive = Excitation(d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase))
+    blades, block, spring, drive, size = as_pairs((scene.blades, corners(s), springs(scene), drive, gyration(s)))
+    return Model(blades, block, spring, drive, size, _mobility(scene), scene.contact.reading, scene.parts)
+
+
+def _mobility(scene: Scene) -> Mobility:
+    b, has = scene.blades, scene.parts.has
+    of = lambda name, mass: tuple(1 / mass[i] if has(name, i) else ABSENT for i in (0, 1))  # noqa: E731
+    share = b.I[0] / (b.I[0] + b.I[1]) if scene.parts.neighbour == "blade" else jnp.zeros_like(b.I[0])
+    joint = b.I[1] * share if scene.parts.neighbour == "blade" else b.I[0]
+    return Mobility(of("x", b.m), of("y", b.inertia_y), of("theta", b.I), share, joint)
+
+
+def reduced(state: State, model: Model) -> State:
+    """A state (motion as pairs) without what the model leaves out."""
+    names = [name.removeprefix("v_") for name in Motion._fields]
+    keep = lambda name, pair: tuple(pair[i] if model.parts.has(name, i) else ABSENT for i in (0, 1))  # noqa: E731
+    motion = Motion(*(keep(name, pair) for name, pair in zip(names, state.motion, strict=True)))
+    mode = jnp.full_like(state.mode, Mode.SMOOTH) if model.spring.smooth else state.mode
+    return State(motion, ABSENT if is_absent(model.spring.lag) else state.u_s, mode, state.case)
+
+
+def whole(state: State) -> State:
+    """The inverse of `reduced`: zeros for what is absent."""
+    motion, u_s = filled((state.motion, state.u_s), state.motion.x[0])
+    return State(motion, u_s, state.mode, state.case)
+
+
+def turns(model: Model) -> bool:
+    """Whether the blocks can turn."""
+    return "theta" in model.parts.motion
+
+
+class Acceleration(NamedTuple):
+    """Second derivatives of the displacements."""
+
+    x: Pair  # [m/s^2]
+    y: Pair
+    theta: Pair  # [rad/s^2]
+
+
+class Ledger(NamedTuple):
+    """Works that the energy balance needs."""
+
+    drive: Scalar  # done by the drive [J]
+    gross: Scalar  # the same, without its sign at each instant [J]
+    viscous: Scalar  # lost in the dampers [J]
+    friction: Scalar  # lost in the sliding contact [J]
+
+
+class Integrals(NamedTuple):
+    """Time integrals carried along with the motion, to the integrator's order."""
+
+    power: Pair  # mean square displacement over the block, Eq. (23) divided by its area [m^2 s]
+    ledger: Ledger | None  # None where it is not kept
+
+
+def wave(s: Scalar, c: Scalar, drive: Excitation) -> Pair:
+    """sin(omega t + phase) of each blade's drive from the sine and cosine of omega t."""
+    left, right = (s * drive.cos_phase[i] + c * drive.sin_phase[i] for i in (0, 1))
+    return left, right
+
+
+def accelerated(z: Motion, Q: Pair, load: Load, model: Model) -> Acceleration:
+    """Accelerations by Eq. (1), with `Q` the drive's wave of each blade and `load` at a corner."""
+    b, d, inverse = model.blades, model.drive, model.mobility
+    R_x, R_y = (load.R_x, -load.R_x), (load.R_y, -load.R_y)
+
+    def rates(i: int) -> tuple[Scalar, Scalar, Scalar]:
+        a_x = (d.F_x[i] * Q[i] + R_x[i] - b.c_x[i] * z.v_x[i] - b.k_x[i] * z.x[i]) * inverse.x[i]
+        a_y = (d.F_y[i] * Q[i] + R_y[i] - b.c_y[i] * z.v_y[i] - b.k_y[i] * z.y[i]) * inverse.y[i]
+        a_theta = (d.M_0[i] * Q[i] + load.M[i] - b.c_T[i] * z.v_theta[i] - b.k_T[i] * z.theta[i]) * inverse.theta[i]
+        return a_x, a_y, a_theta
+
+    left, right = rates(0), rates(1)
+    return Acceleration(*zip(left, right, strict=True))
+
+
+def as_one(pair: Pair, model: Model) -> Pair:
+    """What two turning blocks have in common once they are held parallel: their mean, weighted by inertia."""
+    mean = pair[1] + model.mobility.share * (pair[0] - pair[1])
+    return mean, pair[1] if is_absent(pair[1]) else mean
+
+
+class Lean(NamedTuple):
+    """What contact at either end of the faces' overlap would do to parallel blocks: torques on theta_1 - theta_2.
+
+    Each is the reduced inertia times the acceleration towards each other; absent where blocks do not turn. Where the
+    lower is positive and the upper negative, the resultant finds a place between them that keeps the blocks parallel.
+    """
+
+    lower: Scalar  # of contact at corner b or d [N m]
+    upper: Scalar  # of contact at corner a or c [N m]
+
+
+def lean(z: Motion, Q: Pair, at: Touch, held: State, model: Model) -> Lean:
+    """Torques at both ends of the overlap, from that at the corner of the held case.
+
+    A resultant of -N n - F t that acts elsewhere by s t + r n changes the torque by F r - N s. Seen from d, b is
+    u t + v n away, c is l_ab t, and a is both; the overlap ends at d and a, or at b and c.
+    """
+    if not turns(model):
+        return Lean(ABSENT, ABSENT)
+    N, F, load = _loaded(at, held, held.case, model)
+    left, right = accelerated(z, Q, load, model).theta
+    along, corner = N * model.block.l_ab, F * at.v - N * at.u
+    here = jnp.where(is_upper(held.case), along, 0.0) - jnp.where(tip_is_left(held.case), corner, 0.0)
+    at_d, higher = model.mobility.joint * (left - right) + here, at.height > 0
+    return Lean(at_d + jnp.where(higher, corner, 0.0), at_d - along + jnp.where(higher, 0.0, corner))
+
+
+def _loaded(at: Touch, held: State, case: Case, model: Model) -> tuple[Scalar, Scalar, Load]:
+    N = normal_force(at.v, held.mode, model.spring)
+    F = friction_force(at.v, at.u, held.u_s, held.mode, model.spring)
+    return N, F, contact_load(at, N, F, case, model.block, model.reading)
+
+
+def mean_square(q: Pose, gyration: Scalar) -> Pair:
+    """Square displacement averaged over each block: x^2 + y^2 + 4 (J_A/A) sin^2(theta/2) [m^2].
+
+    Source:
+        Eqs. (22), (23): over a centrally symmetric block the cross terms vanish, so no area quadrature is needed.
+    """
+    left, right = (q.x[i] ** 2 + q.y[i] ** 2 + gyration * 2 * q.versine[i] for i in (0, 1))
+    return left, right
+
+
+def works(z: Motion, Q: Pair, F: Scalar, slide: Scalar, model: Model) -> Ledger:
+    """Rates of the works; `slide` is the slider's speed."""
+    b, d = model.blades, model.drive
+    drive = lambda i: (d.F_x[i] * z.v_x[i] + d.F_y[i] * z.v_y[i] + d.M_0[i] * z.v_theta[i]) * Q[i]  # noqa: E731
+    viscous = lambda i: b.c_x[i] * z.v_x[i] ** 2 + b.c_y[i] * z.v_y[i] ** 2 + b.c_T[i] * z.v_theta[i] ** 2  # noqa: E731
+    power = drive(0) + drive(1)
+    return Ledger(power, abs(power), viscous(0) + viscous(1), F * slide)
+
+
+class Slope(NamedTuple):
+    """Second derivatives of the displacements, and d/dt of the slider where it moves without events."""
+
+    acceleration: Acceleration
+    u_s: Scalar
+
+
+def rhs(Q: Pair, now: State, model: Model, ledger: bool) -> tuple[Slope, Integrals]:
+    """Accelerations by Eq. (1) and the rates of the running integrals while mode and case stay fixed.
+
+    `Q` is the drive's `wave` at the time in question; the rates of the works are left out without `ledger`.
+    """
+    z, spring = now.motion, model.spring
+    q = pose(z.x, z.y, z.theta)
+    case = blend(q, model.block, spring.width) if spring.smooth and turns(model) else now.case
+    at = touch(q, case, model.block, model.reading)
+    _, F, load = _loaded(at, now, case, model)
+    u_s = following(at.v, at.u, now.u_s, now.mode, spring)
+    spent = None
+    if ledger:
+        rate = touch_rates(at, z, case, model.reading)
+        slide = u_s if spring.smooth else slider_speed(rate.v, rate.u, now.mode, spring)
+        spent = works(z, Q, F, slide, model)
+    a = accelerated(z, Q, load, model)
+    if turns(model) and spring.modal:
+        theta = jax.tree.map(lambda one, own: jnp.where(case == FLAT, one, own), as_one(a.theta, model), a.theta)
+        a = a._replace(theta=theta)
+    return Slope(a, u_s), Integrals(mean_square(q, model.gyration), spent)
+
+
+def stored_energy(z: Motion, model: Model) -> Scalar:
+    """Kinetic energy and energy of the blades' own springs [J]."""
+    b = model.blades
+
+    def twice(i: int) -> Scalar:
+        kinetic = b.m[i] * z.v_x[i] ** 2 + b.inertia_y[i] * z.v_y[i] ** 2 + b.I[i] * z.v_theta[i] ** 2
+        return kinetic + b.k_x[i] * z.x[i] ** 2 + b.k_y[i] * z.y[i] ** 2 + b.k_T[i] * z.theta[i] ** 2
+
+    return (twice(0) + twice(1)) / 2

@@ -1,0 +1,1 @@
+"""What a motion is: its period number, power, spectrum, orbit and exponents."""

@@ -1,0 +1,1 @@
+"""What runs give: labelled numbers, files and pictures. Nothing here imports JAX."""

@@ -1,0 +1,123 @@
+"""What all pictures share: sizes, style, colours, the words for a scene's numbers, and how a figure is saved.
+
+Figures are built on `matplotlib.figure.Figure` alone: no window, no global state, nothing left open.
+"""
+
+import os
+from io import BytesIO
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from jaxshroud.results.files import write
+
+COLUMN, WIDE = 88 / 25.4, 140 / 25.4  # one and one and a half columns [inch]
+STYLE: Any = {
+    **dict.fromkeys(("font.size", "axes.titlesize", "figure.titlesize"), 8),
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 7),
+    **dict.fromkeys(("xtick.direction", "ytick.direction"), "in"),
+    **{"axes.titlelocation": "left", "axes.linewidth": 0.6, "hatch.linewidth": 0.4},
+    **{"legend.frameon": False, "legend.handlelength": 1.2, "legend.columnspacing": 1.2},
+    **{"pdf.fonttype": 42, "svg.fonttype": "none"},  # text stays text
+}
+DEGREE = 180 / np.pi
+# Key of the scene -> symbol, words, unit, units per SI unit. A key that is not here is written as it stands.
+QUANTITIES = {
+    "blades.m": ("m", "mass", "g", 1e3),
+    "blades.m_y": ("m_y", "mass in y", "g", 1e3),
+    "blades.I": ("I", "moment of inertia", "g m²", 1e3),
+    "blades.k_x": ("k_x", "bending stiffness", "kN/m", 1e-3),
+    "blades.k_y": ("k_y", "bending stiffness", "kN/m", 1e-3),
+    "blades.k_T": ("k_T", "torsion stiffness", "N m/rad", 1),
+    "blades.c_x": ("c_x", "damping", "N s/m", 1),
+    "blades.c_y": ("c_y", "damping", "N s/m", 1),
+    "blades.c_T": ("c_T", "torsion damping", "N m s/rad", 1),
+    "shroud.alpha": (r"\alpha", "shroud angle", "°", DEGREE),
+    "shroud.l_oa": ("l_{oa}", "side of the block", "mm", 1e3),
+    "shroud.l_ab": ("l_{ab}", "contact side", "mm", 1e3),
+    "shroud.gap": (r"\Delta", "initial gap", "mm", 1e3),
+    "contact.k": ("k", "contact stiffness", "kN/m", 1e-3),
+    "contact.gamma": (r"\gamma = k/k_x", "stiffness ratio", "", 1),
+    "friction.k_d": ("k_d", "friction stiffness", "kN/m", 1e-3),
+    "friction.mu": (r"\mu", "friction coefficient", "", 1),
+    "drive.omega": (r"\omega", "drive frequency", "rad/s", 1),
+    "drive.beta": (r"\beta", "force direction", "°", DEGREE),
+    "drive.F_0": ("F_0", "force amplitude", "N", 1),
+    "drive.M_0": ("M_0", "moment amplitude", "N m", 1),
+    "drive.phase": (r"\phi", "drive phase", "°", DEGREE),
+    "initial.x": ("x(0)", "initial displacement", "mm", 1e3),
+    "initial.y": ("y(0)", "initial displacement", "mm", 1e3),
+    "initial.theta": (r"\theta(0)", "initial angle", "°", DEGREE),
+}
+# Colours after Okabe and Ito, which colour-blind readers tell apart.
+INK, GREY, BLUE, ORANGE, SKY, PINK = "#1a1a1a", "#8c8c8c", "#0072B2", "#E69F00", "#56B4E9", "#CC79A7"
+
+Floats = NDArray[np.float64]
+
+
+class Picture(Figure):
+    """A figure that notebooks show as a picture, whether or not pyplot is there."""
+
+    def _repr_png_(self) -> bytes:
+        return _content(self, "png")
+
+
+def new_figure(title: str, width: float, height: float) -> Figure:
+    """An empty figure of `width` by `height` [inch]."""
+    figure = Picture(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    if title:
+        figure.suptitle(fill(title, round(15 * width)))
+    return figure
+
+
+def say(figure: Figure, text: str) -> Figure:
+    """A flat figure that says `text` in place of a picture."""
+    figure.set_figheight(1.5)
+    figure.text(0.5, 0.45, text, ha="center", va="center", color=INK)
+    return figure
+
+
+def legend_below(figure: Figure, handles: list[Any]) -> None:
+    """A legend below the panels, in as many columns as fit."""
+    for columns in range(min(6, len(handles)), 0, -1):
+        legend = figure.legend(handles=handles, loc="outside lower center", ncols=columns)
+        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            return
+        legend.remove()
+
+
+def quantity(key: str) -> tuple[str, float]:
+    """Axis label of one of the scene's numbers, and its unit per SI unit."""
+    symbol, words, unit, factor = QUANTITIES.get(key.split("[")[0], (None, key, "SI", 1))
+    name = words if symbol is None else f"{words} ${symbol}$"
+    return f"{name} [{unit}]" if unit else name, float(factor)
+
+
+def save(figure: Figure, path: str | os.PathLike[str]) -> None:
+    """Write `figure`: never half a file.
+
+    Args:
+        figure: Any figure.
+        path: Its suffix says the format: .png (200 dpi), .pdf or .svg.
+
+    Raises:
+        ValueError: The suffix names no format of matplotlib.
+        WriteError: The place cannot be written.
+    """
+    path = Path(path)
+    if not path.suffix:
+        raise ValueError(f"{path}: a picture needs a suffix, such as .png, .pdf or .svg.")
+    write(path, _content(figure, path.suffix[1:].lower()))
+
+
+def _content(figure: Figure, form: str) -> bytes:
+    """What a file of that format holds."""
+    picture = BytesIO()
+    figure.savefig(picture, format=form, dpi=200)
+    return picture.getvalue()

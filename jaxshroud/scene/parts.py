@@ -1,0 +1,57 @@
+"""What the model of a scene consists of, which misprints it keeps, and in which order a sweep goes."""
+
+from typing import Any, Literal, NamedTuple
+
+from jaxshroud.scene.checks import checked, hint, word_argument
+
+MOTIONS = (("x",), ("x", "y"), ("x", "y", "theta"))
+MISPRINTS = ("gap_sign", "friction_components", "M_N2_case1", "M_N1_case2", "M_N1_case4", "levers")
+
+
+def misprints(reading: Any) -> Any:
+    """The misprints kept by a `reading`: "consistent", "printed", the name of one, or several names.
+
+    Raises:
+        ValueError: There is no such misprint.
+    """
+    words = isinstance(reading, str)
+    names = {"consistent": (), "printed": MISPRINTS}.get(reading, (reading,)) if words else reading
+    if not isinstance(names, list | tuple | set | frozenset):
+        raise ValueError('must be "consistent", "printed" or a list of misprints')
+    for name in names:
+        if name not in MISPRINTS:
+            known = (*MISPRINTS, "consistent", "printed") if words else MISPRINTS
+            raise ValueError(f"names the unknown misprint `{name}`{hint(str(name), known)}")
+    return frozenset(names)
+
+
+Neighbour = Literal["blade", "rigid"]
+FrictionLaw = Literal["bilinear", "none"]
+ContactLaw = Literal["spring", "smooth", "none"]
+
+
+@checked
+class Parts(NamedTuple):
+    """What the model of a scene consists of; ValueError for a part that is not known.
+
+    What is left out is not in the compiled program.
+    """
+
+    motion: tuple[str, ...] = ("x", "y", "theta")  # coordinates of a block, see `MOTIONS`
+    neighbour: Neighbour = "blade"  # "rigid": the right block stands still
+    friction: FrictionLaw = "bilinear"
+    contact: ContactLaw = "spring"
+
+    def __check_init__(self):
+        if self.motion not in MOTIONS:
+            raise ValueError(f"`motion` must be one of {', '.join(map(str, MOTIONS))}, but is {self.motion}.")
+        word_argument("neighbour", self.neighbour, Neighbour)
+        word_argument("friction", self.friction, FrictionLaw)
+        word_argument("contact", self.contact, ContactLaw)
+
+    def has(self, coordinate: str, blade: int) -> bool:
+        """Whether a block (0: left, 1: right) moves in a coordinate."""
+        return coordinate in self.motion and (blade == 0 or self.neighbour == "blade")
+
+
+Direction = Literal["independent", "forward", "backward"]

@@ -1,0 +1,140 @@
+"""What stays fixed while a scene runs: blades, shroud, contact, friction, drive and the starting motion."""
+
+import math
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxshroud.scene.motion import AT_REST, Motion
+from jaxshroud.scene.parts import Parts, misprints
+
+Number = Float[Array, ""]
+PerBlade = Float[Array, "2"]  # left blade first
+
+
+def per_blade(value: Any) -> Any:
+    """`value` as one number per blade; a single number means alike blades."""
+    if isinstance(value, tuple | list):
+        return jnp.stack([jnp.asarray(v, dtype=float) for v in value])
+    if isinstance(value, ArrayLike):
+        value = jnp.asarray(value, dtype=float)
+        return jnp.broadcast_to(value, (2,)) if value.ndim == 0 else value
+    return value
+
+
+def scalar(value: Any) -> Any:
+    """`value` as a float array, so that changing it never recompiles."""
+    return jnp.asarray(value, dtype=float) if isinstance(value, ArrayLike) else value
+
+
+def _reading(value: Any) -> Any:
+    try:
+        return misprints(value)
+    except ValueError as error:
+        raise ValueError(f"Argument `reading` = {value!r} {error}") from None
+
+
+class Blades(eqx.Module):
+    """Both blades as lumped masses on springs (Sec. 2.1, Table 1).
+
+    One value per blade: `blades.m[0]` is the paper's m_1. A single number means alike blades.
+    `m_y` differs from `m` only where Eq. (21) is taken literally.
+    """
+
+    m: PerBlade = eqx.field(converter=per_blade)  # mass [kg]
+    I: PerBlade = eqx.field(converter=per_blade)  # moment of inertia about z [kg m^2]
+    k_x: PerBlade = eqx.field(converter=per_blade)  # bending stiffness [N/m]
+    k_y: PerBlade = eqx.field(converter=per_blade)  # bending stiffness [N/m]
+    k_T: PerBlade = eqx.field(converter=per_blade)  # torsion stiffness [N m/rad]
+    c_x: PerBlade = eqx.field(converter=per_blade)  # damping [N s/m]
+    c_y: PerBlade = eqx.field(converter=per_blade)  # damping [N s/m]
+    c_T: PerBlade = eqx.field(converter=per_blade)  # damping [N m s/rad]
+    m_y: PerBlade | None = eqx.field(converter=per_blade, default=None)  # mass in y [kg]; None: m
+
+    @property
+    def inertia_y(self) -> Any:
+        """The mass against motion in y [kg]."""
+        return self.m if self.m_y is None else self.m_y
+
+
+class Shroud(eqx.Module):
+    """The two alike parallelogram blocks and the gap between them (Sec. 2.1, Fig. 2)."""
+
+    alpha: Number = eqx.field(converter=scalar)  # acute angle of the parallelogram [rad]
+    l_oa: Number = eqx.field(converter=scalar)  # side along x [m]
+    l_ab: Number = eqx.field(converter=scalar)  # side along the contact face [m]
+    gap: Number = eqx.field(converter=scalar)  # initial gap Delta along x [m]; negative: interference
+
+
+class Contact(eqx.Module):
+    """The normal spring, given by `k` or by the stiffness ratio `gamma`; the other is None.
+
+    `reading` holds the misprints of the article that are kept: empty is the consistent reading. `width` is asked for
+    by smooth contact alone.
+    """
+
+    k: Number | None = eqx.field(converter=scalar)  # impact stiffness [N/m]
+    gamma: Number | None = eqx.field(converter=scalar)  # k / k_x of the left blade (Sec. 3.1.1)
+    reading: frozenset[str] = eqx.field(static=True, converter=_reading, default=frozenset())
+    width: Number | None = eqx.field(converter=scalar, default=None)  # over which smooth contact sets in [m]
+
+    def __check_init__(self):
+        if (self.k is None) == (self.gamma is None):
+            raise ValueError("Exactly one of `k` and `gamma` must be given.")
+
+
+class Friction(eqx.Module):
+    """The bilinear friction element of Eq. (2). `k_d = 0` or `mu = 0` means no friction."""
+
+    k_d: Number = eqx.field(converter=scalar)  # tangential stiffness [N/m]
+    mu: Number = eqx.field(converter=scalar)  # friction coefficient [-]
+
+
+class Drive(eqx.Module):
+    """Aerodynamic force `Q_i = F_0 sin(omega t + phase)` at angle `beta` to x, and moment `M_0 sin(...)` (Sec. 3.1)."""
+
+    omega: Number = eqx.field(converter=scalar)  # circular frequency, common to both blades [rad/s]
+    beta: PerBlade = eqx.field(converter=per_blade)  # direction of the force [rad]
+    F_0: PerBlade = eqx.field(converter=per_blade)  # force amplitude [N]
+    M_0: PerBlade = eqx.field(converter=per_blade)  # moment amplitude [N m]
+    phase: PerBlade = eqx.field(converter=per_blade)  # the paper's phi_1, phi_2 [rad]
+
+    @property
+    def period(self) -> Number:
+        """Forcing period T = 2 pi / omega [s]."""
+        return 2 * math.pi / self.omega
+
+
+class Scene(eqx.Module):
+    """One physical set-up in SI units; every number is an array leaf, so scenes batch with `jax.vmap`."""
+
+    blades: Blades
+    shroud: Shroud
+    contact: Contact
+    friction: Friction
+    drive: Drive
+    initial: Motion = eqx.field(converter=lambda z: Motion(*map(per_blade, z)), default=AT_REST)
+    parts: Parts = eqx.field(static=True, default=Parts())
+
+    def __check_init__(self):
+        if (self.parts.contact == "smooth") != (self.contact.width is not None):
+            raise ValueError("A `width` must be given for smooth contact, and only for that.")
+        if self.parts.contact == "smooth" and self.contact.reading:
+            raise ValueError("Smooth contact has no misprints: its `reading` must be consistent.")
+
+    @property
+    def k(self) -> Number:
+        """Impact stiffness [N/m], `gamma k_x` of the left blade where `gamma` is given."""
+        if self.contact.k is not None:
+            return self.contact.k
+        assert self.contact.gamma is not None  # Contact has exactly one of them
+        return self.contact.gamma * self.blades.k_x[0]
+
+
+def with_parts(scene: Scene, parts: Parts, width: ArrayLike | None = None) -> Scene:
+    """`scene` with its model made of other parts; smooth contact asks for a `width` [m]."""
+    c = scene.contact
+    contact = Contact(c.k, c.gamma, c.reading, width)  # pyright: ignore[reportArgumentType]
+    return Scene(scene.blades, scene.shroud, contact, scene.friction, scene.drive, scene.initial, parts)

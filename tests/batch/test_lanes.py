@@ -1,0 +1,110 @@
+"""One function of one lane on many lanes: fused into one kernel, or by vmap."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from side_by_side import EXACT, with_parts
+
+from jaxshroud import vary
+from jaxshroud.batch import compiled, lanes
+from jaxshroud.batch.lanes import best, fused, plain
+from jaxshroud.batch.periods import begin_lanes, run_block
+from jaxshroud.batch.runs import starts
+from jaxshroud.march.lane import Fixed, grid
+from jaxshroud.march.march import advance
+from jaxshroud.model.rhs import model
+from jaxshroud.verbs import sweep
+
+LANES = 8
+
+
+def mixed(a, b):
+    """Results of other types and number than the arguments, one argument unused, one passed on."""
+    (x, n), unused = a, b["unused"]
+    del unused
+    return {"big": x > 2, "y": x * b["factor"], "n": n + 1, "x": x, "half": x / 2, "more": -x}
+
+
+def test_fused_returns_what_vmap_does():
+    a = jnp.arange(1.0, 6.0)
+    arguments = (a, jnp.arange(5, dtype=jnp.int32)), {"factor": 3 * a, "unused": a}
+    got, expected = (jax.jit(lambda a, b, each=each: each(mixed, a, b))(*arguments) for each in (fused, plain))
+    jax.tree.map(np.testing.assert_array_equal, got, expected)
+    assert jax.tree.structure(got) == jax.tree.structure(expected)
+
+
+def test_the_fused_way_is_used_on_a_cpu():
+    assert best() is (fused if jax.default_backend() == "cpu" else plain)
+
+
+@pytest.fixture
+def asked_again():
+    """The probes' answers are forgotten, before and after."""
+    for probe in (best, compiled.accepted):
+        probe.cache_clear()
+    yield
+    for probe in (best, compiled.accepted):
+        probe.cache_clear()
+
+
+@pytest.mark.usefixtures("asked_again")
+def test_a_slower_way_is_told_with_its_reason_once(monkeypatch):
+    def refused(*_):
+        raise RuntimeError("no such\nreduction")
+
+    monkeypatch.setattr(lanes, "fused", refused)
+    with pytest.warns(RuntimeWarning, match=r"slower: .*cannot be compiled \(no such reduction\)"):
+        assert best() is plain
+    assert best() is plain  # a second warning would be an error
+
+
+@pytest.mark.usefixtures("asked_again")
+def test_a_kernel_that_computes_other_numbers_is_not_used(monkeypatch):
+    # Only one result of many, the last count, is wrong: three operations would not have shown it.
+    wrong = lambda f, *args: plain(lambda *a: {**(out := f(*a)), "count": out["count"] + 1}, *args)  # noqa: E731
+    monkeypatch.setattr(lanes, "fused", wrong)
+    with pytest.warns(RuntimeWarning, match="other numbers"):
+        assert best() is plain
+
+
+@pytest.mark.usefixtures("asked_again")
+def test_an_option_that_xla_refuses_is_left_out(monkeypatch):
+    monkeypatch.setattr(compiled, "COMPILER", {"xla_no_such_option": 1})
+    doubled = compiled.compiled("by")(lambda a, by: by * a)
+    with pytest.warns(RuntimeWarning, match="XLA refuses .*xla_no_such_option"):
+        assert doubled(jnp.ones(()), by=2) == 2
+    assert doubled(jnp.ones(()), by=3) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "motion"), [("rk4-bisection", ("x",)), ("rk4-cubic", ("x", "y")), ("dopri8-cubic", ("x",))]
+)
+def test_fused_and_plain_trials_agree(table1, name, motion):
+    # Through the first events of eight scenes, to rounding.
+    method, steps, scene = EXACT[name], 100, with_parts(table1, motion=motion)
+    scenes = jax.vmap(lambda gamma: vary(scene, "contact.gamma", gamma))(jnp.linspace(0.3, 8.0, LANES))
+    periods = jnp.broadcast_to(scene.drive.period, LANES)
+    grids = grid(jnp.zeros(LANES), jnp.full(LANES, float(steps)), periods)
+    fixed = Fixed(jax.vmap(model)(scenes), grids, jnp.full(LANES, steps, jnp.int32))
+
+    def trials(each):
+        one = jax.jit(lambda now: advance(now, fixed, method, each))
+        now = begin_lanes(scenes, starts(scenes), method)
+        for _ in range(60):
+            now = one(now)
+        return now
+
+    got, expected = trials(fused), trials(plain)
+    np.testing.assert_array_equal(got.step, expected.step)
+    np.testing.assert_array_equal(got.state.mode, expected.state.mode)
+    assert (got.tally.log.counters.onset_slip + got.tally.log.counters.onset_stick).sum() > 0
+    close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)  # noqa: E731
+    jax.tree.map(close, got.state.motion, expected.state.motion)
+
+
+def test_one_compilation_serves_all_sizes(table1):
+    sweep(table1, {"contact.gamma": [1.0, 2.0]}, n_periods=2, steps_per_period=100)
+    before = run_block.widest._cache_size()
+    sweep(table1, {"shroud.gap": np.linspace(1e-5, 1e-4, 70)}, n_periods=3, transient=1, steps_per_period=120)
+    assert run_block.widest._cache_size() == before

@@ -1,0 +1,438 @@
+"""What the command line makes of wrong input, and what its files hold."""
+
+import json
+import sys
+import tomllib
+
+import jax
+import numpy as np
+import pytest
+import xarray as xr
+
+from jaxshroud import shipped, simulate
+from jaxshroud.cli import commands as cli
+from jaxshroud.march.method import FAST
+from jaxshroud.scene.checks import NumericalError
+from jaxshroud.scene.config import load, parse
+from jaxshroud.verbs import sweep
+
+SMALL = ["--set", 'model.motion=["x"]']  # a model that is compiled quickly
+
+
+def refused(capsys, *arguments):
+    """The one line that a wrong command leaves on standard error, with exit status 2."""
+    assert cli.main([str(a) for a in arguments]) == 2
+    error = capsys.readouterr().err.strip()
+    assert "\n" not in error
+    return error
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """One trajectory of 3 periods, and one of 2 with its continuation."""
+    out = tmp_path_factory.mktemp("runs")
+    base = ["simulate", "fig10d", "--steps-per-period", "200", "--every", "2"]
+    assert cli.main([*base, "--periods", "3", "--out", str(out / "long.nc")]) == 0
+    assert cli.main([*base, "--periods", "2", "--out", str(out / "first.nc")]) == 0
+    assert cli.main([*base, "--periods", "1", "--from", str(out / "first.nc"), "--out", str(out / "second.nc")]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    """A sweep of five values with one lane that leaves the angle range."""
+    out = tmp_path_factory.mktemp("sweep") / "new" / "dir"
+    words = [
+        "sweep",
+        "table1",
+        "--along",
+        "drive.M_0",
+        "--values",
+        "20,60,100,3000,110",
+        "--periods",
+        "4",
+        "--transient",
+        "2",
+    ]
+    assert cli.main([*words, "--transient", "2", "--steps-per-period", "200", "--ledger", "--out", str(out)]) == 0
+    return out
+
+
+def test_trajectory_file(stored):
+    ds = xr.open_dataset(stored / "long.nc")
+    assert dict(ds.sizes) == {"time": 301, "blade": 2}
+    assert ds["x"].dims == ("time", "blade")
+    assert ds["mode"].dims == ("time",)
+    T = 2 * np.pi / ds.attrs["omega"]
+    np.testing.assert_allclose(ds["time"], np.arange(301) * T / 100, rtol=1e-12)
+    assert np.all(ds["x"].isel(time=0) == 0)
+    apart = ds["mode"] == 0
+    assert np.all(np.isnan(ds["u_s"]) == apart)
+    assert np.all((ds["case"] == 0) == apart)
+    assert ds["x"].attrs["units"] == "m"
+    assert ds.attrs["status"] == 0
+    assert tomllib.loads(ds.attrs["scene"])["contact"]["gamma"] == 7.5
+
+
+def test_a_run_goes_on_from_a_file(stored):
+    whole, second = (xr.open_dataset(stored / f"{n}.nc") for n in ("long", "second"))
+    tail = whole.isel(time=slice(200, None))
+    # The same arithmetic, but for the drive's phase being rebuilt from the file.
+    np.testing.assert_allclose(second["x"], tail["x"], rtol=0, atol=1e-12 * float(np.abs(whole["x"]).max()))
+    np.testing.assert_allclose(second["time"], tail["time"], rtol=1e-12)
+    np.testing.assert_array_equal(second["mode"], tail["mode"])
+    np.testing.assert_allclose(second["u_s"], tail["u_s"], rtol=0, atol=1e-12 * float(np.abs(whole["x"]).max()))
+
+
+def test_sweep_files(swept):
+    ds = xr.open_dataset(swept / "sweep.nc")
+    assert dict(ds.sizes) == {"M_0": 5, "period": 4, "blade": 2}
+    assert ds["period"].to_numpy().tolist() == [3, 4, 5, 6]
+    assert ds["status"].to_numpy().tolist() == [0, 0, 0, 3, 0]
+    assert "ANGLE_OUT_OF_RANGE" in ds["status"].attrs["flag_meanings"]
+    assert ds["x"].dims == ("M_0", "period", "blade")
+    assert {"P", "P_0", "P_d", "P_d_ci", "P_d_settled", "period_number", "settled", "energy_residual"} <= set(ds)
+    assert {"time_apart", "onset_slip", "onset_stick", "grazing", "switch_14"} <= set(ds)
+    assert json.loads((swept / "summary.json").read_text())["status"] == {"OK": 4, "ANGLE_OUT_OF_RANGE": 1}
+    assert sorted(p.name for p in swept.iterdir()) == ["summary.json", "sweep.nc", "sweep.png"]
+
+
+def test_samples_at_a_phase_lie_on_the_trajectory(tmp_path):
+    words = "sweep fig10d --along contact.gamma --values 7.5,2.5 --periods 2 --transient 0 --steps-per-period 200"
+    assert cli.main([*words.split(), "--phase", str(np.pi / 2), "--out", str(tmp_path / "s")]) == 0
+    ds = xr.open_dataset(tmp_path / "s" / "sweep.nc")
+    run = simulate(load("fig10d").scene, n_periods=3, steps_per_period=200, method=FAST)
+    # the lead-in has the same steps, so only rounding differs, amplified over 2 periods
+    np.testing.assert_allclose(ds["x"][0], run.motion.x[[250, 450]], rtol=1e-8)
+
+
+def test_continuation_starts_from_the_neighbour(tmp_path):
+    words = "sweep fig10a --along contact.gamma --values 0.3,0.4 --periods 2 --transient 1 --steps-per-period 200"
+    for direction in ("forward", "backward"):
+        assert cli.main([*words.split(), "--direction", direction, "--out", str(tmp_path / direction)]) == 0
+    forward, backward = (xr.open_dataset(tmp_path / d / "sweep.nc")["x"] for d in ("forward", "backward"))
+    a, b = (load("fig10a", [f"contact.gamma={g}"]).scene for g in (0.3, 0.4))
+    first = simulate(a, n_periods=3, steps_per_period=200)
+    then = simulate(b, first.last, n_periods=3, steps_per_period=200)
+    np.testing.assert_allclose(forward[0], first.motion.x[[400, 600]], rtol=1e-8)
+    np.testing.assert_allclose(forward[1], then.motion.x[[400, 600]], rtol=1e-8)
+    np.testing.assert_allclose(
+        backward[1], simulate(b, n_periods=3, steps_per_period=200).motion.x[[400, 600]], rtol=1e-8
+    )
+
+
+def test_plot_does_not_simulate(stored, swept, monkeypatch, capsys):
+    monkeypatch.setattr("jaxshroud.batch.runs.run_block", None)
+    monkeypatch.setattr("jaxshroud.verbs.simulate._samples", None)
+    for source, picture in ((swept, swept / "sweep.png"), (stored / "long.nc", stored / "long.png")):
+        before = picture.stat().st_mtime_ns if picture.exists() else 0
+        assert cli.main(["plot", str(source)]) == 0
+        assert picture.stat().st_mtime_ns > before
+
+
+def test_scenes_are_listed_one_a_line(capsys):
+    assert cli.main(["scenes"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(shipped())
+
+
+@pytest.mark.parametrize("verb", ["simulate", "sweep", "power", "plot", "scenes"])
+def test_help_has_an_example(verb, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main([verb, "--help"])
+    assert stop.value.code == 0
+    assert "example:" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("simulate nothing --out a.nc", ("nothing", "no such file or shipped scene")),
+        ("simulate table1 --set friction.kd=1 --out a.nc", ("[friction] has no key `kd`", "`k_d`")),
+        ("simulate table1 --set blades.m=-1 --out a.nc", ("[blades] m", "greater than 0")),
+        ("simulate table1 --set shroud.gap=nan --out a.nc", ("[shroud] gap", "finite")),
+        ("simulate table1 --periods 0 --out a.nc", ("--periods", "at least 1")),
+        ("simulate table1 --steps-per-period 5 --out a.nc", ("table1", "omega_max h", "use at least")),
+        ("simulate table1 --out a.txt", ("a.txt", ".nc")),
+        ("simulate table1 --out no/such/a.nc", ("no/such", "make it first")),
+        ("sweep table1 --along contact.gama --values 1,2 --out s", ("contact.gama", "`contact.gamma`")),
+        ("sweep table1 --along contact.gamma --values 1 --out s", ("contact.gamma", "at least two")),
+        ("sweep table1 --along contact.gamma --start 1 --stop 2 --num 1 --out s", ("at least two",)),
+        ("sweep table1 --along contact.gamma --start 1 --stop 2 --num x --out s", ("--num", "whole number")),
+        ("sweep table1 --values 1,2 --out s", ("--values", "--along KEY before it")),
+        ("sweep table1 --out s", ("[sweep] is missing", "--along")),
+        ("sweep fig09 --phase 7 --out s", ("--phase", "[0, 2 pi)")),
+        ("power table1 --tolerance 0 --out s", ("--tolerance", "positive")),
+        ("plot nothing", ("nothing", "no such file")),
+        ("simulate table1 --accuracy superb --out a.nc", ("--accuracy", "fast, balanced, reference")),
+        ("simulate table1 --accuracy fast --tableau rk4 --out a.nc", ("--accuracy chooses --tableau itself",)),
+        ("simulate table1 --set drive.omega=1e-3 --steps-per-period auto --out a.nc", ("auto", "too slow")),
+        ("simulate table1 --set model.contact=smooth --out a.nc", ("[contact] lacks `width`",)),
+        ("simulate table1 --set contact.width=1e-6 --out a.nc", ("[contact] width is for smooth contact",)),
+        ("simulate table1 --set model.fricton=none --out a.nc", ("[model]", "`friction`")),
+        ("sweep table1 --along contact.width --values 1e-6,2e-6 --out s", ("contact.width", "not smooth")),
+        ("plot .", ("neither sweep.nc nor power.json",)),
+        ("simulate", ("SCENE", "--help")),
+    ],
+)
+def test_wrong_input_is_one_line(words, told, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    error = refused(capsys, *words.split())
+    assert all(t in error for t in told), error
+    assert list(tmp_path.glob("*.nc")) == []
+
+
+def test_results_are_kept_unless_forced(stored, swept, capsys):
+    assert "--force" in refused(capsys, "simulate", "table1", "--out", stored / "long.nc")
+    assert "--force" in refused(capsys, "sweep", "fig09", "--out", swept)
+
+
+def test_damaged_files_are_named(stored, tmp_path, capsys):
+    half = tmp_path / "half.nc"
+    data = (stored / "long.nc").read_bytes()
+    half.write_bytes(data[: len(data) // 2])
+    for words in (["plot", half], ["simulate", "table1", "--from", half, "--out", tmp_path / "a.nc"]):
+        assert "half.nc: not a complete result file" in refused(capsys, *words)
+    (tmp_path / "power.json").write_text('{"n": [1, 2')
+    assert "power.json: cannot be read" in refused(capsys, "plot", tmp_path)
+
+
+def test_a_failed_write_leaves_nothing(tmp_path, capsys, monkeypatch):
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", fail)
+    words = ["simulate", "fig10d", "--steps-per-period", "200", "--every", "2", "--periods", "1"]
+    assert cli.main([*words, "--out", str(tmp_path / "a.nc")]) == 1
+    assert "No space left" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_power_files(tmp_path, capsys):
+    words = ["power", "fig10a", "--transient", "40", "--periods", "64", "--steps-per-period", "200"]
+    assert cli.main([*words, "--out", str(tmp_path)]) == 0
+    data = json.loads((tmp_path / "power.json").read_text())
+    assert data["final"]["stable"]
+    assert data["n"][-1] == data["final"]["n"] == 64
+    assert data["P_d"][-1] == pytest.approx(data["final"]["P_d"], rel=1e-12)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["power.json", "power.png"]
+
+
+def test_methods_by_name(tmp_path):
+    words = ["sweep", "table1", "--along", "contact.gamma", "--values", "1,2.5", "--transient", "0", "--periods", "2"]
+    words += ["--steps-per-period", "200", *SMALL]
+    methods = {
+        "rk4, events by cubic, float64": [],
+        "dopri8, events by bisection, float64": ["--tableau", "dopri8", "--locate", "bisection"],
+        "tsit5, events by cubic, float32": ["--tableau", "tsit5", "--precision", "float32"],
+    }
+    swept = []
+    for i, (label, options) in enumerate(methods.items()):
+        assert cli.main([*words, *options, "--out", str(tmp_path / f"{i}")]) == 0
+        swept.append(xr.open_dataset(tmp_path / f"{i}" / "sweep.nc"))
+        assert swept[-1].attrs["method"] == label
+        assert swept[-1].attrs["steps_per_period"] == 200
+        assert "energy_residual" not in swept[-1]
+    for other in swept[1:]:  # RK4's error at 200 steps is 3e-5 of the state
+        np.testing.assert_allclose(other["x"], swept[0]["x"], rtol=0, atol=1e-3 * float(np.abs(swept[0]["x"]).max()))
+        np.testing.assert_allclose(other["P_d"], swept[0]["P_d"], rtol=1e-3)
+
+
+def test_each_method_has_its_own_limit_of_stability(tmp_path, capsys):
+    # omega_max h = 3.6: beyond RK4's 2.84, within Dormand-Prince 8's 4.09.
+    words = f"simulate table1 --periods 1 --steps-per-period 25 --out {tmp_path / 'run.nc'}".split()
+    assert "is unstable" in refused(capsys, *words)
+    assert cli.main([*words, "--tableau", "dopri8"]) == 0
+
+
+def test_float64_is_not_lost_silently(table1):
+    single = jax.tree.map(lambda a: a.astype("float32"), table1)
+    with pytest.raises(ValueError, match="Float64 is asked for"):
+        sweep(single, {"contact.gamma": [1.0, 2.0]}, n_periods=1)
+    with pytest.raises(ValueError, match="steps_per_period"):
+        sweep(table1, {"contact.gamma": [1.0]}, n_periods=1, steps_per_period=4)
+
+
+def test_gradient_command(tmp_path, capsys):
+    out = tmp_path / "gradient.json"
+    words = ["gradient", "fig10b", "--wrt", "shroud.gap,contact.gamma", "--check", "--out", str(out)]
+    assert cli.main(words) == 0
+    told = capsys.readouterr().out
+    for part in ("periodic", "dP_d/d shroud.gap", "nearest bifurcation", "step 1e-05", "slowest onset", "onset_slip"):
+        assert part in told
+    data = json.loads(out.read_text())
+    assert data["kind"] == "periodic"
+    assert data["flags"] == []
+    assert data["orbit"]["period_number"] == 1
+    assert len(data["orbit"]["multipliers"]) == 13
+    assert max(data["check"]["relative_error"].values()) < 1e-7
+    assert "exists" in refused(capsys, *words)
+
+
+def test_gradient_command_in_chaos(tmp_path, capsys):
+    out = tmp_path / "gradient.json"
+    small = ["--pairs", "8", "--periods", "16", "--transient", "16", "--steps-per-period", "200"]
+    scene = ["gradient", "table1", "--set", "contact.gamma=5.5"]
+    assert cli.main([*scene, *small, "--wrt", "contact.gamma", "--check", "--out", str(out)]) == 0
+    data = json.loads(out.read_text())
+    assert data["kind"] == "smoothed"
+    assert "aperiodic" in data["flags"]
+    assert data["ci"]["contact.gamma"] > 0
+    assert data["check"] == {}
+    assert "no check" in capsys.readouterr().err
+
+
+def test_gradient_command_refuses(tmp_path, capsys):
+    out = ["--out", tmp_path / "g.json"]
+    assert "no number called 'shroud.gaps'" in refused(capsys, "gradient", "fig10b", "--wrt", "shroud.gaps", *out)
+    for sigma in ("0", "-1", "nan", "inf"):
+        assert "--sigma" in refused(capsys, "gradient", "fig10b", "--wrt", "shroud.gap", f"--sigma={sigma}", *out)
+
+
+@pytest.mark.parametrize("tolerance", ["nan", "-1e-3"])
+def test_tolerances_are_numbers(tmp_path, capsys, tolerance):
+    words = ["sweep", "fig09", "--out", tmp_path / "made", f"--period-tol={tolerance}"]
+    assert "--period-tol must be a number of at least 0" in refused(capsys, *words)
+
+
+def test_tune_command(tmp_path, capsys):
+    out = tmp_path / "tuned"
+    words = ["tune", "table1", *SMALL, "--steps-per-period", "100", "--periods", "16"]
+    words += ["--transient", "32", "--over", "shroud.gap=5um:0.2mm", "--over", "contact.gamma=0.1:10"]
+    words += ["--range", "drive.F_0=40,60", "--scan", "8", "--starts", "2", "--updates", "2", "--map", "4"]
+    assert cli.main([*words, "--most-force", "1kN", "--out", str(out)]) == 0
+    told = capsys.readouterr().out
+    for part in ("mean P_d", "half the step", "four times as long", "another start, 3", "verdict"):
+        assert part in told
+    data = json.loads((out / "tune.json").read_text())
+    assert 5e-6 <= data["design"]["shroud.gap"] <= 2e-4
+    assert data["most_force"] == 1000
+    assert np.shape(data["map"]["objective"]) == (4, 4)
+    assert (out / "tune.png").stat().st_size > 10_000
+    best = load(out / "best.toml").scene
+    assert float(best.shroud.gap) == data["design"]["shroud.gap"]
+    run = load(out / "best.toml").run
+    assert (run.periods, run.transient, run.steps_per_period) == (16, 32, 100)
+    assert data["feasible"]
+    assert "infeasible" not in told
+    assert "exists" in refused(capsys, *words, "--out", out)
+
+
+def test_tune_command_without_a_map(tmp_path, capsys):
+    out = tmp_path / "tuned"
+    words = ["tune", "table1", *SMALL, "--accuracy", "1e-4", "--periods", "8"]
+    words += ["--transient", "8", "--over", "friction.mu=0:1", "--scan", "4", "--starts", "1", "--updates", "1"]
+    assert cli.main([*words, "--goal", "worst", "--most-force", "1e-9N", "--out", str(out)]) == 0
+    told = capsys.readouterr()
+    assert told.out.splitlines()[1].startswith("infeasible")
+    data = json.loads((out / "tune.json").read_text())
+    assert data["map"] is None
+    assert next(iter(data)) == "feasible"
+    assert not data["feasible"]
+    # The steps are those of the accuracy, by the stiffest design.
+    assert f"{data['steps_per_period']} steps" in told.err
+    assert "float64" in data["method"]
+    assert (out / "tune.png").exists()
+
+
+def test_tune_command_refuses(tmp_path, capsys):
+    out = ["--out", tmp_path / "tuned"]
+    assert "KEY=LOW:HIGH" in refused(capsys, "tune", "table1", "--over", "shroud.gap=1e-5", *out)
+    assert "KEY=A,B,C" in refused(
+        capsys, "tune", "table1", "--over", "shroud.gap=1e-5:1e-4", "--range", "drive.F_0", *out
+    )
+    assert "no number" in refused(capsys, "tune", "table1", "--over", "shroud.gaps=1:2", *out)
+    assert "in order" in refused(capsys, "tune", "table1", "--over", "shroud.gap=1e-4:1e-5", *out)
+    assert "positive" in refused(capsys, "tune", "table1", "--over", "shroud.gap=1e-5:1e-4", "--most-force=-1", *out)
+
+
+def test_accuracy_is_chosen_printed_and_stored(tmp_path, capsys):
+    words = [
+        "sweep",
+        "table1",
+        "--along",
+        "contact.gamma",
+        "--values",
+        "0.5,2,4",
+        "--periods",
+        "4",
+        "--accuracy",
+        "1e-6",
+        *SMALL,
+    ]
+    assert cli.main([*words, "--transient", "2", "--out", str(tmp_path / "s")]) == 0
+    told = capsys.readouterr()
+    assert "accuracy 1e-06: dopri8" in told.err
+    summary = json.loads((tmp_path / "s" / "summary.json").read_text())
+    assert "accuracy 1e-06: dopri8" in summary["accuracy"]
+    with xr.open_dataset(tmp_path / "s" / "sweep.nc", engine="h5netcdf") as ds:
+        assert ds["inaccurate"].to_numpy().tolist() == [0, 0, 0]
+        assert ds["inaccurate"].attrs["accuracy"] == 1e-6
+
+
+def test_automatic_steps_are_printed(tmp_path, capsys):
+    words = ["simulate", "table1", "--periods", "1", "--steps-per-period", "auto"]
+    assert cli.main([*words, "--out", str(tmp_path / "a.nc")]) == 0
+    assert "steps_per_period = 455, by the stiffness of the scene" in capsys.readouterr().err
+
+
+def test_explain_tells_what_is_left_out(capsys):
+    assert cli.main(["explain", "table1", "--set", 'model.motion=["x", "y"]', "--set", "friction.mu=0"]) == 0
+    told = capsys.readouterr().out
+    assert "motion: ('x', 'y')" in told
+    assert "of the full" in told
+    assert 'friction = "none" gives the same motion' in told
+    assert cli.main(["explain", "table1", "--set", "model.contact=none"]) == 0
+    assert "closed form" in capsys.readouterr().out
+
+
+def test_trade_files(tmp_path, capsys, monkeypatch):
+    from jaxshroud.verbs import trade
+
+    short = {contact: ways[:2] for contact, ways in trade.SETTINGS.items()}
+    monkeypatch.setattr(trade, "SETTINGS", short)
+    words = ["trade", "table1", "--lanes", "8", "--periods", "4", "--transient", "4", *SMALL]
+    words += ["--set", "model.friction=none"]
+    assert cli.main([*words, "--out", str(tmp_path)]) == 0
+    assert "none reaches it" in capsys.readouterr().out
+    data = json.loads((tmp_path / "trade.json").read_text())
+    assert [row["kind"] for row in data["settings"]] == ["rk4", "rk4"]
+    assert any(row["front"] for row in data["settings"])
+    assert (tmp_path / "trade.png").stat().st_size > 10_000
+    assert cli.main([*words, "--set", "model.contact=none", "--out", str(tmp_path / "free")]) == 0
+    assert "closed form" in capsys.readouterr().out
+    assert (tmp_path / "free" / "trade.png").stat().st_size > 10_000
+
+
+def test_the_model_of_a_scene_is_kept_in_its_file(tmp_path):
+    file = load("table1", ['model.motion=["x"]', "model.friction=none"])
+    again = parse(file.text(), "again")
+    assert again.scene.parts == file.scene.parts
+    assert file.scene.parts.motion == ("x",)
+
+
+@pytest.mark.parametrize(
+    ("fails", "error"),
+    [
+        ("gradient", np.linalg.LinAlgError("Singular matrix")),
+        ("gradient", NumericalError("The march stops in this scene; there is nothing to differentiate.")),
+        ("tune", np.linalg.LinAlgError("SVD did not converge")),
+    ],
+)
+def test_a_numerical_failure_is_no_wrong_input(fails, error, tmp_path, capsys, monkeypatch):
+    def failing(*_, **__):
+        raise error
+
+    monkeypatch.setattr(sys.modules[f"jaxshroud.verbs.{fails}"], fails, failing)
+    words = {"gradient": ["--wrt", "shroud.gap"], "tune": ["--over", "shroud.gap=1e-5:1e-4"]}[fails]
+    assert cli.main([fails, "table1", *words, "--out", str(tmp_path / "out.json")]) == 1
+    assert capsys.readouterr().err == f"numerical failure: {error}\n"
+
+
+def test_a_scene_that_stops_is_a_numerical_failure(tmp_path, capsys):
+    # Two blocks turned beyond their angle range within the first period.
+    words = ["gradient", "fig10b", "--set", "drive.M_0=3000", "--wrt", "shroud.gap"]
+    assert cli.main([*words, "--out", str(tmp_path / "g.json")]) == 1
+    assert capsys.readouterr().err == (
+        "numerical failure: The march stops in this scene; there is nothing to differentiate.\n"
+    )

@@ -1,0 +1,228 @@
+"""Ctrl-C, by real signals to real processes: what ends, what is kept and what is said."""
+
+import gc
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import jax
+import numpy as np
+import pytest
+import xarray as xr
+
+from jaxshroud import Interrupted, Status, load
+from jaxshroud.batch.threads import in_threads
+from jaxshroud.cli import commands as cli
+from jaxshroud.cli.keyboard import interruptible
+from jaxshroud.verbs import sweep
+
+SMALL = ["--set", 'model.motion=["x"]']
+LONG = ["sweep", "table1", *SMALL, "--along", "contact.gamma", "--start", "1", "--stop", "8", "--num", "20000"]
+LONG += ["--transient", "10", "--periods", "10"]
+# The command, with a word on standard output after every block instead of a bar.
+COMMAND = """
+import sys, time
+from contextlib import contextmanager
+from jaxshroud import cli
+import jaxshroud_command
+
+@contextmanager
+def told(unit):
+    yield lambda done, total: (print(done, flush=True), time.sleep({pause}))
+
+cli.progress_bar = told
+sys.exit(jaxshroud_command.main())
+"""
+LIBRARY = """
+import jax
+jax.config.update("jax_enable_x64", True)
+import numpy as np
+import jaxshroud as js
+scene = js.load("table1", ['model.motion=["x"]']).scene
+values = np.linspace(1, 2, 20000)
+try:
+    js.sweep(scene, {"contact.gamma": values}, n_periods=20, progress=lambda *n: print(*n, flush=True))
+except js.Interrupted as stopped:
+    print("OK", (stopped.done.status == js.Status.OK).sum())
+"""
+# The console script, where the import of JAX never ends.
+IMPORTING = """
+import sys, time
+class Slow:
+    def find_spec(self, name, *_):
+        if name == "jax":
+            print("importing", flush=True)
+            time.sleep(600)
+sys.meta_path.insert(0, Slow())
+import jaxshroud_command
+jaxshroud_command.main()
+"""
+
+HEEDING = (
+    "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"  # also where tests run under nohup
+)
+
+
+@pytest.fixture(autouse=True)
+def heeding():
+    """Ctrl-C means something to this process, even under nohup."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def begun(code, *words):
+    """A process that runs `code`, Ctrl-C being heeded."""
+    cache = {"JAX_COMPILATION_CACHE_DIR": cache} if (cache := jax.config.jax_compilation_cache_dir) else {}
+    pipe = subprocess.PIPE
+    return subprocess.Popen(
+        [sys.executable, "-c", HEEDING + code, *map(str, words)],
+        stdout=pipe,
+        stderr=pipe,
+        text=True,
+        env=os.environ | cache,
+    )
+
+
+def until(process, done):
+    """Read the process's words until as many lane-periods are done."""
+    for line in process.stdout:
+        if int(line.split()[0]) >= done:
+            return
+    raise AssertionError(process.stderr.read())
+
+
+def ended(process):
+    """Exit status and standard error; the limit only catches a process that hangs."""
+    told = process.communicate(timeout=600)
+    return process.returncode, told[1]
+
+
+def test_an_interrupted_sweep_keeps_the_lanes_that_had_ended(tmp_path, capsys):
+    out = tmp_path / "s"
+    process = begun(COMMAND.format(pause=0), *LONG, "--out", out)
+    until(process, 20 * 64 * 20)  # chunks of 64 lanes, two or more at a time
+    process.send_signal(signal.SIGINT)
+    status, error = ended(process)
+    assert status == 130
+    assert error.startswith("interrupted; ")
+    assert "lanes that had ended" in error
+    assert error.count("\n") == 1
+    with xr.open_dataset(out / "sweep.nc", engine="h5netcdf") as ds:
+        assert ds.attrs["complete"] == 0
+        lanes = ds["status"].to_numpy()
+        assert set(lanes) == {Status.OK, Status.NOT_RUN}
+        assert f"the {(lanes == Status.OK).sum()} of 20000" in error
+        np.testing.assert_array_equal(np.isfinite(ds["P_d"]), lanes == Status.OK)
+        np.testing.assert_array_equal(np.isfinite(ds["x"]).all(("period", "blade")), lanes == Status.OK)
+        assert ds["status"].attrs["flag_meanings"].endswith("NOT_RUN")
+    assert json.loads((out / "summary.json").read_text())["status"]["NOT_RUN"] == (lanes == Status.NOT_RUN).sum()
+    assert sorted(p.name for p in out.iterdir()) == ["summary.json", "sweep.nc"]
+
+
+def test_a_second_interrupt_ends_the_process_at_once(tmp_path):
+    # The first waits for a thread that never ends.
+    process = begun(COMMAND.format(pause=600), *LONG, "--out", tmp_path / "s")
+    until(process, 1)
+    while process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.2)
+    assert ended(process) == (130, "interrupted; nothing was written\n")
+
+
+def test_the_library_interrupted_ends_without_a_fault():
+    process = begun(LIBRARY)
+    until(process, 20 * 64 * 20)
+    process.send_signal(signal.SIGINT)
+    told, error = process.communicate(timeout=600)
+    assert (process.returncode, error) == (0, "")
+    assert int(told.splitlines()[-1].removeprefix("OK ")) >= 64
+
+
+def test_an_interrupt_during_imports_is_one_line():
+    process = begun(IMPORTING)
+    assert process.stdout.readline() == "importing\n"
+    process.send_signal(signal.SIGINT)
+    assert ended(process) == (130, "interrupted; nothing was written\n")
+
+
+def test_an_interrupt_that_python_must_ignore_is_repeated():
+    calls = []
+
+    def collected(*_):
+        calls.append(1)
+        if len(calls) == 1:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)  # handled, and ignored, within the callback
+
+    def collect():
+        with interruptible(lambda: calls.append("left")):
+            gc.collect()
+            time.sleep(60)
+
+    gc.callbacks.append(collected)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            collect()
+    finally:
+        gc.callbacks.remove(collected)
+    assert "left" not in calls
+
+
+def test_what_was_written_before_an_interrupt_is_told(tmp_path, capsys, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "draw_dataset", interrupted)
+    words = ["sweep", "table1", *SMALL, "--along", "contact.gamma", "--values", "1,2", "--periods", "2"]
+    assert cli.main([*words, "--out", str(tmp_path)]) == 130
+    assert capsys.readouterr().err == f"interrupted; {tmp_path / 'sweep.nc'} was written\n"
+    with xr.open_dataset(tmp_path / "sweep.nc", engine="h5netcdf") as ds:
+        assert ds.attrs["complete"] == 1
+
+
+@pytest.mark.parametrize("direction", ["forward", "backward"])
+def test_a_continued_sweep_keeps_the_rows_that_had_ended(direction):
+    scene, rows = load("table1", ['model.motion=["x"]']).scene, np.linspace(1.0, 2.0, 64)
+
+    def stop(done, total):
+        if done > total / 2:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    along = {"contact.gamma": rows, "drive.F_0": [40.0, 60.0]}
+    with pytest.raises(Interrupted) as stopped:
+        sweep(scene, along, n_periods=2, steps_per_period=100, direction=direction, progress=stop)
+    status = stopped.value.done.status
+    assert status.shape == (64, 2)
+    assert set(status.ravel()) == {Status.OK, Status.NOT_RUN}
+    first, last = (status[0, 0], status[-1, 0]) if direction != "backward" else (status[-1, 0], status[0, 0])
+    assert (first, last) == (Status.OK, Status.NOT_RUN)
+
+
+def test_a_failure_in_one_thread_is_raised_and_ends_the_others():
+    ends = []
+
+    def run(check, i):
+        if i == 0:
+            raise RuntimeError("the first")
+        while True:
+            time.sleep(0.01)
+            try:
+                check()
+            except BaseException:
+                ends.append(i)
+                raise
+
+    with pytest.raises(RuntimeError, match="the first"):
+        in_threads(run, [1, 0, *range(2, 100)])
+    assert set(ends) <= {1, 2}
+
+
+def test_threads_have_the_settings_of_their_caller():
+    read = lambda check, _: (jax.config.jax_enable_x64, str(jax.config.jax_numpy_dtype_promotion.value))  # noqa: E731
+    assert in_threads(read, range(3)) == [(True, "strict")] * 3
+    with jax.enable_x64(False), jax.numpy_dtype_promotion("standard"):
+        assert in_threads(read, range(3)) == [(False, "standard")] * 3

@@ -1,0 +1,130 @@
+"""The blades' closed-form response without contact, and its power."""
+
+import exact
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import j0
+
+from jaxshroud.model.linear import area, free_power, steady_amplitudes
+from jaxshroud.scene.vary import vary
+
+UNEQUAL = {
+    "blades.m[1]": 0.11,
+    "blades.I": (2.46e-5, 3e-3),
+    "blades.c_x[1]": 9.0,
+    "blades.c_T": (0.05, 0.9),
+    "blades.k_T[1]": 900.0,
+    "drive.beta": (0.7, -2.1),
+    "drive.F_0[1]": 35.0,
+    "drive.phase": (0.4, 2.9),
+}
+
+
+@pytest.fixture(scope="module")
+def unequal(table1):
+    """Two different blades, one of them also with an inertia in y of its own."""
+    varied = table1
+    for key, value in (UNEQUAL | {"blades.m_y": (10.4, 0.3)}).items():
+        varied = vary(varied, key, jnp.asarray(value))
+    return varied
+
+
+def samples(scene, n: int) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Displacement, velocity and acceleration (2, n) of the closed form over one drive period."""
+    omega = float(scene.drive.omega)
+    turn = np.exp(2j * np.pi * np.arange(n) / n)
+    free = steady_amplitudes(scene)._asdict()
+    return {
+        name: tuple(np.imag((1j * omega) ** order * np.outer(amplitude, turn)) for order in range(3))
+        for name, amplitude in free.items()
+    }
+
+
+def loads(scene, n: int) -> dict[str, np.ndarray]:
+    """The drive's forces and moment over one period, Sec. 3.1."""
+    d = scene.drive
+    wave = np.sin(2 * np.pi * np.arange(n) / n + np.asarray(d.phase)[:, None])
+    amplitudes = {"x": d.F_0 * np.cos(d.beta), "y": d.F_0 * np.sin(d.beta), "theta": d.M_0}
+    return {name: np.asarray(amplitude)[:, None] * wave for name, amplitude in amplitudes.items()}
+
+
+def residual(scene, inertia_y) -> float:
+    """Largest violation of Eq. (1), relative to the load."""
+    b, n = scene.blades, 40
+    coefficients = {"x": (b.m, b.c_x, b.k_x), "y": (inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}
+    found, wanted = samples(scene, n), loads(scene, n)
+    worst = 0.0
+    for name, values in coefficients.items():
+        m, c, k = (np.asarray(value)[:, None] for value in values)
+        place, velocity, acceleration = found[name]
+        worst = max(worst, exact.furthest(m * acceleration + c * velocity + k * place, wanted[name]))
+    return worst
+
+
+def test_the_steady_response_satisfies_equation_1(unequal):
+    assert residual(unequal, unequal.blades.m_y) < 1e-13  # a division and a dozen products
+    # Control: with m for the inertia in y it does not.
+    assert residual(unequal, unequal.blades.m) > 0.01
+
+
+def test_an_inertia_in_y_that_is_not_given_is_the_mass(table1):
+    assert table1.blades.m_y is None
+    assert residual(table1, table1.blades.m) < 1e-13
+
+
+def block_points(scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gauss-Legendre points (X, Y) of the parallelogram and their weights, exact for (23)'s polynomial in X, Y."""
+    s = scene.shroud
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    along, up = (grid.ravel() / 2 for grid in np.meshgrid(nodes, nodes))  # from -1/2 to 1/2 of either side
+    alpha, l_oa, l_ab = float(s.alpha), float(s.l_oa), float(s.l_ab)
+    X, Y = along * l_oa + up * l_ab * np.cos(alpha), up * l_ab * np.sin(alpha)
+    return X, Y, np.outer(weights, weights).ravel() / 4 * l_oa * l_ab * np.sin(alpha)
+
+
+def power_by_quadrature(scene, sign_y: float, n: int = 64) -> np.ndarray:
+    """Eqs. (22), (23) over time and area as they stand; `sign_y` is the sign in r_LY, printed +, rigid -."""
+    X, Y, weights = block_points(scene)
+    motion = samples(scene, n)
+    x, y, theta = (motion[name][0][:, :, None] for name in ("x", "y", "theta"))
+    rho, varphi = np.hypot(X, Y), np.arctan2(Y, X)
+    r_LX = x + 2 * rho * np.sin(theta / 2) * np.sin(varphi - theta / 2)
+    r_LY = y + sign_y * 2 * rho * np.sin(theta / 2) * np.cos(varphi - theta / 2)
+    return np.mean((r_LX**2 + r_LY**2) @ weights, axis=1)
+
+
+@pytest.mark.parametrize("M_0", [0.0, 1.0, 100.0, 3000.0])
+def test_free_power_is_the_quadrature_over_time_and_area(unequal, M_0):
+    # 3,000 N m turns the blocks by several radians: the closed form is not one of small angles.
+    scene = vary(unequal, "drive.M_0", M_0)
+    for sign_y in (-1.0, 1.0):  # the misprint in (22) is harmless: cross terms vanish by symmetry
+        np.testing.assert_allclose(free_power(scene), power_by_quadrature(scene, sign_y), rtol=1e-10)
+
+
+@pytest.mark.parametrize("M_0", [0.0, 1.0, 100.0, 3000.0])
+def test_free_power_is_that_of_a_bessel_function(unequal, M_0):
+    scene = vary(unequal, "drive.M_0", M_0)
+    s, (x, y, theta) = scene.shroud, (np.abs(a) for a in steady_amplitudes(scene))
+    A = float(s.l_oa * s.l_ab * np.sin(s.alpha))
+    J_A = A * float(s.l_oa**2 + s.l_ab**2) / 12
+    bessel = A * (x**2 + y**2) / 2 + 4 * J_A * (1 - j0(theta)) / 2
+    np.testing.assert_allclose(area(s), A, rtol=1e-15)
+    np.testing.assert_allclose(free_power(scene), bessel, rtol=1e-12)
+    if M_0 == 3000.0:  # control: the small-angle form is far off there
+        linear = A * (x**2 + y**2) / 2 + J_A * theta**2 / 2
+        assert np.all(np.abs(linear / bessel - 1) > 0.1)
+
+
+def test_no_drive_has_no_power(table1):
+    still = vary(vary(table1, "drive.F_0", 0.0), "drive.M_0", 0.0)
+    np.testing.assert_array_equal(free_power(still), 0.0)
+
+
+def test_power_can_be_differentiated(unequal):
+    # P_0 is quadratic in F_0 where M_0 = 0: the slope is 2 P_0 / F_0.
+    scene = vary(unequal, "drive.M_0", 0.0)
+    force = jnp.asarray(20.0)
+    power = lambda F_0: free_power(vary(scene, "drive.F_0", F_0))[0]  # noqa: E731
+    np.testing.assert_allclose(jax.grad(power)(force), 2 * power(force) / force, rtol=1e-12)

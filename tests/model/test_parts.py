@@ -1,0 +1,231 @@
+"""Models no larger than the scene: each is the limit of the full one, and what is absent is absent."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from side_by_side import EXACT, ends, relative_error, run, sizes, with_parts
+
+import jaxshroud as js
+from jaxshroud.batch.periods import begin_lanes
+from jaxshroud.batch.runs import starts
+from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
+from jaxshroud.model.modes import Status
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.vary import vary
+from jaxshroud.verbs.explain import lowered_operations, operations
+
+PERIODS, STEPS = 2, 400
+
+
+def varied(scene: Scene, **changes) -> Scene:
+    for key, value in changes.items():
+        scene = vary(scene, key.replace("__", "."), value)
+    return scene
+
+
+def difference(reduced: Scene, full: Scene, periods: int = PERIODS, steps: int = STEPS) -> float:
+    """Largest relative difference of all that moves in both."""
+    a, b = (run([scene], periods, steps, FAST_WITH_LEDGER) for scene in (reduced, full))
+    assert a.last.status == b.last.status == Status.OK
+    moves = np.abs(ends(a)[0]) > 0
+    error = np.abs(ends(a) - ends(b))[0][moves] / sizes(b)[0][moves]
+    return float(np.max(error))
+
+
+def falls(reduced: Scene, fulls: list[Scene], order: float = 1.0, **how) -> float:
+    """Difference from the last of full models that approach the limit tenfold each; it falls at least so fast."""
+    errors = [difference(reduced, full, **how) for full in fulls]
+    assert np.all(np.diff(np.log10(errors)) < -0.8 * order), errors
+    return errors[-1]
+
+
+@pytest.mark.parametrize("M_0", [0.0])
+def test_no_torsion_is_stiff_torsion_without_torque(table1, M_0):
+    # Damping is raised with the stiffness: the torsion's own oscillation dies out at once.
+    scene = vary(table1, "drive.M_0", M_0)
+    stiff = [varied(scene, blades__k_T=2e3 * s, blades__c_T=5 * s**0.5) for s in (1e2, 1e3, 1e4)]
+    assert falls(with_parts(scene, motion=("x", "y")), stiff, steps=20000, periods=1) < 1e-3
+
+
+def test_bending_along_x_alone_is_stiff_bending_along_y(table1):
+    scene = vary(table1, "drive.M_0", 0.0)
+    flat = with_parts(scene, motion=("x", "y"))
+    stiff = [varied(flat, blades__k_y=3e6 * s, blades__c_y=400 * s**0.5) for s in (1e2, 1e3, 1e4)]
+    assert falls(with_parts(scene, motion=("x",)), stiff, steps=10000, periods=1) < 1e-3
+
+
+def test_no_friction_is_none_of_its_coefficient(table1):
+    # mu = 0 and k_d = 0 are the same motion, to rounding.
+    bare = with_parts(table1, friction="none")
+    assert difference(bare, vary(table1, "friction.mu", 0.0)) < 1e-9
+    assert difference(bare, vary(table1, "friction.k_d", 0.0)) < 1e-9
+    assert difference(bare, vary(table1, "friction.mu", 0.1)) > 1e-2  # control
+
+
+def test_a_rigid_neighbour_is_a_heavy_blade(table1):
+    def heavy(s):
+        scene = varied(table1, **{"drive.F_0[1]".replace(".", "__"): 0.0, "drive__M_0[1]": 0.0})
+        for name in ("m", "I", "k_x", "k_y", "k_T", "c_x", "c_y", "c_T"):
+            scene = vary(scene, f"blades.{name}[1]", s * getattr(table1.blades, name)[1])
+        return scene
+
+    assert falls(with_parts(table1, neighbour="rigid"), [heavy(s) for s in (1e3, 1e4, 1e5)]) < 1e-3
+
+
+def test_no_contact_is_a_gap_that_never_closes(table1):
+    scene = varied(table1, shroud__gap=1.0, initial__x=1e-4, initial__v_theta=1.0)
+    free = with_parts(scene, contact="none")
+    got, full = (run([s], 3, 300, EXACT["dopri8-cubic"]) for s in (free, scene))
+    assert relative_error(ends(got), ends(full), sizes(full)) < 1e-10
+    power = [np.stack(r.samples.power) for r in (got, full)]
+    np.testing.assert_allclose(*power, rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("changes", "name"),
+    [
+        ({}, "underdamped"),
+        ({"blades__c_x": 2 * np.sqrt(0.08 * 1e5)}, "critically damped"),
+        ({"blades__c_x": 1e3, "blades__c_y": 1e4}, "overdamped"),
+        ({"blades__c_x": 0.0, "blades__c_y": 0.0, "blades__c_T": 0.0}, "undamped"),
+    ],
+)
+def test_the_closed_form_at_any_damping(table1, changes, name):
+    scene = varied(table1, initial__x=1e-4, initial__v_y=0.1, **changes)
+    free = with_parts(scene, contact="none")
+    stepped = run([vary(scene, "shroud.gap", 1.0)], 2, 2000, EXACT["dopri8-cubic"])
+    got = js.sweep(free, {"drive.F_0": [60.0]}, n_periods=2)
+    size = sizes(stepped)[0].reshape(6, 2)
+    for field, at, whole in zip(got.motion, stepped.samples.motion, size, strict=True):
+        np.testing.assert_allclose(field[0], np.stack(at, -1)[0], rtol=0, atol=1e-9 * whole.max(), err_msg=name)
+
+
+def test_samples_of_a_free_scene_lie_on_one_motion(table1):
+    # Whole, in two parts from the first's end, and from another phase.
+    free = with_parts(vary(table1, "initial.x", 1e-4), contact="none")
+    whole = js.simulate(free, n_periods=2, steps_per_period=100)
+    first = js.simulate(free, n_periods=1, steps_per_period=100)
+    second = js.simulate(free, first.last, n_periods=1, steps_per_period=100, t=float(first.t[-1]))
+    np.testing.assert_allclose(second.motion.x, whole.motion.x[100:], rtol=0, atol=1e-15)
+    swept = js.sweep(free, {"drive.F_0": [60.0]}, n_periods=1, phase=np.pi / 2)
+    np.testing.assert_allclose(swept.motion.x[0, 0], whole.motion.x[125], rtol=0, atol=1e-15)
+
+
+def test_an_undamped_resonance_is_not_finite(table1):
+    scene = varied(table1, drive__omega=float(np.sqrt(1e5 / 0.08)), blades__c_x=0.0)
+    scene = vary(scene, "blades.k_x", 0.08 * float(scene.drive.omega) ** 2)
+    free = with_parts(scene, contact="none")
+    got = js.sweep(free, {"drive.F_0": [60.0]}, n_periods=2)
+    assert got.status[0] == Status.NOT_FINITE
+    assert np.isnan(got.P_d[0])
+    assert js.simulate(free, n_periods=2, steps_per_period=10).status == Status.NOT_FINITE
+
+
+REDUCED = [
+    {"motion": ("x", "y")},
+    {"motion": ("x",)},
+    {"friction": "none"},
+    {"neighbour": "rigid"},
+    {"motion": ("x",), "friction": "none", "neighbour": "rigid"},
+    {"contact": "none"},
+]
+
+
+@pytest.mark.parametrize("parts", REDUCED, ids=str)
+def test_what_is_absent_is_not_carried(table1, parts):
+    scenes = jax.tree.map(lambda a: jnp.stack([a] * 2), with_parts(table1, **parts))
+    lanes, full = (
+        len(jax.tree.leaves(begin_lanes(s, starts(s), FAST)))
+        for s in (scenes, jax.tree.map(lambda a: jnp.stack([a] * 2), table1))
+    )
+    assert lanes < full
+
+
+COMBINED = ({"motion": ("x",)}, {"neighbour": "rigid"})  # in another one of them
+
+
+@pytest.mark.parametrize("parts", [parts for parts in REDUCED if parts not in COMBINED], ids=str)
+def test_every_verb_runs(table1, parts):
+    scene = with_parts(vary(table1, "contact.gamma", 0.3), **parts)
+    one = js.simulate(scene, n_periods=2, steps_per_period=100)
+    assert one.status == Status.OK
+    assert one.motion.theta.shape == (201, 2)
+    assert abs(one.energy_residual) < 1e-3
+    many = js.sweep(scene, {"drive.F_0": [50.0, 60.0]}, n_periods=8, steps_per_period=100)
+    assert np.all(many.status == Status.OK)
+    assert np.all(np.isfinite(many.P_d))
+    found = js.orbit(scene, most_periods=400, steps_per_period=100)
+    assert found.found
+    assert "stopped" not in found.flags
+    slope = js.gradient(scene, ["shroud.gap", "drive.F_0"], at=found)
+    assert np.all(np.isfinite(list(slope.value.values())))
+
+
+def test_parts_that_do_not_exist_are_refused(table1):
+    with pytest.raises(ValueError, match="`motion` must be one of"):
+        with_parts(table1, motion=("y",))
+    with pytest.raises(ValueError, match="`width` must be given for smooth contact"):
+        with_parts(table1, contact="smooth")
+    with pytest.raises(KeyError, match="not smooth"):
+        vary(table1, "contact.width", 1e-7)
+
+
+def test_without_friction_events_are_the_same(table1):
+    whole = js.simulate(vary(table1, "friction.mu", 0.0), n_periods=2)
+    bare = js.simulate(with_parts(table1, friction="none"), n_periods=2)
+    assert bare.counters == whole.counters
+
+
+@pytest.mark.parametrize("parts", [{}, *REDUCED[:-1]], ids=str)
+def test_operations_are_those_of_xla(table1, parts):
+    # Counted by XLA's own analysis of cost, which differs in what it counts of broadcasts.
+    scene = with_parts(table1, **parts)
+    assert operations(scene, FAST) == pytest.approx(lowered_operations(scene, FAST), rel=0.1)
+
+
+def test_a_scene_is_explained(table1):
+    full, plain, free = (
+        js.explain(with_parts(table1, **parts), FAST) for parts in ({}, {"motion": ("x", "y")}, {"contact": "none"})
+    )
+    assert full.operations == full.full_operations == plain.full_operations
+    assert plain.operations < 0.5 * full.operations
+    assert plain.numbers < full.numbers
+    assert plain.events == ("contact", "friction")
+    assert (free.operations, free.numbers, free.events) == (0, 0, ())
+    assert any("friction" in text for text in js.explain(vary(table1, "friction.mu", 0.0), FAST).advice)
+    assert any("gap" in text for text in js.explain(vary(table1, "shroud.gap", 1.0), FAST).advice)
+
+
+def test_blades_without_contact_are_apart_all_the_time(table1):
+    found = js.sweep(with_parts(table1, contact="none"), {"friction.mu": [0.3, 0.5]}, n_periods=3, transient=2)
+    np.testing.assert_array_equal([found.time_apart, found.time_stick, found.time_slip], [[1, 1], [0, 0], [0, 0]])
+
+
+@pytest.mark.parametrize("contact", ["spring", "none"])
+def test_a_motion_whose_energy_overflows_has_stopped(table1, contact):
+    # The numbers of the state are finite, their squares are not.
+    scene = vary(with_parts(table1, motion=("x",), contact=contact), "initial.x", 1e200)
+    swept = js.sweep(scene, {"friction.mu": [0.5]}, n_periods=2, method=FAST)
+    assert swept.status[0] == Status.NOT_FINITE
+    assert np.isnan(swept.P_d[0])
+    assert js.power(scene, most_periods=2, method=FAST).final["status"] == Status.NOT_FINITE
+    assert js.simulate(scene, n_periods=1, method=FAST).status == Status.NOT_FINITE
+    assert js.orbit(scene, most_periods=8, method=FAST).flags == ("stopped",)
+
+
+@pytest.mark.parametrize("wrong", [float("nan"), -1e-3])
+def test_tolerances_are_numbers(table1, wrong):
+    with pytest.raises(ValueError, match="`period_tol` must be a number of at least 0"):
+        js.sweep(table1, {"friction.mu": [0.5]}, n_periods=2, period_tol=wrong)
+    with pytest.raises(ValueError, match="`period_tol` must be a number of at least 0"):
+        js.power(table1, most_periods=2, period_tol=wrong)
+    with pytest.raises(ValueError, match="`tolerance` must be positive"):
+        js.power(table1, most_periods=2, tolerance=wrong)
+    with pytest.raises(ValueError, match="`phase` must be in"):
+        js.sweep(table1, {"friction.mu": [0.5]}, n_periods=2, phase=wrong)
+    for sigma in (wrong, 0.0, float("inf")):
+        with pytest.raises(ValueError, match="`sigma` must be a positive number"):
+            js.gradient(table1, ["shroud.gap"], sigma=sigma)
+    with pytest.raises(ValueError, match="`tolerance` must be a positive number"):
+        js.orbit(table1, tolerance=wrong)

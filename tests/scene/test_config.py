@@ -1,0 +1,437 @@
+"""Scene files: every mistake is told in one line with its place and its cure; right ones load."""
+
+import math
+import sys
+import tomllib
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxshroud.scene import config
+from jaxshroud.scene.config import SceneError, axis, load, parse, shipped
+from jaxshroud.scene.parts import MISPRINTS
+from jaxshroud.scene.schema import _registry
+from jaxshroud.scene.vary import NUMERIC_KEYS
+
+GOOD = """
+title = "test"
+[blades]
+m = 0.08
+I = 2.46e-3
+k_x = 1e5
+k_y = 3e6
+k_T = 2000.0
+c_x = 3.57
+c_y = 19.6
+c_T = 0.506
+[shroud]
+alpha = 1.0
+l_oa = 0.05
+l_ab = 0.035
+gap = 2.2e-5
+[contact]
+gamma = 2.5
+[friction]
+k_d = 1e6
+mu = 0.5
+[drive]
+omega = 536
+beta = 0.5
+F_0 = 60
+M_0 = 100.0
+phase = [0.0, 3.0]
+[run]
+periods = 10
+steps_per_period = 400
+"""
+SWEEP = """
+[sweep]
+along = "contact.gamma"
+start = 0.0
+stop = 8.0
+num = 5
+"""
+
+
+def told(text, overrides=()):
+    """The message that `text` gives, which must be one line."""
+    with pytest.raises(SceneError) as caught:
+        parse(text, "my.toml", overrides)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def edited(old, new, text=GOOD):
+    assert text.count(old) == 1
+    return text.replace(old, new)
+
+
+def set_key(name, value):
+    """`GOOD` with one line `name = ...` replaced; the value None removes it."""
+    lines = GOOD.splitlines()
+    (at,) = [i for i, line in enumerate(lines) if line.startswith(f"{name} =")]
+    lines[at] = "" if value is None else f"{name} = {value}"
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (edited("k_d =", "kd ="), "my.toml: [friction] has no key `kd`; did you mean `k_d`?"),
+        (edited("I = 2", "i = 2"), "my.toml: [blades] has no key `i`; did you mean `I`?"),
+        (edited("mu =", "zzz = 1\nmu ="), "my.toml: [friction] has no key `zzz`; known are k_d, mu"),
+        (edited("[friction]", "[fricton]"), "my.toml: there is no table [fricton]; did you mean `friction`?"),
+        (edited("[friction]", "[contact.x]"), "my.toml: [contact] has no key `x`"),
+        (
+            set_key("mu", None),
+            "my.toml: [friction] lacks `mu`; add it, e.g. mu = 0.5 (friction coefficient)",
+        ),
+        (set_key("m", None), 'my.toml: [blades] lacks `m`; add it, e.g. m = "0.08 kg" (mass)'),
+        (
+            edited("[friction]\nk_d = 1e6\nmu = 0.5\n", ""),
+            "my.toml: [friction] is missing; add this table with k_d, mu",
+        ),
+        (
+            "friction = 3\n" + edited("[friction]\nk_d = 1e6\nmu = 0.5\n", ""),
+            "my.toml: [friction] must be a table",
+        ),
+        (edited('"test"', '"""a\nb"""'), "my.toml: title must be one line of text"),
+        (edited('"test"', "3"), "my.toml: title must be one line of text"),
+    ],
+)
+def test_unknown_and_missing_names(text, expected):
+    assert told(text).startswith(expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        (
+            "gap",
+            '"0.022 kg"',
+            'my.toml: [shroud] gap = "0.022 kg" is a mass, but a length is needed, e.g. gap = "0.022 mm" '
+            "(initial gap along x; negative: interference)",
+        ),
+        ("gap", '"0.022"', "is a pure number, but a length is needed"),
+        ("gap", '"0.022 K^2"', "is of dimension [temperature] ** 2, but a length is needed"),
+        ("gap", '"0.022 foo"', "has an unknown unit `foo`"),
+        ("gap", '"0.022 m-m"', "has an unknown unit `m-m`"),
+        ("gap", '"small"', 'gap = "small" is not a number with a unit'),
+        ("gap", '"nan mm"', "is not a number with a unit"),
+        ("gap", '"2 ** 9 mm"', "has an unknown unit"),
+        ("gap", '""', "is not a number with a unit"),
+        ("gap", '"1e999 mm"', "must be a finite number"),
+        ("gap", "nan", "[shroud] gap = NaN must be a finite number"),
+        ("gap", "-inf", "must be a finite number"),
+        ("gap", "true", "[shroud] gap = true must be a valid number"),
+        ("gap", "[1e-5, 1e-5]", "must be a valid number"),
+        ("gap", "1979-05-27", "must be a valid number"),
+        ("gap", "{a = 1}", "must be a valid number"),
+        ("mu", '"3 N"', '[friction] mu = "3 N" is a force, but a pure number is needed'),
+        ("mu", "-0.1", "must be greater than or equal to 0"),
+        ("k_d", "-1", "must be greater than or equal to 0"),
+        ("omega", '"85 Hz"', 'is a frequency, but a circular frequency is needed, e.g. omega = "536 rad/s"'),
+        ("omega", "0", "must be greater than 0"),
+        ("m", "-0.08", 'my.toml: [blades] m = -0.08 must be greater than 0, e.g. m = "0.08 kg" (mass)'),
+        ("m", "[0.08, -0.09]", "[blades] m = [0.08, -0.09] must be greater than 0"),
+        ("m", "[0.08, 0.08, 0.08]", "must be one number or a pair [left, right]"),
+        ("m", "[0.08]", "must be one number or a pair [left, right]"),
+        ("m", "[[0.08, 0.08], 0.08]", "must be a valid number"),
+        ("m", "false", "must be a valid number"),
+        ("I", "0", "must be greater than 0"),
+        ("I", '"2.46e-3 kg m"', "but a moment of inertia is needed"),
+        ("k_x", "0.0", "must be greater than 0"),
+        ("k_T", '"2000 N/m"', "is a stiffness, but a torsion stiffness is needed"),
+        ("c_x", "-1e-9", "must be greater than or equal to 0"),
+        ("c_T", "inf", "must be a finite number"),
+        ("alpha", "0.0", "must be greater than 0"),
+        ("alpha", '"91 deg"', "must be less than or equal to 1.57"),
+        ("alpha", "-0.3", "must be greater than 0"),
+        ("l_ab", "0.0", "must be greater than 0"),
+        ("F_0", "[60, nan]", "[drive] F_0 = [60, NaN] must be a finite number"),
+        ("F_0", '["60 N", "60 J"]', "is a moment, but a force is needed"),
+        ("phase", '"180 m"', "is a length, but an angle is needed"),
+        ("gamma", "-1", "must be greater than or equal to 0"),
+        ("gamma", "2.5\nk = 1e5", "my.toml: [contact] gives both `k` and `gamma`; keep one of them"),
+        ("gamma", None, "my.toml: [contact] lacks a stiffness; add one of them, e.g. gamma = 2.5"),
+        ("gamma", '2.5\nreading = "prnted"', "names the unknown misprint `prnted`; did you mean `printed`?"),
+        (
+            "gamma",
+            '2.5\nreading = ["gapsign"]',
+            "names the unknown misprint `gapsign`; did you mean `gap_sign`?",
+        ),
+        ("gamma", "2.5\nreading = 3", 'must be "consistent", "printed" or a list of misprints'),
+        ("gamma", "2.5\nreading = [[1]]", "names the unknown misprint"),
+        ("periods", "0", "my.toml: [run] periods = 0 must be greater than or equal to 1, e.g. periods = 100"),
+        ("periods", "1.5", "must be a valid integer"),
+        ("periods", "true", "must be a valid integer"),
+        ("periods", "10\ntransient = -1", "[run] transient = -1 must be greater than or equal to 0"),
+        ("steps_per_period", "0", "must be greater than or equal to 1"),
+    ],
+)
+def test_wrong_values(name, value, expected):
+    message = told(set_key(name, value))
+    assert message.startswith("my.toml: [")
+    assert expected in message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (
+            "contact.gamma",
+            "contact.gama",
+            "my.toml: [sweep] contact.gama: the scene has no number `contact.gama`; did you mean `contact.gamma`?",
+        ),
+        ("contact.gamma", "contact.reading", "the scene has no number `contact.reading`"),
+        ("contact.gamma", "run.periods", "the scene has no number `run.periods`"),
+        ("contact.gamma", "shroud.gap[0]", "shroud.gap is one number, not one per blade; drop the [0]"),
+        ("contact.gamma", "blades.m[2]", "the scene has no number `blades.m[2]`"),
+        ("contact.gamma", "blades.m", "my.toml: [sweep] blades.m: 0.0 must be greater than 0"),
+        ('"contact.gamma"', "3", "[sweep] along = 3 must be a valid list"),
+        ("num = 5", "num = 1", "1 different value given; a sweep needs at least two"),
+        ("num = 5", "num = 0", "0 different values given; a sweep needs at least two"),
+        ("num = 5", "num = 2.5", "[sweep] num = 2.5 must be a valid integer"),
+        ("stop = 8.0", "stop = 0.0", "1 different value given; a sweep needs at least two"),
+        ("stop = 8.0", 'stop = "8 mm"', '"8 mm" is a length, but a pure number is needed'),
+        ("stop = 8.0", "stop = nan", "NaN must be a finite number"),
+        ("stop = 8.0", "stop = true", "true must be a valid number"),
+        ("stop = 8.0", "", "my.toml: [sweep] needs either `start`, `stop` and `num`, or `values`"),
+        ("stop = 8.0", "stop = 8.0\nvalues = [1, 2]", "needs either `start`, `stop` and `num`, or `values`"),
+        ("start = 0.0\nstop = 8.0\nnum = 5", "values = []", "0 different values given"),
+        ("start = 0.0\nstop = 8.0\nnum = 5", "values = [2.5]", "1 different value given"),
+        ("start = 0.0\nstop = 8.0\nnum = 5", "values = [1, [2, 3]]", "must be one number per value"),
+        ("start = 0.0\nstop = 8.0\nnum = 5", "values = 3", "[sweep] values = 3 must be a valid list"),
+        ("num = 5", 'num = 5\ndirection = "up"', "must be 'independent', 'forward' or 'backward'"),
+        ("num = 5", "num = 5\nkeep = 0", "[sweep] keep = 0 must be greater than or equal to 1"),
+        ("num = 5", "nun = 5", "[sweep] has no key `nun`; did you mean `num`?"),
+        ('"contact.gamma"', '["contact.gamma", "shroud.gap"]', "must be a valid list"),
+        ('along = "contact.gamma"', "", "[sweep] lacks `along`; add it"),
+    ],
+)
+def test_wrong_sweeps(old, new, expected):
+    message = told(GOOD + edited(old, new, SWEEP))
+    assert message.startswith("my.toml: [sweep]")
+    assert expected in message
+
+
+@pytest.mark.parametrize("keys", [("contact.k", "contact.gamma"), ("blades.m", "blades.m[0]"), ("drive.F_0",) * 2])
+def test_a_grid_needs_independent_keys(keys):
+    grid = f"[sweep]\nalong = {list(keys)}\nvalues = [[1, 2], [3, 4]]"
+    assert "is no grid; give one or two independent keys" in told(GOOD + grid)
+
+
+@pytest.mark.parametrize(
+    ("override", "expected"),
+    [
+        ("contact.gamma", '--set: "contact.gamma" is not table.key=value, e.g. --set contact.gamma=3'),
+        ("gamma=3", "is not table.key=value"),
+        ("contact.gamma=", "is not table.key=value"),
+        ("blades.m[2]=1", "is not table.key=value"),
+        ("", "is not table.key=value"),
+        ("friction.kd=1", "--set: [friction] has no key `kd`; did you mean `k_d`?"),
+        ("frictoin.mu=1", "--set: there is no table [frictoin]; did you mean `friction`?"),
+        ("shroud.gap=0.03 kg", '--set: [shroud] gap = "0.03 kg" is a mass, but a length is needed'),
+        ("shroud.gap[0]=1", "--set: [shroud] gap is one number, not one per blade; drop the [0]"),
+        ("blades.m[1]=-1", "--set: [blades] m = [0.08, -1] must be greater than 0"),
+        ("run.periods=0", "--set: [run] periods = 0"),
+        ("contact.reading=gap_sign,lever", "did you mean `levers`?"),
+        ("contact.gamma=true", "--set: [contact] gamma = true must be a valid number"),
+        ("contact.gamma=nan", "--set: [contact] gamma = NaN must be a finite number"),
+        ("sweep.num=1", "--set: [sweep] contact.gamma: 1 different value given"),
+        ("sweep.along=contact.gama", "--set: [sweep] contact.gama: the scene has no number"),
+    ],
+)
+def test_wrong_overrides_name_set(override, expected):
+    assert expected in told(GOOD + SWEEP, [override])
+
+
+def test_an_override_is_not_blamed_for_the_file():
+    assert told(set_key("m", "-1"), ["friction.mu=0.3"]).startswith("my.toml: [blades] m")
+    assert told(set_key("m", "[1, 2, 3]"), ["blades.m[1]=1"]).startswith("my.toml: [blades] m = [1, 2, 3]")
+    assert told(set_key("m", None), ["blades.m[1]=1"]).startswith("my.toml: [blades] lacks `m`")
+
+
+def test_wrong_files(tmp_path):
+    assert told(edited("m = 0.08", "m 0.08")).startswith("my.toml: not valid TOML: Expected '=' after a key")
+    assert "(at line 4, column 3)" in told(edited("m = 0.08", "m 0.08"))
+    with pytest.raises(SceneError, match=r"^fig9: no such file .*; did you mean `fig09`\?; `jaxshroud scenes` lists"):
+        load("fig9")
+    with pytest.raises(SceneError, match=r"no such file or shipped scene; known are eq21, fig09"):
+        load(tmp_path / "zzz.toml")
+    (tmp_path / "latin.toml").write_bytes(b'title = "\xe9"')
+    with pytest.raises(SceneError, match=r"latin\.toml: cannot be read as UTF-8 text"):
+        load(tmp_path / "latin.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "number"),
+    [
+        ("gap", "0.022 mm", 2.2e-5),
+        ("gap", "-22µm", -2.2e-5),
+        ("m", "80 g", 0.08),
+        ("I", "24.6 kg cm^2", 2.46e-3),
+        ("k_x", "100 N/mm", 1e5),
+        ("k_T", "2 kN*m/rad", 2000.0),
+        ("c_T", "0.506 N*m*s/rad", 0.506),
+        ("c_x", "3.57 N·s/m", 3.57),
+        ("mu", "50 %", 0.5),
+        ("omega", "3000 rpm", 100 * math.pi),
+        ("omega", "536 /s", 536.0),
+        ("alpha", "90 deg", math.pi / 2),
+        ("beta", ".5 rad", 0.5),
+        ("F_0", "0.06 kN", 60.0),
+    ],
+)
+def test_units_equal_si_numbers(name, text, number):
+    # Conversion is decimal, so the two agree to the last bit, not just nearly.
+    with_unit, plain = parse(set_key(name, f'"{text}"'), "a"), parse(set_key(name, repr(number)), "b")
+    assert eqx.tree_equal(with_unit.scene, plain.scene)
+    assert with_unit.text() == plain.text()
+
+
+def test_defaults():
+    got = parse(GOOD, "a")
+    np.testing.assert_array_equal(got.scene.blades.inertia_y, got.scene.blades.m)
+    assert got.scene.contact.reading == frozenset()
+    assert all(np.all(np.asarray(leaf) == 0) for leaf in got.scene.initial)
+    assert (got.run.transient, got.axes, got.direction, got.keep) == (0, (), "independent", None)
+    np.testing.assert_array_equal(parse(GOOD, "a", ["blades.m=[1, 2]"]).scene.blades.inertia_y, [1.0, 2.0])
+    assert tomllib.loads(parse(GOOD, "a", ["blades.m_y[1]=2"]).text())["blades"]["m_y"] == [0.08, 2.0]
+    # Every number takes JAX's float type: float64 where x64 is on.
+    assert {leaf.dtype for leaf in jax.tree.leaves(got.scene)} == {jnp.result_type(float)}
+
+
+def test_gamma_and_k_replace_each_other():
+    by_gamma = parse(GOOD, "a")
+    by_k = parse(GOOD, "a", ["contact.k=2.5e5"])
+    assert by_k.scene.contact.gamma is None
+    np.testing.assert_allclose(by_k.scene.k, by_gamma.scene.k, rtol=1e-7)  # equal but for rounding, float32 included
+    assert parse(by_k.text(), "b", ["contact.gamma=3"]).scene.contact.k is None
+
+
+def test_overrides():
+    settings = ["blades.m[1]=0.09", "shroud.gap=0.03 mm", "run.periods=7", "drive.phase=[0, 3.14]"]
+    settings += ["drive.beta=10 deg, 0.5", "initial.v_x[0]=.25", "contact.reading=gap_sign,levers"]
+    settings += ["drive.F_0 = 50."]
+    got = tomllib.loads(parse(GOOD, "a", settings).text())
+    assert got["blades"]["m"] == [0.08, 0.09]
+    assert "m_y" not in got["blades"]
+    assert got["shroud"]["gap"] == 3e-5
+    assert got["run"]["periods"] == 7
+    assert got["drive"]["phase"] == [0.0, 3.14]
+    assert got["drive"]["beta"] == pytest.approx([math.pi / 18, 0.5], rel=1e-15)
+    assert got["initial"]["v_x"] == [0.25, 0.0]
+    assert got["contact"]["reading"] == ["gap_sign", "levers"]
+    assert got["drive"]["F_0"] == 50.0
+
+
+@pytest.mark.parametrize(
+    ("reading", "kept"),
+    [
+        ("consistent", ()),
+        ("printed", MISPRINTS),
+        ("levers", ("levers",)),
+        ("[]", ()),
+        ('["gap_sign"]', ("gap_sign",)),
+    ],
+)
+def test_readings(reading, kept):
+    got = parse(GOOD, "a", [f"contact.reading={reading}"])
+    assert got.scene.contact.reading == frozenset(kept)
+    assert parse(got.text(), "a").scene.contact.reading == frozenset(kept)
+
+
+def test_later_overrides_win_and_drop_what_they_replace():
+    got = parse(GOOD + SWEEP + "keep = 50", "a", ["sweep.values=0.3, 2.5", "contact.gamma=1", "contact.gamma=2"])
+    np.testing.assert_array_equal(got.axes[0].values, [0.3, 2.5])
+    assert float(got.scene.contact.gamma) == 2.0
+    assert (got.run.periods, got.sweep_run.periods) == (10, 50)
+    got = parse(GOOD + SWEEP + "keep = 50", "a", ["run.periods=20"])
+    assert (got.run.periods, got.sweep_run.periods) == (20, 20)
+
+
+def test_sweep_axes():
+    (one,) = parse(GOOD + SWEEP, "a").axes
+    assert one.key == "contact.gamma"
+    assert one.values.dtype == np.float64
+    np.testing.assert_array_equal(one.values, [0.0, 2.0, 4.0, 6.0, 8.0])
+    grid = '[sweep]\nalong = ["blades.m[1]", "shroud.gap"]\nstart = ["80 g", "1 mm"]\nstop = [0.1, 2e-3]\n'
+    grid += "num = [2, 3]"
+    got = parse(GOOD + grid, "a")
+    np.testing.assert_array_equal(got.axes[0].values, [0.08, 0.1])
+    np.testing.assert_array_equal(got.axes[1].values, [1e-3, 1.5e-3, 2e-3])
+    assert parse(got.text(), "b").text() == got.text()
+
+
+def test_axis_of_the_command_line():
+    scene_file = parse(GOOD, "a")
+    np.testing.assert_array_equal(axis(scene_file, "shroud.gap", ["0.01 mm", "0.02mm"]).values, [1e-5, 2e-5])
+    np.testing.assert_array_equal(axis(scene_file, "shroud.gap", "1e-5, 0.02 mm").values, [1e-5, 2e-5])
+    np.testing.assert_array_equal(axis(scene_file, "blades.m", np.linspace(1, 2, 3)).values, [1, 1.5, 2])
+    got = axis(scene_file, "drive.phase[1]", start="0 deg", stop=1, num=2)
+    np.testing.assert_array_equal(got.values, [0, 1])
+    for key, values, expected in [
+        (
+            "contact.gama",
+            [1, 2],
+            r"^--along contact\.gama: the scene has no number .*did you mean `contact\.gamma`",
+        ),
+        (
+            "blades.m",
+            ["1", "-2"],
+            r"^--along blades\.m: -2 must be greater than 0, e\.g\. \"0\.08 kg\" \(mass\)",
+        ),
+        ("blades.m", [], "a sweep needs at least two"),
+        ("blades.m", None, "needs either values, or start, stop and num"),
+    ]:
+        with pytest.raises(SceneError, match=expected):
+            axis(scene_file, key, values)
+    swept = replace(scene_file, axes=(axis(scene_file, "initial.x", [0.0, 1e-5, 3e-5]),), direction="forward")
+    again = parse(swept.text(), "b")
+    np.testing.assert_array_equal(again.axes[0].values, [0.0, 1e-5, 3e-5])
+    assert again.direction == "forward"
+
+
+@pytest.mark.parametrize("name", sorted(shipped()))
+def test_shipped_scenes(name, tmp_path):
+    got = load(name)
+    assert got.title
+    assert shipped()[name] == got.title
+    (tmp_path / "copy.toml").write_text(got.text(), encoding="utf-8")
+    again = load(tmp_path / "copy.toml")
+    assert eqx.tree_equal(got.scene, again.scene)
+    assert again.text() == got.text()
+    for one, other in zip(got.axes, again.axes, strict=True):
+        np.testing.assert_array_equal(one.values, other.values)
+
+
+def test_every_figure_is_shipped():
+    figures = "09 10a 10b 10c 10d 11 12a 12b 12c 12d 13 14a 14b 14c 14d 15a 15b 16 17 18"
+    assert set(shipped()) == {"table1", "table1_light", "eq21", *(f"fig{f}" for f in figures.split())}
+    assert load("fig09.toml").name == "fig09.toml"
+
+
+def test_eq21_puts_every_frequency_at_the_drives():
+    blades, drive = load("eq21").scene.blades, load("eq21").scene.drive
+    for stiffness, inertia in ((blades.k_x, blades.m), (blades.k_y, blades.inertia_y), (blades.k_T, blades.I)):
+        # Five printed digits.
+        np.testing.assert_allclose(np.sqrt(np.asarray(stiffness / inertia)), float(drive.omega), rtol=2e-5)
+
+
+def test_the_models_know_every_number_of_a_scene():
+    named = {f"{t}.{n}" for t in config.PHYSICS for n in config.TABLES[t].model_fields}
+    named -= {"contact.reading", *(f"model.{n}" for n in config.TABLES["model"].model_fields)}
+    assert named == set(NUMERIC_KEYS)
+
+
+def test_a_missing_pint_is_not_an_unknown_unit(monkeypatch):
+    _registry.cache_clear()
+    monkeypatch.setitem(sys.modules, "pint", None)
+    with pytest.raises(ImportError, match="pint"):
+        load("table1", ["shroud.gap=0.022 mm"])

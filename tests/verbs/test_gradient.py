@@ -1,0 +1,95 @@
+"""Smoothed gradients in chaos, and the choice between them and exact ones."""
+
+import numpy as np
+import pytest
+
+from jaxshroud import load
+from jaxshroud.batch.runs import Plan
+from jaxshroud.march.method import FAST
+from jaxshroud.motion import orbit
+from jaxshroud.verbs import gradient, sweep
+from jaxshroud.verbs.gradient import on_orbit, smoothed, with_numbers
+
+PLAN = Plan(16, 32, 200, 0.0, FAST)
+SIGMA = 0.01
+CHAOTIC = {"gamma 5.5": 5.5, "gamma 10": 10.0}
+
+
+def scene_at(gamma):
+    return load("table1", [f"contact.gamma={gamma}", "drive.F_0=60"]).scene
+
+
+def kernel_weighted_slope(scene, gamma):
+    """Slope of the normally weighted average of P_d, by a dense sweep."""
+    xi = np.linspace(-4.5, 4.5, 3001)
+    dense = sweep(
+        scene,
+        {"contact.gamma": gamma * (1 + SIGMA * xi)},
+        n_periods=PLAN.kept,
+        transient=PLAN.transient,
+        steps_per_period=PLAN.steps_per_period,
+    )
+    weight = np.exp(-(xi**2) / 2)
+    P_d = dense.P_d - np.average(dense.P_d, weights=weight)
+    return np.sum(weight * xi * P_d) / np.sum(weight * xi**2) / (SIGMA * gamma)
+
+
+@pytest.mark.parametrize("gamma", CHAOTIC.values(), ids=CHAOTIC)
+def test_the_interval_covers_the_slope_of_a_dense_sweep(gamma):
+    scene, keys = with_numbers(scene_at(gamma), ["contact.gamma"]), ["contact.gamma"]
+    nothing, true = orbit(scene, most_periods=8), kernel_weighted_slope(scene, gamma)
+    found = [smoothed(scene, keys, "P_d", nothing, SIGMA, 128, PLAN, seed) for seed in range(20)]
+    covers = [abs(g.value["contact.gamma"] - true) <= g.ci["contact.gamma"] for g in found]
+    assert np.mean(covers) >= 0.9
+    # Control: intervals a quarter as wide do not.
+    assert np.mean([abs(g.value["contact.gamma"] - true) <= g.ci["contact.gamma"] / 4 for g in found]) < 0.7
+
+
+def test_the_smoothed_gradient_tends_to_the_exact_one():
+    scene = with_numbers(scene_at(2.5), ["contact.gamma"])
+    found = orbit(scene)
+    exact = on_orbit(found, ["contact.gamma"]).value["contact.gamma"]
+    plan = Plan(128, 4, 400, 0.0, FAST)
+    errors = []
+    for sigma in (1e-2, 1e-3, 1e-4):
+        got = smoothed(scene, ["contact.gamma"], "P_d", found, sigma, 16, plan, 0)
+        errors.append(abs(got.value["contact.gamma"] / exact - 1))
+    assert errors[1] < errors[0] / 20
+    assert errors[2] < 1e-6
+    assert "structured" not in got.flags
+
+
+def test_chaos_is_told_from_order():
+    calm = gradient(scene_at(2.5), ["shroud.gap"])
+    assert (calm.kind, calm.flags, calm.ci) == ("periodic", (), {"shroud.gap": 0.0})
+    assert calm.level == calm.orbit.P_d
+    wild = gradient(scene_at(5.5), ["shroud.gap"], pairs=16, n_periods=32, transient=16, most_periods=64)
+    assert wild.kind == "smoothed"
+    assert wild.sigma == 0.01
+    assert wild.ci["shroud.gap"] > 0
+    assert "aperiodic" in wild.flags
+
+
+def test_a_neighbourhood_with_bifurcations_is_structured():
+    # Around gamma = 4.4 lie a period doubling and windows.
+    scene = with_numbers(scene_at(4.4), ["contact.gamma"])
+    got = smoothed(scene, ["contact.gamma"], "P_d", orbit(scene), 0.05, 32, PLAN, 0)
+    assert "structured" in got.flags
+
+
+def test_power_itself_can_be_differentiated():
+    scene = scene_at(2.5)
+    P, P_d = (gradient(scene, ["shroud.gap"], of=of) for of in ("P", "P_d"))
+    P_0 = P.orbit.P_0[0]  # does not depend on the gap
+    assert P_d.value["shroud.gap"] == pytest.approx(-100 * P.value["shroud.gap"] / P_0, rel=1e-9)
+
+
+def test_wrong_requests_are_told():
+    with pytest.raises(KeyError, match="no number called"):
+        gradient(scene_at(2.5), ["shroud.gaps"])
+    with pytest.raises(KeyError, match="one number"):
+        gradient(scene_at(2.5), ["contact.k", "contact.gamma"])
+    with pytest.raises(KeyError, match="differs between the blades"):
+        gradient(scene_at(2.5), ["drive.phase"])
+    with pytest.raises(ValueError, match="is 0"):
+        gradient(scene_at(5.5), ["drive.phase[0]"], most_periods=16)
