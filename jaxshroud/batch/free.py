@@ -11,7 +11,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 
 from jaxshroud.batch.extent import memory_for
 from jaxshroud.batch.periods import Sample, begin_lanes
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
 from jaxshroud.model.absent import Scalar
 from jaxshroud.model.geometry import gyration
@@ -37,7 +37,7 @@ def nodes_needed(scenes: Scene) -> int:
 
 
 def free_runs(
-    scenes: Scene, states: State, transient: int, kept: int, phase: float, method: Method, begin: ArrayLike = 0.0
+    scenes: Scene, states: State, transient: int, kept: int, phase: float, method: Choices, begin: ArrayLike = 0.0
 ):
     """Samples and final lanes of scenes (leading axis) without contact; see `sweep.Runs`.
 

@@ -9,7 +9,7 @@ from jaxshroud.batch.lanes import alone, plain
 from jaxshroud.batch.tangents import Flow, begun, differentiable, ended
 from jaxshroud.march.lane import grid
 from jaxshroud.march.march import march
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.model.modes import Status
 from jaxshroud.model.rhs import as_arrays
 from jaxshroud.model.state import State
@@ -23,7 +23,7 @@ def period_map(
     *,
     n_periods: int = 1,
     steps_per_period: int = 400,
-    method: Method = FAST,
+    method: Method | Choices = FAST,
     most_trials: int | None = None,
 ) -> Flow:
     """Run `n_periods` drive periods from drive phase 0, inside `jax.jit`, `vmap`, `jvp`, `jacfwd` or `grad`.
@@ -50,6 +50,7 @@ def period_map(
         ValueError: Float64 is not to be had.
         TypeError: It is differentiated twice, and contact has events: their derivatives are of first order only.
     """
+    method = choices(method)
     scene, state = (in_precision(tree, method.precision) for tree in (scene, state))
     method = differentiable(method)
     lane, model, period = begun(scene, state, method)

@@ -13,7 +13,7 @@ from jaxshroud.march.each import EachLane
 from jaxshroud.march.energy import balance, energy
 from jaxshroud.march.lane import Lane, begin, grid
 from jaxshroud.march.march import march
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.model.absent import Pair, filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.rhs import Model, as_pairs, model, whole
@@ -46,12 +46,12 @@ class Clock(NamedTuple):
     per_period: Float[Array, ""]
 
 
-def periods_at_once(lanes: int, steps: int, method: Method) -> int:
+def periods_at_once(lanes: int, steps: int, method: Choices) -> int:
     """How many periods of so many lanes and steps to run in one call at most."""
     return max(AT_ONCE // (max(lanes, 32) * steps * len(method.tableau.b)), 1)
 
 
-def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Method, each: EachLane):
+def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Choices, each: EachLane):
     lanes, held = _with_empty_tally(lanes), _energies(lanes, models)
     like = lambda a: jnp.broadcast_to(a.astype(periods.dtype), periods.shape)  # noqa: E731
     grids = grid(like(clock.start), like(clock.per_period), periods)
@@ -84,7 +84,7 @@ def _energies(lanes: Lane, models: Model) -> Float[Array, " lanes"]:
 
 @compiled("method", "block", "each")
 def run_block(
-    scenes: Scene, lanes: Lane, clock: Clock, n: Int[Array, ""], method: Method, block: int, each: EachLane
+    scenes: Scene, lanes: Lane, clock: Clock, n: Int[Array, ""], method: Choices, block: int, each: EachLane
 ) -> tuple[Lane, Sample]:
     """Run up to `block` periods of every lane.
 
@@ -108,6 +108,6 @@ def run_block(
 
 
 @partial(jax.jit, static_argnames="method")
-def begin_lanes(scenes: Scene, states: State, method: Method) -> Lane:
+def begin_lanes(scenes: Scene, states: State, method: Choices) -> Lane:
     """Lanes about to start from `states`."""
     return jax.vmap(lambda scene, state: begin(as_pairs(state), model(scene), method))(scenes, states)

@@ -15,7 +15,7 @@ from jaxshroud.batch.lanes import best
 from jaxshroud.batch.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, periods_at_once, run_block
 from jaxshroud.batch.threads import Check, Interrupted, in_threads
 from jaxshroud.march.lane import Lane
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import Tableau
 from jaxshroud.model.modes import Status
 from jaxshroud.model.rhs import whole
@@ -39,7 +39,7 @@ class Plan:
     kept: int
     steps_per_period: int
     phase: float
-    method: Method
+    method: Choices
 
     @property
     def clock(self) -> Clock:
@@ -55,7 +55,7 @@ class Plan:
         return Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(steps / turns)) if steps else None
 
 
-def stepper(scene: Scene, method: Method) -> Tableau | None:
+def stepper(scene: Scene, method: Choices) -> Tableau | None:
     """What steps through a scene: nothing where there is a closed form."""
     return None if scene.parts.contact == "none" else method.tableau
 

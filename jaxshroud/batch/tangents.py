@@ -23,7 +23,7 @@ from jaxshroud.march.events import seat
 from jaxshroud.march.lane import Fixed, Lane, begin, grid, running
 from jaxshroud.march.locate import select
 from jaxshroud.march.march import advance
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.march.step import End
 from jaxshroud.march.trial import Decision
 from jaxshroud.model.absent import Pair, Scalar, filled, is_absent
@@ -125,7 +125,7 @@ def canonical(state: State, scene_model: Model) -> State:
     return eqx.tree_at(lambda s: s.u_s, state, jnp.where(state.mode == Mode.APART, 0.0, u_s))
 
 
-def begun(scene: Scene, state: State, method: Method) -> tuple[Lane, Model, Scalar]:
+def begun(scene: Scene, state: State, method: Choices) -> tuple[Lane, Model, Scalar]:
     """A lane about to start, its model and the drive's period."""
     scene_model = model(scene)
     lane = begin(canonical(reduced(as_pairs(state), scene_model), scene_model), scene_model, method)
@@ -141,7 +141,7 @@ def ended(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
 
 
 @compiled("method", "each")
-def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], method: Method, each: EachLane) -> Dual:
+def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], method: Choices, each: EachLane) -> Dual:
     """Run `n` drive periods from drive phase 0, with tangents.
 
     Args:
@@ -176,12 +176,12 @@ def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], m
     return dual(plain)(ended, lanes, models, times)
 
 
-def differentiable(method: Method) -> Method:
+def differentiable(method: Choices) -> Choices:
     """The same method with derivatives of the events' instants, and nothing else that a flow does not need."""
     return method._replace(derivative=True, ledger=False, within=False)
 
 
-def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Method) -> Dual:
+def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices) -> Dual:
     """`flow` for any number of lanes, in chunks that share one compiled function; numpy arrays."""
     lanes = len(scenes.value.drive.omega)
     width = WIDTHS[lanes > WIDTHS[0] * 2]
@@ -194,7 +194,7 @@ def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Method) -> 
     return jax.tree.map(lambda *a: np.concatenate(a)[:lanes], *in_threads(run, pieces))
 
 
-def _in_parts(scenes: Dual, states: Dual, n: int, steps: int, method: Method, check: Check) -> Dual:
+def _in_parts(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, check: Check) -> Dual:
     """`flow`, in parts so short that an interruption need not wait for long."""
     longest = periods_at_once(len(scenes.value.drive.omega), steps, method)
     whole, done = None, 0
@@ -253,7 +253,7 @@ def tangents(
     *,
     n: int,
     steps: int,
-    method: Method,
+    method: Choices,
     by_state: bool = True,
 ) -> Tangents:
     """Flow of one scene over `n` periods from drive phase 0 with all its tangents.

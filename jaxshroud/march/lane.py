@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.march.events import Counters, Guards, look, no_events
 from jaxshroud.march.locate import Search, fresh
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.march.within import Within, nothing_yet
 from jaxshroud.model.absent import ABSENT, Pair, Scalar
 from jaxshroud.model.modes import Status
@@ -71,7 +71,7 @@ class Lane(eqx.Module):
     status: Int[Array, ""]
 
 
-def begin(state: State, model: Model, method: Method) -> Lane:
+def begin(state: State, model: Model, method: Choices) -> Lane:
     """A lane at step 0 whose first act is to check every guard: a start in overlap is an onset at t = 0."""
     zero = jnp.zeros_like(state.motion.x[0])
     count0 = jnp.zeros((), jnp.int32)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Int
 
 from jaxshroud.march.each import EachLane
 from jaxshroud.march.lane import Fixed, Grid, Lane, running
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.march.step import NO_STAGES, End, Stages, place_of, rk_stages, rk_step
 from jaxshroud.march.trial import decide, trial
 from jaxshroud.model.rhs import Model
@@ -25,7 +25,7 @@ DUAL_STAGES = 4  # in one kernel where tangents come along
 SMOOTH = 0.75  # of all these numbers in smooth contact, whose laws are longer: beyond, RK8 is 60 times slower
 
 
-def advance(lanes: Any, fixed: Any, method: Method, each: EachLane) -> Any:
+def advance(lanes: Any, fixed: Any, method: Choices, each: EachLane) -> Any:
     """One trial step of every lane on its way: of `Lane`s, or of whatever `each` makes of them.
 
     A short Runge-Kutta method and all that follows is one kernel. The stages of a long one come first, in groups.
@@ -45,20 +45,20 @@ def advance(lanes: Any, fixed: Any, method: Method, each: EachLane) -> Any:
     return each(lambda lane, end, what, fixed: trial(lane, end, what, fixed, method), lanes, end, decision, fixed)
 
 
-def _whole(lane: Lane, fixed: Fixed, method: Method) -> Lane:
+def _whole(lane: Lane, fixed: Fixed, method: Choices) -> Lane:
     return _judged(lane, _step(lane, NO_STAGES, fixed, method), fixed, method)
 
 
-def _judged(lane: Lane, end: End, fixed: Fixed, method: Method) -> Lane:
+def _judged(lane: Lane, end: End, fixed: Fixed, method: Choices) -> Lane:
     return trial(lane, end, decide(lane, end, fixed, method), fixed, method)
 
 
-def _some(lane: Lane, known: Stages, upto: int, fixed: Fixed, method: Method) -> Stages:
+def _some(lane: Lane, known: Stages, upto: int, fixed: Fixed, method: Choices) -> Stages:
     model, grid, _ = fixed
     return rk_stages(known, upto, place_of(lane, grid), lane.state, model, method)[0]
 
 
-def _step(lane: Lane, known: Stages, fixed: Fixed, method: Method) -> End:
+def _step(lane: Lane, known: Stages, fixed: Fixed, method: Choices) -> End:
     model, grid, _ = fixed
     return rk_step(known, place_of(lane, grid), lane.state, model, method)
 
@@ -68,7 +68,7 @@ def march(
     models: Model,
     grids: Grid,
     stops: Int[Array, " lanes"],
-    method: Method,
+    method: Choices,
     each: EachLane,
     most_trials: int | None = None,
 ) -> Lane:

@@ -24,7 +24,7 @@ from jaxshroud.batch.tangents import (
     tangents,
     to_vector,
 )
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for, stiffest
 from jaxshroud.model.absent import filled
 from jaxshroud.model.linear import area, free_power
@@ -76,7 +76,7 @@ class Orbit:
     updates: int  # of Newton's method
     periods: int  # drive periods simulated in all, each Jacobian counted as one run
     steps_per_period: int
-    method: Method
+    method: Choices
     jacobian: Tangents | None = field(repr=False)  # of the map at the orbit
 
     def __repr__(self) -> str:
@@ -129,7 +129,7 @@ def orbit(
     most_periods: int = 1024,
     steps_per_period: Steps = 400,
     tolerance: float | None = None,
-    method: Method = FAST,
+    method: Method | Choices = FAST,
 ) -> Orbit:
     """The periodic orbit that a scene settles on.
 
@@ -153,6 +153,7 @@ def orbit(
     Raises:
         ValueError: A count is too small, the tolerance is not positive, or `q` is given without a state.
     """
+    method = choices(method)
     count_argument("most_periods", most_periods, 1)
     tolerance = TOLERANCE[method.precision] if tolerance is None else tolerance
     positive_argument("tolerance", tolerance)
@@ -169,7 +170,7 @@ def orbit(
     return _settled(scene, state, most_periods, steps_per_period, tolerance, method)
 
 
-def _settled(scene: Scene, state: State | None, most: int, steps: int, tolerance: float, method: Method) -> Orbit:
+def _settled(scene: Scene, state: State | None, most: int, steps: int, tolerance: float, method: Choices) -> Orbit:
     lane = alone(scene)
     states = starts(lane) if state is None else alone(state)
     spent, samples, largest, latest = 0, np.empty((0, STATE - 1)), np.empty((0, 6)), None
@@ -234,7 +235,7 @@ def _closed(
     sizes: np.ndarray,
     steps: int,
     tolerance: float,
-    method: Method,
+    method: Choices,
     most: int = MOST_UPDATES,
 ) -> Shot:
     """Newton's method on the map of `q` periods, in quantities scaled by their `sizes`."""
@@ -344,7 +345,7 @@ def _without_slider(multipliers: np.ndarray, slider_is_free: bool) -> np.ndarray
     return np.delete(multipliers, np.argmin(np.abs(multipliers - 1))) if slider_is_free else multipliers
 
 
-def described(scene: Scene, shot: Shot, q: int, tolerance: float, spent: int, steps: int, method: Method) -> Orbit:
+def described(scene: Scene, shot: Shot, q: int, tolerance: float, spent: int, steps: int, method: Choices) -> Orbit:
     """The orbit through a closed shot, with its multipliers and flags."""
     at = shot.at
     multipliers = np.linalg.eigvals(at.by_state) if np.all(np.isfinite(at.by_state)) else np.full(STATE, np.nan + 0j)
@@ -382,7 +383,7 @@ def described(scene: Scene, shot: Shot, q: int, tolerance: float, spent: int, st
     )
 
 
-def _none(scene: Scene, state: State, flags: tuple[str, ...], spent: int, steps: int, method: Method) -> Orbit:
+def _none(scene: Scene, state: State, flags: tuple[str, ...], spent: int, steps: int, method: Choices) -> Orbit:
     nothing = np.full(2, np.nan)
     return Orbit(
         scene=scene,

@@ -9,7 +9,7 @@ from jaxshroud.batch.extent import fits
 from jaxshroud.batch.lanes import alone
 from jaxshroud.batch.periods import BLOCK, Sample
 from jaxshroud.batch.runs import Plan, Progress, Ticker, final_states, run_lanes, starts, stepper, told_chatter
-from jaxshroud.march.method import FAST_WITH_LEDGER, Method
+from jaxshroud.march.method import FAST_WITH_LEDGER, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.linear import area
 from jaxshroud.model.modes import Status
@@ -80,7 +80,7 @@ def power(
     steps_per_period: Steps = 400,
     tolerance: float = 0.1,
     period_tol: float = PERIOD_TOLERANCE,
-    method: Method = FAST_WITH_LEDGER,
+    method: Method | Choices = FAST_WITH_LEDGER,
     progress: Progress | None = None,
 ) -> PowerResult:
     """Average P_d over more and more periods until it is stable.
@@ -104,6 +104,7 @@ def power(
     Raises:
         ValueError: A count or the tolerance is not positive, or the run would be too long or too large.
     """
+    method = choices(method, ledger=True)
     count_argument("most_periods", most_periods, 1)
     count_argument("transient", transient, 0)
     fits(1, transient, most_periods)

@@ -21,7 +21,7 @@ from jaxshroud.march.energy import balance, energy
 from jaxshroud.march.events import Counters, seat
 from jaxshroud.march.lane import Lane, begin, grid
 from jaxshroud.march.march import march
-from jaxshroud.march.method import REFERENCE, Method
+from jaxshroud.march.method import REFERENCE, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.absent import Scalar, filled
 from jaxshroud.model.friction import stretch
@@ -48,7 +48,7 @@ def simulate(
     every: int = 1,
     turns: float = 0.0,
     t: float = 0.0,
-    method: Method = REFERENCE,
+    method: Method | Choices = REFERENCE,
 ) -> Trajectory:
     """Integrate Eq. (1), stopping inside a step at every contact change.
 
@@ -71,6 +71,7 @@ def simulate(
     Source:
         Eq. (1), Sec. 3.1, in SI; not Eq. (21), whose time scaling is inconsistent.
     """
+    method = choices(method, ledger=True)
     for name, value in dict(n_periods=n_periods, every=every).items():
         count_argument(name, value, 1)
     scene = in_precision(scene, method.precision)
@@ -118,7 +119,7 @@ def simulate(
     )
 
 
-def _told_chatter(scene: Scene, lane: Lane, samples: State, clock: Clock, every: int, method: Method) -> str | None:
+def _told_chatter(scene: Scene, lane: Lane, samples: State, clock: Clock, every: int, method: Choices) -> str | None:
     done = (np.isfinite(samples.motion.x[:, 0]).sum() - 1) * every // int(clock.steps)
     return chatter(alone(scene), alone(lane), np.array([done + 1]), clock, method)
 
@@ -142,7 +143,7 @@ def _free(scene: Scene, first: Motion, turns: Scalar, t) -> tuple[Motion, Int[Ar
 
 
 @partial(jax.jit, static_argnames="method")
-def _begin(scene: Scene, state: State, method: Method) -> tuple[Lane, State]:
+def _begin(scene: Scene, state: State, method: Choices) -> tuple[Lane, State]:
     lane = begin(as_pairs(state), model(scene), method)
     return lane, _sample(lane, model(scene))
 
@@ -163,7 +164,7 @@ def _sample(lane: Lane, scene_model: Model) -> State:
 
 
 @compiled("method", "each")
-def _samples(scene: Scene, lane: Lane, steps, turns, every, n, method: Method, each: EachLane) -> tuple[Lane, State]:
+def _samples(scene: Scene, lane: Lane, steps, turns, every, n, method: Choices, each: EachLane) -> tuple[Lane, State]:
     """`n` samples, `every` steps apart; the rows beyond are meaningless."""
     scene_model = model(scene)
     models, grids = alone((scene_model, grid(turns, steps.astype(turns.dtype), scene.drive.period)))

@@ -13,7 +13,7 @@ from jaxshroud.batch.extent import fits
 from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, in_full, stepper, told_chatter
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.events import Counters
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.absent import filled
 from jaxshroud.motion.averages import averages, relative_drop, relative_residual
@@ -38,7 +38,7 @@ def sweep(
     direction: Direction = "independent",
     phase: float = 0.0,
     period_tol: float = PERIOD_TOLERANCE,
-    method: Method = FAST,
+    method: Method | Choices = FAST,
     progress: Progress | None = None,
 ) -> SweepResult:
     """Simulate `scene` for every value (or pair of values) of one or two of its numbers.
@@ -66,6 +66,7 @@ def sweep(
         Interrupted: Ctrl-C; its `done` is the result with the lanes that had ended, the others with status NOT_RUN, or
             None where none had.
     """
+    method = choices(method)
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
     if not 0 <= phase < 2 * np.pi:

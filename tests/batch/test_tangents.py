@@ -14,7 +14,7 @@ from jaxshroud.batch.lanes import repeated
 from jaxshroud.batch.runs import Plan, final_states, run_lanes
 from jaxshroud.batch.tangents import STATE, Dual, differentiable, direction, from_vector, run_flow, tangents, to_vector
 from jaxshroud.march import march as integrate
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import start
@@ -97,7 +97,7 @@ def test_one_period_jacobian_in_chaos():
     [("rk4", "bisection", ("x",)), ("tsit5", "cubic", ("x", "y", "theta")), ("dopri8", "cubic", ("x", "y"))],
 )
 def test_jacobian_of_other_methods(name, locate, motion):
-    method = Method(tableau(name), locate)
+    method = Choices(tableau(name), locate)
     scene = with_parts(scene_at(5.5), motion=motion)
     states = states_of(scene, 12)
     along = np.random.default_rng(2).standard_normal((12, STATE)) * sizes_of(states)
