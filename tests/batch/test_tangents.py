@@ -1,6 +1,6 @@
 """Tangents through stick, slip, impact and case switches against differences, and what they must satisfy."""
 
-import sys
+import importlib
 
 import equinox as eqx
 import jax
@@ -139,7 +139,9 @@ def two_trajectories(scene, state, n, apart=1e-7):
 def test_largest_exponent_is_that_of_two_trajectories(gamma, monkeypatch):
     # Along one and the same motion, so that nothing but the derivative differs; the first periods align the directions.
     scene, n = scene_at(gamma), 300
-    monkeypatch.setattr(sys.modules["jaxshroud.motion.lyapunov"], "ALIKE", -1.0)  # never alike: the longest alignment
+    monkeypatch.setattr(
+        importlib.import_module("jaxshroud.motion.lyapunov"), "ALIKE", -1.0
+    )  # never alike: the longest alignment
     found = lyapunov(scene, n_periods=n)
     by_distance = two_trajectories(scene, settled(scene, 64, STEPS, FAST), ALIGNING + n)[-n:].mean()
     by_tangents = found.growth[:, 0].mean()

@@ -36,10 +36,10 @@ def computed(monkeypatch):
 
         monkeypatch.setattr(module, name, call)
 
-    import sys
+    import importlib
 
     for module, name in (("batch.runs", "run_block"), ("batch.tangents", "flow"), ("verbs.simulate", "_samples")):
-        watched(sys.modules[f"jaxshroud.{module}"], name)
+        watched(importlib.import_module(f"jaxshroud.{module}"), name)
     return seen
 
 
