@@ -4,8 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from side_by_side import EXACT, ends, relative_error, run, sizes
-from test_parts import with_parts
+from side_by_side import EXACT, ends, relative_error, run, sizes, with_parts
 
 import jaxshroud as js
 from jaxshroud.march.method import FAST_WITH_LEDGER
