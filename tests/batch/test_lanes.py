@@ -8,12 +8,12 @@ from side_by_side import EXACT, with_parts
 
 from jaxshroud import vary
 from jaxshroud.batch import compiled, lanes
-from jaxshroud.batch.lanes import best, fused, plain
+from jaxshroud.batch.loop import advance
 from jaxshroud.batch.periods import begin_lanes, run_block
 from jaxshroud.batch.runs import starts
+from jaxshroud.batch.xla import best, fused, plain
 from jaxshroud.march.lane import Fixed, grid
-from jaxshroud.march.march import advance
-from jaxshroud.model.rhs import model
+from jaxshroud.model.ready import model
 from jaxshroud.verbs import sweep
 
 LANES = 8

@@ -15,7 +15,7 @@ from jaxshroud.march.stability import contact_gradients
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.geometry import corners, natural_case, pose, touch
 from jaxshroud.model.linear import steady_amplitudes
-from jaxshroud.model.rhs import as_pairs
+from jaxshroud.model.state import as_pairs
 from jaxshroud.verbs import power, sweep
 
 GAMMAS = (0.3, 2.5, 4.2, 7.5)

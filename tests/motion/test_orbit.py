@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from jaxshroud import load, simulate, value_of
-from jaxshroud.batch.lanes import repeated
-from jaxshroud.batch.tangents import STATE, Dual, differentiable, direction, onward, resting, run_flow, tangents
+from jaxshroud.batch.states import STATE
+from jaxshroud.batch.tangents import Dual, differentiable, direction, onward, resting, run_flow, tangents
+from jaxshroud.batch.xla import repeated
 from jaxshroud.march import events
 from jaxshroud.march import march as integrate
 from jaxshroud.march.method import FAST
