@@ -71,6 +71,7 @@ class Ticker:
             self.report(self.done, self.total)
 
 
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Runs:
     """What came out of a batch of lanes."""

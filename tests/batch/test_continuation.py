@@ -4,12 +4,11 @@ import jax
 import numpy as np
 import pytest
 
-from jaxshroud import load
+from jaxshroud import load, sweep
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.batch.states import final_states
 from jaxshroud.march.method import FAST
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.verbs import sweep
 
 PHASE, STEPS = 1.0, 200
 ALIKE = np.array([2.5, 2.5 * (1 + 1e-12)])  # values of gamma

@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 from side_by_side import with_parts
 
-from jaxshroud import load, period_map, value_of, vary
+from jaxshroud import load, lyapunov, orbit, period_map, value_of, vary
 from jaxshroud.batch.runs import Plan, run_lanes
 from jaxshroud.batch.states import STATE, final_states, from_vector, to_vector
 from jaxshroud.batch.tangents import Dual, differentiable, direction, run_flow, tangents
 from jaxshroud.batch.xla import repeated
-from jaxshroud.march import march as integrate
+from jaxshroud.march import trial
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import start
-from jaxshroud.motion import lyapunov, orbit
 from jaxshroud.motion.lyapunov import ALIGNING, settled
 
 STEPS = 400
@@ -109,7 +108,7 @@ def test_jacobian_of_other_methods(name, locate, motion):
 @pytest.fixture
 def naive(monkeypatch):
     """A method whose events' instants have no derivative, as differentiating through the search would leave it."""
-    monkeypatch.setattr(integrate, "at_the_root", lambda quantities, *_: quantities)
+    monkeypatch.setattr(trial, "at_the_root", lambda quantities, *_: quantities)
     return FAST._replace(tableau=FAST.tableau._replace(name="naive"))  # another name: compiled anew
 
 
