@@ -36,7 +36,8 @@ PLACES = {
     "analysis.power": "motion.power",
     "analysis.settling": "motion.settling",
     "analysis.spectrum": "motion.spectrum",
-    "sweep": "scene.parts scene.grids batch.states batch.runs batch.continuation motion.averages results.sweep verbs.sweep",
+    "sweep": "scene.parts scene.grids batch.states batch.runs batch.continuation motion.averages results.sweep "
+    "verbs.sweep",
     "power": "results.power verbs.power",
     "trajectory": "results.trajectory verbs.simulate",
     "explain": "verbs.explain",
