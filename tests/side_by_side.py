@@ -6,7 +6,7 @@ import numpy as np
 
 import jaxshroud.scene.scene
 from jaxshroud.batch.runs import Plan, Runs, run_lanes, starts
-from jaxshroud.march.method import REFERENCE, Method
+from jaxshroud.march.method import REFERENCE, Choices
 from jaxshroud.march.tableau import TABLEAUS, tableau
 from jaxshroud.scene.motion import AT_REST, Motion
 from jaxshroud.scene.parts import Parts
@@ -14,11 +14,11 @@ from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
 
 # Every method that claims to be of its tableau's order, and steps per period from which on it is.
-EXACT = {f"{name}-{how}": Method(tableau(name), how) for name in TABLEAUS for how in ("bisection", "cubic")}
+EXACT = {f"{name}-{how}": Choices(tableau(name), how) for name in TABLEAUS for how in ("bisection", "cubic")}
 STEPS = {"rk4": 1000, "tsit5": 300, "dop853": 75, "dopri8": 75}
 
 
-def run(scenes: list[Scene], periods: int, steps: int, method: Method = REFERENCE) -> Runs:
+def run(scenes: list[Scene], periods: int, steps: int, method: Choices = REFERENCE) -> Runs:
     """Runs of alike-structured scenes from their initial motions, all periods kept."""
     batch = jax.tree.map(lambda *a: jnp.stack(a), *scenes)
     batch = in_precision(batch, method.precision)

@@ -1,23 +1,21 @@
 """What alternated where a lane stopped with TOO_MANY_EVENTS, when, and what to try."""
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.lanes import best
 from jaxshroud.batch.periods import BLOCK, CHUNK, Clock, run_block
+from jaxshroud.batch.xla import best
 from jaxshroud.march.events import Counters
 from jaxshroud.march.lane import Lane
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.model.absent import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.scene import Scene
 
 
-def chatter(scenes: Scene, last: Lane, period: Any, clock: Clock, method: Method) -> str | None:
+def chatter(scenes: Scene, last: Lane, period: np.ndarray, clock: Clock, method: Choices) -> str | None:
     """One line on the first lane that stopped with TOO_MANY_EVENTS; None if there is none.
 
     The lane goes on from where it stopped, until it has stopped again: what happens then is what alternates.

@@ -143,13 +143,13 @@ def loaded(options: argparse.Namespace, *more: str) -> SceneFile:
 
 def chosen_method(options: argparse.Namespace, locate: Locate = "cubic"):
     """The static choices of the march asked for."""
-    from jaxshroud.march.method import Method
+    from jaxshroud.march.method import Choices
 
     ledger = getattr(options, "ledger", True)
     if options.choice is not None:
         return options.choice.method._replace(ledger=ledger)
     precision = options.precision or "float64"
-    return Method(tableau(options.tableau or "rk4"), options.locate or locate, ledger, precision)
+    return Choices(tableau(options.tableau or "rk4"), options.locate or locate, ledger, precision)
 
 
 def check_step(file: SceneFile, scenes: Any, options: argparse.Namespace) -> int:

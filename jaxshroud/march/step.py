@@ -7,9 +7,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxshroud.march.lane import Grid, Lane
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.model.absent import Pair, Scalar
-from jaxshroud.model.rhs import Integrals, Model, Slope, rhs, wave
+from jaxshroud.model.ready import Model
+from jaxshroud.model.rhs import Integrals, Slope, rhs, wave
 from jaxshroud.model.state import State
 from jaxshroud.model.trig import sincos_turns, sine_versine
 from jaxshroud.scene.motion import Motion
@@ -40,7 +41,7 @@ class Stages(NamedTuple):
 NO_STAGES = Stages((), None)
 
 
-def rk_stages(known: Stages, upto: int, place: Place, held: State, model: Model, method: Method):
+def rk_stages(known: Stages, upto: int, place: Place, held: State, model: Model, method: Choices):
     """The stages before number `upto`, and the slopes dz/dt in all of them; the mode stays fixed."""
     tableau, (found, gain) = method.tableau, known
     slopes: list[State] = []
@@ -75,7 +76,7 @@ class End(NamedTuple):
     slope: tuple[State, Pair, Integrals] | None  # d/dt of all three; None where nothing is differentiated
 
 
-def rk_step(known: Stages, place: Place, held: State, model: Model, method: Method) -> End:
+def rk_step(known: Stages, place: Place, held: State, model: Model, method: Choices) -> End:
     """One explicit Runge-Kutta step in a fixed mode."""
     b = method.tableau.b
     (_, gain), slopes = rk_stages(known, len(b), place, held, model, method)

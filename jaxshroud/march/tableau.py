@@ -44,7 +44,7 @@ def tableau(name: str) -> Tableau:
     Raises:
         ValueError: There is no such method.
     """
-    word_argument("name", name, TABLEAUS)
+    word_argument("tableau", name, TABLEAUS)
     if name == "rk4":
         return RK4
     if name == "dop853":

@@ -12,7 +12,7 @@ from jaxshroud.march.events import Counters, Kind, any_of, count, crossing, firs
 from jaxshroud.march.implicit import at_the_root
 from jaxshroud.march.lane import Fixed, Jumps, Lane, Log, Tally, displacements_of, running
 from jaxshroud.march.locate import Search, fresh, judge, picked, select
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.march.step import End, place_of
 from jaxshroud.march.within import Within, extremes
 from jaxshroud.model.absent import Scalar, where
@@ -40,7 +40,7 @@ class Decision(NamedTuple):
     search: Search  # if the trial is not accepted
 
 
-def decide(lane: Lane, end: End, fixed: Fixed, method: Method) -> Decision:
+def decide(lane: Lane, end: End, fixed: Fixed, method: Choices) -> Decision:
     """Judge a trial step that has come to `end`. Nothing here has a derivative."""
     lane, end, fixed = lax.stop_gradient((lane, end, fixed))
     (model, grid, stop), search = fixed, lane.search
@@ -78,7 +78,7 @@ def _two_of(flags: tuple[Bool[Array, ""], ...]) -> Bool[Array, ""]:
     return any_of([none, *(a & any_of(flags[i + 1 :]) for i, a in enumerate(flags[:-1]))])
 
 
-def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method) -> Lane:
+def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Choices) -> Lane:
     """What becomes of a lane whose trial step has come to `end`; nothing if it has arrived or failed."""
     (model, grid, stop), search, held = fixed, lane.search, lane.state
     accept, fire, again, kind = decision.accept, decision.fire, decision.again, decision.kind
@@ -120,7 +120,7 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method
     )
 
 
-def _glided(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Method) -> Lane:
+def _glided(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Choices) -> Lane:
     """`trial` without events."""
     (model, grid, stop), accept = fixed, decision.accept
     at = seat(end.state.motion, lane.state, model)[2]
@@ -183,7 +183,7 @@ def _logged(log: Log, h: Scalar, mode, z: Motion, at: Touch, noted: Noted) -> Lo
     )
 
 
-def _advanced(search: Search, step, fire, again, method: Method) -> tuple[Search, Int[Array, ""]]:
+def _advanced(search: Search, step, fire, again, method: Choices) -> tuple[Search, Int[Array, ""]]:
     """The search of the next trial and the clock, after an accepted trial."""
     done = search.done + search.length
     sliver = 1e-12 if done.dtype == jnp.float64 else 1e-6

@@ -8,10 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.lanes import alone
-from jaxshroud.batch.runs import Plan, final_states, run_lanes, starts
-from jaxshroud.batch.tangents import STATE, Tangents, differentiable, tangents
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.states import STATE, final_states
+from jaxshroud.batch.tangents import Tangents, differentiable, tangents
+from jaxshroud.batch.xla import alone
+from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State, start
@@ -46,7 +47,7 @@ def lyapunov(
     n_periods: int,
     transient: int = 64,
     steps_per_period: Steps = 400,
-    method: Method = FAST,
+    method: Method | Choices = FAST,
 ) -> Lyapunov:
     """Exponents of the motion that a scene settles on.
 
@@ -66,6 +67,7 @@ def lyapunov(
     Raises:
         ValueError: A count is too small.
     """
+    method = choices(method)
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
     steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
@@ -91,7 +93,7 @@ def lyapunov(
     return Lyapunov(mean[order], ci[order], rates[:, order], status, state)
 
 
-def _grown(scene: Scene, state: State, steps: int, method: Method) -> Iterator[tuple[Tangents, np.ndarray]]:
+def _grown(scene: Scene, state: State, steps: int, method: Choices) -> Iterator[tuple[Tangents, np.ndarray]]:
     """Period by period: its tangents, and logarithms (2, 13) of how much the directions of two frames grew in it."""
     unit = _units(scene)
     random = np.random.default_rng(0)
@@ -119,10 +121,10 @@ def _alike(grown: np.ndarray) -> bool:
     return not np.any(apart[1:] & apart[:-1])
 
 
-def settled(scene: Scene, transient: int, steps: int, method: Method) -> State:
+def settled(scene: Scene, transient: int, steps: int, method: Choices) -> State:
     """The state after `transient` periods from the scene's start."""
     if transient == 0:
         return start(scene.initial)
     lane = alone(scene)
     runs = run_lanes(lane, starts(lane), Plan(transient - 1, 1, steps, 0.0, method), lambda _: None)
-    return jax.tree.map(lambda a: a[0], final_states(runs.last))
+    return jax.tree.map(lambda a: a[0], final_states(runs.last.state))

@@ -10,21 +10,11 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.lanes import alone, repeated
-from jaxshroud.batch.runs import Plan, final_states, run_lanes, starts
-from jaxshroud.batch.tangents import (
-    STATE,
-    Dual,
-    Tangents,
-    as_precise,
-    differentiable,
-    from_vector,
-    resting,
-    run_flow,
-    tangents,
-    to_vector,
-)
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.states import STATE, as_precise, final_states, from_vector, rows, to_vector
+from jaxshroud.batch.tangents import Dual, Tangents, differentiable, resting, run_flow, tangents
+from jaxshroud.batch.xla import alone, repeated
+from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for, stiffest
 from jaxshroud.model.absent import filled
 from jaxshroud.model.linear import area, free_power
@@ -76,7 +66,7 @@ class Orbit:
     updates: int  # of Newton's method
     periods: int  # drive periods simulated in all, each Jacobian counted as one run
     steps_per_period: int
-    method: Method
+    method: Choices
     jacobian: Tangents | None = field(repr=False)  # of the map at the orbit
 
     def __repr__(self) -> str:
@@ -129,7 +119,7 @@ def orbit(
     most_periods: int = 1024,
     steps_per_period: Steps = 400,
     tolerance: float | None = None,
-    method: Method = FAST,
+    method: Method | Choices = FAST,
 ) -> Orbit:
     """The periodic orbit that a scene settles on.
 
@@ -153,6 +143,7 @@ def orbit(
     Raises:
         ValueError: A count is too small, the tolerance is not positive, or `q` is given without a state.
     """
+    method = choices(method)
     count_argument("most_periods", most_periods, 1)
     tolerance = TOLERANCE[method.precision] if tolerance is None else tolerance
     positive_argument("tolerance", tolerance)
@@ -169,7 +160,7 @@ def orbit(
     return _settled(scene, state, most_periods, steps_per_period, tolerance, method)
 
 
-def _settled(scene: Scene, state: State | None, most: int, steps: int, tolerance: float, method: Method) -> Orbit:
+def _settled(scene: Scene, state: State | None, most: int, steps: int, tolerance: float, method: Choices) -> Orbit:
     lane = alone(scene)
     states = starts(lane) if state is None else alone(state)
     spent, samples, largest, latest = 0, np.empty((0, STATE - 1)), np.empty((0, 6)), None
@@ -177,11 +168,11 @@ def _settled(scene: Scene, state: State | None, most: int, steps: int, tolerance
     here = jax.tree.map(lambda a: a[0], states)
     for done in range(BLOCK, most + BLOCK, BLOCK):
         runs = run_lanes(lane, states, Plan(0, BLOCK, steps, 0.0, method), lambda _: None)
-        spent, states = spent + BLOCK, final_states(runs.last)
+        spent, states = spent + BLOCK, final_states(runs.last.state)
         here = jax.tree.map(lambda a: a[0], states)
         if int(runs.last.status[0]) != Status.OK:
             return _none(scene, here, ("stopped",), spent, steps, method)
-        new = np.concatenate([np.stack(pair, axis=-1)[0] for pair in runs.samples.motion], axis=-1)
+        new = rows(runs.samples.motion)[0]
         latest_ones = slice(-max(min(WINDOW, done // 2), BLOCK), None)
         samples = np.concatenate([samples, new])[latest_ones]
         largest = np.concatenate([largest, sizes_of(runs.samples)[0]])[latest_ones]
@@ -234,7 +225,7 @@ def _closed(
     sizes: np.ndarray,
     steps: int,
     tolerance: float,
-    method: Method,
+    method: Choices,
     most: int = MOST_UPDATES,
 ) -> Shot:
     """Newton's method on the map of `q` periods, in quantities scaled by their `sizes`."""
@@ -344,7 +335,7 @@ def _without_slider(multipliers: np.ndarray, slider_is_free: bool) -> np.ndarray
     return np.delete(multipliers, np.argmin(np.abs(multipliers - 1))) if slider_is_free else multipliers
 
 
-def described(scene: Scene, shot: Shot, q: int, tolerance: float, spent: int, steps: int, method: Method) -> Orbit:
+def described(scene: Scene, shot: Shot, q: int, tolerance: float, spent: int, steps: int, method: Choices) -> Orbit:
     """The orbit through a closed shot, with its multipliers and flags."""
     at = shot.at
     multipliers = np.linalg.eigvals(at.by_state) if np.all(np.isfinite(at.by_state)) else np.full(STATE, np.nan + 0j)
@@ -382,7 +373,7 @@ def described(scene: Scene, shot: Shot, q: int, tolerance: float, spent: int, st
     )
 
 
-def _none(scene: Scene, state: State, flags: tuple[str, ...], spent: int, steps: int, method: Method) -> Orbit:
+def _none(scene: Scene, state: State, flags: tuple[str, ...], spent: int, steps: int, method: Choices) -> Orbit:
     nothing = np.full(2, np.nan)
     return Orbit(
         scene=scene,

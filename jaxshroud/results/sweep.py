@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.motion import Motion
 
@@ -38,7 +38,7 @@ class SweepResult:
     v_max: np.ndarray  # largest penetration, of the whole run [m]
     counters: dict[str, np.ndarray]
     steps_per_period: int
-    method: Method
+    method: Choices
     settling: np.ndarray  # 0: the transient is not over, 1: it is, 2: unknown
     periods_more: np.ndarray  # of transient until it is; NaN if unknown
     P_d_settling: np.ndarray  # 0: P_d still drifts, 1: it does not, 2: unknown

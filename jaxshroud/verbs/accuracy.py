@@ -12,7 +12,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest, stiffness_ratio
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.setting import LEVELS, Setting, end_states, state_errors
@@ -38,7 +38,7 @@ class Choice:
     reached: float = np.nan  # error that so many of the probed lanes stayed below, by comparison with half the step
 
     @property
-    def method(self) -> Method:
+    def method(self) -> Choices:
         """The static choices of the march, without a ledger."""
         return self.setting.method
 

@@ -8,15 +8,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.lanes import alone, plain
+from jaxshroud.batch.loop import advance
 from jaxshroud.batch.periods import begin_lanes
+from jaxshroud.batch.xla import alone, plain
 from jaxshroud.march.events import Kind
 from jaxshroud.march.lane import Fixed, Lane, grid
-from jaxshroud.march.march import advance
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices, Method, choices
 from jaxshroud.march.stability import largest_frequency, limits, steps_for
 from jaxshroud.model.linear import steady_amplitudes
-from jaxshroud.model.rhs import model
+from jaxshroud.model.ready import model
 from jaxshroud.model.state import start
 from jaxshroud.scene.parts import MOTIONS, Parts
 from jaxshroud.scene.scene import Scene, with_parts
@@ -47,13 +47,14 @@ class Explained:
     advice: tuple[str, ...]  # what the scene could do without
 
 
-def explain(scene: Scene, method: Method) -> Explained:
+def explain(scene: Scene, method: Method | Choices) -> Explained:
     """What the scene's model consists of.
 
     Args:
         scene: One scene.
         method: Static choices of the march.
     """
+    method = choices(method)
     closed = scene.parts.contact == "none"
     full = with_parts(scene, Parts())
     lane = _ready(scene, method)[0]
@@ -75,14 +76,14 @@ def explain(scene: Scene, method: Method) -> Explained:
     )
 
 
-def operations(scene: Scene, method: Method) -> int:
+def operations(scene: Scene, method: Choices) -> int:
     """Arithmetic, comparisons and selections in one trial step of one lane, as XLA is given them."""
     lanes, fixed = _ready(scene, method)
     traced = jax.make_jaxpr(lambda lanes, fixed: advance(lanes, fixed, method, plain))(lanes, fixed)
     return sum(_counted(traced.jaxpr))
 
 
-def lowered_operations(scene: Scene, method: Method) -> float:
+def lowered_operations(scene: Scene, method: Choices) -> float:
     """The same by XLA's own analysis of cost: a check."""
     lowered = jax.jit(lambda lanes, fixed: advance(lanes, fixed, method, plain)).lower(*_ready(scene, method))
     analysis: Any = lowered.cost_analysis()
@@ -103,7 +104,7 @@ def _counted(jaxpr: Any) -> Iterator[int]:
             yield 1
 
 
-def _ready(scene: Scene, method: Method) -> tuple[Lane, Fixed]:
+def _ready(scene: Scene, method: Choices) -> tuple[Lane, Fixed]:
     """One lane about to start, and what it marches by."""
     scenes, states, period = alone((scene, start(scene.initial), scene.drive.period))
     stop = jnp.ones((1,), jnp.int32)

@@ -12,10 +12,10 @@ import numpy as np
 from scipy.special import stdtrit
 
 from jaxshroud.batch.extent import fits
-from jaxshroud.batch.lanes import repeated
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.batch.tangents import differentiable, direction, tangents
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.batch.xla import repeated
+from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.linear import area, free_power
 from jaxshroud.model.modes import Status
@@ -45,7 +45,7 @@ def gradient(
     most_periods: int = 512,
     steps_per_period: Steps = 400,
     seed: int = 0,
-    method: Method = FAST,
+    method: Method | Choices = FAST,
 ) -> Gradient:
     """Gradient of the left blade's P_d, or of P, with respect to numbers of the scene.
 
@@ -79,6 +79,7 @@ def gradient(
     Source:
         dP/dp = P_p + P_z (I - M)^-1 Phi_p for the fixed point z of the flow Phi over the orbit's periods.
     """
+    method = choices(method)
     word_argument("of", of, Of)
     positive_argument("sigma", sigma)
     scene = with_numbers(scene, wrt)

@@ -8,9 +8,10 @@ import numpy as np
 
 from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.states import rows
 from jaxshroud.batch.tangents import Dual, differentiable, direction, resting, run_flow
 from jaxshroud.march.locate import Locate
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
 from jaxshroud.march.tableau import LEAST_STEPS, tableau
 from jaxshroud.model.absent import Scalar
@@ -41,9 +42,9 @@ class Setting(NamedTuple):
     width: float = 0.0  # of smooth contact in the spring's place, over `free_size`; 0: the contact of the scene
 
     @property
-    def method(self) -> Method:
+    def method(self) -> Choices:
         """The choices but the step."""
-        return Method(tableau(self.tableau), self.locate, False, self.precision)  # type: ignore[arg-type]
+        return Choices(tableau(self.tableau), self.locate, False, self.precision)  # type: ignore[arg-type]
 
     @property
     def kind(self) -> str:
@@ -92,7 +93,7 @@ def free_size(scene: Scene) -> Scalar:
     return jnp.sqrt(free_power(scene)[0] / area(scene.shroud))
 
 
-def end_states(scenes: Scene, steps: int, method: Method) -> np.ndarray:
+def end_states(scenes: Scene, steps: int, method: Choices) -> np.ndarray:
     """Motions (lanes, 12) at the horizon from the scenes' starts; NaN where a lane has stopped."""
     scenes = in_precision(scenes, method.precision)
     runs = run_lanes(scenes, starts(scenes), Plan(HORIZON - 1, 1, steps, 0.0, method), lambda _: None)
@@ -101,7 +102,7 @@ def end_states(scenes: Scene, steps: int, method: Method) -> np.ndarray:
 
 def states(samples: Sample, period: int) -> np.ndarray:
     """Motions (lanes, 12) at the end of a kept period."""
-    return np.concatenate([np.stack(pair, axis=-1)[:, period] for pair in samples.motion], axis=-1).astype(float)
+    return rows(samples.motion)[:, period].astype(float)
 
 
 def state_errors(got: np.ndarray, exact: np.ndarray) -> np.ndarray:

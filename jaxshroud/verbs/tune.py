@@ -18,10 +18,11 @@ import numpy as np
 from scipy.stats import qmc
 
 from jaxshroud.batch.extent import fits
-from jaxshroud.batch.lanes import repeated
 from jaxshroud.batch.runs import Plan, Progress, Ticker, run_lanes, starts
-from jaxshroud.batch.tangents import Dual, as_precise, differentiable, direction, onward, resting, run_flow, to_vector
-from jaxshroud.march.method import FAST, REFERENCE, Method
+from jaxshroud.batch.states import as_precise, to_vector
+from jaxshroud.batch.tangents import Dual, differentiable, direction, onward, resting, run_flow
+from jaxshroud.batch.xla import repeated
+from jaxshroud.march.method import FAST, REFERENCE, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State, start
@@ -133,7 +134,7 @@ def tune(
     transient: int = 64,
     steps_per_period: Steps = 200,
     seed: int = 0,
-    method: Method = FAST,
+    method: Method | Choices = FAST,
     progress: Progress | None = None,
 ) -> Tuned:
     """Find the numbers of a scene that make P_d of the left blade largest.
@@ -163,6 +164,7 @@ def tune(
         ValueError: There is no such goal, a count is too small, a number is not finite, a limit is not positive, bounds
             are not in order, or float64 is not to be had.
     """
+    method = choices(method)
     in_precision(scene, method.precision)  # refused now rather than after the search
     word_argument("goal", goal, Goal)
     for name, limit in dict(most_penetration=most_penetration, most_force=most_force).items():

@@ -7,21 +7,21 @@ import jax.numpy as jnp
 import numpy as np
 from problem import PERIODS, Problem
 
-from jaxshroud.batch.lanes import best
 from jaxshroud.batch.periods import CHUNK, Clock, begin_lanes, run_block
 from jaxshroud.batch.runs import starts
+from jaxshroud.batch.xla import best
 from jaxshroud.march.lane import Lane
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
 
 STEPS = {"rk4": (100, 200, 500, 1000, 2000), "tsit5": (50, 75, 100, 150, 250, 400), "dopri8": (50, 75, 100, 150, 250)}
-METHODS = {f"jaxshroud {name}": (Method(tableau(name), "cubic", False), steps) for name, steps in STEPS.items()} | {
-    "jaxshroud rk4, bisection": (Method(locate="bisection", ledger=False), (200, 500, 1000)),
-    "jaxshroud rk4, no location": (Method(locate="none", ledger=False), (200, 500, 1000)),
-    "jaxshroud rk4 float32": (Method(locate="cubic", ledger=False, precision="float32"), (50, 100, 200, 500)),
-    "jaxshroud tsit5 float32": (Method(tableau("tsit5"), "cubic", False, "float32"), (50, 75, 100, 150)),
+METHODS = {f"jaxshroud {name}": (Choices(tableau(name), "cubic", False), steps) for name, steps in STEPS.items()} | {
+    "jaxshroud rk4, bisection": (Choices(locate="bisection", ledger=False), (200, 500, 1000)),
+    "jaxshroud rk4, no location": (Choices(locate="none", ledger=False), (200, 500, 1000)),
+    "jaxshroud rk4 float32": (Choices(locate="cubic", ledger=False, precision="float32"), (50, 100, 200, 500)),
+    "jaxshroud tsit5 float32": (Choices(tableau("tsit5"), "cubic", False, "float32"), (50, 75, 100, 150)),
 }
 
 
@@ -39,7 +39,7 @@ def motions(lanes: Lane) -> np.ndarray:
     return np.concatenate([np.stack(pair, axis=-1) for pair in lanes.state.motion], axis=-1).astype(float)
 
 
-def prepare(p: Problem, method: Method, chunk: int = CHUNK, periods: int = PERIODS) -> Callable[[int], np.ndarray]:
+def prepare(p: Problem, method: Choices, chunk: int = CHUNK, periods: int = PERIODS) -> Callable[[int], np.ndarray]:
     """A function of the steps per period that gives the final motions."""
     scenes = in_precision(scenes_of(p), method.precision)
     pieces = [jax.tree.map(lambda a, i=i: a[i : i + chunk], scenes) for i in range(0, len(p.gamma), chunk)]

@@ -19,13 +19,13 @@ from peers import scalar_c
 from problem import PERIODS, Problem, errors, problem
 from test_peers import RESULTS, one_core  # noqa: F401
 
-from jaxshroud.batch.lanes import fused
 from jaxshroud.batch.periods import CHUNK, Clock, begin_lanes, run_block
 from jaxshroud.batch.runs import starts
+from jaxshroud.batch.xla import fused
 from jaxshroud.march.lane import Fixed
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import TABLEAUS, tableau
-from jaxshroud.model.rhs import model
+from jaxshroud.model.ready import model
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]
 SWEEP = """
@@ -155,10 +155,10 @@ def test_cold_start():
 
 def test_observed_orders():
     whole = problem(64)
-    reference = engine.prepare(whole, Method(tableau("dopri8"), ledger=False))(1500)
-    shown = {f"{n}, {how}": Method(tableau(n), how, False) for n in TABLEAUS for how in ("cubic", "bisection")}
-    shown |= {"rk4, not located": Method(locate="none", ledger=False)}
-    shown |= {"tsit5, cubic, float32": Method(tableau("tsit5"), "cubic", False, "float32")}
+    reference = engine.prepare(whole, Choices(tableau("dopri8"), ledger=False))(1500)
+    shown = {f"{n}, {how}": Choices(tableau(n), how, False) for n in TABLEAUS for how in ("cubic", "bisection")}
+    shown |= {"rk4, not located": Choices(locate="none", ledger=False)}
+    shown |= {"tsit5, cubic, float32": Choices(tableau("tsit5"), "cubic", False, "float32")}
     figure, axes = plt.subplots(figsize=(6, 4.5), layout="constrained")
     found = {}
     for name, method in shown.items():

@@ -16,7 +16,7 @@ from problem import PERIODS, Problem, errors, problem
 from rich.console import Console
 from rich.table import Table
 
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import tableau
 
 RESULTS = Path(__file__).parent / "results"
@@ -138,7 +138,7 @@ def show(rows: list[dict], ratios: dict, absent: dict) -> None:
 def test_cost_against_error():
     whole = problem(LANES)
     entries, absent = contestants(whole)
-    reference = engine.prepare(whole, Method(tableau("dopri8"), ledger=False))(1000)
+    reference = engine.prepare(whole, Choices(tableau("dopri8"), ledger=False))(1000)
     rows = timed(entries)
     for row in rows:
         row["error"] = float(np.median(errors(row.pop("states"), reference[:: LANES // row["lanes"]])))

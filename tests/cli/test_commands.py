@@ -1,7 +1,7 @@
 """What the command line makes of wrong input, and what its files hold."""
 
+import importlib
 import json
-import sys
 import tomllib
 
 import jax
@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jaxshroud import shipped, simulate
+from jaxshroud import shipped, simulate, sweep
 from jaxshroud.cli import commands as cli
 from jaxshroud.march.method import FAST
 from jaxshroud.scene.checks import NumericalError
 from jaxshroud.scene.config import load, parse
-from jaxshroud.verbs import sweep
 
 SMALL = ["--set", 'parts.motion=["x"]']  # a model that is compiled quickly
 
@@ -425,7 +424,7 @@ def test_a_numerical_failure_is_no_wrong_input(fails, error, tmp_path, capsys, m
     def failing(*_, **__):
         raise error
 
-    monkeypatch.setattr(sys.modules[f"jaxshroud.verbs.{fails}"], fails, failing)
+    monkeypatch.setattr(importlib.import_module(f"jaxshroud.verbs.{fails}"), fails, failing)
     words = {"gradient": ["--wrt", "shroud.gap"], "tune": ["--over", "shroud.gap=1e-5:1e-4"]}[fails]
     assert cli.main([fails, "table1", *words, "--out", str(tmp_path / "out.json")]) == 1
     assert capsys.readouterr().err == f"numerical failure: {error}\n"

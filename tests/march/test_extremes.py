@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
-from side_by_side import Method, ends, relative_error, run, sizes, tableau, with_parts
+from side_by_side import Choices, ends, relative_error, run, sizes, tableau, with_parts
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, final_states, run_lanes, starts
+from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.states import final_states
 from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
 from jaxshroud.march.stability import StepTooLongError, largest_frequency, limits
 from jaxshroud.march.tableau import RK4
@@ -54,7 +55,7 @@ def parameters(scene) -> reference.Parameters:
 
 def test_the_second_opinion_agrees_at_every_single_extreme(table1):
     # One period from rest. The second opinion knows no flat contact, turns of more than 1.2 rad, and no patience.
-    method, compared = Method(tableau("dopri8"), "cubic"), 0
+    method, compared = Choices(tableau("dopri8"), "cubic"), 0
     for case in extremes.cases():
         scene, steps = case.scene(table1), extremes.automatic_steps(case.scene(table1))
         if len(case.changes) > 1 or case.expected != "OK" or steps is None or steps > 70000:
@@ -92,7 +93,7 @@ def errors_over_gamma(table1, product: float | None, periods: int = 3) -> np.nda
         steps = js.steps_for(scene, 0, "auto", RK4) if product is None else int(np.ceil(turn / product))
         got, exact = (
             ends(run([scene], periods, n, m))[0]
-            for n, m in ((steps, FAST_WITH_LEDGER), (int(turn / 0.1) + 64, Method(tableau("dopri8"), "cubic")))
+            for n, m in ((steps, FAST_WITH_LEDGER), (int(turn / 0.1) + 64, Choices(tableau("dopri8"), "cubic")))
         )
         errors.append(np.abs(got - exact).max() / np.abs(exact).max())
     return np.array(errors)
@@ -115,7 +116,7 @@ def test_a_million_periods(table1):
     state, ends_at, memory = starts(alone), [], []
     for periods in (5_000, 995_000):
         runs = run_lanes(alone, state, Plan(periods - 1, 1, 16, 0.0, FAST), lambda _: None)
-        state = final_states(runs.last)
+        state = final_states(runs.last.state)
         assert runs.last.status == Status.OK
         ends_at.append(ends(runs)[0])
         memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
@@ -127,7 +128,7 @@ def test_a_million_periods(table1):
 def test_float32_at_late_times(table1):
     # Single precision stays on the orbit: its clock does not wear out.
     scene = vary(table1, "contact.gamma", 0.3)
-    single = Method(locate="cubic", ledger=False, precision="float32")
+    single = Choices(locate="cubic", ledger=False, precision="float32")
     late = js.sweep(scene, {"drive.F_0": [60.0]}, n_periods=4, transient=20_000, steps_per_period=100, method=single)
     exact = js.sweep(scene, {"drive.F_0": [60.0]}, n_periods=4, transient=400, steps_per_period=100)
     assert late.status[0] == Status.OK

@@ -9,14 +9,13 @@ import pytest
 from scipy.linalg import expm
 from side_by_side import EXACT, STEPS, counts, ends, energy_residual, relative_error, run, scene_of, sizes
 
-from jaxshroud import Motion, Status, load, simulate, vary
-from jaxshroud.march.method import FAST, FAST_WITH_LEDGER, REFERENCE, Method
+from jaxshroud import Motion, Status, load, power, simulate, sweep, vary
+from jaxshroud.march.method import FAST, FAST_WITH_LEDGER, REFERENCE, Choices
 from jaxshroud.march.stability import contact_gradients
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.geometry import corners, natural_case, pose, touch
 from jaxshroud.model.linear import steady_amplitudes
-from jaxshroud.model.rhs import as_pairs
-from jaxshroud.verbs import power, sweep
+from jaxshroud.model.state import as_pairs
 
 GAMMAS = (0.3, 2.5, 4.2, 7.5)
 KINDS = ("onset_slip", "onset_stick", "separation", "stick_slip", "slip_stick")
@@ -36,7 +35,7 @@ def all_numbers(scene):
 @pytest.fixture(scope="module")
 def fine(scenes):
     """The scenes over 3 periods from rest, far more exactly than any test asks."""
-    return run(scenes, 3, 2000, Method(tableau("dopri8")))
+    return run(scenes, 3, 2000, Choices(tableau("dopri8")))
 
 
 @pytest.fixture(scope="module", params=EXACT)
@@ -126,7 +125,7 @@ def test_the_cubic_locator_errs_no_more_than_bisection(scenes, fine):
 def test_without_location_the_march_is_of_low_order(scenes, fine):
     # Control: changing mode at step ends only costs the order.
     coarse, finer = (
-        relative_error(ends(run(scenes, 3, n, Method(locate="none"))), ends(fine), sizes(fine)) for n in (1000, 8000)
+        relative_error(ends(run(scenes, 3, n, Choices(locate="none"))), ends(fine), sizes(fine)) for n in (1000, 8000)
     )
     assert np.median(np.log2(coarse / finer) / 3) <= 2
     assert np.all(finer > 1000 * relative_error(ends(run(scenes, 3, 8000)), ends(fine), sizes(fine)))
@@ -136,7 +135,7 @@ def test_float32_errs_by_its_rounding(scenes, fine):
     # Rounding, 6e-8, of many steps and amplified by 3 periods.
     exact = ends(fine)
     for name, steps in STEPS.items():
-        method = Method(tableau(name), "cubic", precision="float32")
+        method = Choices(tableau(name), "cubic", precision="float32")
         got = run(scenes, 3, steps, method)
         assert got.last.state.motion.x[0].dtype == np.float32
         error = relative_error(ends(got), exact, sizes(fine))
@@ -154,7 +153,7 @@ CONVERGED = {"tsit5": 20000, "dop853": 3000, "dopri8": 3000}
     ("reading", "method", "steps"),
     [
         *((reading, method, 80000) for reading in opinions.DRAWS for method in (REFERENCE, FAST_WITH_LEDGER)),
-        *(("consistent", Method(tableau(t), "cubic"), n) for t, n in CONVERGED.items()),
+        *(("consistent", Choices(tableau(t), "cubic"), n) for t, n in CONVERGED.items()),
     ],
     ids=str,
 )
@@ -256,7 +255,7 @@ def half_turn_deviation(scenes, method=REFERENCE):
 
 
 def test_every_verb_runs_in_float32(table1):
-    single, double = (Method(locate="cubic", precision=p) for p in ("float32", "float64"))
+    single, double = (Choices(locate="cubic", precision=p) for p in ("float32", "float64"))
     run, exact = (simulate(table1, n_periods=2, steps_per_period=200, method=m) for m in (single, double))
     assert run.motion.x.dtype == np.float32
     np.testing.assert_allclose(run.motion.x, exact.motion.x, rtol=0, atol=1e-3 * np.abs(exact.motion.x).max())

@@ -20,7 +20,7 @@ from realistic import SEED, at, drawn, marched
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import reference
 
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.setting import states
@@ -47,7 +47,7 @@ def flat_scenes(count: int, seed: int, periods: int = PERIODS) -> tuple[list[ref
     coarse = marched(scenes, periods, 1600, FAST)
     lanes = np.flatnonzero(coarse.last.tally.log.counters.flat > 0)[:SCENES]
     chosen = at(scenes, lanes)
-    fine = marched(chosen, periods, STEPS, Method(tableau("dopri8"), "cubic", False))
+    fine = marched(chosen, periods, STEPS, Choices(tableau("dopri8"), "cubic", False))
     return [parameters(jax.tree.map(jnp.asarray, at(scenes, i))) for i in lanes], states(fine.samples, periods - 1)
 
 

@@ -15,7 +15,7 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.runs import Plan, Runs, run_lanes, starts
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.stability import limits, stiffest
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.modes import Status
@@ -60,19 +60,19 @@ def at(scenes: Scene, lanes: np.ndarray) -> Scene:
     return jax.tree.map(lambda a: np.asarray(a)[lanes], scenes)
 
 
-def marched(scenes: Scene, periods: int, steps: int, method: Method) -> Runs:
+def marched(scenes: Scene, periods: int, steps: int, method: Choices) -> Runs:
     """All lanes from their starts, every period kept."""
     return run_lanes(scenes, starts(scenes), Plan(0, periods, steps, 0.0, method), lambda _: None)
 
 
-def stable(scenes: Scene, steps: int, method: Method) -> np.ndarray:
+def stable(scenes: Scene, steps: int, method: Choices) -> np.ndarray:
     """Scenes that may be marched with so many steps a period."""
     lanes = range(len(scenes.drive.omega))
     product = np.array([np.prod(stiffest(at(scenes, np.array([i])), 1)) for i in lanes]) / steps
     return np.flatnonzero(product <= (COARSE if steps == min(STEPS) else limits(method.tableau)[0]))
 
 
-def figures(scenes: Scene, periods: int, steps: int, method: Method) -> dict[str, Any]:
+def figures(scenes: Scene, periods: int, steps: int, method: Choices) -> dict[str, Any]:
     """How the lanes ended, and the largest energies of any of their periods over the drive's gross work."""
     lanes = stable(scenes, steps, method)
     runs = marched(at(scenes, lanes), periods, steps, method)
@@ -106,7 +106,7 @@ def main() -> None:
     scenes, found = by_events(drawn(SCENES, SEED)), []
     for name, how in METHODS:
         for steps in STEPS:
-            found.append(figures(scenes, PERIODS, steps, Method(tableau(name), how)))
+            found.append(figures(scenes, PERIODS, steps, Choices(tableau(name), how)))
             print(json.dumps(found[-1]), flush=True)
     told = {"command": "python tests/studies/realistic.py", "version": __version__, "seed": SEED, "periods": PERIODS}
     Path(__file__).with_suffix(".json").write_text(json.dumps({**told, "runs": found}, indent=1) + "\n", "utf-8")

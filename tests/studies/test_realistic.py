@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 import realistic
 
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.modes import Status
 
 pytestmark = pytest.mark.studies
-DOPRI8 = Method(tableau("dopri8"), "cubic")
+DOPRI8 = Choices(tableau("dopri8"), "cubic")
 
 
 @pytest.mark.parametrize("steps", realistic.STEPS)

@@ -13,7 +13,7 @@ import xarray as xr
 from jaxshroud.batch.extent import MOST_LANE_PERIODS, fits, memory_for
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli.terminal import words
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.scene.parts import Parts
 from jaxshroud.scene.scene import Contact
@@ -44,7 +44,8 @@ tries = {
     "locate": lambda: js.Method(locate="nonsense"),
     "replaced": lambda: js.Method()._replace(locate="cubik"),
     "precision": lambda: js.Method(precision="float16"),
-    "tableau": lambda: js.Method("dopri8"),
+    "tableau": lambda: js.Method("dopri"),
+    "no tableau": lambda: js.Method(8),
     "ledger": lambda: js.Method(ledger="no"),
     "name": lambda: js.tableau("dopri"),
     "contact": lambda: js.Parts(contact="hertz"),
@@ -82,7 +83,8 @@ def told():
         "locate": "`locate` cannot be 'nonsense'; did you mean `none`?",
         "replaced": "did you mean `cubic`?",
         "precision": "did you mean `float64`?",
-        "tableau": 'must be a Tableau, e.g. tableau("dopri8")',
+        "tableau": "`tableau` cannot be 'dopri'; did you mean `dopri8`?",
+        "no tableau": 'must be a Tableau, e.g. "dopri8" or tableau("dopri8")',
         "ledger": "must be a bool",
         "name": "did you mean `dopri8`?",
         "contact": "`contact` cannot be 'hertz'; known are spring, smooth, none",
@@ -102,13 +104,29 @@ def test_words_are_checked_in_python(name, expected, told):
 
 
 def test_a_checked_tuple_is_a_tuple_as_before():
-    method = Method(tableau("dopri8"), "cubic", False, "float32")
-    assert method == Method(tableau=tableau("dopri8"), locate="cubic", ledger=False, precision="float32")
+    method = Choices(tableau("dopri8"), "cubic", False, "float32")
+    assert method == Choices(tableau=tableau("dopri8"), locate="cubic", ledger=False, precision="float32")
     assert method._replace(ledger=True).ledger
     assert hash(copy.copy(method)) == hash(pickle.loads(pickle.dumps(method)))
-    assert Method._make(method) == method
+    assert Choices._make(method) == method
     assert FAST[1] == FAST.locate == "cubic"
     assert Parts(("x",))._asdict() == dict(zip(Parts._fields, (("x",), *Parts()[1:]), strict=True))
+
+
+def test_a_method_is_named_in_words():
+    method = Method("dopri8", locate="cubic", precision="float32")
+    assert method == Method(tableau("dopri8"), "cubic", precision="float32") != Method("dopri8", locate="cubic")
+    assert hash(copy.copy(method)) == hash(pickle.loads(pickle.dumps(method)))
+    assert str(method) == str(choices(method)) == "dopri8, events by cubic, float32"
+    assert method.replace(locate="bisection") == Method("dopri8", precision="float32")
+    assert choices(method) == Choices(tableau("dopri8"), "cubic", False, "float32")
+    assert choices(method, ledger=True).ledger
+
+
+def test_the_old_form_of_a_method_is_kept_with_a_warning():
+    with pytest.warns(DeprecationWarning, match="`ledger` is deprecated"):
+        method = Method(tableau("dopri8"), "cubic", False, "float32")
+    assert choices(method, ledger=True) == Choices(tableau("dopri8"), "cubic", False, "float32")
 
 
 def test_a_reading_may_be_a_word_or_a_list():

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_parts import with_parts
+from side_by_side import with_parts
 
 from jaxshroud import load
 from jaxshroud.march.stability import stiffest

@@ -1,21 +1,20 @@
 """Tuning: slopes, limits, and that the search finds what it should."""
 
-import sys
+import importlib
 
 import numpy as np
 import pytest
 
-from jaxshroud import load, vary
+from jaxshroud import load, power, tune, vary
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.march.method import FAST
 from jaxshroud.march.tableau import TABLEAUS, tableau
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.parts import Parts
 from jaxshroud.scene.scene import with_parts
-from jaxshroud.verbs import power, tune
 from jaxshroud.verbs.tune import PUSH, Judged, Problem, exact_slopes, judge_designs, objective_map
 
-tune_module = sys.modules["jaxshroud.verbs.tune"]
+tune_module = importlib.import_module("jaxshroud.verbs.tune")
 OVER = {"shroud.gap": (5e-6, 2e-4), "contact.gamma": (0.1, 10.0)}
 SHORT = {"scan": 16, "n_starts": 2, "updates": 5, "n_periods": 16, "transient": 32, "steps_per_period": 100}
 
