@@ -8,9 +8,9 @@ from typing import Any
 
 import xarray as xr
 
-from jaxshroud.cli.store import read, read_json
-from jaxshroud.cli.terminal import InputError, OneLineParser, free, path
+from jaxshroud.cli.terminal import InputError, free
 from jaxshroud.results.files import StoreError
+from jaxshroud.results.store import read, read_json
 
 IN_FOLDERS = ("sweep.nc", "power.json", "tune.json", "trade.json")
 # What only a result of that kind has.
@@ -18,15 +18,8 @@ POWER, TUNING = {"n", "P_d", "P_d_ci", "final"}, {"over", "points", "scores", "m
 TRADE, GRADIENT, SUMMARY = {"settings", "horizon"}, {"of", "kind", "level"}, {"lanes", "period numbers"}
 
 
-def plot_options(made: OneLineParser) -> None:
-    """Options of `jaxshroud plot`."""
-    made.add_argument("source", type=path, metavar="DIR|FILE")
-    made.add_argument("--out", type=path, metavar="PICTURE", help="by default beside the result")
-    made.add_argument("--force", action="store_true", help="replace a picture named by --out")
-
-
-def plot_verb(options: argparse.Namespace) -> None:
-    """`jaxshroud plot`."""
+def run(options: argparse.Namespace) -> None:
+    """Draw a stored result again."""
     source = options.source
     if source.is_dir():
         found = [p for p in (source / name for name in IN_FOLDERS) if p.exists()]
