@@ -2,7 +2,7 @@
 
 import argparse
 
-from jaxshroud.batch.lanes import alone
+from jaxshroud.batch.xla import alone
 from jaxshroud.cli.asked import choose_accuracy, loaded, method_of
 from jaxshroud.cli.terminal import blamed, print_table
 from jaxshroud.scene.parts import Parts

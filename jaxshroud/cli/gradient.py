@@ -4,7 +4,7 @@ import argparse
 import sys
 from typing import Any
 
-from jaxshroud.batch.lanes import alone
+from jaxshroud.batch.xla import alone
 from jaxshroud.cli.asked import loaded, steps_of, with_derivatives
 from jaxshroud.cli.store import gradient_json
 from jaxshroud.cli.terminal import InputError, blamed, free, print_columns, print_table

@@ -4,7 +4,7 @@ import argparse
 import sys
 
 from jaxshroud.batch.extent import fits
-from jaxshroud.batch.lanes import alone
+from jaxshroud.batch.xla import alone
 from jaxshroud.cli.asked import loaded, method_of, steps_of, unmet
 from jaxshroud.cli.plot import draw_json
 from jaxshroud.cli.store import power_json

@@ -4,7 +4,7 @@ import argparse
 import sys
 
 from jaxshroud.batch.extent import STEP, memory_for
-from jaxshroud.batch.lanes import alone
+from jaxshroud.batch.xla import alone
 from jaxshroud.cli.asked import loaded, method_of, steps_of, unmet
 from jaxshroud.cli.earlier import Earlier, last_state
 from jaxshroud.cli.store import trajectory_dataset
