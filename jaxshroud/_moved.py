@@ -52,7 +52,7 @@ PLACES = {
     "accuracy": "verbs.accuracy",
     "schema": "scene.schema",
     "config": "scene.config",
-    "files": "results.files",
+    "files": "results.files scene.errors",
     "store": "results.store cli.store",
     "earlier": "cli.earlier",
     "drawing": "results.drawing",

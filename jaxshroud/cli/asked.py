@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxshroud.cli.terminal import InputError
+from jaxshroud.cli.terminal import CommandError
 from jaxshroud.march.method import Choices
 from jaxshroud.march.words import Locate
 from jaxshroud.scene.config import SceneFile, load
@@ -43,7 +43,7 @@ def steps_of(file: SceneFile, scenes: Any, options: argparse.Namespace) -> int:
     try:
         steps, report = checked_steps(scenes, asked, options.tableau)
     except ValueError as error:
-        raise InputError(f"{file.name}: [run] {error}") from None
+        raise CommandError(f"{file.name}: [run] {error}") from None
     if asked == "auto" and file.scene.parts.contact != "none":
         print(f"steps_per_period = {steps}, by the stiffness of the scene", file=sys.stderr)
     if report:
@@ -57,9 +57,9 @@ def choose_accuracy(file: SceneFile, scenes: Any, options: argparse.Namespace) -
         return
     for name in CHOSEN:
         if getattr(options, name) is not None:
-            raise InputError(f"--accuracy chooses --{name.replace('_', '-')} itself; give one of them")
+            raise CommandError(f"--accuracy chooses --{name.replace('_', '-')} itself; give one of them")
     if file.scene.parts.contact == "smooth":
-        raise InputError("--accuracy knows located contact, not smooth contact; give --steps-per-period instead")
+        raise CommandError("--accuracy knows located contact, not smooth contact; give --steps-per-period instead")
     options.choice = chosen_accuracy(scenes, options.accuracy)
     if options.choice is None:
         print(f"{file.name}: without contact the motion is in closed form; --accuracy has no choice", file=sys.stderr)

@@ -11,9 +11,10 @@ from importlib import import_module
 
 from jaxshroud.cli.keyboard import interruptible
 from jaxshroud.cli.parser import parser
-from jaxshroud.cli.terminal import InputError, numerical, one_line
+from jaxshroud.cli.terminal import numerical, one_line
 from jaxshroud.cli.words import words
 from jaxshroud.results import files
+from jaxshroud.scene.errors import InputError, MachineError
 
 SHOW_CURSOR = "\x1b[?25h"  # which the progress bar hides
 
@@ -57,9 +58,9 @@ def _failed(error: Exception) -> int:
     if isinstance(error, BrokenPipeError):  # nobody reads standard output; keep Python's own flush from complaining
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
-    if isinstance(error, files.MachineError):
+    if isinstance(error, MachineError):
         status, told = 1, str(error)
-    elif isinstance(error, InputError | files.StoreError) or _of_a_scene(error):
+    elif isinstance(error, InputError):
         status, told = 2, one_line(error)
     elif numerical(error):
         status, told = 1, f"numerical failure: {one_line(error)}"
@@ -69,12 +70,6 @@ def _failed(error: Exception) -> int:
         raise error
     print(told, file=sys.stderr)
     return status
-
-
-def _of_a_scene(error: Exception) -> bool:
-    from jaxshroud.scene.config import SceneError
-
-    return isinstance(error, SceneError)
 
 
 def _of_xla(error: Exception) -> bool:

@@ -7,7 +7,7 @@ from typing import Any
 from jaxshroud.batch.xla import alone
 from jaxshroud.cli.asked import loaded, steps_of, with_derivatives
 from jaxshroud.cli.store import gradient_json
-from jaxshroud.cli.terminal import InputError, blamed, free, print_columns, print_table
+from jaxshroud.cli.terminal import CommandError, blamed, free, print_columns, print_table
 from jaxshroud.motion.orbit import contact_margins
 from jaxshroud.results.store import write_json
 from jaxshroud.verbs.gradient import differences, gradient
@@ -20,7 +20,7 @@ def run(options: argparse.Namespace) -> None:
     file = loaded(options)
     free(options.out, options.force)
     if not 0 < options.sigma < float("inf"):
-        raise InputError(f"--sigma must be positive, but is {options.sigma}")
+        raise CommandError(f"--sigma must be positive, but is {options.sigma}")
     wrt = list(dict.fromkeys(key.strip() for key in options.wrt.split(",")))
     steps = steps_of(file, alone(file.scene), options)
     with blamed(f"--wrt {options.wrt}"):

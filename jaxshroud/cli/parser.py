@@ -171,7 +171,7 @@ VERBS = {
     ),
     "explain": Verb(
         "Say what the model of a scene consists of, what it lacks and what it costs.",
-        'jaxshroud explain table1 --set \'model.motion=["x", "y"]\'',
+        'jaxshroud explain table1 --set \'parts.motion=["x", "y"]\'',
         scene_options,
     ),
     "plot": Verb("Draw stored results again, without simulating.", "jaxshroud plot fig09", _plot),

@@ -8,7 +8,7 @@ from jaxshroud.batch.xla import alone
 from jaxshroud.cli.asked import loaded, method_of, steps_of, unmet
 from jaxshroud.cli.plot import draw_json
 from jaxshroud.cli.store import power_json
-from jaxshroud.cli.terminal import InputError, blamed, directory, print_table, progress_bar, warn_status
+from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table, progress_bar, warn_status
 from jaxshroud.results.store import read_json, write_json
 from jaxshroud.verbs.power import power
 
@@ -17,7 +17,7 @@ def run(options: argparse.Namespace) -> None:
     """Average P_d of one scene until it is stable."""
     file = loaded(options)
     if not options.tolerance > 0:
-        raise InputError(f"--tolerance must be positive, but is {options.tolerance}")
+        raise CommandError(f"--tolerance must be positive, but is {options.tolerance}")
     directory(options.out, ("power.json", "power.png"), options.force)
     lanes = alone(file.scene)
     with blamed(file.name):

@@ -2,7 +2,7 @@
 
 import argparse
 
-from jaxshroud.scene.config import shipped
+from jaxshroud.scene.shipped import shipped
 
 
 def run(_: argparse.Namespace) -> None:

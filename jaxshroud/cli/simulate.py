@@ -8,7 +8,7 @@ from jaxshroud.batch.xla import alone
 from jaxshroud.cli.asked import loaded, method_of, steps_of, unmet
 from jaxshroud.cli.earlier import Earlier, last_state
 from jaxshroud.cli.store import trajectory_dataset
-from jaxshroud.cli.terminal import InputError, blamed, free, print_table, warn_status
+from jaxshroud.cli.terminal import CommandError, blamed, free, print_table, warn_status
 from jaxshroud.march.tableau import LEAST_STEPS
 from jaxshroud.model.modes import Status
 from jaxshroud.results.store import write_dataset
@@ -21,7 +21,7 @@ def run(options: argparse.Namespace) -> None:
     file = loaded(options)
     free(options.out, options.force)
     if options.out.suffix != ".nc":
-        raise InputError(f"{options.out}: a trajectory needs a name that ends in .nc")
+        raise CommandError(f"{options.out}: a trajectory needs a name that ends in .nc")
     _fits(file, options)
     lanes = alone(file.scene)
     begin = Earlier(None, 0.0, 0.0, ()) if options.earlier is None else last_state(options.earlier, file)

@@ -15,7 +15,7 @@ from jaxshroud.cli.asked import loaded, method_of, steps_of, unmet
 from jaxshroud.cli.axes import with_axes
 from jaxshroud.cli.plot import draw_dataset
 from jaxshroud.cli.store import sweep_dataset
-from jaxshroud.cli.terminal import InputError, blamed, directory, print_table, progress_bar, warn_status
+from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table, progress_bar, warn_status
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.settling import UNKNOWN
 from jaxshroud.results.store import write_dataset, write_json
@@ -29,9 +29,9 @@ def run(options: argparse.Namespace) -> None:
     """Simulate a scene for many values of its numbers."""
     file = with_axes(loaded(options), options)
     if not 0 <= options.phase < 2 * np.pi:
-        raise InputError(f"--phase must be in [0, 2 pi), but is {options.phase}")
+        raise CommandError(f"--phase must be in [0, 2 pi), but is {options.phase}")
     if not options.period_tol >= 0:
-        raise InputError(f"--period-tol must be a number of at least 0, but is {options.period_tol}")
+        raise CommandError(f"--period-tol must be a number of at least 0, but is {options.period_tol}")
     names = ("sweep.nc", "sweep.png", "summary.json")
     directory(options.out, names, options.force)
     asked, began = file.sweep_run, time.perf_counter()

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from jaxshroud.model.modes import Status
-from jaxshroud.scene.checks import NumericalError
+from jaxshroud.scene.errors import InputError, NumericalError
 
 LINE = 600  # characters of a message
 
 
-class InputError(ValueError):
-    """The command line is wrong; the message is one line."""
+class CommandError(InputError):
+    """The command line is wrong; the message is one line that says where."""
 
 
 def one_line(error: Exception) -> str:
@@ -36,9 +36,9 @@ def blamed(where: str):
     try:
         yield
     except (KeyError, ValueError) as error:
-        if isinstance(error, InputError) or numerical(error):
+        if isinstance(error, CommandError) or numerical(error):
             raise
-        raise InputError(f"{where}: {error.args[0] if error.args else error!r}") from None
+        raise CommandError(f"{where}: {error.args[0] if error.args else error!r}") from None
 
 
 def warn_status(status: Any, chatter: str | None = None) -> None:
@@ -56,11 +56,11 @@ def warn_status(status: Any, chatter: str | None = None) -> None:
 def free(path: Path, force: bool) -> None:
     """Refuse a path that exists, unless forced, or that cannot be written."""
     if path.exists() and not force:
-        raise InputError(f"{path}: exists and is kept; give --force to replace it")
+        raise CommandError(f"{path}: exists and is kept; give --force to replace it")
     if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no directory {path.parent}; make it first or choose another --out")
+        raise CommandError(f"{path}: there is no directory {path.parent}; make it first or choose another --out")
     if not os.access(path.parent, os.W_OK):
-        raise InputError(f"{path}: {path.parent} is not writable; choose another --out")
+        raise CommandError(f"{path}: {path.parent} is not writable; choose another --out")
 
 
 def directory(path: Path, names: Sequence[str], force: bool) -> None:
@@ -68,7 +68,7 @@ def directory(path: Path, names: Sequence[str], force: bool) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{path}: cannot be made ({error.strerror}); choose another --out") from None
+        raise CommandError(f"{path}: cannot be made ({error.strerror}); choose another --out") from None
     for name in names:
         free(path / name, force)
 

@@ -6,7 +6,7 @@ import math
 from jaxshroud.batch.extent import fits
 from jaxshroud.cli.asked import loaded, steps_of, with_derivatives
 from jaxshroud.cli.store import tune_json
-from jaxshroud.cli.terminal import InputError, blamed, directory, print_table, progress_bar
+from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table, progress_bar
 from jaxshroud.results import drawing, plot_design
 from jaxshroud.results.files import write
 from jaxshroud.results.store import write_json
@@ -70,14 +70,14 @@ def run(options: argparse.Namespace) -> None:
 def _bounds(file: SceneFile, text: str) -> Axis:
     key, _, ends = text.partition("=")
     if ends.count(":") != 1:
-        raise InputError(f"--over {text}: is not KEY=LOW:HIGH, e.g. --over shroud.gap=5um:200um")
+        raise CommandError(f"--over {text}: is not KEY=LOW:HIGH, e.g. --over shroud.gap=5um:200um")
     return axis(file, key.strip(), ends.split(":"), where=f"--over {key}")
 
 
 def _values(file: SceneFile, text: str) -> Axis:
     key, _, values = text.partition("=")
     if not values:
-        raise InputError(f"--range {text}: is not KEY=A,B,C, e.g. --range drive.F_0=20,40,60,80")
+        raise CommandError(f"--range {text}: is not KEY=A,B,C, e.g. --range drive.F_0=20,40,60,80")
     return axis(file, key.strip(), values, where=f"--range {key}")
 
 
@@ -86,5 +86,5 @@ def _limit(file: SceneFile, flag: str, key: str, text: str | None) -> float:
         return float("inf")
     value = float(axis(file, key, ["0", text], where=f"{flag} {text}").values[1])
     if not value > 0:
-        raise InputError(f"{flag} {text}: must be positive")
+        raise CommandError(f"{flag} {text}: must be positive")
     return value

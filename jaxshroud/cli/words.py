@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from jaxshroud.cli.terminal import InputError
+from jaxshroud.cli.terminal import CommandError
 from jaxshroud.scene.checks import MOST_COUNT, hint, meant
 from jaxshroud.scene.limits import MOST_AUTO
 
@@ -26,19 +26,19 @@ class OneLineParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Leave with status 2."""
-        raise InputError(f"{self.prog}: {message}; see {self.prog} --help")
+        raise CommandError(f"{self.prog}: {message}; see {self.prog} --help")
 
 
 def words(arguments: Sequence[str]) -> list[str]:
     """The words of a command line, with a value such as `-2mm` joined to its option: argparse takes it for another.
 
     Raises:
-        InputError: A word is no text.
+        CommandError: A word is no text.
     """
     joined: list[str] = []
     for word in arguments:
         if NOT_TEXT.search(word):
-            raise InputError(f"{word[:60]!a}: holds a NUL or bytes that are no UTF-8; give text")
+            raise CommandError(f"{word[:60]!a}: holds a NUL or bytes that are no UTF-8; give text")
         if NEGATIVE.match(word) and joined and LONG.fullmatch(joined[-1]):
             word = f"{joined.pop()}={word}"
         joined.append(word)

@@ -9,7 +9,8 @@ import numpy as np
 import xarray as xr
 
 from jaxshroud.batch.extent import memory_for
-from jaxshroud.results.files import StoreError, write
+from jaxshroud.results.files import write
+from jaxshroud.scene.errors import StoreError
 
 
 def read(path: str | os.PathLike[str]) -> xr.Dataset:
