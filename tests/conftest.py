@@ -1,8 +1,19 @@
-"""Float64, strict promotion and run-time type checks for every test."""
+"""Float64, strict promotion and run-time type checks for every test; what runs, and on how many processes."""
+
+import os
+import shutil
+import tempfile
 
 import jax
+import psutil
 import pytest
 from jaxtyping import install_import_hook
+
+MADE = None if "JAX_COMPILATION_CACHE_DIR" in os.environ else tempfile.mkdtemp(prefix="compiled-")
+if MADE:  # what is compiled once serves all processes of this run: workers, commands and notebooks
+    for name, value in {"jax_compilation_cache_dir": MADE, "jax_persistent_cache_min_compile_time_secs": 0.0}.items():
+        os.environ[name.upper()] = str(value)
+        jax.config.update(name, value)
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -15,6 +26,25 @@ with install_import_hook("jaxshroud", "beartype.beartype"):
 def pytest_addoption(parser):
     parser.addoption("--benchmark", action="store_true", help="run the side-by-side timings too")
     parser.addoption("--studies", action="store_true", help="run seeded samples of the studies too")
+
+
+def pytest_unconfigure():
+    if MADE:
+        shutil.rmtree(MADE, ignore_errors=True)
+
+
+def by_name(config):
+    """Whether single tests were asked for."""
+    return any("::" in word for word in config.args)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_xdist_auto_num_workers(config):
+    """One process per core that has 3 GB of memory; none for timings and for single tests."""
+    if config.getoption("--benchmark") or by_name(config):
+        return 0
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return max(1, min(cores, psutil.virtual_memory().total // 3_000_000_000))
 
 
 def pytest_collection_modifyitems(config, items):
