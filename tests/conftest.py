@@ -24,6 +24,7 @@ with install_import_hook("jaxshroud", "beartype.beartype"):
 
 
 def pytest_addoption(parser):
+    parser.addoption("--full", action="store_true", help="run the tests that are left out without this, and only these")
     parser.addoption("--benchmark", action="store_true", help="run the side-by-side timings too")
     parser.addoption("--studies", action="store_true", help="run seeded samples of the studies too")
 
@@ -47,12 +48,34 @@ def pytest_xdist_auto_num_workers(config):
     return max(1, min(cores, psutil.virtual_memory().total // 3_000_000_000))
 
 
+def full_among(items):
+    """The tests marked `full`: themselves, or parameters of theirs that are not among those that the mark excepts."""
+    found, unknown = set(), {}
+    for item in items:
+        mark = item.get_closest_marker("full")
+        if mark is None:
+            continue
+        but = mark.kwargs.get("but", ())
+        unknown.setdefault(item.nodeid.partition("[")[0], set(but)).discard(but and item.callspec.id)
+        if not (but and item.callspec.id in but):
+            found.add(item)
+    if wrong := {test: ids for test, ids in unknown.items() if ids}:
+        raise pytest.UsageError(f"marked full but for parameters that do not exist: {wrong}")
+    return found
+
+
 def pytest_collection_modifyitems(config, items):
     for mark, reason in {"benchmark": "timings run only with --benchmark", "studies": "run with --studies"}.items():
         if not config.getoption(f"--{mark}"):
             for item in items:
                 if item.get_closest_marker(mark):
                     item.add_marker(pytest.mark.skip(reason=reason))
+    if by_name(config):
+        return
+    full = full_among(items)
+    kept = [item for item in items if (item in full) is config.getoption("--full")]
+    config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+    items[:] = kept
 
 
 @pytest.fixture(scope="session")
