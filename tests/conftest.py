@@ -41,11 +41,11 @@ def by_name(config):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_xdist_auto_num_workers(config):
-    """One process per core that has 3 GB of memory; none for timings and for single tests."""
+    """One process per core that has 4 GB of memory; none for timings and for single tests."""
     if config.getoption("--benchmark") or by_name(config):
         return 0
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return max(1, min(cores, psutil.virtual_memory().total // 3_000_000_000))
+    return max(1, min(cores, psutil.virtual_memory().total // 4_000_000_000))
 
 
 def full_among(items):
