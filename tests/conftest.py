@@ -1,8 +1,19 @@
-"""Float64, strict promotion and run-time type checks for every test."""
+"""Float64, strict promotion and run-time type checks for every test; what runs, and on how many processes."""
+
+import os
+import shutil
+import tempfile
 
 import jax
+import psutil
 import pytest
 from jaxtyping import install_import_hook
+
+MADE = None if "JAX_COMPILATION_CACHE_DIR" in os.environ else tempfile.mkdtemp(prefix="compiled-")
+if MADE:  # what is compiled once serves all processes of this run: workers, commands and notebooks
+    for name, value in {"jax_compilation_cache_dir": MADE, "jax_persistent_cache_min_compile_time_secs": 0.0}.items():
+        os.environ[name.upper()] = str(value)
+        jax.config.update(name, value)
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
@@ -13,8 +24,44 @@ with install_import_hook("jaxshroud", "beartype.beartype"):
 
 
 def pytest_addoption(parser):
+    parser.addoption("--full", action="store_true", help="run the tests that are left out without this, and only these")
     parser.addoption("--benchmark", action="store_true", help="run the side-by-side timings too")
     parser.addoption("--studies", action="store_true", help="run seeded samples of the studies too")
+
+
+def pytest_unconfigure():
+    if MADE:
+        shutil.rmtree(MADE, ignore_errors=True)
+
+
+def by_name(config):
+    """Whether single tests were asked for."""
+    return any("::" in word for word in config.args)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_xdist_auto_num_workers(config):
+    """One process per core that has 4 GB of memory; none for timings and for single tests."""
+    if config.getoption("--benchmark") or by_name(config):
+        return 0
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return max(1, min(cores, psutil.virtual_memory().total // 4_000_000_000))
+
+
+def full_among(items):
+    """The tests marked `full`: themselves, or parameters of theirs that are not among those that the mark excepts."""
+    found, unknown = set(), {}
+    for item in items:
+        mark = item.get_closest_marker("full")
+        if mark is None:
+            continue
+        but = mark.kwargs.get("but", ())
+        unknown.setdefault(item.nodeid.partition("[")[0], set(but)).discard(but and item.callspec.id)
+        if not (but and item.callspec.id in but):
+            found.add(item)
+    if wrong := {test: ids for test, ids in unknown.items() if ids}:
+        raise pytest.UsageError(f"marked full but for parameters that do not exist: {wrong}")
+    return found
 
 
 def pytest_collection_modifyitems(config, items):
@@ -23,6 +70,12 @@ def pytest_collection_modifyitems(config, items):
             for item in items:
                 if item.get_closest_marker(mark):
                     item.add_marker(pytest.mark.skip(reason=reason))
+    if by_name(config):
+        return
+    full = full_among(items)
+    kept = [item for item in items if (item in full) is config.getoption("--full")]
+    config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+    items[:] = kept
 
 
 @pytest.fixture(scope="session")
