@@ -1,6 +1,8 @@
 """Float64, strict promotion and run-time type checks for every test; what runs, and on how many processes."""
 
+import importlib
 import os
+import pkgutil
 import shutil
 import tempfile
 
@@ -19,7 +21,11 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 with install_import_hook("jaxshroud", "beartype.beartype"):
-    import jaxshroud  # noqa: F401
+    import jaxshroud
+
+    for found in pkgutil.walk_packages(jaxshroud.__path__, "jaxshroud."):  # else imported later, without the checks
+        if not found.name.endswith("__main__"):
+            importlib.import_module(found.name)
     from jaxshroud.scene.config import load
 
 

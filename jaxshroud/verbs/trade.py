@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import numpy as np
@@ -27,6 +27,7 @@ PLENTY = 5.0  # seconds of a timing that need not be repeated
 SLOPES = 16  # lanes whose derivatives are compared
 
 
+@runtime_checkable
 class Way(Protocol):
     """A way to march a scene."""
 
