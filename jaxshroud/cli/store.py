@@ -1,19 +1,15 @@
-"""Labelled results on disk: NetCDF through xarray, JSON for summaries. Files appear whole or not at all."""
+"""Results as labelled datasets and as plain numbers, for files."""
 
-import json
-import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from jaxshroud.batch.extent import memory_for
 from jaxshroud.model.modes import Mode, Status
-from jaxshroud.results.files import StoreError, write
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.power import PowerResult
+from jaxshroud.results.store import plain
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.config import SceneFile
@@ -133,7 +129,7 @@ def power_json(result: PowerResult, scene_file: SceneFile) -> dict[str, Any]:
 def gradient_json(found: Gradient, scene_file: SceneFile) -> dict[str, Any]:
     """A gradient as `gradient.json` holds it."""
     at = found.orbit
-    plain = {n: getattr(found, n) for n in ("of", "kind", "value", "ci", "level", "level_ci", "sigma", "flags")}
+    told = {n: getattr(found, n) for n in ("of", "kind", "value", "ci", "level", "level_ci", "sigma", "flags")}
     orbit = {
         "period_number": at.q,
         "residual": at.residual,
@@ -144,7 +140,7 @@ def gradient_json(found: Gradient, scene_file: SceneFile) -> dict[str, Any]:
         "start": {name: np.asarray(pair).tolist() for name, pair in at.start.motion._asdict().items()},
     }
     how = {"method": str(at.method), "steps_per_period": at.steps_per_period}
-    return _plain({**plain, "orbit": orbit, **how, **_attrs(scene_file)})
+    return plain({**told, "orbit": orbit, **how, **_attrs(scene_file)})
 
 
 def tune_json(tuned: Tuned, drawn: dict[str, Any] | None, scene_file: SceneFile) -> dict[str, Any]:
@@ -156,7 +152,7 @@ def tune_json(tuned: Tuned, drawn: dict[str, Any] | None, scene_file: SceneFile)
     asked = {"over": problem.over, "conditions": problem.conditions, "goal": problem.goal, **limits}
     checks = {name: judged._asdict() for name, judged in tuned.checks.items()}
     how = {"method": str(problem.plan.method), "steps_per_period": problem.plan.steps_per_period}
-    return _plain({**told, **asked, **how, "checks": checks, "map": drawn, **search, **_attrs(scene_file)})
+    return plain({**told, **asked, **how, "checks": checks, "map": drawn, **search, **_attrs(scene_file)})
 
 
 def trade_json(found: Sequence[Measured], scene_file: SceneFile) -> dict[str, Any]:
@@ -175,46 +171,7 @@ def trade_json(found: Sequence[Measured], scene_file: SceneFile) -> dict[str, An
         }
         for i, m in enumerate(found)
     ]
-    return _plain({"settings": rows, "horizon": HORIZON, **_attrs(scene_file)})
-
-
-def read(path: str | os.PathLike[str]) -> xr.Dataset:
-    """A stored dataset, loaded whole.
-
-    Raises:
-        StoreError: The file is missing, truncated or not a result.
-    """
-    try:
-        with xr.open_dataset(path, engine="h5netcdf") as ds:
-            memory_for("it", ds.nbytes)
-            return ds.load()
-    except FileNotFoundError:
-        raise StoreError(f"{path}: no such file; give a result written by jaxshroud") from None
-    except Exception as error:  # h5py raises many types on damaged files
-        what = " ".join(str(error).split())[:120]
-        raise StoreError(f"{path}: not a complete result file ({what}); run the command again") from None
-
-
-def write_dataset(ds: xr.Dataset, path: Path) -> None:
-    """Write a dataset, whole or not at all; in memory first, as HDF5 does not bear a full disk."""
-    write(path, ds.to_netcdf(engine="h5netcdf"))
-
-
-def write_json(data: dict[str, Any], path: Path) -> None:
-    """Write JSON, whole or not at all. NaN becomes null."""
-    write(path, (json.dumps(_plain(data), indent=1) + "\n").encode())
-
-
-def read_json(path: Path) -> Any:
-    """A stored summary.
-
-    Raises:
-        StoreError: The file is missing or not complete JSON.
-    """
-    try:
-        return json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise StoreError(f"{path}: cannot be read ({error}); run the command again") from None
+    return plain({"settings": rows, "horizon": HORIZON, **_attrs(scene_file)})
 
 
 def _named(units: str, long_name: str) -> dict[str, str]:
@@ -236,13 +193,3 @@ def _attrs(scene_file: SceneFile) -> dict[str, Any]:
         "source": scene_file.name,
         "version": __version__,
     }
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(v) for key, v in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [_plain(v) for v in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not np.isfinite(value) else value
