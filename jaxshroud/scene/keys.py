@@ -113,7 +113,7 @@ ROWS = (
     one("shroud.l_ab", "m", POSITIVE, "l_{ab}", "contact side", "35 mm", "side along the contact face"),
     one("shroud.gap", "m", ANY, r"\Delta", "initial gap", "0.022 mm", "initial gap along x; negative: interference"),
     one("contact.k", "N/m", FROM_0, "k", "contact stiffness", "2.5e5 N/m", "impact stiffness", default=None),
-    one("contact.gamma", "", FROM_0, r"\gamma = k/k_x", "stiffness ratio", 2.5, default=None),
+    one("contact.gamma", "", FROM_0, r"\gamma = k/k_x", "stiffness ratio", 2.5, "stiffness ratio k / k_x", None),
     one("contact.width", "m", POSITIVE, "w", "width of smooth contact", "0.1 um", default=None),
     one("friction.k_d", "N/m", FROM_0, "k_d", "friction stiffness", "1e6 N/m", "tangential stiffness"),
     one("friction.mu", "", FROM_0, r"\mu", "friction coefficient", 0.5),

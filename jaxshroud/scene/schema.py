@@ -38,15 +38,16 @@ def _in(allowed: Range, value: float) -> float:
     return value
 
 
-def number(row: Key) -> Any:
-    """How pydantic reads one value of a number: in SI, or as a string with a unit."""
+def number(row: Key, pair: bool = False) -> Any:
+    """How pydantic reads one value of a number, or one per blade: in SI, or as strings with a unit."""
     value = Annotated[float, Field(strict=True), AfterValidator(partial(_in, row.range))]
+    value = Annotated[tuple[value, value], BeforeValidator(_pair)] if pair else value
     return Annotated[value, BeforeValidator(partial(to_si, row.unit))]
 
 
 def _entry(row: Key) -> Any:
     """How pydantic reads a key."""
-    value = Annotated[tuple[number(row), number(row)], BeforeValidator(_pair)] if row.pair else number(row)
+    value = number(row, row.pair)
     return Annotated[value if row.default is ... else value | None, key(row.about, row.example)]
 
 

@@ -35,7 +35,6 @@ def test_numbers_that_fail_are_not_the_inputs_fault():
 def test_errors_are_where_they_were():
     assert config.SceneError is js.SceneError
     assert checks.NumericalError is js.NumericalError
-    assert files.StoreError is js.StoreError
     assert (files.WriteError, files.MachineError) == (errors.WriteError, errors.MachineError)
     assert stability.StepTooLongError is js.StepTooLongError
 
