@@ -13,34 +13,15 @@ from jaxshroud.results.store import plain
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.config import SceneFile
+from jaxshroud.scene.keys import KEYS, rows_of
 from jaxshroud.scene.motion import Motion
 from jaxshroud.verbs.setting import HORIZON
 from jaxshroud.verbs.trade import Measured, error_of, front
 from jaxshroud.verbs.tune import Tuned
 from jaxshroud.version import __version__
 
-MOTION_ATTRS = {
-    "x": ("m", "displacement in x"),
-    "y": ("m", "displacement in y"),
-    "theta": ("rad", "torsion angle, positive clockwise"),
-    "v_x": ("m s-1", "velocity in x"),
-    "v_y": ("m s-1", "velocity in y"),
-    "v_theta": ("rad s-1", "torsion rate"),
-}
-UNITS = {  # of the scene's numbers, by key
-    **dict.fromkeys(("blades.m", "blades.m_y"), "kg"),
-    "blades.I": "kg m2",
-    **dict.fromkeys(("blades.k_x", "blades.k_y", "contact.k", "friction.k_d"), "N m-1"),
-    "blades.k_T": "N m rad-1",
-    **dict.fromkeys(("blades.c_x", "blades.c_y"), "N s m-1"),
-    "blades.c_T": "N m s rad-1",
-    **dict.fromkeys(("shroud.l_oa", "shroud.l_ab", "shroud.gap", "contact.width", "initial.x", "initial.y"), "m"),
-    **dict.fromkeys(("shroud.alpha", "drive.beta", "drive.phase", "initial.theta"), "rad"),
-    **dict.fromkeys(("drive.omega", "initial.v_theta"), "rad s-1"),
-    "drive.F_0": "N",
-    "drive.M_0": "N m",
-    **dict.fromkeys(("initial.v_x", "initial.v_y"), "m s-1"),
-}
+MOTION_ATTRS = {row.parts[1]: (row.netcdf, row.about) for row in rows_of("initial")}
+UNITS = {row.name: row.netcdf for row in KEYS.values()}
 STATUS = {"flag_values": [int(s) for s in Status], "flag_meanings": " ".join(s.name for s in Status)}
 MODE = {"flag_values": [int(m) for m in Mode], "flag_meanings": " ".join(m.name for m in Mode)}
 
