@@ -70,9 +70,9 @@ def seconds(words: list[str], environment: dict[str, str]) -> tuple[float, float
 def measured(rounds: int, folder: Path) -> dict:
     """Medians of everything, in seconds."""
     stored, cache = str(folder / "run.nc"), str(folder / "cache")
-    settings = {"JAX_COMPILATION_CACHE_DIR": cache, "PYTHONPATH": os.pathsep.join(sys.path[1:])}
     hidden = ("PYTHONDONTWRITEBYTECODE", "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS")
-    environment = {name: value for name, value in os.environ.items() if name not in hidden} | settings
+    environment = {name: value for name, value in os.environ.items() if name not in hidden}
+    environment["JAX_COMPILATION_CACHE_DIR"] = cache
     script = str(Path(sys.executable).with_name("jaxshroud"))
     commands = {name: [sys.executable, "-c", code] for name, code in CODES.items()}
     commands |= {
