@@ -155,7 +155,8 @@ def _balanced(tally: Tally, before: Scalar, after: Scalar) -> tuple[Bool[Array, 
     """
     finite, gain = jnp.isfinite(sum(jax.tree.leaves((tally.integrals, after, before)))), tally.integrals.ledger
     if gain is None or tally.jumps is None:
-        return finite, *(2 * [jnp.full_like(before, jnp.nan)])
+        unknown = jnp.full_like(before, jnp.nan)
+        return finite, unknown, unknown
     residual = balance(gain, tally.jumps, after - before) / jnp.where(gain.drive == 0, 1.0, jnp.abs(gain.drive))
     dropped = filled(tally.jumps.dropped, gain.gross) / jnp.where(gain.gross > 0, gain.gross, 1.0)
     return finite, residual, dropped
