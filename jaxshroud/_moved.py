@@ -36,8 +36,8 @@ PLACES = {
     "analysis.power": "motion.power",
     "analysis.settling": "motion.settling",
     "analysis.spectrum": "motion.spectrum",
-    "sweep": "scene.parts scene.grids batch.states batch.runs batch.continuation motion.averages results.sweep "
-    "verbs.sweep",
+    "sweep": "scene.parts scene.grids batch.states batch.runs batch.continuation motion.averages "
+    "results.sweep verbs.sweep",
     "power": "results.power verbs.power",
     "trajectory": "results.trajectory verbs.simulate",
     "explain": "verbs.explain",
@@ -51,9 +51,9 @@ PLACES = {
     "adaptive": "verbs.adaptive",
     "trade": "verbs.trade",
     "accuracy": "verbs.accuracy",
-    "schema": "scene.schema",
-    "config": "scene.config",
-    "files": "results.files",
+    "schema": "scene.schema scene.units",
+    "config": "scene.config scene.overrides",
+    "files": "results.files scene.errors",
     "store": "results.store cli.store",
     "earlier": "cli.earlier",
     "drawing": "results.drawing",

@@ -41,6 +41,7 @@ COMMANDS = [
         f"{SMALL} --set model.friction=none --lanes 8 --periods 4 --transient 4",
     ),
     ('jaxshroud explain table1 --set \'model.motion=["x", "y"]\'', ""),
+    ('jaxshroud explain table1 --set \'parts.motion=["x", "y"]\'', ""),
     ("jaxshroud plot gap", ""),
 ]
 MADE = {

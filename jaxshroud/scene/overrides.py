@@ -47,7 +47,8 @@ def override(document: dict[str, Any], text: str) -> tuple[str, str]:
         return "", ""  # the fault is the file's
     if blade is not None:
         if table in TABLES and name in TABLES[table].model_fields and f"{table}.{name}" not in PAIRS:
-            fail("--set", f"[{table}] {name} is one number, not one per blade; drop the [{blade}]")
+            one = "one number, " if f"{table}.{name}" in KEYS else ""
+            fail("--set", f"[{match[1]}] {name} is {one}not one per blade; drop the [{blade}]")
         old = rows.get(name, rows.get("m") if name == "m_y" else 0.0 if table == "initial" else None)
         pair = old if isinstance(old, list) else [old, old]
         if old is None or len(pair) != 2:

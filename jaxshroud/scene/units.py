@@ -22,6 +22,12 @@ KINDS = {
     "N m/rad": "a torsion stiffness",
     "N m s/rad": "a torsion damping",
 }
+# SI unit and unit -> how many of the one are one of the other, as pint has it: importing that takes half a second.
+COMMON = {
+    ("m", "mm"): Decimal("1e-3"),
+    ("m", "um"): Decimal("1e-6"),
+    ("rad", "deg"): Decimal("3.141592653589793238462643383279502884") / 180,
+}
 QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,4})?)\s*([^\d\s].{0,60})?")
 
 
@@ -53,6 +59,8 @@ def to_si(unit: str, value: Any) -> Any:
     match = QUANTITY.fullmatch(value)
     if match is None:
         raise ValueError("is not a number with a unit")
+    if factor := COMMON.get((unit, match[2])):
+        return float(Decimal(match[1]) * factor)
     given = _units(match[2] or "")
     needed = _units(unit)
     if given.dimensionality != needed.dimensionality:

@@ -37,10 +37,10 @@ def check_number(row: Key, value: Any) -> None:
     shape = np.shape(value)
     if row.pair and shape and shape[-1] != 2:
         _refuse(row, f"{row.name} must be one number or a pair [left, right], but its shape is {shape}")
-    if not isinstance(value, Tracer):
-        numbers = np.asarray(value)
-        alike = numbers.size == 1 or (numbers.shape == (2,) and numbers[0] == numbers[1])
-        check_values(row, numbers, row.name if alike else row.name + "[{}]")
+    if isinstance(value, Tracer) or row.range.holds(numbers := np.asarray(value)).all():
+        return
+    alike = not shape or (shape == (2,) and np.array_equal(numbers[:1], numbers[1:], equal_nan=True))
+    check_values(row, numbers, row.name if alike else row.name + "[{}]")
 
 
 def check_values(row: Key, values: NDArray[Any], name: str) -> None:
@@ -48,8 +48,8 @@ def check_values(row: Key, values: NDArray[Any], name: str) -> None:
     good = row.range.holds(values)
     if not good.all():
         at = tuple(np.argwhere(~good)[0])
-        value = float(values[at])
-        _refuse(row, f"{name.format(', '.join(map(str, at)))} = {value:g} {row.range.fault(value)}")
+        value, place = float(values[at]), name.format(", ".join(map(str, at)))
+        _refuse(row, f"{place} = {str(value).removesuffix('.0')} {row.range.fault(value)}")
 
 
 def _refuse(row: Key, what: str) -> NoReturn:

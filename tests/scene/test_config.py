@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxshroud.scene import schema
+from jaxshroud.scene import schema, units
 from jaxshroud.scene.config import SceneError, axis, load, parse, shipped
 from jaxshroud.scene.parts import MISPRINTS
-from jaxshroud.scene.units import _registry
+from jaxshroud.scene.units import COMMON, _registry, to_si
 from jaxshroud.scene.vary import NUMERIC_KEYS
 
 GOOD = """
@@ -295,6 +295,14 @@ def test_units_equal_si_numbers(name, text, number):
     assert with_unit.text() == plain.text()
 
 
+@pytest.mark.parametrize(("unit", "text"), COMMON)
+def test_common_units_are_those_of_pint(unit, text, monkeypatch):
+    numbers = [f"{x}{e}" for x in ("0", "-1", "60", "180", "0.022", "-.7", "3.3333333333333335") for e in ("", "e-3")]
+    at_hand = [to_si(unit, f"{number} {text}") for number in numbers]
+    monkeypatch.setattr(units, "COMMON", {})
+    assert at_hand == [to_si(unit, f"{number} {text}") for number in numbers]
+
+
 def test_defaults():
     got = parse(GOOD, "a")
     np.testing.assert_array_equal(got.scene.blades.inertia_y, got.scene.blades.m)
@@ -434,4 +442,43 @@ def test_a_missing_pint_is_not_an_unknown_unit(monkeypatch):
     _registry.cache_clear()
     monkeypatch.setitem(sys.modules, "pint", None)
     with pytest.raises(ImportError, match="pint"):
-        load("table1", ["shroud.gap=0.022 mm"])
+        load("table1", ["shroud.gap=22 nm"])
+
+
+PARTS = '[parts]\nmotion = ["x"]\nfriction = "none"\n'
+
+
+def test_parts_are_also_called_model_as_they_were(tmp_path):
+    new, old = GOOD + PARTS, GOOD + PARTS.replace("parts", "model")
+    loaded = parse(new, "a")
+    assert loaded.scene.parts.motion == ("x",)
+    by_override = parse(GOOD, "c", ['model.motion=["x"]', "parts.friction=none"])
+    assert loaded.text() == parse(old, "b").text() == by_override.text()  # without a warning: results hold such text
+    assert "[parts]" in loaded.text()
+    assert "[model]" not in loaded.text()
+    (tmp_path / "old.toml").write_text(old)
+    with pytest.warns(DeprecationWarning, match=r"old\.toml: \[model\] is called \[parts\] now; rename it"):
+        assert load(tmp_path / "old.toml").text() == loaded.text()
+
+
+@pytest.mark.parametrize("table", ["parts", "model"])
+def test_messages_call_parts_as_they_are_given(table):
+    text = GOOD + PARTS.replace("parts", table)
+    assert told(text.replace('"none"', '"nne"')).startswith(f'my.toml: [{table}] friction = "nne" must be ')
+    assert told(text, [f"{table}.fricton=none"]).startswith(f"--set: [{table}] has no key `fricton`; did you mean")
+    assert told(text, ["contact.width=1 um"]).endswith(f'drop it, or add [{table}] contact = "smooth"')
+    assert told(text, [f"{table}.motion[0]=1"]) == f"--set: [{table}] motion is not one per blade; drop the [0]"
+    assert told(text + PARTS.replace("parts", {"parts": "model", "model": "parts"}[table])) == (
+        "my.toml: [model] is the former name of [parts]; keep one of them"
+    )
+
+
+def test_a_scene_is_built_once_in_the_precision_of_its_first_use():
+    file = load("table1")
+    again = replace(file, direction="forward")
+    with jax.enable_x64(False):
+        assert file.scene.blades.m.dtype == np.float32
+    assert file.scene is file.scene
+    assert file.scene.blades.m.dtype == np.float32
+    assert again.scene.blades.m.dtype == np.float64
+    assert again.text() == file.text()

@@ -28,7 +28,7 @@ from jaxshroud.cli import commands as cli
 from jaxshroud.scene.config import load
 
 SECONDS = 2.0  # that an input may take
-MODEL = ['model.motion=["x"]', "model.friction=none", "model.neighbour=rigid"]
+MODEL = ['parts.motion=["x"]', "parts.friction=none", "parts.neighbour=rigid"]
 RUN = ["--periods", "2", "--steps-per-period", "100"]
 REDUCED = [*(word for value in MODEL for word in ("--set", value)), *RUN]
 SWEEP = ["sweep", "table1", *REDUCED, "--along", "contact.gamma", "--values", "1,2,4"]
@@ -75,7 +75,7 @@ WRONG = {
     "--accuracy": ["banana", "1e-20", "nan", "balancd", "-1", ""],
     "--steps-per-period": ["atuo", "0", "5", "-3", "1.5", *HUGE],
     "--periods": ["0", "-1", "2.0", "many", *HUGE],
-    "--set": ["contact.gama=1", "gamma=3", "=", "contact.gamma", "run.periods=10 s", "model.contact=hertz", *ODD],
+    "--set": ["contact.gama=1", "gamma=3", "=", "contact.gamma", "run.periods=10 s", "parts.contact=hertz", *ODD],
 }
 WRONG_OF = {
     "simulate": {"--every": ["0", "x", *HUGE], "--from": ["nothing.nc", ".", "scene.toml", *ODD[1:6]]},
@@ -198,7 +198,7 @@ def scenes(random: random.Random, of: Stored) -> Input:
     lines = of.scene.splitlines()
     for _ in range(random.choice([1, 1, 1, 2, 4])):
         i = random.randrange(len(lines))
-        physics = "model" not in "".join(lines[:i])[-40:] and not lines[i].startswith(("motion", "[model", "neighbour"))
+        physics = "parts" not in "".join(lines[:i])[-40:] and not lines[i].startswith(("motion", "[parts", "neighbour"))
         name = lines[i].split("=")[0]
         change = random.choice(["value", "value", "value", "delete", "twice", "odd", "cut", "table"])
         if change == "value" and "=" in lines[i]:

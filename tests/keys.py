@@ -1,0 +1,42 @@
+"""The numbers of a scene as a page of the documentation.
+
+`python tests/keys.py` writes it anew; a test compares.
+"""
+
+from pathlib import Path
+
+from jaxshroud.scene.keys import ROWS, Key
+
+FILE = Path(__file__).parent.parent / "docs" / "keys.md"
+HEAD = """# The numbers of a scene
+
+A file gives a number in its table, `[shroud] gap = "0.022 mm"`, in SI units or as a string with a unit; `--set`,
+`--along` and `jaxshroud.vary` call it by its key, `shroud.gap`. What is there per blade is one number for alike blades
+or a pair `[left, right]`; `blades.m[0]` is the left blade's alone. Exactly one of `contact.k` and `contact.gamma` is
+given.
+
+| key | symbol | unit | range | per blade | default | example | |
+|---|---|---|---|---|---|---|---|
+"""
+FOOT = """
+(from the table in [jaxshroud/scene/keys.py](../jaxshroud/scene/keys.py) by `python tests/keys.py`)
+"""
+
+
+def line(row: Key) -> str:
+    """One number."""
+    default = {None: "none", ...: ""}.get(row.default, row.default)
+    default = "`blades.m`" if row.name == "blades.m_y" else default
+    unit, pair = row.unit.replace("^2", "²"), "yes" if row.pair else ""
+    cells = [f"`{row.name}`", f"${row.symbol}$", unit, row.range.words, pair]
+    example = str(row.example).replace("'", '"') if isinstance(row.example, list) else row.example
+    return f"| {' | '.join([*cells, str(default), str(example), row.about])} |\n"
+
+
+def page() -> str:
+    """The whole page."""
+    return HEAD + "".join(map(line, ROWS)) + FOOT
+
+
+if __name__ == "__main__":
+    FILE.write_text(page(), encoding="utf-8")

@@ -1,0 +1,63 @@
+"""One hierarchy of errors, whose members are what Python calls such mistakes."""
+
+import pytest
+
+import jaxshroud as js
+from jaxshroud.cli import terminal
+from jaxshroud.march import stability
+from jaxshroud.results import files
+from jaxshroud.scene import checks, config, errors
+from jaxshroud.scene.config import axis, parse
+
+
+@pytest.mark.parametrize(
+    ("kind", "kinds"),
+    [
+        (errors.SceneError, (js.InputError, ValueError)),
+        (errors.KeyNameError, (js.SceneError, js.InputError, ValueError, KeyError)),
+        (errors.NumericalError, (ValueError,)),
+        (errors.StepTooLongError, (js.InputError, ValueError)),
+        (errors.StoreError, (js.InputError, ValueError)),
+        (errors.WriteError, (js.StoreError, OSError)),
+        (errors.MachineError, (js.StoreError, OSError)),
+        (terminal.InputError, (js.InputError, ValueError)),
+    ],
+)
+def test_every_error_is_one_of_ours_and_one_of_pythons(kind, kinds):
+    assert all(issubclass(kind, other) for other in (js.Error, *kinds))
+
+
+def test_numbers_that_fail_are_not_the_inputs_fault():
+    assert not issubclass(errors.NumericalError, errors.InputError)
+    assert not issubclass(js.Interrupted, Exception)
+
+
+def test_errors_are_where_they_were():
+    assert config.SceneError is js.SceneError
+    assert checks.NumericalError is js.NumericalError
+    assert files.StoreError is js.StoreError
+    assert (files.WriteError, files.MachineError) == (errors.WriteError, errors.MachineError)
+    assert stability.StepTooLongError is js.StepTooLongError
+
+
+def test_an_unknown_key_is_the_same_error_everywhere(table1):
+    file = js.load("table1")
+    ways = [
+        lambda: js.vary(table1, "shroud.gaps", 1.0),
+        lambda: js.value_of(table1, "shroud.gaps"),
+        lambda: js.sweep(table1, {"shroud.gaps": [1.0, 2.0]}, n_periods=1),
+        lambda: js.tune(table1, {"shroud.gaps": (1.0, 2.0)}),
+        lambda: js.gradient(table1, ["shroud.gaps"]),
+        lambda: js.scenes_from({"shroud.gaps": [1.0]}, table1),
+        lambda: axis(file, "shroud.gaps", [1, 2]),
+        lambda: parse(file.text(), "a", ["sweep.along=shroud.gaps", "sweep.values=1,2"]),
+    ]
+    for way in ways:
+        with pytest.raises(js.KeyNameError, match=r"no number `shroud\.gaps`; did you mean `shroud\.gap`"):
+            way()
+    with pytest.raises(js.KeyNameError, match=r"^--set: \[shroud\] has no key `gaps`; did you mean `gap`"):
+        parse(file.text(), "a", ["shroud.gaps=1"])
+
+
+def test_a_message_has_no_quotes_around_it():
+    assert str(js.KeyNameError("a `b`")) == "a `b`"
