@@ -1,5 +1,6 @@
 """The console script. It comes before the package's imports, which take seconds: Ctrl-C is one line from the start."""
 
+import gc
 import os
 import signal
 import sys
@@ -10,6 +11,7 @@ def main() -> int:
     heeded = signal.getsignal(signal.SIGINT) != signal.SIG_IGN
     if heeded:
         signal.signal(signal.SIGINT, _leave)
+    gc.set_threshold(20_000, 20, 20)  # imports and tracing make many objects and little garbage: a sixth of the start
     from jaxshroud.cli.commands import main as run
 
     status = run()

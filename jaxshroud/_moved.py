@@ -62,8 +62,8 @@ PLACES = {
     "keyboard": "cli.keyboard",
     "terminal": "cli.terminal cli.words cli.parser cli.asked",
     "cli_design": "cli.parser cli.gradient cli.tune",
-    "cli_plot": "cli.plot",
-    "cli_trade": "cli.trade",
+    "cli_plot": "cli.plot cli.parser",
+    "cli_trade": "cli.trade cli.parser",
     "analysis": "",
 }
 

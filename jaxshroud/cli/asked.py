@@ -11,7 +11,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.words import Locate
 from jaxshroud.scene.config import SceneFile, load
 from jaxshroud.verbs.accuracy import broken
-from jaxshroud.verbs.choice import CHOSEN, checked_steps, chosen_accuracy, chosen_method
+from jaxshroud.verbs.choice import CHOSEN, accuracy_for, method_for, steps_checked
 
 
 def loaded(options: argparse.Namespace, *more: str) -> SceneFile:
@@ -22,26 +22,26 @@ def loaded(options: argparse.Namespace, *more: str) -> SceneFile:
     return load(options.scene, [*options.set, *overrides, *more])
 
 
-def method_of(options: argparse.Namespace, usual: Locate = "cubic") -> Choices:
+def chosen_method(options: argparse.Namespace, usual: Locate = "cubic") -> Choices:
     """The static choices of the march asked for."""
     words, ledger = (options.tableau, options.locate, options.precision), getattr(options, "ledger", True)
-    return chosen_method(options.choice, *words, usual=usual, ledger=ledger)
+    return method_for(options.choice, *words, usual=usual, ledger=ledger)
 
 
 def with_derivatives(options: argparse.Namespace) -> Choices:
     """The same where derivatives are wanted; an accuracy that float32 reaches is not one of these."""
-    method = method_of(options)._replace(ledger=False)
+    method = chosen_method(options)._replace(ledger=False)
     return method if options.choice is None else method._replace(precision="float64")
 
 
-def steps_of(file: SceneFile, scenes: Any, options: argparse.Namespace) -> int:
+def check_step(file: SceneFile, scenes: Any, options: argparse.Namespace) -> int:
     """Steps per period of scenes (leading axis): refuse what is unstable for some, warn of what is inaccurate."""
     choose_accuracy(file, scenes, options)
     if options.choice is not None:
         return options.choice.steps
     asked = file.run.steps_per_period
     try:
-        steps, report = checked_steps(scenes, asked, options.tableau)
+        steps, report = steps_checked(scenes, asked, options.tableau)
     except ValueError as error:
         raise CommandError(f"{file.name}: [run] {error}") from None
     if asked == "auto" and file.scene.parts.contact != "none":
@@ -60,7 +60,7 @@ def choose_accuracy(file: SceneFile, scenes: Any, options: argparse.Namespace) -
             raise CommandError(f"--accuracy chooses --{name.replace('_', '-')} itself; give one of them")
     if file.scene.parts.contact == "smooth":
         raise CommandError("--accuracy knows located contact, not smooth contact; give --steps-per-period instead")
-    options.choice = chosen_accuracy(scenes, options.accuracy)
+    options.choice = accuracy_for(scenes, options.accuracy)
     if options.choice is None:
         print(f"{file.name}: without contact the motion is in closed form; --accuracy has no choice", file=sys.stderr)
     else:

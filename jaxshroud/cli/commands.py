@@ -24,14 +24,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     files.written.clear()
     try:
         options = parser().parse_args(words(sys.argv[1:] if arguments is None else arguments))
-        verb = import_module(f"jaxshroud.cli.{options.verb}")
+        verb = getattr(import_module(f"jaxshroud.cli.{options.verb}"), f"{options.verb}_verb")
         if "jax" in sys.modules:
             _set_up_jax()
     except Exception as error:
         return _failed(error)
     with interruptible(_leave):  # only now: what is imported does not bear an exception of Ctrl-C
         try:
-            verb.run(options)
+            verb(options)
             sys.stdout.flush()
         except KeyboardInterrupt as stopped:
             print(_interrupted(str(stopped)), file=sys.stderr)

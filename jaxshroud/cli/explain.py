@@ -3,18 +3,18 @@
 import argparse
 
 from jaxshroud.batch.xla import alone
-from jaxshroud.cli.asked import choose_accuracy, loaded, method_of
+from jaxshroud.cli.asked import choose_accuracy, chosen_method, loaded
 from jaxshroud.cli.terminal import blamed, print_table
 from jaxshroud.scene.parts import Parts
 from jaxshroud.verbs.explain import explain
 
 
-def run(options: argparse.Namespace) -> None:
+def explain_verb(options: argparse.Namespace) -> None:
     """Say what the model of a scene consists of."""
     file = loaded(options)
     choose_accuracy(file, alone(file.scene), options)
     with blamed(file.name):
-        told = explain(file.scene, method_of(options)._replace(ledger=False))
+        told = explain(file.scene, chosen_method(options)._replace(ledger=False))
     whole = zip(Parts._fields, told.parts, Parts(), strict=True)
     lacks = [f"{name}: {part}" for name, part, full in whole if part != full]
     operations = f"{told.operations}, {told.operations / told.full_operations:.2f} of the full model"

@@ -5,7 +5,7 @@ import sys
 from typing import Any
 
 from jaxshroud.batch.xla import alone
-from jaxshroud.cli.asked import loaded, steps_of, with_derivatives
+from jaxshroud.cli.asked import check_step, loaded, with_derivatives
 from jaxshroud.cli.store import gradient_json
 from jaxshroud.cli.terminal import CommandError, blamed, free, print_columns, print_table
 from jaxshroud.motion.orbit import contact_margins
@@ -15,14 +15,14 @@ from jaxshroud.verbs.gradient import differences, gradient
 CHECK_STEPS = (1e-4, 3e-5, 1e-5)  # relative
 
 
-def run(options: argparse.Namespace) -> None:
+def gradient_verb(options: argparse.Namespace) -> None:
     """Derivatives of P_d with respect to numbers of a scene."""
     file = loaded(options)
     free(options.out, options.force)
     if not 0 < options.sigma < float("inf"):
         raise CommandError(f"--sigma must be positive, but is {options.sigma}")
     wrt = list(dict.fromkeys(key.strip() for key in options.wrt.split(",")))
-    steps = steps_of(file, alone(file.scene), options)
+    steps = check_step(file, alone(file.scene), options)
     with blamed(f"--wrt {options.wrt}"):
         found = gradient(
             file.scene,

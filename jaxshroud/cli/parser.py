@@ -58,14 +58,16 @@ def scene_options(made: OneLineParser, method: bool = True) -> None:
     made.add_argument("--force", action="store_true", help="replace existing results")
 
 
-def _simulate(made: OneLineParser) -> None:
+def simulate_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud simulate`."""
     scene_options(made)
     made.add_argument("--every", type=count(1), default=1, metavar="M", help="store every M-th step")
     made.add_argument("--from", dest="earlier", type=path, metavar="FILE.nc", help="start from its last state")
     made.add_argument("--out", type=path, required=True, metavar="FILE.nc")
 
 
-def _sweep(made: OneLineParser) -> None:
+def sweep_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud sweep`."""
     scene_options(made)
     made.add_argument("--along", action=_NewAxis, metavar="KEY", help="key to vary; twice makes a grid")
     for name, text in dict(values="a,b,c", start="A", stop="B", num="N").items():
@@ -78,14 +80,16 @@ def _sweep(made: OneLineParser) -> None:
     made.add_argument("--out", type=path, required=True, metavar="DIR")
 
 
-def _power(made: OneLineParser) -> None:
+def power_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud power`."""
     scene_options(made)
     made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
     made.add_argument("--tolerance", type=number, default=0.1, help="percentage points at which P_d counts as stable")
     made.add_argument("--out", type=path, required=True, metavar="DIR")
 
 
-def _gradient(made: OneLineParser) -> None:
+def gradient_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud gradient`."""
     scene_options(made)
     made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first, where smoothed")
     made.add_argument("--wrt", required=True, metavar="K1,K2", help="numbers of the scene, e.g. shroud.gap")
@@ -97,7 +101,8 @@ def _gradient(made: OneLineParser) -> None:
     made.add_argument("--out", type=path, required=True, metavar="FILE.json")
 
 
-def _tune(made: OneLineParser) -> None:
+def tune_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud tune`."""
     scene_options(made)
     made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
     made.add_argument("--over", action="append", required=True, metavar="K=LO:HI", help="number to tune, its bounds")
@@ -113,7 +118,8 @@ def _tune(made: OneLineParser) -> None:
     made.add_argument("--out", type=path, required=True, metavar="DIR")
 
 
-def _trade(made: OneLineParser) -> None:
+def trade_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud trade`."""
     scene_options(made, method=False)
     made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded before P_d is averaged")
     made.add_argument("--lanes", type=count(8), default=64, metavar="N", help="scenes scattered around the scene")
@@ -121,7 +127,8 @@ def _trade(made: OneLineParser) -> None:
     made.add_argument("--out", type=path, required=True, metavar="DIR")
 
 
-def _plot(made: OneLineParser) -> None:
+def plot_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud plot`."""
     made.add_argument("source", type=path, metavar="DIR|FILE")
     made.add_argument("--out", type=path, metavar="PICTURE", help="by default beside the result")
     made.add_argument("--force", action="store_true", help="replace a picture named by --out")
@@ -131,7 +138,7 @@ def _nothing(_: OneLineParser) -> None: ...
 
 
 class Verb(NamedTuple):
-    """A question that can be asked; it is answered by `run` of the module of its name."""
+    """A question that can be asked; the module of its name answers it."""
 
     text: str
     example: str
@@ -142,39 +149,39 @@ VERBS = {
     "simulate": Verb(
         "Integrate one scene and store its motion at every step.",
         "jaxshroud simulate fig10b --periods 20 --out fig10b.nc",
-        _simulate,
+        simulate_options,
     ),
     "sweep": Verb(
         "Simulate a scene for many values of one or two of its numbers.",
         "jaxshroud sweep fig09 --out fig09\n"
         "  jaxshroud sweep table1 --along contact.gamma --start 0 --stop 8 --num 200 --transient 100 --out gamma",
-        _sweep,
+        sweep_options,
     ),
     "power": Verb(
         "Vibration-power reduction P_d of one scene and its convergence.",
         "jaxshroud power fig15a --out fig15a",
-        _power,
+        power_options,
     ),
     "gradient": Verb(
         "Derivatives of P_d with respect to numbers of a scene.",
         "jaxshroud gradient fig10b --wrt shroud.gap,contact.gamma --check --out gradient.json",
-        _gradient,
+        gradient_options,
     ),
     "tune": Verb(
         "Find the numbers of a scene that reduce the vibration most.",
         "jaxshroud tune table1 --set drive.M_0=10 --over shroud.gap=5um:200um --over contact.gamma=0.1:10 "
         "--range drive.F_0=20,40,60,80 --out tuned",
-        _tune,
+        tune_options,
     ),
     "trade": Verb(
-        "Measure accuracy against cost on a scene of your own.", "jaxshroud trade table1 --out trade", _trade
+        "Measure accuracy against cost on a scene of your own.", "jaxshroud trade table1 --out trade", trade_options
     ),
     "explain": Verb(
         "Say what the model of a scene consists of, what it lacks and what it costs.",
         'jaxshroud explain table1 --set \'parts.motion=["x", "y"]\'',
         scene_options,
     ),
-    "plot": Verb("Draw stored results again, without simulating.", "jaxshroud plot fig09", _plot),
+    "plot": Verb("Draw stored results again, without simulating.", "jaxshroud plot fig09", plot_options),
     "scenes": Verb("List the shipped scenes.", "jaxshroud scenes", _nothing),
 }
 

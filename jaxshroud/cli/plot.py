@@ -18,7 +18,7 @@ POWER, TUNING = {"n", "P_d", "P_d_ci", "final"}, {"over", "points", "scores", "m
 TRADE, GRADIENT, SUMMARY = {"settings", "horizon"}, {"of", "kind", "level"}, {"lanes", "period numbers"}
 
 
-def run(options: argparse.Namespace) -> None:
+def plot_verb(options: argparse.Namespace) -> None:
     """Draw a stored result again."""
     source = options.source
     if source.is_dir():

@@ -5,7 +5,7 @@ import sys
 
 from jaxshroud.batch.extent import fits
 from jaxshroud.batch.xla import alone
-from jaxshroud.cli.asked import loaded, method_of, steps_of, unmet
+from jaxshroud.cli.asked import check_step, chosen_method, loaded, unmet
 from jaxshroud.cli.plot import draw_json
 from jaxshroud.cli.store import power_json
 from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table, progress_bar, warn_status
@@ -13,7 +13,7 @@ from jaxshroud.results.store import read_json, write_json
 from jaxshroud.verbs.power import power
 
 
-def run(options: argparse.Namespace) -> None:
+def power_verb(options: argparse.Namespace) -> None:
     """Average P_d of one scene until it is stable."""
     file = loaded(options)
     if not options.tolerance > 0:
@@ -22,7 +22,7 @@ def run(options: argparse.Namespace) -> None:
     lanes = alone(file.scene)
     with blamed(file.name):
         fits(1, file.run.transient, file.run.periods)
-    steps = steps_of(file, lanes, options)
+    steps = check_step(file, lanes, options)
     with progress_bar("periods") as report, blamed(file.name):
         result = power(
             file.scene,
@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> None:
             transient=file.run.transient,
             steps_per_period=steps,
             tolerance=options.tolerance,
-            method=method_of(options),
+            method=chosen_method(options),
             progress=report,
         )
     data = power_json(result, file)

@@ -5,7 +5,7 @@ import sys
 
 from jaxshroud.batch.extent import STEP, memory_for
 from jaxshroud.batch.xla import alone
-from jaxshroud.cli.asked import loaded, method_of, steps_of, unmet
+from jaxshroud.cli.asked import check_step, chosen_method, loaded, unmet
 from jaxshroud.cli.earlier import Earlier, last_state
 from jaxshroud.cli.store import trajectory_dataset
 from jaxshroud.cli.terminal import CommandError, blamed, free, print_table, warn_status
@@ -16,7 +16,7 @@ from jaxshroud.scene.config import SceneFile
 from jaxshroud.verbs.simulate import simulate
 
 
-def run(options: argparse.Namespace) -> None:
+def simulate_verb(options: argparse.Namespace) -> None:
     """Integrate one scene and store its motion."""
     file = loaded(options)
     free(options.out, options.force)
@@ -25,7 +25,7 @@ def run(options: argparse.Namespace) -> None:
     _fits(file, options)
     lanes = alone(file.scene)
     begin = Earlier(None, 0.0, 0.0, ()) if options.earlier is None else last_state(options.earlier, file)
-    steps = steps_of(file, lanes, options)
+    steps = check_step(file, lanes, options)
     if begin.differences:
         print(f"going on from another scene: {'; '.join(begin.differences)}", file=sys.stderr)
     with blamed(file.name):
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> None:
             every=options.every,
             turns=begin.turns,
             t=begin.t,
-            method=method_of(options, "bisection"),
+            method=chosen_method(options, "bisection"),
         )
     write_dataset(trajectory_dataset(found, file, steps, options.every), options.out)
     warn_status(found.status, found.chatter)

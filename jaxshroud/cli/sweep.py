@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxshroud.batch.extent import fits
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.cli.asked import loaded, method_of, steps_of, unmet
+from jaxshroud.cli.asked import check_step, chosen_method, loaded, unmet
 from jaxshroud.cli.axes import with_axes
 from jaxshroud.cli.plot import draw_dataset
 from jaxshroud.cli.store import sweep_dataset
@@ -25,7 +25,7 @@ from jaxshroud.verbs.sweep import sweep
 from jaxshroud.version import __version__
 
 
-def run(options: argparse.Namespace) -> None:
+def sweep_verb(options: argparse.Namespace) -> None:
     """Simulate a scene for many values of its numbers."""
     file = with_axes(loaded(options), options)
     if not 0 <= options.phase < 2 * np.pi:
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> None:
     with blamed(file.name):
         fits(math.prod(a.values.size for a in file.axes), asked.transient, asked.periods)
     lanes = _lanes(file)
-    steps = steps_of(file, lanes, options)
+    steps = check_step(file, lanes, options)
     with progress_bar("lane-periods") as report, blamed(file.name):
         try:
             result = sweep(
@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> None:
                 direction=file.direction,
                 phase=options.phase,
                 period_tol=options.period_tol,
-                method=method_of(options),
+                method=chosen_method(options),
                 progress=report,
             )
         except Interrupted as stopped:

@@ -11,7 +11,7 @@ from jaxshroud.verbs.setting import LEVELS
 from jaxshroud.verbs.trade import cheapest, error_of, trade
 
 
-def run(options: argparse.Namespace) -> None:
+def trade_verb(options: argparse.Namespace) -> None:
     """Measure accuracy against cost on scenes around one."""
     file = loaded(options)
     directory(options.out, ("trade.json", "trade.png"), options.force)

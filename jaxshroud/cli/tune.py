@@ -4,7 +4,7 @@ import argparse
 import math
 
 from jaxshroud.batch.extent import fits
-from jaxshroud.cli.asked import loaded, steps_of, with_derivatives
+from jaxshroud.cli.asked import check_step, loaded, with_derivatives
 from jaxshroud.cli.store import tune_json
 from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table, progress_bar
 from jaxshroud.results import drawing, plot_design
@@ -14,7 +14,7 @@ from jaxshroud.scene.config import Axis, SceneFile, axis
 from jaxshroud.verbs.tune import corners, objective_map, problem_of, tune
 
 
-def run(options: argparse.Namespace) -> None:
+def tune_verb(options: argparse.Namespace) -> None:
     """Find the numbers of a scene that reduce the vibration most."""
     file = loaded(options)
     over = {a.key: (float(a.values[0]), float(a.values[1])) for a in (_bounds(file, t) for t in options.over)}
@@ -26,7 +26,7 @@ def run(options: argparse.Namespace) -> None:
     with blamed(file.name):
         extremes = corners(problem_of(file.scene, over, conditions))
         fits(math.prod(map(len, conditions.values())) * options.map**2, asked.transient, asked.periods)
-    steps = steps_of(file, extremes, options)
+    steps = check_step(file, extremes, options)
     with progress_bar("lane-periods") as report:
         with blamed(file.name):
             tuned = tune(

@@ -11,7 +11,7 @@ from jaxshroud.verbs.accuracy import Choice, choose
 CHOSEN = ("steps_per_period", "tableau", "locate", "precision")  # by an accuracy
 
 
-def chosen_method(
+def method_for(
     choice: Choice | None,
     name: str | None,
     locate: Locate | None,
@@ -26,7 +26,7 @@ def chosen_method(
     return Choices(tableau(name or "rk4"), locate or usual, ledger, precision or "float64")
 
 
-def chosen_accuracy(scenes: Scene, accuracy: str | float) -> Choice | None:
+def accuracy_for(scenes: Scene, accuracy: str | float) -> Choice | None:
     """How to march scenes (leading axis) for an accuracy; None without contact, where there is no choice.
 
     Raises:
@@ -35,7 +35,7 @@ def chosen_accuracy(scenes: Scene, accuracy: str | float) -> Choice | None:
     return None if scenes.parts.contact == "none" else choose(scenes, 1, accuracy)
 
 
-def checked_steps(scenes: Scene, asked: Steps, name: str | None) -> tuple[int, str | None]:
+def steps_checked(scenes: Scene, asked: Steps, name: str | None) -> tuple[int, str | None]:
     """Steps per period of scenes (leading axis) for the Runge-Kutta method of that name, and how they are inaccurate.
 
     Raises:

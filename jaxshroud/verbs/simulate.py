@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Int
 
 from jaxshroud.batch.chatter import chatter
 from jaxshroud.batch.extent import STEP, memory_for
@@ -18,7 +18,7 @@ from jaxshroud.batch.states import as_arrays, inside, whole
 from jaxshroud.batch.xla import EachLane, alone, best, compiled
 from jaxshroud.march.energy import balance, energy
 from jaxshroud.march.events import Counters, seat
-from jaxshroud.march.lane import Fixed, Lane, begin, grid
+from jaxshroud.march.lane import Fixed, Lane, Tally, begin, grid
 from jaxshroud.march.method import REFERENCE, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.absent import Scalar, filled
@@ -93,15 +93,9 @@ def simulate(
         lane, block = _samples(scene, lane, steps, phase, np.int32(every), np.int32(n), method, best())
         samples.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
     whole = jax.tree.map(lambda *a: np.concatenate(a), jax.tree.map(lambda a: np.asarray(a)[None], first), *samples[1:])
-    tally, energies = lane.tally, (_energy(scene, lane), held)
     clock = Clock(*map(jnp.asarray, (phase, steps, steps.astype(phase.dtype))))
-    residual = dropped = float("nan")
-    overflowed = int(lane.status) == Status.OK and not np.isfinite(sum(jax.tree.leaves((tally.integrals, energies))))
-    if method.ledger:
-        gain = tally.integrals.ledger
-        missing = balance(gain, tally.jumps, energies[0] - held)
-        residual = float(missing / jnp.where(gain.drive == 0, 1.0, jnp.abs(gain.drive)))
-        dropped = float(filled(tally.jumps.dropped, gain.gross) / jnp.where(gain.gross > 0, gain.gross, 1.0))
+    finite, residual, dropped = _balanced(lane.tally, held, _energy(scene, lane))
+    overflowed = int(lane.status) == Status.OK and not finite
     return Trajectory(
         t=times,
         motion=whole.motion,
@@ -109,11 +103,11 @@ def simulate(
         mode=whole.mode,
         case=whole.case,
         status=int(Status.NOT_FINITE) if overflowed else int(lane.status),
-        counters={name: int(n) for name, n in vars(filled(tally.log.counters, jnp.int32(0))).items()},
-        energy_residual=residual,
+        counters={name: int(n) for name, n in vars(filled(lane.tally.log.counters, jnp.int32(0))).items()},
+        energy_residual=float(residual),
         last=jax.tree.map(lambda a: a[-1], whole),
         turns=after,
-        energy_dropped=dropped,
+        energy_dropped=float(dropped),
         chatter=_told_chatter(scene, lane, whole, clock, every, method),
     )
 
@@ -151,6 +145,21 @@ def _begin(scene: Scene, state: State, method: Choices) -> tuple[Lane, State]:
 @jax.jit
 def _energy(scene: Scene, lane: Lane) -> Scalar:
     return energy(lane.state, model(scene))
+
+
+@jax.jit
+def _balanced(tally: Tally, before: Scalar, after: Scalar) -> tuple[Bool[Array, ""], Scalar, Scalar]:
+    """Whether all sums are finite; energy that the balance misses, over the drive's work, and that was dropped.
+
+    Both are NaN where no ledger is kept.
+    """
+    finite, gain = jnp.isfinite(sum(jax.tree.leaves((tally.integrals, after, before)))), tally.integrals.ledger
+    if gain is None or tally.jumps is None:
+        unknown = jnp.full_like(before, jnp.nan)
+        return finite, unknown, unknown
+    residual = balance(gain, tally.jumps, after - before) / jnp.where(gain.drive == 0, 1.0, jnp.abs(gain.drive))
+    dropped = filled(tally.jumps.dropped, gain.gross) / jnp.where(gain.gross > 0, gain.gross, 1.0)
+    return finite, residual, dropped
 
 
 def _sample(lane: Lane, scene_model: Model) -> State:

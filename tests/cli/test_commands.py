@@ -424,7 +424,7 @@ def test_a_numerical_failure_is_no_wrong_input(fails, error, tmp_path, capsys, m
     def failing(*_, **__):
         raise error
 
-    monkeypatch.setattr(importlib.import_module(f"jaxshroud.verbs.{fails}"), fails, failing)
+    monkeypatch.setattr(importlib.import_module(f"jaxshroud.cli.{fails}"), fails, failing)
     words = {"gradient": ["--wrt", "shroud.gap"], "tune": ["--over", "shroud.gap=1e-5:1e-4"]}[fails]
     assert cli.main([fails, "table1", *words, "--out", str(tmp_path / "out.json")]) == 1
     assert capsys.readouterr().err == f"numerical failure: {error}\n"
