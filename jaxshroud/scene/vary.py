@@ -1,5 +1,6 @@
 """Numbers of a scene by their keys."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -23,7 +24,7 @@ def _numbers(scene: Scene, key: str) -> Any:
     return old
 
 
-def vary(scene: Scene, key: str, value: ArrayLike) -> Scene:
+def vary(scene: Scene, key: str, value: ArrayLike | Sequence[ArrayLike]) -> Scene:
     """`scene` with one number replaced.
 
     Args:

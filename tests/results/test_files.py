@@ -55,7 +55,7 @@ def full(monkeypatch):
     [
         ("a.nc", lambda path: write_dataset(xr.Dataset({"a": ("n", np.arange(3.0))}), path)),
         ("a.json", lambda path: write_json({"a": 1.0}, path)),
-        ("a.png", lambda path: drawing.save(drawing.new_figure("", 1, 1), path)),
+        ("a.png", lambda path: drawing.save(drawing.new_figure("", 1.0, 1.0), path)),
         ("a.toml", lambda path: write(path, b"a = 1\n")),
     ],
 )
