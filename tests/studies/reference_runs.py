@@ -721,5 +721,5 @@ GROUPS = (
 
 
 def runs() -> list[Run]:
-    """All of them."""
-    return [run for group in GROUPS for run in group()]
+    """All of them, by groups."""
+    return sorted((run for made in GROUPS for run in made()), key=lambda run: run.group)
