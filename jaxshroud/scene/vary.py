@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
@@ -47,7 +48,8 @@ def vary(scene: Scene, key: str, value: ArrayLike | Sequence[ArrayLike]) -> Scen
     if name in ("k", "gamma"):
         other = {"k": "gamma", "gamma": "k"}[name]
         contact = Contact(**{name: value, other: None}, reading=scene.contact.reading, width=scene.contact.width)
-        return eqx.tree_at(lambda s: s.contact, scene, contact)
+        precise = jax.tree.map(lambda a: a.astype(scene.blades.k_x.dtype), contact)
+        return eqx.tree_at(lambda s: s.contact, scene, precise)
     new = jnp.broadcast_to(jnp.asarray(value, dtype=old.dtype), old.shape)
     return eqx.tree_at(lambda s: getattr(getattr(s, table), name), scene, new, is_leaf=lambda x: x is None)
 

@@ -348,8 +348,9 @@ def power(scene: js.Scene, how: js.Method, most_periods: int, transient: int) ->
 def powers() -> Iterator[Run]:
     """Orbits: P_d; chaos: intervals."""
     orbits = {f"gamma {gamma}": ("table1", f"contact.gamma={gamma}", "drive.F_0=60") for gamma in (0.3, 1.5, 2.5, 4.2)}
-    ways = (method(*PLAIN, ledger=True), method("tsit5", "bisection", "float64", True), method(*PLAIN))
-    for (name, scene), how in product(orbits.items(), ways):
+    ways = ((PLAIN, True), (("tsit5", "bisection", "float64"), True), (PLAIN, False))
+    for (name, scene), (words, ledger) in product(orbits.items(), ways):
+        how = method(*words, ledger)
 
         def does(given: Given, scene=scene, how=how) -> Values:
             end = power(given.scene(*scene), how, 128, 200)
@@ -357,7 +358,7 @@ def powers() -> Iterator[Run]:
             values = {"P_d": np.array([[end["P_d"]]]), "P": rows(end["P"], end["P_0"]), "told": np.array(told)}
             return values | {"energy absolute": np.array([[end["energy_residual"]]])}
 
-        yield Run("power", f"{name}, {how}{', ledger' if how.ledger else ''}", "settled", does)
+        yield Run("power", f"{name}, {how}{', ledger' if ledger else ''}", "settled", does)
 
 
 def chaotic_powers() -> Iterator[Run]:
