@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -73,6 +74,7 @@ class Ticker:
             self.report(self.done, self.total)
 
 
+@partial(jax.tree_util.register_dataclass, data_fields=["samples", "before", "last"], meta_fields=[])
 @dataclass(frozen=True)
 class Runs:
     """What came out of a batch of lanes."""

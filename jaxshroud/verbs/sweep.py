@@ -90,9 +90,6 @@ def sweep(
     return _result(scenes, axes, runs, plan, period_tol)
 
 
-jax.tree_util.register_dataclass(Runs, ["samples", "before", "last"], [])
-
-
 def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, period_tol: float) -> SweepResult:
     shape = tuple(len(v) for v in axes.values())
     in_line = lambda tree: jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), tree)  # noqa: E731

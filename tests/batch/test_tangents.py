@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from side_by_side import with_parts
 
-from jaxshroud import load, period_map, value_of, vary
+from jaxshroud import load, lyapunov, orbit, period_map, value_of, vary
 from jaxshroud.batch.lanes import repeated
 from jaxshroud.batch.runs import Plan, final_states, run_lanes
 from jaxshroud.batch.tangents import STATE, Dual, differentiable, direction, from_vector, run_flow, tangents, to_vector
@@ -18,7 +18,6 @@ from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import start
-from jaxshroud.motion import lyapunov, orbit
 from jaxshroud.motion.lyapunov import ALIGNING, settled
 
 STEPS = 400

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxshroud import load, simulate, value_of
+from jaxshroud import gradient, load, orbit, simulate, value_of
 from jaxshroud.batch.lanes import repeated
 from jaxshroud.batch.tangents import STATE, Dual, differentiable, direction, onward, resting, run_flow, tangents
 from jaxshroud.march import events
@@ -15,11 +15,9 @@ from jaxshroud.march.method import FAST
 from jaxshroud.model.linear import area, steady_amplitudes
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.state import State, start
-from jaxshroud.motion import orbit
 from jaxshroud.motion.orbit import Shot, contact_margins, described, moved_start
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.vary import vary
-from jaxshroud.verbs import gradient
 from jaxshroud.verbs.gradient import differences, on_orbit, slopes
 
 PARAMETERS = (
