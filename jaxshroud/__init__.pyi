@@ -8,13 +8,11 @@ from .model.linear import free_power as free_power
 from .model.modes import Mode as Mode
 from .model.modes import Status as Status
 from .model.state import State as State
-from .motion.lyapunov import Lyapunov as Lyapunov
-from .motion.lyapunov import lyapunov as lyapunov
-from .motion.orbit import Orbit as Orbit
-from .motion.orbit import orbit as orbit
 from .motion.period import periodicity as periodicity
 from .motion.spectrum import amplitude_spectrum as amplitude_spectrum
 from .results.gradient import Gradient as Gradient
+from .results.lyapunov import Lyapunov as Lyapunov
+from .results.orbit import Orbit as Orbit
 from .results.power import PowerResult as PowerResult
 from .results.sweep import SweepResult as SweepResult
 from .results.trajectory import Trajectory as Trajectory
@@ -36,6 +34,8 @@ from .scene.vary import vary as vary
 from .verbs.explain import explain as explain
 from .verbs.gradient import differences as differences
 from .verbs.gradient import gradient as gradient
+from .verbs.lyapunov import lyapunov as lyapunov
+from .verbs.orbit import orbit as orbit
 from .verbs.power import power as power
 from .verbs.simulate import simulate as simulate
 from .verbs.sweep import sweep as sweep

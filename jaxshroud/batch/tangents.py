@@ -255,14 +255,14 @@ class Course(NamedTuple):
     by_state: bool = True  # and by the starting state
 
     @property
-    def count(self) -> int:
+    def by_start(self) -> int:
         """Directions in the state."""
         return STATE if self.by_state else 0
 
     @property
     def lanes(self) -> int:
         """Lanes, one for each direction; a single one where there are none."""
-        return max(self.count + len(self.directions), 1)
+        return max(self.by_start + len(self.directions), 1)
 
     @property
     def duals(self) -> tuple[Dual, Dual]:
@@ -271,14 +271,14 @@ class Course(NamedTuple):
         still = [jax.tree.map(np.zeros_like, self.scene)] * (lanes - len(self.directions))
         along = jax.tree.map(lambda *a: np.stack(a), *still, *self.directions)
         unit = np.zeros((lanes, STATE), self.scene.drive.omega.dtype)
-        unit[: self.count] = np.eye(STATE)[: self.count]
+        unit[: self.by_start] = np.eye(STATE)[: self.by_start]
         shift = from_vector(unit, None, None)
         return Dual(repeated(self.scene, lanes), along), Dual(repeated(state, lanes), shift)
 
     def tangents(self, came: Dual) -> Tangents:
         """Tangents from the flow of its lanes."""
         (value, slope), end = came, jax.tree.map(lambda a: a[0], onward(came).value)
-        by, count = to_vector(slope.state), self.count
+        by, count = to_vector(slope.state), self.by_start
         power, power_by = np.stack([a[0] for a in value.power]), np.stack(slope.power)
         parts = by[:count].T, power_by[:, :count], by[count:].T, power_by[:, count:]
         return Tangents(end, to_vector(end), power, int(value.status[0]), *parts)
@@ -310,7 +310,7 @@ def tangents(
     method: Choices,
     by_state: bool = True,
 ) -> Tangents:
-    """The same of a single course."""
+    """The same of one course."""
     (found,) = all_tangents([Course(scene, state, directions, by_state)], n=n, steps=steps, method=method)
     return found
 

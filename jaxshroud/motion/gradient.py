@@ -35,7 +35,7 @@ ROUGH = 0.1  # or this share of all its scatter, whichever is more
 class Slope(NamedTuple):
     """Derivatives of one scene's P_d or P with respect to some of its numbers."""
 
-    kind: Literal["periodic", "smoothed"]
+    kind: Literal["none", "periodic", "smoothed"]
     value: np.ndarray  # (keys,)
     ci: np.ndarray  # (keys,) half width of the 95 % interval; 0 where the derivative is exact
     level: float  # what is differentiated: its value on the orbit, or its average over the neighbourhood
@@ -61,7 +61,29 @@ def with_numbers(scene: Scene, keys: Sequence[str]) -> Scene:
     return scene
 
 
-def on_orbit(found: Cycle, wrt: Sequence[str], of: Of = "P_d") -> Algorithm[Slope]:
+class Smoothing(NamedTuple):
+    """How an average over a neighbourhood is sampled, where the motion has no derivative at a point."""
+
+    sigma: float  # standard deviation of the parameters, relative to their values
+    pairs: int  # antithetic pairs of samples
+    plan: Plan  # of each sample
+    seed: int
+
+
+def slope_of(scene: Scene, wrt: Sequence[str], of: Of, found: Cycle, smoothing: Smoothing) -> Algorithm[Slope]:
+    """The slope of the kind that the motion allows: exact on the orbit that was found, else smoothed.
+
+    Raises:
+        NumericalError: The march stops in this scene, or in nearly all of its neighbourhood.
+    """
+    if found.sound:
+        return (yield from slope_on_orbit(found, wrt, of))
+    if {"stopped", "failed"} & set(found.flags):
+        raise NumericalError("The march stops in this scene; there is nothing to differentiate.")
+    return smoothed(scene, wrt, of, found, *smoothing)
+
+
+def slope_on_orbit(found: Cycle, wrt: Sequence[str], of: Of = "P_d") -> Algorithm[Slope]:
     """The exact slope on a periodic orbit, by the implicit function theorem."""
     scene, at = with_numbers(found.scene, wrt), found.jacobian
     assert at is not None  # there is an orbit

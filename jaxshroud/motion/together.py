@@ -117,7 +117,7 @@ def together(
         lanes = max(groups.values(), key=len)
         asked = [wanted.pop(lane) for lane in lanes]
         try:
-            answers = type(asked[0]).answers(asked)
+            answers = type(asked[0]).answers(asked)  # type: ignore[arg-type]  # all are of its type
         except Interrupted:
             raise Interrupted([found.get(lane) for lane in range(len(algorithms))] if found else None) from None
         for lane, one, answer in zip(lanes, asked, answers, strict=True):
