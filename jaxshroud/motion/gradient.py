@@ -12,9 +12,9 @@ import jax
 import numpy as np
 from scipy.special import stdtrit
 
-from jaxshroud.batch.lanes import repeated
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.batch.tangents import Course, direction
+from jaxshroud.batch.xla import repeated
 from jaxshroud.model.linear import area, free_power
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.averages import averages

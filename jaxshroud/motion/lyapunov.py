@@ -6,8 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, final_states
-from jaxshroud.batch.tangents import STATE, Course
+from jaxshroud.batch.runs import Plan
+from jaxshroud.batch.states import STATE, final_states
+from jaxshroud.batch.tangents import Course
 from jaxshroud.march.method import Choices
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State
@@ -87,4 +88,4 @@ def settled(scene: Scene, state: State, transient: int, steps: int, method: Choi
     if transient == 0:
         return state
     runs = yield Periods(scene, state, Plan(transient - 1, 1, steps, 0.0, method))
-    return jax.tree.map(lambda a: a[0], final_states(runs.last))
+    return jax.tree.map(lambda a: a[0], final_states(runs.last.state))

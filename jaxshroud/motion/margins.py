@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxshroud.batch.lanes import alone
 from jaxshroud.batch.runs import Plan, run_lanes
+from jaxshroud.batch.xla import alone
 from jaxshroud.model.absent import filled
 from jaxshroud.motion.orbit import Cycle
 

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxshroud.batch.tangents import STATE, Tangents
+from jaxshroud.batch.states import STATE
+from jaxshroud.batch.tangents import Tangents
 from jaxshroud.march.method import Choices
 from jaxshroud.model.linear import area, free_power
 from jaxshroud.model.modes import Mode, Status

@@ -5,9 +5,10 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.lanes import repeated
-from jaxshroud.batch.runs import Plan, final_states
-from jaxshroud.batch.tangents import STATE, Course, Dual, differentiable, from_vector, resting, run_flow, to_vector
+from jaxshroud.batch.runs import Plan
+from jaxshroud.batch.states import STATE, final_states, from_vector, rows, to_vector
+from jaxshroud.batch.tangents import Course, Dual, differentiable, resting, run_flow
+from jaxshroud.batch.xla import repeated
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
 from jaxshroud.model.modes import Mode, Status
@@ -57,11 +58,11 @@ def settled_orbit(scene: Scene, state: State, most: int, aim: Aim) -> Algorithm[
     lever = float(half_diagonal(scene.shroud))
     for done in range(BLOCK, most + BLOCK, BLOCK):
         runs = yield Periods(scene, state, Plan(0, BLOCK, steps, 0.0, method))
-        spent, state = spent + BLOCK, _first(final_states(runs.last))
+        spent, state = spent + BLOCK, _first(final_states(runs.last.state))
         status = int(runs.last.status[0])
         if status != Status.OK:
             return none_found(scene, state, "stopped", spent, steps, method, status)
-        new = np.concatenate([np.stack(pair, axis=-1)[0] for pair in runs.samples.motion], axis=-1)
+        new = rows(runs.samples.motion)[0]
         latest_ones = slice(-max(min(WINDOW, done // 2), BLOCK), None)
         samples = np.concatenate([samples, new])[latest_ones]
         largest = np.concatenate([largest, sizes_of(runs.samples)[0]])[latest_ones]

@@ -103,7 +103,8 @@ class Orbit(Result):
     @property
     def jacobian(self) -> "Tangents | None":
         """The map at the orbit and its derivatives; None where a single scene has no orbit."""
-        from jaxshroud.batch.tangents import Tangents, from_vector
+        from jaxshroud.batch.states import from_vector
+        from jaxshroud.batch.tangents import Tangents
 
         if not np.any(self.found):
             return None

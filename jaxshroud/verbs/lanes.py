@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from jaxshroud.batch.tangents import as_precise
+from jaxshroud.batch.states import as_precise
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for

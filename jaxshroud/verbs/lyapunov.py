@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxshroud.batch.runs import Progress
-from jaxshroud.batch.tangents import STATE
+from jaxshroud.batch.states import STATE
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import Choices, Method
 from jaxshroud.march.stability import Steps

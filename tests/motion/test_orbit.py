@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from jaxshroud import gradient, load, orbit, simulate, value_of
-from jaxshroud.batch.lanes import repeated
-from jaxshroud.batch.tangents import STATE, Dual, differentiable, direction, onward, resting, run_flow, tangents
-from jaxshroud.march import events
-from jaxshroud.march import march as integrate
+from jaxshroud.batch.states import STATE
+from jaxshroud.batch.tangents import Dual, differentiable, direction, onward, resting, run_flow, tangents
+from jaxshroud.batch.xla import repeated
+from jaxshroud.march import events, trial
 from jaxshroud.march.method import FAST
 from jaxshroud.model.linear import area, steady_amplitudes
 from jaxshroud.model.modes import Mode
@@ -90,7 +90,7 @@ def naive_miss(name, monkeypatch) -> float:
     """Largest error of a gradient that takes the events' instants for constants, over the largest component."""
     found = orbit(scene_of(SCENES[name][0]))
     right = scaled(on_orbit(found, PARAMETERS).value, found.scene)
-    monkeypatch.setattr(integrate, "at_the_root", lambda quantities, *_: quantities)
+    monkeypatch.setattr(trial, "at_the_root", lambda quantities, *_: quantities)
     monkeypatch.setattr(events, "_touch_down", lambda view, late: view.at.u)
     method = found.method._replace(tableau=found.method.tableau._replace(name="naive"))  # compiled anew
     steps = found.steps_per_period
