@@ -10,10 +10,13 @@ from .model.modes import Status as Status
 from .model.state import State as State
 from .motion.period import periodicity as periodicity
 from .motion.spectrum import amplitude_spectrum as amplitude_spectrum
+from .results.base import Result as Result
+from .results.base import open as open
 from .results.gradient import Gradient as Gradient
 from .results.lyapunov import Lyapunov as Lyapunov
 from .results.orbit import Orbit as Orbit
 from .results.power import PowerResult as PowerResult
+from .results.status import LaneWarning as LaneWarning
 from .results.sweep import SweepResult as SweepResult
 from .results.trajectory import Trajectory as Trajectory
 from .scene.config import SceneError as SceneError

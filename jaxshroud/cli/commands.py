@@ -20,10 +20,9 @@ import numpy as np
 from jaxshroud.batch.extent import STEP, fits, memory_for
 from jaxshroud.batch.xla import alone
 from jaxshroud.cli.design import gradient_options, gradient_verb, tune_options, tune_verb
-from jaxshroud.cli.earlier import Earlier, last_state
 from jaxshroud.cli.keyboard import interruptible
 from jaxshroud.cli.plot import draw_dataset, draw_json, plot_options, plot_verb
-from jaxshroud.cli.store import power_json, read_json, sweep_dataset, trajectory_dataset, write_dataset, write_json
+from jaxshroud.cli.store import named, power_json
 from jaxshroud.cli.terminal import (
     NUMERICAL,
     InputError,
@@ -51,7 +50,9 @@ from jaxshroud.march.tableau import LEAST_STEPS
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.settling import UNKNOWN
 from jaxshroud.results import files
+from jaxshroud.results.earlier import Earlier, last_state
 from jaxshroud.results.files import StoreError
+from jaxshroud.results.store import read_json, write_json
 from jaxshroud.scene.config import Axis, SceneError, SceneFile, axis, shipped
 from jaxshroud.scene.limits import MOST_VALUES
 from jaxshroud.version import __version__
@@ -238,7 +239,7 @@ def simulate_verb(options: argparse.Namespace) -> None:
             t=begin.t,
             method=chosen_method(options, "bisection"),
         )
-    write_dataset(trajectory_dataset(run, file, steps, options.every), options.out)
+    named(run, file).save(options.out)
     warn_status(np.asarray([run.status]), run.chatter)
     unmet(lanes, options)
     events = ", ".join(f"{n} {name}" for name, n in run.counters.items() if n) or "none"
@@ -290,11 +291,11 @@ def sweep_verb(options: argparse.Namespace) -> None:
             if stopped.done is None:
                 raise
             _keep_finished(stopped.done, file, options.out, began)
-    ds, missed = sweep_dataset(result, file), unmet(lanes, options)
+    ds, missed = named(result, file).to_xarray(), unmet(lanes, options)
     if missed is not None:
         about = {"long_name": "estimated to miss the accuracy asked for", "accuracy": options.choice.accuracy}
         ds["inaccurate"] = (ds["status"].dims, missed.reshape(ds["status"].shape).astype(np.int8), about)
-    write_dataset(ds, options.out / "sweep.nc")
+    result.save(options.out / "sweep.nc")
     draw_dataset(options.out / "sweep.nc", ds, options.out / "sweep.png")
     met = {} if missed is None else {"accuracy": str(options.choice), "inaccurate": int(missed.sum())}
     summary = _summary(result, file, began) | met
@@ -305,7 +306,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
 
 def _keep_finished(result, file: SceneFile, out: Path, began: float) -> NoReturn:
     """Write what an interrupted sweep had finished, without a picture."""
-    write_dataset(sweep_dataset(result, file), out / "sweep.nc")
+    named(result, file).save(out / "sweep.nc")
     write_json(_summary(result, file, began), out / "summary.json")
     done, lanes = (result.status != Status.NOT_RUN).sum(), result.status.size
     raise KeyboardInterrupt(f"{out / 'sweep.nc'} with the {done} of {lanes} lanes that had ended")

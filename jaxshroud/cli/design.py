@@ -7,7 +7,7 @@ from typing import Any
 
 from jaxshroud.batch.extent import fits
 from jaxshroud.batch.xla import alone
-from jaxshroud.cli.store import gradient_json, tune_json, write_json
+from jaxshroud.cli.store import gradient_json, tune_json
 from jaxshroud.cli.terminal import (
     NUMERICAL,
     SEEDS,
@@ -27,6 +27,7 @@ from jaxshroud.cli.terminal import (
     scene_options,
 )
 from jaxshroud.results.files import write
+from jaxshroud.results.store import write_json
 from jaxshroud.scene.config import Axis, SceneFile, axis
 
 MAP, MOST_MAP = 24, 1000  # values of each of two keys in the map behind the paths

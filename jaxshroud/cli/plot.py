@@ -8,9 +8,9 @@ from typing import Any
 
 import xarray as xr
 
-from jaxshroud.cli.store import read, read_json
 from jaxshroud.cli.terminal import InputError, OneLineParser, free, path
 from jaxshroud.results.files import StoreError
+from jaxshroud.results.store import read, read_json
 
 IN_FOLDERS = ("sweep.nc", "power.json", "tune.json", "trade.json")
 # What only a result of that kind has.
@@ -46,13 +46,13 @@ def plot_verb(options: argparse.Namespace) -> None:
 
 def draw_dataset(source: Path, ds: xr.Dataset, picture: Path) -> None:
     """Draw a sweep or a trajectory."""
-    from jaxshroud.results import plot
+    from jaxshroud.results import plot, plot_run
 
     axes = ds.attrs.get("axes")
     if isinstance(axes, str):
         draw = plot.power_map if "," in axes else plot.bifurcation
     elif "end_turns" in ds.attrs:
-        draw = plot.trajectory
+        draw = plot_run.trajectory
     else:
         raise StoreError(f"{source}: not a result of jaxshroud; give a sweep or a trajectory")
     _save(source, lambda: draw(ds), picture)
@@ -60,14 +60,14 @@ def draw_dataset(source: Path, ds: xr.Dataset, picture: Path) -> None:
 
 def draw_json(source: Path, data: Any, picture: Path) -> None:
     """Draw a convergence of P_d, a tuning or a trade."""
-    from jaxshroud.results import plot, plot_design
+    from jaxshroud.results import plot_design, plot_power
 
     keys = set(data) if isinstance(data, dict) else set()
     if keys >= GRADIENT:
         raise InputError(f"{source}: holds derivatives, of which there is no picture")
     if keys >= SUMMARY:
         raise InputError(f"{source}: is the summary of a sweep; give its folder or its sweep.nc")
-    drawn = ((POWER, plot.power_convergence), (TUNING, plot_design.tuning), (TRADE, plot_design.trade))
+    drawn = ((POWER, plot_power.power_convergence), (TUNING, plot_design.tuning), (TRADE, plot_design.trade))
     draw = next((draw for kind, draw in drawn if keys >= kind), None)
     if draw is None:
         raise StoreError(f"{source}: not a result of jaxshroud; give a power.json, tune.json or trade.json")

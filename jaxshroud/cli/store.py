@@ -1,146 +1,34 @@
-"""Labelled results on disk: NetCDF through xarray, JSON for summaries. Files appear whole or not at all."""
+"""What commands write as JSON."""
 
-import json
-import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
-from jaxshroud.batch.extent import memory_for
-from jaxshroud.model.modes import Mode, Status
-from jaxshroud.results.files import StoreError, write
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.power import PowerResult
-from jaxshroud.results.sweep import SweepResult
-from jaxshroud.results.trajectory import Trajectory
+from jaxshroud.results.store import plain
 from jaxshroud.scene.config import SceneFile
-from jaxshroud.scene.motion import Motion
 from jaxshroud.verbs.setting import HORIZON
 from jaxshroud.verbs.trade import Measured, error_of, front
 from jaxshroud.verbs.tune import Tuned
 from jaxshroud.version import __version__
 
-MOTION_ATTRS = {
-    "x": ("m", "displacement in x"),
-    "y": ("m", "displacement in y"),
-    "theta": ("rad", "torsion angle, positive clockwise"),
-    "v_x": ("m s-1", "velocity in x"),
-    "v_y": ("m s-1", "velocity in y"),
-    "v_theta": ("rad s-1", "torsion rate"),
-}
-UNITS = {  # of the scene's numbers, by key
-    **dict.fromkeys(("blades.m", "blades.m_y"), "kg"),
-    "blades.I": "kg m2",
-    **dict.fromkeys(("blades.k_x", "blades.k_y", "contact.k", "friction.k_d"), "N m-1"),
-    "blades.k_T": "N m rad-1",
-    **dict.fromkeys(("blades.c_x", "blades.c_y"), "N s m-1"),
-    "blades.c_T": "N m s rad-1",
-    **dict.fromkeys(("shroud.l_oa", "shroud.l_ab", "shroud.gap", "contact.width", "initial.x", "initial.y"), "m"),
-    **dict.fromkeys(("shroud.alpha", "drive.beta", "drive.phase", "initial.theta"), "rad"),
-    **dict.fromkeys(("drive.omega", "initial.v_theta"), "rad s-1"),
-    "drive.F_0": "N",
-    "drive.M_0": "N m",
-    **dict.fromkeys(("initial.v_x", "initial.v_y"), "m s-1"),
-}
-STATUS = {"flag_values": [int(s) for s in Status], "flag_meanings": " ".join(s.name for s in Status)}
-MODE = {"flag_values": [int(m) for m in Mode], "flag_meanings": " ".join(m.name for m in Mode)}
+
+def named(result: Any, scene_file: SceneFile) -> Any:
+    """A result that says which file its scene is from."""
+    result.data.attrs |= _attrs(scene_file)
+    return result
 
 
-def dimension(key: str) -> str:
-    """Name of the dimension along `key`: its last word, but `initial_x` where a variable has that name."""
-    table, name = key.split(".")
-    stem, _, blade = name.partition("[")
-    stem = f"{table}_{stem}" if stem in MOTION_ATTRS or stem in ("period", "blade") else stem
-    return stem + {"": "", "0]": "_left", "1]": "_right"}[blade]
+def sweep_dataset(result: Any, scene_file: SceneFile) -> Any:
+    """The dataset of a sweep; as it was called before results had `to_xarray`."""
+    return named(result, scene_file).to_xarray()
 
 
-def sweep_dataset(result: SweepResult, scene_file: SceneFile) -> xr.Dataset:
-    """A sweep as a dataset: dimensions of its axes, then `period` and `blade`."""
-    dims = [dimension(key) for key in result.axes]
-    lane = lambda values, **attrs: (dims, values, attrs)  # noqa: E731
-    data: dict[str, Any] = {
-        name: ([*dims, "period", "blade"], getattr(result.motion, name), _named(*MOTION_ATTRS[name]))
-        for name in Motion._fields
-    }
-    data |= {
-        "P": ([*dims, "blade"], result.P, _named("m4", "average power, Eq. (23)")),
-        "P_0": ([*dims, "blade"], result.P_0, _named("m4", "average power without contact, closed form")),
-        "P_d": lane(result.P_d, **_named("percent", "vibration-power reduction of the left blade, Eq. (24)")),
-        "P_d_ci": lane(result.P_d_ci, **_named("percent", "half width of the 95 % interval of P_d, batch means")),
-        "P_d_ci_short": lane(result.P_d_ci_short.astype(np.int8), long_name="too few correlation times for P_d_ci"),
-        "P_d_settled": lane(result.P_d_settled.astype(np.int8), long_name="P_d no longer drifts, on evidence"),
-        "P_d_settling": lane(result.P_d_settling, **_verdict("P_d no longer drifts")),
-        "P_d_periods_more": lane(result.P_d_periods_more, **_more("P_d no longer drifts")),
-        "period_number": lane(result.period_number, long_name="period of the orbit in drive periods; 0: aperiodic"),
-        "settled": lane(result.settled.astype(np.int8), long_name="the transient is over, on evidence"),
-        "settling": lane(result.settling, **_verdict("the transient is over")),
-        "periods_more": lane(result.periods_more, **_more("it is over")),
-        "status": lane(result.status.astype(np.int8), **STATUS),
-        "v_max": lane(result.v_max, **_named("m", "largest penetration")),
-    }
-    data |= {
-        name: lane(getattr(result, name), **_named("1", f"fraction of the time: {name[5:]}"))
-        for name in ("time_apart", "time_stick", "time_slip")
-    }
-    if result.energy_residual is not None:
-        text = "largest energy residual of a period over the drive's mean work"
-        data["energy_residual"] = lane(result.energy_residual, **_named("1", text))
-    if result.energy_dropped is not None:
-        text = "largest energy dropped in a period by beginnings of flat contact, over the drive's gross work"
-        data["energy_dropped"] = lane(result.energy_dropped, **_named("1", text))
-    data |= {name: lane(n, long_name=f"events in the kept periods: {name}") for name, n in result.counters.items()}
-    coords: dict[str, Any] = {
-        dim: (dim, values, {"key": key, "units": UNITS.get(key.partition("[")[0], "1"), "long_name": key})
-        for dim, (key, values) in zip(dims, result.axes.items(), strict=True)
-    }
-    if "gap" not in dims:
-        data["gap"] = lane(result.gap, **_named("m", "initial gap"))
-    coords |= {
-        "period": ("period", result.period, {"long_name": "drive periods since t = 0"}),
-        "blade": [0, 1],
-    }
-    attrs = _attrs(scene_file) | {
-        "axes": ",".join(dims),
-        "drive_phase": float(result.phase),
-        "period_tol": float(result.period_tol),
-        "steps_per_period": result.steps_per_period,
-        "method": str(result.method),
-        "complete": int(result.complete),
-    }
-    return xr.Dataset(data, coords, attrs)
-
-
-def trajectory_dataset(run: Trajectory, scene_file: SceneFile, steps_per_period: int, every: int) -> xr.Dataset:
-    """A trajectory as a dataset with dimensions `time` and `blade`."""
-    data: dict[str, Any] = {
-        name: (["time", "blade"], getattr(run.motion, name), _named(*MOTION_ATTRS[name])) for name in Motion._fields
-    }
-    data |= {
-        "u_s": ("time", run.u_s, _named("m", "slider of the friction element; NaN when apart")),
-        "mode": ("time", run.mode.astype(np.int8), {"long_name": "contact mode", **MODE}),
-        "case": (
-            "time",
-            run.case.astype(np.int8),
-            {"long_name": "contact case 1-4 of Sec. 2.3; 5: face to face; 0 when apart"},
-        ),
-    }
-    scene = scene_file.scene
-    attrs = _attrs(scene_file) | {
-        "status": run.status,
-        **STATUS,
-        **{f"count_{name}": n for name, n in run.counters.items()},
-        "energy_residual": run.energy_residual,
-        "energy_dropped": run.energy_dropped,
-        "omega": float(scene.drive.omega),
-        "gap": float(scene.shroud.gap),
-        "steps_per_period": steps_per_period,
-        "every": every,
-        "end_turns": run.turns,
-    }
-    return xr.Dataset(data, {"time": ("time", run.t, _named("s", "time")), "blade": [0, 1]}, attrs)
+def trajectory_dataset(run: Any, scene_file: SceneFile, steps_per_period: int, every: int) -> Any:
+    """The dataset of a run, likewise."""
+    return named(run, scene_file).to_xarray()
 
 
 def power_json(result: PowerResult, scene_file: SceneFile) -> dict[str, Any]:
@@ -152,7 +40,7 @@ def power_json(result: PowerResult, scene_file: SceneFile) -> dict[str, Any]:
 def gradient_json(found: Gradient, scene_file: SceneFile) -> dict[str, Any]:
     """A gradient as `gradient.json` holds it."""
     at = found.orbit
-    plain = {n: getattr(found, n) for n in ("of", "kind", "value", "ci", "level", "level_ci", "sigma", "flags")}
+    told = {n: getattr(found, n) for n in ("of", "kind", "value", "ci", "level", "level_ci", "sigma", "flags")}
     orbit = {
         "period_number": at.q,
         "residual": at.residual,
@@ -163,7 +51,7 @@ def gradient_json(found: Gradient, scene_file: SceneFile) -> dict[str, Any]:
         "start": {name: np.asarray(pair).tolist() for name, pair in at.start.motion._asdict().items()},
     }
     how = {"method": str(at.method), "steps_per_period": at.steps_per_period}
-    return _plain({**plain, "orbit": orbit, **how, **_attrs(scene_file)})
+    return plain({**told, "orbit": orbit, **how, **_attrs(scene_file)})
 
 
 def tune_json(tuned: Tuned, drawn: dict[str, Any] | None, scene_file: SceneFile) -> dict[str, Any]:
@@ -175,7 +63,7 @@ def tune_json(tuned: Tuned, drawn: dict[str, Any] | None, scene_file: SceneFile)
     asked = {"over": problem.over, "conditions": problem.conditions, "goal": problem.goal, **limits}
     checks = {name: judged._asdict() for name, judged in tuned.checks.items()}
     how = {"method": str(problem.plan.method), "steps_per_period": problem.plan.steps_per_period}
-    return _plain({**told, **asked, **how, "checks": checks, "map": drawn, **search, **_attrs(scene_file)})
+    return plain({**told, **asked, **how, "checks": checks, "map": drawn, **search, **_attrs(scene_file)})
 
 
 def trade_json(found: Sequence[Measured], scene_file: SceneFile) -> dict[str, Any]:
@@ -194,58 +82,7 @@ def trade_json(found: Sequence[Measured], scene_file: SceneFile) -> dict[str, An
         }
         for i, m in enumerate(found)
     ]
-    return _plain({"settings": rows, "horizon": HORIZON, **_attrs(scene_file)})
-
-
-def read(path: str | os.PathLike[str]) -> xr.Dataset:
-    """A stored dataset, loaded whole.
-
-    Raises:
-        StoreError: The file is missing, truncated or not a result.
-    """
-    try:
-        with xr.open_dataset(path, engine="h5netcdf") as ds:
-            memory_for("it", ds.nbytes)
-            return ds.load()
-    except FileNotFoundError:
-        raise StoreError(f"{path}: no such file; give a result written by jaxshroud") from None
-    except Exception as error:  # h5py raises many types on damaged files
-        what = " ".join(str(error).split())[:120]
-        raise StoreError(f"{path}: not a complete result file ({what}); run the command again") from None
-
-
-def write_dataset(ds: xr.Dataset, path: Path) -> None:
-    """Write a dataset, whole or not at all; in memory first, as HDF5 does not bear a full disk."""
-    write(path, ds.to_netcdf(engine="h5netcdf"))
-
-
-def write_json(data: dict[str, Any], path: Path) -> None:
-    """Write JSON, whole or not at all. NaN becomes null."""
-    write(path, (json.dumps(_plain(data), indent=1) + "\n").encode())
-
-
-def read_json(path: Path) -> Any:
-    """A stored summary.
-
-    Raises:
-        StoreError: The file is missing or not complete JSON.
-    """
-    try:
-        return json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise StoreError(f"{path}: cannot be read ({error}); run the command again") from None
-
-
-def _named(units: str, long_name: str) -> dict[str, str]:
-    return {"units": units, "long_name": long_name}
-
-
-def _verdict(what: str) -> dict[str, Any]:
-    return {"long_name": what, "flag_values": [0, 1, 2], "flag_meanings": "no yes unknown"}
-
-
-def _more(until: str) -> dict[str, str]:
-    return _named("1", f"drive periods of transient to add until {until}; NaN if unknown")
+    return plain({"settings": rows, "horizon": HORIZON, **_attrs(scene_file)})
 
 
 def _attrs(scene_file: SceneFile) -> dict[str, Any]:
@@ -255,13 +92,3 @@ def _attrs(scene_file: SceneFile) -> dict[str, Any]:
         "source": scene_file.name,
         "version": __version__,
     }
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(v) for key, v in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [_plain(v) for v in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -2,7 +2,7 @@
 
 import argparse
 
-from jaxshroud.cli.store import trade_json, write_json
+from jaxshroud.cli.store import trade_json
 from jaxshroud.cli.terminal import (
     SEEDS,
     OneLineParser,
@@ -15,6 +15,7 @@ from jaxshroud.cli.terminal import (
     progress_bar,
     scene_options,
 )
+from jaxshroud.results.store import write_json
 
 
 def trade_options(made: OneLineParser) -> None:

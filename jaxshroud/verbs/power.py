@@ -23,6 +23,7 @@ from jaxshroud.results.power import PowerResult
 from jaxshroud.scene.checks import count_argument, tolerance_argument
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.text import text_of
 
 FIRST = 2 * BLOCK  # periods before the first look
 
@@ -125,5 +126,16 @@ def power(
         state, lead, done, status = final_states(runs.last.state), 0, done + n, int(runs.last.status[0])
         summary = _summary(scenes, samples, period_tol, tolerance, summary)
     n, P_d, ci = _convergence(summary)
-    final = {name: value for name, value in summary.items() if name not in ("series", "close")}
-    return PowerResult(n, P_d, ci, {**final, "status": status, "method": str(method), "chatter": alternating})
+    final = {f"final_{name}": value for name, value in summary.items() if name not in ("series", "close")}
+    run = {"periods": most_periods, "transient": transient, "steps_per_period": steps_per_period}
+    values = {
+        "n": n,
+        "P_d": P_d,
+        "P_d_ci": ci,
+        "status": status,
+        **final,
+        "method": str(method),
+        "steps_per_period": steps_per_period,
+        "chatter": alternating,
+    }
+    return PowerResult.from_values(values, coords={"blade": [0, 1]}, attrs={"title": "", "scene": text_of(scene, run)})

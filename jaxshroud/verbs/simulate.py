@@ -1,6 +1,7 @@
 """One scene in full: its motion at every step."""
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -32,6 +33,7 @@ from jaxshroud.scene.checks import count_argument
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.text import text_of
 
 BLOCK = 1024  # samples per call
 STEPS_AT_ONCE = 1 << 15  # per call, or a single sample: Ctrl-C is heard in between
@@ -82,7 +84,8 @@ def simulate(
     times = t + index * (period / steps_per_period)
     after = float((turns + (index[-1] % steps_per_period) / steps_per_period) % 1)
     if scene.parts.contact == "none":
-        return _without_contact(scene, first_state, turns, index / steps_per_period, times, after)
+        values = _without_contact(scene, first_state, turns, index / steps_per_period)
+        return _result(scene, values, times, after, steps_per_period, every, method)
     lane, first = _begin(scene, first_state, method)
     samples = [first]
     steps, phase = jnp.int32(steps_per_period), jnp.asarray(turns, first.u_s.dtype)
@@ -101,20 +104,29 @@ def simulate(
         missing = balance(gain, tally.jumps, energies[0] - held)
         residual = float(missing / jnp.where(gain.drive == 0, 1.0, jnp.abs(gain.drive)))
         dropped = float(filled(tally.jumps.dropped, gain.gross) / jnp.where(gain.gross > 0, gain.gross, 1.0))
-    return Trajectory(
-        t=times,
-        motion=whole.motion,
-        u_s=np.where(whole.mode == Mode.APART, np.nan, whole.u_s),
-        mode=whole.mode,
-        case=whole.case,
-        status=int(Status.NOT_FINITE) if overflowed else int(lane.status),
-        counters={name: int(n) for name, n in vars(filled(tally.log.counters, jnp.int32(0))).items()},
-        energy_residual=residual,
-        last=jax.tree.map(lambda a: a[-1], whole),
-        turns=after,
-        energy_dropped=dropped,
-        chatter=_told_chatter(scene, lane, whole, Clock(phase, steps, steps.astype(phase.dtype)), every, method),
-    )
+    values = {
+        "motion": whole.motion,
+        "u_s": np.where(whole.mode == Mode.APART, np.nan, whole.u_s),
+        "mode": whole.mode,
+        "case": whole.case,
+        "status": Status.NOT_FINITE if overflowed else lane.status,
+        "counters": vars(filled(tally.log.counters, jnp.int32(0))),
+        "energy_residual": residual,
+        "energy_dropped": dropped,
+        "chatter": _told_chatter(scene, lane, whole, Clock(phase, steps, steps.astype(phase.dtype)), every, method),
+    }
+    return _result(scene, values, times, after, steps_per_period, every, method)
+
+
+def _result(
+    scene: Scene, values: dict[str, Any], times: np.ndarray, turns: float, steps: int, every: int, method: Choices
+) -> Trajectory:
+    run = {"periods": (len(times) - 1) * every // steps, "transient": 0, "steps_per_period": steps}
+    common = {"omega": scene.drive.omega, "gap": scene.shroud.gap, "turns": turns, "every": every}
+    marched = {"steps_per_period": steps, "method": str(method)}
+    coords = {"time": ("time", times, {"units": "s", "long_name": "time"}), "blade": [0, 1]}
+    attrs = {"title": "", "scene": text_of(scene, run)}
+    return Trajectory.from_values({**values, **common, **marched}, coords=coords, attrs=attrs)
 
 
 def _told_chatter(scene: Scene, lane: Lane, samples: State, clock: Clock, every: int, method: Choices) -> str | None:
@@ -122,16 +134,22 @@ def _told_chatter(scene: Scene, lane: Lane, samples: State, clock: Clock, every:
     return chatter(alone(scene), alone(lane), np.array([done + 1]), clock, method)
 
 
-def _without_contact(scene: Scene, state: State, turns: float, periods: np.ndarray, times, after: float) -> Trajectory:
+def _without_contact(scene: Scene, state: State, turns: float, periods: np.ndarray) -> dict[str, Any]:
     """Samples after so many `periods`, in closed form."""
     dtype = state.motion.x.dtype
     seconds = jnp.asarray(periods, dtype) * scene.drive.period
     motion, status = _free(scene, state.motion, jnp.asarray(turns, dtype), seconds)
-    motion = jax.tree.map(np.asarray, motion)
-    none = np.zeros(len(times), np.int32)
-    last = State(Motion(*(a[-1] for a in motion)), jnp.zeros((), dtype), jnp.int32(0), jnp.int32(0))
-    counters = dict.fromkeys(Counters.__annotations__, 0)
-    return Trajectory(times, motion, np.full(len(times), np.nan), none, none, int(status), counters, 0.0, last, after)
+    none = np.zeros(len(periods), np.int32)
+    return {
+        "motion": jax.tree.map(np.asarray, motion),
+        "u_s": np.full(len(periods), np.nan, dtype),
+        "mode": none,
+        "case": none,
+        "status": status,
+        "counters": dict.fromkeys(Counters.__annotations__, 0),
+        "energy_residual": 0.0,
+        "energy_dropped": 0.0,
+    }
 
 
 @jax.jit

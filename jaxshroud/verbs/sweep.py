@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import jax
 import numpy as np
@@ -17,15 +18,18 @@ from jaxshroud.march.events import Counters
 from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.absent import filled
+from jaxshroud.model.modes import Status
 from jaxshroud.motion.averages import averages, relative_drop, relative_residual
 from jaxshroud.motion.period import PERIOD_TOLERANCE
 from jaxshroud.motion.settling import YES
-from jaxshroud.results.sweep import SweepResult
+from jaxshroud.results.sweep import GAP, SweepResult, sweep_coordinates
+from jaxshroud.results.units import dimension
 from jaxshroud.scene.checks import count_argument, tolerance_argument, word_argument
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.parts import Direction
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.text import text_of
 
 
 def sweep(
@@ -86,11 +90,22 @@ def sweep(
     try:
         runs = run(scenes, shape, plan=plan, ticker=Ticker(total, progress))
     except Interrupted as stopped:
-        raise Interrupted(stopped.done and _result(scenes, axes, stopped.done, plan, period_tol)) from None
-    return _result(scenes, axes, runs, plan, period_tol)
+        raise Interrupted(stopped.done and _result(scene, scenes, axes, stopped.done, plan, period_tol)) from None
+    return _result(scene, scenes, axes, runs, plan, period_tol)
 
 
-def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, period_tol: float) -> SweepResult:
+def _result(scene: Scene, scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, period_tol: float):
+    values = _numbers(scenes, axes, runs, plan, period_tol)
+    coords = sweep_coordinates(axes, np.arange(plan.transient + 1, plan.transient + plan.kept + 1))
+    dims = [dimension(key) for key in axes]
+    more = {} if "gap" in dims else {"gap": (dims, np.asarray(scenes.shroud.gap), GAP)}
+    run = {"periods": plan.kept, "transient": plan.transient, "steps_per_period": plan.steps_per_period}
+    complete = int(not np.any(values["status"] == Status.NOT_RUN))
+    attrs = {"title": "", "scene": text_of(scene, run), "axes": ",".join(dims), "complete": complete}
+    return SweepResult.from_values(values, lanes=dims, coords=coords, attrs=attrs, more=more)
+
+
+def _numbers(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, period_tol: float) -> dict[str, Any]:
     shape = tuple(len(v) for v in axes.values())
     in_line = lambda tree: jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), tree)  # noqa: E731
     alternating = told_chatter(in_line(scenes), in_line(runs), plan)
@@ -107,34 +122,29 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
         dropped = relative_drop(runs.samples) if plan.method.ledger else None
     counts = [filled(of.counters, runs.last.status) for of in (log, before)]
     counters = {n: np.asarray(getattr(counts[0], n) - getattr(counts[1], n)) for n in Counters.__annotations__}
-    return SweepResult(
-        axes=axes,
-        period=np.arange(plan.transient + 1, plan.transient + plan.kept + 1),
-        motion=motion,
-        phase=plan.phase,
-        gap=np.asarray(scenes.shroud.gap),
-        P=power.P,
-        P_0=P_0,
-        P_d=power.P_d,
-        P_d_ci=power.ci,
-        P_d_settled=power.settled,
-        period_number=number,
-        settled=told.verdict == YES,
-        period_tol=period_tol,
-        status=np.asarray(runs.last.status),
-        energy_residual=residual,
-        time_apart=times[0],
-        time_stick=times[1],
-        time_slip=times[2],
-        v_max=np.asarray(log.v_max),
-        counters=counters,
-        steps_per_period=plan.steps_per_period,
-        method=plan.method,
-        energy_dropped=dropped,
-        chatter=alternating,
-        settling=told.verdict,
-        periods_more=told.periods_more,
-        P_d_settling=power.settling,
-        P_d_periods_more=power.periods_more,
-        P_d_ci_short=power.ci_short,
-    )
+    return {
+        "motion": motion,
+        "P": power.P,
+        "P_0": P_0,
+        "P_d": power.P_d,
+        "P_d_ci": power.ci,
+        "P_d_ci_short": power.ci_short,
+        "P_d_settled": power.settled,
+        "P_d_settling": power.settling,
+        "P_d_periods_more": power.periods_more,
+        "period_number": number,
+        "settled": told.verdict == YES,
+        "settling": told.verdict,
+        "periods_more": told.periods_more,
+        "status": runs.last.status,
+        "v_max": log.v_max,
+        **dict(zip(("time_apart", "time_stick", "time_slip"), times, strict=True)),
+        "energy_residual": residual,
+        "energy_dropped": dropped,
+        "counters": counters,
+        "phase": plan.phase,
+        "period_tol": period_tol,
+        "steps_per_period": plan.steps_per_period,
+        "method": str(plan.method),
+        "chatter": alternating,
+    }

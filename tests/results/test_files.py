@@ -11,9 +11,9 @@ import pytest
 import xarray as xr
 
 from jaxshroud.cli import commands as cli
-from jaxshroud.cli.store import write_dataset, write_json
 from jaxshroud.results import drawing
 from jaxshroud.results.files import MachineError, WriteError, write
+from jaxshroud.results.store import write_dataset, write_json
 
 # Files of at most 10 kB: the system refuses to write on, as on a full disk.
 FULL = """
@@ -21,7 +21,7 @@ import resource, sys
 from pathlib import Path
 import numpy as np, xarray as xr
 from jaxshroud.results.files import StoreError
-from jaxshroud.cli.store import write_dataset
+from jaxshroud.results.store import write_dataset
 resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
 try:
     write_dataset(xr.Dataset({"a": ("n", np.arange(10_000.0))}), Path(sys.argv[1]))

@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from jaxshroud.cli.store import read
 from jaxshroud.model.geometry import FLAT
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.state import State
 from jaxshroud.results.files import StoreError
+from jaxshroud.results.store import read
 from jaxshroud.scene.config import SceneError, SceneFile, parse
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.parts import ContactLaw

@@ -1,0 +1,66 @@
+"""Results on disk: NetCDF through xarray, JSON for summaries. Files appear whole or not at all."""
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxshroud.batch.extent import memory_for
+from jaxshroud.results.files import StoreError, write
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def read(path: str | os.PathLike[str]) -> "xr.Dataset":
+    """A stored dataset, loaded whole.
+
+    Raises:
+        StoreError: The file is missing, truncated or not a result.
+    """
+    import xarray as xr
+
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as ds:
+            memory_for("it", ds.nbytes)
+            return ds.load()
+    except FileNotFoundError:
+        raise StoreError(f"{path}: no such file; give a result written by jaxshroud") from None
+    except Exception as error:  # h5py raises many types on damaged files
+        what = " ".join(str(error).split())[:120]
+        raise StoreError(f"{path}: not a complete result file ({what}); run the command again") from None
+
+
+def write_dataset(ds: "xr.Dataset", path: Path) -> None:
+    """Write a dataset, whole or not at all; in memory first, as HDF5 does not bear a full disk."""
+    write(path, ds.to_netcdf(engine="h5netcdf"))
+
+
+def write_json(data: dict[str, Any], path: Path) -> None:
+    """Write JSON, whole or not at all. NaN becomes null."""
+    write(path, (json.dumps(plain(data), indent=1) + "\n").encode())
+
+
+def read_json(path: Path) -> Any:
+    """A stored summary.
+
+    Raises:
+        StoreError: The file is missing or not complete JSON.
+    """
+    try:
+        return json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise StoreError(f"{path}: cannot be read ({error}); run the command again") from None
+
+
+def plain(value: Any) -> Any:
+    """Numbers, texts and containers of these as JSON has them."""
+    if isinstance(value, dict):
+        return {key: plain(v) for key, v in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [plain(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not np.isfinite(value) else value
