@@ -19,6 +19,7 @@ from .results.power import PowerResult as PowerResult
 from .results.status import LaneWarning as LaneWarning
 from .results.sweep import SweepResult as SweepResult
 from .results.trajectory import Trajectory as Trajectory
+from .results.tuned import Tuned as Tuned
 from .scene.config import SceneError as SceneError
 from .scene.config import SceneFile as SceneFile
 from .scene.config import load as load
@@ -42,7 +43,6 @@ from .verbs.orbit import orbit as orbit
 from .verbs.power import power as power
 from .verbs.simulate import simulate as simulate
 from .verbs.sweep import sweep as sweep
-from .verbs.tune import Tuned as Tuned
 from .verbs.tune import objective_map as objective_map
 from .verbs.tune import tune as tune
 from .version import __version__ as __version__

@@ -46,7 +46,7 @@ PLACES = {
     "orbit": "results.orbit verbs.orbit motion.orbit motion.shooting motion.margins",
     "gradient": "results.gradient verbs.gradient motion.gradient",
     "lyapunov": "results.lyapunov verbs.lyapunov motion.lyapunov",
-    "tune": "verbs.tune",
+    "tune": "results.tuned verbs.tune verbs.design verbs.climb verbs.confirm",
     "setting": "verbs.setting",
     "adaptive": "verbs.adaptive",
     "trade": "verbs.trade",

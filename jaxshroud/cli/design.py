@@ -105,13 +105,13 @@ def gradient_verb(options: argparse.Namespace) -> None:
 
 def _checked(found) -> dict[str, Any]:
     """Compare an exact gradient with differences; say so where there is nothing to compare."""
-    from jaxshroud.motion.orbit import contact_margins
+    from jaxshroud.motion.margins import contact_margins
     from jaxshroud.verbs.gradient import differences
 
     if found.kind != "periodic":
         print("no check: where the motion is aperiodic, differences have no limit", file=sys.stderr)
         return {}
-    margins = contact_margins(found.orbit)
+    margins = contact_margins(found.orbit.cycle())
     slopes = {step: differences(found.orbit, list(found.value), step, found.of) for step in CHECK_STEPS}
     rows, errors = [], {}
     for key, exact in found.value.items():
@@ -152,7 +152,8 @@ def tune_options(made: OneLineParser) -> None:
 def tune_verb(options: argparse.Namespace) -> None:
     """`jaxshroud tune`."""
     from jaxshroud.results import drawing, plot_design
-    from jaxshroud.verbs.tune import corners, objective_map, problem_of, tune
+    from jaxshroud.verbs.design import corners, problem_of
+    from jaxshroud.verbs.tune import objective_map, tune
 
     file = loaded(options)
     over = {a.key: (float(a.values[0]), float(a.values[1])) for a in (_bounds(file, t) for t in options.over)}

@@ -104,9 +104,36 @@ def lanes_of(
     scene = scene.scene if isinstance(scene, SceneFile) else scene
     shape = np.shape(scene.drive.omega)
     dims = tuple(dims or (("lane",) if len(shape) == 1 else [f"lane_{i}" for i in range(len(shape))]))
-    chosen = choices(FAST if method is None else method)
+    return Lanes(scene, shape, dims, *marching(scene, len(shape), steps_per_period, method, accuracy))
+
+
+def marching(
+    scenes: Scene,
+    batch_dims: int,
+    steps_per_period: Steps | None,
+    method: Method | Choices | None,
+    accuracy: str | float | None,
+    default: int = 400,
+) -> tuple[int, Choices]:
+    """Steps per period and static choices of the march, in float64 unless the method itself says otherwise."""
     if accuracy is not None:
-        choice = choose(scene, len(shape), accuracy)
-        return Lanes(scene, shape, dims, choice.steps, choice.method._replace(precision="float64"))
-    steps = steps_for(scene, len(shape), 400 if steps_per_period is None else steps_per_period, chosen.tableau)
-    return Lanes(scene, shape, dims, steps, chosen)
+        choice = choose(scenes, batch_dims, accuracy)
+        return choice.steps, choice.method._replace(precision="float64")
+    chosen = choices(FAST if method is None else method)
+    steps = default if steps_per_period is None else steps_per_period
+    return steps_for(scenes, batch_dims, steps, chosen.tableau), chosen
+
+
+def one_scene(verb: str, scene: Scene | SceneFile) -> Scene:
+    """The one scene that a verb takes.
+
+    Raises:
+        ValueError: There are many.
+    """
+    scene = scene.scene if isinstance(scene, SceneFile) else scene
+    shape = np.shape(scene.drive.omega)
+    if shape:
+        raise ValueError(
+            f"`{verb}` takes one scene, but was given {' x '.join(map(str, shape))} of them; call it for each."
+        )
+    return scene
