@@ -67,7 +67,7 @@ EXAMPLES = {
     "--range drive.F_0=20,40,60,80 --out tuned",
     "plot": "jaxshroud plot fig09",
     "trade": "jaxshroud trade table1 --out trade",
-    "explain": 'jaxshroud explain table1 --set \'model.motion=["x", "y"]\'',
+    "explain": 'jaxshroud explain table1 --set \'parts.motion=["x", "y"]\'',
     "scenes": "jaxshroud scenes",
 }
 

@@ -17,6 +17,7 @@ from rich.table import Table
 from jaxshroud.march.locate import Locate
 from jaxshroud.march.tableau import TABLEAUS, tableau
 from jaxshroud.model.modes import Status
+from jaxshroud.scene import errors
 from jaxshroud.scene.checks import MOST_COUNT, NumericalError, Precision, hint, meant
 from jaxshroud.scene.config import SceneFile, load
 from jaxshroud.scene.limits import MOST_AUTO
@@ -30,7 +31,7 @@ SEEDS = 10**18
 DIGITS = 20  # of a number that is too large for anything
 
 
-class InputError(ValueError):
+class InputError(errors.InputError):
     """The command line is wrong; the message is one line."""
 
 

@@ -21,7 +21,7 @@ from jaxshroud.motion.averages import averages
 from jaxshroud.motion.orbit import Cycle
 from jaxshroud.motion.shooting import followed, moved_start
 from jaxshroud.motion.together import Algorithm, Derivatives, stacked
-from jaxshroud.scene.checks import NumericalError
+from jaxshroud.scene.errors import NumericalError
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene

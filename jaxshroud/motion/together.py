@@ -17,7 +17,7 @@ from jaxshroud.batch.tangents import Course, Tangents, all_tangents, differentia
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import Choices
 from jaxshroud.model.state import State
-from jaxshroud.scene.checks import NumericalError
+from jaxshroud.scene.errors import NumericalError
 from jaxshroud.scene.scene import Scene
 
 T = TypeVar("T")

@@ -93,7 +93,7 @@ def _differences(path: Any, ds: xr.Dataset, scene_file: SceneFile) -> tuple[str,
             _fail(
                 path, f"its model has {name} = {_shown(old)}, but this one {_shown(new)}; give a file of the same model"
             )
-    tables = [table for table in PHYSICS if table not in ("initial", "model")]
+    tables = [table for table in PHYSICS if table not in ("initial", "parts")]
     return tuple(
         f"{table}.{key} was {_shown(was)}, is {_shown(now)}"
         for table in tables

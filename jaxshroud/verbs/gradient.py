@@ -18,7 +18,7 @@ from jaxshroud.motion.together import alone_found, together
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.checks import count_argument, positive_argument, word_argument
-from jaxshroud.scene.config import SceneFile
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.lanes import Lanes, lanes_of, of_all, told

@@ -15,8 +15,8 @@ from jaxshroud.results.base import Result
 from jaxshroud.results.gathered import picked
 from jaxshroud.results.scenes import differing
 from jaxshroud.results.status import LaneWarning
-from jaxshroud.scene.checks import NumericalError
-from jaxshroud.scene.config import SceneFile
+from jaxshroud.scene.errors import NumericalError
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of

@@ -15,7 +15,7 @@ from jaxshroud.motion.lyapunov import ALIGNING, Exponents, exponents
 from jaxshroud.motion.together import together
 from jaxshroud.results.lyapunov import Lyapunov
 from jaxshroud.scene.checks import count_argument
-from jaxshroud.scene.config import SceneFile
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.lanes import lanes_of, of_all, told
 

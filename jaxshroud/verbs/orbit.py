@@ -13,7 +13,7 @@ from jaxshroud.motion.shooting import TOLERANCE, Aim, closed_orbit, settled_orbi
 from jaxshroud.motion.together import together
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.checks import count_argument, positive_argument
-from jaxshroud.scene.config import SceneFile
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.lanes import lanes_of, of_all, told
 

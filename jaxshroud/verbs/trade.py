@@ -13,7 +13,7 @@ from jaxshroud.batch.runs import Progress, starts
 from jaxshroud.march.method import FAST
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.averages import averages
-from jaxshroud.scene.config import SceneFile
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.vary import value_of

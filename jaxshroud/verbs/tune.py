@@ -16,7 +16,7 @@ from jaxshroud.march.method import Choices, Method
 from jaxshroud.march.stability import Steps
 from jaxshroud.results.tuned import Judged, Tuned
 from jaxshroud.scene.checks import count_argument, word_argument
-from jaxshroud.scene.config import SceneFile
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of

@@ -18,7 +18,7 @@ from jaxshroud.batch.threads import in_threads
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli.keyboard import interruptible
 
-SMALL = ["--set", 'model.motion=["x"]']
+SMALL = ["--set", 'parts.motion=["x"]']
 LONG = ["sweep", "table1", *SMALL, "--along", "contact.gamma", "--start", "1", "--stop", "8", "--num", "20000"]
 LONG += ["--transient", "10", "--periods", "10"]
 # The command, with a word on standard output after every block instead of a bar.
@@ -40,7 +40,7 @@ import jax
 jax.config.update("jax_enable_x64", True)
 import numpy as np
 import jaxshroud as js
-scene = js.load("table1", ['model.motion=["x"]']).scene
+scene = js.load("table1", ['parts.motion=["x"]']).scene
 values = np.linspace(1, 2, 20000)
 try:
     js.sweep(scene, {"contact.gamma": values}, n_periods=20, progress=lambda *n: print(*n, flush=True))
@@ -185,7 +185,7 @@ def test_what_was_written_before_an_interrupt_is_told(tmp_path, capsys, monkeypa
 
 @pytest.mark.parametrize("direction", ["forward", "backward"])
 def test_a_continued_sweep_keeps_the_rows_that_had_ended(direction):
-    scene, rows = load("table1", ['model.motion=["x"]']).scene, np.linspace(1.0, 2.0, 64)
+    scene, rows = load("table1", ['parts.motion=["x"]']).scene, np.linspace(1.0, 2.0, 64)
 
     def stop(done, total):
         if done > total / 2:
