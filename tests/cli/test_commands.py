@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jaxshroud import shipped, simulate
+from jaxshroud import shipped, simulate, sweep
 from jaxshroud.cli import commands as cli
 from jaxshroud.march.method import FAST
 from jaxshroud.scene.checks import NumericalError
 from jaxshroud.scene.config import load, parse
-from jaxshroud.verbs import sweep
 
 SMALL = ["--set", 'model.motion=["x"]']  # a model that is compiled quickly
 
