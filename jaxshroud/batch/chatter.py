@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.lanes import best
 from jaxshroud.batch.periods import BLOCK, CHUNK, Clock, run_block
+from jaxshroud.batch.xla import best
 from jaxshroud.march.events import Counters
 from jaxshroud.march.lane import Lane
 from jaxshroud.march.method import Choices

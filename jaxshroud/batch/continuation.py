@@ -3,7 +3,8 @@
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Runs, Ticker, chosen, completed, final_states, run_lanes, starts
+from jaxshroud.batch.runs import Plan, Runs, Ticker, chosen, completed, run_lanes, starts
+from jaxshroud.batch.states import final_states
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.parts import Direction
@@ -43,5 +44,5 @@ def continued(scenes: Scene, shape: tuple[int, ...], plan: Plan, ticker: Ticker,
             runs[i] = stopped.done
             raise Interrupted(completed(runs, joined)) from None
         arrived = run.last.status == Status.OK  # a lane that had stopped starts afresh
-        state = chosen(arrived, final_states(run.last), fresh)
+        state = chosen(arrived, final_states(run.last.state), fresh)
     return joined(runs)

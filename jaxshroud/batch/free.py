@@ -11,13 +11,14 @@ from jaxtyping import Array, ArrayLike, Float, Int
 
 from jaxshroud.batch.extent import memory_for
 from jaxshroud.batch.periods import Sample, begin_lanes
+from jaxshroud.batch.states import inside
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
 from jaxshroud.model.absent import Scalar
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import amounts, courses, free_motion, steady_amplitudes
 from jaxshroud.model.modes import Status
-from jaxshroud.model.rhs import as_pairs, model, reduced
+from jaxshroud.model.ready import model
 from jaxshroud.model.state import State
 from jaxshroud.model.trig import ANGLE_RANGE, sine_versine
 from jaxshroud.scene.motion import Motion
@@ -74,7 +75,7 @@ def _samples(scenes: Scene, states: State, begin, transient, turns, kept: int, n
         last = State(Motion(*(a[-1] for a in motion)), state.u_s, state.mode, state.case)
         status = free_status(scene, motion, jnp.max(largest[..., 2]))
         sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
-        return sample, reduced(as_pairs(last), model(scene)), status, ends[-1] - ends[0]
+        return sample, inside(last, model(scene)), status, ends[-1] - ends[0]
 
     return jax.vmap(one)(scenes, states, begin)
 

@@ -1,17 +1,16 @@
 """Whole drive periods as one pure function, for JAX's own transformations."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxshroud.batch.lanes import alone, plain
+from jaxshroud.batch.loop import driven
+from jaxshroud.batch.states import as_arrays
 from jaxshroud.batch.tangents import Flow, begun, differentiable, ended
-from jaxshroud.march.lane import grid
-from jaxshroud.march.march import march
+from jaxshroud.batch.xla import alone, plain
+from jaxshroud.march.lane import Fixed, grid
 from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.model.modes import Status
-from jaxshroud.model.rhs import as_arrays
 from jaxshroud.model.state import State
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
@@ -57,12 +56,10 @@ def period_map(
     steps = jnp.full((1,), steps_per_period, jnp.int32)
     steps_of = grid(jnp.zeros_like(period), jnp.full_like(period, steps_per_period), period)
     models, grids = alone((model, steps_of))
+    fixed = Fixed(models, grids, steps)
 
     def one_period(lanes, _):
-        lanes = march(lanes, models, grids, steps, method, plain, most_trials)
-        arrived = lanes.step == steps
-        lanes = eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(arrived, 0, lanes.step))
-        return lanes, arrived
+        return driven(lanes, fixed, steps, method, plain, most_trials=most_trials)
 
     lanes, arrived = lax.scan(one_period, alone(lane), length=n_periods)
     flow = ended(jax.tree.map(lambda a: a[0], lanes), model, n_periods * period)

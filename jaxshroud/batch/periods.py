@@ -8,15 +8,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.compiled import compiled
-from jaxshroud.march.each import EachLane
+from jaxshroud.batch.loop import driven
+from jaxshroud.batch.states import inside, whole
+from jaxshroud.batch.xla import EachLane, compiled
 from jaxshroud.march.energy import balance, energy
-from jaxshroud.march.lane import Lane, begin, grid
-from jaxshroud.march.march import march
+from jaxshroud.march.lane import Fixed, Lane, begin, grid
 from jaxshroud.march.method import Choices
 from jaxshroud.model.absent import Pair, filled
 from jaxshroud.model.modes import Status
-from jaxshroud.model.rhs import Model, as_pairs, model, whole
+from jaxshroud.model.ready import Model, model
 from jaxshroud.model.state import State
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.scene import Scene
@@ -55,7 +55,8 @@ def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, metho
     lanes, held = _with_empty_tally(lanes), _energies(lanes, models)
     like = lambda a: jnp.broadcast_to(a.astype(periods.dtype), periods.shape)  # noqa: E731
     grids = grid(like(clock.start), like(clock.per_period), periods)
-    lanes = march(lanes, models, grids, jnp.where(active, clock.steps, 0), method, each)
+    stops = jnp.where(active, clock.steps, 0)
+    lanes, _ = driven(lanes, Fixed(models, grids, stops), clock.steps, method, each)
     gain, jumps = lanes.tally.integrals, lanes.tally.jumps
     kept, energies = (), _energies(lanes, models)
     if gain.ledger is not None and jumps is not None:
@@ -68,8 +69,7 @@ def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, metho
     overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(sum(jax.tree.leaves(sample), energies))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
     lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
-    sample = jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
-    return eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(active, 0, lanes.step)), sample
+    return lanes, jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
 
 
 def _with_empty_tally(lanes: Lane) -> Lane:
@@ -110,4 +110,9 @@ def run_block(
 @partial(jax.jit, static_argnames="method")
 def begin_lanes(scenes: Scene, states: State, method: Choices) -> Lane:
     """Lanes about to start from `states`."""
-    return jax.vmap(lambda scene, state: begin(as_pairs(state), model(scene), method))(scenes, states)
+    return jax.vmap(lambda scene, state: _begun(scene, state, method))(scenes, states)
+
+
+def _begun(scene: Scene, state: State, method: Choices) -> Lane:
+    ready = model(scene)
+    return begin(inside(state, ready), ready, method)

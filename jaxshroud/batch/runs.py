@@ -11,16 +11,14 @@ import numpy as np
 
 from jaxshroud.batch.chatter import chatter
 from jaxshroud.batch.free import free_runs
-from jaxshroud.batch.lanes import best
 from jaxshroud.batch.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, periods_at_once, run_block
-from jaxshroud.batch.threads import Check, Interrupted, in_threads
+from jaxshroud.batch.threads import Check, Interrupted, in_chunks, joined
+from jaxshroud.batch.xla import best
 from jaxshroud.march.lane import Lane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import Tableau
 from jaxshroud.model.modes import Status
-from jaxshroud.model.rhs import whole
 from jaxshroud.model.state import State, start
-from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.scene import Scene
 
 Progress = Callable[[int, int], None]  # lane-periods done so far, and in all
@@ -73,6 +71,7 @@ class Ticker:
             self.report(self.done, self.total)
 
 
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Runs:
     """What came out of a batch of lanes."""
@@ -105,8 +104,6 @@ def run_lanes(
         ticker(lanes * (plan.transient + plan.kept))
         return Runs(samples, jax.tree.map(np.zeros_like, last.tally), last)
     width = 1 if lanes == 1 else CHUNK
-    pieces = [np.minimum(np.arange(i, i + width), lanes - 1) for i in range(0, lanes, width)]
-    joined = lambda done: jax.tree.map(lambda *a: np.concatenate(a)[:lanes], *done)  # noqa: E731
 
     def run(check: Check, at: np.ndarray) -> Runs:
         n = min(width, lanes - int(at[0]))
@@ -118,9 +115,9 @@ def run_lanes(
         return _run_chunk(_take((scenes, states, arrived), at), plan, tick)
 
     try:
-        return joined(in_threads(run, pieces))
+        return in_chunks(run, lanes, width)
     except Interrupted as stopped:
-        raise Interrupted(completed(stopped.done, joined)) from None
+        raise Interrupted(completed(stopped.done, lambda runs: joined(runs, lanes))) from None
 
 
 def completed(runs: list[Runs | None], joined: Callable[[list[Runs]], Runs]) -> Runs | None:
@@ -175,13 +172,6 @@ def _blocks(scenes: Scene, lanes: Lane, periods: int, plan: Plan, tick, keep: bo
             kept.append(jax.tree.map(lambda a, n=n: in_full(a)[:n].T, sample))
         tick(n)
     return lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *kept) if kept else None
-
-
-def final_states(last: Lane) -> State:
-    """The states that lanes have come to, as a start for others."""
-    state = whole(last.state)
-    motion = Motion(*(np.stack(pair, axis=-1) for pair in state.motion))
-    return State(motion, state.u_s, state.mode, state.case)
 
 
 def told_chatter(scenes: Scene, runs: Runs, plan: Plan) -> str | None:

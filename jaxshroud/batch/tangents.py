@@ -5,6 +5,7 @@ with the same scene: what is batched over scenes is batched over directions too.
 """
 
 from collections.abc import Sequence
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -14,15 +15,14 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
-from jaxshroud.batch.compiled import compiled
-from jaxshroud.batch.lanes import best, plain, repeated
+from jaxshroud.batch.loop import driven
 from jaxshroud.batch.periods import periods_at_once
-from jaxshroud.batch.threads import Check, in_threads
-from jaxshroud.march.each import EachLane
+from jaxshroud.batch.states import STATE, as_precise, by_blade, from_vector, inside, to_vector, whole
+from jaxshroud.batch.threads import Check, in_chunks
+from jaxshroud.batch.xla import DUAL_NUMBERS, EachLane, best, compiled, plain, repeated
 from jaxshroud.march.events import seat
-from jaxshroud.march.lane import Fixed, Lane, begin, grid, running
+from jaxshroud.march.lane import Fixed, Lane, begin, grid
 from jaxshroud.march.locate import select
-from jaxshroud.march.march import advance
 from jaxshroud.march.method import Choices
 from jaxshroud.march.step import End
 from jaxshroud.march.trial import Decision
@@ -30,15 +30,13 @@ from jaxshroud.model.absent import Pair, Scalar, filled, is_absent
 from jaxshroud.model.friction import stretch
 from jaxshroud.model.geometry import FLAT
 from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.rhs import Model, as_one, as_pairs, model, reduced, turns, whole
+from jaxshroud.model.ready import Model, model, turns
+from jaxshroud.model.rhs import as_one
 from jaxshroud.model.state import State
-from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.vary import key_parts
 
 WIDTHS = (16, 64)  # lanes per call, for few and for many: a loop of fewer does not pay for its dispatch
-STATE = 13  # numbers of a state
-AT_ONCE = 160  # numbers that values and tangents may take in one kernel; beyond, two are faster (`lanes.fused`)
 
 
 class Dual(NamedTuple):
@@ -79,7 +77,7 @@ def dual(each: EachLane) -> EachLane:
 
     def run(f, *args: Any) -> Dual:
         duals = [a if isinstance(a, Dual) else Dual(a, jax.tree.map(lambda _: None, a)) for a in args]
-        if len(jax.tree.leaves(duals)) <= AT_ONCE:
+        if len(jax.tree.leaves(duals)) <= DUAL_NUMBERS:
             return each(lambda *duals: _pushed(f, duals), *duals)
         value = each(f, *(d.value for d in duals))
         return Dual(value, each(lambda *duals: _pushed(f, duals).tangent, *duals))
@@ -128,7 +126,7 @@ def canonical(state: State, scene_model: Model) -> State:
 def begun(scene: Scene, state: State, method: Choices) -> tuple[Lane, Model, Scalar]:
     """A lane about to start, its model and the drive's period."""
     scene_model = model(scene)
-    lane = begin(canonical(reduced(as_pairs(state), scene_model), scene_model), scene_model, method)
+    lane = begin(canonical(inside(state, scene_model), scene_model), scene_model, method)
     return lane, scene_model, scene.drive.period
 
 
@@ -163,14 +161,7 @@ def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], m
     still = jax.tree.map(lambda _: None, fixed)
     along = still._replace(model=models.tangent, grid=still.grid._replace(h=periods.tangent / like(steps)))
     fixed = Dual(fixed, along)
-    once = jax.jit(lambda lanes: advance(lanes, fixed, method, dual(each)))  # traced once
-
-    def one_period(_, lanes):
-        lanes = lax.while_loop(
-            lambda lanes: jnp.any(running(lanes.value, stops)), lambda lanes: once(once(lanes)), lanes
-        )
-        return lanes._replace(value=eqx.tree_at(lambda lane: lane.step, lanes.value, jnp.zeros_like(stops)))
-
+    one_period = lambda _, lanes: driven(lanes, fixed, steps, method, dual(each), attrgetter("value"))[0]  # noqa: E731
     lanes = lax.fori_loop(0, n, one_period, lanes)
     times = jax.tree.map(lambda a: n.astype(a.dtype) * a, periods)
     return dual(plain)(ended, lanes, models, times)
@@ -185,13 +176,12 @@ def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices) ->
     """`flow` for any number of lanes, in chunks that share one compiled function; numpy arrays."""
     lanes = len(scenes.value.drive.omega)
     width = WIDTHS[lanes > WIDTHS[0] * 2]
-    pieces = [np.minimum(np.arange(i, i + width), lanes - 1) for i in range(0, lanes, width)]
 
     def run(check: Check, at: np.ndarray) -> Dual:
         scene, state = jax.tree.map(lambda a: np.asarray(a)[at], (scenes, states))
         return _in_parts(scene, state, n, steps, method, check)
 
-    return jax.tree.map(lambda *a: np.concatenate(a)[:lanes], *in_threads(run, pieces))
+    return in_chunks(run, lanes, width)
 
 
 def _in_parts(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, check: Check) -> Dual:
@@ -223,11 +213,9 @@ def resting(states: State) -> Dual:
 
 def onward(end: Dual) -> Dual:
     """The states at the end of a flow, as a start."""
-    motion = lambda state: Motion(*(np.stack(pair, axis=-1) for pair in state.motion))  # noqa: E731
     (state, _, _), (tangent, _, _) = end
-    return Dual(
-        State(motion(state), state.u_s, state.mode, state.case), State(motion(tangent), tangent.u_s, None, None)
-    )
+    moved = State(by_blade(tangent.motion), tangent.u_s, None, None)
+    return Dual(State(by_blade(state.motion), state.u_s, state.mode, state.case), moved)
 
 
 class Tangents(NamedTuple):
@@ -282,23 +270,6 @@ def tangents(
     power, power_by = np.stack([a[0] for a in value.power]), np.stack(slope.power)
     parts = by[:count].T, power_by[:, :count], by[count:].T, power_by[:, count:]
     return Tangents(end, to_vector(end), power, int(value.status[0]), *parts)
-
-
-def as_precise(state: State, scene: Scene) -> State:
-    """The state with real numbers of the scene's precision."""
-    real = lambda a: np.issubdtype(np.asarray(a).dtype, np.floating)  # noqa: E731
-    return jax.tree.map(lambda a: np.asarray(a, scene.drive.omega.dtype if real(a) else None), state)
-
-
-def to_vector(state: State) -> np.ndarray:
-    """States (motions as arrays (..., 2) or as pairs) as vectors (..., 13)."""
-    pairs = [a if isinstance(a, tuple) else (a[..., 0], a[..., 1]) for a in state.motion]
-    return np.stack([np.asarray(a) for pair in pairs for a in pair] + [np.asarray(state.u_s)], axis=-1)
-
-
-def from_vector(vector: np.ndarray, mode, case) -> State:
-    """The inverse of `to_vector`."""
-    return State(Motion(*(vector[..., i : i + 2] for i in range(0, 12, 2))), vector[..., 12], mode, case)
 
 
 def direction(scene: Scene, key: str) -> Scene:

@@ -8,6 +8,7 @@ from threading import Event
 from typing import Any
 
 import jax
+import numpy as np
 
 Check = Callable[[], None]  # to be called now and then: ends its thread's work once that is no longer wanted
 SETTINGS = (  # of JAX that belong to a thread
@@ -69,6 +70,21 @@ def in_threads(run: Callable[..., Any], *columns: Iterable[Any]) -> list[Any]:
         unwanted.set()
         _end(pool)
     return [call.result() for call in calls]
+
+
+def in_chunks(run: Callable[[Check, np.ndarray], Any], lanes: int, width: int) -> Any:
+    """`run` of the numbers of `width` lanes at a time (the last is repeated), all lanes of all results in one tree.
+
+    Raises:
+        Interrupted: As in `in_threads`; its `done` has None for chunks that had not ended, and the rest of the results.
+    """
+    pieces = [np.minimum(np.arange(i, i + width), lanes - 1) for i in range(0, lanes, width)]
+    return joined(in_threads(run, pieces), lanes)
+
+
+def joined(results: list[Any], lanes: int) -> Any:
+    """Results of chunks as one tree of arrays with a leading axis of so many lanes."""
+    return jax.tree.map(lambda *a: np.concatenate(a)[:lanes], *results)
 
 
 def _settings() -> dict[str, Any]:

@@ -18,7 +18,7 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.extent import STEP, fits, memory_for
-from jaxshroud.batch.lanes import alone
+from jaxshroud.batch.xla import alone
 from jaxshroud.cli.design import gradient_options, gradient_verb, tune_options, tune_verb
 from jaxshroud.cli.keyboard import interruptible
 from jaxshroud.cli.plot import draw_dataset, draw_json, plot_options, plot_verb

@@ -6,7 +6,7 @@ import sys
 from typing import Any
 
 from jaxshroud.batch.extent import fits
-from jaxshroud.batch.lanes import alone
+from jaxshroud.batch.xla import alone
 from jaxshroud.cli.store import gradient_json, tune_json
 from jaxshroud.cli.terminal import (
     NUMERICAL,

@@ -4,7 +4,8 @@ from jaxshroud.march.events import seat
 from jaxshroud.march.lane import Jumps, Lanes
 from jaxshroud.model.absent import Scalar
 from jaxshroud.model.friction import contact_energy, stretch
-from jaxshroud.model.rhs import Ledger, Model, stored_energy
+from jaxshroud.model.ready import Model
+from jaxshroud.model.rhs import Ledger, stored_energy
 from jaxshroud.model.state import State
 
 

@@ -51,7 +51,8 @@ from jaxshroud.model.geometry import (
     touch_rates,
 )
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.rhs import Lean, Model, as_one, lean, stored_energy, turns
+from jaxshroud.model.ready import Model, turns
+from jaxshroud.model.rhs import Lean, as_one, lean, stored_energy
 from jaxshroud.model.state import State
 from jaxshroud.scene.motion import Motion
 

@@ -13,7 +13,8 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.within import Within, nothing_yet
 from jaxshroud.model.absent import ABSENT, Pair, Scalar
 from jaxshroud.model.modes import Status
-from jaxshroud.model.rhs import Integrals, Model, reduced, rhs, turns
+from jaxshroud.model.ready import Model, turns
+from jaxshroud.model.rhs import Integrals, rhs
 from jaxshroud.model.state import State
 from jaxshroud.scene.motion import Motion
 
@@ -72,11 +73,16 @@ class Lane(eqx.Module):
 
 
 def begin(state: State, model: Model, method: Choices) -> Lane:
-    """A lane at step 0 whose first act is to check every guard: a start in overlap is an onset at t = 0."""
+    """A lane at step 0 whose first act is to check every guard: a start in overlap is an onset at t = 0.
+
+    Args:
+        state: Motion as pairs, without what the model leaves out.
+        model: The lane's constants.
+        method: Static choices of the march.
+    """
     zero = jnp.zeros_like(state.motion.x[0])
     count0 = jnp.zeros((), jnp.int32)
     yes = jnp.ones((), bool)
-    state = reduced(state, model)
     none = jax.tree.map(jnp.zeros_like, rhs((zero, zero), state, model, method.ledger)[1])
     jumps = Jumps(zero, zero if turns(model) else ABSENT) if method.ledger else None
     within = nothing_yet(zero) if method.within else None

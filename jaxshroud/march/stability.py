@@ -11,8 +11,8 @@ from jaxtyping import Array, Float
 
 from jaxshroud.march.tableau import LEAST_STEPS, RK4, Tableau
 from jaxshroud.model.absent import Scalar, is_absent
-from jaxshroud.model.friction import springs
 from jaxshroud.model.geometry import Corners, corners, pose, touch
+from jaxshroud.model.ready import springs
 from jaxshroud.scene.checks import count_argument
 from jaxshroud.scene.limits import MOST_AUTO
 from jaxshroud.scene.scene import Scene

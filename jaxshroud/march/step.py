@@ -9,7 +9,8 @@ import jax.numpy as jnp
 from jaxshroud.march.lane import Grid, Lane
 from jaxshroud.march.method import Choices
 from jaxshroud.model.absent import Pair, Scalar
-from jaxshroud.model.rhs import Integrals, Model, Slope, rhs, wave
+from jaxshroud.model.ready import Model
+from jaxshroud.model.rhs import Integrals, Slope, rhs, wave
 from jaxshroud.model.state import State
 from jaxshroud.model.trig import sincos_turns, sine_versine
 from jaxshroud.scene.motion import Motion

@@ -9,7 +9,7 @@ from jaxshroud.march.events import seat
 from jaxshroud.march.locate import Rise
 from jaxshroud.model.absent import Scalar
 from jaxshroud.model.geometry import touch_rates
-from jaxshroud.model.rhs import Model
+from jaxshroud.model.ready import Model
 from jaxshroud.model.state import State
 from jaxshroud.scene.motion import Motion
 

@@ -11,9 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxshroud.model.absent import ABSENT, Scalar, is_absent, where
-from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.model.modes import Mode
-from jaxshroud.scene.scene import Scene
 
 
 class Springs(NamedTuple):
@@ -39,26 +37,6 @@ class Springs(NamedTuple):
     def modal(self) -> bool:
         """Whether contact has modes, and events between them."""
         return is_absent(self.width) and not is_absent(self.k)
-
-
-def springs(scene: Scene) -> Springs:
-    """The scene's contact springs, guarded against 0/0."""
-    k, k_d, mu = scene.k, scene.friction.k_d, scene.friction.mu
-    if scene.parts.contact == "none":
-        return Springs(ABSENT, ABSENT, ABSENT, ABSENT)
-    width = ABSENT if scene.contact.width is None else scene.contact.width
-    haste = width if is_absent(width) else _free_speed(scene) / width
-    if scene.parts.friction == "none":
-        return Springs(k, ABSENT, ABSENT, ABSENT, width, haste)
-    rubs = (k > 0) & (k_d > 0) & (mu > 0)
-    lag = mu * k / jnp.where(rubs, k_d, 1.0)
-    return Springs(k, k_d, jnp.where(rubs, mu, 0.0), jnp.where(rubs, lag, 0.0), width, haste)
-
-
-def _free_speed(scene: Scene) -> Scalar:
-    """Largest speed of the blades towards each other were there no contact, and at least one gap per radian [m/s]."""
-    x = jnp.abs(steady_amplitudes(scene).x)
-    return scene.drive.omega * (x[0] + x[1] + jnp.abs(scene.shroud.gap))
 
 
 def slip_sign(mode: Int[Array, ""], dtype) -> Scalar:

@@ -2,112 +2,27 @@
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.model.absent import ABSENT, Pair, Scalar, filled, is_absent
+from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent
 from jaxshroud.model.contact import Load, contact_load
-from jaxshroud.model.friction import Springs, following, friction_force, normal_force, slider_speed, springs
+from jaxshroud.model.friction import following, friction_force, normal_force, slider_speed
 from jaxshroud.model.geometry import (
     FLAT,
     Case,
-    Corners,
     Pose,
     Touch,
     blend,
-    corners,
-    gyration,
     is_upper,
     pose,
     tip_is_left,
     touch,
     touch_rates,
 )
-from jaxshroud.model.modes import Mode
+from jaxshroud.model.ready import Excitation, Model, turns
 from jaxshroud.model.state import State
 from jaxshroud.scene.motion import Motion
-from jaxshroud.scene.parts import Parts
-from jaxshroud.scene.scene import Blades, PerBlade, Scene
-
-
-def as_pairs(tree):
-    """`tree` with every (2,) array as a tuple of two scalars: one flat array per number when lanes are batched."""
-    return jax.tree.map(lambda a: (a[0], a[1]) if jnp.ndim(a) == 1 else a, tree)
-
-
-def as_arrays(motion: Motion) -> Motion:
-    """The inverse of `as_pairs` for a motion: fields of shape (2,)."""
-    return Motion(*map(jnp.stack, motion))
-
-
-class Excitation(NamedTuple):
-    """Amplitudes and phases of the drive (Sec. 3.1), resolved in x and y."""
-
-    F_x: PerBlade | Pair  # F_0 cos(beta) [N]
-    F_y: PerBlade | Pair  # F_0 sin(beta) [N]
-    M_0: PerBlade | Pair  # [N m]
-    sin_phase: PerBlade | Pair
-    cos_phase: PerBlade | Pair
-
-
-class Mobility(NamedTuple):
-    """Reciprocal masses: a product is several times cheaper than a quotient. Absent where a block cannot move."""
-
-    x: Pair  # 1 / m [1/kg]
-    y: Pair  # [1/kg]
-    theta: Pair  # 1 / I [1/(kg m^2)]
-    share: Scalar  # I_1 / (I_1 + I_2)
-    joint: Scalar  # I_1 I_2 / (I_1 + I_2): inertia against a turn of the blocks towards each other [kg m^2]
-
-
-class Model(eqx.Module):
-    """A scene made ready for stepping: everything that can be computed once per lane."""
-
-    blades: Blades
-    block: Corners
-    spring: Springs
-    drive: Excitation
-    gyration: Scalar  # J_A / A [m^2]
-    mobility: Mobility
-    reading: frozenset[str] = eqx.field(static=True)
-    parts: Parts = eqx.field(static=True)
-
-
-def model(scene: Scene) -> Model:
-    """`scene` with its constants worked out."""
-    d, s = scene.drive, scene.shroud
-    drive = Excitation(d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase))
-    blades, block, spring, drive, size = as_pairs((scene.blades, corners(s), springs(scene), drive, gyration(s)))
-    return Model(blades, block, spring, drive, size, _mobility(scene), scene.contact.reading, scene.parts)
-
-
-def _mobility(scene: Scene) -> Mobility:
-    b, has = scene.blades, scene.parts.has
-    of = lambda name, mass: tuple(1 / mass[i] if has(name, i) else ABSENT for i in (0, 1))  # noqa: E731
-    share = b.I[0] / (b.I[0] + b.I[1]) if scene.parts.neighbour == "blade" else jnp.zeros_like(b.I[0])
-    joint = b.I[1] * share if scene.parts.neighbour == "blade" else b.I[0]
-    return Mobility(of("x", b.m), of("y", b.inertia_y), of("theta", b.I), share, joint)
-
-
-def reduced(state: State, model: Model) -> State:
-    """A state (motion as pairs) without what the model leaves out."""
-    names = [name.removeprefix("v_") for name in Motion._fields]
-    keep = lambda name, pair: tuple(pair[i] if model.parts.has(name, i) else ABSENT for i in (0, 1))  # noqa: E731
-    motion = Motion(*(keep(name, pair) for name, pair in zip(names, state.motion, strict=True)))
-    mode = jnp.full_like(state.mode, Mode.SMOOTH) if model.spring.smooth else state.mode
-    return State(motion, ABSENT if is_absent(model.spring.lag) else state.u_s, mode, state.case)
-
-
-def whole(state: State) -> State:
-    """The inverse of `reduced`: zeros for what is absent."""
-    motion, u_s = filled((state.motion, state.u_s), state.motion.x[0])
-    return State(motion, u_s, state.mode, state.case)
-
-
-def turns(model: Model) -> bool:
-    """Whether the blocks can turn."""
-    return "theta" in model.parts.motion
 
 
 class Acceleration(NamedTuple):

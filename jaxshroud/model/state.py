@@ -3,6 +3,7 @@
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from jaxshroud.scene.motion import Motion
@@ -24,3 +25,8 @@ def start(motion: Motion) -> State:
     """The state at t = 0: apart. A start with the blocks already overlapping becomes an onset at once."""
     zero = jnp.zeros((), jnp.int32)
     return State(motion, jnp.zeros((), motion.x.dtype), zero, zero)
+
+
+def as_pairs(tree: Any) -> Any:
+    """`tree` with every (2,) array as a tuple of two scalars: one flat array per number when lanes are batched."""
+    return jax.tree.map(lambda a: (a[0], a[1]) if jnp.ndim(a) == 1 else a, tree)

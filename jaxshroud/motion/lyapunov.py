@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.lanes import alone
-from jaxshroud.batch.runs import Plan, final_states, run_lanes, starts
-from jaxshroud.batch.tangents import STATE, Tangents, differentiable, tangents
+from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.states import STATE, final_states
+from jaxshroud.batch.tangents import Tangents, differentiable, tangents
+from jaxshroud.batch.xla import alone
 from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.modes import Status
@@ -126,4 +127,4 @@ def settled(scene: Scene, transient: int, steps: int, method: Choices) -> State:
         return start(scene.initial)
     lane = alone(scene)
     runs = run_lanes(lane, starts(lane), Plan(transient - 1, 1, steps, 0.0, method), lambda _: None)
-    return jax.tree.map(lambda a: a[0], final_states(runs.last))
+    return jax.tree.map(lambda a: a[0], final_states(runs.last.state))

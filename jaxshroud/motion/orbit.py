@@ -10,20 +10,10 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.lanes import alone, repeated
-from jaxshroud.batch.runs import Plan, final_states, run_lanes, starts
-from jaxshroud.batch.tangents import (
-    STATE,
-    Dual,
-    Tangents,
-    as_precise,
-    differentiable,
-    from_vector,
-    resting,
-    run_flow,
-    tangents,
-    to_vector,
-)
+from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.states import STATE, as_precise, final_states, from_vector, rows, to_vector
+from jaxshroud.batch.tangents import Dual, Tangents, differentiable, resting, run_flow, tangents
+from jaxshroud.batch.xla import alone, repeated
 from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for, stiffest
 from jaxshroud.model.absent import filled
@@ -178,11 +168,11 @@ def _settled(scene: Scene, state: State | None, most: int, steps: int, tolerance
     here = jax.tree.map(lambda a: a[0], states)
     for done in range(BLOCK, most + BLOCK, BLOCK):
         runs = run_lanes(lane, states, Plan(0, BLOCK, steps, 0.0, method), lambda _: None)
-        spent, states = spent + BLOCK, final_states(runs.last)
+        spent, states = spent + BLOCK, final_states(runs.last.state)
         here = jax.tree.map(lambda a: a[0], states)
         if int(runs.last.status[0]) != Status.OK:
             return _none(scene, here, ("stopped",), spent, steps, method)
-        new = np.concatenate([np.stack(pair, axis=-1)[0] for pair in runs.samples.motion], axis=-1)
+        new = rows(runs.samples.motion)[0]
         latest_ones = slice(-max(min(WINDOW, done // 2), BLOCK), None)
         samples = np.concatenate([samples, new])[latest_ones]
         largest = np.concatenate([largest, sizes_of(runs.samples)[0]])[latest_ones]

@@ -10,10 +10,12 @@ import numpy as np
 from jax import lax
 
 from jaxshroud.batch.periods import Sample
+from jaxshroud.batch.states import inside
 from jaxshroud.batch.tangents import direction
 from jaxshroud.model.absent import filled
 from jaxshroud.model.modes import Status
-from jaxshroud.model.rhs import as_pairs, model, reduced, rhs, wave
+from jaxshroud.model.ready import model
+from jaxshroud.model.rhs import rhs, wave
 from jaxshroud.model.state import State, start
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.scene import Scene
@@ -68,7 +70,7 @@ def _solved(scenes: Scene, periods: int, solver: str, rtol: float):
 
 def _start(scene: Scene):
     """Motion and slider at t = 0."""
-    first = reduced(as_pairs(start(scene.initial)), model(scene))
+    first = inside(start(scene.initial), model(scene))
     return first.motion, first.u_s
 
 
@@ -80,7 +82,7 @@ def _one_period(scenes: Scene, moving, rtol, solver: str):
 def _periodic(scene: Scene, moving, rtol, solver: str):
     """One period of one lane from drive phase 0 on."""
     ready, period, omega = model(scene), scene.drive.period, scene.drive.omega
-    first = reduced(as_pairs(start(scene.initial)), ready)
+    first = inside(start(scene.initial), ready)
 
     def field(t, y, _):
         z, u_s, _ = y

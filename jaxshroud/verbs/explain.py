@@ -8,15 +8,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.lanes import alone, plain
+from jaxshroud.batch.loop import advance
 from jaxshroud.batch.periods import begin_lanes
+from jaxshroud.batch.xla import alone, plain
 from jaxshroud.march.events import Kind
 from jaxshroud.march.lane import Fixed, Lane, grid
-from jaxshroud.march.march import advance
 from jaxshroud.march.method import Choices, Method, choices
 from jaxshroud.march.stability import largest_frequency, limits, steps_for
 from jaxshroud.model.linear import steady_amplitudes
-from jaxshroud.model.rhs import model
+from jaxshroud.model.ready import model
 from jaxshroud.model.state import start
 from jaxshroud.scene.parts import MOTIONS, Parts
 from jaxshroud.scene.scene import Scene, with_parts

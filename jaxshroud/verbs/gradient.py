@@ -12,9 +12,9 @@ import numpy as np
 from scipy.special import stdtrit
 
 from jaxshroud.batch.extent import fits
-from jaxshroud.batch.lanes import repeated
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.batch.tangents import differentiable, direction, tangents
+from jaxshroud.batch.xla import repeated
 from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.linear import area, free_power

@@ -6,9 +6,10 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.extent import fits
-from jaxshroud.batch.lanes import alone
 from jaxshroud.batch.periods import BLOCK, Sample
-from jaxshroud.batch.runs import Plan, Progress, Ticker, final_states, run_lanes, starts, stepper, told_chatter
+from jaxshroud.batch.runs import Plan, Progress, Ticker, run_lanes, starts, stepper, told_chatter
+from jaxshroud.batch.states import final_states
+from jaxshroud.batch.xla import alone
 from jaxshroud.march.method import FAST_WITH_LEDGER, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.linear import area
@@ -122,7 +123,7 @@ def power(
         runs = run_lanes(scenes, state, Plan(lead, n, steps_per_period, 0.0, method), ticker)
         alternating = told_chatter(scenes, runs, Plan(transient + done, n, steps_per_period, 0.0, method))
         samples.append(runs.samples)
-        state, lead, done, status = final_states(runs.last), 0, done + n, int(runs.last.status[0])
+        state, lead, done, status = final_states(runs.last.state), 0, done + n, int(runs.last.status[0])
         summary = _summary(scenes, samples, period_tol, tolerance, summary)
     n, P_d, ci = _convergence(summary)
     final = {f"final_{name}": value for name, value in summary.items() if name not in ("series", "close")}

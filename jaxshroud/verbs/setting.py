@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.states import rows
 from jaxshroud.batch.tangents import Dual, differentiable, direction, resting, run_flow
 from jaxshroud.march.locate import Locate
 from jaxshroud.march.method import Choices
@@ -101,7 +102,7 @@ def end_states(scenes: Scene, steps: int, method: Choices) -> np.ndarray:
 
 def states(samples: Sample, period: int) -> np.ndarray:
     """Motions (lanes, 12) at the end of a kept period."""
-    return np.concatenate([np.stack(pair, axis=-1)[:, period] for pair in samples.motion], axis=-1).astype(float)
+    return rows(samples.motion)[:, period].astype(float)
 
 
 def state_errors(got: np.ndarray, exact: np.ndarray) -> np.ndarray:

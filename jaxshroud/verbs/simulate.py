@@ -3,7 +3,6 @@
 from functools import partial
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,24 +10,23 @@ from jax import lax
 from jaxtyping import Array, Int
 
 from jaxshroud.batch.chatter import chatter
-from jaxshroud.batch.compiled import compiled
 from jaxshroud.batch.extent import STEP, memory_for
 from jaxshroud.batch.free import free_status
-from jaxshroud.batch.lanes import alone, best
+from jaxshroud.batch.loop import driven
 from jaxshroud.batch.periods import Clock
 from jaxshroud.batch.runs import stepper
-from jaxshroud.march.each import EachLane
+from jaxshroud.batch.states import as_arrays, inside, whole
+from jaxshroud.batch.xla import EachLane, alone, best, compiled
 from jaxshroud.march.energy import balance, energy
 from jaxshroud.march.events import Counters, seat
-from jaxshroud.march.lane import Lane, begin, grid
-from jaxshroud.march.march import march
+from jaxshroud.march.lane import Fixed, Lane, begin, grid
 from jaxshroud.march.method import REFERENCE, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.absent import Scalar, filled
 from jaxshroud.model.friction import stretch
 from jaxshroud.model.linear import free_motion
 from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.rhs import Model, as_arrays, as_pairs, model, whole
+from jaxshroud.model.ready import Model, model
 from jaxshroud.model.state import State, start
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.checks import count_argument
@@ -162,8 +160,9 @@ def _free(scene: Scene, first: Motion, turns: Scalar, t) -> tuple[Motion, Int[Ar
 
 @partial(jax.jit, static_argnames="method")
 def _begin(scene: Scene, state: State, method: Choices) -> tuple[Lane, State]:
-    lane = begin(as_pairs(state), model(scene), method)
-    return lane, _sample(lane, model(scene))
+    ready = model(scene)
+    lane = begin(inside(state, ready), ready, method)
+    return lane, _sample(lane, ready)
 
 
 @jax.jit
@@ -188,8 +187,7 @@ def _samples(scene: Scene, lane: Lane, steps, turns, every, n, method: Choices, 
     models, grids = alone((scene_model, grid(turns, steps.astype(turns.dtype), scene.drive.period)))
 
     def one_step(_, lanes):
-        lanes = march(lanes, models, grids, lanes.step + 1, method, each)
-        return eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(lanes.step == steps, 0, lanes.step))
+        return driven(lanes, Fixed(models, grids, lanes.step + 1), steps, method, each)[0]
 
     def one_sample(lanes, i):
         lanes = lax.fori_loop(0, jnp.where(i < n, every, 0), one_step, lanes)

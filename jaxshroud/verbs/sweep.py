@@ -12,6 +12,7 @@ from jaxtyping import ArrayLike
 from jaxshroud.batch.continuation import continued, independent
 from jaxshroud.batch.extent import fits
 from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, in_full, stepper, told_chatter
+from jaxshroud.batch.states import by_blade
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.events import Counters
 from jaxshroud.march.method import FAST, Choices, Method, choices
@@ -25,7 +26,6 @@ from jaxshroud.results.sweep import GAP, SweepResult, sweep_coordinates
 from jaxshroud.results.units import dimension
 from jaxshroud.scene.checks import count_argument, tolerance_argument, word_argument
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.parts import Direction
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
@@ -94,9 +94,6 @@ def sweep(
     return _result(scene, scenes, axes, runs, plan, period_tol)
 
 
-jax.tree_util.register_dataclass(Runs, ["samples", "before", "last"], [])
-
-
 def _result(scene: Scene, scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, period_tol: float):
     values = _numbers(scenes, axes, runs, plan, period_tol)
     coords = sweep_coordinates(axes, np.arange(plan.transient + 1, plan.transient + plan.kept + 1))
@@ -113,7 +110,7 @@ def _numbers(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan,
     in_line = lambda tree: jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), tree)  # noqa: E731
     alternating = told_chatter(in_line(scenes), in_line(runs), plan)
     runs = jax.tree.map(in_full, runs)
-    motion = Motion(*(np.stack(pair, axis=-1) for pair in runs.samples.motion))
+    motion = by_blade(runs.samples.motion)
     got = averages(in_line(scenes), in_line(runs.samples), period_tol)
     (number, told), power, P_0 = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), got)
     log, before = runs.last.tally.log, runs.before.log

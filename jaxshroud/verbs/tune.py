@@ -18,9 +18,10 @@ import numpy as np
 from scipy.stats import qmc
 
 from jaxshroud.batch.extent import fits
-from jaxshroud.batch.lanes import repeated
 from jaxshroud.batch.runs import Plan, Progress, Ticker, run_lanes, starts
-from jaxshroud.batch.tangents import Dual, as_precise, differentiable, direction, onward, resting, run_flow, to_vector
+from jaxshroud.batch.states import as_precise, to_vector
+from jaxshroud.batch.tangents import Dual, differentiable, direction, onward, resting, run_flow
+from jaxshroud.batch.xla import repeated
 from jaxshroud.march.method import FAST, REFERENCE, Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.modes import Status

@@ -4,11 +4,11 @@ import jax
 import numpy as np
 import pytest
 
-from jaxshroud import load
-from jaxshroud.batch.runs import Plan, final_states, run_lanes, starts
+from jaxshroud import load, sweep
+from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.states import final_states
 from jaxshroud.march.method import FAST
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.verbs import sweep
 
 PHASE, STEPS = 1.0, 200
 ALIKE = np.array([2.5, 2.5 * (1 + 1e-12)])  # values of gamma
@@ -50,14 +50,14 @@ def test_a_lead_in_from_another_phase_kicks_the_branch(scenes):
     first = run_lanes(lane(scenes, 0), starts(lane(scenes, 0)), plan, quiet)
     last = np.asarray(first.samples.motion.x[0])[0, -1]
     for arrived, off in ((np.ones(1, bool), 0.0), (None, 0.3)):
-        then = run_lanes(lane(scenes, 1), final_states(first.last), plan, quiet, arrived)
+        then = run_lanes(lane(scenes, 1), final_states(first.last.state), plan, quiet, arrived)
         kick = abs(np.asarray(then.samples.motion.x[0])[0, 0] - last) / np.abs(first.samples.motion.x).max()
         assert kick < 1e-8 if off == 0 else kick > off
 
 
 def test_lanes_that_start_afresh_are_led_in_beside_those_that_go_on(scenes):
     plan = Plan(1, 3, STEPS, PHASE, FAST)
-    end = final_states(run_lanes(scenes, starts(scenes), plan, quiet).last)
+    end = final_states(run_lanes(scenes, starts(scenes), plan, quiet).last.state)
     states = jax.tree.map(lambda a, b: np.stack([a[0], b[1]]), end, starts(scenes))
     both = run_lanes(scenes, states, plan, quiet, np.array([True, False]))
     for i, arrived in enumerate((True, False)):

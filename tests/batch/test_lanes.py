@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from side_by_side import EXACT, with_parts
 
-from jaxshroud import vary
-from jaxshroud.batch import compiled, lanes
-from jaxshroud.batch.lanes import best, fused, plain
+from jaxshroud import sweep, vary
+from jaxshroud.batch import xla
+from jaxshroud.batch.loop import advance
 from jaxshroud.batch.periods import begin_lanes, run_block
 from jaxshroud.batch.runs import starts
+from jaxshroud.batch.xla import best, fused, plain
 from jaxshroud.march.lane import Fixed, grid
-from jaxshroud.march.march import advance
-from jaxshroud.model.rhs import model
-from jaxshroud.verbs import sweep
+from jaxshroud.model.ready import model
 
 LANES = 8
 
@@ -41,10 +40,10 @@ def test_the_fused_way_is_used_on_a_cpu():
 @pytest.fixture
 def asked_again():
     """The probes' answers are forgotten, before and after."""
-    for probe in (best, compiled.accepted):
+    for probe in (best, xla.accepted):
         probe.cache_clear()
     yield
-    for probe in (best, compiled.accepted):
+    for probe in (best, xla.accepted):
         probe.cache_clear()
 
 
@@ -53,7 +52,7 @@ def test_a_slower_way_is_told_with_its_reason_once(monkeypatch):
     def refused(*_):
         raise RuntimeError("no such\nreduction")
 
-    monkeypatch.setattr(lanes, "fused", refused)
+    monkeypatch.setattr(xla, "fused", refused)
     with pytest.warns(RuntimeWarning, match=r"slower: .*cannot be compiled \(no such reduction\)"):
         assert best() is plain
     assert best() is plain  # a second warning would be an error
@@ -63,15 +62,15 @@ def test_a_slower_way_is_told_with_its_reason_once(monkeypatch):
 def test_a_kernel_that_computes_other_numbers_is_not_used(monkeypatch):
     # Only one result of many, the last count, is wrong: three operations would not have shown it.
     wrong = lambda f, *args: plain(lambda *a: {**(out := f(*a)), "count": out["count"] + 1}, *args)  # noqa: E731
-    monkeypatch.setattr(lanes, "fused", wrong)
+    monkeypatch.setattr(xla, "fused", wrong)
     with pytest.warns(RuntimeWarning, match="other numbers"):
         assert best() is plain
 
 
 @pytest.mark.usefixtures("asked_again")
 def test_an_option_that_xla_refuses_is_left_out(monkeypatch):
-    monkeypatch.setattr(compiled, "COMPILER", {"xla_no_such_option": 1})
-    doubled = compiled.compiled("by")(lambda a, by: by * a)
+    monkeypatch.setattr(xla, "COMPILER", {"xla_no_such_option": 1})
+    doubled = xla.compiled("by")(lambda a, by: by * a)
     with pytest.warns(RuntimeWarning, match="XLA refuses .*xla_no_such_option"):
         assert doubled(jnp.ones(()), by=2) == 2
     assert doubled(jnp.ones(()), by=3) == 3

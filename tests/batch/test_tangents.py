@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from side_by_side import with_parts
 
-from jaxshroud import load, period_map, value_of, vary
-from jaxshroud.batch.lanes import repeated
-from jaxshroud.batch.runs import Plan, final_states, run_lanes
-from jaxshroud.batch.tangents import STATE, Dual, differentiable, direction, from_vector, run_flow, tangents, to_vector
-from jaxshroud.march import march as integrate
+from jaxshroud import load, lyapunov, orbit, period_map, value_of, vary
+from jaxshroud.batch.runs import Plan, run_lanes
+from jaxshroud.batch.states import STATE, final_states, from_vector, to_vector
+from jaxshroud.batch.tangents import Dual, differentiable, direction, run_flow, tangents
+from jaxshroud.batch.xla import repeated
+from jaxshroud.march import trial
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import start
-from jaxshroud.motion import lyapunov, orbit
 from jaxshroud.motion.lyapunov import ALIGNING, settled
 
 STEPS = 400
@@ -38,7 +38,7 @@ def states_of(scene, n, method=FAST):
     state, states = settled(scene, 64, STEPS, method), []
     for _ in range(n):
         runs = run_lanes(alone(scene), alone(state), Plan(0, 1, STEPS, 0.0, method), lambda _: None)
-        state = jax.tree.map(lambda a: a[0], final_states(runs.last))
+        state = jax.tree.map(lambda a: a[0], final_states(runs.last.state))
         states.append(state)
     return jax.tree.map(lambda *a: np.stack(a), *states)
 
@@ -108,7 +108,7 @@ def test_jacobian_of_other_methods(name, locate, motion):
 @pytest.fixture
 def naive(monkeypatch):
     """A method whose events' instants have no derivative, as differentiating through the search would leave it."""
-    monkeypatch.setattr(integrate, "at_the_root", lambda quantities, *_: quantities)
+    monkeypatch.setattr(trial, "at_the_root", lambda quantities, *_: quantities)
     return FAST._replace(tableau=FAST.tableau._replace(name="naive"))  # another name: compiled anew
 
 

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from problem import PERIODS, Problem
 
-from jaxshroud.batch.lanes import best
 from jaxshroud.batch.periods import CHUNK, Clock, begin_lanes, run_block
 from jaxshroud.batch.runs import starts
+from jaxshroud.batch.xla import best
 from jaxshroud.march.lane import Lane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import tableau

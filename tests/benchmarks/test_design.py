@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 from test_peers import RESULTS
 
-from jaxshroud import load, simulate
+from jaxshroud import load, orbit, simulate, tune
 from jaxshroud.batch.runs import Plan
 from jaxshroud.march.method import FAST
-from jaxshroud.motion import orbit
-from jaxshroud.verbs import tune
 from jaxshroud.verbs.gradient import on_orbit
 from jaxshroud.verbs.tune import judge_designs
 

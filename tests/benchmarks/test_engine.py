@@ -19,13 +19,13 @@ from peers import scalar_c
 from problem import PERIODS, Problem, errors, problem
 from test_peers import RESULTS, one_core  # noqa: F401
 
-from jaxshroud.batch.lanes import fused
 from jaxshroud.batch.periods import CHUNK, Clock, begin_lanes, run_block
 from jaxshroud.batch.runs import starts
+from jaxshroud.batch.xla import fused
 from jaxshroud.march.lane import Fixed
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import TABLEAUS, tableau
-from jaxshroud.model.rhs import model
+from jaxshroud.model.ready import model
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]
 SWEEP = """

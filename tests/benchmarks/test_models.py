@@ -11,9 +11,9 @@ import pytest
 
 from jaxshroud import load
 from jaxshroud.batch.free import free_runs
-from jaxshroud.batch.lanes import best
 from jaxshroud.batch.periods import BLOCK, begin_lanes, run_block
 from jaxshroud.batch.runs import Plan, starts
+from jaxshroud.batch.xla import best
 from jaxshroud.march.method import FAST
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.parts import Parts

@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jaxshroud import Interrupted, Status, load
+from jaxshroud import Interrupted, Status, load, sweep
 from jaxshroud.batch.threads import in_threads
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli.keyboard import interruptible
-from jaxshroud.verbs import sweep
 
 SMALL = ["--set", 'model.motion=["x"]']
 LONG = ["sweep", "table1", *SMALL, "--along", "contact.gamma", "--start", "1", "--stop", "8", "--num", "20000"]
@@ -26,7 +25,7 @@ LONG += ["--transient", "10", "--periods", "10"]
 COMMAND = """
 import sys, time
 from contextlib import contextmanager
-from jaxshroud import cli
+from jaxshroud.cli import commands as cli
 import jaxshroud_command
 
 @contextmanager

@@ -13,8 +13,8 @@ from exact import CASES, CONSISTENT
 from jaxshroud.march.events import Counters, Crossing, Kind, View, count, crossing, first_kind, look
 from jaxshroud.model.friction import contact_energy, friction_force, stretch
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.rhs import Model, as_pairs, model
-from jaxshroud.model.state import State
+from jaxshroud.model.ready import Model, model
+from jaxshroud.model.state import State, as_pairs
 from jaxshroud.scene.scene import Contact
 from jaxshroud.scene.vary import vary
 

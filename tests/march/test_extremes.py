@@ -11,7 +11,8 @@ import reference
 from side_by_side import Choices, ends, relative_error, run, sizes, tableau, with_parts
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, final_states, run_lanes, starts
+from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.states import final_states
 from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
 from jaxshroud.march.stability import StepTooLongError, largest_frequency, limits
 from jaxshroud.march.tableau import RK4
@@ -115,7 +116,7 @@ def test_a_million_periods(table1):
     state, ends_at, memory = starts(alone), [], []
     for periods in (5_000, 995_000):
         runs = run_lanes(alone, state, Plan(periods - 1, 1, 16, 0.0, FAST), lambda _: None)
-        state = final_states(runs.last)
+        state = final_states(runs.last.state)
         assert runs.last.status == Status.OK
         ends_at.append(ends(runs)[0])
         memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)

@@ -14,8 +14,9 @@ from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE
 from jaxshroud.model.friction import normal_force
 from jaxshroud.model.geometry import FLAT
 from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.rhs import as_pairs, model, rhs
-from jaxshroud.model.state import State
+from jaxshroud.model.ready import model
+from jaxshroud.model.rhs import rhs
+from jaxshroud.model.state import State, as_pairs
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.vary import vary

@@ -9,14 +9,13 @@ import pytest
 from scipy.linalg import expm
 from side_by_side import EXACT, STEPS, counts, ends, energy_residual, relative_error, run, scene_of, sizes
 
-from jaxshroud import Motion, Status, load, simulate, vary
+from jaxshroud import Motion, Status, load, power, simulate, sweep, vary
 from jaxshroud.march.method import FAST, FAST_WITH_LEDGER, REFERENCE, Choices
 from jaxshroud.march.stability import contact_gradients
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.geometry import corners, natural_case, pose, touch
 from jaxshroud.model.linear import steady_amplitudes
-from jaxshroud.model.rhs import as_pairs
-from jaxshroud.verbs import power, sweep
+from jaxshroud.model.state import as_pairs
 
 GAMMAS = (0.3, 2.5, 4.2, 7.5)
 KINDS = ("onset_slip", "onset_stick", "separation", "stick_slip", "slip_stick")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
+from jaxshroud import sweep as sweep_verb
 from jaxshroud.march.method import FAST
 from jaxshroud.model.state import start
 from jaxshroud.motion.orbit import TOLERANCE
-from jaxshroud.verbs import sweep as sweep_verb
 
 SINGLE = FAST._replace(precision="float32")
 STEPS = {"steps_per_period": 100, "method": SINGLE}
@@ -135,9 +135,9 @@ def test_threads_compute_in_the_precision_of_their_caller(scene):
 
 def test_long_flows_in_parts_agree_with_the_whole(scene, monkeypatch):
     from jaxshroud.batch import tangents
-    from jaxshroud.batch.lanes import alone
     from jaxshroud.batch.runs import starts
     from jaxshroud.batch.tangents import Dual, differentiable, direction, resting, run_flow
+    from jaxshroud.batch.xla import alone
 
     scenes = alone(scene)
     lane = Dual(scenes, jax.tree.map(lambda a: np.asarray(a)[None], direction(scene, "shroud.gap")))

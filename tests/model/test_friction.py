@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxshroud.batch.states import as_arrays
 from jaxshroud.march.events import Kind, crossing, first_kind, look
 from jaxshroud.model.friction import (
     Springs,
@@ -15,12 +16,11 @@ from jaxshroud.model.friction import (
     normal_force,
     slider_speed,
     slip_sign,
-    springs,
     stretch,
 )
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.rhs import Model, as_arrays, as_pairs, model
-from jaxshroud.model.state import State, start
+from jaxshroud.model.ready import Model, model, springs
+from jaxshroud.model.state import State, as_pairs, start
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.vary import vary
 

@@ -9,8 +9,9 @@ from side_by_side import EXACT, ends, relative_error, run, sizes, with_parts
 import jaxshroud as js
 from jaxshroud.march.method import FAST_WITH_LEDGER
 from jaxshroud.march.stability import largest_frequency
-from jaxshroud.model.friction import contact_energy, friction_force, normal_force, springs, stretch
+from jaxshroud.model.friction import contact_energy, friction_force, normal_force, stretch
 from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.ready import springs
 from jaxshroud.scene.vary import vary
 
 MODE = jnp.int32(Mode.SMOOTH)

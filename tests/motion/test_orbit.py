@@ -6,20 +6,18 @@ import jax
 import numpy as np
 import pytest
 
-from jaxshroud import load, simulate, value_of
-from jaxshroud.batch.lanes import repeated
-from jaxshroud.batch.tangents import STATE, Dual, differentiable, direction, onward, resting, run_flow, tangents
-from jaxshroud.march import events
-from jaxshroud.march import march as integrate
+from jaxshroud import gradient, load, orbit, simulate, value_of
+from jaxshroud.batch.states import STATE
+from jaxshroud.batch.tangents import Dual, differentiable, direction, onward, resting, run_flow, tangents
+from jaxshroud.batch.xla import repeated
+from jaxshroud.march import events, trial
 from jaxshroud.march.method import FAST
 from jaxshroud.model.linear import area, steady_amplitudes
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.state import State, start
-from jaxshroud.motion import orbit
 from jaxshroud.motion.orbit import Shot, contact_margins, described, moved_start
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.vary import vary
-from jaxshroud.verbs import gradient
 from jaxshroud.verbs.gradient import differences, on_orbit, slopes
 
 PARAMETERS = (
@@ -92,7 +90,7 @@ def naive_miss(name, monkeypatch) -> float:
     """Largest error of a gradient that takes the events' instants for constants, over the largest component."""
     found = orbit(scene_of(SCENES[name][0]))
     right = scaled(on_orbit(found, PARAMETERS).value, found.scene)
-    monkeypatch.setattr(integrate, "at_the_root", lambda quantities, *_: quantities)
+    monkeypatch.setattr(trial, "at_the_root", lambda quantities, *_: quantities)
     monkeypatch.setattr(events, "_touch_down", lambda view, late: view.at.u)
     method = found.method._replace(tableau=found.method.tableau._replace(name="naive"))  # compiled anew
     steps = found.steps_per_period

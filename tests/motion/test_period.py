@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from jaxshroud import load
+from jaxshroud import load, sweep
 from jaxshroud.motion.period import PERIOD_TOLERANCE, periodicity, repetition
 from jaxshroud.motion.settling import LARGEST_PERIOD, NO, UNKNOWN, YES, settling
-from jaxshroud.verbs import sweep
 
 RNG = np.random.default_rng(11)
 

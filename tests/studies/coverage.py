@@ -25,8 +25,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 import jaxshroud as js
-from jaxshroud.batch.lanes import repeated
 from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.xla import repeated
 from jaxshroud.model.linear import area
 from jaxshroud.motion.interval import interval
 from jaxshroud.motion.power import Reduction, reduction

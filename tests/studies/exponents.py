@@ -22,7 +22,7 @@ import numpy as np
 
 import jaxshroud as js
 
-METHOD, STEPS = js.Choices(js.tableau("tsit5"), "cubic", ledger=False), 100
+METHOD, STEPS = js.Method("tsit5", locate="cubic"), 100
 PERIODIC, KEPT, ROUNDING = 20, 64, 1e-6
 CHAOTIC = ((4.8, 100.0), (5.5, 100.0), (10.0, 100.0), (6.5, 1.0))  # gamma, M_0
 STARTS, STRETCH, LONG = 5, 96, 1200

@@ -26,7 +26,8 @@ import jax
 import numpy as np
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, final_states, run_lanes, starts
+from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.states import final_states
 from jaxshroud.model.linear import area
 from jaxshroud.motion.averages import displacements, half_diagonal, sizes_of
 from jaxshroud.motion.period import nearness, repetition
@@ -82,7 +83,7 @@ def runs(seed: int, lightest: float, heaviest: float, n: int) -> list[Run]:
     states, method, status = starts(scenes), js.Choices(js.tableau("tsit5"), "cubic", ledger=False), np.zeros(n, int)
     for at in range(0, LONGER * last.max(), PIECE):
         came = run_lanes(scenes, states, Plan(0, PIECE, STEPS, 0.0, method), lambda _: None)
-        states, status = final_states(came.last), np.asarray(came.last.status)
+        states, status = final_states(came.last.state), np.asarray(came.last.status)
         s = came.samples
         all_lanes = Stretch(displacements(s), sizes_of(s), np.stack(s.power, axis=-1))
         for i, pair in enumerate(windows):

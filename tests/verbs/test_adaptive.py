@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from side_by_side import ends, relative_error, run, sizes, with_parts
 
-from jaxshroud.batch.lanes import alone
+from jaxshroud.batch.xla import alone
 from jaxshroud.march.method import FAST_WITH_LEDGER
 from jaxshroud.march.stability import largest_frequency
 from jaxshroud.scene.vary import vary

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from jaxshroud import load
+from jaxshroud import gradient, load, orbit, sweep
 from jaxshroud.batch.runs import Plan
 from jaxshroud.march.method import FAST
-from jaxshroud.motion import orbit
-from jaxshroud.verbs import gradient, sweep
 from jaxshroud.verbs.gradient import on_orbit, smoothed, with_numbers
 
 PLAN = Plan(16, 32, 200, 0.0, FAST)

@@ -5,14 +5,13 @@ import importlib
 import numpy as np
 import pytest
 
-from jaxshroud import load, vary
+from jaxshroud import load, power, tune, vary
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.march.method import FAST
 from jaxshroud.march.tableau import TABLEAUS, tableau
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.parts import Parts
 from jaxshroud.scene.scene import with_parts
-from jaxshroud.verbs import power, tune
 from jaxshroud.verbs.tune import PUSH, Judged, Problem, exact_slopes, judge_designs, objective_map
 
 tune_module = importlib.import_module("jaxshroud.verbs.tune")

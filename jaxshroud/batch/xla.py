@@ -1,14 +1,19 @@
-"""One function of one lane, run on many lanes.
+"""All that knows XLA: how functions are compiled, how many lanes become one kernel, and how large a kernel may be.
 
 XLA:CPU makes one kernel per number that a function returns, each recomputing or reloading what it needs. For a trial
 step, with some sixty results of some two thousand operations, that is 19 times slower than one loop over the lanes with
 everything in registers, and takes 13 times longer to compile (RK4, 64 lanes). A windowed reduction over several arrays
 is such a loop: its reducer may be any function of scalars and returns all results at once. With windows of one lane
 there is nothing to reduce, and the reducer is simply called once for each lane.
+
+A kernel is kept whole up to some 3,500 operations; beyond, XLA:CPU cuts it into functions that recompute each other's
+results. With more than some 120 arguments or results it no longer uses vector registers. Larger functions are given to
+it in parts: see `groups`.
 """
 
+import warnings
 from collections.abc import Callable
-from functools import cache
+from functools import cache, wraps
 from typing import Any
 
 import jax
@@ -17,8 +22,53 @@ import numpy as np
 from jax import lax
 from jax.extend.core import jaxpr_as_fun
 
-from jaxshroud.batch.compiled import slower
-from jaxshroud.march.each import EachLane
+from jaxshroud.march.method import Choices
+
+COMPILER = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
+STAGES_AT_ONCE = 7  # in one kernel
+STAGES_WITH_EVENTS = 4  # in one kernel with everything else that a trial does
+DUAL_STAGES = 4  # in one kernel where tangents come along
+DUAL_NUMBERS = 160  # that values and tangents may take in one kernel; beyond, two are faster
+SMOOTH = 0.75  # of these stages in smooth contact, whose laws are longer: beyond, RK8 is 60 times slower
+
+EachLane = Callable[..., Any]  # (f, *args): `f(*args)` of every lane; all arrays have a leading axis of lanes
+
+
+def compiled(*static: str) -> Callable[[Callable], Callable]:
+    """A decorator: compile with `COMPILER`, or without it where XLA refuses that; `static` names arguments as in jit.
+
+    The function that is called has the attribute `widest`, which is the one compiled with `COMPILER`.
+    """
+
+    def decorate(f: Callable) -> Callable:
+        widest = jax.jit(f, static_argnames=static, compiler_options=COMPILER)
+        plain = jax.jit(f, static_argnames=static)
+
+        @wraps(f)
+        def call(*args: Any, **kwargs: Any) -> Any:
+            return (widest if accepted() else plain)(*args, **kwargs)
+
+        call.widest = widest  # pyright: ignore[reportAttributeAccessIssue]
+        return call
+
+    return decorate
+
+
+@cache
+def accepted() -> bool:
+    """Whether XLA compiles with `COMPILER`; warns if not."""
+    try:
+        with jax.ensure_compile_time_eval():
+            jax.jit(lambda a: a + a, compiler_options=COMPILER)(jnp.zeros(()))
+    except Exception as error:  # of whatever type a future XLA may raise
+        slower(f"XLA refuses {COMPILER} ({error}): vector registers may be narrower")
+        return False
+    return True
+
+
+def slower(reason: str) -> None:
+    """Warn that everything works, but slower."""
+    warnings.warn(f"Simulations will be slower: {' '.join(reason.split())}.", RuntimeWarning, stacklevel=3)
 
 
 def alone(tree: Any) -> Any:
@@ -37,12 +87,7 @@ def plain(f: Callable, *args: Any) -> Any:
 
 
 def fused(f: Callable, *args: Any) -> Any:
-    """As one kernel; `f` may use elementwise operations on scalars only.
-
-    XLA:CPU keeps a kernel whole up to some 3,500 operations; beyond, it cuts it into functions that recompute each
-    other's results. With more than some 120 arguments or results it no longer uses vector registers. Give larger
-    functions in parts.
-    """
+    """As one kernel; `f` may use elementwise operations on scalars only."""
     leaves, tree = jax.tree.flatten(args)
     scalars = [jax.ShapeDtypeStruct((), a.dtype) for a in leaves]
     jaxpr, shape = jax.make_jaxpr(lambda *a: f(*tree.unflatten(a)), return_shape=True)(*scalars)
@@ -124,3 +169,21 @@ def _alike(lane: Any) -> dict[str, Any]:
         n, held = jnp.where(crossed, n + i, n), jnp.where(crossed, n % 2 == 0, held | (n > 12))
         passed.append(jnp.where(crossed, before / jnp.where(crossed, before - x, 1.0), x))
     return {"state": (x, v), "count": n, "held": held, "passed": passed, "done": n > 6}
+
+
+def groups(method: Choices, smooth: bool) -> tuple[int, ...] | None:
+    """Stages at which a trial step is divided into kernels; None where it is one kernel with all that follows."""
+    size = len(method.tableau.b)
+    if size <= STAGES_WITH_EVENTS and not method.derivative:
+        return None
+    at_once = DUAL_STAGES if method.derivative else STAGES_AT_ONCE
+    at_once = int(at_once * SMOOTH) if smooth else at_once
+    return tuple(range(at_once, size, at_once))
+
+
+def repeated_while(going: Callable[[Any], Any], once: Callable[[Any], Any], lanes: Any) -> Any:
+    """`once` again and again while `going`.
+
+    Two by two: the first writes to memory of its own, the second back where the lanes came from, and none is copied.
+    """
+    return lax.while_loop(going, lambda lanes: once(once(lanes)), lanes)

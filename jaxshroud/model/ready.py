@@ -1,0 +1,92 @@
+"""A scene made ready for stepping: everything that can be computed once per lane."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent
+from jaxshroud.model.friction import Springs
+from jaxshroud.model.geometry import (
+    Corners,
+    corners,
+    gyration,
+)
+from jaxshroud.model.linear import steady_amplitudes
+from jaxshroud.model.state import as_pairs
+from jaxshroud.scene.parts import Parts
+from jaxshroud.scene.scene import Blades, PerBlade, Scene
+
+
+class Excitation(NamedTuple):
+    """Amplitudes and phases of the drive (Sec. 3.1), resolved in x and y."""
+
+    F_x: PerBlade | Pair  # F_0 cos(beta) [N]
+    F_y: PerBlade | Pair  # F_0 sin(beta) [N]
+    M_0: PerBlade | Pair  # [N m]
+    sin_phase: PerBlade | Pair
+    cos_phase: PerBlade | Pair
+
+
+class Mobility(NamedTuple):
+    """Reciprocal masses: a product is several times cheaper than a quotient. Absent where a block cannot move."""
+
+    x: Pair  # 1 / m [1/kg]
+    y: Pair  # [1/kg]
+    theta: Pair  # 1 / I [1/(kg m^2)]
+    share: Scalar  # I_1 / (I_1 + I_2)
+    joint: Scalar  # I_1 I_2 / (I_1 + I_2): inertia against a turn of the blocks towards each other [kg m^2]
+
+
+class Model(eqx.Module):
+    """A scene made ready for stepping: everything that can be computed once per lane."""
+
+    blades: Blades
+    block: Corners
+    spring: Springs
+    drive: Excitation
+    gyration: Scalar  # J_A / A [m^2]
+    mobility: Mobility
+    reading: frozenset[str] = eqx.field(static=True)
+    parts: Parts = eqx.field(static=True)
+
+
+def model(scene: Scene) -> Model:
+    """`scene` with its constants worked out."""
+    d, s = scene.drive, scene.shroud
+    drive = Excitation(d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase))
+    blades, block, spring, drive, size = as_pairs((scene.blades, corners(s), springs(scene), drive, gyration(s)))
+    return Model(blades, block, spring, drive, size, _mobility(scene), scene.contact.reading, scene.parts)
+
+
+def _mobility(scene: Scene) -> Mobility:
+    b, has = scene.blades, scene.parts.has
+    of = lambda name, mass: tuple(1 / mass[i] if has(name, i) else ABSENT for i in (0, 1))  # noqa: E731
+    share = b.I[0] / (b.I[0] + b.I[1]) if scene.parts.neighbour == "blade" else jnp.zeros_like(b.I[0])
+    joint = b.I[1] * share if scene.parts.neighbour == "blade" else b.I[0]
+    return Mobility(of("x", b.m), of("y", b.inertia_y), of("theta", b.I), share, joint)
+
+
+def springs(scene: Scene) -> Springs:
+    """The scene's contact springs, guarded against 0/0."""
+    k, k_d, mu = scene.k, scene.friction.k_d, scene.friction.mu
+    if scene.parts.contact == "none":
+        return Springs(ABSENT, ABSENT, ABSENT, ABSENT)
+    width = ABSENT if scene.contact.width is None else scene.contact.width
+    haste = width if is_absent(width) else _free_speed(scene) / width
+    if scene.parts.friction == "none":
+        return Springs(k, ABSENT, ABSENT, ABSENT, width, haste)
+    rubs = (k > 0) & (k_d > 0) & (mu > 0)
+    lag = mu * k / jnp.where(rubs, k_d, 1.0)
+    return Springs(k, k_d, jnp.where(rubs, mu, 0.0), jnp.where(rubs, lag, 0.0), width, haste)
+
+
+def _free_speed(scene: Scene) -> Scalar:
+    """Largest speed of the blades towards each other were there no contact, and at least one gap per radian [m/s]."""
+    x = jnp.abs(steady_amplitudes(scene).x)
+    return scene.drive.omega * (x[0] + x[1] + jnp.abs(scene.shroud.gap))
+
+
+def turns(model: Model) -> bool:
+    """Whether the blocks can turn."""
+    return "theta" in model.parts.motion
