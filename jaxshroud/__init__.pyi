@@ -21,10 +21,9 @@ from .results.power import PowerResult as PowerResult
 from .results.status import LaneWarning as LaneWarning
 from .results.sweep import SweepResult as SweepResult
 from .results.trajectory import Trajectory as Trajectory
-from .scene.config import SceneError as SceneError
-from .scene.config import SceneFile as SceneFile
 from .scene.config import load as load
-from .scene.config import shipped as shipped
+from .scene.errors import SceneError as SceneError
+from .scene.file import SceneFile as SceneFile
 from .scene.motion import AT_REST as AT_REST
 from .scene.motion import Motion as Motion
 from .scene.parts import Parts as Parts
@@ -34,6 +33,7 @@ from .scene.scene import Drive as Drive
 from .scene.scene import Friction as Friction
 from .scene.scene import Scene as Scene
 from .scene.scene import Shroud as Shroud
+from .scene.shipped import shipped as shipped
 from .scene.vary import value_of as value_of
 from .scene.vary import vary as vary
 from .verbs.explain import explain as explain

@@ -10,9 +10,9 @@ import xarray as xr
 from jaxshroud.model.geometry import FLAT
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.state import State
-from jaxshroud.results.files import StoreError
 from jaxshroud.results.store import read
-from jaxshroud.scene.config import SceneError, SceneFile, parse
+from jaxshroud.scene.config import SceneFile, parse
+from jaxshroud.scene.errors import SceneError, StoreError
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.parts import ContactLaw
 from jaxshroud.scene.schema import PHYSICS
@@ -93,7 +93,7 @@ def _differences(path: Any, ds: xr.Dataset, scene_file: SceneFile) -> tuple[str,
             _fail(
                 path, f"its model has {name} = {_shown(old)}, but this one {_shown(new)}; give a file of the same model"
             )
-    tables = [table for table in PHYSICS if table not in ("initial", "model")]
+    tables = [table for table in PHYSICS if table not in ("initial", "parts")]
     return tuple(
         f"{table}.{key} was {_shown(was)}, is {_shown(now)}"
         for table in tables

@@ -8,22 +8,12 @@ from contextlib import suppress
 from glob import escape
 from pathlib import Path
 
+from jaxshroud.scene.errors import MachineError, WriteError
+
 MACHINE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}  # the place was right, the machine failed
 
 written: list[Path] = []  # by this process so far
 _parts: set[str] = set()  # temporary names in use
-
-
-class StoreError(ValueError):
-    """A result cannot be written or read; the message is one line with the place and the cure."""
-
-
-class WriteError(StoreError, OSError):
-    """A file cannot be written there."""
-
-
-class MachineError(WriteError):
-    """A file cannot be written, though what was asked for was right: the disk is full, or broken."""
 
 
 def write(path: Path, content: bytes | memoryview) -> None:

@@ -18,6 +18,7 @@ PLACES = {
     ],
     "parts": ["ContactLaw", "FrictionLaw", "MISPRINTS", "MOTIONS", "Neighbour", "Parts", "misprints"],
     "motion": ["AT_REST", "Motion"],
-    "vary": ["KEY", "NUMERIC_KEYS", "key_parts", "value_of", "vary"],
+    "keys": ["key_parts"],
+    "vary": ["NUMERIC_KEYS", "value_of", "vary"],
 }
 __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs=PLACES)

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from functools import wraps
 from typing import Any, Literal, TypeVar, get_args
 
+from jaxshroud.scene.errors import NumericalError as NumericalError
+
 Precision = Literal["float64", "float32"]
 MOST_COUNT = 2**31 - 1  # compiled loops count in 32 bits
 Tuple = TypeVar("Tuple", bound=type)
@@ -48,10 +50,6 @@ def checked(cls: Tuple) -> Tuple:
     cls.__new__ = made
     cls._make = classmethod(lambda kind, values: kind(*values))
     return cls
-
-
-class NumericalError(ValueError):
-    """What was asked for is in order, but the numbers do not bear it."""
 
 
 def count_argument(name: str, value: int, least: int) -> None:

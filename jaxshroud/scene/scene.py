@@ -1,6 +1,7 @@
 """What stays fixed while a scene runs: blades, shroud, contact, friction, drive and the starting motion."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -131,6 +132,20 @@ class Scene(eqx.Module):
             return self.contact.k
         assert self.contact.gamma is not None  # Contact has exactly one of them
         return self.contact.gamma * self.blades.k_x[0]
+
+
+def scene_of(tables: Mapping[str, Mapping[str, Any]]) -> Scene:
+    """The scene of tables of plain SI numbers, as a file has them."""
+    parts = tables["parts"]
+    return Scene(
+        Blades(**tables["blades"]),
+        Shroud(**tables["shroud"]),
+        Contact(**{"k": None, "gamma": None, **tables["contact"]}),
+        Friction(**tables["friction"]),
+        Drive(**tables["drive"]),
+        Motion(**tables["initial"]),
+        Parts(**{**parts, "motion": tuple(parts["motion"])}),
+    )
 
 
 def with_parts(scene: Scene, parts: Parts, width: ArrayLike | None = None) -> Scene:

@@ -1,46 +1,24 @@
 """Numbers of a scene by their keys."""
 
-import re
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
-from jaxshroud.scene.motion import Motion
-from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
+from jaxshroud.scene.errors import KeyNameError
+from jaxshroud.scene.keys import KEYS, key_parts
+from jaxshroud.scene.scene import Contact, Scene
 
-KEY = re.compile(r"^(?P<table>[a-z]+)\.(?P<name>\w+)(\[(?P<blade>[01])\])?$")
-NUMERIC_KEYS = tuple(
-    f"{table}.{field}"
-    for table, kind in dict(
-        blades=Blades, shroud=Shroud, contact=Contact, friction=Friction, drive=Drive, initial=Motion
-    ).items()
-    for field in kind.__annotations__
-    if field != "reading"
-)
-
-
-def key_parts(key: str) -> tuple[str, str, int | None]:
-    """Table, name and blade (None: both, or neither) that a key names.
-
-    Raises:
-        KeyError: A scene has no such number.
-    """
-    match = KEY.match(key)
-    if match is None or f"{match['table']}.{match['name']}" not in NUMERIC_KEYS:
-        raise KeyError(f"The scene has no number called {key!r}.")
-    return match["table"], match["name"], None if match["blade"] is None else int(match["blade"])
+NUMERIC_KEYS = tuple(KEYS)
 
 
 def _numbers(scene: Scene, key: str) -> Any:
     """The scene's number or numbers that a key names, before a blade is chosen."""
-    table, name, blade = key_parts(key)
+    table, name, _ = key_parts(key)
     old = scene.blades.inertia_y if name == "m_y" else getattr(getattr(scene, table), name)
     if name == "width" and old is None:
-        raise KeyError("The scene's contact is not smooth: it has no width.")
-    if blade is not None and (old is None or old.ndim == 0):
-        raise KeyError(f"{table}.{name!s} is one number, not one per blade.")
+        raise KeyNameError("The scene's contact is not smooth: it has no width.")
     return old
 
 
@@ -56,7 +34,7 @@ def vary(scene: Scene, key: str, value: ArrayLike) -> Scene:
         A new scene. Setting `contact.k` drops `contact.gamma`, and the other way round.
 
     Raises:
-        KeyError: There is no such number.
+        KeyNameError: There is no such number.
     """
     (table, name, blade), old = key_parts(key), _numbers(scene, key)
     if blade is not None:
@@ -73,7 +51,7 @@ def value_of(scene: Scene, key: str) -> float:
     """One number of a scene, in SI units.
 
     Raises:
-        KeyError: There is no such number, or the blades differ and the key names neither `[0]` nor `[1]`.
+        KeyNameError: There is no such number, or the blades differ and the key names neither `[0]` nor `[1]`.
     """
     blade, old = key_parts(key)[2], _numbers(scene, key)
     if key == "contact.k":
@@ -82,5 +60,5 @@ def value_of(scene: Scene, key: str) -> float:
         old = scene.k / scene.blades.k_x[0]
     values = [float(v) for v in jnp.atleast_1d(old)]
     if blade is None and len(set(values)) > 1:
-        raise KeyError(f"{key} differs between the blades; name {key}[0] or {key}[1].")
+        raise KeyNameError(f"{key} differs between the blades; name {key}[0] or {key}[1].")
     return values[blade or 0]

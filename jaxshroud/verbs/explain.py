@@ -123,13 +123,13 @@ def _advice(scene: Scene) -> Iterator[str]:
     parts, friction = scene.parts, scene.friction
     touches = parts.contact == "spring"
     if touches and parts.friction == "bilinear" and (float(friction.mu) == 0 or float(friction.k_d) == 0):
-        yield 'mu or k_d is 0: [model] friction = "none" gives the same motion for less'
+        yield 'mu or k_d is 0: [parts] friction = "none" gives the same motion for less'
     if touches and float(scene.k) == 0:
-        yield 'the contact has no stiffness: [model] contact = "none" gives the motion in closed form'
+        yield 'the contact has no stiffness: [parts] contact = "none" gives the motion in closed form'
     if parts.contact != "none" and _never_touches(scene):
-        yield 'the gap exceeds the steady free motion: after transients, [model] contact = "none" may be all it takes'
+        yield 'the gap exceeds the steady free motion: after transients, [parts] contact = "none" may be all it takes'
     if parts.motion == MOTIONS[2] and not np.any(scene.drive.M_0) and touches:
-        yield 'M_0 is 0: the blocks are turned by contact only; compare with [model] motion = ["x", "y"]'
+        yield 'M_0 is 0: the blocks are turned by contact only; compare with [parts] motion = ["x", "y"]'
 
 
 def _never_touches(scene: Scene) -> bool:

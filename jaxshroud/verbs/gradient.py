@@ -9,7 +9,6 @@ from functools import partial
 
 import jax
 import numpy as np
-from scipy.special import stdtrit
 
 from jaxshroud.batch.extent import fits
 from jaxshroud.batch.runs import Plan, run_lanes, starts
@@ -20,6 +19,7 @@ from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.linear import area, free_power
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.averages import averages
+from jaxshroud.motion.interval import quantile
 from jaxshroud.motion.orbit import UNSOUND, Orbit, followed, moved_start, orbit
 from jaxshroud.results.gradient import Gradient, Of
 from jaxshroud.scene.checks import NumericalError, count_argument, positive_argument, word_argument
@@ -212,7 +212,7 @@ def smoothed(
         value=dict(zip(wrt, (slope / (sigma * centre)).tolist(), strict=True)),
         ci=dict(zip(wrt, (slope_ci / np.abs(sigma * centre)).tolist(), strict=True)),
         level=float(means.mean()),
-        level_ci=float(stdtrit(len(means) - 1, 0.975) * means.std(ddof=1) / np.sqrt(len(means))),
+        level_ci=float(quantile(len(means) - 1) * means.std(ddof=1) / np.sqrt(len(means))),
         orbit=found,
         conditioning=float("nan"),
         sigma=sigma,
@@ -240,4 +240,4 @@ def _fitted(xi: np.ndarray, difference: np.ndarray) -> tuple[np.ndarray, np.ndar
     slope = inverse @ xi.T @ difference
     rest = (difference - xi @ slope) / (1 - np.einsum("ij,jk,ik->i", xi, inverse, xi))  # as if each were left out
     covariance = inverse @ (xi.T * rest**2) @ xi @ inverse
-    return slope, stdtrit(n - size, 0.975) * np.sqrt(np.diag(covariance))
+    return slope, quantile(n - size) * np.sqrt(np.diag(covariance))

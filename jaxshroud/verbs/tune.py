@@ -15,7 +15,6 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.stats import qmc
 
 from jaxshroud.batch.extent import fits
 from jaxshroud.batch.runs import Plan, Progress, Ticker, run_lanes, starts
@@ -164,6 +163,8 @@ def tune(
         ValueError: There is no such goal, a count is too small, a number is not finite, a limit is not positive, bounds
             are not in order, or float64 is not to be had.
     """
+    from scipy.stats import qmc
+
     method = choices(method)
     in_precision(scene, method.precision)  # refused now rather than after the search
     word_argument("goal", goal, Goal)

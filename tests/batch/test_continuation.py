@@ -21,7 +21,7 @@ def quiet(_):
 @pytest.fixture(scope="module")
 def scene():
     """One coordinate; forgets a push within some ten periods."""
-    return load("table1", ['model.motion=["x"]', "contact.gamma=2.5", "blades.c_x=10"]).scene
+    return load("table1", ['parts.motion=["x"]', "contact.gamma=2.5", "blades.c_x=10"]).scene
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def test_lanes_that_start_afresh_are_led_in_beside_those_that_go_on(scenes):
 
 
 def test_closed_forms_go_on_at_a_phase_too(scene):
-    free = load("table1", ["model.contact=none"]).scene
+    free = load("table1", ["parts.contact=none"]).scene
     along = {"drive.F_0": [60.0, 60.0]}
     # Two values as good as equal are one run twice as long.
     x = sweep(free, along, n_periods=5, direction="forward", phase=PHASE).motion.x

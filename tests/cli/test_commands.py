@@ -15,7 +15,7 @@ from jaxshroud.march.method import FAST
 from jaxshroud.scene.checks import NumericalError
 from jaxshroud.scene.config import load, parse
 
-SMALL = ["--set", 'model.motion=["x"]']  # a model that is compiled quickly
+SMALL = ["--set", 'parts.motion=["x"]']  # a model that is compiled quickly
 
 
 def refused(capsys, *arguments):
@@ -166,9 +166,9 @@ def test_help_has_an_example(verb, capsys):
         ("simulate table1 --accuracy superb --out a.nc", ("--accuracy", "fast, balanced, reference")),
         ("simulate table1 --accuracy fast --tableau rk4 --out a.nc", ("--accuracy chooses --tableau itself",)),
         ("simulate table1 --set drive.omega=1e-3 --steps-per-period auto --out a.nc", ("auto", "too slow")),
-        ("simulate table1 --set model.contact=smooth --out a.nc", ("[contact] lacks `width`",)),
+        ("simulate table1 --set parts.contact=smooth --out a.nc", ("[contact] lacks `width`",)),
         ("simulate table1 --set contact.width=1e-6 --out a.nc", ("[contact] width is for smooth contact",)),
-        ("simulate table1 --set model.fricton=none --out a.nc", ("[model]", "`friction`")),
+        ("simulate table1 --set parts.fricton=none --out a.nc", ("[parts]", "`friction`")),
         ("sweep table1 --along contact.width --values 1e-6,2e-6 --out s", ("contact.width", "not smooth")),
         ("plot .", ("neither sweep.nc nor power.json",)),
         ("simulate", ("SCENE", "--help")),
@@ -283,7 +283,9 @@ def test_gradient_command_in_chaos(tmp_path, capsys):
 
 def test_gradient_command_refuses(tmp_path, capsys):
     out = ["--out", tmp_path / "g.json"]
-    assert "no number called 'shroud.gaps'" in refused(capsys, "gradient", "fig10b", "--wrt", "shroud.gaps", *out)
+    assert "no number `shroud.gaps`; did you mean `shroud.gap`?" in refused(
+        capsys, "gradient", "fig10b", "--wrt", "shroud.gaps", *out
+    )
     for sigma in ("0", "-1", "nan", "inf"):
         assert "--sigma" in refused(capsys, "gradient", "fig10b", "--wrt", "shroud.gap", f"--sigma={sigma}", *out)
 
@@ -376,12 +378,12 @@ def test_automatic_steps_are_printed(tmp_path, capsys):
 
 
 def test_explain_tells_what_is_left_out(capsys):
-    assert cli.main(["explain", "table1", "--set", 'model.motion=["x", "y"]', "--set", "friction.mu=0"]) == 0
+    assert cli.main(["explain", "table1", "--set", 'parts.motion=["x", "y"]', "--set", "friction.mu=0"]) == 0
     told = capsys.readouterr().out
     assert "motion: ('x', 'y')" in told
     assert "of the full" in told
     assert 'friction = "none" gives the same motion' in told
-    assert cli.main(["explain", "table1", "--set", "model.contact=none"]) == 0
+    assert cli.main(["explain", "table1", "--set", "parts.contact=none"]) == 0
     assert "closed form" in capsys.readouterr().out
 
 
@@ -391,20 +393,20 @@ def test_trade_files(tmp_path, capsys, monkeypatch):
     short = {contact: ways[:2] for contact, ways in trade.SETTINGS.items()}
     monkeypatch.setattr(trade, "SETTINGS", short)
     words = ["trade", "table1", "--lanes", "8", "--periods", "4", "--transient", "4", *SMALL]
-    words += ["--set", "model.friction=none"]
+    words += ["--set", "parts.friction=none"]
     assert cli.main([*words, "--out", str(tmp_path)]) == 0
     assert "none reaches it" in capsys.readouterr().out
     data = json.loads((tmp_path / "trade.json").read_text())
     assert [row["kind"] for row in data["settings"]] == ["rk4", "rk4"]
     assert any(row["front"] for row in data["settings"])
     assert (tmp_path / "trade.png").stat().st_size > 10_000
-    assert cli.main([*words, "--set", "model.contact=none", "--out", str(tmp_path / "free")]) == 0
+    assert cli.main([*words, "--set", "parts.contact=none", "--out", str(tmp_path / "free")]) == 0
     assert "closed form" in capsys.readouterr().out
     assert (tmp_path / "free" / "trade.png").stat().st_size > 10_000
 
 
 def test_the_model_of_a_scene_is_kept_in_its_file(tmp_path):
-    file = load("table1", ['model.motion=["x"]', "model.friction=none"])
+    file = load("table1", ['parts.motion=["x"]', "parts.friction=none"])
     again = parse(file.text(), "again")
     assert again.scene.parts == file.scene.parts
     assert file.scene.parts.motion == ("x",)

@@ -18,7 +18,7 @@ STEPS = {"steps_per_period": 100, "method": SINGLE}
 @pytest.fixture(scope="module")
 def scene():
     """One coordinate, with contact; forgets a push within some ten periods."""
-    return js.load("table1", ['model.motion=["x"]', "contact.gamma=2.5", "blades.c_x=10"]).scene
+    return js.load("table1", ['parts.motion=["x"]', "contact.gamma=2.5", "blades.c_x=10"]).scene
 
 
 @pytest.fixture

@@ -179,7 +179,7 @@ def test_a_slow_approach_is_not_settled_though_it_nearly_repeats(q, decay):
 
 def test_yes_is_never_wrong_without_contact():
     # In closed form: P_d is 0 in the end. With c_x = 0.02 that takes some thousand periods.
-    scene = load("table1", ['model.contact="none"', "blades.c_x=0.02", "drive.M_0=10"]).scene
+    scene = load("table1", ['parts.contact="none"', "blades.c_x=0.02", "drive.M_0=10"]).scene
 
     def run(transient):
         return sweep(scene, {"drive.omega": [536.0, 700.0, 1110.0]}, n_periods=64, transient=transient)

@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxshroud.scene import config
+from jaxshroud.scene import schema
 from jaxshroud.scene.config import SceneError, axis, load, parse, shipped
 from jaxshroud.scene.parts import MISPRINTS
-from jaxshroud.scene.schema import _registry
+from jaxshroud.scene.units import _registry
 from jaxshroud.scene.vary import NUMERIC_KEYS
 
 GOOD = """
@@ -425,8 +425,8 @@ def test_eq21_puts_every_frequency_at_the_drives():
 
 
 def test_the_models_know_every_number_of_a_scene():
-    named = {f"{t}.{n}" for t in config.PHYSICS for n in config.TABLES[t].model_fields}
-    named -= {"contact.reading", *(f"model.{n}" for n in config.TABLES["model"].model_fields)}
+    named = {f"{t}.{n}" for t in schema.PHYSICS for n in schema.TABLES[t].model_fields}
+    named -= {"contact.reading", *(f"parts.{n}" for n in schema.TABLES["parts"].model_fields)}
     assert named == set(NUMERIC_KEYS)
 
 

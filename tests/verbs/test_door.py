@@ -12,13 +12,16 @@ import xarray as xr
 
 from jaxshroud.batch.extent import MOST_LANE_PERIODS, fits, memory_for
 from jaxshroud.cli import commands as cli
-from jaxshroud.cli.terminal import words
+from jaxshroud.cli import scenes as scenes_verb
+from jaxshroud.cli.asked import choose_accuracy, loaded
+from jaxshroud.cli.axes import with_axes
+from jaxshroud.cli.words import words
 from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.scene.parts import Parts
 from jaxshroud.scene.scene import Contact
 
-X = ["--set", 'model.motion=["x"]', "--steps-per-period", "200"]
+X = ["--set", 'parts.motion=["x"]', "--steps-per-period", "200"]
 
 
 def refused(capsys, *arguments):
@@ -140,15 +143,15 @@ def test_a_reading_may_be_a_word_or_a_list():
         ("simulat table1", "did you mean `simulate`?"),
         ("sweep fig09 --direction Forward --out s", "did you mean `forward`?"),
         ("sweep fig09 --set sweep.direction=forwrd --out s", "did you mean `forward`?"),
-        ("sweep fig09 --set model.contact=smoth --out s", "did you mean `smooth`?"),
+        ("sweep fig09 --set parts.contact=smoth --out s", "did you mean `smooth`?"),
         ("simulate table1 --locate cubik --out a.nc", "did you mean `cubic`?"),
         ("tune table1 --goal wrst --over shroud.gap=1um:2um --out t", "did you mean `worst`?"),
         ("gradient table1 --of Pd --wrt shroud.gap --out g.json", "did you mean `P_d`?"),
         ("explain table1 --accuracy banana", "must be fast, balanced, reference or a number"),
         ("explain table1 --accuracy balancd", "did you mean `balanced`?"),
-        ("simulate table1 --set model.contact=none --accuracy banana --out a.nc", "must be fast, balanced"),
-        ("simulate table1 --set model.contact=none --accuracy fast --tableau rk4 --out a.nc", "chooses --tableau"),
-        ("explain table1 --set model.contact=smooth --set contact.width=5um --accuracy fast", "not smooth contact"),
+        ("simulate table1 --set parts.contact=none --accuracy banana --out a.nc", "must be fast, balanced"),
+        ("simulate table1 --set parts.contact=none --accuracy fast --tableau rk4 --out a.nc", "chooses --tableau"),
+        ("explain table1 --set parts.contact=smooth --set contact.width=5um --accuracy fast", "not smooth contact"),
     ],
 )
 def test_words_are_checked_on_the_command_line(line, expected, capsys, tmp_path, monkeypatch):
@@ -164,8 +167,9 @@ def test_explain_marches_as_the_accuracy_says(capsys):
 
 
 def test_an_accuracy_that_has_no_choice_is_told(capsys):
-    options = cli.parser().parse_args(["explain", "table1", "--set", "model.contact=none", "--accuracy", "1e-4"])
-    cli.choose_accuracy(cli.loaded(options), None, options)
+    options = cli.parser().parse_args(["explain", "table1", "--set", "parts.contact=none", "--accuracy", "1e-4"])
+    file = loaded(options)
+    choose_accuracy(file, file.scene, options)
     assert options.choice is None
     assert "--accuracy has no choice" in capsys.readouterr().err
 
@@ -243,7 +247,7 @@ def test_other_values_are_welcome_and_told(run, capsys, tmp_path):
 def axes(line):
     """The axes that a command asks for."""
     options = cli.parser().parse_args(words(line.split()))
-    return {a.key: a.values.tolist() for a in cli._with_axes(cli.loaded(options), options).axes}
+    return {a.key: a.values.tolist() for a in with_axes(loaded(options), options).axes}
 
 
 @pytest.mark.parametrize(
@@ -282,7 +286,7 @@ def test_a_full_memory_is_no_fault_of_the_input(capsys, monkeypatch):
     def full():
         raise MemoryError
 
-    monkeypatch.setattr(cli, "shipped", full)
+    monkeypatch.setattr(scenes_verb, "shipped", full)
     assert cli.main(["scenes"]) == 1
     assert capsys.readouterr().err == "the machine failed: out of memory\n"
 

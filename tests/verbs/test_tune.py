@@ -129,7 +129,7 @@ def test_wrong_requests_are_told(scene):
         tune(scene, {})
     with pytest.raises(ValueError, match="both tuned and an operating condition"):
         tune(scene, OVER, conditions={"shroud.gap": [1e-4]})
-    with pytest.raises(KeyError, match="no number called"):
+    with pytest.raises(KeyError, match="the scene has no number `"):
         tune(scene, {"shroud.gaps": (1.0, 2.0)})
 
 

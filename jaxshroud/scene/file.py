@@ -1,0 +1,98 @@
+"""A loaded scene file: the physics as plain numbers, how to run it and what to sweep."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import tomli_w
+
+from jaxshroud.scene.messages import fail
+from jaxshroud.scene.parts import MISPRINTS, Direction
+from jaxshroud.scene.schema import Run, Table
+
+if TYPE_CHECKING:
+    import jaxshroud.scene.scene
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """One key of a sweep and its values in SI units, float64 (n,)."""
+
+    key: str
+    values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class SceneFile:
+    """A loaded scene: the physics, how to run it and what to sweep.
+
+    `run`, `axes`, `direction` and `keep` may be replaced with `dataclasses.replace`; to change the physics,
+    `load` again with an override, so that `text` stays true.
+    """
+
+    name: str
+    title: str
+    tables: Mapping[str, Mapping[str, Any]]  # the physics as plain SI numbers, as `text` writes it
+    run: Run
+    axes: tuple[Axis, ...] = ()
+    direction: Direction = "independent"
+    keep: int | None = None  # periods kept in a sweep, where they differ from `run.periods`
+
+    def __post_init__(self):
+        stems = [re.sub(r"\[.\]", "", "contact.k" if a.key == "contact.gamma" else a.key) for a in self.axes]
+        alike = len(stems) == 2 and stems[0] == stems[1] and {a.key[-3:] for a in self.axes} != {"[0]", "[1]"}
+        if alike or len(stems) > 2:
+            names = ", ".join(a.key for a in self.axes)
+            fail(self.name, f"[sweep] along: {names} is no grid; give one or two independent keys")
+
+    @cached_property
+    def scene(self) -> "jaxshroud.scene.scene.Scene":
+        """The scene, built when it is first asked for, in the precision that JAX has then."""
+        from jaxshroud.scene.scene import scene_of
+
+        return scene_of(self.tables)
+
+    @property
+    def sweep_run(self) -> Run:
+        """`run` as a sweep uses it: [sweep] keep takes the place of [run] periods."""
+        return self.run if self.keep is None else self.run.model_copy(update={"periods": self.keep})
+
+    def text(self) -> str:
+        """The resolved file as TOML, overrides included, in SI numbers: loading it gives the same scene."""
+        tables = {"title": self.title, **self.tables, "run": self.run.model_dump()}
+        if self.axes:
+            tables["sweep"] = _sweep_table(self)
+        return tomli_w.dumps(tables)
+
+
+def _sweep_table(scene_file: SceneFile) -> dict[str, Any]:
+    axes = scene_file.axes
+    columns: dict[str, list[Any]] = {"along": [a.key for a in axes]}
+    if all(np.array_equal(a.values, np.linspace(a.values[0], a.values[-1], a.values.size)) for a in axes):
+        columns["start"] = [float(a.values[0]) for a in axes]
+        columns["stop"] = [float(a.values[-1]) for a in axes]
+        columns["num"] = [a.values.size for a in axes]
+    else:
+        columns["values"] = [a.values.tolist() for a in axes]
+    table = {name: column[0] if len(axes) == 1 else column for name, column in columns.items()}
+    keep = {} if scene_file.keep is None else {"keep": scene_file.keep}
+    return {**table, "direction": scene_file.direction, **keep}
+
+
+def plain(table: Table) -> dict[str, Any]:
+    """A physics table as TOML values; pairs of equals become one number."""
+    values: dict[str, Any] = {}
+    for name, value in table:
+        if name == "reading":
+            kept = [m for m in MISPRINTS if m in value]
+            values[name] = {0: "consistent", len(MISPRINTS): "printed"}.get(len(kept), kept)
+        elif name == "motion":
+            values[name] = list(value)
+        elif value is not None:
+            values[name] = value[0] if isinstance(value, tuple) and value[0] == value[1] else value
+    if values.get("m_y", 0) == values.get("m"):
+        del values["m_y"]  # so that an override of m on the written file moves both, as on the original
+    return values

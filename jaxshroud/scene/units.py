@@ -1,0 +1,63 @@
+"""Strings with units, such as "0.022 mm", as numbers in SI."""
+
+import functools
+import re
+from decimal import Decimal
+from typing import Any
+
+# What messages call a unit; where two are alike in dimension, the first names what the user gave.
+KINDS = {
+    "": "a pure number",
+    "rad": "an angle",
+    "m": "a length",
+    "kg": "a mass",
+    "s": "a time",
+    "N": "a force",
+    "m/s": "a speed",
+    "rad/s": "a circular frequency",
+    "kg m^2": "a moment of inertia",
+    "N/m": "a stiffness",
+    "N s/m": "a damping",
+    "N m": "a moment",
+    "N m/rad": "a torsion stiffness",
+    "N m s/rad": "a torsion damping",
+}
+QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,4})?)\s*([^\d\s].{0,60})?")
+
+
+@functools.cache
+def _registry() -> Any:
+    """Pint's units, imported when the first string is met; decimal, so that "0.022 mm" is exactly 2.2e-5."""
+    import pint
+
+    return pint.UnitRegistry(non_int_type=Decimal)  # pyright: ignore[reportArgumentType]
+
+
+def _units(text: str) -> Any:
+    """The pint units called `text`, or a ValueError."""
+    registry = _registry()  # what keeps pint from being imported is no fault of the text
+    try:
+        units = registry.parse_units(f"1{text}" if text.startswith("/") else text)
+        registry.Quantity(Decimal(1), units).to_root_units()  # refuses decibels and the like
+    except Exception:  # pint's parser raises a dozen types on malformed text
+        raise ValueError(f"has an unknown unit `{text}`") from None
+    return units
+
+
+def to_si(unit: str, value: Any) -> Any:
+    """`value` with every string in it converted to the SI `unit`; numbers pass as they are."""
+    if isinstance(value, list | tuple):
+        return [to_si(unit, v) for v in value]
+    if not isinstance(value, str):
+        return value
+    match = QUANTITY.fullmatch(value)
+    if match is None:
+        raise ValueError("is not a number with a unit")
+    given = _units(match[2] or "")
+    needed = _units(unit)
+    if given.dimensionality != needed.dimensionality:
+        kind = next((k for u, k in KINDS.items() if _units(u).dimensionality == given.dimensionality), None)
+        raise ValueError(f"is {kind or f'of dimension {given.dimensionality}'}, but {KINDS.get(unit, unit)} is needed")
+    if unit == "rad/s" and "hertz" in str(given):  # pint would take 1 Hz for 1 rad/s
+        raise ValueError("is a frequency, but a circular frequency is needed")
+    return float(_registry().Quantity(Decimal(match[1]), given).to(needed).magnitude)
