@@ -22,8 +22,16 @@ from .results.status import LaneWarning as LaneWarning
 from .results.sweep import SweepResult as SweepResult
 from .results.trajectory import Trajectory as Trajectory
 from .scene.config import load as load
+from .scene.errors import Error as Error
+from .scene.errors import InputError as InputError
+from .scene.errors import KeyNameError as KeyNameError
+from .scene.errors import NumericalError as NumericalError
 from .scene.errors import SceneError as SceneError
+from .scene.errors import StepTooLongError as StepTooLongError
+from .scene.errors import StoreError as StoreError
 from .scene.file import SceneFile as SceneFile
+from .scene.grids import scenes_from as scenes_from
+from .scene.grids import stack_scenes as stack_scenes
 from .scene.motion import AT_REST as AT_REST
 from .scene.motion import Motion as Motion
 from .scene.parts import Parts as Parts

@@ -53,7 +53,7 @@ PLACES = {
     "accuracy": "verbs.accuracy",
     "schema": "scene.schema",
     "config": "scene.config",
-    "files": "results.files scene.errors",
+    "files": "results.files",
     "store": "results.dimension results.store cli.store",
     "earlier": "results.earlier",
     "drawing": "results.drawing",

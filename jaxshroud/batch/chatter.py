@@ -1,7 +1,5 @@
 """What alternated where a lane stopped with TOO_MANY_EVENTS, when, and what to try."""
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -17,7 +15,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.scene.scene import Scene
 
 
-def chatter(scenes: Scene, last: Lane, period: Any, clock: Clock, method: Choices) -> str | None:
+def chatter(scenes: Scene, last: Lane, period: np.ndarray, clock: Clock, method: Choices) -> str | None:
     """One line on the first lane that stopped with TOO_MANY_EVENTS; None if there is none.
 
     The lane goes on from where it stopped, until it has stopped again: what happens then is what alternates.

@@ -16,21 +16,21 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.batch.xla import EachLane, groups, repeated_while
+from jaxshroud.batch.xla import EachLane, Tree, groups, repeated_while
 from jaxshroud.march.lane import Fixed, Lane, running
 from jaxshroud.march.method import Choices
 from jaxshroud.march.step import NO_STAGES, End, Stages, place_of, rk_stages, rk_step
 from jaxshroud.march.trial import decide, trial
 
-Within = Callable[[Any], Any]  # where the plain values are in what is marched
+Where = Callable[[Any], Any]  # where the plain values are in what is marched
 
 
-def itself(lanes: Any) -> Any:
+def itself(lanes: Tree) -> Tree:
     """What is marched is the lanes themselves."""
     return lanes
 
 
-def advance(lanes: Any, fixed: Any, method: Choices, each: EachLane, lane_of: Within = itself) -> Any:
+def advance(lanes: Tree, fixed: Any, method: Choices, each: EachLane, lane_of: Where = itself) -> Tree:
     """One trial step of every lane on its way.
 
     A short Runge-Kutta method and all that follows is one kernel. The stages of a long one come first, in groups.
@@ -66,13 +66,13 @@ def _step(lane: Lane, known: Stages, fixed: Fixed, method: Choices) -> End:
 
 
 def march(
-    lanes: Any,
+    lanes: Tree,
     fixed: Any,
     method: Choices,
     each: EachLane,
-    lane_of: Within = itself,
+    lane_of: Where = itself,
     most_trials: int | None = None,
-) -> Any:
+) -> Tree:
     """Run every lane (leading axis of all arguments) to the start of step `stop`, or until its status is not OK.
 
     With `most_trials` it ends after so many trials anyway: a loop of known length can be differentiated in reverse.
@@ -85,14 +85,14 @@ def march(
 
 
 def driven(
-    lanes: Any,
+    lanes: Tree,
     fixed: Any,
     steps: Int[Array, "..."],
     method: Choices,
     each: EachLane,
-    lane_of: Within = itself,
+    lane_of: Where = itself,
     most_trials: int | None = None,
-) -> tuple[Any, Bool[Array, " lanes"]]:
+) -> tuple[Tree, Bool[Array, " lanes"]]:
     """The lanes marched, and which of them have come to the end of their `steps` steps: their clock is set back."""
     lanes = march(lanes, fixed, method, each, lane_of, most_trials)
     clock = lane_of(lanes).step

@@ -13,10 +13,11 @@ from jaxshroud.batch.chatter import chatter
 from jaxshroud.batch.free import free_runs
 from jaxshroud.batch.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, periods_at_once, run_block
 from jaxshroud.batch.threads import Check, Interrupted, in_chunks, joined
-from jaxshroud.batch.xla import best
+from jaxshroud.batch.xla import Tree, best
 from jaxshroud.march.lane import Lane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import Tableau
+from jaxshroud.model.absent import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State, start
 from jaxshroud.scene.scene import Scene
@@ -151,12 +152,12 @@ def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, tick: Callabl
     return jax.tree.map(np.asarray, Runs(samples, before, lanes))
 
 
-def chosen(which: np.ndarray, a: Any, b: Any) -> Any:
+def chosen(which: np.ndarray, a: Tree, b: Tree) -> Tree:
     """Trees of arrays with a leading axis: `a` where `which`, else `b`."""
     return jax.tree.map(lambda a, b: np.where(which.reshape(-1, *[1] * (np.ndim(a) - 1)), a, b), a, b)
 
 
-def _times(lanes: Any):
+def _times(lanes: Any) -> tuple[Scalar, Scalar, Scalar]:
     log = lanes.tally.log
     return log.time_apart, log.time_stick, log.time_slip
 

@@ -10,6 +10,8 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxshroud.batch.xla import Tree
+
 Check = Callable[[], None]  # to be called now and then: ends its thread's work once that is no longer wanted
 SETTINGS = (  # of JAX that belong to a thread
     "enable_x64",
@@ -40,7 +42,7 @@ class _Unwanted(Exception):  # noqa: N818  not an error
     """The results of a thread are no longer wanted."""
 
 
-def in_threads(run: Callable[..., Any], *columns: Iterable[Any]) -> list[Any]:
+def in_threads(run: Callable[..., Tree], *columns: Iterable[Any]) -> list[Tree]:
     """`run(check, *row)` of every row of the columns.
 
     Raises:
@@ -52,7 +54,7 @@ def in_threads(run: Callable[..., Any], *columns: Iterable[Any]) -> list[Any]:
         if unwanted.is_set():
             raise _Unwanted
 
-    def one(*row: Any) -> Any:
+    def one(*row: Any) -> Tree:
         check()
         with _under(settings):
             return run(check, *row)
@@ -72,7 +74,7 @@ def in_threads(run: Callable[..., Any], *columns: Iterable[Any]) -> list[Any]:
     return [call.result() for call in calls]
 
 
-def in_chunks(run: Callable[[Check, np.ndarray], Any], lanes: int, width: int) -> Any:
+def in_chunks(run: Callable[[Check, np.ndarray], Tree], lanes: int, width: int) -> Tree:
     """`run` of the numbers of `width` lanes at a time (the last is repeated), all lanes of all results in one tree.
 
     Raises:
@@ -82,7 +84,7 @@ def in_chunks(run: Callable[[Check, np.ndarray], Any], lanes: int, width: int) -
     return joined(in_threads(run, pieces), lanes)
 
 
-def joined(results: list[Any], lanes: int) -> Any:
+def joined(results: list[Tree], lanes: int) -> Tree:
     """Results of chunks as one tree of arrays with a leading axis of so many lanes."""
     return jax.tree.map(lambda *a: np.concatenate(a)[:lanes], *results)
 
@@ -110,5 +112,5 @@ def _end(pool: ThreadPoolExecutor) -> None:
             continue
 
 
-def _result(call: Future) -> Any:
+def _result(call: "Future[Tree]") -> Tree | None:
     return None if call.cancelled() or call.exception() else call.result()

@@ -14,13 +14,14 @@ it in parts: see `groups`.
 import warnings
 from collections.abc import Callable
 from functools import cache, wraps
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.extend.core import jaxpr_as_fun
+from jaxtyping import Array
 
 from jaxshroud.march.method import Choices
 
@@ -31,6 +32,7 @@ DUAL_STAGES = 4  # in one kernel where tangents come along
 DUAL_NUMBERS = 160  # that values and tangents may take in one kernel; beyond, two are faster
 SMOOTH = 0.75  # of these stages in smooth contact, whose laws are longer: beyond, RK8 is 60 times slower
 
+Tree = TypeVar("Tree")  # of arrays
 EachLane = Callable[..., Any]  # (f, *args): `f(*args)` of every lane; all arrays have a leading axis of lanes
 
 
@@ -71,12 +73,12 @@ def slower(reason: str) -> None:
     warnings.warn(f"Simulations will be slower: {' '.join(reason.split())}.", RuntimeWarning, stacklevel=3)
 
 
-def alone(tree: Any) -> Any:
+def alone(tree: Tree) -> Tree:
     """A tree of arrays with a leading axis of one lane."""
     return jax.tree.map(lambda a: jnp.asarray(a)[None], tree)
 
 
-def repeated(tree: Any, lanes: int) -> Any:
+def repeated(tree: Tree, lanes: int) -> Tree:
     """A tree of arrays with a leading axis of equal lanes; numpy views that may not be written to."""
     return jax.tree.map(lambda a: np.broadcast_to(a, (lanes, *np.shape(a))), tree)
 
@@ -181,7 +183,7 @@ def groups(method: Choices, smooth: bool) -> tuple[int, ...] | None:
     return tuple(range(at_once, size, at_once))
 
 
-def repeated_while(going: Callable[[Any], Any], once: Callable[[Any], Any], lanes: Any) -> Any:
+def repeated_while(going: Callable[[Tree], Array], once: Callable[[Tree], Tree], lanes: Tree) -> Tree:
     """`once` again and again while `going`.
 
     Two by two: the first writes to memory of its own, the second back where the lanes came from, and none is copied.

@@ -14,6 +14,7 @@ from jaxshroud.model.absent import Scalar, is_absent
 from jaxshroud.model.geometry import Corners, corners, pose, touch
 from jaxshroud.model.ready import springs
 from jaxshroud.scene.checks import count_argument
+from jaxshroud.scene.errors import StepTooLongError
 from jaxshroud.scene.limits import MOST_AUTO
 from jaxshroud.scene.scene import Scene
 
@@ -90,10 +91,6 @@ def contact_gradients(case: int, block: Corners, like: Array) -> tuple[Float[Arr
 
     v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
     return v_q, u_q
-
-
-class StepTooLongError(ValueError):
-    """The march would be unstable, or the message of a warning that it will be inaccurate."""
 
 
 def step_report(omega_max: float, period: float, steps_per_period: int, method: Tableau = RK4) -> str | None:

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from jaxshroud.results.files import write
+from jaxshroud.scene.keys import KEYS
 
 COLUMN, WIDE = 88 / 25.4, 140 / 25.4  # one and one and a half columns [inch]
 STYLE: Any = {
@@ -25,35 +26,8 @@ STYLE: Any = {
     **{"legend.frameon": False, "legend.handlelength": 1.2, "legend.columnspacing": 1.2},
     **{"pdf.fonttype": 42, "svg.fonttype": "none"},  # text stays text
 }
-DEGREE = 180 / np.pi
-# Key of the scene -> symbol, words, unit, units per SI unit. A key that is not here is written as it stands.
-QUANTITIES = {
-    "blades.m": ("m", "mass", "g", 1e3),
-    "blades.m_y": ("m_y", "mass in y", "g", 1e3),
-    "blades.I": ("I", "moment of inertia", "g m²", 1e3),
-    "blades.k_x": ("k_x", "bending stiffness", "kN/m", 1e-3),
-    "blades.k_y": ("k_y", "bending stiffness", "kN/m", 1e-3),
-    "blades.k_T": ("k_T", "torsion stiffness", "N m/rad", 1),
-    "blades.c_x": ("c_x", "damping", "N s/m", 1),
-    "blades.c_y": ("c_y", "damping", "N s/m", 1),
-    "blades.c_T": ("c_T", "torsion damping", "N m s/rad", 1),
-    "shroud.alpha": (r"\alpha", "shroud angle", "°", DEGREE),
-    "shroud.l_oa": ("l_{oa}", "side of the block", "mm", 1e3),
-    "shroud.l_ab": ("l_{ab}", "contact side", "mm", 1e3),
-    "shroud.gap": (r"\Delta", "initial gap", "mm", 1e3),
-    "contact.k": ("k", "contact stiffness", "kN/m", 1e-3),
-    "contact.gamma": (r"\gamma = k/k_x", "stiffness ratio", "", 1),
-    "friction.k_d": ("k_d", "friction stiffness", "kN/m", 1e-3),
-    "friction.mu": (r"\mu", "friction coefficient", "", 1),
-    "drive.omega": (r"\omega", "drive frequency", "rad/s", 1),
-    "drive.beta": (r"\beta", "force direction", "°", DEGREE),
-    "drive.F_0": ("F_0", "force amplitude", "N", 1),
-    "drive.M_0": ("M_0", "moment amplitude", "N m", 1),
-    "drive.phase": (r"\phi", "drive phase", "°", DEGREE),
-    "initial.x": ("x(0)", "initial displacement", "mm", 1e3),
-    "initial.y": ("y(0)", "initial displacement", "mm", 1e3),
-    "initial.theta": (r"\theta(0)", "initial angle", "°", DEGREE),
-}
+# Key of the scene -> symbol, words, unit, units per SI unit.
+QUANTITIES = {row.name: (row.symbol, row.label, *row.shown) for row in KEYS.values()}
 # Colours after Okabe and Ito, which colour-blind readers tell apart.
 INK, GREY, BLUE, ORANGE, SKY, PINK = "#1a1a1a", "#8c8c8c", "#0072B2", "#E69F00", "#56B4E9", "#CC79A7"
 

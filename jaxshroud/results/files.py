@@ -9,6 +9,7 @@ from glob import escape
 from pathlib import Path
 
 from jaxshroud.scene.errors import MachineError, WriteError
+from jaxshroud.scene.errors import StoreError as StoreError
 
 MACHINE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}  # the place was right, the machine failed
 

@@ -10,15 +10,16 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxshroud.scene.motion import AT_REST, Motion
 from jaxshroud.scene.parts import Parts, misprints
+from jaxshroud.scene.valid import check_numbers
 
-Number = Float[Array, ""]
-PerBlade = Float[Array, "2"]  # left blade first
+Number = Float[Array, "..."]  # of one scene, or with the leading axes of many
+PerBlade = Float[Array, "... 2"]  # left blade first
 
 
 def per_blade(value: Any) -> Any:
     """`value` as one number per blade; a single number means alike blades."""
     if isinstance(value, tuple | list):
-        return jnp.stack([jnp.asarray(v, dtype=float) for v in value])
+        return jnp.stack([jnp.asarray(v, dtype=float) for v in value], axis=-1)
     if isinstance(value, ArrayLike):
         value = jnp.asarray(value, dtype=float)
         return jnp.broadcast_to(value, (2,)) if value.ndim == 0 else value
@@ -54,6 +55,9 @@ class Blades(eqx.Module):
     c_T: PerBlade = eqx.field(converter=per_blade)  # damping [N m s/rad]
     m_y: PerBlade | None = eqx.field(converter=per_blade, default=None)  # mass in y [kg]; None: m
 
+    def __check_init__(self):
+        check_numbers("blades", self)
+
     @property
     def inertia_y(self) -> Any:
         """The mass against motion in y [kg]."""
@@ -67,6 +71,9 @@ class Shroud(eqx.Module):
     l_oa: Number = eqx.field(converter=scalar)  # side along x [m]
     l_ab: Number = eqx.field(converter=scalar)  # side along the contact face [m]
     gap: Number = eqx.field(converter=scalar)  # initial gap Delta along x [m]; negative: interference
+
+    def __check_init__(self):
+        check_numbers("shroud", self)
 
 
 class Contact(eqx.Module):
@@ -84,6 +91,7 @@ class Contact(eqx.Module):
     def __check_init__(self):
         if (self.k is None) == (self.gamma is None):
             raise ValueError("Exactly one of `k` and `gamma` must be given.")
+        check_numbers("contact", self)
 
 
 class Friction(eqx.Module):
@@ -91,6 +99,9 @@ class Friction(eqx.Module):
 
     k_d: Number = eqx.field(converter=scalar)  # tangential stiffness [N/m]
     mu: Number = eqx.field(converter=scalar)  # friction coefficient [-]
+
+    def __check_init__(self):
+        check_numbers("friction", self)
 
 
 class Drive(eqx.Module):
@@ -101,6 +112,9 @@ class Drive(eqx.Module):
     F_0: PerBlade = eqx.field(converter=per_blade)  # force amplitude [N]
     M_0: PerBlade = eqx.field(converter=per_blade)  # moment amplitude [N m]
     phase: PerBlade = eqx.field(converter=per_blade)  # the paper's phi_1, phi_2 [rad]
+
+    def __check_init__(self):
+        check_numbers("drive", self)
 
     @property
     def period(self) -> Number:
@@ -124,6 +138,7 @@ class Scene(eqx.Module):
             raise ValueError("A `width` must be given for smooth contact, and only for that.")
         if self.parts.contact == "smooth" and self.contact.reading:
             raise ValueError("Smooth contact has no misprints: its `reading` must be consistent.")
+        check_numbers("initial", self.initial)
 
     @property
     def k(self) -> Number:

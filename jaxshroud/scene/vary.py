@@ -9,6 +9,7 @@ from jaxtyping import ArrayLike
 from jaxshroud.scene.errors import KeyNameError
 from jaxshroud.scene.keys import KEYS, key_parts
 from jaxshroud.scene.scene import Contact, Scene
+from jaxshroud.scene.valid import check_number
 
 NUMERIC_KEYS = tuple(KEYS)
 
@@ -35,8 +36,11 @@ def vary(scene: Scene, key: str, value: ArrayLike) -> Scene:
 
     Raises:
         KeyNameError: There is no such number.
+        SceneError: The value is out of its range; one that JAX traces is not looked at.
     """
     (table, name, blade), old = key_parts(key), _numbers(scene, key)
+    value = jnp.asarray(value, dtype=float) if isinstance(value, tuple | list) else value
+    check_number(KEYS[f"{table}.{name}"], value)
     if blade is not None:
         value = old.at[blade].set(value)
     if name in ("k", "gamma"):
