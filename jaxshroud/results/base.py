@@ -25,6 +25,10 @@ CLASSES = {
     "sweep": ("sweep", "SweepResult"),
     "trajectory": ("trajectory", "Trajectory"),
     "power": ("power", "PowerResult"),
+    "orbit": ("orbit", "Orbit"),
+    "gradient": ("gradient", "Gradient"),
+    "lyapunov": ("lyapunov", "Lyapunov"),
+    "tuned": ("tuned", "Tuned"),
 }
 
 
@@ -38,7 +42,7 @@ class Result:
         data: The dataset, as `to_xarray` gives it and files hold it.
     """
 
-    kind: ClassVar[str] = ""  # in the attribute `kind` of files
+    stored_as: ClassVar[str] = ""  # in the attribute `kind` of files
     variables: ClassVar[dict[str, Variable]]
 
     status = Variable("how each lane ended", stored=np.int8, kind=np.int32, more=FLAGS)
@@ -54,7 +58,7 @@ class Result:
         cls.variables = {name: value for name, value in known if isinstance(value, Variable)}
 
     @classmethod
-    def of(
+    def from_values(
         cls,
         values: Mapping[str, Any],
         *,
@@ -85,7 +89,7 @@ class Result:
                     told |= {entry: array.item(), **number.more}
                 else:
                     data[entry] = (dims, array, attributes)
-        whole = {**(attrs or {}), **told, "kind": cls.kind, "version": __version__}
+        whole = {**(attrs or {}), **told, "kind": cls.stored_as, "version": __version__}
         return cls(xr.Dataset({**data, **(more or {})}, dict(coords or {}), whole))
 
     @property

@@ -26,7 +26,7 @@ class PowerResult(Result):
     Arrays start with the axes of the scenes. Lanes whose curve is shorter end with n = 0 and NaN.
     """
 
-    kind = "power"
+    stored_as = "power"
 
     n = Variable("number of periods averaged over", None, ("curve",))
     P_d = Variable("average of P_d over the first n kept periods", "percent", ("curve",))

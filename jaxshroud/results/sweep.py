@@ -28,7 +28,7 @@ class SweepResult(Result):
     periods.
     """
 
-    kind = "sweep"
+    stored_as = "sweep"
 
     motion = Moving("at the drive phase `phase` of each kept period; NaN after a lane has stopped", dims=("period",))
     P = Variable("average power, Eq. (23)", "m4", ("blade",))

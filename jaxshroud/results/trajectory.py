@@ -26,7 +26,7 @@ class Trajectory(Result):
     Arrays start with the axes of the scenes; a single scene has none, and plain numbers where it has one of a kind.
     """
 
-    kind = "trajectory"
+    stored_as = "trajectory"
 
     motion = Moving("NaN after the run has stopped", dims=("time",))
     u_s = Variable("slider of the friction element; NaN when apart", "m", ("time",))

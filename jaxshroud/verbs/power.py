@@ -138,4 +138,4 @@ def power(
         "steps_per_period": steps_per_period,
         "chatter": alternating,
     }
-    return PowerResult.of(values, coords={"blade": [0, 1]}, attrs={"title": "", "scene": text_of(scene, run)})
+    return PowerResult.from_values(values, coords={"blade": [0, 1]}, attrs={"title": "", "scene": text_of(scene, run)})

@@ -127,7 +127,7 @@ def _result(
     marched = {"steps_per_period": steps, "method": str(method)}
     coords = {"time": ("time", times, {"units": "s", "long_name": "time"}), "blade": [0, 1]}
     attrs = {"title": "", "scene": text_of(scene, run)}
-    return Trajectory.of({**values, **common, **marched}, coords=coords, attrs=attrs)
+    return Trajectory.from_values({**values, **common, **marched}, coords=coords, attrs=attrs)
 
 
 def _told_chatter(scene: Scene, lane: Lane, samples: State, clock: Clock, every: int, method: Choices) -> str | None:

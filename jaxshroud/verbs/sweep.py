@@ -102,7 +102,7 @@ def _result(scene: Scene, scenes: Scene, axes: dict[str, np.ndarray], runs: Runs
     run = {"periods": plan.kept, "transient": plan.transient, "steps_per_period": plan.steps_per_period}
     complete = int(not np.any(values["status"] == Status.NOT_RUN))
     attrs = {"title": "", "scene": text_of(scene, run), "axes": ",".join(dims), "complete": complete}
-    return SweepResult.of(values, lanes=dims, coords=coords, attrs=attrs, more=more)
+    return SweepResult.from_values(values, lanes=dims, coords=coords, attrs=attrs, more=more)
 
 
 def _numbers(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, period_tol: float) -> dict[str, Any]:

@@ -10,8 +10,8 @@ from test_peers import RESULTS
 from jaxshroud import load, orbit, simulate, tune
 from jaxshroud.batch.runs import Plan
 from jaxshroud.march.method import FAST
+from jaxshroud.verbs.design import judge_designs
 from jaxshroud.verbs.gradient import on_orbit
-from jaxshroud.verbs.tune import judge_designs
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]
 TWO = {"shroud.gap": (5e-6, 2e-4), "contact.gamma": (0.1, 10.0)}

@@ -9,7 +9,7 @@ import jaxshroud as js
 from jaxshroud import sweep as sweep_verb
 from jaxshroud.march.method import FAST
 from jaxshroud.model.state import start
-from jaxshroud.motion.orbit import TOLERANCE
+from jaxshroud.motion.shooting import TOLERANCE
 
 SINGLE = FAST._replace(precision="float32")
 STEPS = {"steps_per_period": 100, "method": SINGLE}

@@ -9,10 +9,14 @@ from jaxshroud import load, power, tune, vary
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.march.method import FAST
 from jaxshroud.march.tableau import TABLEAUS, tableau
+from jaxshroud.results.tuned import Judged
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.parts import Parts
 from jaxshroud.scene.scene import with_parts
-from jaxshroud.verbs.tune import PUSH, Judged, Problem, exact_slopes, judge_designs, objective_map
+from jaxshroud.verbs import confirm
+from jaxshroud.verbs.climb import PUSH, exact_slopes
+from jaxshroud.verbs.design import Problem, judge_designs
+from jaxshroud.verbs.tune import objective_map
 
 tune_module = importlib.import_module("jaxshroud.verbs.tune")
 OVER = {"shroud.gap": (5e-6, 2e-4), "contact.gamma": (0.1, 10.0)}
@@ -155,15 +159,15 @@ def test_an_optimum_at_its_bound_is_told(scene):
     found = tune(only_x(scene), {"contact.gamma": (0.01, 0.02)}, **{**TINY, "scan": 64})
     assert found.at_bounds == {"contact.gamma": "upper"}
     assert found.design["contact.gamma"] == pytest.approx(0.02, rel=1e-3)
-    assert tune_module._bound(0.5) is None
+    assert tune_module._bound(0.5) == 0
 
 
 @pytest.mark.parametrize("name", TABLEAUS)
 def test_no_check_is_coarser_than_the_search(scene, name, monkeypatch):
     plans, nothing = [], Judged(*[np.zeros(1)] * 7)
-    monkeypatch.setattr(tune_module, "judge_designs", lambda problem, *_: plans.append(problem.plan) or nothing)
+    monkeypatch.setattr(confirm, "judge_designs", lambda problem, *_: plans.append(problem.plan) or nothing)
     search = Plan(8, 4, 40, 0.0, FAST._replace(tableau=tableau(name), precision="float32"))
-    tune_module._checks(problem_of(scene, {})._replace(plan=search), np.array([5e-5, 1.0]), 0)
+    confirm.checked(problem_of(scene, {})._replace(plan=search), np.array([5e-5, 1.0]), 0)
     assert plans[0].steps_per_period == 80
     assert plans[0].method.precision == "float64"
     assert all(plan.method.tableau.order >= search.method.tableau.order for plan in plans)
