@@ -61,7 +61,7 @@ def accepted() -> bool:
     """Whether XLA compiles with `COMPILER`; warns if not."""
     try:
         with jax.ensure_compile_time_eval():
-            jax.jit(lambda a: a + a, compiler_options=COMPILER)(jnp.zeros(()))
+            jax.jit(lambda a: a + a, compiler_options=COMPILER)(np.zeros(()))
     except Exception as error:  # of whatever type a future XLA may raise
         slower(f"XLA refuses {COMPILER} ({error}): vector registers may be narrower")
         return False
@@ -147,7 +147,7 @@ def best() -> EachLane:
         return plain
     try:
         with jax.ensure_compile_time_eval():
-            lanes = jnp.linspace(-2.0, 2.0, 16), jnp.arange(16, dtype=jnp.int32), jnp.arange(16) % 3 == 0
+            lanes = np.linspace(-2.0, 2.0, 16), np.arange(16, dtype=np.int32), np.arange(16) % 3 == 0
             got, right = jax.jit(lambda lanes: (fused(_alike, lanes), plain(_alike, lanes)))(lanes)
             close = jax.tree.map(lambda a, b: np.allclose(a, b, rtol=1e-4, atol=1e-4), got, right)
     except Exception as error:  # of whatever type a future XLA may raise

@@ -2,6 +2,6 @@
 
 import sys
 
-from jaxshroud.cli.commands import main
+from jaxshroud_command import main
 
 sys.exit(main())

@@ -8,9 +8,9 @@ from typing import Any
 
 import xarray as xr
 
-from jaxshroud.cli.terminal import InputError, OneLineParser, free, path
-from jaxshroud.results.files import StoreError
+from jaxshroud.cli.terminal import CommandError, free
 from jaxshroud.results.store import read, read_json
+from jaxshroud.scene.errors import StoreError
 
 IN_FOLDERS = ("sweep.nc", "power.json", "tune.json", "trade.json")
 # What only a result of that kind has.
@@ -18,21 +18,14 @@ POWER, TUNING = {"n", "P_d", "P_d_ci", "final"}, {"over", "points", "scores", "m
 TRADE, GRADIENT, SUMMARY = {"settings", "horizon"}, {"of", "kind", "level"}, {"lanes", "period numbers"}
 
 
-def plot_options(made: OneLineParser) -> None:
-    """Options of `jaxshroud plot`."""
-    made.add_argument("source", type=path, metavar="DIR|FILE")
-    made.add_argument("--out", type=path, metavar="PICTURE", help="by default beside the result")
-    made.add_argument("--force", action="store_true", help="replace a picture named by --out")
-
-
-def plot_verb(options: argparse.Namespace) -> None:
-    """`jaxshroud plot`."""
+def run(options: argparse.Namespace) -> None:
+    """Draw a stored result again."""
     source = options.source
     if source.is_dir():
         found = [p for p in (source / name for name in IN_FOLDERS) if p.exists()]
         if not found:
             kinds = " nor ".join((IN_FOLDERS[0], ", ".join(IN_FOLDERS[1:])))
-            raise InputError(f"{source}: holds neither {kinds}; give a result of jaxshroud")
+            raise CommandError(f"{source}: holds neither {kinds}; give a result of jaxshroud")
         source = found[0]
     picture = options.out or source.with_suffix(".png")
     if options.out is not None:
@@ -64,9 +57,9 @@ def draw_json(source: Path, data: Any, picture: Path) -> None:
 
     keys = set(data) if isinstance(data, dict) else set()
     if keys >= GRADIENT:
-        raise InputError(f"{source}: holds derivatives, of which there is no picture")
+        raise CommandError(f"{source}: holds derivatives, of which there is no picture")
     if keys >= SUMMARY:
-        raise InputError(f"{source}: is the summary of a sweep; give its folder or its sweep.nc")
+        raise CommandError(f"{source}: is the summary of a sweep; give its folder or its sweep.nc")
     drawn = ((POWER, plot_power.power_convergence), (TUNING, plot_design.tuning), (TRADE, plot_design.trade))
     draw = next((draw for kind, draw in drawn if keys >= kind), None)
     if draw is None:
@@ -91,4 +84,4 @@ def _save(source: Path, draw: Callable[[], Any], picture: Path) -> None:
             what = f"cannot be written ({error.strerror or error})"
             raise StoreError(f"{picture}: {what}; choose another --out") from None
         except (ArithmeticError, RuntimeError, TypeError, ValueError) as error:
-            raise InputError(f"{picture}: {error}") from None
+            raise CommandError(f"{picture}: {error}") from None

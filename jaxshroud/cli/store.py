@@ -1,4 +1,4 @@
-"""What commands write as JSON."""
+"""Results as labelled datasets and as plain numbers, for files."""
 
 from collections.abc import Sequence
 from typing import Any

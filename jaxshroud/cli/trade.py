@@ -2,46 +2,25 @@
 
 import argparse
 
+from jaxshroud.cli.asked import loaded
 from jaxshroud.cli.store import trade_json
-from jaxshroud.cli.terminal import (
-    SEEDS,
-    OneLineParser,
-    blamed,
-    count,
-    directory,
-    loaded,
-    path,
-    print_columns,
-    progress_bar,
-    scene_options,
-)
+from jaxshroud.cli.terminal import blamed, directory, print_columns, progress_bar
+from jaxshroud.results import drawing, plot_design
 from jaxshroud.results.store import write_json
+from jaxshroud.verbs.setting import LEVELS
+from jaxshroud.verbs.trade import cheapest, error_of, trade
 
 
-def trade_options(made: OneLineParser) -> None:
-    """Options of `jaxshroud trade`."""
-    scene_options(made, method=False)
-    made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded before P_d is averaged")
-    made.add_argument("--lanes", type=count(8), default=64, metavar="N", help="scenes scattered around the scene")
-    made.add_argument("--seed", type=count(0, SEEDS), default=0, metavar="N", help="of the scattering")
-    made.add_argument("--out", type=path, required=True, metavar="DIR")
-
-
-def trade_verb(options: argparse.Namespace) -> None:
-    """`jaxshroud trade`."""
-    from jaxshroud.results import drawing, plot_design
-    from jaxshroud.verbs.setting import LEVELS
-    from jaxshroud.verbs.trade import cheapest, error_of, trade
-
+def run(options: argparse.Namespace) -> None:
+    """Measure accuracy against cost on scenes around one."""
     file = loaded(options)
     directory(options.out, ("trade.json", "trade.png"), options.force)
-    run = file.run
     with progress_bar("settings") as report, blamed(file.name):
         found = trade(
             file.scene,
             lanes=options.lanes,
-            transient=run.transient,
-            n_periods=run.periods,
+            transient=file.run.transient,
+            n_periods=file.run.periods,
             seed=options.seed,
             progress=report,
         )

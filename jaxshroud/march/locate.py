@@ -5,18 +5,15 @@ and fallen back, closes in on a crossing, or has found it. Between two ends of a
 cubic through its values and rates there, so nothing more needs to be evaluated.
 """
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.events import Guards, Kind, Violated, any_of, kinds
+from jaxshroud.march.words import Locate
 from jaxshroud.model.absent import Scalar, is_absent
-
-# "bisection": halve the bracket; "cubic": go where the guard's cubic crosses zero; "none": change mode at the end of
-# the step (first order, for comparison only)
-Locate = Literal["bisection", "cubic", "none"]
 
 CUBIC_TRIALS = 5  # in one bracket; then every other one halves it
 

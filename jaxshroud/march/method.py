@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 
-from jaxshroud.march.locate import Locate
 from jaxshroud.march.tableau import RK4, Tableau, tableau
+from jaxshroud.march.words import Locate
 from jaxshroud.scene.checks import Precision, checked, type_argument, word_argument
 
 

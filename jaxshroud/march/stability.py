@@ -1,7 +1,7 @@
 """The fastest motion of a scene, and the steps per period it asks for."""
 
 import math
-from functools import cache, partial
+from functools import cache, reduce
 from typing import Literal
 
 import jax
@@ -67,17 +67,18 @@ def _frequency(scene: Scene, engaged: bool) -> Scalar:
     moves = jnp.array([scene.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)])
     mobility = jnp.where(moves, 1 / mass, 0.0)
     blades = jnp.diag(jnp.concatenate([b.k_x, b.k_y, b.k_T]))
-    k = spring.k if engaged and not is_absent(spring.k) else 0.0
-    k_d = jnp.where(spring.mu > 0, spring.k_d, 0.0) if engaged and not is_absent(spring.mu) else 0.0
-    squares = []
-    for case in (1, 3):
-        v_q, u_q = contact_gradients(case, block, mass)
-        K = blades + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q)
-        squares.append(jnp.linalg.eigvalsh(K * jnp.sqrt(jnp.outer(mobility, mobility)))[-1])
+    stiffness = [blades]
+    if engaged:
+        k = 0.0 if is_absent(spring.k) else spring.k
+        k_d = 0.0 if is_absent(spring.mu) else jnp.where(spring.mu > 0, spring.k_d, 0.0)
+        touching = [contact_gradients(case, block, mass) for case in (1, 3)]
+        stiffness = [blades + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q) for v_q, u_q in touching]
+    scale = jnp.sqrt(jnp.outer(mobility, mobility))
+    squares = [jnp.linalg.eigvalsh(K * scale)[-1] for K in stiffness]
     damping = jnp.concatenate([b.c_x, b.c_y, b.c_T]) * mobility / 2
     excess = damping**2 - jnp.diag(blades) * mobility
     fading = jnp.max(jnp.where(excess > 0, damping + jnp.sqrt(jnp.maximum(excess, 0.0)), 0.0))  # if overdamped
-    fastest = jnp.maximum(jnp.sqrt(jnp.maximum(*squares)), fading)
+    fastest = jnp.maximum(jnp.sqrt(reduce(jnp.maximum, squares)), fading)
     return jnp.maximum(fastest, spring.haste) if engaged and not is_absent(spring.haste) else fastest
 
 
@@ -155,7 +156,7 @@ def _auto(omega_max: np.ndarray, own: np.ndarray, period: np.ndarray, method: Ta
 
 def stiffest(scenes: Scene, batch_dims: int) -> tuple[float, float]:
     """Largest frequency [rad/s] and drive period [s] of the lane that asks for the most steps per period."""
-    omega_max, _, period = (np.ravel(a) for a in _fastest(scenes, batch_dims))
+    omega_max, _, period = map(np.asarray, _fastest(scenes, batch_dims))
     worst = np.argmax(omega_max * period)
     return float(omega_max[worst]), float(period[worst])
 
@@ -166,9 +167,16 @@ def stiffness_ratio(scenes: Scene, batch_dims: int) -> float:
     return float(np.max(np.asarray(omega_max) / np.asarray(own)))
 
 
-@partial(jax.jit, static_argnames="batch_dims")
 def _fastest(scenes: Scene, batch_dims: int):
-    measure = lambda scene: (_frequency(scene, True), _frequency(scene, False), scene.drive.period)  # noqa: E731
-    for _ in range(batch_dims):
-        measure = jax.vmap(measure)
-    return measure(scenes)
+    """Largest frequency with contact and without, and drive period, of each lane of a flat batch.
+
+    One scene is a batch of one, so that a command's check and the verb it calls share one program.
+    """
+    flat = lambda a: np.asarray(a).reshape(-1, *np.shape(a)[batch_dims:])  # noqa: E731
+    return _measured(jax.tree.map(flat, scenes))
+
+
+@jax.jit
+@jax.vmap
+def _measured(scene: Scene):
+    return _frequency(scene, True), _frequency(scene, False), scene.drive.period

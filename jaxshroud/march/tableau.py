@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxshroud.march.words import TABLEAUS
 from jaxshroud.scene.checks import word_argument
 
 LEAST_STEPS = 8  # per period: what the drive's phase gains in a step must stay within the range of `trig`
@@ -30,7 +31,6 @@ RK4 = Tableau(
     c=(0.0, 0.5, 0.5, 1.0),
     order=4,
 )
-TABLEAUS = {"rk4": 4, "tsit5": 5, "dop853": 8, "dopri8": 8}  # name -> order
 
 
 @cache

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from jaxshroud.model.modes import Status
-from jaxshroud.results.files import StoreError
 from jaxshroud.results.status import FLAGS, counted, messages
 from jaxshroud.results.store import read, write_dataset
 from jaxshroud.results.variable import Attribute, Variable
+from jaxshroud.scene.errors import StoreError
 from jaxshroud.version import __version__
 
 if TYPE_CHECKING:

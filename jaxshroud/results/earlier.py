@@ -10,9 +10,9 @@ import xarray as xr
 from jaxshroud.model.geometry import FLAT
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.state import State
-from jaxshroud.results.files import StoreError
 from jaxshroud.results.store import read
-from jaxshroud.scene.config import SceneError, SceneFile, parse
+from jaxshroud.scene.config import SceneFile, parse
+from jaxshroud.scene.errors import SceneError, StoreError
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.parts import ContactLaw
 from jaxshroud.scene.schema import PHYSICS

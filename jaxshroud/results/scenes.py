@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxshroud.results.units import dimension, unit
+from jaxshroud.results.dimension import about, dimension
 from jaxshroud.scene.text import numbers_of
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ def differing(scenes: "Scene", shape: tuple[int, ...], lanes: tuple[str, ...]) -
     for key, values in numbers_of(scenes).items() if shape else ():
         if np.any(values != values[(0,) * len(shape)]):
             dims = (*lanes, "blade") if values.ndim > len(shape) else lanes
-            told[dimension(key)] = (dims, values, {"key": key, "units": unit(key), "long_name": key})
+            told[dimension(key)] = (dims, values, about(key))
     return told
 
 

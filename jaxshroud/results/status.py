@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jaxshroud.model.modes import Status
-from jaxshroud.scene.checks import NumericalError
+from jaxshroud.scene.errors import NumericalError
 
 MESSAGES = {
     Status.OK: "came to its end",

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxshroud.batch.extent import memory_for
-from jaxshroud.results.files import StoreError, write
+from jaxshroud.results.files import write
+from jaxshroud.scene.errors import StoreError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -56,7 +57,7 @@ def read_json(path: Path) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Numbers, texts and containers of these as JSON has them."""
+    """`value` as JSON holds it: lists, and None for what is not finite."""
     if isinstance(value, dict):
         return {key: plain(v) for key, v in value.items()}
     if isinstance(value, list | tuple | np.ndarray):

@@ -7,8 +7,8 @@ import numpy as np
 
 from jaxshroud.model.modes import Status
 from jaxshroud.results.base import Result
+from jaxshroud.results.dimension import about, dimension
 from jaxshroud.results.status import FLAGS
-from jaxshroud.results.units import dimension, unit
 from jaxshroud.results.variable import Attribute, Counts, Moving, Variable
 
 if TYPE_CHECKING:
@@ -109,8 +109,5 @@ class SweepResult(Result):
 
 def sweep_coordinates(axes: Mapping[str, np.ndarray], period: np.ndarray) -> dict[str, Any]:
     """Coordinates of a sweep as xarray takes them."""
-    swept = {
-        dimension(key): (dimension(key), values, {"key": key, "units": unit(key), "long_name": key})
-        for key, values in axes.items()
-    }
+    swept = {dimension(key): (dimension(key), values, about(key)) for key, values in axes.items()}
     return {**swept, "period": ("period", period, {"long_name": "drive periods since t = 0"}), "blade": [0, 1]}

@@ -29,7 +29,7 @@ def tables_of(scene: Scene) -> dict[str, dict[str, Any]]:
         tables[table][name] = float(value.ravel()[0]) if alike else value.tolist()
     kept = [m for m in MISPRINTS if m in scene.contact.reading]
     tables["contact"]["reading"] = {0: "consistent", len(MISPRINTS): "printed"}.get(len(kept), kept)
-    return {**tables, "model": {**scene.parts._asdict(), "motion": list(scene.parts.motion)}}
+    return {**tables, "parts": {**scene.parts._asdict(), "motion": list(scene.parts.motion)}}
 
 
 def text_of(scene: Scene, run: Mapping[str, Any], title: str = "") -> str:

@@ -3,7 +3,6 @@
 from functools import partial
 from typing import NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,14 +20,13 @@ from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.setting import HORIZON, SHORT, Ran, free_size, softened
 
-SOLVERS = {"Tsit5": diffrax.Tsit5, "Dopri8": diffrax.Dopri8, "Kvaerno5": diffrax.Kvaerno5}
 IMPLICIT = {"Kvaerno5"}
 
 
 class Adaptive(NamedTuple):
     """One way to march with steps of diffrax's choice."""
 
-    solver: str  # see `SOLVERS`
+    solver: str  # Tsit5, Dopri8 or Kvaerno5
     rtol: float  # tolerance relative to each number; for displacements also to the free motion's size
     width: float = 0.0  # as in `Setting`
 
@@ -81,6 +79,8 @@ def _one_period(scenes: Scene, moving, rtol, solver: str):
 
 def _periodic(scene: Scene, moving, rtol, solver: str):
     """One period of one lane from drive phase 0 on."""
+    import diffrax
+
     ready, period, omega = model(scene), scene.drive.period, scene.drive.omega
     first = inside(start(scene.initial), ready)
 
@@ -93,7 +93,7 @@ def _periodic(scene: Scene, moving, rtol, solver: str):
     nothing = jax.tree.map(jnp.zeros_like, field(0.0, (*moving, None), None)[2])
     found = diffrax.diffeqsolve(
         diffrax.ODETerm(field),
-        SOLVERS[solver](),
+        getattr(diffrax, solver)(),
         t0=jnp.zeros_like(period),
         t1=period,
         dt0=None,

@@ -10,10 +10,10 @@ from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.batch.states import rows
 from jaxshroud.batch.tangents import Dual, differentiable, direction, resting, run_flow
-from jaxshroud.march.locate import Locate
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
 from jaxshroud.march.tableau import LEAST_STEPS, tableau
+from jaxshroud.march.words import Locate
 from jaxshroud.model.absent import Scalar
 from jaxshroud.model.linear import area, free_power
 from jaxshroud.scene.precision import in_precision

@@ -88,15 +88,16 @@ def simulate(
         return _result(scene, values, times, after, steps_per_period, every, method)
     lane, first = _begin(scene, first_state, method)
     samples = [first]
-    steps, phase = jnp.int32(steps_per_period), jnp.asarray(turns, first.u_s.dtype)
+    steps, phase = np.int32(steps_per_period), np.asarray(turns, first.u_s.dtype)
     held = _energy(scene, lane)
     longest = min(max(STEPS_AT_ONCE // every, 1), BLOCK)
     for done in range(0, total, longest):
         n = min(longest, total - done)
-        lane, block = _samples(scene, lane, steps, phase, jnp.int32(every), jnp.int32(n), method, best())
+        lane, block = _samples(scene, lane, steps, phase, np.int32(every), np.int32(n), method, best())
         samples.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
     whole = jax.tree.map(lambda *a: np.concatenate(a), jax.tree.map(lambda a: np.asarray(a)[None], first), *samples[1:])
     tally, energies = lane.tally, (_energy(scene, lane), held)
+    clock = Clock(*map(jnp.asarray, (phase, steps, steps.astype(phase.dtype))))
     residual = dropped = float("nan")
     overflowed = int(lane.status) == Status.OK and not np.isfinite(sum(jax.tree.leaves((tally.integrals, energies))))
     if method.ledger:
@@ -113,7 +114,7 @@ def simulate(
         "counters": vars(filled(tally.log.counters, jnp.int32(0))),
         "energy_residual": residual,
         "energy_dropped": dropped,
-        "chatter": _told_chatter(scene, lane, whole, Clock(phase, steps, steps.astype(phase.dtype)), every, method),
+        "chatter": _told_chatter(scene, lane, whole, clock, every, method),
     }
     return _result(scene, values, times, after, steps_per_period, every, method)
 

@@ -22,8 +22,8 @@ from jaxshroud.model.modes import Status
 from jaxshroud.motion.averages import averages, relative_drop, relative_residual
 from jaxshroud.motion.period import PERIOD_TOLERANCE
 from jaxshroud.motion.settling import YES
+from jaxshroud.results.dimension import dimension
 from jaxshroud.results.sweep import GAP, SweepResult, sweep_coordinates
-from jaxshroud.results.units import dimension
 from jaxshroud.scene.checks import count_argument, tolerance_argument, word_argument
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.parts import Direction

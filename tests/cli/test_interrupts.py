@@ -16,6 +16,7 @@ import xarray as xr
 from jaxshroud import Interrupted, Status, load, sweep
 from jaxshroud.batch.threads import in_threads
 from jaxshroud.cli import commands as cli
+from jaxshroud.cli import sweep as sweep_verb
 from jaxshroud.cli.keyboard import interruptible
 
 SMALL = ["--set", 'parts.motion=["x"]']
@@ -25,14 +26,14 @@ LONG += ["--transient", "10", "--periods", "10"]
 COMMAND = """
 import sys, time
 from contextlib import contextmanager
-from jaxshroud.cli import commands as cli
+from jaxshroud.cli import sweep as verb
 import jaxshroud_command
 
 @contextmanager
 def told(unit):
     yield lambda done, total: (print(done, flush=True), time.sleep({pause}))
 
-cli.progress_bar = told
+verb.progress_bar = told
 sys.exit(jaxshroud_command.main())
 """
 LIBRARY = """
@@ -142,7 +143,7 @@ def test_the_library_interrupted_ends_without_a_fault():
 
 
 def test_an_interrupt_during_imports_is_one_line():
-    process = begun(IMPORTING)
+    process = begun(IMPORTING, "simulate", "table1", "--out", "a.nc")
     assert process.stdout.readline() == "importing\n"
     process.send_signal(signal.SIGINT)
     assert ended(process) == (130, "interrupted; nothing was written\n")
@@ -175,7 +176,7 @@ def test_what_was_written_before_an_interrupt_is_told(tmp_path, capsys, monkeypa
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "draw_dataset", interrupted)
+    monkeypatch.setattr(sweep_verb, "draw_dataset", interrupted)
     words = ["sweep", "table1", *SMALL, "--along", "contact.gamma", "--values", "1,2", "--periods", "2"]
     assert cli.main([*words, "--out", str(tmp_path)]) == 130
     assert capsys.readouterr().err == f"interrupted; {tmp_path / 'sweep.nc'} was written\n"

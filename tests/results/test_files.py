@@ -12,15 +12,16 @@ import xarray as xr
 
 from jaxshroud.cli import commands as cli
 from jaxshroud.results import drawing
-from jaxshroud.results.files import MachineError, WriteError, write
+from jaxshroud.results.files import write
 from jaxshroud.results.store import write_dataset, write_json
+from jaxshroud.scene.errors import MachineError, WriteError
 
 # Files of at most 10 kB: the system refuses to write on, as on a full disk.
 FULL = """
 import resource, sys
 from pathlib import Path
 import numpy as np, xarray as xr
-from jaxshroud.results.files import StoreError
+from jaxshroud.scene.errors import StoreError
 from jaxshroud.results.store import write_dataset
 resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
 try:

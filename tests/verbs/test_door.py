@@ -12,7 +12,10 @@ import xarray as xr
 
 from jaxshroud.batch.extent import MOST_LANE_PERIODS, fits, memory_for
 from jaxshroud.cli import commands as cli
-from jaxshroud.cli.terminal import words
+from jaxshroud.cli import scenes as scenes_verb
+from jaxshroud.cli.asked import choose_accuracy, loaded
+from jaxshroud.cli.axes import with_axes
+from jaxshroud.cli.words import words
 from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.scene.parts import Parts
@@ -165,7 +168,8 @@ def test_explain_marches_as_the_accuracy_says(capsys):
 
 def test_an_accuracy_that_has_no_choice_is_told(capsys):
     options = cli.parser().parse_args(["explain", "table1", "--set", "parts.contact=none", "--accuracy", "1e-4"])
-    cli.choose_accuracy(cli.loaded(options), None, options)
+    file = loaded(options)
+    choose_accuracy(file, file.scene, options)
     assert options.choice is None
     assert "--accuracy has no choice" in capsys.readouterr().err
 
@@ -243,7 +247,7 @@ def test_other_values_are_welcome_and_told(run, capsys, tmp_path):
 def axes(line):
     """The axes that a command asks for."""
     options = cli.parser().parse_args(words(line.split()))
-    return {a.key: a.values.tolist() for a in cli._with_axes(cli.loaded(options), options).axes}
+    return {a.key: a.values.tolist() for a in with_axes(loaded(options), options).axes}
 
 
 @pytest.mark.parametrize(
@@ -282,7 +286,7 @@ def test_a_full_memory_is_no_fault_of_the_input(capsys, monkeypatch):
     def full():
         raise MemoryError
 
-    monkeypatch.setattr(cli, "shipped", full)
+    monkeypatch.setattr(scenes_verb, "shipped", full)
     assert cli.main(["scenes"]) == 1
     assert capsys.readouterr().err == "the machine failed: out of memory\n"
 

@@ -1,0 +1,199 @@
+"""All verbs with their options. Nothing here is slow to import: a verb's module is imported when it runs."""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, get_args
+
+from jaxshroud.cli.words import OneLineParser, accuracy, count, number, path, steps
+from jaxshroud.march.words import TABLEAUS, Locate
+from jaxshroud.scene.checks import Precision
+from jaxshroud.version import __version__
+
+SEEDS = 10**18
+MAP, MOST_MAP = 24, 1000  # values of each of two keys in the map behind the paths of a tuning
+
+
+@dataclass
+class Along:
+    """One axis asked for on the command line."""
+
+    key: str | None = None  # None: that of the scene
+    values: str | None = None
+    start: str | None = None
+    stop: str | None = None
+    num: str | None = None
+
+
+class _NewAxis(argparse.Action):
+    def __call__(self, parser, namespace, values, option_string=None):
+        """Begin a new axis."""
+        if namespace.along and namespace.along[0].key is None:
+            parser.error(f"{option_string} {values} comes after what describes it; give it first")
+        namespace.along = [*(namespace.along or []), Along(str(values))]
+
+
+class _OfAxis(argparse.Action):
+    def __call__(self, parser, namespace, values, option_string=None):
+        """Describe the latest axis, or the scene's own."""
+        if namespace.along is None:
+            namespace.along = [Along()]
+        setattr(namespace.along[-1], self.dest.removeprefix("axis_"), str(values))
+
+
+def scene_options(made: OneLineParser, method: bool = True) -> None:
+    """Options of every command that simulates a scene; those of the march only if it has a `method` to choose."""
+    made.add_argument("scene", metavar="SCENE", help="a TOML file or the name of a shipped scene")
+    made.add_argument("--set", action="append", default=[], metavar="K=V", help="override table.key=value")
+    made.add_argument("--periods", type=count(1), metavar="N", help="periods kept")
+    made.set_defaults(steps_per_period=None, choice=None)
+    if method:
+        made.add_argument(
+            "--accuracy", type=accuracy, metavar="A", help="fast, balanced, reference or a number: chooses all below"
+        )
+        made.add_argument("--steps-per-period", type=steps, metavar="N", help='or "auto"')
+        made.add_argument("--tableau", choices=TABLEAUS, help="Runge-Kutta method; rk4 by default")
+        made.add_argument("--locate", choices=get_args(Locate), help="how events are located")
+        made.add_argument("--precision", choices=get_args(Precision), help="float64 by default")
+    made.add_argument("--force", action="store_true", help="replace existing results")
+
+
+def _simulate(made: OneLineParser) -> None:
+    scene_options(made)
+    made.add_argument("--every", type=count(1), default=1, metavar="M", help="store every M-th step")
+    made.add_argument("--from", dest="earlier", type=path, metavar="FILE.nc", help="start from its last state")
+    made.add_argument("--out", type=path, required=True, metavar="FILE.nc")
+
+
+def _sweep(made: OneLineParser) -> None:
+    scene_options(made)
+    made.add_argument("--along", action=_NewAxis, metavar="KEY", help="key to vary; twice makes a grid")
+    for name, text in dict(values="a,b,c", start="A", stop="B", num="N").items():
+        made.add_argument(f"--{name}", dest=f"axis_{name}", action=_OfAxis, metavar=text, help="of the last --along")
+    made.add_argument("--direction", choices=("independent", "forward", "backward"))
+    made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
+    made.add_argument("--phase", type=number, default=0.0, metavar="RAD", help="drive phase of the samples")
+    made.add_argument("--period-tol", type=number, default=1e-3, help="relative tolerance of the period number")
+    made.add_argument("--ledger", action="store_true", help="keep every lane's energy balance (10 to 20 %% slower)")
+    made.add_argument("--out", type=path, required=True, metavar="DIR")
+
+
+def _power(made: OneLineParser) -> None:
+    scene_options(made)
+    made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
+    made.add_argument("--tolerance", type=number, default=0.1, help="percentage points at which P_d counts as stable")
+    made.add_argument("--out", type=path, required=True, metavar="DIR")
+
+
+def _gradient(made: OneLineParser) -> None:
+    scene_options(made)
+    made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first, where smoothed")
+    made.add_argument("--wrt", required=True, metavar="K1,K2", help="numbers of the scene, e.g. shroud.gap")
+    made.add_argument("--of", choices=("P_d", "P"), default="P_d")
+    made.add_argument("--sigma", type=number, default=0.01, help="relative width of the smoothing, in chaos")
+    made.add_argument("--pairs", type=count(2), default=128, metavar="N", help="pairs of samples, in chaos")
+    made.add_argument("--seed", type=count(0, SEEDS), default=0, metavar="N", help="of the samples")
+    made.add_argument("--check", action="store_true", help="compare with differences at three step sizes")
+    made.add_argument("--out", type=path, required=True, metavar="FILE.json")
+
+
+def _tune(made: OneLineParser) -> None:
+    scene_options(made)
+    made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
+    made.add_argument("--over", action="append", required=True, metavar="K=LO:HI", help="number to tune, its bounds")
+    made.add_argument("--range", action="append", default=[], metavar="K=A,B,C", help="operating condition, its values")
+    made.add_argument("--goal", choices=("mean", "worst"), default="mean", help="of P_d over the conditions")
+    made.add_argument("--most-penetration", metavar="LENGTH", help="limit, e.g. 0.2mm")
+    made.add_argument("--most-force", metavar="FORCE", help="limit of the normal force, e.g. 500N")
+    made.add_argument("--scan", type=count(1), metavar="N", help="designs looked at first")
+    made.add_argument("--starts", type=count(1), metavar="N", help="the best of them, to climb from")
+    made.add_argument("--updates", type=count(1), metavar="N", help="steps of each path")
+    made.add_argument("--map", type=count(0, MOST_MAP), default=MAP, metavar="N", help="values a side of the map, or 0")
+    made.add_argument("--seed", type=count(0, SEEDS), default=0, metavar="N")
+    made.add_argument("--out", type=path, required=True, metavar="DIR")
+
+
+def _trade(made: OneLineParser) -> None:
+    scene_options(made, method=False)
+    made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded before P_d is averaged")
+    made.add_argument("--lanes", type=count(8), default=64, metavar="N", help="scenes scattered around the scene")
+    made.add_argument("--seed", type=count(0, SEEDS), default=0, metavar="N", help="of the scattering")
+    made.add_argument("--out", type=path, required=True, metavar="DIR")
+
+
+def _plot(made: OneLineParser) -> None:
+    made.add_argument("source", type=path, metavar="DIR|FILE")
+    made.add_argument("--out", type=path, metavar="PICTURE", help="by default beside the result")
+    made.add_argument("--force", action="store_true", help="replace a picture named by --out")
+
+
+def _nothing(_: OneLineParser) -> None: ...
+
+
+class Verb(NamedTuple):
+    """A question that can be asked; it is answered by `run` of the module of its name."""
+
+    text: str
+    example: str
+    options: Callable[[OneLineParser], None]
+
+
+VERBS = {
+    "simulate": Verb(
+        "Integrate one scene and store its motion at every step.",
+        "jaxshroud simulate fig10b --periods 20 --out fig10b.nc",
+        _simulate,
+    ),
+    "sweep": Verb(
+        "Simulate a scene for many values of one or two of its numbers.",
+        "jaxshroud sweep fig09 --out fig09\n"
+        "  jaxshroud sweep table1 --along contact.gamma --start 0 --stop 8 --num 200 --transient 100 --out gamma",
+        _sweep,
+    ),
+    "power": Verb(
+        "Vibration-power reduction P_d of one scene and its convergence.",
+        "jaxshroud power fig15a --out fig15a",
+        _power,
+    ),
+    "gradient": Verb(
+        "Derivatives of P_d with respect to numbers of a scene.",
+        "jaxshroud gradient fig10b --wrt shroud.gap,contact.gamma --check --out gradient.json",
+        _gradient,
+    ),
+    "tune": Verb(
+        "Find the numbers of a scene that reduce the vibration most.",
+        "jaxshroud tune table1 --set drive.M_0=10 --over shroud.gap=5um:200um --over contact.gamma=0.1:10 "
+        "--range drive.F_0=20,40,60,80 --out tuned",
+        _tune,
+    ),
+    "trade": Verb(
+        "Measure accuracy against cost on a scene of your own.", "jaxshroud trade table1 --out trade", _trade
+    ),
+    "explain": Verb(
+        "Say what the model of a scene consists of, what it lacks and what it costs.",
+        'jaxshroud explain table1 --set \'parts.motion=["x", "y"]\'',
+        scene_options,
+    ),
+    "plot": Verb("Draw stored results again, without simulating.", "jaxshroud plot fig09", _plot),
+    "scenes": Verb("List the shipped scenes.", "jaxshroud scenes", _nothing),
+}
+
+
+def parser() -> OneLineParser:
+    """The parser of all verbs."""
+    top = OneLineParser(
+        prog="jaxshroud",
+        description="Rub-impact dynamics of two shrouded blades under bending-torsion coupling.",
+    )
+    top.add_argument("--version", action="version", version=__version__)
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=OneLineParser)
+    for name, (text, example, options) in VERBS.items():
+        made = verbs.add_parser(
+            name,
+            help=text,
+            description=text,
+            epilog=f"example:\n  {example}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        options(made)
+    return top

@@ -1,0 +1,56 @@
+"""The command `power`."""
+
+import argparse
+import sys
+
+from jaxshroud.batch.extent import fits
+from jaxshroud.batch.xla import alone
+from jaxshroud.cli.asked import loaded, method_of, steps_of, unmet
+from jaxshroud.cli.plot import draw_json
+from jaxshroud.cli.store import power_json
+from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table, progress_bar, warn_status
+from jaxshroud.results.store import read_json, write_json
+from jaxshroud.verbs.power import power
+
+
+def run(options: argparse.Namespace) -> None:
+    """Average P_d of one scene until it is stable."""
+    file = loaded(options)
+    if not options.tolerance > 0:
+        raise CommandError(f"--tolerance must be positive, but is {options.tolerance}")
+    directory(options.out, ("power.json", "power.png"), options.force)
+    lanes = alone(file.scene)
+    with blamed(file.name):
+        fits(1, file.run.transient, file.run.periods)
+    steps = steps_of(file, lanes, options)
+    with progress_bar("periods") as report, blamed(file.name):
+        result = power(
+            file.scene,
+            most_periods=file.run.periods,
+            transient=file.run.transient,
+            steps_per_period=steps,
+            tolerance=options.tolerance,
+            method=method_of(options),
+            progress=report,
+        )
+    data = power_json(result, file)
+    write_json(data, options.out / "power.json")
+    draw_json(options.out / "power.json", read_json(options.out / "power.json"), options.out / "power.png")
+    final = result.final
+    unmet(lanes, options)
+    warn_status(final["status"], final["chatter"])
+    if not final["stable"]:
+        print(
+            f"warning: P_d is not stable after {final['n']} periods; give more with --periods",
+            file=sys.stderr,
+        )
+    print_table(
+        file.title or file.name,
+        {
+            "P_d": f"{final['P_d']:.6g} +- {final['ci']:.2g} %",
+            "periods": final["n"],
+            "stable": final["stable"],
+            "period number": final["period_number"] or "aperiodic",
+            "written": options.out,
+        },
+    )

@@ -1,0 +1,9 @@
+"""How long commands take to start."""
+
+import pytest
+import start
+
+
+@pytest.mark.benchmark
+def test_start():
+    start.main()

@@ -1,0 +1,121 @@
+"""What a command imports before it is of use: counted in a fresh interpreter, as times depend on the machine."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import xarray as xr
+
+HEAVY = {"jax", "numpy", "pydantic", "matplotlib", "pandas", "xarray", "rich", "scipy", "pint"}
+# The console script; then its exit status and all that it has imported.
+COMMAND = """
+import sys
+from jaxshroud_command import main
+try:
+    status = main()
+except SystemExit as stop:
+    status = stop.code
+print("IMPORTED", status, *sys.modules)
+"""
+
+
+def started(code, *words, **environment):
+    """What a fresh interpreter prints."""
+    cache = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        env=cache | environment,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def imported(*words):
+    """Exit status of a command, and the packages it has imported."""
+    _, status, *modules = started(COMMAND, *words).splitlines()[-1].split()
+    return int(status), {name.partition(".")[0] for name in modules} | set(modules)
+
+
+@pytest.fixture
+def stored(tmp_path):
+    """A stored run of a made-up motion."""
+    n, every = 401, 4
+    t = np.arange(n) * every / 100
+    x = np.stack([np.sin(2 * np.pi * t), np.cos(2 * np.pi * t)], axis=1) * 1e-5
+    data = {"x": (("time", "blade"), x), "v_x": (("time", "blade"), x * 500), "mode": ("time", (x[:, 0] > 0) * 1)}
+    about = {"gap": 2e-5, "omega": 2 * np.pi, "steps_per_period": 100, "every": every, "end_turns": 0.0, "title": "a"}
+    ds = xr.Dataset(data, {"time": t, "blade": [0, 1]}, about)
+    ds.to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
+    return tmp_path / "run.nc"
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [("--help", 0), ("--version", 0), ("simulate --help", 0), ("scenes", 0), ("simulat", 2), ("tune table1", 2)],
+)
+def test_words_are_answered_without_what_computes(line, expected):
+    status, packages = imported(*line.split())
+    assert status == expected
+    assert not packages & HEAVY
+
+
+def test_a_stored_run_is_drawn_without_jax(stored):
+    status, packages = imported("plot", stored)
+    assert status == 0
+    assert stored.with_suffix(".png").stat().st_size > 10_000
+    assert {"xarray", "matplotlib"} <= packages
+    assert not packages & {"jax", "jaxlib", "equinox", "diffrax", "pydantic", "matplotlib.pyplot", "rich"}
+
+
+def test_a_stored_convergence_is_drawn_without_jax(tmp_path):
+    (tmp_path / "power.json").write_text(json.dumps({"n": [], "P_d": [], "P_d_ci": [], "final": {}, "title": ""}))
+    status, packages = imported("plot", tmp_path)
+    assert status == 0
+    assert not packages & {"jax", "jaxlib", "equinox", "diffrax", "pydantic", "rich"}
+
+
+def test_a_simulation_imports_what_it_needs():
+    # Control: JAX is seen. A scene of another name ends the command where it would begin to compute.
+    status, packages = imported("simulate", "nothing", "--out", "a.nc")
+    assert status == 2
+    assert {"jax", "xarray", "pydantic"} <= packages
+    assert not packages & {"matplotlib", "diffrax", "optax", "scipy.stats", "scipy.special", "rich", "pint"}
+
+
+def test_the_package_is_imported_without_jax():
+    packages = started("import sys, jaxshroud; print(*sys.modules)").split()
+    assert not set(packages) & HEAVY
+
+
+CACHE = """
+import jax
+from jaxshroud.cli import main
+assert main(["simulate", "nothing", "--out", "a.nc"]) == 2
+config = jax.config
+print(config.jax_enable_x64, config.jax_compilation_cache_dir, config.jax_persistent_cache_min_compile_time_secs)
+"""
+
+
+@pytest.mark.parametrize(
+    ("environment", "expected"),
+    [
+        ({"XDG_CACHE_HOME": "/a"}, "True /a/jaxshroud 0.0"),
+        ({"JAX_COMPILATION_CACHE_DIR": "/b"}, "True /b 0.0"),
+        ({"JAX_COMPILATION_CACHE_DIR": "/b", "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "2"}, "True /b 2.0"),
+    ],
+)
+def test_small_programs_are_cached_wherever_the_cache_is(environment, expected):
+    assert started(CACHE, **environment).strip() == expected
+
+
+@pytest.mark.parametrize("module", ["jaxshroud", "jaxshroud.cli"])
+def test_the_package_runs_as_a_command(module):
+    done = subprocess.run([sys.executable, "-m", module, "plot", "nothing"], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr == "nothing: no such file; give a result written by jaxshroud\n"
