@@ -1,6 +1,7 @@
 """Tangents through stick, slip, impact and case switches against differences, and what they must satisfy."""
 
 import importlib
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 from side_by_side import with_parts
 
-from jaxshroud import load, lyapunov, orbit, period_map, value_of, vary
+import jaxshroud as js
+from jaxshroud import load, period_map, value_of, vary
 from jaxshroud.batch.runs import Plan, run_lanes
 from jaxshroud.batch.states import STATE, final_states, from_vector, to_vector
 from jaxshroud.batch.tangents import Dual, differentiable, direction, run_flow, tangents
@@ -23,6 +25,7 @@ from jaxshroud.motion.lyapunov import ALIGNING, settled
 from jaxshroud.motion.together import alone_found
 
 STEPS = 400
+orbit, lyapunov = (partial(verb, steps_per_period=STEPS) for verb in (js.orbit, js.lyapunov))
 CHAOTIC = {"gamma 4.8": 4.8, "gamma 5.5": 5.5, "gamma 10": 10.0}
 
 

@@ -1,12 +1,14 @@
 """Periodic orbits by shooting, and exact gradients on them."""
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import numpy as np
 import pytest
 
-from jaxshroud import gradient, load, orbit, simulate, value_of
+import jaxshroud as js
+from jaxshroud import load, value_of
 from jaxshroud.batch.states import STATE
 from jaxshroud.batch.tangents import Dual, differentiable, direction, onward, resting, run_flow, tangents
 from jaxshroud.batch.xla import repeated
@@ -24,6 +26,8 @@ from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.vary import vary
 from jaxshroud.verbs.gradient import differences, on_orbit
 
+STEPS = {"steps_per_period": 400}
+orbit, gradient, simulate = (partial(verb, **STEPS) for verb in (js.orbit, js.gradient, js.simulate))
 PARAMETERS = (
     [
         "shroud.gap",

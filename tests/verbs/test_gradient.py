@@ -1,9 +1,12 @@
 """Smoothed gradients in chaos, and the choice between them and exact ones."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
-from jaxshroud import gradient, load, orbit, sweep
+import jaxshroud as js
+from jaxshroud import load, sweep
 from jaxshroud.batch.runs import Plan
 from jaxshroud.march.method import FAST
 from jaxshroud.motion.gradient import smoothed, with_numbers
@@ -11,6 +14,7 @@ from jaxshroud.verbs.gradient import on_orbit
 
 PLAN = Plan(16, 32, 200, 0.0, FAST)
 SIGMA = 0.01
+orbit, gradient = (partial(verb, steps_per_period=400) for verb in (js.orbit, js.gradient))
 CHAOTIC = {"gamma 5.5": 5.5, "gamma 10": 10.0}
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jaxshroud import load, power, tune, vary
+from jaxshroud import open as open_result
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.march.method import FAST
 from jaxshroud.march.tableau import TABLEAUS, tableau
@@ -196,3 +197,22 @@ def test_penetration_within_steps(scene):
     assert inside[0] < 1e-4 < 1e-3 < ends[0]
     assert inside[1] < inside[0] / 12
     assert ends[1] > ends[0] / 8
+
+
+def test_a_tuning_comes_back_from_its_file(scene, tmp_path):
+    over = {"shroud.gap": (2e-5, 4e-5), "contact.gamma": (1.0, 2.0)}
+    found = tune(only_x(scene), over, conditions={"drive.F_0": [40.0, 60.0]}, **TINY)
+    found.save(tmp_path / "tuned.nc")
+    back = open_result(tmp_path / "tuned.nc")
+    assert repr(back) == repr(found)
+    for name in ("design", "over", "conditions", "at_bounds", "confirmed", "feasible", "goal", "periods", "most_force"):
+        assert getattr(back, name) == getattr(found, name), name
+    np.testing.assert_array_equal(back.points, found.points)
+    assert list(back.checks) == list(found.checks)
+    for name, judged in found.checks.items():
+        for a, b in zip(back.checks[name], judged, strict=True):
+            np.testing.assert_array_equal(a, b)
+    assert len(found.plot().axes) == 2
+    assert len(back.plot(drawn=objective_map(found, 2)).axes) == 3  # and a colour bar
+    with pytest.raises(ValueError, match="does not hold its problem"):
+        objective_map(back, 2)
