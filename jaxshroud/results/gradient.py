@@ -51,8 +51,11 @@ class Gradient(Result):
         values = {name: in_shape([row[name] for row in rows], np.shape(orbit.q)) for name in rows[0]}
         values |= {"of": of, "method": str(orbit.method), "steps_per_period": orbit.steps_per_period}
         made = cls.from_values(values, coords={"wrt": list(wrt)}, **about)
-        own = [name for name, a in orbit.data.data_vars.items() if "key" not in a.attrs]
-        held = orbit.data[own].rename({name: f"{BEFORE}{name}" for name in own})
+        held = orbit.data.drop_vars([name for name, a in orbit.data.variables.items() if "key" in a.attrs])
+        axes = zip(
+            orbit.data["P"].dims, about.get("lanes", ()), strict=False
+        )  # the orbits may have named them otherwise
+        held = held.rename({name: f"{BEFORE}{name}" for name in held.data_vars} | {a: b for a, b in axes if a != b})
         attrs = {f"{BEFORE}{name}": value for name, value in orbit.data.attrs.items()}
         made.data = made.data.merge(held).assign_attrs({**attrs, **made.data.attrs})
         made.orbits = orbit
@@ -89,7 +92,7 @@ class Gradient(Result):
         if self.orbits is not None:
             return self.orbits
         named = {str(n): str(n).removeprefix(BEFORE) for n in self.data.data_vars if str(n).startswith(BEFORE)}
-        others = {n: n for n, a in self.data.data_vars.items() if "key" in a.attrs}
+        others = {n: n for n, a in self.data.variables.items() if "key" in a.attrs}
         attrs = {str(n).removeprefix(BEFORE): v for n, v in self.data.attrs.items() if str(n).startswith(BEFORE)}
         data = self.data[[*named, *others]].rename(named)
         data.attrs = attrs

@@ -38,7 +38,7 @@ class Lyapunov(Result):
         longest = max(len(one.growth) for one in found)
         rows = [_row(one, longest) for one in found]
         values = {name: in_shape([row[name] for row in rows], shape) for name in rows[0]}
-        return cls.from_values({**values, **told.pop("values")}, coords={"blade": [0, 1]}, **told)
+        return cls.from_values(values, coords={"blade": [0, 1]}, **told)
 
     @property
     def last(self) -> "State":

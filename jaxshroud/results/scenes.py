@@ -35,7 +35,7 @@ def scenes_of(data: "xr.Dataset", shape: tuple[int, ...], precision: "Precision"
 
     first = in_precision(parse(data.attrs["scene"], "the scene of this result").scene, precision)
     scenes = jax.tree.map(lambda a: jnp.broadcast_to(a, (*shape, *a.shape)), first)
-    for variable in data.data_vars.values():
+    for variable in data.variables.values():
         if "key" in variable.attrs:
             table, name = variable.attrs["key"].split(".")
             place = lambda s, table=table, name=name: getattr(getattr(s, table), name)  # noqa: E731

@@ -65,9 +65,9 @@ def explain(scene: Scene | SceneFile, method: Method | Choices | None = None) ->
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
-        >>> told = js.explain(js.load("table1", ['model.motion=["x"]', 'model.friction="none"']))
+        >>> told = js.explain(js.load("table1", ['parts.motion=["x"]', 'parts.friction="none"']))
         >>> told.events
-        ('contact', 'corner pair', 'tip')
+        ('contact',)
     """
     scene, method = one_scene("explain", scene), choices(FAST if method is None else method)
     closed = scene.parts.contact == "none"

@@ -19,7 +19,6 @@ from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.checks import count_argument, positive_argument, word_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.lanes import Lanes, lanes_of, of_all, told
 from jaxshroud.verbs.orbit import cycles_of
@@ -35,8 +34,8 @@ def gradient(
     pairs: int = 128,
     seed: int = 0,
     most_periods: int = 512,
-    n_periods: int = 256,
-    transient: int = 64,
+    n_periods: int | None = None,
+    transient: int | None = None,
     steps_per_period: Steps | None = None,
     method: Method | Choices | None = None,
     accuracy: str | float | None = None,
@@ -51,7 +50,8 @@ def gradient(
     the gradient of the average over a normal distribution of the parameters around their values, with an interval.
 
     Args:
-        scene: One scene, or many with leading axes, which then come first in all results.
+        scene: One scene, or many with leading axes, which then come first in all results; or a scene file, whose [run]
+            counts where an argument is not given.
         wrt: Keys as for `vary`; without a blade's index both blades change together.
         of: What to differentiate.
         at: The orbit, or orbits, where they are known already.
@@ -59,12 +59,13 @@ def gradient(
         pairs: Antithetic pairs of samples; all samples start from the scene's initial state.
         seed: Of the samples.
         most_periods: Drive periods after which a motion that has not repeated counts as aperiodic.
-        n_periods: Drive periods that each sample's P_d is averaged over.
-        transient: Drive periods each sample runs before.
-        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs. By default those
-            of the scene file, or 400.
-        method: How to march; by default as the scene file says, or RK4 with events located by the guard's cubic.
-        accuracy: "fast", "balanced", "reference" or a number: chooses steps and method instead, always in float64.
+        n_periods: Drive periods that each sample's P_d is averaged over; by default 64.
+        transient: Drive periods each sample runs before; by default 64.
+        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs, as where only a
+            method is given.
+        method: How to march; where only steps are given RK4, with events located by the guard's cubic.
+        accuracy: "fast", "balanced" (the default where nothing is said of steps or method), "reference" or a number:
+            chooses steps and method, in float64.
         state: Where the run to the orbit starts, at drive phase 0; by default `scene.initial`, apart.
         progress: Called with (lane-periods done, lane-periods at most) while orbits are looked for.
         throw: Raise where a lane has no derivative, rather than flag it.
@@ -87,35 +88,43 @@ def gradient(
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
-        >>> scene = js.load("table1", ['model.motion=["x"]', "blades.c_x=40"]).scene
+        >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
         >>> found = js.gradient(scene, ["shroud.gap"], steps_per_period=100)
         >>> found.kind, found.ci
         ('periodic', {'shroud.gap': 0.0})
     """
     word_argument("of", of, Of)
     positive_argument("sigma", sigma)
-    lanes = lanes_of(scene, dims, steps_per_period, method, accuracy)
-    numbered = [with_numbers(one, wrt) for one in lanes.scenes]
+    lanes = lanes_of(
+        scene,
+        n_periods=n_periods,
+        transient=transient,
+        steps_per_period=steps_per_period,
+        method=method,
+        accuracy=accuracy,
+        dims=dims,
+    )
     count_argument("most_periods", most_periods, 1)
-    throw = throw or not lanes.shape
-    begun = [
-        (in_precision(one, lanes.method.precision), first)
-        for one, first in zip(numbered, lanes.states(state), strict=True)
-    ]
-    aim = Aim(lanes.steps, TOLERANCE[lanes.method.precision], lanes.method)
-    way = Smoothing(sigma, pairs, Plan(transient, n_periods, lanes.steps, 0.0, lanes.method), seed)
-    about = lanes.about({"periods": n_periods, "transient": transient})
+    throw, march = throw or not lanes.shape, lanes.how
+    numbered = [with_numbers(one, wrt) for one in lanes.scenes]
+    aim = Aim(march.steps, TOLERANCE[march.method.precision], march.method)
+    plan = Plan(lanes.asked.transient, lanes.asked.n_periods, march.steps, 0.0, march.method)
+    way = Smoothing(sigma, pairs, plan, seed)
     try:
-        cycles = cycles_of(begun, None, most_periods, aim, progress, throw) if at is None else _known(at, lanes)
+        cycles = (
+            cycles_of(lanes.begun(numbered, state), None, most_periods, aim, progress, throw)
+            if at is None
+            else _known(at, lanes)
+        )
         if not all(cycle.sound or "stopped" in cycle.flags for cycle in cycles):
             count_argument("pairs", pairs, 2)
-            fits(2 * pairs, transient, n_periods)
+            fits(2 * pairs, plan.transient, plan.kept)
         tried = [slope_of(one, wrt, of, cycle, way) for one, cycle in zip(numbered, cycles, strict=True)]
         slopes = of_all(lambda: together(tried), partial(_missing, cycles, len(wrt)), throw)
     except Interrupted:
         raise Interrupted(None) from None
-    orbits = Orbit.of_cycles(cycles, lanes.shape, **about) if at is None else at
-    return told(Gradient.of_slopes(slopes, wrt, of, orbits, **about), lanes, throw)
+    orbits = Orbit.of_cycles(cycles, lanes.shape, **lanes.about) if at is None else at
+    return told(Gradient.of_slopes(slopes, wrt, of, orbits, **lanes.about), lanes, throw)
 
 
 def _known(at: Orbit, lanes: Lanes) -> list[Cycle]:
@@ -152,6 +161,15 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Of = "P_d") -
 
     Raises:
         ValueError: There is no such `of`, the step is not positive, or there are orbits of many scenes.
+
+    Example:
+        >>> import jax; jax.config.update("jax_enable_x64", True)
+        >>> import jaxshroud as js
+        >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
+        >>> found = js.orbit(scene, steps_per_period=100)
+        >>> exact = js.gradient(scene, ["shroud.gap"], at=found, steps_per_period=100).value["shroud.gap"]
+        >>> abs(js.differences(found, ["shroud.gap"], 1e-4)["shroud.gap"] / exact - 1) < 1e-6
+        True
     """
     word_argument("of", of, Of)
     positive_argument("step", step)

@@ -14,7 +14,6 @@ from jaxshroud.model.state import State
 from jaxshroud.motion.lyapunov import ALIGNING, Exponents, exponents
 from jaxshroud.motion.together import together
 from jaxshroud.results.lyapunov import Lyapunov
-from jaxshroud.scene.checks import count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.lanes import lanes_of, of_all, told
@@ -23,8 +22,8 @@ from jaxshroud.verbs.lanes import lanes_of, of_all, told
 def lyapunov(
     scene: Scene | SceneFile,
     *,
-    n_periods: int,
-    transient: int = 64,
+    n_periods: int | None = None,
+    transient: int | None = None,
     steps_per_period: Steps | None = None,
     method: Method | Choices | None = None,
     accuracy: str | float | None = None,
@@ -36,13 +35,15 @@ def lyapunov(
     """Exponents of the motion that a scene settles on.
 
     Args:
-        scene: One scene, or many with leading axes, which then come first in all results.
-        n_periods: Drive periods averaged over.
-        transient: Drive periods run and discarded first.
-        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs. By default those
-            of the scene file, or 400.
-        method: How to march; by default as the scene file says, or RK4 with events located by the guard's cubic.
-        accuracy: "fast", "balanced", "reference" or a number: chooses steps and method instead, always in float64.
+        scene: One scene, or many with leading axes, which then come first in all results; or a scene file, whose [run]
+            counts where an argument is not given.
+        n_periods: Drive periods averaged over; by default 64.
+        transient: Drive periods run and discarded first; by default 64.
+        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs, as where only a
+            method is given.
+        method: How to march; where only steps are given RK4, with events located by the guard's cubic.
+        accuracy: "fast", "balanced" (the default where nothing is said of steps or method), "reference" or a number:
+            chooses steps and method, in float64.
         state: Where to start, at drive phase 0, one for all lanes or each its own; by default `scene.initial`, apart.
         progress: Called with (lane-periods done, lane-periods at most).
         throw: Raise where a lane stops, rather than give it a status.
@@ -62,26 +63,31 @@ def lyapunov(
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
-        >>> scene = js.load("table1", ['model.motion=["x"]', "blades.c_x=40"]).scene
+        >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
         >>> found = js.lyapunov(scene, n_periods=8, transient=8, steps_per_period=100)
         >>> bool(found.exponents[0] < 0)
         True
     """
-    lanes = lanes_of(scene, dims, steps_per_period, method, accuracy)
-    count_argument("n_periods", n_periods, 1)
-    count_argument("transient", transient, 0)
-    begun = list(zip(lanes.precise, lanes.states(state), strict=True))
-    looked_for = [exponents(*lane, n_periods, transient, lanes.steps, lanes.method) for lane in begun]
-    most = transient + ALIGNING + n_periods
+    lanes = lanes_of(
+        scene,
+        n_periods=n_periods,
+        transient=transient,
+        steps_per_period=steps_per_period,
+        method=method,
+        accuracy=accuracy,
+        dims=dims,
+    )
+    kept, before, march = lanes.asked.n_periods, lanes.asked.transient, lanes.how
+    begun = lanes.begun(lanes.scenes, state)
+    looked_for = [exponents(*lane, kept, before, march.steps, march.method) for lane in begun]
 
     def missing(lane: int, flag: str) -> Exponents:
         status = Status.NOT_RUN if flag == "not run" else Status.NOT_FINITE
         nothing = np.full(STATE, np.nan)
         return Exponents(nothing, nothing, np.empty((0, STATE)), status, begun[lane][1])
 
-    about = lanes.about({"periods": n_periods, "transient": transient})
-    values = {"method": str(lanes.method), "steps_per_period": lanes.steps}
-    result = lambda found: Lyapunov.of_exponents(found, lanes.shape, values=values, **about)  # noqa: E731
+    result = lambda found: Lyapunov.of_exponents(found, lanes.shape, **lanes.about)  # noqa: E731
+    most = before + ALIGNING + kept
     try:
         found = of_all(lambda: together(looked_for, progress, most), missing, throw or not lanes.shape)
     except Interrupted as stopped:

@@ -38,16 +38,18 @@ def orbit(
     stable, the motion was only passing by, and the run goes on.
 
     Args:
-        scene: One scene, or many with leading axes, which then come first in all results.
+        scene: One scene, or many with leading axes, which then come first in all results; or a scene file, whose [run]
+            counts where an argument is not given.
         q: The period number where it is known. The given state is then closed at once, without a run, whether or not
             the orbit is stable: so an orbit can be followed from scene to scene.
         most_periods: Give up when the motion has not repeated by then.
         tolerance: Closing error at which Newton's method ends, relative to the largest value of each quantity; by
             default 1e-11 in float64 and 1e-7 in float32.
-        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs. By default those
-            of the scene file, or 400.
-        method: How to march; by default as the scene file says, or RK4 with events located by the guard's cubic.
-        accuracy: "fast", "balanced", "reference" or a number: chooses steps and method instead, always in float64.
+        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs, as where only a
+            method is given.
+        method: How to march; where only steps are given RK4, with events located by the guard's cubic.
+        accuracy: "fast", "balanced" (the default where nothing is said of steps or method), "reference" or a number:
+            chooses steps and method, in float64.
         state: Where to start, at drive phase 0, one for all lanes or each its own; by default `scene.initial`, apart.
         progress: Called with (lane-periods done, lane-periods at most).
         throw: Raise where a lane stops or cannot be solved, rather than flag it.
@@ -70,24 +72,24 @@ def orbit(
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
-        >>> scene = js.load("table1", ['model.motion=["x"]', "blades.c_x=40"]).scene
+        >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
         >>> found = js.orbit(scene, steps_per_period=100)
         >>> found.q, found.flags, bool(abs(found.multipliers[0]) < 1)
         (1, (), True)
     """
-    lanes = lanes_of(scene, dims, steps_per_period, method, accuracy)
+    lanes = lanes_of(scene, steps_per_period=steps_per_period, method=method, accuracy=accuracy, dims=dims)
+    march = lanes.how
     count_argument("most_periods", most_periods, 1)
-    tolerance = TOLERANCE[lanes.method.precision] if tolerance is None else tolerance
+    tolerance = TOLERANCE[march.method.precision] if tolerance is None else tolerance
     positive_argument("tolerance", tolerance)
     if q is not None:
         count_argument("q", q, 1)
         if state is None:
             raise ValueError("Argument `q` needs a `state` close to the orbit.")
-    aim = Aim(lanes.steps, tolerance, lanes.method)
-    about = lanes.about({"periods": most_periods})
-    result = lambda cycles: Orbit.of_cycles(cycles, lanes.shape, **about)  # noqa: E731
+    aim = Aim(march.steps, tolerance, march.method)
+    result = lambda cycles: Orbit.of_cycles(cycles, lanes.shape, **lanes.about)  # noqa: E731
     try:
-        begun = list(zip(lanes.precise, lanes.states(state), strict=True))
+        begun = lanes.begun(lanes.scenes, state)
         found = result(cycles_of(begun, q, most_periods, aim, progress, throw or not lanes.shape))
     except Interrupted as stopped:
         raise Interrupted(stopped.done and result(stopped.done)) from None

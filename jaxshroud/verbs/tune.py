@@ -17,15 +17,13 @@ from jaxshroud.march.stability import Steps
 from jaxshroud.results.tuned import Judged, Tuned
 from jaxshroud.scene.checks import count_argument, word_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of
 from jaxshroud.verbs.climb import POLISH, SAMPLES, climb, polished
 from jaxshroud.verbs.confirm import KEEPS, SAME_START, agree, checked
 from jaxshroud.verbs.design import Goal, Problem, corners, judge_designs, problem_of
-from jaxshroud.verbs.lanes import marching, one_scene
-
-STEPS = 200  # per period, unless asked otherwise
+from jaxshroud.verbs.door import asked
+from jaxshroud.verbs.lanes import one_scene, with_tangents
 
 
 def tune(
@@ -40,8 +38,8 @@ def tune(
     n_starts: int | None = None,
     updates: int | None = None,
     seed: int = 0,
-    n_periods: int = 64,
-    transient: int = 64,
+    n_periods: int | None = None,
+    transient: int | None = None,
     steps_per_period: Steps | None = None,
     method: Method | Choices | None = None,
     accuracy: str | float | None = None,
@@ -60,12 +58,13 @@ def tune(
         n_starts: The best of them, from which paths start; by default 3 for each key.
         updates: Steps of each path; by default 6 for each key.
         seed: Of the scan, and of the starting motions that the winner is tried from.
-        n_periods: Drive periods that P_d is averaged over.
-        transient: Drive periods run before.
-        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs. By default those
-            of the scene file, or 200.
-        method: How to march; by default as the scene file says, or RK4 with events located by the guard's cubic.
-        accuracy: "fast", "balanced", "reference" or a number: chooses steps and method instead, always in float64.
+        n_periods: Drive periods that P_d is averaged over; by default 64.
+        transient: Drive periods run before; by default 64.
+        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest design needs, as where only a
+            method is given.
+        method: How to march; where only steps are given RK4, with events located by the guard's cubic.
+        accuracy: "fast", "balanced" (the default where nothing is said of steps or method), "reference" or a number:
+            chooses steps and method, in float64.
         progress: Called with (lane-periods done, lane-periods at most).
 
     Returns:
@@ -79,31 +78,38 @@ def tune(
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
-        >>> scene = js.load("table1", ['model.motion=["x"]', "drive.M_0=10"]).scene
+        >>> scene = js.load("table1", ['parts.motion=["x"]', "drive.M_0=10"]).scene
         >>> small = dict(scan=4, n_starts=1, updates=1, n_periods=2, transient=2, steps_per_period=100)
         >>> found = js.tune(scene, {"shroud.gap": (2e-5, 4e-5)}, **small)
         >>> 2e-5 <= found.design["shroud.gap"] <= 4e-5
         True
     """
-    scene = one_scene("tune", scene)
+    own = one_scene("tune", scene)
     word_argument("goal", goal, Goal)
     for name, limit in dict(most_penetration=most_penetration, most_force=most_force).items():
         if not limit > 0:
             raise ValueError(f"Argument `{name}` must be positive, but is {limit}.")
-    problem = problem_of(scene, over, conditions or {})
-    steps, choices = marching(corners(problem), 1, steps_per_period, method, accuracy, STEPS)
-    in_precision(scene, choices.precision)  # refused now rather than after the search
-    choices = choices._replace(within=bool(min(most_penetration, most_force) < np.inf))
-    plan = Plan(transient, n_periods, steps, 0.0, choices)
+    problem = problem_of(own, over, conditions or {})
+    request = asked(
+        scene,
+        n_periods=n_periods,
+        transient=transient,
+        steps_per_period=steps_per_period,
+        method=method,
+        accuracy=accuracy,
+    )
+    march = with_tangents(request, corners(problem))
+    choices = march.method._replace(within=bool(min(most_penetration, most_force) < np.inf))
+    plan = Plan(request.transient, request.n_periods, march.steps, 0.0, choices)
     problem = problem._replace(goal=goal, most_penetration=most_penetration, most_force=most_force, plan=plan)
     size = len(over)
     scan, n_starts, updates = scan or 32 * size, n_starts or 3 * size, updates or 6 * size
-    for name, value in dict(scan=scan, n_starts=n_starts, updates=updates, n_periods=n_periods).items():
+    for name, value in dict(scan=scan, n_starts=n_starts, updates=updates).items():
         count_argument(name, value, 1)
     climbs, rounds = min(n_starts, scan) * (updates + 1) * (1 + 3 * size), len(POLISH) * SAMPLES * size
     lanes = len(problem.rows) * (scan + climbs + rounds + 1)
-    fits(max(scan, n_starts * (1 + 3 * size)) * len(problem.rows), 4 * transient, 4 * n_periods)
-    return _searched(problem, scan, n_starts, updates, seed, Ticker(lanes * (transient + n_periods), progress))
+    fits(max(scan, n_starts * (1 + 3 * size)) * len(problem.rows), 4 * plan.transient, 4 * plan.kept)
+    return _searched(problem, scan, n_starts, updates, seed, Ticker(lanes * (plan.transient + plan.kept), progress))
 
 
 def _searched(problem: Problem, scan: int, n_starts: int, updates: int, seed: int, ticker: Ticker) -> Tuned:
@@ -164,6 +170,15 @@ def objective_map(tuned: Tuned, n: int) -> dict[str, np.ndarray]:
 
     Raises:
         ValueError: The tuning was read from a file, which does not hold its problem.
+
+    Example:
+        >>> import jax; jax.config.update("jax_enable_x64", True)
+        >>> import jaxshroud as js
+        >>> scene = js.load("table1", ['parts.motion=["x"]', "drive.M_0=10"]).scene
+        >>> small = dict(scan=4, n_starts=1, updates=1, n_periods=2, transient=2, steps_per_period=100)
+        >>> found = js.tune(scene, {"shroud.gap": (2e-5, 4e-5), "contact.gamma": (1, 2)}, **small)
+        >>> js.objective_map(found, 3)["objective"].shape
+        (3, 3)
     """
     side = np.linspace(0.0, 1.0, n)
     cube = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -13,7 +13,7 @@ from jaxshroud.motion import together as module
 from jaxshroud.motion.together import Derivatives, Periods, alone_found, together
 from jaxshroud.scene.errors import NumericalError
 
-SCENE = load("table1", ['model.motion=["x"]', "drive.F_0=60"]).scene
+SCENE = load("table1", ['parts.motion=["x"]', "drive.F_0=60"]).scene
 STATE = start(SCENE.initial)
 
 

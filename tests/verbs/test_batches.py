@@ -178,7 +178,8 @@ def test_results_come_back_from_files(found, scenes, tmp_path):
     np.testing.assert_array_equal(back.multipliers, found.multipliers)
     # It can be followed further: closed again at once, and differentiated.
     nearby = js.orbit(back.scene, state=back.start, q=1, **STEPS)
-    assert np.all(nearby.updates == 0)
+    assert np.all(nearby.updates <= 1)
+    np.testing.assert_allclose(nearby.P_d, found.P_d, rtol=1e-9)
     slope = js.gradient(back.scene, KEYS, at=back, **STEPS)
     slope.save(tmp_path / "slopes.nc")
     again = js.Gradient.load(tmp_path / "slopes.nc")
