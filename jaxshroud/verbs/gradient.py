@@ -54,7 +54,7 @@ def gradient(
             counts where an argument is not given.
         wrt: Keys as for `vary`; without a blade's index both blades change together.
         of: What to differentiate.
-        at: The orbit, or orbits, where they are known already.
+        at: The orbit, or orbits, where they are known already; how they were marched is then the default.
         sigma: Standard deviation of that distribution, relative to each parameter's value.
         pairs: Antithetic pairs of samples; all samples start from the scene's initial state.
         seed: Of the samples.
@@ -95,6 +95,9 @@ def gradient(
     """
     word_argument("of", of, Of)
     positive_argument("sigma", sigma)
+    count_argument("most_periods", most_periods, 1)
+    if at is not None and steps_per_period is None and method is None and accuracy is None:
+        steps_per_period, method = at.steps_per_period, at.method
     lanes = lanes_of(
         scene,
         n_periods=n_periods,
@@ -104,7 +107,6 @@ def gradient(
         accuracy=accuracy,
         dims=dims,
     )
-    count_argument("most_periods", most_periods, 1)
     throw, march = throw or not lanes.shape, lanes.how
     numbered = [with_numbers(one, wrt) for one in lanes.scenes]
     aim = Aim(march.steps, TOLERANCE[march.method.precision], march.method)
@@ -167,7 +169,7 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Of = "P_d") -
         >>> import jaxshroud as js
         >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
         >>> found = js.orbit(scene, steps_per_period=100)
-        >>> exact = js.gradient(scene, ["shroud.gap"], at=found, steps_per_period=100).value["shroud.gap"]
+        >>> exact = js.gradient(scene, ["shroud.gap"], at=found).value["shroud.gap"]
         >>> abs(js.differences(found, ["shroud.gap"], 1e-4)["shroud.gap"] / exact - 1) < 1e-6
         True
     """

@@ -62,6 +62,8 @@ def lanes_of(scene: Scene | SceneFile, **asked_for: Any) -> Lanes:
 
 def with_tangents(asked: Asked, lanes: Scene) -> Marched:
     """How lanes (leading axis) are marched for derivatives: in float64 unless the method says otherwise."""
+    if asked.method is None:
+        in_precision(lanes, "float64")  # refused before anything is tried
     how = marched(asked, lanes, FAST, derivatives=True)
     if lanes.parts.contact != "none":
         return how

@@ -13,6 +13,7 @@ from jaxshroud.motion.shooting import TOLERANCE, Aim, closed_orbit, settled_orbi
 from jaxshroud.motion.together import together
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.checks import count_argument, positive_argument
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.lanes import lanes_of, of_all, told
@@ -77,15 +78,16 @@ def orbit(
         >>> found.q, found.flags, bool(abs(found.multipliers[0]) < 1)
         (1, (), True)
     """
-    lanes = lanes_of(scene, steps_per_period=steps_per_period, method=method, accuracy=accuracy, dims=dims)
-    march = lanes.how
     count_argument("most_periods", most_periods, 1)
-    tolerance = TOLERANCE[march.method.precision] if tolerance is None else tolerance
-    positive_argument("tolerance", tolerance)
+    if tolerance is not None:
+        positive_argument("tolerance", tolerance)
     if q is not None:
         count_argument("q", q, 1)
         if state is None:
-            raise ValueError("Argument `q` needs a `state` close to the orbit.")
+            raise InputError("Argument `q` needs a `state` close to the orbit.")
+    lanes = lanes_of(scene, steps_per_period=steps_per_period, method=method, accuracy=accuracy, dims=dims)
+    march = lanes.how
+    tolerance = TOLERANCE[march.method.precision] if tolerance is None else tolerance
     aim = Aim(march.steps, tolerance, march.method)
     result = lambda cycles: Orbit.of_cycles(cycles, lanes.shape, **lanes.about)  # noqa: E731
     try:
