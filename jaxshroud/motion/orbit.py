@@ -21,7 +21,6 @@ from jaxshroud.scene.scene import Scene
 EXACT = {"float64": 1e-6, "float32": 1e-2}
 ROUNDINGS = 1e3  # units of rounding that a slider's row of the Jacobian may differ by from that of a slider at rest
 UNSOUND = {"unstable", "not converged", "stopped"}  # flags of what is not a motion that lasts
-FLAGS = ("aperiodic", "stopped", "not converged", "unstable", "not unique", "ill conditioned")
 
 
 class Shot(NamedTuple):
