@@ -9,7 +9,9 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud import LaneWarning, Status, load, vary
+from jaxshroud.batch.threads import Interrupted
 from jaxshroud.motion import gradient as slopes
+from jaxshroud.motion.together import Derivatives
 from jaxshroud.scene.errors import NumericalError
 from jaxshroud.scene.grids import scenes_at
 
@@ -98,7 +100,7 @@ def test_gradients_of_a_batch_are_those_of_a_loop(scenes, each, found):
         js.gradient(each[0], KEYS, at=found, **STEPS)
 
 
-def test_kinds_of_gradients_are_told_by_lane(monkeypatch):
+def test_kinds_of_gradients_are_told_by_lane():
     # Chaos beside an orbit: each has the derivative that it can have.
     base = load("table1", ["drive.F_0=60"]).scene
     pair = scenes_at(base, ["contact.gamma"], np.array([[5.5], [2.5]]))
@@ -147,6 +149,17 @@ def test_a_lane_that_stops_is_flagged_and_the_others_go_on(overflowing, found):
         grown = js.lyapunov(overflowing, n_periods=2, transient=1, **STEPS)
     assert np.isnan(grown.exponents[1]).all()
     assert np.isfinite(grown.exponents[[0, 2], 0]).all()
+
+
+def test_an_interruption_leaves_the_lanes_that_had_ended(overflowing, monkeypatch):
+    def stop(_):
+        raise Interrupted([None])
+
+    monkeypatch.setattr(Derivatives, "answers", staticmethod(stop))
+    with pytest.raises(Interrupted) as stopped:
+        js.orbit(overflowing, **STEPS)
+    assert stopped.value.done.flags.tolist() == [("not run",), ("stopped",), ("not run",)]
+    assert stopped.value.done.status.tolist() == [Status.NOT_RUN, Status.NOT_FINITE, Status.NOT_RUN]
 
 
 def test_equations_that_cannot_be_solved_are_flagged(scenes, found, monkeypatch):
