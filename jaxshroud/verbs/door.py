@@ -52,7 +52,10 @@ class Asked(NamedTuple):
         """
         if state is None:
             return jax.vmap(lambda scene: start(scene.initial))(lanes)
-        shape, state = np.shape(state.u_s), in_precision(state, str(lanes.drive.omega.dtype))
+        shape, state = (
+            np.shape(state.u_s),
+            in_precision(state, "float64" if lanes.drive.omega.dtype == float else "float32"),
+        )
         if shape and shape != self.shape:
             raise InputError(f"Argument `state` has leading axes {shape}, but the scenes have {self.shape}.")
         flat = in_line(state, len(shape))
