@@ -204,7 +204,7 @@ def _without_contact(scenes: Scene, states: State, turns: float, periods: np.nda
     none, zero = np.zeros(shape, np.int32), np.zeros(shape[0])
     return {
         "motion": jax.tree.map(np.asarray, motion),
-        "u_s": np.full(shape, np.nan, dtype),
+        "u_s": np.full(shape, np.nan),
         "mode": none,
         "case": none,
         "status": status,
