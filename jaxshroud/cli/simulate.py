@@ -58,6 +58,6 @@ def run(options: argparse.Namespace) -> None:
 def _fits(file: SceneFile, options: argparse.Namespace) -> None:
     """Refuse what would not fit into memory, before anything is compiled."""
     steps = file.run.steps_per_period
-    least = LEAST_STEPS if steps == "auto" or options.accuracy else steps
+    least = LEAST_STEPS if steps is None or steps == "auto" or options.accuracy else steps
     with blamed(file.name):
         memory_for("what is stored of this run", file.run.periods * least // options.every * STEP)

@@ -48,6 +48,7 @@ class Result:
     status = Variable("how each lane ended", stored=np.int8, kind=np.int32, more=FLAGS)
     method = Attribute(str)
     steps_per_period = Attribute(int)
+    accuracy = Attribute(str)  # asked for, and what it chose
     chatter = Attribute(str)  # what alternated in the first lane that stopped with TOO_MANY_EVENTS
 
     def __init__(self, data: "xr.Dataset"):

@@ -201,5 +201,7 @@ def in_line(tree: Any, axes: int) -> Any:
 
 
 def in_shape(values: Any, shape: tuple[int, ...]) -> Any:
-    """A tree of arrays with a leading axis of lanes, which becomes axes of that shape; () drops it."""
+    """Trees of arrays with a leading axis of lanes, which becomes axes of that shape; () drops it."""
+    if isinstance(values, dict):
+        return {name: in_shape(value, shape) for name, value in values.items()}  # jax.tree would sort them
     return jax.tree.map(lambda a: np.asarray(a).reshape((*shape, *np.shape(a)[1:])), values)

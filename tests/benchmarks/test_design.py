@@ -50,7 +50,7 @@ def test_cost_of_gradients():
     found = {}
     for gamma in (2.5, 4.2):
         at = orbit(load("table1", [f"contact.gamma={gamma}", "drive.F_0=60"]).scene)
-        once = median(lambda at=at: simulate(at.scene, at.start, n_periods=at.q, method=FAST))
+        once = median(lambda at=at: simulate(at.scene, at.start, n_periods=at.q, method=FAST, steps_per_period=400))
         two, twenty = (median(lambda at=at, keys=keys: on_orbit(at, keys)) for keys in (TWENTY[:2], TWENTY))
         found[f"gamma {gamma}, period {at.q}"] = {"two parameters": two / once, "twenty": twenty / once}
     record("simulations that a gradient costs", found)

@@ -46,7 +46,7 @@ def computed(monkeypatch):
 VERBS = {
     "simulate": lambda s: js.simulate(s, n_periods=1, **STEPS),
     "sweep": lambda s: sweep_verb(s, {"contact.gamma": [1.0, 2.0]}, n_periods=1, **STEPS),
-    "power": lambda s: js.power(s, most_periods=4, **STEPS),
+    "power": lambda s: js.power(s, n_periods=4, **STEPS),
     "orbit": lambda s: js.orbit(s, most_periods=64, **STEPS),
     "orbit from a state": lambda s: js.orbit(s, state=start(s.initial), most_periods=8, **STEPS),
     "lyapunov": lambda s: js.lyapunov(s, n_periods=1, transient=1, **STEPS),

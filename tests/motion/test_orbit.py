@@ -75,7 +75,7 @@ def test_orbits_of_every_kind_are_found(case):
     assert found.q == q
     assert found.flags == ()
     assert found.residual <= 1e-8
-    run = simulate(found.scene, found.start, n_periods=found.q, method=found.method)
+    run = simulate(found.scene, found.start, n_periods=found.q, method=found.method, steps_per_period=400)
     for event in events:
         assert run.counters[event] > 0, event
     np.testing.assert_allclose(run.last.motion.x, found.start.motion.x, rtol=1e-6)
@@ -196,7 +196,7 @@ def test_permanent_flat_contact_has_one_angle():
     # A difference of the angles does not exist there. Taken for a motion of its own it would stay for ever: a second
     # multiplier of 1, and derivatives off by up to twenty times.
     found = orbit(load("table1", ["shroud.gap=-0.0005", "friction.mu=5", "drive.M_0=0.05", "drive.F_0=5"]).scene)
-    run = simulate(found.scene, found.start, n_periods=1)
+    run = simulate(found.scene, found.start, n_periods=1, steps_per_period=400)
     assert set(run.case.tolist()) == {5}
     assert found.flags == ("not unique",)
     assert np.abs(found.others).max() < 0.9

@@ -1,239 +1,101 @@
-"""Verbs that follow each lane on its own, for many scenes: lanes first, failures per lane, and the same numbers."""
+"""One scene or many: leading axes come first, names are as asked for, and a lane that fails stops no other."""
 
-import doctest
-import importlib
-
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud import LaneWarning, Status, load, vary
-from jaxshroud.batch.threads import Interrupted
-from jaxshroud.motion import gradient as slopes
-from jaxshroud.motion.together import Derivatives
-from jaxshroud.scene.errors import NumericalError
-from jaxshroud.scene.grids import scenes_at
+from jaxshroud.scene.errors import InputError, NumericalError
 
-GAMMAS = (0.5, 2.5, 5.0)
-STEPS = {"steps_per_period": 100}
-KEYS = ["shroud.gap", "contact.gamma"]
+GAMMA = [1.0, 2.5, 4.0]
+SHORT = {"steps_per_period": 200}
 
 
 @pytest.fixture(scope="module")
-def base():
-    """Bending along x alone, damped so that it settles soon."""
-    return load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
+def scene():
+    return js.load("table1", ['parts.motion=["x"]']).scene
 
 
 @pytest.fixture(scope="module")
-def scenes(base):
-    return scenes_at(base, ["contact.gamma"], np.array(GAMMAS)[:, None])
+def scenes(scene):
+    return js.scenes_from({"contact.gamma": GAMMA, "drive.omega": [500.0, 536.0, 600.0]}, scene)
 
 
-@pytest.fixture(scope="module")
-def each(base):
-    return [vary(base, "contact.gamma", gamma) for gamma in GAMMAS]
+def test_simulated_scenes_are_those_simulated_one_by_one(scenes):
+    many = js.simulate(scenes, n_periods=2, dims=["point"], **SHORT)
+    assert many.data["x"].dims == ("point", "time", "blade")
+    for i in range(3):
+        one = js.simulate(jax.tree.map(lambda a, i=i: a[i], scenes), n_periods=2, **SHORT)
+        # the same kernel, whatever the number of lanes; over two periods rounding grows by less than 1e4
+        np.testing.assert_allclose(many.motion.x[i], one.motion.x, rtol=0, atol=1e-12 * np.abs(one.motion.x).max())
+        np.testing.assert_array_equal(many.t[i], one.t)
+        assert {name: n[i] for name, n in many.counters.items()} == one.counters
+    on = js.simulate(scenes, many.last, n_periods=1, **SHORT)
+    assert on.motion.x.shape == (3, 201, 2)
 
 
-@pytest.fixture(scope="module")
-def found(scenes):
-    return js.orbit(scenes, dims=["gamma"], **STEPS)
+def test_swept_scenes_are_a_sweep(scene):
+    alike = js.scenes_from({"contact.gamma": GAMMA}, scene)
+    keeps = dict(n_periods=2, transient=1, **SHORT)
+    got, exact = js.sweep(alike, **keeps), js.sweep(scene, {"contact.gamma": GAMMA}, **keeps)
+    np.testing.assert_array_equal(got.P_d, exact.P_d)
+    assert got.data["P_d"].dims == ("lane",)
+    np.testing.assert_array_equal(got.data["gamma"], GAMMA)
+    grid = js.sweep(alike, {"shroud.gap": [1e-5, 2.2e-5]}, direction="forward", dims=["point"], **keeps)
+    assert grid.motion.x.shape == (3, 2, 2, 2)
+    assert grid.data["P_d"].dims == ("point", "gap")
 
 
-def lanes_of(scenes, order):
-    return jax.tree.map(lambda a: a[np.asarray(order)], scenes)
+def test_power_of_scenes_ends_for_each_by_itself(scenes):
+    keeps = dict(n_periods=128, transient=16, **SHORT)
+    many, one = js.power(scenes, **keeps), js.power(jax.tree.map(lambda a: a[1], scenes), **keeps)
+    assert many.final["P_d"][1] == pytest.approx(one.final["P_d"], rel=1e-9)
+    assert many.P_d.shape == many.n.shape
+    assert many.n.max(axis=1).tolist() == many.final["n"].tolist()
 
 
-@pytest.fixture(scope="module")
-def overflowing(scenes):
-    """The middle lane begins so far out that its squares overflow."""
-    far = [1e-6, 1e200, 1e-6]
-    base = jax.tree.map(lambda a: a[0], scenes)
-    return scenes_at(base, ["contact.gamma", "initial.x[0]"], np.stack([GAMMAS, far], axis=1))
+def test_a_lane_that_fails_is_told_and_stops_no_other(scene):
+    wild = js.scenes_from({"drive.F_0": [60.0, 1e200]}, scene)
+    with pytest.warns(js.LaneWarning, match="1 of 2 lanes ended with NOT_FINITE"):
+        curve = js.sweep(wild, n_periods=2, transient=0, **SHORT)
+    assert (curve.failed, curve.status[0]) == (1, 0)
+    assert np.isfinite(curve.P_d[0])
+    assert "look at the drive" in curve.messages[0]
+    with pytest.raises(NumericalError, match="1 of 2 lanes"):
+        js.sweep(wild, n_periods=2, transient=0, throw=True, **SHORT)
 
 
-def test_orbits_of_a_batch_are_those_of_a_loop(found, each):
-    # Each lane runs through the same operations, whatever runs beside it: bit by bit the same.
-    for lane, scene in enumerate(each):
-        one = js.orbit(scene, **STEPS)
-        assert isinstance(one.P_d, float)
-        assert isinstance(one.flags, tuple)
-        assert (found.q[lane], found.flags[lane], found.periods[lane]) == (one.q, one.flags, one.periods)
-        for name in ("P_d", "P", "residual", "multipliers", "conditioning", "doubt"):
-            np.testing.assert_array_equal(getattr(found, name)[lane], getattr(one, name), name)
-        np.testing.assert_array_equal(found.start.motion.x[lane], one.start.motion.x)
-        np.testing.assert_array_equal(found.jacobian.by_state[lane], one.jacobian.by_state)
-    assert len(set(found.P_d)) == len(GAMMAS)  # control: lanes that were swapped would differ
+def test_leading_axes_that_disagree_are_refused(scene):
+    wrong = eqx.tree_at(lambda s: s.shroud.gap, scene, jnp.ones(3))
+    with pytest.raises(InputError, match="disagree in their leading axes"):
+        js.simulate(wrong, n_periods=1, **SHORT)
+    with pytest.raises(InputError, match="must name 1 leading axes"):
+        js.sweep(js.scenes_from({"contact.gamma": GAMMA}, scene), dims=["a", "b"], n_periods=1, **SHORT)
 
 
-def test_lanes_do_not_know_their_place(found, scenes):
-    order = [2, 0, 1]
-    swapped = js.orbit(lanes_of(scenes, order), **STEPS)
-    np.testing.assert_array_equal(swapped.P_d, found.P_d[order])
-    assert not np.array_equal(swapped.P_d, found.P_d)
+def test_the_argument_counts_then_the_file_then_the_default():
+    file = js.load("table1", ['parts.motion=["x"]', "run.periods=2", "run.transient=1", "run.steps_per_period=150"])
+    run = js.simulate(file)
+    assert (len(run.t), run.steps_per_period) == (301, 150)
+    assert js.simulate(file, n_periods=1, steps_per_period=200).t.shape == (201,)
+    with pytest.raises(InputError, match="`accuracy` chooses `steps_per_period` itself"):
+        js.simulate(file, accuracy="fast", steps_per_period=200)
+    quiet = js.sweep(file.scene, {"contact.gamma": GAMMA}, n_periods=1)
+    assert quiet.period.tolist() == [65]  # nothing said: the start-up is no part of an average
+    assert quiet.accuracy.startswith("accuracy 1e-06")
+    with pytest.raises(js.SceneError, match="keep one of them"):
+        js.load("table1", ["run.accuracy=fast"])
 
 
-def test_leading_axes_come_first(scenes):
-    grid = jax.tree.map(lambda a: np.stack([a[:2], a[1:]]), scenes)
-    found = js.orbit(grid, dims=["a", "b"], **STEPS)
-    assert found.P_d.shape == (2, 2)
-    assert found.P.shape == (2, 2, 2)
-    assert found.multipliers.shape == (2, 2, 13)
-    assert found.P_d[0, 1] == found.P_d[1, 0]
-    assert found.to_xarray().P_d.dims == ("a", "b")
-    assert found.cycle(1, 1).P_d == found.P_d[1, 1]
-    with pytest.raises(ValueError, match="chosen by 2 indices"):
-        found.cycle(1)
+def test_the_sweep_of_a_file_needs_no_more_words():
+    words = ['parts.motion=["x"]', "sweep.num=3", "run.transient=1", "sweep.keep=2"]
+    curve = js.sweep(js.load("fig09", words))
+    assert list(curve.axes) == ["contact.gamma"]
+    assert curve.P_d.shape == (3,)
 
 
-def test_gradients_of_a_batch_are_those_of_a_loop(scenes, each, found):
-    many = js.gradient(scenes, KEYS, at=found, **STEPS)
-    for lane, scene in enumerate(each):
-        one = js.gradient(scene, KEYS, **STEPS)
-        for key in KEYS:
-            assert isinstance(one.value[key], float)
-            # The orbits of `gradient` are of scenes whose stiffness is written anew, rounded differently.
-            np.testing.assert_allclose(many.value[key][lane], one.value[key], rtol=1e-9)
-        assert (many.kind[lane], many.flags[lane], many.ci[KEYS[0]][lane]) == ("periodic", (), 0.0)
-    with pytest.raises(ValueError, match="`at` has lanes"):
-        js.gradient(each[0], KEYS, at=found, **STEPS)
-
-
-def test_kinds_of_gradients_are_told_by_lane():
-    # Chaos beside an orbit: each has the derivative that it can have.
-    base = load("table1", ["drive.F_0=60"]).scene
-    pair = scenes_at(base, ["contact.gamma"], np.array([[5.5], [2.5]]))
-    few = {"pairs": 4, "n_periods": 4, "transient": 4, "most_periods": 64, "steps_per_period": 200}
-    got = js.gradient(pair, ["shroud.gap"], **few)
-    assert got.kind.tolist() == ["smoothed", "periodic"]
-    assert "aperiodic" in got.flags[0]
-    assert got.flags[1] == ()
-    assert got.ci["shroud.gap"][0] > 0 == got.ci["shroud.gap"][1]
-    assert np.isnan(got.orbit.P_d[0])
-    assert np.isfinite(got.orbit.P_d[1])
-
-
-def test_exponents_of_a_batch_are_those_of_a_loop(scenes, each):
-    few = {"n_periods": 8, "transient": 4, **STEPS}
-    many = js.lyapunov(scenes, **few)
-    assert many.growth.shape == (3, 8, 13)
-    for lane, scene in enumerate(each):
-        one = js.lyapunov(scene, **few)
-        np.testing.assert_array_equal(many.exponents[lane], one.exponents)
-        np.testing.assert_array_equal(many.growth[lane], one.growth)
-        assert many.status[lane] == one.status == Status.OK
-    state = js.lyapunov(scenes, state=many.last, n_periods=8, transient=0, **STEPS)
-    assert np.all(np.isfinite(state.exponents[:, 0]))
-
-
-def test_a_lane_that_stops_is_flagged_and_the_others_go_on(overflowing, found):
-    with pytest.warns(LaneWarning, match="Orbit of 3 lanes, 1 failed: 2 found"):
-        some = js.orbit(overflowing, **STEPS)
-    assert some.flags.tolist() == [(), ("stopped",), ()]
-    assert some.status.tolist() == [Status.OK, Status.NOT_FINITE, Status.OK]
-    assert np.isnan(some.P_d[1])
-    assert np.isnan(some.jacobian.by_state[1]).all()
-    np.testing.assert_allclose(some.P_d[[0, 2]], found.P_d[[0, 2]], rtol=1e-9)
-    assert some.failed == 1
-    with pytest.raises(NumericalError, match="1 failed"):
-        js.orbit(overflowing, throw=True, **STEPS)
-    with pytest.warns(LaneWarning):
-        slope = js.gradient(overflowing, ["shroud.gap"], at=some, **STEPS)
-    assert slope.kind.tolist() == ["periodic", "none", "periodic"]
-    assert slope.flags[1] == ("stopped", "failed")
-    assert np.isnan(slope.value["shroud.gap"]).tolist() == [False, True, False]
-    with pytest.raises(NumericalError, match="nothing to differentiate"):
-        js.gradient(overflowing, ["shroud.gap"], at=some, throw=True, **STEPS)
-    with pytest.warns(LaneWarning):
-        grown = js.lyapunov(overflowing, n_periods=2, transient=1, **STEPS)
-    assert np.isnan(grown.exponents[1]).all()
-    assert np.isfinite(grown.exponents[[0, 2], 0]).all()
-
-
-def test_an_interruption_leaves_the_lanes_that_had_ended(overflowing, monkeypatch):
-    def stop(_):
-        raise Interrupted([None])
-
-    monkeypatch.setattr(Derivatives, "answers", staticmethod(stop))
-    with pytest.raises(Interrupted) as stopped:
-        js.orbit(overflowing, **STEPS)
-    assert stopped.value.done.flags.tolist() == [("not run",), ("stopped",), ("not run",)]
-    assert stopped.value.done.status.tolist() == [Status.NOT_RUN, Status.NOT_FINITE, Status.NOT_RUN]
-
-
-def test_equations_that_cannot_be_solved_are_flagged(scenes, found, monkeypatch):
-    held = slopes.moved_start
-
-    def singular(M, by, free):
-        if np.array_equal(M, found.jacobian.by_state[1]):
-            raise np.linalg.LinAlgError("Singular matrix")
-        return held(M, by, free)
-
-    monkeypatch.setattr(slopes, "moved_start", singular)
-    with pytest.warns(LaneWarning):
-        got = js.gradient(scenes, ["shroud.gap"], at=found, **STEPS)
-    assert got.flags.tolist() == [(), ("failed",), ()]
-    one = js.orbit(vary(jax.tree.map(lambda a: a[0], scenes), "contact.gamma", GAMMAS[1]), **STEPS)
-    with pytest.raises(np.linalg.LinAlgError):
-        js.gradient(one.scene, ["shroud.gap"], at=one, **STEPS)
-
-
-def test_results_come_back_from_files(found, scenes, tmp_path):
-    found.save(tmp_path / "orbits.nc")
-    back = js.open(tmp_path / "orbits.nc")
-    assert isinstance(back, js.Orbit)
-    assert repr(back) == repr(found)
-    assert back.flags.tolist() == found.flags.tolist()
-    assert back.method == found.method
-    for a, b in zip(jax.tree.leaves(back.scene), jax.tree.leaves(scenes), strict=True):
-        np.testing.assert_array_equal(a, b)
-    np.testing.assert_array_equal(back.multipliers, found.multipliers)
-    # It can be followed further: closed again at once, and differentiated.
-    nearby = js.orbit(back.scene, state=back.start, q=1, **STEPS)
-    assert np.all(nearby.updates <= 1)
-    np.testing.assert_allclose(nearby.P_d, found.P_d, rtol=1e-9)
-    slope = js.gradient(back.scene, KEYS, at=back, **STEPS)
-    slope.save(tmp_path / "slopes.nc")
-    again = js.Gradient.load(tmp_path / "slopes.nc")
-    np.testing.assert_array_equal(again.value[KEYS[0]], slope.value[KEYS[0]])
-    np.testing.assert_array_equal(again.orbit.P_d, found.P_d)
-    assert (again.of, again.kind.tolist()) == ("P_d", ["periodic"] * 3)
-    with pytest.raises(ValueError, match="holds a Gradient, not a Orbit"):
-        js.Orbit.load(tmp_path / "slopes.nc")
-    with pytest.raises(ValueError, match="no picture of a Orbit"):
-        found.plot()
-    grown = js.lyapunov(scenes, n_periods=4, transient=1, **STEPS)
-    grown.save(tmp_path / "grown.nc")
-    np.testing.assert_array_equal(js.open(tmp_path / "grown.nc").exponents, grown.exponents)
-
-
-def test_a_single_orbit_comes_back_from_its_file(each, tmp_path):
-    one = js.orbit(each[1], **STEPS)
-    one.save(tmp_path / "orbit.nc")
-    back = js.open(tmp_path / "orbit.nc")
-    assert repr(back) == repr(one)
-    assert (back.q, back.flags, back.P_d) == (one.q, one.flags, one.P_d)
-    exact, again = (js.gradient(o.scene, KEYS, at=o, **STEPS).value for o in (one, back))
-    assert exact == again
-    assert "Orbit" in back._repr_html_()
-
-
-@pytest.mark.parametrize(
-    "verb",
-    [
-        lambda s: js.tune(s, {"shroud.gap": (1e-5, 1e-4)}),
-        js.explain,
-        importlib.import_module("jaxshroud.verbs.trade").trade,
-    ],
-)
-def test_verbs_of_one_scene_refuse_many(verb, scenes):
-    with pytest.raises(ValueError, match="takes one scene, but was given 3"):
-        verb(scenes)
-
-
-@pytest.mark.parametrize("name", ["orbit", "gradient", "lyapunov", "tune", "explain"])
-def test_examples_of_docstrings_run(name):
-    module = importlib.import_module(f"jaxshroud.verbs.{name}")
-    assert doctest.testmod(module).attempted > 0
-    assert doctest.testmod(module).failed == 0
+def test_most_periods_is_called_n_periods(scene):
+    with pytest.warns(DeprecationWarning, match="`n_periods` now"):
+        js.power(scene, most_periods=2, transient=0, **SHORT)

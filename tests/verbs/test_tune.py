@@ -62,7 +62,7 @@ def test_the_objective_is_that_of_single_runs(scene, tuned):
         one = vary(scene, "drive.F_0", F_0)
         for key, value in tuned.design.items():
             one = vary(one, key, value)
-        found.append(power(one, most_periods=512, transient=128, steps_per_period=400).final["P_d"])
+        found.append(power(one, n_periods=512, transient=128, steps_per_period=400).final["P_d"])
     assert tuned.checks["four times as long"].objective[0] == pytest.approx(np.mean(found), abs=0.2)
 
 
