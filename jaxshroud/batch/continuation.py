@@ -7,25 +7,34 @@ from jaxshroud.batch.runs import Plan, Runs, Ticker, chosen, completed, run_lane
 from jaxshroud.batch.states import final_states
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.model.modes import Status
+from jaxshroud.model.state import State
 from jaxshroud.scene.parts import Direction
 from jaxshroud.scene.scene import Scene
 
 
-def independent(scenes: Scene, shape: tuple[int, ...], plan: Plan, ticker: Ticker) -> Runs:
-    """All lanes at once, each from its scene's start.
+def independent(scenes: Scene, shape: tuple[int, ...], plan: Plan, ticker: Ticker, states: State | None = None) -> Runs:
+    """All lanes at once, each from its scene's start or from `states` of the same leading axes.
 
     Raises:
         Interrupted: As in `run_lanes`.
     """
-    flat = jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), scenes)
+    flat, begin = jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), (scenes, states))
     shaped = lambda runs: jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), runs)  # noqa: E731
     try:
-        return shaped(run_lanes(flat, starts(flat), plan, ticker))
+        return shaped(run_lanes(flat, starts(flat) if begin is None else begin, plan, ticker))
     except Interrupted as stopped:
         raise Interrupted(stopped.done and shaped(stopped.done)) from None
 
 
-def continued(scenes: Scene, shape: tuple[int, ...], plan: Plan, ticker: Ticker, direction: Direction) -> Runs:
+def continued(
+    scenes: Scene,
+    shape: tuple[int, ...],
+    plan: Plan,
+    ticker: Ticker,
+    states: State | None = None,
+    *,
+    direction: Direction,
+) -> Runs:
     """Lanes along the first axis one after the other, each from the final state of the one before.
 
     Raises:
@@ -36,8 +45,8 @@ def continued(scenes: Scene, shape: tuple[int, ...], plan: Plan, ticker: Ticker,
     runs: list[Runs | None] = [None] * shape[0]
     state = arrived = None
     for i in order:
-        here = jax.tree.map(lambda a, i=i: a[i].reshape(-1, *a.shape[len(shape) :]), scenes)
-        fresh = starts(here)
+        here, begin = jax.tree.map(lambda a, i=i: a[i].reshape(-1, *a.shape[len(shape) :]), (scenes, states))
+        fresh = starts(here) if begin is None else begin
         try:
             runs[i] = run = run_lanes(here, fresh if state is None else state, plan, ticker, arrived)
         except Interrupted as stopped:

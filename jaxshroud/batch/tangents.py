@@ -234,6 +234,60 @@ class Tangents(NamedTuple):
     power_by_parameter: np.ndarray  # (2, parameters)
 
 
+class Course(NamedTuple):
+    """One scene from a state, and what its flow is differentiated by."""
+
+    scene: Scene
+    state: State
+    directions: Sequence[Scene] = ()  # derivative of the scene with respect to each parameter
+    by_state: bool = True  # and by the starting state
+
+    @property
+    def by_start(self) -> int:
+        """Directions in the state."""
+        return STATE if self.by_state else 0
+
+    @property
+    def lanes(self) -> int:
+        """Lanes, one for each direction; a single one where there are none."""
+        return max(self.by_start + len(self.directions), 1)
+
+    @property
+    def duals(self) -> tuple[Dual, Dual]:
+        """Scenes and states of its lanes."""
+        lanes, state = self.lanes, as_precise(self.state, self.scene)
+        still = [jax.tree.map(np.zeros_like, self.scene)] * (lanes - len(self.directions))
+        along = jax.tree.map(lambda *a: np.stack(a), *still, *self.directions)
+        unit = np.zeros((lanes, STATE), self.scene.drive.omega.dtype)
+        unit[: self.by_start] = np.eye(STATE)[: self.by_start]
+        shift = from_vector(unit, None, None)
+        return Dual(repeated(self.scene, lanes), along), Dual(repeated(state, lanes), shift)
+
+    def tangents(self, came: Dual) -> Tangents:
+        """Tangents from the flow of its lanes."""
+        (value, slope), end = came, jax.tree.map(lambda a: a[0], onward(came).value)
+        by, count = to_vector(slope.state), self.by_start
+        power, power_by = np.stack([a[0] for a in value.power]), np.stack(slope.power)
+        parts = by[:count].T, power_by[:, :count], by[count:].T, power_by[:, count:]
+        return Tangents(end, to_vector(end), power, int(value.status[0]), *parts)
+
+
+def all_tangents(courses: Sequence[Course], *, n: int, steps: int, method: Choices) -> list[Tangents]:
+    """Flow of each course over `n` periods from drive phase 0 with all its tangents, as one batch of lanes.
+
+    Args:
+        courses: Scenes of one structure, with their states and directions.
+        n: Drive periods.
+        steps: Runge-Kutta steps in one period.
+        method: Static choices of the march, `differentiable`.
+    """
+    scenes, states = jax.tree.map(lambda *a: np.concatenate(a), *(course.duals for course in courses))
+    came = run_flow(scenes, states, n, steps, method)
+    ends = np.cumsum([course.lanes for course in courses])
+    part = lambda end, lanes: jax.tree.map(lambda a: a[end - lanes : end], came)  # noqa: E731
+    return [course.tangents(part(end, course.lanes)) for course, end in zip(courses, ends, strict=True)]
+
+
 def tangents(
     scene: Scene,
     state: State,
@@ -244,32 +298,9 @@ def tangents(
     method: Choices,
     by_state: bool = True,
 ) -> Tangents:
-    """Flow of one scene over `n` periods from drive phase 0 with all its tangents.
-
-    Args:
-        scene: The scene.
-        state: Where to start.
-        directions: Derivative of the scene with respect to each parameter.
-        n: Drive periods.
-        steps: Runge-Kutta steps in one period.
-        method: Static choices of the march, `differentiable`.
-        by_state: False leaves the derivatives with respect to the start out (they are then 0).
-    """
-    state = as_precise(state, scene)
-    count = STATE if by_state else 0
-    lanes = max(count + len(directions), 1)
-    still = [jax.tree.map(np.zeros_like, scene)] * (lanes - len(directions))
-    along = jax.tree.map(lambda *a: np.stack(a), *still, *directions)
-    unit = np.zeros((lanes, STATE), scene.drive.omega.dtype)
-    unit[:count] = np.eye(STATE)[:count]
-    shift = from_vector(unit, state.mode, state.case)
-    starts = Dual(repeated(state, lanes), State(shift.motion, shift.u_s, None, None))  # type: ignore[arg-type]
-    came = run_flow(Dual(repeated(scene, lanes), along), starts, n, steps, method)
-    (value, slope), end = came, jax.tree.map(lambda a: a[0], onward(came).value)
-    by = to_vector(slope.state)
-    power, power_by = np.stack([a[0] for a in value.power]), np.stack(slope.power)
-    parts = by[:count].T, power_by[:, :count], by[count:].T, power_by[:, count:]
-    return Tangents(end, to_vector(end), power, int(value.status[0]), *parts)
+    """The same of one course."""
+    (found,) = all_tangents([Course(scene, state, directions, by_state)], n=n, steps=steps, method=method)
+    return found
 
 
 def direction(scene: Scene, key: str) -> Scene:

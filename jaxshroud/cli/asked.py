@@ -12,6 +12,7 @@ from jaxshroud.march.words import Locate
 from jaxshroud.scene.config import SceneFile, load
 from jaxshroud.verbs.accuracy import broken
 from jaxshroud.verbs.choice import CHOSEN, accuracy_for, method_for, steps_checked
+from jaxshroud.verbs.door import ACCURACY
 
 
 def loaded(options: argparse.Namespace, *more: str) -> SceneFile:
@@ -39,7 +40,7 @@ def check_step(file: SceneFile, scenes: Any, options: argparse.Namespace) -> int
     choose_accuracy(file, scenes, options)
     if options.choice is not None:
         return options.choice.steps
-    asked = file.run.steps_per_period
+    asked = file.run.steps_per_period or "auto"
     try:
         steps, report = steps_checked(scenes, asked, options.tableau)
     except ValueError as error:
@@ -53,18 +54,26 @@ def check_step(file: SceneFile, scenes: Any, options: argparse.Namespace) -> int
 
 def choose_accuracy(file: SceneFile, scenes: Any, options: argparse.Namespace) -> None:
     """Keep in the options how to march scenes (leading axis) for the accuracy asked for, if any is."""
-    if options.accuracy is None:
+    accuracy = options.accuracy or _unasked_accuracy(file, options)
+    if accuracy is None:
         return
     for name in CHOSEN:
-        if getattr(options, name) is not None:
+        if options.accuracy is not None and getattr(options, name) is not None:
             raise CommandError(f"--accuracy chooses --{name.replace('_', '-')} itself; give one of them")
     if file.scene.parts.contact == "smooth":
         raise CommandError("--accuracy knows located contact, not smooth contact; give --steps-per-period instead")
-    options.choice = accuracy_for(scenes, options.accuracy)
+    options.choice = accuracy_for(scenes, accuracy)
     if options.choice is None:
         print(f"{file.name}: without contact the motion is in closed form; --accuracy has no choice", file=sys.stderr)
     else:
         print(f"{file.name}: {options.choice}", file=sys.stderr)
+
+
+def _unasked_accuracy(file: SceneFile, options: argparse.Namespace) -> str | float | None:
+    """The accuracy that the file asks for, or the default where nothing is said of steps or method."""
+    if file.run.steps_per_period is not None or any(getattr(options, name) is not None for name in CHOSEN):
+        return None
+    return file.run.accuracy or (ACCURACY if file.scene.parts.contact == "spring" else None)
 
 
 def unmet(scenes: Any, options: argparse.Namespace) -> np.ndarray | None:

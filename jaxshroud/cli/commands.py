@@ -6,6 +6,7 @@ wrong, one line says where. 130: interrupted. 141: nobody reads what is printed.
 
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from importlib import import_module
 
@@ -42,8 +43,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _set_up_jax() -> None:
-    """Float64, and programs of all sizes kept on disk."""
+    """Float64, and programs of all sizes kept on disk; lanes that stop are told by the commands themselves."""
     import jax
+
+    from jaxshroud.results.status import LaneWarning
+
+    warnings.filterwarnings("ignore", category=LaneWarning)
 
     jax.config.update("jax_enable_x64", True)
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:

@@ -8,7 +8,7 @@ from jaxshroud.batch.xla import alone
 from jaxshroud.cli.asked import check_step, loaded, with_derivatives
 from jaxshroud.cli.store import gradient_json
 from jaxshroud.cli.terminal import CommandError, blamed, free, print_columns, print_table
-from jaxshroud.motion.orbit import contact_margins
+from jaxshroud.motion.margins import contact_margins
 from jaxshroud.results.store import write_json
 from jaxshroud.verbs.gradient import differences, gradient
 
@@ -64,7 +64,7 @@ def _checked(found) -> dict[str, Any]:
     if found.kind != "periodic":
         print("no check: where the motion is aperiodic, differences have no limit", file=sys.stderr)
         return {}
-    margins = contact_margins(found.orbit)
+    margins = contact_margins(found.orbit.cycle())
     slopes = {step: differences(found.orbit, list(found.value), step, found.of) for step in CHECK_STEPS}
     rows, errors = [], {}
     for key, exact in found.value.items():

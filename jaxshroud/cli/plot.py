@@ -39,13 +39,13 @@ def plot_verb(options: argparse.Namespace) -> None:
 
 def draw_dataset(source: Path, ds: xr.Dataset, picture: Path) -> None:
     """Draw a sweep or a trajectory."""
-    from jaxshroud.results import plot
+    from jaxshroud.results import plot, plot_run
 
     axes = ds.attrs.get("axes")
     if isinstance(axes, str):
         draw = plot.power_map if "," in axes else plot.bifurcation
     elif "end_turns" in ds.attrs:
-        draw = plot.trajectory
+        draw = plot_run.trajectory
     else:
         raise StoreError(f"{source}: not a result of jaxshroud; give a sweep or a trajectory")
     _save(source, lambda: draw(ds), picture)
@@ -53,14 +53,14 @@ def draw_dataset(source: Path, ds: xr.Dataset, picture: Path) -> None:
 
 def draw_json(source: Path, data: Any, picture: Path) -> None:
     """Draw a convergence of P_d, a tuning or a trade."""
-    from jaxshroud.results import plot, plot_design
+    from jaxshroud.results import plot_design, plot_power
 
     keys = set(data) if isinstance(data, dict) else set()
     if keys >= GRADIENT:
         raise CommandError(f"{source}: holds derivatives, of which there is no picture")
     if keys >= SUMMARY:
         raise CommandError(f"{source}: is the summary of a sweep; give its folder or its sweep.nc")
-    drawn = ((POWER, plot.power_convergence), (TUNING, plot_design.tuning), (TRADE, plot_design.trade))
+    drawn = ((POWER, plot_power.power_convergence), (TUNING, plot_design.tuning), (TRADE, plot_design.trade))
     draw = next((draw for kind, draw in drawn if keys >= kind), None)
     if draw is None:
         raise StoreError(f"{source}: not a result of jaxshroud; give a power.json, tune.json or trade.json")

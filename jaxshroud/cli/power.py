@@ -26,7 +26,7 @@ def power_verb(options: argparse.Namespace) -> None:
     with progress_bar("periods") as report, blamed(file.name):
         result = power(
             file.scene,
-            most_periods=file.run.periods,
+            n_periods=file.run.periods,
             transient=file.run.transient,
             steps_per_period=steps,
             tolerance=options.tolerance,

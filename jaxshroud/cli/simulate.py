@@ -6,12 +6,11 @@ import sys
 from jaxshroud.batch.extent import STEP, memory_for
 from jaxshroud.batch.xla import alone
 from jaxshroud.cli.asked import check_step, chosen_method, loaded, unmet
-from jaxshroud.cli.earlier import Earlier, last_state
-from jaxshroud.cli.store import trajectory_dataset
+from jaxshroud.cli.store import named
 from jaxshroud.cli.terminal import CommandError, blamed, free, print_table, warn_status
 from jaxshroud.march.tableau import LEAST_STEPS
 from jaxshroud.model.modes import Status
-from jaxshroud.results.store import write_dataset
+from jaxshroud.results.earlier import Earlier, last_state
 from jaxshroud.scene.config import SceneFile
 from jaxshroud.verbs.simulate import simulate
 
@@ -39,7 +38,7 @@ def simulate_verb(options: argparse.Namespace) -> None:
             t=begin.t,
             method=chosen_method(options, "bisection"),
         )
-    write_dataset(trajectory_dataset(found, file, steps, options.every), options.out)
+    named(found, file).save(options.out)
     warn_status(found.status, found.chatter)
     unmet(lanes, options)
     events = ", ".join(f"{n} {name}" for name, n in found.counters.items() if n) or "none"
@@ -59,6 +58,6 @@ def simulate_verb(options: argparse.Namespace) -> None:
 def _fits(file: SceneFile, options: argparse.Namespace) -> None:
     """Refuse what would not fit into memory, before anything is compiled."""
     steps = file.run.steps_per_period
-    least = LEAST_STEPS if steps == "auto" or options.accuracy else steps
+    least = LEAST_STEPS if steps is None or steps == "auto" or options.accuracy else steps
     with blamed(file.name):
         memory_for("what is stored of this run", file.run.periods * least // options.every * STEP)

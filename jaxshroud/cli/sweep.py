@@ -14,11 +14,11 @@ from jaxshroud.batch.threads import Interrupted
 from jaxshroud.cli.asked import check_step, chosen_method, loaded, unmet
 from jaxshroud.cli.axes import with_axes
 from jaxshroud.cli.plot import draw_dataset
-from jaxshroud.cli.store import sweep_dataset
+from jaxshroud.cli.store import named
 from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table, progress_bar, warn_status
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.settling import UNKNOWN
-from jaxshroud.results.store import write_dataset, write_json
+from jaxshroud.results.store import write_json
 from jaxshroud.scene.config import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.verbs.sweep import sweep
@@ -57,11 +57,11 @@ def sweep_verb(options: argparse.Namespace) -> None:
             if stopped.done is None:
                 raise
             _keep_finished(stopped.done, file, options.out, began)
-    ds, missed = sweep_dataset(result, file), unmet(lanes, options)
+    ds, missed = named(result, file).to_xarray(), unmet(lanes, options)
     if missed is not None:
         about = {"long_name": "estimated to miss the accuracy asked for", "accuracy": options.choice.accuracy}
         ds["inaccurate"] = (ds["status"].dims, missed.reshape(ds["status"].shape).astype(np.int8), about)
-    write_dataset(ds, options.out / "sweep.nc")
+    result.save(options.out / "sweep.nc")
     draw_dataset(options.out / "sweep.nc", ds, options.out / "sweep.png")
     met = {} if missed is None else {"accuracy": str(options.choice), "inaccurate": int(missed.sum())}
     summary = _summary(result, file, began) | met
@@ -72,7 +72,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
 
 def _keep_finished(result, file: SceneFile, out: Path, began: float) -> NoReturn:
     """Write what an interrupted sweep had finished, without a picture."""
-    write_dataset(sweep_dataset(result, file), out / "sweep.nc")
+    named(result, file).save(out / "sweep.nc")
     write_json(_summary(result, file, began), out / "summary.json")
     done, lanes = (result.status != Status.NOT_RUN).sum(), result.status.size
     raise KeyboardInterrupt(f"{out / 'sweep.nc'} with the {done} of {lanes} lanes that had ended")

@@ -11,7 +11,8 @@ from jaxshroud.results import drawing, plot_design
 from jaxshroud.results.files import write
 from jaxshroud.results.store import write_json
 from jaxshroud.scene.config import Axis, SceneFile, axis
-from jaxshroud.verbs.tune import corners, objective_map, problem_of, tune
+from jaxshroud.verbs.design import corners, problem_of
+from jaxshroud.verbs.tune import objective_map, tune
 
 
 def tune_verb(options: argparse.Namespace) -> None:

@@ -104,3 +104,9 @@ def choices(method: Method | Choices, *, ledger: bool = False) -> Choices:
         return method
     asked = method._ledger if method._ledger is not None else ledger
     return Choices(method.tableau, method.locate, asked, method.precision)
+
+
+def named_choices(text: str) -> Choices:
+    """The choices, without a ledger, that `str` of them names."""
+    name, located, precision = text.split(", ")
+    return Choices(tableau(name), located.removeprefix("events by "), False, precision)  # type: ignore[arg-type]

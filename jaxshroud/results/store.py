@@ -3,22 +3,26 @@
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from jaxshroud.batch.extent import memory_for
 from jaxshroud.results.files import write
 from jaxshroud.scene.errors import StoreError
 
+if TYPE_CHECKING:
+    import xarray as xr
 
-def read(path: str | os.PathLike[str]) -> xr.Dataset:
+
+def read(path: str | os.PathLike[str]) -> "xr.Dataset":
     """A stored dataset, loaded whole.
 
     Raises:
         StoreError: The file is missing, truncated or not a result.
     """
+    import xarray as xr
+
     try:
         with xr.open_dataset(path, engine="h5netcdf") as ds:
             memory_for("it", ds.nbytes)
@@ -30,7 +34,7 @@ def read(path: str | os.PathLike[str]) -> xr.Dataset:
         raise StoreError(f"{path}: not a complete result file ({what}); run the command again") from None
 
 
-def write_dataset(ds: xr.Dataset, path: Path) -> None:
+def write_dataset(ds: "xr.Dataset", path: Path) -> None:
     """Write a dataset, whole or not at all; in memory first, as HDF5 does not bear a full disk."""
     write(path, ds.to_netcdf(engine="h5netcdf"))
 

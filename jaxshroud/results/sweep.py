@@ -1,64 +1,113 @@
 """What a sweep gives."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxshroud.march.method import Choices
 from jaxshroud.model.modes import Status
-from jaxshroud.scene.motion import Motion
+from jaxshroud.results.base import Result
+from jaxshroud.results.dimension import about, dimension
+from jaxshroud.results.status import FLAGS
+from jaxshroud.results.variable import Attribute, Counts, Moving, Variable
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+GAP = {"units": "m", "long_name": "initial gap"}
+VERDICT = {"flag_values": [0, 1, 2], "flag_meanings": "no yes unknown"}
+MORE = "drive periods of transient to add until {}; NaN if unknown"
 
 
-@dataclass(frozen=True)
-class SweepResult:
+class SweepResult(Result):
     """A sweep's stroboscopic samples and statistics.
 
-    Arrays start with one dimension per axis of the sweep. Samples have a dimension `period` after these, and a last one
-    for the blade where each blade has its own value. Statistics are over the kept periods.
+    Arrays start with the axes of the scenes, then one dimension per axis of the sweep. Samples have a dimension
+    `period` after these, and a last one for the blade where each blade has its own value. Statistics are over the kept
+    periods.
     """
 
-    axes: dict[str, np.ndarray]  # key -> values, in SI
-    period: np.ndarray  # absolute count of each kept period
-    motion: Motion  # at the drive phase `phase` of each kept period (..., period, 2); NaN after a lane has stopped
-    phase: float  # [rad]
-    gap: np.ndarray  # [m]
-    P: np.ndarray  # (..., 2) [m^4], Eq. (23)
-    P_0: np.ndarray  # (..., 2) [m^4]
-    P_d: np.ndarray  # left blade, Eq. (24) [%]
-    P_d_ci: np.ndarray  # half width of its 95 % interval [percentage points]
-    P_d_settled: np.ndarray  # True: on evidence
-    period_number: np.ndarray  # 0: aperiodic
-    settled: np.ndarray  # True: the transient is over, on evidence
-    period_tol: float
-    status: np.ndarray
-    energy_residual: np.ndarray | None  # largest of any kept period over the drive's mean work; None without a ledger
-    time_apart: np.ndarray  # fractions of the time
-    time_stick: np.ndarray
-    time_slip: np.ndarray
-    v_max: np.ndarray  # largest penetration, of the whole run [m]
-    counters: dict[str, np.ndarray]
-    steps_per_period: int
-    method: Choices
-    settling: np.ndarray  # 0: the transient is not over, 1: it is, 2: unknown
-    periods_more: np.ndarray  # of transient until it is; NaN if unknown
-    P_d_settling: np.ndarray  # 0: P_d still drifts, 1: it does not, 2: unknown
-    P_d_periods_more: np.ndarray  # of transient until it no longer does; NaN if unknown
-    P_d_ci_short: np.ndarray  # True: fewer than 30 correlation times, too few to trust the interval
-    energy_dropped: np.ndarray | None = None  # by flat contact, largest of any kept period over the drive's gross work
-    chatter: str | None = None  # what alternated in the first lane that stopped with TOO_MANY_EVENTS
+    stored_as = "sweep"
+
+    motion = Moving("at the drive phase `phase` of each kept period; NaN after a lane has stopped", dims=("period",))
+    P = Variable("average power, Eq. (23)", "m4", ("blade",))
+    P_0 = Variable("average power without contact, closed form", "m4", ("blade",))
+    P_d = Variable("vibration-power reduction of the left blade, Eq. (24)", "percent")
+    P_d_ci = Variable("half width of the 95 % interval of P_d, batch means", "percent")
+    P_d_ci_short = Variable("too few correlation times for P_d_ci", stored=np.int8, kind=bool)
+    P_d_settled = Variable("P_d no longer drifts, on evidence", stored=np.int8, kind=bool)
+    P_d_settling = Variable("P_d no longer drifts", more=VERDICT)
+    P_d_periods_more = Variable(MORE.format("P_d no longer drifts"), "1")
+    period_number = Variable("period of the orbit in drive periods; 0: aperiodic")
+    settled = Variable("the transient is over, on evidence", stored=np.int8, kind=bool)
+    settling = Variable("the transient is over", more=VERDICT)
+    periods_more = Variable(MORE.format("it is over"), "1")
+    status = Variable("", stored=np.int8, kind=np.int32, more=FLAGS)
+    v_max = Variable("largest penetration", "m")
+    time_apart = Variable("fraction of the time: apart", "1")
+    time_stick = Variable("fraction of the time: stick", "1")
+    time_slip = Variable("fraction of the time: slip", "1")
+    energy_residual = Variable("largest energy residual of a period over the drive's mean work", "1")
+    energy_dropped = Variable(
+        "largest energy dropped in a period by beginnings of flat contact, over the drive's gross work", "1"
+    )
+    counters = Counts("events in the kept periods")
+    phase = Attribute(name="drive_phase")  # of the samples [rad]
+    period_tol = Attribute()  # of the period number
+    inaccurate = Variable("estimated to miss the accuracy asked for", stored=np.int8, kind=bool)
+
+    @property
+    def axes(self) -> dict[str, np.ndarray]:
+        """Key -> values (n,) in SI, of each axis of the sweep."""
+        named = [self.data[dim] for dim in self.dims if "key" in self.data[dim].attrs]
+        return {str(axis.attrs["key"]): axis.to_numpy() for axis in named}
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Names of the leading dimensions."""
+        return tuple(map(str, self.data["status"].dims))
+
+    @property
+    def period(self) -> np.ndarray:
+        """Absolute count of each kept period, (period,)."""
+        return self.data["period"].to_numpy()
+
+    @property
+    def gap(self) -> np.ndarray:
+        """Initial gap of each lane [m]."""
+        return self.data["gap"].broadcast_like(self.data["status"]).transpose(*self.dims).to_numpy()
 
     @property
     def complete(self) -> bool:
         """Whether all lanes were run; False only in the result that an interruption leaves."""
         return not np.any(self.status == Status.NOT_RUN)
 
+    def plot(self, ax: "Axes | None" = None, **options: Any) -> "Figure":
+        """Samples, period number and P_d over one axis, or a map of P_d over two.
+
+        Args:
+            ax: Draw there, and only the panel named by `panel`.
+            options: `panel`: "samples" or "P_d" over one axis; "P_d" or "motions" over two.
+
+        Raises:
+            ValueError: The sweep has neither one axis nor two, or no such panel.
+        """
+        from jaxshroud.results import plot
+
+        return plot.sweep(self.data, ax, **options)
+
     def __repr__(self) -> str:
-        along = " x ".join(f"{key} ({len(v)}: {v[0]:g} to {v[-1]:g})" for key, v in self.axes.items())
-        ended = ", ".join(
-            f"{n} {Status(s).name}" for s, n in zip(*np.unique(self.status, return_counts=True), strict=True)
-        )
+        lanes = [f"{dim} ({self.data.sizes[dim]})" for dim in self.dims if "key" not in self.data[dim].attrs]
+        along = " x ".join([*lanes, *(f"{key} ({len(v)}: {v[0]:g} to {v[-1]:g})" for key, v in self.axes.items())])
         best = np.nanmax(self.P_d, initial=-np.inf, where=self.status == Status.OK)
         return (
-            f"SweepResult along {along}: {len(self.period)} periods kept of each lane; {ended}; "
+            f"SweepResult along {along}: {len(self.period)} periods kept of each lane; {self.ended}; "
             f"largest P_d {best:.4g} %; {self.method}, {self.steps_per_period} steps a period"
         )
+
+
+def sweep_coordinates(axes: Mapping[str, np.ndarray], period: np.ndarray) -> dict[str, Any]:
+    """Coordinates of a sweep as xarray takes them."""
+    swept = {dimension(key): (dimension(key), values, about(key)) for key, values in axes.items()}
+    return {**swept, "period": ("period", period, {"long_name": "drive periods since t = 0"}), "blade": [0, 1]}

@@ -1,31 +1,83 @@
 """What a simulation gives."""
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from jaxshroud.model.modes import Status
-from jaxshroud.model.state import State
+import numpy as np
+
+from jaxshroud.model.modes import Mode
+from jaxshroud.results.base import Result
+from jaxshroud.results.status import FLAGS
+from jaxshroud.results.variable import Attribute, Counts, Moving, Variable
 from jaxshroud.scene.motion import Motion
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-class Trajectory(NamedTuple):
-    """Samples of one run, the initial state first; one value per blade in the last dimension of `motion`."""
+    from jaxshroud.model.state import State
 
-    t: Any  # (n,) [s]
-    motion: Motion  # (n, 2); NaN after the run has stopped
-    u_s: Any  # (n,) slider [m]; NaN when apart
-    mode: Any  # (n,) see `Mode`
-    case: Any  # (n,) 1-4, 5 in flat contact; 0 when apart
-    status: Any  # () see `Status`
-    counters: dict[str, int]
-    energy_residual: float  # relative to the drive's work; NaN where the method keeps no ledger
-    last: State  # to go on from; at the last sample
-    turns: float  # drive phase of the last sample [turns]
-    energy_dropped: float = 0.0  # by beginnings of flat contact, relative to the drive's gross work; NaN likewise
-    chatter: str | None = None  # what alternated where the run stopped with TOO_MANY_EVENTS
+MODES = {"flag_values": [int(m) for m in Mode], "flag_meanings": " ".join(m.name for m in Mode)}
+CASES = "contact case 1-4 of Sec. 2.3; 5: face to face; 0 when apart"
+
+
+class Trajectory(Result):
+    """Samples of one run or of many, the initial state first; one value per blade in the last dimension of `motion`.
+
+    Arrays start with the axes of the scenes; a single scene has none, and plain numbers where it has one of a kind.
+    """
+
+    stored_as = "trajectory"
+
+    motion = Moving("NaN after the run has stopped", dims=("time",))
+    u_s = Variable("slider of the friction element; NaN when apart", "m", ("time",))
+    mode = Variable("contact mode", None, ("time",), stored=np.int8, kind=np.int32, more=MODES)
+    case = Variable(CASES, None, ("time",), stored=np.int8, kind=np.int32)
+    status = Variable("how the run ended", alone=True, kind=int, more=FLAGS)
+    counters = Counts("events", prefix="count_")
+    energy_residual = Variable("energy residual over the drive's work; NaN without a ledger", "1", alone=True)
+    energy_dropped = Variable(
+        "energy dropped by beginnings of flat contact, over the drive's gross work", "1", alone=True
+    )
+    omega = Variable("circular frequency of the drive", "rad s-1", alone=True)
+    gap = Variable("initial gap", "m", alone=True)
+    every = Attribute(int)  # steps from sample to sample
+    turns = Attribute(name="end_turns")  # drive phase of the last sample [turns]
+
+    @property
+    def t(self) -> np.ndarray:
+        """Time of each sample [s], (..., time)."""
+        return self.data["t" if "t" in self.data else "time"].to_numpy()
+
+    @property
+    def last(self) -> "State":
+        """The state at the last sample, to go on from; without a slider when apart, where it has no meaning."""
+        from jaxshroud.model.state import State
+
+        mode, u_s = self.mode[..., -1], self.u_s[..., -1]
+        motion = Motion(*(a[..., -1, :] for a in self.motion))
+        return State(motion, np.where(mode == Mode.APART, 0, u_s).astype(u_s.dtype), mode, self.case[..., -1])
+
+    def plot(self, ax: "Axes | None" = None, **options: Any) -> "Figure":
+        """Time history, phase portrait, Poincare points and spectrum of a single run.
+
+        Args:
+            ax: Draw there, and only the panel named by `panel`.
+            options: `panel`: "history", "phase", "poincare" or "spectrum"; `settled_from`: the share of the run that
+                all panels but the time history leave out.
+
+        Raises:
+            ValueError: There are many runs, of which `lane` gives one, or there is no such panel.
+        """
+        from jaxshroud.results.plot_run import one_panel
+
+        return one_panel(self.data, ax, **options)
 
     def __repr__(self) -> str:
+        if np.ndim(self.status):
+            lanes = " x ".join(map(str, np.shape(self.status)))
+            return f"Trajectory of {lanes} lanes: {self.t.shape[-1]} samples of each; {self.ended}"
         events = ", ".join(f"{n} {name}" for name, n in self.counters.items() if n) or "none"
         return (
             f"Trajectory: {len(self.t)} samples from {self.t[0]:.4g} to {self.t[-1]:.4g} s; "
-            f"{Status(self.status).name}; events: {events}; energy residual {self.energy_residual:.1e}"
+            f"{self.ended.split(maxsplit=1)[1]}; events: {events}; energy residual {self.energy_residual:.1e}"
         )

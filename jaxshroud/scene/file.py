@@ -60,9 +60,13 @@ class SceneFile:
         """`run` as a sweep uses it: [sweep] keep takes the place of [run] periods."""
         return self.run if self.keep is None else self.run.model_copy(update={"periods": self.keep})
 
-    def text(self) -> str:
-        """The resolved file as TOML, overrides included, in SI numbers: loading it gives the same scene."""
-        tables = {"title": self.title, **self.tables, "run": self.run.model_dump()}
+    def text(self, run: Mapping[str, Any] | None = None) -> str:
+        """The resolved file as TOML, overrides included, in SI numbers: loading it gives the same scene.
+
+        Args:
+            run: How it was run, instead of its own [run].
+        """
+        tables = {"title": self.title, **self.tables, "run": run or self.run.model_dump(exclude_none=True)}
         if self.axes:
             tables["sweep"] = _sweep_table(self)
         return tomli_w.dumps(tables)

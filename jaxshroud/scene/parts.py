@@ -55,3 +55,4 @@ class Parts(NamedTuple):
 
 
 Direction = Literal["independent", "forward", "backward"]
+ACCURACIES = ("fast", "balanced", "reference")  # by name

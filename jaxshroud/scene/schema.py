@@ -19,10 +19,10 @@ from pydantic import (
     model_validator,
 )
 
-from jaxshroud.scene.checks import MOST_COUNT
+from jaxshroud.scene.checks import MOST_COUNT, meant
 from jaxshroud.scene.keys import Key, Range, rows_of
 from jaxshroud.scene.limits import MOST_AUTO
-from jaxshroud.scene.parts import MOTIONS, ContactLaw, Direction, FrictionLaw, Neighbour, misprints
+from jaxshroud.scene.parts import ACCURACIES, MOTIONS, ContactLaw, Direction, FrictionLaw, Neighbour, misprints
 from jaxshroud.scene.units import to_si
 
 
@@ -94,12 +94,31 @@ class PartsTable(Table):
     contact: Annotated[ContactLaw, key("law of contact", "smooth")] = "spring"
 
 
+def _accuracy(value: Any) -> Any:
+    named = isinstance(value, str) and value in ACCURACIES
+    if not named and (isinstance(value, bool | str) or not 0.999e-10 <= value <= 1.001e-2):
+        cure = meant(value, ACCURACIES) if isinstance(value, str) else ""
+        raise ValueError(f"must be {', '.join(ACCURACIES)} or a number from 1e-10 to 1e-2{cure}")
+    return value
+
+
 class Run(Table):
     """How long and how finely to integrate."""
 
     periods: Annotated[Count, key("forcing periods kept", 100)]
     transient: Annotated[Whole, key("periods discarded before them", 300)] = 0
-    steps_per_period: Annotated[Steps | Literal["auto"], key("integration steps in one forcing period", 400)]
+    steps_per_period: Annotated[Steps | Literal["auto"] | None, key("integration steps in one forcing period", 400)] = (
+        None
+    )
+    accuracy: Annotated[
+        str | float | None, BeforeValidator(_accuracy), key("fast, balanced, reference or a number, instead", "fast")
+    ] = None
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> "Run":
+        if self.accuracy is not None and self.steps_per_period is not None:
+            raise ValueError("gives both `accuracy` and `steps_per_period`; keep one of them")
+        return self
 
 
 class SweepTable(Table):

@@ -1,51 +1,48 @@
-"""Derivatives of the vibration-power reduction, of the kind that the motion allows.
-
-On a periodic orbit P_d has a derivative, and it is exact. In chaos P_d against a parameter has windows, jumps and no
-derivative at a point; what exists is the derivative of an average over a stated width.
-"""
+"""Derivatives of the vibration-power reduction of a scene, or of many, and a check of them."""
 
 from collections.abc import Sequence
 from functools import partial
 
-import jax
 import numpy as np
 
 from jaxshroud.batch.extent import fits
-from jaxshroud.batch.runs import Plan, run_lanes, starts
-from jaxshroud.batch.tangents import differentiable, direction, tangents
-from jaxshroud.batch.xla import repeated
-from jaxshroud.march.method import FAST, Choices, Method, choices
-from jaxshroud.march.stability import Steps, steps_for
-from jaxshroud.model.linear import area, free_power
-from jaxshroud.model.modes import Status
-from jaxshroud.motion.averages import averages
-from jaxshroud.motion.interval import quantile
-from jaxshroud.motion.orbit import UNSOUND, Orbit, followed, moved_start, orbit
-from jaxshroud.results.gradient import Gradient, Of
-from jaxshroud.scene.checks import NumericalError, count_argument, positive_argument, word_argument
-from jaxshroud.scene.grids import scenes_at
-from jaxshroud.scene.precision import in_precision
+from jaxshroud.batch.runs import Plan, Progress
+from jaxshroud.batch.threads import Interrupted
+from jaxshroud.march.method import Choices, Method
+from jaxshroud.march.stability import Steps
+from jaxshroud.model.state import State
+from jaxshroud.motion.gradient import Of, Slope, Smoothing, differences_on, slope_of, slope_on_orbit, with_numbers
+from jaxshroud.motion.orbit import Cycle
+from jaxshroud.motion.shooting import TOLERANCE, Aim
+from jaxshroud.motion.together import alone_found, together
+from jaxshroud.results.gradient import Gradient
+from jaxshroud.results.orbit import Orbit
+from jaxshroud.scene.checks import count_argument, positive_argument, word_argument
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
-from jaxshroud.scene.vary import value_of, vary
-
-STRUCTURE = 3.0  # times its own noise that P_d may scatter about a straight line in a smooth neighbourhood,
-ROUGH = 0.1  # or this share of all its scatter, whichever is more
+from jaxshroud.verbs.lanes import Lanes, lanes_of, of_all, told
+from jaxshroud.verbs.orbit import cycles_of
 
 
 def gradient(
-    scene: Scene,
+    scene: Scene | SceneFile,
     wrt: Sequence[str],
     *,
     of: Of = "P_d",
     at: Orbit | None = None,
     sigma: float = 0.01,
     pairs: int = 128,
-    n_periods: int = 256,
-    transient: int = 64,
-    most_periods: int = 512,
-    steps_per_period: Steps = 400,
     seed: int = 0,
-    method: Method | Choices = FAST,
+    most_periods: int = 512,
+    n_periods: int | None = None,
+    transient: int | None = None,
+    steps_per_period: Steps | None = None,
+    method: Method | Choices | None = None,
+    accuracy: str | float | None = None,
+    state: State | None = None,
+    progress: Progress | None = None,
+    throw: bool = False,
+    dims: Sequence[str] | None = None,
 ) -> Gradient:
     """Gradient of the left blade's P_d, or of P, with respect to numbers of the scene.
 
@@ -53,91 +50,110 @@ def gradient(
     the gradient of the average over a normal distribution of the parameters around their values, with an interval.
 
     Args:
-        scene: The scene.
+        scene: One scene, or many with leading axes, which then come first in all results; or a scene file, whose [run]
+            counts where an argument is not given.
         wrt: Keys as for `vary`; without a blade's index both blades change together.
         of: What to differentiate.
-        at: The scene's orbit where it is known already.
+        at: The orbit, or orbits, where they are known already; how they were marched is then the default.
         sigma: Standard deviation of that distribution, relative to each parameter's value.
         pairs: Antithetic pairs of samples; all samples start from the scene's initial state.
-        n_periods: Drive periods that each sample's P_d is averaged over.
-        transient: Drive periods each sample runs before.
-        most_periods: Drive periods after which a motion that has not repeated counts as aperiodic.
-        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs.
         seed: Of the samples.
-        method: Static choices of the march.
+        most_periods: Drive periods after which a motion that has not repeated counts as aperiodic.
+        n_periods: Drive periods that each sample's P_d is averaged over; by default 64.
+        transient: Drive periods each sample runs before; by default 64.
+        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs, as where only a
+            method is given.
+        method: How to march; where only steps are given RK4, with events located by the guard's cubic.
+        accuracy: "fast", "balanced" (the default where nothing is said of steps or method), "reference" or a number:
+            chooses steps and method, in float64.
+        state: Where the run to the orbit starts, at drive phase 0; by default `scene.initial`, apart.
+        progress: Called with (lane-periods done, lane-periods at most) while orbits are looked for.
+        throw: Raise where a lane has no derivative, rather than flag it.
+        dims: Names of the leading axes; by default `lane`.
 
     Returns:
-        The derivatives and what they are worth.
+        The derivatives and what they are worth. A lane that has none has NaN and a flag; the others are not affected.
 
     Raises:
         KeyError: The scene has no such number.
         ValueError: There is no such `of`, a count is too small, `sigma` is not positive, or a smoothed derivative is
             asked for with respect to a number that is 0.
-        NumericalError: The march stops in this scene or in nearly all of its neighbourhood.
-        LinAlgError: The orbit's equations cannot be solved.
+        NumericalError: With `throw`, or of a single scene: the march stops in this scene or in nearly all of its
+            neighbourhood.
+        LinAlgError: With `throw`, or of a single scene: the orbit's equations cannot be solved.
 
     Source:
         dP/dp = P_p + P_z (I - M)^-1 Phi_p for the fixed point z of the flow Phi over the orbit's periods.
+
+    Example:
+        >>> import jax; jax.config.update("jax_enable_x64", True)
+        >>> import jaxshroud as js
+        >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
+        >>> found = js.gradient(scene, ["shroud.gap"], steps_per_period=100)
+        >>> found.kind, found.ci
+        ('periodic', {'shroud.gap': 0.0})
     """
-    method = choices(method)
     word_argument("of", of, Of)
     positive_argument("sigma", sigma)
-    scene = with_numbers(scene, wrt)
-    steps_per_period = steps_for(scene, 0, steps_per_period, method.tableau)
-    found = (
-        at
-        if at is not None
-        else orbit(scene, most_periods=most_periods, steps_per_period=steps_per_period, method=method)
+    count_argument("most_periods", most_periods, 1)
+    if at is not None and steps_per_period is None and method is None and accuracy is None:
+        steps_per_period, method = at.steps_per_period, at.method
+    lanes = lanes_of(
+        scene,
+        n_periods=n_periods,
+        transient=transient,
+        steps_per_period=steps_per_period,
+        method=method,
+        accuracy=accuracy,
+        dims=dims,
     )
-    if found.found and not UNSOUND & set(found.flags):
-        return on_orbit(found, wrt, of)
-    if "stopped" in found.flags:
-        raise NumericalError("The march stops in this scene; there is nothing to differentiate.")
-    count_argument("pairs", pairs, 2)
-    fits(2 * pairs, transient, n_periods)
-    plan = Plan(transient, n_periods, steps_per_period, 0.0, method)
-    return smoothed(scene, wrt, of, found, sigma, pairs, plan, seed)
+    throw, march = throw or not lanes.shape, lanes.how
+    numbered = [with_numbers(one, wrt) for one in lanes.scenes]
+    aim = Aim(march.steps, TOLERANCE[march.method.precision], march.method)
+    plan = Plan(lanes.asked.transient, lanes.asked.n_periods, march.steps, 0.0, march.method)
+    way = Smoothing(sigma, pairs, plan, seed)
+    try:
+        cycles = (
+            cycles_of(lanes.begun(numbered, state), None, most_periods, aim, progress, throw)
+            if at is None
+            else _known(at, lanes)
+        )
+        if not all(cycle.sound or "stopped" in cycle.flags for cycle in cycles):
+            count_argument("pairs", pairs, 2)
+            fits(2 * pairs, plan.transient, plan.kept)
+        tried = [slope_of(one, wrt, of, cycle, way) for one, cycle in zip(numbered, cycles, strict=True)]
+        slopes = of_all(lambda: together(tried), partial(_missing, cycles, len(wrt)), throw)
+    except Interrupted:
+        raise Interrupted(None) from None
+    orbits = Orbit.of_cycles(cycles, lanes.shape, **lanes.about) if at is None else at
+    return told(Gradient.of_slopes(slopes, wrt, of, orbits, **lanes.about), lanes, throw)
 
 
-def with_numbers(scene: Scene, keys: Sequence[str]) -> Scene:
-    """The scene written such that each of `keys` is one of its own numbers (`gamma` or `k`, `m_y` or `m`).
+def _known(at: Orbit, lanes: Lanes) -> list[Cycle]:
+    if np.shape(at.q) != lanes.shape:
+        raise ValueError(f"Argument `at` has lanes {np.shape(at.q)}, but the scene has {lanes.shape}.")
+    return at.cycles
 
-    Raises:
-        KeyError: There is no such number, or both `contact.k` and `contact.gamma` are asked for.
-    """
-    if {"contact.k", "contact.gamma"} <= set(keys):
-        raise KeyError("contact.k and contact.gamma are one number; name one of them.")
-    for key in keys:
-        value = value_of(scene, key)
-        if key.split("[")[0] in ("contact.k", "contact.gamma", "blades.m_y"):
-            scene = vary(scene, key, value)
-    return scene
+
+def _missing(cycles: list[Cycle], size: int, lane: int, flag: str) -> Slope:
+    """What is told of a lane without a derivative."""
+    nothing = np.full(size, np.nan)
+    cycle = cycles[lane]
+    flags = tuple(dict.fromkeys((*cycle.flags, flag)))
+    return Slope("none", nothing, nothing, np.nan, np.nan, cycle, np.nan, np.nan, flags)
 
 
 def on_orbit(found: Orbit, wrt: Sequence[str], of: Of = "P_d") -> Gradient:
-    """The exact gradient on a periodic orbit; ValueError if there is no such `of`."""
+    """The exact gradient on the orbit of a single scene; ValueError if there is no such `of`."""
     word_argument("of", of, Of)
-    scene, at = with_numbers(found.scene, wrt), found.jacobian
-    assert at is not None  # there is an orbit
-    along = [direction(scene, key) for key in wrt]
-    steps, method = found.steps_per_period, differentiable(found.method)
-    by = tangents(scene, found.start, along, n=found.q, steps=steps, method=method, by_state=False)
-    moved = moved_start(at.by_state, by.by_parameter, found.slider_is_free)
-    power_by = by.power_by_parameter + at.power_by_state @ moved
-    same = repeated((scene, at.power), len(wrt))
-    slope = slopes(*same, jax.tree.map(lambda *a: np.stack(a), *along), power_by.T, of)
-    value = dict(zip(wrt, np.asarray(slope, float).tolist(), strict=True))
-    level = found.P_d if of == "P_d" else float(found.P[0])
-    return Gradient(
-        of, "periodic", value, dict.fromkeys(wrt, 0.0), level, 0.0, found, found.conditioning, 0.0, found.flags
-    )
+    return Gradient.of_slopes([alone_found(slope_on_orbit(found.cycle(), wrt, of))], wrt, of, found)
 
 
 def differences(found: Orbit, wrt: Sequence[str], step: float, of: Of = "P_d") -> dict[str, float]:
-    """Fourth-order central differences of `of` on orbits followed from scene to scene: a check of `on_orbit`.
+    """Fourth-order central differences of `of` on orbits followed from scene to scene: a check of `gradient`.
 
     Args:
-        found: The orbit.
+        found: The orbit of a single scene.
         wrt: Keys as for `gradient`.
         step: Relative to each parameter's value, or absolute where that is 0.
         of: What to differentiate.
@@ -146,98 +162,17 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Of = "P_d") -
         The derivative with respect to each key; NaN where an orbit so near does not close.
 
     Raises:
-        ValueError: There is no such `of`, or the step is not positive.
+        ValueError: There is no such `of`, the step is not positive, or there are orbits of many scenes.
+
+    Example:
+        >>> import jax; jax.config.update("jax_enable_x64", True)
+        >>> import jaxshroud as js
+        >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
+        >>> found = js.orbit(scene, steps_per_period=100)
+        >>> exact = js.gradient(scene, ["shroud.gap"], at=found).value["shroud.gap"]
+        >>> abs(js.differences(found, ["shroud.gap"], 1e-4)["shroud.gap"] / exact - 1) < 1e-6
+        True
     """
     word_argument("of", of, Of)
     positive_argument("step", step)
-    scene, offsets = with_numbers(found.scene, wrt), np.array([[-2], [-1], [1], [2]])
-    values = [value_of(scene, key) for key in wrt]
-    each = [step * (abs(value) or 1) for value in values]
-    parts = [scenes_at(scene, [key], v + h * offsets) for key, v, h in zip(wrt, values, each, strict=True)]
-    scenes = jax.tree.map(lambda *a: np.concatenate(a), *parts)
-    level = np.asarray(_measures(of, scenes, followed(found, scenes)), float).reshape(len(wrt), 4)
-    slope = level @ np.array([1, -8, 8, -1]) / (12 * np.array(each))
-    return dict(zip(wrt, slope.tolist(), strict=True))
-
-
-def _measure(of: Of, scene: Scene, power):
-    """`of` from the left blade's mean square displacement."""
-    P = area(scene.shroud) * power[0]
-    return P if of == "P" else 100 * (1 - P / free_power(scene)[0])
-
-
-@partial(jax.jit, static_argnames="of")
-def _measures(of: Of, scenes: Scene, power):
-    return jax.vmap(lambda scene, power: _measure(of, scene, power))(scenes, power)
-
-
-@partial(jax.jit, static_argnames="of")
-def slopes(scenes: Scene, power, along: Scene, power_along, of: Of):
-    """Derivatives of `of` along directions of scenes and of the mean square displacement, all with a leading axis."""
-    return jax.vmap(lambda *point_and_direction: _slope(of, *point_and_direction))(scenes, power, along, power_along)
-
-
-def _slope(of: Of, scene: Scene, power, along: Scene, power_along):
-    return jax.jvp(lambda scene, power: _measure(of, scene, power), (scene, power), (along, power_along))[1]
-
-
-def smoothed(
-    scene: Scene, wrt: Sequence[str], of: Of, found: Orbit, sigma: float, pairs: int, plan: Plan, seed: int
-) -> Gradient:
-    """The gradient of the average of `of` over normally distributed parameters, by antithetic pairs.
-
-    The slope is fitted to the differences of the pairs by least squares. In expectation that is the gradient of the
-    average; where `of` is linear across the neighbourhood it is exact for any samples.
-    """
-    centre = np.array([value_of(scene, key) for key in wrt])
-    for key, value in zip(wrt, centre, strict=True):
-        if value == 0:
-            raise ValueError(f"{key} is 0: a relative width says nothing about it.")
-    xi = np.random.default_rng(seed).standard_normal((pairs, len(wrt)))
-    signed = np.concatenate([xi, -xi])
-    level, noise, number, ok = _levels(scene, wrt, centre * (1 + sigma * signed), of, plan)
-    good = ok[:pairs] & ok[pairs:]
-    if good.sum() < len(wrt) + 2:
-        told = f"Only {good.sum()} of {pairs} pairs ran to their end; too few for {len(wrt)} derivatives."
-        raise NumericalError(told)
-    difference = (level[:pairs] - level[pairs:])[good] / 2
-    slope, slope_ci = _fitted(xi[good], difference)
-    rest, own = np.std(difference - xi[good] @ slope), np.sqrt(np.nanmean(np.append(noise, 0.0) ** 2)) / 1.96
-    structured = len(np.unique(number)) > 1 or rest > max(STRUCTURE * own, ROUGH * np.std(difference))
-    flags = (*found.flags, *(["structured"] if structured else []), *([] if good.all() else ["lanes stopped"]))
-    means = ((level[:pairs] + level[pairs:]) / 2)[good]
-    return Gradient(
-        of=of,
-        kind="smoothed",
-        value=dict(zip(wrt, (slope / (sigma * centre)).tolist(), strict=True)),
-        ci=dict(zip(wrt, (slope_ci / np.abs(sigma * centre)).tolist(), strict=True)),
-        level=float(means.mean()),
-        level_ci=float(quantile(len(means) - 1) * means.std(ddof=1) / np.sqrt(len(means))),
-        orbit=found,
-        conditioning=float("nan"),
-        sigma=sigma,
-        flags=flags,
-    )
-
-
-def _levels(scene: Scene, wrt: Sequence[str], values: np.ndarray, of: Of, plan: Plan):
-    """At each row of parameter values: `of`, its own half interval, the period number, and whether the lane is OK."""
-    scenes = in_precision(scenes_at(scene, wrt, values), plan.method.precision)
-    runs = run_lanes(scenes, starts(scenes), plan, lambda _: None)
-    motion, got, P_0 = averages(scenes, runs.samples)
-    share = P_0[:, 0] / 100
-    level, noise = (got.P_d, got.ci) if of == "P_d" else (got.P[:, 0], got.ci * share)
-    return level, noise, motion.number, runs.last.status == Status.OK
-
-
-def _fitted(xi: np.ndarray, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least squares slope (parameters,) of `difference` in `xi`, and the half width of its 95 % interval.
-
-    The scatter about the line is no constant (curvature, windows), so the covariance is the one that allows for that.
-    """
-    n, size = xi.shape
-    inverse = np.linalg.inv(xi.T @ xi)
-    slope = inverse @ xi.T @ difference
-    rest = (difference - xi @ slope) / (1 - np.einsum("ij,jk,ik->i", xi, inverse, xi))  # as if each were left out
-    covariance = inverse @ (xi.T * rest**2) @ xi @ inverse
-    return slope, quantile(n - size) * np.sqrt(np.diag(covariance))
+    return differences_on(found.cycle(), wrt, step, of)

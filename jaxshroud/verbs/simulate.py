@@ -1,165 +1,237 @@
 """One scene in full: its motion at every step."""
 
+from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.chatter import chatter
 from jaxshroud.batch.extent import STEP, memory_for
 from jaxshroud.batch.free import free_status
 from jaxshroud.batch.loop import driven
-from jaxshroud.batch.periods import Clock
-from jaxshroud.batch.runs import stepper
-from jaxshroud.batch.states import as_arrays, inside, whole
-from jaxshroud.batch.xla import EachLane, alone, best, compiled
+from jaxshroud.batch.periods import CHUNK, Clock, begin_lanes
+from jaxshroud.batch.runs import Progress, Ticker
+from jaxshroud.batch.states import as_arrays, whole
+from jaxshroud.batch.threads import Check, in_chunks
+from jaxshroud.batch.xla import EachLane, best, compiled
 from jaxshroud.march.energy import balance, energy
 from jaxshroud.march.events import Counters, seat
-from jaxshroud.march.lane import Fixed, Lane, Tally, begin, grid
-from jaxshroud.march.method import REFERENCE, Choices, Method, choices
-from jaxshroud.march.stability import Steps, steps_for
+from jaxshroud.march.lane import Fixed, Lane, grid
+from jaxshroud.march.method import REFERENCE, Choices, Method
+from jaxshroud.march.stability import Steps
 from jaxshroud.model.absent import Scalar, filled
 from jaxshroud.model.friction import stretch
 from jaxshroud.model.linear import free_motion
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.ready import Model, model
-from jaxshroud.model.state import State, start
+from jaxshroud.model.state import State
+from jaxshroud.results.status import tell_failures
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.checks import count_argument
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
+from jaxshroud.verbs.door import Asked, Marched, asked, in_shape, marched
 
 BLOCK = 1024  # samples per call
 STEPS_AT_ONCE = 1 << 15  # per call, or a single sample: Ctrl-C is heard in between
 
 
 def simulate(
-    scene: Scene,
+    scene: Scene | SceneFile,
     state: State | None = None,
     *,
-    n_periods: int,
-    steps_per_period: Steps = 400,
+    n_periods: int | None = None,
+    steps_per_period: Steps | None = None,
     every: int = 1,
     turns: float = 0.0,
     t: float = 0.0,
-    method: Method | Choices = REFERENCE,
+    method: Method | Choices | None = None,
+    accuracy: str | float | None = None,
+    progress: Progress | None = None,
+    throw: bool = False,
+    dims: Sequence[str] | None = None,
 ) -> Trajectory:
     """Integrate Eq. (1), stopping inside a step at every contact change.
 
     Args:
-        scene: Blades, shroud, contact, friction, drive and initial motion, in SI units.
-        state: Where to start; by default `scene.initial`, apart. A start in overlap is an onset at once.
-        n_periods: Forcing periods T = 2 pi / omega to run.
-        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs.
+        scene: Blades, shroud, contact, friction, drive and initial motion, in SI units; or many of these, with leading
+            axes, which come first in all results; or a scene file, whose [run] counts where an argument is not given.
+        state: Where to start; by default `scene.initial`, apart. A start in overlap is an onset at once. One state for
+            all scenes, or one for each.
+        n_periods: Forcing periods T = 2 pi / omega to run; by default 64.
+        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs, as where only a
+            method is given.
         every: Keep every so many steps.
         turns: Phase of the drive at the start [turns]; 0 for t = 0.
         t: Time at the start [s].
-        method: Static choices of the march.
+        method: How to march; where only steps are given RK4, with events located by bisection.
+        accuracy: "fast", "balanced" (the default where nothing is said of steps or method), "reference" or a number:
+            chooses steps and method, see `choose`.
+        progress: Called with (samples done, samples in all).
+        throw: Raise where a lane stops before its end, rather than warn.
+        dims: Names of the leading axes; by default `lane`.
 
     Returns:
-        The initial state and then every `every`-th step of `n_periods * steps_per_period`.
+        The initial state and then every `every`-th step of `n_periods * steps_per_period`, with all of the start-up.
 
     Raises:
         ValueError: A count is not a positive integer, or what is to be stored would not fit into memory.
+        NumericalError: With `throw`: a lane stopped.
 
     Source:
         Eq. (1), Sec. 3.1, in SI; not Eq. (21), whose time scaling is inconsistent.
+
+    Example:
+        >>> import jax; jax.config.update("jax_enable_x64", True)
+        >>> import jaxshroud as js
+        >>> scene = js.load("table1", ['parts.motion=["x"]']).scene
+        >>> run = js.simulate(scene, n_periods=1, steps_per_period=200)
+        >>> run.t.shape, run.motion.x.shape, run.status
+        ((201,), (201, 2), 0)
     """
-    method = choices(method, ledger=True)
-    for name, value in dict(n_periods=n_periods, every=every).items():
-        count_argument(name, value, 1)
-    scene = in_precision(scene, method.precision)
-    steps_per_period = steps_for(scene, 0, steps_per_period, stepper(scene, method))
-    first_state = start(scene.initial) if state is None else in_precision(state, method.precision)
-    total = n_periods * steps_per_period // every
-    memory_for("what is stored of this run", total * STEP)
-    index = np.arange(total + 1) * every
-    period = float(scene.drive.period)
-    times = t + index * (period / steps_per_period)
-    after = float((turns + (index[-1] % steps_per_period) / steps_per_period) % 1)
-    if scene.parts.contact == "none":
-        return _without_contact(scene, first_state, turns, index / steps_per_period, times, after)
-    lane, first = _begin(scene, first_state, method)
-    samples = [first]
-    steps, phase = np.int32(steps_per_period), np.asarray(turns, first.u_s.dtype)
-    held = _energy(scene, lane)
-    longest = min(max(STEPS_AT_ONCE // every, 1), BLOCK)
-    for done in range(0, total, longest):
-        n = min(longest, total - done)
-        lane, block = _samples(scene, lane, steps, phase, np.int32(every), np.int32(n), method, best())
-        samples.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
-    whole = jax.tree.map(lambda *a: np.concatenate(a), jax.tree.map(lambda a: np.asarray(a)[None], first), *samples[1:])
-    clock = Clock(*map(jnp.asarray, (phase, steps, steps.astype(phase.dtype))))
-    finite, residual, dropped = _balanced(lane.tally, held, _energy(scene, lane))
-    overflowed = int(lane.status) == Status.OK and not finite
-    return Trajectory(
-        t=times,
-        motion=whole.motion,
-        u_s=np.where(whole.mode == Mode.APART, np.nan, whole.u_s),
-        mode=whole.mode,
-        case=whole.case,
-        status=int(Status.NOT_FINITE) if overflowed else int(lane.status),
-        counters={name: int(n) for name, n in vars(filled(lane.tally.log.counters, jnp.int32(0))).items()},
-        energy_residual=float(residual),
-        last=jax.tree.map(lambda a: a[-1], whole),
-        turns=after,
-        energy_dropped=float(dropped),
-        chatter=_told_chatter(scene, lane, whole, clock, every, method),
+    count_argument("every", every, 1)
+    door = asked(
+        scene, n_periods=n_periods, steps_per_period=steps_per_period, method=method, accuracy=accuracy, dims=dims
+    )
+    how = marched(door, door.lanes, REFERENCE)
+    scenes = in_precision(door.lanes, how.method.precision)
+    count = door.n_periods * how.steps // every
+    memory_for("what is stored of this run", len(scenes.drive.omega) * count * STEP)
+    states = door.states(state, scenes)
+    index = np.arange(count + 1) * every
+    if scenes.parts.contact == "none":
+        values = _without_contact(scenes, states, turns, index / how.steps)
+    else:
+        values = _run(scenes, states, turns, every, count, how, Ticker(len(scenes.drive.omega) * count, progress))
+    chatter = values.pop("chatter", None)
+    times = t + index * (np.asarray(scenes.drive.period, float)[:, None] / how.steps)
+    after = float((turns + (index[-1] % how.steps) / how.steps) % 1)
+    common = {"turns": after, "every": every, "chatter": chatter, **how.told}
+    lanes = {"omega": scenes.drive.omega, "gap": scenes.shroud.gap, **values, "t": times}
+    found = _result(door, in_shape(lanes, door.shape), common)
+    tell_failures(found.status, chatter, throw=throw)
+    return found
+
+
+def _result(door: Asked, values: dict[str, Any], common: dict[str, Any]) -> Trajectory:
+    told, numbers = door.about(0, common["steps_per_period"])
+    times = values.pop("t")
+    time = {"units": "s", "long_name": "time"}
+    coords: dict[str, Any] = {"blade": [0, 1]} if door.shape else {"time": ("time", times, time), "blade": [0, 1]}
+    more = {"t": ((*door.dims, "time"), times, time)} if door.shape else {}
+    return Trajectory.from_values(
+        {**values, **common}, lanes=door.dims, coords=coords, attrs=told, more={**numbers, **more}
     )
 
 
-def _told_chatter(scene: Scene, lane: Lane, samples: State, clock: Clock, every: int, method: Choices) -> str | None:
-    done = (np.isfinite(samples.motion.x[:, 0]).sum() - 1) * every // int(clock.steps)
-    return chatter(alone(scene), alone(lane), np.array([done + 1]), clock, method)
+def _run(
+    scenes: Scene, states: State, turns: float, every: int, count: int, how: Marched, ticker: Ticker
+) -> dict[str, Any]:
+    """Numbers of lanes (leading axis) marched for so many samples."""
+    lanes = len(scenes.drive.omega)
+    width = 1 if lanes == 1 else CHUNK
+
+    def run(check: Check, at: np.ndarray):
+        n = min(width, lanes - int(at[0]))
+
+        def tick(samples: int) -> None:
+            ticker(samples * n)
+            check()
+
+        chunk = jax.tree.map(lambda a: np.asarray(a)[at], (scenes, states))
+        return _chunk(chunk[0], chunk[1], turns, every, count, how, tick)
+
+    whole, last, gained = in_chunks(run, lanes, width)
+    tally, nothing = jax.tree.map(jnp.asarray, last.tally), np.full(lanes, np.nan)
+    assert tally.log is not None  # as derivatives are not computed
+    finite = np.isfinite(sum(np.asarray(a, float) for a in jax.tree.leaves((tally.integrals, gained))))
+    status = np.where((last.status == Status.OK) & ~finite, Status.NOT_FINITE, last.status)
+    residual, dropped = nothing, nothing
+    gain = tally.integrals.ledger
+    if gain is not None and tally.jumps is not None:
+        missing = np.asarray(balance(gain, tally.jumps, jnp.asarray(gained)))
+        residual = missing / np.where(gain.drive == 0, 1.0, np.abs(gain.drive))
+        dropped = np.asarray(filled(tally.jumps.dropped, gain.gross)) / np.where(gain.gross > 0, gain.gross, 1.0)
+    return {
+        "motion": whole.motion,
+        "u_s": np.where(whole.mode == Mode.APART, np.nan, whole.u_s),
+        "mode": whole.mode,
+        "case": whole.case,
+        "status": status,
+        "counters": {n: np.asarray(a) for n, a in vars(filled(tally.log.counters, last.status)).items()},
+        "energy_residual": residual.astype(float),
+        "energy_dropped": dropped.astype(float),
+        "chatter": _told_chatter(scenes, last, whole, turns, every, how),
+    }
 
 
-def _without_contact(scene: Scene, state: State, turns: float, periods: np.ndarray, times, after: float) -> Trajectory:
-    """Samples after so many `periods`, in closed form."""
-    dtype = state.motion.x.dtype
-    seconds = jnp.asarray(periods, dtype) * scene.drive.period
-    motion, status = _free(scene, state.motion, jnp.asarray(turns, dtype), seconds)
-    motion = jax.tree.map(np.asarray, motion)
-    none = np.zeros(len(times), np.int32)
-    last = State(Motion(*(a[-1] for a in motion)), jnp.zeros((), dtype), jnp.int32(0), jnp.int32(0))
-    counters = dict.fromkeys(Counters.__annotations__, 0)
-    return Trajectory(times, motion, np.full(len(times), np.nan), none, none, int(status), counters, 0.0, last, after)
+def _chunk(
+    scenes: Scene, states: State, turns: float, every: int, count: int, how: Marched, tick: Callable[[int], None]
+) -> tuple[State, Lane, np.ndarray]:
+    """Samples of some lanes (leading axis, then those), where the lanes are in the end, and the energy they gained."""
+    lanes, first = _begin(scenes, states, how.method)
+    samples = [jax.tree.map(lambda a: np.asarray(a)[:, None], first)]
+    held, longest = _energy(scenes, lanes), min(max(STEPS_AT_ONCE // every, 1), BLOCK)
+    grid_of = np.int32(how.steps), np.asarray(turns, first.u_s.dtype)
+    for done in range(0, count, longest):
+        n = min(longest, count - done)
+        lanes, block = _samples(scenes, lanes, *grid_of, np.int32(every), np.int32(n), how.method, best())
+        samples.append(jax.tree.map(lambda a, n=n: np.moveaxis(np.asarray(a)[:n], 0, 1), block))
+        tick(n)
+    whole = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
+    gained = np.asarray(_energy(scenes, lanes)) - np.asarray(held)
+    return whole, jax.tree.map(np.asarray, lanes), gained
+
+
+def _told_chatter(scenes: Scene, last: Lane, samples: State, turns: float, every: int, how: Marched) -> str | None:
+    done = (np.isfinite(samples.motion.x[..., 0]).sum(axis=-1) - 1) * every // how.steps
+    dtype = samples.u_s.dtype
+    clock = Clock(jnp.asarray(turns, dtype), jnp.int32(how.steps), jnp.asarray(how.steps, dtype))
+    return chatter(scenes, last, done + 1, clock, how.method)
+
+
+def _without_contact(scenes: Scene, states: State, turns: float, periods: np.ndarray) -> dict[str, Any]:
+    """Numbers of lanes (leading axis) sampled after so many `periods`, in closed form."""
+    dtype, shape = states.motion.x.dtype, (len(scenes.drive.omega), len(periods))
+    motion, status = _free(scenes, states.motion, jnp.asarray(turns, dtype), jnp.asarray(periods, dtype))
+    none, zero = np.zeros(shape, np.int32), np.zeros(shape[0])
+    return {
+        "motion": jax.tree.map(np.asarray, motion),
+        "u_s": np.full(shape, np.nan),
+        "mode": none,
+        "case": none,
+        "status": status,
+        "counters": dict.fromkeys(Counters.__annotations__, np.zeros(shape[0], int)),
+        "energy_residual": zero,
+        "energy_dropped": zero,
+    }
 
 
 @jax.jit
-def _free(scene: Scene, first: Motion, turns: Scalar, t) -> tuple[Motion, Int[Array, ""]]:
-    motion = free_motion(scene, first, turns, t)
-    return motion, free_status(scene, motion, jnp.max(jnp.abs(motion.theta)))
+def _free(scenes: Scene, first: Motion, turns: Scalar, periods) -> tuple[Motion, Int[Array, " lanes"]]:
+    def one(scene: Scene, first: Motion):
+        motion = free_motion(scene, first, turns, periods * scene.drive.period)
+        return motion, free_status(scene, motion, jnp.max(jnp.abs(motion.theta)))
+
+    return jax.vmap(one)(scenes, first)
 
 
 @partial(jax.jit, static_argnames="method")
-def _begin(scene: Scene, state: State, method: Choices) -> tuple[Lane, State]:
-    ready = model(scene)
-    lane = begin(inside(state, ready), ready, method)
-    return lane, _sample(lane, ready)
+def _begin(scenes: Scene, states: State, method: Choices) -> tuple[Lane, State]:
+    lanes, models = begin_lanes(scenes, states, method), jax.vmap(model)(scenes)
+    return lanes, jax.vmap(_sample)(lanes, models)
 
 
 @jax.jit
-def _energy(scene: Scene, lane: Lane) -> Scalar:
-    return energy(lane.state, model(scene))
-
-
-@jax.jit
-def _balanced(tally: Tally, before: Scalar, after: Scalar) -> tuple[Bool[Array, ""], Scalar, Scalar]:
-    """Whether all sums are finite; energy that the balance misses, over the drive's work, and that was dropped.
-
-    Both are NaN where no ledger is kept.
-    """
-    finite, gain = jnp.isfinite(sum(jax.tree.leaves((tally.integrals, after, before)))), tally.integrals.ledger
-    if gain is None or tally.jumps is None:
-        unknown = jnp.full_like(before, jnp.nan)
-        return finite, unknown, unknown
-    residual = balance(gain, tally.jumps, after - before) / jnp.where(gain.drive == 0, 1.0, jnp.abs(gain.drive))
-    dropped = filled(tally.jumps.dropped, gain.gross) / jnp.where(gain.gross > 0, gain.gross, 1.0)
-    return finite, residual, dropped
+def _energy(scenes: Scene, lanes: Lane) -> Float[Array, " lanes"]:
+    return jax.vmap(lambda scene, lane: energy(lane.state, model(scene)))(scenes, lanes)
 
 
 def _sample(lane: Lane, scene_model: Model) -> State:
@@ -173,17 +245,17 @@ def _sample(lane: Lane, scene_model: Model) -> State:
 
 
 @compiled("method", "each")
-def _samples(scene: Scene, lane: Lane, steps, turns, every, n, method: Choices, each: EachLane) -> tuple[Lane, State]:
-    """`n` samples, `every` steps apart; the rows beyond are meaningless."""
-    scene_model = model(scene)
-    models, grids = alone((scene_model, grid(turns, steps.astype(turns.dtype), scene.drive.period)))
+def _samples(scenes: Scene, lanes: Lane, steps, turns, every, n, method: Choices, each: EachLane) -> tuple[Lane, State]:
+    """`n` samples (leading axis, then the lanes), `every` steps apart; the rows beyond are meaningless."""
+    models, period = jax.vmap(lambda scene: (model(scene), scene.drive.period))(scenes)
+    like = lambda a: jnp.broadcast_to(a, period.shape)  # noqa: E731
+    grids = grid(like(turns), like(steps.astype(turns.dtype)), period)
 
     def one_step(_, lanes):
         return driven(lanes, Fixed(models, grids, lanes.step + 1), steps, method, each)[0]
 
     def one_sample(lanes, i):
         lanes = lax.fori_loop(0, jnp.where(i < n, every, 0), one_step, lanes)
-        return lanes, _sample(jax.tree.map(lambda a: a[0], lanes), scene_model)
+        return lanes, jax.vmap(_sample)(lanes, models)
 
-    lanes, samples = lax.scan(one_sample, alone(lane), jnp.arange(BLOCK, dtype=jnp.int32))
-    return jax.tree.map(lambda a: a[0], lanes), samples
+    return lax.scan(one_sample, lanes, jnp.arange(BLOCK, dtype=jnp.int32))

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -10,51 +11,72 @@ from jaxtyping import ArrayLike
 
 from jaxshroud.batch.continuation import continued, independent
 from jaxshroud.batch.extent import fits
-from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, in_full, stepper, told_chatter
+from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, in_full, told_chatter
 from jaxshroud.batch.states import by_blade
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.events import Counters
-from jaxshroud.march.method import FAST, Choices, Method, choices
-from jaxshroud.march.stability import Steps, steps_for
+from jaxshroud.march.method import FAST, Choices, Method
+from jaxshroud.march.stability import Steps
 from jaxshroud.model.absent import filled
+from jaxshroud.model.modes import Status
+from jaxshroud.model.state import State
 from jaxshroud.motion.averages import averages, relative_drop, relative_residual
 from jaxshroud.motion.period import PERIOD_TOLERANCE
 from jaxshroud.motion.settling import YES
-from jaxshroud.results.sweep import SweepResult
-from jaxshroud.scene.checks import count_argument, tolerance_argument, word_argument
+from jaxshroud.results.dimension import dimension
+from jaxshroud.results.status import tell_failures
+from jaxshroud.results.sweep import GAP, SweepResult, sweep_coordinates
+from jaxshroud.scene.checks import tolerance_argument, word_argument
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.parts import Direction
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
+from jaxshroud.verbs.accuracy import broken
+from jaxshroud.verbs.door import Asked, Marched, asked, in_line, in_shape, marched
 
 
 def sweep(
-    scene: Scene,
-    along: Mapping[str, ArrayLike | Sequence[float]],
+    scene: Scene | SceneFile,
+    along: Mapping[str, ArrayLike | Sequence[float]] | None = None,
     *,
-    n_periods: int,
-    transient: int = 0,
-    steps_per_period: Steps = 400,
-    direction: Direction = "independent",
+    n_periods: int | None = None,
+    transient: int | None = None,
+    steps_per_period: Steps | None = None,
+    direction: Direction | None = None,
     phase: float = 0.0,
     period_tol: float = PERIOD_TOLERANCE,
-    method: Method | Choices = FAST,
+    method: Method | Choices | None = None,
+    accuracy: str | float | None = None,
+    state: State | None = None,
+    ledger: bool = False,
     progress: Progress | None = None,
+    throw: bool = False,
+    dims: Sequence[str] | None = None,
 ) -> SweepResult:
-    """Simulate `scene` for every value (or pair of values) of one or two of its numbers.
+    """Simulate scenes for every value (or pair of values) of one or two of their numbers, or as they are.
 
     Args:
-        scene: What all lanes have in common.
-        along: One or two keys as for `vary`, each with its values (n,) in SI units; two make a grid.
-        n_periods: Drive periods kept.
-        transient: Drive periods run and discarded before these.
-        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs.
-        direction: "independent": every lane starts from `scene.initial`. "forward" or "backward": along the first key
-            each value starts from its neighbour's final state, slider and mode included.
+        scene: What all lanes have in common; or many scenes, with leading axes, which come first in all results; or a
+            scene file, whose [run] and [sweep] count where an argument is not given.
+        along: One or two keys as for `vary`, each with its values (n,) in SI units; two make a grid. None: those of the
+            file, or the scenes as they are.
+        n_periods: Drive periods kept; by default 64.
+        transient: Drive periods run and discarded before these; by default 64.
+        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs, as where only a
+            method is given.
+        direction: "independent" (the default): every lane starts from `scene.initial`. "forward" or "backward": along
+            the first key each value starts from its neighbour's final state, slider and mode included.
         phase: Drive phase omega t at which samples are taken, 0 <= phase < 2 pi [rad].
         period_tol: Tolerance of the period number, see `periodicity`.
-        method: Static choices of the march.
+        method: How to march; where only steps are given RK4, with events located by the guard's cubic.
+        accuracy: "fast", "balanced" (the default where nothing is said of steps or method), "reference" or a number:
+            chooses steps and method, see `choose`.
+        state: Where to start, at drive phase 0: one state, or one for each of the scenes.
+        ledger: Keep every lane's energy balance.
         progress: Called with (lane-periods done, lane-periods in all) after every block.
+        throw: Raise where a lane stops before its end, rather than warn.
+        dims: Names of the leading axes; by default `lane`.
 
     Returns:
         Samples and statistics of every lane. A lane that failed has a status and NaN; the others are not affected.
@@ -63,41 +85,122 @@ def sweep(
         ValueError: A count is too small, an axis is empty, the phase or the tolerance is out of range, the direction is
             not known, the run would be too long or too large (see `extent`), or float64 is not to be had.
         KeyError: The scene has no such number.
+        NumericalError: With `throw`: a lane stopped.
         Interrupted: Ctrl-C; its `done` is the result with the lanes that had ended, the others with status NOT_RUN, or
             None where none had.
+
+    Source:
+        Sec. 3.2 of the article: samples at one phase of the drive, and Eqs. (22) to (24).
+
+    Example:
+        >>> import jax; jax.config.update("jax_enable_x64", True)
+        >>> import jaxshroud as js
+        >>> scene = js.load("table1", ['parts.motion=["x"]']).scene
+        >>> curve = js.sweep(scene, {"contact.gamma": [1.0, 2.0]}, n_periods=2, transient=1, steps_per_period=200)
+        >>> curve.motion.x.shape, curve.P_d.shape
+        ((2, 2, 2), (2,))
     """
-    method = choices(method)
-    count_argument("n_periods", n_periods, 1)
-    count_argument("transient", transient, 0)
+    door = asked(
+        scene,
+        n_periods=n_periods,
+        transient=transient,
+        steps_per_period=steps_per_period,
+        method=method,
+        accuracy=accuracy,
+        dims=dims,
+        of_sweep=True,
+    )
     if not 0 <= phase < 2 * np.pi:
         raise ValueError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     tolerance_argument("period_tol", period_tol)
-    word_argument("direction", direction, Direction)
-    axes = {key: np.atleast_1d(np.asarray(values, dtype=float)) for key, values in along.items()}
-    if not 1 <= len(axes) <= 2 or any(v.ndim != 1 or v.size == 0 for v in axes.values()):
-        raise ValueError("Argument `along` must name one or two keys, each with at least one value.")
-    fits(math.prod(v.size for v in axes.values()), transient, n_periods)
-    scenes = in_precision(grid_of_scenes(scene, axes), method.precision)
-    steps = steps_for(scenes, len(axes), steps_per_period, stepper(scene, method))
-    plan = Plan(transient, n_periods, steps, phase, method)
-    shape = tuple(len(v) for v in axes.values())
-    total = int(np.prod(shape)) * (transient + n_periods)
-    run = independent if direction == "independent" else partial(continued, direction=direction)
+    grid, direction = _grid_of(door, along, direction)
+    fits(math.prod(grid.shape), door.transient, door.n_periods)
+    how = marched(grid.door, grid.lanes, FAST._replace(ledger=ledger))
+    grid = grid._replace(lanes=in_precision(grid.lanes, how.method.precision))
+    plan = Plan(door.transient, door.n_periods, how.steps, phase, how.method)
+    states = None if state is None else door.states(state, grid.lanes)
+    ticker = Ticker(math.prod(grid.shape) * (door.transient + door.n_periods), progress)
     try:
-        runs = run(scenes, shape, plan=plan, ticker=Ticker(total, progress))
+        runs = _run(grid, states, plan, ticker, direction)
     except Interrupted as stopped:
-        raise Interrupted(stopped.done and _result(scenes, axes, stopped.done, plan, period_tol)) from None
-    return _result(scenes, axes, runs, plan, period_tol)
+        raise Interrupted(stopped.done and _result(grid, stopped.done, plan, how, period_tol)) from None
+    found = _result(grid, runs, plan, how, period_tol)
+    tell_failures(found.status, found.chatter, throw=throw)
+    return found
 
 
-def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, period_tol: float) -> SweepResult:
-    shape = tuple(len(v) for v in axes.values())
-    in_line = lambda tree: jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(shape) :]), tree)  # noqa: E731
-    alternating = told_chatter(in_line(scenes), in_line(runs), plan)
+class _Grid(NamedTuple):
+    """What is swept."""
+
+    door: Asked
+    lanes: Scene  # one leading axis: those of the scenes, then those of the sweep, the last fastest
+    axes: dict[str, np.ndarray]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (*self.door.shape, *(len(values) for values in self.axes.values()))
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        return (*self.door.dims, *map(dimension, self.axes))
+
+
+def _grid_of(door: Asked, along: Mapping[str, Any] | None, direction: Direction | None) -> tuple[_Grid, Direction]:
+    """The scenes of a sweep, and the order of its values."""
+    if direction is not None:
+        word_argument("direction", direction, Direction)
+    file = door.file
+    if along is not None and file is not None:
+        door = door._replace(file=replace(file, axes=(), keep=None))  # its text is to tell of no other sweep
+    elif file is not None:
+        along, direction = {a.key: a.values for a in file.axes}, direction or file.direction
+    axes = {key: np.atleast_1d(np.asarray(values, dtype=float)) for key, values in (along or {}).items()}
+    if not (axes or door.shape) or len(axes) > 2 or any(v.ndim != 1 or v.size == 0 for v in axes.values()):
+        raise ValueError("Argument `along` must name one or two keys, each with at least one value.")
+    if direction not in (None, "independent") and not axes:
+        raise ValueError(f"Argument `direction` = {direction!r} needs `along`: it follows the values of its first key.")
+    build = grid_of_scenes
+    for _ in door.shape:
+        build = jax.vmap(build, in_axes=(0, None))
+    scenes = build(door.scene, axes) if axes else door.scene
+    return _Grid(door, in_line(scenes, len(door.shape) + len(axes)), axes), direction or "independent"
+
+
+def _run(grid: _Grid, states: State | None, plan: Plan, ticker: Ticker, direction: Direction) -> Runs:
+    """All lanes (leading axis)."""
+    if direction == "independent":
+        return independent(grid.lanes, (math.prod(grid.shape),), plan, ticker, states)
+    shape = (math.prod(grid.door.shape), *grid.shape[len(grid.door.shape) :])  # scenes, then the axes of the sweep
+    swapped = (shape[1], shape[0], *shape[2:])
+    first = lambda tree: jax.tree.map(lambda a: np.moveaxis(np.asarray(a).reshape(*shape, *a.shape[1:]), 1, 0), tree)  # noqa: E731
+    back = lambda tree: jax.tree.map(lambda a: np.moveaxis(a, 0, 1).reshape(-1, *a.shape[len(shape) :]), tree)  # noqa: E731
+    try:
+        return back(continued(first(grid.lanes), swapped, plan, ticker, first(states), direction=direction))
+    except Interrupted as stopped:
+        raise Interrupted(stopped.done and back(stopped.done)) from None
+
+
+def _result(grid: _Grid, runs: Runs, plan: Plan, how: Marched, period_tol: float) -> SweepResult:
+    numbers = _numbers(grid.lanes, runs, plan, period_tol)
+    chatter = told_chatter(grid.lanes, runs, plan)
+    common = {"phase": plan.phase, "period_tol": period_tol, "chatter": chatter, **how.told}
+    if how.choice is not None:
+        numbers["inaccurate"] = broken(grid.lanes, how.choice)
+    coords = sweep_coordinates(grid.axes, np.arange(plan.transient + 1, plan.transient + plan.kept + 1))
+    told, differing = grid.door.about(plan.transient, plan.steps_per_period)
+    more = {name: variable for name, variable in differing.items() if name not in grid.dims}
+    if "gap" not in grid.dims and (grid.axes or "gap" not in more):
+        more["gap"] = (grid.dims, in_shape(grid.lanes.shroud.gap, grid.shape), GAP)
+    told |= {"axes": ",".join(grid.dims), "complete": int(not np.any(numbers["status"] == Status.NOT_RUN))}
+    values = {**in_shape(numbers, grid.shape), **common}
+    return SweepResult.from_values(values, lanes=grid.dims, coords=coords, attrs=told, more=more)
+
+
+def _numbers(scenes: Scene, runs: Runs, plan: Plan, period_tol: float) -> dict[str, Any]:
+    """Numbers of lanes (leading axis)."""
     runs = jax.tree.map(in_full, runs)
     motion = by_blade(runs.samples.motion)
-    got = averages(in_line(scenes), in_line(runs.samples), period_tol)
-    (number, told), power, P_0 = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), got)
+    (number, told), power, P_0 = averages(scenes, runs.samples, period_tol)
     log, before = runs.last.tally.log, runs.before.log
     spent = [getattr(log, n) - getattr(before, n) for n in ("time_apart", "time_stick", "time_slip")]
     whole = sum(spent)
@@ -107,34 +210,23 @@ def _result(scenes: Scene, axes: dict[str, np.ndarray], runs: Runs, plan: Plan, 
         dropped = relative_drop(runs.samples) if plan.method.ledger else None
     counts = [filled(of.counters, runs.last.status) for of in (log, before)]
     counters = {n: np.asarray(getattr(counts[0], n) - getattr(counts[1], n)) for n in Counters.__annotations__}
-    return SweepResult(
-        axes=axes,
-        period=np.arange(plan.transient + 1, plan.transient + plan.kept + 1),
-        motion=motion,
-        phase=plan.phase,
-        gap=np.asarray(scenes.shroud.gap),
-        P=power.P,
-        P_0=P_0,
-        P_d=power.P_d,
-        P_d_ci=power.ci,
-        P_d_settled=power.settled,
-        period_number=number,
-        settled=told.verdict == YES,
-        period_tol=period_tol,
-        status=np.asarray(runs.last.status),
-        energy_residual=residual,
-        time_apart=times[0],
-        time_stick=times[1],
-        time_slip=times[2],
-        v_max=np.asarray(log.v_max),
-        counters=counters,
-        steps_per_period=plan.steps_per_period,
-        method=plan.method,
-        energy_dropped=dropped,
-        chatter=alternating,
-        settling=told.verdict,
-        periods_more=told.periods_more,
-        P_d_settling=power.settling,
-        P_d_periods_more=power.periods_more,
-        P_d_ci_short=power.ci_short,
-    )
+    return {
+        "motion": motion,
+        "P": power.P,
+        "P_0": P_0,
+        "P_d": power.P_d,
+        "P_d_ci": power.ci,
+        "P_d_ci_short": power.ci_short,
+        "P_d_settled": power.settled,
+        "P_d_settling": power.settling,
+        "P_d_periods_more": power.periods_more,
+        "period_number": number,
+        "settled": told.verdict == YES,
+        "settling": told.verdict,
+        "periods_more": told.periods_more,
+        "status": runs.last.status,
+        "v_max": log.v_max,
+        **dict(zip(("time_apart", "time_stick", "time_slip"), times, strict=True)),
+        **({} if residual is None else {"energy_residual": residual, "energy_dropped": dropped}),
+        "counters": counters,
+    }

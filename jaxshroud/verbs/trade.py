@@ -13,10 +13,12 @@ from jaxshroud.batch.runs import Progress, starts
 from jaxshroud.march.method import FAST
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.averages import averages
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.vary import value_of
 from jaxshroud.verbs.adaptive import Adaptive
+from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.setting import HORIZON, SHORT, Ran, Setting, state_errors, states
 
 SPREAD = 0.05  # relative, of the lanes around a scene
@@ -115,32 +117,33 @@ def neighbourhood(scene: Scene, lanes: int, seed: int = 0) -> Scene:
 
 
 def trade(
-    scene: Scene,
+    scene: Scene | SceneFile,
     *,
     settings: Sequence[Way] | None = None,
     lanes: int = 64,
-    transient: int = 64,
-    n_periods: int = 64,
     seed: int = 0,
+    n_periods: int = 64,
+    transient: int = 64,
     progress: Progress | None = None,
 ) -> list[Measured]:
     """Measure ways to march on lanes around a scene.
 
     Args:
-        scene: The scene.
+        scene: One scene.
         settings: What to measure; by default `SETTINGS` of the scene's kind of contact.
         lanes: Scenes scattered around it, by `SPREAD` in each of `NEIGHBOURS`.
-        transient: Periods before those over which P_d is averaged, with these no fewer than `HORIZON`.
-        n_periods: Periods over which P_d is averaged.
         seed: Of the scattering.
+        n_periods: Drive periods over which P_d is averaged.
+        transient: Drive periods before these, with them no fewer than `HORIZON`.
         progress: Called with (settings done, settings in all).
 
     Returns:
         One entry for each setting, with its errors against one of `TRUTHS`.
 
     Raises:
-        ValueError: The run would be too long or too large.
+        ValueError: The run would be too long or too large, or there are many scenes.
     """
+    scene = one_scene("trade", scene)
     fits(lanes, transient, n_periods)
     settings = SETTINGS[scene.parts.contact] if settings is None else settings
     scenes = neighbourhood(scene, lanes, seed)

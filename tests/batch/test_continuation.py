@@ -70,6 +70,6 @@ def test_closed_forms_go_on_at_a_phase_too(scene):
     free = load("table1", ["parts.contact=none"]).scene
     along = {"drive.F_0": [60.0, 60.0]}
     # Two values as good as equal are one run twice as long.
-    x = sweep(free, along, n_periods=5, direction="forward", phase=PHASE).motion.x
-    whole = sweep(free, {"drive.F_0": [60.0]}, n_periods=10, phase=PHASE).motion.x[0]
+    x = sweep(free, along, n_periods=5, direction="forward", phase=PHASE, steps_per_period=400, transient=0).motion.x
+    whole = sweep(free, {"drive.F_0": [60.0]}, n_periods=10, phase=PHASE, steps_per_period=400, transient=0).motion.x[0]
     np.testing.assert_allclose(x.reshape(whole.shape), whole, rtol=0, atol=1e-12 * np.abs(whole).max())

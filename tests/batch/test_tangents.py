@@ -1,6 +1,7 @@
 """Tangents through stick, slip, impact and case switches against differences, and what they must satisfy."""
 
 import importlib
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 from side_by_side import with_parts
 
-from jaxshroud import load, lyapunov, orbit, period_map, value_of, vary
+import jaxshroud as js
+from jaxshroud import load, period_map, value_of, vary
 from jaxshroud.batch.runs import Plan, run_lanes
 from jaxshroud.batch.states import STATE, final_states, from_vector, to_vector
 from jaxshroud.batch.tangents import Dual, differentiable, direction, run_flow, tangents
@@ -20,8 +22,10 @@ from jaxshroud.march.tableau import tableau
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import start
 from jaxshroud.motion.lyapunov import ALIGNING, settled
+from jaxshroud.motion.together import alone_found
 
 STEPS = 400
+orbit, lyapunov = (partial(verb, steps_per_period=STEPS) for verb in (js.orbit, js.lyapunov))
 CHAOTIC = {"gamma 4.8": 4.8, "gamma 5.5": 5.5, "gamma 10": 10.0}
 
 
@@ -33,9 +37,14 @@ def alone(tree):
     return repeated(tree, 1)
 
 
+def settled_state(scene, method=FAST):
+    """The state after a transient from the scene's start."""
+    return alone_found(settled(scene, start(scene.initial), 64, STEPS, method))
+
+
 def states_of(scene, n, method=FAST):
     """States of a settled motion at `n` successive period ends."""
-    state, states = settled(scene, 64, STEPS, method), []
+    state, states = settled_state(scene, method), []
     for _ in range(n):
         runs = run_lanes(alone(scene), alone(state), Plan(0, 1, STEPS, 0.0, method), lambda _: None)
         state = jax.tree.map(lambda a: a[0], final_states(runs.last.state))
@@ -143,7 +152,7 @@ def test_largest_exponent_is_that_of_two_trajectories(gamma, monkeypatch):
         importlib.import_module("jaxshroud.motion.lyapunov"), "ALIKE", -1.0
     )  # never alike: the longest alignment
     found = lyapunov(scene, n_periods=n)
-    by_distance = two_trajectories(scene, settled(scene, 64, STEPS, FAST), ALIGNING + n)[-n:].mean()
+    by_distance = two_trajectories(scene, settled_state(scene), ALIGNING + n)[-n:].mean()
     by_tangents = found.growth[:, 0].mean()
     assert by_tangents > 0.1
     assert by_tangents == pytest.approx(by_distance, rel=0.03)

@@ -10,8 +10,8 @@ from test_peers import RESULTS
 from jaxshroud import load, orbit, simulate, tune
 from jaxshroud.batch.runs import Plan
 from jaxshroud.march.method import FAST
+from jaxshroud.verbs.design import judge_designs
 from jaxshroud.verbs.gradient import on_orbit
-from jaxshroud.verbs.tune import judge_designs
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]
 TWO = {"shroud.gap": (5e-6, 2e-4), "contact.gamma": (0.1, 10.0)}
@@ -50,7 +50,7 @@ def test_cost_of_gradients():
     found = {}
     for gamma in (2.5, 4.2):
         at = orbit(load("table1", [f"contact.gamma={gamma}", "drive.F_0=60"]).scene)
-        once = median(lambda at=at: simulate(at.scene, at.start, n_periods=at.q, method=FAST))
+        once = median(lambda at=at: simulate(at.scene, at.start, n_periods=at.q, method=FAST, steps_per_period=400))
         two, twenty = (median(lambda at=at, keys=keys: on_orbit(at, keys)) for keys in (TWENTY[:2], TWENTY))
         found[f"gamma {gamma}, period {at.q}"] = {"two parameters": two / once, "twenty": twenty / once}
     record("simulations that a gradient costs", found)

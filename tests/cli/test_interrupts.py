@@ -194,7 +194,7 @@ def test_a_continued_sweep_keeps_the_rows_that_had_ended(direction):
 
     along = {"contact.gamma": rows, "drive.F_0": [40.0, 60.0]}
     with pytest.raises(Interrupted) as stopped:
-        sweep(scene, along, n_periods=2, steps_per_period=100, direction=direction, progress=stop)
+        sweep(scene, along, n_periods=2, steps_per_period=100, direction=direction, progress=stop, transient=0)
     status = stopped.value.done.status
     assert status.shape == (64, 2)
     assert set(status.ravel()) == {Status.OK, Status.NOT_RUN}

@@ -227,7 +227,14 @@ def test_chatter_is_told_with_its_cure():
     blade = realistic_blade(2.5)
     contact = Contact(blade.contact.k, None, frozenset({"levers"}))
     scene = Scene(blade.blades, blade.shroud, contact, blade.friction, blade.drive, blade.initial)
-    curve = sweep(scene, {"contact.gamma": np.linspace(0.5, 20, 64)}, n_periods=20, method=FAST_WITH_LEDGER)
+    curve = sweep(
+        scene,
+        {"contact.gamma": np.linspace(0.5, 20, 64)},
+        n_periods=20,
+        method=FAST_WITH_LEDGER,
+        steps_per_period=400,
+        transient=0,
+    )
     assert np.any(curve.status == Status.TOO_MANY_EVENTS)
     lane = np.argmax(curve.status == Status.TOO_MANY_EVENTS)
     period = 1 + np.isfinite(curve.motion.x[lane, :, 0]).sum()

@@ -80,7 +80,7 @@ def test_apart_blades_follow_the_closed_form(table1, method):
 
 def test_blades_that_never_touch_reduce_no_power(table1):
     # After 120 periods the slowest transient, exp(-c_x t / 2 m), is 2e-14; RK4 at 400 steps costs the rest.
-    got = sweep(table1, {"shroud.gap": [0.5, 1.0]}, n_periods=2, transient=120)
+    got = sweep(table1, {"shroud.gap": [0.5, 1.0]}, n_periods=2, transient=120, steps_per_period=400)
     assert np.all(np.abs(got.P_d) <= 1e-5)
     assert np.all(got.time_apart == 1)
 
@@ -197,8 +197,8 @@ def test_a_batch_equals_single_runs(scenes, method):
 
 
 def test_a_lane_that_fails_is_marked_alone(table1):
-    good = sweep(table1, {"drive.M_0": [50.0, 100.0]}, n_periods=4)
-    got = sweep(table1, {"drive.M_0": [50.0, 3000.0, 100.0]}, n_periods=4)
+    good = sweep(table1, {"drive.M_0": [50.0, 100.0]}, n_periods=4, steps_per_period=400, transient=0)
+    got = sweep(table1, {"drive.M_0": [50.0, 3000.0, 100.0]}, n_periods=4, steps_per_period=400, transient=0)
     assert got.status.tolist() == [Status.OK, Status.ANGLE_OUT_OF_RANGE, Status.OK]
     assert np.isnan(got.P_d[1])
     assert np.isnan(got.motion.x[1]).all()
@@ -206,7 +206,7 @@ def test_a_lane_that_fails_is_marked_alone(table1):
 
 
 def test_the_printed_reading_overflows_at_high_stiffness(table1):
-    got = sweep(printed(table1), {"contact.gamma": [0.3, 30.0, 2.5]}, n_periods=20)
+    got = sweep(printed(table1), {"contact.gamma": [0.3, 30.0, 2.5]}, n_periods=20, steps_per_period=400, transient=0)
     assert got.status[0] == got.status[2] == Status.OK
     assert got.status[1] in (Status.NOT_FINITE, Status.ANGLE_OUT_OF_RANGE)
 
@@ -261,10 +261,15 @@ def test_every_verb_runs_in_float32(table1):
     np.testing.assert_allclose(run.motion.x, exact.motion.x, rtol=0, atol=1e-3 * np.abs(exact.motion.x).max())
     more = simulate(table1, run.last, n_periods=1, steps_per_period=200, method=single)
     assert more.status == Status.OK
-    got, true = (power(table1, most_periods=64, transient=64, method=m).final for m in (single, double))
+    got, true = (
+        power(table1, n_periods=64, transient=64, method=m, steps_per_period=400).final for m in (single, double)
+    )
     assert got["P_d"] == pytest.approx(true["P_d"], rel=1e-4)
     got, true = (
-        sweep(table1, {"contact.gamma": [1.0, 2.5]}, n_periods=2, phase=1.0, method=m) for m in (single, double)
+        sweep(
+            table1, {"contact.gamma": [1.0, 2.5]}, n_periods=2, phase=1.0, method=m, steps_per_period=400, transient=0
+        )
+        for m in (single, double)
     )
     np.testing.assert_allclose(got.P_d, true.P_d, rtol=1e-3)
     assert np.all(got.energy_residual < 1e-4)
@@ -337,13 +342,13 @@ def linear_stick(scene, t):
 
 def test_no_stiffness_means_no_reduction(table1):
     # P_d tends to 0 with gamma; at gamma = 0 the overlap carries no force.
-    got = sweep(table1, {"contact.gamma": [0.0, 1e-6, 1e-4]}, n_periods=4, transient=120)
+    got = sweep(table1, {"contact.gamma": [0.0, 1e-6, 1e-4]}, n_periods=4, transient=120, steps_per_period=400)
     assert np.all(np.abs(got.P_d) <= [1e-5, 1e-4, 1e-2])
 
 
 def test_the_labelled_points_of_fig_10_are_not_reproduced(table1):
     # The article prints periods 1, 2, 3 and chaos; see README.
-    got = sweep(table1, {"contact.gamma": [0.3, 2.5, 4.2, 7.5]}, n_periods=64, transient=300)
+    got = sweep(table1, {"contact.gamma": [0.3, 2.5, 4.2, 7.5]}, n_periods=64, transient=300, steps_per_period=400)
     assert got.period_number.tolist() == [1, 1, 2, 1]
     assert np.all(got.P_d < 0)
 

@@ -9,7 +9,7 @@ import jaxshroud as js
 from jaxshroud import sweep as sweep_verb
 from jaxshroud.march.method import FAST
 from jaxshroud.model.state import start
-from jaxshroud.motion.orbit import TOLERANCE
+from jaxshroud.motion.shooting import TOLERANCE
 
 SINGLE = FAST._replace(precision="float32")
 STEPS = {"steps_per_period": 100, "method": SINGLE}
@@ -46,7 +46,7 @@ def computed(monkeypatch):
 VERBS = {
     "simulate": lambda s: js.simulate(s, n_periods=1, **STEPS),
     "sweep": lambda s: sweep_verb(s, {"contact.gamma": [1.0, 2.0]}, n_periods=1, **STEPS),
-    "power": lambda s: js.power(s, most_periods=4, **STEPS),
+    "power": lambda s: js.power(s, n_periods=4, **STEPS),
     "orbit": lambda s: js.orbit(s, most_periods=64, **STEPS),
     "orbit from a state": lambda s: js.orbit(s, state=start(s.initial), most_periods=8, **STEPS),
     "lyapunov": lambda s: js.lyapunov(s, n_periods=1, transient=1, **STEPS),

@@ -95,7 +95,7 @@ def test_the_closed_form_at_any_damping(table1, changes, name):
     scene = varied(table1, initial__x=1e-4, initial__v_y=0.1, **changes)
     free = with_parts(scene, contact="none")
     stepped = run([vary(scene, "shroud.gap", 1.0)], 2, 2000, EXACT["dopri8-cubic"])
-    got = js.sweep(free, {"drive.F_0": [60.0]}, n_periods=2)
+    got = js.sweep(free, {"drive.F_0": [60.0]}, n_periods=2, steps_per_period=400, transient=0)
     size = sizes(stepped)[0].reshape(6, 2)
     for field, at, whole in zip(got.motion, stepped.samples.motion, size, strict=True):
         np.testing.assert_allclose(field[0], np.stack(at, -1)[0], rtol=0, atol=1e-9 * whole.max(), err_msg=name)
@@ -108,7 +108,7 @@ def test_samples_of_a_free_scene_lie_on_one_motion(table1):
     first = js.simulate(free, n_periods=1, steps_per_period=100)
     second = js.simulate(free, first.last, n_periods=1, steps_per_period=100, t=float(first.t[-1]))
     np.testing.assert_allclose(second.motion.x, whole.motion.x[100:], rtol=0, atol=1e-15)
-    swept = js.sweep(free, {"drive.F_0": [60.0]}, n_periods=1, phase=np.pi / 2)
+    swept = js.sweep(free, {"drive.F_0": [60.0]}, n_periods=1, phase=np.pi / 2, steps_per_period=400, transient=0)
     np.testing.assert_allclose(swept.motion.x[0, 0], whole.motion.x[125], rtol=0, atol=1e-15)
 
 
@@ -116,7 +116,7 @@ def test_an_undamped_resonance_is_not_finite(table1):
     scene = varied(table1, drive__omega=float(np.sqrt(1e5 / 0.08)), blades__c_x=0.0)
     scene = vary(scene, "blades.k_x", 0.08 * float(scene.drive.omega) ** 2)
     free = with_parts(scene, contact="none")
-    got = js.sweep(free, {"drive.F_0": [60.0]}, n_periods=2)
+    got = js.sweep(free, {"drive.F_0": [60.0]}, n_periods=2, steps_per_period=400, transient=0)
     assert got.status[0] == Status.NOT_FINITE
     assert np.isnan(got.P_d[0])
     assert js.simulate(free, n_periods=2, steps_per_period=10).status == Status.NOT_FINITE
@@ -152,7 +152,7 @@ def test_every_verb_runs(table1, parts):
     assert one.status == Status.OK
     assert one.motion.theta.shape == (201, 2)
     assert abs(one.energy_residual) < 1e-3
-    many = js.sweep(scene, {"drive.F_0": [50.0, 60.0]}, n_periods=8, steps_per_period=100)
+    many = js.sweep(scene, {"drive.F_0": [50.0, 60.0]}, n_periods=8, steps_per_period=100, transient=0)
     assert np.all(many.status == Status.OK)
     assert np.all(np.isfinite(many.P_d))
     found = js.orbit(scene, most_periods=400, steps_per_period=100)
@@ -172,8 +172,8 @@ def test_parts_that_do_not_exist_are_refused(table1):
 
 
 def test_without_friction_events_are_the_same(table1):
-    whole = js.simulate(vary(table1, "friction.mu", 0.0), n_periods=2)
-    bare = js.simulate(with_parts(table1, friction="none"), n_periods=2)
+    whole = js.simulate(vary(table1, "friction.mu", 0.0), n_periods=2, steps_per_period=400)
+    bare = js.simulate(with_parts(table1, friction="none"), n_periods=2, steps_per_period=400)
     assert bare.counters == whole.counters
 
 
@@ -198,7 +198,9 @@ def test_a_scene_is_explained(table1):
 
 
 def test_blades_without_contact_are_apart_all_the_time(table1):
-    found = js.sweep(with_parts(table1, contact="none"), {"friction.mu": [0.3, 0.5]}, n_periods=3, transient=2)
+    found = js.sweep(
+        with_parts(table1, contact="none"), {"friction.mu": [0.3, 0.5]}, n_periods=3, transient=2, steps_per_period=400
+    )
     np.testing.assert_array_equal([found.time_apart, found.time_stick, found.time_slip], [[1, 1], [0, 0], [0, 0]])
 
 
@@ -206,24 +208,27 @@ def test_blades_without_contact_are_apart_all_the_time(table1):
 def test_a_motion_whose_energy_overflows_has_stopped(table1, contact):
     # The numbers of the state are finite, their squares are not.
     scene = vary(with_parts(table1, motion=("x",), contact=contact), "initial.x", 1e200)
-    swept = js.sweep(scene, {"friction.mu": [0.5]}, n_periods=2, method=FAST)
+    swept = js.sweep(scene, {"friction.mu": [0.5]}, n_periods=2, method=FAST, steps_per_period=400, transient=0)
     assert swept.status[0] == Status.NOT_FINITE
     assert np.isnan(swept.P_d[0])
-    assert js.power(scene, most_periods=2, method=FAST).final["status"] == Status.NOT_FINITE
-    assert js.simulate(scene, n_periods=1, method=FAST).status == Status.NOT_FINITE
+    assert (
+        js.power(scene, n_periods=2, method=FAST, steps_per_period=400, transient=0).final["status"]
+        == Status.NOT_FINITE
+    )
+    assert js.simulate(scene, n_periods=1, method=FAST, steps_per_period=400).status == Status.NOT_FINITE
     assert js.orbit(scene, most_periods=8, method=FAST).flags == ("stopped",)
 
 
 @pytest.mark.parametrize("wrong", [float("nan"), -1e-3])
 def test_tolerances_are_numbers(table1, wrong):
     with pytest.raises(ValueError, match="`period_tol` must be a number of at least 0"):
-        js.sweep(table1, {"friction.mu": [0.5]}, n_periods=2, period_tol=wrong)
+        js.sweep(table1, {"friction.mu": [0.5]}, n_periods=2, period_tol=wrong, steps_per_period=400, transient=0)
     with pytest.raises(ValueError, match="`period_tol` must be a number of at least 0"):
-        js.power(table1, most_periods=2, period_tol=wrong)
+        js.power(table1, n_periods=2, period_tol=wrong, steps_per_period=400, transient=0)
     with pytest.raises(ValueError, match="`tolerance` must be positive"):
-        js.power(table1, most_periods=2, tolerance=wrong)
+        js.power(table1, n_periods=2, tolerance=wrong, steps_per_period=400, transient=0)
     with pytest.raises(ValueError, match="`phase` must be in"):
-        js.sweep(table1, {"friction.mu": [0.5]}, n_periods=2, phase=wrong)
+        js.sweep(table1, {"friction.mu": [0.5]}, n_periods=2, phase=wrong, steps_per_period=400, transient=0)
     for sigma in (wrong, 0.0, float("inf")):
         with pytest.raises(ValueError, match="`sigma` must be a positive number"):
             js.gradient(table1, ["shroud.gap"], sigma=sigma)

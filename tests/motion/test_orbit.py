@@ -1,12 +1,14 @@
 """Periodic orbits by shooting, and exact gradients on them."""
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import numpy as np
 import pytest
 
-from jaxshroud import gradient, load, orbit, simulate, value_of
+import jaxshroud as js
+from jaxshroud import load, value_of
 from jaxshroud.batch.states import STATE
 from jaxshroud.batch.tangents import Dual, differentiable, direction, onward, resting, run_flow, tangents
 from jaxshroud.batch.xla import repeated
@@ -15,11 +17,17 @@ from jaxshroud.march.method import FAST
 from jaxshroud.model.linear import area, steady_amplitudes
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.state import State, start
-from jaxshroud.motion.orbit import Shot, contact_margins, described, moved_start
+from jaxshroud.motion.gradient import slopes
+from jaxshroud.motion.margins import contact_margins
+from jaxshroud.motion.orbit import Shot, described
+from jaxshroud.motion.shooting import moved_start
+from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.vary import vary
-from jaxshroud.verbs.gradient import differences, on_orbit, slopes
+from jaxshroud.verbs.gradient import differences, on_orbit
 
+STEPS = {"steps_per_period": 400}
+orbit, gradient, simulate = (partial(verb, **STEPS) for verb in (js.orbit, js.gradient, js.simulate))
 PARAMETERS = (
     [
         "shroud.gap",
@@ -67,7 +75,7 @@ def test_orbits_of_every_kind_are_found(case):
     assert found.q == q
     assert found.flags == ()
     assert found.residual <= 1e-8
-    run = simulate(found.scene, found.start, n_periods=found.q, method=found.method)
+    run = simulate(found.scene, found.start, n_periods=found.q, method=found.method, steps_per_period=400)
     for event in events:
         assert run.counters[event] > 0, event
     np.testing.assert_allclose(run.last.motion.x, found.start.motion.x, rtol=1e-6)
@@ -95,7 +103,7 @@ def naive_miss(name, monkeypatch) -> float:
     method = found.method._replace(tableau=found.method.tableau._replace(name="naive"))  # compiled anew
     steps = found.steps_per_period
     jacobian = tangents(found.scene, found.start, [], n=found.q, steps=steps, method=differentiable(method))
-    naive = on_orbit(replace(found, method=method, jacobian=jacobian), PARAMETERS).value
+    naive = on_orbit(Orbit.of_cycles([replace(found.cycle(), method=method, jacobian=jacobian)]), PARAMETERS).value
     return np.abs(scaled(naive, found.scene) - right).max() / np.abs(right).max()
 
 
@@ -145,7 +153,7 @@ def test_permanent_stick_is_not_unique():
     M[-1], M[:-1, -1] = np.eye(STATE)[-1], 0.1 * np.arange(1, STATE)
     end = State(found.start.motion, found.start.u_s, np.int32(Mode.STICK), np.int32(1))
     shot = Shot(found.start, found.jacobian._replace(by_state=M, end=end), 0.0, 1)
-    held = described(found.scene, shot, 1, 1e-11, 8, 400, FAST)
+    held = Orbit.of_cycles([described(found.scene, shot, 1, 1e-11, 8, 400, FAST)])
     assert held.flags == ("not unique",)
     assert held.slider_is_free
     got = on_orbit(held, ["shroud.gap"])
@@ -188,7 +196,7 @@ def test_permanent_flat_contact_has_one_angle():
     # A difference of the angles does not exist there. Taken for a motion of its own it would stay for ever: a second
     # multiplier of 1, and derivatives off by up to twenty times.
     found = orbit(load("table1", ["shroud.gap=-0.0005", "friction.mu=5", "drive.M_0=0.05", "drive.F_0=5"]).scene)
-    run = simulate(found.scene, found.start, n_periods=1)
+    run = simulate(found.scene, found.start, n_periods=1, steps_per_period=400)
     assert set(run.case.tolist()) == {5}
     assert found.flags == ("not unique",)
     assert np.abs(found.others).max() < 0.9
@@ -231,10 +239,10 @@ def test_a_known_period_number_needs_a_state(table1):
 
 def test_margins_of_grazing():
     found = orbit(scene_of(("contact.gamma=2.5",)))
-    margins = contact_margins(found)
+    margins = contact_margins(found.cycle())
     assert 0 < margins.slowest_onset <= 1
     assert margins.counters["onset_slip"] == 4
-    none = contact_margins(orbit(load("table1", ['shroud.gap="5 mm"', "drive.F_0=60"]).scene))
+    none = contact_margins(orbit(load("table1", ['shroud.gap="5 mm"', "drive.F_0=60"]).scene).cycle())
     assert np.isnan(none.slowest_onset)
     assert none.nearest_miss > 0
 
@@ -244,7 +252,7 @@ def test_margins_see_grazes_and_misses_within_steps():
     # between two ends of steps, and a graze begins and ends there.
     free = load("table1", ['shroud.gap="5 mm"', "drive.F_0=60", "drive.M_0=0", "contact.gamma=2.5"]).scene
     found = orbit(free, steps_per_period=37)
-    missed = contact_margins(found).nearest_miss
+    missed = contact_margins(found.cycle()).nearest_miss
     swing, alpha, deep = steady_amplitudes(free), float(free.shroud.alpha), 1e-8
     d_x, d_y = (complex(a[0] - a[1]) for a in (swing.x, swing.y))
     size = abs(d_x * np.sin(alpha) - d_y * np.cos(alpha))
@@ -254,7 +262,7 @@ def test_margins_see_grazes_and_misses_within_steps():
     x, y = (np.asarray(a) @ [1, -1] for a in (run.motion.x, run.motion.y))
     ends = (5e-3 - x) * np.sin(alpha) + y * np.cos(alpha)
     assert ends.min() > exact * (1 + 5e-4)  # control: at the ends of steps it is further away
-    grazing = replace(found, scene=vary(free, "shroud.gap", 5e-3 - (missed + deep) / np.sin(alpha)))
+    grazing = replace(found.cycle(), scene=vary(free, "shroud.gap", 5e-3 - (missed + deep) / np.sin(alpha)))
     margins = contact_margins(grazing)
     assert margins.counters["grazing"] == 1
     assert margins.slowest_onset == pytest.approx(np.sqrt(2 * deep / size), rel=0.2)

@@ -146,7 +146,10 @@ def test_the_number_of_an_orbit_is_the_same_at_every_phase(q):
 def test_the_number_of_a_run_is_the_same_at_every_phase():
     # x_1 passes through 0 at the strobe at 1.35; at others some hundredths of its size are left of it.
     scene = load("table1", ["drive.M_0=10"]).scene
-    found = [sweep(scene, {"contact.gamma": [2.5]}, n_periods=32, transient=40, phase=p) for p in PHASES]
+    found = [
+        sweep(scene, {"contact.gamma": [2.5]}, n_periods=32, transient=40, phase=p, steps_per_period=400)
+        for p in PHASES
+    ]
     assert [int(got.period_number[0]) for got in found] == [1] * len(PHASES)
     assert np.ptp([got.P_d[0] for got in found]) < 1e-5
 
@@ -182,7 +185,9 @@ def test_yes_is_never_wrong_without_contact():
     scene = load("table1", ['parts.contact="none"', "blades.c_x=0.02", "drive.M_0=10"]).scene
 
     def run(transient):
-        return sweep(scene, {"drive.omega": [536.0, 700.0, 1110.0]}, n_periods=64, transient=transient)
+        return sweep(
+            scene, {"drive.omega": [536.0, 700.0, 1110.0]}, n_periods=64, transient=transient, steps_per_period=400
+        )
 
     end, verdicts = run(30000), set()
     size = np.hypot(end.motion.x, end.motion.v_x / end.axes["drive.omega"][:, None, None]).max(axis=(1, 2))

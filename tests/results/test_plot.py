@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jaxshroud.results import drawing, plot
+from jaxshroud.results import drawing, plot, plot_power, plot_run
 
 STATUSES = {"flag_values": np.arange(4), "flag_meanings": "OK TOO_MANY_EVENTS NOT_FINITE ANGLE_OUT_OF_RANGE"}
 MOTION = ("x", "y", "theta", "v_x", "v_y", "v_theta")
@@ -277,7 +277,7 @@ def test_power_map_with_extreme_powers():
 
 def test_trajectory_panels():
     ds = run(lambda tau: 6e-4 * np.sin(tau) + 1e-4 * np.sin(tau / 2))
-    figure = drawn(plot.trajectory(ds))
+    figure = drawn(plot_run.trajectory(ds))
     history, phase, poincare, spectrum = figure.axes
     assert history.get_xlim() == pytest.approx((50, 60))
     assert history.get_ylabel() == r"$x_i/\Delta$"
@@ -292,7 +292,7 @@ def test_trajectory_panels():
 
 def test_contact_is_shaded_where_the_mode_says():
     # slip + where sin(tau) > 0.95: a share 2 acos(0.95) / (2 pi) of each period, to a sample at either end.
-    history = drawn(plot.trajectory(run(lambda tau: 1e-4 * np.sin(tau)))).axes[0]
+    history = drawn(plot_run.trajectory(run(lambda tau: 1e-4 * np.sin(tau)))).axes[0]
     spans = {c.get_label(): [p.get_extents() for p in c.get_paths()] for c in history.collections}
     widths = [span.width for span in spans["slip +"]]
     assert len(widths) == 10
@@ -302,39 +302,39 @@ def test_contact_is_shaded_where_the_mode_says():
 
 def test_samples_that_miss_the_periods_ends():
     # Every third of 100 steps: each third period's end is stored.
-    figure = drawn(plot.trajectory(run(lambda tau: 1e-4 * np.sin(tau), every=3)))
+    figure = drawn(plot_run.trajectory(run(lambda tau: 1e-4 * np.sin(tau), every=3)))
     assert figure.axes[2].get_title(loc="left") == "Poincaré points of 10 periods"
     assert [text.get_text() for text in figure.axes[3].texts] == ["$f_e$"]
 
 
 @pytest.mark.parametrize("n_periods", [1, 2, 7])
 def test_short_trajectories(n_periods):
-    figure = drawn(plot.trajectory(run(lambda tau: 1e-4 * np.sin(tau) + 1e-5 * tau, n_periods=n_periods)))
+    figure = drawn(plot_run.trajectory(run(lambda tau: 1e-4 * np.sin(tau) + 1e-5 * tau, n_periods=n_periods)))
     assert ("no oscillation" in texts(figure)) == (n_periods == 1)  # the half kept is shorter than a period
 
 
 def test_trajectory_that_stopped():
     ds = run(lambda tau: np.where(tau > 200, np.nan, 1e-4 * np.sin(tau)))
     ds.attrs["status"] = 3
-    figure = drawn(plot.trajectory(ds))
+    figure = drawn(plot_run.trajectory(ds))
     assert "Fig. 10b (stopped: ANGLE_OUT_OF_RANGE)" in texts(figure)
     assert figure.axes[0].get_xlim()[1] == pytest.approx(
         (200 - np.pi) / (2 * np.pi), abs=2 / STEPS
     )  # x_2 is half a period ahead
-    nothing = drawn(plot.trajectory(run(lambda tau: np.full_like(tau, np.nan))))
+    nothing = drawn(plot_run.trajectory(run(lambda tau: np.full_like(tau, np.nan))))
     assert "the run has no finite step" in texts(nothing)
 
 
 @pytest.mark.parametrize("gap", [0.0, -1e-5])
 def test_trajectory_at_rest_without_a_gap(gap):
-    figure = drawn(plot.trajectory(run(lambda tau: 0 * tau, gap=gap)))
+    figure = drawn(plot_run.trajectory(run(lambda tau: 0 * tau, gap=gap)))
     assert figure.axes[1].get_xlabel() == "$x_1$ [mm]"
     assert "no oscillation over\na whole period" in texts(figure)
 
 
 def test_power_convergence():
     data = power()
-    figure = drawn(plot.power_convergence(data))
+    figure = drawn(plot_power.power_convergence(data))
     (panel,) = figure.axes
     assert panel.get_xscale() == "log"
     np.testing.assert_array_equal(panel.lines[0].get_ydata(), data["P_d"])
@@ -344,11 +344,11 @@ def test_power_convergence():
 def test_power_with_missing_numbers():
     data = power(5) | {"P_d_ci": [None] * len(power(5)["n"])}
     data["final"] |= {"ci": None, "settled": False, "period_number": 2}
-    assert "% ($n$ = 2000, period 2, not settled)" in texts(drawn(plot.power_convergence(data)))
+    assert "% ($n$ = 2000, period 2, not settled)" in texts(drawn(plot_power.power_convergence(data)))
     none = data | {"P_d": [None] * len(data["n"])}
-    assert "no period was finished" in texts(drawn(plot.power_convergence(none)))
+    assert "no period was finished" in texts(drawn(plot_power.power_convergence(none)))
     empty = {"n": [], "P_d": [], "P_d_ci": [], "final": data["final"] | {"P_d": None}}
-    assert "no period was finished" in texts(drawn(plot.power_convergence(empty)))
+    assert "no period was finished" in texts(drawn(plot_power.power_convergence(empty)))
 
 
 def test_figures_redraw_from_files(tmp_path):
@@ -356,19 +356,19 @@ def test_figures_redraw_from_files(tmp_path):
     (tmp_path / "power.json").write_text(json.dumps(power()))
     with xr.open_dataset(tmp_path / "sweep.nc", engine="h5netcdf") as ds:
         assert "stopped: NOT_FINITE" in texts(drawn(plot.bifurcation(ds)))
-    drawn(plot.power_convergence(json.loads((tmp_path / "power.json").read_text())))
+    drawn(plot_power.power_convergence(json.loads((tmp_path / "power.json").read_text())))
 
 
 @pytest.mark.parametrize(("suffix", "start"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
 def test_save(tmp_path, suffix, start):
     path = tmp_path / f"power.{suffix}"
-    drawing.save(plot.power_convergence(power()), path)
+    drawing.save(plot_power.power_convergence(power()), path)
     assert path.read_bytes().startswith(start)
     assert [found.name for found in tmp_path.iterdir()] == [path.name]
 
 
 def test_png_has_200_dpi(tmp_path):
-    drawing.save(plot.power_convergence(power()), tmp_path / "power.png")
+    drawing.save(plot_power.power_convergence(power()), tmp_path / "power.png")
     header = (tmp_path / "power.png").read_bytes()[16:24]  # width and height, big-endian
     assert int.from_bytes(header[:4]) == int(88 / 25.4 * 200)
 
@@ -377,12 +377,12 @@ def test_png_has_200_dpi(tmp_path):
 def test_a_failed_save_leaves_the_old_file(tmp_path, name):
     (tmp_path / name).write_text("old")
     with pytest.raises(ValueError, match=r"xyz|suffix"):
-        drawing.save(plot.power_convergence(power()), tmp_path / name)
+        drawing.save(plot_power.power_convergence(power()), tmp_path / name)
     assert [(found.name, found.read_text()) for found in tmp_path.iterdir()] == [(name, "old")]
 
 
 def test_no_figure_stays_open():
     import matplotlib.pyplot as plt
 
-    drawn(plot.power_convergence(power()))
+    drawn(plot_power.power_convergence(power()))
     assert plt.get_fignums() == []

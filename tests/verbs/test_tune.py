@@ -6,13 +6,18 @@ import numpy as np
 import pytest
 
 from jaxshroud import load, power, tune, vary
+from jaxshroud import open as open_result
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.march.method import FAST
 from jaxshroud.march.tableau import TABLEAUS, tableau
+from jaxshroud.results.tuned import Judged
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.parts import Parts
 from jaxshroud.scene.scene import with_parts
-from jaxshroud.verbs.tune import PUSH, Judged, Problem, exact_slopes, judge_designs, objective_map
+from jaxshroud.verbs import confirm
+from jaxshroud.verbs.climb import PUSH, exact_slopes
+from jaxshroud.verbs.design import Problem, judge_designs
+from jaxshroud.verbs.tune import objective_map
 
 tune_module = importlib.import_module("jaxshroud.verbs.tune")
 OVER = {"shroud.gap": (5e-6, 2e-4), "contact.gamma": (0.1, 10.0)}
@@ -57,7 +62,7 @@ def test_the_objective_is_that_of_single_runs(scene, tuned):
         one = vary(scene, "drive.F_0", F_0)
         for key, value in tuned.design.items():
             one = vary(one, key, value)
-        found.append(power(one, most_periods=512, transient=128, steps_per_period=400).final["P_d"])
+        found.append(power(one, n_periods=512, transient=128, steps_per_period=400).final["P_d"])
     assert tuned.checks["four times as long"].objective[0] == pytest.approx(np.mean(found), abs=0.2)
 
 
@@ -155,15 +160,15 @@ def test_an_optimum_at_its_bound_is_told(scene):
     found = tune(only_x(scene), {"contact.gamma": (0.01, 0.02)}, **{**TINY, "scan": 64})
     assert found.at_bounds == {"contact.gamma": "upper"}
     assert found.design["contact.gamma"] == pytest.approx(0.02, rel=1e-3)
-    assert tune_module._bound(0.5) is None
+    assert tune_module._bound(0.5) == 0
 
 
 @pytest.mark.parametrize("name", TABLEAUS)
 def test_no_check_is_coarser_than_the_search(scene, name, monkeypatch):
     plans, nothing = [], Judged(*[np.zeros(1)] * 7)
-    monkeypatch.setattr(tune_module, "judge_designs", lambda problem, *_: plans.append(problem.plan) or nothing)
+    monkeypatch.setattr(confirm, "judge_designs", lambda problem, *_: plans.append(problem.plan) or nothing)
     search = Plan(8, 4, 40, 0.0, FAST._replace(tableau=tableau(name), precision="float32"))
-    tune_module._checks(problem_of(scene, {})._replace(plan=search), np.array([5e-5, 1.0]), 0)
+    confirm.checked(problem_of(scene, {})._replace(plan=search), np.array([5e-5, 1.0]), 0)
     assert plans[0].steps_per_period == 80
     assert plans[0].method.precision == "float64"
     assert all(plan.method.tableau.order >= search.method.tableau.order for plan in plans)
@@ -192,3 +197,22 @@ def test_penetration_within_steps(scene):
     assert inside[0] < 1e-4 < 1e-3 < ends[0]
     assert inside[1] < inside[0] / 12
     assert ends[1] > ends[0] / 8
+
+
+def test_a_tuning_comes_back_from_its_file(scene, tmp_path):
+    over = {"shroud.gap": (2e-5, 4e-5), "contact.gamma": (1.0, 2.0)}
+    found = tune(only_x(scene), over, conditions={"drive.F_0": [40.0, 60.0]}, **TINY)
+    found.save(tmp_path / "tuned.nc")
+    back = open_result(tmp_path / "tuned.nc")
+    assert repr(back) == repr(found)
+    for name in ("design", "over", "conditions", "at_bounds", "confirmed", "feasible", "goal", "periods", "most_force"):
+        assert getattr(back, name) == getattr(found, name), name
+    np.testing.assert_array_equal(back.points, found.points)
+    assert list(back.checks) == list(found.checks)
+    for name, judged in found.checks.items():
+        for a, b in zip(back.checks[name], judged, strict=True):
+            np.testing.assert_array_equal(a, b)
+    assert len(found.plot().axes) == 2
+    assert len(back.plot(drawn=objective_map(found, 2)).axes) == 3  # and a colour bar
+    with pytest.raises(ValueError, match="does not hold its problem"):
+        objective_map(back, 2)

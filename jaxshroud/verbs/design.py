@@ -1,0 +1,122 @@
+"""What is to be tuned, and what simulations say of designs."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
+from typing import Literal, NamedTuple
+
+import jax
+import numpy as np
+
+from jaxshroud.batch.extent import fits
+from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.states import as_precise
+from jaxshroud.batch.xla import repeated
+from jaxshroud.march.method import FAST
+from jaxshroud.model.modes import Status
+from jaxshroud.model.state import State
+from jaxshroud.motion.averages import averages
+from jaxshroud.motion.gradient import with_numbers
+from jaxshroud.results.tuned import PENALTY, Judged
+from jaxshroud.scene.grids import scenes_at
+from jaxshroud.scene.precision import in_precision
+from jaxshroud.scene.scene import Scene
+
+Goal = Literal["mean", "worst"]
+Tick = Callable[[int], None]  # told how many lane-periods were done
+
+
+class Problem(NamedTuple):
+    """What is to be tuned."""
+
+    scene: Scene
+    over: dict[str, tuple[float, float]]  # key -> bounds
+    conditions: dict[str, tuple[float, ...]]  # key -> values; every combination counts
+    goal: Goal = "mean"
+    most_penetration: float = np.inf  # [m]
+    most_force: float = np.inf  # normal force of the contact [N]
+    plan: Plan = Plan(0, 1, 400, 0.0, FAST)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """All combinations of the conditions' values, (conditions, keys)."""
+        return np.array(list(product(*self.conditions.values())))
+
+    def values(self, u: np.ndarray) -> np.ndarray:
+        """Designs (n, keys) from points of the unit cube: logarithmic between positive bounds, else linear."""
+        low, high = np.array(list(self.over.values())).T
+        with np.errstate(invalid="ignore", divide="ignore"):
+            scaled = low * (high / low) ** u
+        return np.where(low > 0, scaled, low + (high - low) * u)
+
+    def rates(self, u: np.ndarray) -> np.ndarray:
+        """Derivatives of `values`."""
+        low, high = np.array(list(self.over.values())).T
+        with np.errstate(invalid="ignore", divide="ignore"):
+            scaled = self.values(u) * np.log(high / low)
+        return np.where(low > 0, scaled, high - low)
+
+
+def problem_of(
+    scene: Scene, over: Mapping[str, tuple[float, float]], conditions: Mapping[str, Sequence[float]]
+) -> Problem:
+    """What is to be tuned, without limits; see `tune`.
+
+    Raises:
+        KeyError: The scene has no such number.
+        ValueError: Bounds are not in order, or a key is both tuned and a condition.
+    """
+    if not over:
+        raise ValueError("Argument `over` must name at least one number.")
+    for key, (low, high) in over.items():
+        if not -np.inf < low < high < np.inf:
+            raise ValueError(f"The bounds of {key} must be finite and in order, but are {low} and {high}.")
+    both = set(over) & set(conditions)
+    if both:
+        raise ValueError(f"{sorted(both)[0]} is both tuned and an operating condition.")
+    known = {key: tuple(float(v) for v in np.ravel(values)) for key, values in conditions.items()}
+    fits(math.prod(map(len, known.values())) << min(len(over), 8), 0, 1)  # the corners are looked at first
+    whole = with_numbers(scene, [*over, *known])
+    return Problem(whole, dict(over), known)
+
+
+def scenes_of(problem: Problem, designs: np.ndarray) -> Scene:
+    """Scenes of every design in every condition, (designs * conditions,)."""
+    rows = problem.rows
+    values = np.concatenate([np.repeat(designs, len(rows), axis=0), np.tile(rows, (len(designs), 1))], axis=1)
+    return scenes_at(problem.scene, [*problem.over, *problem.conditions], values)
+
+
+def corners(problem: Problem) -> Scene:
+    """The extreme scenes of a problem: every combination of bounds, or bounds one by one where these are many."""
+    size = len(problem.over)
+    one_by_one = np.vstack([np.zeros(size), np.ones(size), np.eye(size), 1 - np.eye(size)])
+    u = np.array(list(product((0.0, 1.0), repeat=size))) if size <= 8 else one_by_one
+    return scenes_of(problem, problem.values(u))
+
+
+def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick, states: State | None = None) -> Judged:
+    """Simulate designs (n, keys) in every condition, from the scene's start or from one state in all of them."""
+    scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
+    lanes = len(scenes.drive.omega)
+    first = starts(scenes) if states is None else repeated(as_precise(states, scenes), lanes)
+    runs = run_lanes(scenes, first, problem.plan, tick)
+    with np.errstate(invalid="ignore", over="ignore"):  # of a design that is far out
+        motion, got, _ = averages(scenes, runs.samples)
+    shape = len(designs), len(problem.rows)
+    log = runs.last.tally.log
+    v_max = np.asarray((log if log.within is None else log.within).v_max, float)
+    ok = np.asarray(runs.last.status) == Status.OK
+    P_d = np.where(ok & np.isfinite(got.P_d), got.P_d, -np.inf).reshape(shape)
+    objective = P_d.mean(axis=1) if problem.goal == "mean" else P_d.min(axis=1)
+    with np.errstate(invalid="ignore", over="ignore"):  # what stopped has no penetration
+        N_max = np.asarray(_stiffnesses(scenes), float) * v_max
+        v, force = (a.reshape(shape).max(axis=1) for a in (v_max, N_max))
+        beyond = np.maximum(v / problem.most_penetration - 1, 0) + np.maximum(force / problem.most_force - 1, 0)
+    score = np.where(np.isfinite(objective), objective - PENALTY * beyond, -np.inf)
+    return Judged(score, objective, P_d, got.ci.reshape(shape), v, force, motion.number.reshape(shape))
+
+
+@jax.jit
+def _stiffnesses(scenes: Scene):
+    return jax.vmap(lambda scene: scene.k)(scenes)

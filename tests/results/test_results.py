@@ -1,0 +1,71 @@
+"""Results keep their numbers and where they come from, through files and pictures."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import jaxshroud as js
+from jaxshroud.scene.config import parse
+from jaxshroud.scene.errors import StoreError
+
+SCENE = js.load("table1", ['parts.motion=["x"]']).scene
+SHORT = {"steps_per_period": 200}
+
+
+@pytest.fixture(scope="module")
+def results():
+    return {
+        "run": js.simulate(SCENE, n_periods=3, **SHORT),
+        "curve": js.sweep(SCENE, {"contact.gamma": [1.0, 2.0, 4.0]}, n_periods=2, transient=1, **SHORT),
+        "grid": js.sweep(
+            SCENE, {"contact.gamma": [1.0, 2.0], "shroud.gap": [1e-5, 2e-5]}, n_periods=2, transient=1, **SHORT
+        ),
+        "power": js.power(SCENE, n_periods=64, transient=8, **SHORT),
+    }
+
+
+@pytest.mark.parametrize("name", ["run", "curve", "grid", "power"])
+def test_what_is_saved_is_what_is_opened(name, results, tmp_path):
+    result = results[name]
+    result.save(tmp_path / "a.nc")
+    again = js.open(tmp_path / "a.nc")
+    assert type(again) is type(result)
+    assert repr(again) == repr(result)
+    for number in result.variables:
+        np.testing.assert_equal(getattr(again, number), getattr(result, number))
+    scene = parse(again.scene, "again").scene
+    assert float(scene.shroud.gap) == float(SCENE.shroud.gap)
+    assert "<" in again._repr_html_()
+
+
+def test_another_kind_is_told(results, tmp_path):
+    results["run"].save(tmp_path / "a.nc")
+    with pytest.raises(StoreError, match="holds a Trajectory, not a SweepResult"):
+        js.SweepResult.load(tmp_path / "a.nc")
+
+
+def test_files_without_a_kind_are_known(results, tmp_path):
+    for name in ("run", "curve"):
+        data = results[name].to_xarray().copy()
+        del data.attrs["kind"]
+        data.to_netcdf(tmp_path / f"{name}.nc", engine="h5netcdf")
+        assert type(js.open(tmp_path / f"{name}.nc")) is type(results[name])
+
+
+@pytest.mark.parametrize(
+    ("name", "panels"),
+    [
+        ("run", ["history", "phase", "poincare", "spectrum"]),
+        ("curve", ["samples", "P_d"]),
+        ("grid", ["P_d", "motions"]),
+    ],
+)
+def test_panels_are_drawn_on_the_users_axes(name, panels, results):
+    assert isinstance(results[name].plot(), Figure)
+    for panel in panels:
+        figure = Figure()
+        ax = figure.subplots()
+        assert results[name].plot(ax=ax, panel=panel) is figure
+        assert ax.has_data()
+    with pytest.raises(ValueError, match="`panel` cannot be"):
+        results[name].plot(ax=Figure().subplots(), panel="nonsense")

@@ -1,0 +1,101 @@
+"""One scene or many: leading axes come first, names are as asked for, and a lane that fails stops no other."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.scene.errors import InputError, NumericalError
+
+GAMMA = [1.0, 2.5, 4.0]
+SHORT = {"steps_per_period": 200}
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return js.load("table1", ['parts.motion=["x"]']).scene
+
+
+@pytest.fixture(scope="module")
+def scenes(scene):
+    return js.scenes_from({"contact.gamma": GAMMA, "drive.omega": [500.0, 536.0, 600.0]}, scene)
+
+
+def test_simulated_scenes_are_those_simulated_one_by_one(scenes):
+    many = js.simulate(scenes, n_periods=2, dims=["point"], **SHORT)
+    assert many.data["x"].dims == ("point", "time", "blade")
+    for i in range(3):
+        one = js.simulate(jax.tree.map(lambda a, i=i: a[i], scenes), n_periods=2, **SHORT)
+        # the same kernel, whatever the number of lanes; over two periods rounding grows by less than 1e4
+        np.testing.assert_allclose(many.motion.x[i], one.motion.x, rtol=0, atol=1e-12 * np.abs(one.motion.x).max())
+        np.testing.assert_array_equal(many.t[i], one.t)
+        assert {name: n[i] for name, n in many.counters.items()} == one.counters
+    on = js.simulate(scenes, many.last, n_periods=1, **SHORT)
+    assert on.motion.x.shape == (3, 201, 2)
+
+
+def test_swept_scenes_are_a_sweep(scene):
+    alike = js.scenes_from({"contact.gamma": GAMMA}, scene)
+    keeps = dict(n_periods=2, transient=1, **SHORT)
+    got, exact = js.sweep(alike, **keeps), js.sweep(scene, {"contact.gamma": GAMMA}, **keeps)
+    np.testing.assert_array_equal(got.P_d, exact.P_d)
+    assert got.data["P_d"].dims == ("lane",)
+    np.testing.assert_array_equal(got.data["gamma"], GAMMA)
+    grid = js.sweep(alike, {"shroud.gap": [1e-5, 2.2e-5]}, direction="forward", dims=["point"], **keeps)
+    assert grid.motion.x.shape == (3, 2, 2, 2)
+    assert grid.data["P_d"].dims == ("point", "gap")
+
+
+def test_power_of_scenes_ends_for_each_by_itself(scenes):
+    keeps = dict(n_periods=128, transient=16, **SHORT)
+    many, one = js.power(scenes, **keeps), js.power(jax.tree.map(lambda a: a[1], scenes), **keeps)
+    assert many.final["P_d"][1] == pytest.approx(one.final["P_d"], rel=1e-9)
+    assert many.P_d.shape == many.n.shape
+    assert many.n.max(axis=1).tolist() == many.final["n"].tolist()
+
+
+def test_a_lane_that_fails_is_told_and_stops_no_other(scene):
+    wild = js.scenes_from({"drive.F_0": [60.0, 1e200]}, scene)
+    with pytest.warns(js.LaneWarning, match="1 of 2 lanes ended with NOT_FINITE"):
+        curve = js.sweep(wild, n_periods=2, transient=0, **SHORT)
+    assert (curve.failed, curve.status[0]) == (1, 0)
+    assert np.isfinite(curve.P_d[0])
+    assert "look at the drive" in curve.messages[0]
+    with pytest.raises(NumericalError, match="1 of 2 lanes"):
+        js.sweep(wild, n_periods=2, transient=0, throw=True, **SHORT)
+
+
+def test_leading_axes_that_disagree_are_refused(scene):
+    wrong = eqx.tree_at(lambda s: s.shroud.gap, scene, jnp.ones(3))
+    with pytest.raises(InputError, match="disagree in their leading axes"):
+        js.simulate(wrong, n_periods=1, **SHORT)
+    with pytest.raises(InputError, match="must name 1 leading axes"):
+        js.sweep(js.scenes_from({"contact.gamma": GAMMA}, scene), dims=["a", "b"], n_periods=1, **SHORT)
+
+
+def test_the_argument_counts_then_the_file_then_the_default():
+    file = js.load("table1", ['parts.motion=["x"]', "run.periods=2", "run.transient=1", "run.steps_per_period=150"])
+    run = js.simulate(file)
+    assert (len(run.t), run.steps_per_period) == (301, 150)
+    assert js.simulate(file, n_periods=1, steps_per_period=200).t.shape == (201,)
+    with pytest.raises(InputError, match="`accuracy` chooses `steps_per_period` itself"):
+        js.simulate(file, accuracy="fast", steps_per_period=200)
+    quiet = js.sweep(file.scene, {"contact.gamma": GAMMA}, n_periods=1)
+    assert quiet.period.tolist() == [65]  # nothing said: the start-up is no part of an average
+    assert quiet.accuracy.startswith("accuracy 1e-06")
+    with pytest.raises(js.SceneError, match="keep one of them"):
+        js.load("table1", ["run.accuracy=fast"])
+
+
+def test_the_sweep_of_a_file_needs_no_more_words():
+    words = ['parts.motion=["x"]', "sweep.num=3", "run.transient=1", "sweep.keep=2"]
+    curve = js.sweep(js.load("fig09", words))
+    assert list(curve.axes) == ["contact.gamma"]
+    assert curve.P_d.shape == (3,)
+
+
+def test_most_periods_is_called_n_periods(scene):
+    with pytest.warns(DeprecationWarning, match="`n_periods` now"):
+        js.power(scene, most_periods=2, transient=0, **SHORT)
