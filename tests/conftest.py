@@ -20,7 +20,8 @@ if MADE:  # what is compiled once serves all processes of this run: workers, com
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
-with install_import_hook("jaxshroud", "beartype.beartype"):
+COMPUTING = [f"jaxshroud.{folder}" for folder in ("scene", "model", "march", "batch", "motion", "verbs")]
+with install_import_hook(COMPUTING, "beartype.beartype"):
     import jaxshroud
 
     for found in pkgutil.walk_packages(jaxshroud.__path__, "jaxshroud."):  # else imported later, without the checks
