@@ -17,7 +17,6 @@ from jaxshroud.batch.xla import Tree, best
 from jaxshroud.march.lane import Lane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import Tableau
-from jaxshroud.model.absent import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State, start
 from jaxshroud.scene.scene import Scene
@@ -157,7 +156,7 @@ def chosen(which: np.ndarray, a: Tree, b: Tree) -> Tree:
     return jax.tree.map(lambda a, b: np.where(which.reshape(-1, *[1] * (np.ndim(a) - 1)), a, b), a, b)
 
 
-def _times(lanes: Any) -> tuple[Scalar, Scalar, Scalar]:
+def _times(lanes: Any) -> tuple[Any, Any, Any]:
     log = lanes.tally.log
     return log.time_apart, log.time_stick, log.time_slip
 

@@ -108,6 +108,28 @@ class Result:
         """The scene as TOML in SI units; of many scenes the first, with what differs in the dataset."""
         return str(self.data.attrs.get("scene", ""))
 
+    def lane(self, *at: int) -> Self:
+        """One of many lanes, as a result of its own.
+
+        Args:
+            at: Its place along each leading axis.
+
+        Raises:
+            ValueError: There are not so many leading axes.
+            IndexError: There is no such lane.
+        """
+        dims = self.data["status"].dims if "status" in self.data.variables else ()
+        if len(at) != len(dims):
+            raise ValueError(f"This result has {len(dims)} leading axes, but {len(at)} numbers name a lane.")
+        one = self.data.isel(dict(zip(dims, at, strict=True)))
+        held = [e for v in self.variables.values() if v.alone for e in v.among(one) if not one[e].dims]
+        told = {entry: one[entry].item() for entry in held}
+        if "scene" in one.attrs:
+            from jaxshroud.results.scenes import text_of_one
+
+            told["scene"] = text_of_one(one)
+        return type(self)(one.drop_vars(held).assign_attrs(told))
+
     def to_xarray(self) -> "xr.Dataset":
         """The labelled dataset."""
         return self.data

@@ -57,6 +57,11 @@ class Trajectory(Result):
         motion = Motion(*(a[..., -1, :] for a in self.motion))
         return State(motion, np.where(mode == Mode.APART, 0, u_s).astype(u_s.dtype), mode, self.case[..., -1])
 
+    def lane(self, *at: int) -> "Trajectory":
+        """One of many runs, as a result of its own; see `Result.lane`."""
+        one = super().lane(*at)
+        return Trajectory(one.data.assign_coords(time=("time", self.t[at])).drop_vars("t"))
+
     def plot(self, ax: "Axes | None" = None, **options: Any) -> "Figure":
         """Time history, phase portrait, Poincare points and spectrum of a single run.
 

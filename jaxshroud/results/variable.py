@@ -67,6 +67,10 @@ class Variable:
         """The variables that hold the values."""
         yield self.name, ((*lanes, *self.dims), np.asarray(values, self.stored), self.attributes)
 
+    def among(self, data: "xr.Dataset") -> list[str]:
+        """The variables of a dataset that hold the values."""
+        return [self.name] if self.name in data.data_vars else []
+
     def read(self, data: "xr.Dataset") -> Any:
         """The values that a dataset holds, None where it has none."""
         if self.alone and self.name in data.attrs:
@@ -126,9 +130,12 @@ class Counts(Variable):
         for name, n in values.items():
             yield f"{self.prefix}{name}", (lanes, np.asarray(n), {"long_name": f"{self.words}{name}"})
 
+    def among(self, data: "xr.Dataset") -> list[str]:
+        """One variable for each counter."""
+        return [str(n) for n, a in data.data_vars.items() if str(a.attrs.get("long_name")).startswith(self.words)]
+
     def read(self, data: "xr.Dataset") -> dict[str, Any]:
         """Numbers by the names of events."""
-        named = data.data_vars.items()
-        many = {name: a.to_numpy() for name, a in named if str(a.attrs.get("long_name")).startswith(self.words)}
+        many = {name: data[name].to_numpy() for name in self.among(data)}
         one = {name: int(n) for name, n in data.attrs.items() if self.prefix and str(name).startswith(self.prefix)}
         return {str(name).removeprefix(self.prefix): n for name, n in (many or one).items()}
