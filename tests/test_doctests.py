@@ -1,13 +1,15 @@
-"""Examples in docstrings of the verbs are run."""
+"""Examples in docstrings are run."""
 
 import doctest
 from importlib import import_module
 
 import pytest
 
+VERBS = ("simulate", "sweep", "power", "orbit", "gradient", "lyapunov", "tune", "explain")
 
-@pytest.mark.parametrize("verb", ["simulate", "sweep", "power"])
-def test_examples(verb):
-    done = doctest.testmod(import_module(f"jaxshroud.verbs.{verb}"))
+
+@pytest.mark.parametrize("module", [*(f"verbs.{verb}" for verb in VERBS), "march.method", "scene.grids"])
+def test_examples(module):
+    done = doctest.testmod(import_module(f"jaxshroud.{module}"))
     assert done.attempted > 0
     assert done.failed == 0

@@ -9,19 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxshroud.scene.keys import rows_of
 from jaxshroud.scene.motion import Motion
 
 if TYPE_CHECKING:
     import xarray as xr
 
-MOTION = {
-    "x": ("m", "displacement in x"),
-    "y": ("m", "displacement in y"),
-    "theta": ("rad", "torsion angle, positive clockwise"),
-    "v_x": ("m s-1", "velocity in x"),
-    "v_y": ("m s-1", "velocity in y"),
-    "v_theta": ("rad s-1", "torsion rate"),
-}
+MOTION = {row.parts[1]: (row.netcdf, row.about) for row in rows_of("initial")}  # name -> units, words
 Entry = tuple[str, tuple[tuple[str, ...], np.ndarray, dict[str, Any]]]  # name; dimensions, values, attributes
 
 

@@ -8,8 +8,9 @@ import keys as documented
 import numpy as np
 import pytest
 
-from jaxshroud.cli.store import MOTION_ATTRS, UNITS
+from jaxshroud.results.dimension import about
 from jaxshroud.results.drawing import QUANTITIES
+from jaxshroud.results.variable import MOTION
 from jaxshroud.scene.errors import KeyNameError
 from jaxshroud.scene.keys import KEYS, ROWS, found, key_parts, rows_of
 from jaxshroud.scene.motion import Motion
@@ -59,8 +60,9 @@ def test_the_table_and_the_classes_hold_the_same_numbers(table1):
 
 
 def test_all_that_lists_numbers_is_made_from_the_table():
-    assert list(NUMERIC_KEYS) == list(QUANTITIES) == list(UNITS) == list(KEYS)
-    assert list(MOTION_ATTRS) == [row.parts[1] for row in rows_of("initial")] == list(Motion._fields)
+    assert list(NUMERIC_KEYS) == list(QUANTITIES) == list(KEYS)
+    assert [about(key)["units"] for key in KEYS] == [row.netcdf for row in ROWS]
+    assert list(MOTION) == [row.parts[1] for row in rows_of("initial")] == list(Motion._fields)
     words = {"contact.reading", *(f"parts.{name}" for name in TABLES["parts"].model_fields)}
     assert {f"{table}.{name}" for table in PHYSICS for name in TABLES[table].model_fields} - words == set(KEYS)
     assert documented.FILE.read_text(encoding="utf-8") == documented.page()
