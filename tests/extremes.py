@@ -13,9 +13,10 @@ import numpy as np
 
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.march.method import FAST_WITH_LEDGER
-from jaxshroud.march.stability import StepTooLongError, steps_for
+from jaxshroud.march.stability import steps_for
 from jaxshroud.model.linear import free_motion
 from jaxshroud.model.modes import Status
+from jaxshroud.scene.errors import StepTooLongError
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.vary import vary
 

@@ -7,7 +7,8 @@ import numpy as np
 import jaxshroud.scene.scene
 from jaxshroud.batch.runs import Plan, Runs, run_lanes, starts
 from jaxshroud.march.method import REFERENCE, Choices
-from jaxshroud.march.tableau import TABLEAUS, tableau
+from jaxshroud.march.tableau import tableau
+from jaxshroud.march.words import TABLEAUS
 from jaxshroud.scene.motion import AT_REST, Motion
 from jaxshroud.scene.parts import Parts
 from jaxshroud.scene.precision import in_precision

@@ -28,13 +28,12 @@ from jaxshroud.march.step import End
 from jaxshroud.march.trial import Decision
 from jaxshroud.model.absent import Pair, Scalar, filled, is_absent
 from jaxshroud.model.friction import stretch
-from jaxshroud.model.geometry import FLAT
-from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.ready import Model, model, turns
 from jaxshroud.model.rhs import as_one
 from jaxshroud.model.state import State
+from jaxshroud.scene.keys import key_parts
 from jaxshroud.scene.scene import Scene
-from jaxshroud.scene.vary import key_parts
 
 WIDTHS = (16, 64)  # lanes per call, for few and for many: a loop of fewer does not pay for its dispatch
 

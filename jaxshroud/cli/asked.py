@@ -9,7 +9,8 @@ import numpy as np
 from jaxshroud.cli.terminal import CommandError
 from jaxshroud.march.method import Choices
 from jaxshroud.march.words import Locate
-from jaxshroud.scene.config import SceneFile, load
+from jaxshroud.scene.config import load
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.verbs.accuracy import broken
 from jaxshroud.verbs.choice import CHOSEN, accuracy_for, method_for, steps_checked
 from jaxshroud.verbs.door import ACCURACY

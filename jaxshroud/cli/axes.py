@@ -8,7 +8,8 @@ import numpy as np
 from jaxshroud.cli.parser import Along
 from jaxshroud.cli.terminal import CommandError
 from jaxshroud.cli.words import count
-from jaxshroud.scene.config import Axis, SceneFile, axis
+from jaxshroud.scene.axes import axis
+from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.limits import MOST_VALUES
 
 

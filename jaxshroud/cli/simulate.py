@@ -11,7 +11,7 @@ from jaxshroud.cli.terminal import CommandError, blamed, free, print_table, warn
 from jaxshroud.march.tableau import LEAST_STEPS
 from jaxshroud.model.modes import Status
 from jaxshroud.results.earlier import Earlier, last_state
-from jaxshroud.scene.config import SceneFile
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.verbs.simulate import simulate
 
 

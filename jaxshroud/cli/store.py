@@ -9,7 +9,7 @@ from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.power import PowerResult
 from jaxshroud.results.store import plain
 from jaxshroud.results.tuned import Tuned
-from jaxshroud.scene.config import SceneFile
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.verbs.setting import HORIZON
 from jaxshroud.verbs.trade import Measured, error_of, front
 from jaxshroud.version import __version__

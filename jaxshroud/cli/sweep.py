@@ -19,7 +19,7 @@ from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table,
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.settling import UNKNOWN
 from jaxshroud.results.store import write_json
-from jaxshroud.scene.config import SceneFile
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.verbs.sweep import sweep
 from jaxshroud.version import __version__

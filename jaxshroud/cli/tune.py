@@ -10,7 +10,8 @@ from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table,
 from jaxshroud.results import drawing, plot_design
 from jaxshroud.results.files import write
 from jaxshroud.results.store import write_json
-from jaxshroud.scene.config import Axis, SceneFile, axis
+from jaxshroud.scene.axes import axis
+from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.verbs.design import corners, problem_of
 from jaxshroud.verbs.tune import objective_map, tune
 

@@ -37,7 +37,6 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.model.absent import ABSENT, Absent, Pair, Scalar, is_absent
 from jaxshroud.model.friction import Springs, contact_energy, slider_speed, slip_sign, stretch
 from jaxshroud.model.geometry import (
-    FLAT,
     Pose,
     Rates,
     Touch,
@@ -50,7 +49,7 @@ from jaxshroud.model.geometry import (
     touch,
     touch_rates,
 )
-from jaxshroud.model.modes import Mode
+from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.ready import Model, turns
 from jaxshroud.model.rhs import Lean, as_one, lean, stored_energy
 from jaxshroud.model.state import State

@@ -6,7 +6,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxshroud.model.absent import Pair, Scalar, mixed
-from jaxshroud.model.geometry import FLAT, Case, Corners, Touch, tip_is_left
+from jaxshroud.model.geometry import Case, Corners, Touch, tip_is_left
+from jaxshroud.model.modes import FLAT
 
 
 class Load(NamedTuple):

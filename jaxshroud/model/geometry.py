@@ -29,8 +29,6 @@ from jaxshroud.model.trig import sine_versine
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.scene import Shroud
 
-FLAT = 5  # the case of face-to-face contact
-
 
 class Corners(NamedTuple):
     """Constants of the blocks: corners a and b of the left one about its centre, and the face angle."""

@@ -2,6 +2,8 @@
 
 from enum import IntEnum
 
+FLAT = 5  # the case of face-to-face contact
+
 
 class Mode(IntEnum):
     """State of the contact (physics: bilinear element of Fig. 3)."""

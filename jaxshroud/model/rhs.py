@@ -8,18 +8,8 @@ import jax.numpy as jnp
 from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent
 from jaxshroud.model.contact import Load, contact_load
 from jaxshroud.model.friction import following, friction_force, normal_force, slider_speed
-from jaxshroud.model.geometry import (
-    FLAT,
-    Case,
-    Pose,
-    Touch,
-    blend,
-    is_upper,
-    pose,
-    tip_is_left,
-    touch,
-    touch_rates,
-)
+from jaxshroud.model.geometry import Case, Pose, Touch, blend, is_upper, pose, tip_is_left, touch, touch_rates
+from jaxshroud.model.modes import FLAT
 from jaxshroud.model.ready import Excitation, Model, turns
 from jaxshroud.model.state import State
 from jaxshroud.scene.motion import Motion

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from jaxshroud.model.modes import Status
+from jaxshroud.results.dimension import text_of_one
 from jaxshroud.results.status import FLAGS, counted, messages
 from jaxshroud.results.store import read, write_dataset
 from jaxshroud.results.variable import Attribute, Variable
@@ -125,8 +126,6 @@ class Result:
         held = [e for v in self.variables.values() if v.alone for e in v.among(one) if not one[e].dims]
         told = {entry: one[entry].item() for entry in held}
         if "scene" in one.attrs:
-            from jaxshroud.results.scenes import text_of_one
-
             told["scene"] = text_of_one(one)
         return type(self)(one.drop_vars(held).assign_attrs(told))
 

@@ -1,9 +1,15 @@
 """A scene's numbers as dimensions and variables of results."""
 
-from typing import Any
+import tomllib
+from typing import TYPE_CHECKING, Any
 
-from jaxshroud.scene.keys import found
+import numpy as np
+
+from jaxshroud.scene.keys import found, key_parts
 from jaxshroud.scene.motion import Motion
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def dimension(key: str) -> str:
@@ -17,3 +23,21 @@ def dimension(key: str) -> str:
 def about(key: str) -> dict[str, Any]:
     """Attributes of the variable that holds a scene's number."""
     return {"key": key, "units": found(key)[0].netcdf, "long_name": key}
+
+
+def text_of_one(data: "xr.Dataset") -> str:
+    """The scene, as a file, of a dataset that holds one lane of many: the first lane's with what differs here."""
+    import tomli_w
+
+    scene = tomllib.loads(data.attrs["scene"])
+    for variable in data.variables.values():
+        if "key" not in variable.attrs or set(variable.dims) - {"blade"}:
+            continue
+        table, name, blade = key_parts(variable.attrs["key"])
+        value = variable.to_numpy().tolist()
+        if blade is not None:
+            pair = np.broadcast_to(scene[table][name], 2).tolist()
+            value = [value if i == blade else pair[i] for i in (0, 1)]
+        scene[table].pop({"k": "gamma", "gamma": "k"}.get(name, ""), None)
+        scene[table][name] = value
+    return tomli_w.dumps(scene)

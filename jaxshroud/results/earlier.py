@@ -1,21 +1,23 @@
 """Where a stored run ended, as a start for another run of the same model."""
 
 import os
-from typing import Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
-import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 
-from jaxshroud.model.geometry import FLAT
-from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.state import State
+from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.results.store import read
-from jaxshroud.scene.config import SceneFile, parse
+from jaxshroud.scene.config import parse
 from jaxshroud.scene.errors import SceneError, StoreError
+from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.parts import ContactLaw
 from jaxshroud.scene.schema import PHYSICS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from jaxshroud.model.state import State
 
 TOUCHING = (Mode.STICK, Mode.SLIP_PLUS, Mode.SLIP_MINUS)
 
@@ -23,7 +25,7 @@ TOUCHING = (Mode.STICK, Mode.SLIP_PLUS, Mode.SLIP_MINUS)
 class Earlier(NamedTuple):
     """The end of a stored run."""
 
-    state: State | None  # None: the scene's own start
+    state: "State | None"  # None: the scene's own start
     t: float  # [s]
     turns: float  # phase of the drive [turns]
     differences: tuple[str, ...]  # between its scene and the one that goes on from it
@@ -50,8 +52,15 @@ def last_state(path: str | os.PathLike[str], scene_file: SceneFile) -> Earlier:
         _fail(path, f"it ends in mode {mode} and case {case}, which this model has not; give a file that is not edited")
     u_s = np.zeros(()) if mode == Mode.APART else _finite(path, ds, "u_s", ("time",), ())
     t = float(_finite(path, ds, "time", ("time",), ()))
-    state = State(Motion(*map(jnp.asarray, motion)), jnp.asarray(u_s), jnp.int32(mode), jnp.int32(case))
-    return Earlier(state, t, turns, differences)
+    return Earlier(_state(motion, u_s, mode, case), t, turns, differences)
+
+
+def _state(motion: Motion, u_s: np.ndarray, mode: int, case: int) -> "State":
+    import jax.numpy as jnp
+
+    from jaxshroud.model.state import State
+
+    return State(Motion(*map(jnp.asarray, motion)), jnp.asarray(u_s), jnp.int32(mode), jnp.int32(case))
 
 
 def _fail(path: Any, what: str) -> NoReturn:
@@ -64,7 +73,7 @@ def _number(path: Any, name: str, value: Any) -> float:
     return float(value)
 
 
-def _finite(path: Any, ds: xr.Dataset, name: str, dims: tuple[str, ...], shape: tuple[int, ...]) -> np.ndarray:
+def _finite(path: Any, ds: "xr.Dataset", name: str, dims: tuple[str, ...], shape: tuple[int, ...]) -> np.ndarray:
     """The last sample of a variable."""
     if name not in ds or ds[name].dims != dims or ds[name].shape[1:] != shape or not ds[name].size:
         _fail(path, f"it lacks {name} over {' and '.join(dims)}; give a complete file of `jaxshroud simulate`")
@@ -82,7 +91,7 @@ def _possible(mode: int, case: int, contact: ContactLaw) -> bool:
     return touching or (mode, case) == (Mode.APART, 0)
 
 
-def _differences(path: Any, ds: xr.Dataset, scene_file: SceneFile) -> tuple[str, ...]:
+def _differences(path: Any, ds: "xr.Dataset", scene_file: SceneFile) -> tuple[str, ...]:
     """What the stored run's scene has that is not so in the given one, but for the initial motion."""
     try:
         then = parse(str(ds.attrs.get("scene", "")), "its scene")

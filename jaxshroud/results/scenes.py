@@ -1,13 +1,10 @@
 """The scenes of a result: what differs between them as labelled numbers, and the scenes made from these again."""
 
-import tomllib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jaxshroud.results.dimension import about, dimension
-from jaxshroud.scene.keys import key_parts
-from jaxshroud.scene.text import numbers_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,6 +15,8 @@ if TYPE_CHECKING:
 
 def differing(scenes: "Scene", shape: tuple[int, ...], lanes: tuple[str, ...]) -> dict[str, Any]:
     """Numbers that are not the same in all scenes (leading axes of that `shape`), as xarray takes variables."""
+    from jaxshroud.scene.text import numbers_of
+
     told = {}
     for key, values in numbers_of(scenes).items() if shape else ():
         if np.any(values != values[(0,) * len(shape)]):
@@ -43,21 +42,3 @@ def scenes_of(data: "xr.Dataset", shape: tuple[int, ...], precision: "Precision"
             place = lambda s, table=table, name=name: getattr(getattr(s, table), name)  # noqa: E731
             scenes = eqx.tree_at(place, scenes, jnp.asarray(variable.to_numpy(), precision))
     return scenes
-
-
-def text_of_one(data: "xr.Dataset") -> str:
-    """The scene, as a file, of a dataset that holds one lane of many: the first lane's with what differs here."""
-    import tomli_w
-
-    scene = tomllib.loads(data.attrs["scene"])
-    for variable in data.variables.values():
-        if "key" not in variable.attrs or set(variable.dims) - {"blade"}:
-            continue
-        table, name, blade = key_parts(variable.attrs["key"])
-        value = variable.to_numpy().tolist()
-        if blade is not None:
-            pair = np.broadcast_to(scene[table][name], 2).tolist()
-            value = [value if i == blade else pair[i] for i in (0, 1)]
-        scene[table].pop({"k": "gamma", "gamma": "k"}.get(name, ""), None)
-        scene[table][name] = value
-    return tomli_w.dumps(scene)

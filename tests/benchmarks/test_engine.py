@@ -24,7 +24,8 @@ from jaxshroud.batch.runs import starts
 from jaxshroud.batch.xla import fused
 from jaxshroud.march.lane import Fixed
 from jaxshroud.march.method import FAST, Choices
-from jaxshroud.march.tableau import TABLEAUS, tableau
+from jaxshroud.march.tableau import tableau
+from jaxshroud.march.words import TABLEAUS
 from jaxshroud.model.ready import model
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]

@@ -12,8 +12,8 @@ import xarray as xr
 from jaxshroud import shipped, simulate, sweep
 from jaxshroud.cli import commands as cli
 from jaxshroud.march.method import FAST
-from jaxshroud.scene.checks import NumericalError
 from jaxshroud.scene.config import load, parse
+from jaxshroud.scene.errors import NumericalError
 
 SMALL = ["--set", 'parts.motion=["x"]']  # a model that is compiled quickly
 

@@ -14,9 +14,10 @@ import jaxshroud as js
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.batch.states import final_states
 from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
-from jaxshroud.march.stability import StepTooLongError, largest_frequency, limits
+from jaxshroud.march.stability import largest_frequency, limits
 from jaxshroud.march.tableau import RK4
 from jaxshroud.model.modes import Status
+from jaxshroud.scene.errors import StepTooLongError
 from jaxshroud.scene.vary import vary
 
 

@@ -12,8 +12,7 @@ from jaxshroud.batch.tangents import differentiable, direction, tangents
 from jaxshroud.march.events import Counters, look
 from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE
 from jaxshroud.model.friction import normal_force
-from jaxshroud.model.geometry import FLAT
-from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.ready import model
 from jaxshroud.model.rhs import rhs
 from jaxshroud.model.state import State, as_pairs

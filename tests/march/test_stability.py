@@ -6,8 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxshroud.march.stability import StepTooLongError, largest_frequency, step_report, steps_for, stiffest
+from jaxshroud.march.stability import largest_frequency, step_report, steps_for, stiffest
 from jaxshroud.march.tableau import RK4
+from jaxshroud.scene.errors import StepTooLongError
 from jaxshroud.scene.vary import vary
 
 

@@ -1,10 +1,16 @@
 """Results keep their numbers and where they come from, through files and pictures."""
 
+import pkgutil
+import subprocess
+import sys
+
+import jax
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 import jaxshroud as js
+import jaxshroud.results
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.errors import StoreError
 
@@ -69,3 +75,25 @@ def test_panels_are_drawn_on_the_users_axes(name, panels, results):
         assert ax.has_data()
     with pytest.raises(ValueError, match="`panel` cannot be"):
         results[name].plot(ax=Figure().subplots(), panel="nonsense")
+
+
+@pytest.mark.parametrize("module", sorted(found.name for found in pkgutil.iter_modules(jaxshroud.results.__path__)))
+def test_no_jax_is_needed_to_read_and_draw(module):
+    program = f"import sys, jaxshroud.results.{module}; print('jax' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout == "False\n"
+
+
+def test_a_lane_of_many_is_a_result_of_its_own():
+    base = js.load("table1", ['parts.motion=["x"]'])
+    scenes = js.scenes_from({"contact.gamma": [1.0, 2.0], "drive.F_0[1]": [60.0, 50.0]}, base)
+    how = {"n_periods": 2, "steps_per_period": 100}
+    lane = js.simulate(scenes, **how).lane(1)
+    alone = js.simulate(jax.tree.map(lambda a: a[1], scenes), **how)
+    np.testing.assert_array_equal(lane.motion.x, alone.motion.x)
+    np.testing.assert_array_equal(lane.data["time"], alone.data["time"])
+    assert (lane.status, lane.counters, lane.gap) == (alone.status, alone.counters, alone.gap)
+    assert parse(lane.scene, "lane").tables == parse(alone.scene, "alone").tables
+    assert parse(lane.scene, "lane").tables != base.tables  # control: the text of the first lane
+    assert lane.plot().axes
+    with pytest.raises(ValueError, match="1 leading axes, but 2"):
+        js.simulate(scenes, **how).lane(0, 1)

@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 
 from jaxshroud.scene import schema, units
-from jaxshroud.scene.config import SceneError, axis, load, parse, shipped
+from jaxshroud.scene.axes import axis
+from jaxshroud.scene.config import load, parse
+from jaxshroud.scene.errors import SceneError
 from jaxshroud.scene.parts import MISPRINTS
+from jaxshroud.scene.shipped import shipped
 from jaxshroud.scene.units import COMMON, _registry, to_si
 from jaxshroud.scene.vary import NUMERIC_KEYS
 

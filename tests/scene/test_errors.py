@@ -7,7 +7,8 @@ from jaxshroud.cli import terminal
 from jaxshroud.march import stability
 from jaxshroud.results import files
 from jaxshroud.scene import checks, config, errors
-from jaxshroud.scene.config import axis, parse
+from jaxshroud.scene.axes import axis
+from jaxshroud.scene.config import parse
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ from jaxshroud import load, power, tune, vary
 from jaxshroud import open as open_result
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.march.method import FAST
-from jaxshroud.march.tableau import TABLEAUS, tableau
+from jaxshroud.march.tableau import tableau
+from jaxshroud.march.words import TABLEAUS
 from jaxshroud.results.tuned import Judged
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.parts import Parts
