@@ -66,12 +66,19 @@ def in_shape(values: Sequence[Any], shape: tuple[int, ...]) -> Any:
     return np.stack([np.asarray(value) for value in values]).reshape(*shape, *np.shape(first))
 
 
+def taken(tree: Any, lane: tuple[int, ...]) -> Any:
+    """One lane of a tree of arrays."""
+    import jax
+
+    return jax.tree.map(lambda a: np.asarray(a)[lane], tree)
+
+
 def picked(tree: Any, lane: tuple[int, ...]) -> Any:
     """One lane of a tree of arrays, as JAX arrays."""
     import jax
     import jax.numpy as jnp
 
-    return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[lane]), tree)
+    return jax.tree.map(jnp.asarray, taken(tree, lane))
 
 
 def lanes_in_words(lanes: Any, failed: int) -> str:

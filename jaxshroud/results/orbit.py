@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxshroud.results.base import Result
-from jaxshroud.results.gathered import Complex, Flags, in_shape, lanes_in_words, picked
+from jaxshroud.results.gathered import Complex, Flags, in_shape, lanes_in_words, picked, taken
 from jaxshroud.results.status import FLAGS
 from jaxshroud.results.variable import Moving, Variable
 
@@ -152,7 +152,7 @@ class Orbit(Result):
             flags=flags[lane] if lane else flags,
             steps_per_period=self.steps_per_period,
             method=self.method,
-            jacobian=None if at is None or not np.asarray(self.q)[lane] else picked(at, lane),
+            jacobian=None if at is None or not np.asarray(self.q)[lane] else taken(at, lane),
         )
 
     @property

@@ -116,10 +116,12 @@ def test_an_undamped_resonance_is_not_finite(table1):
     scene = varied(table1, drive__omega=float(np.sqrt(1e5 / 0.08)), blades__c_x=0.0)
     scene = vary(scene, "blades.k_x", 0.08 * float(scene.drive.omega) ** 2)
     free = with_parts(scene, contact="none")
-    got = js.sweep(free, {"drive.F_0": [60.0]}, n_periods=2, steps_per_period=400, transient=0)
+    with pytest.warns(js.LaneWarning, match="NOT_FINITE"):
+        got = js.sweep(free, {"drive.F_0": [60.0]}, n_periods=2, steps_per_period=400, transient=0)
     assert got.status[0] == Status.NOT_FINITE
     assert np.isnan(got.P_d[0])
-    assert js.simulate(free, n_periods=2, steps_per_period=10).status == Status.NOT_FINITE
+    with pytest.warns(js.LaneWarning, match="NOT_FINITE"):
+        assert js.simulate(free, n_periods=2, steps_per_period=10).status == Status.NOT_FINITE
 
 
 REDUCED = [
@@ -208,14 +210,15 @@ def test_blades_without_contact_are_apart_all_the_time(table1):
 def test_a_motion_whose_energy_overflows_has_stopped(table1, contact):
     # The numbers of the state are finite, their squares are not.
     scene = vary(with_parts(table1, motion=("x",), contact=contact), "initial.x", 1e200)
-    swept = js.sweep(scene, {"friction.mu": [0.5]}, n_periods=2, method=FAST, steps_per_period=400, transient=0)
+    how = {"method": FAST, "steps_per_period": 400}
+    with pytest.warns(js.LaneWarning, match="NOT_FINITE"):
+        swept = js.sweep(scene, {"friction.mu": [0.5]}, n_periods=2, transient=0, **how)
     assert swept.status[0] == Status.NOT_FINITE
     assert np.isnan(swept.P_d[0])
-    assert (
-        js.power(scene, n_periods=2, method=FAST, steps_per_period=400, transient=0).final["status"]
-        == Status.NOT_FINITE
-    )
-    assert js.simulate(scene, n_periods=1, method=FAST, steps_per_period=400).status == Status.NOT_FINITE
+    with pytest.warns(js.LaneWarning, match="NOT_FINITE"):
+        assert js.power(scene, n_periods=2, transient=0, **how).final["status"] == Status.NOT_FINITE
+    with pytest.warns(js.LaneWarning, match="NOT_FINITE"):
+        assert js.simulate(scene, n_periods=1, **how).status == Status.NOT_FINITE
     assert js.orbit(scene, most_periods=8, method=FAST).flags == ("stopped",)
 
 
