@@ -8,7 +8,7 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-DRAWS = re.compile(r"^(plot|plot_design|plt)\.\w+\(.*\)\s*\Z", re.MULTILINE)  # as a cell's last line
+DRAWS = re.compile(r"^((plot|plot_design|plt)\.\w+|\w+\.plot)\(.*\)\s*\Z", re.MULTILINE)  # as a cell's last line
 NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 
 

@@ -186,7 +186,8 @@ def _chunk(
         samples.append(jax.tree.map(lambda a, n=n: np.moveaxis(np.asarray(a)[:n], 0, 1), block))
         tick(n)
     whole = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
-    gained = np.asarray(_energy(scenes, lanes)) - np.asarray(held)
+    with np.errstate(invalid="ignore"):  # of energies that overflowed
+        gained = np.asarray(_energy(scenes, lanes)) - np.asarray(held)
     return whole, jax.tree.map(np.asarray, lanes), gained
 
 
