@@ -12,6 +12,7 @@ DRAWS = re.compile(r"^((plot|plot_design|plt)\.\w+|\w+\.plot)\(.*\)\s*\Z", re.MU
 NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 
 
+@pytest.mark.full(but=["quickstart"])
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=[p.stem for p in NOTEBOOKS])
 @pytest.mark.filterwarnings("ignore")  # the notebook's kernel reports its own errors; its transport warns
 def test_notebook_runs(path, monkeypatch):

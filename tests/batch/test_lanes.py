@@ -76,6 +76,7 @@ def test_an_option_that_xla_refuses_is_left_out(monkeypatch):
     assert doubled(jnp.ones(()), by=3) == 3
 
 
+@pytest.mark.full(but=["rk4-bisection-motion0"])
 @pytest.mark.parametrize(
     ("name", "motion"), [("rk4-bisection", ("x",)), ("rk4-cubic", ("x", "y")), ("dopri8-cubic", ("x",))]
 )

@@ -101,6 +101,7 @@ def test_one_period_jacobian_in_chaos():
         assert np.max(error_of(scene, only, np.repeat(along[lane : lane + 1], 16, axis=0), STEPS + 1)) <= 1e-7
 
 
+@pytest.mark.full(but=["rk4-bisection-motion0"])
 @pytest.mark.parametrize(
     ("name", "locate", "motion"),
     [("rk4", "bisection", ("x",)), ("tsit5", "cubic", ("x", "y", "theta")), ("dopri8", "cubic", ("x", "y"))],
@@ -144,6 +145,7 @@ def two_trajectories(scene, state, n, apart=1e-7):
     return np.log(growth)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("gamma", CHAOTIC.values(), ids=CHAOTIC)
 def test_largest_exponent_is_that_of_two_trajectories(gamma, monkeypatch):
     # Along one and the same motion, so that nothing but the derivative differs; the first periods align the directions.
@@ -202,6 +204,7 @@ def test_no_nan_at_the_corners_of_the_model():
     assert np.all(np.isfinite(at.by_parameter))
 
 
+@pytest.mark.full
 def test_jax_differentiates_the_period_map():
     # Forward and reverse mode of the plain function against the fused tangents, with respect to a parameter and to the
     # starting state.

@@ -96,6 +96,7 @@ def test_sweep_files(swept):
     assert sorted(p.name for p in swept.iterdir()) == ["summary.json", "sweep.nc", "sweep.png"]
 
 
+@pytest.mark.full
 def test_samples_at_a_phase_lie_on_the_trajectory(tmp_path):
     words = "sweep fig10d --along contact.gamma --values 7.5,2.5 --periods 2 --transient 0 --steps-per-period 200"
     assert cli.main([*words.split(), "--phase", str(np.pi / 2), "--out", str(tmp_path / "s")]) == 0
@@ -105,6 +106,7 @@ def test_samples_at_a_phase_lie_on_the_trajectory(tmp_path):
     np.testing.assert_allclose(ds["x"][0], run.motion.x[[250, 450]], rtol=1e-8)
 
 
+@pytest.mark.full
 def test_continuation_starts_from_the_neighbour(tmp_path):
     words = "sweep fig10a --along contact.gamma --values 0.3,0.4 --periods 2 --transient 1 --steps-per-period 200"
     for direction in ("forward", "backward"):
@@ -217,6 +219,7 @@ def test_power_files(tmp_path, capsys):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["power.json", "power.png"]
 
 
+@pytest.mark.full
 def test_methods_by_name(tmp_path):
     words = ["sweep", "table1", "--along", "contact.gamma", "--values", "1,2.5", "--transient", "0", "--periods", "2"]
     words += ["--steps-per-period", "200", *SMALL]
@@ -237,6 +240,7 @@ def test_methods_by_name(tmp_path):
         np.testing.assert_allclose(other["P_d"], swept[0]["P_d"], rtol=1e-3)
 
 
+@pytest.mark.full
 def test_each_method_has_its_own_limit_of_stability(tmp_path, capsys):
     # omega_max h = 3.6: beyond RK4's 2.84, within Dormand-Prince 8's 4.09.
     words = f"simulate table1 --periods 1 --steps-per-period 25 --out {tmp_path / 'run.nc'}".split()
@@ -252,6 +256,7 @@ def test_float64_is_not_lost_silently(table1):
         sweep(table1, {"contact.gamma": [1.0]}, n_periods=1, steps_per_period=4, transient=0)
 
 
+@pytest.mark.full
 def test_gradient_command(tmp_path, capsys):
     out = tmp_path / "gradient.json"
     words = ["gradient", "fig10b", "--wrt", "shroud.gap,contact.gamma", "--check", "--out", str(out)]
@@ -268,6 +273,7 @@ def test_gradient_command(tmp_path, capsys):
     assert "exists" in refused(capsys, *words)
 
 
+@pytest.mark.full
 def test_gradient_command_in_chaos(tmp_path, capsys):
     out = tmp_path / "gradient.json"
     small = ["--pairs", "8", "--periods", "16", "--transient", "16", "--steps-per-period", "200"]
@@ -296,6 +302,7 @@ def test_tolerances_are_numbers(tmp_path, capsys, tolerance):
     assert "--period-tol must be a number of at least 0" in refused(capsys, *words)
 
 
+@pytest.mark.full
 def test_tune_command(tmp_path, capsys):
     out = tmp_path / "tuned"
     words = ["tune", "table1", *SMALL, "--steps-per-period", "100", "--periods", "16"]
@@ -319,6 +326,7 @@ def test_tune_command(tmp_path, capsys):
     assert "exists" in refused(capsys, *words, "--out", out)
 
 
+@pytest.mark.full
 def test_tune_command_without_a_map(tmp_path, capsys):
     out = tmp_path / "tuned"
     words = ["tune", "table1", *SMALL, "--accuracy", "1e-4", "--periods", "8"]
@@ -387,6 +395,7 @@ def test_explain_tells_what_is_left_out(capsys):
     assert "closed form" in capsys.readouterr().out
 
 
+@pytest.mark.full
 def test_trade_files(tmp_path, capsys, monkeypatch):
     from jaxshroud.verbs import trade
 

@@ -123,6 +123,7 @@ def test_an_interrupted_sweep_keeps_the_lanes_that_had_ended(tmp_path, capsys):
     assert sorted(p.name for p in out.iterdir()) == ["summary.json", "sweep.nc"]
 
 
+@pytest.mark.full
 def test_a_second_interrupt_ends_the_process_at_once(tmp_path):
     # The first waits for a thread that never ends.
     process = begun(COMMAND.format(pause=600), *LONG, "--out", tmp_path / "s")
@@ -133,6 +134,7 @@ def test_a_second_interrupt_ends_the_process_at_once(tmp_path):
     assert ended(process) == (130, "interrupted; nothing was written\n")
 
 
+@pytest.mark.full
 def test_the_library_interrupted_ends_without_a_fault():
     process = begun(LIBRARY)
     until(process, 20 * 64 * 20)

@@ -54,6 +54,7 @@ def parameters(scene) -> reference.Parameters:
     return reference.Parameters(**blades, **drive, **shroud, **contact, m_y=pair(b.inertia_y), omega=float(d.omega))
 
 
+@pytest.mark.full
 def test_the_second_opinion_agrees_at_every_single_extreme(table1):
     # One period from rest. The second opinion knows no flat contact, turns of more than 1.2 rad, and no patience.
     method, compared = Choices(tableau("dopri8"), "cubic"), 0
@@ -100,6 +101,7 @@ def errors_over_gamma(table1, product: float | None, periods: int = 3) -> np.nda
     return np.array(errors)
 
 
+@pytest.mark.full
 def test_the_error_at_the_limit_of_accuracy_and_at_automatic_steps(table1):
     coarse, auto = errors_over_gamma(table1, 0.5), errors_over_gamma(table1, None)
     assert np.median(coarse) <= 1e-3
@@ -110,6 +112,7 @@ def test_the_error_at_the_limit_of_accuracy_and_at_automatic_steps(table1):
     assert np.median(errors_over_gamma(table1, 1.5)) > 1e-3
 
 
+@pytest.mark.full
 def test_a_million_periods(table1):
     # The clock is an integer, so that no phase is lost, and nothing grows: neither the orbit's error nor the memory.
     scene = with_parts(vary(table1, "contact.gamma", 0.3), motion=("x",), neighbour="rigid")
@@ -126,6 +129,7 @@ def test_a_million_periods(table1):
     assert memory[1] - memory[0] < 64 * 1024  # kB
 
 
+@pytest.mark.full
 def test_float32_at_late_times(table1):
     # Single precision stays on the orbit: its clock does not wear out.
     scene = vary(table1, "contact.gamma", 0.3)
@@ -137,6 +141,7 @@ def test_float32_at_late_times(table1):
     np.testing.assert_allclose(late.P_d, exact.P_d, rtol=1e-3)
 
 
+@pytest.mark.full
 def test_a_hundred_thousand_lanes_are_as_many_single_ones(table1):
     lanes = 100_000
     F_0 = np.linspace(1.0, 90.0, lanes)

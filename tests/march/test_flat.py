@@ -43,6 +43,7 @@ def weak():
     return [p for p, runs_flat in zip(drawn, flat, strict=True) if runs_flat][:SCENES]
 
 
+@pytest.mark.full(but=["rk4-cubic"])
 @pytest.mark.parametrize("name", ["rk4-bisection", "rk4-cubic", "tsit5-cubic", "dopri8-cubic"])
 def test_without_torque_from_rest(table1, name):
     # M_0 = 0: theta_1 = theta_2 for ever, and every contact is flat from its first instant.
@@ -84,6 +85,7 @@ def test_random_scenes_end_with_few_events_and_converge(weak):
     assert np.median(error[0][regular] / error[1][regular]) > 14
 
 
+@pytest.mark.full
 def test_it_is_the_limit_of_a_stiff_rotational_spring(weak):
     got = [towards_the_end_of_flat_contact(p) for p in weak]
     errors = np.array([springs_apart(p, *at) for p, at in zip(weak, got, strict=True) if at is not None])
@@ -132,6 +134,7 @@ def test_pressed_blocks_leave_flat_contact_at_a_corner(table1):
     assert abs(got.energy_residual) < 1e-8
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("key", ["drive.F_0", "blades.I", "shroud.gap", "drive.omega"])
 def test_derivatives_through_flat_contact(table1, key):
     scene = vary(vary(vary(table1, "shroud.gap", -2e-4), "drive.M_0", 1.0), "blades.I", np.array([2.46e-3, 2.3e-3]))
@@ -208,6 +211,7 @@ def torque_in(held: State, Q, case: int, ready) -> float:
     return float(ready.mobility.joint * (left - right))
 
 
+@pytest.mark.full
 def test_what_flat_contact_drops_is_a_term_of_the_balance():
     scenes = [realistic_blade(gamma) for gamma in np.linspace(0.1, 20, 64)]
     shares = []

@@ -64,6 +64,14 @@ def on_steady_motion(scene):
     return eqx.tree_at(lambda s: s.initial, scene, Motion(*at_zero))
 
 
+@pytest.mark.full(
+    but=[
+        "rk4, events by bisection, float64",
+        "rk4, events by cubic, float64",
+        "tsit5, events by cubic, float64",
+        "dopri8, events by bisection, float64",
+    ]
+)
 @pytest.mark.parametrize("method", EXACT.values(), ids=str)
 def test_apart_blades_follow_the_closed_form(table1, method):
     # A gap of 1 m never closes, so Eq. (1) is three driven oscillators per blade, on their steady motion for ever.
@@ -86,6 +94,7 @@ def test_blades_that_never_touch_reduce_no_power(table1):
     assert np.all(got.time_apart == 1)
 
 
+@pytest.mark.full(but=["rk4-bisection", "rk4-cubic", "tsit5-cubic", "dopri8-bisection"])
 def test_energy_balances_to_the_integrators_order(refined):
     method, runs = refined
     residual = {n: np.abs(energy_residual(r)) for n, r in runs.items()}
@@ -103,6 +112,7 @@ def test_the_printed_reading_does_not_balance(scenes):
     assert np.all(residual > 1e-3)
 
 
+@pytest.mark.full(but=["rk4-bisection", "rk4-cubic", "tsit5-cubic", "dopri8-bisection"])
 def test_order_of_the_located_march(refined, fine):
     method, runs = refined
     for name in (*KINDS, *SWITCHES):
@@ -114,6 +124,7 @@ def test_order_of_the_located_march(refined, fine):
     assert np.all(error[max(runs)] <= 2e-7)
 
 
+@pytest.mark.full
 def test_the_cubic_locator_errs_no_more_than_bisection(scenes, fine):
     for name, steps in STEPS.items():
         cubic, bisection = (
@@ -132,6 +143,7 @@ def test_without_location_the_march_is_of_low_order(scenes, fine):
     assert np.all(finer > 1000 * relative_error(ends(run(scenes, 3, 8000)), ends(fine), sizes(fine)))
 
 
+@pytest.mark.full
 def test_float32_errs_by_its_rounding(scenes, fine):
     # Rounding, 6e-8, of many steps and amplified by 3 periods.
     exact = ends(fine)
@@ -150,6 +162,14 @@ CONVERGED = {"tsit5": 20000, "dop853": 3000, "dopri8": 3000}
 
 # Steps at which the march's own error is below 1e-8 on all scenes but the few that amplify any error, where the
 # reference does not converge either.
+@pytest.mark.full(
+    but=[
+        "consistent-rk4, events by bisection, float64-80000",
+        "consistent-rk4, events by cubic, float64-80000",
+        "printed-rk4, events by bisection, float64-80000",
+        "consistent-tsit5, events by cubic, float64-20000",
+    ]
+)
 @pytest.mark.parametrize(
     ("reading", "method", "steps"),
     [
@@ -176,6 +196,7 @@ def test_second_opinion(reading, method, steps):
     assert np.all(runs.last.status[comparable] == Status.OK)
 
 
+@pytest.mark.full(but=["printed"])
 @pytest.mark.parametrize("reading", opinions.DRAWS)
 def test_opinions_in_the_file_are_those_of_the_reference(reading):
     told = opinions.kept(reading)
@@ -188,6 +209,7 @@ def test_opinions_in_the_file_are_those_of_the_reference(reading):
         )
 
 
+@pytest.mark.full(but=["rk4, events by bisection, float64"])
 @pytest.mark.parametrize("method", [REFERENCE, FAST, EXACT["dopri8-cubic"]], ids=str)
 def test_a_batch_equals_single_runs(scenes, method):
     together = run(scenes, 5, 400, method)
@@ -207,6 +229,7 @@ def test_a_lane_that_fails_is_marked_alone(table1):
     np.testing.assert_array_equal(got.motion.x[[0, 2]], good.motion.x)
 
 
+@pytest.mark.full
 def test_the_printed_reading_overflows_at_high_stiffness(table1):
     gammas = {"contact.gamma": [0.3, 30.0, 2.5]}
     with pytest.warns(LaneWarning, match="1 of 3 lanes"):
@@ -258,6 +281,7 @@ def half_turn_deviation(scenes, method=REFERENCE):
     return relative_error(image, ends(plain), sizes(plain))
 
 
+@pytest.mark.full
 def test_every_verb_runs_in_float32(table1):
     single, double = (Choices(locate="cubic", precision=p) for p in ("float32", "float64"))
     run, exact = (simulate(table1, n_periods=2, steps_per_period=200, method=m) for m in (single, double))
@@ -279,6 +303,14 @@ def test_every_verb_runs_in_float32(table1):
     assert np.all(got.energy_residual < 1e-4)
 
 
+@pytest.mark.full(
+    but=[
+        "rk4, events by bisection, float64",
+        "rk4, events by cubic, float64",
+        "tsit5, events by cubic, float64",
+        "dopri8, events by bisection, float64",
+    ]
+)
 @pytest.mark.parametrize("method", EXACT.values(), ids=str)
 def test_half_turn_symmetry(scenes, method):
     assert np.all(half_turn_deviation([asymmetric(s) for s in scenes], method) <= 1e-9)
@@ -289,6 +321,14 @@ def test_the_printed_reading_breaks_the_half_turn(scenes):
     assert np.all(half_turn_deviation([printed(asymmetric(s)) for s in scenes[:2]]) > 1e-3)
 
 
+@pytest.mark.full(
+    but=[
+        "rk4, events by bisection, float64",
+        "rk4, events by cubic, float64",
+        "tsit5, events by cubic, float64",
+        "dopri8, events by bisection, float64",
+    ]
+)
 @pytest.mark.parametrize("method", EXACT.values(), ids=str)
 def test_impacts_shorter_than_a_step_are_found(table1, method):
     # The free blades would overlap by 1e-4 to 1e-2 of the gap: a contact far shorter than a step of T / 39.
@@ -357,6 +397,7 @@ def test_the_labelled_points_of_fig_10_are_not_reproduced(table1):
     assert np.all(got.P_d < 0)
 
 
+@pytest.mark.full
 def test_order_between_nearly_parallel_faces(table1):
     # A small moment: 32 loaded case switches in the first period. Located to 2^-36 of a step instead of to rounding,
     # each costs so much of a step: an error of 4e-11 at 400 steps that falls with the step's first power only.

@@ -147,6 +147,7 @@ def test_what_is_absent_is_not_carried(table1, parts):
 COMBINED = ({"motion": ("x",)}, {"neighbour": "rigid"})  # in another one of them
 
 
+@pytest.mark.full(but=["{'motion': ('x',), 'friction': 'none', 'neighbour': 'rigid'}"])
 @pytest.mark.parametrize("parts", [parts for parts in REDUCED if parts not in COMBINED], ids=str)
 def test_every_verb_runs(table1, parts):
     scene = with_parts(vary(table1, "contact.gamma", 0.3), **parts)
@@ -206,6 +207,7 @@ def test_blades_without_contact_are_apart_all_the_time(table1):
     np.testing.assert_array_equal([found.time_apart, found.time_stick, found.time_slip], [[1, 1], [0, 0], [0, 0]])
 
 
+@pytest.mark.full(but=["spring"])
 @pytest.mark.parametrize("contact", ["spring", "none"])
 def test_a_motion_whose_energy_overflows_has_stopped(table1, contact):
     # The numbers of the state are finite, their squares are not.

@@ -50,6 +50,7 @@ def differences(table1, widths, periods=1, **parts):
     return np.array(errors)
 
 
+@pytest.mark.full(but=["x"])
 @pytest.mark.parametrize(
     ("parts", "rate"),
     [({"motion": ("x",), "friction": "none"}, 1.6), ({"friction": "none"}, 1.4), ({}, 0.6)],
@@ -72,6 +73,7 @@ def test_it_is_integrated_at_the_order_of_the_method(table1):
     assert np.log2(error[0] / error[1]) > 3.6
 
 
+@pytest.mark.full
 def test_its_derivatives_are_those_of_the_computed_map(table1):
     scene = with_parts(vary(table1, "contact.gamma", 0.3), 5e-5, contact="smooth")
     found = js.orbit(scene, most_periods=300, steps_per_period=400)
@@ -90,6 +92,7 @@ def test_steps_know_how_fast_the_slider_follows(table1):
         js.simulate(scene, n_periods=1, steps_per_period=400)
 
 
+@pytest.mark.full
 def test_it_pushes_before_anything_touches(table1):
     # An artefact: below grazing nothing touches and P_d is 0, but smooth contact already pushes.
     apart = vary(vary(table1, "shroud.gap", 2e-4), "contact.gamma", 20.0)

@@ -70,6 +70,18 @@ def case(request):
     return orbit(scene_of(overrides)), q, events
 
 
+@pytest.mark.full(
+    but=[
+        "slip onset",
+        "stick onset",
+        "light contact",
+        "loaded switch 1-2",
+        "loaded switch 1-4",
+        "all switches",
+        "period 3",
+        "unlike blades",
+    ]
+)
 def test_orbits_of_every_kind_are_found(case):
     found, q, events = case
     assert found.q == q
@@ -86,6 +98,18 @@ def scaled(values: dict, scene) -> np.ndarray:
     return np.array([slope * (abs(value_of(scene, key)) or 1) for key, slope in values.items()])
 
 
+@pytest.mark.full(
+    but=[
+        "slip onset",
+        "stick onset",
+        "light contact",
+        "loaded switch 1-2",
+        "loaded switch 1-4",
+        "all switches",
+        "period 3",
+        "unlike blades",
+    ]
+)
 def test_exact_gradient_of_all_parameters(case):
     found, _, _ = case
     exact = scaled(on_orbit(found, PARAMETERS).value, found.scene)
@@ -107,12 +131,14 @@ def naive_miss(name, monkeypatch) -> float:
     return np.abs(scaled(naive, found.scene) - right).max() / np.abs(right).max()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["stick onset", "loaded switch 1-2", "loaded switch 1-4", "all switches"])
 def test_naive_gradients_are_wrong(name, monkeypatch):
     # Control: by 6 to 107 % where contact begins in stick or a case changes under load.
     assert naive_miss(name, monkeypatch) > 0.01
 
 
+@pytest.mark.full
 def test_naive_gradients_can_hide(monkeypatch):
     # Where contact begins in slip and no case changes, nothing is lost: such an orbit alone would prove nothing.
     assert naive_miss("slip onset", monkeypatch) < 1e-4

@@ -42,6 +42,7 @@ def measured(table1):
     )
 
 
+@pytest.mark.full
 def test_errors_fall_with_the_step_and_with_located_events(measured):
     coarse, fine, unlocated, single, *_ = measured
     assert error_of(coarse) > 50 * error_of(fine)
@@ -53,6 +54,7 @@ def test_errors_fall_with_the_step_and_with_located_events(measured):
     assert all(m.cost > 0 and 0 <= m.period <= 1 for m in measured)
 
 
+@pytest.mark.full
 def test_the_front_is_not_beaten(measured):
     kept = front(measured)
     for i in kept:
@@ -63,6 +65,7 @@ def test_the_front_is_not_beaten(measured):
     assert error_of(best) <= 1e-2
 
 
+@pytest.mark.full
 def test_smooth_contact_is_an_approximation_of_the_spring(measured):
     wide, narrow, adaptive = measured[-3:]
     assert error_of(narrow) < error_of(wide) / 2
@@ -72,6 +75,7 @@ def test_smooth_contact_is_an_approximation_of_the_spring(measured):
     assert adaptive.gradient < wide.gradient / 2
 
 
+@pytest.mark.full
 def test_a_scene_without_contact_is_traded_against_adaptive_solvers(table1):
     ways = [ClosedForm(), Adaptive("Tsit5", 1e-3), Adaptive("Tsit5", 1e-7), Adaptive("Kvaerno5", 1e-4)]
     own, coarse, fine, implicit = trade(
@@ -84,6 +88,7 @@ def test_a_scene_without_contact_is_traded_against_adaptive_solvers(table1):
     assert np.isnan(implicit.P_d)  # not run for so long
 
 
+@pytest.mark.full
 def test_smooth_contact_is_traded_against_adaptive_solvers(table1):
     ways = [Setting("rk4", "cubic", "float64", 1.0), Adaptive("Tsit5", 1e-7)]
     scene = with_parts(table1, 1e-5, contact="smooth", **SMALL)
@@ -110,6 +115,7 @@ def test_other_accuracies_are_refused(asked):
         level(asked)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("index", range(len(CLASSES)))
 def test_promised_accuracies_are_kept_on_unseen_scenes(index):
     # Five scenes of each class that the table has not seen, and eight lanes around each.
@@ -149,6 +155,7 @@ def test_a_promise_that_is_broken_is_found(table1):
     assert broken(lanes, wrong).all()
 
 
+@pytest.mark.full
 def test_the_table_is_ordered(table1):
     for row in accuracy._table():
         assert list(row) == [f"{at:.0e}" for at in sorted((float(a) for a in row), reverse=True)]

@@ -87,6 +87,7 @@ def test_chaos_is_noticed():
     assert exact_slopes(problem, u, quiet)[1].min() > PUSH
 
 
+@pytest.mark.full
 def test_limits_are_kept(scene, tuned):
     force = 0.5 * tuned.checks["four times as long"].force[0]
     held = tune(scene, OVER, conditions={"drive.F_0": [40.0, 60.0]}, most_force=force, **SHORT)
@@ -122,6 +123,7 @@ def test_scaled_variables():
     np.testing.assert_allclose(problem.rates(u), slope, rtol=1e-8)
 
 
+@pytest.mark.full
 def test_three_numbers_need_no_power_of_two(scene):
     over = {**OVER, "friction.mu": (0.1, 0.9)}
     small = {**SHORT, "scan": 6, "updates": 1, "n_periods": 2, "transient": 2}
