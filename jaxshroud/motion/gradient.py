@@ -21,7 +21,7 @@ from jaxshroud.motion.averages import averages
 from jaxshroud.motion.orbit import Cycle
 from jaxshroud.motion.shooting import followed, moved_start
 from jaxshroud.motion.together import Algorithm, Derivatives, stacked
-from jaxshroud.scene.errors import NumericalError
+from jaxshroud.scene.errors import KeyNameError, NumericalError
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
@@ -50,10 +50,10 @@ def with_numbers(scene: Scene, keys: Sequence[str]) -> Scene:
     """The scene written such that each of `keys` is one of its own numbers (`gamma` or `k`, `m_y` or `m`).
 
     Raises:
-        KeyError: There is no such number, or both `contact.k` and `contact.gamma` are asked for.
+        KeyNameError: There is no such number, or both `contact.k` and `contact.gamma` are asked for.
     """
     if {"contact.k", "contact.gamma"} <= set(keys):
-        raise KeyError("contact.k and contact.gamma are one number; name one of them.")
+        raise KeyNameError("contact.k and contact.gamma are one number; name one of them")
     for key in keys:
         value = value_of(scene, key)
         if key.split("[")[0] in ("contact.k", "contact.gamma", "blades.m_y"):
