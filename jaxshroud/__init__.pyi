@@ -52,7 +52,7 @@ from .verbs.power import power as power
 from .verbs.setting import Setting as Setting
 from .verbs.simulate import simulate as simulate
 from .verbs.sweep import sweep as sweep
-from .verbs.tune import objective_map as objective_map
 from .verbs.trade import trade as trade
+from .verbs.tune import objective_map as objective_map
 from .verbs.tune import tune as tune
 from .version import __version__ as __version__
