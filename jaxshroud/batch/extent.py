@@ -2,6 +2,8 @@
 
 import psutil
 
+from jaxshroud.scene.errors import InputError
+
 MOST_LANE_PERIODS = 10**10  # months on a few cores
 LANE, SAMPLE = 4096, 512  # bytes that a sweep takes at its peak for each lane, and for each of its kept periods
 STEP = 320  # bytes that `simulate` takes at its peak for each step it stores
@@ -11,7 +13,7 @@ def fits(lanes: int, transient: int, kept: int) -> None:
     """Raise ValueError if a run of so many lanes and drive periods would be too long or too large."""
     periods = lanes * (transient + kept)
     if periods > MOST_LANE_PERIODS:
-        raise ValueError(
+        raise InputError(
             f"{periods:.3g} lane-periods (lanes x periods) are more than the {MOST_LANE_PERIODS:.0e} that a run may "
             "have; give fewer periods or values"
         )
@@ -22,7 +24,7 @@ def memory_for(what: str, size: int) -> None:
     """Raise ValueError unless `size` bytes for `what` are free."""
     free = psutil.virtual_memory().available
     if size > free:
-        raise ValueError(
+        raise InputError(
             f"{what} would take some {size / 2**30:.3g} GiB of memory, but {free / 2**30:.3g} GiB are free; "
             "keep fewer periods, steps or values"
         )

@@ -21,7 +21,7 @@ from jaxshroud.motion.averages import averages
 from jaxshroud.motion.orbit import Cycle
 from jaxshroud.motion.shooting import followed, moved_start
 from jaxshroud.motion.together import Algorithm, Derivatives, stacked
-from jaxshroud.scene.errors import KeyNameError, NumericalError
+from jaxshroud.scene.errors import InputError, KeyNameError, NumericalError
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
@@ -142,7 +142,7 @@ def smoothed(
     centre = np.array([value_of(scene, key) for key in wrt])
     for key, value in zip(wrt, centre, strict=True):
         if value == 0:
-            raise ValueError(f"{key} is 0: a relative width says nothing about it.")
+            raise InputError(f"{key} is 0: a relative width says nothing about it.")
     xi = np.random.default_rng(seed).standard_normal((pairs, len(wrt)))
     signed = np.concatenate([xi, -xi])
     level, noise, number, ok = _levels(scene, wrt, centre * (1 + sigma * signed), of, plan)

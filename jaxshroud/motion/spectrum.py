@@ -6,6 +6,8 @@ from math import isqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jaxshroud.scene.errors import InputError
+
 Floats = NDArray[np.float64]
 
 NEIGHBOURS = 8  # bins on either side that a line is compared with
@@ -42,7 +44,7 @@ def amplitude_spectrum(
     n_periods = whole_periods(x.size, rate)
     if n_periods < 1:
         need = int(rate * rate.denominator)
-        raise ValueError(f"Argument `signal` must have {need} samples (whole drive periods), but has {x.size}.")
+        raise InputError(f"Argument `signal` must have {need} samples (whole drive periods), but has {x.size}.")
     x = x[x.size - int(n_periods * rate) :]
     mean = x.mean()
     weight = _weights(window, x.size)
@@ -147,17 +149,17 @@ def _weights(window: str, n: int) -> Floats:
         return np.ones(n)
     if window == "hann":
         return np.sin(np.pi * np.arange(n) / n) ** 2  # periodic form: exact for lines on a bin
-    raise ValueError(f"Argument `window` must be 'rectangular' or 'hann', but is {window!r}.")
+    raise InputError(f"Argument `window` must be 'rectangular' or 'hann', but is {window!r}.")
 
 
 def _series(values: ArrayLike) -> Floats:
     array = np.asarray(values, dtype=float)
     if array.ndim != 1:
-        raise ValueError(f"A signal or spectrum must have one dimension, but has shape {array.shape}.")
+        raise InputError(f"A signal or spectrum must have one dimension, but has shape {array.shape}.")
     return array
 
 
 def _rate(samples_per_period: int | Fraction) -> Fraction:
     if not samples_per_period >= 2:
-        raise ValueError(f"Argument `samples_per_period` must be at least 2, but is {samples_per_period}.")
+        raise InputError(f"Argument `samples_per_period` must be at least 2, but is {samples_per_period}.")
     return Fraction(samples_per_period)

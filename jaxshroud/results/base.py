@@ -13,7 +13,7 @@ from jaxshroud.results.dimension import text_of_one
 from jaxshroud.results.status import FLAGS, counted, messages
 from jaxshroud.results.store import read, write_dataset
 from jaxshroud.results.variable import Attribute, Variable
-from jaxshroud.scene.errors import StoreError
+from jaxshroud.scene.errors import InputError, StoreError
 from jaxshroud.version import __version__
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ class Result:
         """
         dims = self.data["status"].dims if "status" in self.data.variables else ()
         if len(at) != len(dims):
-            raise ValueError(f"This result has {len(dims)} leading axes, but {len(at)} numbers name a lane.")
+            raise InputError(f"This result has {len(dims)} leading axes, but {len(at)} numbers name a lane.")
         one = self.data.isel(dict(zip(dims, at, strict=True)))
         held = [e for v in self.variables.values() if v.alone for e in v.among(one) if not one[e].dims]
         told = {entry: one[entry].item() for entry in held}
@@ -163,7 +163,7 @@ class Result:
         Raises:
             ValueError: There is no such picture.
         """
-        raise ValueError(f"There is no picture of a {type(self).__name__}.")
+        raise InputError(f"There is no picture of a {type(self).__name__}.")
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}: {self.ended}; {self.method}, {self.steps_per_period} steps a period"

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from jaxshroud.results.files import write
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.keys import KEYS
 
 COLUMN, WIDE = 88 / 25.4, 140 / 25.4  # one and one and a half columns [inch]
@@ -86,7 +87,7 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     """
     path = Path(path)
     if not path.suffix:
-        raise ValueError(f"{path}: a picture needs a suffix, such as .png, .pdf or .svg.")
+        raise InputError(f"{path}: a picture needs a suffix, such as .png, .pdf or .svg.")
     write(path, _content(figure, path.suffix[1:].lower()))
 
 

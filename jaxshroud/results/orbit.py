@@ -9,6 +9,7 @@ from jaxshroud.results.base import Result
 from jaxshroud.results.gathered import Complex, Flags, in_shape, lanes_in_words, picked, taken
 from jaxshroud.results.status import FLAGS
 from jaxshroud.results.variable import Moving, Variable
+from jaxshroud.scene.errors import InputError
 
 if TYPE_CHECKING:
     from jaxshroud.batch.tangents import Tangents
@@ -142,7 +143,7 @@ class Orbit(Result):
 
         axes = np.ndim(self.q)
         if len(lane) != axes:
-            raise ValueError(f"An orbit of scenes with {axes} axes is chosen by {axes} indices, not by {len(lane)}.")
+            raise InputError(f"An orbit of scenes with {axes} axes is chosen by {axes} indices, not by {len(lane)}.")
         at, flags = self.jacobian, self.flags
         return Cycle(
             scene=picked(self.scene, lane) if lane else self.scene,

@@ -28,6 +28,7 @@ from jaxshroud.results.drawing import (
 )
 from jaxshroud.results.panels import figure_of, interval, legend_above, panel_of, scale_of, title_of
 from jaxshroud.results.status import named
+from jaxshroud.scene.errors import InputError
 
 MOTIONS = {
     "period 1": BLUE,
@@ -66,7 +67,7 @@ def sweep(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None) -> F
     """
     dims = str(ds.attrs["axes"]).split(",")
     if len(dims) > 2:
-        raise ValueError(f"A sweep along {', '.join(dims)} has no picture; select some of its lanes, or draw them.")
+        raise InputError(f"A sweep along {', '.join(dims)} has no picture; select some of its lanes, or draw them.")
     if ax is None:
         return bifurcation(ds) if len(dims) == 1 else power_map(ds)
     draw = panel_of({"samples": _draw_samples, "P_d": _draw_power} if len(dims) == 1 else MAPS, panel)
@@ -168,7 +169,7 @@ def _in_order(ds: xr.Dataset, dims: list[str]) -> xr.Dataset:
 def _dims(ds: xr.Dataset, count: int) -> list[str]:
     dims = [dim.strip() for dim in str(ds.attrs["axes"]).split(",")]
     if len(dims) != count:
-        raise ValueError(f"This picture needs a sweep along {count} key(s), but got {', '.join(dims)}.")
+        raise InputError(f"This picture needs a sweep along {count} key(s), but got {', '.join(dims)}.")
     return dims
 
 

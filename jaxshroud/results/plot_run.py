@@ -27,6 +27,7 @@ from jaxshroud.results.drawing import (
     say,
 )
 from jaxshroud.results.panels import Scale, figure_of, limits, panel_of, scale_of, title_of
+from jaxshroud.scene.errors import InputError
 
 MODES = {Mode.STICK: ("stick", SKY), Mode.SLIP_PLUS: ("slip +", ORANGE), Mode.SLIP_MINUS: ("slip −", PINK)}
 
@@ -66,7 +67,7 @@ def one_panel(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None, 
         ValueError: There are many runs, or there is no such panel.
     """
     if "status" not in ds.attrs:
-        raise ValueError("A picture shows one run of many: choose it by `lane`.")
+        raise InputError("A picture shows one run of many: choose it by `lane`.")
     if ax is None:
         return trajectory(ds, settled_from)
     draw, run = panel_of(PANELS, panel), _drawn(ds, settled_from)

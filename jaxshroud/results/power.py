@@ -7,6 +7,7 @@ import numpy as np
 from jaxshroud.results.base import Result
 from jaxshroud.results.status import FLAGS
 from jaxshroud.results.variable import Variable
+from jaxshroud.scene.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,7 +73,7 @@ class PowerResult(Result):
         from jaxshroud.results import panels, plot_power
 
         if np.ndim(self.status):
-            raise ValueError("A picture shows one scene of many: choose it by `lane`.")
+            raise InputError("A picture shows one scene of many: choose it by `lane`.")
         data = {"title": self.data.attrs.get("title", ""), "n": self.n, "P_d": self.P_d, "P_d_ci": self.P_d_ci}
         data["final"] = self.final
         if ax is None:

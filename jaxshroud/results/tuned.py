@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxshroud.results.base import Result
 from jaxshroud.results.variable import Attribute, Variable
+from jaxshroud.scene.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,7 +77,7 @@ class Tuned(Result):
             ValueError: The result was read from a file.
         """
         if self._problem is None:
-            raise ValueError("A stored tuning does not hold its problem; tune again, or save `objective_map` with it.")
+            raise InputError("A stored tuning does not hold its problem; tune again, or save `objective_map` with it.")
         return self._problem
 
     @property
@@ -130,7 +131,7 @@ class Tuned(Result):
         from jaxshroud.results import plot_design
 
         if ax is not None:
-            raise ValueError("A tuning is drawn in two panels; leave `ax` out and take the figure's axes.")
+            raise InputError("A tuning is drawn in two panels; leave `ax` out and take the figure's axes.")
         drawn: Mapping[str, Any] | None = options.pop("drawn", None)
         told = {name: getattr(self, name) for name in ("points", "scores", "goal", "over", "design")}
         return plot_design.tuning({**told, "map": drawn, "title": self.data.attrs.get("title") or "tuning"}, **options)

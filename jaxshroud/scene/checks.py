@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from functools import wraps
 from typing import Any, Literal, TypeVar, get_args
 
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.errors import NumericalError as NumericalError
 
 Precision = Literal["float64", "float32"]
@@ -28,13 +29,13 @@ def word_argument(name: str, word: Any, words: Any) -> None:
     """Raise ValueError unless `word` is one of the `words`, a Literal or a sequence."""
     known = get_args(words) or tuple(words)
     if not isinstance(word, str) or word not in known:
-        raise ValueError(f"Argument `{name}` cannot be {word!r}{hint(str(word), known)}")
+        raise InputError(f"Argument `{name}` cannot be {word!r}{hint(str(word), known)}")
 
 
 def type_argument(name: str, value: Any, kind: type, example: str) -> None:
     """Raise ValueError unless `value` is of a `kind`."""
     if not isinstance(value, kind):
-        raise ValueError(f"Argument `{name}` must be a {kind.__name__}, e.g. {example}, but is {value!r}.")
+        raise InputError(f"Argument `{name}` must be a {kind.__name__}, e.g. {example}, but is {value!r}.")
 
 
 def checked(cls: Tuple) -> Tuple:
@@ -56,18 +57,18 @@ def count_argument(name: str, value: int, least: int) -> None:
     """Raise ValueError unless `value` is a whole number from `least` to `MOST_COUNT`."""
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
         kind = "positive" if least == 1 else f"a whole number of at least {least}"
-        raise ValueError(f"Argument `{name}` must be {kind}, but is {value}.")
+        raise InputError(f"Argument `{name}` must be {kind}, but is {value}.")
     if value > MOST_COUNT:
-        raise ValueError(f"Argument `{name}` must be at most {MOST_COUNT}, but is larger.")
+        raise InputError(f"Argument `{name}` must be at most {MOST_COUNT}, but is larger.")
 
 
 def tolerance_argument(name: str, value: float) -> None:
     """Raise ValueError unless `value` is a number of at least 0."""
     if not value >= 0:
-        raise ValueError(f"Argument `{name}` must be a number of at least 0, but is {value}.")
+        raise InputError(f"Argument `{name}` must be a number of at least 0, but is {value}.")
 
 
 def positive_argument(name: str, value: float) -> None:
     """Raise ValueError unless `value` is a positive, finite number."""
     if not 0 < value < float("inf"):
-        raise ValueError(f"Argument `{name}` must be a positive number, but is {value}.")
+        raise InputError(f"Argument `{name}` must be a positive number, but is {value}.")

@@ -3,6 +3,7 @@
 from typing import Any, Literal, NamedTuple
 
 from jaxshroud.scene.checks import checked, hint, word_argument
+from jaxshroud.scene.errors import InputError
 
 MOTIONS = (("x",), ("x", "y"), ("x", "y", "theta"))
 MISPRINTS = ("gap_sign", "friction_components", "M_N2_case1", "M_N1_case2", "M_N1_case4", "levers")
@@ -17,11 +18,11 @@ def misprints(reading: Any) -> Any:
     words = isinstance(reading, str)
     names = {"consistent": (), "printed": MISPRINTS}.get(reading, (reading,)) if words else reading
     if not isinstance(names, list | tuple | set | frozenset):
-        raise ValueError('must be "consistent", "printed" or a list of misprints')
+        raise InputError('must be "consistent", "printed" or a list of misprints')
     for name in names:
         if name not in MISPRINTS:
             known = (*MISPRINTS, "consistent", "printed") if words else MISPRINTS
-            raise ValueError(f"names the unknown misprint `{name}`{hint(str(name), known)}")
+            raise InputError(f"names the unknown misprint `{name}`{hint(str(name), known)}")
     return frozenset(names)
 
 
@@ -44,7 +45,7 @@ class Parts(NamedTuple):
 
     def __check_init__(self):
         if self.motion not in MOTIONS:
-            raise ValueError(f"`motion` must be one of {', '.join(map(str, MOTIONS))}, but is {self.motion}.")
+            raise InputError(f"`motion` must be one of {', '.join(map(str, MOTIONS))}, but is {self.motion}.")
         word_argument("neighbour", self.neighbour, Neighbour)
         word_argument("friction", self.friction, FrictionLaw)
         word_argument("contact", self.contact, ContactLaw)

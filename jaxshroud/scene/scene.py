@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.motion import AT_REST, Motion
 from jaxshroud.scene.parts import Parts, misprints
 from jaxshroud.scene.valid import check_numbers
@@ -35,7 +36,7 @@ def _reading(value: Any) -> Any:
     try:
         return misprints(value)
     except ValueError as error:
-        raise ValueError(f"Argument `reading` = {value!r} {error}") from None
+        raise InputError(f"Argument `reading` = {value!r} {error}") from None
 
 
 class Blades(eqx.Module):
@@ -90,7 +91,7 @@ class Contact(eqx.Module):
 
     def __check_init__(self):
         if (self.k is None) == (self.gamma is None):
-            raise ValueError("Exactly one of `k` and `gamma` must be given.")
+            raise InputError("Exactly one of `k` and `gamma` must be given.")
         check_numbers("contact", self)
 
 
@@ -135,9 +136,9 @@ class Scene(eqx.Module):
 
     def __check_init__(self):
         if (self.parts.contact == "smooth") != (self.contact.width is not None):
-            raise ValueError("A `width` must be given for smooth contact, and only for that.")
+            raise InputError("A `width` must be given for smooth contact, and only for that.")
         if self.parts.contact == "smooth" and self.contact.reading:
-            raise ValueError("Smooth contact has no misprints: its `reading` must be consistent.")
+            raise InputError("Smooth contact has no misprints: its `reading` must be consistent.")
         check_numbers("initial", self.initial)
 
     @property

@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest, stiffness_ratio
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.setting import LEVELS, Setting, end_states, state_errors
 
@@ -67,7 +68,7 @@ def level(asked: str | float) -> float:
     except ValueError:
         value = np.nan
     if not LEVELS[-1] * 0.999 <= value <= LEVELS[0] * 1.001:
-        raise ValueError(f"must be {', '.join(NAMED)} or a number from 1e-10 to 1e-2, but is {asked!r}")
+        raise InputError(f"must be {', '.join(NAMED)} or a number from 1e-10 to 1e-2, but is {asked!r}")
     return value
 
 

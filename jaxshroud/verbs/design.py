@@ -18,6 +18,7 @@ from jaxshroud.model.state import State
 from jaxshroud.motion.averages import averages
 from jaxshroud.motion.gradient import with_numbers
 from jaxshroud.results.tuned import PENALTY, Judged
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
@@ -67,13 +68,13 @@ def problem_of(
         ValueError: Bounds are not in order, or a key is both tuned and a condition.
     """
     if not over:
-        raise ValueError("Argument `over` must name at least one number.")
+        raise InputError("Argument `over` must name at least one number.")
     for key, (low, high) in over.items():
         if not -np.inf < low < high < np.inf:
-            raise ValueError(f"The bounds of {key} must be finite and in order, but are {low} and {high}.")
+            raise InputError(f"The bounds of {key} must be finite and in order, but are {low} and {high}.")
     both = set(over) & set(conditions)
     if both:
-        raise ValueError(f"{sorted(both)[0]} is both tuned and an operating condition.")
+        raise InputError(f"{sorted(both)[0]} is both tuned and an operating condition.")
     known = {key: tuple(float(v) for v in np.ravel(values)) for key, values in conditions.items()}
     fits(math.prod(map(len, known.values())) << min(len(over), 8), 0, 1)  # the corners are looked at first
     whole = with_numbers(scene, [*over, *known])

@@ -18,6 +18,7 @@ from jaxshroud.motion.together import alone_found, together
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.checks import count_argument, positive_argument, word_argument
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.lanes import Lanes, lanes_of, of_all, told
@@ -131,7 +132,7 @@ def gradient(
 
 def _known(at: Orbit, lanes: Lanes) -> list[Cycle]:
     if np.shape(at.q) != lanes.shape:
-        raise ValueError(f"Argument `at` has lanes {np.shape(at.q)}, but the scene has {lanes.shape}.")
+        raise InputError(f"Argument `at` has lanes {np.shape(at.q)}, but the scene has {lanes.shape}.")
     return at.cycles
 
 

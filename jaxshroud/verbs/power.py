@@ -25,6 +25,7 @@ from jaxshroud.motion.settling import NO
 from jaxshroud.results.power import PowerResult
 from jaxshroud.results.status import tell_failures
 from jaxshroud.scene.checks import tolerance_argument
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
@@ -159,7 +160,7 @@ def power(
     )
     fits(len(door.lanes.drive.omega), door.transient, door.n_periods)
     if not tolerance > 0:
-        raise ValueError(f"Argument `tolerance` must be positive, but is {tolerance}.")
+        raise InputError(f"Argument `tolerance` must be positive, but is {tolerance}.")
     tolerance_argument("period_tol", period_tol)
     how = marched(door, door.lanes, FAST_WITH_LEDGER)
     scenes = in_precision(door.lanes, how.method.precision)

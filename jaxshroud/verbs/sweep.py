@@ -27,6 +27,7 @@ from jaxshroud.results.dimension import dimension
 from jaxshroud.results.status import tell_failures
 from jaxshroud.results.sweep import GAP, SweepResult, sweep_coordinates
 from jaxshroud.scene.checks import tolerance_argument, word_argument
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.parts import Direction
@@ -111,7 +112,7 @@ def sweep(
         of_sweep=True,
     )
     if not 0 <= phase < 2 * np.pi:
-        raise ValueError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
+        raise InputError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     tolerance_argument("period_tol", period_tol)
     grid, direction = _grid_of(door, along, direction)
     fits(math.prod(grid.shape), door.transient, door.n_periods)
@@ -156,9 +157,9 @@ def _grid_of(door: Asked, along: Mapping[str, Any] | None, direction: Direction 
         along, direction = {a.key: a.values for a in file.axes}, direction or file.direction
     axes = {key: np.atleast_1d(np.asarray(values, dtype=float)) for key, values in (along or {}).items()}
     if not (axes or door.shape) or len(axes) > 2 or any(v.ndim != 1 or v.size == 0 for v in axes.values()):
-        raise ValueError("Argument `along` must name one or two keys, each with at least one value.")
+        raise InputError("Argument `along` must name one or two keys, each with at least one value.")
     if direction not in (None, "independent") and not axes:
-        raise ValueError(f"Argument `direction` = {direction!r} needs `along`: it follows the values of its first key.")
+        raise InputError(f"Argument `direction` = {direction!r} needs `along`: it follows the values of its first key.")
     build = grid_of_scenes
     for _ in door.shape:
         build = jax.vmap(build, in_axes=(0, None))

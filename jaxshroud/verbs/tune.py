@@ -16,6 +16,7 @@ from jaxshroud.march.method import Choices, Method
 from jaxshroud.march.stability import Steps
 from jaxshroud.results.tuned import Judged, Tuned
 from jaxshroud.scene.checks import count_argument, word_argument
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of
@@ -88,7 +89,7 @@ def tune(
     word_argument("goal", goal, Goal)
     for name, limit in dict(most_penetration=most_penetration, most_force=most_force).items():
         if not limit > 0:
-            raise ValueError(f"Argument `{name}` must be positive, but is {limit}.")
+            raise InputError(f"Argument `{name}` must be positive, but is {limit}.")
     problem = problem_of(own, over, conditions or {})
     request = asked(
         scene,
