@@ -27,6 +27,7 @@ from scipy.signal import lfilter
 import jaxshroud as js
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.batch.xla import repeated
+from jaxshroud.march.method import choices
 from jaxshroud.model.linear import area
 from jaxshroud.motion.interval import interval
 from jaxshroud.motion.power import Reduction, reduction
@@ -155,7 +156,7 @@ def chaotic(gamma: float, moment: float, periods: int) -> np.ndarray:
     states = starts(jax.tree.map(np.asarray, scenes))
     x = np.asarray(states.motion.x) + 1e-9 * np.arange(LANES)[:, None]
     states = eqx.tree_at(lambda state: state.motion.x, states, x)
-    method = js.Choices(js.tableau("tsit5"), "cubic", ledger=False)
+    method = choices(js.Method("tsit5", locate="cubic"))
     came = run_lanes(scenes, states, Plan(DISCARDED, periods, STEPS, 0.0, method), lambda _: None)
     assert not came.last.status.any()
     return 100 * (1 - float(area(scene.shroud)) * np.asarray(came.samples.power[0]) / float(js.free_power(scene)[0]))

@@ -28,6 +28,7 @@ import numpy as np
 import jaxshroud as js
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.batch.states import final_states
+from jaxshroud.march.method import choices
 from jaxshroud.model.linear import area
 from jaxshroud.motion.averages import displacements, half_diagonal, sizes_of
 from jaxshroud.motion.period import nearness, repetition
@@ -80,7 +81,7 @@ def runs(seed: int, lightest: float, heaviest: float, n: int) -> list[Run]:
     windows = [[(first[i], last[i]), (LONGER * last[i] - TAIL, LONGER * last[i])] for i in range(n)]
     found: list[list[list[Stretch]]] = [[[], []] for _ in range(n)]
     scenes = scenes_at(base, KEYS, values)
-    states, method, status = starts(scenes), js.Choices(js.tableau("tsit5"), "cubic", ledger=False), np.zeros(n, int)
+    states, method, status = starts(scenes), choices(js.Method("tsit5", locate="cubic")), np.zeros(n, int)
     for at in range(0, LONGER * last.max(), PIECE):
         came = run_lanes(scenes, states, Plan(0, PIECE, STEPS, 0.0, method), lambda _: None)
         states, status = final_states(came.last.state), np.asarray(came.last.status)
