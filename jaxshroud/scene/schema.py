@@ -2,9 +2,9 @@
 
 pydantic checks the structure; the numbers are those of `keys`, the words those of `parts`.
 """
+
 # pyright: reportInvalidTypeForm=false
 # Its types are made from the table of keys, which pyright cannot follow.
-
 from functools import partial
 from typing import Annotated, Any, Literal
 
@@ -21,7 +21,7 @@ from pydantic import (
 
 from jaxshroud.scene.checks import MOST_COUNT, meant
 from jaxshroud.scene.keys import Key, Range, rows_of
-from jaxshroud.scene.limits import MOST_AUTO
+from jaxshroud.scene.limits import MOST_AUTO, TRANSIENT
 from jaxshroud.scene.parts import ACCURACIES, MOTIONS, ContactLaw, Direction, FrictionLaw, Neighbour, misprints
 from jaxshroud.scene.units import to_si
 
@@ -106,7 +106,7 @@ class Run(Table):
     """How long and how finely to integrate."""
 
     periods: Annotated[Count, key("forcing periods kept", 100)]
-    transient: Annotated[Whole, key("periods discarded before them", 300)] = 0
+    transient: Annotated[Whole, key("periods discarded before them", 300)] = TRANSIENT
     steps_per_period: Annotated[Steps | Literal["auto"] | None, key("integration steps in one forcing period", 400)] = (
         None
     )

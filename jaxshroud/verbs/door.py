@@ -16,13 +16,13 @@ from jaxshroud.scene.checks import count_argument
 from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import KEYS
+from jaxshroud.scene.limits import TRANSIENT
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import numbers_of, text_of
 from jaxshroud.verbs.accuracy import Choice, choose
 
 N_PERIODS = 64  # kept, where neither the argument nor the scene file says
-TRANSIENT = 64  # discarded before them, likewise: no average takes in the start-up
 ACCURACY = "balanced"  # where neither says anything of steps, method or accuracy
 
 

@@ -311,7 +311,7 @@ def test_defaults():
     np.testing.assert_array_equal(got.scene.blades.inertia_y, got.scene.blades.m)
     assert got.scene.contact.reading == frozenset()
     assert all(np.all(np.asarray(leaf) == 0) for leaf in got.scene.initial)
-    assert (got.run.transient, got.axes, got.direction, got.keep) == (0, (), "independent", None)
+    assert (got.run.transient, got.axes, got.direction, got.keep) == (64, (), "independent", None)
     np.testing.assert_array_equal(parse(GOOD, "a", ["blades.m=[1, 2]"]).scene.blades.inertia_y, [1.0, 2.0])
     assert tomllib.loads(parse(GOOD, "a", ["blades.m_y[1]=2"]).text())["blades"]["m_y"] == [0.08, 2.0]
     # Every number takes JAX's float type: float64 where x64 is on.
