@@ -103,21 +103,38 @@ def run_lanes(
         samples, last = free_runs(scenes, states, plan.transient, plan.kept, plan.phase, plan.method, begin)
         ticker(lanes * (plan.transient + plan.kept))
         return Runs(samples, jax.tree.map(np.zeros_like, last.tally), last)
-    width = 1 if lanes == 1 else CHUNK
-
-    def run(check: Check, at: np.ndarray) -> Runs:
-        n = min(width, lanes - int(at[0]))
-
-        def tick(periods: int) -> None:
-            ticker(periods * n)
-            check()
-
-        return _run_chunk(_take((scenes, states, arrived), at), plan, tick)
-
     try:
-        return in_chunks(run, lanes, width)
+        return chunk_by_chunk(lambda chunk, tick: _run_chunk(chunk, plan, tick), (scenes, states, arrived), ticker)
     except Interrupted as stopped:
         raise Interrupted(completed(stopped.done, lambda runs: joined(runs, lanes))) from None
+
+
+def chunk_by_chunk(
+    run: Callable[[Any, Callable[[int], None]], Tree], lanes: Any, ticker: Callable[[int], None]
+) -> Tree:
+    """`run` of some lanes at a time, and of what tells that so much of each is done; all lanes of the results.
+
+    Args:
+        run: Its program is compiled for one lane alone, or for `CHUNK`.
+        lanes: A tree of arrays with a leading axis.
+        ticker: Told how much is done, summed over lanes.
+
+    Raises:
+        Interrupted: As in `in_chunks`.
+    """
+    count = len(jax.tree.leaves(lanes)[0])
+    width = 1 if count == 1 else CHUNK
+
+    def one(check: Check, at: np.ndarray) -> Tree:
+        n = min(width, count - int(at[0]))
+
+        def tick(done: int) -> None:
+            ticker(done * n)
+            check()
+
+        return run(jax.tree.map(lambda a: np.asarray(a)[at], lanes), tick)
+
+    return in_chunks(one, count, width)
 
 
 def completed(runs: list[Runs | None], joined: Callable[[list[Runs]], Runs]) -> Runs | None:
@@ -132,10 +149,6 @@ def _not_run(like: Runs) -> Runs:
     empty = jax.tree.map(fill, like)
     status = np.full_like(like.last.status, Status.NOT_RUN)
     return replace(empty, last=eqx.tree_at(lambda lane: lane.status, empty.last, status))
-
-
-def _take(tree, at):
-    return jax.tree.map(lambda a: np.asarray(a)[at], tree)
 
 
 def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, tick: Callable[[int], None]) -> Runs:

@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.runs import stepper
+from jaxshroud.batch.runs import starts, stepper
 from jaxshroud.march.method import Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
-from jaxshroud.model.state import State, start
+from jaxshroud.model.state import State
 from jaxshroud.results.scenes import differing
 from jaxshroud.scene.checks import count_argument
 from jaxshroud.scene.errors import InputError
@@ -51,11 +51,9 @@ class Asked(NamedTuple):
             InputError: The state has other leading axes than the scenes.
         """
         if state is None:
-            return jax.vmap(lambda scene: start(scene.initial))(lanes)
-        shape, state = (
-            np.shape(state.u_s),
-            in_precision(state, "float64" if lanes.drive.omega.dtype == float else "float32"),
-        )
+            return starts(lanes)
+        shape = np.shape(state.u_s)
+        state = in_precision(state, "float64" if lanes.drive.omega.dtype == float else "float32")
         if shape and shape != self.shape:
             raise InputError(f"Argument `state` has leading axes {shape}, but the scenes have {self.shape}.")
         flat = in_line(state, len(shape))

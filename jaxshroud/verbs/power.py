@@ -158,12 +158,13 @@ def power(
         accuracy=accuracy,
         dims=dims,
     )
-    fits(len(door.lanes.drive.omega), door.transient, door.n_periods)
+    given = door.lanes
+    fits(len(given.drive.omega), door.transient, door.n_periods)
     if not tolerance > 0:
         raise InputError(f"Argument `tolerance` must be positive, but is {tolerance}.")
     tolerance_argument("period_tol", period_tol)
-    how = marched(door, door.lanes, FAST_WITH_LEDGER)
-    scenes = in_precision(door.lanes, how.method.precision)
+    how = marched(door, given, FAST_WITH_LEDGER)
+    scenes = in_precision(given, how.method.precision)
     lanes, chatter = _run(door, scenes, door.states(state, scenes), how, tolerance, period_tol, progress)
     found = _result(door, lanes, how, chatter)
     tell_failures(found.status, chatter, throw=throw)

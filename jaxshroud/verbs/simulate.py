@@ -14,10 +14,9 @@ from jaxshroud.batch.chatter import chatter
 from jaxshroud.batch.extent import STEP, memory_for
 from jaxshroud.batch.free import free_status
 from jaxshroud.batch.loop import driven
-from jaxshroud.batch.periods import CHUNK, Clock, begin_lanes
-from jaxshroud.batch.runs import Progress, Ticker
+from jaxshroud.batch.periods import Clock, begin_lanes
+from jaxshroud.batch.runs import Progress, Ticker, chunk_by_chunk
 from jaxshroud.batch.states import as_arrays, whole
-from jaxshroud.batch.threads import Check, in_chunks
 from jaxshroud.batch.xla import EachLane, best, compiled
 from jaxshroud.march.energy import balance, energy
 from jaxshroud.march.events import Counters, seat
@@ -100,8 +99,9 @@ def simulate(
     door = asked(
         scene, n_periods=n_periods, steps_per_period=steps_per_period, method=method, accuracy=accuracy, dims=dims
     )
-    how = marched(door, door.lanes, REFERENCE)
-    scenes = in_precision(door.lanes, how.method.precision)
+    given = door.lanes
+    how = marched(door, given, REFERENCE)
+    scenes = in_precision(given, how.method.precision)
     count = door.n_periods * how.steps // every
     memory_for("what is stored of this run", len(scenes.drive.omega) * count * STEP)
     states = door.states(state, scenes)
@@ -135,21 +135,9 @@ def _run(
     scenes: Scene, states: State, turns: float, every: int, count: int, how: Marched, ticker: Ticker
 ) -> dict[str, Any]:
     """Numbers of lanes (leading axis) marched for so many samples."""
-    lanes = len(scenes.drive.omega)
-    width = 1 if lanes == 1 else CHUNK
-
-    def run(check: Check, at: np.ndarray):
-        n = min(width, lanes - int(at[0]))
-
-        def tick(samples: int) -> None:
-            ticker(samples * n)
-            check()
-
-        chunk = jax.tree.map(lambda a: np.asarray(a)[at], (scenes, states))
-        return _chunk(chunk[0], chunk[1], turns, every, count, how, tick)
-
-    whole, last, gained = in_chunks(run, lanes, width)
-    tally, nothing = jax.tree.map(jnp.asarray, last.tally), np.full(lanes, np.nan)
+    run = lambda chunk, tick: _chunk(chunk[0], chunk[1], turns, every, count, how, tick)  # noqa: E731
+    whole, last, gained = chunk_by_chunk(run, (scenes, states), ticker)
+    tally, nothing = jax.tree.map(jnp.asarray, last.tally), np.full(len(scenes.drive.omega), np.nan)
     assert tally.log is not None  # as derivatives are not computed
     finite = np.isfinite(sum(np.asarray(a, float) for a in jax.tree.leaves((tally.integrals, gained))))
     status = np.where((last.status == Status.OK) & ~finite, Status.NOT_FINITE, last.status)
