@@ -46,7 +46,7 @@ def scene_options(made: OneLineParser, method: bool = True) -> None:
     made.add_argument("scene", metavar="SCENE", help="a TOML file or the name of a shipped scene")
     made.add_argument("--set", action="append", default=[], metavar="K=V", help="override table.key=value")
     made.add_argument("--periods", type=count(1), metavar="N", help="periods kept")
-    made.set_defaults(steps_per_period=None, choice=None)
+    made.set_defaults(steps_per_period=None)
     if method:
         made.add_argument(
             "--accuracy", type=accuracy, metavar="A", help="fast, balanced, reference or a number: chooses all below"

@@ -3,7 +3,7 @@
 import math
 from functools import cache
 from types import ModuleType
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -90,7 +90,7 @@ def _stiffness(scene: Scene) -> _Stiffness:
     return _Stiffness(stiffness * jnp.sqrt(jnp.outer(mobility, mobility)), fading, haste)
 
 
-def _frequencies(of: _Stiffness, xp: ModuleType) -> tuple[Array | np.ndarray, Array | np.ndarray]:
+def _frequencies(of: _Stiffness, xp: ModuleType) -> tuple[Any, Any]:
     """Largest frequency with contact and friction springs engaged, and with neither [rad/s], by NumPy or JAX."""
     squares, floor = xp.linalg.eigvalsh(of.squares)[..., -1], xp.asarray(of.fading)
     own = xp.maximum(xp.sqrt(squares[..., 2]), floor)
@@ -104,7 +104,7 @@ def contact_gradients(
     """dv/dq and du/dq of the corner pair of `case`, q = (x_1, x_2, y_1, y_2, theta_1, theta_2) = 0."""
 
     def v_and_u(q):
-        at = touch(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), case, block, frozenset())
+        at = touch(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), jnp.asarray(case), block, frozenset())
         return jnp.stack([at.v, at.u])
 
     v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
