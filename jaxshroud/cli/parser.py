@@ -58,6 +58,11 @@ def scene_options(made: OneLineParser, method: bool = True) -> None:
     made.add_argument("--force", action="store_true", help="replace existing results")
 
 
+def check_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud check`."""
+    scene_options(made, method=False)
+
+
 def simulate_options(made: OneLineParser) -> None:
     """Options of `jaxshroud simulate`."""
     scene_options(made)
@@ -180,6 +185,11 @@ VERBS = {
         "Say what the model of a scene consists of, what it lacks and what it costs.",
         'jaxshroud explain table1 --set \'parts.motion=["x", "y"]\'',
         scene_options,
+    ),
+    "check": Verb(
+        "Print a scene's data sheet: frequencies, damping ratios, amplitudes against the gap, and what is doubtful.",
+        "jaxshroud check table1",
+        check_options,
     ),
     "plot": Verb("Draw stored results again, without simulating.", "jaxshroud plot fig09", plot_options),
     "scenes": Verb("List the shipped scenes.", "jaxshroud scenes", _nothing),
