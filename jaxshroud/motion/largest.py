@@ -1,0 +1,56 @@
+"""The largest Lyapunov exponent of many lanes, from one tangent of each."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from jaxshroud.batch.states import STATE, from_vector, to_vector
+from jaxshroud.batch.tangents import Dual, differentiable, onward, run_flow
+from jaxshroud.march.method import Choices
+from jaxshroud.model.modes import Status
+from jaxshroud.model.state import State
+from jaxshroud.motion.interval import interval
+from jaxshroud.motion.lyapunov import units
+from jaxshroud.scene.scene import Scene
+
+TURNING = 32  # periods in which a tangent turns into the direction that grows most
+
+
+class Largest(NamedTuple):
+    """Of each lane, per drive period."""
+
+    exponent: np.ndarray  # (lanes,); -inf where the motion forgets every push; NaN once a lane has stopped
+    ci: np.ndarray  # (lanes,) half width of the 95 % interval
+    growth: np.ndarray  # (lanes, n) of each period
+    status: np.ndarray  # (lanes,)
+    last: State
+
+
+def largest_exponents(
+    scenes: Scene, states: State, n: int, steps: int, method: Choices, ticker: Callable[[int], None] = lambda _: None
+) -> Largest:
+    """The largest exponent of settled motions from their states at drive phase 0, over `n` periods after `TURNING`.
+
+    The tangent begins in a random direction without a share of the slider: one in permanent stick stays wherever it
+    starts, an exponent of 0 that says nothing of the motion.
+    """
+    lanes, unit = len(scenes.drive.omega), units(scenes)
+    along = np.random.default_rng(0).standard_normal((lanes, STATE)) * unit
+    along[:, -1] = 0.0
+    still, method = jax.tree.map(np.zeros_like, scenes), differentiable(method)
+    growth, status = np.empty((lanes, TURNING + n)), np.full(lanes, Status.OK, np.int32)
+    for i in range(TURNING + n):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along = along / np.linalg.norm(along / unit, axis=1, keepdims=True)
+        along = np.where(np.isfinite(along), along, 0.0).astype(scenes.drive.omega.dtype)
+        came = run_flow(Dual(scenes, still), Dual(states, from_vector(along, None, None)), 1, steps, method)
+        status = np.where(status == Status.OK, came.value.status, status)
+        states, along = onward(came).value, to_vector(came.tangent.state)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            growth[:, i] = np.where(status == Status.OK, np.log(np.linalg.norm(along / unit, axis=1)), np.nan)
+        ticker(lanes)
+    growth = growth[:, TURNING:]
+    with np.errstate(invalid="ignore"):
+        return Largest(growth.mean(axis=1), interval(growth), growth, status, states)
