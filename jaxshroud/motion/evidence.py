@@ -26,14 +26,15 @@ from jaxshroud.motion.zero_one import zero_one
 from jaxshroud.scene.scene import Scene
 
 Tick = Callable[[int], None]
+STILL = 1e-6  # of a displacement's size: samples that vary by less are constant to the 0-1 test
 
 
 class Stretches(NamedTuple):
-    """How many periods there are of each, at least 16, 6 and 50."""
+    """How many periods there are of each: at least 16, 16 (a multiple of 4) and 50."""
 
     returns: int = 64
     growth: int = 64
-    series: int = 256
+    series: int = 192
 
     @property
     def all(self) -> int:
@@ -73,7 +74,7 @@ def gathered(
     orbits = _orbits(scenes, states, early, told, loosely, aim)
     grown = largest_exponents(scenes, states, stretches.growth, aim.steps, aim.method, tick)
     late, states = _run(scenes, grown.last, stretches.series, aim, tick)
-    K = _chaos(displacements(late.samples), near)
+    K = _chaos(displacements(late.samples), told.nearest, near * STILL / PERIOD_TOLERANCE)
     status = np.where(grown.status == Status.OK, late.last.status, grown.status)
     away = _away(early, late, told, orbits, size, TURNING + stretches.growth)
     return [
@@ -111,9 +112,7 @@ class _Orbit(NamedTuple):
     samples: np.ndarray  # (q, 6) after 1, 2, ... periods
 
 
-def _orbits(
-    scenes: Scene, states: State, runs: Runs, told: Returns, loosely: Returns, aim: Aim
-) -> list[_Orbit | None]:
+def _orbits(scenes: Scene, states: State, runs: Runs, told: Returns, loosely: Returns, aim: Aim) -> list[_Orbit | None]:
     """The orbit near each lane whose samples return, if only loosely."""
     number, z = np.where(told.number > 0, told.number, loosely.number), rows(runs.samples.motion)
     lanes = np.flatnonzero((number > 0) & (runs.last.status == Status.OK))
@@ -133,12 +132,22 @@ def _orbit(scene: Scene, state: State, q: int, samples: np.ndarray, aim: Aim) ->
     return _Orbit(cycle, displacements(runs.samples)[0])
 
 
-def _chaos(z: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """K of each lane, of the displacement that varies most against what counts."""
-    at = np.ptp(z, axis=1) / near
-    most = np.where(np.isfinite(at), at, 0.0).argmax(axis=1)
-    lanes = np.arange(len(z))
-    return zero_one(z[lanes, :, most], near[lanes, most])
+def _chaos(z: np.ndarray, nearest: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """K of each lane, of the displacement that varies most against its size.
+
+    What repeats with the number of periods after which samples return most nearly is taken out. Like the mean it adds
+    to M what is bounded, in which the weak chaos of narrow bands would be lost.
+    """
+    rest = np.stack([_without_repetition(one, q) for one, q in zip(z, nearest.tolist(), strict=True)])
+    at = np.ptp(rest, axis=1) / near
+    most, lanes = np.where(np.isfinite(at), at, 0.0).argmax(axis=1), np.arange(len(z))
+    return zero_one(rest[lanes, :, most], near[lanes, most])
+
+
+def _without_repetition(z: np.ndarray, q: int) -> np.ndarray:
+    """Samples (n, k) less the means of those that are whole `q` periods apart."""
+    means = np.stack([z[i::q].mean(axis=0) for i in range(q)])
+    return z - means[np.arange(len(z)) % q]
 
 
 def _away(

@@ -16,6 +16,7 @@ from jaxshroud.motion.lyapunov import units
 from jaxshroud.scene.scene import Scene
 
 TURNING = 32  # periods in which a tangent turns into the direction that grows most
+BLOCK = 4  # periods between two looks at its length
 
 
 class Largest(NamedTuple):
@@ -23,7 +24,7 @@ class Largest(NamedTuple):
 
     exponent: np.ndarray  # (lanes,); -inf where the motion forgets every push; NaN once a lane has stopped
     ci: np.ndarray  # (lanes,) half width of the 95 % interval
-    growth: np.ndarray  # (lanes, n) of each period
+    growth: np.ndarray  # (lanes, blocks) of each block of periods, per period
     status: np.ndarray  # (lanes,)
     last: State
 
@@ -31,7 +32,7 @@ class Largest(NamedTuple):
 def largest_exponents(
     scenes: Scene, states: State, n: int, steps: int, method: Choices, ticker: Callable[[int], None] = lambda _: None
 ) -> Largest:
-    """The largest exponent of settled motions from their states at drive phase 0, over `n` periods after `TURNING`.
+    """The largest exponent of settled motions from their states at drive phase 0, over `n` periods, a multiple of 4, after `TURNING`.
 
     The tangent begins in a random direction without a share of the slider: one in permanent stick stays wherever it
     starts, an exponent of 0 that says nothing of the motion.
@@ -40,17 +41,19 @@ def largest_exponents(
     along = np.random.default_rng(0).standard_normal((lanes, STATE)) * unit
     along[:, -1] = 0.0
     still, method = jax.tree.map(np.zeros_like, scenes), differentiable(method)
-    growth, status = np.empty((lanes, TURNING + n)), np.full(lanes, Status.OK, np.int32)
-    for i in range(TURNING + n):
+    turning, blocks = TURNING // BLOCK, max(round(n / BLOCK), 1)
+    growth, status = np.empty((lanes, turning + blocks)), np.full(lanes, Status.OK, np.int32)
+    for i in range(turning + blocks):
         with np.errstate(divide="ignore", invalid="ignore"):
             along = along / np.linalg.norm(along / unit, axis=1, keepdims=True)
         along = np.where(np.isfinite(along), along, 0.0).astype(scenes.drive.omega.dtype)
-        came = run_flow(Dual(scenes, still), Dual(states, from_vector(along, None, None)), 1, steps, method)
+        came = run_flow(Dual(scenes, still), Dual(states, from_vector(along, None, None)), BLOCK, steps, method)
         status = np.where(status == Status.OK, came.value.status, status)
         states, along = onward(came).value, to_vector(came.tangent.state)
         with np.errstate(divide="ignore", invalid="ignore"):
-            growth[:, i] = np.where(status == Status.OK, np.log(np.linalg.norm(along / unit, axis=1)), np.nan)
-        ticker(lanes)
-    growth = growth[:, TURNING:]
+            grown = np.log(np.linalg.norm(along / unit, axis=1)) / BLOCK
+        growth[:, i] = np.where(status == Status.OK, grown, np.nan)
+        ticker(lanes * BLOCK)
+    growth = growth[:, turning:]
     with np.errstate(invalid="ignore"):
         return Largest(growth.mean(axis=1), interval(growth), growth, status, states)

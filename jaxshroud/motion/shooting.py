@@ -76,9 +76,7 @@ def settled_orbit(scene: Scene, state: State, most: int, aim: Aim) -> Algorithm[
     return none_found(scene, state, "aperiodic", spent, steps, method) if latest is None else latest
 
 
-def nearby_orbit(
-    scene: Scene, state: State, q: int, samples: np.ndarray, aim: Aim, spent: int = 0
-) -> Algorithm[Cycle]:
+def nearby_orbit(scene: Scene, state: State, q: int, samples: np.ndarray, aim: Aim, spent: int = 0) -> Algorithm[Cycle]:
     """The orbit of period number `q`, or of a part of it, near a state whose samples (n, 12) nearly repeat.
 
     `spent` periods were simulated before.

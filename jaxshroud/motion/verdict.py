@@ -87,7 +87,7 @@ def judgement(e: Evidence, last: bool = True) -> tuple[Kind, int]:
         return ("periodic", e.cycle.q) if e.away <= STAYS else ("transient not over", 0)
     if e.q and e.away <= STAYS and shrinks:
         return "periodic", e.q
-    if not e.q and grows and e.K > CHAOS:
+    if grows and e.K > CHAOS:
         return "chaotic", 0
     if not e.q and last and abs(e.exponent) <= max(e.ci, FLAT) <= SURE and e.K < REGULAR:
         return "quasi-periodic", 0
@@ -117,8 +117,10 @@ def _spans(e: Evidence) -> Sequence[str]:
 def _of_returns(e: Evidence) -> str:
     """What the return map says, and the orbit that it led to."""
     cycle = e.cycle
-    back = f"samples return after {e.q} to {e.error:.1g} of their size" if e.q else (
-        f"samples do not return, at best to {e.error:.1g} of their size"
+    back = (
+        f"samples return after {e.q} to {e.error:.1g} of their size"
+        if e.q
+        else (f"samples do not return, at best to {e.error:.1g} of their size")
     )
     if cycle is None or not cycle.found:
         return back
