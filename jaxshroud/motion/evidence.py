@@ -16,7 +16,7 @@ from jaxshroud.batch.states import final_states, rows
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State
 from jaxshroud.motion.averages import displacements, half_diagonal, sizes_of
-from jaxshroud.motion.largest import TURNING, Largest, largest_exponents
+from jaxshroud.motion.largest import TURNING, largest_exponents
 from jaxshroud.motion.orbit import Cycle
 from jaxshroud.motion.period import PERIOD_TOLERANCE, nearness
 from jaxshroud.motion.returns import Returns, returns

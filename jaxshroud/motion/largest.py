@@ -32,9 +32,9 @@ class Largest(NamedTuple):
 def largest_exponents(
     scenes: Scene, states: State, n: int, steps: int, method: Choices, ticker: Callable[[int], None] = lambda _: None
 ) -> Largest:
-    """The largest exponent of settled motions from their states at drive phase 0, over `n` periods, a multiple of 4, after `TURNING`.
+    """The largest exponent of settled motions from their states at drive phase 0.
 
-    The tangent begins in a random direction without a share of the slider: one in permanent stick stays wherever it
+    It is that of `n` periods, a multiple of 4, after the first 32, in which tangents turn into their direction. The tangent begins in a random direction without a share of the slider: one in permanent stick stays wherever it
     starts, an exponent of 0 that says nothing of the motion.
     """
     lanes, unit = len(scenes.drive.omega), units(scenes)
