@@ -34,8 +34,9 @@ def largest_exponents(
 ) -> Largest:
     """The largest exponent of settled motions from their states at drive phase 0.
 
-    It is that of `n` periods, a multiple of 4, after the first 32, in which tangents turn into their direction. The tangent begins in a random direction without a share of the slider: one in permanent stick stays wherever it
-    starts, an exponent of 0 that says nothing of the motion.
+    It is that of `n` periods, a multiple of 4, after the first 32, in which tangents turn into their direction. A
+    tangent begins in a random direction without a share of the slider: one in permanent stick stays wherever it starts,
+    an exponent of 0 that says nothing of the motion.
     """
     lanes, unit = len(scenes.drive.omega), units(scenes)
     along = np.random.default_rng(0).standard_normal((lanes, STATE)) * unit
