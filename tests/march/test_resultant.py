@@ -65,7 +65,7 @@ class Sampled:
         middle = p.l_oa / 2 * np.array([math.cos(theta), -math.sin(theta)])
         up, inwards = np.array([math.cos(A), math.sin(A)]), np.array([-math.sin(A), math.cos(A)])
         left = middle + float(self.run.contact_point[i]) * up + self.depth(i) * inwards
-        right = left + [x_1 - x_2 - p.l_oa - p.gap, y_1 - y_2]
+        right = left + np.array([x_1 - x_2 - p.l_oa - p.gap, y_1 - y_2])
         moments = left[1] * R[0] - left[0] * R[1], right[0] * R[1] - right[1] * R[0]
         return np.array([R[0], -R[0], R[1], -R[1], *moments])
 
@@ -113,7 +113,9 @@ def test_forces_obey_the_contact_laws():
     p, run = of.p, of.run
     apart, slip = run.mode == Mode.APART, (run.mode == Mode.SLIP_PLUS) | (run.mode == Mode.SLIP_MINUS)
     sigma = np.where(run.mode == Mode.SLIP_PLUS, 1, -1)
-    assert np.all(run.N[apart] == 0) and np.all(run.F[apart] == 0) and np.all(run.v[apart] < 0)
+    assert np.all(run.N[apart] == 0)
+    assert np.all(run.F[apart] == 0)
+    assert np.all(run.v[apart] < 0)
     np.testing.assert_array_equal(np.isnan(run.contact_point), apart)
     np.testing.assert_allclose(run.N[~apart], p.k * run.v[~apart], rtol=1e-14)
     np.testing.assert_allclose(run.F[slip], (sigma * p.mu * run.N)[slip], rtol=1e-14)
