@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from jaxshroud.march.events import seat
-from jaxshroud.model.absent import ABSENT, Pair, Scalar, mixed
+from jaxshroud.model.absent import ABSENT, Pair, Scalar, mixed, where
 from jaxshroud.model.friction import friction_force, normal_force
 from jaxshroud.model.geometry import Case, Touch, is_upper, tip_is_left
 from jaxshroud.model.modes import FLAT, Mode
@@ -32,6 +32,7 @@ def resultant(Q: Pair, held: State, model: Model) -> Resultant:
     _, case, at = seat(held.motion, held, model)
     N = normal_force(at.v, held.mode, model.spring)
     F = friction_force(at.v, at.u, held.u_s, held.mode, model.spring)
+    F = where(held.mode == Mode.APART, ABSENT, F)  # no negative zero
     point = ABSENT
     if turns(model):
         place = _at_the_tip(at, case, model.block.l_ab)

@@ -69,15 +69,18 @@ class Trajectory(Result):
         return Trajectory(one.data.assign_coords(time=("time", self.t[at])).drop_vars("t"))
 
     def plot(self, ax: "Axes | None" = None, **options: Any) -> "Figure":
-        """Time history, phase portrait, Poincare points and spectrum of a single run.
+        """Time history, phase portrait, Poincare points and spectrum of a single run, or what contact does.
 
         Args:
             ax: Draw there, and only the panel named by `panel`.
-            options: `panel`: "history", "phase", "poincare" or "spectrum"; `settled_from`: the share of the run that
-                all panels but the time history leave out.
+            options: `panel`: "history", "phase", "poincare", "spectrum", "forces", "ribbon" (states and cases over the
+                period), "loop" (friction force over slide) or "path" (where on the face contact acts); `kind` of a
+                whole figure: one of these, or a page of the first four ("motion"), of the others ("forces") or of
+                "all"; `settled_from`: the share of the run that all panels but the time history leave out.
 
         Raises:
-            ValueError: There are many runs, of which `lane` gives one, or there is no such panel.
+            ValueError: There are many runs, of which `lane` gives one, there is no such panel, or too little is stored
+                for it.
         """
         from jaxshroud.results.plot_run import one_panel
 
