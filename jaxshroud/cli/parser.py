@@ -11,6 +11,8 @@ from jaxshroud.scene.checks import Precision
 from jaxshroud.version import __version__
 
 SEEDS = 10**18
+# Pictures of a run: pages of panels and single panels.
+RUN_KINDS = ("motion", "forces", "all", "history", "phase", "poincare", "spectrum", "ribbon", "loop", "path")
 MAP, MOST_MAP = 24, 1000  # values of each of two keys in the map behind the paths of a tuning
 
 
@@ -130,6 +132,7 @@ def trade_options(made: OneLineParser) -> None:
 def plot_options(made: OneLineParser) -> None:
     """Options of `jaxshroud plot`."""
     made.add_argument("source", type=path, metavar="DIR|FILE")
+    made.add_argument("--kind", choices=RUN_KINDS, help="of a run; by default its motion")
     made.add_argument("--out", type=path, metavar="PICTURE", help="by default beside the result")
     made.add_argument("--force", action="store_true", help="replace a picture named by --out")
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 MODES = {"flag_values": [int(m) for m in Mode], "flag_meanings": " ".join(m.name for m in Mode)}
 CASES = "contact case 1-4 of Sec. 2.3; 5: face to face; 0 when apart"
+PLACE = "where contact acts, up the left block's face from its middle; of flat contact the resultant; NaN when apart"
 
 
 class Trajectory(Result):
@@ -32,6 +33,11 @@ class Trajectory(Result):
     u_s = Variable("slider of the friction element; NaN when apart", "m", ("time",))
     mode = Variable("contact mode", None, ("time",), stored=np.int8, kind=np.int32, more=MODES)
     case = Variable(CASES, None, ("time",), stored=np.int8, kind=np.int32)
+    N = Variable("normal force of contact; 0 when apart", "N", ("time",))
+    F = Variable("friction force of contact, positive against sliding to larger u; 0 when apart", "N", ("time",))
+    v = Variable("penetration at the corner in contact; when apart, negative: the gap left there", "m", ("time",))
+    u = Variable("slide of the left block against the right one, up the face", "m", ("time",))
+    contact_point = Variable(PLACE, "m", ("time",))
     status = Variable("how the run ended", alone=True, kind=int, more=FLAGS)
     counters = Counts("events", prefix="count_")
     energy_residual = Variable("energy residual over the drive's work; NaN without a ledger", "1", alone=True)
@@ -63,15 +69,18 @@ class Trajectory(Result):
         return Trajectory(one.data.assign_coords(time=("time", self.t[at])).drop_vars("t"))
 
     def plot(self, ax: "Axes | None" = None, **options: Any) -> "Figure":
-        """Time history, phase portrait, Poincare points and spectrum of a single run.
+        """Time history, phase portrait, Poincare points and spectrum of a single run, or what contact does.
 
         Args:
             ax: Draw there, and only the panel named by `panel`.
-            options: `panel`: "history", "phase", "poincare" or "spectrum"; `settled_from`: the share of the run that
-                all panels but the time history leave out.
+            options: `panel`: "history", "phase", "poincare", "spectrum", "forces", "ribbon" (states and cases over the
+                period), "loop" (friction force over slide) or "path" (where on the face contact acts); `kind` of a
+                whole figure: one of these, or a page of the first four ("motion"), of the others ("forces") or of
+                "all"; `settled_from`: the share of the run that all panels but the time history leave out.
 
         Raises:
-            ValueError: There are many runs, of which `lane` gives one, or there is no such panel.
+            ValueError: There are many runs, of which `lane` gives one, there is no such panel, or too little is stored
+                for it.
         """
         from jaxshroud.results.plot_run import one_panel
 

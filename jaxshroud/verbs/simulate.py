@@ -15,6 +15,7 @@ from jaxshroud.batch.extent import STEP, memory_for
 from jaxshroud.batch.free import free_status
 from jaxshroud.batch.loop import driven
 from jaxshroud.batch.periods import Clock, begin_lanes
+from jaxshroud.batch.resultants import resultants
 from jaxshroud.batch.runs import Progress, Ticker, chunk_by_chunk
 from jaxshroud.batch.states import as_arrays, whole
 from jaxshroud.batch.xla import EachLane, best, compiled
@@ -22,8 +23,9 @@ from jaxshroud.march.energy import balance, energy
 from jaxshroud.march.events import Counters, seat
 from jaxshroud.march.lane import Fixed, Lane, grid
 from jaxshroud.march.method import REFERENCE, Choices, Method
+from jaxshroud.march.resultant import Resultant
 from jaxshroud.march.stability import Steps
-from jaxshroud.model.absent import Scalar, filled
+from jaxshroud.model.absent import Scalar, filled, is_absent
 from jaxshroud.model.friction import stretch
 from jaxshroud.model.linear import free_motion
 from jaxshroud.model.modes import Mode, Status
@@ -78,7 +80,9 @@ def simulate(
         dims: Names of the leading axes; by default `lane`.
 
     Returns:
-        The initial state and then every `every`-th step of `n_periods * steps_per_period`, with all of the start-up.
+        The initial state and then every `every`-th step of `n_periods * steps_per_period`, with all of the start-up;
+        and what contact does then: its forces `N` and `F` [N], `v`, `u` and `contact_point` [m]. A model without
+        contact has none of these, one whose blocks do not turn no `contact_point`; without friction `F` is 0.
 
     Raises:
         ValueError: A count is not a positive integer, or what is to be stored would not fit into memory.
@@ -136,7 +140,7 @@ def _run(
 ) -> dict[str, Any]:
     """Numbers of lanes (leading axis) marched for so many samples."""
     run = lambda chunk, tick: _chunk(chunk[0], chunk[1], turns, every, count, how, tick)  # noqa: E731
-    whole, last, gained = chunk_by_chunk(run, (scenes, states), ticker)
+    whole, contact, last, gained = chunk_by_chunk(run, (scenes, states), ticker)
     tally, nothing = jax.tree.map(jnp.asarray, last.tally), np.full(len(scenes.drive.omega), np.nan)
     assert tally.log is not None  # as derivatives are not computed
     finite = np.isfinite(sum(np.asarray(a, float) for a in jax.tree.leaves((tally.integrals, gained))))
@@ -152,6 +156,7 @@ def _run(
         "u_s": np.where(whole.mode == Mode.APART, np.nan, whole.u_s),
         "mode": whole.mode,
         "case": whole.case,
+        **{name: None if is_absent(a) else a for name, a in contact._asdict().items()},
         "status": status,
         "counters": {n: np.asarray(a) for n, a in vars(filled(tally.log.counters, last.status)).items()},
         "energy_residual": residual.astype(float),
@@ -162,8 +167,8 @@ def _run(
 
 def _chunk(
     scenes: Scene, states: State, turns: float, every: int, count: int, how: Marched, tick: Callable[[int], None]
-) -> tuple[State, Lane, np.ndarray]:
-    """Samples of some lanes (leading axis, then those), where the lanes are in the end, and the energy they gained."""
+) -> tuple[State, Resultant, Lane, np.ndarray]:
+    """Samples of some lanes (leading axis, then those), what contact does then, where the lanes end, energy gained."""
     lanes, first = _begin(scenes, states, how.method)
     samples = [jax.tree.map(lambda a: np.asarray(a)[:, None], first)]
     held, longest = _energy(scenes, lanes), min(max(STEPS_AT_ONCE // every, 1), BLOCK)
@@ -174,9 +179,10 @@ def _chunk(
         samples.append(jax.tree.map(lambda a, n=n: np.moveaxis(np.asarray(a)[:n], 0, 1), block))
         tick(n)
     whole = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
+    contact = resultants(scenes, whole, turns + np.arange(count + 1) * every / how.steps)
     with np.errstate(invalid="ignore"):  # of energies that overflowed
         gained = np.asarray(_energy(scenes, lanes)) - np.asarray(held)
-    return whole, jax.tree.map(np.asarray, lanes), gained
+    return whole, contact, jax.tree.map(np.asarray, lanes), gained
 
 
 def _told_chatter(scenes: Scene, last: Lane, samples: State, turns: float, every: int, how: Marched) -> str | None:
