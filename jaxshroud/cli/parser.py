@@ -64,6 +64,7 @@ def simulate_options(made: OneLineParser) -> None:
     """Options of `jaxshroud simulate`."""
     scene_options(made)
     made.add_argument("--every", type=count(1), default=1, metavar="M", help="store every M-th step")
+    made.add_argument("--events", action="store_true", help="store the states on both sides of every event too")
     made.add_argument("--from", dest="earlier", type=path, metavar="FILE.nc", help="start from its last state")
     made.add_argument("--out", type=path, required=True, metavar="FILE.nc")
 

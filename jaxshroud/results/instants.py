@@ -1,15 +1,18 @@
 """States on both sides of every contact event, stored beside a run's samples, and both in one."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 BEFORE = "event_"  # names of what is stored at events begin so
 AFTER = "event_after"  # the sample that an event comes after; both sides of an event follow each other
 
 
-def with_events(ds: xr.Dataset, of: Sequence[str] | None = None) -> xr.Dataset:
+def with_events(ds: "xr.Dataset", of: Sequence[str] | None = None) -> "xr.Dataset":
     """A run's samples and the states on both sides of every event, in their order; time stands still at an event.
 
     Args:
@@ -20,6 +23,8 @@ def with_events(ds: xr.Dataset, of: Sequence[str] | None = None) -> xr.Dataset:
     kept = ds[names]
     if AFTER not in ds.variables:
         return kept
+    import xarray as xr
+
     at = ds[[BEFORE + name for name in names]].rename({BEFORE + name: name for name in names})
     times = np.concatenate([ds["time"].to_numpy(), ds[f"{BEFORE}t"].to_numpy()])
     order = np.argsort(np.concatenate([np.arange(ds.sizes["time"]), ds[AFTER].to_numpy() + 0.5]), kind="stable")
