@@ -83,6 +83,13 @@ def sweep_options(made: OneLineParser) -> None:
     made.add_argument("--out", type=path, required=True, metavar="DIR")
 
 
+def diagnose_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud diagnose`."""
+    scene_options(made)
+    made.add_argument("--transient", type=count(0), metavar="N", help="periods run first")
+    made.add_argument("--out", type=path, required=True, metavar="DIR")
+
+
 def power_options(made: OneLineParser) -> None:
     """Options of `jaxshroud power`."""
     scene_options(made)
@@ -160,6 +167,11 @@ VERBS = {
         "jaxshroud sweep fig09 --out fig09\n"
         "  jaxshroud sweep table1 --along contact.gamma --start 0 --stop 8 --num 200 --transient 100 --out gamma",
         sweep_options,
+    ),
+    "diagnose": Verb(
+        "Say what kind of motion a scene settles on, and why, on one page.",
+        "jaxshroud diagnose fig10b --out fig10b",
+        diagnose_options,
     ),
     "power": Verb(
         "Vibration-power reduction P_d of one scene and its convergence.",

@@ -54,6 +54,7 @@ class Evidence(NamedTuple):
     status: int
     q: int  # after so many periods all samples return; 0: they do not
     error: float  # of returning, relative to a displacement's size; the least there is if they do not
+    drifts: bool  # samples move one way
     cycle: Cycle | None  # the orbit that Newton's method closed, whatever its flags
     away: float  # of the last samples of all from the orbit, or from the first stretch's, relative to their size
     exponent: float  # the largest, per period
@@ -84,6 +85,7 @@ def gathered(
             int(status[i]),
             int(told.number[i]),
             float(told.error[i]) * PERIOD_TOLERANCE,
+            bool(told.one_way[i]),
             None if orbits[i] is None else orbits[i].cycle,
             float(away[i]),
             float(grown.exponent[i]),

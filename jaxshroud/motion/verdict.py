@@ -89,9 +89,9 @@ def judgement(e: Evidence, last: bool = True) -> tuple[Kind, int]:
         return "periodic", e.q
     if grows and e.K > CHAOS:
         return "chaotic", 0
-    if not e.q and last and abs(e.exponent) <= max(e.ci, FLAT) <= SURE and e.K < REGULAR:
+    if not e.q and last and not e.drifts and abs(e.exponent) <= max(e.ci, FLAT) <= SURE and e.K < REGULAR:
         return "quasi-periodic", 0
-    return ("transient not over" if shrinks else "undecided"), 0
+    return ("transient not over" if shrinks or e.drifts else "undecided"), 0
 
 
 def sentence(verdict: Verdict) -> str:

@@ -30,6 +30,7 @@ CLASSES = {
     "gradient": ("gradient", "Gradient"),
     "lyapunov": ("lyapunov", "Lyapunov"),
     "tuned": ("tuned", "Tuned"),
+    "diagnosis": ("diagnosis", "Diagnosis"),
 }
 
 

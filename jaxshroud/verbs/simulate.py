@@ -21,13 +21,14 @@ from jaxshroud.batch.runs import Progress, Ticker, chunk_by_chunk
 from jaxshroud.batch.xla import EachLane, best, compiled
 from jaxshroud.march.energy import balance, energy
 from jaxshroud.march.events import Counters
-from jaxshroud.march.lane import Fixed, Lane, grid
+from jaxshroud.march.lane import Fixed, Lane, Log, grid
 from jaxshroud.march.method import REFERENCE, Choices, Method
 from jaxshroud.march.stability import Steps
 from jaxshroud.model.absent import Scalar, filled, is_absent
 from jaxshroud.model.linear import free_motion
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.ready import model
+from jaxshroud.model.rhs import Ledger
 from jaxshroud.model.state import State
 from jaxshroud.results.status import tell_failures
 from jaxshroud.results.trajectory import Trajectory
@@ -180,9 +181,27 @@ def _run(scenes: Scene, states: State, grid: _Grid, how: Marched, ticker: Ticker
         "counters": {n: np.asarray(a) for n, a in vars(filled(tally.log.counters, last.status)).items()},
         "energy_residual": residual.astype(float),
         "energy_dropped": dropped.astype(float),
+        **_works(gain),
+        **_shares(tally.log),
         "chatter": _told_chatter(scenes, last, samples["motion"], grid, how),
         "events": events,
     }
+
+
+def _works(gain: Ledger | None) -> dict[str, np.ndarray]:
+    """What the drive did and where it went, over the whole run; nothing where no ledger is kept."""
+    if gain is None:
+        return {}
+    told = {"work_drive": gain.drive, "loss_viscous": gain.viscous, "loss_friction": filled(gain.friction, gain.drive)}
+    return {name: np.asarray(a, float) for name, a in told.items()}
+
+
+def _shares(log: Log) -> dict[str, np.ndarray]:
+    """Fractions of the time in each contact state."""
+    spent = {name: np.asarray(getattr(log, name), float) for name in ("time_apart", "time_stick", "time_slip")}
+    whole = sum(spent.values())
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return {name: t / whole for name, t in spent.items()}
 
 
 def _chunk(scenes: Scene, states: State, grid: _Grid, how: Marched, tick: Callable[[int], None]) -> _Kept:
