@@ -79,6 +79,7 @@ def sweep_options(made: OneLineParser) -> None:
     made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
     made.add_argument("--phase", type=number, default=0.0, metavar="RAD", help="drive phase of the samples")
     made.add_argument("--period-tol", type=number, default=1e-3, help="relative tolerance of the period number")
+    made.add_argument("--lyapunov", action="store_true", help="compute the largest Lyapunov exponent of every lane too")
     made.add_argument("--ledger", action="store_true", help="keep every lane's energy balance (10 to 20 %% slower)")
     made.add_argument("--out", type=path, required=True, metavar="DIR")
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -27,6 +28,11 @@ class Largest(NamedTuple):
     growth: np.ndarray  # (lanes, blocks) of each block of periods, per period
     status: np.ndarray  # (lanes,)
     last: State
+
+
+def shifted(scenes: Scene, phase: float) -> Scene:
+    """Scenes whose drive has at t = 0 the phase that it now has at `phase` [rad]."""
+    return eqx.tree_at(lambda s: s.drive.phase, scenes, scenes.drive.phase + phase) if phase else scenes
 
 
 def largest_exponents(
