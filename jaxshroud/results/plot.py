@@ -62,8 +62,8 @@ def sweep(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None) -> F
     Args:
         ds: The sweep.
         ax: Draw there, and only one panel.
-        panel: "samples" (the default) or "P_d" over one axis; "P_d" (the default) or "motions" over two; "lyapunov" over
-            either, where exponents are stored.
+        panel: "samples" (the default) or "P_d" over one axis; "P_d" (the default) or "motions" over two;
+            "lyapunov" over either, where exponents are stored.
 
     Raises:
         ValueError: The sweep has more axes, or there is no such panel.

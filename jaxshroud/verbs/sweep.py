@@ -213,7 +213,7 @@ def _exponents(scenes: Scene, runs: Runs, plan: Plan, ticker: Ticker, found: Swe
     fine = np.flatnonzero(runs.last.status == Status.OK)
     exponent, ci = np.full((2, len(runs.last.status)), np.nan)
     if len(fine):
-        states = in_precision(final_states(runs.last.state), "float64")
+        states = jax.tree.map(in_full, final_states(runs.last.state))
         lanes, states = jax.tree.map(lambda a: np.asarray(a)[fine], (shifted(scenes, plan.phase), states))
         steps = plan.steps_per_period
         if scenes.parts.contact == "none":  # tangents are marched there too
