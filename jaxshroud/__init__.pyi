@@ -10,8 +10,10 @@ from .model.modes import Status as Status
 from .model.state import State as State
 from .motion.period import periodicity as periodicity
 from .motion.spectrum import amplitude_spectrum as amplitude_spectrum
+from .motion.zero_one import zero_one as zero_one
 from .results.base import Result as Result
 from .results.base import open as open
+from .results.diagnosis import Diagnosis as Diagnosis
 from .results.gradient import Gradient as Gradient
 from .results.lyapunov import Lyapunov as Lyapunov
 from .results.orbit import Orbit as Orbit
@@ -44,6 +46,7 @@ from .scene.shipped import shipped as shipped
 from .scene.vary import value_of as value_of
 from .scene.vary import vary as vary
 from .verbs.check import check as check
+from .verbs.diagnose import diagnose as diagnose
 from .verbs.explain import explain as explain
 from .verbs.gradient import differences as differences
 from .verbs.gradient import gradient as gradient

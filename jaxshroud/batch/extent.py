@@ -6,7 +6,7 @@ from jaxshroud.scene.errors import InputError
 
 MOST_LANE_PERIODS = 10**10  # months on a few cores
 LANE, SAMPLE = 4096, 512  # bytes that a sweep takes at its peak for each lane, and for each of its kept periods
-STEP = 320  # bytes that `simulate` takes at its peak for each step it stores
+STEP = 400  # bytes that `simulate` takes at its peak for each step it stores
 
 
 def fits(lanes: int, transient: int, kept: int) -> None:

@@ -11,6 +11,8 @@ from jaxshroud.scene.checks import Precision
 from jaxshroud.version import __version__
 
 SEEDS = 10**18
+# Pictures of a run: pages of panels and single panels.
+RUN_KINDS = ("motion", "forces", "all", "history", "phase", "poincare", "spectrum", "ribbon", "loop", "path")
 MAP, MOST_MAP = 24, 1000  # values of each of two keys in the map behind the paths of a tuning
 
 
@@ -67,6 +69,7 @@ def simulate_options(made: OneLineParser) -> None:
     """Options of `jaxshroud simulate`."""
     scene_options(made)
     made.add_argument("--every", type=count(1), default=1, metavar="M", help="store every M-th step")
+    made.add_argument("--events", action="store_true", help="store the states on both sides of every event too")
     made.add_argument("--from", dest="earlier", type=path, metavar="FILE.nc", help="start from its last state")
     made.add_argument("--out", type=path, required=True, metavar="FILE.nc")
 
@@ -81,7 +84,15 @@ def sweep_options(made: OneLineParser) -> None:
     made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
     made.add_argument("--phase", type=number, default=0.0, metavar="RAD", help="drive phase of the samples")
     made.add_argument("--period-tol", type=number, default=1e-3, help="relative tolerance of the period number")
+    made.add_argument("--lyapunov", action="store_true", help="compute the largest Lyapunov exponent of every lane too")
     made.add_argument("--ledger", action="store_true", help="keep every lane's energy balance (10 to 20 %% slower)")
+    made.add_argument("--out", type=path, required=True, metavar="DIR")
+
+
+def diagnose_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud diagnose`."""
+    scene_options(made)
+    made.add_argument("--transient", type=count(0), metavar="N", help="periods run first")
     made.add_argument("--out", type=path, required=True, metavar="DIR")
 
 
@@ -135,6 +146,7 @@ def trade_options(made: OneLineParser) -> None:
 def plot_options(made: OneLineParser) -> None:
     """Options of `jaxshroud plot`."""
     made.add_argument("source", type=path, metavar="DIR|FILE")
+    made.add_argument("--kind", choices=RUN_KINDS, help="of a run; by default its motion")
     made.add_argument("--out", type=path, metavar="PICTURE", help="by default beside the result")
     made.add_argument("--force", action="store_true", help="replace a picture named by --out")
 
@@ -161,6 +173,11 @@ VERBS = {
         "jaxshroud sweep fig09 --out fig09\n"
         "  jaxshroud sweep table1 --along contact.gamma --start 0 --stop 8 --num 200 --transient 100 --out gamma",
         sweep_options,
+    ),
+    "diagnose": Verb(
+        "Say what kind of motion a scene settles on, and why, on one page.",
+        "jaxshroud diagnose fig10b --out fig10b",
+        diagnose_options,
     ),
     "power": Verb(
         "Vibration-power reduction P_d of one scene and its convergence.",

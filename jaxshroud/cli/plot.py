@@ -10,7 +10,7 @@ import xarray as xr
 
 from jaxshroud.cli.terminal import CommandError, free
 from jaxshroud.results.store import read, read_json
-from jaxshroud.scene.errors import StoreError
+from jaxshroud.scene.errors import InputError, StoreError
 
 IN_FOLDERS = ("sweep.nc", "power.json", "tune.json", "trade.json")
 # What only a result of that kind has.
@@ -31,21 +31,25 @@ def plot_verb(options: argparse.Namespace) -> None:
     if options.out is not None:
         free(options.out, options.force)
     if source.suffix == ".json":
+        if options.kind is not None:
+            raise CommandError(f"{source}: --kind is for stored runs")
         draw_json(source, read_json(source), picture)
     else:
-        draw_dataset(source, read(source), picture)
+        draw_dataset(source, read(source), picture, options.kind)
     print(picture)
 
 
-def draw_dataset(source: Path, ds: xr.Dataset, picture: Path) -> None:
-    """Draw a sweep or a trajectory."""
+def draw_dataset(source: Path, ds: xr.Dataset, picture: Path, kind: str | None = None) -> None:
+    """Draw a sweep, or a trajectory in one of its kinds of pictures."""
     from jaxshroud.results import plot, plot_run
 
     axes = ds.attrs.get("axes")
     if isinstance(axes, str):
+        if kind is not None:
+            raise CommandError(f"{source}: is a sweep; --kind is for stored runs")
         draw = plot.power_map if "," in axes else plot.bifurcation
     elif "end_turns" in ds.attrs:
-        draw = plot_run.trajectory
+        draw = plot_run.trajectory if kind is None else lambda ds: plot_run.picture(ds, kind)
     else:
         raise StoreError(f"{source}: not a result of jaxshroud; give a sweep or a trajectory")
     _save(source, lambda: draw(ds), picture)
@@ -73,6 +77,8 @@ def _save(source: Path, draw: Callable[[], Any], picture: Path) -> None:
     with warnings.catch_warnings(action="ignore"):  # what matplotlib thinks of a damaged result is no cure
         try:
             figure = draw()
+        except InputError as error:  # what is stored has no such picture
+            raise CommandError(f"{source}: {error}") from None
         except Exception as error:  # of any type: it depends on where the result is damaged
             what = f"lacks {error}" if isinstance(error, KeyError) else f"cannot be drawn ({error})"
             raise StoreError(f"{source}: the result {what}; run the command again") from None

@@ -38,6 +38,7 @@ def simulate_verb(options: argparse.Namespace) -> None:
             turns=begin.turns,
             t=begin.t,
             method=how.method,
+            events=options.events,
         )
     named(found, file).save(options.out)
     warn_status(found.status, found.chatter)

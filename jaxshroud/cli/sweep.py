@@ -52,6 +52,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
                 phase=options.phase,
                 period_tol=options.period_tol,
                 method=how.method,
+                lyapunov=options.lyapunov,
                 progress=report,
             )
         except Interrupted as stopped:
@@ -104,11 +105,17 @@ def sweep_summary(result, seconds: float) -> dict[str, Any]:
         "unsettled": int((~result.settled & ok).sum()),
         **_settling(result, ok),
         "largest P_d": best,
+        **({} if result.lyapunov is None else {"positive exponents": _positive(result)}),
         **({} if residual is None else {"largest energy residual": float(np.max(residual, where=ok, initial=0.0))}),
         **({} if dropped is None else {"largest energy dropped": float(np.max(dropped, where=ok, initial=0.0))}),
         "method": f"{result.method}, {result.steps_per_period} steps a period",
         "seconds": round(seconds, 2),
     }
+
+
+def _positive(result) -> int:
+    """How many lanes have a largest exponent that is positive with its interval."""
+    return int((result.lyapunov - result.lyapunov_ci > 0).sum())
 
 
 def _settling(result, ok: np.ndarray) -> dict[str, Any]:

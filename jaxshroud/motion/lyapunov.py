@@ -40,39 +40,63 @@ def exponents(
     motion that still changes, they may take an order that is not the settled motion's, and keep it for long.
     """
     state = yield from settled(scene, state, transient, steps, method)
-    unit, random = _units(scene), np.random.default_rng(0)
-    frames = [np.linalg.qr(random.standard_normal((STATE, STATE)))[0] for _ in range(2)]
-    growth, done, aligned, status = [], 0, False, Status.OK
+    unit, frames, growth, status = units(scene), first_frames(STATE), [], Status.OK
     while len(growth) < n_periods:
         at = yield Derivatives(Course(scene, state), 1, steps, method)
-        state, status, done = at.end, Status(at.status), done + 1
+        state, status = at.end, Status(at.status)
         if status != Status.OK:
             break
-        frames, factors = zip(*(np.linalg.qr(at.by_state * unit / unit[:, None] @ f) for f in frames), strict=True)
-        with np.errstate(divide="ignore"):
-            grown = np.log(np.abs([np.diag(R) for R in factors]))
-        if aligned:
-            growth.append(grown[0])
-        aligned = aligned or done >= ALIGNING or _alike(grown)
-    return _averaged(np.array(growth).reshape(-1, STATE), int(status), state)
+        frames, grown = pushed(frames, at.by_state * unit / unit[:, None])
+        growth += grown
+    return Exponents(*averaged(np.array(growth).reshape(-1, STATE)), int(status), state)
 
 
-def _averaged(rates: np.ndarray, status: int, last: State) -> Exponents:
-    """Exponents from the growth in each period, (n, 13)."""
+class Frames(NamedTuple):
+    """Two frames of directions on their way through a product of Jacobians."""
+
+    pair: tuple[np.ndarray, ...]  # (size, size) each, orthonormal
+    done: int  # Jacobians so far
+    aligned: bool  # whether they have taken the motion's directions
+
+
+def first_frames(size: int) -> Frames:
+    """Two random frames of as many directions as the state has numbers."""
+    random = np.random.default_rng(0)
+    return Frames(tuple(np.linalg.qr(random.standard_normal((size, size)))[0] for _ in range(2)), 0, False)
+
+
+def pushed(frames: Frames, M: np.ndarray) -> tuple[Frames, list[np.ndarray]]:
+    """The frames after the next Jacobian of any map, and the logarithms of their growth: none until they are aligned.
+
+    The first to grow alike turn the average on; the growth of that period is not in it yet.
+    """
+    pair, factors = zip(*(np.linalg.qr(M @ f) for f in frames.pair), strict=True)
+    with np.errstate(divide="ignore"):
+        grown = np.log(np.abs([np.diag(R) for R in factors]))
+    done = frames.done + 1
+    aligned = frames.aligned or done >= ALIGNING or _alike(grown)
+    return Frames(pair, done, aligned), [grown[0]] if frames.aligned else []
+
+
+def averaged(rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Exponents, largest first, half widths of their intervals, and the growth in each period (n, size) in that order.
+
+    NaN where there is no period.
+    """
     if not len(rates):
-        nothing = np.full(STATE, np.nan)
-        return Exponents(nothing, nothing, rates, status, last)
+        nothing = np.full(rates.shape[1], np.nan)
+        return nothing, nothing, rates
     with np.errstate(invalid="ignore"):
         mean, ci = rates.mean(axis=0), interval(rates.T)
     order = np.argsort(-mean)
-    return Exponents(mean[order], ci[order], rates[:, order], status, last)
+    return mean[order], ci[order], rates[:, order]
 
 
-def _units(scene: Scene) -> np.ndarray:
-    """Displacements, rates and a place of the slider (13,) of equal energy: lengths of tangents then hardly swing."""
+def units(scene: Scene) -> np.ndarray:
+    """Displacements, rates and a place of the slider (..., 13) of equal energy: tangents' lengths then hardly swing."""
     b = scene.blades
     soft = [1 / jnp.sqrt(a) for a in (b.k_x, b.k_y, b.k_T, b.m, b.inertia_y, b.I)]
-    return np.append(np.concatenate([np.asarray(a, float) for a in soft]), float(soft[0][0]))
+    return np.concatenate([np.asarray(a, float) for a in (*soft, soft[0][..., :1])], axis=-1)
 
 
 def _alike(grown: np.ndarray) -> bool:

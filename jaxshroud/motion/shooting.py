@@ -53,7 +53,7 @@ def settled_orbit(scene: Scene, state: State, most: int, aim: Aim) -> Algorithm[
     The scene is run until its samples nearly repeat; then Newton's method closes the orbit. If what it finds is not
     stable, the motion was only passing by, and the run goes on.
     """
-    steps, tolerance, method = aim
+    steps, method = aim.steps, aim.method
     spent, samples, largest, latest = 0, np.empty((0, STATE - 1)), np.empty((0, 6)), None
     lever = float(half_diagonal(scene.shroud))
     for done in range(BLOCK, most + BLOCK, BLOCK):
@@ -69,12 +69,23 @@ def settled_orbit(scene: Scene, state: State, most: int, aim: Aim) -> Algorithm[
         q = _nearly(samples, largest.max(axis=0), lever, scene.drive.omega.dtype)
         if q == 0:
             continue
-        shot = yield from _closed(scene, state, q, _sizes(scene, samples), aim)
-        spent += (shot.updates + 1) * q
-        latest = described(scene, shot, q, tolerance, spent, steps, method)
+        latest = yield from nearby_orbit(scene, state, q, samples, aim, spent)
         if latest.sound:
-            return (yield from _shortest(latest, _sizes(scene, samples), aim))
+            return latest
+        spent = latest.periods
     return none_found(scene, state, "aperiodic", spent, steps, method) if latest is None else latest
+
+
+def nearby_orbit(scene: Scene, state: State, q: int, samples: np.ndarray, aim: Aim, spent: int = 0) -> Algorithm[Cycle]:
+    """The orbit of period number `q`, or of a part of it, near a state whose samples (n, 12) nearly repeat.
+
+    `spent` periods were simulated before.
+    """
+    sizes = _sizes(scene, samples)
+    shot = yield from _closed(scene, state, q, sizes, aim)
+    spent += (shot.updates + 1) * q
+    found = described(scene, shot, q, aim.tolerance, spent, aim.steps, aim.method)
+    return (yield from _shortest(found, sizes, aim)) if found.sound else found
 
 
 def closed_orbit(scene: Scene, state: State, q: int, aim: Aim) -> Algorithm[Cycle]:

@@ -30,6 +30,7 @@ CLASSES = {
     "gradient": ("gradient", "Gradient"),
     "lyapunov": ("lyapunov", "Lyapunov"),
     "tuned": ("tuned", "Tuned"),
+    "diagnosis": ("diagnosis", "Diagnosis"),
 }
 
 
@@ -82,10 +83,10 @@ class Result:
 
         data: dict[str, Any] = {}
         told: dict[str, Any] = {}
-        for name, value in values.items():
+        for name, number in cls.variables.items():
+            value = values.get(name)
             if value is None:
                 continue
-            number = cls.variables[name]
             for entry, (dims, array, attributes) in number.entries(value, tuple(lanes)):
                 if number.alone and not dims:
                     told |= {entry: array.item(), **number.more}

@@ -15,6 +15,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.results.drawing import (
     BLUE,
     COLUMN,
+    GREY,
     INK,
     ORANGE,
     PINK,
@@ -40,6 +41,7 @@ MOTIONS = {
     "aperiodic": "#4d4d4d",
 }
 MOTION_OF = np.array([6, 0, 1, 2, 3, *[4] * 4, *[5] * 8])  # period number -> place in MOTIONS
+EXPONENT = r"exponent $\lambda_1$ [1/T]"  # of Lyapunov, the largest
 STOPPED: Any = {"facecolor": "#ededed", "edgecolor": "#9c9c9c", "hatch": "//////"}
 
 Integers = NDArray[np.integer[Any]]
@@ -60,7 +62,8 @@ def sweep(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None) -> F
     Args:
         ds: The sweep.
         ax: Draw there, and only one panel.
-        panel: "samples" (the default) or "P_d" over one axis; "P_d" (the default) or "motions" over two.
+        panel: "samples" (the default) or "P_d" over one axis; "P_d" (the default) or "motions" over two;
+            "lyapunov" over either, where exponents are stored.
 
     Raises:
         ValueError: The sweep has more axes, or there is no such panel.
@@ -70,7 +73,9 @@ def sweep(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None) -> F
         raise InputError(f"A sweep along {', '.join(dims)} has no picture; select some of its lanes, or draw them.")
     if ax is None:
         return bifurcation(ds) if len(dims) == 1 else power_map(ds)
-    draw = panel_of({"samples": _draw_samples, "P_d": _draw_power} if len(dims) == 1 else MAPS, panel)
+    known = {"samples": _draw_samples, "P_d": _draw_power} if len(dims) == 1 else MAPS
+    more = {"lyapunov": _draw_exponent if len(dims) == 1 else _draw_exponent_map} if "lyapunov" in ds else {}
+    draw = panel_of({**known, **more}, panel)
     if len(dims) == 1:
         ds = _in_order(ds, dims)
         axis = _axis(ds[dims[0]])
@@ -97,18 +102,22 @@ def bifurcation(ds: xr.Dataset) -> Figure:
     """
     (dim,) = _dims(ds, 1)
     ds = _in_order(ds, [dim])
-    figure, axis, motion = new_figure(title_of(ds), COLUMN, 4.4), _axis(ds[dim]), _motion(ds)
+    grows = "lyapunov" in ds
+    figure, axis, motion = new_figure(title_of(ds), COLUMN, 5.7 if grows else 4.4), _axis(ds[dim]), _motion(ds)
     if not (motion >= 0).any():
         return say(figure, _nothing(ds))
-    samples, strip, power = figure.subplots(3, 1, sharex=True, height_ratios=[3, 0.2, 1.7])
+    heights = [3, 0.2, 1.7, *([1.5] if grows else [])]
+    samples, strip, power, *more = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
     _draw_samples(samples, ds, axis, motion)
     _draw_motions(strip, axis.edges, np.array([0.0, 1.0]), motion[None])
     _draw_power(power, ds, axis, motion)
     strip.set(yticks=[])
-    power.set(xlabel=axis.label, xlim=axis.edges[[0, -1]])
+    for panel in more:
+        _draw_exponent(panel, ds, axis, motion)
+    (power, *more)[-1].set(xlabel=axis.label, xlim=axis.edges[[0, -1]])
     _mark_stopped(samples, ds, axis)
-    figure.align_ylabels([samples, power])
-    for panel in (samples, power):
+    figure.align_ylabels([samples, power, *more])
+    for panel in (samples, power, *more):
         legend_above(panel)
     legend_below(figure, _motion_handles(motion))
     return figure
@@ -128,15 +137,19 @@ def power_map(ds: xr.Dataset) -> Figure:
     """
     across, up = _dims(ds, 2)
     ds = _in_order(ds, [across, up]).transpose(up, across, ...)
-    figure, motion = new_figure(title_of(ds), COLUMN, 5.2), _motion(ds)
+    grows = "lyapunov" in ds
+    figure, motion = new_figure(title_of(ds), COLUMN, 7.6 if grows else 5.2), _motion(ds)
     if not (motion >= 0).any():
         return say(figure, _nothing(ds))
     x, y = _axis(ds[across]), _axis(ds[up])
-    power, motions = figure.subplots(2, 1, sharex=True, sharey=True)
+    power, motions, *more = figure.subplots(3 if grows else 2, 1, sharex=True, sharey=True)
     _draw_map(power, ds, x, y, motion)
     _draw_motions(motions, x.edges, y.edges, motion)
-    power.set(ylabel=y.label)
-    motions.set(xlabel=x.label, ylabel=y.label)
+    for panel in more:
+        _draw_exponent_map(panel, ds, x, y, motion)
+    for panel in (power, motions, *more):
+        panel.set(ylabel=y.label)
+    (motions, *more)[-1].set(xlabel=x.label)
     if (motion < 0).any():
         power.add_patch(Rectangle((0, 0), 0, 0, label="stopped: " + ",\n".join(_stopped(ds)), **STOPPED))
     legend_above(power)
@@ -152,6 +165,16 @@ def _draw_map(panel: Axes, ds: xr.Dataset, x: Axis, y: Axis, motion: Integers) -
     panel.patch.set(**STOPPED)
     bar = figure_of(panel).colorbar(mesh, ax=panel, extend="min" if (P_d < floor).any() else "neither", pad=0.02)
     bar.set_label("power reduction $P_d$ [%]")
+
+
+def _draw_exponent_map(panel: Axes, ds: xr.Dataset, x: Axis, y: Axis, motion: Integers) -> None:
+    """The largest exponent as colours, white at 0: stable blue, chaotic red."""
+    exponent = np.ma.masked_invalid(np.where(motion >= 0, ds["lyapunov"].to_numpy(), np.nan))
+    reach = max(float(np.percentile(np.abs(exponent.compressed()), 95)) if exponent.count() else 0.0, 1e-3)
+    colors: Any = {"cmap": "RdBu_r", "vmin": -reach, "vmax": reach, "rasterized": True}
+    mesh = panel.pcolormesh(x.edges, y.edges, exponent, **colors)
+    panel.patch.set(**STOPPED)
+    figure_of(panel).colorbar(mesh, ax=panel, extend="both", pad=0.02).set_label(EXPONENT)
 
 
 def _draw_motion_map(panel: Axes, ds: xr.Dataset, x: Axis, y: Axis, motion: Integers) -> None:
@@ -237,6 +260,16 @@ def _draw_motions(panel: Axes, x_edges: Floats, y_edges: Floats, motion: Integer
     panel.patch.set(**STOPPED)
     cells, colors = np.ma.masked_less(motion, 0), ListedColormap(list(MOTIONS.values()))
     panel.pcolormesh(x_edges, y_edges, cells, cmap=colors, vmin=-0.5, vmax=6.5, rasterized=True)
+
+
+def _draw_exponent(panel: Axes, ds: xr.Dataset, axis: Axis, motion: Integers) -> None:
+    """The largest exponent with its interval; above 0 neighbours part."""
+    mean, ci = (np.where(motion >= 0, ds[key].to_numpy(), np.nan) for key in ("lyapunov", "lyapunov_ci"))
+    mean = np.where(np.isfinite(mean), mean, np.nan)
+    panel.axhline(0, color=GREY, lw=0.6)
+    panel.fill_between(axis.values, *interval(mean, ci), color=PINK, alpha=0.35, lw=0, label="95 % interval")
+    panel.plot(axis.values, mean, color=PINK, lw=0.8, marker="" if motion.size > 100 else ".", ms=3)
+    panel.set(ylabel=EXPONENT)
 
 
 def _draw_power(panel: Axes, ds: xr.Dataset, axis: Axis, motion: Integers) -> None:

@@ -1,24 +1,22 @@
 """Pictures of runs."""
 
-from fractions import Fraction
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from textwrap import fill
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from jaxshroud.model.modes import Mode
-from jaxshroud.motion.spectrum import amplitude_spectrum, label_lines, repeats_after, whole_periods
+from jaxshroud.motion.spectrum import amplitude_spectrum, label_lines, whole_periods
+from jaxshroud.results import plot_contact
 from jaxshroud.results.drawing import (
     BLUE,
+    COLUMN,
     GREY,
     INK,
-    ORANGE,
-    PINK,
-    SKY,
     STYLE,
     WIDE,
     Floats,
@@ -26,13 +24,11 @@ from jaxshroud.results.drawing import (
     new_figure,
     say,
 )
-from jaxshroud.results.panels import Scale, figure_of, limits, panel_of, scale_of, title_of
+from jaxshroud.results.drawn import Drawn, Integers, drawn
+from jaxshroud.results.panels import figure_of, limits, panel_of, title_of
+from jaxshroud.results.plot_contact import MODES
+from jaxshroud.scene.checks import word_argument
 from jaxshroud.scene.errors import InputError
-
-MODES = {Mode.STICK: ("stick", SKY), Mode.SLIP_PLUS: ("slip +", ORANGE), Mode.SLIP_MINUS: ("slip −", PINK)}
-
-Integers = NDArray[np.integer[Any]]
-Booleans = NDArray[np.bool_]
 
 
 @mpl.rc_context(STYLE)
@@ -43,96 +39,142 @@ def trajectory(ds: xr.Dataset, settled_from: float = 0.5) -> Figure:
         ds: A stored trajectory. What lies after its first value that is not finite is left out.
         settled_from: The share of the run that all panels but the time history leave out, as its transient.
     """
-    figure = new_figure(title_of(ds), WIDE, 4.4)
-    run = _drawn(ds, settled_from)
+    return _page(ds, settled_from, MOTION, _draw_or_say)
+
+
+@mpl.rc_context(STYLE)
+def picture(ds: xr.Dataset, kind: str, settled_from: float = 0.5) -> Figure:
+    """A run in one of the `KINDS` of pictures.
+
+    Args:
+        ds: A stored trajectory, as for `trajectory`.
+        kind: "motion", "forces" or "all" for a page of panels, or the name of a panel.
+        settled_from: As for `trajectory`.
+
+    Raises:
+        ValueError: There is no such picture, or too little is stored for it.
+    """
+    word_argument("kind", kind, KINDS)
+    return _page(ds, settled_from, KINDS[kind], _draw)
+
+
+def _draw(name: str, panel: Axes, run: Drawn) -> None:
+    PANELS[name](panel, run)
+
+
+def _draw_or_say(name: str, panel: Axes, run: Drawn) -> None:
+    """A panel, or in its place why it cannot be drawn."""
+    try:
+        _draw(name, panel, run)
+    except InputError as error:
+        panel.text(0.5, 0.5, fill(str(error), 32), ha="center", va="center", transform=panel.transAxes)
+
+
+def _page(ds: xr.Dataset, settled_from: float, names: tuple[str, ...], draw: Callable[..., None]) -> Figure:
+    """Panels two by two, or a single one a column wide."""
+    rows = (len(names) + 1) // 2
+    figure = new_figure(title_of(ds), *((WIDE, 2.2 * rows) if len(names) > 1 else (COLUMN, 2.5)))
+    run = drawn(ds, settled_from)
     if run is None:
         return say(figure, "the run has no finite step")
-    panels = figure.subplots(2, 2).ravel()
-    for panel, draw in zip(panels, PANELS.values(), strict=True):
-        draw(panel, run)
-    legend_below(figure, panels[0].get_legend_handles_labels()[0])
+    panels = np.atleast_1d(figure.subplots(rows, min(len(names), 2))).ravel()
+    for panel, name in zip(panels, names, strict=True):
+        draw(name, panel, run)
+    legend_below(figure, _handles(run, panels[0], names))
     return figure
 
 
-def one_panel(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None, settled_from: float = 0.5) -> Figure:
+def _handles(run: Drawn, first: Axes, names: tuple[str, ...]) -> list[Any]:
+    """What the colours of a page mean."""
+    if "history" not in names:
+        shown = set(names) & set(plot_contact.PANELS)
+        return plot_contact.handles(run, "ribbon" in names) if shown else []
+    lines = first.get_legend_handles_labels()[0]
+    if "ribbon" not in names:
+        return lines
+    return [*lines[:2], *plot_contact.handles(run)]
+
+
+def one_panel(
+    ds: xr.Dataset,
+    ax: Axes | None = None,
+    panel: str | None = None,
+    settled_from: float = 0.5,
+    kind: str | None = None,
+) -> Figure:
     """A run; on `ax` its time history, or another panel.
 
     Args:
         ds: The run of a single scene.
         ax: Draw there, and only one panel.
-        panel: "history" (the default), "phase", "poincare" or "spectrum".
+        panel: One of `PANELS`: "history" (the default), "phase", "poincare", "spectrum", "forces", "ribbon", "loop" or
+            "path".
         settled_from: As for `trajectory`.
+        kind: Of the whole figure, as for `picture`; by default `trajectory`.
 
     Raises:
-        ValueError: There are many runs, or there is no such panel.
+        ValueError: There are many runs, there is no such panel, or too little is stored for it.
     """
     if "status" not in ds.attrs:
         raise InputError("A picture shows one run of many: choose it by `lane`.")
     if ax is None:
-        return trajectory(ds, settled_from)
-    draw, run = panel_of(PANELS, panel), _drawn(ds, settled_from)
+        return trajectory(ds, settled_from) if kind is None else picture(ds, kind, settled_from)
+    draw, run = panel_of(PANELS, panel), drawn(ds, settled_from)
     if run is not None:
         draw(ax, run)
     return figure_of(ax)
 
 
-class Drawn(NamedTuple):
-    """A run in the units of the picture."""
-
-    scale: Scale
-    t: Floats  # [drive periods]
-    x: Floats  # (n, 2)
-    v: Floats  # of the left blade [m/s]
-    mode: Integers
-    kept: Booleans  # after the transient
-    ends: Booleans  # of these, the ends of periods
-    rate: Fraction  # samples in a period
-
-
-def _drawn(ds: xr.Dataset, settled_from: float) -> Drawn | None:
-    """What is finite of a run, if anything is."""
-    bad = ~np.isfinite(ds["x"].to_numpy() + ds["v_x"].to_numpy()).all(axis=1)
-    ds = ds.isel(time=slice(0, int(bad.argmax()) if bad.any() else None))
-    if ds.sizes["time"] < 2:
-        return None
-    scale, steps = scale_of(np.asarray(ds.attrs["gap"])), int(ds.attrs["steps_per_period"])
-    t = ds["time"].to_numpy() * float(ds.attrs["omega"]) / (2 * np.pi)
-    kept = t > t[0] + settled_from * (t[-1] - t[0]) + 1e-9  # not the sample that ends the transient
-    ends = kept & (np.rint(t * steps) % steps == 0)
-    x, v = ds["x"].to_numpy() * scale.factor, ds["v_x"].to_numpy()[:, 0]
-    return Drawn(scale, t, x, v, ds["mode"].to_numpy(), kept, ends, Fraction(steps, int(ds.attrs["every"])))
-
-
-def _history(panel: Axes, run: Drawn) -> None:
+def history(panel: Axes, run: Drawn) -> None:
+    """The last ten periods of both blades over the contact's mode."""
     _draw_history(panel, run.t, run.x, run.mode)
     panel.set(ylabel=run.scale.label("i"))
 
 
-def _phase(panel: Axes, run: Drawn) -> None:
+def phase(panel: Axes, run: Drawn) -> None:
+    """The velocity of the left blade over its displacement."""
     few = run.ends.sum() < 200
     panel.plot(run.x[run.kept, 0], run.v[run.kept], color=BLUE, lw=0.5 if few else 0.25, rasterized=True)
     panel.set(title="phase portrait", xlabel=run.scale.label("1"), ylabel="$v_{x1}$ [m/s]")
 
 
-def _poincare(panel: Axes, run: Drawn) -> None:
+def poincare(panel: Axes, run: Drawn) -> None:
     """The orbit's points at the periods' ends, on axes at least a quarter as long as the orbit."""
+    if not run.ends.any():
+        raise InputError("No end of a period is among the samples after the transient; keep a divisor of the steps.")
     (x, v), few = (run.x[:, 0], run.v), run.ends.sum() < 200
     panel.plot(x[run.ends], v[run.ends], "o", color=INK, ms=2.2 if few else 0.9, mew=0, rasterized=True)
     lengths = [limits(a[run.ends], np.ptp(a[run.kept]) / 4) for a in (x, v)]
-    panel.set(title=f"Poincaré points of {run.ends.sum()} periods", xlim=lengths[0], ylim=lengths[1])
+    panel.set(title=f"Poincaré points of {_count(run.ends.sum())}", xlim=lengths[0], ylim=lengths[1])
     panel.set(xlabel=run.scale.label("1"), ylabel="$v_{x1}$ [m/s]")
 
 
-def _spectrum(panel: Axes, run: Drawn) -> None:
-    _draw_spectrum(panel, run.x[run.kept, 0], run.rate)
+def _count(periods: int) -> str:
+    return f"{periods} period{'s' if periods != 1 else ''}"
+
+
+def spectrum(panel: Axes, run: Drawn) -> None:
+    """Amplitudes of x_1, its lines named."""
+    if run.rate < 2:
+        raise InputError(f"{float(run.rate):.3g} samples of a period are too few for a spectrum; keep more steps.")
+    _draw_spectrum(panel, run)
     panel.set(xlabel="frequency $f/f_e$", ylabel=f"amplitude of {run.scale.label('1')}", title="spectrum")
 
 
-PANELS = {"history": _history, "phase": _phase, "poincare": _poincare, "spectrum": _spectrum}
+MOTION = ("history", "phase", "poincare", "spectrum")
+PANELS: dict[str, Callable[[Axes, Drawn], None]] = {
+    **dict(zip(MOTION, (history, phase, poincare, spectrum), strict=True)),
+    **plot_contact.PANELS,
+}
+KINDS = {
+    **{name: (name,) for name in PANELS},
+    "motion": MOTION,
+    "forces": tuple(plot_contact.PANELS),
+    "all": tuple(PANELS),
+}
 
 
 def _draw_history(panel: Axes, t: Floats, x: Floats, mode: Integers) -> None:
-    """The last ten periods of both blades over the contact's mode."""
     last = t > t[-1] - 10 - 1e-9  # t is a quotient: 10 periods to rounding
     t, x, mode = t[last], x[last], mode[last]
     for blade, color, width in ((0, INK, 0.9), (1, GREY, 0.6)):
@@ -147,9 +189,10 @@ def _draw_history(panel: Axes, t: Floats, x: Floats, mode: Integers) -> None:
     panel.set(xlabel="time $t/T$", title="time history", xlim=t[[0, -1]], ylim=limits(x))
 
 
-def _draw_spectrum(panel: Axes, x: Floats, rate: Fraction) -> None:
+def _draw_spectrum(panel: Axes, run: Drawn) -> None:
     """Lines over a multiple of the period number; a Hann-windowed curve where the motion does not repeat."""
-    n_periods, q = whole_periods(x.size, rate), repeats_after(x, rate)
+    x, rate, q = run.x[run.kept, 0], run.rate, run.repeats
+    n_periods = whole_periods(x.size, rate)
     if n_periods < 1 or np.ptp(x) == 0:
         panel.text(0.5, 0.5, "no oscillation over\na whole period", ha="center", transform=panel.transAxes)
         return

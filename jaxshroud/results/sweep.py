@@ -48,6 +48,8 @@ class SweepResult(Result):
     time_apart = Variable("fraction of the time: apart", "1")
     time_stick = Variable("fraction of the time: stick", "1")
     time_slip = Variable("fraction of the time: slip", "1")
+    lyapunov = Variable("largest Lyapunov exponent per drive period; -inf: forgotten altogether", "1")
+    lyapunov_ci = Variable("half width of its 95 % interval", "1")
     energy_residual = Variable("largest energy residual of a period over the drive's mean work", "1")
     energy_dropped = Variable(
         "largest energy dropped in a period by beginnings of flat contact, over the drive's gross work", "1"
@@ -88,7 +90,8 @@ class SweepResult(Result):
 
         Args:
             ax: Draw there, and only the panel named by `panel`.
-            options: `panel`: "samples" or "P_d" over one axis; "P_d" or "motions" over two.
+            options: `panel`: "samples" or "P_d" over one axis; "P_d" or "motions" over two; "lyapunov" over either,
+                where exponents were computed.
 
         Raises:
             ValueError: The sweep has neither one axis nor two, or no such panel.

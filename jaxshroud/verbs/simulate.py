@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,25 +13,27 @@ from jaxtyping import Array, Float, Int
 from jaxshroud.batch.chatter import chatter
 from jaxshroud.batch.extent import STEP, memory_for
 from jaxshroud.batch.free import free_status
+from jaxshroud.batch.instants import march_with_events, sampled
 from jaxshroud.batch.loop import driven
 from jaxshroud.batch.periods import Clock, begin_lanes
+from jaxshroud.batch.resultants import resultants
 from jaxshroud.batch.runs import Progress, Ticker, chunk_by_chunk
-from jaxshroud.batch.states import as_arrays, whole
 from jaxshroud.batch.xla import EachLane, best, compiled
 from jaxshroud.march.energy import balance, energy
-from jaxshroud.march.events import Counters, seat
-from jaxshroud.march.lane import Fixed, Lane, grid
+from jaxshroud.march.events import Counters
+from jaxshroud.march.lane import Fixed, Lane, Log, grid
 from jaxshroud.march.method import REFERENCE, Choices, Method
 from jaxshroud.march.stability import Steps
-from jaxshroud.model.absent import Scalar, filled
-from jaxshroud.model.friction import stretch
+from jaxshroud.model.absent import Scalar, filled, is_absent
 from jaxshroud.model.linear import free_motion
 from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.ready import Model, model
+from jaxshroud.model.ready import model
+from jaxshroud.model.rhs import Ledger
 from jaxshroud.model.state import State
 from jaxshroud.results.status import tell_failures
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.checks import count_argument
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.precision import in_precision
@@ -56,6 +58,7 @@ def simulate(
     progress: Progress | None = None,
     throw: bool = False,
     dims: Sequence[str] | None = None,
+    events: bool = False,
 ) -> Trajectory:
     """Integrate Eq. (1), stopping inside a step at every contact change.
 
@@ -76,12 +79,16 @@ def simulate(
         progress: Called with (samples done, samples in all).
         throw: Raise where a lane stops before its end, rather than warn.
         dims: Names of the leading axes; by default `lane`.
+        events: Keep the states on both sides of every contact event too, as `run.events`; of a single scene.
 
     Returns:
-        The initial state and then every `every`-th step of `n_periods * steps_per_period`, with all of the start-up.
+        The initial state and then every `every`-th step of `n_periods * steps_per_period`, with all of the start-up;
+        and what contact does then: its forces `N` and `F` [N], `v`, `u` and `contact_point` [m]. A model without
+        contact has none of these, one whose blocks do not turn no `contact_point`; without friction `F` is 0.
 
     Raises:
-        ValueError: A count is not a positive integer, or what is to be stored would not fit into memory.
+        ValueError: A count is not a positive integer, what is to be stored would not fit into memory, or `events` are
+            asked for of many scenes or of a model without them.
         NumericalError: With `throw`: a lane stopped.
 
     Source:
@@ -99,6 +106,8 @@ def simulate(
     door = asked(
         scene, n_periods=n_periods, steps_per_period=steps_per_period, method=method, accuracy=accuracy, dims=dims
     )
+    if events and (door.shape or door.scene.parts.contact != "spring"):
+        raise InputError("Argument `events` keeps those of one scene with located contact; simulate it alone.")
     given = door.lanes
     how = marched(door, given, REFERENCE)
     scenes = in_precision(given, how.method.precision)
@@ -109,11 +118,14 @@ def simulate(
     if scenes.parts.contact == "none":
         values = _without_contact(scenes, states, turns, index / how.steps)
     else:
-        values = _run(scenes, states, turns, every, count, how, Ticker(len(scenes.drive.omega) * count, progress))
-    chatter = values.pop("chatter", None)
+        grid = _Grid(turns, every, count, events)
+        values = _run(scenes, states, grid, how, Ticker(len(scenes.drive.omega) * count, progress))
+    chatter, met = values.pop("chatter", None), values.pop("events", None)
     times = t + index * (np.asarray(scenes.drive.period, float)[:, None] / how.steps)
     after = float((turns + (index[-1] % how.steps) / how.steps) % 1)
     common = {"turns": after, "every": every, "chatter": chatter, **how.told}
+    if met is not None:
+        values["events"] = {**met, "t": t + met["t"] * (np.asarray(scenes.drive.period, float)[:, None] / how.steps)}
     lanes = {"omega": scenes.drive.omega, "gap": scenes.shroud.gap, **values, "t": times}
     found = _result(door, in_shape(lanes, door.shape), common)
     tell_failures(found.status, chatter, throw=throw)
@@ -131,12 +143,28 @@ def _result(door: Asked, values: dict[str, Any], common: dict[str, Any]) -> Traj
     )
 
 
-def _run(
-    scenes: Scene, states: State, turns: float, every: int, count: int, how: Marched, ticker: Ticker
-) -> dict[str, Any]:
+class _Grid(NamedTuple):
+    """What is kept of a run."""
+
+    turns: float  # drive phase at the start
+    every: int  # steps from sample to sample
+    samples: int  # after the first
+    events: bool  # both sides of these too
+
+
+class _Kept(NamedTuple):
+    """What some lanes have come to (leading axis)."""
+
+    samples: dict[str, Any]  # then (samples,)
+    last: Lane
+    gained: np.ndarray  # energy [J]
+    events: dict[str, Any] | None
+
+
+def _run(scenes: Scene, states: State, grid: _Grid, how: Marched, ticker: Ticker) -> dict[str, Any]:
     """Numbers of lanes (leading axis) marched for so many samples."""
-    run = lambda chunk, tick: _chunk(chunk[0], chunk[1], turns, every, count, how, tick)  # noqa: E731
-    whole, last, gained = chunk_by_chunk(run, (scenes, states), ticker)
+    run = lambda chunk, tick: _chunk(chunk[0], chunk[1], grid, how, tick)  # noqa: E731
+    samples, last, gained, events = chunk_by_chunk(run, (scenes, states), ticker)
     tally, nothing = jax.tree.map(jnp.asarray, last.tally), np.full(len(scenes.drive.omega), np.nan)
     assert tally.log is not None  # as derivatives are not computed
     finite = np.isfinite(sum(np.asarray(a, float) for a in jax.tree.leaves((tally.integrals, gained))))
@@ -148,42 +176,88 @@ def _run(
         residual = missing / np.where(gain.drive == 0, 1.0, np.abs(gain.drive))
         dropped = np.asarray(filled(tally.jumps.dropped, gain.gross)) / np.where(gain.gross > 0, gain.gross, 1.0)
     return {
-        "motion": whole.motion,
-        "u_s": np.where(whole.mode == Mode.APART, np.nan, whole.u_s),
-        "mode": whole.mode,
-        "case": whole.case,
+        **samples,
         "status": status,
         "counters": {n: np.asarray(a) for n, a in vars(filled(tally.log.counters, last.status)).items()},
         "energy_residual": residual.astype(float),
         "energy_dropped": dropped.astype(float),
-        "chatter": _told_chatter(scenes, last, whole, turns, every, how),
+        **_works(gain),
+        **_shares(tally.log),
+        "chatter": _told_chatter(scenes, last, samples["motion"], grid, how),
+        "events": events,
     }
 
 
-def _chunk(
-    scenes: Scene, states: State, turns: float, every: int, count: int, how: Marched, tick: Callable[[int], None]
-) -> tuple[State, Lane, np.ndarray]:
-    """Samples of some lanes (leading axis, then those), where the lanes are in the end, and the energy they gained."""
+def _works(gain: Ledger | None) -> dict[str, np.ndarray]:
+    """What the drive did and where it went, over the whole run; nothing where no ledger is kept."""
+    if gain is None:
+        return {}
+    told = {"work_drive": gain.drive, "loss_viscous": gain.viscous, "loss_friction": filled(gain.friction, gain.drive)}
+    return {name: np.asarray(a, float) for name, a in told.items()}
+
+
+def _shares(log: Log) -> dict[str, np.ndarray]:
+    """Fractions of the time in each contact state."""
+    spent = {name: np.asarray(getattr(log, name), float) for name in ("time_apart", "time_stick", "time_slip")}
+    whole = sum(spent.values())
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return {name: t / whole for name, t in spent.items()}
+
+
+def _chunk(scenes: Scene, states: State, grid: _Grid, how: Marched, tick: Callable[[int], None]) -> _Kept:
+    """What some lanes (leading axis) come to."""
     lanes, first = _begin(scenes, states, how.method)
-    samples = [jax.tree.map(lambda a: np.asarray(a)[:, None], first)]
-    held, longest = _energy(scenes, lanes), min(max(STEPS_AT_ONCE // every, 1), BLOCK)
-    grid_of = np.int32(how.steps), np.asarray(turns, first.u_s.dtype)
-    for done in range(0, count, longest):
-        n = min(longest, count - done)
-        lanes, block = _samples(scenes, lanes, *grid_of, np.int32(every), np.int32(n), how.method, best())
-        samples.append(jax.tree.map(lambda a, n=n: np.moveaxis(np.asarray(a)[:n], 0, 1), block))
-        tick(n)
-    whole = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
+    held, clock, instants = _energy(scenes, lanes), _clock(grid.turns, how, first.u_s.dtype), None
+    if grid.events:
+        args = (clock, grid.every, grid.samples, how.method, tick)
+        lanes, blocks, instants = march_with_events(scenes, lanes, *args)
+    else:
+        lanes, blocks = _blocks(scenes, lanes, grid, how, clock, tick)
+    blocks = [jax.tree.map(lambda a: np.asarray(a)[:, None], first), *blocks]
+    whole = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks)
+    samples = _stored(scenes, whole, grid.turns + np.arange(grid.samples + 1) * grid.every / how.steps)
     with np.errstate(invalid="ignore"):  # of energies that overflowed
         gained = np.asarray(_energy(scenes, lanes)) - np.asarray(held)
-    return whole, jax.tree.map(np.asarray, lanes), gained
+    events = None
+    if instants is not None:
+        events = _stored(scenes, instants.states, grid.turns + instants.steps / how.steps)
+        events |= {"t": instants.steps[None], "after": instants.samples[None]}
+    return _Kept(samples, jax.tree.map(np.asarray, lanes), gained, events)
 
 
-def _told_chatter(scenes: Scene, last: Lane, samples: State, turns: float, every: int, how: Marched) -> str | None:
-    done = (np.isfinite(samples.motion.x[..., 0]).sum(axis=-1) - 1) * every // how.steps
-    dtype = samples.u_s.dtype
-    clock = Clock(jnp.asarray(turns, dtype), jnp.int32(how.steps), jnp.asarray(how.steps, dtype))
-    return chatter(scenes, last, done + 1, clock, how.method)
+def _blocks(
+    scenes: Scene, lanes: Lane, grid: _Grid, how: Marched, clock: Clock, tick: Callable[[int], None]
+) -> tuple[Lane, list[State]]:
+    """The lanes at the end, and their samples (lanes, samples) but for the first."""
+    samples, longest = [], min(max(STEPS_AT_ONCE // grid.every, 1), BLOCK)
+    for done in range(0, grid.samples, longest):
+        n = min(longest, grid.samples - done)
+        kept = np.int32(grid.every), np.int32(n)
+        lanes, block = _samples(scenes, lanes, np.int32(how.steps), clock.start, *kept, how.method, best())
+        samples.append(jax.tree.map(lambda a, n=n: np.moveaxis(np.asarray(a)[:n], 0, 1), block))
+        tick(n)
+    return lanes, samples
+
+
+def _stored(scenes: Scene, states: State, turns: np.ndarray) -> dict[str, Any]:
+    """What is stored of states (lanes, samples) at phases of the drive (samples,) [turns]."""
+    contact = resultants(scenes, states, turns)._asdict()
+    return {
+        "motion": states.motion,
+        "u_s": np.where(states.mode == Mode.APART, np.nan, states.u_s),
+        "mode": states.mode,
+        "case": states.case,
+        **{name: a for name, a in contact.items() if not is_absent(a)},
+    }
+
+
+def _clock(turns: float, how: Marched, dtype: Any) -> Clock:
+    return Clock(jnp.asarray(turns, dtype), jnp.int32(how.steps), jnp.asarray(how.steps, dtype))
+
+
+def _told_chatter(scenes: Scene, last: Lane, motion: Motion, grid: _Grid, how: Marched) -> str | None:
+    done = (np.isfinite(motion.x[..., 0]).sum(axis=-1) - 1) * grid.every // how.steps
+    return chatter(scenes, last, done + 1, _clock(grid.turns, how, motion.x.dtype), how.method)
 
 
 def _without_contact(scenes: Scene, states: State, turns: float, periods: np.ndarray) -> dict[str, Any]:
@@ -215,22 +289,12 @@ def _free(scenes: Scene, first: Motion, turns: Scalar, periods) -> tuple[Motion,
 @partial(jax.jit, static_argnames="method")
 def _begin(scenes: Scene, states: State, method: Choices) -> tuple[Lane, State]:
     lanes, models = begin_lanes(scenes, states, method), jax.vmap(model)(scenes)
-    return lanes, jax.vmap(_sample)(lanes, models)
+    return lanes, jax.vmap(sampled)(lanes, models)
 
 
 @jax.jit
 def _energy(scenes: Scene, lanes: Lane) -> Float[Array, " lanes"]:
     return jax.vmap(lambda scene, lane: energy(lane.state, model(scene)))(scenes, lanes)
-
-
-def _sample(lane: Lane, scene_model: Model) -> State:
-    """The lane's state with its slider brought up to date; NaN once the lane has stopped."""
-    held = lane.state
-    at = seat(held.motion, held, scene_model)[2]
-    smooth, held = scene_model.spring.smooth, whole(held)
-    u_s = held.u_s if smooth else at.u - stretch(at.v, at.u, held.u_s, held.mode, scene_model.spring)
-    motion, u_s = jax.tree.map(lambda a: jnp.where(lane.status == Status.OK, a, jnp.nan), (as_arrays(held.motion), u_s))
-    return State(motion, u_s, held.mode, held.case)
 
 
 @compiled("method", "each")
@@ -245,6 +309,6 @@ def _samples(scenes: Scene, lanes: Lane, steps, turns, every, n, method: Choices
 
     def one_sample(lanes, i):
         lanes = lax.fori_loop(0, jnp.where(i < n, every, 0), one_step, lanes)
-        return lanes, jax.vmap(_sample)(lanes, models)
+        return lanes, jax.vmap(sampled)(lanes, models)
 
     return lax.scan(one_sample, lanes, jnp.arange(BLOCK, dtype=jnp.int32))

@@ -12,15 +12,16 @@ from jaxtyping import ArrayLike
 from jaxshroud.batch.continuation import continued, independent
 from jaxshroud.batch.extent import fits
 from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, in_full, told_chatter
-from jaxshroud.batch.states import by_blade
+from jaxshroud.batch.states import by_blade, final_states
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.events import Counters
 from jaxshroud.march.method import FAST, Choices, Method
-from jaxshroud.march.stability import Steps
+from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.absent import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State
 from jaxshroud.motion.averages import averages, relative_drop, relative_residual
+from jaxshroud.motion.largest import TURNING, largest_exponents, shifted
 from jaxshroud.motion.period import PERIOD_TOLERANCE
 from jaxshroud.motion.settling import YES
 from jaxshroud.results.dimension import dimension
@@ -51,6 +52,7 @@ def sweep(
     accuracy: str | float | None = None,
     state: State | None = None,
     ledger: bool = False,
+    lyapunov: bool = False,
     progress: Progress | None = None,
     throw: bool = False,
     dims: Sequence[str] | None = None,
@@ -75,6 +77,8 @@ def sweep(
             chooses steps and method, see `choose`.
         state: Where to start, at drive phase 0: one state, or one for each of the scenes.
         ledger: Keep every lane's energy balance.
+        lyapunov: Compute the largest Lyapunov exponent too, with its interval: of as many periods more as are kept, in
+            float64, from one tangent of each lane (some ten times the cost of these periods).
         progress: Called with (lane-periods done, lane-periods in all) after every block.
         throw: Raise where a lane stops before its end, rather than warn.
         dims: Names of the leading axes; by default `lane`.
@@ -117,15 +121,22 @@ def sweep(
     grid, direction = _grid_of(door, along, direction)
     fits(math.prod(grid.shape), door.transient, door.n_periods)
     how = marched(grid.door, grid.lanes, FAST._replace(ledger=ledger))
+    precise = in_precision(grid.lanes, "float64") if lyapunov else None
     grid = grid._replace(lanes=in_precision(grid.lanes, how.method.precision))
     plan = Plan(door.transient, door.n_periods, how.steps, phase, how.method)
     states = None if state is None else door.states(state, grid.lanes)
-    ticker = Ticker(math.prod(grid.shape) * (door.transient + door.n_periods), progress)
+    whole = door.transient + door.n_periods + (TURNING + door.n_periods if lyapunov else 0)
+    ticker = Ticker(math.prod(grid.shape) * whole, progress)
     try:
         runs = _run(grid, states, plan, ticker, direction)
     except Interrupted as stopped:
         raise Interrupted(stopped.done and _result(grid, stopped.done, plan, how, period_tol)) from None
     found = _result(grid, runs, plan, how, period_tol)
+    if precise is not None:
+        try:
+            found = SweepResult(found.data.assign(_exponents(precise, runs, plan, ticker, found)))
+        except Interrupted:
+            raise Interrupted(found) from None
     tell_failures(found.status, found.chatter, throw=throw)
     return found
 
@@ -195,6 +206,22 @@ def _result(grid: _Grid, runs: Runs, plan: Plan, how: Marched, period_tol: float
     told |= {"axes": ",".join(grid.dims), "complete": int(not np.any(numbers["status"] == Status.NOT_RUN))}
     values = {**in_shape(numbers, grid.shape), **common}
     return SweepResult.from_values(values, lanes=grid.dims, coords=coords, attrs=told, more=more)
+
+
+def _exponents(scenes: Scene, runs: Runs, plan: Plan, ticker: Ticker, found: SweepResult) -> dict[str, Any]:
+    """The largest exponent of each lane (leading axis) that has not stopped, and its interval, as variables."""
+    fine = np.flatnonzero(runs.last.status == Status.OK)
+    exponent, ci = np.full((2, len(runs.last.status)), np.nan)
+    if len(fine):
+        states = jax.tree.map(in_full, final_states(runs.last.state))
+        lanes, states = jax.tree.map(lambda a: np.asarray(a)[fine], (shifted(scenes, plan.phase), states))
+        steps = plan.steps_per_period
+        if scenes.parts.contact == "none":  # tangents are marched there too
+            steps = steps_for(lanes, 1, "auto", plan.method.tableau)
+        method = plan.method._replace(precision="float64")
+        exponent[fine], ci[fine] = largest_exponents(lanes, states, plan.kept, steps, method, ticker)[:2]
+    made = SweepResult.from_values({"lyapunov": exponent, "lyapunov_ci": ci}, lanes=("all",)).data
+    return {name: (found.dims, a.to_numpy().reshape(found.status.shape), a.attrs) for name, a in made.items()}
 
 
 def _numbers(scenes: Scene, runs: Runs, plan: Plan, period_tol: float) -> dict[str, Any]:
