@@ -80,6 +80,7 @@ def sweep_options(made: OneLineParser) -> None:
     made.add_argument("--phase", type=number, default=0.0, metavar="RAD", help="drive phase of the samples")
     made.add_argument("--period-tol", type=number, default=1e-3, help="relative tolerance of the period number")
     made.add_argument("--ledger", action="store_true", help="keep every lane's energy balance (10 to 20 %% slower)")
+    made.add_argument("--forces", action="store_true", help="and its largest contact forces and the work of friction")
     made.add_argument("--out", type=path, required=True, metavar="DIR")
 
 

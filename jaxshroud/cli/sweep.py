@@ -51,6 +51,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
                 phase=options.phase,
                 period_tol=options.period_tol,
                 method=chosen_method(options),
+                forces=options.forces,
                 progress=report,
             )
         except Interrupted as stopped:
@@ -102,9 +103,20 @@ def sweep_summary(result, seconds: float) -> dict[str, Any]:
         "largest P_d": best,
         **({} if residual is None else {"largest energy residual": float(np.max(residual, where=ok, initial=0.0))}),
         **({} if dropped is None else {"largest energy dropped": float(np.max(dropped, where=ok, initial=0.0))}),
+        **_forces(result, ok),
         "method": f"{result.method}, {result.steps_per_period} steps a period",
         "seconds": round(seconds, 2),
     }
+
+
+def _forces(result, ok: np.ndarray) -> dict[str, float]:
+    """Largest forces and work of friction of all lanes, if they were kept."""
+    told = {
+        "largest normal force [N]": result.N_max,
+        "largest friction force [N]": result.F_max,
+        "largest work of friction per period [J]": result.friction_work,
+    }
+    return {name: float(np.max(a, where=ok, initial=0.0)) for name, a in told.items() if a is not None}
 
 
 def _settling(result, ok: np.ndarray) -> dict[str, Any]:
