@@ -86,6 +86,7 @@ def sweep_options(made: OneLineParser) -> None:
     made.add_argument("--period-tol", type=number, default=1e-3, help="relative tolerance of the period number")
     made.add_argument("--lyapunov", action="store_true", help="compute the largest Lyapunov exponent of every lane too")
     made.add_argument("--ledger", action="store_true", help="keep every lane's energy balance (10 to 20 %% slower)")
+    made.add_argument("--forces", action="store_true", help="and its largest contact forces and the work of friction")
     made.add_argument("--out", type=path, required=True, metavar="DIR")
 
 

@@ -54,6 +54,9 @@ class SweepResult(Result):
     energy_dropped = Variable(
         "largest energy dropped in a period by beginnings of flat contact, over the drive's gross work", "1"
     )
+    N_max = Variable("largest normal force of contact", "N")
+    F_max = Variable("largest magnitude of the friction force", "N")
+    friction_work = Variable("work that friction takes in a drive period, on average", "J")
     counters = Counts("events in the kept periods")
     phase = Attribute(name="drive_phase")  # of the samples [rad]
     period_tol = Attribute()  # of the period number
