@@ -10,8 +10,11 @@ from .model.modes import Status as Status
 from .model.state import State as State
 from .motion.period import periodicity as periodicity
 from .motion.spectrum import amplitude_spectrum as amplitude_spectrum
+from .results.attractors import Attractors as Attractors
 from .results.base import Result as Result
 from .results.base import open as open
+from .results.basins import Basins as Basins
+from .results.branch import Branch as Branch
 from .results.gradient import Gradient as Gradient
 from .results.lyapunov import Lyapunov as Lyapunov
 from .results.orbit import Orbit as Orbit
@@ -43,6 +46,9 @@ from .scene.scene import Shroud as Shroud
 from .scene.shipped import shipped as shipped
 from .scene.vary import value_of as value_of
 from .scene.vary import vary as vary
+from .verbs.attractors import attractors as attractors
+from .verbs.basins import basins as basins
+from .verbs.branch import branch as branch
 from .verbs.explain import explain as explain
 from .verbs.gradient import differences as differences
 from .verbs.gradient import gradient as gradient

@@ -77,9 +77,9 @@ def settled_orbit(scene: Scene, state: State, most: int, aim: Aim) -> Algorithm[
     return none_found(scene, state, "aperiodic", spent, steps, method) if latest is None else latest
 
 
-def closed_orbit(scene: Scene, state: State, q: int, aim: Aim) -> Algorithm[Cycle]:
-    """The orbit of period number `q` near a state, without a run, whether or not it is stable."""
-    shot = yield from _closed(scene, state, q, _sizes(scene, to_vector(state)[None]), aim)
+def closed_orbit(scene: Scene, state: State, q: int, aim: Aim, most: int = MOST_UPDATES) -> Algorithm[Cycle]:
+    """The orbit of period number `q` near a state by `most` updates, without a run, whether or not it is stable."""
+    shot = yield from _closed(scene, state, q, state_sizes(scene, state), aim, most)
     return described(scene, shot, q, aim.tolerance, (shot.updates + 1) * q, aim.steps, aim.method)
 
 
@@ -98,6 +98,11 @@ def _nearly(samples: np.ndarray, sizes: np.ndarray, lever: float, precision: Any
     """The period number that samples (n, 12) nearly have, if they show it three times; else 0."""
     q = int(repetition(samples[:, :6], sizes, np.asarray(lever), NEAR, precision).number)
     return q if 3 * q <= len(samples) else 0
+
+
+def state_sizes(scene: Scene, state: State) -> np.ndarray:
+    """What the numbers of a state at drive phase 0 must come to on its motion, (13,): units to compare them in."""
+    return _sizes(scene, to_vector(state)[None])
 
 
 def _sizes(scene: Scene, samples: np.ndarray) -> np.ndarray:
@@ -164,7 +169,7 @@ def followed(found: Cycle, scenes: Scene) -> np.ndarray:
     All are closed at once, by Newton's method with the Jacobian of the known orbit. NaN where that does not close.
     """
     assert found.jacobian is not None  # there is an orbit
-    lanes, sizes = len(scenes.drive.omega), _sizes(found.scene, to_vector(found.start)[None])
+    lanes, sizes = len(scenes.drive.omega), state_sizes(found.scene, found.start)
     states = repeated(found.start, lanes)
     still, method = jax.tree.map(np.zeros_like, scenes), differentiable(found.method)
     power, least = np.full((lanes, 2), np.nan), np.full(lanes, np.inf)

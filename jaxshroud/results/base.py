@@ -30,6 +30,9 @@ CLASSES = {
     "gradient": ("gradient", "Gradient"),
     "lyapunov": ("lyapunov", "Lyapunov"),
     "tuned": ("tuned", "Tuned"),
+    "branch": ("branch", "Branch"),
+    "attractors": ("attractors", "Attractors"),
+    "basins": ("basins", "Basins"),
 }
 
 
