@@ -13,7 +13,7 @@ SAME, OTHER = 1.5, 3.0  # times the distance between halves of one motion: at mo
 
 
 def distance(a: Floats, b: Floats) -> float:
-    """How far two sets of points (n, k), (m, k) are apart: the mean way to the other's nearest point, the longer one."""
+    """How far two sets of points (n, k), (m, k) are apart: the mean way to the other's nearest point, the longer."""
     return max(to_nearest(a, b), to_nearest(b, a))
 
 

@@ -186,7 +186,9 @@ def _families(found: list[Attractor], label: np.ndarray, aim: Aim):
     kept: list[Attractor] = []
     place = np.arange(len(found) + 2)
     for i, one in enumerate(found):
-        same = next((j for j, other in enumerate(kept) if one.kind == other.kind == "family" and _joined(other, one, aim)), None)
+        same = next(
+            (j for j, other in enumerate(kept) if one.kind == other.kind == "family" and _joined(other, one, aim)), None
+        )
         if same is None:
             place[i] = len(kept)
             kept.append(one)

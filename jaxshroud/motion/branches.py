@@ -8,7 +8,7 @@ from jaxshroud.motion.branch import Line, Point
 from jaxshroud.motion.following import Arc, arc, doubled
 from jaxshroud.motion.grazing import Contacts, contacts, grazing
 from jaxshroud.motion.settling import LARGEST_PERIOD
-from jaxshroud.motion.together import Algorithm, together
+from jaxshroud.motion.together import together
 
 ALIKE = 1e-3  # of the number's range: flips so close that are joined by a branch are its two ends
 

@@ -13,6 +13,7 @@ from jaxshroud.motion.averages import half_diagonal
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.scene import Scene
 
+SPREAD = 2.0  # contact can double what the free motion reaches
 MOST_DRAWS = 64  # for each start, before it is taken as it is
 
 
@@ -29,7 +30,7 @@ def reach(scene: Scene) -> Motion:
     return Motion(*wide, *(omega * w for w in wide))
 
 
-def random_starts(scene: Scene, n: int, seed: int, spread: float = 1.0) -> State:
+def random_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
     """States (n,) apart at drive phase 0, uniform within `spread` times the `reach`.
 
     Those with overlapping blocks are drawn again: they would begin with energy that no motion has put there.

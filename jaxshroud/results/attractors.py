@@ -79,7 +79,9 @@ class Attractors(Result):
         split = [{n: v for n, v in values.items() if (n in of_starts) is here} for here in (True, False)]
         made = cls.from_values(split[0], lanes=lanes, coords={"blade": [0, 1], **(coords or {})}, attrs=attrs)
         rest = cls.from_values(split[1], lanes=("attractor",))
-        made.data = made.data.merge(rest.data, combine_attrs="override").assign_attrs({**rest.data.attrs, **made.data.attrs})
+        made.data = made.data.merge(rest.data, combine_attrs="override").assign_attrs(
+            {**rest.data.attrs, **made.data.attrs}
+        )
         return made
 
     @property
@@ -124,8 +126,8 @@ class Attractors(Result):
         )
         worst = "" if self.worst is None else f"; worst P_d {self.P_d_least[self.worst]:.4g} %"
         return (
-            f"{type(self).__name__} of {self.label.size} starts: {told}; {self.undecided:.3g} undecided or stopped{worst}; "
-            f"{self.method}, {self.steps_per_period} steps a period"
+            f"{type(self).__name__} of {self.label.size} starts: {told}; "
+            f"{self.undecided:.3g} undecided or stopped{worst}; {self.method}, {self.steps_per_period} steps a period"
         )
 
 
@@ -147,11 +149,18 @@ def rows_of_attractors(found: "Found", paths: Sequence[np.ndarray]) -> dict[str,
     ended, of = found.ended, found.label.size
     rows = [_row(one, ended, path) for one, path in zip(found.attractors, paths, strict=True)]
     names = rows[0] if rows else _row(None, ended, np.empty((0, 2)))
-    values = {n: np.array([row[n] for row in rows]).reshape(len(rows), *np.shape(names[n])) for n in names if n != "motion"}
+    values = {
+        n: np.array([row[n] for row in rows]).reshape(len(rows), *np.shape(names[n])) for n in names if n != "motion"
+    }
     fields = [np.array([row["motion"][i] for row in rows]).reshape(-1, 2) for i in range(6)]
     low, high = share_interval(values["starts"], of)
     shares = {"share": values["starts"] / of, "share_low": low, "share_high": high}
-    more = {"motion": Motion(*fields), "distance": nearest(found.attractors), "label": found.label, "status": ended.status}
+    more = {
+        "motion": Motion(*fields),
+        "distance": nearest(found.attractors),
+        "label": found.label,
+        "status": ended.status,
+    }
     gap = {} if not found.attractors else {"gap": float(found.gap)}
     return {**values, **shares, **more, **gap}
 

@@ -90,7 +90,9 @@ class Branch(Result):
         values |= {"along": along, "ends_of_branches": "; ".join(", ".join(one.ends) for one in followed)}
         coords = {"blade": [0, 1], "displacement": [f"{n}_{s}" for n in ("x", "y", "theta") for s in ("left", "right")]}
         told = {**attrs, "start": limits[0], "stop": limits[1]}
-        made = cls.from_values(values, lanes=("point",), coords=coords, attrs=told, more={"gap": (("point",), gap, GAP)})
+        made = cls.from_values(
+            values, lanes=("point",), coords=coords, attrs=told, more={"gap": (("point",), gap, GAP)}
+        )
         made.data["value"].attrs |= {"key": along, "units": about(along)["units"]}
         return made
 

@@ -66,6 +66,11 @@ def sweep(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None) -> F
         ValueError: The sweep has more axes, or there is no such panel.
     """
     dims = str(ds.attrs["axes"]).split(",")
+    if len(dims) == 1 and "direction" in ds.dims:
+        from jaxshroud.results import plot_directions
+
+        return plot_directions.directions(ds, ax, panel)
+    ds = ds.isel(direction=0) if "direction" in ds.dims else ds
     if len(dims) > 2:
         raise InputError(f"A sweep along {', '.join(dims)} has no picture; select some of its lanes, or draw them.")
     if ax is None:

@@ -9,7 +9,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from jaxshroud.results.drawing import BLUE, COLUMN, GREY, INK, ORANGE, PINK, SKY, STYLE, legend_below, new_figure, say
+from jaxshroud.results.drawing import BLUE, COLUMN, ORANGE, PINK, QUANTITIES, SKY, STYLE, legend_below, new_figure, say
 from jaxshroud.results.panels import figure_of, panel_of
 from jaxshroud.results.plot import STOPPED, axis_of
 
@@ -50,7 +50,9 @@ def _draw_orbits(panel: Axes, found: "Attractors") -> None:
     for i in reversed(range(len(found.share))):
         thin = {"lw": 0.5, "alpha": 0.6} if found.kind[i] == 2 else {"lw": 1.0}
         panel.plot(found.path_x[i] * scale, found.path_v_x[i], color=colour(i), label=_name(found, i), **thin)
-        panel.plot(found.motion.x[i, 0] * scale, found.motion.v_x[i, 0], "o", ms=3, color=colour(i), mec="white", mew=0.4)
+        panel.plot(
+            found.motion.x[i, 0] * scale, found.motion.v_x[i, 0], "o", ms=3, color=colour(i), mec="white", mew=0.4
+        )
     panel.set(xlabel=label, ylabel="$v_{x1}$ [m/s]")
 
 
@@ -96,24 +98,20 @@ def basins(found: "Basins", ax: Axes | None = None) -> Figure:
     colours = ListedColormap(list(COLOURS))
     panel.patch.set(**STOPPED)
     panel.pcolormesh(across.edges, up.edges, cells, cmap=colours, vmin=-0.5, vmax=SHOWN - 0.5, rasterized=True)
-    marks = [
-        (np.interp(x, *_shown(found, 0)), np.interp(y, *_shown(found, 1)), i)
-        for i, (x, y) in enumerate(found.at_strobe)
-        if np.isfinite(x + y)
-    ]
-    for x, y, i in marks:
+    for i, (x, y) in enumerate(found.at_strobe * _factors(found)):
         if across.edges[0] <= x <= across.edges[-1] and up.edges[0] <= y <= up.edges[-1]:
-            panel.plot(x, y, "o", ms=3.5, mfc=colour(i), mec=INK if i != 0 else "white", mew=0.7)
+            panel.plot(x, y, "o", ms=3.5, mfc=colour(i), mec="white", mew=0.8)
     panel.set(xlabel=across.label, ylabel=up.label)
     if ax is None:
-        handles: list[Any] = [Patch(color=colour(i), label=_name(found, i)) for i in range(min(len(found.share), SHOWN))]
+        handles: list[Any] = [
+            Patch(color=colour(i), label=_name(found, i)) for i in range(min(len(found.share), SHOWN))
+        ]
         if (found.label < 0).any():
             handles.append(Patch(label="undecided or stopped", **STOPPED))
         legend_below(figure, handles)
     return figure
 
 
-def _shown(found: "Basins", axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Values of an axis in SI and in the unit of the picture."""
-    coordinate = found.data[found.data["label"].dims[axis]]
-    return coordinate.to_numpy(), axis_of(coordinate).values
+def _factors(found: "Basins") -> list[float]:
+    """Units of the picture in one SI unit, of both axes."""
+    return [QUANTITIES[key.split("[")[0]][3] for key in found.plane]

@@ -32,7 +32,9 @@ TWIN: Any = {"lw": 0.9, "color": BLUE}
 
 
 @mpl.rc_context(STYLE)
-def branches(ds: xr.Dataset, ax: Axes | None = None, over: xr.Dataset | None = None, panel: str | None = None) -> Figure:
+def branches(
+    ds: xr.Dataset, ax: Axes | None = None, over: xr.Dataset | None = None, panel: str | None = None
+) -> Figure:
     """Branches over the number followed.
 
     Args:
@@ -140,7 +142,9 @@ PANELS: dict[str, Callable[[Axes, xr.Dataset, Floats, xr.Dataset | None], None]]
 def _handles(ds: xr.Dataset, over: xr.Dataset | None) -> list[Any]:
     """What the legend tells, of what is seen."""
     stable, kind = ds["stable"].to_numpy().astype(bool), ds["kind"].to_numpy()
-    made = [Line2D([], [], ls=LINES[s], label="stable" if s else "unstable", **TWIN) for s in (True, False) if s in stable]
+    made = [
+        Line2D([], [], ls=LINES[s], label="stable" if s else "unstable", **TWIN) for s in (True, False) if s in stable
+    ]
     for name, (marker, color) in MARKERS.items():
         if (kind == KINDS.index(name)).any():
             style: Any = {"ls": "", "ms": 4.5 if name != "grazing" else 2.5, "mfc": color, "mec": INK, "mew": 0.5}

@@ -13,7 +13,7 @@ from jaxshroud.march.method import Choices, Method
 from jaxshroud.march.stability import Steps
 from jaxshroud.model.state import State
 from jaxshroud.motion.attractors import Found, attractors_of
-from jaxshroud.motion.random_starts import random_starts
+from jaxshroud.motion.random_starts import SPREAD, random_starts
 from jaxshroud.motion.shooting import TOLERANCE, Aim
 from jaxshroud.results.attractors import Attractors, rows_of_attractors
 from jaxshroud.scene.checks import count_argument, positive_argument
@@ -24,12 +24,14 @@ from jaxshroud.verbs.door import asked
 from jaxshroud.verbs.lanes import one_scene, with_tangents
 from jaxshroud.verbs.simulate import simulate
 
+SMOOTH = 300  # steps a period of curves that are drawn
+
 
 def attractors(
     scene: Scene | SceneFile,
     starts: int = 256,
     *,
-    spread: float = 1.0,
+    spread: float = SPREAD,
     seed: int = 0,
     most_periods: int = 1024,
     steps_per_period: Steps | None = None,
@@ -74,15 +76,15 @@ def attractors(
     """
     count_argument("starts", starts, 1)
     positive_argument("spread", spread)
-    one, aim, about = _aimed(scene, most_periods, steps_per_period, method, accuracy)
+    one, aim, about = aimed(scene, most_periods, steps_per_period, method, accuracy)
     states = random_starts(one, starts, seed, spread)
-    found = _found(one, states, most_periods, aim, progress)
-    values = rows_of_attractors(found, _paths(found, one, aim)) | {"initial": states.motion}
+    found = found_from(one, states, most_periods, aim, progress)
+    values = rows_of_attractors(found, paths(found, one, aim)) | {"initial": states.motion}
     values |= {"spread": spread, "seed": seed}
     return Attractors.of_values(values, ("start",), about)
 
 
-def _aimed(
+def aimed(
     scene: Scene | SceneFile,
     most_periods: int,
     steps_per_period: Steps | None,
@@ -99,7 +101,8 @@ def _aimed(
     return in_precision(one, how.method.precision), aim, {**attrs, **how.told}
 
 
-def _found(scene: Scene, states: State, most: int, aim: Aim, progress: Progress | None) -> Found:
+def found_from(scene: Scene, states: State, most: int, aim: Aim, progress: Progress | None) -> Found:
+    """What a scene ends on from states (leading axis)."""
     states = jax.tree.map(np.asarray, states)
     try:
         return attractors_of(scene, states, most, aim, Ticker(len(states.u_s) * most, progress))
@@ -107,10 +110,11 @@ def _found(scene: Scene, states: State, most: int, aim: Aim, progress: Progress 
         raise Interrupted(None) from None
 
 
-def _paths(found: Found, scene: Scene, aim: Aim) -> list[np.ndarray]:
+def paths(found: Found, scene: Scene, aim: Aim) -> list[np.ndarray]:
     """The left blade's x and v_x along each attractor, (n, 2): one orbit, or eight periods of an aperiodic one."""
     told = []
     for one in found.attractors:
-        run = simulate(scene, one.state, n_periods=one.q or 8, steps_per_period=aim.steps, method=aim.method)
+        steps = aim.steps * -(-SMOOTH // aim.steps)
+        run = simulate(scene, one.state, n_periods=one.q or 8, steps_per_period=steps, method=aim.method)
         told.append(np.stack([run.motion.x[:, 0], run.motion.v_x[:, 0]], axis=-1))
     return told

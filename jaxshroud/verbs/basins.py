@@ -8,7 +8,7 @@ import numpy as np
 from jaxshroud.batch.runs import Progress, starts
 from jaxshroud.march.method import Choices, Method
 from jaxshroud.march.stability import Steps
-from jaxshroud.motion.random_starts import reach
+from jaxshroud.motion.random_starts import SPREAD, reach
 from jaxshroud.results.attractors import rows_of_attractors
 from jaxshroud.results.basins import Basins
 from jaxshroud.results.dimension import about, dimension
@@ -18,7 +18,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.keys import key_parts
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.attractors import _aimed, _found, _paths
+from jaxshroud.verbs.attractors import aimed, found_from, paths
 
 
 def basins(
@@ -65,14 +65,14 @@ def basins(
     keys = [f"initial.{name.removeprefix('initial.')}" for name in plane]
     if len(set(keys)) != 2:
         raise InputError(f"Argument `plane` must name two numbers of the initial motion, but is {', '.join(plane)}.")
-    one, aim, told = _aimed(scene, most_periods, steps_per_period, method, accuracy)
+    one, aim, told = aimed(scene, most_periods, steps_per_period, method, accuracy)
     asked_for = ranges or (None, None)
     wide = reach(one)
     axes = {key: _values(key, wide, ends, num) for key, ends in zip(keys, asked_for, strict=True)}
     grid = grid_of_scenes(one, axes)
     states = starts(jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), grid))
-    found = _found(one, states, most_periods, aim, progress)
-    values = rows_of_attractors(found, _paths(found, one, aim))
+    found = found_from(one, states, most_periods, aim, progress)
+    values = rows_of_attractors(found, paths(found, one, aim))
     values |= {name: np.asarray(values[name]).reshape(num, num) for name in ("label", "status")}
     coords = {dimension(key): (dimension(key), v, about(key)) for key, v in axes.items()}
     return Basins.of_values(values, tuple(map(dimension, keys)), told, coords)
@@ -81,7 +81,7 @@ def basins(
 def _values(key: str, wide, ends: tuple[float, float] | None, num: int) -> np.ndarray:
     """The values along one number of the start."""
     _, name, blade = key_parts(key)
-    most = float(np.max(getattr(wide, name)) if blade is None else getattr(wide, name)[blade])
+    most = SPREAD * float(np.max(getattr(wide, name)) if blade is None else getattr(wide, name)[blade])
     low, high = (-most, most) if ends is None else sorted(map(float, ends))
     if not low < high:
         raise InputError(f"The range of {key} is empty: {low:g} to {high:g}.")

@@ -30,10 +30,11 @@ from jaxshroud.scene.checks import tolerance_argument, word_argument
 from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.scene.parts import Direction
+from jaxshroud.scene.parts import WAYS, Direction
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.accuracy import broken
+from jaxshroud.verbs.directions import together
 from jaxshroud.verbs.door import Asked, Marched, asked, in_line, in_shape, marched
 
 
@@ -51,6 +52,7 @@ def sweep(
     accuracy: str | float | None = None,
     state: State | None = None,
     ledger: bool = False,
+    samples: bool = True,
     progress: Progress | None = None,
     throw: bool = False,
     dims: Sequence[str] | None = None,
@@ -67,7 +69,9 @@ def sweep(
         steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs, as where only a
             method is given.
         direction: "independent" (the default): every lane starts from `scene.initial`. "forward" or "backward": along
-            the first key each value starts from its neighbour's final state, slider and mode included.
+            the first key each value starts from its neighbour's final state, slider and mode included. "both": these
+            two and from rest, in a leading dimension `direction`; over one key the result tells where the motion jumps
+            (`jump`) and where the directions come to different motions (`coexisting`).
         phase: Drive phase omega t at which samples are taken, 0 <= phase < 2 pi [rad].
         period_tol: Tolerance of the period number, see `periodicity`.
         method: How to march; where only steps are given RK4, with events located by the guard's cubic.
@@ -75,6 +79,7 @@ def sweep(
             chooses steps and method, see `choose`.
         state: Where to start, at drive phase 0: one state, or one for each of the scenes.
         ledger: Keep every lane's energy balance.
+        samples: Keep the samples of each lane. Without them memory is bounded: for maps of many lanes.
         progress: Called with (lane-periods done, lane-periods in all) after every block.
         throw: Raise where a lane stops before its end, rather than warn.
         dims: Names of the leading axes; by default `lane`.
@@ -115,19 +120,22 @@ def sweep(
         raise InputError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     tolerance_argument("period_tol", period_tol)
     grid, direction = _grid_of(door, along, direction)
-    fits(math.prod(grid.shape), door.transient, door.n_periods)
+    ways = WAYS if direction == "both" else (direction,)
+    lanes = len(ways) * math.prod(grid.shape)
+    fits(lanes, door.transient, door.n_periods, None if samples else min(lanes, AT_ONCE))
     how = marched(grid.door, grid.lanes, FAST._replace(ledger=ledger))
     grid = grid._replace(lanes=in_precision(grid.lanes, how.method.precision))
     plan = Plan(door.transient, door.n_periods, how.steps, phase, how.method)
     states = None if state is None else door.states(state, grid.lanes)
-    ticker = Ticker(math.prod(grid.shape) * (door.transient + door.n_periods), progress)
-    try:
-        runs = _run(grid, states, plan, ticker, direction)
-    except Interrupted as stopped:
-        raise Interrupted(stopped.done and _result(grid, stopped.done, plan, how, period_tol)) from None
-    found = _result(grid, runs, plan, how, period_tol)
+    ticker = Ticker(lanes * (door.transient + door.n_periods), progress)
+    one_way = _swept if samples else _mapped
+    each = {way: one_way(grid, states, plan, ticker, way, how, period_tol) for way in ways}
+    found = together(each) if direction == "both" else each[direction]
     tell_failures(found.status, found.chatter, throw=throw)
     return found
+
+
+AT_ONCE = 4096  # lanes whose samples are held at once where they are not kept
 
 
 class _Grid(NamedTuple):
@@ -167,6 +175,53 @@ def _grid_of(door: Asked, along: Mapping[str, Any] | None, direction: Direction 
     return _Grid(door, in_line(scenes, len(door.shape) + len(axes)), axes), direction or "independent"
 
 
+def _swept(
+    grid: _Grid,
+    states: State | None,
+    plan: Plan,
+    ticker: Ticker,
+    direction: Direction,
+    how: Marched,
+    period_tol: float,
+) -> SweepResult:
+    """All lanes in one direction."""
+
+    def result(runs: Runs) -> SweepResult:
+        chatter = told_chatter(grid.lanes, runs, plan)
+        return _result(grid, _numbers(grid.lanes, runs, plan, period_tol), chatter, plan, how, period_tol)
+
+    try:
+        return result(_run(grid, states, plan, ticker, direction))
+    except Interrupted as stopped:
+        raise Interrupted(stopped.done and result(stopped.done)) from None
+
+
+def _mapped(
+    grid: _Grid,
+    states: State | None,
+    plan: Plan,
+    ticker: Ticker,
+    direction: Direction,
+    how: Marched,
+    period_tol: float,
+) -> SweepResult:
+    """The same of independent lanes, some thousands at a time, without their samples."""
+    if direction != "independent":
+        raise InputError("Sweeps forward and backward keep their samples; leave out `samples`.")
+    parts, chatter, count = [], None, math.prod(grid.shape)
+    for first in range(0, count, AT_ONCE):
+        at = slice(first, first + AT_ONCE)
+        scenes, begin = jax.tree.map(lambda a: a[at], (grid.lanes, states))  # noqa: B023  called at once
+        try:
+            runs = independent(scenes, (len(scenes.drive.omega),), plan, ticker, begin)
+        except Interrupted:
+            raise Interrupted(None) from None
+        chatter = chatter or told_chatter(scenes, runs, plan)
+        numbers = _numbers(scenes, runs, plan, period_tol)
+        parts.append({name: value for name, value in numbers.items() if name != "motion"})
+    return _result(grid, jax.tree.map(lambda *a: np.concatenate(a), *parts), chatter, plan, how, period_tol)
+
+
 def _run(grid: _Grid, states: State | None, plan: Plan, ticker: Ticker, direction: Direction) -> Runs:
     """All lanes (leading axis)."""
     if direction == "independent":
@@ -181,9 +236,10 @@ def _run(grid: _Grid, states: State | None, plan: Plan, ticker: Ticker, directio
         raise Interrupted(stopped.done and back(stopped.done)) from None
 
 
-def _result(grid: _Grid, runs: Runs, plan: Plan, how: Marched, period_tol: float) -> SweepResult:
-    numbers = _numbers(grid.lanes, runs, plan, period_tol)
-    chatter = told_chatter(grid.lanes, runs, plan)
+def _result(
+    grid: _Grid, numbers: dict[str, Any], chatter: str | None, plan: Plan, how: Marched, period_tol: float
+) -> SweepResult:
+    """The result from the numbers of all lanes (leading axis)."""
     common = {"phase": plan.phase, "period_tol": period_tol, "chatter": chatter, **how.told}
     if how.choice is not None:
         numbers["inaccurate"] = broken(grid.lanes, how.choice)
