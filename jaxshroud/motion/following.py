@@ -16,7 +16,9 @@ STRAIGHT = 0.9  # cosine between tangents that is near enough to 1
 KINK = 1e-4  # steps so short may turn by any angle: the branch has a corner there
 JUMPS = (1e-5, 1e-4, 1e-3, 4e-3)  # of the number's range: how far beyond a place where the map jumps to look on,
 NEAR = 0.1  # and how far the orbit may be from the last one, in sizes of the motion
-SHORTER = 1e-6  # closing error at which an orbit of period q is one of period q / 2
+# Special points at which an orbit of period q may become one of period q / 2, and the closing error in half its period
+# that shows it: two branches cross there, where Newton's method comes no nearer.
+ENDINGS, SHORTER = ("fold", "branch point", "corner"), 0.03
 ASIDE = 1e-2  # of the motion's size: where an orbit of twice the period is looked for beside a flip
 
 
@@ -46,7 +48,7 @@ def arc(line: Line, first: Point, most: int) -> Algorithm[Arc]:
             return Arc(points + ([] if last is None else [last]), end)
         special = [] if there.kind else (yield from special_points(line, here, there))
         for i, point in enumerate(special):
-            if point.kind in ("fold", "branch point") and (yield from _is_shorter(line, point)):
+            if point.kind in ENDINGS and (yield from _is_shorter(line, point)):
                 return Arc([*points, *special[:i], point._replace(kind="")], "flip")
         points += [*special, there]
         if len(points) > 10 and _same(there, first, step):
