@@ -1,9 +1,9 @@
 """Folds and flips of branches against sweeps on either side: python tests/studies/branches.py.
 
 Scenes are drawn with a stated seed and distribution: bending in x alone against a rigid or a moving neighbour, and the
-whole model; stiffness ratio, damping, force, moment, frequency, gap and friction. Each is followed along its stiffness ratio. Every fold and flip of a stable
-orbit is then compared with sweeps that start on the branch's stable orbit, at 1e-3 of the number on either side, with a
-transient of at least 10 / (1 - |multiplier|) periods there:
+whole model; stiffness ratio, damping, force, moment, frequency, gap and friction. Each is followed along its stiffness
+ratio. Every fold and flip of a stable orbit is then compared with sweeps that start on the branch's stable orbit, at
+1e-3 of the number on either side, with a transient of at least 10 / (1 - |multiplier|) periods there:
 
 - at a fold, on the side where the branch has orbits the sweep stays on the stable one (to 1e-4 of the motion's
   size, from a start beside it), and on the other it ends elsewhere;
