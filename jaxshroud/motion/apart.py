@@ -29,10 +29,22 @@ def alike(reference: Floats, other: Floats) -> bool | None:
     on one attractor all are as near.
     """
     first, second = np.array_split(reference, 2)
-    own = to_nearest(second, first)
+    own = _own(reference)
     halves = [to_nearest(half, first) for half in np.array_split(other, 2)]
     back = [to_nearest(first, half) for half in np.array_split(other, 2)]
     most = max(*halves, *back) / max(own, to_nearest(first, second))
     if most <= SAME:
         return True
     return False if min(max(halves), max(back)) / max(own, 1e-300) >= OTHER or most >= 2 * OTHER else None
+
+
+def home(references: list[Floats], points: Floats) -> int | None:
+    """Which of the sets that aperiodic motions fill some points (n, k) are on; None where there is none for sure."""
+    found = [i for i, one in enumerate(references) if to_nearest(points, one) <= SAME * _own(one)]
+    return found[0] if len(found) == 1 else None
+
+
+def _own(reference: Floats) -> float:
+    """How far the second half of a motion is from the first."""
+    first, second = np.array_split(reference, 2)
+    return to_nearest(second, first)

@@ -10,11 +10,11 @@ from jaxshroud.batch.states import STATE, final_states, from_vector, rows, to_ve
 from jaxshroud.batch.xla import repeated
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State
-from jaxshroud.motion.apart import Floats, alike, distance, to_nearest
+from jaxshroud.motion.apart import Floats, alike, distance, home, to_nearest
 from jaxshroud.motion.averages import averages, sizes_of
 from jaxshroud.motion.orbit import Cycle
 from jaxshroud.motion.settling import LARGEST_PERIOD, YES
-from jaxshroud.motion.shooting import Aim, closed_orbit, moved_start, state_sizes
+from jaxshroud.motion.shooting import Aim, closed_orbit, moved_start, shortest_orbit, state_sizes
 from jaxshroud.motion.together import Algorithm, alone_found
 from jaxshroud.scene.scene import Scene
 
@@ -24,6 +24,7 @@ EXACT, EXPLAINED = 1e-6, 4.0  # distances that are none, and times a lane's own 
 NEARBY = 0.05  # of the motion's size: no lane further away is still on its way to an orbit
 ALONG = 0.05  # share of a move that the slider must leave unexplained for two orbits to be of two families
 STRIDES = 8  # in which a slider is moved from one orbit to another
+LONG = 128  # aperiodic lanes that are run on
 MOST = 64  # motions that are told apart
 
 
@@ -130,9 +131,14 @@ def _orbits(scene: Scene, end: Ended, label: np.ndarray, units: np.ndarray, aim:
             continue
         points = _points(cycle, aim) / units
         on = np.array([lane for lane in left if lane == leader or _ends_on(cycle, points, end, lane, units)])
-        kind = "family" if cycle.slider_is_free else "periodic"
-        label[on], left = len(found), np.setdiff1d(left, on)
-        found.append(Attractor(kind, cycle.q, on, points, cycle, cycle.start))
+        left = np.setdiff1d(left, on)
+        known = next((i for i, one in enumerate(found) if distance(one.points, points) <= EXACT), None)
+        label[on] = len(found) if known is None else known
+        if known is None:
+            kind = "family" if cycle.slider_is_free else "periodic"
+            found.append(Attractor(kind, cycle.q, on, points, cycle, cycle.start))
+        else:
+            found[known] = found[known]._replace(lanes=np.append(found[known].lanes, on))
     return found, label
 
 
@@ -145,7 +151,7 @@ def _stable_orbit(scene: Scene, state: State, q: int, aim: Aim) -> Algorithm[Cyc
     for number in (q, 2 * q):
         cycle = yield from closed_orbit(scene, state, number, aim)
         if cycle.sound and number <= 2 * LARGEST_PERIOD:
-            return cycle
+            return (yield from shortest_orbit(cycle, state_sizes(scene, cycle.start), aim))
     return None
 
 
@@ -164,11 +170,11 @@ def _ends_on(cycle: Cycle, points: Floats, end: Ended, lane: int, units: np.ndar
     q, samples = int(end.number[lane]), end.samples[lane] / units
     if cycle.slider_is_free and end.state.mode[lane] == cycle.start.mode:
         return _beside(cycle, samples[-q:], float(end.state.u_s[lane]), units)
-    if cycle.q % q:
+    if cycle.q % q and q % cycle.q:  # a slow lane may still look like a multiple
         return False
     drift = float(np.abs(samples[-q:] - samples[-2 * q : -q]).max())
     most = min(max(EXACT, EXPLAINED * drift / max(1 - abs(cycle.others[0]), 1e-3)), NEARBY)
-    return distance(samples[-cycle.q :], points) <= most
+    return distance(samples[-max(q, cycle.q) :], points) <= most
 
 
 def _beside(cycle: Cycle, samples: Floats, u_s: float, units: np.ndarray) -> bool:
@@ -224,27 +230,37 @@ def _with_slider(cycle: Cycle, u_s: float, aim: Aim) -> Algorithm[Cycle | None]:
 
 
 def _sets(scene: Scene, end: Ended, label: np.ndarray, first: int, units: np.ndarray, aim: Aim, ticker: Ticker):
-    """Aperiodic attractors, by the sets that longer runs fill."""
+    """Aperiodic attractors, by the sets that longer runs of some lanes fill; the others are where their points are."""
     lanes = np.flatnonzero((end.number == 0) & (end.status == Status.OK))
     if not len(lanes):
         return [], label
-    state = jax.tree.map(lambda a: np.asarray(a)[lanes], end.state)
-    plan = Plan(0, KEPT_APERIODIC, aim.steps, 0.0, aim.method)
-    runs = run_lanes(repeated(scene, len(lanes)), state, plan, ticker)
+    some, rest, label = lanes[:LONG], lanes[LONG:], label.copy()
+    state = jax.tree.map(lambda a: np.asarray(a)[some], end.state)
+    runs = run_lanes(repeated(scene, len(some)), state, Plan(0, KEPT_APERIODIC, aim.steps, 0.0, aim.method), ticker)
     points, states = rows(runs.samples.motion) / units, final_states(runs.last.state)
     good = np.asarray(runs.last.status) == Status.OK
-    found, label, left = [], label.copy(), [i for i in range(len(lanes)) if good[i]]
-    label[lanes[~good]] = -2
-    while left and first + len(found) < MOST:
-        leader, told = left[0], {i: alike(points[left[0]], points[i]) for i in left[1:]}
-        on = [leader, *(i for i, same in told.items() if same)]
-        if len(on) == 1 and None in told.values():
-            left = left[1:]  # itself undecided
-            continue
-        label[lanes[on]] = first + len(found)
-        found.append(Attractor("aperiodic", 0, lanes[on], points[leader], None, _lane(states, leader)))
-        left = [i for i in left if i not in on]
-    return found, label
+    label[some[~good]] = -2
+    sets = _told_apart(points, np.flatnonzero(good))[: max(MOST - first, 0)]
+    found = [Attractor("aperiodic", 0, some[on], points[on[0]], None, _lane(states, on[0])) for on in sets]
+    for i, on in enumerate(sets):
+        label[some[on]] = first + i
+    for lane in rest:
+        place = home([one.points for one in found], end.samples[lane] / units)
+        if place is not None:
+            label[lane] = first + place
+    return [one._replace(lanes=np.flatnonzero(label == first + i)) for i, one in enumerate(found)], label
+
+
+def _told_apart(points: Floats, left: np.ndarray) -> list[np.ndarray]:
+    """Lanes of each set; one that is like none for sure, and not unlike all for sure, is in none."""
+    found = []
+    while len(left):
+        told = {i: alike(points[left[0]], points[i]) for i in left[1:]}
+        on = np.array([left[0], *(i for i, same in told.items() if same)])
+        if len(on) > 1 or None not in told.values():
+            found.append(on)
+        left = np.setdiff1d(left, on)
+    return found
 
 
 def nearest(attractors: list[Attractor]) -> np.ndarray:

@@ -11,13 +11,15 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from jaxshroud.batch.runs import Plan, Runs
 from jaxshroud.batch.states import STATE, from_vector, to_vector
 from jaxshroud.batch.tangents import Course, Tangents, direction
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.state import State
+from jaxshroud.motion.averages import sizes_of
 from jaxshroud.motion.orbit import Cycle, Shot, described, slider_is_free
-from jaxshroud.motion.shooting import CLOSED, Aim, state_sizes
-from jaxshroud.motion.together import Algorithm, Derivatives
+from jaxshroud.motion.shooting import CLOSED, Aim
+from jaxshroud.motion.together import Algorithm, Derivatives, Periods
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.scene import Scene
 
@@ -63,10 +65,13 @@ class Point(NamedTuple):
         return self.cycle.others
 
 
-def line_through(found: Cycle, key: str, low: float, high: float, aim: Aim) -> Line:
-    """What is followed from an orbit on."""
-    units = state_sizes(found.scene, found.start)
-    return Line(found.scene, key, low, high, aim, np.append(units[:-1], HARDLY * units[-1]))
+def line_through(found: Cycle, key: str, low: float, high: float, aim: Aim) -> Algorithm[Line]:
+    """What is followed from an orbit on, measured in the largest values on it."""
+    runs: Runs = yield Periods(found.scene, found.start, Plan(0, found.q, aim.steps, 0.0, aim.method))
+    place = sizes_of(runs.samples)[0].max(axis=0).reshape(3, 2).max(axis=1)
+    place = np.repeat(np.where(place > 0, place, 1.0), 2)
+    units = np.concatenate([place, place * float(found.scene.drive.omega), [HARDLY * place[0]]])
+    return Line(found.scene, key, low, high, aim, units)
 
 
 def first_point(line: Line, state: State, value: float, q: int) -> Algorithm[Point | None]:

@@ -73,7 +73,7 @@ def settled_orbit(scene: Scene, state: State, most: int, aim: Aim) -> Algorithm[
         spent += (shot.updates + 1) * q
         latest = described(scene, shot, q, tolerance, spent, steps, method)
         if latest.sound:
-            return (yield from _shortest(latest, _sizes(scene, samples), aim))
+            return (yield from shortest_orbit(latest, _sizes(scene, samples), aim))
     return none_found(scene, state, "aperiodic", spent, steps, method) if latest is None else latest
 
 
@@ -83,7 +83,7 @@ def closed_orbit(scene: Scene, state: State, q: int, aim: Aim, most: int = MOST_
     return described(scene, shot, q, aim.tolerance, (shot.updates + 1) * q, aim.steps, aim.method)
 
 
-def _shortest(long: Cycle, sizes: np.ndarray, aim: Aim) -> Algorithm[Cycle]:
+def shortest_orbit(long: Cycle, sizes: np.ndarray, aim: Aim) -> Algorithm[Cycle]:
     """The orbit with the smallest period number: one that still converged may have looked like a multiple of it."""
     for q in range(1, long.q):
         if long.q % q == 0:

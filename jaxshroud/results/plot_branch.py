@@ -27,6 +27,7 @@ MARKERS = {
     "jump": ("|", INK),
     "grazing": ("o", "white"),
 }
+SIZE, SMALL = 3.5, 2.2  # of markers
 LINES = {True: "-", False: "--"}
 TWIN: Any = {"lw": 0.9, "color": BLUE}
 
@@ -94,7 +95,7 @@ def _draw_lines(panel: Axes, ds: xr.Dataset, x: Floats, y: Floats) -> None:
     for name, (marker, color) in MARKERS.items():
         at = kind == KINDS.index(name)
         edge = {"mec": INK, "mew": 0.5} if marker != "|" else {"mec": color, "mew": 0.6}
-        size = 4.5 if name != "grazing" else 2.5
+        size = SIZE if name != "grazing" else SMALL
         for column in y.T:
             panel.plot(x[at], column[at], marker, ms=size, mfc=color, zorder=3 if name != "grazing" else 2.5, **edge)
 
@@ -147,7 +148,7 @@ def _handles(ds: xr.Dataset, over: xr.Dataset | None) -> list[Any]:
     ]
     for name, (marker, color) in MARKERS.items():
         if (kind == KINDS.index(name)).any():
-            style: Any = {"ls": "", "ms": 4.5 if name != "grazing" else 2.5, "mfc": color, "mec": INK, "mew": 0.5}
+            style: Any = {"ls": "", "ms": SIZE if name != "grazing" else SMALL, "mfc": color, "mec": INK, "mew": 0.5}
             made.append(Line2D([], [], marker=marker, label=name, **style))
     if over is not None:
         made.append(Line2D([], [], ls="", marker=".", ms=3, mew=0, color=GREY, label="sweep"))

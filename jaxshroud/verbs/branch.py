@@ -136,7 +136,7 @@ def _sought(scene: Scene, state: State | None, q: int | None, most_periods: int,
 
 
 def _first(found: Cycle, along: str, low: float, high: float, value: float, aim: Aim) -> tuple[Line, Point]:
-    line = line_through(found, along, low, high, aim)
+    line = alone_found(line_through(found, along, low, high, aim))
     first = alone_found(first_point(line, found.start, value, found.q))
     if first is None:
         raise NumericalError(f"the orbit at {along} = {value:g} does not close to 1e-9: give another value `at`")

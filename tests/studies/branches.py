@@ -15,6 +15,7 @@ Unstable orbits are those that no sweep shows: their closing errors are given.
 import json
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,14 +51,16 @@ class Drawn(NamedTuple):
         return js.load("table1", self.overrides).scene
 
 
-def drawn(count: int, seed: int) -> list[Drawn]:
-    """Scenes of all models in turn."""
+def drawn(
+    count: int, seed: int, models: Sequence[Any] = MODELS, damping: tuple[float, float] = (2.0, 20.0)
+) -> list[Drawn]:
+    """Scenes of models in turn, with a damping c_x [N s/m] in a range."""
     draw, found = np.random.default_rng(seed), []
     for i in range(count):
-        name, parts = MODELS[i % len(MODELS)]
+        name, parts = models[i % len(models)]
         numbers = {
             "contact.gamma": draw.uniform(0.5, 7.5),
-            "blades.c_x": draw.uniform(2.0, 20.0),
+            "blades.c_x": draw.uniform(*damping),
             "drive.F_0": draw.uniform(10.0, 80.0),
             "drive.M_0": 10 ** draw.uniform(-1, 0.5),
             "drive.omega": draw.uniform(400.0, 1000.0),
