@@ -11,8 +11,11 @@ from .model.state import State as State
 from .motion.period import periodicity as periodicity
 from .motion.spectrum import amplitude_spectrum as amplitude_spectrum
 from .motion.zero_one import zero_one as zero_one
+from .results.attractors import Attractors as Attractors
 from .results.base import Result as Result
 from .results.base import open as open
+from .results.basins import Basins as Basins
+from .results.branch import Branch as Branch
 from .results.diagnosis import Diagnosis as Diagnosis
 from .results.gradient import Gradient as Gradient
 from .results.lyapunov import Lyapunov as Lyapunov
@@ -45,6 +48,9 @@ from .scene.scene import Shroud as Shroud
 from .scene.shipped import shipped as shipped
 from .scene.vary import value_of as value_of
 from .scene.vary import vary as vary
+from .verbs.attractors import attractors as attractors
+from .verbs.basins import basins as basins
+from .verbs.branch import branch as branch
 from .verbs.check import check as check
 from .verbs.diagnose import diagnose as diagnose
 from .verbs.explain import explain as explain

@@ -9,15 +9,18 @@ LANE, SAMPLE = 4096, 512  # bytes that a sweep takes at its peak for each lane, 
 STEP = 400  # bytes that `simulate` takes at its peak for each step it stores
 
 
-def fits(lanes: int, transient: int, kept: int) -> None:
-    """Raise ValueError if a run of so many lanes and drive periods would be too long or too large."""
+def fits(lanes: int, transient: int, kept: int, held: int | None = None) -> None:
+    """Raise ValueError if a run of so many lanes and drive periods would be too long or too large.
+
+    Samples are held of `held` lanes at once, by default of all.
+    """
     periods = lanes * (transient + kept)
     if periods > MOST_LANE_PERIODS:
         raise InputError(
             f"{periods:.3g} lane-periods (lanes x periods) are more than the {MOST_LANE_PERIODS:.0e} that a run may "
             "have; give fewer periods or values"
         )
-    memory_for("this run", lanes * (LANE + kept * SAMPLE))
+    memory_for("this run", lanes * LANE + (lanes if held is None else held) * kept * SAMPLE)
 
 
 def memory_for(what: str, size: int) -> None:

@@ -13,6 +13,7 @@ from jaxshroud.version import __version__
 SEEDS = 10**18
 # Pictures of a run: pages of panels and single panels.
 RUN_KINDS = ("motion", "forces", "all", "history", "phase", "poincare", "spectrum", "ribbon", "loop", "path")
+SPREAD = 2.0  # of random starts
 MAP, MOST_MAP = 24, 1000  # values of each of two keys in the map behind the paths of a tuning
 
 
@@ -80,11 +81,12 @@ def sweep_options(made: OneLineParser) -> None:
     made.add_argument("--along", action=_NewAxis, metavar="KEY", help="key to vary; twice makes a grid")
     for name, text in dict(values="a,b,c", start="A", stop="B", num="N").items():
         made.add_argument(f"--{name}", dest=f"axis_{name}", action=_OfAxis, metavar=text, help="of the last --along")
-    made.add_argument("--direction", choices=("independent", "forward", "backward"))
+    made.add_argument("--direction", choices=("independent", "forward", "backward", "both"))
     made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
     made.add_argument("--phase", type=number, default=0.0, metavar="RAD", help="drive phase of the samples")
     made.add_argument("--period-tol", type=number, default=1e-3, help="relative tolerance of the period number")
     made.add_argument("--lyapunov", action="store_true", help="compute the largest Lyapunov exponent of every lane too")
+    made.add_argument("--no-samples", action="store_true", help="numbers of each lane only: for maps of many lanes")
     made.add_argument("--ledger", action="store_true", help="keep every lane's energy balance (10 to 20 %% slower)")
     made.add_argument("--forces", action="store_true", help="and its largest contact forces and the work of friction")
     made.add_argument("--out", type=path, required=True, metavar="DIR")
@@ -132,6 +134,43 @@ def tune_options(made: OneLineParser) -> None:
     made.add_argument("--updates", type=count(1), metavar="N", help="steps of each path")
     made.add_argument("--map", type=count(0, MOST_MAP), default=MAP, metavar="N", help="values a side of the map, or 0")
     made.add_argument("--seed", type=count(0, SEEDS), default=0, metavar="N")
+    made.add_argument("--out", type=path, required=True, metavar="DIR")
+
+
+def branch_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud branch`."""
+    scene_options(made)
+    made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first, of the sweep behind")
+    made.add_argument("--along", required=True, metavar="KEY", help="number of the scene to follow along")
+    made.add_argument("--start", metavar="A", help="where its range begins; by default as the scene sweeps it")
+    made.add_argument("--stop", metavar="B", help="where its range ends")
+    made.add_argument("--at", metavar="VALUE", help="where to begin; by default the scene's own value")
+    made.add_argument("--num", type=count(0), default=200, metavar="N", help="values of the sweep behind, or 0")
+    made.add_argument("--most-points", type=count(2), default=400, metavar="N", help="of a branch in one direction")
+    made.add_argument(
+        "--doublings", type=count(0), default=1, metavar="N", help="orbits of twice the period from flips"
+    )
+    made.add_argument("--out", type=path, required=True, metavar="DIR")
+
+
+def attractors_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud attractors`."""
+    scene_options(made)
+    made.add_argument("--starts", type=count(1), default=256, metavar="N", help="random starts")
+    made.add_argument("--spread", type=number, default=SPREAD, help="of the starts, in what they reach without contact")
+    made.add_argument("--seed", type=count(0, SEEDS), default=0, metavar="N", help="of the starts")
+    made.add_argument("--most-periods", type=count(64), default=1024, metavar="N", help="until a motion is aperiodic")
+    made.add_argument("--out", type=path, required=True, metavar="DIR")
+
+
+def basins_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud basins`."""
+    scene_options(made)
+    made.add_argument("--plane", default="x[0],v_x[0]", metavar="A,B", help="two numbers of the initial motion")
+    made.add_argument("--start", metavar="A,B", help="where their ranges begin, e.g. --start=-1mm,-0.5")
+    made.add_argument("--stop", metavar="A,B", help="where their ranges end")
+    made.add_argument("--num", type=count(2), default=100, metavar="N", help="values of each")
+    made.add_argument("--most-periods", type=count(64), default=512, metavar="N", help="until a motion is aperiodic")
     made.add_argument("--out", type=path, required=True, metavar="DIR")
 
 
@@ -195,6 +234,21 @@ VERBS = {
         "jaxshroud tune table1 --set drive.M_0=10 --over shroud.gap=5um:200um --over contact.gamma=0.1:10 "
         "--range drive.F_0=20,40,60,80 --out tuned",
         tune_options,
+    ),
+    "branch": Verb(
+        "Follow a periodic orbit along a number of a scene, past folds and flips, stable or not.",
+        "jaxshroud branch fig09 --set drive.M_0=0.1 --along contact.gamma --start 0.1 --stop 4 --out branch",
+        branch_options,
+    ),
+    "attractors": Verb(
+        "Find the motions that coexist in a scene, from random starts, with their shares and P_d.",
+        "jaxshroud attractors fig10b --starts 256 --out attractors",
+        attractors_options,
+    ),
+    "basins": Verb(
+        "Draw which motion each start of a plane ends on.",
+        'jaxshroud basins fig10b --plane "x[0],v_x[0]" --num 100 --out basins',
+        basins_options,
     ),
     "trade": Verb(
         "Measure accuracy against cost on a scene of your own.", "jaxshroud trade table1 --out trade", trade_options

@@ -12,7 +12,8 @@ from jaxshroud.cli.terminal import CommandError, free
 from jaxshroud.results.store import read, read_json
 from jaxshroud.scene.errors import InputError, StoreError
 
-IN_FOLDERS = ("sweep.nc", "power.json", "tune.json", "trade.json")
+IN_FOLDERS = ("branch.nc", "attractors.nc", "basins.nc", "sweep.nc", "power.json", "tune.json", "trade.json")
+DRAWN_BY_THEMSELVES = ("branch", "attractors", "basins")
 # What only a result of that kind has.
 POWER, TUNING = {"n", "P_d", "P_d_ci", "final"}, {"over", "points", "scores", "map"}
 TRADE, GRADIENT, SUMMARY = {"settings", "horizon"}, {"of", "kind", "level"}, {"lanes", "period numbers"}
@@ -42,12 +43,15 @@ def plot_verb(options: argparse.Namespace) -> None:
 def draw_dataset(source: Path, ds: xr.Dataset, picture: Path, kind: str | None = None) -> None:
     """Draw a sweep, or a trajectory in one of its kinds of pictures."""
     from jaxshroud.results import plot, plot_run
+    from jaxshroud.results.base import opened
 
     axes = ds.attrs.get("axes")
-    if isinstance(axes, str):
-        if kind is not None:
-            raise CommandError(f"{source}: is a sweep; --kind is for stored runs")
-        draw = plot.power_map if "," in axes else plot.bifurcation
+    if kind is not None and "end_turns" not in ds.attrs:
+        raise CommandError(f"{source}: is no stored run; --kind is for these")
+    if ds.attrs.get("kind") in DRAWN_BY_THEMSELVES:
+        draw = lambda ds: opened(ds, source).plot()  # noqa: E731
+    elif isinstance(axes, str):
+        draw = plot.sweep
     elif "end_turns" in ds.attrs:
         draw = plot_run.trajectory if kind is None else lambda ds: plot_run.picture(ds, kind)
     else:

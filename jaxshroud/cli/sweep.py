@@ -22,7 +22,7 @@ from jaxshroud.motion.settling import UNKNOWN
 from jaxshroud.results.store import write_json
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.verbs.sweep import sweep
+from jaxshroud.verbs.sweep import AT_ONCE, sweep
 from jaxshroud.version import __version__
 
 
@@ -37,7 +37,8 @@ def sweep_verb(options: argparse.Namespace) -> None:
     directory(options.out, names, options.force)
     asked, began = file.sweep_run, time.perf_counter()
     with blamed(file.name):
-        fits(math.prod(a.values.size for a in file.axes), asked.transient, asked.periods)
+        count = math.prod(a.values.size for a in file.axes)
+        fits(count, asked.transient, asked.periods, min(count, AT_ONCE) if options.no_samples else None)
     lanes = _lanes(file)
     how = march(file, lanes, options, FAST_WITH_LEDGER if options.ledger else FAST)
     with progress_bar("lane-periods") as report, blamed(file.name):
@@ -54,6 +55,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
                 method=how.method,
                 lyapunov=options.lyapunov,
                 forces=options.forces,
+                samples=not options.no_samples,
                 progress=report,
             )
         except Interrupted as stopped:
@@ -62,11 +64,9 @@ def sweep_verb(options: argparse.Namespace) -> None:
             _keep_finished(stopped.done, file, options.out, began)
     ds, missed = named(result, file).to_xarray(), unmet(lanes, how.choice)
     if how.choice is not None and missed is not None:
-        about = {
-            "long_name": "estimated to miss the accuracy asked for",
-            "accuracy": how.choice.accuracy,
-        }
-        ds["inaccurate"] = (ds["status"].dims, missed.reshape(ds["status"].shape).astype(np.int8), about)
+        about = {"long_name": "estimated to miss the accuracy asked for", "accuracy": how.choice.accuracy}
+        dims, shape = ds["status"].dims[-len(file.axes) :], ds["status"].shape[-len(file.axes) :]
+        ds["inaccurate"] = (dims, missed.reshape(shape).astype(np.int8), about)
     result.save(options.out / "sweep.nc")
     draw_dataset(options.out / "sweep.nc", ds, options.out / "sweep.png")
     met = {} if missed is None else {"accuracy": str(how.choice), "inaccurate": int(missed.sum())}
@@ -96,9 +96,10 @@ def sweep_summary(result, seconds: float) -> dict[str, Any]:
     best = None
     if np.isfinite(P_d).any():
         at = np.unravel_index(np.nanargmax(P_d), P_d.shape)
-        place = {key: float(v[i]) for (key, v), i in zip(result.axes.items(), at, strict=True)}
+        place = {key: float(v[i]) for (key, v), i in zip(result.axes.items(), at[-len(result.axes) :], strict=True)}
         best = {"P_d": float(P_d[at]), "ci": float(result.P_d_ci[at]), **place}
     return {
+        **_directions(result),
         "lanes": int(ok.size),
         "periods kept": len(result.period),
         "status": {s.name: int((result.status == s).sum()) for s in Status if (result.status == s).any()},
@@ -118,6 +119,8 @@ def sweep_summary(result, seconds: float) -> dict[str, Any]:
 def _positive(result) -> int:
     """How many lanes have a largest exponent that is positive with its interval."""
     return int((result.lyapunov - result.lyapunov_ci > 0).sum())
+
+
 def _forces(result, ok: np.ndarray) -> dict[str, float]:
     """Largest forces and work of friction of all lanes, if they were kept."""
     told = {
@@ -126,6 +129,16 @@ def _forces(result, ok: np.ndarray) -> dict[str, float]:
         "largest work of friction per period [J]": result.friction_work,
     }
     return {name: float(np.max(a, where=ok, initial=0.0)) for name, a in told.items() if a is not None}
+
+
+def _directions(result) -> dict[str, Any]:
+    """Where the motion jumps and where motions coexist, of a sweep in several directions."""
+    if result.jump is None:
+        return {}
+    ((_, values),) = result.axes.items()
+    ways = result.data["direction"].to_numpy().tolist()
+    jumps = {f"jumps {way}": values[row].tolist() for way, row in zip(ways, result.jump, strict=True) if row.any()}
+    return {"values with coexisting motions": int(result.coexisting.sum()), **jumps}
 
 
 def _settling(result, ok: np.ndarray) -> dict[str, Any]:

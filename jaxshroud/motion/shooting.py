@@ -85,16 +85,16 @@ def nearby_orbit(scene: Scene, state: State, q: int, samples: np.ndarray, aim: A
     shot = yield from _closed(scene, state, q, sizes, aim)
     spent += (shot.updates + 1) * q
     found = described(scene, shot, q, aim.tolerance, spent, aim.steps, aim.method)
-    return (yield from _shortest(found, sizes, aim)) if found.sound else found
+    return (yield from shortest_orbit(found, sizes, aim)) if found.sound else found
 
 
-def closed_orbit(scene: Scene, state: State, q: int, aim: Aim) -> Algorithm[Cycle]:
-    """The orbit of period number `q` near a state, without a run, whether or not it is stable."""
-    shot = yield from _closed(scene, state, q, _sizes(scene, to_vector(state)[None]), aim)
+def closed_orbit(scene: Scene, state: State, q: int, aim: Aim, most: int = MOST_UPDATES) -> Algorithm[Cycle]:
+    """The orbit of period number `q` near a state by `most` updates, without a run, whether or not it is stable."""
+    shot = yield from _closed(scene, state, q, state_sizes(scene, state), aim, most)
     return described(scene, shot, q, aim.tolerance, (shot.updates + 1) * q, aim.steps, aim.method)
 
 
-def _shortest(long: Cycle, sizes: np.ndarray, aim: Aim) -> Algorithm[Cycle]:
+def shortest_orbit(long: Cycle, sizes: np.ndarray, aim: Aim) -> Algorithm[Cycle]:
     """The orbit with the smallest period number: one that still converged may have looked like a multiple of it."""
     for q in range(1, long.q):
         if long.q % q == 0:
@@ -109,6 +109,11 @@ def _nearly(samples: np.ndarray, sizes: np.ndarray, lever: float, precision: Any
     """The period number that samples (n, 12) nearly have, if they show it three times; else 0."""
     q = int(repetition(samples[:, :6], sizes, np.asarray(lever), NEAR, precision).number)
     return q if 3 * q <= len(samples) else 0
+
+
+def state_sizes(scene: Scene, state: State) -> np.ndarray:
+    """What the numbers of a state at drive phase 0 must come to on its motion, (13,): units to compare them in."""
+    return _sizes(scene, to_vector(state)[None])
 
 
 def _sizes(scene: Scene, samples: np.ndarray) -> np.ndarray:
@@ -175,7 +180,7 @@ def followed(found: Cycle, scenes: Scene) -> np.ndarray:
     All are closed at once, by Newton's method with the Jacobian of the known orbit. NaN where that does not close.
     """
     assert found.jacobian is not None  # there is an orbit
-    lanes, sizes = len(scenes.drive.omega), _sizes(found.scene, to_vector(found.start)[None])
+    lanes, sizes = len(scenes.drive.omega), state_sizes(found.scene, found.start)
     states = repeated(found.start, lanes)
     still, method = jax.tree.map(np.zeros_like, scenes), differentiable(found.method)
     power, least = np.full((lanes, 2), np.nan), np.full(lanes, np.inf)

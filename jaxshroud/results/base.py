@@ -31,6 +31,9 @@ CLASSES = {
     "lyapunov": ("lyapunov", "Lyapunov"),
     "tuned": ("tuned", "Tuned"),
     "diagnosis": ("diagnosis", "Diagnosis"),
+    "branch": ("branch", "Branch"),
+    "attractors": ("attractors", "Attractors"),
+    "basins": ("basins", "Basins"),
 }
 
 

@@ -69,6 +69,11 @@ def sweep(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None) -> F
         ValueError: The sweep has more axes, or there is no such panel.
     """
     dims = str(ds.attrs["axes"]).split(",")
+    if len(dims) == 1 and "direction" in ds.dims:
+        from jaxshroud.results import plot_directions
+
+        return plot_directions.directions(ds, ax, panel)
+    ds = ds.isel(direction=0) if "direction" in ds.dims else ds
     if len(dims) > 2:
         raise InputError(f"A sweep along {', '.join(dims)} has no picture; select some of its lanes, or draw them.")
     if ax is None:
@@ -78,12 +83,12 @@ def sweep(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None) -> F
     draw = panel_of({**known, **more}, panel)
     if len(dims) == 1:
         ds = _in_order(ds, dims)
-        axis = _axis(ds[dims[0]])
+        axis = axis_of(ds[dims[0]])
         draw(ax, ds, axis, _motion(ds))
         ax.set(xlabel=axis.label)
     else:
         ds = _in_order(ds, dims).transpose(dims[1], dims[0], ...)
-        x, y = _axis(ds[dims[0]]), _axis(ds[dims[1]])
+        x, y = axis_of(ds[dims[0]]), axis_of(ds[dims[1]])
         draw(ax, ds, x, y, _motion(ds))
         ax.set(xlabel=x.label, ylabel=y.label)
     return figure_of(ax)
@@ -103,7 +108,7 @@ def bifurcation(ds: xr.Dataset) -> Figure:
     (dim,) = _dims(ds, 1)
     ds = _in_order(ds, [dim])
     grows = "lyapunov" in ds
-    figure, axis, motion = new_figure(title_of(ds), COLUMN, 5.7 if grows else 4.4), _axis(ds[dim]), _motion(ds)
+    figure, axis, motion = new_figure(title_of(ds), COLUMN, 5.7 if grows else 4.4), axis_of(ds[dim]), _motion(ds)
     if not (motion >= 0).any():
         return say(figure, _nothing(ds))
     heights = [3, 0.2, 1.7, *([1.5] if grows else [])]
@@ -141,7 +146,7 @@ def power_map(ds: xr.Dataset) -> Figure:
     figure, motion = new_figure(title_of(ds), COLUMN, 7.6 if grows else 5.2), _motion(ds)
     if not (motion >= 0).any():
         return say(figure, _nothing(ds))
-    x, y = _axis(ds[across]), _axis(ds[up])
+    x, y = axis_of(ds[across]), axis_of(ds[up])
     power, motions, *more = figure.subplots(3 if grows else 2, 1, sharex=True, sharey=True)
     _draw_map(power, ds, x, y, motion)
     _draw_motions(motions, x.edges, y.edges, motion)
@@ -196,7 +201,8 @@ def _dims(ds: xr.Dataset, count: int) -> list[str]:
     return dims
 
 
-def _axis(coordinate: xr.DataArray) -> Axis:
+def axis_of(coordinate: xr.DataArray) -> Axis:
+    """A number of the scene in the unit of pictures."""
     key = str(coordinate.attrs.get("key", coordinate.name))
     stem, _, blade = key.partition("[")
     unit = str(coordinate.attrs.get("units", "1")).removeprefix("1")

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+DIRECTION = "direction"  # dimension of sweeps in several directions
 GAP = {"units": "m", "long_name": "initial gap"}
 VERDICT = {"flag_values": [0, 1, 2], "flag_meanings": "no yes unknown"}
 MORE = "drive periods of transient to add until {}; NaN if unknown"
@@ -60,6 +61,8 @@ class SweepResult(Result):
     counters = Counts("events in the kept periods")
     phase = Attribute(name="drive_phase")  # of the samples [rad]
     period_tol = Attribute()  # of the period number
+    jump = Variable("", stored=np.int8, kind=bool)  # of sweeps in several directions, like the next
+    coexisting = Variable("", stored=np.int8, kind=bool)
     inaccurate = Variable("estimated to miss the accuracy asked for", stored=np.int8, kind=bool)
 
     @property

@@ -55,5 +55,6 @@ class Parts(NamedTuple):
         return coordinate in self.motion and (blade == 0 or self.neighbour == "blade")
 
 
-Direction = Literal["independent", "forward", "backward"]
+WAYS = ("independent", "forward", "backward")
+Direction = Literal["independent", "forward", "backward", "both"]  # "both": these two and from rest
 ACCURACIES = ("fast", "balanced", "reference")  # by name

@@ -3,40 +3,31 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxshroud.batch.continuation import continued, independent
 from jaxshroud.batch.extent import fits
-from jaxshroud.batch.periods import Sample
-from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, in_full, told_chatter
-from jaxshroud.batch.states import by_blade, final_states
-from jaxshroud.batch.threads import Interrupted
-from jaxshroud.march.events import Counters
+from jaxshroud.batch.runs import Plan, Progress, Ticker
 from jaxshroud.march.method import FAST, Choices, Method
-from jaxshroud.march.stability import Steps, steps_for
-from jaxshroud.model.absent import filled
-from jaxshroud.model.modes import Status
+from jaxshroud.march.stability import Steps
 from jaxshroud.model.state import State
-from jaxshroud.motion.averages import averages, relative_drop, relative_residual
-from jaxshroud.motion.largest import TURNING, largest_exponents, shifted
+from jaxshroud.motion.largest import TURNING
 from jaxshroud.motion.period import PERIOD_TOLERANCE
-from jaxshroud.motion.settling import YES
-from jaxshroud.results.dimension import dimension
 from jaxshroud.results.status import tell_failures
-from jaxshroud.results.sweep import GAP, SweepResult, sweep_coordinates
+from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import tolerance_argument, word_argument
 from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.scene.parts import Direction
+from jaxshroud.scene.parts import WAYS, Direction
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.accuracy import broken
-from jaxshroud.verbs.door import Asked, Marched, asked, in_line, in_shape, marched
+from jaxshroud.verbs.directions import together
+from jaxshroud.verbs.door import Asked, asked, in_line, marched
+from jaxshroud.verbs.swept import AT_ONCE, Grid, Wanted, mapped, swept
 
 
 def sweep(
@@ -55,6 +46,7 @@ def sweep(
     ledger: bool = False,
     lyapunov: bool = False,
     forces: bool = False,
+    samples: bool = True,
     progress: Progress | None = None,
     throw: bool = False,
     dims: Sequence[str] | None = None,
@@ -71,7 +63,9 @@ def sweep(
         steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs, as where only a
             method is given.
         direction: "independent" (the default): every lane starts from `scene.initial`. "forward" or "backward": along
-            the first key each value starts from its neighbour's final state, slider and mode included.
+            the first key each value starts from its neighbour's final state, slider and mode included. "both": these
+            two and from rest, in a leading dimension `direction`; over one key the result tells where the motion jumps
+            (`jump`) and where the directions come to different motions (`coexisting`).
         phase: Drive phase omega t at which samples are taken, 0 <= phase < 2 pi [rad].
         period_tol: Tolerance of the period number, see `periodicity`.
         method: How to march; where only steps are given RK4, with events located by the guard's cubic.
@@ -84,6 +78,7 @@ def sweep(
         forces: Keep every lane's largest forces of contact and the work of friction as well, some 20 % slower. Forces
             are looked at on both sides of every event, and inside each step by cubics through values and rates at its
             ends, which miss some (omega_max h)^4 / 384 of them; the friction of smooth contact at ends of steps only.
+        samples: Keep the samples of each lane. Without them memory is bounded: for maps of many lanes.
         progress: Called with (lane-periods done, lane-periods in all) after every block.
         throw: Raise where a lane stops before its end, rather than warn.
         dims: Names of the leading axes; by default `lane`.
@@ -124,47 +119,26 @@ def sweep(
         raise InputError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     tolerance_argument("period_tol", period_tol)
     grid, direction = _grid_of(door, along, direction)
-    fits(math.prod(grid.shape), door.transient, door.n_periods)
+    ways = WAYS if direction == "both" else (direction,)
+    lanes = len(ways) * math.prod(grid.shape)
+    fits(lanes, door.transient, door.n_periods, None if samples else min(lanes, AT_ONCE))
     how = marched(grid.door, grid.lanes, FAST._replace(ledger=ledger))
-    precise = in_precision(grid.lanes, "float64") if lyapunov else None
     if forces:
         how = how._replace(method=how.method._replace(ledger=True, forces=True))
-    grid = grid._replace(lanes=in_precision(grid.lanes, how.method.precision))
-    plan = Plan(door.transient, door.n_periods, how.steps, phase, how.method)
+    precise = in_precision(grid.lanes, "float64") if lyapunov else None
+    grid = grid._replace(lanes=in_precision(grid.lanes, how.method.precision), precise=precise)
     states = None if state is None else door.states(state, grid.lanes)
     whole = door.transient + door.n_periods + (TURNING + door.n_periods if lyapunov else 0)
-    ticker = Ticker(math.prod(grid.shape) * whole, progress)
-    try:
-        runs = _run(grid, states, plan, ticker, direction)
-    except Interrupted as stopped:
-        raise Interrupted(stopped.done and _result(grid, stopped.done, plan, how, period_tol)) from None
-    found = _result(grid, runs, plan, how, period_tol)
-    if precise is not None:
-        try:
-            found = SweepResult(found.data.assign(_exponents(precise, runs, plan, ticker, found)))
-        except Interrupted:
-            raise Interrupted(found) from None
+    plan = Plan(door.transient, door.n_periods, how.steps, phase, how.method)
+    wanted = Wanted(plan, how, period_tol, Ticker(lanes * whole, progress))
+    one_way = swept if samples else mapped
+    each = {way: one_way(grid, states, way, wanted) for way in ways}
+    found = together(each) if direction == "both" else each[direction]
     tell_failures(found.status, found.chatter, throw=throw)
     return found
 
 
-class _Grid(NamedTuple):
-    """What is swept."""
-
-    door: Asked
-    lanes: Scene  # one leading axis: those of the scenes, then those of the sweep, the last fastest
-    axes: dict[str, np.ndarray]
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return (*self.door.shape, *(len(values) for values in self.axes.values()))
-
-    @property
-    def dims(self) -> tuple[str, ...]:
-        return (*self.door.dims, *map(dimension, self.axes))
-
-
-def _grid_of(door: Asked, along: Mapping[str, Any] | None, direction: Direction | None) -> tuple[_Grid, Direction]:
+def _grid_of(door: Asked, along: Mapping[str, Any] | None, direction: Direction | None) -> tuple[Grid, Direction]:
     """The scenes of a sweep, and the order of its values."""
     if direction is not None:
         word_argument("direction", direction, Direction)
@@ -182,93 +156,4 @@ def _grid_of(door: Asked, along: Mapping[str, Any] | None, direction: Direction 
     for _ in door.shape:
         build = jax.vmap(build, in_axes=(0, None))
     scenes = build(door.scene, axes) if axes else door.scene
-    return _Grid(door, in_line(scenes, len(door.shape) + len(axes)), axes), direction or "independent"
-
-
-def _run(grid: _Grid, states: State | None, plan: Plan, ticker: Ticker, direction: Direction) -> Runs:
-    """All lanes (leading axis)."""
-    if direction == "independent":
-        return independent(grid.lanes, (math.prod(grid.shape),), plan, ticker, states)
-    shape = (math.prod(grid.door.shape), *grid.shape[len(grid.door.shape) :])  # scenes, then the axes of the sweep
-    swapped = (shape[1], shape[0], *shape[2:])
-    first = lambda tree: jax.tree.map(lambda a: np.moveaxis(np.asarray(a).reshape(*shape, *a.shape[1:]), 1, 0), tree)  # noqa: E731
-    back = lambda tree: jax.tree.map(lambda a: np.moveaxis(a, 0, 1).reshape(-1, *a.shape[len(shape) :]), tree)  # noqa: E731
-    try:
-        return back(continued(first(grid.lanes), swapped, plan, ticker, first(states), direction=direction))
-    except Interrupted as stopped:
-        raise Interrupted(stopped.done and back(stopped.done)) from None
-
-
-def _result(grid: _Grid, runs: Runs, plan: Plan, how: Marched, period_tol: float) -> SweepResult:
-    numbers = _numbers(grid.lanes, runs, plan, period_tol)
-    chatter = told_chatter(grid.lanes, runs, plan)
-    common = {"phase": plan.phase, "period_tol": period_tol, "chatter": chatter, **how.told}
-    if how.choice is not None:
-        numbers["inaccurate"] = broken(grid.lanes, how.choice)
-    coords = sweep_coordinates(grid.axes, np.arange(plan.transient + 1, plan.transient + plan.kept + 1))
-    told, differing = grid.door.about(plan.transient, plan.steps_per_period)
-    more = {name: variable for name, variable in differing.items() if name not in grid.dims}
-    if "gap" not in grid.dims and (grid.axes or "gap" not in more):
-        more["gap"] = (grid.dims, in_shape(grid.lanes.shroud.gap, grid.shape), GAP)
-    told |= {"axes": ",".join(grid.dims), "complete": int(not np.any(numbers["status"] == Status.NOT_RUN))}
-    values = {**in_shape(numbers, grid.shape), **common}
-    return SweepResult.from_values(values, lanes=grid.dims, coords=coords, attrs=told, more=more)
-
-
-def _exponents(scenes: Scene, runs: Runs, plan: Plan, ticker: Ticker, found: SweepResult) -> dict[str, Any]:
-    """The largest exponent of each lane (leading axis) that has not stopped, and its interval, as variables."""
-    fine = np.flatnonzero(runs.last.status == Status.OK)
-    exponent, ci = np.full((2, len(runs.last.status)), np.nan)
-    if len(fine):
-        states = jax.tree.map(in_full, final_states(runs.last.state))
-        lanes, states = jax.tree.map(lambda a: np.asarray(a)[fine], (shifted(scenes, plan.phase), states))
-        steps = plan.steps_per_period
-        if scenes.parts.contact == "none":  # tangents are marched there too
-            steps = steps_for(lanes, 1, "auto", plan.method.tableau)
-        method = plan.method._replace(precision="float64")
-        exponent[fine], ci[fine] = largest_exponents(lanes, states, plan.kept, steps, method, ticker)[:2]
-    made = SweepResult.from_values({"lyapunov": exponent, "lyapunov_ci": ci}, lanes=("all",)).data
-    return {name: (found.dims, a.to_numpy().reshape(found.status.shape), a.attrs) for name, a in made.items()}
-
-
-def _numbers(scenes: Scene, runs: Runs, plan: Plan, period_tol: float) -> dict[str, Any]:
-    """Numbers of lanes (leading axis)."""
-    runs = jax.tree.map(in_full, runs)
-    motion = by_blade(runs.samples.motion)
-    (number, told), power, P_0 = averages(scenes, runs.samples, period_tol)
-    log, before = runs.last.tally.log, runs.before.log
-    spent = [getattr(log, n) - getattr(before, n) for n in ("time_apart", "time_stick", "time_slip")]
-    whole = sum(spent)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        times = [t / whole for t in spent]
-        residual = relative_residual(runs.samples) if plan.method.ledger else None
-        dropped = relative_drop(runs.samples) if plan.method.ledger else None
-    counts = [filled(of.counters, runs.last.status) for of in (log, before)]
-    counters = {n: np.asarray(getattr(counts[0], n) - getattr(counts[1], n)) for n in Counters.__annotations__}
-    return {
-        "motion": motion,
-        "P": power.P,
-        "P_0": P_0,
-        "P_d": power.P_d,
-        "P_d_ci": power.ci,
-        "P_d_ci_short": power.ci_short,
-        "P_d_settled": power.settled,
-        "P_d_settling": power.settling,
-        "P_d_periods_more": power.periods_more,
-        "period_number": number,
-        "settled": told.verdict == YES,
-        "settling": told.verdict,
-        "periods_more": told.periods_more,
-        "status": runs.last.status,
-        "v_max": log.v_max,
-        **dict(zip(("time_apart", "time_stick", "time_slip"), times, strict=True)),
-        **({} if residual is None else {"energy_residual": residual, "energy_dropped": dropped}),
-        "counters": counters,
-        **({} if runs.samples.forces is None else _forces(runs.samples)),
-    }
-
-
-def _forces(samples: Sample) -> dict[str, np.ndarray]:
-    """The largest forces of the kept periods, and the mean work of friction in one, (lanes,)."""
-    N_max, F_max = (a.max(axis=-1) for a in samples.forces)
-    return {"N_max": N_max, "F_max": F_max, "friction_work": samples.friction.mean(axis=-1)}
+    return Grid(door, in_line(scenes, len(door.shape) + len(axes)), axes), direction or "independent"

@@ -1,0 +1,118 @@
+"""Shares of coexisting motions from 256 starts against those of 4,096 others: python tests/studies/attractors.py.
+
+Scenes are drawn as those of `branches.py`, with less damping; one in ten is of the whole model. The first 22 in which
+64 starts find at least two motions are studied: 4,352 starts are assigned to motions; the 95 % intervals of the shares among the first 256 are to
+hold the shares among the other 4,096. Motions of equal period number that are told apart are counted, and how far they
+are from each other.
+"""
+
+import json
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from branches import ALL, METHOD, STEPS, X_RIGID, Drawn, X, drawn
+
+import jaxshroud as js
+from jaxshroud.march.method import FAST, choices
+from jaxshroud.motion.apart import distance
+from jaxshroud.motion.attractors import Found, attractors_of
+from jaxshroud.motion.random_starts import SPREAD, random_starts
+from jaxshroud.motion.shooting import Aim
+from jaxshroud.results.attractors import share_interval
+
+SEED, DRAWN, SCENES, FEW, SAMPLE, MANY, MOST = 1, 400, 22, 64, 256, 4096, 768
+COARSE = 80  # RK4 steps a period of bending in x alone
+MODELS, DAMPING = ([X_RIGID, X] * 5)[:-1] + [ALL], (1.0, 6.0)
+
+
+def found_in(one: Drawn, starts: int, seed: int) -> Found:
+    """What a scene ends on from random starts."""
+    scene = one.scene
+    states = jax.tree.map(np.asarray, random_starts(scene, starts, seed, SPREAD))
+    how = Aim(STEPS, 1e-11, choices(METHOD)) if one.model == ALL[0] else Aim(COARSE, 1e-11, FAST)
+    return attractors_of(scene, states, MOST, how, lambda _: None)  # type: ignore[arg-type]
+
+
+def row(one: Drawn, sample: int, many: int, seed: int) -> dict[str, Any]:
+    """One scene: intervals from a sample of starts, and shares among many others."""
+    found = found_in(one, sample + many, seed)
+    number = len(found.attractors)
+    first, others = (
+        np.bincount(part[part >= 0], minlength=number) for part in (found.label[:sample], found.label[sample:])
+    )
+    low, high = share_interval(first, sample)
+    truth = others / many
+    alike = [
+        (a, b)
+        for i, a in enumerate(found.attractors)
+        for b in found.attractors[:i]
+        if a.q == b.q and a.kind == b.kind == "periodic"
+    ]
+    return {
+        "model": one.model,
+        "overrides": one.overrides,
+        "motions": [
+            f"{a.kind} {a.q}".replace("periodic", "period").replace("aperiodic 0", "aperiodic")
+            for a in found.attractors
+        ],
+        "P_d": [None if a.cycle is None else a.cycle.P_d for a in found.attractors],
+        "shares of the sample": (first / sample).tolist(),
+        "intervals": np.stack([low, high], axis=-1).tolist(),
+        "shares of the others": truth.tolist(),
+        "covered": [bool(a <= s <= b) for a, s, b in zip(low, truth, high, strict=True)],
+        "undecided or stopped": float(np.mean(found.label < 0)),
+        "pairs of equal period number": len(alike),
+        "least distance of such a pair": min((distance(a.points, b.points) for a, b in alike), default=None),
+    }
+
+
+def studied(scenes: list[Drawn], wanted: int, sample: int, many: int, few: int = FEW) -> dict[str, Any]:
+    """Scenes in which several motions are found."""
+    rows, tried = [], 0
+    for i, one in enumerate(scenes):
+        if len(rows) == wanted:
+            break
+        tried += 1
+        if len(found_in(one, few, 1000 + i).attractors) < 2:
+            continue
+        rows.append(row(one, sample, many, i))
+        print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
+    covered = [c for r in rows for c in r["covered"]]
+    return {
+        "scenes tried": tried,
+        "scenes with several motions": len(rows),
+        "by model": Counter(r["model"] for r in rows),
+        "shares": len(covered),
+        "covered": float(np.mean(covered)) if covered else None,
+        "scenes with motions of equal period number": sum(r["pairs of equal period number"] > 0 for r in rows),
+        "undecided or stopped, most": max((r["undecided or stopped"] for r in rows), default=None),
+        "rows": rows,
+    }
+
+
+def main() -> None:
+    """Measure and write."""
+    jax.config.update("jax_enable_x64", True)
+    began = time.perf_counter()
+    told = {
+        "command": "python tests/studies/attractors.py",
+        "version": js.__version__,
+        "seed": SEED,
+        "starts": [SAMPLE, MANY],
+    }
+    found = {
+        **told,
+        **studied(drawn(DRAWN, SEED, MODELS, DAMPING), SCENES, SAMPLE, MANY),
+        "seconds": round(time.perf_counter() - began),
+    }
+    Path(__file__).with_suffix(".json").write_text(json.dumps(found, indent=1) + "\n", "utf-8")
+    print(json.dumps({name: value for name, value in found.items() if name != "rows"}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
