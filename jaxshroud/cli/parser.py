@@ -191,6 +191,14 @@ def plot_options(made: OneLineParser) -> None:
     made.add_argument("--force", action="store_true", help="replace a picture named by --out")
 
 
+def convert_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud convert`."""
+    made.add_argument("source", type=path, metavar="FILE.nc")
+    made.add_argument("--rows", choices=("lane", "sample"), help="of a table; lanes where there are many, else samples")
+    made.add_argument("--out", type=path, required=True, metavar="FILE", help="ends in .csv, .mat or .nc")
+    made.add_argument("--force", action="store_true", help="replace an existing file")
+
+
 def _nothing(_: OneLineParser) -> None: ...
 
 
@@ -264,6 +272,11 @@ VERBS = {
         check_options,
     ),
     "plot": Verb("Draw stored results again, without simulating.", "jaxshroud plot fig09", plot_options),
+    "convert": Verb(
+        "Write a stored result as CSV, MATLAB or NetCDF file.",
+        "jaxshroud convert gap/sweep.nc --out gap.csv",
+        convert_options,
+    ),
     "scenes": Verb("List the shipped scenes.", "jaxshroud scenes", _nothing),
 }
 
