@@ -77,6 +77,7 @@ def gathered(
     late, states = _run(scenes, grown.last, stretches.series, aim, tick)
     K = _chaos(displacements(late.samples), told.nearest, near * STILL / PERIOD_TOLERANCE)
     status = np.where(grown.status == Status.OK, late.last.status, grown.status)
+    cycles = [None if orbit is None else orbit.cycle for orbit in orbits]
     away = _away(early, late, told, orbits, size, TURNING + stretches.growth)
     return [
         Evidence(
@@ -86,7 +87,7 @@ def gathered(
             int(told.number[i]),
             float(told.error[i]) * PERIOD_TOLERANCE,
             bool(told.one_way[i]),
-            None if orbits[i] is None else orbits[i].cycle,
+            cycles[i],
             float(away[i]),
             float(grown.exponent[i]),
             float(grown.ci[i]),

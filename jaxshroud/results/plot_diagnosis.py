@@ -30,7 +30,7 @@ def page(found: "Diagnosis") -> Figure:
     """One page: motion, contact, P_d, energy, stability and a summary; panels of what the model lacks are left out."""
     run = drawn(found.data, 0.0)
     names = [name for name in PANELS if _shown(name, found, run)]
-    rows = _rows(names)
+    rows: Any = _rows(names)
     figure = new_figure("", PAGE, ROW * len(rows) + 0.75)
     figure.suptitle(f"{title_of(found.data)}\n{fill(found.evidence, 150)}".strip(), ha="left", x=0.01, fontsize=7.5)
     panels = figure.subplot_mosaic(rows, empty_sentinel="")
@@ -109,7 +109,8 @@ def stability(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
     if found.has_multipliers:
         turn = np.exp(2j * np.pi * np.linspace(0, 1, 200))
         panel.plot(turn.real, turn.imag, color=GREY, lw=0.6)
-        panel.plot(found.multipliers.real, found.multipliers.imag, "o", color=BLUE, ms=3, mew=0)
+        multipliers = np.asarray(found.multipliers)
+        panel.plot(multipliers.real, multipliers.imag, "o", color=BLUE, ms=3, mew=0)
         panel.set(title="Floquet multipliers", xlabel="real part", ylabel="imaginary part", aspect="equal")
         return
     fine = np.flatnonzero(np.isfinite(found.exponents))[:FORGOTTEN]

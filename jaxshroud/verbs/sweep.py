@@ -221,7 +221,7 @@ def _exponents(scenes: Scene, runs: Runs, plan: Plan, ticker: Ticker, found: Swe
         method = plan.method._replace(precision="float64")
         exponent[fine], ci[fine] = largest_exponents(lanes, states, plan.kept, steps, method, ticker)[:2]
     made = SweepResult.from_values({"lyapunov": exponent, "lyapunov_ci": ci}, lanes=("all",)).data
-    return {name: (found.dims, a.to_numpy().reshape(found.status.shape), a.attrs) for name, a in made.items()}
+    return {str(name): (found.dims, a.to_numpy().reshape(found.status.shape), a.attrs) for name, a in made.items()}
 
 
 def _numbers(scenes: Scene, runs: Runs, plan: Plan, period_tol: float) -> dict[str, Any]:
