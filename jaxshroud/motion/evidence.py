@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.runs import Plan, Runs, run_lanes
@@ -92,7 +93,7 @@ def gathered(
             float(grown.exponent[i]),
             float(grown.ci[i]),
             float(K[i]),
-            jax.tree.map(lambda a, i=i: np.asarray(a)[i], states),
+            jax.tree.map(lambda a, i=i: jnp.asarray(a[i]), states),
         )
         for i in range(len(status))
     ]
@@ -119,7 +120,7 @@ def _orbits(scenes: Scene, states: State, runs: Runs, told: Returns, loosely: Re
     """The orbit near each lane whose samples return, if only loosely."""
     number, z = np.where(told.number > 0, told.number, loosely.number), rows(runs.samples.motion)
     lanes = np.flatnonzero((number > 0) & (runs.last.status == Status.OK))
-    of = lambda tree, i: jax.tree.map(lambda a: np.asarray(a)[i], tree)  # noqa: E731
+    of = lambda tree, i: jax.tree.map(lambda a: jnp.asarray(a[i]), tree)  # noqa: E731
     sought = [_orbit(of(scenes, i), of(states, i), int(number[i]), z[i, -WINDOW:], aim) for i in lanes]
     found = dict(zip(lanes.tolist(), together(sought), strict=True))
     known = [found.get(i) for i in range(len(number))]
