@@ -32,7 +32,7 @@ def page(found: "Diagnosis") -> Figure:
     names = [name for name in PANELS if _shown(name, found, run)]
     rows: Any = _rows(names)
     figure = new_figure("", PAGE, ROW * len(rows) + 0.75)
-    figure.suptitle(f"{title_of(found.data)}\n{fill(found.evidence, 150)}".strip(), ha="left", x=0.01, fontsize=7.5)
+    figure.suptitle(f"{title_of(found.data)}\n{fill(found.evidence, 135)}".strip(), ha="left", x=0.01, fontsize=7.5)
     panels = figure.subplot_mosaic(rows, empty_sentinel="")
     for name in names:
         PANELS[name](panels[name], found, run)
@@ -80,7 +80,7 @@ def _of_run(name: str) -> Callable[..., None]:
     def draw(panel: Axes, _: "Diagnosis", run: Drawn) -> None:
         plot_run.PANELS[name](panel, run)
         if name == "history":
-            panel.legend(loc="upper right", ncols=5)
+            panel.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2, ncols=5)
 
     return draw
 
@@ -123,33 +123,36 @@ def summary(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
     """What the page says in numbers."""
     panel.set_axis_off()
     panel.set(title="summary")
-    lines = [f"{name}\t{value}" for name, value in told(found).items()]
-    for i, line in enumerate(lines):
-        name, value = line.split("\t")
-        panel.text(0, 0.97 - 0.105 * i, name, va="top", transform=panel.transAxes, fontsize=6.5)
-        panel.text(0.5, 0.97 - 0.105 * i, value, va="top", transform=panel.transAxes, fontsize=6.5)
+    style: Any = {"va": "top", "transform": panel.transAxes, "fontsize": 6.5, "in_layout": False}
+    for i, (name, value) in enumerate(told(found).items()):
+        panel.text(0, 0.97 - 0.095 * i, name.replace("P_d", "$P_d$"), **style)
+        panel.text(0.52, 0.97 - 0.095 * i, value, **style)
 
 
 def told(found: "Diagnosis") -> dict[str, str]:
     """A diagnosis in a few lines, for the page and for the terminal."""
-    number = lambda value, ci: f"{value:.4g} ± {ci:.2g}"  # noqa: E731
-    out = {"verdict": found.verdict, "periods run before": str(found.periods)}
-    if found.exponents is not None and np.isfinite(found.exponents_ci[:2]).any():
-        pairs = list(zip(found.exponents, found.exponents_ci, strict=True))[:2]
-        out["exponents per period"] = ", ".join(number(*pair) for pair in pairs if np.isfinite(pair[0]))
+    out = {"verdict": found.verdict, "periods before": str(found.periods)}
+    if found.exponents is not None:
+        for i in np.flatnonzero(np.isfinite(found.exponents[:2] + found.exponents_ci[:2])):
+            out[f"exponent {i + 1}, per period"] = _number(found.exponents[i], found.exponents_ci[i])
     if np.isfinite(found.K):
         out["0–1 test K"] = f"{found.K:.2f}"
     if found.has_multipliers:
         out["largest multiplier"] = f"{np.max(np.abs(found.multipliers)):.4g}"
     if found.P_d is not None and np.isfinite(found.P_d).any():
-        out["P_d"] = f"{number(found.P_d[-1], found.P_d_ci[-1])} %"
+        out["P_d"] = f"{_number(found.P_d[-1], found.P_d_ci[-1])} %"
     if found.time_apart is not None:
-        shares = ((name, getattr(found, f"time_{name}")) for name in ("apart", "stick", "slip"))
-        out["time"] = ", ".join(f"{name} {100 * share:.3g} %" for name, share in shares)
+        shares = [f"{100 * share:.3g}" for share in (found.time_apart, found.time_stick, found.time_slip)]
+        out["apart, stick, slip"] = f"{', '.join(shares)} %"
     if np.isfinite(found.largest_force):
         out["largest force"] = f"{found.largest_force:.4g} N"
         out["friction power"] = f"{found.powers.get('friction', 0.0):.3g} W"
     return out
+
+
+def _number(value: float, ci: float) -> str:
+    """A number with its half width, where that is more than rounding."""
+    return f"{value:.4g} ± {ci:.2g}" if ci > 1e-6 * abs(value) else f"{value:.4g}"
 
 
 PANELS: dict[str, Callable[..., None]] = {

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from jaxshroud import load, vary
+from jaxshroud import load
 from jaxshroud.batch.runs import starts
-from jaxshroud.batch.xla import repeated
 from jaxshroud.march.method import FAST
 from jaxshroud.motion.largest import largest_exponents
 from jaxshroud.motion.lyapunov import averaged, first_frames, pushed
+from jaxshroud.scene.grids import scenes_at
 
 
 def henon(z):
@@ -55,8 +55,8 @@ def test_textbook_maps(step, start, known):
 def test_blades_that_never_touch_forget_with_their_dampers():
     # Each lane's x_1 decays as exp(-c t / 2 m); a push that is measured in energy does not swing by more than zeta.
     base = load("table1", ['parts.motion=["x"]', 'shroud.gap="5 mm"']).scene
-    scenes, damping = repeated(base, 3), np.array([2.0, 4.0, 8.0])
-    scenes = vary(scenes, "blades.c_x", np.repeat(damping[:, None], 2, axis=1))
+    damping = np.array([2.0, 4.0, 8.0])
+    scenes = scenes_at(base, ["blades.c_x"], damping[:, None])
     found = largest_exponents(scenes, starts(scenes), 32, 100, FAST)
     exact = -damping / (2 * 0.08) * np.asarray(scenes.drive.period)
     # RK4 at omega h = 0.13 damps by (omega h)^5 / 144 a step more: 3e-5 of a period's 0.15 at least.
