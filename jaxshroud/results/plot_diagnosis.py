@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -15,9 +15,7 @@ from jaxshroud.results.drawn import Drawn, drawn, touching
 from jaxshroud.results.panels import title_of
 from jaxshroud.scene.errors import InputError
 
-if TYPE_CHECKING:
-    from jaxshroud.results.diagnosis import Diagnosis
-
+Diagnosis = Any  # that of `results.diagnosis`, which imports this module
 PAGE, ROW, COLUMNS = 180 / 25.4, 46 / 25.4, 3  # width of the page and height of a row of panels [inch]
 SPANS = {"history": 3, "ribbon": 2}  # columns of panels that are wider than one
 FORGOTTEN = 6  # exponents shown at most
@@ -26,7 +24,7 @@ SMALL |= dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 6.5)
 
 
 @mpl.rc_context({**STYLE, **SMALL})
-def page(found: "Diagnosis") -> Figure:
+def page(found: Diagnosis) -> Figure:
     """One page: motion, contact, P_d, energy, stability and a summary; panels of what the model lacks are left out."""
     run = drawn(found.data, 0.0)
     names = [name for name in PANELS if _shown(name, found, run)]
@@ -52,7 +50,7 @@ def _rows(names: list[str]) -> list[list[str]]:
     return [row + [""] * (COLUMNS - len(row)) for row in rows]
 
 
-def _shown(name: str, found: "Diagnosis", run: Drawn | None) -> bool:
+def _shown(name: str, found: Diagnosis, run: Drawn | None) -> bool:
     """Whether there is something to show in a panel."""
     if name == "summary":
         return True
@@ -77,7 +75,7 @@ def _touches(name: str, run: Drawn) -> bool:
 
 
 def _of_run(name: str) -> Callable[..., None]:
-    def draw(panel: Axes, _: "Diagnosis", run: Drawn) -> None:
+    def draw(panel: Axes, _: Diagnosis, run: Drawn) -> None:
         plot_run.PANELS[name](panel, run)
         if name == "history":
             panel.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2, ncols=5)
@@ -85,7 +83,7 @@ def _of_run(name: str) -> Callable[..., None]:
     return draw
 
 
-def power(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
+def power(panel: Axes, found: Diagnosis, _: Drawn) -> None:
     """P_d over the number of periods averaged over."""
     final = {"P_d": float(found.P_d[-1]), "ci": float(found.P_d_ci[-1]), "n": int(found.n[-1])}
     told = {**final, "settled": found.P_d_settled, "period_number": found.period_number}
@@ -93,7 +91,7 @@ def power(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
     panel.set(title=f"$P_d$ = {final['P_d']:.4g} %", ylabel="$P_d$ [%]")
 
 
-def energy(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
+def energy(panel: Axes, found: Diagnosis, _: Drawn) -> None:
     """Where the work of the drive goes."""
     powers, colors = found.powers, {"drive": INK, "viscous": SKY, "friction": ORANGE}
     panel.barh(list(powers), list(powers.values()), color=[colors[name] for name in powers], height=0.6)
@@ -104,7 +102,7 @@ def energy(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
     panel.set(xlabel="mean power [W]", title=f"energy; residual {found.energy_residual:.0e} of the drive's")
 
 
-def stability(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
+def stability(panel: Axes, found: Diagnosis, _: Drawn) -> None:
     """Floquet multipliers and the unit circle; without an orbit the largest Lyapunov exponents."""
     if found.has_multipliers:
         turn = np.exp(2j * np.pi * np.linspace(0, 1, 200))
@@ -119,7 +117,7 @@ def stability(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
     panel.set(title="Lyapunov exponents", xlabel="direction", ylabel="per drive period", xticks=fine + 1)
 
 
-def summary(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
+def summary(panel: Axes, found: Diagnosis, _: Drawn) -> None:
     """What the page says in numbers."""
     panel.set_axis_off()
     panel.set(title="summary")
@@ -129,7 +127,7 @@ def summary(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
         panel.text(0.52, 0.97 - 0.095 * i, value, **style)
 
 
-def told(found: "Diagnosis") -> dict[str, str]:
+def told(found: Diagnosis) -> dict[str, str]:
     """A diagnosis in a few lines, for the page and for the terminal."""
     out = {"verdict": found.verdict, "periods before": str(found.periods)}
     if found.exponents is not None:
