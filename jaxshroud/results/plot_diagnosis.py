@@ -12,13 +12,14 @@ from matplotlib.figure import Figure
 from jaxshroud.results import plot_contact, plot_power, plot_run
 from jaxshroud.results.drawing import BLUE, GREY, INK, ORANGE, PINK, SKY, STYLE, legend_below, new_figure
 from jaxshroud.results.drawn import Drawn, drawn, touching
-from jaxshroud.results.panels import title_of
+from jaxshroud.results.panels import interval, limits, title_of
 from jaxshroud.scene.errors import InputError
 
 Diagnosis = Any  # that of `results.diagnosis`, which imports this module
 PAGE, ROW, COLUMNS = 180 / 25.4, 46 / 25.4, 3  # width of the page and height of a row of panels [inch]
 SPANS = {"history": 3, "ribbon": 2}  # columns of panels that are wider than one
 FORGOTTEN = 6  # exponents shown at most
+FEW = 8  # periods, with fewer of which P_d may be cut off
 SMALL: Any = {"font.size": 7, "axes.titlesize": 7.5, "axes.labelsize": 7, "legend.fontsize": 6.5}
 SMALL |= dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 6.5)
 
@@ -88,7 +89,9 @@ def power(panel: Axes, found: Diagnosis, _: Drawn) -> None:
     final = {"P_d": float(found.P_d[-1]), "ci": float(found.P_d_ci[-1]), "n": int(found.n[-1])}
     told = {**final, "settled": found.P_d_settled, "period_number": found.period_number}
     plot_power.draw(panel, {"n": found.n, "P_d": found.P_d, "P_d_ci": found.P_d_ci, "final": told})
+    known = (found.n >= min(FEW, found.n[-1])) & np.isfinite(found.P_d)  # the first intervals would flatten the rest
     panel.set(title=f"$P_d$ = {final['P_d']:.4g} %", ylabel="$P_d$ [%]")
+    panel.set(ylim=limits(np.concatenate(interval(found.P_d[known], found.P_d_ci[known])), least=0.1))
 
 
 def energy(panel: Axes, found: Diagnosis, _: Drawn) -> None:

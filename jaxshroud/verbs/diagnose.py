@@ -97,7 +97,8 @@ def _more(
     scene: Scene | SceneFile, ready: Scene, found: Verdict, how: Marched, marched: dict[str, Any]
 ) -> dict[str, Any]:
     """Exponents of all directions and the convergence of P_d, of settled motion."""
-    spectrum = alone_found(exponents(ready, found.evidence.last, SHOWN, 0, how.steps, how.method))
+    periods = SHOWN if found.q else OF_APERIODIC
+    spectrum = alone_found(exponents(ready, found.evidence.last, periods, 0, how.steps, how.method))
     curve = power(scene, n_periods=POWER, transient=0, tolerance=1e-12, **marched)
     cycle = found.evidence.cycle if found.kind == "periodic" else None
     return {
