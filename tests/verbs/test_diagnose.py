@@ -48,6 +48,10 @@ def test_a_page_has_panels_of_what_the_model_has(found):
     titles = panels(found.plot())
     assert {"time history", "friction loop", "Floquet multipliers", "summary"} <= set(titles)
     assert "where contact acts" not in titles  # blocks that do not turn
+
+
+@pytest.mark.full
+def test_a_page_without_contact():
     free = js.diagnose(js.load("table1", [*SMALL, 'parts.contact="none"']), transient=16)
     assert free.verdict == "period 1"
     titles = panels(free.plot())
