@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.runs import Plan, Runs, run_lanes
@@ -77,6 +78,7 @@ def gathered(
     late, states = _run(scenes, grown.last, stretches.series, aim, tick)
     K = _chaos(displacements(late.samples), told.nearest, near * STILL / PERIOD_TOLERANCE)
     status = np.where(grown.status == Status.OK, late.last.status, grown.status)
+    cycles = [None if orbit is None else orbit.cycle for orbit in orbits]
     away = _away(early, late, told, orbits, size, TURNING + stretches.growth)
     return [
         Evidence(
@@ -86,12 +88,12 @@ def gathered(
             int(told.number[i]),
             float(told.error[i]) * PERIOD_TOLERANCE,
             bool(told.one_way[i]),
-            None if orbits[i] is None else orbits[i].cycle,
+            cycles[i],
             float(away[i]),
             float(grown.exponent[i]),
             float(grown.ci[i]),
             float(K[i]),
-            jax.tree.map(lambda a, i=i: np.asarray(a)[i], states),
+            jax.tree.map(lambda a, i=i: jnp.asarray(a[i]), states),
         )
         for i in range(len(status))
     ]
@@ -118,7 +120,7 @@ def _orbits(scenes: Scene, states: State, runs: Runs, told: Returns, loosely: Re
     """The orbit near each lane whose samples return, if only loosely."""
     number, z = np.where(told.number > 0, told.number, loosely.number), rows(runs.samples.motion)
     lanes = np.flatnonzero((number > 0) & (runs.last.status == Status.OK))
-    of = lambda tree, i: jax.tree.map(lambda a: np.asarray(a)[i], tree)  # noqa: E731
+    of = lambda tree, i: jax.tree.map(lambda a: jnp.asarray(a[i]), tree)  # noqa: E731
     sought = [_orbit(of(scenes, i), of(states, i), int(number[i]), z[i, -WINDOW:], aim) for i in lanes]
     found = dict(zip(lanes.tolist(), together(sought), strict=True))
     known = [found.get(i) for i in range(len(number))]

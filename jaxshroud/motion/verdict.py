@@ -20,7 +20,7 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 ROUNDS = 3  # each twice as long as the one before, where that could not decide
 CHAOS, REGULAR = 0.5, 0.2  # K above which the 0-1 test speaks for chaos, and below which for regular motion
 STAYS = 1e-2  # of a displacement's size that the run may be off its orbit in the end
-FLAT, SURE = 2e-3, 0.02  # exponents per period that count as 0 on a torus, and half widths that can tell
+FLAT, SURE = 1e-4, 0.02  # exponents per period that count as 0 on a torus, and half widths that can tell
 
 
 class Verdict(NamedTuple):

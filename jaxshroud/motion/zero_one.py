@@ -11,7 +11,7 @@ SHARE = 10  # lags up to a tenth of the series
 FEWEST = 50  # numbers; with fewer there are not five lags
 
 
-def zero_one(series: ArrayLike, near: ArrayLike = 0.0) -> Floats:
+def zero_one(series: ArrayLike, near: ArrayLike | float = 0.0) -> Floats:
     """K of the 0-1 test: near 0 for regular motion, near 1 for chaos.
 
     The series drives a point in the plane, p(n + 1) = p(n) + phi(n) cos(n c), q(n + 1) = q(n) + phi(n) sin(n c). Its

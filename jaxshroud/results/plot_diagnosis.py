@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -12,27 +12,26 @@ from matplotlib.figure import Figure
 from jaxshroud.results import plot_contact, plot_power, plot_run
 from jaxshroud.results.drawing import BLUE, GREY, INK, ORANGE, PINK, SKY, STYLE, legend_below, new_figure
 from jaxshroud.results.drawn import Drawn, drawn, touching
-from jaxshroud.results.panels import title_of
+from jaxshroud.results.panels import interval, limits, title_of
 from jaxshroud.scene.errors import InputError
 
-if TYPE_CHECKING:
-    from jaxshroud.results.diagnosis import Diagnosis
-
+Diagnosis = Any  # that of `results.diagnosis`, which imports this module
 PAGE, ROW, COLUMNS = 180 / 25.4, 46 / 25.4, 3  # width of the page and height of a row of panels [inch]
 SPANS = {"history": 3, "ribbon": 2}  # columns of panels that are wider than one
 FORGOTTEN = 6  # exponents shown at most
+FEW = 8  # periods, with fewer of which P_d may be cut off
 SMALL: Any = {"font.size": 7, "axes.titlesize": 7.5, "axes.labelsize": 7, "legend.fontsize": 6.5}
 SMALL |= dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 6.5)
 
 
 @mpl.rc_context({**STYLE, **SMALL})
-def page(found: "Diagnosis") -> Figure:
+def page(found: Diagnosis) -> Figure:
     """One page: motion, contact, P_d, energy, stability and a summary; panels of what the model lacks are left out."""
     run = drawn(found.data, 0.0)
     names = [name for name in PANELS if _shown(name, found, run)]
-    rows = _rows(names)
+    rows: Any = _rows(names)
     figure = new_figure("", PAGE, ROW * len(rows) + 0.75)
-    figure.suptitle(f"{title_of(found.data)}\n{fill(found.evidence, 150)}".strip(), ha="left", x=0.01, fontsize=7.5)
+    figure.suptitle(f"{title_of(found.data)}\n{fill(found.evidence, 135)}".strip(), ha="left", x=0.01, fontsize=7.5)
     panels = figure.subplot_mosaic(rows, empty_sentinel="")
     for name in names:
         PANELS[name](panels[name], found, run)
@@ -52,7 +51,7 @@ def _rows(names: list[str]) -> list[list[str]]:
     return [row + [""] * (COLUMNS - len(row)) for row in rows]
 
 
-def _shown(name: str, found: "Diagnosis", run: Drawn | None) -> bool:
+def _shown(name: str, found: Diagnosis, run: Drawn | None) -> bool:
     """Whether there is something to show in a panel."""
     if name == "summary":
         return True
@@ -77,23 +76,25 @@ def _touches(name: str, run: Drawn) -> bool:
 
 
 def _of_run(name: str) -> Callable[..., None]:
-    def draw(panel: Axes, _: "Diagnosis", run: Drawn) -> None:
+    def draw(panel: Axes, _: Diagnosis, run: Drawn) -> None:
         plot_run.PANELS[name](panel, run)
         if name == "history":
-            panel.legend(loc="upper right", ncols=5)
+            panel.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2, ncols=5)
 
     return draw
 
 
-def power(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
+def power(panel: Axes, found: Diagnosis, _: Drawn) -> None:
     """P_d over the number of periods averaged over."""
     final = {"P_d": float(found.P_d[-1]), "ci": float(found.P_d_ci[-1]), "n": int(found.n[-1])}
     told = {**final, "settled": found.P_d_settled, "period_number": found.period_number}
     plot_power.draw(panel, {"n": found.n, "P_d": found.P_d, "P_d_ci": found.P_d_ci, "final": told})
+    known = (found.n >= min(FEW, found.n[-1])) & np.isfinite(found.P_d)  # the first intervals would flatten the rest
     panel.set(title=f"$P_d$ = {final['P_d']:.4g} %", ylabel="$P_d$ [%]")
+    panel.set(ylim=limits(np.concatenate(interval(found.P_d[known], found.P_d_ci[known])), least=0.1))
 
 
-def energy(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
+def energy(panel: Axes, found: Diagnosis, _: Drawn) -> None:
     """Where the work of the drive goes."""
     powers, colors = found.powers, {"drive": INK, "viscous": SKY, "friction": ORANGE}
     panel.barh(list(powers), list(powers.values()), color=[colors[name] for name in powers], height=0.6)
@@ -104,12 +105,13 @@ def energy(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
     panel.set(xlabel="mean power [W]", title=f"energy; residual {found.energy_residual:.0e} of the drive's")
 
 
-def stability(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
+def stability(panel: Axes, found: Diagnosis, _: Drawn) -> None:
     """Floquet multipliers and the unit circle; without an orbit the largest Lyapunov exponents."""
     if found.has_multipliers:
         turn = np.exp(2j * np.pi * np.linspace(0, 1, 200))
         panel.plot(turn.real, turn.imag, color=GREY, lw=0.6)
-        panel.plot(found.multipliers.real, found.multipliers.imag, "o", color=BLUE, ms=3, mew=0)
+        multipliers = np.asarray(found.multipliers)
+        panel.plot(multipliers.real, multipliers.imag, "o", color=BLUE, ms=3, mew=0)
         panel.set(title="Floquet multipliers", xlabel="real part", ylabel="imaginary part", aspect="equal")
         return
     fine = np.flatnonzero(np.isfinite(found.exponents))[:FORGOTTEN]
@@ -118,37 +120,40 @@ def stability(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
     panel.set(title="Lyapunov exponents", xlabel="direction", ylabel="per drive period", xticks=fine + 1)
 
 
-def summary(panel: Axes, found: "Diagnosis", _: Drawn) -> None:
+def summary(panel: Axes, found: Diagnosis, _: Drawn) -> None:
     """What the page says in numbers."""
     panel.set_axis_off()
     panel.set(title="summary")
-    lines = [f"{name}\t{value}" for name, value in told(found).items()]
-    for i, line in enumerate(lines):
-        name, value = line.split("\t")
-        panel.text(0, 0.97 - 0.105 * i, name, va="top", transform=panel.transAxes, fontsize=6.5)
-        panel.text(0.5, 0.97 - 0.105 * i, value, va="top", transform=panel.transAxes, fontsize=6.5)
+    style: Any = {"va": "top", "transform": panel.transAxes, "fontsize": 6.5, "in_layout": False}
+    for i, (name, value) in enumerate(told(found).items()):
+        panel.text(0, 0.97 - 0.095 * i, name.replace("P_d", "$P_d$"), **style)
+        panel.text(0.52, 0.97 - 0.095 * i, value, **style)
 
 
-def told(found: "Diagnosis") -> dict[str, str]:
+def told(found: Diagnosis) -> dict[str, str]:
     """A diagnosis in a few lines, for the page and for the terminal."""
-    number = lambda value, ci: f"{value:.4g} ± {ci:.2g}"  # noqa: E731
-    out = {"verdict": found.verdict, "periods run before": str(found.periods)}
-    if found.exponents is not None and np.isfinite(found.exponents_ci[:2]).any():
-        pairs = list(zip(found.exponents, found.exponents_ci, strict=True))[:2]
-        out["exponents per period"] = ", ".join(number(*pair) for pair in pairs if np.isfinite(pair[0]))
+    out = {"verdict": found.verdict, "periods before": str(found.periods)}
+    if found.exponents is not None:
+        for i in np.flatnonzero(np.isfinite(found.exponents[:2] + found.exponents_ci[:2])):
+            out[f"exponent {i + 1}, per period"] = _number(found.exponents[i], found.exponents_ci[i])
     if np.isfinite(found.K):
         out["0–1 test K"] = f"{found.K:.2f}"
     if found.has_multipliers:
         out["largest multiplier"] = f"{np.max(np.abs(found.multipliers)):.4g}"
     if found.P_d is not None and np.isfinite(found.P_d).any():
-        out["P_d"] = f"{number(found.P_d[-1], found.P_d_ci[-1])} %"
+        out["P_d"] = f"{_number(found.P_d[-1], found.P_d_ci[-1])} %"
     if found.time_apart is not None:
-        shares = ((name, getattr(found, f"time_{name}")) for name in ("apart", "stick", "slip"))
-        out["time"] = ", ".join(f"{name} {100 * share:.3g} %" for name, share in shares)
+        shares = [f"{100 * share:.3g}" for share in (found.time_apart, found.time_stick, found.time_slip)]
+        out["apart, stick, slip"] = f"{', '.join(shares)} %"
     if np.isfinite(found.largest_force):
         out["largest force"] = f"{found.largest_force:.4g} N"
         out["friction power"] = f"{found.powers.get('friction', 0.0):.3g} W"
     return out
+
+
+def _number(value: float, ci: float) -> str:
+    """A number with its half width, where that is more than rounding."""
+    return f"{value:.4g} ± {ci:.2g}" if ci > 1e-6 * abs(value) else f"{value:.4g}"
 
 
 PANELS: dict[str, Callable[..., None]] = {

@@ -97,7 +97,8 @@ def _more(
     scene: Scene | SceneFile, ready: Scene, found: Verdict, how: Marched, marched: dict[str, Any]
 ) -> dict[str, Any]:
     """Exponents of all directions and the convergence of P_d, of settled motion."""
-    spectrum = alone_found(exponents(ready, found.evidence.last, SHOWN, 0, how.steps, how.method))
+    periods = SHOWN if found.q else OF_APERIODIC
+    spectrum = alone_found(exponents(ready, found.evidence.last, periods, 0, how.steps, how.method))
     curve = power(scene, n_periods=POWER, transient=0, tolerance=1e-12, **marched)
     cycle = found.evidence.cycle if found.kind == "periodic" else None
     return {
@@ -107,7 +108,7 @@ def _more(
         "n": curve.n,
         "P_d": curve.P_d,
         "P_d_ci": curve.P_d_ci,
-        "P_d_settled": bool(curve.final["settled"]),
+        "P_d_settled": int(curve.final["settled"]),  # files hold no truth values
     }
 
 
@@ -124,7 +125,7 @@ def _diagnosis(run: Trajectory, found: Verdict, more: dict[str, Any]) -> Diagnos
         "largest_exponent_ci": e.ci,
         "K": e.K,
     }
-    known = Diagnosis.from_values({**told, "P_d_settled": False, **more}).data
+    known = Diagnosis.from_values({**told, "P_d_settled": 0, **more}).data
     whole = run.data.assign(known.data_vars).assign_attrs(known.attrs)
     if e.status != Status.OK and run.status == Status.OK:  # the verdict's march went further than the samples
         whole = whole.assign_attrs(status=int(np.int32(e.status)))

@@ -33,7 +33,7 @@ from jaxshroud.motion.verdict import CHAOS, REGULAR
 from jaxshroud.motion.zero_one import zero_one
 
 SEED, LENGTH, PERIODS, EACH, DRIFTS, TORI, CHAOTIC = 5, 512, range(1, 17), 12, 24, 32, 32
-PUSHES = 20_000  # Jacobians of each system
+PUSHES = 5_000  # Jacobians of each system
 GOLDEN = float(np.log((3 + np.sqrt(5)) / 2))
 Step = Callable[[jax.Array], jax.Array]
 

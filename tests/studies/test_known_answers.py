@@ -1,0 +1,20 @@
+"""A seeded sample of the study of known answers."""
+
+import known_answers
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.studies
+
+
+def test_exponents_of_textbook_systems_are_the_published_ones():
+    found = known_answers.of_systems(1500)
+    assert all(one["held"] for one in found.values())
+    assert np.sum(found["Lorenz flow"]["found"]) == pytest.approx(-41 / 3, abs=1e-3)  # Liouville; RK4's error
+
+
+def test_signals_are_called_what_they_are():
+    table = known_answers.confusion(known_answers.signals(6))
+    wrong = {truth: row for truth, row in table.items() if row.get(truth, 0) < 0.9 * sum(row.values())}
+    assert not wrong
+    assert all(row.get("undecided", 0) <= 0.1 * sum(row.values()) for row in table.values())

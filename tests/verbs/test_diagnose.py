@@ -1,0 +1,93 @@
+"""The page of a scene: verdict, numbers, panels of what the model has, and scenes that stop."""
+
+import json
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.cli import commands as cli
+from jaxshroud.results import plot_diagnosis
+
+# Bending along x alone, damped so that it settles soon.
+SMALL = ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]
+HOW = {"steps_per_period": 100, "transient": 16}
+
+
+@pytest.fixture(scope="module")
+def found():
+    return js.diagnose(js.load("table1", SMALL), **HOW)
+
+
+def panels(figure):
+    """Titles of the axes that a page has."""
+    return [ax.get_title() or ax.get_title(loc="left") for ax in figure.axes]
+
+
+def test_verdict_and_numbers_are_those_of_the_other_verbs(found):
+    scene = js.load("table1", SMALL).scene
+    orbit = js.orbit(scene, steps_per_period=100)
+    assert found.verdict == "period 1" == f"period {orbit.q}"
+    assert found.period_number == 1
+    np.testing.assert_allclose(found.P_d[-1], orbit.P_d, atol=1e-8)  # of a run that is at rest on its orbit
+    np.testing.assert_allclose(np.abs(found.multipliers[:2]), np.abs(orbit.multipliers[:2]), rtol=1e-6)
+    # Another stretch, one tangent: an estimate of the same growth.
+    assert abs(found.largest_exponent - np.log(abs(orbit.multipliers[0]))) <= found.largest_exponent_ci + 1e-3
+
+
+def test_the_energy_goes_where_it_is_said_to_go(found):
+    power = found.powers
+    assert power["drive"] > 0
+    # On an orbit nothing is stored: the balance is the residual's, RK4 at 100 steps.
+    np.testing.assert_allclose(power["viscous"] + power["friction"], power["drive"], rtol=1e-3)
+    assert found.time_apart + found.time_stick + found.time_slip == pytest.approx(1)
+    assert found.largest_force == pytest.approx(np.hypot(found.N, found.F).max())
+
+
+def test_a_page_has_panels_of_what_the_model_has(found):
+    titles = panels(found.plot())
+    assert {"time history", "friction loop", "Floquet multipliers", "summary"} <= set(titles)
+    assert "where contact acts" not in titles  # blocks that do not turn
+
+
+@pytest.mark.full
+def test_a_page_without_contact():
+    free = js.diagnose(js.load("table1", [*SMALL, 'parts.contact="none"']), transient=16)
+    assert free.verdict == "period 1"
+    titles = panels(free.plot())
+    assert "friction loop" not in titles
+    assert "time history" in titles
+
+
+def test_a_diagnosis_opens_again(found, tmp_path):
+    found.save(tmp_path / "diagnosis.nc")
+    again = js.open(tmp_path / "diagnosis.nc")
+    assert isinstance(again, js.Diagnosis)
+    assert json.dumps(again.summary) == json.dumps(found.summary)
+    assert repr(again) == f"Diagnosis: {found.evidence}"
+
+
+def test_a_scene_that_stops_says_so(tmp_path):
+    with pytest.warns(js.LaneWarning, match="NOT_FINITE"):
+        stopped = js.diagnose(js.load("table1", [*SMALL, "initial.x=[1e200, 0.0]"]), **HOW)
+    assert stopped.verdict == "stopped"
+    assert "NOT_FINITE" in stopped.evidence
+    assert "summary" in panels(stopped.plot())
+    with pytest.raises(js.InputError, match="takes one scene"):
+        js.diagnose(js.stack_scenes([js.load("table1", SMALL).scene] * 2))
+
+
+@pytest.mark.full
+def test_the_command_writes_page_and_numbers(tmp_path, capsys):
+    out = tmp_path / "out"
+    asked = ["diagnose", "table1", *(word for key in SMALL for word in ("--set", key))]
+    assert cli.main([*asked, "--steps-per-period", "100", "--transient", "16", "--out", str(out)]) == 0
+    assert {p.name for p in out.iterdir()} == {f"diagnosis.{end}" for end in ("nc", "json", "png", "pdf")}
+    assert json.loads((out / "diagnosis.json").read_text())["verdict"] == "period 1"
+    assert "period 1" in capsys.readouterr().out
+
+
+def test_panels_fill_rows_of_three():
+    names = ["history", "phase", "poincare", "ribbon", "loop", "summary"]
+    rows = plot_diagnosis._rows(names)
+    assert rows == [["history"] * 3, ["phase", "poincare", ""], ["ribbon", "ribbon", "loop"], ["summary", "", ""]]
