@@ -18,9 +18,9 @@ def distance(a: Floats, b: Floats) -> float:
 
 def to_nearest(a: Floats, b: Floats) -> float:
     """Mean distance from points (n, k) to the nearest of others (m, k), by the largest difference of any number."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
-    return float(np.mean(cKDTree(b).query(a, p=np.inf)[0]))
+    return float(np.mean(KDTree(b).query(a, p=np.inf)[0]))
 
 
 def alike(one: Floats, other: Floats) -> bool | None:
