@@ -5,7 +5,22 @@ from importlib import import_module
 
 import pytest
 
-VERBS = ("simulate", "sweep", "power", "orbit", "gradient", "lyapunov", "tune", "explain", "trade", "check")
+VERBS = (
+    "simulate",
+    "sweep",
+    "power",
+    "orbit",
+    "gradient",
+    "lyapunov",
+    "tune",
+    "explain",
+    "branch",
+    "attractors",
+    "basins",
+    "trade",
+    "check",
+    "diagnose",
+)
 
 
 @pytest.mark.parametrize("module", [*(f"verbs.{verb}" for verb in VERBS), "march.method", "scene.grids"])

@@ -6,10 +6,9 @@ therefore the set of its points at the strobe; an aperiodic motion is the set of
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 Floats = NDArray[np.float64]
-SAME, OTHER = 1.5, 3.0  # times the distance between halves of one motion: at most so far is the same, at least so other
+SAME, OTHER = 2.0, 4.0  # times the distance between halves of one motion: at most so far the same, at least so another
 
 
 def distance(a: Floats, b: Floats) -> float:
@@ -19,32 +18,28 @@ def distance(a: Floats, b: Floats) -> float:
 
 def to_nearest(a: Floats, b: Floats) -> float:
     """Mean distance from points (n, k) to the nearest of others (m, k), by the largest difference of any number."""
-    return float(np.mean(cKDTree(b).query(a, p=np.inf)[0]))
+    from scipy.spatial import KDTree
+
+    return float(np.mean(KDTree(b).query(a, p=np.inf)[0]))
 
 
-def alike(reference: Floats, other: Floats) -> bool | None:
+def alike(one: Floats, other: Floats) -> bool | None:
     """Whether two aperiodic motions (n, k) fill one set; None where that cannot be told.
 
-    Both halves of the other are compared with the first half of the reference, and so is the reference's second half:
-    on one attractor all are as near.
+    Halves of both are compared, each with each: on one attractor those of different motions are as near as those of
+    one. Of 240 pairs of motions on the Henon attractor, 512 points each, none was further apart than 1.6 times.
     """
-    first, second = np.array_split(reference, 2)
-    own = _own(reference)
-    halves = [to_nearest(half, first) for half in np.array_split(other, 2)]
-    back = [to_nearest(first, half) for half in np.array_split(other, 2)]
-    most = max(*halves, *back) / max(own, to_nearest(first, second))
-    if most <= SAME:
+    halves = [np.array_split(points, 2) for points in (one, other)]
+    own = max(distance(*pair) for pair in halves)
+    most = max(distance(a, b) for a in halves[0] for b in halves[1])
+    if most <= SAME * own:
         return True
-    return False if min(max(halves), max(back)) / max(own, 1e-300) >= OTHER or most >= 2 * OTHER else None
+    return False if most >= OTHER * own else None
 
 
 def home(references: list[Floats], points: Floats) -> int | None:
     """Which of the sets that aperiodic motions fill some points (n, k) are on; None where there is none for sure."""
-    found = [i for i, one in enumerate(references) if to_nearest(points, one) <= SAME * _own(one)]
+    found = [
+        i for i, one in enumerate(references) if to_nearest(points, one) <= SAME * distance(*np.array_split(one, 2))
+    ]
     return found[0] if len(found) == 1 else None
-
-
-def _own(reference: Floats) -> float:
-    """How far the second half of a motion is from the first."""
-    first, second = np.array_split(reference, 2)
-    return to_nearest(second, first)

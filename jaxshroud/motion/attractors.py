@@ -130,7 +130,7 @@ def _orbits(scene: Scene, end: Ended, label: np.ndarray, units: np.ndarray, aim:
             left = left[1:]
             continue
         points = _points(cycle, aim) / units
-        on = np.array([lane for lane in left if lane == leader or _ends_on(cycle, points, end, lane, units)])
+        on = np.array([lane for lane in left.tolist() if lane == leader or _ends_on(cycle, points, end, lane, units)])
         left = np.setdiff1d(left, on)
         known = next((i for i, one in enumerate(found) if distance(one.points, points) <= EXACT), None)
         label[on] = len(found) if known is None else known

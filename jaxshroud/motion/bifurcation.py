@@ -49,8 +49,8 @@ def pair_outside(point: Point) -> float:
 
 def _pairs(point: Point) -> np.ndarray:
     """Magnitudes of the complex multipliers with a positive imaginary part."""
-    multipliers = point.multipliers
-    return np.abs(multipliers[multipliers.imag > COMPLEX * np.abs(multipliers)])
+    size = np.abs(point.multipliers)
+    return size[np.imag(point.multipliers) > COMPLEX * size]
 
 
 def passings(here: Point, there: Point) -> Iterator[Passing]:

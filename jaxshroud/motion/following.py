@@ -103,7 +103,7 @@ def doubled(line: Line, flip: Point) -> Algorithm[Point | None]:
     at = flip.cycle.jacobian
     assert at is not None  # points have orbits
     values, vectors = np.linalg.eig(at.by_state * line.units / line.units[:, None])
-    aside = np.append(vectors[:, np.abs(values + 1).argmin()].real, 0.0)
+    aside = np.append(np.real(vectors[:, np.abs(values + 1).argmin()]), 0.0)
     aside -= (aside @ flip.tangent) * flip.tangent
     aside /= np.linalg.norm(aside)
     guess = flip.y + ASIDE * aside

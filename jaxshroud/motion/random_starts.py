@@ -37,9 +37,9 @@ def random_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
     """
     draw, wide = np.random.default_rng(seed), reach(scene)
     kept = np.empty((0, 6, 2))
+    drawn = kept
     for _ in range(MOST_DRAWS):
-        unit = draw.uniform(-spread, spread, (n, 6, 2))
-        drawn = unit * np.stack(wide)
+        drawn = draw.uniform(-spread, spread, (n, 6, 2)) * np.stack(wide)
         apart = np.asarray(_depth(scene, Motion(*np.moveaxis(drawn, 1, 0))) < 0)
         kept = np.concatenate([kept, drawn[apart]])
         if len(kept) >= n:

@@ -84,7 +84,9 @@ class Branch(Result):
         """The result from branches along a number within limits."""
         turns = max(point.cycle.q for one in followed for point in one.points)
         rows = [_row(b, i, one, turns) for b, one in enumerate(followed) for i in range(len(one.points))]
-        values = {name: np.stack([np.asarray(row[name]) for row in rows]) for name in rows[0] if name != "motion"}
+        values: dict[str, Any] = {
+            name: np.stack([np.asarray(row[name]) for row in rows]) for name in rows[0] if name != "motion"
+        }
         values["motion"] = Motion(*(np.stack(field) for field in zip(*(row["motion"] for row in rows), strict=True)))
         gap = values.pop("gap")
         values |= {"along": along, "ends_of_branches": "; ".join(", ".join(one.ends) for one in followed)}

@@ -35,9 +35,11 @@ def attractors(found: "Attractors", ax: Axes | None = None, panel: str | None = 
     figure = new_figure(str(found.data.attrs.get("title", "")), COLUMN, 4.2)
     if not len(found.share):
         return say(figure, "no attractor was found")
-    top, bottom = figure.subfigures(2, 1, height_ratios=[2.3, 1])
-    _draw_orbits(top.subplots(), found)
-    left, right = bottom.subplots(1, 2, sharey=True)
+    grid = figure.add_gridspec(2, 2, height_ratios=[2.3, 1])
+    _draw_orbits(figure.add_subplot(grid[0, :]), found)
+    left = figure.add_subplot(grid[1, 0])
+    right = figure.add_subplot(grid[1, 1], sharey=left)
+    right.tick_params(labelleft=False)
     _draw_shares(left, found)
     _draw_power(right, found)
     return figure
@@ -48,7 +50,7 @@ def _draw_orbits(panel: Axes, found: "Attractors") -> None:
     gap = found.gap
     scale, label = (1 / gap, r"$x_1/\Delta$") if gap > 0 else (1e3, "$x_1$ [mm]")
     for i in reversed(range(len(found.share))):
-        thin = {"lw": 0.5, "alpha": 0.6} if found.kind[i] == 2 else {"lw": 1.0}
+        thin: Any = {"lw": 0.5, "alpha": 0.6} if found.kind[i] == 2 else {"lw": 1.0}
         panel.plot(found.path_x[i] * scale, found.path_v_x[i], color=colour(i), label=_name(found, i), **thin)
         panel.plot(
             found.motion.x[i, 0] * scale, found.motion.v_x[i, 0], "o", ms=3, color=colour(i), mec="white", mew=0.4
@@ -63,19 +65,19 @@ def _name(found: "Attractors", i: int) -> str:
 def _rows(panel: Axes, found: "Attractors") -> np.ndarray:
     """The attractors from above to below."""
     rows = np.arange(len(found.share))
-    panel.set(yticks=rows, yticklabels=[_name(found, i) for i in rows], ylim=(len(rows) - 0.5, -0.5))
+    panel.set(yticks=rows, yticklabels=[_name(found, i) for i in rows.tolist()], ylim=(len(rows) - 0.5, -0.5))
     return rows
 
 
 def _draw_shares(panel: Axes, found: "Attractors") -> None:
-    for i in _rows(panel, found):
+    for i in _rows(panel, found).tolist():
         ends = [[found.share[i] - found.share_low[i]], [found.share_high[i] - found.share[i]]]
         panel.errorbar([found.share[i]], [i], xerr=ends, fmt="o", ms=3, color=colour(i), capsize=2, lw=0.8)
     panel.set(xlabel="share of starts", xlim=(0, 1))
 
 
 def _draw_power(panel: Axes, found: "Attractors") -> None:
-    for i in _rows(panel, found):
+    for i in _rows(panel, found).tolist():
         style: Any = {"color": colour(i), "lw": 0.8}
         least, most = found.P_d_least[i] - found.P_d_ci[i], found.P_d_most[i] + found.P_d_ci[i]
         panel.plot([least, most], [i, i], **style)

@@ -16,9 +16,9 @@ from jaxshroud.results.panels import figure_of, panel_of, scale_of, title_of
 from jaxshroud.results.plot import axis_of
 
 WAYS = {  # direction -> words, colour, marker, size
-    "independent": ("from rest", GREY, "o", 2.6),
-    "forward": ("forward", BLUE, ".", 2.2),
-    "backward": ("backward", ORANGE, ".", 1.4),
+    "independent": ("from rest", GREY, "o", 3.2),
+    "forward": ("forward", BLUE, "o", 2.0),
+    "backward": ("backward", ORANGE, "o", 1.0),
 }
 SHADE = "#e8e8e8"
 

@@ -47,7 +47,7 @@ def _told(data: "xr.Dataset") -> "xr.Dataset":
     return data.assign(jump=((DIRECTION, dim), jumped, words), coexisting=((dim,), np.array(coexist, np.int8), several))
 
 
-def _lanes(data: "xr.Dataset", sizes: Sequence[float]) -> Sequence[Lane]:
+def _lanes(data: "xr.Dataset", sizes: Sequence[float]) -> list[Lane]:
     """The motions of one direction, in sizes of the largest of all."""
     order = data.transpose(*data["status"].dims, "period", "blade", ...)
     scaled = [order[name].to_numpy() / size for name, size in zip(Motion._fields, sizes, strict=True)]

@@ -1,0 +1,137 @@
+"""Coexisting motions: found, told apart, their shares; basins; sweeps in both directions."""
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+import jaxshroud as js
+from jaxshroud.motion.random_starts import random_starts, reach
+from jaxshroud.results.attractors import share_interval
+
+STEPS = {"steps_per_period": 100}
+# Between the folds of test_branch: two orbits of period 1.
+SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=5", "contact.gamma=2.2"]).scene
+
+
+@pytest.fixture(scope="module")
+def found():
+    return js.attractors(SCENE, 64, **STEPS)
+
+
+def test_two_motions_of_equal_period_number_are_told_apart(found):
+    assert found.period_number.tolist() == [1, 1]
+    assert found.names == ["period 1", "period 1"]
+    assert found.undecided == 0
+    assert found.distance.min() > 0.05  # they are far apart ...
+    assert found.residual.max() < 1e-9  # ... and each is known exactly
+    assert found.worst == int(np.argmin(found.P_d))
+
+
+def test_each_start_ends_where_it_is_said_to(found):
+    # Against runs of four times the length: the slower multiplier leaves 1e-6 of the start by then.
+    state = js.State(found.initial, np.zeros(64), np.zeros(64, np.int32), np.zeros(64, np.int32))
+    many = js.scenes_from({"contact.gamma": np.full(64, 2.2)}, SCENE)
+    run = js.sweep(many, state=state, transient=800, n_periods=1, method=js.Method(locate="cubic"), **STEPS)
+    expected = found.motion.x[found.label]
+    np.testing.assert_allclose(run.motion.x[:, -1], expected, rtol=0, atol=1e-4 * np.abs(expected).max())
+
+
+def test_intervals_are_those_of_clopper_and_pearson():
+    for n, of in ((0, 20), (1, 20), (7, 20), (20, 20), (255, 256)):
+        exact = binomtest(n, of).proportion_ci(method="exact")
+        np.testing.assert_allclose(np.array(share_interval(np.array(n), of)), exact, rtol=1e-9, atol=1e-12)
+
+
+def test_starts_are_apart_seeded_and_within_reach():
+    scene = js.load("table1", ["drive.M_0=1"]).scene
+    states, again = random_starts(scene, 50, 3, 2.0), random_starts(scene, 50, 3, 2.0)
+    np.testing.assert_array_equal(states.motion.theta, again.motion.theta)
+    for drawn, most in zip(states.motion, reach(scene), strict=True):
+        share = np.abs(np.asarray(drawn)) / most
+        assert share.max() <= 2
+        assert share.max() > 1.8  # they use it
+    first = js.simulate(scene, js.State(*[type(a)(*(f[0] for f in a)) if hasattr(a, "_fields") else a[0] for a in (
+        states.motion, states.u_s, states.mode, states.case)]), n_periods=1, steps_per_period=400)  # fmt: skip
+    assert first.mode[0] == js.Mode.APART
+
+
+def test_permanent_stick_is_one_family():
+    # Pressed together by the gap, with a friction that nothing overcomes: the slider stays wherever it came to.
+    scene = js.load(
+        "table1", ['parts.motion=["x"]', "shroud.gap=-0.4mm", "friction.mu=1000", "blades.c_x=60", "drive.F_0=5"]
+    ).scene
+    found = js.attractors(scene, 24, **STEPS)
+    assert found.names == ["family of period 1"]
+    assert found.share.tolist() == [1.0]
+    assert found.P_d_most[0] >= found.P_d_least[0]
+
+
+def test_what_is_saved_is_what_is_opened(found, tmp_path):
+    found.save(tmp_path / "attractors.nc")
+    again = js.open(tmp_path / "attractors.nc")
+    assert repr(again) == repr(found)
+    np.testing.assert_array_equal(again.initial.x, found.initial.x)
+    assert len(again.plot().axes) == 3
+
+
+def test_basins_are_what_their_starts_lead_to(found, tmp_path):
+    plane = js.basins(SCENE, ("x[0]", "v_x[0]"), ranges=[(-4e-4, -1e-4), (-0.5, 0.5)], num=6, **STEPS)
+    assert plane.label.shape == (6, 6)
+    assert set(plane.label.ravel().tolist()) <= {0, 1}
+    x, v = (plane.data[dim].to_numpy() for dim in plane.data["label"].dims)
+    for i, j in ((0, 0), (3, 5), (5, 2)):
+        at = js.vary(js.vary(SCENE, "initial.x[0]", x[i]), "initial.v_x[0]", v[j])
+        end = js.simulate(at, n_periods=400, method=js.Method(locate="cubic"), **STEPS).last.motion.x
+        np.testing.assert_allclose(end, plane.motion.x[plane.label[i, j]], rtol=0, atol=1e-3 * np.abs(end).max())
+    plane.save(tmp_path / "basins.nc")
+    assert js.open(tmp_path / "basins.nc").plot().axes
+
+
+def test_a_plane_is_of_two_numbers_of_the_start():
+    with pytest.raises(js.InputError, match="two numbers"):
+        js.basins(SCENE, ("x[0]", "x[0]"), **STEPS)
+    with pytest.raises(js.InputError, match="no number"):
+        js.basins(SCENE, ("x[0]", "gamma"), **STEPS)
+
+
+VALUES = np.linspace(1.9, 2.6, 8)
+OVER = {"contact.gamma": VALUES}
+
+
+@pytest.fixture(scope="module")
+def both():
+    return js.sweep(SCENE, OVER, direction="both", n_periods=32, **STEPS)
+
+
+def test_directions_are_the_sweeps_that_they_are_called_by(both):
+    for i, way in enumerate(("independent", "forward", "backward")):
+        alone = js.sweep(SCENE, OVER, direction=way, n_periods=32, **STEPS)
+        np.testing.assert_array_equal(both.motion.x[i], alone.motion.x)
+        np.testing.assert_array_equal(both.P_d[i], alone.P_d)
+
+
+def test_motions_coexist_between_the_folds_and_jump_at_them(both):
+    # The folds of this march are at 2.0205 and 2.4617.
+    inside = (VALUES > 2.0205) & (VALUES < 2.4617)
+    np.testing.assert_array_equal(both.coexisting, inside)
+    rows = dict(zip(both.data["direction"].to_numpy().tolist(), both.jump, strict=True))
+    assert VALUES[rows["forward"]].tolist() == [VALUES[VALUES > 2.4617][0]]
+    assert VALUES[rows["backward"]].tolist() == [VALUES[VALUES < 2.0205][-1]]
+    assert not rows["independent"].any()
+
+
+def test_several_directions_are_saved_and_drawn(both, tmp_path):
+    both.save(tmp_path / "both.nc")
+    again = js.open(tmp_path / "both.nc")
+    np.testing.assert_array_equal(again.jump, both.jump)
+    assert again.axes.keys() == OVER.keys()
+    assert len(again.plot().axes) == 2
+
+
+def test_a_map_without_samples_has_the_same_numbers():
+    over = {"contact.gamma": [1.0, 2.0, 3.0], "drive.F_0": [20.0, 40.0]}
+    whole, numbers = (js.sweep(SCENE, over, n_periods=16, samples=s, **STEPS) for s in (True, False))
+    assert "x" not in numbers.data
+    for name in ("P_d", "period_number", "status", "settling"):
+        np.testing.assert_array_equal(getattr(numbers, name), getattr(whole, name))
+    assert numbers.plot().axes

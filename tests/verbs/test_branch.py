@@ -1,0 +1,105 @@
+"""Branches of periodic orbits: what is solved for holds, and what is found does not depend on how it is followed."""
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.batch.tangents import flow
+from jaxshroud.results.branch import KINDS
+
+KEY, STEPS = "contact.gamma", {"steps_per_period": 100}
+# Bending in x alone, lightly damped: along gamma one orbit folds twice, and its upper part flips.
+SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=5", "contact.gamma=3"]).scene
+FOLDS, FLIP = (2.0205136, 2.4617387), 3.6139405  # of this march, by steps of the continuation twice as short and long
+
+
+@pytest.fixture(scope="module")
+def found():
+    """The branch through the orbit at gamma = 3, and that of twice its period."""
+    return js.branch(SCENE, KEY, 1.5, 3.7, most_points=80, **STEPS)
+
+
+def special(found, kind):
+    return [one for one in found.special if one.kind == kind]
+
+
+def test_multipliers_are_on_the_unit_circle_where_they_pass_it(found):
+    # The equation is solved to 1e-8 of the multiplier.
+    assert sorted(one.value for one in special(found, "fold")) == pytest.approx(FOLDS, rel=1e-6)
+    assert [one.value for one in special(found, "flip")] == pytest.approx([FLIP], rel=1e-6)
+    for kind, at in (("fold", 1.0), ("flip", -1.0)):
+        for one in special(found, kind):
+            assert abs(one.multiplier - at) < 1e-7
+
+
+def test_stability_changes_at_special_points_only(found):
+    for i in np.flatnonzero(np.diff(found.stable.astype(int))):
+        assert {KINDS[found.kind[i]], KINDS[found.kind[i + 1]]} & {"fold", "flip"}
+    assert (~found.stable).sum() >= 5
+
+
+def test_a_fold_is_where_the_branch_turns(found):
+    for one in special(found, "fold"):
+        before, after = found.value[one.point - 1] - one.value, found.value[one.point + 1] - one.value
+        assert before * after > 0  # orbits on one side only
+
+
+def test_unstable_orbits_close_as_simulated(found):
+    # Shooting says that they close to 1e-11; an independent march of one period multiplies that by the multiplier.
+    unstable = np.flatnonzero(~found.stable & (found.q == 1))
+    assert len(unstable) >= 3
+    for i in unstable[:: len(unstable) // 3]:
+        scene = js.vary(SCENE, KEY, float(found.value[i]))
+        run = js.simulate(scene, found.start(int(i)), n_periods=1, method=js.Method(locate="cubic"), **STEPS)
+        size = np.abs(run.motion.x).max()
+        np.testing.assert_allclose(run.last.motion.x, found.start(int(i)).motion.x, rtol=0, atol=1e-9 * size)
+        assert found.residual[i] <= 1e-9
+
+
+def test_the_doubled_branch_begins_in_the_flip(found):
+    first = np.flatnonzero(found.branch == 1)[0]
+    assert found.q[first] == 2
+    assert found.ends[1][0] == "flip"
+    assert abs(found.value[first] - FLIP) < 1e-3
+    # Of period two in truth: control, for an orbit of period one all differences vanish.
+    assert np.abs(np.diff(found.samples[first, :, 0])) > 1e-3 * np.abs(found.samples[first, :, 0]).max()
+
+
+def test_grazing_is_at_zero_closing_speed(found):
+    grazing = special(found, "grazing")
+    assert grazing
+    for one in grazing:
+        onset, others = found.slowest_onset[one.point], found.slowest_onset[found.kind == 0]
+        speed = onset if found.onsets[one.point] == found.onsets.max() else 0.0
+        gap_left = min(found.nearest_miss[one.point], 1.0) if speed == 0.0 else 0.0
+        assert speed < 1e-2 * np.median(others)
+        assert gap_left < 1e-5 * np.abs(found.motion.x).max()
+
+
+def test_no_point_compiles_anything(found):
+    before = flow.widest._cache_size()
+    js.branch(SCENE, KEY, 2.9, 3.2, **STEPS)
+    assert flow.widest._cache_size() == before
+
+
+def test_what_is_saved_is_what_is_opened(found, tmp_path):
+    found.save(tmp_path / "branch.nc")
+    again = js.open(tmp_path / "branch.nc")
+    assert isinstance(again, js.Branch)
+    assert again.special == found.special
+    assert again.messages == found.messages
+    assert len(again.plot().axes) == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("contact.gamma", 5.0, 6.0), "outside of its range"),
+        (("contact.gamma", 3.0, 3.0), "is empty"),
+        (("contact.gamma",), "is not known"),
+        (("contact.gama", 1.0, 2.0), "did you mean"),
+    ],
+)
+def test_wrong_arguments_are_told(arguments, told):
+    with pytest.raises(js.InputError, match=told):
+        js.branch(SCENE, *arguments, **STEPS)
