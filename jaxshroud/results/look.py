@@ -1,7 +1,8 @@
 """How a picture looks: what users ask for beyond its own choice, and words set as formulas."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from functools import wraps
 from typing import Any, ParamSpec
 
@@ -35,11 +36,14 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     return page
 
 
-def _own_style(path: str | os.PathLike[str] | None) -> Any:
-    try:
-        return matplotlib.style.context([] if path is None else os.fspath(path))
-    except OSError:
-        raise InputError(f"{path}: not a style of matplotlib; give the name of one, or a file") from None
+@contextmanager
+def _own_style(path: str | os.PathLike[str] | None) -> Iterator[None]:
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(matplotlib.style.context([] if path is None else os.fspath(path)))
+        except OSError:
+            raise InputError(f"{path}: not a style of matplotlib; give the name of one, or a file") from None
+        yield
 
 
 def _label(panels: list[Axes], look: Look) -> None:
