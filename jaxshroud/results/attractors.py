@@ -108,14 +108,15 @@ class Attractors(Result):
 
         Args:
             ax: Draw there, and only one panel.
-            options: `panel`: "orbits" (the default), "shares" or "P_d".
+            options: `panel`: "orbits" (the default), "shares" or "P_d"; a title, width [mm] and matplotlib style.
 
         Raises:
             ValueError: There is no such panel.
         """
         from jaxshroud.results import plot_attractors
+        from jaxshroud.results.drawing import Look
 
-        return plot_attractors.attractors(self, ax, **options)
+        return plot_attractors.attractors(self, ax, options.pop("panel", None), look=Look(**options))
 
     def __repr__(self) -> str:
         told = ", ".join(

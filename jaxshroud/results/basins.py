@@ -36,8 +36,9 @@ class Basins(Attractors):
 
         Args:
             ax: Draw there.
-            options: None.
+            options: A title, xlabel, width [mm] and matplotlib style.
         """
         from jaxshroud.results import plot_attractors
+        from jaxshroud.results.drawing import Look
 
-        return plot_attractors.basins(self, ax, **options)
+        return plot_attractors.basins(self, ax, look=Look(**options))

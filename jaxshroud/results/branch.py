@@ -140,15 +140,18 @@ class Branch(Result):
 
         Args:
             ax: Draw there, and only one panel.
-            options: `over`: a sweep along the same number, drawn behind; `panel`: "samples", "multiplier" or "P_d".
+            options: `over`: a sweep along the same number, drawn behind; `panel`: "samples", "multiplier" or
+                "P_d"; a title, xlabel, width [mm] and matplotlib style.
 
         Raises:
             ValueError: There is no such panel, or the sweep is along another number.
         """
         from jaxshroud.results import plot_branch
+        from jaxshroud.results.drawing import Look
 
         over: SweepResult | None = options.pop("over", None)
-        return plot_branch.branches(self.data, ax, over=None if over is None else over.data, **options)
+        panel, look = options.pop("panel", None), Look(**options)
+        return plot_branch.branches(self.data, ax, None if over is None else over.data, panel, look=look)
 
     def __repr__(self) -> str:
         n, of = len(self.ends), {kind: sum(s.kind == kind for s in self.special) for kind in KINDS[1:]}

@@ -2,14 +2,26 @@
 
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from jaxshroud.results.drawing import BLUE, COLUMN, ORANGE, PINK, QUANTITIES, SKY, STYLE, legend_below, new_figure, say
+from jaxshroud.results.drawing import (
+    BLUE,
+    COLUMN,
+    ORANGE,
+    PINK,
+    PLAIN,
+    QUANTITIES,
+    SKY,
+    Look,
+    legend_below,
+    new_figure,
+    say,
+)
+from jaxshroud.results.look import on_axes, styled
 from jaxshroud.results.panels import figure_of, panel_of
 from jaxshroud.results.plot import STOPPED, axis_of
 
@@ -26,13 +38,14 @@ def colour(attractor: int) -> str:
     return COLOURS[min(attractor, SHOWN - 1)]
 
 
-@mpl.rc_context(STYLE)
-def attractors(found: "Attractors", ax: Axes | None = None, panel: str | None = None) -> Figure:
+@styled
+def attractors(found: "Attractors", ax: Axes | None = None, panel: str | None = None, *, look: Look = PLAIN) -> Figure:
     """Orbits, shares and P_d of coexisting motions."""
     if ax is not None:
         panel_of(PANELS, panel)(ax, found)
+        on_axes(ax, look)
         return figure_of(ax)
-    figure = new_figure(str(found.data.attrs.get("title", "")), COLUMN, 4.2)
+    figure = new_figure(str(found.data.attrs.get("title", "")), COLUMN, 4.2, look)
     if not len(found.share):
         return say(figure, "no attractor was found")
     grid = figure.add_gridspec(2, 2, height_ratios=[2.3, 1])
@@ -89,10 +102,10 @@ def _draw_power(panel: Axes, found: "Attractors") -> None:
 PANELS = {"orbits": _draw_orbits, "shares": _draw_shares, "P_d": _draw_power}
 
 
-@mpl.rc_context(STYLE)
-def basins(found: "Basins", ax: Axes | None = None) -> Figure:
+@styled
+def basins(found: "Basins", ax: Axes | None = None, *, look: Look = PLAIN) -> Figure:
     """Which attractor each start of a plane ends on."""
-    figure = new_figure(str(found.data.attrs.get("title", "")), COLUMN, 3.6) if ax is None else figure_of(ax)
+    figure = new_figure(str(found.data.attrs.get("title", "")), COLUMN, 3.6, look) if ax is None else figure_of(ax)
     panel = figure.subplots() if ax is None else ax
     across, up = (axis_of(found.data[dim]) for dim in found.data["label"].dims)
     label = np.minimum(found.label.T, SHOWN - 1)

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -12,7 +11,8 @@ from matplotlib.lines import Line2D
 
 from jaxshroud.model.modes import Status
 from jaxshroud.results.branch import KINDS
-from jaxshroud.results.drawing import BLUE, COLUMN, GREY, INK, STYLE, Floats, legend_below, new_figure
+from jaxshroud.results.drawing import BLUE, COLUMN, GREY, INK, PLAIN, Floats, Look, legend_below, new_figure
+from jaxshroud.results.look import on_axes, styled
 from jaxshroud.results.panels import figure_of, panel_of, scale_of
 from jaxshroud.results.plot import axis_of
 from jaxshroud.scene.errors import InputError
@@ -32,9 +32,14 @@ LINES = {True: "-", False: "--"}
 TWIN: Any = {"lw": 0.9, "color": BLUE}
 
 
-@mpl.rc_context(STYLE)
+@styled
 def branches(
-    ds: xr.Dataset, ax: Axes | None = None, over: xr.Dataset | None = None, panel: str | None = None
+    ds: xr.Dataset,
+    ax: Axes | None = None,
+    over: xr.Dataset | None = None,
+    panel: str | None = None,
+    *,
+    look: Look = PLAIN,
 ) -> Figure:
     """Branches over the number followed.
 
@@ -43,6 +48,7 @@ def branches(
         ax: Draw there, and only one panel.
         over: A sweep along the same number, drawn behind.
         panel: "samples" (the default), "multiplier" or "P_d".
+        look: What is asked for otherwise; displacements and the number stay in their units.
 
     Raises:
         ValueError: There is no such panel, or the sweep is along another number.
@@ -53,8 +59,9 @@ def branches(
     if ax is not None:
         panel_of(PANELS, panel)(ax, ds, values, over)
         ax.set(xlabel=label)
+        on_axes(ax, look)
         return figure_of(ax)
-    figure = new_figure(str(ds.attrs.get("title", "")), COLUMN, 4.6)
+    figure = new_figure(str(ds.attrs.get("title", "")), COLUMN, 4.6, look)
     panels = figure.subplots(3, 1, sharex=True, height_ratios=[3, 1.1, 1.5])
     for one, draw in zip(panels, PANELS.values(), strict=True):
         draw(one, ds, values, over)

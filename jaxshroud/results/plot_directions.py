@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -11,7 +10,19 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from jaxshroud.model.modes import Status
-from jaxshroud.results.drawing import BLUE, COLUMN, GREY, INK, ORANGE, STYLE, Floats, legend_below, new_figure
+from jaxshroud.results.drawing import (
+    BLUE,
+    COLUMN,
+    GREY,
+    INK,
+    ORANGE,
+    PLAIN,
+    Floats,
+    Look,
+    legend_below,
+    new_figure,
+)
+from jaxshroud.results.look import on_axes, styled
 from jaxshroud.results.panels import figure_of, panel_of, scale_of, title_of
 from jaxshroud.results.plot import axis_of
 
@@ -23,30 +34,32 @@ WAYS = {  # direction -> words, colour, marker, size
 SHADE = "#e8e8e8"
 
 
-@mpl.rc_context(STYLE)
-def directions(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None) -> Figure:
+@styled
+def directions(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None, *, look: Look = PLAIN) -> Figure:
     """Stroboscopic x_1 and P_d over the number, in all directions.
 
     Args:
         ds: A sweep along one axis with a dimension `direction`.
         ax: Draw there, and only one panel.
         panel: "samples" (the default) or "P_d".
+        look: What is asked for otherwise.
 
     Raises:
         ValueError: There is no such panel.
     """
     ds = ds.sortby(str(ds.attrs["axes"]))
-    axis = axis_of(ds[str(ds.attrs["axes"])])
+    axis = axis_of(ds[str(ds.attrs["axes"])], look)
     if ax is not None:
         _shade(ax, ds, axis.edges)
-        panel_of(PANELS, panel)(ax, ds, axis.values)
+        panel_of(PANELS, panel)(ax, ds, axis.values, look)
         ax.set(xlabel=axis.label)
+        on_axes(ax, look)
         return figure_of(ax)
-    figure = new_figure(title_of(ds), COLUMN, 4.2)
+    figure = new_figure(title_of(ds), COLUMN, 4.2, look)
     samples, power = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     for one, draw in zip((samples, power), PANELS.values(), strict=True):
         _shade(one, ds, axis.edges)
-        draw(one, ds, axis.values)
+        draw(one, ds, axis.values, look)
     power.set(xlabel=axis.label, xlim=axis.edges[[0, -1]])
     figure.align_ylabels([samples, power])
     legend_below(figure, _handles(ds))
@@ -62,8 +75,8 @@ def _shade(panel: Axes, ds: xr.Dataset, edges: Floats) -> None:
             panel.axvline(x, color=WAYS[way][1], lw=0.7, ls=":", zorder=1)
 
 
-def _draw_samples(panel: Axes, ds: xr.Dataset, values: Floats) -> None:
-    scale = scale_of(ds["gap"].to_numpy())
+def _draw_samples(panel: Axes, ds: xr.Dataset, values: Floats, look: Look) -> None:
+    scale = scale_of(ds["gap"].to_numpy(), look.unit)
     for way, (_, color, marker, size) in WAYS.items():
         one = ds.sel(direction=way).transpose(str(ds.attrs["axes"]), "period", "blade", ...)
         x = (one["x"].to_numpy()[:, :, 0].T * scale.factor).T
@@ -73,7 +86,7 @@ def _draw_samples(panel: Axes, ds: xr.Dataset, values: Floats) -> None:
     panel.set(ylabel=scale.label("1"))
 
 
-def _draw_power(panel: Axes, ds: xr.Dataset, values: Floats) -> None:
+def _draw_power(panel: Axes, ds: xr.Dataset, values: Floats, _: Look) -> None:
     for way, (_, color, marker, size) in WAYS.items():
         one = ds.sel(direction=way)
         P_d = np.where(one["status"].to_numpy() == Status.OK, one["P_d"].to_numpy(), np.nan)

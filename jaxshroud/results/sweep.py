@@ -97,7 +97,8 @@ class SweepResult(Result):
         Args:
             ax: Draw there, and only the panel named by `panel`.
             options: `panel`: "samples" or "P_d" over one axis; "P_d" or "motions" over two; "lyapunov" over either,
-                where exponents were computed.
+                where exponents were computed. A title, xlabel, unit of displacements and of lengths that are swept
+                ("mm", "um", "m" or "gap", for x over the gap), width [mm] and matplotlib style.
 
         Raises:
             ValueError: The sweep has neither one axis nor two, or no such panel.
