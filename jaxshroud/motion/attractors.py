@@ -124,7 +124,7 @@ def _orbits(scene: Scene, end: Ended, label: np.ndarray, units: np.ndarray, aim:
     found: list[Attractor] = []
     label, left = label.copy(), np.flatnonzero(end.number)
     while len(left) and len(found) < MOST:
-        leader = left[0]
+        leader = int(left[0])
         cycle = alone_found(_stable_orbit(scene, _lane(end.state, leader), int(end.number[leader]), aim))
         if cycle is None:
             left = left[1:]
@@ -241,7 +241,7 @@ def _sets(scene: Scene, end: Ended, label: np.ndarray, first: int, units: np.nda
     good = np.asarray(runs.last.status) == Status.OK
     label[some[~good]] = -2
     sets = _told_apart(points, np.flatnonzero(good))[: max(MOST - first, 0)]
-    found = [Attractor("aperiodic", 0, some[on], points[on[0]], None, _lane(states, on[0])) for on in sets]
+    found = [Attractor("aperiodic", 0, some[on], points[on[0]], None, _lane(states, int(on[0]))) for on in sets]
     for i, on in enumerate(sets):
         label[some[on]] = first + i
     for lane in rest:

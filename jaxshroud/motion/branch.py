@@ -45,7 +45,7 @@ class Line(NamedTuple):
 
     def at(self, value: float) -> Scene:
         """The scene with the number replaced."""
-        return jax.tree.map(lambda a: np.asarray(a)[0], scenes_at(self.scene, [self.key], np.array([[value]])))
+        return jax.tree.map(lambda a: a[0], scenes_at(self.scene, [self.key], np.array([[value]])))
 
 
 class Point(NamedTuple):

@@ -17,7 +17,7 @@ from jaxshroud.motion.orbit import Cycle
 from jaxshroud.motion.shooting import TOLERANCE, Aim, closed_orbit, settled_orbit
 from jaxshroud.motion.together import alone_found
 from jaxshroud.results.branch import Branch
-from jaxshroud.results.gathered import taken
+from jaxshroud.results.gathered import picked
 from jaxshroud.scene.checks import count_argument
 from jaxshroud.scene.errors import InputError, NumericalError
 from jaxshroud.scene.file import SceneFile
@@ -100,7 +100,7 @@ def branch(
     request = asked(scene, steps_per_period=steps_per_period, method=method, accuracy=accuracy)
     how = with_tangents(request, scenes_at(one, [along], np.array([[low], [value], [high]])))
     aim = Aim(how.steps, TOLERANCE[how.method.precision], how.method)
-    here = in_precision(taken(scenes_at(one, [along], np.array([[value]])), (0,)), how.method.precision)
+    here = in_precision(picked(scenes_at(one, [along], np.array([[value]])), (0,)), how.method.precision)
     try:
         found = _sought(here, state, q, most_periods, aim)
         line, first = _first(found, along, low, high, value, aim)
@@ -127,7 +127,7 @@ def _range(scene: Scene | SceneFile, along: str, start: float | None, stop: floa
 
 def _sought(scene: Scene, state: State | None, q: int | None, most_periods: int, aim: Aim) -> Cycle:
     """The orbit to begin with."""
-    begin = taken(starts(alone(scene)), (0,)) if state is None else state
+    begin = picked(starts(alone(scene)), (0,)) if state is None else state
     looked_for = settled_orbit(scene, begin, most_periods, aim) if q is None else closed_orbit(scene, begin, q, aim)
     found = alone_found(looked_for)
     if not found.found or "not converged" in found.flags:

@@ -8,8 +8,8 @@ counted, and how far they are from each other.
 
 import json
 import sys
-import time
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -71,47 +71,35 @@ def row(one: Drawn, sample: int, many: int, seed: int) -> dict[str, Any]:
     }
 
 
-def studied(scenes: list[Drawn], wanted: int, sample: int, many: int, few: int = FEW) -> dict[str, Any]:
-    """Scenes in which several motions are found."""
-    rows, tried = [], 0
+def studied(scenes: list[Drawn], wanted: int, sample: int, many: int, few: int = FEW) -> Iterator[dict[str, Any]]:
+    """What is known after each scene in which several motions are found."""
+    rows: list[dict[str, Any]] = []
     for i, one in enumerate(scenes):
-        if len(rows) == wanted:
-            break
-        tried += 1
         if len(found_in(one, few, 1000 + i).attractors) < 2:
             continue
         rows.append(row(one, sample, many, i))
         print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
-    covered = [c for r in rows for c in r["covered"]]
-    return {
-        "scenes tried": tried,
-        "scenes with several motions": len(rows),
-        "by model": Counter(r["model"] for r in rows),
-        "shares": len(covered),
-        "covered": float(np.mean(covered)) if covered else None,
-        "scenes with motions of equal period number": sum(r["pairs of equal period number"] > 0 for r in rows),
-        "undecided or stopped, most": max((r["undecided or stopped"] for r in rows), default=None),
-        "rows": rows,
-    }
+        covered = [c for r in rows for c in r["covered"]]
+        yield {
+            "scenes tried": i + 1,
+            "scenes with several motions": len(rows),
+            "by model": Counter(r["model"] for r in rows),
+            "shares": len(covered),
+            "covered": float(np.mean(covered)),
+            "scenes with motions of equal period number": sum(r["pairs of equal period number"] > 0 for r in rows),
+            "undecided or stopped, most": max(r["undecided or stopped"] for r in rows),
+            "rows": rows,
+        }
+        if len(rows) == wanted:
+            return
 
 
 def main() -> None:
     """Measure and write."""
     jax.config.update("jax_enable_x64", True)
-    began = time.perf_counter()
-    told = {
-        "command": "python tests/studies/attractors.py",
-        "version": js.__version__,
-        "seed": SEED,
-        "starts": [SAMPLE, MANY],
-    }
-    found = {
-        **told,
-        **studied(drawn(DRAWN, SEED, MODELS, DAMPING), SCENES, SAMPLE, MANY),
-        "seconds": round(time.perf_counter() - began),
-    }
-    Path(__file__).with_suffix(".json").write_text(json.dumps(found, indent=1) + "\n", "utf-8")
-    print(json.dumps({name: value for name, value in found.items() if name != "rows"}, indent=1))
+    told = {"command": "python tests/studies/attractors.py", "version": js.__version__, "seed": SEED}
+    found = studied(drawn(DRAWN, SEED, MODELS, DAMPING), SCENES, SAMPLE, MANY)
+    kept(found, told | {"starts": [SAMPLE, MANY]}, Path(__file__).with_suffix(".json"))
 
 
 if __name__ == "__main__":

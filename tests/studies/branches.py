@@ -15,7 +15,8 @@ Unstable orbits are those that no sweep shows: their closing errors are given.
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,15 +29,17 @@ from jaxshroud.motion.apart import distance
 from jaxshroud.results.branch import KINDS
 from jaxshroud.scene.scene import Scene
 
-SEED, SCENES, ASIDE, PUSH, LEFT, NEAR = 0, 40, 1e-3, 1e-2, 0.02, 1e-4
+SEED, SCENES, WANTED = 0, 64, 16
+ASIDE, PUSH, LEFT, NEAR = 1e-3, 1e-2, 0.02, 1e-4
 KEY, RANGE, STEPS, MOST_POINTS, MOST_TRANSIENT = "contact.gamma", (0.3, 8.0), 128, 200, 10_000
-METHOD = js.Method("tsit5", locate="cubic")
+METHOD = js.Method("tsit5", locate="cubic")  # of the whole model
+COARSE: dict[str, Any] = {"steps_per_period": 100, "method": js.Method("rk4", locate="cubic")}  # of x alone
 X, X_RIGID, ALL = (
     ("x", ['parts.motion=["x"]']),
     ("x, rigid", ['parts.motion=["x"]', "parts.neighbour=rigid"]),
     ("all", []),
 )
-MODELS = (X_RIGID, X, X_RIGID, X, ALL)
+MODELS = (X_RIGID, X, X_RIGID, X, X_RIGID, X, X_RIGID, ALL)
 
 
 class Drawn(NamedTuple):
@@ -49,6 +52,11 @@ class Drawn(NamedTuple):
     def scene(self) -> Scene:
         """The scene."""
         return js.load("table1", self.overrides).scene
+
+    @property
+    def how(self) -> dict[str, Any]:
+        """How it is marched."""
+        return {"steps_per_period": STEPS, "method": METHOD} if self.model == ALL[0] else COARSE
 
 
 def drawn(
@@ -74,9 +82,7 @@ def drawn(
 def followed(one: Drawn) -> js.Branch | None:
     """The branch of a scene; None where it settles on no orbit."""
     try:
-        return js.branch(
-            one.scene, KEY, *RANGE, steps_per_period=STEPS, method=METHOD, most_points=MOST_POINTS, doublings=0
-        )
+        return js.branch(one.scene, KEY, *RANGE, most_points=MOST_POINTS, doublings=0, **one.how)
     except js.NumericalError:
         return None
 
@@ -89,11 +95,11 @@ def neighbours(branch: js.Branch, point: int) -> list[int]:
     return [i for i in beside if branch.stable[i]]
 
 
-def run_from(scene: Scene, state: js.State, gamma: float, transient: int) -> Any:
+def run_from(one: Drawn, state: js.State, gamma: float, transient: int) -> Any:
     """A sweep of one value from a state."""
-    scenes = js.scenes_from({KEY: [gamma]}, scene)
+    scenes = js.scenes_from({KEY: [gamma]}, one.scene)
     begin = jax.tree.map(lambda a: np.asarray(a)[None], state)
-    return js.sweep(scenes, state=begin, n_periods=64, transient=transient, steps_per_period=STEPS, method=METHOD)
+    return js.sweep(scenes, state=begin, n_periods=64, transient=transient, **one.how)
 
 
 def strobes(run: Any) -> np.ndarray:
@@ -101,7 +107,7 @@ def strobes(run: Any) -> np.ndarray:
     return np.concatenate([np.asarray(field)[0] for field in run.motion], axis=-1)
 
 
-def compared(scene: Scene, branch: js.Branch, special: Any) -> dict[str, Any] | None:
+def compared(one: Drawn, branch: js.Branch, special: Any) -> dict[str, Any] | None:
     """What sweeps do on either side of one fold or flip; None where no stable orbit is beside it."""
     stable = neighbours(branch, special.point)
     if not stable:
@@ -109,18 +115,17 @@ def compared(scene: Scene, branch: js.Branch, special: Any) -> dict[str, Any] | 
     beside, q = stable[0], special.q
     sign = np.sign(branch.value[beside] - special.value)
     inside, outside = (special.value * (1 + side * ASIDE) for side in (sign, -sign))
-    here = js.branch(
-        scene, KEY, *RANGE, at=inside, q=q, state=branch.start(_nearest(branch, special, inside, beside)),
-        steps_per_period=STEPS, method=METHOD, most_points=2, doublings=0,
-    )  # fmt: skip
-    at = int(np.argmin(np.abs(here.value - inside)))
-    multiplier = float(np.abs(here.multipliers[at][0]))
-    transient = int(min(max(256, np.ceil(10 / abs(1 - multiplier))), MOST_TRANSIENT))
-    start = here.start(at)
+    begin = branch.start(_nearest(branch, special, inside, beside))
+    here = js.orbit(js.vary(one.scene, KEY, inside), state=begin, most_periods=4096, **one.how)
+    multiplier = float(np.abs(here.others[0])) if here.found else float("nan")
+    if not multiplier < 1:
+        return {"kind": special.kind, "value": special.value, "q": q, "agrees": False, "why": "no stable orbit inside"}
+    transient = int(min(max(256, np.ceil(10 / (1 - multiplier))), MOST_TRANSIENT))
+    start = here.start
     size = np.concatenate([np.maximum(np.abs(np.asarray(f)).max(axis=0), 1e-30) for f in branch.motion])
     pushed = eqx.tree_at(lambda s: s.motion.x, start, np.asarray(start.motion.x) * (1 + PUSH * ASIDE))
-    stays, leaves = run_from(scene, pushed, inside, transient), run_from(scene, start, outside, transient)
-    orbit = run_from(scene, start, inside, 0)
+    stays, leaves = run_from(one, pushed, inside, transient), run_from(one, start, outside, transient)
+    orbit = run_from(one, start, inside, 0)
     near = distance(strobes(stays)[-q:] / size, strobes(orbit)[:q] / size)
     away = distance(strobes(leaves)[-q:] / size, strobes(orbit)[:q] / size)
     numbers = int(stays.period_number[0]), int(leaves.period_number[0])
@@ -147,50 +152,53 @@ def _nearest(branch: js.Branch, special: Any, value: float, beside: int) -> int:
     return best
 
 
-def studied(scenes: list[Drawn]) -> dict[str, Any]:
-    """Every fold and flip of the branches of scenes."""
-    rows, closing, points, ends = [], [], {"stable": 0, "unstable": 0}, {}
+def studied(scenes: list[Drawn], wanted: int) -> Iterator[dict[str, Any]]:
+    """What is known after each scene, until so many folds and flips are compared."""
+    rows, closing, ends = [], [0.0], Counter()
+    counts = {"scenes": 0, "without a periodic orbit to begin with": 0, "stable points": 0, "unstable points": 0}
     kinds = dict.fromkeys(KINDS[1:], 0)
-    none = 0
     for one in scenes:
-        branch = followed(one)
+        branch, counts["scenes"] = followed(one), counts["scenes"] + 1
         if branch is None:
-            none += 1
+            counts["without a periodic orbit to begin with"] += 1
             continue
-        points["stable"] += int(branch.stable.sum())
-        points["unstable"] += int((~branch.stable).sum())
+        counts["stable points"] += int(branch.stable.sum())
+        counts["unstable points"] += int((~branch.stable).sum())
         closing.append(float(branch.residual[~branch.stable].max(initial=0.0)))
-        for pair in branch.ends:
-            for end in pair:
-                ends[end] = ends.get(end, 0) + 1
+        ends.update(end for pair in branch.ends for end in pair)
         for special in branch.special:
             kinds[special.kind] += 1
-            if special.kind in ("fold", "flip"):
-                told = compared(one.scene, branch, special)
-                if told is not None:
-                    rows.append({"model": one.model, "overrides": one.overrides, **told})
-                    print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
-    return {
-        "scenes": len(scenes),
-        "without a periodic orbit to begin with": none,
-        "points": points,
-        "ends of branches": ends,
-        "special points": kinds,
-        "largest closing error of unstable orbits": max(closing, default=0.0),
-        "compared": {kind: sum(r["kind"] == kind for r in rows) for kind in ("fold", "flip")},
-        "agree": {kind: sum(r["kind"] == kind and r["agrees"] for r in rows) for kind in ("fold", "flip")},
-        "rows": rows,
-    }
+            told = compared(one, branch, special) if special.kind in ("fold", "flip") else None
+            if told is not None:
+                rows.append({"model": one.model, "overrides": one.overrides, **told})
+                print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
+        yield {
+            **counts,
+            "ends of branches": ends,
+            "special points": kinds,
+            "largest closing error of unstable orbits": max(closing),
+            "compared": {kind: sum(r["kind"] == kind for r in rows) for kind in ("fold", "flip")},
+            "agree": {kind: sum(r["kind"] == kind and r["agrees"] for r in rows) for kind in ("fold", "flip")},
+            "rows": rows,
+        }
+        if len(rows) >= wanted:
+            return
+
+
+def kept(states: Iterator[dict[str, Any]], told: dict[str, Any], path: Path) -> None:
+    """Write what is known after each scene, and print the last of it."""
+    began, found = time.perf_counter(), {}
+    for state in states:
+        found = {**told, **state, "seconds": round(time.perf_counter() - began)}
+        path.write_text(json.dumps(found, indent=1) + "\n", "utf-8")
+    print(json.dumps({name: value for name, value in found.items() if name != "rows"}, indent=1))
 
 
 def main() -> None:
     """Measure and write."""
     jax.config.update("jax_enable_x64", True)
-    began = time.perf_counter()
     told = {"command": "python tests/studies/branches.py", "version": js.__version__, "seed": SEED}
-    found = {**told, **studied(drawn(SCENES, SEED)), "seconds": round(time.perf_counter() - began)}
-    Path(__file__).with_suffix(".json").write_text(json.dumps(found, indent=1) + "\n", "utf-8")
-    print(json.dumps({name: value for name, value in found.items() if name != "rows"}, indent=1))
+    kept(studied(drawn(SCENES, SEED), WANTED), told, Path(__file__).with_suffix(".json"))
 
 
 if __name__ == "__main__":
