@@ -115,11 +115,8 @@ def bifurcation(ds: xr.Dataset, *, look: Look = PLAIN) -> Figure:
     (dim,) = _dims(ds, 1)
     ds = _in_order(ds, [dim])
     grows = "lyapunov" in ds
-    figure, axis, motion = (
-        new_figure(title_of(ds), COLUMN, 5.7 if grows else 4.4, look),
-        axis_of(ds[dim], look),
-        _motion(ds),
-    )
+    figure = new_figure(title_of(ds), COLUMN, 5.7 if grows else 4.4, look)
+    axis, motion = axis_of(ds[dim], look), _motion(ds)
     if not (motion >= 0).any():
         return say(figure, _nothing(ds))
     heights = [3, 0.2, 1.7, *([1.5] if grows else [])]

@@ -1,6 +1,6 @@
 """Pictures of coexisting motions and of their basins."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,9 +25,7 @@ from jaxshroud.results.look import on_axes, styled
 from jaxshroud.results.panels import figure_of, panel_of
 from jaxshroud.results.plot import STOPPED, axis_of
 
-if TYPE_CHECKING:
-    from jaxshroud.results.attractors import Attractors
-    from jaxshroud.results.basins import Basins
+Attractors = Basins = Any  # those of `results`, which import this module
 
 COLOURS = (BLUE, ORANGE, "#009E73", PINK, SKY, "#D55E00", "#4d4d4d", "#F0E442")
 SHOWN = len(COLOURS)  # attractors with a colour of their own; the others share the last
@@ -39,7 +37,7 @@ def colour(attractor: int) -> str:
 
 
 @styled
-def attractors(found: "Attractors", ax: Axes | None = None, panel: str | None = None, *, look: Look = PLAIN) -> Figure:
+def attractors(found: Attractors, ax: Axes | None = None, panel: str | None = None, *, look: Look = PLAIN) -> Figure:
     """Orbits, shares and P_d of coexisting motions."""
     if ax is not None:
         panel_of(PANELS, panel)(ax, found)
@@ -58,7 +56,7 @@ def attractors(found: "Attractors", ax: Axes | None = None, panel: str | None = 
     return figure
 
 
-def _draw_orbits(panel: Axes, found: "Attractors") -> None:
+def _draw_orbits(panel: Axes, found: Attractors) -> None:
     """The left blade's path, and where it is at the strobe."""
     gap = found.gap
     scale, label = (1 / gap, r"$x_1/\Delta$") if gap > 0 else (1e3, "$x_1$ [mm]")
@@ -71,25 +69,25 @@ def _draw_orbits(panel: Axes, found: "Attractors") -> None:
     panel.set(xlabel=label, ylabel="$v_{x1}$ [m/s]")
 
 
-def _name(found: "Attractors", i: int) -> str:
+def _name(found: Attractors, i: int) -> str:
     return f"{chr(65 + i) if i < 26 else i}: {found.names[i]}"
 
 
-def _rows(panel: Axes, found: "Attractors") -> np.ndarray:
+def _rows(panel: Axes, found: Attractors) -> np.ndarray:
     """The attractors from above to below."""
     rows = np.arange(len(found.share))
     panel.set(yticks=rows, yticklabels=[_name(found, i) for i in rows.tolist()], ylim=(len(rows) - 0.5, -0.5))
     return rows
 
 
-def _draw_shares(panel: Axes, found: "Attractors") -> None:
+def _draw_shares(panel: Axes, found: Attractors) -> None:
     for i in _rows(panel, found).tolist():
         ends = [[found.share[i] - found.share_low[i]], [found.share_high[i] - found.share[i]]]
         panel.errorbar([found.share[i]], [i], xerr=ends, fmt="o", ms=3, color=colour(i), capsize=2, lw=0.8)
     panel.set(xlabel="share of starts", xlim=(0, 1))
 
 
-def _draw_power(panel: Axes, found: "Attractors") -> None:
+def _draw_power(panel: Axes, found: Attractors) -> None:
     for i in _rows(panel, found).tolist():
         style: Any = {"color": colour(i), "lw": 0.8}
         least, most = found.P_d_least[i] - found.P_d_ci[i], found.P_d_most[i] + found.P_d_ci[i]
@@ -103,7 +101,7 @@ PANELS = {"orbits": _draw_orbits, "shares": _draw_shares, "P_d": _draw_power}
 
 
 @styled
-def basins(found: "Basins", ax: Axes | None = None, *, look: Look = PLAIN) -> Figure:
+def basins(found: Basins, ax: Axes | None = None, *, look: Look = PLAIN) -> Figure:
     """Which attractor each start of a plane ends on."""
     figure = new_figure(str(found.data.attrs.get("title", "")), COLUMN, 3.6, look) if ax is None else figure_of(ax)
     panel = figure.subplots() if ax is None else ax
@@ -127,6 +125,6 @@ def basins(found: "Basins", ax: Axes | None = None, *, look: Look = PLAIN) -> Fi
     return figure
 
 
-def _factors(found: "Basins") -> list[float]:
+def _factors(found: Basins) -> list[float]:
     """Units of the picture in one SI unit, of both axes."""
     return [QUANTITIES[key.split("[")[0]][3] for key in found.plane]

@@ -87,7 +87,7 @@ def _draw_samples(panel: Axes, ds: xr.Dataset, values: Floats, look: Look) -> No
 
 
 def _draw_power(panel: Axes, ds: xr.Dataset, values: Floats, _: Look) -> None:
-    for way, (_, color, marker, size) in WAYS.items():
+    for way, (_words, color, marker, size) in WAYS.items():
         one = ds.sel(direction=way)
         P_d = np.where(one["status"].to_numpy() == Status.OK, one["P_d"].to_numpy(), np.nan)
         panel.plot(values, P_d, marker, ms=size + 0.5, mew=0, color=color)
