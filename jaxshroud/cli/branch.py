@@ -13,7 +13,7 @@ from jaxshroud.cli.store import named
 from jaxshroud.cli.terminal import CommandError, blamed, directory, print_columns, print_table, progress_bar
 from jaxshroud.march.method import FAST
 from jaxshroud.results import drawing
-from jaxshroud.results.branch import KINDS
+from jaxshroud.results.kinds import KINDS
 from jaxshroud.results.store import write_json
 from jaxshroud.scene.axes import axis
 from jaxshroud.scene.file import SceneFile

@@ -8,6 +8,7 @@ import numpy as np
 from jaxshroud.results.base import Result
 from jaxshroud.results.dimension import about
 from jaxshroud.results.gathered import Complex
+from jaxshroud.results.kinds import KINDS
 from jaxshroud.results.status import FLAGS
 from jaxshroud.results.variable import Attribute, Moving, Variable
 from jaxshroud.scene.motion import Motion
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from jaxshroud.motion.branches import Followed
     from jaxshroud.results.sweep import SweepResult
 
-KINDS = ("regular", "fold", "flip", "Neimark-Sacker", "branch point", "corner", "jump", "grazing")
 GAP = {"units": "m", "long_name": "initial gap"}
 ENDS = {
     "start": "the range begins there",

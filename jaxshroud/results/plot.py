@@ -1,7 +1,7 @@
 """Pictures of stored runs and sweeps, sized for a journal column; nothing here simulates."""
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,6 +12,7 @@ from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
 from jaxshroud.model.modes import Status
+from jaxshroud.results.axis import Axis, axis_of
 from jaxshroud.results.drawing import (
     BLUE,
     COLUMN,
@@ -25,7 +26,6 @@ from jaxshroud.results.drawing import (
     Look,
     legend_below,
     new_figure,
-    quantity,
     say,
 )
 from jaxshroud.results.look import on_axes, styled
@@ -48,14 +48,6 @@ STOPPED: Any = {"facecolor": "#ededed", "edgecolor": "#9c9c9c", "hatch": "//////
 
 Integers = NDArray[np.integer[Any]]
 Booleans = NDArray[np.bool_]
-
-
-class Axis(NamedTuple):
-    """A sweep's parameter in the unit of the picture."""
-
-    values: Floats
-    edges: Floats  # borders of the cells around the values
-    label: str
 
 
 def sweep(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None, **looks: Any) -> Figure:
@@ -208,21 +200,6 @@ def _dims(ds: xr.Dataset, count: int) -> list[str]:
     if len(dims) != count:
         raise InputError(f"This picture needs a sweep along {count} key(s), but got {', '.join(dims)}.")
     return dims
-
-
-def axis_of(coordinate: xr.DataArray, look: Look = PLAIN) -> Axis:
-    """A number of the scene in the unit of pictures."""
-    key = str(coordinate.attrs.get("key", coordinate.name))
-    label, factor = quantity(key, look, str(coordinate.attrs.get("units", "1")).removeprefix("1"))
-    values = coordinate.to_numpy().astype(float) * factor
-    return Axis(values, _edges(values), label)
-
-
-def _edges(values: Floats) -> Floats:
-    if values.size < 2:
-        return values.sum() + np.array([-0.5, 0.5])
-    middle = (values[1:] + values[:-1]) / 2
-    return np.array([2 * values[0] - middle[0], *middle, 2 * values[-1] - middle[-1]])
 
 
 def _stopped(ds: xr.Dataset) -> dict[str, Booleans]:

@@ -8,6 +8,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from jaxshroud.results.axis import axis_of
 from jaxshroud.results.drawing import (
     BLUE,
     COLUMN,
@@ -23,7 +24,7 @@ from jaxshroud.results.drawing import (
 )
 from jaxshroud.results.look import on_axes, styled
 from jaxshroud.results.panels import figure_of, panel_of
-from jaxshroud.results.plot import STOPPED, axis_of
+from jaxshroud.results.plot import STOPPED
 
 Attractors = Basins = Any  # those of `results`, which import this module
 

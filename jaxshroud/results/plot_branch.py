@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from jaxshroud.model.modes import Status
-from jaxshroud.results.branch import KINDS
+from jaxshroud.results.axis import axis_of
 from jaxshroud.results.drawing import BLUE, COLUMN, GREY, INK, PLAIN, Floats, Look, legend_below, new_figure
+from jaxshroud.results.kinds import KINDS
 from jaxshroud.results.look import on_axes, styled
 from jaxshroud.results.panels import figure_of, panel_of, scale_of
-from jaxshroud.results.plot import axis_of
 from jaxshroud.scene.errors import InputError
 
 # Special point -> marker, colour.

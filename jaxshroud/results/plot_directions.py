@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from jaxshroud.model.modes import Status
+from jaxshroud.results.axis import axis_of
 from jaxshroud.results.drawing import (
     BLUE,
     COLUMN,
@@ -24,7 +25,6 @@ from jaxshroud.results.drawing import (
 )
 from jaxshroud.results.look import on_axes, styled
 from jaxshroud.results.panels import figure_of, panel_of, scale_of, title_of
-from jaxshroud.results.plot import axis_of
 
 WAYS = {  # direction -> words, colour, marker, size
     "independent": ("from rest", GREY, "o", 3.2),

@@ -16,6 +16,7 @@ from jaxshroud.march.stability import Steps
 from jaxshroud.model.state import State
 from jaxshroud.motion.largest import TURNING
 from jaxshroud.motion.period import PERIOD_TOLERANCE
+from jaxshroud.results.directions import together
 from jaxshroud.results.status import tell_failures
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import tolerance_argument, word_argument
@@ -25,7 +26,6 @@ from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.parts import WAYS, Direction
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.directions import together
 from jaxshroud.verbs.door import Asked, asked, in_line, marched
 from jaxshroud.verbs.swept import AT_ONCE, Grid, Wanted, mapped, swept
 
