@@ -128,9 +128,12 @@ def _orbits(scenes: Scene, states: State, runs: Runs, told: Returns, loosely: Re
 
 
 def _orbit(scene: Scene, state: State, q: int, samples: np.ndarray, aim: Aim) -> Algorithm[_Orbit]:
-    """The orbit of period number `q` or, where that has turned unstable in a flip, of twice as many; its samples."""
+    """The orbit of period number `q` or, where that is none that lasts, of twice as many; its samples.
+
+    An orbit that has doubled its period by less than what counts looks like the one that it has left.
+    """
     cycle = yield from nearby_orbit(scene, state, q, samples, aim)
-    if "unstable" in cycle.flags and cycle.bifurcation[0] == "flip":
+    if not cycle.sound:
         cycle = yield from nearby_orbit(scene, state, 2 * q, samples, aim, cycle.periods)
     runs = yield Periods(scene, cycle.start, Plan(0, cycle.q, aim.steps, 0.0, aim.method))
     return _Orbit(cycle, displacements(runs.samples)[0])

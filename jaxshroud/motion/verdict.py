@@ -20,7 +20,7 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 ROUNDS = 3  # each twice as long as the one before, where that could not decide
 CHAOS, REGULAR = 0.5, 0.2  # K above which the 0-1 test speaks for chaos, and below which for regular motion
 STAYS = 1e-2  # of a displacement's size that the run may be off its orbit in the end
-FLAT, SURE = 1e-4, 0.02  # exponents per period that count as 0 on a torus, and half widths that can tell
+FLAT, SURE = 1e-4, 0.05  # exponents per period that count as 0 on a torus, and half widths that can tell
 
 
 class Verdict(NamedTuple):
@@ -79,7 +79,11 @@ def verdicts(
 
 
 def judgement(e: Evidence, last: bool = True) -> tuple[Kind, int]:
-    """The kind and the period number that the evidence agrees on; a torus is seen in the last round only."""
+    """The kind and the period number that the evidence agrees on.
+
+    Chaos and tori are seen in the last round only: of what looks chaotic for some hundred periods, one in ten settles
+    on an orbit later, and a torus looks like a slow decay.
+    """
     if e.status != Status.OK:
         return "stopped", 0
     grows, shrinks = e.exponent - e.ci > 0, e.exponent + e.ci < 0
@@ -87,7 +91,7 @@ def judgement(e: Evidence, last: bool = True) -> tuple[Kind, int]:
         return ("periodic", e.cycle.q) if e.away <= STAYS else ("transient not over", 0)
     if e.q and e.away <= STAYS and shrinks:
         return "periodic", e.q
-    if grows and e.K > CHAOS:
+    if last and grows and e.K > CHAOS:
         return "chaotic", 0
     if not e.q and last and not e.drifts and abs(e.exponent) <= max(e.ci, FLAT) <= SURE and e.K < REGULAR:
         return "quasi-periodic", 0
