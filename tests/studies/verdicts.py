@@ -12,12 +12,13 @@ uniform from 0.2 to 0.6. Tsit5 at 100 steps a period; scenes whose omega_max h e
 - `realistic`: light blocks of random masses (0.05 to 0.2 kg), sides, lean, stiffnesses and speed, M_0 of 0.01 to 1 N m.
 
 A verdict is asked for after 64 periods from rest. Defined before looking, the truth is that of a run from the same
-start, twenty times as long as the verdict's: "period q" where its last 256 samples repeat after q <= 64 periods to a
+start, twenty times as long as the verdict's: "period q" where its last 256 samples repeat after at most 64 periods to a
 millionth of their size and Newton's method closes a stable orbit there, to 1e-9 and within a thousandth of where the
-run is (q is then the orbit's own: one still on its way may seem to have a multiple); else "chaotic" where the largest exponent of the next 1,000 periods is positive with its interval. Scenes with
-neither are counted, and belong to no class. A run that repeats like that, on an orbit like that, after an eighth of
-its length is not run on: it would stay there. A verdict is right where it names the truth, period number included,
-undecided where it says "undecided" or "transient not over", and wrong otherwise.
+run is (q is then the orbit's own: one still on its way may seem to have a multiple); else "chaotic" where the largest
+exponent of the next 1,000 periods is positive with its interval. Scenes with neither are counted, and belong to no
+class. A run that repeats like that, on an orbit like that, after an eighth of its length is not run on: it would stay
+there. A verdict is right where it names the truth, period number included, undecided where it says "undecided" or
+"transient not over", and wrong otherwise.
 """
 
 import json
