@@ -2,6 +2,7 @@
 
 import math
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -13,6 +14,7 @@ from jaxshroud.batch.extent import memory_for
 from jaxshroud.batch.periods import Sample, begin_lanes
 from jaxshroud.batch.states import inside
 from jaxshroud.march.method import Choices
+from jaxshroud.march.peaks import Peaks
 from jaxshroud.march.stability import stiffest
 from jaxshroud.model.absent import Scalar
 from jaxshroud.model.geometry import gyration
@@ -58,8 +60,11 @@ def free_runs(
     samples, *end = _samples(scenes, states, begin, jnp.full_like(turns, transient), turns, kept, nodes)
     places = lambda lane: [lane.state, lane.status, lane.tally.log.time_apart]  # noqa: E731
     lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
-    zeros = np.zeros(np.shape(samples.power[0]))
-    return jax.tree.map(np.asarray, (samples._replace(work=zeros, gross=zeros, dropped=zeros, residual=zeros), lanes))
+    zeros: Any = np.zeros(np.shape(samples.power[0]))
+    samples = samples._replace(work=zeros, gross=zeros, dropped=zeros, residual=zeros)
+    if method.forces:
+        samples = samples._replace(forces=Peaks(zeros, zeros), friction=zeros)
+    return jax.tree.map(np.asarray, (samples, lanes))
 
 
 @partial(jax.jit, static_argnames=("kept", "nodes"))

@@ -36,6 +36,8 @@ class Sample(NamedTuple):
     dropped: Any = None  # energy of the rocking that flat contact ended [J]
     residual: Any = None  # of the energy balance [J]
     largest: Any = None  # magnitudes of x, y [m] and theta [rad], three pairs; None where they were not looked at
+    forces: Any = None  # largest of contact [N]; None where they were not asked for
+    friction: Any = None  # work of friction [J]; the same
 
 
 class Clock(NamedTuple):
@@ -63,9 +65,12 @@ def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, metho
         residual = balance(gain.ledger, jumps, energies - held)
         kept = gain.ledger.drive, gain.ledger.gross, filled(jumps.dropped, periods), residual
     power = filled(gain.power, periods)
-    largest = None if lanes.tally.log is None else filled(lanes.tally.log.largest, periods)
+    log, forces, friction = lanes.tally.log, None, None
+    largest = None if log is None else filled(log.largest, periods)
+    if log is not None and log.forces is not None and gain.ledger is not None:
+        forces, friction = filled((log.forces, gain.ledger.friction), periods)
     power = power[0] / periods, power[1] / periods
-    sample = Sample(whole(lanes.state).motion, power, *kept, largest=largest)
+    sample = Sample(whole(lanes.state).motion, power, *kept, largest=largest, forces=forces, friction=friction)
     overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(sum(jax.tree.leaves(sample), energies))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
     lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
@@ -74,7 +79,8 @@ def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, metho
 
 def _with_empty_tally(lanes: Lane) -> Lane:
     """The lanes with what a sample holds at zero: what a late period adds to a long sum would be lost in float32."""
-    places = lambda lane: (lane.tally.integrals, lane.tally.jumps, lane.tally.log and lane.tally.log.largest)  # noqa: E731
+    log = lambda lane, name: lane.tally.log and getattr(lane.tally.log, name)  # noqa: E731
+    places = lambda lane: (lane.tally.integrals, lane.tally.jumps, log(lane, "largest"), log(lane, "forces"))  # noqa: E731
     return eqx.tree_at(places, lanes, jax.tree.map(jnp.zeros_like, places(lanes)), is_leaf=lambda a: a is None)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, get_args
 
-from jaxshroud.cli.words import OneLineParser, accuracy, count, number, path, steps
+from jaxshroud.cli.words import OneLineParser, accuracy, count, number, path, steps, width
 from jaxshroud.march.words import TABLEAUS, Locate
 from jaxshroud.scene.checks import Precision
 from jaxshroud.version import __version__
@@ -13,6 +13,7 @@ from jaxshroud.version import __version__
 SEEDS = 10**18
 # Pictures of a run: pages of panels and single panels.
 RUN_KINDS = ("motion", "forces", "all", "history", "phase", "poincare", "spectrum", "ribbon", "loop", "path")
+UNITS = ("mm", "um", "m", "gap")
 MAP, MOST_MAP = 24, 1000  # values of each of two keys in the map behind the paths of a tuning
 
 
@@ -81,6 +82,7 @@ def sweep_options(made: OneLineParser) -> None:
     made.add_argument("--period-tol", type=number, default=1e-3, help="relative tolerance of the period number")
     made.add_argument("--lyapunov", action="store_true", help="compute the largest Lyapunov exponent of every lane too")
     made.add_argument("--ledger", action="store_true", help="keep every lane's energy balance (10 to 20 %% slower)")
+    made.add_argument("--forces", action="store_true", help="and its largest contact forces and the work of friction")
     made.add_argument("--out", type=path, required=True, metavar="DIR")
 
 
@@ -142,6 +144,12 @@ def plot_options(made: OneLineParser) -> None:
     """Options of `jaxshroud plot`."""
     made.add_argument("source", type=path, metavar="DIR|FILE")
     made.add_argument("--kind", choices=RUN_KINDS, help="of a run; by default its motion")
+    made.add_argument("--title", metavar="TEXT", help='in place of the result\'s own; "" for none')
+    made.add_argument("--xlabel", metavar="TEXT")
+    made.add_argument("--unit", choices=UNITS, help="of displacements and swept lengths; gap: x over the gap")
+    made.add_argument("--width", type=width, metavar="LENGTH", help="of the picture, e.g. 90mm")
+    made.add_argument("--format", choices=("png", "pdf", "svg"), help="by default that of --out, or png")
+    made.add_argument("--style", metavar="FILE.mplstyle", help="of matplotlib, over the package's own")
     made.add_argument("--out", type=path, metavar="PICTURE", help="by default beside the result")
     made.add_argument("--force", action="store_true", help="replace a picture named by --out")
 

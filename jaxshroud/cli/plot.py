@@ -3,14 +3,18 @@
 import argparse
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
 from jaxshroud.cli.terminal import CommandError, free
 from jaxshroud.results.store import read, read_json
 from jaxshroud.scene.errors import InputError, StoreError
+
+if TYPE_CHECKING:
+    from jaxshroud.results.drawing import Look
 
 IN_FOLDERS = ("sweep.nc", "power.json", "tune.json", "trade.json")
 # What only a result of that kind has.
@@ -27,37 +31,50 @@ def plot_verb(options: argparse.Namespace) -> None:
             kinds = " nor ".join((IN_FOLDERS[0], ", ".join(IN_FOLDERS[1:])))
             raise CommandError(f"{source}: holds neither {kinds}; give a result of jaxshroud")
         source = found[0]
-    picture = options.out or source.with_suffix(".png")
+    picture = options.out or source.with_suffix(f".{options.format or 'png'}")
+    if options.format and picture.suffix[1:].lower() != options.format:
+        raise CommandError(f"{picture}: is named otherwise than --format {options.format}; give one of them")
+    look = _look(options)
     if options.out is not None:
         free(options.out, options.force)
     if source.suffix == ".json":
         if options.kind is not None:
             raise CommandError(f"{source}: --kind is for stored runs")
-        draw_json(source, read_json(source), picture)
+        draw_json(source, read_json(source), picture, look)
     else:
-        draw_dataset(source, read(source), picture, options.kind)
+        draw_dataset(source, read(source), picture, options.kind, look)
     print(picture)
 
 
-def draw_dataset(source: Path, ds: xr.Dataset, picture: Path, kind: str | None = None) -> None:
+def _look(options: argparse.Namespace) -> "Look":
+    from jaxshroud.results.drawing import Look
+
+    return Look(**{name: getattr(options, name) for name in Look._fields})
+
+
+def draw_dataset(
+    source: Path, ds: xr.Dataset, picture: Path, kind: str | None = None, look: "Look | None" = None
+) -> None:
     """Draw a sweep, or a trajectory in one of its kinds of pictures."""
     from jaxshroud.results import plot, plot_run
+    from jaxshroud.results.drawing import PLAIN
 
-    axes = ds.attrs.get("axes")
+    axes, look = ds.attrs.get("axes"), look or PLAIN
     if isinstance(axes, str):
         if kind is not None:
             raise CommandError(f"{source}: is a sweep; --kind is for stored runs")
         draw = plot.power_map if "," in axes else plot.bifurcation
     elif "end_turns" in ds.attrs:
-        draw = plot_run.trajectory if kind is None else lambda ds: plot_run.picture(ds, kind)
+        draw = plot_run.trajectory if kind is None else partial(plot_run.picture, kind=kind)
     else:
         raise StoreError(f"{source}: not a result of jaxshroud; give a sweep or a trajectory")
-    _save(source, lambda: draw(ds), picture)
+    _save(source, lambda: draw(ds, look=look), picture)
 
 
-def draw_json(source: Path, data: Any, picture: Path) -> None:
+def draw_json(source: Path, data: Any, picture: Path, look: "Look | None" = None) -> None:
     """Draw a convergence of P_d, a tuning or a trade."""
     from jaxshroud.results import plot_design, plot_power
+    from jaxshroud.results.drawing import PLAIN
 
     keys = set(data) if isinstance(data, dict) else set()
     if keys >= GRADIENT:
@@ -68,7 +85,7 @@ def draw_json(source: Path, data: Any, picture: Path) -> None:
     draw = next((draw for kind, draw in drawn if keys >= kind), None)
     if draw is None:
         raise StoreError(f"{source}: not a result of jaxshroud; give a power.json, tune.json or trade.json")
-    _save(source, lambda: draw(data), picture)
+    _save(source, lambda: draw(data, look=look or PLAIN), picture)
 
 
 def _save(source: Path, draw: Callable[[], Any], picture: Path) -> None:

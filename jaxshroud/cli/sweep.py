@@ -52,6 +52,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
                 period_tol=options.period_tol,
                 method=chosen_method(options),
                 lyapunov=options.lyapunov,
+                forces=options.forces,
                 progress=report,
             )
         except Interrupted as stopped:
@@ -104,6 +105,7 @@ def sweep_summary(result, seconds: float) -> dict[str, Any]:
         **({} if result.lyapunov is None else {"positive exponents": _positive(result)}),
         **({} if residual is None else {"largest energy residual": float(np.max(residual, where=ok, initial=0.0))}),
         **({} if dropped is None else {"largest energy dropped": float(np.max(dropped, where=ok, initial=0.0))}),
+        **_forces(result, ok),
         "method": f"{result.method}, {result.steps_per_period} steps a period",
         "seconds": round(seconds, 2),
     }
@@ -112,6 +114,16 @@ def sweep_summary(result, seconds: float) -> dict[str, Any]:
 def _positive(result) -> int:
     """How many lanes have a largest exponent that is positive with its interval."""
     return int((result.lyapunov - result.lyapunov_ci > 0).sum())
+
+
+def _forces(result, ok: np.ndarray) -> dict[str, float]:
+    """Largest forces and work of friction of all lanes, if they were kept."""
+    told = {
+        "largest normal force [N]": result.N_max,
+        "largest friction force [N]": result.F_max,
+        "largest work of friction per period [J]": result.friction_work,
+    }
+    return {name: float(np.max(a, where=ok, initial=0.0)) for name, a in told.items() if a is not None}
 
 
 def _settling(result, ok: np.ndarray) -> dict[str, Any]:

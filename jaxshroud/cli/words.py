@@ -14,6 +14,7 @@ from jaxshroud.scene.limits import MOST_AUTO
 NOT_TEXT = re.compile("[\0\ud800-\udfff]")  # NUL, and what Python makes of bytes that are no UTF-8
 LONG = re.compile(r"--[\w-]+")  # an option without its value
 NEGATIVE = re.compile(r"-\.?\d")  # the start of a value below zero
+LEAST_WIDTH, MOST_WIDTH = 40, 1000  # of a picture [mm]
 DIGITS = 20  # of a number that is too large for anything
 
 
@@ -65,6 +66,19 @@ def number(text: str) -> float:
         return float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"must be a number, but is {text!r}") from None
+
+
+def width(text: str) -> float:
+    """A width of a picture [mm], from a length with its unit."""
+    from jaxshroud.scene.units import to_si
+
+    try:
+        value = 1e3 * to_si("m", text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} {error}; give e.g. 90mm") from None
+    if not LEAST_WIDTH <= value <= MOST_WIDTH:
+        raise argparse.ArgumentTypeError(f"must be from {LEAST_WIDTH} to {MOST_WIDTH} mm, but is {text!r}")
+    return value
 
 
 def path(text: str) -> Path:

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxshroud.march.events import Counters, Guards, look, no_events
 from jaxshroud.march.locate import Search, fresh
 from jaxshroud.march.method import Choices
+from jaxshroud.march.peaks import Peaks
 from jaxshroud.march.within import Within, nothing_yet
 from jaxshroud.model.absent import ABSENT, Pair, Scalar
 from jaxshroud.model.modes import Status
@@ -44,6 +45,7 @@ class Log(eqx.Module):
     largest: tuple[Pair, Pair, Pair]  # magnitudes of x, y [m] and theta [rad] at ends of steps and at events
     counters: Counters
     within: Within | None  # None where nobody asked for it
+    forces: Peaks | None  # the same
 
 
 class Jumps(NamedTuple):
@@ -87,7 +89,8 @@ def begin(state: State, model: Model, method: Choices) -> Lane:
     jumps = Jumps(zero, zero if turns(model) else ABSENT) if method.ledger else None
     within = nothing_yet(zero) if method.within else None
     largest = jax.tree.map(jnp.zeros_like, displacements_of(state.motion))
-    log = None if method.derivative else Log(zero, zero, zero, zero, largest, no_events(model), within)
+    forces = Peaks(zero, zero) if method.forces else None
+    log = None if method.derivative else Log(zero, zero, zero, zero, largest, no_events(model), within, forces)
     tally = Tally(none, jumps, log)
     guards = look(state.motion, (zero, zero), state, model).guards if model.spring.modal else None
     guards = jax.tree.map(jnp.zeros_like, guards)  # the first trial, of length zero, sets them

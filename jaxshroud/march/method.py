@@ -20,6 +20,7 @@ class Choices(NamedTuple):
     precision: Precision = "float64"
     derivative: bool = False  # instants of events are differentiable, at the price of one more trial for each
     within: bool = False  # log what happens between the ends of steps too
+    forces: bool = False  # log the largest forces of contact
 
     def __check_init__(self):
         word_argument("locate", self.locate, Locate)

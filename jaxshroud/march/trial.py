@@ -13,6 +13,7 @@ from jaxshroud.march.implicit import at_the_root
 from jaxshroud.march.lane import Fixed, Jumps, Lane, Log, Tally, displacements_of, running
 from jaxshroud.march.locate import Search, fresh, judge, picked, select
 from jaxshroud.march.method import Choices
+from jaxshroud.march.peaks import Peaks, peaks
 from jaxshroud.march.step import End, place_of
 from jaxshroud.march.within import Within, extremes
 from jaxshroud.model.absent import Scalar, where
@@ -106,6 +107,7 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Choice
     noted = Noted(
         lambda counters: count(counters, cross, fire, search.inside),
         lambda before: extremes(before, held, z, h, held.mode == Mode.APART, onset, model),
+        lambda before: peaks(before, held, z, h, model),
     )
     jumps = jax.tree.map(lambda a: jnp.where(fire, a, 0.0), Jumps(cross.energy, cross.dropped))
     tally = _tallied(lane.tally, gain, jumps, h, held.mode, z, view.at, noted)
@@ -128,7 +130,11 @@ def _glided(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Choi
     mode, h = jnp.where(at.v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)), place_of(lane, grid).h
     no, still = jnp.zeros_like(accept), jax.tree.map(jnp.zeros_like, lane.tally.jumps)
     z = end.state.motion
-    noted = Noted(lambda counters: counters, lambda before: extremes(before, lane.state, z, h, no, no, model))
+    noted = Noted(
+        lambda counters: counters,
+        lambda before: extremes(before, lane.state, z, h, no, no, model),
+        lambda before: peaks(before, lane.state, z, h, model),
+    )
     tally = _tallied(lane.tally, end.gain, still, h, mode, z, at, noted)
     status = jnp.where(accept, _status(end.state.motion, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
     before = (lane.state, lane.step, lane.search, lane.tally)
@@ -158,6 +164,7 @@ class Noted(NamedTuple):
 
     counts: Callable[[Counters], Counters]
     within: Callable[[Within], Within]
+    forces: Callable[[Peaks], Peaks]
 
 
 def _tallied(
@@ -180,6 +187,7 @@ def _logged(log: Log, h: Scalar, mode, z: Motion, at: Touch, noted: Noted) -> Lo
         jax.tree.map(lambda most, now: jnp.maximum(most, jnp.abs(now)), log.largest, displacements_of(z)),
         noted.counts(log.counters),
         None if log.within is None else noted.within(log.within),
+        None if log.forces is None else noted.forces(log.forces),
     )
 
 

@@ -22,7 +22,14 @@ def dimension(key: str) -> str:
 
 def about(key: str) -> dict[str, Any]:
     """Attributes of the variable that holds a scene's number."""
-    return {"key": key, "units": found(key)[0].netcdf, "long_name": key}
+    return {"key": key, "units": found(key)[0].netcdf, "long_name": words(key)}
+
+
+def words(key: str) -> str:
+    """What a scene's number is, with its symbol, as xarray writes it on axes."""
+    row, blade = found(key)
+    side = "" if blade is None else f", {('left', 'right')[blade]} blade"
+    return f"{row.label}{side} ${row.symbol}$"
 
 
 def text_of_one(data: "xr.Dataset") -> str:

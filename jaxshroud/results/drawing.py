@@ -6,19 +6,22 @@ Figures are built on `matplotlib.figure.Figure` alone: no window, no global stat
 import os
 from io import BytesIO
 from pathlib import Path
-from textwrap import fill
-from typing import Any
+from typing import Any, NamedTuple
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from jaxshroud.results.dimension import words
 from jaxshroud.results.files import write
+from jaxshroud.results.words import typeset, wrapped
 from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.keys import KEYS
 
-COLUMN, WIDE = 88 / 25.4, 140 / 25.4  # one and one and a half columns [inch]
+INCH = 25.4  # [mm]
+COLUMN, WIDE = 88 / INCH, 140 / INCH  # one and one and a half columns [inch]
 STYLE: Any = {
     **dict.fromkeys(("font.size", "axes.titlesize", "figure.titlesize"), 8),
     **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 7),
@@ -32,7 +35,26 @@ QUANTITIES = {row.name: (row.symbol, row.label, *row.shown) for row in KEYS.valu
 # Colours after Okabe and Ito, which colour-blind readers tell apart.
 INK, GREY, BLUE, ORANGE, SKY, PINK = "#1a1a1a", "#8c8c8c", "#0072B2", "#E69F00", "#56B4E9", "#CC79A7"
 
+LENGTHS = {"m": ("m", 1.0), "mm": ("mm", 1e3), "um": ("µm", 1e6)}  # units of lengths -> as written, how many are 1 m
+
 Floats = NDArray[np.float64]
+
+
+class Look(NamedTuple):
+    """What a user asks of a picture; None leaves it to the picture."""
+
+    title: str | None = None  # "" for none
+    xlabel: str | None = None
+    unit: str | None = None  # of displacements and of lengths that are varied: one of `LENGTHS`, or "gap"
+    width: float | None = None  # [mm]
+    style: str | os.PathLike[str] | None = None  # of matplotlib: a file, or a name
+
+    def inches(self, usual: float) -> float:
+        """The width, by default the `usual` one [inch]."""
+        return usual if self.width is None else self.width / INCH
+
+
+PLAIN = Look()
 
 
 class Picture(Figure):
@@ -42,12 +64,13 @@ class Picture(Figure):
         return _content(self, "png")
 
 
-def new_figure(title: str, width: float, height: float) -> Figure:
-    """An empty figure of `width` by `height` [inch]."""
+def new_figure(title: str, width: float, height: float, look: Look = PLAIN) -> Figure:
+    """An empty figure of `width` by `height` [inch], unless its look is another."""
+    width, title = look.inches(width), typeset(title if look.title is None else look.title)
     figure = Picture(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     if title:
-        figure.suptitle(fill(title, round(15 * width)))
+        figure.suptitle(wrapped(title, round(15 * width)))
     return figure
 
 
@@ -67,11 +90,15 @@ def legend_below(figure: Figure, handles: list[Any]) -> None:
         legend.remove()
 
 
-def quantity(key: str) -> tuple[str, float]:
-    """Axis label of one of the scene's numbers, and its unit per SI unit."""
-    symbol, words, unit, factor = QUANTITIES.get(key.split("[")[0], (None, key, "SI", 1))
-    name = words if symbol is None else f"{words} ${symbol}$"
-    return f"{name} [{unit}]" if unit else name, float(factor)
+def quantity(key: str, look: Look = PLAIN, unit: str = "SI") -> tuple[str, float]:
+    """Axis label of one of the scene's numbers, and its unit per SI unit; of an unknown one with the given unit."""
+    stem = key.partition("[")[0]
+    if stem not in QUANTITIES:
+        return f"{key} [{unit}]" if unit else key, 1.0
+    _, _, unit, factor = QUANTITIES[stem]
+    if KEYS[stem].unit == "m" and look.unit in LENGTHS:
+        unit, factor = LENGTHS[look.unit]
+    return f"{words(key)} [{unit}]" if unit else words(key), float(factor)
 
 
 def save(figure: Figure, path: str | os.PathLike[str]) -> None:
@@ -94,5 +121,6 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
 def _content(figure: Figure, form: str) -> bytes:
     """What a file of that format holds."""
     picture = BytesIO()
-    figure.savefig(picture, format=form, dpi=200)
+    with mpl.rc_context(STYLE):  # text of vector formats is what it is when they are written
+        figure.savefig(picture, format=form, dpi=200)
     return picture.getvalue()

@@ -9,9 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxshroud.model.modes import Status
-from jaxshroud.results.drawing import Floats
+from jaxshroud.results.drawing import LENGTHS, Floats
 from jaxshroud.results.status import named
+from jaxshroud.results.words import fitting
 from jaxshroud.scene.checks import word_argument
+from jaxshroud.scene.errors import InputError
+
+HAIR = 3e-3  # of an axis: what is narrower cannot be seen
 
 
 class Scale(NamedTuple):
@@ -26,8 +30,18 @@ class Scale(NamedTuple):
         return f"${self.symbol.format(blade)}${self.unit}"
 
 
-def scale_of(gap: Floats) -> Scale:
-    """How displacements are drawn where gaps are such."""
+def scale_of(gap: Floats, unit: str | None = None) -> Scale:
+    """How displacements are drawn where gaps are such, in a unit of `LENGTHS` or over the gap if that is asked for.
+
+    Raises:
+        ValueError: A gap to be divided by is not positive, or there is no such unit.
+    """
+    if unit in LENGTHS:
+        return Scale(LENGTHS[unit][1], "x_{}", f" [{LENGTHS[unit][0]}]")
+    if unit is not None:
+        word_argument("unit", unit, (*LENGTHS, "gap"))
+        if not (gap > 0).all():
+            raise InputError("Displacements can be drawn over the gap only where it is positive; give another unit.")
     return Scale(1 / gap, r"x_{}/\Delta", "") if (gap > 0).all() else Scale(1e3, "x_{}", " [mm]")
 
 
@@ -45,10 +59,18 @@ def interval(P_d: Floats, ci: Floats) -> tuple[Floats, Floats]:
     return P_d - half, P_d + half
 
 
+def is_seen(half: Floats, around: Floats) -> bool:
+    """Whether a band of that half width around values is wider than a hair on an axis that shows them."""
+    band, values = half[np.isfinite(half)], around[np.isfinite(around)]
+    return bool(band.size) and bool(values.size) and float(band.max()) > HAIR * (float(np.ptp(values)) or 1.0)
+
+
 def title_of(ds: xr.Dataset) -> str:
-    """The title of a result, with how it ended if that was early."""
+    """The title of a result if it fits what was varied, with how it ended if that was early."""
     status = int(ds.attrs.get("status", Status.OK))
-    return str(ds.attrs.get("title", "")) + (f" (stopped: {named(status)})" if status else "")
+    varied = [str(a.attrs["key"]) for a in ds.variables.values() if "key" in a.attrs]
+    stopped = f"(stopped: {named(status)})" if status else ""
+    return " ".join(filter(None, (fitting(str(ds.attrs.get("title", "")), varied), stopped)))
 
 
 def legend_above(panel: Axes) -> None:

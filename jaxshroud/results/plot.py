@@ -1,8 +1,8 @@
 """Pictures of stored runs and sweeps, sized for a journal column; nothing here simulates."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -19,15 +19,17 @@ from jaxshroud.results.drawing import (
     INK,
     ORANGE,
     PINK,
-    QUANTITIES,
+    PLAIN,
     SKY,
-    STYLE,
     Floats,
+    Look,
     legend_below,
     new_figure,
+    quantity,
     say,
 )
-from jaxshroud.results.panels import figure_of, interval, legend_above, panel_of, scale_of, title_of
+from jaxshroud.results.look import on_axes, styled
+from jaxshroud.results.panels import figure_of, interval, is_seen, legend_above, panel_of, scale_of, title_of
 from jaxshroud.results.status import named
 from jaxshroud.scene.errors import InputError
 
@@ -56,7 +58,7 @@ class Axis(NamedTuple):
     label: str
 
 
-def sweep(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None) -> Figure:
+def sweep(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None, **looks: Any) -> Figure:
     """A sweep along one axis or two.
 
     Args:
@@ -64,6 +66,7 @@ def sweep(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None) -> F
         ax: Draw there, and only one panel.
         panel: "samples" (the default) or "P_d" over one axis; "P_d" (the default) or "motions" over two;
             "lyapunov" over either, where exponents are stored.
+        looks: As in `Look`: a title, an xlabel, a unit, a width and a style.
 
     Raises:
         ValueError: The sweep has more axes, or there is no such panel.
@@ -71,44 +74,48 @@ def sweep(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None) -> F
     dims = str(ds.attrs["axes"]).split(",")
     if len(dims) > 2:
         raise InputError(f"A sweep along {', '.join(dims)} has no picture; select some of its lanes, or draw them.")
+    look = Look(**looks)
     if ax is None:
-        return bifurcation(ds) if len(dims) == 1 else power_map(ds)
-    known = {"samples": _draw_samples, "P_d": _draw_power} if len(dims) == 1 else MAPS
+        return bifurcation(ds, look=look) if len(dims) == 1 else power_map(ds, look=look)
+    samples = partial(_draw_samples, unit=look.unit)
+    known = {"samples": samples, "P_d": _draw_power} if len(dims) == 1 else MAPS
     more = {"lyapunov": _draw_exponent if len(dims) == 1 else _draw_exponent_map} if "lyapunov" in ds else {}
     draw = panel_of({**known, **more}, panel)
     if len(dims) == 1:
         ds = _in_order(ds, dims)
-        axis = _axis(ds[dims[0]])
+        axis = _axis(ds[dims[0]], look)
         draw(ax, ds, axis, _motion(ds))
         ax.set(xlabel=axis.label)
     else:
         ds = _in_order(ds, dims).transpose(dims[1], dims[0], ...)
-        x, y = _axis(ds[dims[0]]), _axis(ds[dims[1]])
+        x, y = _axis(ds[dims[0]], look), _axis(ds[dims[1]], look)
         draw(ax, ds, x, y, _motion(ds))
         ax.set(xlabel=x.label, ylabel=y.label)
+    on_axes(ax, look)
     return figure_of(ax)
 
 
-@mpl.rc_context(STYLE)
-def bifurcation(ds: xr.Dataset) -> Figure:
+@styled
+def bifurcation(ds: xr.Dataset, *, look: Look = PLAIN) -> Figure:
     """Stroboscopic x_1, period number and P_d over the one key of a sweep (Figs. 9, 11, 13 and 16 to 18).
 
     Args:
         ds: A sweep along one axis. x_1 is drawn over the gap, or in mm where a gap is not positive.
             Lanes whose status is not OK are marked and never drawn as numbers.
+        look: What is asked for otherwise.
 
     Raises:
         ValueError: The sweep has not exactly one axis.
     """
     (dim,) = _dims(ds, 1)
     ds = _in_order(ds, [dim])
-    grows = "lyapunov" in ds
-    figure, axis, motion = new_figure(title_of(ds), COLUMN, 5.7 if grows else 4.4), _axis(ds[dim]), _motion(ds)
+    grows, axis, motion = "lyapunov" in ds, _axis(ds[dim], look), _motion(ds)
+    figure = new_figure(title_of(ds), COLUMN, 5.7 if grows else 4.4, look)
     if not (motion >= 0).any():
         return say(figure, _nothing(ds))
     heights = [3, 0.2, 1.7, *([1.5] if grows else [])]
     samples, strip, power, *more = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
-    _draw_samples(samples, ds, axis, motion)
+    _draw_samples(samples, ds, axis, motion, look.unit)
     _draw_motions(strip, axis.edges, np.array([0.0, 1.0]), motion[None])
     _draw_power(power, ds, axis, motion)
     strip.set(yticks=[])
@@ -123,14 +130,15 @@ def bifurcation(ds: xr.Dataset) -> Figure:
     return figure
 
 
-@mpl.rc_context(STYLE)
-def power_map(ds: xr.Dataset) -> Figure:
+@styled
+def power_map(ds: xr.Dataset, *, look: Look = PLAIN) -> Figure:
     """P_d and the period number over the two keys of a sweep.
 
     Args:
         ds: A sweep along two axes, the first of which is drawn to the right. Lanes whose status is not OK
             are hatched. The lowest twentieth of the P_d values share a colour, so that a few outliers do not
             flatten the rest.
+        look: What is asked for otherwise.
 
     Raises:
         ValueError: The sweep has not exactly two axes.
@@ -138,10 +146,10 @@ def power_map(ds: xr.Dataset) -> Figure:
     across, up = _dims(ds, 2)
     ds = _in_order(ds, [across, up]).transpose(up, across, ...)
     grows = "lyapunov" in ds
-    figure, motion = new_figure(title_of(ds), COLUMN, 7.6 if grows else 5.2), _motion(ds)
+    figure, motion = new_figure(title_of(ds), COLUMN, 7.6 if grows else 5.2, look), _motion(ds)
     if not (motion >= 0).any():
         return say(figure, _nothing(ds))
-    x, y = _axis(ds[across]), _axis(ds[up])
+    x, y = _axis(ds[across], look), _axis(ds[up], look)
     power, motions, *more = figure.subplots(3 if grows else 2, 1, sharex=True, sharey=True)
     _draw_map(power, ds, x, y, motion)
     _draw_motions(motions, x.edges, y.edges, motion)
@@ -196,15 +204,10 @@ def _dims(ds: xr.Dataset, count: int) -> list[str]:
     return dims
 
 
-def _axis(coordinate: xr.DataArray) -> Axis:
+def _axis(coordinate: xr.DataArray, look: Look) -> Axis:
     key = str(coordinate.attrs.get("key", coordinate.name))
-    stem, _, blade = key.partition("[")
-    unit = str(coordinate.attrs.get("units", "1")).removeprefix("1")
-    symbol, words, unit, scale = QUANTITIES.get(stem, ("", key, unit, 1))
-    if blade and symbol:
-        words += ", left blade" if blade[0] == "0" else ", right blade"
-    values = coordinate.to_numpy().astype(float) * scale
-    label = words + (f" ${symbol}$" if symbol else "") + (f" [{unit}]" if unit else "")
+    label, factor = quantity(key, look, str(coordinate.attrs.get("units", "1")).removeprefix("1"))
+    values = coordinate.to_numpy().astype(float) * factor
     return Axis(values, _edges(values), label)
 
 
@@ -244,8 +247,8 @@ def _mark_stopped(panel: Axes, ds: xr.Dataset, axis: Axis) -> None:
         panel.plot(axis.values[lanes], foot, marker, label=f"stopped: {name}", **style)
 
 
-def _draw_samples(panel: Axes, ds: xr.Dataset, axis: Axis, motion: Integers) -> None:
-    scale = scale_of(ds["gap"].to_numpy())
+def _draw_samples(panel: Axes, ds: xr.Dataset, axis: Axis, motion: Integers, unit: str | None = None) -> None:
+    scale = scale_of(ds["gap"].to_numpy(), unit)
     x = (ds["x"].to_numpy()[:, :, 0].T * scale.factor).T
     lane = np.broadcast_to(axis.values[:, None], x.shape)
     style: Any = {"ms": 1.5 if motion.size > 100 else 2.5, "mew": 0, "rasterized": True}
@@ -276,7 +279,8 @@ def _draw_power(panel: Axes, ds: xr.Dataset, axis: Axis, motion: Integers) -> No
     P_d, ci = (np.where(motion >= 0, ds[key].to_numpy(), np.nan) for key in ("P_d", "P_d_ci"))
     sure = (ds["P_d_settled"] == 1) & (ds["settled"] == 1) & (ds["period_number"] > 0)
     hollow, many = ~sure.to_numpy() & (motion >= 0), motion.size > 100
-    panel.fill_between(axis.values, *interval(P_d, ci), color=BLUE, alpha=0.25, lw=0, label="95 % interval")
+    band = "95 % interval" if is_seen(ci, P_d) else None
+    panel.fill_between(axis.values, *interval(P_d, ci), color=BLUE, alpha=0.25, lw=0, label=band)
     panel.plot(axis.values, P_d, color=BLUE, lw=0.8, marker="" if many else ".", ms=3)
     if hollow.any():
         style: Any = {"ms": 1.8 if many else 2.5, "mfc": "white", "mec": BLUE, "mew": 0.5}

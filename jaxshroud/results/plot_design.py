@@ -3,38 +3,43 @@
 from collections.abc import Mapping
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from jaxshroud.results.dimension import words
 from jaxshroud.results.drawing import (
     BLUE,
     GREY,
     INK,
     ORANGE,
     PINK,
+    PLAIN,
     SKY,
-    STYLE,
     WIDE,
     Floats,
+    Look,
     legend_below,
     new_figure,
     quantity,
 )
+from jaxshroud.results.look import styled
+from jaxshroud.results.words import fitting
 
 WORTHLESS = 10.0  # relative error of a derivative: lines beyond leave the picture
 
 
-@mpl.rc_context(STYLE)
-def tuning(data: Mapping[str, Any]) -> Figure:
+@styled
+def tuning(data: Mapping[str, Any], *, look: Look = PLAIN) -> Figure:
     """Paths of a tuning over the map of its objective, or key by key where it has no map, and the paths' scores.
 
     Args:
         data: A tuning as `tune.json` holds it.
+        look: What is asked for otherwise.
     """
-    figure = new_figure(f"{data['title']}: {data['goal']} of $P_d$", WIDE, WIDE * 0.5)
+    title = ": ".join(filter(None, (fitting(str(data["title"]), data["over"]), f"{data['goal']} of $P_d$")))
+    figure = new_figure(title, WIDE, WIDE * 0.5, look)
     left, right = figure.subplots(1, 2)
     points, scores = np.array(data["points"]), np.array(data["scores"], float)
     best = int(np.nanargmax(scores[-1]))
@@ -48,14 +53,15 @@ def tuning(data: Mapping[str, Any]) -> Figure:
     return figure
 
 
-@mpl.rc_context(STYLE)
-def trade(data: Mapping[str, Any]) -> Figure:
+@styled
+def trade(data: Mapping[str, Any], *, look: Look = PLAIN) -> Figure:
     """Errors against cost for every setting, the front in the errors of the state marked.
 
     Args:
         data: Measured settings as `trade.json` holds them.
+        look: What is asked for otherwise.
     """
-    figure = new_figure(data["title"], WIDE, WIDE * 0.9)
+    figure = new_figure(data["title"], WIDE, WIDE * 0.9, look)
     rows = data["settings"]
     wanted = {
         "state_error": f"state after {data['horizon']} periods",
@@ -118,6 +124,6 @@ def _draw_keys(panel: Axes, data: Mapping[str, Any], points: Floats, best: int) 
     for i, (key, (low, high)) in enumerate(data["over"].items()):
         value = points[:, best, i]
         share = np.log(value / low) / np.log(high / low) if low > 0 else (value - low) / (high - low)
-        panel.plot(share, color=colors[i % len(colors)], ls="-" if i < len(colors) else "--", label=key)
+        panel.plot(share, color=colors[i % len(colors)], ls="-" if i < len(colors) else "--", label=words(key))
     panel.set(xlabel="update", ylabel="place between the bounds", ylim=(-0.02, 1.02), title="the best path")
     panel.legend(loc="best")

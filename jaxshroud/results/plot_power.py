@@ -3,23 +3,24 @@
 from collections.abc import Mapping
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxshroud.results.drawing import BLUE, COLUMN, INK, STYLE, Floats, legend_below, new_figure, say
-from jaxshroud.results.panels import interval, limits
+from jaxshroud.results.drawing import BLUE, COLUMN, INK, PLAIN, Floats, Look, legend_below, new_figure, say
+from jaxshroud.results.look import styled
+from jaxshroud.results.panels import interval, is_seen, limits
 
 
-@mpl.rc_context(STYLE)
-def power_convergence(data: Mapping[str, Any]) -> Figure:
+@styled
+def power_convergence(data: Mapping[str, Any], *, look: Look = PLAIN) -> Figure:
     """P_d over the number of periods it is averaged over (Fig. 15).
 
     Args:
         data: `n`, `P_d` and `P_d_ci` (lists; None is a missing number), `final` and `title`.
+        look: What is asked for otherwise.
     """
-    figure = new_figure(str(data.get("title", "")), COLUMN, 2.8)
+    figure = new_figure(str(data.get("title", "")), COLUMN, 2.8, look)
     if not np.isfinite(_numbers(data)[1]).any():
         return say(figure, "no period was finished")
     panel = figure.subplots()
@@ -31,13 +32,15 @@ def power_convergence(data: Mapping[str, Any]) -> Figure:
 def draw(panel: Axes, data: Mapping[str, Any]) -> None:
     """The convergence as one panel."""
     n, P_d, ci = _numbers(data)
-    panel.fill_between(n, *interval(P_d, ci), color=BLUE, alpha=0.25, lw=0, label="95 % interval")
+    ends = limits(np.concatenate(interval(P_d, ci)), least=0.1)  # else a periodic orbit shows rounding
+    band = "95 % interval" if is_seen(ci, np.array(ends)) else None
+    panel.fill_between(n, *interval(P_d, ci), color=BLUE, alpha=0.25, lw=0, label=band)
     panel.plot(n, P_d, color=BLUE, lw=0.9, marker="." if n.size < 60 else "", ms=3, label="$P_d(n)$")
     final = data["final"]
     if final["P_d"] is not None:
         panel.axhline(final["P_d"], color=INK, lw=0.7, ls="--", label=_final(**final))
     panel.set(xlabel="periods averaged over, $n$", ylabel="power reduction $P_d$ [%]")
-    panel.set(ylim=limits(np.concatenate(interval(P_d, ci)), least=0.1))  # else a periodic orbit shows rounding
+    panel.set(ylim=ends)
     if n.max() > 10 * n.min() > 0:
         panel.set(xscale="log", xlim=(n.min(), n.max()))
 

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from textwrap import fill
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -17,45 +16,49 @@ from jaxshroud.results.drawing import (
     COLUMN,
     GREY,
     INK,
-    STYLE,
+    PLAIN,
     WIDE,
     Floats,
+    Look,
     legend_below,
     new_figure,
     say,
 )
 from jaxshroud.results.drawn import Drawn, Integers, drawn
-from jaxshroud.results.panels import figure_of, limits, panel_of, title_of
+from jaxshroud.results.look import on_axes, styled
+from jaxshroud.results.panels import figure_of, limits, panel_of, scale_of, title_of
 from jaxshroud.results.plot_contact import MODES
 from jaxshroud.scene.checks import word_argument
 from jaxshroud.scene.errors import InputError
 
 
-@mpl.rc_context(STYLE)
-def trajectory(ds: xr.Dataset, settled_from: float = 0.5) -> Figure:
+@styled
+def trajectory(ds: xr.Dataset, settled_from: float = 0.5, *, look: Look = PLAIN) -> Figure:
     """Time history, phase portrait, Poincare points and spectrum of x_1 (Figs. 10, 12 and 14).
 
     Args:
         ds: A stored trajectory. What lies after its first value that is not finite is left out.
         settled_from: The share of the run that all panels but the time history leave out, as its transient.
+        look: What is asked for otherwise.
     """
-    return _page(ds, settled_from, MOTION, _draw_or_say)
+    return _page(ds, settled_from, MOTION, _draw_or_say, look)
 
 
-@mpl.rc_context(STYLE)
-def picture(ds: xr.Dataset, kind: str, settled_from: float = 0.5) -> Figure:
+@styled
+def picture(ds: xr.Dataset, kind: str, settled_from: float = 0.5, *, look: Look = PLAIN) -> Figure:
     """A run in one of the `KINDS` of pictures.
 
     Args:
         ds: A stored trajectory, as for `trajectory`.
         kind: "motion", "forces" or "all" for a page of panels, or the name of a panel.
         settled_from: As for `trajectory`.
+        look: What is asked for otherwise.
 
     Raises:
         ValueError: There is no such picture, or too little is stored for it.
     """
     word_argument("kind", kind, KINDS)
-    return _page(ds, settled_from, KINDS[kind], _draw)
+    return _page(ds, settled_from, KINDS[kind], _draw, look)
 
 
 def _draw(name: str, panel: Axes, run: Drawn) -> None:
@@ -70,11 +73,11 @@ def _draw_or_say(name: str, panel: Axes, run: Drawn) -> None:
         panel.text(0.5, 0.5, fill(str(error), 32), ha="center", va="center", transform=panel.transAxes)
 
 
-def _page(ds: xr.Dataset, settled_from: float, names: tuple[str, ...], draw: Callable[..., None]) -> Figure:
+def _page(ds: xr.Dataset, settled_from: float, names: tuple[str, ...], draw: Callable[..., None], look: Look) -> Figure:
     """Panels two by two, or a single one a column wide."""
     rows = (len(names) + 1) // 2
-    figure = new_figure(title_of(ds), *((WIDE, 2.2 * rows) if len(names) > 1 else (COLUMN, 2.5)))
-    run = drawn(ds, settled_from)
+    figure = new_figure(title_of(ds), *((WIDE, 2.2 * rows) if len(names) > 1 else (COLUMN, 2.5)), look)
+    run = drawn(ds, settled_from, scale_of(np.asarray(ds.attrs["gap"]), look.unit))
     if run is None:
         return say(figure, "the run has no finite step")
     panels = np.atleast_1d(figure.subplots(rows, min(len(names), 2))).ravel()
@@ -101,6 +104,7 @@ def one_panel(
     panel: str | None = None,
     settled_from: float = 0.5,
     kind: str | None = None,
+    **looks: Any,
 ) -> Figure:
     """A run; on `ax` its time history, or another panel.
 
@@ -111,17 +115,21 @@ def one_panel(
             "path".
         settled_from: As for `trajectory`.
         kind: Of the whole figure, as for `picture`; by default `trajectory`.
+        looks: As in `Look`: a title, an xlabel, a unit, a width and a style.
 
     Raises:
         ValueError: There are many runs, there is no such panel, or too little is stored for it.
     """
     if "status" not in ds.attrs:
         raise InputError("A picture shows one run of many: choose it by `lane`.")
+    look = Look(**looks)
     if ax is None:
-        return trajectory(ds, settled_from) if kind is None else picture(ds, kind, settled_from)
-    draw, run = panel_of(PANELS, panel), drawn(ds, settled_from)
+        return trajectory(ds, settled_from, look=look) if kind is None else picture(ds, kind, settled_from, look=look)
+    scale = scale_of(np.asarray(ds.attrs["gap"]), look.unit)
+    draw, run = panel_of(PANELS, panel), drawn(ds, settled_from, scale)
     if run is not None:
         draw(ax, run)
+    on_axes(ax, look)
     return figure_of(ax)
 
 

@@ -65,20 +65,23 @@ class PowerResult(Result):
 
         Args:
             ax: Draw there.
-            options: There are none.
+            options: A title, xlabel, width [mm] and matplotlib style.
 
         Raises:
             ValueError: There are many scenes, of which `lane` gives one.
         """
         from jaxshroud.results import panels, plot_power
+        from jaxshroud.results.drawing import Look
+        from jaxshroud.results.look import on_axes
 
         if np.ndim(self.status):
             raise InputError("A picture shows one scene of many: choose it by `lane`.")
         data = {"title": self.data.attrs.get("title", ""), "n": self.n, "P_d": self.P_d, "P_d_ci": self.P_d_ci}
         data["final"] = self.final
         if ax is None:
-            return plot_power.power_convergence(data)
+            return plot_power.power_convergence(data, look=Look(**options))
         plot_power.draw(ax, data)
+        on_axes(ax, Look(**options))
         return panels.figure_of(ax)
 
     def __repr__(self) -> str:

@@ -54,6 +54,9 @@ class SweepResult(Result):
     energy_dropped = Variable(
         "largest energy dropped in a period by beginnings of flat contact, over the drive's gross work", "1"
     )
+    N_max = Variable("largest normal force of contact", "N")
+    F_max = Variable("largest magnitude of the friction force", "N")
+    friction_work = Variable("work that friction takes in a drive period, on average", "J")
     counters = Counts("events in the kept periods")
     phase = Attribute(name="drive_phase")  # of the samples [rad]
     period_tol = Attribute()  # of the period number
@@ -91,7 +94,8 @@ class SweepResult(Result):
         Args:
             ax: Draw there, and only the panel named by `panel`.
             options: `panel`: "samples" or "P_d" over one axis; "P_d" or "motions" over two; "lyapunov" over either,
-                where exponents were computed.
+                where exponents were computed; a title, xlabel, unit of displacements and of lengths that are swept
+                ("mm", "um", "m" or "gap", for x over the gap), width [mm] and matplotlib style.
 
         Raises:
             ValueError: The sweep has neither one axis nor two, or no such panel.

@@ -116,7 +116,8 @@ class Trajectory(Result):
             options: `panel`: "history", "phase", "poincare", "spectrum", "forces", "ribbon" (states and cases over the
                 period), "loop" (friction force over slide) or "path" (where on the face contact acts); `kind` of a
                 whole figure: one of these, or a page of the first four ("motion"), of the others ("forces") or of
-                "all"; `settled_from`: the share of the run that all panels but the time history leave out.
+                "all"; `settled_from`: the share of the run that all panels but the time history leave out; a title,
+                xlabel, unit of displacements ("mm", "um", "m" or "gap", for x over the gap), width [mm] and style.
 
         Raises:
             ValueError: There are many runs, of which `lane` gives one, there is no such panel, or too little is stored

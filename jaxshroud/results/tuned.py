@@ -123,18 +123,22 @@ class Tuned(Result):
 
         Args:
             ax: Not for this picture, which has two panels.
-            options: `drawn`: the map, as `objective_map` gives it.
+            options: `drawn`: the map, as `objective_map` gives it; a title, xlabel, unit of lengths, width [mm] and
+                matplotlib style.
 
         Raises:
             ValueError: An `ax` is given.
         """
         from jaxshroud.results import plot_design
+        from jaxshroud.results.drawing import Look
 
         if ax is not None:
             raise InputError("A tuning is drawn in two panels; leave `ax` out and take the figure's axes.")
         drawn: Mapping[str, Any] | None = options.pop("drawn", None)
         told = {name: getattr(self, name) for name in ("points", "scores", "goal", "over", "design")}
-        return plot_design.tuning({**told, "map": drawn, "title": self.data.attrs.get("title") or "tuning"}, **options)
+        return plot_design.tuning(
+            {**told, "map": drawn, "title": self.data.attrs.get("title") or "tuning"}, look=Look(**options)
+        )
 
     def __repr__(self) -> str:
         design = ", ".join(f"{key} = {value:.6g}" for key, value in self.design.items())
