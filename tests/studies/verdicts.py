@@ -126,7 +126,7 @@ def truths(scenes: js.Scene, periods: int) -> list[Truth]:
 
 def taken(tree: Any, at: Any) -> Any:
     """Some lanes, or one, of a tree of arrays."""
-    return jax.tree.map(lambda a: jnp.asarray(a)[at], tree)
+    return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[at]), tree)
 
 
 def closed_ones(scenes: js.Scene, states: js.State, periods: int) -> tuple[list[Truth], js.State]:
