@@ -1,7 +1,7 @@
 """What kind of motion a scene settles on, and why."""
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 import jax
 import numpy as np
@@ -16,7 +16,6 @@ from jaxshroud.motion.shooting import Aim
 from jaxshroud.scene.scene import Scene
 
 Kind = Literal["periodic", "quasi-periodic", "chaotic", "transient not over", "undecided", "stopped"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
 ROUNDS = 3  # each twice as long as the one before, where that could not decide
 CHAOS, REGULAR = 0.5, 0.2  # K above which the 0-1 test speaks for chaos, and below which for regular motion
 STAYS = 1e-2  # of a displacement's size that the run may be off its orbit in the end
@@ -58,15 +57,17 @@ def verdicts(
             lanes on which the evidence does not agree.
         tick: Told of lane-periods done.
     """
+    status = np.full(len(scenes.drive.omega), Status.OK, np.int32)
     if transient:
         runs = run_lanes(scenes, states, Plan(transient - 1, 1, aim.steps, 0.0, aim.method), tick)
-        states = final_states(runs.last.state)
+        states, status = final_states(runs.last.state), np.asarray(runs.last.status)
     found: dict[int, Verdict] = {}
     open_lanes, first = np.arange(len(scenes.drive.omega)), transient
     for turn in range(rounds):
         now, last = stretches.longer(2**turn), turn == rounds - 1
         at = open_lanes
-        evidence = gathered(jax.tree.map(lambda a, at=at: np.asarray(a)[at], scenes), states, first, now, aim, tick)
+        some = jax.tree.map(lambda a, at=at: np.asarray(a)[at], scenes)
+        evidence = gathered(some, states, status[at], first, now, aim, tick)
         first += now.all
         judged = [Verdict(*judgement(e, last), e, first) for e in evidence]
         found |= dict(zip(open_lanes.tolist(), judged, strict=True))
