@@ -168,7 +168,7 @@ def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], m
 
 def differentiable(method: Choices) -> Choices:
     """The same method with derivatives of the events' instants, and nothing else that a flow does not need."""
-    return method._replace(derivative=True, ledger=False, within=False)
+    return method._replace(derivative=True, ledger=False, within=False, forces=False)
 
 
 def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices) -> Dual:

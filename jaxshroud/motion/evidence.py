@@ -65,9 +65,9 @@ class Evidence(NamedTuple):
 
 
 def gathered(
-    scenes: Scene, states: State, first: int, stretches: Stretches, aim: Aim, tick: Tick = lambda _: None
+    scenes: Scene, states: State, status: np.ndarray, first: int, stretches: Stretches, aim: Aim, tick: Tick
 ) -> list[Evidence]:
-    """Evidence on each lane (leading axis) from its state, `first` periods after its start."""
+    """Evidence on each lane (leading axis) from its state, to which it came with that status after `first` periods."""
     early, states = _run(scenes, states, stretches.returns, aim, tick)
     near, size = _nearness(scenes, early, aim, PERIOD_TOLERANCE), _nearness(scenes, early, aim, 1.0)
     z = displacements(early.samples)
@@ -77,7 +77,8 @@ def gathered(
     grown = largest_exponents(scenes, states, stretches.growth, aim.steps, aim.method, tick)
     late, states = _run(scenes, grown.last, stretches.series, aim, tick)
     K = _chaos(displacements(late.samples), told.nearest, near * STILL / PERIOD_TOLERANCE)
-    status = np.where(grown.status == Status.OK, late.last.status, grown.status)
+    for came in (early.last.status, grown.status, late.last.status):
+        status = np.where(status == Status.OK, came, status)
     cycles = [None if orbit is None else orbit.cycle for orbit in orbits]
     away = _away(early, late, told, orbits, size, TURNING + stretches.growth)
     return [
@@ -128,9 +129,12 @@ def _orbits(scenes: Scene, states: State, runs: Runs, told: Returns, loosely: Re
 
 
 def _orbit(scene: Scene, state: State, q: int, samples: np.ndarray, aim: Aim) -> Algorithm[_Orbit]:
-    """The orbit of period number `q` or, where that has turned unstable in a flip, of twice as many; its samples."""
+    """The orbit of period number `q` or, where that is none that lasts, of twice as many; its samples.
+
+    An orbit that has doubled its period by less than what counts looks like the one that it has left.
+    """
     cycle = yield from nearby_orbit(scene, state, q, samples, aim)
-    if "unstable" in cycle.flags and cycle.bifurcation[0] == "flip":
+    if not cycle.sound:
         cycle = yield from nearby_orbit(scene, state, 2 * q, samples, aim, cycle.periods)
     runs = yield Periods(scene, cycle.start, Plan(0, cycle.q, aim.steps, 0.0, aim.method))
     return _Orbit(cycle, displacements(runs.samples)[0])

@@ -1,7 +1,7 @@
 """What kind of motion a scene settles on, and why."""
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 import jax
 import numpy as np
@@ -16,11 +16,10 @@ from jaxshroud.motion.shooting import Aim
 from jaxshroud.scene.scene import Scene
 
 Kind = Literal["periodic", "quasi-periodic", "chaotic", "transient not over", "undecided", "stopped"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
 ROUNDS = 3  # each twice as long as the one before, where that could not decide
 CHAOS, REGULAR = 0.5, 0.2  # K above which the 0-1 test speaks for chaos, and below which for regular motion
 STAYS = 1e-2  # of a displacement's size that the run may be off its orbit in the end
-FLAT, SURE = 1e-4, 0.02  # exponents per period that count as 0 on a torus, and half widths that can tell
+FLAT, SURE = 1e-4, 0.05  # exponents per period that count as 0 on a torus, and half widths that can tell
 
 
 class Verdict(NamedTuple):
@@ -58,15 +57,17 @@ def verdicts(
             lanes on which the evidence does not agree.
         tick: Told of lane-periods done.
     """
+    status = np.full(len(scenes.drive.omega), Status.OK, np.int32)
     if transient:
         runs = run_lanes(scenes, states, Plan(transient - 1, 1, aim.steps, 0.0, aim.method), tick)
-        states = final_states(runs.last.state)
+        states, status = final_states(runs.last.state), np.asarray(runs.last.status)
     found: dict[int, Verdict] = {}
     open_lanes, first = np.arange(len(scenes.drive.omega)), transient
     for turn in range(rounds):
         now, last = stretches.longer(2**turn), turn == rounds - 1
         at = open_lanes
-        evidence = gathered(jax.tree.map(lambda a, at=at: np.asarray(a)[at], scenes), states, first, now, aim, tick)
+        some = jax.tree.map(lambda a, at=at: np.asarray(a)[at], scenes)
+        evidence = gathered(some, states, status[at], first, now, aim, tick)
         first += now.all
         judged = [Verdict(*judgement(e, last), e, first) for e in evidence]
         found |= dict(zip(open_lanes.tolist(), judged, strict=True))
@@ -79,7 +80,11 @@ def verdicts(
 
 
 def judgement(e: Evidence, last: bool = True) -> tuple[Kind, int]:
-    """The kind and the period number that the evidence agrees on; a torus is seen in the last round only."""
+    """The kind and the period number that the evidence agrees on.
+
+    Chaos and tori are seen in the last round only: of what looks chaotic for some hundred periods, one in ten settles
+    on an orbit later, and a torus looks like a slow decay.
+    """
     if e.status != Status.OK:
         return "stopped", 0
     grows, shrinks = e.exponent - e.ci > 0, e.exponent + e.ci < 0
@@ -87,7 +92,7 @@ def judgement(e: Evidence, last: bool = True) -> tuple[Kind, int]:
         return ("periodic", e.cycle.q) if e.away <= STAYS else ("transient not over", 0)
     if e.q and e.away <= STAYS and shrinks:
         return "periodic", e.q
-    if grows and e.K > CHAOS:
+    if last and grows and e.K > CHAOS:
         return "chaotic", 0
     if not e.q and last and not e.drifts and abs(e.exponent) <= max(e.ci, FLAT) <= SURE and e.K < REGULAR:
         return "quasi-periodic", 0

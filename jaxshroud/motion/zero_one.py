@@ -57,7 +57,8 @@ def _of_one(phi: Floats, near: float) -> float:
     if np.ptp(phi) <= near:
         return 0.0
     at, n = np.random.default_rng(0).uniform(LOWEST, HIGHEST, FREQUENCIES), len(phi)
-    point = np.cumsum((phi - phi.mean()) * np.exp(1j * at[:, None] * np.arange(n)), axis=1)
+    about = (phi - phi.mean()) / np.ptp(phi)  # of any size: squares would overflow
+    point = np.cumsum(about * np.exp(1j * at[:, None] * np.arange(n)), axis=1)
     lags, last = np.arange(1, n // SHARE + 1), n - n // SHARE
     moved = np.stack([(np.abs(point[:, lag : last + lag] - point[:, :last]) ** 2).mean(axis=1) for lag in lags])
     return float(np.median([np.corrcoef(lags, one)[0, 1] for one in moved.T]))

@@ -91,6 +91,7 @@ def power(panel: Axes, found: Diagnosis, _: Drawn) -> None:
     plot_power.draw(panel, {"n": found.n, "P_d": found.P_d, "P_d_ci": found.P_d_ci, "final": told})
     known = (found.n >= min(FEW, found.n[-1])) & np.isfinite(found.P_d)  # the first intervals would flatten the rest
     panel.set(title=f"$P_d$ = {final['P_d']:.4g} %", ylabel="$P_d$ [%]")
+    panel.tick_params(axis="x", which="minor", labelbottom=False)  # a decade's own numbers would touch
     panel.set(ylim=limits(np.concatenate(interval(found.P_d[known], found.P_d_ci[known])), least=0.1))
 
 
@@ -102,7 +103,7 @@ def energy(panel: Axes, found: Diagnosis, _: Drawn) -> None:
     panel.margins(x=0.3)
     for i, value in enumerate(powers.values()):
         panel.annotate(f"{value:.3g} W", (value, i), (2, 0), textcoords="offset points", va="center", fontsize=6.5)
-    panel.set(xlabel="mean power [W]", title=f"energy; residual {found.energy_residual:.0e} of the drive's")
+    panel.set(xlabel="mean power [W]", title=f"energy; residual {abs(found.energy_residual):.0e} of the drive's")
 
 
 def stability(panel: Axes, found: Diagnosis, _: Drawn) -> None:
@@ -135,7 +136,7 @@ def told(found: Diagnosis) -> dict[str, str]:
     out = {"verdict": found.verdict, "periods before": str(found.periods)}
     if found.exponents is not None:
         for i in np.flatnonzero(np.isfinite(found.exponents[:2] + found.exponents_ci[:2])):
-            out[f"exponent {i + 1}, per period"] = _number(found.exponents[i], found.exponents_ci[i])
+            out[f"exponent {i + 1} [1/T]"] = _number(found.exponents[i], found.exponents_ci[i])
     if np.isfinite(found.K):
         out["0–1 test K"] = f"{found.K:.2f}"
     if found.has_multipliers:

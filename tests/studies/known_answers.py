@@ -112,13 +112,11 @@ def of_systems(n: int) -> dict[str, Any]:
 
 
 def of_free_blades() -> dict[str, Any]:
-    """The exponents of blades that never touch, and the exact ones."""
-    scene = js.load("table1", ['shroud.gap="5 mm"', "blades.c_x[1]=3.0"]).scene
-    found = js.lyapunov(scene, n_periods=32, transient=8, steps_per_period=400, method=js.Method("dopri8"))
-    b, T = scene.blades, float(scene.drive.period)
-    rates = [np.asarray(c / (2 * m)) * T for c, m in ((b.c_x, b.m), (b.c_y, b.m), (b.c_T, b.I))]
-    exact = -np.sort(np.repeat(np.concatenate(rates), 2))
-    return {"found": found.exponents[:12], "ci": found.ci[:12], "exact": exact}
+    """The exponents of blades that never touch, along x alone, and the exact ones."""
+    scene = js.load("table1", ['parts.motion=["x"]', 'shroud.gap="5 mm"', "blades.c_x=[8.0, 3.0]"]).scene
+    found = js.lyapunov(scene, n_periods=32, transient=8, steps_per_period=400, method=js.Method("rk4"))
+    rates = np.asarray(scene.blades.c_x / (2 * scene.blades.m)) * float(scene.drive.period)
+    return {"found": found.exponents[:4], "ci": found.ci[:4], "exact": -np.sort(np.repeat(rates, 2))}
 
 
 class Signal(NamedTuple):
