@@ -17,7 +17,7 @@ SHAPE = "[shroud]\nl_oa = 0.05\nl_ab = 0.035\nalpha = 1.0471975511965976\n"
 def still(n_periods=3):
     """A run whose blocks move but do not turn, in contact at the upper corner."""
     ds = run(n_periods, scene=SHAPE)
-    ds["theta"] *= 0
+    ds["theta"] = 0 * ds["theta"]
     ds["contact_point"] = ds["contact_point"] * 0 + HALF
     return ds
 
