@@ -57,7 +57,7 @@ PLACES = {
     "store": "results.dimension results.store cli.store",
     "earlier": "results.earlier",
     "drawing": "results.drawing",
-    "plot": "results.plot results.plot_run results.plot_power",
+    "plot": "results.plot results.plot_run results.panels results.plot_power",
     "plot_design": "results.plot_design",
     "keyboard": "cli.keyboard",
     "terminal": "cli.terminal cli.words cli.parser cli.asked",

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, get_args
 
-from jaxshroud.cli.words import OneLineParser, accuracy, count, number, path, steps, width
+from jaxshroud.cli.words import OneLineParser, accuracy, count, number, path, positive, steps, width
 from jaxshroud.march.words import TABLEAUS, Locate
 from jaxshroud.scene.checks import Precision
 from jaxshroud.version import __version__
@@ -206,6 +206,16 @@ def convert_options(made: OneLineParser) -> None:
     made.add_argument("--force", action="store_true", help="replace an existing file")
 
 
+def animate_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud animate`."""
+    made.add_argument("source", type=path, metavar="FILE.nc", help="a run that `simulate` has stored")
+    made.add_argument("--periods", type=count(1), metavar="N", help="periods shown; by default those of the motion")
+    made.add_argument("--factor", type=positive, metavar="X", help="by which motion and gap are exaggerated")
+    made.add_argument("--title", metavar="TEXT", help='in place of the run\'s own; "" for none')
+    made.add_argument("--out", type=path, required=True, metavar="FILE.gif|FILE.mp4", help="mp4 needs ffmpeg")
+    made.add_argument("--force", action="store_true", help="replace an existing file")
+
+
 def _nothing(_: OneLineParser) -> None: ...
 
 
@@ -283,6 +293,9 @@ VERBS = {
         "Write a stored result as CSV, MATLAB or NetCDF file.",
         "jaxshroud convert gap/sweep.nc --out gap.csv",
         convert_options,
+    ),
+    "animate": Verb(
+        "Show a stored run as a moving picture.", "jaxshroud animate run.nc --out run.gif", animate_options
     ),
     "scenes": Verb("List the shipped scenes.", "jaxshroud scenes", _nothing),
 }

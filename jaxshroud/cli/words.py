@@ -68,6 +68,14 @@ def number(text: str) -> float:
         raise argparse.ArgumentTypeError(f"must be a number, but is {text!r}") from None
 
 
+def positive(text: str) -> float:
+    """A number above zero."""
+    value = number(text)
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be a number above zero, but is {text!r}")
+    return value
+
+
 def width(text: str) -> float:
     """A width of a picture [mm], from a length with its unit."""
     from jaxshroud.scene.units import to_si

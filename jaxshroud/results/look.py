@@ -77,10 +77,20 @@ def with_ticks(panel: Axes) -> None:
         locator = axis.get_major_locator()
         if isinstance(locator, MaxNLocator):
             locator.set_params(min_n_ticks=FEWEST_TICKS)
+            if axis is panel.xaxis and _crowded(panel):
+                locator.set_params(nbins=5)
         elif isinstance(locator, LogLocator) and _seen(axis) < FEWEST_TICKS:
             axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(LogFormatter(labelOnlyBase=True, minor_thresholds=(0, 0)))
+
+
+def _crowded(panel: Axes) -> bool:
+    """Whether the labels of the x axis take more than two thirds of it."""
+    locs, box = panel.xaxis.get_majorticklocs(), panel.get_window_extent()
+    letters = sum(map(len, panel.xaxis.get_major_formatter().format_ticks(list(locs))))
+    size = float(mpl.rcParams["xtick.labelsize"]) * panel.figure.dpi / 72
+    return letters * 0.6 * size > 2 / 3 * box.width
 
 
 def _seen(axis: Any) -> int:

@@ -15,6 +15,7 @@ from jaxshroud.results.words import fitting
 from jaxshroud.scene.checks import word_argument
 from jaxshroud.scene.errors import InputError
 
+LEAST = 0.1  # percentage points on an axis of P_d: less would show what rounding leaves of a periodic orbit
 HAIR = 3e-3  # of an axis: what is narrower cannot be seen
 
 
@@ -53,6 +54,13 @@ def limits(values: Floats, least: float = 0.0) -> tuple[float, float]:
     return (low + high) / 2 - half, (low + high) / 2 + half
 
 
+def zoom_no_further(panel: Axes, values: Floats, least: float) -> None:
+    """A vertical axis at least so long, where `values` differ by less: what settles would show its last digits."""
+    values = values[np.isfinite(values)]
+    if values.size and np.ptp(values) < least:
+        panel.set_ylim(limits(values, least))
+
+
 def interval(P_d: Floats, ci: Floats) -> tuple[Floats, Floats]:
     """Ends of the interval; none where it is not known."""
     half = np.where(np.isfinite(ci), ci, np.nan)
@@ -60,9 +68,9 @@ def interval(P_d: Floats, ci: Floats) -> tuple[Floats, Floats]:
 
 
 def is_seen(half: Floats, around: Floats) -> bool:
-    """Whether a band of that half width around values is wider than a hair on an axis that shows them."""
+    """Whether a band of that half width around values of P_d is wider than a hair on an axis that shows them."""
     band, values = half[np.isfinite(half)], around[np.isfinite(around)]
-    return bool(band.size) and bool(values.size) and float(band.max()) > HAIR * (float(np.ptp(values)) or 1.0)
+    return bool(band.size) and bool(values.size) and float(band.max()) > HAIR * max(float(np.ptp(values)), LEAST)
 
 
 def title_of(ds: xr.Dataset) -> str:

@@ -29,7 +29,17 @@ from jaxshroud.results.drawing import (
     say,
 )
 from jaxshroud.results.look import on_axes, styled
-from jaxshroud.results.panels import figure_of, interval, is_seen, legend_above, panel_of, scale_of, title_of
+from jaxshroud.results.panels import (
+    LEAST,
+    figure_of,
+    interval,
+    is_seen,
+    legend_above,
+    panel_of,
+    scale_of,
+    title_of,
+    zoom_no_further,
+)
 from jaxshroud.results.status import named
 from jaxshroud.scene.errors import InputError
 
@@ -240,6 +250,8 @@ def _draw_samples(panel: Axes, ds: xr.Dataset, axis: Axis, motion: Integers, uni
         here, alpha = motion == i, float(np.clip(5e4 / max(x.size, 1), 0.2, 1))
         panel.plot(lane[here].ravel(), x[here].ravel(), ".", color=color, alpha=alpha, **style)
     panel.set(ylabel=scale.label("1"))
+    shown = x[motion >= 0]
+    zoom_no_further(panel, shown, 0.02 * float(np.nanmax(np.abs(shown), initial=0.0)))
 
 
 def _draw_motions(panel: Axes, x_edges: Floats, y_edges: Floats, motion: Integers) -> None:
@@ -270,3 +282,4 @@ def _draw_power(panel: Axes, ds: xr.Dataset, axis: Axis, motion: Integers) -> No
         style: Any = {"ms": 1.8 if many else 2.5, "mfc": "white", "mec": BLUE, "mew": 0.5}
         panel.plot(axis.values[hollow], P_d[hollow], "o", label="aperiodic or unsettled", **style)
     panel.set(ylabel="$P_d$ [%]")
+    zoom_no_further(panel, P_d, LEAST)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from jaxshroud.results.drawing import BLUE, COLUMN, INK, PLAIN, Floats, Look, legend_below, new_figure, say
 from jaxshroud.results.look import styled
-from jaxshroud.results.panels import interval, is_seen, limits
+from jaxshroud.results.panels import LEAST, interval, is_seen, limits
 
 
 @styled
@@ -32,7 +32,7 @@ def power_convergence(data: Mapping[str, Any], *, look: Look = PLAIN) -> Figure:
 def draw(panel: Axes, data: Mapping[str, Any]) -> None:
     """The convergence as one panel."""
     n, P_d, ci = _numbers(data)
-    ends = limits(np.concatenate(interval(P_d, ci)), least=0.1)  # else a periodic orbit shows rounding
+    ends = limits(np.concatenate(interval(P_d, ci)), least=LEAST)
     band = "95 % interval" if is_seen(ci, np.array(ends)) else None
     panel.fill_between(n, *interval(P_d, ci), color=BLUE, alpha=0.25, lw=0, label=band)
     panel.plot(n, P_d, color=BLUE, lw=0.9, marker="." if n.size < 60 else "", ms=3, label="$P_d(n)$")

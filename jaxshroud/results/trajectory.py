@@ -1,5 +1,6 @@
 """What a simulation gives."""
 
+import os
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ from jaxshroud.results.base import Result
 from jaxshroud.results.instants import AFTER, BEFORE, with_events
 from jaxshroud.results.status import FLAGS
 from jaxshroud.results.variable import Attribute, Counts, Entry, Moving, Variable
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.motion import Motion
 
 if TYPE_CHECKING:
@@ -126,6 +128,29 @@ class Trajectory(Result):
         from jaxshroud.results.plot_run import one_panel
 
         return one_panel(self.data, ax, **options)
+
+    def animate(
+        self, path: str | os.PathLike[str], *, periods: int | None = None, factor: float | None = None
+    ) -> float:
+        """Write the last periods of a single run as a moving picture: both blocks, contact point and forces.
+
+        Args:
+            path: A name that ends in .gif, or in .mp4 where ffmpeg is installed.
+            periods: Drive periods shown; by default those after which the motion repeats, or four.
+            factor: By which motion and gap are exaggerated; by default so that the motion is well seen.
+
+        Returns:
+            The factor.
+
+        Raises:
+            ValueError: There are many runs, the suffix is another, ffmpeg is missing, or too little is stored.
+            WriteError: The place cannot be written.
+        """
+        from jaxshroud.results.animation import save_animation
+
+        if "status" not in self.data.attrs:
+            raise InputError("A moving picture shows one run of many: choose it by `lane`.")
+        return save_animation(self.data, path, periods=periods, factor=factor)
 
     def __repr__(self) -> str:
         if np.ndim(self.status):

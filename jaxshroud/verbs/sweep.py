@@ -75,9 +75,10 @@ def sweep(
         ledger: Keep every lane's energy balance.
         lyapunov: Compute the largest Lyapunov exponent too, with its interval: of as many periods more as are kept, in
             float64, from one tangent of each lane (some ten times the cost of these periods).
-        forces: Keep every lane's largest forces of contact and the work of friction as well, some 20 % slower. Forces
-            are looked at on both sides of every event, and inside each step by cubics through values and rates at its
-            ends, which miss some (omega_max h)^4 / 384 of them; the friction of smooth contact at ends of steps only.
+        forces: Keep every lane's largest forces of contact and the work of friction, and its energy balance with them.
+            Forces are looked at on both sides of every event, and inside each step by cubics through values and rates
+            at its ends, so that what is missed falls as the fourth power of the step; the friction of smooth contact is
+            looked at where steps end.
         samples: Keep the samples of each lane. Without them memory is bounded: for maps of many lanes.
         progress: Called with (lane-periods done, lane-periods in all) after every block.
         throw: Raise where a lane stops before its end, rather than warn.

@@ -13,6 +13,7 @@ import jaxshroud as js
 from jaxshroud import shipped, simulate, sweep
 from jaxshroud.cli import commands as cli
 from jaxshroud.march.method import FAST
+from jaxshroud.results.base import open as js_open
 from jaxshroud.scene.config import load, parse
 from jaxshroud.scene.errors import NumericalError
 
@@ -132,13 +133,37 @@ def test_plot_does_not_simulate(stored, swept, monkeypatch, capsys):
         assert picture.stat().st_mtime_ns > before
 
 
+def test_pictures_of_a_stored_run(stored, swept, tmp_path, capsys):
+    for words in (["--kind", "all", "--width", "90mm"], ["--kind", "loop", "--unit", "um", "--title", ""]):
+        out = tmp_path / f"{words[1]}.svg"
+        assert cli.main(["plot", str(stored / "long.nc"), *words, "--out", str(out)]) == 0
+        assert "<text" in out.read_text()
+    assert cli.main(["plot", str(swept), "--format", "pdf"]) == 0
+    assert (swept / "sweep.pdf").exists()
+    assert "is a sweep" in refused(capsys, "plot", swept, "--kind", "loop")
+    assert "several x axes" in refused(capsys, "plot", stored / "long.nc", "--xlabel", "time")
+    assert "not a run" in refused(capsys, "animate", swept / "sweep.nc", "--out", tmp_path / "a.gif")
+    assert "ends in .gif" in refused(capsys, "animate", stored / "long.nc", "--out", tmp_path / "a.avi")
+
+
+def test_events_and_forces_are_stored_where_asked_for(stored, tmp_path):
+    ds = xr.open_dataset(stored / "long.nc")
+    assert {"N", "F", "v", "u", "contact_point"} <= set(ds.data_vars)
+    assert "event_t" not in ds
+    out, words = tmp_path / "e.nc", ["--steps-per-period", "200", "--periods", "3", "--events"]
+    assert cli.main(["simulate", "fig10d", *words, "--out", str(out)]) == 0
+    both = js_open(out)
+    assert len(both.events.t) == 2 * (sum(both.counters.values()) - both.counters["grazing"])
+    assert np.all(np.diff(both.events.t) >= 0)
+
+
 def test_scenes_are_listed_one_a_line(capsys):
     assert cli.main(["scenes"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == list(shipped())
 
 
-@pytest.mark.parametrize("verb", ["simulate", "sweep", "power", "plot", "scenes"])
+@pytest.mark.parametrize("verb", ["simulate", "sweep", "power", "plot", "animate", "scenes"])
 def test_help_has_an_example(verb, capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main([verb, "--help"])
@@ -174,6 +199,11 @@ def test_help_has_an_example(verb, capsys):
         ("simulate table1 --set parts.fricton=none --out a.nc", ("[parts]", "`friction`")),
         ("sweep table1 --along contact.width --values 1e-6,2e-6 --out s", ("contact.width", "not smooth")),
         ("plot .", ("neither sweep.nc nor power.json",)),
+        ("plot a.nc --width 9", ("--width", "a length is needed", "90mm")),
+        ("plot a.nc --width 9mm", ("from 40 to 1000 mm",)),
+        ("plot a.nc --kind histry", ("--kind", "`history`")),
+        ("plot a.nc --out b.png --format pdf", ("b.png", "--format pdf")),
+        ("animate a.nc --out b.gif --factor -1", ("--factor", "above zero")),
         ("simulate", ("SCENE", "--help")),
     ],
 )
