@@ -34,7 +34,7 @@ from jaxshroud.scene.parts import WAYS, Direction
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.accuracy import broken
-from jaxshroud.verbs.directions import together
+from jaxshroud.verbs.directions import overlaid
 from jaxshroud.verbs.door import Asked, Marched, asked, in_line, in_shape, marched
 
 
@@ -130,7 +130,7 @@ def sweep(
     ticker = Ticker(lanes * (door.transient + door.n_periods), progress)
     one_way = _swept if samples else _mapped
     each = {way: one_way(grid, states, plan, ticker, way, how, period_tol) for way in ways}
-    found = together(each) if direction == "both" else each[direction]
+    found = overlaid(each) if direction == "both" else each[direction]
     tell_failures(found.status, found.chatter, throw=throw)
     return found
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from branches import ALL, METHOD, STEPS, X_RIGID, Drawn, X, drawn
+from branches import ALL, METHOD, STEPS, X_RIGID, Drawn, X, drawn, kept
 
 import jaxshroud as js
 from jaxshroud.march.method import FAST, choices
