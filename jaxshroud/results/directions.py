@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 NO = 0  # verdict of `settling`: the transient is not over
 
 
-def together(found: Mapping[str, SweepResult]) -> SweepResult:
+def overlaid(found: Mapping[str, SweepResult]) -> SweepResult:
     """Results of sweeps along the same values as one, with a leading dimension `direction`."""
     import xarray as xr
 

@@ -16,7 +16,7 @@ from jaxshroud.march.stability import Steps
 from jaxshroud.model.state import State
 from jaxshroud.motion.largest import TURNING
 from jaxshroud.motion.period import PERIOD_TOLERANCE
-from jaxshroud.results.directions import together
+from jaxshroud.results.directions import overlaid
 from jaxshroud.results.status import tell_failures
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import tolerance_argument, word_argument
@@ -134,7 +134,7 @@ def sweep(
     wanted = Wanted(plan, how, period_tol, Ticker(lanes * whole, progress))
     one_way = swept if samples else mapped
     each = {way: one_way(grid, states, way, wanted) for way in ways}
-    found = together(each) if direction == "both" else each[direction]
+    found = overlaid(each) if direction == "both" else each[direction]
     tell_failures(found.status, found.chatter, throw=throw)
     return found
 

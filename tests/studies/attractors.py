@@ -1,6 +1,6 @@
 """Shares of coexisting motions from 256 starts against those of 4,096 others: python tests/studies/attractors.py.
 
-Scenes are drawn as those of `branches.py`, with less damping; one in ten is of the whole model. The first 22 in which
+Scenes are drawn as those of `branches.py`; one in ten is of the whole model. The first 22 in which
 64 starts find at least two motions are studied: 4,352 starts are assigned to motions; the 95 % intervals of the shares
 among the first 256 are to hold the shares among the other 4,096. Motions of equal period number that are told apart are
 counted, and how far they are from each other.
@@ -15,7 +15,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from branches import ALL, METHOD, STEPS, X_RIGID, Drawn, X, drawn
+from branches import ALL, METHOD, STEPS, X_RIGID, Drawn, X, drawn, kept
 
 import jaxshroud as js
 from jaxshroud.march.method import FAST, choices
@@ -27,7 +27,7 @@ from jaxshroud.results.attractors import share_interval
 
 SEED, DRAWN, SCENES, FEW, SAMPLE, MANY, MOST = 1, 400, 22, 64, 256, 4096, 768
 COARSE = 80  # RK4 steps a period of bending in x alone
-MODELS, DAMPING = [*([X_RIGID, X] * 5)[:-1], ALL], (1.0, 6.0)
+MODELS = [*([X_RIGID, X] * 5)[:-1], ALL]
 
 
 def found_in(one: Drawn, starts: int, seed: int) -> Found:
@@ -98,7 +98,7 @@ def main() -> None:
     """Measure and write."""
     jax.config.update("jax_enable_x64", True)
     told = {"command": "python tests/studies/attractors.py", "version": js.__version__, "seed": SEED}
-    found = studied(drawn(DRAWN, SEED, MODELS, DAMPING), SCENES, SAMPLE, MANY)
+    found = studied(drawn(DRAWN, SEED, MODELS), SCENES, SAMPLE, MANY)
     kept(found, told | {"starts": [SAMPLE, MANY]}, Path(__file__).with_suffix(".json"))
 
 

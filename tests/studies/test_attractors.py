@@ -8,7 +8,7 @@ pytestmark = pytest.mark.studies
 
 
 def test_intervals_of_shares_hold_those_of_many_starts():
-    scenes = drawn(12, attractors.SEED, [X_RIGID], attractors.DAMPING)
+    scenes = drawn(12, attractors.SEED, [X_RIGID])
     *_, found = attractors.studied(scenes, 2, 128, 512, few=32)
     assert found["scenes with several motions"] >= 1
     # Of two to six shares that hold with 95 % each, one may be missed.

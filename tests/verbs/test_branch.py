@@ -33,7 +33,7 @@ def test_multipliers_are_on_the_unit_circle_where_they_pass_it(found):
 
 
 def test_stability_changes_at_special_points_only(found):
-    for i in np.flatnonzero(np.diff(found.stable.astype(int))):
+    for i in np.flatnonzero(np.diff(found.stable.astype(int)) * (np.diff(found.branch) == 0)):
         assert {KINDS[found.kind[i]], KINDS[found.kind[i + 1]]} & {"fold", "flip"}
     assert (~found.stable).sum() >= 5
 
@@ -45,14 +45,14 @@ def test_a_fold_is_where_the_branch_turns(found):
 
 
 def test_unstable_orbits_close_as_simulated(found):
-    # Shooting says that they close to 1e-11; an independent march of one period multiplies that by the multiplier.
+    # Shooting closes them to 1e-11; the march without tangents locates events with one trial less, 1e-9 of the motion.
     unstable = np.flatnonzero(~found.stable & (found.q == 1))
     assert len(unstable) >= 3
     for i in unstable[:: len(unstable) // 3]:
         scene = js.vary(SCENE, KEY, float(found.value[i]))
         run = js.simulate(scene, found.start(int(i)), n_periods=1, method=js.Method(locate="cubic"), **STEPS)
         size = np.abs(run.motion.x).max()
-        np.testing.assert_allclose(run.last.motion.x, found.start(int(i)).motion.x, rtol=0, atol=1e-9 * size)
+        np.testing.assert_allclose(run.last.motion.x, found.start(int(i)).motion.x, rtol=0, atol=1e-8 * size)
         assert found.residual[i] <= 1e-9
 
 
