@@ -62,7 +62,7 @@ def largest_frequency(scene: Scene) -> Scalar:
 
 def _frequency(scene: Scene, engaged: bool) -> Scalar:
     b, spring = scene.blades, springs(scene)
-    block = corners(scene.shroud)
+    block = corners(scene.shroud, scene.contact.reading)
     mass = jnp.concatenate([b.m, b.inertia_y, b.I])
     moves = jnp.array([scene.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)])
     mobility = jnp.where(moves, 1 / mass, 0.0)
