@@ -33,7 +33,7 @@ def picture(found: Found, told: dict[str, Any]) -> Figure:
         axes["gap"].set_xscale("log")
         axes["gamma"].set_ylabel(r"$P_\mathrm{d}$ / %")
         axes["gap"].annotate(r"$M_0 \leq 1$ N m", (0.05, 10), xycoords=("axes fraction", "data"), color=DARK)
-        axes["gap"].annotate(r"$M_0 = 100$ N m", (0.05, -60), xycoords=("axes fraction", "data"), color=MARK)
+        axes["gap"].annotate(r"$M_0 = 100$ N m", (0.05, -95), xycoords=("axes fraction", "data"), color=MARK)
         for letter, ax in zip("abcd", axes.values(), strict=True):
             ax.annotate(f"({letter})", (0, 1), (2, -2), "axes fraction", "offset points", va="top")
         for name in ("gap", "force"):
@@ -50,14 +50,21 @@ def _labels(ax: Axes, found: Found, told: dict[str, Any]) -> None:
             ax.annotate(str(count), (n, 1.1 * count), ha="center", va="bottom", fontsize=6)
     null = told["null"]["choice"]
     ax.axvspan(null["scrambled"]["50 %"] - 0.5, null["scrambled"]["95 %"] + 0.5, color=MARK, alpha=0.12, lw=0)
-    middle = (null["scrambled"]["50 %"] + null["scrambled"]["95 %"]) / 2
-    ax.annotate("best reading,\nscrambled labels", (middle, 0.96), xycoords=("data", "axes fraction"), ha="center",
-                va="top", color=MARK)  # fmt: skip
+    right = null["scrambled"]["95 %"] + 0.6
+    ax.annotate(
+        "best reading,\nscrambled labels", (right, 0.96), xycoords=("data", "axes fraction"), va="top", color=MARK
+    )
     ax.annotate(
         "guess", (told["guess"]["of 8"], 5 * counts[told["guess"]["of 8"]]), (0, 18), textcoords="offset points",
         ha="center", arrowprops={"arrowstyle": "->", "lw": 0.6},
     )  # fmt: skip
-    ax.set(yscale="log", xlabel="labels of Figs. 10 and 14 met", ylabel="readings", ylim=(0.7, 12 * counts.max()))
+    ax.set(
+        yscale="log",
+        xlim=(-0.6, 9.4),
+        xlabel="labels of Figs. 10 and 14 met",
+        ylabel="readings",
+        ylim=(0.7, 12 * counts.max()),
+    )
 
 
 def _curves(ax: Axes, x: np.ndarray, P_d: np.ndarray) -> None:

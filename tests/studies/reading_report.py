@@ -23,11 +23,11 @@ from reading_scenes import (
     columns,
     readings,
 )
-from reading_verdict import LABELS, TRENDS, Found, Null, Verdict, hits_of, table5, trends, verdict
+from reading_verdict import LABELS, SEED, TRENDS, Found, Null, Verdict, hits_of, table5, trends, verdict
 
 PLAUSIBLE = Reading()  # Eq. (1) in SI, consistent, Table 1 but for M_0 = 0.1 N m, from rest
 GUESS = {"Fig. 10": (1, 0, 0, 0), "Fig. 14": (1, 0, 0, 0), "Fig. 12": (0, 0, 0, 1)}  # 1 where least touches, else chaos
-FEW = 12  # readings told one by one
+FEW, SAMPLE = 12, 36  # readings told one by one; readings that are run again
 
 
 def labelled() -> list[Point]:
@@ -38,7 +38,9 @@ def labelled() -> list[Point]:
 def report(found: Found, again: Callable[[list[Reading]], Found]) -> dict[str, Any]:
     """The verdict, what led to it and what it is worth; `again` runs some readings longer and finer."""
     rows, said = readings(), verdict(found)
-    told = [rows[i] for i in said.chosen[:FEW]]
+    told = said.chosen[:FEW]
+    some = np.random.default_rng(SEED).choice(len(rows), SAMPLE, replace=False)
+    fine = again([rows[i] for i in (*told, *some)])
     return {
         "verdict": said.word,
         "readings": len(rows),
@@ -52,7 +54,8 @@ def report(found: Found, again: Callable[[list[Reading]], Found]) -> dict[str, A
         "table5": {str(n): int((table5(found) == n).sum()) for n in range(3)},
         "chosen": len(said.chosen),
         "chosen_readings": [one(found, i) for i in said.chosen[:FEW]],
-        "chosen_again": periods(again(told), told),
+        "chosen_again": [periods(fine, i) for i in range(len(told))],
+        "same label when finer and longer": same_labels(found.period[some], fine.period[len(told) :]),
         "trends": {"what": TRENDS, "all": shares(found, np.ones(len(rows), bool)), **groups(found, rows)},
         "plausible": one(found, rows.index(PLAUSIBLE)),
         "by": {name: by(found, rows, name) for name in Reading._fields},
@@ -117,14 +120,18 @@ def one(found: Found, row: int) -> dict[str, Any]:
     }
 
 
-def periods(found: Found, rows: list[Reading]) -> list[dict[str, Any]]:
-    """Period numbers of readings at the labelled points alone."""
+def periods(found: Found, row: int) -> dict[str, Any]:
+    """Period numbers of a reading that was run at the labelled points alone."""
     place = {point: i for i, point in enumerate(labelled())}
-    at = lambda row, points: [int(found.period[row, place[point]]) for point in points]  # noqa: E731
-    return [
-        {"Fig. 10": at(i, FIG10), "Fig. 14": at(i, FIG14), "Fig. 12": [at(i, points) for points in FIG12]}
-        for i in range(len(rows))
-    ]
+    at = lambda points: [int(found.period[row, place[point]]) for point in points]  # noqa: E731
+    return {"Fig. 10": at(FIG10), "Fig. 14": at(FIG14), "Fig. 12": [at(points) for points in FIG12]}
+
+
+def same_labels(coarse: NDArray[np.integer], fine: NDArray[np.integer]) -> dict[str, Any]:
+    """How many period numbers of readings at all points are those of a better run at the labelled points, [%]."""
+    coarse = coarse[:, columns(labelled())]
+    share = lambda which: round(100 * float((coarse == fine)[which].mean()), 1)  # noqa: E731
+    return {"readings": len(fine), "all": share(fine > -2), "periodic": share(fine > 0), "aperiodic": share(fine == 0)}
 
 
 def shares(found: Found, which: NDArray[np.bool_]) -> dict[str, Any]:

@@ -53,7 +53,7 @@ class Reading(NamedTuple):
 
     @property
     def stiff(self) -> bool:
-        """Whether light blocks on Eq. (1)'s own springs ask for twice as many steps."""
+        """Whether light blocks on Eq. (1)'s own springs ask for shorter steps."""
         return self.equation == SI and INERTIA[0] > self.I
 
 
