@@ -27,7 +27,7 @@ from reading_verdict import LABELS, SEED, TRENDS, Found, Null, Verdict, hits_of,
 
 PLAUSIBLE = Reading()  # Eq. (1) in SI, consistent, Table 1 but for M_0 = 0.1 N m, from rest
 GUESS = {"Fig. 10": (1, 0, 0, 0), "Fig. 14": (1, 0, 0, 0), "Fig. 12": (0, 0, 0, 1)}  # 1 where least touches, else chaos
-FEW, SAMPLE = 12, 36  # readings told one by one; readings that are run again
+FEW, SAMPLE = 8, 24  # readings told one by one; readings that are run again
 
 
 def labelled() -> list[Point]:

@@ -48,7 +48,7 @@ def drawn(readings: int) -> Found:
 def test_random_readings_are_no_evidence():
     said = reading_verdict.verdict(drawn(2000), draws=500)
     assert said.word == "undetermined"
-    assert said.choice.observed >= 6  # the best of many meets most labels all the same
+    assert said.choice.observed >= 5  # the best of many meets most labels all the same
     assert said.choice.p > 0.2
 
 
