@@ -26,6 +26,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.motion.averages import averages
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
+from jaxshroud.version import __version__
 
 FAST = Plan(160, 48, 100, 0.0, Choices(tableau("tsit5"), "cubic", False, "float32"))
 FINE = Plan(400, 64, 100, 0.0, Choices(tableau("dopri8"), "cubic", False, "float64"))
@@ -73,8 +74,8 @@ def stored() -> Found:
 
 
 def store(found: Found) -> None:
-    """Write reading.npz: percentages to three digits, as many as the study asks for."""
-    few = {name: getattr(found, name).astype(np.float16) for name in ("P_d", "wander")}
+    """Write reading.npz: percentages to three digits, as many as the study asks for, and none beyond +-60,000."""
+    few = {name: np.clip(getattr(found, name), -6e4, 6e4).astype(np.float16) for name in ("P_d", "wander")}
     np.savez_compressed(HERE.with_suffix(".npz"), period=found.period.astype(np.int8), **few)
 
 
