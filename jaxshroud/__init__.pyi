@@ -43,6 +43,7 @@ from .scene.scene import Shroud as Shroud
 from .scene.shipped import shipped as shipped
 from .scene.vary import value_of as value_of
 from .scene.vary import vary as vary
+from .verbs.check import check as check
 from .verbs.explain import explain as explain
 from .verbs.gradient import differences as differences
 from .verbs.gradient import gradient as gradient

@@ -5,7 +5,7 @@
 
 from pathlib import Path
 
-from jaxshroud.scene.keys import ROWS, Key
+from jaxshroud.scene.keys import OTHERS, ROWS, Key
 
 FILE = Path(__file__).parent.parent / "docs" / "keys.md"
 HEAD = """# The numbers of a scene
@@ -14,6 +14,16 @@ A file gives a number in its table, `[shroud] gap = "0.022 mm"`, in SI units or 
 `--along` and `jaxshroud.vary` call it by its key, `shroud.gap`. What is there per blade is one number for alike blades
 or a pair `[left, right]`; `blades.m[0]` is the left blade's alone. Exactly one of `contact.k` and `contact.gamma` is
 given.
+
+| key | symbol | unit | range | per blade | default | example | |
+|---|---|---|---|---|---|---|---|
+"""
+MORE = """
+## Data as engineers have them
+
+A file may give frequencies, damping ratios and speeds instead, from which these numbers are worked out
+([formulas](../jaxshroud/scene/given.py)), and `I = "block"` for the moment of inertia of the block itself. Two keys for
+one quantity are an error. `--along` and `jaxshroud.vary` know the numbers above only.
 
 | key | symbol | unit | range | per blade | default | example | |
 |---|---|---|---|---|---|---|---|
@@ -35,7 +45,7 @@ def line(row: Key) -> str:
 
 def page() -> str:
     """The whole page."""
-    return HEAD + "".join(map(line, ROWS)) + FOOT
+    return HEAD + "".join(map(line, ROWS)) + MORE + "".join(map(line, OTHERS)) + FOOT
 
 
 if __name__ == "__main__":

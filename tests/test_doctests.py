@@ -5,7 +5,7 @@ from importlib import import_module
 
 import pytest
 
-VERBS = ("simulate", "sweep", "power", "orbit", "gradient", "lyapunov", "tune", "explain")
+VERBS = ("simulate", "sweep", "power", "orbit", "gradient", "lyapunov", "tune", "explain", "trade", "check")
 
 
 @pytest.mark.parametrize("module", [*(f"verbs.{verb}" for verb in VERBS), "march.method", "scene.grids"])

@@ -1,19 +1,22 @@
-"""The scene that a command line asks for, and how it is to be marched: what is chosen is told on standard error."""
+"""The scene that a command line asks for, and how it is marched: what is chosen is told on standard error."""
 
 import argparse
 import sys
-from typing import Any
 
 import numpy as np
 
-from jaxshroud.cli.terminal import CommandError
+from jaxshroud.cli.terminal import CommandError, blamed
 from jaxshroud.march.method import Choices
-from jaxshroud.march.words import Locate
+from jaxshroud.march.stability import step_report, stiffest
+from jaxshroud.march.tableau import tableau
 from jaxshroud.scene.config import load
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.verbs.accuracy import broken
-from jaxshroud.verbs.choice import CHOSEN, accuracy_for, method_for, steps_checked
-from jaxshroud.verbs.door import ACCURACY
+from jaxshroud.scene.scene import Scene
+from jaxshroud.verbs.accuracy import Choice, broken
+from jaxshroud.verbs.door import Asked, Marched, asked, chosen, marched
+
+WORDS = ("tableau", "locate", "precision")  # of a method
+CHOSEN = ("steps_per_period", *WORDS)  # by an accuracy
 
 
 def loaded(options: argparse.Namespace, *more: str) -> SceneFile:
@@ -24,65 +27,69 @@ def loaded(options: argparse.Namespace, *more: str) -> SceneFile:
     return load(options.scene, [*options.set, *overrides, *more])
 
 
-def chosen_method(options: argparse.Namespace, usual: Locate = "cubic") -> Choices:
-    """The static choices of the march asked for."""
-    words, ledger = (options.tableau, options.locate, options.precision), getattr(options, "ledger", True)
-    return method_for(options.choice, *words, usual=usual, ledger=ledger)
+def march(
+    file: SceneFile, scenes: Scene, options: argparse.Namespace, usual: Choices, *, derivatives: bool = False
+) -> Marched:
+    """How scenes (leading axis) are marched: refused where it is unstable, with a warning where it is inaccurate.
+
+    Args:
+        file: Where the scenes come from; its [run] counts where the options do not say.
+        scenes: The scenes.
+        options: Of the command line.
+        usual: The method where steps alone are given, with a ledger or without.
+        derivatives: Float32 only where the options say so.
+    """
+    with blamed(f"{file.name}: [run]"):
+        how = marched(_request(file, options, usual), scenes, usual, derivatives=derivatives)
+    _tell_choice(file, scenes, how.choice, options)
+    if how.choice is None and scenes.parts.contact != "none":
+        _tell_steps(file, scenes, how)
+    return how
 
 
-def with_derivatives(options: argparse.Namespace) -> Choices:
-    """The same where derivatives are wanted; an accuracy that float32 reaches is not one of these."""
-    method = chosen_method(options)._replace(ledger=False)
-    return method if options.choice is None else method._replace(precision="float64")
+def method(
+    file: SceneFile, scenes: Scene, options: argparse.Namespace, usual: Choices
+) -> tuple[Choices, Choice | None]:
+    """The same without steps, which may be too long."""
+    with blamed(f"{file.name}: [run]"):
+        found, choice = chosen(_request(file, options, usual), scenes, usual)
+    _tell_choice(file, scenes, choice, options)
+    return found, choice
 
 
-def check_step(file: SceneFile, scenes: Any, options: argparse.Namespace) -> int:
-    """Steps per period of scenes (leading axis): refuse what is unstable for some, warn of what is inaccurate."""
-    choose_accuracy(file, scenes, options)
-    if options.choice is not None:
-        return options.choice.steps
-    asked = file.run.steps_per_period or "auto"
-    try:
-        steps, report = steps_checked(scenes, asked, options.tableau)
-    except ValueError as error:
-        raise CommandError(f"{file.name}: [run] {error}") from None
-    if asked == "auto" and file.scene.parts.contact != "none":
-        print(f"steps_per_period = {steps}, by the stiffness of the scene", file=sys.stderr)
-    if report:
-        print(f"warning: {file.name}: [run] {report}", file=sys.stderr)
-    return steps
-
-
-def choose_accuracy(file: SceneFile, scenes: Any, options: argparse.Namespace) -> None:
-    """Keep in the options how to march scenes (leading axis) for the accuracy asked for, if any is."""
-    accuracy = options.accuracy or _unasked_accuracy(file, options)
-    if accuracy is None:
-        return
+def _request(file: SceneFile, options: argparse.Namespace, usual: Choices) -> Asked:
+    """What the options ask for; their steps are in the file's [run] already."""
     for name in CHOSEN:
         if options.accuracy is not None and getattr(options, name) is not None:
             raise CommandError(f"--accuracy chooses --{name.replace('_', '-')} itself; give one of them")
-    if file.scene.parts.contact == "smooth":
-        raise CommandError("--accuracy knows located contact, not smooth contact; give --steps-per-period instead")
-    options.choice = accuracy_for(scenes, accuracy)
-    if options.choice is None:
+    words = {name: getattr(options, name) for name in WORDS if getattr(options, name) is not None}
+    if "tableau" in words:
+        words["tableau"] = tableau(words["tableau"])
+    return asked(file, method=usual._replace(**words) if words else None, accuracy=options.accuracy)
+
+
+def _tell_choice(file: SceneFile, scenes: Scene, choice: Choice | None, options: argparse.Namespace) -> None:
+    if choice is not None:
+        print(f"{file.name}: {choice}", file=sys.stderr)
+    elif options.accuracy is not None and scenes.parts.contact == "none":
         print(f"{file.name}: without contact the motion is in closed form; --accuracy has no choice", file=sys.stderr)
-    else:
-        print(f"{file.name}: {options.choice}", file=sys.stderr)
 
 
-def _unasked_accuracy(file: SceneFile, options: argparse.Namespace) -> str | float | None:
-    """The accuracy that the file asks for, or the default where nothing is said of steps or method."""
-    if file.run.steps_per_period is not None or any(getattr(options, name) is not None for name in CHOSEN):
-        return None
-    return file.run.accuracy or (ACCURACY if file.scene.parts.contact == "spring" else None)
+def _tell_steps(file: SceneFile, scenes: Scene, how: Marched) -> None:
+    if not isinstance(file.run.steps_per_period, int):
+        print(f"steps_per_period = {how.steps}, by the stiffness of the scene", file=sys.stderr)
+        return
+    report = step_report(*stiffest(scenes, 1), how.steps, how.method.tableau)
+    if report:
+        print(f"warning: {file.name}: [run] {report}", file=sys.stderr)
 
 
-def unmet(scenes: Any, options: argparse.Namespace) -> np.ndarray | None:
+def unmet(scenes: Scene, choice: Choice | None) -> np.ndarray | None:
     """Which lanes (leading axis) seem to miss the accuracy asked for, with a warning; None if none was asked for."""
-    if options.choice is None:
+    if choice is None:
         return None
-    missed = broken(scenes, options.choice)
+    missed = broken(scenes, choice)
     if missed.any():
-        accuracy = f"the accuracy of {options.choice.accuracy:.0e}"
+        accuracy = f"the accuracy of {choice.accuracy:.0e}"
         print(f"warning: {missed.sum()} of {missed.size} runs miss {accuracy} within three periods", file=sys.stderr)
     return missed

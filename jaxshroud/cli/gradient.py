@@ -5,9 +5,10 @@ import sys
 from typing import Any
 
 from jaxshroud.batch.xla import alone
-from jaxshroud.cli.asked import check_step, loaded, with_derivatives
+from jaxshroud.cli.asked import loaded, march
 from jaxshroud.cli.store import gradient_json
 from jaxshroud.cli.terminal import CommandError, blamed, free, print_columns, print_table
+from jaxshroud.march.method import FAST
 from jaxshroud.motion.margins import contact_margins
 from jaxshroud.results.store import write_json
 from jaxshroud.verbs.gradient import differences, gradient
@@ -22,7 +23,7 @@ def gradient_verb(options: argparse.Namespace) -> None:
     if not 0 < options.sigma < float("inf"):
         raise CommandError(f"--sigma must be positive, but is {options.sigma}")
     wrt = list(dict.fromkeys(key.strip() for key in options.wrt.split(",")))
-    steps = check_step(file, alone(file.scene), options)
+    how = march(file, alone(file.scene), options, FAST, derivatives=True)
     with blamed(f"--wrt {options.wrt}"):
         found = gradient(
             file.scene,
@@ -32,9 +33,9 @@ def gradient_verb(options: argparse.Namespace) -> None:
             pairs=options.pairs,
             n_periods=file.run.periods,
             transient=file.run.transient,
-            steps_per_period=steps,
+            steps_per_period=how.steps,
             seed=options.seed,
-            method=with_derivatives(options),
+            method=how.method,
         )
     data = gradient_json(found, file)
     unit = "%" if options.of == "P_d" else "m^4"

@@ -46,7 +46,7 @@ def scene_options(made: OneLineParser, method: bool = True) -> None:
     made.add_argument("scene", metavar="SCENE", help="a TOML file or the name of a shipped scene")
     made.add_argument("--set", action="append", default=[], metavar="K=V", help="override table.key=value")
     made.add_argument("--periods", type=count(1), metavar="N", help="periods kept")
-    made.set_defaults(steps_per_period=None, choice=None)
+    made.set_defaults(steps_per_period=None)
     if method:
         made.add_argument(
             "--accuracy", type=accuracy, metavar="A", help="fast, balanced, reference or a number: chooses all below"
@@ -56,6 +56,11 @@ def scene_options(made: OneLineParser, method: bool = True) -> None:
         made.add_argument("--locate", choices=get_args(Locate), help="how events are located")
         made.add_argument("--precision", choices=get_args(Precision), help="float64 by default")
     made.add_argument("--force", action="store_true", help="replace existing results")
+
+
+def check_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud check`."""
+    scene_options(made, method=False)
 
 
 def simulate_options(made: OneLineParser) -> None:
@@ -134,6 +139,14 @@ def plot_options(made: OneLineParser) -> None:
     made.add_argument("--force", action="store_true", help="replace a picture named by --out")
 
 
+def convert_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud convert`."""
+    made.add_argument("source", type=path, metavar="FILE.nc")
+    made.add_argument("--rows", choices=("lane", "sample"), help="of a table; lanes where there are many, else samples")
+    made.add_argument("--out", type=path, required=True, metavar="FILE", help="ends in .csv, .mat or .nc")
+    made.add_argument("--force", action="store_true", help="replace an existing file")
+
+
 def _nothing(_: OneLineParser) -> None: ...
 
 
@@ -181,7 +194,17 @@ VERBS = {
         'jaxshroud explain table1 --set \'parts.motion=["x", "y"]\'',
         scene_options,
     ),
+    "check": Verb(
+        "Print a scene's data sheet: frequencies, damping ratios, amplitudes against the gap, and what is doubtful.",
+        "jaxshroud check table1",
+        check_options,
+    ),
     "plot": Verb("Draw stored results again, without simulating.", "jaxshroud plot fig09", plot_options),
+    "convert": Verb(
+        "Write a stored result as CSV, MATLAB or NetCDF file.",
+        "jaxshroud convert gap/sweep.nc --out gap.csv",
+        convert_options,
+    ),
     "scenes": Verb("List the shipped scenes.", "jaxshroud scenes", _nothing),
 }
 

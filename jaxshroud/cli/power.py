@@ -5,10 +5,11 @@ import sys
 
 from jaxshroud.batch.extent import fits
 from jaxshroud.batch.xla import alone
-from jaxshroud.cli.asked import check_step, chosen_method, loaded, unmet
+from jaxshroud.cli.asked import loaded, march, unmet
 from jaxshroud.cli.plot import draw_json
-from jaxshroud.cli.store import power_json
+from jaxshroud.cli.store import named, power_json
 from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table, progress_bar, warn_status
+from jaxshroud.march.method import FAST_WITH_LEDGER
 from jaxshroud.results.store import read_json, write_json
 from jaxshroud.verbs.power import power
 
@@ -18,26 +19,27 @@ def power_verb(options: argparse.Namespace) -> None:
     file = loaded(options)
     if not options.tolerance > 0:
         raise CommandError(f"--tolerance must be positive, but is {options.tolerance}")
-    directory(options.out, ("power.json", "power.png"), options.force)
+    directory(options.out, ("power.json", "power.nc", "power.png"), options.force)
     lanes = alone(file.scene)
     with blamed(file.name):
         fits(1, file.run.transient, file.run.periods)
-    steps = check_step(file, lanes, options)
+    how = march(file, lanes, options, FAST_WITH_LEDGER)
     with progress_bar("periods") as report, blamed(file.name):
         result = power(
             file.scene,
             n_periods=file.run.periods,
             transient=file.run.transient,
-            steps_per_period=steps,
+            steps_per_period=how.steps,
             tolerance=options.tolerance,
-            method=chosen_method(options),
+            method=how.method,
             progress=report,
         )
+    named(result, file).save(options.out / "power.nc")
     data = power_json(result, file)
     write_json(data, options.out / "power.json")
     draw_json(options.out / "power.json", read_json(options.out / "power.json"), options.out / "power.png")
     final = result.final
-    unmet(lanes, options)
+    unmet(lanes, how.choice)
     warn_status(final["status"], final["chatter"])
     if not final["stable"]:
         print(

@@ -5,9 +5,10 @@ import sys
 
 from jaxshroud.batch.extent import STEP, memory_for
 from jaxshroud.batch.xla import alone
-from jaxshroud.cli.asked import check_step, chosen_method, loaded, unmet
+from jaxshroud.cli.asked import loaded, march, unmet
 from jaxshroud.cli.store import named
 from jaxshroud.cli.terminal import CommandError, blamed, free, print_table, warn_status
+from jaxshroud.march.method import REFERENCE
 from jaxshroud.march.tableau import LEAST_STEPS
 from jaxshroud.model.modes import Status
 from jaxshroud.results.earlier import Earlier, last_state
@@ -24,7 +25,7 @@ def simulate_verb(options: argparse.Namespace) -> None:
     _fits(file, options)
     lanes = alone(file.scene)
     begin = Earlier(None, 0.0, 0.0, ()) if options.earlier is None else last_state(options.earlier, file)
-    steps = check_step(file, lanes, options)
+    how = march(file, lanes, options, REFERENCE)
     if begin.differences:
         print(f"going on from another scene: {'; '.join(begin.differences)}", file=sys.stderr)
     with blamed(file.name):
@@ -32,15 +33,15 @@ def simulate_verb(options: argparse.Namespace) -> None:
             file.scene,
             begin.state,
             n_periods=file.run.periods,
-            steps_per_period=steps,
+            steps_per_period=how.steps,
             every=options.every,
             turns=begin.turns,
             t=begin.t,
-            method=chosen_method(options, "bisection"),
+            method=how.method,
         )
     named(found, file).save(options.out)
     warn_status(found.status, found.chatter)
-    unmet(lanes, options)
+    unmet(lanes, how.choice)
     events = ", ".join(f"{n} {name}" for name, n in found.counters.items() if n) or "none"
     print_table(
         file.title or file.name,

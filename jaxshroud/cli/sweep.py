@@ -11,11 +11,12 @@ import numpy as np
 
 from jaxshroud.batch.extent import fits
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.cli.asked import check_step, chosen_method, loaded, unmet
+from jaxshroud.cli.asked import loaded, march, unmet
 from jaxshroud.cli.axes import with_axes
 from jaxshroud.cli.plot import draw_dataset
 from jaxshroud.cli.store import named
 from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table, progress_bar, warn_status
+from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.settling import UNKNOWN
 from jaxshroud.results.store import write_json
@@ -38,7 +39,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
     with blamed(file.name):
         fits(math.prod(a.values.size for a in file.axes), asked.transient, asked.periods)
     lanes = _lanes(file)
-    steps = check_step(file, lanes, options)
+    how = march(file, lanes, options, FAST_WITH_LEDGER if options.ledger else FAST)
     with progress_bar("lane-periods") as report, blamed(file.name):
         try:
             result = sweep(
@@ -46,24 +47,27 @@ def sweep_verb(options: argparse.Namespace) -> None:
                 {a.key: a.values for a in file.axes},
                 n_periods=asked.periods,
                 transient=asked.transient,
-                steps_per_period=steps,
+                steps_per_period=how.steps,
                 direction=file.direction,
                 phase=options.phase,
                 period_tol=options.period_tol,
-                method=chosen_method(options),
+                method=how.method,
                 progress=report,
             )
         except Interrupted as stopped:
             if stopped.done is None:
                 raise
             _keep_finished(stopped.done, file, options.out, began)
-    ds, missed = named(result, file).to_xarray(), unmet(lanes, options)
-    if missed is not None:
-        about = {"long_name": "estimated to miss the accuracy asked for", "accuracy": options.choice.accuracy}
+    ds, missed = named(result, file).to_xarray(), unmet(lanes, how.choice)
+    if how.choice is not None and missed is not None:
+        about = {
+            "long_name": "estimated to miss the accuracy asked for",
+            "accuracy": how.choice.accuracy,
+        }
         ds["inaccurate"] = (ds["status"].dims, missed.reshape(ds["status"].shape).astype(np.int8), about)
     result.save(options.out / "sweep.nc")
     draw_dataset(options.out / "sweep.nc", ds, options.out / "sweep.png")
-    met = {} if missed is None else {"accuracy": str(options.choice), "inaccurate": int(missed.sum())}
+    met = {} if missed is None else {"accuracy": str(how.choice), "inaccurate": int(missed.sum())}
     summary = _summary(result, file, began) | met
     write_json(summary, options.out / "summary.json")
     warn_status(result.status, result.chatter)

@@ -4,9 +4,10 @@ import argparse
 import math
 
 from jaxshroud.batch.extent import fits
-from jaxshroud.cli.asked import check_step, loaded, with_derivatives
-from jaxshroud.cli.store import tune_json
+from jaxshroud.cli.asked import loaded, march
+from jaxshroud.cli.store import named, tune_json
 from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table, progress_bar
+from jaxshroud.march.method import FAST
 from jaxshroud.results import drawing, plot_design
 from jaxshroud.results.files import write
 from jaxshroud.results.store import write_json
@@ -23,12 +24,12 @@ def tune_verb(options: argparse.Namespace) -> None:
     conditions = {a.key: a.values.tolist() for a in (_values(file, t) for t in options.range)}
     most_v = _limit(file, "--most-penetration", "shroud.gap", options.most_penetration)
     most_N = _limit(file, "--most-force", "drive.F_0", options.most_force)
-    directory(options.out, ("tune.json", "tune.png", "best.toml"), options.force)
+    directory(options.out, ("tune.json", "tune.nc", "tune.png", "best.toml"), options.force)
     asked = file.run
     with blamed(file.name):
         extremes = corners(problem_of(file.scene, over, conditions))
         fits(math.prod(map(len, conditions.values())) * options.map**2, asked.transient, asked.periods)
-    steps = check_step(file, extremes, options)
+    how = march(file, extremes, options, FAST, derivatives=True)
     with progress_bar("lane-periods") as report:
         with blamed(file.name):
             tuned = tune(
@@ -43,12 +44,13 @@ def tune_verb(options: argparse.Namespace) -> None:
                 updates=options.updates,
                 n_periods=asked.periods,
                 transient=asked.transient,
-                steps_per_period=steps,
+                steps_per_period=how.steps,
                 seed=options.seed,
-                method=with_derivatives(options),
+                method=how.method,
                 progress=report,
             )
         drawn = objective_map(tuned, options.map) if len(over) == 2 and options.map else None
+    named(tuned, file).save(options.out / "tune.nc")
     data = tune_json(tuned, drawn, file)
     write_json(data, options.out / "tune.json")
     drawing.save(plot_design.tuning(data), options.out / "tune.png")

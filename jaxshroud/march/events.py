@@ -26,7 +26,7 @@ blocks therefore counts only beyond that rounding.
 
 from collections.abc import Iterable
 from enum import IntEnum
-from functools import reduce
+from functools import partial, reduce
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -97,6 +97,7 @@ class View(NamedTuple):
     guards: Guards
 
 
+@partial(jax.jit, inline=True)
 def look(z: Motion, Q: Pair, held: State, model: Model) -> View:
     """Corner positions and guards of the motion `z` in the mode of `held`, with `Q` the drive's wave."""
     q, case, at = seat(z, held, model)

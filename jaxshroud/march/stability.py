@@ -1,16 +1,17 @@
 """The fastest motion of a scene, and the steps per period it asks for."""
 
 import math
-from functools import cache, reduce
-from typing import Literal
+from functools import cache
+from types import ModuleType
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jaxshroud.march.tableau import LEAST_STEPS, RK4, Tableau
-from jaxshroud.model.absent import Scalar, is_absent
+from jaxshroud.model.absent import Scalar, filled
 from jaxshroud.model.geometry import Corners, corners, pose, touch
 from jaxshroud.model.ready import springs
 from jaxshroud.scene.checks import count_argument
@@ -57,36 +58,53 @@ def largest_frequency(scene: Scene) -> Scalar:
 
     Both corner pairs are tried at the blades' unloaded positions, in full stick.
     """
-    return _frequency(scene, engaged=True)
+    return _frequencies(_stiffness(scene), jnp)[0]
 
 
-def _frequency(scene: Scene, engaged: bool) -> Scalar:
+class _Stiffness(NamedTuple):
+    """What the natural frequencies of a scene follow from."""
+
+    squares: Float[Array, "... 3 6 6"]  # per mass: with the lower corners engaged, with the upper ones, with neither
+    fading: Float[Array, "..."]  # fastest decay of a blade that is overdamped [1/s]
+    haste: Float[Array, "..."]  # of smooth contact [1/s]
+
+
+def _stiffness(scene: Scene) -> _Stiffness:
     b, spring = scene.blades, springs(scene)
     block = corners(scene.shroud, scene.contact.reading)
     mass = jnp.concatenate([b.m, b.inertia_y, b.I])
     moves = jnp.array([scene.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)])
     mobility = jnp.where(moves, 1 / mass, 0.0)
     blades = jnp.diag(jnp.concatenate([b.k_x, b.k_y, b.k_T]))
-    stiffness = [blades]
-    if engaged:
-        k = 0.0 if is_absent(spring.k) else spring.k
-        k_d = 0.0 if is_absent(spring.mu) else jnp.where(spring.mu > 0, spring.k_d, 0.0)
-        touching = [contact_gradients(case, block, mass) for case in (1, 3)]
-        stiffness = [blades + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q) for v_q, u_q in touching]
-    scale = jnp.sqrt(jnp.outer(mobility, mobility))
-    squares = [jnp.linalg.eigvalsh(K * scale)[-1] for K in stiffness]
+    k, k_d, mu, haste = filled((spring.k, spring.k_d, spring.mu, spring.haste), mass[0])
+    k_d = jnp.where(mu > 0, k_d, 0.0)
+
+    def touching(case: Int[Array, ""]) -> Float[Array, "6 6"]:
+        v_q, u_q = contact_gradients(case, block, mass)
+        return blades + k * jnp.outer(v_q, v_q) + k_d * jnp.outer(u_q, u_q)
+
+    stiffness = jnp.concatenate([jax.vmap(touching)(jnp.array([3, 1], jnp.int32)), blades[None]])
     damping = jnp.concatenate([b.c_x, b.c_y, b.c_T]) * mobility / 2
     excess = damping**2 - jnp.diag(blades) * mobility
-    fading = jnp.max(jnp.where(excess > 0, damping + jnp.sqrt(jnp.maximum(excess, 0.0)), 0.0))  # if overdamped
-    fastest = jnp.maximum(jnp.sqrt(reduce(jnp.maximum, squares)), fading)
-    return jnp.maximum(fastest, spring.haste) if engaged and not is_absent(spring.haste) else fastest
+    fading = jnp.max(jnp.where(excess > 0, damping + jnp.sqrt(jnp.maximum(excess, 0.0)), 0.0))
+    return _Stiffness(stiffness * jnp.sqrt(jnp.outer(mobility, mobility)), fading, haste)
 
 
-def contact_gradients(case: int, block: Corners, like: Array) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
+def _frequencies(of: _Stiffness, xp: ModuleType) -> tuple[Any, Any]:
+    """Largest frequency with contact and friction springs engaged, and with neither [rad/s], by NumPy or JAX."""
+    squares, floor = xp.linalg.eigvalsh(of.squares)[..., -1], xp.asarray(of.fading)
+    own = xp.maximum(xp.sqrt(squares[..., 2]), floor)
+    engaged = xp.maximum(xp.sqrt(xp.maximum(squares[..., 0], squares[..., 1])), floor)
+    return xp.maximum(engaged, xp.asarray(of.haste)), own
+
+
+def contact_gradients(
+    case: int | Int[Array, ""], block: Corners, like: Array
+) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
     """dv/dq and du/dq of the corner pair of `case`, q = (x_1, x_2, y_1, y_2, theta_1, theta_2) = 0."""
 
     def v_and_u(q):
-        at = touch(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), jnp.int32(case), block, frozenset())
+        at = touch(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), jnp.asarray(case), block, frozenset())
         return jnp.stack([at.v, at.u])
 
     v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
@@ -135,7 +153,7 @@ def steps_for(scenes: Scene, batch_dims: int, steps: Steps, method: Tableau | No
         return steps
     if steps == "auto":
         omega_max, own, period = _fastest(scenes, batch_dims)
-        return _auto(np.asarray(omega_max), np.asarray(own), np.asarray(period), method)
+        return _auto(omega_max, own, period, method)
     count_argument("steps_per_period", steps, 1)
     step_report(*stiffest(scenes, batch_dims), steps, method)
     count_argument("steps_per_period", steps, LEAST_STEPS)
@@ -156,7 +174,7 @@ def _auto(omega_max: np.ndarray, own: np.ndarray, period: np.ndarray, method: Ta
 
 def stiffest(scenes: Scene, batch_dims: int) -> tuple[float, float]:
     """Largest frequency [rad/s] and drive period [s] of the lane that asks for the most steps per period."""
-    omega_max, _, period = map(np.asarray, _fastest(scenes, batch_dims))
+    omega_max, _, period = _fastest(scenes, batch_dims)
     worst = np.argmax(omega_max * period)
     return float(omega_max[worst]), float(period[worst])
 
@@ -164,19 +182,20 @@ def stiffest(scenes: Scene, batch_dims: int) -> tuple[float, float]:
 def stiffness_ratio(scenes: Scene, batch_dims: int) -> float:
     """How much faster contact makes the fastest motion, at most, of one scene or many."""
     omega_max, own, _ = _fastest(scenes, batch_dims)
-    return float(np.max(np.asarray(omega_max) / np.asarray(own)))
+    return float(np.max(omega_max / own))
 
 
-def _fastest(scenes: Scene, batch_dims: int):
+def _fastest(scenes: Scene, batch_dims: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Largest frequency with contact and without, and drive period, of each lane of a flat batch.
 
-    One scene is a batch of one, so that a command's check and the verb it calls share one program.
+    Eigenvalues are NumPy's: JAX's would import scipy.linalg, which takes longer than all else here.
     """
     flat = lambda a: np.asarray(a).reshape(-1, *np.shape(a)[batch_dims:])  # noqa: E731
-    return _measured(jax.tree.map(flat, scenes))
+    stiffness, period = _measured(jax.tree.map(flat, scenes))
+    return *_frequencies(jax.tree.map(np.asarray, stiffness), np), np.asarray(period)
 
 
 @jax.jit
 @jax.vmap
-def _measured(scene: Scene):
-    return _frequency(scene, True), _frequency(scene, False), scene.drive.period
+def _measured(scene: Scene) -> tuple[_Stiffness, Scalar]:
+    return _stiffness(scene), scene.drive.period

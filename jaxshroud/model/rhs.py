@@ -1,5 +1,6 @@
 """Equation (1): the motion of both blocks while the contact mode and case are held fixed."""
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -125,6 +126,7 @@ class Slope(NamedTuple):
     u_s: Scalar
 
 
+@partial(jax.jit, static_argnames="ledger", inline=True)
 def rhs(Q: Pair, now: State, model: Model, ledger: bool) -> tuple[Slope, Integrals]:
     """Accelerations by Eq. (1) and the rates of the running integrals while mode and case stay fixed.
 

@@ -186,6 +186,10 @@ def open(path: str | os.PathLike[str]) -> Result:
     Raises:
         StoreError: The file is missing or damaged, or no result.
     """
+    if Path(path).suffix == ".json":
+        beside = Path(path).with_suffix(".nc")
+        cure = f"open {beside}" if beside.exists() else "run the command again, which writes a .nc too"
+        raise StoreError(f"{path}: holds plain numbers for other programs; {cure}")
     return opened(read(path), path)
 
 

@@ -56,6 +56,7 @@ class Tuned(Result):
         "from the scene's own start it runs to its end and keeps the limits", alone=True, kind=bool, stored=np.int8
     )
     goal = Attribute(str)  # "mean" or "worst" of P_d over the conditions
+    start = Attribute(str)  # of every run: "scene", or "given" by an argument, which files do not hold
     most_penetration = Attribute()  # [m]
     most_force = Attribute()  # [N]
     conditions_asked = Attribute(str)  # keys with their values, in JSON

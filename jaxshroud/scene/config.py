@@ -14,6 +14,7 @@ from jaxshroud.scene.axes import axes, axis
 from jaxshroud.scene.checks import hint
 from jaxshroud.scene.errors import SceneError
 from jaxshroud.scene.file import Axis, SceneFile, plain
+from jaxshroud.scene.given import work_out
 from jaxshroud.scene.messages import fail, problem
 from jaxshroud.scene.overrides import RENAMED, has_old_name, override, renamed
 from jaxshroud.scene.schema import FILE, PHYSICS, TABLES
@@ -66,6 +67,7 @@ def _loaded(document: dict[str, Any], name: str, overrides: Sequence[str]) -> Sc
     """The scene of a TOML document, which is changed in place."""
     old_name = renamed(document, name)
     blamed = {override(document, text) for text in overrides}
+    work_out(document, name, blamed)
     try:
         file: Any = FILE.validate_python(document)
     except ValidationError as error:

@@ -140,6 +140,17 @@ ROWS = (
     pair("initial.v_theta", "rad/s", ANY, r"v_\theta(0)", "initial rate", "0.1 rad/s", "torsion rate", default=0.0),
 )
 KEYS = {row.name: row for row in ROWS}
+OTHERS = (  # numbers of files alone, from which `given` works out those of the scene
+    pair("blades.f_x", "Hz", POSITIVE, "f_x", "natural frequency", "178 Hz", "natural frequency in x, for k_x"),
+    pair("blades.f_y", "Hz", POSITIVE, "f_y", "natural frequency", "975 Hz", "natural frequency in y, for k_y"),
+    pair("blades.f_T", "Hz", POSITIVE, "f_T", "natural frequency", "144 Hz", "torsion frequency, for k_T"),
+    pair("blades.zeta_x", "", FROM_0, r"\zeta_x", "damping ratio", 0.02, "damping ratio in x, for c_x"),
+    pair("blades.zeta_y", "", FROM_0, r"\zeta_y", "damping ratio", 0.02, "damping ratio in y, for c_y"),
+    pair("blades.zeta_T", "", FROM_0, r"\zeta_T", "damping ratio", 0.02, "damping ratio of torsion, for c_T"),
+    one("drive.f", "Hz", POSITIVE, "f", "drive frequency", "85.3 Hz", "drive frequency, for omega"),
+    one("drive.engine_order", "", POSITIVE, "e", "engine order", 6.0, "drive periods in a revolution, for omega"),
+    one("drive.speed", "rad/s", POSITIVE, r"\Omega", "speed", "853 rpm", "speed of the rotor, for omega"),
+)
 
 
 def rows_of(table: str) -> list[Key]:
@@ -162,6 +173,10 @@ def found(key: str, where: str = "") -> tuple[Key, int | None]:
     where = f"{where}: " if where else ""
     if name not in KEYS:
         key = " ".join(key.split())
+        other = next((row for row in OTHERS if row.name == name), None)
+        if other is not None:
+            number = f"{other.parts[0]}.{other.about.rpartition(' ')[2]}"
+            raise KeyNameError(f"{where}{name} is a way to give {number} in files; name that instead")
         alike = [known for known in KEYS if known.endswith(f".{key}")]
         cure = f"; did you mean `{alike[0]}`?" if alike else hint(key, list(KEYS))
         raise KeyNameError(f"{where}the scene has no number `{key}`{cure}")

@@ -10,6 +10,7 @@ from pydantic.fields import FieldInfo
 
 from jaxshroud.scene.checks import hint, meant
 from jaxshroud.scene.errors import KeyNameError, SceneError
+from jaxshroud.scene.keys import OTHERS
 from jaxshroud.scene.schema import TABLES
 
 UNKNOWN = "extra_forbidden"  # pydantic's word
@@ -55,7 +56,8 @@ def problem(error: ValidationError, document: Mapping[str, Any]) -> tuple[str, s
 def _of_key(table: str, name: str, first: Any, document: Mapping[str, Any]) -> str:
     fields = TABLES[table].model_fields
     if first["type"] == UNKNOWN:
-        return f"[{table}] has no key `{name}`{hint(name, list(fields))}"
+        known = [*fields, *(row.parts[1] for row in OTHERS if row.parts[0] == table)]
+        return f"[{table}] has no key `{name}`{hint(name, known)}"
     if first["type"] == "missing" and len(first["loc"]) == 2:
         return f"[{table}] lacks `{name}`; add it, e.g. {name} = {example(fields[name])}"
     return f"[{table}] {name} = {shown(document[table].get(name))} {told(first)}, e.g. {name} = {example(fields[name])}"

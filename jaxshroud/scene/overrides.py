@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Sequence
 from typing import Any
 
+from jaxshroud.scene.given import instead_of
 from jaxshroud.scene.keys import KEYS
 from jaxshroud.scene.messages import fail, shown
 from jaxshroud.scene.schema import TABLES
@@ -51,11 +52,14 @@ def override(document: dict[str, Any], text: str) -> tuple[str, str]:
             fail("--set", f"[{match[1]}] {name} is {one}not one per blade; drop the [{blade}]")
         old = rows.get(name, rows.get("m") if name == "m_y" else 0.0 if table == "initial" else None)
         pair = old if isinstance(old, list) else [old, old]
+        if old is None and instead_of(f"{table}.{name}"):
+            fail("--set", f"[{table}] {name}[{blade}]: the file does not give `{name}`; set both blades, [left, right]")
         if old is None or len(pair) != 2:
             return "", ""  # the fault is the file's
         value = [value if i == int(blade) else v for i, v in enumerate(pair)]
     rows[name] = value
-    for other, rival in RIVALS.get((table, name), []):
+    ways = [tuple(key.split(".")) for key in instead_of(f"{table}.{name}")]
+    for other, rival in [*RIVALS.get((table, name), []), *ways]:
         if isinstance(document.get(other), dict):
             document[other].pop(rival, None)
     return table, name

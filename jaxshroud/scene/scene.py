@@ -6,6 +6,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxshroud.scene.errors import InputError
@@ -19,6 +20,8 @@ PerBlade = Float[Array, "... 2"]  # left blade first
 
 def per_blade(value: Any) -> Any:
     """`value` as one number per blade; a single number means alike blades."""
+    if isinstance(value, int | float):
+        return jnp.asarray(np.full(2, value), dtype=float)  # a NumPy number: nothing is compiled for it
     if isinstance(value, tuple | list):
         return jnp.stack([jnp.asarray(v, dtype=float) for v in value], axis=-1)
     if isinstance(value, ArrayLike):

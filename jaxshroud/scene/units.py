@@ -15,6 +15,7 @@ KINDS = {
     "N": "a force",
     "m/s": "a speed",
     "rad/s": "a circular frequency",
+    "Hz": "a frequency",
     "kg m^2": "a moment of inertia",
     "N/m": "a stiffness",
     "N s/m": "a damping",
@@ -68,4 +69,6 @@ def to_si(unit: str, value: Any) -> Any:
         raise ValueError(f"is {kind or f'of dimension {given.dimensionality}'}, but {KINDS.get(unit, unit)} is needed")
     if unit == "rad/s" and "hertz" in str(given):  # pint would take 1 Hz for 1 rad/s
         raise ValueError("is a frequency, but a circular frequency is needed")
+    if unit == "Hz" and "hertz" not in str(given):  # and 1 rad/s for 1 Hz
+        raise ValueError("is a circular frequency, but a frequency is needed")
     return float(_registry().Quantity(Decimal(match[1]), given).to(needed).magnitude)

@@ -11,13 +11,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.runs import starts
 from jaxshroud.batch.states import to_vector
 from jaxshroud.batch.tangents import Dual, differentiable, direction, onward, resting, run_flow
 from jaxshroud.motion.gradient import slopes
 from jaxshroud.results.tuned import Judged
 from jaxshroud.scene.precision import in_precision
-from jaxshroud.verbs.design import Problem, Tick, judge_designs, scenes_of
+from jaxshroud.verbs.design import Problem, Tick, begun, judge_designs, scenes_of
 
 RATE = 0.03  # Adam's first step, in units of the cube's side
 PUSH = 100.0  # growth of a relative change of a parameter in the state, beyond which an exact slope says nothing
@@ -95,7 +94,7 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarra
     rate = np.repeat(rates, rows, axis=0).ravel()
     along = jax.tree.map(lambda *a: np.tile(np.stack(a), (len(u) * rows, *[1] * np.ndim(a[0]))), *unit)
     along = jax.tree.map(lambda a: (a * rate.reshape(-1, *[1] * (a.ndim - 1))).astype(a.dtype), along)
-    scene, state = Dual(each(scenes), along), resting(each(starts(scenes)))
+    scene, state = Dual(each(scenes), along), resting(each(begun(problem, scenes)))
     method, steps = differentiable(plan.method), plan.steps_per_period
     if plan.transient:
         state = onward(run_flow(scene, state, plan.transient, steps, method))

@@ -35,7 +35,7 @@ def checked(problem: Problem, design: np.ndarray, seed: int) -> dict[str, Judged
     random = np.random.default_rng(seed)
     for i in range(3):
         state = _pushed(problem.scene, random)
-        found[f"another start, {i + 1}"] = judge_designs(problem._replace(plan=long), design[None], quiet, state)
+        found[f"another start, {i + 1}"] = judge_designs(problem._replace(plan=long, state=state), design[None], quiet)
     return found
 
 

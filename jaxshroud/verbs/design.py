@@ -37,6 +37,7 @@ class Problem(NamedTuple):
     most_penetration: float = np.inf  # [m]
     most_force: float = np.inf  # normal force of the contact [N]
     plan: Plan = Plan(0, 1, 400, 0.0, FAST)
+    state: State | None = None  # where every run starts; None: from its scene's own initial motion
 
     @property
     def rows(self) -> np.ndarray:
@@ -96,12 +97,17 @@ def corners(problem: Problem) -> Scene:
     return scenes_of(problem, problem.values(u))
 
 
-def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick, states: State | None = None) -> Judged:
-    """Simulate designs (n, keys) in every condition, from the scene's start or from one state in all of them."""
+def begun(problem: Problem, scenes: Scene) -> State:
+    """Where scenes (leading axis) of a problem start."""
+    if problem.state is None:
+        return starts(scenes)
+    return repeated(as_precise(problem.state, scenes), len(scenes.drive.omega))
+
+
+def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick) -> Judged:
+    """Simulate designs (n, keys) in every condition."""
     scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
-    lanes = len(scenes.drive.omega)
-    first = starts(scenes) if states is None else repeated(as_precise(states, scenes), lanes)
-    runs = run_lanes(scenes, first, problem.plan, tick)
+    runs = run_lanes(scenes, begun(problem, scenes), problem.plan, tick)
     with np.errstate(invalid="ignore", over="ignore"):  # of a design that is far out
         motion, got, _ = averages(scenes, runs.samples)
     shape = len(designs), len(problem.rows)

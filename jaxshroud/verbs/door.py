@@ -133,8 +133,8 @@ def asked(
     return Asked(whole, shape, names_of(shape, dims), file, n_periods, transient, steps_per_period, method, accuracy)
 
 
-def marched(asked: Asked, lanes: Scene, usual: Choices, *, derivatives: bool = False) -> Marched:
-    """How lanes (leading axis) are marched.
+def chosen(asked: Asked, lanes: Scene, usual: Choices, *, derivatives: bool = False) -> tuple[Choices, Choice | None]:
+    """The method that lanes (leading axis) are marched by, and the choice of an accuracy that it comes from.
 
     Args:
         asked: What was asked for.
@@ -144,7 +144,6 @@ def marched(asked: Asked, lanes: Scene, usual: Choices, *, derivatives: bool = F
 
     Raises:
         InputError: An accuracy is asked for of smooth contact.
-        ValueError: The march would be unstable, or float64 is not to be had.
     """
     contact, accuracy = lanes.parts.contact, asked.accuracy
     if accuracy is not None and contact == "smooth":
@@ -154,8 +153,19 @@ def marched(asked: Asked, lanes: Scene, usual: Choices, *, derivatives: bool = F
     if accuracy is not None and contact == "spring":
         choice = choose(lanes, 1, accuracy)
         method = choice.method._replace(ledger=usual.ledger)
-        return Marched(choice.steps, method._replace(precision="float64") if derivatives else method, choice)
-    method = usual if asked.method is None else choices(asked.method, ledger=usual.ledger)
+        return method._replace(precision="float64") if derivatives else method, choice
+    return usual if asked.method is None else choices(asked.method, ledger=usual.ledger), None
+
+
+def marched(asked: Asked, lanes: Scene, usual: Choices, *, derivatives: bool = False) -> Marched:
+    """How lanes (leading axis) are marched: the same arguments as of `chosen`, and the same errors.
+
+    Raises:
+        ValueError: The march would be unstable, or float64 is not to be had.
+    """
+    method, choice = chosen(asked, lanes, usual, derivatives=derivatives)
+    if choice is not None:
+        return Marched(choice.steps, method, choice)
     steps = "auto" if asked.steps is None else asked.steps
     lanes = in_precision(lanes, method.precision)
     return Marched(steps_for(lanes, 1, steps, stepper(lanes, method)), method, None)

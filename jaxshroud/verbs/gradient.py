@@ -127,7 +127,7 @@ def gradient(
     except Interrupted:
         raise Interrupted(None) from None
     orbits = Orbit.of_cycles(cycles, lanes.shape, **lanes.about) if at is None else at
-    return told(Gradient.of_slopes(slopes, wrt, of, orbits, **lanes.about), lanes, throw)
+    return told(Gradient.of_slopes(slopes, wrt, of, orbits, **lanes.about), throw)
 
 
 def _known(at: Orbit, lanes: Lanes) -> list[Cycle]:

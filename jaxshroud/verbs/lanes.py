@@ -90,11 +90,11 @@ def of_all(found: Callable[[], Sequence[Any]], missing: Callable[[int, str], T],
         raise Interrupted(stopped.done and [known(lane, one) for lane, one in enumerate(stopped.done)]) from None
 
 
-def told(found: R, lanes: Lanes, throw: bool) -> R:
+def told(found: R, throw: bool) -> R:
     """The result of lanes, after a warning of those that failed; with `throw` they are an error."""
     if found.failed and throw:
         raise NumericalError(f"{found!r}")
-    if found.failed and lanes.shape:
+    if found.failed:
         warnings.warn(f"{found!r}", LaneWarning, stacklevel=3)
     return found
 

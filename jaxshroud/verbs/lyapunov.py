@@ -92,4 +92,4 @@ def lyapunov(
         found = of_all(lambda: together(looked_for, progress, most), missing, throw or not lanes.shape)
     except Interrupted as stopped:
         raise Interrupted(stopped.done and result(stopped.done)) from None
-    return told(result(found), lanes, throw)
+    return told(result(found), throw)

@@ -95,7 +95,7 @@ def orbit(
         found = result(cycles_of(begun, q, most_periods, aim, progress, throw or not lanes.shape))
     except Interrupted as stopped:
         raise Interrupted(stopped.done and result(stopped.done)) from None
-    return told(found, lanes, throw)
+    return told(found, throw)
 
 
 def cycles_of(

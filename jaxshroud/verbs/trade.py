@@ -142,6 +142,14 @@ def trade(
 
     Raises:
         ValueError: The run would be too long or too large, or there are many scenes.
+
+    Example:
+        >>> import jax; jax.config.update("jax_enable_x64", True)
+        >>> import jaxshroud as js
+        >>> scene = js.load("table1", ['parts.contact="none"']).scene
+        >>> [found] = js.trade(scene, settings=[ClosedForm()], lanes=8, n_periods=4, transient=4)
+        >>> found.setting.kind
+        'closed form'
     """
     scene = one_scene("trade", scene)
     fits(lanes, transient, n_periods)

@@ -12,11 +12,13 @@ from scipy.stats import qmc
 
 from jaxshroud.batch.extent import fits
 from jaxshroud.batch.runs import Plan, Progress, Ticker
-from jaxshroud.march.method import Choices, Method
+from jaxshroud.march.method import Choices, Method, named_choices
 from jaxshroud.march.stability import Steps
+from jaxshroud.model.state import State
 from jaxshroud.results.tuned import Judged, Tuned
 from jaxshroud.scene.checks import count_argument, word_argument
-from jaxshroud.scene.errors import InputError
+from jaxshroud.scene.config import parse
+from jaxshroud.scene.errors import InputError, NumericalError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of
@@ -44,7 +46,9 @@ def tune(
     steps_per_period: Steps | None = None,
     method: Method | Choices | None = None,
     accuracy: str | float | None = None,
+    state: State | None = None,
     progress: Progress | None = None,
+    throw: bool = False,
 ) -> Tuned:
     """Find the numbers of a scene that make P_d of the left blade largest.
 
@@ -66,7 +70,9 @@ def tune(
         method: How to march; where only steps are given RK4, with events located by the guard's cubic.
         accuracy: "fast", "balanced" (the default where nothing is said of steps or method), "reference" or a number:
             chooses steps and method, in float64.
+        state: Where every run starts, at drive phase 0; by default each scene's `initial`, apart.
         progress: Called with (lane-periods done, lane-periods at most).
+        throw: Raise where the best design does not keep the limits, or stops.
 
     Returns:
         The best design of all that were simulated, with its history and an independent verdict on it.
@@ -75,6 +81,7 @@ def tune(
         KeyError: The scene has no such number.
         ValueError: There is no such goal, a count is too small, a number is not finite, a limit is not positive, bounds
             are not in order, there are many scenes, or float64 is not to be had.
+        NumericalError: With `throw`: the best design is not feasible.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -102,7 +109,8 @@ def tune(
     march = with_tangents(request, corners(problem))
     choices = march.method._replace(within=bool(min(most_penetration, most_force) < np.inf))
     plan = Plan(request.transient, request.n_periods, march.steps, 0.0, choices)
-    problem = problem._replace(goal=goal, most_penetration=most_penetration, most_force=most_force, plan=plan)
+    limits = {"most_penetration": most_penetration, "most_force": most_force}
+    problem = problem._replace(goal=goal, **limits, plan=plan, state=state)
     size = len(over)
     scan, n_starts, updates = scan or 32 * size, n_starts or 3 * size, updates or 6 * size
     for name, value in dict(scan=scan, n_starts=n_starts, updates=updates).items():
@@ -110,7 +118,11 @@ def tune(
     climbs, rounds = min(n_starts, scan) * (updates + 1) * (1 + 3 * size), len(POLISH) * SAMPLES * size
     lanes = len(problem.rows) * (scan + climbs + rounds + 1)
     fits(max(scan, n_starts * (1 + 3 * size)) * len(problem.rows), 4 * plan.transient, 4 * plan.kept)
-    return _searched(problem, scan, n_starts, updates, seed, Ticker(lanes * (plan.transient + plan.kept), progress))
+    ticker = Ticker(lanes * (plan.transient + plan.kept), progress)
+    found = _searched(problem, scan, n_starts, updates, seed, ticker)
+    if throw and found.failed:
+        raise NumericalError(f"The best design does not keep the limits, or stops: {found!r}")
+    return found
 
 
 def _searched(problem: Problem, scan: int, n_starts: int, updates: int, seed: int, ticker: Ticker) -> Tuned:
@@ -147,7 +159,10 @@ def _searched(problem: Problem, scan: int, n_starts: int, updates: int, seed: in
 def _result(problem: Problem, values: dict[str, Any], checks: list[str]) -> Tuned:
     plan = problem.plan
     asked = {name: getattr(problem, name) for name in ("goal", "most_penetration", "most_force")}
-    asked |= {"conditions_asked": json.dumps(problem.conditions)}
+    asked |= {
+        "conditions_asked": json.dumps(problem.conditions),
+        "start": "scene" if problem.state is None else "given",
+    }
     how = {"method": str(plan.method), "steps_per_period": plan.steps_per_period}
     run = {"periods": plan.kept, "transient": plan.transient, "steps_per_period": plan.steps_per_period}
     attrs = {"title": "", "scene": text_of(problem.scene, run)}
@@ -155,6 +170,24 @@ def _result(problem: Problem, values: dict[str, Any], checks: list[str]) -> Tune
     made = Tuned.from_values({**values, **asked, **how}, coords=coords, attrs=attrs)
     made._problem = problem
     return made
+
+
+def problem_again(tuned: Tuned) -> Problem:
+    """What was tuned, from the result alone where it was read from a file.
+
+    Raises:
+        InputError: It was read from a file, which does not hold the state that its runs started from.
+    """
+    if tuned._problem is not None:
+        return tuned._problem
+    if tuned.start == "given":
+        raise InputError("A stored tuning does not hold the `state` that its runs started from; tune again.")
+    file = parse(tuned.scene, "the stored scene")
+    within = bool(min(tuned.most_penetration, tuned.most_force) < np.inf)
+    method = named_choices(tuned.method)._replace(within=within)
+    limits = {"most_penetration": tuned.most_penetration, "most_force": tuned.most_force}
+    plan = Plan(file.run.transient, file.run.periods, tuned.steps_per_period, 0.0, method)
+    return problem_of(file.scene, tuned.over, tuned.conditions)._replace(goal=tuned.goal, **limits, plan=plan)
 
 
 def _bound(place: float) -> int:
@@ -170,7 +203,7 @@ def objective_map(tuned: Tuned, n: int) -> dict[str, np.ndarray]:
         The values of the two numbers (n,) each, and `objective` (n, n), the first number first.
 
     Raises:
-        ValueError: The tuning was read from a file, which does not hold its problem.
+        ValueError: Not two numbers were tuned, or a stored tuning started from a state, which files do not hold.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -181,9 +214,11 @@ def objective_map(tuned: Tuned, n: int) -> dict[str, np.ndarray]:
         >>> js.objective_map(found, 3)["objective"].shape
         (3, 3)
     """
-    side = np.linspace(0.0, 1.0, n)
+    if len(tuned.keys) != 2:
+        raise InputError(f"A map has two tuned numbers, but there are {len(tuned.keys)}.")
+    problem, side = problem_again(tuned), np.linspace(0.0, 1.0, n)
     cube = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
-    designs = tuned.problem.values(cube)
-    judged = judge_designs(tuned.problem, designs, lambda _: None)
+    designs = problem.values(cube)
+    judged = judge_designs(problem, designs, lambda _: None)
     first, second = designs.reshape(n, n, 2)[:, 0, 0], designs.reshape(n, n, 2)[0, :, 1]
     return {"first": first, "second": second, "objective": judged.objective.reshape(n, n)}

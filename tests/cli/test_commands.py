@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import jaxshroud as js
 from jaxshroud import shipped, simulate, sweep
 from jaxshroud.cli import commands as cli
 from jaxshroud.march.method import FAST
@@ -216,7 +217,10 @@ def test_power_files(tmp_path, capsys):
     assert data["final"]["stable"]
     assert data["n"][-1] == data["final"]["n"] == 64
     assert data["P_d"][-1] == pytest.approx(data["final"]["P_d"], rel=1e-12)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["power.json", "power.png"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["power.json", "power.nc", "power.png"]
+    assert js.open(tmp_path / "power.nc").final["P_d"] == data["final"]["P_d"]
+    with pytest.raises(js.StoreError, match=r"power\.nc"):
+        js.open(tmp_path / "power.json")
 
 
 @pytest.mark.full

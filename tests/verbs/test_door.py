@@ -11,9 +11,10 @@ import pytest
 import xarray as xr
 
 from jaxshroud.batch.extent import MOST_LANE_PERIODS, fits, memory_for
+from jaxshroud.batch.xla import alone
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import scenes as scenes_verb
-from jaxshroud.cli.asked import choose_accuracy, loaded
+from jaxshroud.cli.asked import loaded, method
 from jaxshroud.cli.axes import with_axes
 from jaxshroud.cli.words import words
 from jaxshroud.march.method import FAST, Choices, Method, choices
@@ -169,8 +170,7 @@ def test_explain_marches_as_the_accuracy_says(capsys):
 def test_an_accuracy_that_has_no_choice_is_told(capsys):
     options = cli.parser().parse_args(["explain", "table1", "--set", "parts.contact=none", "--accuracy", "1e-4"])
     file = loaded(options)
-    choose_accuracy(file, file.scene, options)
-    assert options.choice is None
+    assert method(file, alone(file.scene), options, FAST)[1] is None
     assert "--accuracy has no choice" in capsys.readouterr().err
 
 

@@ -150,6 +150,14 @@ def test_a_lane_that_stops_is_flagged_and_the_others_go_on(overflowing, found):
     assert np.isfinite(grown.exponents[[0, 2], 0]).all()
 
 
+def test_a_single_orbit_that_stops_warns(overflowing):
+    alone = jax.tree.map(lambda a: a[1], overflowing)
+    with pytest.warns(LaneWarning, match="stopped"):
+        assert js.orbit(alone, **STEPS).flags == ("stopped",)
+    with pytest.raises(NumericalError):
+        js.orbit(alone, throw=True, **STEPS)
+
+
 def test_an_interruption_leaves_the_lanes_that_had_ended(overflowing, monkeypatch):
     def stop(_):
         raise Interrupted([None])

@@ -2,15 +2,18 @@
 
 import importlib
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxshroud as js
 from jaxshroud import load, power, tune, vary
 from jaxshroud import open as open_result
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.march.method import FAST
 from jaxshroud.march.tableau import tableau
 from jaxshroud.march.words import TABLEAUS
+from jaxshroud.model.state import start
 from jaxshroud.results.tuned import Judged
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.parts import Parts
@@ -18,7 +21,7 @@ from jaxshroud.scene.scene import with_parts
 from jaxshroud.verbs import confirm
 from jaxshroud.verbs.climb import PUSH, exact_slopes
 from jaxshroud.verbs.design import Problem, judge_designs
-from jaxshroud.verbs.tune import objective_map
+from jaxshroud.verbs.tune import objective_map, problem_again
 
 tune_module = importlib.import_module("jaxshroud.verbs.tune")
 OVER = {"shroud.gap": (5e-6, 2e-4), "contact.gamma": (0.1, 10.0)}
@@ -217,5 +220,23 @@ def test_a_tuning_comes_back_from_its_file(scene, tmp_path):
             np.testing.assert_array_equal(a, b)
     assert len(found.plot().axes) == 2
     assert len(back.plot(drawn=objective_map(found, 2)).axes) == 3  # and a colour bar
-    with pytest.raises(ValueError, match="does not hold its problem"):
-        objective_map(back, 2)
+    again, was = (objective_map(one, 2)["objective"] for one in (back, found))
+    np.testing.assert_array_equal(again, was)  # the file holds all that was simulated
+
+
+def test_a_tuning_starts_where_it_is_told(scene, tmp_path):
+    # 1 mm apart at first, and no transient: the first periods count.
+    lightly = only_x(scene)
+    over, far = {"shroud.gap": (2e-5, 4e-5)}, start(js.AT_REST._replace(x=jnp.asarray([-1e-3, 0.0])))
+    small = TINY | {"n_periods": 2, "transient": 0}
+    own, given = (tune(lightly, over, state=state, **small) for state in (None, far))
+    assert abs(own.objective - given.objective) > 1.0
+    given.save(tmp_path / "tuned.nc")
+    with pytest.raises(ValueError, match="does not hold the `state`"):
+        problem_again(open_result(tmp_path / "tuned.nc"))
+
+
+def test_an_infeasible_tuning_is_an_error_if_asked(scene):
+    over = {"shroud.gap": (2e-5, 4e-5)}
+    with pytest.raises(js.NumericalError, match="does not keep the limits"):
+        tune(only_x(scene), over, most_penetration=1e-12, throw=True, **TINY)
