@@ -9,7 +9,13 @@ from matplotlib.figure import Figure
 from reading_scenes import FIG16, FIG17, FIG18, LOST, SI, Reading, columns, readings
 from reading_verdict import Found, hits_of
 
-SMALL = {"font.size": 7, "axes.titlesize": 7, "axes.linewidth": 0.6, "lines.linewidth": 1.0, "legend.frameon": False}
+SMALL: dict[Any, Any] = {
+    "font.size": 7,
+    "axes.titlesize": 7,
+    "axes.linewidth": 0.6,
+    "lines.linewidth": 1.0,
+    "legend.frameon": False,
+}
 WIDTH = 90 / 25.4  # of a column [in]
 DARK, LIGHT, MARK = "#1f4e79", "#9db8d2", "#c0392b"
 

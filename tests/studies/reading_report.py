@@ -103,7 +103,8 @@ def full(found: Found) -> dict[str, dict[str, int]]:
 
 def one(found: Found, row: int) -> dict[str, Any]:
     """A reading and what it does."""
-    mine = Found(*(column[row : row + 1] for column in found))
+    here = slice(row, row + 1)
+    mine = Found(found.period[here], found.P_d[here], found.wander[here])
     at = lambda points: mine.period[0, columns(points)].tolist()  # noqa: E731
     met = [sum(map(int.__eq__, at(points), LABELS["Fig. 12"])) for points in FIG12]
     lost = int(np.argmax(met))

@@ -92,7 +92,7 @@ def scenes(rows: list[Reading], points: list[Point]) -> Scene:
     """Every point of every reading, points slowest; all readings keep the same misprints."""
     (kept,) = {row.kept for row in rows}
     number = {name: np.array([getattr(row, name) for row in rows]) for name in Reading._fields}
-    side, blades = _sides(number["lengths"]), _blades(number)
+    (l_oa, l_ab), blades = _sides(number["lengths"]), _blades(number)
     over = lambda a: np.tile(a, len(points))  # noqa: E731
     pairs = lambda a: np.stack([a, a], axis=-1)  # noqa: E731
     gamma, F_0, gap = (np.repeat(column, len(rows)) for column in zip(*points, strict=True))
@@ -101,7 +101,7 @@ def scenes(rows: list[Reading], points: list[Point]) -> Scene:
     still = pairs(0 * full)
     return Scene(
         Blades(*(pairs(over(column)) for column in blades)),
-        Shroud(np.pi / 3 * full, *map(over, side), gap),
+        Shroud(np.pi / 3 * full, over(l_oa), over(l_ab), gap),
         Contact(None, gamma, kept),
         Friction(1e6 * full, 0.5 * full),
         Drive(536.0 * full, pairs(np.pi / 6 * full), pairs(F_0), pairs(over(number["M_0"])), (0 * full, np.pi * full)),
