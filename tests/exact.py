@@ -161,7 +161,7 @@ def shrouds(b: Sides) -> Shroud:
 
 def touch_at(shroud: Shroud, q, case, reading: frozenset[str] = CONSISTENT) -> tuple[Touch, Corners]:
     """The package's corner pair of one position."""
-    block = corners(shroud)
+    block = corners(shroud, reading)
     return touch(posed(q), case, block, reading), block
 
 

@@ -22,7 +22,22 @@ def test_notebook_runs(path, monkeypatch):
     client = NotebookClient(
         nbformat.read(path, as_version=4), timeout=600, resources={"metadata": {"path": path.parent}}
     )
-    pictures = [cell for cell in client.execute().cells if DRAWS.search(cell.source)]
+    answered(client.execute())
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=[p.stem for p in NOTEBOOKS])
+def test_notebook_is_kept_with_its_outputs(path):
+    notebook = nbformat.read(path, as_version=4)
+    answered(notebook)
+    assert "**The question.**" in notebook.cells[0].source
+    assert not [out for cell in notebook.cells for out in cell.get("outputs", []) if out.output_type == "error"]
+
+
+def answered(notebook):
+    """Every picture is there, and the last cell tells the answer."""
+    pictures = [cell for cell in notebook.cells if DRAWS.search(cell.source)]
     assert pictures
     for cell in pictures:
         assert [out for out in cell.outputs if "image/png" in out.get("data", {})], cell.source
+    told = [out.data["text/markdown"] for out in notebook.cells[-1].outputs if "data" in out]
+    assert "**The answer" in told[-1]

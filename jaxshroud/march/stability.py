@@ -71,7 +71,7 @@ class _Stiffness(NamedTuple):
 
 def _stiffness(scene: Scene) -> _Stiffness:
     b, spring = scene.blades, springs(scene)
-    block = corners(scene.shroud)
+    block = corners(scene.shroud, scene.contact.reading)
     mass = jnp.concatenate([b.m, b.inertia_y, b.I])
     moves = jnp.array([scene.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)])
     mobility = jnp.where(moves, 1 / mass, 0.0)

@@ -55,8 +55,8 @@ def contact_load(at: Touch, N: Scalar, F: Scalar, case: Case, block: Corners, re
 def _printed_moments(normal, friction, at: Touch, case, block: Corners, reading: frozenset[str]):
     """Moments per unit N and unit F with the misprints of `reading` put back, one by one.
 
-    Only the moment about the face's own block is misprinted: M_N2 in cases 1 and 3, M_N1 in cases 2 and 4. Flat
-    contact is not in print.
+    Only the moment about the face's own block is misprinted: M_N2 in cases 1 and 3, M_N1 in cases 2 and 4; but for the
+    sign of M_N1 in (21). Flat contact is not in print.
     """
     left_tip, height, sin_A = tip_is_left(case), at.height, at.normal[0]
     across_a = block.a_x * block.sin_alpha - block.h_y * block.cos_alpha  # l_ap sin(alpha - varphi_1) / 2
@@ -77,4 +77,6 @@ def _printed_moments(normal, friction, at: Touch, case, block: Corners, reading:
         N_face = jnp.where(case == 4, -N_face + height / sin_A - height / at.sin_A2, N_face)
     on_left = jnp.where(left_tip, normal[0], N_face), jnp.where(left_tip, friction[0], F_face)
     on_right = jnp.where(left_tip, N_face, normal[1]), jnp.where(left_tip, F_face, friction[1])
+    if "M_N1_sign" in reading:  # (21), where (1) has a plus
+        on_left = -on_left[0], on_left[1]
     return (on_left[0], on_right[0]), (on_left[1], on_right[1])

@@ -39,15 +39,24 @@ class Corners(NamedTuple):
     sin_alpha: Scalar
     cos_alpha: Scalar
     gap: Scalar
-    l_ab: Scalar
+    l_ab: Scalar  # from b to a, along the face
 
 
-def corners(shroud: Shroud) -> Corners:
-    """The block's corners from its sides, the faces leaning right going up."""
+def corners(shroud: Shroud, reading: frozenset[str] = frozenset()) -> Corners:
+    """The block's corners from its sides, the faces leaning right going up.
+
+    Source:
+        The article prints neither varphi_1 nor varphi_2. With `corner_angles` in the `reading` they are interchanged,
+        as of a block drawn leaning left: a and b change their distances from the centre, the faces' angle stays. Flat
+        contact of such a block is a makeshift, its corners not being ends of one face.
+    """
     sin_alpha, cos_alpha = jnp.sin(shroud.alpha), jnp.cos(shroud.alpha)
     lean = shroud.l_ab * cos_alpha / 2
-    half = shroud.l_oa / 2
-    return Corners(half + lean, half - lean, shroud.l_ab * sin_alpha / 2, sin_alpha, cos_alpha, shroud.gap, shroud.l_ab)
+    far, near, h_y = shroud.l_oa / 2 + lean, shroud.l_oa / 2 - lean, shroud.l_ab * sin_alpha / 2
+    if "corner_angles" in reading:
+        along = shroud.l_ab * (sin_alpha**2 - cos_alpha**2)
+        return Corners(near, far, h_y, sin_alpha, cos_alpha, shroud.gap, along)
+    return Corners(far, near, h_y, sin_alpha, cos_alpha, shroud.gap, shroud.l_ab)
 
 
 def gyration(shroud: Shroud) -> Scalar:

@@ -55,8 +55,10 @@ def model(scene: Scene) -> Model:
     """`scene` with its constants worked out."""
     d, s = scene.drive, scene.shroud
     drive = Excitation(d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase))
-    blades, block, spring, drive, size = as_pairs((scene.blades, corners(s), springs(scene), drive, gyration(s)))
-    return Model(blades, block, spring, drive, size, _mobility(scene), scene.contact.reading, scene.parts)
+    reading = scene.contact.reading
+    constants = scene.blades, corners(s, reading), springs(scene), drive, gyration(s)
+    blades, block, spring, drive, size = as_pairs(constants)
+    return Model(blades, block, spring, drive, size, _mobility(scene), reading, scene.parts)
 
 
 def _mobility(scene: Scene) -> Mobility:

@@ -18,7 +18,7 @@ from jaxshroud.scene.given import work_out
 from jaxshroud.scene.messages import fail, problem
 from jaxshroud.scene.overrides import RENAMED, has_old_name, override, renamed
 from jaxshroud.scene.schema import FILE, PHYSICS, TABLES
-from jaxshroud.scene.shipped import shipped, shipped_paths
+from jaxshroud.scene.shipped import aliases, shipped, shipped_paths
 
 __all__ = ["Axis", "SceneError", "SceneFile", "axis", "load", "parse", "shipped"]
 
@@ -35,11 +35,11 @@ def load(source: str | os.PathLike, overrides: Sequence[str] = ()) -> SceneFile:
     """
     path, name = Path(source), os.fspath(source)
     if not os.path.isfile(path):
-        paths = shipped_paths()
-        if name.removesuffix(".toml") not in paths:
-            cure = hint(path.name.removesuffix(".toml"), list(paths))
+        paths, others, stem = shipped_paths(), aliases(), name.removesuffix(".toml")
+        if others.get(stem, stem) not in paths:
+            cure = hint(path.name.removesuffix(".toml"), [*paths, *others])
             fail(name, f"no such file or shipped scene{cure}; `jaxshroud scenes` lists the shipped ones")
-        path = paths[name.removesuffix(".toml")]
+        path = paths[others.get(stem, stem)]
         name = path.name
     try:
         text = path.read_text("utf-8-sig")

@@ -10,7 +10,7 @@ import numpy as np
 import tomli_w
 
 from jaxshroud.scene.messages import fail
-from jaxshroud.scene.parts import MISPRINTS, Direction
+from jaxshroud.scene.parts import Direction, reading_text
 from jaxshroud.scene.schema import Run, Table
 
 if TYPE_CHECKING:
@@ -91,8 +91,7 @@ def plain(table: Table) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for name, value in table:
         if name == "reading":
-            kept = [m for m in MISPRINTS if m in value]
-            values[name] = {0: "consistent", len(MISPRINTS): "printed"}.get(len(kept), kept)
+            values[name] = reading_text(value)
         elif name == "motion":
             values[name] = list(value)
         elif value is not None:

@@ -6,7 +6,14 @@ from jaxshroud.scene.checks import checked, hint, word_argument
 from jaxshroud.scene.errors import InputError
 
 MOTIONS = (("x",), ("x", "y"), ("x", "y", "theta"))
-MISPRINTS = ("gap_sign", "friction_components", "M_N2_case1", "M_N1_case2", "M_N1_case4", "levers")
+MISPRINTS = ("gap_sign", "friction_components", "M_N2_case1", "M_N1_case2", "M_N1_case4", "levers")  # "printed"
+DOUBTS = ("corner_angles", "M_N1_sign")  # what else the article may have meant, kept where it is named
+
+
+def reading_text(kept: Any) -> str | list[str]:
+    """A set of misprints as files have it: "consistent", "printed" or their names."""
+    names = [name for name in (*MISPRINTS, *DOUBTS) if name in kept]
+    return "consistent" if not names else "printed" if set(names) == set(MISPRINTS) else names
 
 
 def misprints(reading: Any) -> Any:
@@ -20,8 +27,8 @@ def misprints(reading: Any) -> Any:
     if not isinstance(names, list | tuple | set | frozenset):
         raise InputError('must be "consistent", "printed" or a list of misprints')
     for name in names:
-        if name not in MISPRINTS:
-            known = (*MISPRINTS, "consistent", "printed") if words else MISPRINTS
+        if name not in (*MISPRINTS, *DOUBTS):
+            known = (*MISPRINTS, *DOUBTS, *(("consistent", "printed") if words else ()))
             raise InputError(f"names the unknown misprint `{name}`{hint(str(name), known)}")
     return frozenset(names)
 

@@ -1,12 +1,20 @@
 """The scenes that come with the package."""
 
+import re
 import tomllib
 from pathlib import Path
+
+FIGURE = re.compile(r"fig\d\d[a-d]?")  # a figure of the article with Table 1 as it is printed
 
 
 def shipped() -> dict[str, str]:
     """Name and title of every shipped scene."""
     return {name: tomllib.loads(path.read_text("utf-8")).get("title", "") for name, path in shipped_paths().items()}
+
+
+def aliases() -> dict[str, str]:
+    """Other names of shipped scenes: `fig09_printed` is `fig09`, and so on."""
+    return {f"{name}_printed": name for name in shipped_paths() if FIGURE.fullmatch(name)}
 
 
 def shipped_paths() -> dict[str, Path]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from jaxshroud.scene.parts import MISPRINTS
+from jaxshroud.scene.parts import reading_text
 from jaxshroud.scene.scene import Scene
 
 TABLES = ("blades", "shroud", "contact", "friction", "drive", "initial")
@@ -27,8 +27,7 @@ def tables_of(scene: Scene) -> dict[str, dict[str, Any]]:
         table, name = key.split(".")
         alike = value.ndim == 0 or value[0] == value[1]
         tables[table][name] = float(value.ravel()[0]) if alike else value.tolist()
-    kept = [m for m in MISPRINTS if m in scene.contact.reading]
-    tables["contact"]["reading"] = {0: "consistent", len(MISPRINTS): "printed"}.get(len(kept), kept)
+    tables["contact"]["reading"] = reading_text(scene.contact.reading)
     return {**tables, "parts": {**scene.parts._asdict(), "motion": list(scene.parts.motion)}}
 
 

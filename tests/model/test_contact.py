@@ -139,6 +139,20 @@ def test_every_single_misprint_breaks_virtual_work(misprint):
         assert np.mean(virtual_work_error(case, frozenset({misprint})) > 1e-3) > 0.9
 
 
+@pytest.mark.parametrize("case", CASES)
+def test_interchanged_corner_angles_create_no_work(case):
+    # They are another geometry, not another force: each case alone still has the two scalars v and u.
+    assert virtual_work_error(case, frozenset({"corner_angles"})).max() < 1e-12
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_equation_21_turns_round_one_moment(case):
+    want = loads(DRAW, UNIT, NONE, case) * np.array([[1], [1], [-1], [1]])  # of N, on the left block
+    np.testing.assert_array_equal(loads(DRAW, UNIT, NONE, case, frozenset({"M_N1_sign"})), want)
+    others = loads(DRAW, NONE, UNIT, case)
+    np.testing.assert_array_equal(loads(DRAW, NONE, UNIT, case, frozenset({"M_N1_sign"})), others)
+
+
 def moment_balance(case: int, reading: frozenset[str]) -> np.ndarray:
     """Sum of all contact moments about a point fixed in space, relative to N l_oa."""
     R_x, R_y, M_1, M_2 = loads(DRAW, UNIT, UNIT, case, reading)

@@ -30,6 +30,16 @@ def test_corners_are_the_lengths_and_angles_of_the_article():
     np.testing.assert_allclose(np.arctan2(block.h_y, block.b_x), varphi_2, rtol=1e-14)
 
 
+def test_interchanged_corner_angles_keep_the_height_and_the_face(table1):
+    as_drawn, other = corners(table1.shroud), corners(table1.shroud, frozenset({"corner_angles"}))
+    assert (other.a_x, other.b_x, other.h_y) == (as_drawn.b_x, as_drawn.a_x, as_drawn.h_y)
+    varphi = np.degrees([np.arctan2(other.h_y, other.a_x), np.arctan2(other.h_y, other.b_x)])
+    np.testing.assert_allclose(varphi, [43.0, 24.2], atol=0.05)  # the digits given
+    for block in (as_drawn, other):
+        along = (block.a_x - block.b_x) * block.cos_alpha + 2 * block.h_y * block.sin_alpha
+        np.testing.assert_allclose(block.l_ab, along, rtol=1e-14)
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_displacements_are_those_of_equations_3_to_6(case):
     at, _ = exact.touches(DRAW, case)

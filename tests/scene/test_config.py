@@ -16,7 +16,7 @@ from jaxshroud.scene.axes import axis
 from jaxshroud.scene.config import load, parse
 from jaxshroud.scene.errors import SceneError
 from jaxshroud.scene.parts import MISPRINTS
-from jaxshroud.scene.shipped import shipped
+from jaxshroud.scene.shipped import aliases, shipped
 from jaxshroud.scene.units import COMMON, _registry, to_si
 from jaxshroud.scene.vary import NUMERIC_KEYS
 
@@ -350,6 +350,7 @@ def test_overrides():
         ("levers", ("levers",)),
         ("[]", ()),
         ('["gap_sign"]', ("gap_sign",)),
+        ('["levers", "corner_angles", "M_N1_sign"]', ("levers", "corner_angles", "M_N1_sign")),
     ],
 )
 def test_readings(reading, kept):
@@ -424,8 +425,18 @@ def test_shipped_scenes(name, tmp_path):
 
 def test_every_figure_is_shipped():
     figures = "09 10a 10b 10c 10d 11 12a 12b 12c 12d 13 14a 14b 14c 14d 15a 15b 16 17 18"
-    assert set(shipped()) == {"table1", "table1_light", "eq21", *(f"fig{f}" for f in figures.split())}
+    best = "09 10 11 12 13 14 15a 15b 16 17 18"
+    names = {*(f"fig{f}" for f in figures.split()), *(f"fig{f}_best" for f in best.split())}
+    assert set(shipped()) == {"table1", "table1_light", "eq21", *names}
     assert load("fig09.toml").name == "fig09.toml"
+
+
+def test_every_printed_figure_has_another_name():
+    assert set(aliases()) == {f"{name}_printed" for name in shipped() if name.startswith("fig") and "_" not in name}
+    for other, name in aliases().items():
+        assert load(other).text() == load(name).text() == load(f"{other}.toml").text()
+    with pytest.raises(SceneError, match=r"did you mean `fig09_printed`"):
+        load("fig09_printd")
 
 
 def test_eq21_puts_every_frequency_at_the_drives():
