@@ -109,10 +109,9 @@ def energy(panel: Axes, found: Diagnosis, _: Drawn) -> None:
 def stability(panel: Axes, found: Diagnosis, _: Drawn) -> None:
     """Floquet multipliers and the unit circle; without an orbit the largest Lyapunov exponents."""
     if found.has_multipliers:
-        turn = np.exp(2j * np.pi * np.linspace(0, 1, 200))
-        panel.plot(turn.real, turn.imag, color=GREY, lw=0.6)
-        multipliers = np.asarray(found.multipliers)
-        panel.plot(multipliers.real, multipliers.imag, "o", color=BLUE, ms=3, mew=0)
+        turn = 2 * np.pi * np.linspace(0, 1, 200)
+        panel.plot(np.cos(turn), np.sin(turn), color=GREY, lw=0.6)
+        panel.plot(np.real(found.multipliers), np.imag(found.multipliers), "o", color=BLUE, ms=3, mew=0)
         panel.set(title="Floquet multipliers", xlabel="real part", ylabel="imaginary part", aspect="equal")
         return
     fine = np.flatnonzero(np.isfinite(found.exponents))[:FORGOTTEN]
