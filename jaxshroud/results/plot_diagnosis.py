@@ -111,8 +111,7 @@ def stability(panel: Axes, found: Diagnosis, _: Drawn) -> None:
     if found.has_multipliers:
         turn = 2 * np.pi * np.linspace(0, 1, 200)
         panel.plot(np.cos(turn), np.sin(turn), color=GREY, lw=0.6)
-        multipliers = np.asarray(found.multipliers)
-        panel.plot(np.real(multipliers), np.imag(multipliers), "o", color=BLUE, ms=3, mew=0)
+        panel.plot(np.real(found.multipliers), np.imag(found.multipliers), "o", color=BLUE, ms=3, mew=0)
         panel.set(title="Floquet multipliers", xlabel="real part", ylabel="imaginary part", aspect="equal")
         return
     fine = np.flatnonzero(np.isfinite(found.exponents))[:FORGOTTEN]
