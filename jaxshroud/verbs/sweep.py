@@ -24,6 +24,7 @@ from jaxshroud.motion.averages import averages, relative_drop, relative_residual
 from jaxshroud.motion.period import PERIOD_TOLERANCE
 from jaxshroud.motion.settling import YES
 from jaxshroud.results.dimension import dimension
+from jaxshroud.results.directions import overlaid
 from jaxshroud.results.status import tell_failures
 from jaxshroud.results.sweep import GAP, SweepResult, sweep_coordinates
 from jaxshroud.scene.checks import tolerance_argument, word_argument
@@ -34,7 +35,6 @@ from jaxshroud.scene.parts import WAYS, Direction
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.accuracy import broken
-from jaxshroud.verbs.directions import overlaid
 from jaxshroud.verbs.door import Asked, Marched, asked, in_line, in_shape, marched
 
 
