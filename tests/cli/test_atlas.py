@@ -23,7 +23,7 @@ RANGE = ["--along", "contact.gamma", "--start", "2", "--stop", "2.6"]
 def test_a_command_writes_its_files_and_they_can_be_drawn_again(words, files, tmp_path, capsys):
     assert cli.main([*words, "--out", str(tmp_path / "out")]) == 0
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["scene"] == "table1"
+    assert summary["scene"] == "table1.toml"
     for name in files:
         assert (tmp_path / "out" / name).stat().st_size > 0
     assert cli.main(["plot", str(tmp_path / "out"), "--out", str(tmp_path / "again.pdf")]) == 0

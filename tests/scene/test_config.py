@@ -210,7 +210,7 @@ def test_wrong_values(name, value, expected):
         ("start = 0.0\nstop = 8.0\nnum = 5", "values = [2.5]", "1 different value given"),
         ("start = 0.0\nstop = 8.0\nnum = 5", "values = [1, [2, 3]]", "must be one number per value"),
         ("start = 0.0\nstop = 8.0\nnum = 5", "values = 3", "[sweep] values = 3 must be a valid list"),
-        ("num = 5", 'num = 5\ndirection = "up"', "must be 'independent', 'forward' or 'backward'"),
+        ("num = 5", 'num = 5\ndirection = "up"', "must be 'independent', 'forward', 'backward' or 'both'"),
         ("num = 5", "num = 5\nkeep = 0", "[sweep] keep = 0 must be greater than or equal to 1"),
         ("num = 5", "nun = 5", "[sweep] has no key `nun`; did you mean `num`?"),
         ('"contact.gamma"', '["contact.gamma", "shroud.gap"]', "must be a valid list"),
