@@ -16,8 +16,8 @@ from jaxshroud.scene.errors import InputError, StoreError
 if TYPE_CHECKING:
     from jaxshroud.results.drawing import Look
 
-IN_FOLDERS = ("branch.nc", "attractors.nc", "basins.nc", "sweep.nc", "power.json", "tune.json", "trade.json")
-DRAWN_BY_THEMSELVES = ("branch", "attractors", "basins")
+DRAWN_BY_THEMSELVES = ("branch", "attractors", "basins", "diagnosis")
+IN_FOLDERS = ("sweep.nc", "power.json", "tune.json", "trade.json", *(f"{kind}.nc" for kind in DRAWN_BY_THEMSELVES))
 # What only a result of that kind has.
 POWER, TUNING = {"n", "P_d", "P_d_ci", "final"}, {"over", "points", "scores", "map"}
 TRADE, GRADIENT, SUMMARY = {"settings", "horizon"}, {"of", "kind", "level"}, {"lanes", "period numbers"}
@@ -27,7 +27,7 @@ def plot_verb(options: argparse.Namespace) -> None:
     """Draw a stored result again."""
     source = options.source
     if source.is_dir():
-        found = [p for p in (source / name for name in IN_FOLDERS) if p.exists()]
+        found = [p for p in (source / name for name in reversed(IN_FOLDERS)) if p.exists()]  # a branch has its sweep
         if not found:
             kinds = " nor ".join((IN_FOLDERS[0], ", ".join(IN_FOLDERS[1:])))
             raise CommandError(f"{source}: holds neither {kinds}; give a result of jaxshroud")
@@ -63,7 +63,8 @@ def draw_dataset(
 
     axes, look = ds.attrs.get("axes"), look or PLAIN
     if kind is not None and "end_turns" not in ds.attrs:
-        raise CommandError(f"{source}: is no stored run; --kind is for these")
+        told = "a sweep" if isinstance(axes, str) else "no stored run"
+        raise CommandError(f"{source}: is {told}; --kind is for stored runs")
     if ds.attrs.get("kind") in DRAWN_BY_THEMSELVES:
         draw = lambda ds, look: opened(ds, source).plot(**look._asdict())  # noqa: E731
     elif isinstance(axes, str):
