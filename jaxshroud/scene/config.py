@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from jaxshroud.scene.axes import axes, axis
-from jaxshroud.scene.checks import meant
+from jaxshroud.scene.checks import hint, meant
 from jaxshroud.scene.errors import SceneError
 from jaxshroud.scene.file import Axis, SceneFile, plain
 from jaxshroud.scene.given import work_out
@@ -37,7 +37,8 @@ def load(source: str | os.PathLike, overrides: Sequence[str] = ()) -> SceneFile:
     if not os.path.isfile(path):
         paths, others, stem = shipped_paths(), aliases(), name.removesuffix(".toml")
         if others.get(stem, stem) not in paths:
-            cure = meant(path.name.removesuffix(".toml"), [*paths, *others])
+            asked = path.name.removesuffix(".toml")
+            cure = meant(asked, [*paths, *others]) or hint(asked, [name for name in paths if not name.endswith("_best")])
             fail(name, f"no such file or shipped scene{cure}; `jaxshroud scenes` lists the shipped ones")
         path = paths[others.get(stem, stem)]
         name = path.name
