@@ -38,7 +38,8 @@ def load(source: str | os.PathLike, overrides: Sequence[str] = ()) -> SceneFile:
         paths, others, stem = shipped_paths(), aliases(), name.removesuffix(".toml")
         if others.get(stem, stem) not in paths:
             asked = path.name.removesuffix(".toml")
-            cure = meant(asked, [*paths, *others]) or hint(asked, [name for name in paths if not name.endswith("_best")])
+            told = [name for name in paths if not name.endswith("_best")]  # all would be too many for a line
+            cure = meant(asked, [*paths, *others]) or hint(asked, told)
             fail(name, f"no such file or shipped scene{cure}; `jaxshroud scenes` lists the shipped ones")
         path = paths[others.get(stem, stem)]
         name = path.name
