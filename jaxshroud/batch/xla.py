@@ -25,7 +25,9 @@ from jaxtyping import Array
 
 from jaxshroud.march.method import Choices
 
+import os
 COMPILER = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
+if os.environ.get("NOFUSE"): COMPILER["xla_cpu_use_fusion_emitters"] = False
 STAGES_AT_ONCE = 7  # in one kernel
 STAGES_WITH_EVENTS = 4  # in one kernel with everything else that a trial does
 DUAL_STAGES = 4  # in one kernel where tangents come along
@@ -175,7 +177,7 @@ def _alike(lane: Any) -> dict[str, Any]:
 
 def groups(method: Choices, smooth: bool) -> tuple[int, ...] | None:
     """Stages at which a trial step is divided into kernels; None where it is one kernel with all that follows."""
-    size = len(method.tableau.b)
+    size = len(method.rk.b)
     if size <= STAGES_WITH_EVENTS and not method.derivative:
         return None
     at_once = DUAL_STAGES if method.derivative else STAGES_AT_ONCE

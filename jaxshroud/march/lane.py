@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxshroud.march.events import Counters, Guards, look, no_events
 from jaxshroud.march.locate import Search, fresh
 from jaxshroud.march.method import Choices
+from jaxshroud.march.rise import Stride
 from jaxshroud.march.within import Within, nothing_yet
 from jaxshroud.model.absent import ABSENT, Pair, Scalar
 from jaxshroud.model.modes import Status
@@ -66,7 +67,7 @@ class Lane(eqx.Module):
 
     state: State
     step: Int[Array, ""]  # the clock: integer index of the current step in the period
-    search: Search
+    search: Search | Stride
     guards: Guards | None  # at the start of the trial; None where there are no events
     tally: Tally
     status: Int[Array, ""]
@@ -91,6 +92,8 @@ def begin(state: State, model: Model, method: Choices) -> Lane:
     tally = Tally(none, jumps, log)
     guards = look(state.motion, (zero, zero), state, model).guards if model.spring.modal else None
     guards = jax.tree.map(jnp.zeros_like, guards)  # the first trial, of length zero, sets them
+    if method.taylor:
+        return Lane(state, count0, Stride(zero, zero, yes, ~yes, count0, count0), None, tally, count0)
     search = fresh(zero, zero, yes, count0, method.locate, method.derivative)
     return Lane(state, count0, search, guards, tally, count0)
 

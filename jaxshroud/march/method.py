@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 
 from jaxshroud.march.tableau import RK4, Tableau, tableau
+from jaxshroud.march.taylor import Taylor, named_taylor
 from jaxshroud.march.words import Locate
 from jaxshroud.scene.checks import Precision, checked, type_argument, word_argument
 
@@ -14,7 +15,7 @@ from jaxshroud.scene.checks import Precision, checked, type_argument, word_argum
 class Choices(NamedTuple):
     """Static choices of the march; ValueError for a word that is not known."""
 
-    tableau: Tableau = RK4
+    tableau: Tableau | Taylor = RK4
     locate: Locate = "bisection"
     ledger: bool = True  # keep the works that the energy balance needs
     precision: Precision = "float64"
@@ -24,6 +25,17 @@ class Choices(NamedTuple):
     def __check_init__(self):
         word_argument("locate", self.locate, Locate)
         word_argument("precision", self.precision, Precision)
+
+    @property
+    def taylor(self) -> Taylor | None:
+        """The march by power series, if it is one."""
+        return self.tableau if isinstance(self.tableau, Taylor) else None
+
+    @property
+    def rk(self) -> Tableau:
+        """The Runge-Kutta method, if it is one."""
+        assert not isinstance(self.tableau, Taylor)
+        return self.tableau
 
     def __str__(self) -> str:
         return f"{self.tableau.name}, events by {self.locate}, {self.precision}"

@@ -43,7 +43,7 @@ NO_STAGES = Stages((), None)
 
 def rk_stages(known: Stages, upto: int, place: Place, held: State, model: Model, method: Choices):
     """The stages before number `upto`, and the slopes dz/dt in all of them; the mode stays fixed."""
-    tableau, (found, gain) = method.tableau, known
+    tableau, (found, gain) = method.rk, known
     slopes: list[State] = []
     waves = _waves(place, set(tableau.c[len(found) : upto]), model)
     for i in range(upto):
@@ -78,7 +78,7 @@ class End(NamedTuple):
 
 def rk_step(known: Stages, place: Place, held: State, model: Model, method: Choices) -> End:
     """One explicit Runge-Kutta step in a fixed mode."""
-    b = method.tableau.b
+    b = method.rk.b
     (_, gain), slopes = rk_stages(known, len(b), place, held, model, method)
     now = _combined(held, place.h, b, slopes, model)
     Q, slope = _waves(place, {1.0}, model)[1.0], None

@@ -6,6 +6,7 @@ traced, as with an exact zero, and leaves no operation behind; as a pytree it ha
 carry it. The physics is written once, for the full model.
 """
 
+from abc import ABC
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -13,7 +14,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
-class Absent:
+class Formal(ABC):  # noqa: B024  a name for what has nothing in common but its use
+    """What stands for a number while a function is traced: an absent one, or a power series."""
+
+
+class Absent(Formal):
     """An exact zero that is known when tracing."""
 
     def __add__(self, other: Any) -> Any:
@@ -46,7 +51,7 @@ class Absent:
 if TYPE_CHECKING:
     Scalar = Float[Array, ""]
 else:
-    Scalar = Float[Array, ""] | Absent  # behaves as a number would
+    Scalar = Float[Array, ""] | Formal  # behaves as a number would
 Pair = tuple[Scalar, Scalar]  # one per blade: two flat arrays of lanes are faster than one strided
 ABSENT: Any = Absent()
 jax.tree_util.register_pytree_node(Absent, lambda _: ((), None), lambda *_: ABSENT)
@@ -58,9 +63,12 @@ def is_absent(value: Any) -> bool:
 
 
 def where(condition: Any, yes: Any, no: Any) -> Any:
-    """`jnp.where` of numbers that may be absent."""
+    """`jnp.where` of numbers that may be absent, or series."""
     if yes is no:
         return yes
+    for a in (yes, no):
+        if isinstance(a, Formal) and not is_absent(a):
+            return a.chosen(condition, yes, no)
     return jnp.where(condition, *(0.0 if is_absent(a) else a for a in (yes, no)))
 
 
