@@ -55,9 +55,10 @@ def leg(lane: Lane, fixed: Fixed, method: Choices) -> Leg:
     h = jnp.minimum(_allowed(way, order, tolerance, fixed), jnp.maximum(rest, 0.0))
     h = jnp.where((search.tries > 0) & (search.tries < MOST_TRIES), jnp.minimum(h, search.cap), h)
     met, kind = _met(way, order, h, search)
-    z, gain = _reached(way, order, met.end, fixed.model.gyration)
-    sizes = None if method.derivative else _halfway(way, order, met.end)
-    return Leg(z, gain, met.end / step, kind, met, _deepest(way, order, met.end), sizes)
+    s = jnp.where(met.again, 0.0, met.end)
+    z, gain = _reached(way, order, s)
+    sizes = None if method.derivative else _halfway(way, order, s)
+    return Leg(z, gain, s / step, kind, met, _deepest(way, order, s), sizes)
 
 
 def _allowed(way: Course, order: int, tolerance: float, fixed: Fixed) -> Scalar:
@@ -98,10 +99,10 @@ def _met(way: Course, order: int, h: Scalar, search: Stride) -> tuple[Met, Int[A
     kind = jnp.int32(kinds[-1])
     for i, k in enumerate(kinds[:-1]):
         kind = jnp.where(which == i, jnp.int32(k), kind)
-    return met._replace(end=jnp.where(met.again, 0.0, met.end)), kind
+    return met, kind
 
 
-def _reached(way: Course, order: int, s: Scalar, gyration: Scalar) -> tuple[Motion, Integrals]:
+def _reached(way: Course, order: int, s: Scalar) -> tuple[Motion, Integrals]:
     """Motion and integrals after `s` radians."""
     paths = [[None if is_absent(a) else value_and_rate(a.upto(order), s) for a in pair] for pair in way.motion[:3]]
     places = [tuple(a if p is None else p[0] for a, p in zip(way.motion[k], paths[k], strict=True)) for k in range(3)]
