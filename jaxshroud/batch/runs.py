@@ -17,6 +17,7 @@ from jaxshroud.batch.xla import Tree, best
 from jaxshroud.march.lane import Lane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import Tableau
+from jaxshroud.march.taylor import Taylor
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State, start
 from jaxshroud.scene.scene import Scene
@@ -53,7 +54,7 @@ class Plan:
         return Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(steps / turns)) if steps else None
 
 
-def stepper(scene: Scene, method: Choices) -> Tableau | None:
+def stepper(scene: Scene, method: Choices) -> Tableau | Taylor | None:
     """What steps through a scene: nothing where there is a closed form."""
     return None if scene.parts.contact == "none" else method.tableau
 

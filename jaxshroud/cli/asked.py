@@ -7,9 +7,12 @@ from typing import Any
 import numpy as np
 
 from jaxshroud.cli.terminal import CommandError
-from jaxshroud.march.method import Choices
+from jaxshroud.march.method import Choices, as_tableau
+from jaxshroud.march.tableau import Tableau
+from jaxshroud.march.taylor import Taylor
 from jaxshroud.march.words import Locate
 from jaxshroud.scene.config import load
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.verbs.accuracy import broken
 from jaxshroud.verbs.choice import CHOSEN, accuracy_for, method_for, steps_checked
@@ -26,8 +29,19 @@ def loaded(options: argparse.Namespace, *more: str) -> SceneFile:
 
 def chosen_method(options: argparse.Namespace, usual: Locate = "cubic") -> Choices:
     """The static choices of the march asked for."""
-    words, ledger = (options.tableau, options.locate, options.precision), getattr(options, "ledger", True)
-    return method_for(options.choice, *words, usual=usual, ledger=ledger)
+    words, ledger = (options.locate, options.precision), getattr(options, "ledger", True)
+    try:
+        return method_for(options.choice, tableau_of(options), *words, usual=usual, ledger=ledger)
+    except InputError as error:
+        raise CommandError(str(error)) from None
+
+
+def tableau_of(options: argparse.Namespace) -> Tableau | Taylor:
+    """The method asked for, before what an accuracy chooses."""
+    try:
+        return as_tableau(options.tableau or "rk4", options.order, options.step_tolerance)
+    except InputError as error:
+        raise CommandError(str(error)) from None
 
 
 def with_derivatives(options: argparse.Namespace) -> Choices:
@@ -43,7 +57,7 @@ def check_step(file: SceneFile, scenes: Any, options: argparse.Namespace) -> int
         return options.choice.steps
     asked = file.run.steps_per_period or "auto"
     try:
-        steps, report = steps_checked(scenes, asked, options.tableau)
+        steps, report = steps_checked(scenes, asked, tableau_of(options))
     except ValueError as error:
         raise CommandError(f"{file.name}: [run] {error}") from None
     if asked == "auto" and file.scene.parts.contact != "none":

@@ -4,7 +4,7 @@ Time is counted in radians of the drive's phase from the start of a trial, so th
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,24 +15,24 @@ from jaxshroud.march.events import Kind, seat, switches
 from jaxshroud.march.lane import Fixed, Lane
 from jaxshroud.model.absent import Pair, Scalar, is_absent, where
 from jaxshroud.model.friction import slider_speed, slip_sign
-from jaxshroud.model.geometry import Touch, pose, touch
-from jaxshroud.model.modes import Mode
+from jaxshroud.model.geometry import Touch, pose, touch, touch_rates
+from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.ready import Model, turns
 from jaxshroud.model.rhs import Integrals, lean, rhs, wave
-from jaxshroud.model.series import Series
+from jaxshroud.model.series import Series, rate_of
 from jaxshroud.model.state import State
 from jaxshroud.model.trig import sincos_turns
 from jaxshroud.scene.motion import Motion
 
 RADIANS = 2 * math.pi  # in a turn
-Guard = tuple[Kind, Series]
+Guard = tuple[Kind, Any]  # with a Series
 
 
 class Course(NamedTuple):
     """Series in the drive's phase since the start of a trial [rad]."""
 
     motion: Motion  # rates are per radian
-    v: Series
+    v: Any
     guards: list[Guard]  # negative while the mode may go on
     rates: Integrals  # of the integrals, per radian; works in units of `unit ** 2` joules
     case: Int[Array, ""]  # the held one; when apart, that of the position at the start
@@ -49,9 +49,11 @@ def course(lane: Lane, fixed: Fixed, ledger: bool) -> Course:
     case = seat(held.motion, held, model)[1]
 
     found: list = []  # accelerations, once they are known as series
-    places = [_from(getattr(held.motion, name), getattr(held.motion, f"v_{name}"), unit, k, found)
-              for k, name in enumerate(("x", "y", "theta"))]
-    rates = [tuple(a if is_absent(a) else a.rate for a in pair) for pair in places]
+    places = [
+        _from(getattr(held.motion, name), getattr(held.motion, f"v_{name}"), unit, k, found)
+        for k, name in enumerate(("x", "y", "theta"))
+    ]
+    rates = [tuple(map(rate_of, pair)) for pair in places]
     now = State(Motion(*places, *rates), held.u_s, held.mode, case)
     slope, gains = rhs(Q, now, model, ledger)
     found.extend(slope.acceleration)
@@ -73,7 +75,7 @@ def per_radian(model: Model, unit: Scalar) -> Model:
     return model
 
 
-def _circling(wave: Pair, ahead: Pair) -> Pair:
+def _circling(wave: Pair, ahead: Pair) -> Any:
     """Series of waves whose derivatives are those `ahead`."""
 
     def of(i: int) -> Series:
@@ -83,7 +85,7 @@ def _circling(wave: Pair, ahead: Pair) -> Pair:
     return of(0), of(1)
 
 
-def _from(x: Pair, v: Pair, unit: Scalar, k: int, accelerations: list) -> Pair:
+def _from(x: Pair, v: Pair, unit: Scalar, k: int, accelerations: list) -> Any:
     """Displacements that begin at `x` with speeds `v` and go on with the `k`-th of the accelerations."""
 
     def of(i: int) -> Series:
@@ -95,11 +97,11 @@ def _from(x: Pair, v: Pair, unit: Scalar, k: int, accelerations: list) -> Pair:
 
 
 def _switches(Q: Pair, at: Touch, now: State, model: Model) -> list[Guard]:
-    """The guards of the case. Apart they end a trial only, so that the case follows the position."""
+    """The guards of the case, met beyond their rounding. Apart they end a trial only: the case follows the position."""
     if not turns(model):
         return []
     turn, height = switches(at, lean(now.motion, Q, at, now, model), now.case)
-    rounding = jnp.where(now.mode == Mode.APART, at.rounding, 0.0)
+    rounding = jnp.where(now.case == FLAT, 0.0, at.rounding)
     return [(Kind.TURN, turn), (Kind.HEIGHT, height - rounding)]
 
 
@@ -110,7 +112,7 @@ def _rubs(at: Touch, now: State, model: Model) -> list[Guard]:
         return []
     apart, stick = now.mode == Mode.APART, now.mode == Mode.STICK
     w, limit = at.u - now.u_s, spring.lag * at.v + 2 * at.rounding  # stick may begin at its limit
-    sigma = slip_sign(now.mode, at.v.dtype)
-    slipping = -sigma * slider_speed(at.v.rate, at.u.rate, now.mode, spring)
+    rate = touch_rates(at, now.motion, now.case, model.reading)
+    slipping = -slip_sign(now.mode, at.v.dtype) * slider_speed(rate.v, rate.u, now.mode, spring)
     other = where(apart | (spring.mu <= 0), -1.0, slipping)
     return [(Kind.RUB, where(stick, w - limit, other)), (Kind.RUB, where(stick, -w - limit, -1.0))]

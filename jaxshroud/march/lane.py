@@ -1,6 +1,6 @@
 """All that a lane carries through the march."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.march.events import Counters, Guards, look, no_events
-from jaxshroud.march.locate import Search, fresh
+from jaxshroud.march.locate import fresh
 from jaxshroud.march.method import Choices
 from jaxshroud.march.rise import Stride
 from jaxshroud.march.within import Within, nothing_yet
@@ -67,7 +67,7 @@ class Lane(eqx.Module):
 
     state: State
     step: Int[Array, ""]  # the clock: integer index of the current step in the period
-    search: Search | Stride
+    search: Any  # a Search; of power series a Stride
     guards: Guards | None  # at the start of the trial; None where there are no events
     tally: Tally
     status: Int[Array, ""]

@@ -16,7 +16,7 @@ from jaxshroud.model.absent import Scalar, filled
 from jaxshroud.model.series import value_and_rate
 
 PARTS = 2  # of a trial, at whose ends guards are looked at
-NEWTONS = 3
+NEWTONS = 4
 BEYOND = {8: 2.0**-42, 4: 2.0**-18}  # of a trial, by bytes of a number: events are met so late
 CONVERGED = {8: 2.0**-34, 4: 2.0**-14}  # of a trial: Newton steps that are as good as none
 MOST_TRIES = 4  # to tell which guard is first
@@ -121,7 +121,7 @@ def _looked_at(start: tuple, end: tuple, width: Scalar, peeked: Bool[Array, ""])
 
 
 def _polished(chosen: Coefficients, place: _Place, width: Scalar):
-    """The root, whether it turned out that there is none, and the last Newton step.
+    """The root, whether it turned out that there is none, and the last Newton step; infinite where the guard falls.
 
     A hump is left towards its rising side, by the root of the parabola through its top.
     """
@@ -131,15 +131,18 @@ def _polished(chosen: Coefficients, place: _Place, width: Scalar):
     missed = place.hump & (g <= 0)
     bend = jnp.where(place.hump, (rise.m_0 - rise.m_1) / jnp.where(width > 0, width * width, 1.0), 1.0)
     back = (jnp.sqrt(jnp.maximum(rate * rate + 2 * bend * g, 0.0)) - rate) / jnp.where(bend > 0, bend, 1.0)
-    step = jnp.where(place.hump, back, _quotient(g, rate))
+    step = jnp.where(place.hump, back, _newton(g, rate))
     for _ in range(NEWTONS):
-        s = jnp.where(missed, s, jnp.clip(s - step, low, high))
-        step = _quotient(*value_and_rate(chosen, s))
+        low, high = jnp.where(g > 0, low, s), jnp.where(g > 0, s, high)
+        near = jnp.where(rate > 0, jnp.clip(s - step, low, high), (low + high) / 2)
+        s = jnp.where(missed, s, near)
+        g, rate = value_and_rate(chosen, s)
+        step = _newton(g, rate)
     return s, missed, step
 
 
-def _quotient(g: Scalar, rate: Scalar) -> Scalar:
-    return g / jnp.where(rate != 0, rate, 1.0)
+def _newton(g: Scalar, rate: Scalar) -> Scalar:
+    return jnp.where(rate > 0, g / jnp.where(rate > 0, rate, 1.0), jnp.inf)
 
 
 def _picked(guards: list, which: Int[Array, ""]) -> tuple:

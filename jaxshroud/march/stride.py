@@ -21,10 +21,10 @@ from jaxshroud.march.rise import MOST_TRIES, Met, Stride, first_rise
 from jaxshroud.march.trial import Noted, Sizes, change, finite, status_of, tallied
 from jaxshroud.march.within import crest
 from jaxshroud.model.absent import Scalar, is_absent
-from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.ready import turns
+from jaxshroud.model.modes import Mode
 from jaxshroud.model.rhs import Integrals, Ledger, wave
 from jaxshroud.model.series import Series, value, value_and_rate
+from jaxshroud.model.state import State
 from jaxshroud.model.trig import sincos_turns
 from jaxshroud.scene.motion import Motion
 
@@ -47,7 +47,8 @@ class Leg(NamedTuple):
 
 def leg(lane: Lane, fixed: Fixed, method: Choices) -> Leg:
     """The trial of a lane."""
-    assert method.taylor is not None and isinstance(lane.search, Stride)
+    assert method.taylor is not None
+    assert isinstance(lane.search, Stride)
     order, tolerance = method.taylor
     way, search, grid = course(lane, fixed, method.ledger), lane.search, fixed.grid
     step = RADIANS * grid.turn  # [rad]
@@ -104,22 +105,20 @@ def _met(way: Course, order: int, h: Scalar, search: Stride) -> tuple[Met, Int[A
 
 def _reached(way: Course, order: int, s: Scalar) -> tuple[Motion, Integrals]:
     """Motion and integrals after `s` radians."""
-    paths = [[None if is_absent(a) else value_and_rate(a.upto(order), s) for a in pair] for pair in way.motion[:3]]
-    places = [tuple(a if p is None else p[0] for a, p in zip(way.motion[k], paths[k], strict=True)) for k in range(3)]
-    speeds = [
-        tuple(a if p is None else p[1] / way.unit for a, p in zip(way.motion[k], paths[k], strict=True))
-        for k in range(3)
-    ]
+    ends = [[a if is_absent(a) else value_and_rate(a.upto(order), s) for a in pair] for pair in way.motion[:3]]
+    places = [tuple(a if is_absent(a) else a[0] for a in pair) for pair in ends]
+    speeds = [tuple(a if is_absent(a) else a[1] / way.unit for a in pair) for pair in ends]
     gained = lambda rate, at=s: value(_integral(rate, order), at)  # noqa: E731
-    power = tuple(a if is_absent(a) else gained(a) * way.unit for a in way.rates.power)
+    left, right = (a if is_absent(a) else gained(a) * way.unit for a in way.rates.power)
     ledger = way.rates.ledger
     if ledger is not None:
         half = gained(ledger.drive, s / 2)
-        drive, viscous, friction = (a if is_absent(a) else gained(a) for a in (ledger.drive, ledger.viscous, ledger.friction))
+        parts = (ledger.drive, ledger.viscous, ledger.friction)
+        drive, viscous, friction = (a if is_absent(a) else gained(a) for a in parts)
         gross = jnp.abs(half) + jnp.abs(drive - half)
         joules = 1 / (way.unit * way.unit)
         ledger = Ledger(*(a * joules for a in (drive, gross, viscous, friction)))
-    return Motion(*places, *speeds), Integrals(power, ledger)
+    return Motion(*places, *speeds), Integrals((left, right), ledger)
 
 
 def _integral(rate: Series, order: int) -> tuple[Scalar, ...]:
@@ -153,13 +152,13 @@ def settle(lane: Lane, leg: Leg, fixed: Fixed, method: Choices) -> Lane:
     done = step.astype(grid.turn.dtype) + ahead.done
     Q = wave(*sincos_turns(grid.start + done * grid.turn), model.drive)
     h = leg.length * grid.h
-    view, cross, _, jumps = change(z, Q, held, fire, leg.kind, h, fixed)
+    _, cross, _, jumps = change(z, Q, held, fire, leg.kind, h, fixed)
     noted = Noted(lambda counters: count(counters, cross, fire, met.inside), lambda before: before)
     sizes = jax.tree.map(lambda a, b: jnp.maximum(a, jnp.abs(b)), leg.sizes, displacements_of(z))
     tally = tallied(lane.tally, leg.gain, jumps, h, held.mode, leg.deepest, sizes, noted)
     status = status_of(z, ~finite(z), ahead.events)
-    after = Lane(select(fire, cross.after, type(held)(z, held.u_s, held.mode, held.case)), step, ahead, None, tally, status)
-    return select(goes, after, lane)
+    state = select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
+    return select(goes, Lane(state, step, ahead, None, tally, status), lane)
 
 
 def _advanced(lane: Lane, leg: Leg, fire: Bool[Array, ""], fixed: Fixed) -> tuple[Stride, Int[Array, ""]]:

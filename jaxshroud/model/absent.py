@@ -6,7 +6,7 @@ traced, as with an exact zero, and leaves no operation behind; as a pytree it ha
 carry it. The physics is written once, for the full model.
 """
 
-from abc import ABC
+from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -14,12 +14,22 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
-class Formal(ABC):  # noqa: B024  a name for what has nothing in common but its use
+class Formal(ABC):
     """What stands for a number while a function is traced: an absent one, or a power series."""
+
+    @staticmethod
+    @abstractmethod
+    def chosen(condition: Any, yes: Any, no: Any) -> Any:
+        """`yes` where the `condition`, else `no`, one of which is of this class."""
 
 
 class Absent(Formal):
     """An exact zero that is known when tracing."""
+
+    @staticmethod
+    def chosen(condition: Any, yes: Any, no: Any) -> Any:
+        """One of two numbers, one of which is absent."""
+        return jnp.where(condition, *(0.0 if is_absent(a) else a for a in (yes, no)))
 
     def __add__(self, other: Any) -> Any:
         """The other one."""
@@ -66,10 +76,9 @@ def where(condition: Any, yes: Any, no: Any) -> Any:
     """`jnp.where` of numbers that may be absent, or series."""
     if yes is no:
         return yes
-    for a in (yes, no):
-        if isinstance(a, Formal) and not is_absent(a):
-            return a.chosen(condition, yes, no)
-    return jnp.where(condition, *(0.0 if is_absent(a) else a for a in (yes, no)))
+    formal = [a for a in (yes, no) if isinstance(a, Formal)]
+    kind = max(formal, key=lambda a: not is_absent(a), default=None)
+    return jnp.where(condition, yes, no) if kind is None else kind.chosen(condition, yes, no)
 
 
 def mixed(share: Any, yes: Any, no: Any) -> Any:

@@ -1,8 +1,8 @@
 """Power series in time that behave as numbers do: the physics is written once, for numbers and for series.
 
 Where x'' = f(x, x', t), coefficient n + 2 of x follows from coefficient n of f, which knows no later one of x. A series
-here works out its coefficients when they are asked for, one by one and each once. The right-hand side of Eq. (1), called
-with series that begin with a position and a rate and go on with its own result, is the recurrence for all of them.
+here works out its coefficients when they are asked for, one by one and each once. The right-hand side of Eq. (1),
+called with series that begin with a position and a rate and go on with its own result, is the recurrence for all.
 
 As in M. D. McIlroy, "Squinting at power series" (1990), but unrolled while a function is traced.
 """
@@ -76,8 +76,10 @@ class Series(Formal):
         assert power == 2
         return self * self
 
-    def __truediv__(self, other: "Series") -> "Series":
+    def __truediv__(self, other: Any) -> "Series":
         """The quotient."""
+        if not isinstance(other, Series):
+            return (1 / other) * self
         inverse = 1 / other[0]
         out = Series(lambda n: (self[n] - total([other[k] * out[n - k] for k in range(1, n + 1)])) * inverse)
         return out
@@ -97,6 +99,11 @@ class Series(Formal):
         """`yes` where the `condition`, which does not change with time, else `no`."""
         yes, no = as_series(yes), as_series(no)
         return Series(lambda n: where(condition, yes[n], no[n]))
+
+
+def rate_of(value: Any) -> Any:
+    """The derivative of a series; an absent one has none."""
+    return value.rate if isinstance(value, Series) else value
 
 
 def as_series(value: Any) -> Series:
@@ -123,9 +130,8 @@ def _square(a: Series, n: int) -> Any:
     return half + half + (ABSENT if n % 2 else a[n // 2] * a[n // 2])
 
 
-def sine_versine_of(angle: Series, start: tuple) -> tuple[Series, Series]:
+def sine_versine_of(angle: Series, start: tuple) -> tuple[Any, Any]:
     """Series of (sin x, 1 - cos x) of the `angle`, from their values at the `start`: s' = c x', (1 - c)' = s x'."""
-
     rate = angle.rate
     sine = Series(lambda n: _product(rate, cosine, n - 1) * (1 / n) if n else start[0])
     versine = Series(lambda n: _product(rate, sine, n - 1) * (1 / n) if n else start[1])

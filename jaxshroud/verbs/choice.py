@@ -2,18 +2,19 @@
 
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import Steps, step_report, steps_for, stiffest
-from jaxshroud.march.tableau import tableau
+from jaxshroud.march.tableau import Tableau
+from jaxshroud.march.taylor import Taylor
 from jaxshroud.march.words import Locate
 from jaxshroud.scene.checks import Precision
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.accuracy import Choice, choose
 
-CHOSEN = ("steps_per_period", "tableau", "locate", "precision")  # by an accuracy
+CHOSEN = ("steps_per_period", "tableau", "order", "step_tolerance", "locate", "precision")  # by an accuracy
 
 
 def method_for(
     choice: Choice | None,
-    name: str | None,
+    method: Tableau | Taylor,
     locate: Locate | None,
     precision: Precision | None,
     *,
@@ -23,7 +24,8 @@ def method_for(
     """The static choices of the march: those of the accuracy's `choice`, or what was asked for, or what is usual."""
     if choice is not None:
         return choice.method._replace(ledger=ledger)
-    return Choices(tableau(name or "rk4"), locate or usual, ledger, precision or "float64")
+    usual = "series" if isinstance(method, Taylor) else usual
+    return Choices(method, locate or usual, ledger, precision or "float64")
 
 
 def accuracy_for(scenes: Scene, accuracy: str | float) -> Choice | None:
@@ -35,13 +37,12 @@ def accuracy_for(scenes: Scene, accuracy: str | float) -> Choice | None:
     return None if scenes.parts.contact == "none" else choose(scenes, 1, accuracy)
 
 
-def steps_checked(scenes: Scene, asked: Steps, name: str | None) -> tuple[int, str | None]:
-    """Steps per period of scenes (leading axis) for the Runge-Kutta method of that name, and how they are inaccurate.
+def steps_checked(scenes: Scene, asked: Steps, method: Tableau | Taylor) -> tuple[int, str | None]:
+    """Steps per period of scenes (leading axis) for a method, and how they are inaccurate.
 
     Raises:
         ValueError: They are unstable for some scene.
     """
-    method = tableau(name or "rk4")
     if scenes.parts.contact == "none":
         return steps_for(scenes, 1, asked, None), None
     steps = steps_for(scenes, 1, asked, method)
