@@ -101,8 +101,12 @@ def _switches(Q: Pair, at: Touch, now: State, model: Model) -> list[Guard]:
     if not turns(model):
         return []
     turn, height = switches(at, lean(now.motion, Q, at, now, model), now.case)
-    rounding = jnp.where(now.case == FLAT, 0.0, at.rounding)
-    return [(Kind.TURN, turn), (Kind.HEIGHT, height - rounding)]
+    flat, torque = (
+        now.case == FLAT,
+        model.spring.k * model.block.l_ab * at.rounding,
+    )  # where contact ends, LIFT is first
+    slack = jnp.where(flat, torque, 0.0), jnp.where(flat, torque, at.rounding)
+    return [(Kind.TURN, turn - slack[0]), (Kind.HEIGHT, height - slack[1])]
 
 
 def _rubs(at: Touch, now: State, model: Model) -> list[Guard]:

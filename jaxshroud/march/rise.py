@@ -40,7 +40,8 @@ class Stride(NamedTuple):
 
     done: Scalar  # of the step
     cap: Scalar  # where the next trial ends at the latest, after one that was not accepted [rad]
-    recheck: Bool[Array, ""]  # guards may have jumped: one above zero is crossed at once
+    recheck: Bool[Array, ""]  # guards may have jumped: one above zero is crossed at once ...
+    crossed: Int[Array, ""]  # ... but for that of this kind, which just was; -1: none
     peeking: Bool[Array, ""]  # the trial has ended at the top of a guard
     events: Int[Array, ""]  # in this step, with all that looked like one
     tries: Int[Array, ""]  # trials in a row that came to nothing

@@ -88,9 +88,10 @@ def _power(x: Scalar, exponent: float) -> Scalar:
 
 def _met(way: Course, order: int, h: Scalar, search: Stride) -> tuple[Met, Int[Array, ""]]:
     """What the first `h` radians of the course meet, and the kind of the event."""
-    kinds, guards = zip(*way.guards, strict=True)
-    at_start = [(g[0] > 0) & search.recheck for g in guards]
-    met = first_rise([g.upto(order - 1) for g in guards], h, search.peeking, search.tries)
+    kinds = [k for k, _ in way.guards]
+    at_start = [(g[0] > 0) & search.recheck & (search.crossed != k) for k, g in way.guards]
+    orders = {Kind.TURN: order, Kind.RUB: order - 2}
+    met = first_rise([g.upto(orders.get(k, order - 1)) for k, g in way.guards], h, search.peeking, search.tries)
     at_once = any_of(at_start)
     which = met.which
     for i in reversed(range(len(kinds))):
@@ -176,6 +177,7 @@ def _advanced(lane: Lane, leg: Leg, fire: Bool[Array, ""], fixed: Fixed) -> tupl
         done=done,
         cap=met.end,
         recheck=fire & ((leg.kind == Kind.TURN) | (leg.kind == Kind.HEIGHT)),
+        crossed=leg.kind,
         peeking=met.peek,
         events=events,
         tries=jnp.where(moved, 0, search.tries + 1),
