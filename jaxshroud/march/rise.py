@@ -135,7 +135,7 @@ def _polished(chosen: Coefficients, place: _Place, width: Scalar):
     step = jnp.where(place.hump, back, _newton(g, rate))
     for _ in range(NEWTONS):
         low, high = jnp.where(g > 0, low, s), jnp.where(g > 0, s, high)
-        near = jnp.where(rate > 0, jnp.clip(s - step, low, high), (low + high) / 2)
+        near = jnp.where(step < jnp.inf, jnp.clip(s - step, low, high), (low + high) / 2)
         s = jnp.where(missed, s, near)
         g, rate = value_and_rate(chosen, s)
         step = _newton(g, rate)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.runs import starts, stepper
+from jaxshroud.batch.tangents import differentiable
 from jaxshroud.march.method import Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.state import State
@@ -156,6 +157,8 @@ def marched(asked: Asked, lanes: Scene, usual: Choices, *, derivatives: bool = F
         method = choice.method._replace(ledger=usual.ledger)
         return Marched(choice.steps, method._replace(precision="float64") if derivatives else method, choice)
     method = usual if asked.method is None else choices(asked.method, ledger=usual.ledger)
+    if derivatives:
+        differentiable(method)  # refused before anything is run
     steps = "auto" if asked.steps is None else asked.steps
     lanes = in_precision(lanes, method.precision)
     return Marched(steps_for(lanes, 1, steps, stepper(lanes, method)), method, None)
