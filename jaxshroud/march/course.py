@@ -18,7 +18,7 @@ from jaxshroud.model.friction import slider_speed, slip_sign
 from jaxshroud.model.geometry import Touch, pose, touch, touch_rates
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.ready import Model, turns
-from jaxshroud.model.rhs import Integrals, lean, rhs, wave
+from jaxshroud.model.rhs import Integrals, Lean, lean, rhs, wave
 from jaxshroud.model.series import Series, rate_of
 from jaxshroud.model.state import State
 from jaxshroud.model.trig import sincos_turns
@@ -39,8 +39,11 @@ class Course(NamedTuple):
     unit: Scalar  # seconds per radian
 
 
-def course(lane: Lane, fixed: Fixed, ledger: bool) -> Course:
-    """What a lane does from where it is."""
+def course(lane: Lane, fixed: Fixed, order: int, ledger: bool) -> Course:
+    """What a lane does from where it is.
+
+    Its motion is meant to be known up to an `order`, its accelerations up to two less; guards go one further than these.
+    """
     grid, held = fixed.grid, lane.state
     unit = grid.h / (RADIANS * grid.turn)
     model = per_radian(fixed.model, unit)
@@ -59,8 +62,9 @@ def course(lane: Lane, fixed: Fixed, ledger: bool) -> Course:
     found.extend(slope.acceleration)
 
     at = touch(pose(*places), case, model.block, model.reading)
-    lift = Kind.LIFT, where(held.mode == Mode.APART, at.v, -at.v)
-    guards = [lift, *_switches(Q, at, now, model), *_rubs(at, now, model)]
+    at = at._replace(v=at.v.cut(order - 1), u=at.u.cut(order - 1))
+    lift = Kind.LIFT, jnp.where(held.mode == Mode.APART, 1.0, -1.0) * at.v
+    guards = [lift, *_switches(Q, at, now, model, order), *_rubs(at, now, model)]
     return Course(now.motion, at.v, guards, gains, case, unit)
 
 
@@ -96,11 +100,12 @@ def _from(x: Pair, v: Pair, unit: Scalar, k: int, accelerations: list) -> Any:
     return left, right
 
 
-def _switches(Q: Pair, at: Touch, now: State, model: Model) -> list[Guard]:
+def _switches(Q: Pair, at: Touch, now: State, model: Model, order: int) -> list[Guard]:
     """The guards of the case, met beyond their rounding. Apart they end a trial only: the case follows the position."""
     if not turns(model):
         return []
-    turn, height = switches(at, lean(now.motion, Q, at, now, model), now.case)
+    leans = Lean(*(a.cut(order - 2) for a in lean(now.motion, Q, at, now, model)))
+    turn, height = switches(at._replace(height=at.height.cut(order - 1)), leans, now.case)
     flat, torque = (
         now.case == FLAT,
         model.spring.k * model.block.l_ab * at.rounding,

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.events import any_of
 from jaxshroud.march.locate import Rise, root, select
-from jaxshroud.model.absent import Scalar, filled
+from jaxshroud.model.absent import Scalar, filled, is_absent
 from jaxshroud.model.series import value_and_rate
 
 PARTS = 2  # of a trial, at whose ends guards are looked at
@@ -66,7 +66,7 @@ def first_rise(guards: list[Coefficients], h: Scalar, peeked: Bool[Array, ""], t
         peeked: The trial before has ended at the top of a hump.
         tries: Trials in a row that were not accepted.
     """
-    guards = _alike(guards, h)
+    guards = _ended(guards, h)
     width, size = h * (1 / PARTS), h.dtype.itemsize
     found, place, last = _sought(guards, h, width, peeked)
     chosen = _picked(guards, place.which)
@@ -85,11 +85,10 @@ def first_rise(guards: list[Coefficients], h: Scalar, peeked: Bool[Array, ""], t
     )
 
 
-def _alike(guards: list[Coefficients], like: Scalar) -> list[Coefficients]:
-    """All of one length, without absent coefficients."""
-    most = max(map(len, guards))
-    zero = jnp.zeros_like(like)
-    return [tuple(filled(g, like)) + (zero,) * (most - len(g)) for g in guards]
+def _ended(guards: list[Coefficients], like: Scalar) -> list[Coefficients]:
+    """Each without absent coefficients, at the end of which it ends."""
+    last = [max(n for n, c in enumerate(guard) if n < 2 or not is_absent(c)) for guard in guards]
+    return [tuple(filled(guard[: n + 1], like)) for guard, n in zip(guards, last, strict=True)]
 
 
 def _sought(guards: list[Coefficients], h: Scalar, width: Scalar, peeked: Bool[Array, ""]):
@@ -147,8 +146,10 @@ def _newton(g: Scalar, rate: Scalar) -> Scalar:
 
 
 def _picked(guards: list, which: Int[Array, ""]) -> tuple:
-    """The numbers of one guard."""
-    chosen = guards[0]
-    for i, guard in enumerate(guards[1:], 1):
-        chosen = select(which == i, guard, chosen)
-    return chosen
+    """The numbers of one guard; what it lacks is 0."""
+    chosen = list(max(guards, key=len))
+    for k, longest in enumerate(chosen):
+        for i, guard in enumerate(guards):
+            mine = guard[k] if k < len(guard) else jnp.zeros_like(longest)
+            chosen[k] = jnp.where(which == i, mine, chosen[k])
+    return tuple(chosen)

@@ -50,7 +50,7 @@ def leg(lane: Lane, fixed: Fixed, method: Choices) -> Leg:
     assert method.taylor is not None
     assert isinstance(lane.search, Stride)
     order, tolerance = method.taylor
-    way, search, grid = course(lane, fixed, method.ledger), lane.search, fixed.grid
+    way, search, grid = course(lane, fixed, order, method.ledger), lane.search, fixed.grid
     step = RADIANS * grid.turn  # [rad]
     rest = ((fixed.stop - lane.step).astype(step.dtype) - search.done) * step
     h = jnp.minimum(_allowed(way, order, tolerance, fixed), jnp.maximum(rest, 0.0))
@@ -90,8 +90,7 @@ def _met(way: Course, order: int, h: Scalar, search: Stride) -> tuple[Met, Int[A
     """What the first `h` radians of the course meet, and the kind of the event."""
     kinds = [k for k, _ in way.guards]
     at_start = [(g[0] > 0) & search.recheck & (search.crossed != k) for k, g in way.guards]
-    orders = {Kind.TURN: order, Kind.RUB: order - 2}
-    met = first_rise([g.upto(orders.get(k, order - 1)) for k, g in way.guards], h, search.peeking, search.tries)
+    met = first_rise([g.upto(order) for _, g in way.guards], h, search.peeking, search.tries)
     at_once = any_of(at_start)
     which = met.which
     for i in reversed(range(len(kinds))):

@@ -55,19 +55,19 @@ def contact_load(at: Touch, N: Scalar, F: Scalar, case: Case, block: Corners, re
 def sprung_load(at: Touch, k: Scalar, N: Scalar, F: Scalar, case: Case, block: Corners) -> Load:
     """The same in the consistent reading, where N = k v: with 5 products instead of 16, which is what series cost.
 
-    The offset is e = u t + v n, so that -N n - F t = G t - k e with G = k u - F; and seen along the face, where its own
-    corner is at rest, the moment on the face's block is that of the force at this corner, and v G.
+    The offset is e = u t + v n, so that -N n - F t = -G t - k e with G = F - k u; and seen along the face, where its
+    own corner is at rest, the moment on the face's block is that of the force at this corner, less v G.
     """
     left_tip, (e_x, e_y), (t_x, t_y) = tip_is_left(case), at.offset, at.tangent
-    G = k * at.u - F
-    R_x, R_y = G * t_x - k * e_x, G * t_y - k * e_y
+    G = F - k * at.u
+    R_x, R_y = -(G * t_x) - k * e_x, -(G * t_y) - k * e_y
     (l_x, r_x), (l_y, r_y) = at.corner, at.corner_y
     tip = _moment((where(left_tip, l_x, -r_x), where(left_tip, l_y, -r_y)), (R_x, R_y))
     upper = is_upper(case)
     x = where(left_tip, -where(upper, block.b_x, block.a_x), -where(upper, block.a_x, block.b_x))
     y = where(left_tip == upper, block.h_y, -block.h_y)
     along, across = x * block.cos_alpha + y * block.sin_alpha, x * block.sin_alpha - y * block.cos_alpha
-    face = along * N - across * F + G * at.v
+    face = along * N - across * F - G * at.v
     return Load(R_x, R_y, (where(left_tip, tip, face), where(left_tip, face, tip)))
 
 

@@ -87,7 +87,8 @@ def lean(z: Motion, Q: Pair, at: Touch, held: State, model: Model) -> Lean:
         return Lean(ABSENT, ABSENT)
     N, F, load = _loaded(at, held, held.case, model)
     left, right = accelerated(z, Q, load, model).theta
-    along, corner = N * model.block.l_ab, F * at.v - N * at.u
+    k = _stiffness(held, model)
+    along, corner = N * model.block.l_ab, (F - k * at.u) * at.v if isinstance(at.v, Series) else F * at.v - N * at.u
     here = where(is_upper(held.case), along, ABSENT) - where(tip_is_left(held.case), corner, ABSENT)
     at_d, higher = model.mobility.joint * (left - right) + here, at.height > 0
     return Lean(at_d + where(higher, corner, ABSENT), at_d - along + where(higher, ABSENT, corner))
@@ -97,9 +98,13 @@ def _loaded(at: Touch, held: State, case: Case, model: Model) -> tuple[Scalar, S
     N = normal_force(at.v, held.mode, model.spring)
     F = friction_force(at.v, at.u, held.u_s, held.mode, model.spring)
     if isinstance(at.v, Series) and model.spring.modal and turns(model) and not model.reading:
-        k = where(held.mode == Mode.APART, ABSENT, model.spring.k)
-        return N, F, sprung_load(at, k, N, F, case, model.block)
+        return N, F, sprung_load(at, _stiffness(held, model), N, F, case, model.block)
     return N, F, contact_load(at, N, F, case, model.block, model.reading)
+
+
+def _stiffness(held: State, model: Model) -> Scalar:
+    """Of the contact; absent where there is none."""
+    return where(held.mode == Mode.APART, ABSENT, model.spring.k)
 
 
 def mean_square(q: Pose, gyration: Scalar) -> Pair:

@@ -31,6 +31,10 @@ class Series(Formal):
         """Coefficients 0 to `n`."""
         return tuple(self[k] for k in range(n + 1))
 
+    def cut(self, n: int) -> "Series":
+        """Without what comes after coefficient `n`."""
+        return Series(lambda k: self[k] if k <= n else ABSENT)
+
     @property
     def dtype(self) -> Any:
         """Of the coefficients."""

@@ -55,7 +55,7 @@ def expanded(state: State, scene) -> dict:
     ready = model(scene)
     lane = begin(state, ready, COARSE)
     start, period = jnp.asarray(0.13), scene.drive.period
-    way = course(lane, Fixed(ready, grid(start, jnp.asarray(100.0), period), jnp.int32(100)), True)
+    way = course(lane, Fixed(ready, grid(start, jnp.asarray(100.0), period), jnp.int32(100)), ORDER, True)
     s = jnp.asarray(SHORT)
     at = lambda series: value(series.upto(ORDER), s)  # noqa: E731
     z = Motion(*(tuple(map(at, pair)) for pair in way.motion))
