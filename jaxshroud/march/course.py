@@ -42,7 +42,7 @@ class Course(NamedTuple):
 def course(lane: Lane, fixed: Fixed, order: int, ledger: bool) -> Course:
     """What a lane does from where it is.
 
-    Its motion is meant to be known up to an `order`, its accelerations up to two less; guards go one further than these.
+    Its motion is meant to be known up to an `order`, accelerations up to two less; guards go one further than these.
     """
     grid, held = fixed.grid, lane.state
     unit = grid.h / (RADIANS * grid.turn)
