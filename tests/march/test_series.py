@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import opinions
 import pytest
-from side_by_side import counts, ends, energy_residual, relative_error, run, scene_of, sizes
+from side_by_side import counts, ends, energy_residual, relative_error, run, scene_of, sizes, with_parts
 
 import jaxshroud as js
 from jaxshroud import Status, load, vary
@@ -257,6 +257,12 @@ def test_what_taylor_refuses(arguments, message):
 def test_derivatives_by_series_are_refused(table1):
     with pytest.raises(js.InputError, match="taylor has no derivatives yet"):
         js.orbit(table1, method=js.Method("taylor"), steps_per_period=100)
+
+
+def test_smooth_contact_by_series_is_refused(table1):
+    smooth = with_parts(table1, 1e-7, contact="smooth")
+    with pytest.raises(js.InputError, match="not smooth contact; take one of Runge-Kutta"):
+        js.simulate(smooth, n_periods=1, steps_per_period=100, method=js.Method("taylor"))
 
 
 def test_an_absent_number_stays_absent_beside_series():
