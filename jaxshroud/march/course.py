@@ -19,7 +19,7 @@ from jaxshroud.model.geometry import Touch, pose, touch, touch_rates
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.ready import Model, turns
 from jaxshroud.model.rhs import Integrals, Lean, lean, rhs, wave
-from jaxshroud.model.series import Series, rate_of
+from jaxshroud.model.series import Series, cut, rate_of
 from jaxshroud.model.state import State
 from jaxshroud.model.trig import sincos_turns
 from jaxshroud.scene.motion import Motion
@@ -62,7 +62,7 @@ def course(lane: Lane, fixed: Fixed, order: int, ledger: bool) -> Course:
     found.extend(slope.acceleration)
 
     at = touch(pose(*places), case, model.block, model.reading)
-    at = at._replace(v=at.v.cut(order - 1), u=at.u.cut(order - 1))
+    at = at._replace(v=cut(at.v, order - 1), u=cut(at.u, order - 1))
     lift = Kind.LIFT, jnp.where(held.mode == Mode.APART, 1.0, -1.0) * at.v
     guards = [lift, *_switches(Q, at, now, model, order), *_rubs(at, now, model)]
     return Course(now.motion, at.v, guards, gains, case, unit)
@@ -104,8 +104,8 @@ def _switches(Q: Pair, at: Touch, now: State, model: Model, order: int) -> list[
     """The guards of the case, met beyond their rounding. Apart they end a trial only: the case follows the position."""
     if not turns(model):
         return []
-    leans = Lean(*(a.cut(order - 2) for a in lean(now.motion, Q, at, now, model)))
-    turn, height = switches(at._replace(height=at.height.cut(order - 1)), leans, now.case)
+    leans = Lean(*(cut(a, order - 2) for a in lean(now.motion, Q, at, now, model)))
+    turn, height = switches(at._replace(height=cut(at.height, order - 1)), leans, now.case)
     flat, torque = (
         now.case == FLAT,
         model.spring.k * model.block.l_ab * at.rounding,

@@ -31,10 +31,6 @@ class Series(Formal):
         """Coefficients 0 to `n`."""
         return tuple(self[k] for k in range(n + 1))
 
-    def cut(self, n: int) -> "Series":
-        """Without what comes after coefficient `n`."""
-        return Series(lambda k: self[k] if k <= n else ABSENT)
-
     @property
     def dtype(self) -> Any:
         """Of the coefficients."""
@@ -108,6 +104,11 @@ class Series(Formal):
 def rate_of(value: Any) -> Any:
     """The derivative of a series; an absent one has none."""
     return value.rate if isinstance(value, Series) else value
+
+
+def cut(value: Any, n: int) -> Any:
+    """A series without what comes after coefficient `n`."""
+    return Series(lambda k: value[k] if k <= n else ABSENT) if isinstance(value, Series) else value
 
 
 def as_series(value: Any) -> Series:
