@@ -17,7 +17,6 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.ready import Model, turns
 from jaxshroud.model.rhs import Integrals, rhs
 from jaxshroud.model.state import State
-from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.motion import Motion
 
 Lanes = Float[Array, "..."]  # one number for each lane, or one lane's
@@ -81,14 +80,7 @@ def begin(state: State, model: Model, method: Choices) -> Lane:
         state: Motion as pairs, without what the model leaves out.
         model: The lane's constants.
         method: Static choices of the march.
-
-    Raises:
-        InputError: Smooth contact is to be marched by power series.
     """
-    if method.taylor and model.spring.smooth:
-        raise InputError(
-            "The method taylor knows located contact, not smooth contact; give one of Runge-Kutta, as rk4."
-        )
     zero = jnp.zeros_like(state.motion.x[0])
     count0 = jnp.zeros((), jnp.int32)
     yes = jnp.ones((), bool)

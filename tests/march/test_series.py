@@ -93,6 +93,7 @@ def test_series_obey_the_right_hand_side_in_every_mode_and_case(table1, reading)
             np.testing.assert_allclose(got[keep], right[keep], rtol=0, atol=1e-12 * scale, err_msg=f"{name} {k}")
 
 
+@pytest.mark.full
 def test_a_series_of_one_reading_does_not_obey_another(table1):
     # Control: each misprint alone changes the accelerations by far more than the tolerance above.
     state, numbers, still = held(np.random.default_rng(4)), {}, (jnp.asarray(0.0), jnp.asarray(0.0))
@@ -192,18 +193,16 @@ def test_motion_events_and_energy_are_those_of_the_fine_march(scenes, fine, meth
     np.testing.assert_allclose(got.last.tally.log.v_max, fine.last.tally.log.v_max, rtol=1e-4)
 
 
-@FULL
-@pytest.mark.parametrize("method", SERIES.values(), ids=SERIES)
-def test_second_opinion(method):
+@pytest.mark.full
+def test_second_opinion():
     parameters, told = opinions.scenes("consistent"), opinions.kept("consistent")
-    runs = run([scene_of(p) for p in parameters], opinions.PERIODS, 3000, method)
+    runs = run([scene_of(p) for p in parameters], opinions.PERIODS, 3000, SERIES["16"])
     comparable = (told.status == "ok") & (runs.last.status != Status.ANGLE_OUT_OF_RANGE)
     size = np.repeat(np.abs(told.samples).reshape(-1, 3, 6, 2).max(axis=(1, 3)), 2, axis=-1)
     error = relative_error(ends(runs), told.samples[:, -1], size)
-    near = max(1e4 * method.taylor.tolerance, 1e-9)
-    suspects = comparable & (error > near)
+    suspects = comparable & (error > 1e-8)
     # As for the Runge-Kutta methods: there the reference itself moves between tolerances of 1e-12 and 1e-11.
-    assert np.all(told.moved[suspects] > 1e-2 * near), f"lanes {np.flatnonzero(suspects)}"
+    assert np.all(told.moved[suspects] > 1e-9), f"lanes {np.flatnonzero(suspects)}"
     assert np.mean(comparable & ~suspects) >= 0.6
     assert np.all(runs.last.status[comparable] == Status.OK)
 
@@ -261,7 +260,7 @@ def test_derivatives_by_series_are_refused(table1):
 
 def test_smooth_contact_by_series_is_refused(table1):
     smooth = with_parts(table1, 1e-7, contact="smooth")
-    with pytest.raises(js.InputError, match="not smooth contact; take one of Runge-Kutta"):
+    with pytest.raises(js.InputError, match=r"not smooth contact; take a Runge-Kutta method\.$"):
         js.simulate(smooth, n_periods=1, steps_per_period=100, method=js.Method("taylor"))
 
 
