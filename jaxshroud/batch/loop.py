@@ -20,6 +20,7 @@ from jaxshroud.batch.xla import EachLane, Tree, groups, repeated_while
 from jaxshroud.march.lane import Fixed, Lane, running
 from jaxshroud.march.method import Choices
 from jaxshroud.march.step import NO_STAGES, End, Stages, place_of, rk_stages, rk_step
+from jaxshroud.march.stride import leg, settle
 from jaxshroud.march.trial import decide, trial
 
 Where = Callable[[Any], Any]  # where the plain values are in what is marched
@@ -34,7 +35,11 @@ def advance(lanes: Tree, fixed: Any, method: Choices, each: EachLane, lane_of: W
     """One trial step of every lane on its way.
 
     A short Runge-Kutta method and all that follows is one kernel. The stages of a long one come first, in groups.
+    Power series are one kernel, what becomes of the lane another.
     """
+    if method.taylor:
+        legs = each(lambda lane, fixed: leg(lane, fixed, method), lanes, fixed)
+        return each(lambda lane, leg, fixed: settle(lane, leg, fixed, method), lanes, legs, fixed)
     cuts, known = groups(method, lane_of(fixed).model.spring.smooth), NO_STAGES
     if cuts is None:
         return each(lambda lane, fixed: _whole(lane, fixed, method), lanes, fixed)

@@ -50,7 +50,8 @@ class Clock(NamedTuple):
 
 def periods_at_once(lanes: int, steps: int, method: Choices) -> int:
     """How many periods of so many lanes and steps to run in one call at most."""
-    return max(AT_ONCE // (max(lanes, 32) * steps * len(method.tableau.b)), 1)
+    stages = 100 * method.taylor.order if method.taylor else steps * len(method.rk.b)  # a trial's work, about
+    return max(AT_ONCE // (max(lanes, 32) * stages), 1)
 
 
 def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Choices, each: EachLane):

@@ -17,8 +17,10 @@ from jaxshroud.batch.xla import Tree, best
 from jaxshroud.march.lane import Lane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import Tableau
+from jaxshroud.march.taylor import Taylor
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State, start
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.scene import Scene
 
 Progress = Callable[[int, int], None]  # lane-periods done so far, and in all
@@ -53,8 +55,14 @@ class Plan:
         return Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(steps / turns)) if steps else None
 
 
-def stepper(scene: Scene, method: Choices) -> Tableau | None:
-    """What steps through a scene: nothing where there is a closed form."""
+def stepper(scene: Scene, method: Choices) -> Tableau | Taylor | None:
+    """What steps through a scene: nothing where there is a closed form.
+
+    Raises:
+        InputError: It is smooth contact, of which power series know nothing.
+    """
+    if method.taylor and scene.parts.contact == "smooth":
+        raise InputError("The method taylor knows located contact, not smooth contact; take a Runge-Kutta method.")
     return None if scene.parts.contact == "none" else method.tableau
 
 

@@ -32,6 +32,7 @@ from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.ready import Model, model, turns
 from jaxshroud.model.rhs import as_one
 from jaxshroud.model.state import State
+from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.keys import key_parts
 from jaxshroud.scene.scene import Scene
 
@@ -167,7 +168,13 @@ def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], m
 
 
 def differentiable(method: Choices) -> Choices:
-    """The same method with derivatives of the events' instants, and nothing else that a flow does not need."""
+    """The same method with derivatives of the events' instants, and nothing else that a flow does not need.
+
+    Raises:
+        InputError: It has no derivatives.
+    """
+    if method.taylor:
+        raise InputError("The method taylor has no derivatives yet; give one of Runge-Kutta, as dopri8.")
     return method._replace(derivative=True, ledger=False, within=False, forces=False)
 
 

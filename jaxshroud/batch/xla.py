@@ -26,6 +26,8 @@ from jaxtyping import Array
 from jaxshroud.march.method import Choices
 
 COMPILER = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
+# Kernels of power series, of 3,000 to 8,000 operations: the usual emitter takes minutes for them, this one seconds.
+FOR_SERIES = COMPILER | {"xla_cpu_use_fusion_emitters": False}
 STAGES_AT_ONCE = 7  # in one kernel
 STAGES_WITH_EVENTS = 4  # in one kernel with everything else that a trial does
 DUAL_STAGES = 4  # in one kernel where tangents come along
@@ -39,16 +41,21 @@ EachLane = Callable[..., Any]  # (f, *args): `f(*args)` of every lane; all array
 def compiled(*static: str) -> Callable[[Callable], Callable]:
     """A decorator: compile with `COMPILER`, or without it where XLA refuses that; `static` names arguments as in jit.
 
-    The function that is called has the attribute `widest`, which is the one compiled with `COMPILER`.
+    What one of the arguments says is to be marched by power series is compiled with `FOR_SERIES`. The function that is
+    called has the attribute `widest`, which is the one compiled with `COMPILER`.
     """
 
     def decorate(f: Callable) -> Callable:
         widest = jax.jit(f, static_argnames=static, compiler_options=COMPILER)
+        large = jax.jit(f, static_argnames=static, compiler_options=FOR_SERIES)
         plain = jax.jit(f, static_argnames=static)
 
         @wraps(f)
         def call(*args: Any, **kwargs: Any) -> Any:
-            return (widest if accepted() else plain)(*args, **kwargs)
+            series = any(isinstance(a, Choices) and a.taylor for a in (*args, *kwargs.values()))
+            if not accepted(series):
+                return plain(*args, **kwargs)
+            return (large if series else widest)(*args, **kwargs)
 
         call.widest = widest  # pyright: ignore[reportAttributeAccessIssue]
         return call
@@ -57,13 +64,14 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
 
 
 @cache
-def accepted() -> bool:
-    """Whether XLA compiles with `COMPILER`; warns if not."""
+def accepted(series: bool = False) -> bool:
+    """Whether XLA compiles with `COMPILER`, or with `FOR_SERIES`; warns if not."""
+    options = FOR_SERIES if series else COMPILER
     try:
         with jax.ensure_compile_time_eval():
-            jax.jit(lambda a: a + a, compiler_options=COMPILER)(np.zeros(()))
+            jax.jit(lambda a: a + a, compiler_options=options)(np.zeros(()))
     except Exception as error:  # of whatever type a future XLA may raise
-        slower(f"XLA refuses {COMPILER} ({error}): vector registers may be narrower")
+        slower(f"XLA refuses {options} ({error}): vector registers may be narrower, and power series compile slowly")
         return False
     return True
 
@@ -175,7 +183,7 @@ def _alike(lane: Any) -> dict[str, Any]:
 
 def groups(method: Choices, smooth: bool) -> tuple[int, ...] | None:
     """Stages at which a trial step is divided into kernels; None where it is one kernel with all that follows."""
-    size = len(method.tableau.b)
+    size = len(method.rk.b)
     if size <= STAGES_WITH_EVENTS and not method.derivative:
         return None
     at_once = DUAL_STAGES if method.derivative else STAGES_AT_ONCE

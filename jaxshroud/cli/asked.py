@@ -6,16 +6,16 @@ import sys
 import numpy as np
 
 from jaxshroud.cli.terminal import CommandError, blamed
-from jaxshroud.march.method import Choices
+from jaxshroud.march.method import Choices, as_tableau
 from jaxshroud.march.stability import step_report, stiffest
-from jaxshroud.march.tableau import tableau
+from jaxshroud.march.taylor import Taylor
 from jaxshroud.scene.config import load
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.accuracy import Choice, broken
 from jaxshroud.verbs.door import Asked, Marched, asked, chosen, marched
 
-WORDS = ("tableau", "locate", "precision")  # of a method
+WORDS = ("tableau", "order", "step_tolerance", "locate", "precision")  # of a method
 CHOSEN = ("steps_per_period", *WORDS)  # by an accuracy
 
 
@@ -62,10 +62,15 @@ def _request(file: SceneFile, options: argparse.Namespace, usual: Choices) -> As
     for name in CHOSEN:
         if options.accuracy is not None and getattr(options, name) is not None:
             raise CommandError(f"--accuracy chooses --{name.replace('_', '-')} itself; give one of them")
-    words = {name: getattr(options, name) for name in WORDS if getattr(options, name) is not None}
-    if "tableau" in words:
-        words["tableau"] = tableau(words["tableau"])
-    return asked(file, method=usual._replace(**words) if words else None, accuracy=options.accuracy)
+    method = _method(options, usual) if any(getattr(options, name) is not None for name in WORDS) else None
+    return asked(file, method=method, accuracy=options.accuracy)
+
+
+def _method(options: argparse.Namespace, usual: Choices) -> Choices:
+    """The method in the words of the options, as is usual where they do not say."""
+    method = as_tableau(options.tableau or usual.rk, options.order, options.step_tolerance)
+    locate = options.locate or ("series" if isinstance(method, Taylor) else usual.locate)
+    return Choices(method, locate, usual.ledger, options.precision or usual.precision)
 
 
 def _tell_choice(file: SceneFile, scenes: Scene, choice: Choice | None, options: argparse.Namespace) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, get_args
 
 from jaxshroud.cli.words import OneLineParser, accuracy, count, number, path, positive, steps, width
-from jaxshroud.march.words import TABLEAUS, Locate
+from jaxshroud.march.words import METHODS, Locate
 from jaxshroud.scene.checks import Precision
 from jaxshroud.version import __version__
 
@@ -56,7 +56,9 @@ def scene_options(made: OneLineParser, method: bool = True) -> None:
             "--accuracy", type=accuracy, metavar="A", help="fast, balanced, reference or a number: chooses all below"
         )
         made.add_argument("--steps-per-period", type=steps, metavar="N", help='or "auto"')
-        made.add_argument("--tableau", choices=TABLEAUS, help="Runge-Kutta method; rk4 by default")
+        made.add_argument("--tableau", choices=METHODS, help="Runge-Kutta method, rk4 by default; or power series")
+        made.add_argument("--order", type=count(1), metavar="N", help="of --tableau taylor")
+        made.add_argument("--step-tolerance", type=number, metavar="R", help="of --tableau taylor")
         made.add_argument("--locate", choices=get_args(Locate), help="how events are located")
         made.add_argument("--precision", choices=get_args(Precision), help="float64 by default")
     made.add_argument("--force", action="store_true", help="replace existing results")

@@ -34,9 +34,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.model.absent import ABSENT, Absent, Pair, Scalar, is_absent
+from jaxshroud.model.absent import ABSENT, Absent, Pair, Scalar, is_absent, where
 from jaxshroud.model.friction import Springs, contact_energy, slider_speed, slip_sign, stretch
 from jaxshroud.model.geometry import (
+    Case,
     Pose,
     Rates,
     Touch,
@@ -124,22 +125,31 @@ def guards(at: Touch, rate: Rates, leans: Lean, held: State, case: Int[Array, ""
     """Values and rates of the four guards."""
     apart, flat = held.mode == Mode.APART, case == FLAT
     lift = jnp.where(apart, 1.0, -1.0)
-    turn = jnp.where(is_upper(case), -1.0, 1.0)
-    height = jnp.where(is_upper(case) == tip_is_left(case), 1.0, -1.0)
-
     value, along = [lift * at.v], [lift * rate.v]
     if is_absent(at.turn):
         value, along = [*value, ABSENT, ABSENT], [*along, ABSENT, ABSENT]
     else:
         idle = lambda g: jnp.where(apart, -1.0, g)  # noqa: E731
         still = lambda g: jnp.where(apart | flat, 0.0, g)  # noqa: E731
-        value += [
-            idle(jnp.where(flat, -leans.lower, turn * at.turn - at.turn_rounding)),
-            idle(jnp.where(flat, leans.upper, height * at.height)),
-        ]
+        value += map(idle, switches(at, leans, case))
+        turn, height = senses(case)
         along += [still(turn * rate.turn), still(height * rate.height)]
     rub, rub_rate, slid = _rub(at, rate, held, spring)
     return Guards((*value, rub), (*along, rub_rate), slid)  # pyright: ignore[reportArgumentType]
+
+
+def senses(case: Case) -> tuple[Scalar, Scalar]:
+    """The signs with which theta_1 - theta_2 and the height leave a case."""
+    return jnp.where(is_upper(case), -1.0, 1.0), jnp.where(is_upper(case) == tip_is_left(case), 1.0, -1.0)
+
+
+def switches(at: Touch, leans: Lean, case: Case) -> tuple[Scalar, Scalar]:
+    """Values of the guards TURN and HEIGHT in contact."""
+    (turn, height), flat = senses(case), case == FLAT
+    return (
+        where(flat, -leans.lower, turn * at.turn - at.turn_rounding),
+        where(flat, leans.upper, height * at.height),
+    )
 
 
 def _rub(at: Touch, rate: Rates, held: State, spring: Springs) -> tuple[Scalar, Scalar, Scalar]:

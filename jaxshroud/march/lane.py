@@ -1,6 +1,6 @@
 """All that a lane carries through the march."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -8,14 +8,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.march.events import Counters, Guards, look, no_events
-from jaxshroud.march.locate import Search, fresh
+from jaxshroud.march.locate import fresh
 from jaxshroud.march.method import Choices
 from jaxshroud.march.peaks import Peaks
+from jaxshroud.march.rise import Stride
 from jaxshroud.march.within import Within, nothing_yet
 from jaxshroud.model.absent import ABSENT, Pair, Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.ready import Model, turns
-from jaxshroud.model.rhs import Integrals, rhs
+from jaxshroud.model.rhs import Integrals, rhs_once
 from jaxshroud.model.state import State
 from jaxshroud.scene.motion import Motion
 
@@ -68,7 +69,7 @@ class Lane(eqx.Module):
 
     state: State
     step: Int[Array, ""]  # the clock: integer index of the current step in the period
-    search: Search
+    search: Any  # a Search; of power series a Stride
     guards: Guards | None  # at the start of the trial; None where there are no events
     tally: Tally
     status: Int[Array, ""]
@@ -85,7 +86,7 @@ def begin(state: State, model: Model, method: Choices) -> Lane:
     zero = jnp.zeros_like(state.motion.x[0])
     count0 = jnp.zeros((), jnp.int32)
     yes = jnp.ones((), bool)
-    none = jax.tree.map(jnp.zeros_like, rhs((zero, zero), state, model, method.ledger)[1])
+    none = jax.tree.map(jnp.zeros_like, rhs_once((zero, zero), state, model, method.ledger)[1])
     jumps = Jumps(zero, zero if turns(model) else ABSENT) if method.ledger else None
     within = nothing_yet(zero) if method.within else None
     largest = jax.tree.map(jnp.zeros_like, displacements_of(state.motion))
@@ -94,6 +95,8 @@ def begin(state: State, model: Model, method: Choices) -> Lane:
     tally = Tally(none, jumps, log)
     guards = look(state.motion, (zero, zero), state, model).guards if model.spring.modal else None
     guards = jax.tree.map(jnp.zeros_like, guards)  # the first trial, of length zero, sets them
+    if method.taylor:
+        return Lane(state, count0, Stride(zero, zero, yes, count0 - 1, ~yes, count0, count0), None, tally, count0)
     search = fresh(zero, zero, yes, count0, method.locate, method.derivative)
     return Lane(state, count0, search, guards, tally, count0)
 

@@ -223,7 +223,7 @@ def _close_in(target: Target, low: Guards, below: Scalar, high: Scalar, h: Scala
     slid = jnp.zeros_like(width) if is_absent(low.slid) else jnp.where(target.kind == Kind.RUB, low.slid, 0.0)
     rise = _rise((pick(low.value), target.value), (pick(low.rate), target.rate), (slid, target.slid), width * h)
     late = jnp.where(rise.m_1 > 0, jnp.minimum(rise.g_1 / jnp.where(rise.m_1 > 0, rise.m_1, 1.0), 1.0), 1.0)
-    return jnp.minimum(below + width * _root(rise) + allowed / 2, high), late * width
+    return jnp.minimum(below + width * root(rise) + allowed / 2, high), late * width
 
 
 def picked(four, kind: Int[Array, ""]) -> Scalar:
@@ -235,7 +235,7 @@ def picked(four, kind: Int[Array, ""]) -> Scalar:
     return chosen
 
 
-def _root(rise: Rise) -> Scalar:
+def root(rise: Rise) -> Scalar:
     """Where the cubic, negative at 0 and positive at 1, crosses zero: Newton steps from the straight line's root."""
     a, b, c = rise.powers
     climb = jnp.maximum(rise.g_1 - rise.g_0, jnp.finfo(rise.g_1.dtype).tiny)

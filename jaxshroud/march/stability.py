@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.march.tableau import LEAST_STEPS, RK4, Tableau
+from jaxshroud.march.taylor import Taylor
 from jaxshroud.model.absent import Scalar, filled
 from jaxshroud.model.geometry import Corners, corners, pose, touch
 from jaxshroud.model.ready import springs
@@ -111,12 +112,16 @@ def contact_gradients(
     return v_q, u_q
 
 
-def step_report(omega_max: float, period: float, steps_per_period: int, method: Tableau = RK4) -> str | None:
+def step_report(omega_max: float, period: float, steps_per_period: int, method: Tableau | Taylor = RK4) -> str | None:
     """What is wrong with the step: None if nothing, else one line with numbers and cure.
+
+    Power series choose their own steps: what is called a step there is a unit of time.
 
     Raises:
         StepTooLongError: The march would be unstable.
     """
+    if isinstance(method, Taylor):
+        return None
     unstable, inaccurate = limits(method)
     product = omega_max * period / steps_per_period
     need = lambda limit: math.ceil(omega_max * period / limit)  # noqa: E731
@@ -134,14 +139,14 @@ def step_report(omega_max: float, period: float, steps_per_period: int, method: 
     return None
 
 
-def steps_for(scenes: Scene, batch_dims: int, steps: Steps, method: Tableau | None) -> int:
+def steps_for(scenes: Scene, batch_dims: int, steps: Steps, method: Tableau | Taylor | None) -> int:
     """Steps per period to march with.
 
     Args:
         scenes: One scene, or many with so many leading dimensions.
         batch_dims: How many those are.
         steps: Steps asked for, or "auto": by the stiffness of the lane that needs the most.
-        method: The Runge-Kutta method; None where nothing is stepped.
+        method: The method; None where nothing is stepped.
 
     Raises:
         StepTooLongError: The march would be unstable, or "auto" would take more than 10^7 steps.
@@ -160,8 +165,8 @@ def steps_for(scenes: Scene, batch_dims: int, steps: Steps, method: Tableau | No
     return steps
 
 
-def _auto(omega_max: np.ndarray, own: np.ndarray, period: np.ndarray, method: Tableau) -> int:
-    most, least = AUTO[method.name]
+def _auto(omega_max: np.ndarray, own: np.ndarray, period: np.ndarray, method: Tableau | Taylor) -> int:
+    most, least = AUTO["rk4" if isinstance(method, Taylor) else method.name]
     product = np.clip(1.25 * most * own / omega_max, least, most)
     need = float(np.max(omega_max * period / product))
     if not need < MOST_AUTO:

@@ -10,7 +10,7 @@ from jaxshroud.march.lane import Grid, Lane
 from jaxshroud.march.method import Choices
 from jaxshroud.model.absent import Pair, Scalar
 from jaxshroud.model.ready import Model
-from jaxshroud.model.rhs import Integrals, Slope, rhs, wave
+from jaxshroud.model.rhs import Integrals, Slope, rhs_once, wave
 from jaxshroud.model.state import State
 from jaxshroud.model.trig import sincos_turns, sine_versine
 from jaxshroud.scene.motion import Motion
@@ -43,13 +43,13 @@ NO_STAGES = Stages((), None)
 
 def rk_stages(known: Stages, upto: int, place: Place, held: State, model: Model, method: Choices):
     """The stages before number `upto`, and the slopes dz/dt in all of them; the mode stays fixed."""
-    tableau, (found, gain) = method.tableau, known
+    tableau, (found, gain) = method.rk, known
     slopes: list[State] = []
     waves = _waves(place, set(tableau.c[len(found) : upto]), model)
     for i in range(upto):
         now = _combined(held, place.h, tableau.a[i][: len(slopes)], slopes, model)
         if i == len(found):
-            slope, rates = rhs(waves[tableau.c[i]], now, model, method.ledger)
+            slope, rates = rhs_once(waves[tableau.c[i]], now, model, method.ledger)
             found = (*found, slope)
             gain = _added(gain, tableau.b[i], rates)
         slopes.append(_rates(now, found[i]))
@@ -78,12 +78,12 @@ class End(NamedTuple):
 
 def rk_step(known: Stages, place: Place, held: State, model: Model, method: Choices) -> End:
     """One explicit Runge-Kutta step in a fixed mode."""
-    b = method.tableau.b
+    b = method.rk.b
     (_, gain), slopes = rk_stages(known, len(b), place, held, model, method)
     now = _combined(held, place.h, b, slopes, model)
     Q, slope = _waves(place, {1.0}, model)[1.0], None
     if method.derivative:
-        rates, of_integrals = rhs(Q, now, model, method.ledger)
+        rates, of_integrals = rhs_once(Q, now, model, method.ledger)
         slope = _rates(now, rates), _wave_rates(place, model), of_integrals
     return End(now, Q, jax.tree.map(lambda a: place.h * a, gain), slope)
 

@@ -8,7 +8,20 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.events import Counters, Kind, any_of, count, crossing, first_kind, is_switch, kinds, look, seat
+from jaxshroud.march.events import (
+    Counters,
+    Crossing,
+    Kind,
+    View,
+    any_of,
+    count,
+    crossing,
+    first_kind,
+    is_switch,
+    kinds,
+    look,
+    seat,
+)
 from jaxshroud.march.implicit import at_the_root
 from jaxshroud.march.lane import Fixed, Jumps, Lane, Log, Tally, displacements_of, running
 from jaxshroud.march.locate import Search, fresh, judge, picked, select
@@ -16,8 +29,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.peaks import Peaks, peaks
 from jaxshroud.march.step import End, place_of
 from jaxshroud.march.within import Within, extremes
-from jaxshroud.model.absent import Scalar, where
-from jaxshroud.model.geometry import Touch
+from jaxshroud.model.absent import Pair, Scalar, where
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.state import State
@@ -45,7 +57,7 @@ def decide(lane: Lane, end: End, fixed: Fixed, method: Choices) -> Decision:
     """Judge a trial step that has come to `end`. Nothing here has a derivative."""
     lane, end, fixed = lax.stop_gradient((lane, end, fixed))
     (model, grid, stop), search = fixed, lane.search
-    goes, lost, h = running(lane, stop), ~_finite(end.state.motion), grid.h
+    goes, lost, h = running(lane, stop), ~finite(end.state.motion), grid.h
     if not model.spring.modal:
         no = jnp.zeros_like(goes)
         return Decision(goes, no, no, jnp.int32(Kind.LIFT), no, no, lost, jnp.zeros_like(h), search)
@@ -57,7 +69,7 @@ def decide(lane: Lane, end: End, fixed: Fixed, method: Choices) -> Decision:
     jumps = is_switch(kind, lane.state, model)
     rounding = where(kind == Kind.TURN, at.turn_rounding, at.rounding)
     exact = jumps & (picked(guards.value, kind) <= rounding)
-    verdict = judge(search, lane.guards, guards, violated, jumps, exact, h, method.locate, method.tableau.order)
+    verdict = judge(search, lane.guards, guards, violated, jumps, exact, h, method.locate, method.rk.order)
     again = jnp.zeros_like(goes)
     if search.met is not None:  # what is differentiated meets an event twice: first to learn how its instant moves
         again = verdict.fire & goes & ~search.met & (search.length > 0)
@@ -94,24 +106,20 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Choice
         met = unaccepted._replace(length=length, met=jnp.ones_like(again))
         search, unaccepted = search._replace(length=length), select(again, met, unaccepted)
     z = state.motion
-    view = look(z, Q, held, model)
-
-    cross = crossing(z, held, view, kind, decision.late, grid.h, model)
+    view, cross, onset, jumps = change(z, Q, held, fire, kind, decision.late, fixed)
     state = select(fire, cross.after, state)
     guards = select(fire, cross.guards, view.guards)
     # where guards may have jumped, or several were violated, one that still is fires in a trial of length zero
     jumped = decision.several | (kind == Kind.TURN) | (kind == Kind.HEIGHT)
     recheck = fire & jumped & any_of(guards.value[kind] > 0 for kind in kinds(guards.value))
     ahead, step = _advanced(search, lane.step, fire, recheck, method)
-    onset = fire & (kind == Kind.LIFT) & (held.mode == Mode.APART)
     noted = Noted(
         lambda counters: count(counters, cross, fire, search.inside),
         lambda before: extremes(before, held, z, h, held.mode == Mode.APART, onset, model),
         lambda before: peaks(before, held, z, h, model),
     )
-    jumps = jax.tree.map(lambda a: jnp.where(fire, a, 0.0), Jumps(cross.energy, cross.dropped))
-    tally = _tallied(lane.tally, gain, jumps, h, held.mode, z, view.at, noted)
-    status = jnp.where(accept, _status(z, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
+    tally = tallied(lane.tally, gain, jumps, h, held.mode, view.at.v, displacements_of(z), noted)
+    status = jnp.where(accept, status_of(z, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
     return Lane(
         select(accept, state, held),
         jnp.where(accept, step, lane.step),
@@ -120,6 +128,26 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Choice
         select(accept, tally, lane.tally),
         jnp.where(running(lane, stop), status, lane.status),
     )
+
+
+class Change(NamedTuple):
+    """What an event does where it happens."""
+
+    view: View
+    cross: Crossing
+    onset: Bool[Array, ""]
+    jumps: Jumps  # 0 where there is none
+
+
+def change(
+    z: Motion, Q: Pair, held: State, fire: Bool[Array, ""], kind: Int[Array, ""], late: Scalar, fixed: Fixed
+) -> Change:
+    """What becomes of a lane that has come to the motion `z`, where an event of `kind` happens if there is a `fire`."""
+    view = look(z, Q, held, fixed.model)
+    cross = crossing(z, held, view, kind, late, fixed.grid.h, fixed.model)
+    onset = fire & (kind == Kind.LIFT) & (held.mode == Mode.APART)
+    jumps = jax.tree.map(lambda a: jnp.where(fire, a, 0.0), Jumps(cross.energy, cross.dropped))
+    return Change(view, cross, onset, jumps)
 
 
 def _glided(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Choices) -> Lane:
@@ -135,8 +163,8 @@ def _glided(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Choi
         lambda before: extremes(before, lane.state, z, h, no, no, model),
         lambda before: peaks(before, lane.state, z, h, model),
     )
-    tally = _tallied(lane.tally, end.gain, still, h, mode, z, at, noted)
-    status = jnp.where(accept, _status(end.state.motion, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
+    tally = tallied(lane.tally, end.gain, still, h, mode, at.v, displacements_of(z), noted)
+    status = jnp.where(accept, status_of(end.state.motion, decision.lost, ahead.events), Status.OK).astype(jnp.int32)
     before = (lane.state, lane.step, lane.search, lane.tally)
     state, step, search, tally = select(accept, (end.state, step, ahead, tally), before)
     return Lane(state, step, search, None, tally, jnp.where(running(lane, stop), status, lane.status))
@@ -167,24 +195,28 @@ class Noted(NamedTuple):
     forces: Callable[[Peaks], Peaks]
 
 
-def _tallied(
-    tally: Tally, gain: Integrals, jumps: Jumps | None, h: Scalar, mode, z: Motion, at: Touch, noted: Noted
+Sizes = tuple[Pair, Pair, Pair]  # of x, y and theta
+
+
+def tallied(
+    tally: Tally, gain: Integrals, jumps: Jumps | None, h: Scalar, mode, v: Scalar, sizes: Sizes, noted: Noted
 ) -> Tally:
+    """A tally after `h` seconds in a `mode`, with the penetration `v` and displacements of such `sizes` in them."""
     return Tally(
         jax.tree.map(jnp.add, tally.integrals, gain),
         None if tally.jumps is None else jax.tree.map(jnp.add, tally.jumps, jumps),
-        None if tally.log is None else _logged(tally.log, h, mode, z, at, noted),
+        None if tally.log is None else _logged(tally.log, h, mode, v, sizes, noted),
     )
 
 
-def _logged(log: Log, h: Scalar, mode, z: Motion, at: Touch, noted: Noted) -> Log:
+def _logged(log: Log, h: Scalar, mode, v: Scalar, sizes: Sizes, noted: Noted) -> Log:
     apart, stick = mode == Mode.APART, mode == Mode.STICK
     return Log(
         log.time_apart + jnp.where(apart, h, 0.0),
         log.time_stick + jnp.where(stick, h, 0.0),
         log.time_slip + jnp.where(apart | stick, 0.0, h),
-        jnp.maximum(log.v_max, jnp.where(apart, 0.0, at.v)),
-        jax.tree.map(lambda most, now: jnp.maximum(most, jnp.abs(now)), log.largest, displacements_of(z)),
+        jnp.maximum(log.v_max, jnp.where(apart, 0.0, v)),
+        jax.tree.map(lambda most, now: jnp.maximum(most, jnp.abs(now)), log.largest, sizes),
         noted.counts(log.counters),
         None if log.within is None else noted.within(log.within),
         None if log.forces is None else noted.forces(log.forces),
@@ -203,11 +235,13 @@ def _advanced(search: Search, step, fire, again, method: Choices) -> tuple[Searc
     return ahead._replace(peeking=search.peeking & ~fire & ~over), step + over.astype(jnp.int32)
 
 
-def _finite(z: Motion) -> Bool[Array, ""]:
+def finite(z: Motion) -> Bool[Array, ""]:
+    """Whether all numbers are."""
     return jnp.isfinite(sum(jax.tree.leaves(z)))  # no sum of numbers one of which is not finite is
 
 
-def _status(z: Motion, lost, events) -> Int[Array, ""]:
+def status_of(z: Motion, lost: Bool[Array, ""], events: Int[Array, ""]) -> Int[Array, ""]:
+    """How a lane fares at the motion `z`, `lost` if that is not finite, after so many `events` in a step."""
     turned = any_of([lost, *(jnp.abs(theta) > ANGLE_RANGE for theta in jax.tree.leaves(z.theta))])
     status = jnp.where(events > MAX_EVENTS_PER_STEP, Status.TOO_MANY_EVENTS, Status.OK)
     status = jnp.where(turned, Status.ANGLE_OUT_OF_RANGE, status)

@@ -29,13 +29,13 @@ def nothing_yet(zero: Scalar) -> Within:
 
 
 def crest(rise: Rise) -> tuple[Scalar, Bool[Array, ""]]:
-    """The cubic's local maximum, and whether it has one beyond its start, up to its end."""
+    """Where the cubic has its local maximum, and whether it has one beyond its start, up to its end."""
     a, b, c = rise.powers
     square = b * b - 3 * a * c
     down = jnp.sqrt(jnp.maximum(square, 0.0)) - b  # the maximum is the root a / down of the derivative
     there = (square > 0) & (down != 0)
     s = a / jnp.where(there, down, 1.0)
-    return rise(s), there & (s > 0) & (s <= 1)
+    return s, there & (s > 0) & (s <= 1)
 
 
 def extremes(
@@ -43,7 +43,9 @@ def extremes(
 ) -> Within:
     """The extremes after a trial step of `h` seconds from `held` to the motion `z`, which may end in an `onset`."""
     (v_0, rate_0), (v_1, rate_1) = _penetration(held.motion, held, model), _penetration(z, held, model)
-    top, inside = crest(Rise(v_0, v_1, rate_0 * h, rate_1 * h))
+    rise = Rise(v_0, v_1, rate_0 * h, rate_1 * h)
+    s, inside = crest(rise)
+    top = rise(s)
     deepest = jnp.where(inside, jnp.maximum(top, v_1), v_1)
     missed = apart & inside & (top < 0)
     return Within(

@@ -6,6 +6,7 @@ traced, as with an exact zero, and leaves no operation behind; as a pytree it ha
 carry it. The physics is written once, for the full model.
 """
 
+from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -13,8 +14,22 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
-class Absent:
+class Formal(ABC):
+    """What stands for a number while a function is traced: an absent one, or a power series."""
+
+    @staticmethod
+    @abstractmethod
+    def chosen(condition: Any, yes: Any, no: Any) -> Any:
+        """`yes` where the `condition`, else `no`, one of which is of this class."""
+
+
+class Absent(Formal):
     """An exact zero that is known when tracing."""
+
+    @staticmethod
+    def chosen(condition: Any, yes: Any, no: Any) -> Any:
+        """One of two numbers, one of which is absent."""
+        return jnp.where(condition, *(0.0 if is_absent(a) else a for a in (yes, no)))
 
     def __add__(self, other: Any) -> Any:
         """The other one."""
@@ -46,7 +61,7 @@ class Absent:
 if TYPE_CHECKING:
     Scalar = Float[Array, ""]
 else:
-    Scalar = Float[Array, ""] | Absent  # behaves as a number would
+    Scalar = Float[Array, ""] | Formal  # behaves as a number would
 Pair = tuple[Scalar, Scalar]  # one per blade: two flat arrays of lanes are faster than one strided
 ABSENT: Any = Absent()
 jax.tree_util.register_pytree_node(Absent, lambda _: ((), None), lambda *_: ABSENT)
@@ -58,10 +73,12 @@ def is_absent(value: Any) -> bool:
 
 
 def where(condition: Any, yes: Any, no: Any) -> Any:
-    """`jnp.where` of numbers that may be absent."""
+    """`jnp.where` of numbers that may be absent, or series."""
     if yes is no:
         return yes
-    return jnp.where(condition, *(0.0 if is_absent(a) else a for a in (yes, no)))
+    formal = [a for a in (yes, no) if isinstance(a, Formal)]
+    kind = max(formal, key=lambda a: not is_absent(a), default=None)
+    return jnp.where(condition, yes, no) if kind is None else kind.chosen(condition, yes, no)
 
 
 def mixed(share: Any, yes: Any, no: Any) -> Any:

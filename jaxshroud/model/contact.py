@@ -5,8 +5,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.model.absent import Pair, Scalar, mixed
-from jaxshroud.model.geometry import Case, Corners, Touch, tip_is_left
+from jaxshroud.model.absent import Pair, Scalar, mixed, where
+from jaxshroud.model.geometry import Case, Corners, Touch, is_upper, tip_is_left
 from jaxshroud.model.modes import FLAT
 
 
@@ -46,10 +46,29 @@ def contact_load(at: Touch, N: Scalar, F: Scalar, case: Case, block: Corners, re
     friction = (-_moment(left, at.tangent), _moment(right, at.tangent))
     if reading:
         printed = _printed_moments(normal, friction, at, case, block, reading)
-        normal, friction = jax.tree.map(lambda a, b: jnp.where(case == FLAT, a, b), (normal, friction), printed)
+        normal, friction = jax.tree.map(lambda a, b: where(case == FLAT, a, b), (normal, friction), printed)
     f_x, f_y = (t_y, t_x) if "friction_components" in reading else (t_x, t_y)
     M = (N * normal[0] + F * friction[0], N * normal[1] + F * friction[1])
     return Load(-N * n_x - F * f_x, -N * n_y - F * f_y, M)
+
+
+def sprung_load(at: Touch, k: Scalar, N: Scalar, F: Scalar, case: Case, block: Corners) -> Load:
+    """The same in the consistent reading, where N = k v: with 5 products instead of 16, which is what series cost.
+
+    The offset is e = u t + v n, so that -N n - F t = -G t - k e with G = F - k u; and seen along the face, where its
+    own corner is at rest, the moment on the face's block is that of the force at this corner, less v G.
+    """
+    left_tip, (e_x, e_y), (t_x, t_y) = tip_is_left(case), at.offset, at.tangent
+    G = F - k * at.u
+    R_x, R_y = -(G * t_x) - k * e_x, -(G * t_y) - k * e_y
+    (l_x, r_x), (l_y, r_y) = at.corner, at.corner_y
+    tip = _moment((where(left_tip, l_x, -r_x), where(left_tip, l_y, -r_y)), (R_x, R_y))
+    upper = is_upper(case)
+    x = where(left_tip, -where(upper, block.b_x, block.a_x), -where(upper, block.a_x, block.b_x))
+    y = where(left_tip == upper, block.h_y, -block.h_y)
+    along, across = x * block.cos_alpha + y * block.sin_alpha, x * block.sin_alpha - y * block.cos_alpha
+    face = along * N - across * F - G * at.v
+    return Load(R_x, R_y, (where(left_tip, tip, face), where(left_tip, face, tip)))
 
 
 def _printed_moments(normal, friction, at: Touch, case, block: Corners, reading: frozenset[str]):
@@ -63,20 +82,20 @@ def _printed_moments(normal, friction, at: Touch, case, block: Corners, reading:
     if "levers" in reading:  # the lever ends at the corner's *height* on the face, and friction's is constant
         along_a = block.a_x * block.cos_alpha + block.h_y * block.sin_alpha  # l_ap cos(alpha - varphi_1) / 2
         along_b = block.b_x * block.cos_alpha - block.h_y * block.sin_alpha  # l_cg cos(alpha + varphi_2) / 2
-        N_face = height / sin_A - jnp.where((case == 1) | (case == 4), along_b, along_a)
+        N_face = height / sin_A - where((case == 1) | (case == 4), along_b, along_a)
         F_face = across_a
     else:
-        N_face = jnp.where(left_tip, normal[1], normal[0])
-        F_face = jnp.where(left_tip, friction[1], friction[0])
+        N_face = where(left_tip, normal[1], normal[0])
+        F_face = where(left_tip, friction[1], friction[0])
     if "M_N2_case1" in reading:  # (10): sign
-        N_face = jnp.where(case == 1, -N_face, N_face)
+        N_face = where(case == 1, -N_face, N_face)
     if "M_N1_case2" in reading:  # (14): sin(alpha - varphi_1) for sin(alpha - theta_1)
         sin_printed = across_a / jnp.hypot(block.a_x, block.h_y)
-        N_face = jnp.where(case == 2, N_face + height / sin_printed - height / sin_A, N_face)
+        N_face = where(case == 2, N_face + height / sin_printed - height / sin_A, N_face)
     if "M_N1_case4" in reading:  # (20): sign, and sin(alpha - theta_2) for sin(alpha - theta_1)
-        N_face = jnp.where(case == 4, -N_face + height / sin_A - height / at.sin_A2, N_face)
-    on_left = jnp.where(left_tip, normal[0], N_face), jnp.where(left_tip, friction[0], F_face)
-    on_right = jnp.where(left_tip, N_face, normal[1]), jnp.where(left_tip, F_face, friction[1])
+        N_face = where(case == 4, -N_face + height / sin_A - height / at.sin_A2, N_face)
+    on_left = where(left_tip, normal[0], N_face), where(left_tip, friction[0], F_face)
+    on_right = where(left_tip, N_face, normal[1]), where(left_tip, F_face, friction[1])
     if "M_N1_sign" in reading:  # (21), where (1) has a plus
         on_left = -on_left[0], on_left[1]
     return (on_left[0], on_right[0]), (on_left[1], on_right[1])

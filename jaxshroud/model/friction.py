@@ -51,7 +51,7 @@ def stretch(v: Scalar, u: Scalar, u_s: Scalar, mode: Int[Array, ""], spring: Spr
     if spring.smooth:
         limit = spring.lag * _softened(v, spring.width)
         return (_root(u - u_s + limit, spring.width) - _root(u - u_s - limit, spring.width)) / 2
-    return jnp.where(mode == Mode.STICK, u - u_s, slip_sign(mode, v.dtype) * spring.lag * v)
+    return where(mode == Mode.STICK, u - u_s, slip_sign(mode, v.dtype) * spring.lag * v)
 
 
 def normal_force(v: Scalar, mode: Int[Array, ""], spring: Springs) -> Scalar:
@@ -72,7 +72,7 @@ def friction_force(v: Scalar, u: Scalar, u_s: Scalar, mode: Int[Array, ""], spri
 def slider_speed(v_rate: Scalar, u_rate: Scalar, mode: Int[Array, ""], spring: Springs) -> Scalar:
     """d(u_s)/dt in slip [m/s]: u' - sigma mu k v' / k_d. Zero otherwise."""
     sigma = slip_sign(mode, v_rate.dtype)
-    return jnp.where(sigma == 0, 0.0, u_rate - sigma * (spring.lag * v_rate))
+    return where(sigma == 0, ABSENT, u_rate - sigma * (spring.lag * v_rate))
 
 
 def following(v: Scalar, u: Scalar, u_s: Scalar, mode: Int[Array, ""], spring: Springs) -> Scalar:

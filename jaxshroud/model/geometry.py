@@ -25,6 +25,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.model.absent import Pair, Scalar, is_absent, mixed
+from jaxshroud.model.series import Series, rate_of, sine_versine_of
 from jaxshroud.model.trig import sine_versine
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.scene import Shroud
@@ -77,8 +78,14 @@ class Pose(NamedTuple):
 
 def pose(x: Pair, y: Pair, theta: Pair) -> Pose:
     """Positions with their trigonometry done once."""
-    (s_1, v_1), (s_2, v_2) = ((t, t) if is_absent(t) else sine_versine(t) for t in theta)
+    (s_1, v_1), (s_2, v_2) = map(_rotation, theta)
     return Pose(x, y, theta, (s_1, s_2), (1 - v_1, 1 - v_2), (v_1, v_2))
+
+
+def _rotation(theta: Scalar) -> tuple[Scalar, Scalar]:
+    if is_absent(theta):
+        return theta, theta
+    return sine_versine_of(theta, sine_versine(theta[0])) if isinstance(theta, Series) else sine_versine(theta)
 
 
 class Blend(NamedTuple):
@@ -182,6 +189,8 @@ def touch_rates(at: Touch, z: Motion, case: Case, reading: frozenset[str]) -> Ra
     The offset e moves with the corners' velocities, and the axes n, t turn with the face: A' = -theta_f'. Hence
     v' = e'.n - theta_f' u and u' = e'.t + theta_f' v.
     """
+    if isinstance(at.v, Series):
+        return Rates(rate_of(at.v), rate_of(at.u), rate_of(at.height), rate_of(at.turn))
     (l_x, r_x), (l_y, r_y) = at.corner, at.corner_y
     w = z.v_theta
     e_x = (z.v_x[0] - z.v_x[1]) + w[0] * l_y - w[1] * r_y

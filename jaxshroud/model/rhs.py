@@ -1,17 +1,16 @@
 """Equation (1): the motion of both blocks while the contact mode and case are held fixed."""
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 
-from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent
-from jaxshroud.model.contact import Load, contact_load
+from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent, where
+from jaxshroud.model.contact import Load, contact_load, sprung_load
 from jaxshroud.model.friction import following, friction_force, normal_force, slider_speed
 from jaxshroud.model.geometry import Case, Pose, Touch, blend, is_upper, pose, tip_is_left, touch, touch_rates
-from jaxshroud.model.modes import FLAT
+from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.ready import Excitation, Model, turns
+from jaxshroud.model.series import Series
 from jaxshroud.model.state import State
 from jaxshroud.scene.motion import Motion
 
@@ -88,16 +87,24 @@ def lean(z: Motion, Q: Pair, at: Touch, held: State, model: Model) -> Lean:
         return Lean(ABSENT, ABSENT)
     N, F, load = _loaded(at, held, held.case, model)
     left, right = accelerated(z, Q, load, model).theta
-    along, corner = N * model.block.l_ab, F * at.v - N * at.u
-    here = jnp.where(is_upper(held.case), along, 0.0) - jnp.where(tip_is_left(held.case), corner, 0.0)
+    k = _stiffness(held, model)
+    along, corner = N * model.block.l_ab, (F - k * at.u) * at.v if isinstance(at.v, Series) else F * at.v - N * at.u
+    here = where(is_upper(held.case), along, ABSENT) - where(tip_is_left(held.case), corner, ABSENT)
     at_d, higher = model.mobility.joint * (left - right) + here, at.height > 0
-    return Lean(at_d + jnp.where(higher, corner, 0.0), at_d - along + jnp.where(higher, 0.0, corner))
+    return Lean(at_d + where(higher, corner, ABSENT), at_d - along + where(higher, ABSENT, corner))
 
 
 def _loaded(at: Touch, held: State, case: Case, model: Model) -> tuple[Scalar, Scalar, Load]:
     N = normal_force(at.v, held.mode, model.spring)
     F = friction_force(at.v, at.u, held.u_s, held.mode, model.spring)
+    if isinstance(at.v, Series) and model.spring.modal and turns(model) and not model.reading:
+        return N, F, sprung_load(at, _stiffness(held, model), N, F, case, model.block)
     return N, F, contact_load(at, N, F, case, model.block, model.reading)
+
+
+def _stiffness(held: State, model: Model) -> Scalar:
+    """Of the contact; absent where there is none."""
+    return where(held.mode == Mode.APART, ABSENT, model.spring.k)
 
 
 def mean_square(q: Pose, gyration: Scalar) -> Pair:
@@ -126,7 +133,6 @@ class Slope(NamedTuple):
     u_s: Scalar
 
 
-@partial(jax.jit, static_argnames="ledger", inline=True)
 def rhs(Q: Pair, now: State, model: Model, ledger: bool) -> tuple[Slope, Integrals]:
     """Accelerations by Eq. (1) and the rates of the running integrals while mode and case stay fixed.
 
@@ -145,9 +151,12 @@ def rhs(Q: Pair, now: State, model: Model, ledger: bool) -> tuple[Slope, Integra
         spent = works(z, Q, F, slide, model)
     a = accelerated(z, Q, load, model)
     if turns(model) and spring.modal:
-        theta = jax.tree.map(lambda one, own: jnp.where(case == FLAT, one, own), as_one(a.theta, model), a.theta)
+        theta = jax.tree.map(lambda one, own: where(case == FLAT, one, own), as_one(a.theta, model), a.theta)
         a = a._replace(theta=theta)
     return Slope(a, u_s), Integrals(mean_square(q, model.gyration), spent)
+
+
+rhs_once = jax.jit(rhs, static_argnames="ledger", inline=True)  # the same, traced once for all stages
 
 
 def stored_energy(z: Motion, model: Model) -> Scalar:

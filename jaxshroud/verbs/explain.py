@@ -74,11 +74,13 @@ def explain(scene: Scene | SceneFile, method: Method | Choices | None = None) ->
     full = with_parts(scene, Parts())
     lane = _ready(scene, method)[0]
     omega_max, period = float(largest_frequency(scene)), float(scene.drive.period)
-    stable, accurate = limits(method.tableau)
-    steps = {
-        "stable": int(np.ceil(omega_max * period / stable)),
-        "accurate": int(np.ceil(omega_max * period / accurate)),
-    }
+    steps = {}
+    if not method.taylor:
+        stable, accurate = limits(method.rk)
+        steps = {
+            "stable": int(np.ceil(omega_max * period / stable)),
+            "accurate": int(np.ceil(omega_max * period / accurate)),
+        }
     return Explained(
         parts=scene.parts,
         numbers=0 if closed else len(jax.tree.leaves(lane)),

@@ -22,7 +22,7 @@ from jaxshroud.batch.xla import EachLane, best, compiled
 from jaxshroud.march.energy import balance, energy
 from jaxshroud.march.events import Counters
 from jaxshroud.march.lane import Fixed, Lane, Log, grid
-from jaxshroud.march.method import REFERENCE, Choices, Method
+from jaxshroud.march.method import REFERENCE, Choices, Method, check_keeps
 from jaxshroud.march.stability import Steps
 from jaxshroud.model.absent import Scalar, filled, is_absent
 from jaxshroud.model.linear import free_motion
@@ -110,6 +110,8 @@ def simulate(
         raise InputError("Argument `events` keeps those of one scene with located contact; simulate it alone.")
     given = door.lanes
     how = marched(door, given, REFERENCE)
+    if events:
+        check_keeps(how.method, "events")
     scenes = in_precision(given, how.method.precision)
     count = door.n_periods * how.steps // every
     memory_for("what is stored of this run", len(scenes.drive.omega) * count * STEP)

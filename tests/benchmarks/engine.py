@@ -13,6 +13,7 @@ from jaxshroud.batch.xla import best
 from jaxshroud.march.lane import Lane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import tableau
+from jaxshroud.march.taylor import Taylor
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
 
@@ -23,6 +24,8 @@ METHODS = {f"jaxshroud {name}": (Choices(tableau(name), "cubic", False), steps) 
     "jaxshroud rk4 float32": (Choices(locate="cubic", ledger=False, precision="float32"), (50, 100, 200, 500)),
     "jaxshroud tsit5 float32": (Choices(tableau("tsit5"), "cubic", False, "float32"), (50, 75, 100, 150)),
 }
+
+ORDERS = {1e-3: 6, 1e-4: 8, 1e-5: 8, 1e-6: 10, 1e-7: 10, 1e-8: 12, 1e-9: 14, 1e-10: 16, 1e-11: 16, 1e-12: 18}
 
 
 def scenes_of(p: Problem) -> Scene:
@@ -37,6 +40,12 @@ def scenes_of(p: Problem) -> Scene:
 def motions(lanes: Lane) -> np.ndarray:
     """(lanes, 12) in the order of the peers."""
     return np.concatenate([np.stack(pair, axis=-1) for pair in lanes.state.motion], axis=-1).astype(float)
+
+
+def prepare_series(p: Problem) -> Callable[[float], np.ndarray]:
+    """A function of a tolerance of `ORDERS` that gives the final motions by power series."""
+    runs = {at: prepare(p, Choices(Taylor(order, at), "series", False)) for at, order in ORDERS.items()}
+    return lambda tolerance: runs[tolerance](200)  # steps, by which only flat contact and chatter are told
 
 
 def prepare(p: Problem, method: Choices, chunk: int = CHUNK, periods: int = PERIODS) -> Callable[[int], np.ndarray]:

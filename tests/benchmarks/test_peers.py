@@ -51,6 +51,8 @@ def contestants(whole: Problem):
     for name, (method, steps) in engine.METHODS.items():
         run = engine.prepare(whole, method)
         entries += [(name, n, whole, run) for n in steps]
+    by_series = engine.prepare_series(whole)
+    entries += [("jaxshroud taylor", tolerance, whole, by_series) for tolerance in engine.ORDERS]
     for module in PEERS:
         peer = importlib.import_module(f"peers.{module}")
         reason = peer.missing()

@@ -1,0 +1,155 @@
+"""The first guard to rise through zero along a course, by their polynomials.
+
+Each guard is looked at where parts of the trial end, and at the hump of its cubic in between: a guard may rise and fall
+back within a part. The one that seems first is closed in on by Newton's rule. Should another one be above zero there,
+which had crossed before, the trial is not accepted and the next one ends at this place: there the order is plain.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from jaxshroud.march.events import any_of
+from jaxshroud.march.locate import Rise, root, select
+from jaxshroud.model.absent import Scalar, filled, is_absent
+from jaxshroud.model.series import value_and_rate
+
+PARTS = 2  # of a trial, at whose ends guards are looked at
+NEWTONS = 4
+BEYOND = {8: 2.0**-42, 4: 2.0**-18}  # of a trial, by bytes of a number: events are met so late
+CONVERGED = {8: 2.0**-34, 4: 2.0**-14}  # of a trial: Newton steps that are as good as none
+MOST_TRIES = 4  # to tell which guard is first
+
+Coefficients = tuple[Scalar, ...]
+
+
+class Met(NamedTuple):
+    """What a trial meets."""
+
+    end: Scalar  # where it ends [rad]
+    which: Int[Array, ""]  # guard
+    fire: Bool[Array, ""]  # an event
+    peek: Bool[Array, ""]  # the top of a guard that had seemed to rise above zero
+    again: Bool[Array, ""]  # nothing is accepted, and the next trial ends here
+    inside: Bool[Array, ""]  # the guard has fallen below zero again by the end
+
+
+class Stride(NamedTuple):
+    """Where a lane is inside its current step, and what the trial before has found."""
+
+    done: Scalar  # of the step
+    cap: Scalar  # where the next trial ends at the latest, after one that was not accepted [rad]
+    recheck: Bool[Array, ""]  # guards may have jumped: one above zero is crossed at once ...
+    crossed: Int[Array, ""]  # ... but for that of this kind, which just was; -1: none
+    peeking: Bool[Array, ""]  # the trial has ended at the top of a guard
+    events: Int[Array, ""]  # in this step, with all that looked like one
+    tries: Int[Array, ""]  # trials in a row that came to nothing
+
+
+class _Place(NamedTuple):
+    """Where a guard seems to rise through zero."""
+
+    at: Scalar
+    low: Scalar  # the part's beginning
+    which: Int[Array, ""]
+    hump: Bool[Array, ""]  # `at` is the top of a hump
+    rise: Rise
+
+
+def first_rise(guards: list[Coefficients], h: Scalar, peeked: Bool[Array, ""], tries: Int[Array, ""]) -> Met:
+    """What the first `h` radians of a course meet.
+
+    Args:
+        guards: The guards as polynomials.
+        h: Length of the trial.
+        peeked: The trial before has ended at the top of a hump.
+        tries: Trials in a row that were not accepted.
+    """
+    guards = _ended(guards, h)
+    width, size = h * (1 / PARTS), h.dtype.itemsize
+    found, place, last = _sought(guards, h, width, peeked)
+    chosen = _picked(guards, place.which)
+    s, missed, error = _polished(chosen, place, width)
+    over = any_of(((value_and_rate(g, s)[0] > 0) & (place.which != i)) for i, g in enumerate(guards))
+    sure = missed | (jnp.abs(error) <= CONVERGED[size] * h)
+    again = found & (over | ~sure) & (tries < MOST_TRIES)
+    beyond = jnp.minimum(s + BEYOND[size] * h, h)
+    return Met(
+        end=jnp.where(found, beyond, h),
+        which=place.which,
+        fire=found & ~missed & ~again,
+        peek=found & missed & ~again,
+        again=again,
+        inside=place.hump & (_picked(last, place.which)[0] < 0),
+    )
+
+
+def _ended(guards: list[Coefficients], like: Scalar) -> list[Coefficients]:
+    """Each without absent coefficients, at the end of which it ends."""
+    last = [max(n for n, c in enumerate(guard) if n < 2 or not is_absent(c)) for guard in guards]
+    return [tuple(filled(guard[: n + 1], like)) for guard, n in zip(guards, last, strict=True)]
+
+
+def _sought(guards: list[Coefficients], h: Scalar, width: Scalar, peeked: Bool[Array, ""]):
+    """Whether a guard rises, where the first of them seems to, and the guards at the end with their rates."""
+    zero, none = jnp.zeros_like(h), jnp.zeros((), bool)
+    place = _Place(h, zero, jnp.int32(0), none, Rise(zero, zero, zero, zero))
+    found, before = none, [(g[0], g[1]) for g in guards]
+    for part in range(PARTS):
+        ends = [value_and_rate(g, width * (part + 1.0)) for g in guards]
+        here = found
+        for i, (start, end) in enumerate(zip(before, ends, strict=True)):
+            rises, hump, share, rise = _looked_at(start, end, width, peeked if part == 0 else none)
+            at = width * (part + share)
+            sooner = rises & ~found & (at < place.at)
+            place = select(sooner, _Place(at, width * float(part), jnp.int32(i), hump, rise), place)
+            here = here | rises
+        found, before = here, ends
+    return found, place, before
+
+
+def _looked_at(start: tuple, end: tuple, width: Scalar, peeked: Bool[Array, ""]):
+    """Whether a guard rises in a part, by a hump, at which share of it, and its cubic there."""
+    g_0, g_1 = jnp.minimum(start[0], 0.0), end[0]  # what has just been crossed may begin above zero
+    rise = Rise(g_0, g_1, start[1] * width, end[1] * width)
+    falls = (rise.m_0 > 0) & (rise.m_1 < 0)  # by the end, where it may still be above zero
+    top = rise.m_0 / jnp.where(falls, rise.m_0 - rise.m_1, 1.0)
+    hump = falls & (rise(top) > 0) & ~peeked
+    share = jnp.where(hump, top, -g_0 / jnp.where(g_1 > 0, g_1 - g_0, 1.0))
+    return hump | (g_1 > 0), hump, share, rise
+
+
+def _polished(chosen: Coefficients, place: _Place, width: Scalar):
+    """The root, whether it turned out that there is none, and the last Newton step; infinite where the guard falls.
+
+    A hump is left towards its rising side, by the root of the parabola through its top.
+    """
+    low, high, rise = place.low, place.low + width, place.rise
+    s = jnp.where(place.hump, place.at, low + width * root(rise))
+    g, rate = value_and_rate(chosen, s)
+    missed = place.hump & (g <= 0)
+    bend = jnp.where(place.hump, (rise.m_0 - rise.m_1) / jnp.where(width > 0, width * width, 1.0), 1.0)
+    back = (jnp.sqrt(jnp.maximum(rate * rate + 2 * bend * g, 0.0)) - rate) / jnp.where(bend > 0, bend, 1.0)
+    step = jnp.where(place.hump, back, _newton(g, rate))
+    for _ in range(NEWTONS):
+        low, high = jnp.where(g > 0, low, s), jnp.where(g > 0, s, high)
+        near = jnp.where(step < jnp.inf, jnp.clip(s - step, low, high), (low + high) / 2)
+        s = jnp.where(missed, s, near)
+        g, rate = value_and_rate(chosen, s)
+        step = _newton(g, rate)
+    return s, missed, step
+
+
+def _newton(g: Scalar, rate: Scalar) -> Scalar:
+    return jnp.where(rate > 0, g / jnp.where(rate > 0, rate, 1.0), jnp.inf)
+
+
+def _picked(guards: list, which: Int[Array, ""]) -> tuple:
+    """The numbers of one guard; what it lacks is 0."""
+    chosen = list(max(guards, key=len))
+    for k, longest in enumerate(chosen):
+        for i, guard in enumerate(guards):
+            mine = guard[k] if k < len(guard) else jnp.zeros_like(longest)
+            chosen[k] = jnp.where(which == i, mine, chosen[k])
+    return tuple(chosen)

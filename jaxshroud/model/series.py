@@ -1,0 +1,161 @@
+"""Power series in time that behave as numbers do: the physics is written once, for numbers and for series.
+
+Where x'' = f(x, x', t), coefficient n + 2 of x follows from coefficient n of f, which knows no later one of x. A series
+here works out its coefficients when they are asked for, one by one and each once. The right-hand side of Eq. (1),
+called with series that begin with a position and a rate and go on with its own result, is the recurrence for all.
+
+As in M. D. McIlroy, "Squinting at power series" (1990), but unrolled while a function is traced.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+
+from jaxshroud.model.absent import ABSENT, Formal, is_absent, where
+
+
+class Series(Formal):
+    """Coefficients by a `rule` of their index, which may use those before; ABSENT for an exact zero."""
+
+    def __init__(self, rule: Callable[[int], Any]):
+        self._rule, self._known = rule, []
+
+    def __getitem__(self, n: int) -> Any:
+        """Coefficient `n`."""
+        while len(self._known) <= n:
+            self._known.append(self._rule(len(self._known)))
+        return self._known[n]
+
+    def upto(self, n: int) -> tuple:
+        """Coefficients 0 to `n`."""
+        return tuple(self[k] for k in range(n + 1))
+
+    @property
+    def dtype(self) -> Any:
+        """Of the coefficients."""
+        return self[0].dtype
+
+    @property
+    def rate(self) -> "Series":
+        """The derivative."""
+        return Series(lambda n: (n + 1) * self[n + 1])
+
+    def __neg__(self) -> "Series":
+        """With the other sign."""
+        return Series(lambda n: -self[n])
+
+    def __add__(self, other: Any) -> Any:
+        """The sum."""
+        if is_absent(other):
+            return self
+        other = as_series(other)
+        return Series(lambda n: self[n] + other[n])
+
+    def __sub__(self, other: Any) -> Any:
+        """The difference."""
+        if is_absent(other):
+            return self
+        other = as_series(other)
+        return Series(lambda n: self[n] - other[n])
+
+    def __rsub__(self, other: Any) -> "Series":
+        """The difference."""
+        return as_series(other) - self
+
+    def __mul__(self, other: Any) -> Any:
+        """The product."""
+        if is_absent(other):
+            return other
+        if isinstance(other, Series):
+            return Series(lambda n: _square(self, n) if other is self else _product(self, other, n))
+        return Series(lambda n: other * self[n])
+
+    def __pow__(self, power: int) -> "Series":
+        """The square."""
+        assert power == 2
+        return self * self
+
+    def __truediv__(self, other: Any) -> "Series":
+        """The quotient."""
+        if not isinstance(other, Series):
+            return (1 / other) * self
+        inverse = 1 / other[0]
+        out = Series(lambda n: (self[n] - total([other[k] * out[n - k] for k in range(1, n + 1)])) * inverse)
+        return out
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __abs__(self) -> Any:
+        """Its size at the start."""
+        return abs(self[0])
+
+    def __gt__(self, other: Any) -> Any:
+        """Whether it is larger at the start."""
+        return self[0] > other
+
+    @staticmethod
+    def chosen(condition: Any, yes: Any, no: Any) -> "Series":
+        """`yes` where the `condition`, which does not change with time, else `no`."""
+        yes, no = as_series(yes), as_series(no)
+        return Series(lambda n: where(condition, yes[n], no[n]))
+
+
+def rate_of(value: Any) -> Any:
+    """The derivative of a series; an absent one has none."""
+    return value.rate if isinstance(value, Series) else value
+
+
+def cut(value: Any, n: int) -> Any:
+    """A series without what comes after coefficient `n`."""
+    return Series(lambda k: value[k] if k <= n else ABSENT) if isinstance(value, Series) else value
+
+
+def as_series(value: Any) -> Series:
+    """The series of what may be a constant."""
+    return value if isinstance(value, Series) else Series(lambda n: ABSENT if n else value)
+
+
+def total(terms: list) -> Any:
+    """The sum of terms, in two chains: half the latency of one."""
+    known = [t for t in terms if not is_absent(t)]
+    chains = [known[i::2] for i in (0, 1)]
+    sums = [sum(chain[1:], chain[0]) for chain in chains if chain]
+    return sum(sums[1:], sums[0]) if sums else ABSENT
+
+
+def _product(a: Series, b: Series, n: int) -> Any:
+    """Coefficient `n` of a product; the latest known is added last."""
+    inner = total([a[k] * b[n - k] for k in range(1, n)])
+    return inner + (a[0] * b[n] + a[n] * b[0] if n else a[0] * b[0])
+
+
+def _square(a: Series, n: int) -> Any:
+    half = total([a[k] * a[n - k] for k in range((n + 1) // 2)])
+    return half + half + (ABSENT if n % 2 else a[n // 2] * a[n // 2])
+
+
+def sine_versine_of(angle: Series, start: tuple) -> tuple[Any, Any]:
+    """Series of (sin x, 1 - cos x) of the `angle`, from their values at the `start`: s' = c x', (1 - c)' = s x'."""
+    rate = angle.rate
+    sine = Series(lambda n: _product(rate, cosine, n - 1) * (1 / n) if n else start[0])
+    versine = Series(lambda n: _product(rate, sine, n - 1) * (1 / n) if n else start[1])
+    cosine = 1 - versine
+    return sine, versine
+
+
+def value(coefficients: tuple, at: Any) -> Any:
+    """The polynomial of these coefficients."""
+    out = coefficients[-1]
+    for c in reversed(coefficients[:-1]):
+        out = out * at + c
+    return out
+
+
+def value_and_rate(coefficients: tuple, at: Any) -> tuple[Any, Any]:
+    """The polynomial of these coefficients and its derivative."""
+    out, rate = coefficients[-1], ABSENT
+    for c in reversed(coefficients[:-1]):
+        rate = rate * at + out
+        out = out * at + c
+    return out, jnp.zeros_like(at) + rate
