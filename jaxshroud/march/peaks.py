@@ -58,8 +58,8 @@ def _apart(held: State) -> Bool[Array, ""]:
 
 def _top(rise: Rise) -> Scalar:
     """The largest value of a cubic on its stretch."""
-    top, inside = crest(rise)
-    return jnp.maximum(jnp.maximum(rise.g_0, rise.g_1), jnp.where(inside, top, rise.g_1))
+    s, inside = crest(rise)
+    return jnp.maximum(jnp.maximum(rise.g_0, rise.g_1), jnp.where(inside, rise(s), rise.g_1))
 
 
 def _seen(z: Motion, held: State, model: Model) -> _Seen:

@@ -208,6 +208,7 @@ def test_second_opinion():
     assert np.all(runs.last.status[comparable] == Status.OK)
 
 
+@pytest.mark.full
 def test_samples_agree_with_a_march_that_stops_there(table1):
     # Once with 8 samples in a period and once with 40: the common ones differ by what steps of other lengths err by.
     method = js.Method("taylor", order=8, tolerance=1e-9)
