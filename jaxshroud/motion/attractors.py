@@ -1,11 +1,12 @@
 """The motions that lanes of one scene end on, told apart by the distance between their orbits."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Ticker, run_lanes
+from jaxshroud.batch.runs import Plan, run_lanes
 from jaxshroud.batch.states import STATE, final_states, from_vector, rows, to_vector
 from jaxshroud.batch.xla import repeated
 from jaxshroud.model.modes import Status
@@ -18,6 +19,7 @@ from jaxshroud.motion.shooting import Aim, closed_orbit, moved_start, shortest_o
 from jaxshroud.motion.together import Algorithm, alone_found
 from jaxshroud.scene.scene import Scene
 
+Tick = Callable[[int], None]  # told of lane-periods done
 KEPT, KEPT_APERIODIC = 64, 512  # periods that are looked at
 FIRST = 192  # periods of the first round, whatever the motion; each round doubles them
 EXACT, EXPLAINED = 1e-6, 4.0  # distances that are none, and times a lane's own drift that may still be gone
@@ -61,7 +63,7 @@ class Found(NamedTuple):
     gap: float  # of the scene [m]
 
 
-def ended(scene: Scene, states: State, most: int, steps: int, method, ticker: Ticker) -> Ended:
+def ended(scene: Scene, states: State, most: int, steps: int, method, ticker: Tick) -> Ended:
     """Lanes run from their states until they repeat and are settled, for `most` periods at most."""
     found = _round(scene, states, Plan(max(min(FIRST, most) - KEPT, 0), KEPT, steps, 0.0, method), ticker)
     spent = max(FIRST, KEPT)
@@ -78,7 +80,7 @@ def ended(scene: Scene, states: State, most: int, steps: int, method, ticker: Ti
     return found
 
 
-def _round(scene: Scene, states: State, plan: Plan, ticker: Ticker) -> Ended:
+def _round(scene: Scene, states: State, plan: Plan, ticker: Tick) -> Ended:
     scenes = repeated(scene, len(states.u_s))
     runs = run_lanes(scenes, states, plan, ticker)
     orbit, power, _ = averages(scenes, runs.samples)
@@ -98,7 +100,7 @@ def _put(found: Ended, at: np.ndarray, new: Ended) -> Ended:
     return jax.tree.map(put, found, new)
 
 
-def attractors_of(scene: Scene, states: State, most: int, aim: Aim, ticker: Ticker) -> Found:
+def attractors_of(scene: Scene, states: State, most: int, aim: Aim, ticker: Tick) -> Found:
     """What lanes of a scene end on from their states (leading axis)."""
     end = ended(scene, states, most, aim.steps, aim.method, ticker)
     good = end.status == Status.OK
@@ -229,7 +231,7 @@ def _with_slider(cycle: Cycle, u_s: float, aim: Aim) -> Algorithm[Cycle | None]:
     return here
 
 
-def _sets(scene: Scene, end: Ended, label: np.ndarray, first: int, units: np.ndarray, aim: Aim, ticker: Ticker):
+def _sets(scene: Scene, end: Ended, label: np.ndarray, first: int, units: np.ndarray, aim: Aim, ticker: Tick):
     """Aperiodic attractors, by the sets that longer runs of some lanes fill; the others are where their points are."""
     lanes = np.flatnonzero((end.number == 0) & (end.status == Status.OK))
     if not len(lanes):

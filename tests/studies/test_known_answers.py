@@ -14,7 +14,8 @@ def test_exponents_of_textbook_systems_are_the_published_ones():
 
 
 def test_signals_are_called_what_they_are():
-    table = known_answers.confusion(known_answers.signals(6))
+    # Seeds that the study does not use. A torus nearly returns at times, which is what some are called.
+    table = known_answers.confusion([signal for seed in (6, 7, 8) for signal in known_answers.signals(seed)])
     wrong = {truth: row for truth, row in table.items() if row.get(truth, 0) < 0.9 * sum(row.values())}
     assert not wrong
     assert all(row.get("undecided", 0) <= 0.1 * sum(row.values()) for row in table.values())
