@@ -23,6 +23,7 @@ from jaxshroud.model.state import State, start
 from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.scene import Scene
 
+Tick = Callable[[int], None]  # told how many lane-periods were done
 Progress = Callable[[int, int], None]  # lane-periods done so far, and in all
 
 
@@ -89,9 +90,7 @@ class Runs:
     last: Any  # Lane at the end
 
 
-def run_lanes(
-    scenes: Scene, states: State, plan: Plan, ticker: Callable[[int], None], arrived: np.ndarray | None = None
-) -> Runs:
+def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray | None = None) -> Runs:
     """All lanes (leading axis), in chunks that share one compiled function, one thread per core.
 
     Args:
@@ -117,9 +116,7 @@ def run_lanes(
         raise Interrupted(completed(stopped.done, lambda runs: joined(runs, lanes))) from None
 
 
-def chunk_by_chunk(
-    run: Callable[[Any, Callable[[int], None]], Tree], lanes: Any, ticker: Callable[[int], None]
-) -> Tree:
+def chunk_by_chunk(run: Callable[[Any, Tick], Tree], lanes: Any, ticker: Tick) -> Tree:
     """`run` of some lanes at a time, and of what tells that so much of each is done; all lanes of the results.
 
     Args:
@@ -159,7 +156,7 @@ def _not_run(like: Runs) -> Runs:
     return replace(empty, last=eqx.tree_at(lambda lane: lane.status, empty.last, status))
 
 
-def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, tick: Callable[[int], None]) -> Runs:
+def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, tick: Tick) -> Runs:
     scenes, states, arrived = chunk
     lanes = begin_lanes(scenes, states, plan.method)
     if plan.lead_in is not None and not arrived.all():

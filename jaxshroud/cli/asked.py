@@ -6,9 +6,8 @@ import sys
 import numpy as np
 
 from jaxshroud.cli.terminal import CommandError, blamed
-from jaxshroud.march.method import Choices, as_tableau
+from jaxshroud.march.method import Choices, as_tableau, located
 from jaxshroud.march.stability import step_report, stiffest
-from jaxshroud.march.taylor import Taylor
 from jaxshroud.scene.config import load
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
@@ -69,7 +68,7 @@ def _request(file: SceneFile, options: argparse.Namespace, usual: Choices) -> As
 def _method(options: argparse.Namespace, usual: Choices) -> Choices:
     """The method in the words of the options, as is usual where they do not say."""
     method = as_tableau(options.tableau or usual.rk, options.order, options.step_tolerance)
-    locate = options.locate or ("series" if isinstance(method, Taylor) else usual.locate)
+    locate = located(method, options.locate, usual.locate)
     return Choices(method, locate, usual.ledger, options.precision or usual.precision)
 
 

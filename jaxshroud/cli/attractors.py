@@ -32,13 +32,13 @@ def attractors_verb(options: argparse.Namespace) -> None:
             method=how.method,
             progress=report,
         )
-    named(found, file).save(options.out / "attractors.nc")
-    drawing.save(found.plot(), options.out / "attractors.png")
-    tell(found, file, options, time.perf_counter() - began)
+    keep(found, "attractors", file, options, time.perf_counter() - began)
 
 
-def tell(found: Any, file: SceneFile, options: argparse.Namespace, seconds: float) -> None:
-    """The summary of attractors, as a file and as tables."""
+def keep(found: Any, name: str, file: SceneFile, options: argparse.Namespace, seconds: float) -> None:
+    """Attractors as files of that name, with their picture, and their summary as a file and as tables."""
+    named(found, file).save(options.out / f"{name}.nc")
+    drawing.save(found.plot(), options.out / f"{name}.png")
     rows = [
         {
             "attractor": name,

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 
 from jaxshroud.batch.xla import alone
 from jaxshroud.cli.asked import loaded, march
-from jaxshroud.cli.attractors import tell
-from jaxshroud.cli.store import named
+from jaxshroud.cli.attractors import keep
 from jaxshroud.cli.terminal import CommandError, blamed, directory, progress_bar
 from jaxshroud.march.method import FAST
-from jaxshroud.results import drawing
 from jaxshroud.scene.axes import axis
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.verbs.basins import basins
@@ -34,9 +32,7 @@ def basins_verb(options: argparse.Namespace) -> None:
             method=how.method,
             progress=report,
         )
-    named(found, file).save(options.out / "basins.nc")
-    drawing.save(found.plot(), options.out / "basins.png")
-    tell(found, file, options, time.perf_counter() - began)
+    keep(found, "basins", file, options, time.perf_counter() - began)
 
 
 def _ranges(file: SceneFile, plane: Sequence[str], options: argparse.Namespace) -> list[tuple[float, float]] | None:

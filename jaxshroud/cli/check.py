@@ -1,6 +1,7 @@
 """The command `check`."""
 
 import argparse
+import math
 
 from jaxshroud.cli.asked import loaded
 from jaxshroud.cli.terminal import print_columns, print_table
@@ -24,14 +25,14 @@ def check_verb(options: argparse.Namespace) -> None:
         "gap": f"{sheet.gap * 1e3:.4g} mm; the free blades approach by {reached}",
         "inertia": f"{_pair(sheet.inertia)} times that of a uniform block",
         "contact": f"gamma = k / k_x = {sheet.gamma:.4g}",
-        "stiffest motion": f"{sheet.omega_max / 6.283185307179586:.5g} Hz; {sheet.steps} steps a period (auto, rk4)",
+        "stiffest motion": f"{sheet.omega_max / math.tau:.5g} Hz; {sheet.steps} steps a period (auto, rk4)",
         **{f"doubtful {i}": text for i, text in enumerate(sheet.doubts, 1)},
     }
     print_table("", rest if sheet.doubts else {**rest, "doubtful": "nothing"})
 
 
 def _row(sheet: Sheet, name: str, one: Coordinate, i: int) -> list[str]:
-    unit, scale = ("deg", 57.29577951308232) if name == "theta" else ("mm", 1e3)
+    unit, scale = ("deg", math.degrees(1)) if name == "theta" else ("mm", 1e3)
     lengths = [f"{values[i] * scale:.4g} {unit}" for values in (one.static, one.amplitude, one.resonant)]
     moved = sheet.corner[i] if name == "theta" else one.amplitude[i]
     gaps = f"{moved / abs(sheet.gap):.3g}" if sheet.gap else "-"

@@ -34,14 +34,14 @@ def as_tableau(
     return given
 
 
-def located(method: Tableau | Taylor, locate: Locate | None) -> Locate:
+def located(method: Tableau | Taylor, locate: Locate | None, usual: Locate = "bisection") -> Locate:
     """How a method locates events: as asked, or as is usual.
 
     Raises:
         ValueError: It has no such way.
     """
     if locate is None:
-        return "series" if isinstance(method, Taylor) else "bisection"
+        return "series" if isinstance(method, Taylor) else usual
     word_argument("locate", locate, Locate)
     if (locate == "series") != isinstance(method, Taylor):
         raise InputError('Argument `locate` must be "series" with the method taylor, and with no other.')

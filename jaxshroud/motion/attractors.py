@@ -1,12 +1,11 @@
 """The motions that lanes of one scene end on, told apart by the distance between their orbits."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, run_lanes
+from jaxshroud.batch.runs import Plan, Tick, run_lanes
 from jaxshroud.batch.states import STATE, final_states, from_vector, rows, to_vector
 from jaxshroud.batch.xla import repeated
 from jaxshroud.model.modes import Status
@@ -19,7 +18,6 @@ from jaxshroud.motion.shooting import Aim, closed_orbit, moved_start, shortest_o
 from jaxshroud.motion.together import Algorithm, alone_found
 from jaxshroud.scene.scene import Scene
 
-Tick = Callable[[int], None]  # told of lane-periods done
 KEPT, KEPT_APERIODIC = 64, 512  # periods that are looked at
 FIRST = 192  # periods of the first round, whatever the motion; each round doubles them
 EXACT, EXPLAINED = 1e-6, 4.0  # distances that are none, and times a lane's own drift that may still be gone

@@ -5,14 +5,13 @@ the second a tangent grows; the samples of the third go through the 0-1 test, an
 accident of one stretch speaks three times.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Runs, run_lanes
+from jaxshroud.batch.runs import Plan, Runs, Tick, run_lanes
 from jaxshroud.batch.states import final_states, rows
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State
@@ -26,7 +25,6 @@ from jaxshroud.motion.together import Algorithm, Periods, together
 from jaxshroud.motion.zero_one import zero_one
 from jaxshroud.scene.scene import Scene
 
-Tick = Callable[[int], None]
 STILL = 1e-6  # of a displacement's size: samples that vary by less are constant to the 0-1 test
 
 

@@ -1,12 +1,12 @@
 """The largest Lyapunov exponent of many lanes, from one tangent of each."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
 
+from jaxshroud.batch.runs import Tick
 from jaxshroud.batch.states import STATE, from_vector, to_vector
 from jaxshroud.batch.tangents import Dual, differentiable, onward, run_flow
 from jaxshroud.march.method import Choices
@@ -36,7 +36,7 @@ def shifted(scenes: Scene, phase: float) -> Scene:
 
 
 def largest_exponents(
-    scenes: Scene, states: State, n: int, steps: int, method: Choices, ticker: Callable[[int], None] = lambda _: None
+    scenes: Scene, states: State, n: int, steps: int, method: Choices, ticker: Tick = lambda _: None
 ) -> Largest:
     """The largest exponent of settled motions from their states at drive phase 0.
 

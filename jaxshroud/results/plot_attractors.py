@@ -23,7 +23,7 @@ from jaxshroud.results.drawing import (
     say,
 )
 from jaxshroud.results.look import on_axes, styled
-from jaxshroud.results.panels import figure_of, panel_of
+from jaxshroud.results.panels import figure_of, panel_of, scale_of
 from jaxshroud.results.plot import STOPPED
 
 Attractors = Basins = Any  # those of `results`, which import this module
@@ -59,15 +59,20 @@ def attractors(found: Attractors, ax: Axes | None = None, panel: str | None = No
 
 def _draw_orbits(panel: Axes, found: Attractors) -> None:
     """The left blade's path, and where it is at the strobe."""
-    gap = found.gap
-    scale, label = (1 / gap, r"$x_1/\Delta$") if gap > 0 else (1e3, "$x_1$ [mm]")
+    scale = scale_of(np.asarray(found.gap))
     for i in reversed(range(len(found.share))):
         thin: Any = {"lw": 0.5, "alpha": 0.6} if found.kind[i] == 2 else {"lw": 1.0}
-        panel.plot(found.path_x[i] * scale, found.path_v_x[i], color=colour(i), label=_name(found, i), **thin)
+        panel.plot(found.path_x[i] * scale.factor, found.path_v_x[i], color=colour(i), label=_name(found, i), **thin)
         panel.plot(
-            found.motion.x[i, 0] * scale, found.motion.v_x[i, 0], "o", ms=3, color=colour(i), mec="white", mew=0.4
+            found.motion.x[i, 0] * scale.factor,
+            found.motion.v_x[i, 0],
+            "o",
+            ms=3,
+            color=colour(i),
+            mec="white",
+            mew=0.4,
         )
-    panel.set(xlabel=label, ylabel="$v_{x1}$ [m/s]")
+    panel.set(xlabel=scale.label("1"), ylabel="$v_{x1}$ [m/s]")
 
 
 def _name(found: Attractors, i: int) -> str:

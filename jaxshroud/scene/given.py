@@ -26,7 +26,6 @@ from jaxshroud.scene.schema import number
 
 Document = dict[str, Any]
 Values = tuple[float, ...]  # one per blade, or one of the whole
-TURN = 2 * math.pi
 
 
 class Way(NamedTuple):
@@ -39,7 +38,7 @@ class Way(NamedTuple):
 
 
 def _stiffness(f: float, mass: float) -> float:
-    return mass * (TURN * f) ** 2
+    return mass * (math.tau * f) ** 2
 
 
 def _damping(zeta: float, k: float, mass: float) -> float:
@@ -59,7 +58,7 @@ WAYS = (  # in the order in which they are worked out
     *_ways("x", "blades.m"),
     *_ways("y", "blades.m_y"),
     *_ways("T", "blades.I"),
-    _way(["drive.f"], "drive.omega", (), lambda f: TURN * f),
+    _way(["drive.f"], "drive.omega", (), lambda f: math.tau * f),
     _way(["drive.engine_order", "drive.speed"], "drive.omega", (), lambda order, speed: order * speed),
 )
 GIVEN = {key.name: way for way in WAYS for key in way.keys}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from jaxshroud.march.stability import largest_frequency, steps_for
+from jaxshroud.march.stability import steps_for, stiffest
 from jaxshroud.march.tableau import RK4
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import steady_amplitudes
@@ -70,7 +70,7 @@ def check(scene: Scene | SceneFile) -> Sheet:
     scene = one_scene("check", scene)
     held = jax.tree.map(np.asarray, scene)
     b, d, s = held.blades, held.drive, held.shroud
-    free, omega_max = jax.tree.map(np.asarray, (steady_amplitudes(scene), largest_frequency(scene)))
+    free = jax.tree.map(np.asarray, steady_amplitudes(scene))
     loads = {"x": d.F_0 * np.cos(d.beta), "y": d.F_0 * np.sin(d.beta), "theta": d.M_0}
     held_by = {"x": (b.m, b.c_x, b.k_x), "y": (b.inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}
     coordinates = {
@@ -88,7 +88,7 @@ def check(scene: Scene | SceneFile) -> Sheet:
         corner=_both(corner),
         inertia=_both(b.I / block),
         gamma=float(scene.k / b.k_x[0]),
-        omega_max=float(omega_max),
+        omega_max=stiffest(scene, 0)[0],
         steps=steps_for(scene, 0, "auto", RK4),
         doubts=(),
     )

@@ -1,7 +1,7 @@
 """What is to be tuned, and what simulations say of designs."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Literal, NamedTuple
 
@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.extent import fits
-from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.runs import Plan, Tick, run_lanes, starts
 from jaxshroud.batch.states import as_precise
 from jaxshroud.batch.xla import repeated
 from jaxshroud.march.method import FAST
@@ -24,7 +24,6 @@ from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
 
 Goal = Literal["mean", "worst"]
-Tick = Callable[[int], None]  # told how many lane-periods were done
 
 
 class Problem(NamedTuple):

@@ -1,6 +1,6 @@
 """One scene in full: its motion at every step."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from jaxshroud.batch.instants import march_with_events, sampled
 from jaxshroud.batch.loop import driven
 from jaxshroud.batch.periods import Clock, begin_lanes
 from jaxshroud.batch.resultants import resultants
-from jaxshroud.batch.runs import Progress, Ticker, chunk_by_chunk
+from jaxshroud.batch.runs import Progress, Tick, Ticker, chunk_by_chunk
 from jaxshroud.batch.xla import EachLane, best, compiled
 from jaxshroud.march.energy import balance, energy
 from jaxshroud.march.events import Counters
@@ -206,7 +206,7 @@ def _shares(log: Log) -> dict[str, np.ndarray]:
         return {name: t / whole for name, t in spent.items()}
 
 
-def _chunk(scenes: Scene, states: State, grid: _Grid, how: Marched, tick: Callable[[int], None]) -> _Kept:
+def _chunk(scenes: Scene, states: State, grid: _Grid, how: Marched, tick: Tick) -> _Kept:
     """What some lanes (leading axis) come to."""
     lanes, first = _begin(scenes, states, how.method)
     held, clock, instants = _energy(scenes, lanes), _clock(grid.turns, how, first.u_s.dtype), None
@@ -228,7 +228,7 @@ def _chunk(scenes: Scene, states: State, grid: _Grid, how: Marched, tick: Callab
 
 
 def _blocks(
-    scenes: Scene, lanes: Lane, grid: _Grid, how: Marched, clock: Clock, tick: Callable[[int], None]
+    scenes: Scene, lanes: Lane, grid: _Grid, how: Marched, clock: Clock, tick: Tick
 ) -> tuple[Lane, list[State]]:
     """The lanes at the end, and their samples (lanes, samples) but for the first."""
     samples, longest = [], min(max(STEPS_AT_ONCE // grid.every, 1), BLOCK)
