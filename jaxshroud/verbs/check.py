@@ -10,6 +10,7 @@ from jaxshroud.march.stability import steps_for, stiffest
 from jaxshroud.march.tableau import RK4
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import steady_amplitudes
+from jaxshroud.motion.averages import half_diagonal
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.lanes import one_scene
@@ -78,7 +79,7 @@ def check(scene: Scene | SceneFile) -> Sheet:
         for name in scene.parts.motion
     }
     block = b.m * float(gyration(scene.shroud))
-    corner = np.hypot(s.l_oa, s.l_ab) / 2 * np.abs(free.theta)
+    corner = float(half_diagonal(scene.shroud)) * np.abs(free.theta)
     towards = (free.x[0] - free.x[1]) * np.sin(s.alpha) - (free.y[0] - free.y[1]) * np.cos(s.alpha)
     sheet = Sheet(
         coordinates=coordinates,

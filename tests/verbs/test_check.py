@@ -20,6 +20,9 @@ def test_the_sheet_tells_what_the_numbers_mean():
     assert x.resonant == pytest.approx([force / (3.57 * np.sqrt(1e5 / 0.08))] * 2, rel=1e-12)
     dynamic = force / np.hypot(1e5 - 0.08 * 536**2, 3.57 * 536)
     assert x.amplitude == pytest.approx([dynamic] * 2, rel=1e-12)
+    # The longer diagonal of a parallelogram of 50 mm and 35 mm whose acute angle is 60 degrees, by the cosine rule.
+    diagonal = np.sqrt(0.05**2 + 0.035**2 + 0.05 * 0.035)
+    assert sheet.corner == pytest.approx(np.array(sheet.coordinates["theta"].amplitude) * diagonal / 2, rel=1e-12)
     assert sheet.gamma == pytest.approx(2.5)
     assert sheet.inertia == pytest.approx([2.46e-3 / (0.08 * (0.05**2 + 0.035**2) / 12)] * 2, rel=1e-12)
 
