@@ -1,5 +1,7 @@
 """Lanes of a grid: all at once, or along its first axis one after the other."""
 
+from dataclasses import dataclass
+
 import jax
 import numpy as np
 
@@ -10,6 +12,14 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State
 from jaxshroud.scene.parts import Direction
 from jaxshroud.scene.scene import Scene
+
+
+@dataclass
+class Relay:
+    """How far lanes have come that are continued from value to value: handed from one stretch of values to the next."""
+
+    state: State | None = None  # at the end of the value before; None at the first
+    arrived: np.ndarray | None = None  # which lanes came there; the others start afresh
 
 
 def independent(scenes: Scene, shape: tuple[int, ...], plan: Plan, ticker: Ticker, states: State | None = None) -> Runs:
@@ -34,8 +44,18 @@ def continued(
     states: State | None = None,
     *,
     direction: Direction,
+    relay: Relay | None = None,
 ) -> Runs:
     """Lanes along the first axis one after the other, each from the final state of the one before.
+
+    Args:
+        scenes: The scenes, with leading axes of that `shape`.
+        shape: Of the lanes.
+        plan: How long to run.
+        ticker: Told how much is done.
+        states: Where to start; by default from the scenes' own starts.
+        direction: From the first value to the last, or "backward".
+        relay: Where the values before these have ended; afterwards where these have.
 
     Raises:
         Interrupted: As in `run_lanes`.
@@ -43,15 +63,15 @@ def continued(
     order = range(shape[0]) if direction == "forward" else range(shape[0] - 1, -1, -1)
     joined = lambda runs: jax.tree.map(lambda *a: np.stack(a).reshape(*shape, *a[0].shape[1:]), *runs)  # noqa: E731
     runs: list[Runs | None] = [None] * shape[0]
-    state = arrived = None
+    relay = relay or Relay()
     for i in order:
         here, begin = jax.tree.map(lambda a, i=i: a[i].reshape(-1, *a.shape[len(shape) :]), (scenes, states))
         fresh = starts(here) if begin is None else begin
         try:
-            runs[i] = run = run_lanes(here, fresh if state is None else state, plan, ticker, arrived)
+            runs[i] = run = run_lanes(here, fresh if relay.state is None else relay.state, plan, ticker, relay.arrived)
         except Interrupted as stopped:
             runs[i] = stopped.done
             raise Interrupted(completed(runs, joined)) from None
         arrived = run.last.status == Status.OK  # a lane that had stopped starts afresh
-        state = chosen(arrived, final_states(run.last.state), fresh)
+        relay.state, relay.arrived = chosen(arrived, final_states(run.last.state), fresh), arrived
     return joined(runs)

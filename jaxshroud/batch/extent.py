@@ -6,6 +6,7 @@ from jaxshroud.scene.errors import InputError
 
 MOST_LANE_PERIODS = 10**10  # months on a few cores
 LANE, SAMPLE = 4096, 512  # bytes that a sweep takes at its peak for each lane, and for each of its kept periods
+STORED, STORED_SAMPLE = 400, 96  # bytes that its results take
 STEP = 400  # bytes that `simulate` takes at its peak for each step it stores
 
 
@@ -21,6 +22,11 @@ def fits(lanes: int, transient: int, kept: int, held: int | None = None) -> None
             "have; give fewer periods or values"
         )
     memory_for("this run", lanes * LANE + (lanes if held is None else held) * kept * SAMPLE)
+
+
+def results_size(lanes: int, kept: int, *, samples: bool) -> int:
+    """Bytes that the results of a sweep take, with samples or without."""
+    return lanes * (STORED + (kept * STORED_SAMPLE if samples else 0))
 
 
 def memory_for(what: str, size: int) -> None:

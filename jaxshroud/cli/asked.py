@@ -92,7 +92,11 @@ def unmet(scenes: Scene, choice: Choice | None) -> np.ndarray | None:
     """Which lanes (leading axis) seem to miss the accuracy asked for, with a warning; None if none was asked for."""
     if choice is None:
         return None
-    missed = broken(scenes, choice)
+    return warned(broken(scenes, choice), choice)
+
+
+def warned(missed: np.ndarray, choice: Choice) -> np.ndarray:
+    """Which lanes seem to miss the accuracy asked for, with a warning."""
     if missed.any():
         accuracy = f"the accuracy of {choice.accuracy:.0e}"
         print(f"warning: {missed.sum()} of {missed.size} runs miss {accuracy} within three periods", file=sys.stderr)

@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             verb(options)
             sys.stdout.flush()
         except KeyboardInterrupt as stopped:
-            print(_interrupted(str(stopped)), file=sys.stderr)
+            print(_interrupted(*map(str, stopped.args)), file=sys.stderr)
             return 130
         except Exception as error:
             return _failed(error)
@@ -82,9 +82,9 @@ def _of_xla(error: Exception) -> bool:
     return jax is not None and isinstance(error, jax.errors.JaxRuntimeError)
 
 
-def _interrupted(told: str = "") -> str:
-    """What an interrupted command says."""
-    return f"interrupted; {told or ', '.join(map(str, files.written)) or 'nothing'} was written"
+def _interrupted(told: str = "", more: str = "") -> str:
+    """What an interrupted command says: what was written, and how to go on."""
+    return f"interrupted; {told or ', '.join(map(str, files.written)) or 'nothing'} was written{more}"
 
 
 def _leave() -> None:

@@ -17,7 +17,14 @@ if TYPE_CHECKING:
     from jaxshroud.results.drawing import Look
 
 DRAWN_BY_THEMSELVES = ("branch", "attractors", "basins", "diagnosis")
-IN_FOLDERS = ("sweep.nc", "power.json", "tune.json", "trade.json", *(f"{kind}.nc" for kind in DRAWN_BY_THEMSELVES))
+IN_FOLDERS = (
+    "sweep.nc",
+    "sweep.zarr",
+    "power.json",
+    "tune.json",
+    "trade.json",
+    *(f"{kind}.nc" for kind in DRAWN_BY_THEMSELVES),
+)
 # What only a result of that kind has.
 POWER, TUNING = {"n", "P_d", "P_d_ci", "final"}, {"over", "points", "scores", "map"}
 TRADE, GRADIENT, SUMMARY = {"settings", "horizon"}, {"of", "kind", "level"}, {"lanes", "period numbers"}
@@ -26,7 +33,7 @@ TRADE, GRADIENT, SUMMARY = {"settings", "horizon"}, {"of", "kind", "level"}, {"l
 def plot_verb(options: argparse.Namespace) -> None:
     """Draw a stored result again."""
     source = options.source
-    if source.is_dir():
+    if source.is_dir() and source.suffix != ".zarr":
         found = [p for p in (source / name for name in reversed(IN_FOLDERS)) if p.exists()]  # a branch has its sweep
         if not found:
             kinds = " nor ".join((IN_FOLDERS[0], ", ".join(IN_FOLDERS[1:])))

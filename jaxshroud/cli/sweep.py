@@ -9,9 +9,9 @@ from typing import Any, NoReturn
 import jax
 import numpy as np
 
-from jaxshroud.batch.extent import fits
+from jaxshroud.batch.extent import fits, results_size
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.cli.asked import loaded, march, unmet
+from jaxshroud.cli.asked import loaded, march, unmet, warned
 from jaxshroud.cli.axes import with_axes
 from jaxshroud.cli.plot import draw_dataset
 from jaxshroud.cli.store import named
@@ -20,10 +20,16 @@ from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.settling import UNKNOWN
 from jaxshroud.results.store import write_json
+from jaxshroud.results.sweep import SweepResult
+from jaxshroud.results.unfinished import relabel, remove
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
+from jaxshroud.verbs.accuracy import Choice
+from jaxshroud.verbs.door import Marched
 from jaxshroud.verbs.sweep import AT_ONCE, sweep
 from jaxshroud.version import __version__
+
+MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
 
 
 def sweep_verb(options: argparse.Namespace) -> None:
@@ -33,12 +39,11 @@ def sweep_verb(options: argparse.Namespace) -> None:
         raise CommandError(f"--phase must be in [0, 2 pi), but is {options.phase}")
     if not options.period_tol >= 0:
         raise CommandError(f"--period-tol must be a number of at least 0, but is {options.period_tol}")
-    names = ("sweep.nc", "sweep.png", "summary.json")
-    directory(options.out, names, options.force)
-    asked, began = file.sweep_run, time.perf_counter()
+    asked, began, place = file.sweep_run, time.perf_counter(), _store(file, options)
     with blamed(file.name):
-        count = math.prod(a.values.size for a in file.axes)
-        fits(count, asked.transient, asked.periods, min(count, AT_ONCE) if options.no_samples else None)
+        count = _count(file)
+        at_once = place is not None or options.no_samples
+        fits(count, asked.transient, asked.periods, min(count, AT_ONCE) if at_once else None)
     lanes = _lanes(file)
     how = march(file, lanes, options, FAST_WITH_LEDGER if options.ledger else FAST)
     with progress_bar("lane-periods") as report, blamed(file.name):
@@ -48,27 +53,26 @@ def sweep_verb(options: argparse.Namespace) -> None:
                 {a.key: a.values for a in file.axes},
                 n_periods=asked.periods,
                 transient=asked.transient,
-                steps_per_period=how.steps,
                 direction=file.direction,
                 phase=options.phase,
                 period_tol=options.period_tol,
-                method=how.method,
+                ledger=options.ledger,
                 lyapunov=options.lyapunov,
                 forces=options.forces,
                 samples=not options.no_samples,
                 progress=report,
+                **_marched(how, place, options.resume),
             )
         except Interrupted as stopped:
             if stopped.done is None:
                 raise
-            _keep_finished(stopped.done, file, options.out, began)
-    ds, missed = named(result, file).to_xarray(), unmet(lanes, how.choice)
-    if how.choice is not None and missed is not None:
-        about = {"long_name": "estimated to miss the accuracy asked for", "accuracy": how.choice.accuracy}
-        dims, shape = ds["status"].dims[-len(file.axes) :], ds["status"].shape[-len(file.axes) :]
-        ds["inaccurate"] = (dims, missed.reshape(shape).astype(np.int8), about)
-    result.save(options.out / "sweep.nc")
-    draw_dataset(options.out / "sweep.nc", ds, options.out / "sweep.png")
+            _keep_finished(stopped.done, file, options.out, place, began)
+    if place is None:
+        missed = _save(named(result, file), file, unmet(lanes, how.choice), how.choice, options.out)
+    else:
+        relabel(place, named(result, file).data.attrs)
+        missed = None if how.choice is None else warned(result.inaccurate, how.choice)
+        draw_dataset(place, result.to_xarray(), options.out / "sweep.png")
     met = {} if missed is None else {"accuracy": str(how.choice), "inaccurate": int(missed.sum())}
     summary = _summary(result, file, began) | met
     write_json(summary, options.out / "summary.json")
@@ -76,12 +80,59 @@ def sweep_verb(options: argparse.Namespace) -> None:
     print_table(file.title or file.name, {**summary, "written": options.out})
 
 
-def _keep_finished(result, file: SceneFile, out: Path, began: float) -> NoReturn:
-    """Write what an interrupted sweep had finished, without a picture."""
+def _count(file: SceneFile) -> int:
+    """How many lanes there are."""
+    return math.prod(a.values.size for a in file.axes)
+
+
+def _store(file: SceneFile, options: argparse.Namespace) -> Path | None:
+    """Where the sweep is stored block by block, None where it is a file; the place made free for it."""
+    if options.resume and options.store == "nc":
+        raise CommandError("--resume goes on with a store; leave out --store nc")
+    size = results_size(_count(file), file.sweep_run.periods, samples=not options.no_samples)
+    usual = "zarr" if options.resume or (size > MOST_IN_FILE and file.direction != "both") else "nc"
+    if (options.store or usual) == "nc":
+        directory(options.out, ("sweep.nc", "sweep.png", "summary.json"), options.force)
+        return None
+    place = options.out / "sweep.zarr"
+    if place.exists() and not (options.resume or options.force):
+        raise CommandError(f"{place}: exists and is kept; give --resume to go on with it, or --force to replace it")
+    directory(options.out, () if options.resume else (place.name, "sweep.png", "summary.json"), options.force)
+    if options.force and not options.resume:
+        remove(place)
+    return place
+
+
+def _marched(how: Marched, place: Path | None, resume: bool) -> dict[str, Any]:
+    """How the lanes are marched, and where they are stored, as arguments."""
+    if place is None:
+        return {"steps_per_period": how.steps, "method": how.method}
+    chosen = {"method": how.method, "steps_per_period": how.steps} if how.choice is None else {"accuracy": how.choice}
+    return {**chosen, "store": place, "resume": resume}
+
+
+def _save(
+    result: SweepResult, file: SceneFile, missed: np.ndarray | None, choice: Choice | None, out: Path
+) -> np.ndarray | None:
+    """Write and draw a sweep, with the lanes that miss the accuracy asked for; these again."""
+    ds = result.to_xarray()
+    if choice is not None and missed is not None:
+        about = {"long_name": "estimated to miss the accuracy asked for", "accuracy": choice.accuracy}
+        dims, shape = ds["status"].dims[-len(file.axes) :], ds["status"].shape[-len(file.axes) :]
+        ds["inaccurate"] = (dims, missed.reshape(shape).astype(np.int8), about)
+    result.save(out / "sweep.nc")
+    draw_dataset(out / "sweep.nc", ds, out / "sweep.png")
+    return missed
+
+
+def _keep_finished(result: SweepResult, file: SceneFile, out: Path, place: Path | None, began: float) -> NoReturn:
+    """Write what an interrupted sweep had finished, without a picture; a store has it already."""
+    known = f"with the {(result.status != Status.NOT_RUN).sum()} of {result.status.size} lanes that had ended"
+    if place is not None:
+        raise KeyboardInterrupt(f"{place} {known}", "; the same command with --resume goes on")
     named(result, file).save(out / "sweep.nc")
     write_json(_summary(result, file, began), out / "summary.json")
-    done, lanes = (result.status != Status.NOT_RUN).sum(), result.status.size
-    raise KeyboardInterrupt(f"{out / 'sweep.nc'} with the {done} of {lanes} lanes that had ended")
+    raise KeyboardInterrupt(f"{out / 'sweep.nc'} {known}")
 
 
 def _summary(result, file: SceneFile, began: float) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxshroud.model.modes import Status
-from jaxshroud.scene.errors import InputError, NumericalError
+from jaxshroud.scene.errors import InputError, NumericalError, StoreError
 
 LINE = 600  # characters of a message
 
@@ -36,7 +36,7 @@ def blamed(where: str):
     try:
         yield
     except (KeyError, ValueError) as error:
-        if isinstance(error, CommandError) or numerical(error):
+        if isinstance(error, CommandError | StoreError) or numerical(error):  # these name their own place
             raise
         raise CommandError(f"{where}: {error.args[0] if error.args else error!r}") from None
 

@@ -16,8 +16,13 @@ written: list[Path] = []  # by this process so far
 _parts: set[str] = set()  # temporary names in use
 
 
-def write(path: Path, content: bytes | memoryview) -> None:
+def write(path: Path, content: bytes | memoryview, *, told: bool = True) -> None:
     """Write a file under a temporary name, then rename it; what killed runs have left of it is removed first.
+
+    Args:
+        path: Its place.
+        content: All of it.
+        told: It is one of the results, whose names an interrupted command tells.
 
     Raises:
         WriteError: The place cannot be written. Nothing of the file is there then.
@@ -34,15 +39,21 @@ def write(path: Path, content: bytes | memoryview) -> None:
             os.fsync(handle)
             os.fchmod(handle, 0o666 & ~_umask())
             os.replace(part, path)
-        written.append(path)
+        if told:
+            written.append(path)
     except OSError as error:
-        told = f"{path}: cannot be written ({error.strerror or error}); "
-        if error.errno in MACHINE:
-            raise MachineError(told + "make room and run again") from None
-        raise WriteError(told + "choose another --out") from None
+        raise refusal(path, error) from None
     finally:
         if part is not None:
             _remove(part)
+
+
+def refusal(path: Path, error: OSError) -> WriteError:
+    """What a failure to write means, in one line."""
+    told = f"{path}: cannot be written ({error.strerror or error}); "
+    if error.errno in MACHINE:
+        return MachineError(told + "make room and run again")
+    return WriteError(told + "choose another --out")
 
 
 def remove_parts() -> None:

@@ -14,15 +14,19 @@ from jaxshroud.scene.errors import StoreError
 if TYPE_CHECKING:
     import xarray as xr
 
+LARGE = 2**30  # bytes
+
 
 def read(path: str | os.PathLike[str]) -> "xr.Dataset":
-    """A stored dataset, loaded whole.
+    """A stored dataset: loaded whole, but for Zarr stores that are `LARGE`, of which what is looked at is loaded.
 
     Raises:
         StoreError: The file is missing, truncated or not a result.
     """
     import xarray as xr
 
+    if Path(path).suffix == ".zarr":
+        return _read_zarr(Path(path))
     try:
         with xr.open_dataset(path, engine="h5netcdf") as ds:
             memory_for("it", ds.nbytes)
@@ -32,6 +36,19 @@ def read(path: str | os.PathLike[str]) -> "xr.Dataset":
     except Exception as error:  # h5py raises many types on damaged files
         what = " ".join(str(error).split())[:120]
         raise StoreError(f"{path}: not a complete result file ({what}); run the command again") from None
+
+
+def _read_zarr(path: Path) -> "xr.Dataset":
+    import xarray as xr
+
+    if not (path / "zarr.json").exists():
+        raise StoreError(f"{path}: no such store, or one in which nothing is finished; run the command again")
+    try:
+        ds = xr.open_zarr(path, chunks=None, consolidated=False, zarr_format=3)
+        return ds.load() if ds.nbytes < LARGE else ds
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
+        what = " ".join(str(error).split())[:120]
+        raise StoreError(f"{path}: damaged ({what}); --resume of the same sweep computes it anew") from None
 
 
 def write_dataset(ds: "xr.Dataset", path: Path) -> None:

@@ -119,6 +119,11 @@ class SweepResult(Result):
 
 
 def sweep_coordinates(axes: Mapping[str, np.ndarray], period: np.ndarray) -> dict[str, Any]:
-    """Coordinates of a sweep as xarray takes them."""
+    """Coordinates of a sweep as xarray takes them.
+
+    Args:
+        axes: Key -> values of each axis.
+        period: Absolute count of each kept period.
+    """
     swept = {dimension(key): (dimension(key), values, about(key)) for key, values in axes.items()}
     return {**swept, "period": ("period", period, {"long_name": "drive periods since t = 0"}), "blade": [0, 1]}

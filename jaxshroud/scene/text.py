@@ -1,5 +1,6 @@
 """A scene written down: its numbers by table and key, and as the TOML that gives it again."""
 
+import tomllib
 from collections.abc import Mapping
 from typing import Any
 
@@ -29,6 +30,13 @@ def tables_of(scene: Scene) -> dict[str, dict[str, Any]]:
         tables[table][name] = float(value.ravel()[0]) if alike else value.tolist()
     tables["contact"]["reading"] = reading_text(scene.contact.reading)
     return {**tables, "parts": {**scene.parts._asdict(), "motion": list(scene.parts.motion)}}
+
+
+def words_of(text: str) -> dict[str, str]:
+    """What a scene's text says, as `table.key` and words, but for its title and what is swept."""
+    tables = tomllib.loads(text)
+    physics = {table: keys for table, keys in tables.items() if isinstance(keys, dict) and table != "sweep"}
+    return {f"{table}.{key}": str(value) for table, keys in physics.items() for key, value in keys.items()}
 
 
 def text_of(scene: Scene, run: Mapping[str, Any], title: str = "") -> str:

@@ -38,7 +38,7 @@ class Asked(NamedTuple):
     transient: int
     steps: Steps | None
     method: Method | Choices | None
-    accuracy: str | float | None
+    accuracy: str | float | Choice | None
 
     @property
     def lanes(self) -> Scene:
@@ -93,7 +93,7 @@ def asked(
     transient: int | None = None,
     steps_per_period: Steps | None = None,
     method: Method | Choices | None = None,
-    accuracy: str | float | None = None,
+    accuracy: str | float | Choice | None = None,
     dims: Sequence[str] | None = None,
     of_sweep: bool = False,
 ) -> Asked:
@@ -105,7 +105,7 @@ def asked(
         transient: Drive periods discarded before them.
         steps_per_period: Steps in one period, or "auto".
         method: How to march.
-        accuracy: What chooses steps and method instead.
+        accuracy: What chooses steps and method instead, or has chosen them.
         dims: Names of the leading axes.
         of_sweep: The file's [sweep] keep counts, not its [run] periods.
 
@@ -152,7 +152,7 @@ def chosen(asked: Asked, lanes: Scene, usual: Choices, *, derivatives: bool = Fa
     if accuracy is None and asked.steps is None and asked.method is None and contact == "spring":
         accuracy = ACCURACY
     if accuracy is not None and contact == "spring":
-        choice = choose(lanes, 1, accuracy)
+        choice = accuracy if isinstance(accuracy, Choice) else choose(lanes, 1, accuracy)
         method = choice.method._replace(ledger=usual.ledger)
         return method._replace(precision="float64") if derivatives else method, choice
     method = usual if asked.method is None else choices(asked.method, ledger=usual.ledger)

@@ -1,8 +1,11 @@
 """Many scenes at once: bifurcation diagrams and power curves over any number of a scene."""
 
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -15,20 +18,21 @@ from jaxshroud.batch.tangents import differentiable
 from jaxshroud.march.method import FAST, Choices, Method, check_keeps
 from jaxshroud.march.stability import Steps
 from jaxshroud.model.state import State
-from jaxshroud.motion.largest import TURNING
 from jaxshroud.motion.period import PERIOD_TOLERANCE
 from jaxshroud.results.directions import overlaid
 from jaxshroud.results.status import tell_failures
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import tolerance_argument, word_argument
-from jaxshroud.scene.errors import InputError
+from jaxshroud.scene.errors import InputError, StoreError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.parts import WAYS, Direction
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
+from jaxshroud.verbs.accuracy import Choice
 from jaxshroud.verbs.door import Asked, asked, in_line, marched
-from jaxshroud.verbs.swept import AT_ONCE, Grid, Wanted, mapped, swept
+from jaxshroud.verbs.stored import stored
+from jaxshroud.verbs.swept import AT_ONCE, Grid, Wanted, lane_periods, mapped, swept
 
 
 def sweep(
@@ -42,12 +46,14 @@ def sweep(
     phase: float = 0.0,
     period_tol: float = PERIOD_TOLERANCE,
     method: Method | Choices | None = None,
-    accuracy: str | float | None = None,
+    accuracy: str | float | Choice | None = None,
     state: State | None = None,
     ledger: bool = False,
     lyapunov: bool = False,
     forces: bool = False,
     samples: bool = True,
+    store: str | os.PathLike[str] | None = None,
+    resume: bool = False,
     progress: Progress | None = None,
     throw: bool = False,
     dims: Sequence[str] | None = None,
@@ -71,7 +77,7 @@ def sweep(
         period_tol: Tolerance of the period number, see `periodicity`.
         method: How to march; where only steps are given RK4, with events located by the guard's cubic.
         accuracy: "fast", "balanced" (the default where nothing is said of steps or method), "reference" or a number:
-            chooses steps and method, see `choose`.
+            chooses steps and method, see `choose`; or what that has chosen.
         state: Where to start, at drive phase 0: one state, or one for each of the scenes.
         ledger: Keep every lane's energy balance.
         lyapunov: Compute the largest Lyapunov exponent too, with its interval: of as many periods more as are kept, in
@@ -81,6 +87,11 @@ def sweep(
             at its ends, so that what is missed falls as the fourth power of the step; the friction of smooth contact is
             looked at where steps end.
         samples: Keep the samples of each lane. Without them memory is bounded: for maps of many lanes.
+        store: Where to keep the result, a Zarr store that is written block by block: for more lanes than memory holds,
+            and for runs that may be killed. What comes back is read from there.
+        resume: Go on with the store that is there, which must be of the same sweep, version and kind of device: what is
+            whole there is not computed again, and numbers are those of a run that nothing has ended. Forward and
+            backward sweeps go on from their last finished block of values. Without a store, begin.
         progress: Called with (lane-periods done, lane-periods in all) after every block.
         throw: Raise where a lane stops before its end, rather than warn.
         dims: Names of the leading axes; by default `lane`.
@@ -93,6 +104,7 @@ def sweep(
             not known, the run would be too long or too large (see `extent`), or float64 is not to be had.
         KeyError: The scene has no such number.
         NumericalError: With `throw`: a lane stopped.
+        StoreError: The store exists and is not to be gone on with, is of another sweep, in use, or cannot be written.
         Interrupted: Ctrl-C; its `done` is the result with the lanes that had ended, the others with status NOT_RUN, or
             None where none had.
 
@@ -123,7 +135,8 @@ def sweep(
     grid, direction = _grid_of(door, along, direction)
     ways = WAYS if direction == "both" else (direction,)
     lanes = len(ways) * math.prod(grid.shape)
-    fits(lanes, door.transient, door.n_periods, None if samples else min(lanes, AT_ONCE))
+    place = _place(store, direction, resume)
+    fits(lanes, door.transient, door.n_periods, None if samples and place is None else min(lanes, AT_ONCE))
     how = marched(grid.door, grid.lanes, FAST._replace(ledger=ledger))
     if lyapunov:
         differentiable(how.method)  # refused before anything is run
@@ -133,14 +146,29 @@ def sweep(
     precise = in_precision(grid.lanes, "float64") if lyapunov else None
     grid = grid._replace(lanes=in_precision(grid.lanes, how.method.precision), precise=precise)
     states = None if state is None else door.states(state, grid.lanes)
-    whole = door.transient + door.n_periods + (TURNING + door.n_periods if lyapunov else 0)
     plan = Plan(door.transient, door.n_periods, how.steps, phase, how.method)
-    wanted = Wanted(plan, how, period_tol, Ticker(lanes * whole, progress))
-    one_way = swept if samples else mapped
+    wanted = Wanted(plan, how, period_tol, Ticker(lanes * lane_periods(plan, lyapunov), progress), samples)
+    one_way = partial(stored, path=place) if place is not None else swept if samples else mapped
     each = {way: one_way(grid, states, way, wanted) for way in ways}
     found = overlaid(each) if direction == "both" else each[direction]
     tell_failures(found.status, found.chatter, throw=throw)
     return found
+
+
+def _place(store: str | os.PathLike[str] | None, direction: Direction, resume: bool) -> Path | None:
+    """Where the result is to be kept."""
+    if store is None:
+        if resume:
+            raise InputError("Argument `resume` needs a `store` to go on with.")
+        return None
+    if direction == "both":
+        raise InputError("A store has one direction; sweep forward and backward into stores of their own.")
+    place = Path(store)
+    if place.suffix != ".zarr":
+        raise InputError(f"Argument `store` must name a folder that ends in .zarr, but is {place}.")
+    if place.exists() and not resume:
+        raise StoreError(f"{place}: exists and is kept; resume it, or choose another place")
+    return place
 
 
 def _grid_of(door: Asked, along: Mapping[str, Any] | None, direction: Direction | None) -> tuple[Grid, Direction]:

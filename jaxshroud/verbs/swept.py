@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.continuation import continued, independent
+from jaxshroud.batch.continuation import Relay, continued, independent
 from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.runs import Plan, Runs, Ticker, in_full, told_chatter
 from jaxshroud.batch.states import by_blade, final_states
@@ -17,7 +17,7 @@ from jaxshroud.model.absent import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State
 from jaxshroud.motion.averages import averages, relative_drop, relative_residual
-from jaxshroud.motion.largest import largest_exponents, shifted
+from jaxshroud.motion.largest import TURNING, largest_exponents, shifted
 from jaxshroud.motion.settling import YES
 from jaxshroud.results.dimension import dimension
 from jaxshroud.results.sweep import GAP, SweepResult, sweep_coordinates
@@ -56,17 +56,25 @@ class Wanted(NamedTuple):
     how: Marched
     period_tol: float
     ticker: Ticker
+    samples: bool = True
 
 
-def swept(grid: Grid, states: State | None, direction: Direction, wanted: Wanted) -> SweepResult:
-    """All lanes in one direction."""
+def lane_periods(plan: Plan, lyapunov: bool) -> int:
+    """Drive periods that each lane is run for."""
+    return plan.transient + plan.kept + (TURNING + plan.kept if lyapunov else 0)
+
+
+def swept(
+    grid: Grid, states: State | None, direction: Direction, wanted: Wanted, relay: Relay | None = None
+) -> SweepResult:
+    """All lanes in one direction; `relay` as of `continued`."""
 
     def result(runs: Runs, exponents: dict[str, np.ndarray]) -> SweepResult:
         chatter = told_chatter(grid.lanes, runs, wanted.plan)
         return _result(grid, _numbers(grid.lanes, runs, wanted) | exponents, chatter, wanted)
 
     try:
-        runs = _run(grid, states, direction, wanted)
+        runs = _run(grid, states, direction, wanted, relay)
     except Interrupted as stopped:
         raise Interrupted(stopped.done and result(stopped.done, {})) from None
     try:
@@ -93,7 +101,7 @@ def mapped(grid: Grid, states: State | None, direction: Direction, wanted: Wante
     return _result(grid, jax.tree.map(lambda *a: np.concatenate(a), *parts), chatter, wanted)
 
 
-def _run(grid: Grid, states: State | None, direction: Direction, wanted: Wanted) -> Runs:
+def _run(grid: Grid, states: State | None, direction: Direction, wanted: Wanted, relay: Relay | None) -> Runs:
     """All lanes (leading axis)."""
     to = wanted.plan, wanted.ticker
     if direction == "independent":
@@ -103,7 +111,7 @@ def _run(grid: Grid, states: State | None, direction: Direction, wanted: Wanted)
     first = lambda tree: jax.tree.map(lambda a: np.moveaxis(np.asarray(a).reshape(*shape, *a.shape[1:]), 1, 0), tree)  # noqa: E731
     back = lambda tree: jax.tree.map(lambda a: np.moveaxis(a, 0, 1).reshape(-1, *a.shape[len(shape) :]), tree)  # noqa: E731
     try:
-        return back(continued(first(grid.lanes), swapped, *to, first(states), direction=direction))
+        return back(continued(first(grid.lanes), swapped, *to, first(states), direction=direction, relay=relay))
     except Interrupted as stopped:
         raise Interrupted(stopped.done and back(stopped.done)) from None
 

@@ -1,0 +1,252 @@
+"""A sweep on disk that grows block by block: killed at any moment, it goes on where it was.
+
+It is a Zarr store of one array for each number, a chunk for each block, each with its checksum. What finishes a block
+is its record in the group `resume`, written after its chunks; a block whose record or chunks are missing or damaged is
+computed again. The group also says of which sweep the store is. A lock on a file in there, which ends with its process,
+keeps others from writing.
+"""
+
+import fcntl
+import io
+import json
+import shutil
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxshroud.model.modes import Status
+from jaxshroud.results.blocks import Block
+from jaxshroud.results.files import refusal, write
+from jaxshroud.results.store import plain
+from jaxshroud.scene.errors import StoreError
+
+if TYPE_CHECKING:
+    import xarray as xr
+    import zarr
+
+Record = dict[str, np.ndarray]
+MOST = 4  # differences shown
+
+
+@contextmanager
+def unfinished(
+    path: Path, lanes: Mapping[str, int], about: Mapping[str, str], coords: Mapping[str, Any]
+) -> Iterator["Unfinished"]:
+    """A store to go on with, or a new one, while no other process writes to it.
+
+    Args:
+        path: Where it is to be, or is.
+        lanes: Dimensions of the lanes, and their sizes.
+        about: What it is of, in words by names: another one is refused.
+        coords: Coordinates of the whole, as xarray takes them.
+
+    Raises:
+        StoreError: It is of another sweep, none, damaged beyond repair or in use.
+        WriteError: The place cannot be written.
+    """
+    with _locked(path):
+        yield Unfinished(path, lanes, about, coords)
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Within, no other process writes to the store."""
+    with _writing(path):
+        (path / "resume").mkdir(parents=True, exist_ok=True)
+        lock = (path / "resume" / "lock").open("w")
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise StoreError(f"{path}: another process is writing to it; wait, or choose another --out") from None
+        yield
+
+
+class Unfinished:
+    """A store that is held by this process."""
+
+    def __init__(self, path: Path, lanes: Mapping[str, int], about: Mapping[str, str], coords: Mapping[str, Any]):
+        import xarray as xr
+
+        self.path, self.lanes = path, lanes
+        self.coords = {str(name): variable for name, variable in xr.Dataset(coords=coords).variables.items()}
+        if (path / "zarr.json").exists():
+            self._same(about)
+            self._write_coords()
+        else:
+            self._make_room(about)
+
+    @property
+    def begun(self) -> bool:
+        """Whether anything is stored."""
+        return (self.path / "zarr.json").exists()
+
+    def record(self, block: Block) -> Record | None:
+        """What was kept beside the numbers of a block; None if it has to be computed."""
+        if not self.begun:
+            return None
+        try:
+            with np.load(self._record(block)) as kept:
+                record = dict(kept)
+        except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
+            return None
+        missing = set(record.pop("names", np.array([])).tolist()) - set(self._arrays)
+        if missing:
+            raise StoreError(f"{self.path}: lacks {', '.join(sorted(missing))}; begin anew with --force")
+        return record if all(self._whole(array, block) for array in self._arrays.values()) else None
+
+    def write(self, block: Block, data: "xr.Dataset", record: Record) -> None:
+        """Store the numbers of a block, then its record."""
+        content = io.BytesIO()
+        np.savez(content, allow_pickle=False, names=np.array([*map(str, data.data_vars)]), **record)
+        with _writing(self.path):
+            self._record(block).unlink(missing_ok=True)
+            if not self.begun:
+                self._create(data)
+            for name, array in self._arrays.items():
+                part = dict(zip(self.lanes, block.at, strict=True))
+                array[tuple(part.get(dim, slice(None)) for dim in _dims(array))] = data[name].to_numpy()
+        write(self._record(block), content.getbuffer(), told=False)
+
+    def finish(self, attrs: Mapping[str, Any]) -> None:
+        """Say of the whole what is known at its end."""
+        with _writing(self.path):
+            self._group.attrs.update(plain(dict(attrs)))
+
+    @cached_property
+    def _group(self) -> "zarr.Group":
+        import zarr
+
+        return zarr.open_group(self.path, mode="r+", zarr_format=3)
+
+    @cached_property
+    def _arrays(self) -> "dict[str, zarr.Array]":
+        """Those that are made of blocks."""
+        import zarr
+
+        try:
+            with zarr.config.set({"array.write_empty_chunks": True}):  # a chunk that is not there is damage
+                return {name: array for name, array in self._group.arrays() if name not in self.coords}
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise StoreError(f"{self.path}: its description is damaged ({error}); begin anew with --force") from None
+
+    def _record(self, block: Block) -> Path:
+        return self.path / "resume" / f"{block.name}.npz"
+
+    def _whole(self, array: "zarr.Array", block: Block) -> bool:
+        """Whether the chunk of a block is there, and as it was written."""
+        number = dict(zip(self.lanes, block.place, strict=True))
+        place = tuple(number.get(dim, 0) for dim in _dims(array))
+        if not (self.path / array.path / array.metadata.encode_chunk_key(place)).exists():
+            return False
+        try:
+            array.get_block_selection(place)
+        except (OSError, ValueError, RuntimeError):
+            return False
+        return True
+
+    def _create(self, data: "xr.Dataset") -> None:
+        """All arrays, without numbers; what makes them a store comes last."""
+        import zarr
+
+        self._write_coords()
+        for name, variable in data.data_vars.items():
+            shape = tuple(self.lanes.get(str(dim), n) for dim, n in zip(variable.dims, variable.shape, strict=True))
+            _array(self.path / str(name), variable.variable, shape)
+        zarr.create_group(self.path, attributes=plain({**data.attrs, "complete": 0}), zarr_format=3)
+
+    def _write_coords(self) -> None:
+        with _writing(self.path):
+            for name, variable in self.coords.items():
+                _array(self.path / name, variable, variable.shape)[...] = variable.to_numpy()
+
+    def _same(self, about: Mapping[str, str]) -> None:
+        """Raise StoreError if the store is of something else."""
+        try:
+            then = json.loads((self.path / "resume" / "zarr.json").read_text("utf-8"))["attributes"]
+            names = dict.fromkeys([*about, *then])
+        except (OSError, ValueError, KeyError, TypeError):
+            raise StoreError(f"{self.path}: not a sweep that can be gone on with; choose another --out") from None
+        told = [f"{n} was {then.get(n)}, is {about.get(n)}" for n in names if then.get(n) != about.get(n)]
+        if told:
+            more = f" and {len(told) - MOST} more" if len(told) > MOST else ""
+            what = "; ".join(told[:MOST]) + more
+            raise StoreError(
+                f"{self.path}: is of another sweep: {what}; choose another --out, or --force to replace it"
+            )
+
+    def _make_room(self, about: Mapping[str, str]) -> None:
+        """Remove what is left of a store that was killed before it was one, and say what the new one is of."""
+        with _writing(self.path):
+            for old in self.path.iterdir():
+                if old.name != "resume":
+                    shutil.rmtree(old)
+            for old in (self.path / "resume").glob("*.npz"):
+                old.unlink()
+        group = {"zarr_format": 3, "node_type": "group", "attributes": dict(about)}
+        write(self.path / "resume" / "zarr.json", json.dumps(group, indent=1).encode(), told=False)
+
+
+def relabel(path: Path, attrs: Mapping[str, Any]) -> None:
+    """Change what a finished store says of the whole.
+
+    Raises:
+        WriteError: It cannot be written.
+    """
+    import zarr
+
+    with _writing(path):
+        zarr.open_group(path, mode="r+", zarr_format=3).attrs.update(plain(dict(attrs)))
+
+
+def remove(path: Path) -> None:
+    """Make an end of a store, if it is there.
+
+    Raises:
+        StoreError: Another process is writing to it.
+        WriteError: It cannot be removed.
+    """
+    if path.exists():
+        with _locked(path), _writing(path):
+            shutil.rmtree(path)
+
+
+def _dims(array: "zarr.Array") -> tuple[str, ...]:
+    return array.metadata.dimension_names  # type: ignore[return-value]
+
+
+def _array(path: Path, variable: "xr.Variable", shape: tuple[int, ...]) -> "zarr.Array":
+    """An array with chunks like a variable, of what is not there yet: NaN, lanes that have not run, nought."""
+    import zarr
+    from zarr.codecs import Crc32cCodec, ZstdCodec
+
+    fill = np.nan if variable.dtype.kind == "f" else Status.NOT_RUN if path.name == "status" else 0
+    return zarr.create_array(
+        store=str(path),
+        shape=shape,
+        chunks=variable.shape,
+        dtype=variable.dtype,
+        fill_value=fill,
+        dimension_names=[str(dim) for dim in variable.dims],
+        attributes=plain(variable.attrs),
+        compressors=[ZstdCodec(), Crc32cCodec()],
+        config={"write_empty_chunks": True},
+        zarr_format=3,
+        overwrite=True,
+    )
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Within, what cannot be written is told in one line."""
+    try:
+        yield
+    except OSError as error:
+        if isinstance(error, StoreError):
+            raise
+        raise refusal(path, error) from None
