@@ -91,7 +91,7 @@ class Unfinished:
         if not self.begun:
             return None
         try:
-            with np.load(self._record(block)) as kept:
+            with np.load(io.BytesIO(self._record(block).read_bytes())) as kept:
                 record = dict(kept)
         except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
             return None

@@ -1,0 +1,337 @@
+"""Sweeps in stores: ended at any moment, damaged or used twice, they end with the numbers of one that nothing ended."""
+
+import fcntl
+import json
+import os
+import shutil
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zarr
+
+import jaxshroud as js
+from jaxshroud.cli import commands as cli
+from jaxshroud.cli import sweep as sweep_verb
+from jaxshroud.results.blocks import chains, spread
+from jaxshroud.results.unfinished import Unfinished
+from jaxshroud.verbs import stored
+
+SHORT = dict(n_periods=2, transient=1, steps_per_period=100)
+GAMMA = np.linspace(1.0, 2.0, 200)
+LINE = {"contact.gamma": GAMMA}
+GRID = {"contact.gamma": GAMMA[:10], "drive.F_0": [40.0, 60.0]}
+WAYS = {"independent": LINE, "forward": GRID, "backward": GRID}
+
+
+class Killed(BaseException):
+    """What nothing catches, as nothing catches SIGKILL."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small():
+    """Blocks of 64 lanes, or of four continued values."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stored, "LEAST", 64)
+        patch.setattr(stored, "STEPS", 4 * 3 * 100)
+        yield
+
+
+@pytest.fixture
+def computed(monkeypatch):
+    """Places of the blocks that were computed so far."""
+    places, write = [], Unfinished.write
+
+    def told(self, block, *rest):
+        places.append(block.place)
+        write(self, block, *rest)
+
+    monkeypatch.setattr(Unfinished, "write", told)
+    return places
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return js.load("table1", ['parts.motion=["x"]']).scene
+
+
+@pytest.fixture(scope="module")
+def whole(scene, small, tmp_path_factory):
+    """Stores of sweeps that nothing has ended, by their direction."""
+    out = tmp_path_factory.mktemp("whole")
+    return {way: run(scene, way, out / f"{way}.zarr") for way in WAYS}
+
+
+def run(scene, way, path, **more):
+    return js.sweep(scene, WAYS[way], direction=way, store=path, **SHORT, **more)
+
+
+def kept(whole):
+    """Where the store of independent lanes is."""
+    return Path(whole["independent"].data.encoding["source"])
+
+
+def same(found, exact):
+    """Bit by bit, coordinates and all that is said of them too."""
+    assert found.data.identical(exact.data)
+    for name, variable in exact.data.variables.items():
+        np.testing.assert_array_equal(found.data[name].to_numpy().view(np.uint8), variable.to_numpy().view(np.uint8))
+
+
+@pytest.mark.parametrize("backward", [False, True])
+@pytest.mark.parametrize(("shape", "lanes"), [((7,), 3), ((5, 4), 8), ((2, 5, 4), 6), ((1, 9), 64)])
+def test_blocks_have_every_lane_once_and_follow_each_other(shape, lanes, backward):
+    count = np.zeros(shape, int)
+    for chain in chains(shape, spread(shape, lanes), backward=backward):
+        firsts = [block.at[0].start for block in chain]
+        assert firsts == sorted(firsts, reverse=backward)
+        assert all(block.at[1:] == chain[0].at[1:] for block in chain)
+        for block in chain:
+            assert block.lanes <= max(lanes, 1)
+            count[block.at] += 1
+    assert (count == 1).all()
+
+
+@pytest.mark.full(but=["independent"])
+@pytest.mark.parametrize("way", WAYS)
+def test_a_store_has_the_numbers_of_a_sweep_in_memory(scene, whole, way):
+    exact = js.sweep(scene, WAYS[way], direction=way, **SHORT).data
+    found = whole[way].data
+    assert dict(found.sizes) == dict(exact.sizes)
+    assert set(found.variables) == set(exact.variables)
+    assert found.attrs == exact.attrs
+    for name, variable in exact.variables.items():
+        assert (found[name].dims, found[name].dtype, found[name].attrs) == (
+            variable.dims,
+            variable.dtype,
+            variable.attrs,
+        )
+        # Blocks are programs of other widths for what is not marched: rounding, no more.
+        np.testing.assert_allclose(found[name], variable, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.full(but=["forward"])
+@pytest.mark.parametrize("way", WAYS)
+def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_path, monkeypatch, computed):
+    left, setitem, savez = [0], zarr.Array.__setitem__, np.savez
+
+    def dying(inner):
+        def call(*words, **more):
+            left[0] -= 1
+            if not left[0]:
+                raise Killed
+            return inner(*words, **more)
+
+        return call
+
+    monkeypatch.setattr(zarr.Array, "__setitem__", dying(setitem))
+    monkeypatch.setattr(np, "savez", dying(savez))
+    kills = (2, 20, 39, 70)  # while coordinates are written, within the first block, at its record, within another
+    for number in kills:
+        left[0] = number
+        with pytest.raises(Killed):
+            run(scene, way, tmp_path / "a.zarr", resume=True)
+    left[0] = -1
+    same(run(scene, way, tmp_path / "a.zarr", resume=True), whole[way])
+    again = len(computed) - len(set(computed))
+    assert again <= len(kills)  # those under way
+    before = len(computed)
+    same(run(scene, way, tmp_path / "a.zarr", resume=True), whole[way])
+    assert len(computed) == before
+
+
+def test_an_interrupted_store_tells_what_ended_and_goes_on(scene, whole, tmp_path, computed):
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def stop(done, total):
+        if done > total / 2 and len(computed) > 1:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    try:
+        with pytest.raises(js.Interrupted) as stopped:
+            run(scene, "independent", tmp_path / "a.zarr", progress=stop)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    status = stopped.value.done.status
+    assert set(status) == {js.Status.OK, js.Status.NOT_RUN}
+    np.testing.assert_array_equal(np.isfinite(stopped.value.done.P_d), status == js.Status.OK)
+    same(run(scene, "independent", tmp_path / "a.zarr", resume=True), whole["independent"])
+
+
+def flip(path: Path):
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+DAMAGES = {
+    "a flipped bit": ("P_d/c/1", flip),
+    "a cut chunk": ("x/c/1/0/0", lambda path: os.truncate(path, 10)),
+    "a lost chunk": ("status/c/1", Path.unlink),
+    "a lost record": ("resume/1.npz", Path.unlink),
+    "a damaged record": ("resume/1.npz", lambda path: os.truncate(path, 100)),
+}
+
+
+@pytest.mark.full(but=["a flipped bit", "a lost chunk", "a damaged record"])
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damage_is_found_and_computed_again(scene, whole, tmp_path, computed, damage):
+    path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
+    place, done = DAMAGES[damage]
+    done(path / place)
+    same(run(scene, "independent", path, resume=True), whole["independent"])
+    assert computed == [(1,)]
+
+
+def test_a_damaged_coordinate_is_written_again(scene, whole, tmp_path):
+    path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
+    flip(path / "gamma" / "c" / "0")
+    with pytest.raises(js.StoreError, match=r"a.zarr: damaged .*checksum.*--resume"):
+        js.open(path)
+    same(run(scene, "independent", path, resume=True), whole["independent"])
+
+
+def test_a_store_of_something_else_is_refused_with_the_difference(scene, tmp_path, whole):
+    path = kept(whole)
+    other = js.vary(scene, "shroud.gap", 3e-5)
+    with pytest.raises(js.StoreError, match=r"shroud.gap was 2.2\d*e-05, is 3e-05; choose another"):
+        run(other, "independent", path, resume=True)
+    with pytest.raises(js.StoreError, match=r"along contact.gamma was 200 values from 1 to 2 .*, is 9 values"):
+        js.sweep(scene, {"contact.gamma": GAMMA[:9]}, store=path, resume=True, **SHORT)
+    with pytest.raises(js.StoreError, match="exists and is kept"):
+        run(scene, "independent", path)
+    about = path / "resume" / "zarr.json"
+    told = about.read_text()
+    about.write_text(told.replace(f'"version": "{js.__version__}"', '"version": "0.0.9"'))
+    try:
+        with pytest.raises(js.StoreError, match=f"version was 0.0.9, is {js.__version__}"):
+            run(scene, "independent", path, resume=True)
+    finally:
+        about.write_text(told)
+    zarr.create_group(tmp_path / "b.zarr")
+    with pytest.raises(js.StoreError, match="not a sweep that can be gone on with"):
+        run(scene, "independent", tmp_path / "b.zarr", resume=True)
+
+
+def test_a_second_writer_is_refused_while_the_first_lives(scene, whole, tmp_path):
+    path = tmp_path / "a.zarr"
+    (path / "resume").mkdir(parents=True)
+    with (path / "resume" / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(js.StoreError, match="another process is writing"):
+            run(scene, "independent", path, resume=True)
+    same(run(scene, "independent", path, resume=True), whole["independent"])  # closed as by the end of a process
+
+
+@pytest.fixture
+def words(tmp_path):
+    """A small sweep as a command."""
+    asked = [
+        "sweep",
+        "table1",
+        "--set",
+        'parts.motion=["x"]',
+        "--along",
+        "contact.gamma",
+        "--start",
+        "1",
+        "--stop",
+        "2",
+    ]
+    short = ["--num", "200", "--periods", "2", "--transient", "1", "--steps-per-period", "100"]
+    return [*asked, *short, "--store", "zarr", "--out", str(tmp_path / "s")]
+
+
+def test_the_command_stores_resumes_and_draws(words, tmp_path, capsys):
+    assert cli.main(words) == 0
+    out = tmp_path / "s"
+    assert {path.name for path in out.iterdir()} == {"sweep.zarr", "sweep.png", "summary.json"}
+    assert js.open(out / "sweep.zarr").complete
+    assert "contact.gamma" not in json.loads((out / "summary.json").read_text())
+    capsys.readouterr()
+    assert cli.main(words) == 2
+    assert "--resume to go on with it, or --force" in capsys.readouterr().err
+    flip(out / "sweep.zarr" / "P_d" / "c" / "0")
+    assert cli.main(["plot", str(out / "sweep.zarr")]) == 2
+    told = capsys.readouterr().err
+    assert "--resume of the same sweep" in told
+    assert told.count("\n") == 1
+    assert cli.main([*words, "--resume"]) == 0
+    assert cli.main(["convert", str(out / "sweep.zarr"), "--out", str(tmp_path / "a.csv")]) == 0
+    capsys.readouterr()
+    assert cli.main([*words, "--resume", "--set", "shroud.gap=0.1mm"]) == 2
+    told = capsys.readouterr().err
+    assert "shroud.gap was 2.2e-05, is 0.0001" in told
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "cure"),
+    [((28, "No space left on device"), 1, "make room"), ((30, "Read-only"), 2, "another --out")],
+)
+def test_what_cannot_be_written_is_one_line_and_can_be_gone_on_with(
+    words, tmp_path, capsys, monkeypatch, error, status, cure
+):
+    setitem, left = zarr.Array.__setitem__, [60]
+
+    def refuse(*given):
+        left[0] -= 1
+        if left[0] < 0:
+            raise OSError(*error)
+        setitem(*given)
+
+    monkeypatch.setattr(zarr.Array, "__setitem__", refuse)
+    assert cli.main(words) == status
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "sweep.zarr: cannot be written" in told
+    assert cure in told
+    found = js.open(tmp_path / "s" / "sweep.zarr")  # still readable
+    assert not found.complete
+    assert (found.status == js.Status.OK).sum() >= 64
+    monkeypatch.undo()
+    assert cli.main([*words, "--resume"]) == 0
+    assert js.open(tmp_path / "s" / "sweep.zarr").complete
+
+
+def test_an_interrupted_command_says_how_to_go_on(words, tmp_path, capsys, monkeypatch, whole):
+    def stop(*_, **__):
+        raise js.Interrupted(whole["independent"])
+
+    monkeypatch.setattr(sweep_verb, "sweep", stop)
+    assert cli.main(words) == 130
+    store = tmp_path / "s" / "sweep.zarr"
+    known = f"interrupted; {store} with the 200 of 200 lanes that had ended was written"
+    assert capsys.readouterr().err == f"{known}; the same command with --resume goes on\n"
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (["--resume", "--store", "nc"], "leave out --store nc"),
+        (["--direction", "both"], "A store has one direction"),
+    ],
+)
+def test_what_a_store_cannot_do_is_refused(words, capsys, more, told):
+    assert cli.main([*words, *more]) == 2
+    assert told in capsys.readouterr().err
+
+
+def test_only_large_results_are_stores_by_default(words, monkeypatch, tmp_path):
+    words = [word for word in words if word not in ("--store", "zarr")]
+    assert cli.main(words) == 0
+    assert (tmp_path / "s" / "sweep.nc").exists()
+    monkeypatch.setattr(sweep_verb, "MOST_IN_FILE", 1)
+    assert cli.main([*words, "--force"]) == 0
+    assert (tmp_path / "s" / "sweep.zarr").exists()
+
+
+def test_scenes_and_numbers_without_samples_are_stored_too(scene, tmp_path):
+    scenes = js.scenes_from({"shroud.gap": [2e-5, 3e-5, 4e-5]}, scene)
+    keeps = dict(samples=False, **SHORT)
+    exact = js.sweep(scenes, {"contact.gamma": GAMMA[:50]}, **keeps)
+    found = js.sweep(scenes, {"contact.gamma": GAMMA[:50]}, store=tmp_path / "a.zarr", **keeps)
+    assert set(found.data.variables) == set(exact.data.variables)
+    np.testing.assert_allclose(found.P_d, exact.P_d, rtol=1e-9)
+    np.testing.assert_array_equal(found.data["gap"], exact.data["gap"])
