@@ -11,11 +11,11 @@ import io
 import json
 import shutil
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -33,15 +33,22 @@ Record = dict[str, np.ndarray]
 MOST = 4  # differences shown
 
 
+class Lanes(NamedTuple):
+    """How many there are along a dimension, of the whole and of a block."""
+
+    whole: int
+    block: int
+
+
 @contextmanager
 def unfinished(
-    path: Path, lanes: Mapping[str, int], about: Mapping[str, str], coords: Mapping[str, Any]
+    path: Path, lanes: Mapping[str, Lanes], about: Mapping[str, str], coords: Mapping[str, Any]
 ) -> Iterator["Unfinished"]:
     """A store to go on with, or a new one, while no other process writes to it.
 
     Args:
         path: Where it is to be, or is.
-        lanes: Dimensions of the lanes, and their sizes.
+        lanes: Dimensions of the lanes.
         about: What it is of, in words by names: another one is refused.
         coords: Coordinates of the whole, as xarray takes them.
 
@@ -70,7 +77,7 @@ def _locked(path: Path) -> Iterator[None]:
 class Unfinished:
     """A store that is held by this process."""
 
-    def __init__(self, path: Path, lanes: Mapping[str, int], about: Mapping[str, str], coords: Mapping[str, Any]):
+    def __init__(self, path: Path, lanes: Mapping[str, Lanes], about: Mapping[str, str], coords: Mapping[str, Any]):
         import xarray as xr
 
         self.path, self.lanes = path, lanes
@@ -156,14 +163,15 @@ class Unfinished:
 
         self._write_coords()
         for name, variable in data.data_vars.items():
-            shape = tuple(self.lanes.get(str(dim), n) for dim, n in zip(variable.dims, variable.shape, strict=True))
-            _array(self.path / str(name), variable.variable, shape)
+            sizes = [self.lanes.get(str(dim), Lanes(n, n)) for dim, n in variable.sizes.items()]
+            _array(self.path / str(name), variable.variable, sizes)
         zarr.create_group(self.path, attributes=plain({**data.attrs, "complete": 0}), zarr_format=3)
 
     def _write_coords(self) -> None:
         with _writing(self.path):
             for name, variable in self.coords.items():
-                _array(self.path / name, variable, variable.shape)[...] = variable.to_numpy()
+                sizes = [Lanes(n, n) for n in variable.shape]
+                _array(self.path / name, variable, sizes)[...] = variable.to_numpy()
 
     def _same(self, about: Mapping[str, str]) -> None:
         """Raise StoreError if the store is of something else."""
@@ -220,16 +228,16 @@ def _dims(array: "zarr.Array") -> tuple[str, ...]:
     return array.metadata.dimension_names  # type: ignore[return-value]
 
 
-def _array(path: Path, variable: "xr.Variable", shape: tuple[int, ...]) -> "zarr.Array":
-    """An array with chunks like a variable, of what is not there yet: NaN, lanes that have not run, nought."""
+def _array(path: Path, variable: "xr.Variable", sizes: Sequence[Lanes]) -> "zarr.Array":
+    """An array for more of a variable, of what is not there yet: NaN, lanes that have not run, nought."""
     import zarr
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
     fill = np.nan if variable.dtype.kind == "f" else Status.NOT_RUN if path.name == "status" else 0
     return zarr.create_array(
         store=str(path),
-        shape=shape,
-        chunks=variable.shape,
+        shape=tuple(n for n, _ in sizes),
+        chunks=tuple(block for _, block in sizes),
         dtype=variable.dtype,
         fill_value=fill,
         dimension_names=[str(dim) for dim in variable.dims],

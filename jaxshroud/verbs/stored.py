@@ -18,7 +18,7 @@ from jaxshroud.results.base import opened
 from jaxshroud.results.blocks import Block, chains, spread
 from jaxshroud.results.store import read
 from jaxshroud.results.sweep import SweepResult, sweep_coordinates
-from jaxshroud.results.unfinished import Record, Unfinished, unfinished
+from jaxshroud.results.unfinished import Lanes, Record, Unfinished, unfinished
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.parts import Direction
 from jaxshroud.scene.text import words_of
@@ -41,8 +41,8 @@ def stored(grid: Grid, states: State | None, direction: Direction, wanted: Wante
     grid = grid._replace(lanes=jax.tree.map(np.asarray, grid.lanes), precise=jax.tree.map(np.asarray, grid.precise))
     period = np.arange(wanted.plan.transient + 1, wanted.plan.transient + wanted.plan.kept + 1)
     coords = sweep_coordinates(grid.axes, period)
-    lanes = dict(zip(grid.dims, grid.shape, strict=True))
     sizes = block_sizes(grid, direction, wanted)
+    lanes = dict(zip(grid.dims, map(Lanes, grid.shape, sizes), strict=True))
     about = _words(grid, states, direction, wanted) | {"blocks": " x ".join(map(str, sizes))}
     with unfinished(path, lanes, about, coords) as store:
         try:
