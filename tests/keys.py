@@ -22,14 +22,14 @@ MORE = """
 ## Data as engineers have them
 
 A file may give frequencies, damping ratios and speeds instead, from which these numbers are worked out
-([formulas](../jaxshroud/scene/given.py)), and `I = "block"` for the moment of inertia of the block itself. Two keys for
+(formulas: `jaxshroud/scene/given.py`), and `I = "block"` for the moment of inertia of the block itself. Two keys for
 one quantity are an error. `--along` and `jaxshroud.vary` know the numbers above only.
 
 | key | symbol | unit | range | per blade | default | example | |
 |---|---|---|---|---|---|---|---|
 """
 FOOT = """
-(from the table in [jaxshroud/scene/keys.py](../jaxshroud/scene/keys.py) by `python tests/keys.py`)
+(from the table in `jaxshroud/scene/keys.py` by `python tests/keys.py`)
 """
 
 

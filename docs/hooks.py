@@ -1,0 +1,84 @@
+"""What the documentation is made of beside its pages: hooks of MkDocs.
+
+Notebooks, the changelog and pictures come from where they are kept; formulas become MathML; `{{ help sweep }}` becomes
+a command's own help, `{{ output check table1 }}` what a command prints, and `{{ file NAME }}` a file.
+"""
+
+import html
+import io
+import re
+import subprocess
+import sys
+from contextlib import redirect_stdout, suppress
+from pathlib import Path
+
+import nbformat
+from latex2mathml.converter import convert
+from mkdocs.structure.files import File, Files
+from nbconvert import MarkdownExporter
+from traitlets.config import Config
+
+ROOT = Path(__file__).parent.parent
+COPIED = {  # pictures that are kept elsewhere
+    "pictures/peers.png": "tests/benchmarks/results/peers.png",
+    "pictures/order.png": "tests/benchmarks/results/order.png",
+    "pictures/reading.png": "tests/studies/reading.png",
+}
+PAGES = {"changelog.md": "CHANGELOG.md", "studies.md": "tests/studies/README.md"}
+LINK = re.compile(r"\[([^]]+)\]\((?!https?:)[^)]+\)")  # to a file that the site does not have
+OUTWARDS = re.compile(r"(?<=\])\(\.\./[^)]+\)")  # from a notebook to the repository
+FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
+ASKED = re.compile(r"\{\{ (help|output|file) ([^}]+) \}\}")
+SHOWN = ["image/png", "text/markdown", "text/plain"]  # of a cell's output the first that there is
+
+
+def on_files(files: Files, config) -> Files:
+    """Add the pages and pictures that are kept elsewhere."""
+    for place, source in COPIED.items():
+        files.append(File.generated(config, place, content=(ROOT / source).read_bytes()))
+    for place, source in PAGES.items():
+        files.append(File.generated(config, place, content=LINK.sub(r"\1", (ROOT / source).read_text("utf-8"))))
+    for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        for name, content in rendered(path).items():
+            files.append(File.generated(config, f"notebooks/{name}", content=content))
+    return files
+
+
+def rendered(path: Path) -> dict[str, str | bytes]:
+    """A notebook as a page, and its pictures, by their names."""
+    exporter = MarkdownExporter(config=Config({"NbConvertBase": {"display_data_priority": SHOWN}}))
+    told = {"unique_key": path.stem, "output_files_dir": "."}
+    body, more = exporter.from_notebook_node(nbformat.read(path, as_version=4), resources=told)
+    kept = f"The notebook is `notebooks/{path.name}`; its outputs are those it is kept with.\n"
+    pictures = {name.removeprefix("./"): content for name, content in more["outputs"].items()}
+    return {f"{path.stem}.md": f"{OUTWARDS.sub('', body)}\n{kept}", **pictures}
+
+
+def on_page_markdown(markdown: str, **_) -> str:
+    """Put in what commands say."""
+    return ASKED.sub(lambda found: f"```text\n{said(*found.groups()).rstrip()}\n```", markdown)
+
+
+def said(what: str, words: str) -> str:
+    """A command's help, what it prints, or a file."""
+    if what == "file":
+        return (ROOT / words).read_text("utf-8")
+    if what == "output":
+        command = [sys.executable, "-m", "jaxshroud", *words.split()]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    from jaxshroud.cli.parser import parser
+
+    printed = io.StringIO()
+    with redirect_stdout(printed), suppress(SystemExit):
+        parser().parse_args([words, "--help"])
+    return printed.getvalue()
+
+
+def on_page_content(content: str, **_) -> str:
+    """Formulas as MathML, which browsers set with their own fonts and no scripts."""
+
+    def formula(found: re.Match[str]) -> str:
+        display = "block" if found[1] == "div" else "inline"
+        return convert(html.unescape(found[2]).strip(), display=display)
+
+    return FORMULA.sub(formula, content)

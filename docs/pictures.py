@@ -1,0 +1,116 @@
+"""The pictures of the pages, by the commands that the pages show.
+
+`python docs/pictures.py [NAME ...]` draws them anew. Each command runs in a folder of its own; what the last of them
+draws is copied to docs/pictures/NAME.
+"""
+
+import shlex
+import shutil
+import sys
+import tempfile
+from contextlib import chdir
+from pathlib import Path
+
+PICTURES = Path(__file__).parent / "pictures"
+SCENE = "fig09_best"
+# Picture -> commands of its page, and what the last of them draws.
+COMMANDS = {
+    "simulate.png": ([f"simulate {SCENE} --periods 20 --out run.nc", "plot run.nc --width 90mm"], "run.png"),
+    "sweep.png": (
+        [f"sweep {SCENE} --along contact.gamma --start 0.5 --stop 8 --num 500 --out gamma"],
+        "gamma/sweep.png",
+    ),
+    "hysteresis.png": (
+        [
+            "sweep table1 --set drive.M_0=0.1 --along drive.omega --start 420 --stop 700 --num 200 "
+            "--direction both --out both"
+        ],
+        "both/sweep.png",
+    ),
+    "diagnose.png": ([f"diagnose {SCENE} --set contact.gamma=2.5 --out diagnosis"], "diagnosis/diagnosis.png"),
+    "power.png": ([f"power {SCENE} --set contact.gamma=2.5 --out power"], "power/power.png"),
+    "tune.png": (
+        [
+            f"tune {SCENE} --over shroud.gap=5um:200um --over contact.gamma=0.1:10 --range drive.F_0=20,40,60 "
+            "--steps-per-period 200 --periods 64 --transient 64 --map 12 --out tuned"
+        ],
+        "tuned/tune.png",
+    ),
+    "branch.png": (
+        ["branch fig09 --set drive.M_0=0.1 --along contact.gamma --start 0.1 --stop 4 --out branch"],
+        "branch/branch.png",
+    ),
+    "attractors.png": (["attractors fig10b --starts 128 --out attractors"], "attractors/attractors.png"),
+    "basins.png": (['basins fig10b --plane "x[0],v_x[0]" --num 60 --out basins'], "basins/basins.png"),
+    "lyapunov.png": (
+        ["sweep table1 --along contact.gamma --start 0.5 --stop 8 --num 100 --lyapunov --out exponents"],
+        "exponents/sweep.png",
+    ),
+    "plot.png": (
+        [f"simulate {SCENE} --periods 20 --out run.nc", "plot run.nc --kind forces --width 90mm --out forces.png"],
+        "forces.png",
+    ),
+    "animate.gif": (
+        [f"simulate {SCENE} --periods 20 --out run.nc", "animate run.nc --periods 1 --out run.gif"],
+        "run.gif",
+    ),
+}
+
+
+def gradient(path: Path) -> None:
+    """P_d over the gap with slopes at some of its points, as the page of `gradient` says."""
+    import jax
+    import numpy as np
+
+    jax.config.update("jax_enable_x64", True)
+    import jaxshroud as js
+
+    scene = js.load("table1", ["drive.M_0=0.1", "blades.c_x=40"]).scene
+    gaps, at = np.linspace(1e-5, 2e-4, 96), np.linspace(2e-5, 1.8e-4, 6)
+    curve = js.sweep(scene, {"shroud.gap": gaps}, n_periods=64, transient=200, steps_per_period=200)
+    slopes = js.gradient(js.scenes_from({"shroud.gap": at}, scene), ["shroud.gap"], steps_per_period=200)
+    figure = curve.plot(panel="P_d", unit="um", width=90)
+    axes = figure.axes[0]
+    here, rise = np.interp(at, gaps, curve.P_d), slopes.value["shroud.gap"]
+    for x, y, m in zip(at, here, rise, strict=True):
+        near = np.array([x - 1.2e-5, x + 1.2e-5])
+        axes.plot(1e6 * near, y + m * (near - x), color="#E69F00", linewidth=1.6)
+    figure.savefig(path, dpi=200)
+
+
+def orbit(path: Path) -> None:
+    """The orbit that is closed in the page of `orbit`."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import jaxshroud as js
+
+    scene = js.load("table1", ["drive.M_0=0.1", "blades.c_x=40"]).scene
+    found = js.orbit(scene, steps_per_period=200)
+    run = js.simulate(scene, found.state, n_periods=found.q, steps_per_period=200)
+    run.plot(kind="phase", width=90).savefig(path, dpi=200)
+
+
+def drawn(commands: list[str], last: str, to: Path) -> None:
+    """Run commands in an empty folder and keep what the last of them draws."""
+    from jaxshroud.cli import commands as cli
+
+    with tempfile.TemporaryDirectory() as out, chdir(out):
+        for command in commands:
+            if cli.main(shlex.split(command)):
+                raise SystemExit(f"failed: jaxshroud {command}")
+        shutil.copy(last, to)
+
+
+def main() -> None:
+    """Draw the pictures named, by default all."""
+    drawers = {"gradient.png": gradient, "orbit.png": orbit}
+    for name in sys.argv[1:] or [*COMMANDS, *drawers]:
+        if name in drawers:
+            drawers[name](PICTURES / name)
+        else:
+            drawn(*COMMANDS[name], PICTURES / name)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,16 @@
+"""A seeded sample of the study of killed sweeps."""
+
+import kills
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.studies
+
+
+def test_a_killed_sweep_ends_with_the_same_bytes(tmp_path):
+    # 2,000 lanes are two blocks; of two kills one store at least is gone on with.
+    found = kills.killed(2_000, 2, np.random.default_rng(3), tmp_path)
+    assert found["kills"] == 2
+    for store in found["stores"]:
+        assert store["identical"]
+        assert store["computed_again"] == 0
