@@ -28,7 +28,7 @@ COMMANDS = {
         "both/sweep.png",
     ),
     "diagnose.png": ([f"diagnose {SCENE} --set contact.gamma=2.5 --out diagnosis"], "diagnosis/diagnosis.png"),
-    "power.png": ([f"power {SCENE} --set contact.gamma=2.5 --out power"], "power/power.png"),
+    "power.png": ([f"power {SCENE} --set contact.gamma=7 --out power"], "power/power.png"),
     "tune.png": (
         [
             f"tune {SCENE} --over shroud.gap=5um:200um --over contact.gamma=0.1:10 --range drive.F_0=20,40,60 "
@@ -61,16 +61,18 @@ def gradient(path: Path) -> None:
     """P_d over the gap with slopes at some of its points, as the page of `gradient` says."""
     import jax
     import numpy as np
+    from matplotlib.figure import Figure
 
     jax.config.update("jax_enable_x64", True)
     import jaxshroud as js
 
-    scene = js.load("table1", ["drive.M_0=0.1", "blades.c_x=40"]).scene
+    scene = js.load("fig09_best", ["contact.gamma=4"]).scene
     gaps, at = np.linspace(1e-5, 2e-4, 96), np.linspace(2e-5, 1.8e-4, 6)
-    curve = js.sweep(scene, {"shroud.gap": gaps}, n_periods=64, transient=200, steps_per_period=200)
-    slopes = js.gradient(js.scenes_from({"shroud.gap": at}, scene), ["shroud.gap"], steps_per_period=200)
-    figure = curve.plot(panel="P_d", unit="um", width=90)
-    axes = figure.axes[0]
+    curve = js.sweep(scene, {"shroud.gap": gaps}, n_periods=64, transient=200, steps_per_period=400)
+    slopes = js.gradient(js.scenes_from({"shroud.gap": at}, scene), ["shroud.gap"], steps_per_period=400)
+    figure = Figure((90 / 25.4, 65 / 25.4), layout="constrained")
+    axes = figure.subplots()
+    curve.plot(axes, panel="P_d", unit="um")
     here, rise = np.interp(at, gaps, curve.P_d), slopes.value["shroud.gap"]
     for x, y, m in zip(at, here, rise, strict=True):
         near = np.array([x - 1.2e-5, x + 1.2e-5])
@@ -85,9 +87,9 @@ def orbit(path: Path) -> None:
     jax.config.update("jax_enable_x64", True)
     import jaxshroud as js
 
-    scene = js.load("table1", ["drive.M_0=0.1", "blades.c_x=40"]).scene
-    found = js.orbit(scene, steps_per_period=200)
-    run = js.simulate(scene, found.state, n_periods=found.q, steps_per_period=200)
+    scene = js.load("fig09_best", ["contact.gamma=4"]).scene
+    found = js.orbit(scene, steps_per_period=400)
+    run = js.simulate(scene, found.start, n_periods=found.q, steps_per_period=400)
     run.plot(kind="phase", width=90).savefig(path, dpi=200)
 
 

@@ -1,0 +1,169 @@
+"""The pages of the documentation: their code runs, reduced where it is slow, and the site they make is whole.
+
+A command on a page is run with the words of `SMALLER` after its own; Python on a page is run with scenes of the
+smallest model, and with few periods where nothing else is said. Installation is what CI does anyway.
+"""
+
+import re
+import shlex
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+
+import jaxshroud as js
+from jaxshroud.cli import commands as cli
+from jaxshroud.cli.parser import VERBS, parser
+from jaxshroud.cli.words import words
+from jaxshroud.scene.config import load
+from jaxshroud.verbs import door, stored, trade
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md"])
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+SMALL = ["--set", 'parts.motion=["x"]']
+SETTLED = [*SMALL, "--set", "blades.c_x=40", "--set", "drive.M_0=0"]
+STEPS = ["--steps-per-period", "100"]
+SMALLER = {
+    "simulate": [*SMALL, "--periods", "2", *STEPS],
+    "sweep": [*SMALL, "--periods", "2", "--transient", "1"],
+    "power": [*SMALL, "--periods", "4", "--transient", "1", *STEPS],
+    "diagnose": [*SETTLED, *STEPS],
+    "gradient": [*SETTLED, *STEPS],
+    "tune": [*SMALL, "--periods", "2", "--transient", "2", *STEPS],
+    "branch": [*SETTLED, *STEPS, "--num", "3", "--start", "2", "--stop", "2.2", "--at", "2.1"],
+    "attractors": [*SETTLED, *STEPS, "--starts", "4"],
+    "basins": [*SETTLED, *STEPS, "--num", "3"],
+    "trade": [*SMALL, "--set", "parts.friction=none", "--lanes", "8", "--periods", "4", "--transient", "4"],
+}
+SCAN = ["--scan", "4", "--starts", "1", "--updates", "1", "--map", "2"]
+
+
+def blocks(path, language):
+    """All code of a page in one language."""
+    return [code for found, code in BLOCK.findall(path.read_text("utf-8")) if found == language]
+
+
+def commands(path):
+    """The command lines of a page, without those that install."""
+    lines = "".join(blocks(path, "sh")).replace("\\\n", " ").splitlines()
+    split = [shlex.split(line, comments=True) for line in lines]
+    return [line[1:] for line in split if line and line[0] == "jaxshroud" and "FILE.toml" not in line]
+
+
+def reduced(line):
+    """A command that does the same for less."""
+    line = [word for word in line]
+    for i, word in enumerate(line[:-1]):
+        if word == "--num" and line[0] == "sweep":
+            line[i + 1] = "3"
+    return [*line, *SMALLER.get(line[0], []), *(SCAN if line[0] == "tune" else []), *forced(line)]
+
+
+def forced(line):
+    """Words that let a command replace what another page's has written."""
+    return ["--force"] if "--out" in line and "--resume" not in line else []
+
+
+SHELL = [path for path in PAGES if commands(path)]
+PYTHON = [path for path in PAGES if blocks(path, "python")]
+names = lambda paths: [str(path.relative_to(ROOT)) for path in paths]  # noqa: E731
+
+
+@pytest.mark.parametrize("path", SHELL, ids=names(SHELL))
+def test_commands_of_a_page_are_understood(path):
+    for line in commands(path):
+        parser().parse_args(words(line))
+
+
+def test_every_verb_has_a_page_that_shows_it():
+    for verb in VERBS:
+        assert [line for line in commands(DOCS / "verbs" / f"{verb}.md") if line[0] == verb], verb
+
+
+@pytest.fixture
+def small(monkeypatch, tmp_path):
+    """Scenes of the smallest model, few periods, and a folder to write to."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(trade, "SETTINGS", {contact: ways[:2] for contact, ways in trade.SETTINGS.items()})
+    monkeypatch.setattr(door, "N_PERIODS", 4)
+    monkeypatch.setattr(stored, "LEAST", 64)
+    settled = ['parts.motion=["x"]', "blades.c_x=40", "drive.M_0=0", "run.periods=4", "run.transient=4"]
+    monkeypatch.setattr(js, "load", lambda path, more=(): load(path, [*more, *settled]), raising=False)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("path", SHELL, ids=names(SHELL))
+def test_commands_of_a_page_run(path, small, capsys):
+    for line in commands(path):
+        assert cli.main(reduced(line)) == 0, (line, capsys.readouterr().err)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("path", PYTHON, ids=names(PYTHON))
+def test_python_of_a_page_runs(path, small, capsys):
+    told = {}
+    for code in blocks(path, "python"):
+        exec(code, told)
+
+
+@pytest.mark.parametrize("path", [path for path in PAGES if blocks(path, "toml")], ids=lambda path: path.stem)
+def test_scenes_of_a_page_load(path):
+    from jaxshroud.scene.config import parse
+
+    for text in blocks(path, "toml"):
+        if "[blades]" in text:
+            assert parse(text, path.name).scene.drive.omega > 0
+
+
+class Links(HTMLParser):
+    """What a page of the site refers to, and the places that it has."""
+
+    def __init__(self):
+        super().__init__()
+        self.needed, self.linked, self.places = [], [], set()
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.places |= {given[name] for name in ("id", "name") if given.get(name)}
+        if tag == "a" and given.get("href"):
+            self.linked.append(given["href"])
+        elif tag == "link" and given.get("rel") in ("stylesheet", "icon", "preload", "preconnect"):
+            self.needed.append(given["href"])
+        elif given.get("src"):
+            self.needed.append(given["src"])
+
+
+def read(path):
+    """The links of a page."""
+    links = Links()
+    links.feed(path.read_text("utf-8"))
+    return links
+
+
+@pytest.mark.full
+def test_the_site_builds_without_a_warning_and_is_whole(tmp_path):
+    pytest.importorskip("mkdocs", reason="of the group docs")
+    site = tmp_path / "site"
+    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(site)]
+    done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    pages = {path: read(path) for path in site.rglob("*.html") if path.name != "404.html"}
+    assert len(pages) > 30
+    for path, links in pages.items():
+        assert not [place for place in links.needed if urlsplit(place).netloc], path  # nothing from elsewhere
+        for link in links.linked + links.needed:
+            parts = urlsplit(link)
+            if parts.scheme or parts.netloc:
+                continue
+            to = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            to = to / "index.html" if to.is_dir() else to
+            assert to.exists(), (path, link)
+            if parts.fragment and to in pages:
+                assert unquote(parts.fragment) in pages[to].places, (path, link)
+        assert "arithmatex" not in path.read_text("utf-8"), path  # all formulas are set
+    assert "<math" in (site / "model.html").read_text("utf-8")
