@@ -1,10 +1,10 @@
 """What the documentation is made of beside its pages: hooks of MkDocs.
 
-Notebooks, the changelog and pictures come from where they are kept; formulas become MathML; `{{ help sweep }}` becomes
-a command's own help, `{{ output check table1 }}` what a command prints, and `{{ file NAME }}` a file.
+Notebooks, the changelog and pictures come from where they are kept; `{{ help sweep }}` becomes a command's own help,
+`{{ output check table1 }}` what a command prints, `{{ file NAME }}` a file, and `{{ numbers SweepResult }}` a table of
+what a result holds.
 """
 
-import html
 import io
 import re
 import subprocess
@@ -13,7 +13,6 @@ from contextlib import redirect_stdout, suppress
 from pathlib import Path
 
 import nbformat
-from latex2mathml.converter import convert
 from mkdocs.structure.files import File, Files
 from nbconvert import MarkdownExporter
 from traitlets.config import Config
@@ -27,8 +26,7 @@ COPIED = {  # pictures that are kept elsewhere
 PAGES = {"changelog.md": "CHANGELOG.md", "studies.md": "tests/studies/README.md"}
 LINK = re.compile(r"\[([^]]+)\]\((?!https?:)[^)]+\)")  # to a file that the site does not have
 OUTWARDS = re.compile(r"(?<=\])\(\.\./[^)]+\)")  # from a notebook to the repository
-FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
-ASKED = re.compile(r"\{\{ (help|output|file) ([^}]+) \}\}")
+ASKED = re.compile(r"\{\{ (help|output|file|numbers) ([^}]+) \}\}")
 SHOWN = ["image/png", "text/markdown", "text/plain"]  # of a cell's output the first that there is
 
 
@@ -55,8 +53,34 @@ def rendered(path: Path) -> dict[str, str | bytes]:
 
 
 def on_page_markdown(markdown: str, **_) -> str:
-    """Put in what commands say."""
-    return ASKED.sub(lambda found: f"```text\n{said(*found.groups()).rstrip()}\n```", markdown)
+    """Put in what commands say, and what results hold."""
+
+    def put(found: re.Match[str]) -> str:
+        if found[1] == "numbers":
+            return numbers(found[2])
+        return f"```text\n{said(found[1], found[2]).rstrip()}\n```"
+
+    return ASKED.sub(put, markdown)
+
+
+def numbers(name: str) -> str:
+    """The numbers of a class of results: dimensions after those of the lanes, unit, what they are."""
+    import jaxshroud as js
+    from jaxshroud.results.variable import MOTION, Attribute, Counts, Moving
+
+    rows = ["| number | dimensions | unit | |", "|---|---|---|---|"]
+    for key, number in getattr(js, name).variables.items():
+        dims, about = ", ".join(number.dims), number.attributes
+        if isinstance(number, Moving):
+            fields = [(f"{key}.{field}", f"{dims}, blade".strip(", "), *MOTION[field]) for field in MOTION]
+        elif isinstance(number, Counts):
+            fields = [(key, "", "", number.words.strip(": "))]
+        elif isinstance(number, Attribute):
+            continue
+        else:
+            fields = [(key, dims, about.get("units", ""), about.get("long_name", ""))]
+        rows += [f"| `{field}` | {dims} | {unit} | {words} |" for field, dims, unit, words in fields]
+    return "\n".join(rows)
 
 
 def said(what: str, words: str) -> str:
@@ -72,13 +96,3 @@ def said(what: str, words: str) -> str:
     with redirect_stdout(printed), suppress(SystemExit):
         parser().parse_args([words, "--help"])
     return printed.getvalue()
-
-
-def on_page_content(content: str, **_) -> str:
-    """Formulas as MathML, which browsers set with their own fonts and no scripts."""
-
-    def formula(found: re.Match[str]) -> str:
-        display = "block" if found[1] == "div" else "inline"
-        return convert(html.unescape(found[2]).strip(), display=display)
-
-    return FORMULA.sub(formula, content)

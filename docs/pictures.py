@@ -13,6 +13,7 @@ from pathlib import Path
 
 PICTURES = Path(__file__).parent / "pictures"
 SCENE = "fig09_best"
+TWO = "table1 --set drive.M_0=0.1 --set drive.omega=545"  # motions coexist there
 # Picture -> commands of its page, and what the last of them draws.
 COMMANDS = {
     "simulate.png": ([f"simulate {SCENE} --periods 20 --out run.nc", "plot run.nc --width 90mm"], "run.png"),
@@ -40,8 +41,14 @@ COMMANDS = {
         ["branch fig09 --set drive.M_0=0.1 --along contact.gamma --start 0.1 --stop 4 --out branch"],
         "branch/branch.png",
     ),
-    "attractors.png": (["attractors fig10b --starts 128 --out attractors"], "attractors/attractors.png"),
-    "basins.png": (['basins fig10b --plane "x[0],v_x[0]" --num 60 --out basins'], "basins/basins.png"),
+    "attractors.png": (
+        [f"attractors {TWO} --starts 128 --out attractors"],
+        "attractors/attractors.png",
+    ),
+    "basins.png": (
+        [f'basins {TWO} --plane "x[0],v_x[0]" --num 60 --out basins'],
+        "basins/basins.png",
+    ),
     "lyapunov.png": (
         ["sweep table1 --along contact.gamma --start 0.5 --stop 8 --num 100 --lyapunov --out exponents"],
         "exponents/sweep.png",
@@ -60,8 +67,11 @@ COMMANDS = {
 def gradient(path: Path) -> None:
     """P_d over the gap with slopes at some of its points, as the page of `gradient` says."""
     import jax
+    import matplotlib as mpl
     import numpy as np
     from matplotlib.figure import Figure
+
+    from jaxshroud.results.drawing import STYLE
 
     jax.config.update("jax_enable_x64", True)
     import jaxshroud as js
@@ -70,10 +80,11 @@ def gradient(path: Path) -> None:
     gaps, at = np.linspace(1e-5, 2e-4, 96), np.linspace(2e-5, 1.8e-4, 6)
     curve = js.sweep(scene, {"shroud.gap": gaps}, n_periods=64, transient=200, steps_per_period=400)
     slopes = js.gradient(js.scenes_from({"shroud.gap": at}, scene), ["shroud.gap"], steps_per_period=400)
-    figure = Figure((90 / 25.4, 65 / 25.4), layout="constrained")
-    axes = figure.subplots()
-    curve.plot(axes, panel="P_d", unit="um")
-    here, rise = np.interp(at, gaps, curve.P_d), slopes.value["shroud.gap"]
+    with mpl.rc_context(STYLE):
+        figure = Figure((90 / 25.4, 65 / 25.4), layout="constrained")
+        axes = figure.subplots()
+        curve.plot(axes, panel="P_d", unit="um")
+    here, rise = slopes.orbit.P_d, slopes.value["shroud.gap"]
     for x, y, m in zip(at, here, rise, strict=True):
         near = np.array([x - 1.2e-5, x + 1.2e-5])
         axes.plot(1e6 * near, y + m * (near - x), color="#E69F00", linewidth=1.6)
@@ -90,7 +101,7 @@ def orbit(path: Path) -> None:
     scene = js.load("fig09_best", ["contact.gamma=4"]).scene
     found = js.orbit(scene, steps_per_period=400)
     run = js.simulate(scene, found.start, n_periods=found.q, steps_per_period=400)
-    run.plot(kind="phase", width=90).savefig(path, dpi=200)
+    run.plot(kind="phase", settled_from=0, width=90).savefig(path, dpi=200)
 
 
 def drawn(commands: list[str], last: str, to: Path) -> None:
