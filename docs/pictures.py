@@ -100,7 +100,7 @@ def orbit(path: Path) -> None:
 
     scene = js.load("fig09_best", ["contact.gamma=4"]).scene
     found = js.orbit(scene, steps_per_period=400)
-    run = js.simulate(scene, found.start, n_periods=found.q, steps_per_period=400)
+    run = js.simulate(scene, found.start, n_periods=found.q + 1, steps_per_period=400)
     run.plot(kind="phase", settled_from=0, width=90).savefig(path, dpi=200)
 
 
