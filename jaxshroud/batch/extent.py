@@ -21,7 +21,12 @@ def fits(lanes: int, transient: int, kept: int, held: int | None = None) -> None
             f"{periods:.3g} lane-periods (lanes x periods) are more than the {MOST_LANE_PERIODS:.0e} that a run may "
             "have; give fewer periods or values"
         )
-    memory_for("this run", lanes * LANE + (lanes if held is None else held) * kept * SAMPLE)
+    memory_for("this run", memory(lanes, kept, held))
+
+
+def memory(lanes: int, kept: int, held: int | None = None) -> int:
+    """Bytes that a sweep takes at its peak; samples are held of `held` lanes at once, by default of all."""
+    return lanes * LANE + (lanes if held is None else held) * kept * SAMPLE
 
 
 def results_size(lanes: int, kept: int, *, samples: bool) -> int:

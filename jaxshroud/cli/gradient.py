@@ -7,7 +7,7 @@ from typing import Any
 from jaxshroud.batch.xla import alone
 from jaxshroud.cli.asked import loaded, march
 from jaxshroud.cli.store import gradient_json
-from jaxshroud.cli.terminal import CommandError, blamed, free, print_columns, print_table
+from jaxshroud.cli.terminal import CommandError, blamed, free, print_columns, print_table, progress_bar
 from jaxshroud.march.method import FAST
 from jaxshroud.motion.margins import contact_margins
 from jaxshroud.results.store import write_json
@@ -24,7 +24,7 @@ def gradient_verb(options: argparse.Namespace) -> None:
         raise CommandError(f"--sigma must be positive, but is {options.sigma}")
     wrt = list(dict.fromkeys(key.strip() for key in options.wrt.split(",")))
     how = march(file, alone(file.scene), options, FAST, derivatives=True)
-    with blamed(f"--wrt {options.wrt}"):
+    with progress_bar("periods") as report, blamed(f"--wrt {options.wrt}"):
         found = gradient(
             file.scene,
             wrt,
@@ -36,6 +36,7 @@ def gradient_verb(options: argparse.Namespace) -> None:
             steps_per_period=how.steps,
             seed=options.seed,
             method=how.method,
+            progress=report,
         )
     data = gradient_json(found, file)
     unit = "%" if options.of == "P_d" else "m^4"

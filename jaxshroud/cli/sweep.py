@@ -2,14 +2,18 @@
 
 import argparse
 import math
+import sys
 import time
+from datetime import timedelta
 from pathlib import Path
 from typing import Any, NoReturn
 
 import jax
 import numpy as np
 
-from jaxshroud.batch.extent import fits, results_size
+from jaxshroud.batch.extent import fits, memory, results_size
+from jaxshroud.batch.projection import projected_seconds
+from jaxshroud.batch.runs import Plan
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.cli.asked import loaded, march, unmet, warned
 from jaxshroud.cli.axes import with_axes
@@ -24,11 +28,14 @@ from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.unfinished import relabel, remove
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
+from jaxshroud.scene.precision import in_precision
+from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.accuracy import Choice
 from jaxshroud.verbs.door import Marched
 from jaxshroud.verbs.sweep import AT_ONCE, sweep
 from jaxshroud.version import __version__
 
+LONG = 10**9  # steps of lanes: minutes
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
 
 
@@ -46,6 +53,9 @@ def sweep_verb(options: argparse.Namespace) -> None:
         fits(count, asked.transient, asked.periods, min(count, AT_ONCE) if at_once else None)
     lanes = _lanes(file)
     how = march(file, lanes, options, FAST_WITH_LEDGER if options.ledger else FAST)
+    plan = Plan(asked.transient, asked.periods, how.steps, options.phase, how.method)
+    if file.direction == "independent" and count * (plan.transient + plan.kept) * plan.steps_per_period > LONG:
+        _tell_projection(lanes, plan, options, place)
     with progress_bar("lane-periods") as report, blamed(file.name):
         try:
             result = sweep(
@@ -78,6 +88,17 @@ def sweep_verb(options: argparse.Namespace) -> None:
     write_json(summary, options.out / "summary.json")
     warn_status(result.status, result.chatter)
     print_table(file.title or file.name, {**summary, "written": options.out})
+
+
+def _tell_projection(lanes: Scene, plan: Plan, options: argparse.Namespace, place: Path | None) -> None:
+    """Say what a long run will take, before it starts."""
+    count = len(lanes.drive.omega)
+    seconds = projected_seconds(in_precision(lanes, plan.method.precision), plan)
+    left = str(timedelta(seconds=round(seconds)))
+    held = memory(count, plan.kept, min(count, AT_ONCE) if place is not None or options.no_samples else None) / 2**30
+    stored = results_size(count, plan.kept, samples=not options.no_samples) / 2**30
+    about = f"some {left} h on all cores, {held:.3g} GiB of memory, {stored:.3g} GiB of results"
+    print(f"{count} lanes: {about}{'' if place is None else f' in {place}'}", file=sys.stderr)
 
 
 def _count(file: SceneFile) -> int:

@@ -75,12 +75,17 @@ def directory(path: Path, names: Sequence[str], force: bool) -> None:
 
 @contextmanager
 def progress_bar(unit: str):
-    """A progress report; the bar appears on a terminal's standard error."""
+    """A progress report with rate and time left; the bar appears on a terminal's standard error."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    class Rate(TextColumn):
+        def render(self, task):
+            return Text(f"{task.speed:.3g}/s" if task.speed else "")
 
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Rate(""), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(f"{unit} (compiling)", total=None)
         yield lambda done, total: bar.update(task, description=unit, completed=done, total=total)

@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,11 @@ import pytest
 import zarr
 
 import jaxshroud as js
+from jaxshroud.batch import projection
+from jaxshroud.batch.runs import Plan
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import sweep as sweep_verb
+from jaxshroud.march.method import FAST
 from jaxshroud.results.blocks import chains, spread
 from jaxshroud.results.unfinished import Unfinished
 from jaxshroud.verbs import stored
@@ -335,3 +339,26 @@ def test_scenes_and_numbers_without_samples_are_stored_too(scene, tmp_path):
     assert set(found.data.variables) == set(exact.data.variables)
     np.testing.assert_allclose(found.P_d, exact.P_d, rtol=1e-9)
     np.testing.assert_array_equal(found.data["gap"], exact.data["gap"])
+
+
+@pytest.mark.parametrize(("long", "told"), [(0, True), (1e9, False)])
+def test_a_long_run_says_first_what_it_will_take(words, capsys, monkeypatch, long, told):
+    monkeypatch.setattr(sweep_verb, "LONG", long)
+    assert cli.main(words) == 0
+    line = [line for line in capsys.readouterr().err.splitlines() if line.startswith("200 lanes: some ")]
+    assert bool(line) == told
+    if told:
+        assert "GiB of memory" in line[0]
+        assert line[0].endswith("sweep.zarr")
+
+
+def test_a_projection_is_as_long_as_the_run(scene):
+    # The same lanes and ten times the periods: ten times as long, whatever the machine.
+    plan = Plan(2, 8, 100, 0.0, FAST)
+    lanes = js.scenes_from({"contact.gamma": GAMMA[:64]}, scene)
+    times = iter(range(8))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(projection, "perf_counter", lambda: float(next(times)))
+        one, ten = (projection.projected_seconds(lanes, replace(plan, kept=kept)) for kept in (8, 98))
+    assert ten == pytest.approx(10 * one)
+    assert one == pytest.approx(10 / 16 / os.cpu_count())  # a second for the sixteen periods that are timed
