@@ -18,8 +18,8 @@ run is (q is then the orbit's own: one still on its way may seem to have a multi
 exponent of the next 1,000 periods is positive with its interval. Scenes with neither are counted, and belong to no
 class. A run that repeats like that, on an orbit like that, after an eighth of its length is not run on: it would stay
 there. Where a run looks chaotic, the verdict also asks 64 copies of it, which go on for as long as its last round:
-together some 35 times as long as the run, and not counted in "twenty times". A verdict is right where it names the truth, period number included, undecided where it says "undecided" or
-"transient not over", and wrong otherwise.
+together some 35 times as long as the run, and not counted in "twenty times". A verdict is right where it names the
+truth, period number included, undecided where it says "undecided" or "transient not over", and wrong otherwise.
 """
 
 import json
