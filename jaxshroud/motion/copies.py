@@ -23,7 +23,7 @@ from jaxshroud.motion.shooting import NEAR, WINDOW, Aim, nearby_orbit
 from jaxshroud.motion.together import together
 from jaxshroud.scene.scene import Scene
 
-COPIES = 64
+COPIES = 32
 APART = 1e-4  # of x, at random and at most
 KEPT = 4 * WINDOW  # last periods in which a copy must return
 

@@ -83,11 +83,11 @@ def verdicts(
 
 
 def _with_copies(scenes: Scene, found: dict[int, Verdict], lanes: list[int], aim: Aim) -> dict[int, Verdict]:
-    """Verdicts on lanes that look chaotic, once copies of their runs have gone on for as long as the last round."""
+    """Verdicts on lanes that look chaotic, once copies of their runs have gone on for as long as its last stretch."""
     if not lanes:
         return {}
     some = jax.tree.map(lambda a: np.asarray(a)[lanes], scenes)
-    states, periods = stacked([found[i].evidence.last for i in lanes]), found[lanes[0]].evidence.stretches.all
+    states, periods = stacked([found[i].evidence.last for i in lanes]), found[lanes[0]].evidence.stretches.series
     known = settled_copies(some, states, periods, aim)
     seen = [(found[i].evidence._replace(settled=one), found[i].periods) for i, one in zip(lanes, known, strict=True)]
     return {i: Verdict(*judgement(e), e, n) for i, (e, n) in zip(lanes, seen, strict=True)}

@@ -71,7 +71,7 @@ def test_scenes_are_judged_each_on_its_own():
 def test_copies_settle_where_there_is_an_orbit():
     scenes = scenes_at(BASE, ["contact.gamma"], np.array([[0.5], [2.5]]))
     for one in settled_copies(scenes, starts(scenes), 128, AIM):
-        assert one == (64, 64, 1)
+        assert one == (32, 32, 1)
 
 
 def test_slow_decay_is_told_from_arrival():
