@@ -88,7 +88,7 @@ ORBITS = {
 }
 
 
-@pytest.mark.full(but=["x"])
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "more"), ORBITS.values(), ids=ORBITS)
 def test_relative_effects_are_those_of_differences(name, more):
     orbit = js.orbit(js.load(name, more).scene, steps_per_period=400)
