@@ -37,6 +37,10 @@ COMMANDS = {
         ],
         "tuned/tune.png",
     ),
+    "scatter.png": (
+        ["scatter fig09_best --tolerance shroud.gap=10um --spread drive.F_0=20% --at-least 35 --out scatter"],
+        "scatter/scatter.png",
+    ),
     "branch.png": (
         ["branch fig09 --set drive.M_0=0.1 --along contact.gamma --start 0.1 --stop 4 --out branch"],
         "branch/branch.png",

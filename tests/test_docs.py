@@ -38,6 +38,7 @@ SMALLER = {
     "animate": ["--periods", "1"],
     "gradient": [*SETTLED, *STEPS],
     "tune": [*SMALL, "--periods", "2", "--transient", "2", *STEPS],
+    "scatter": [*SMALL, "--samples", "4", "--periods", "2", "--transient", "2", *STEPS],
     "branch": [*SETTLED, *STEPS, "--num", "3", "--start", "2", "--stop", "2.2", "--at", "2.1"],
     "attractors": [*SETTLED, *STEPS, "--starts", "4"],
     "basins": [*SETTLED, *STEPS, "--num", "3"],

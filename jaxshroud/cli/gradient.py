@@ -10,6 +10,8 @@ from jaxshroud.cli.store import gradient_json
 from jaxshroud.cli.terminal import CommandError, blamed, free, print_columns, print_table, progress_bar
 from jaxshroud.march.method import FAST
 from jaxshroud.motion.margins import contact_margins
+from jaxshroud.results import drawing, plot_effects
+from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.store import write_json
 from jaxshroud.verbs.gradient import differences, gradient
 
@@ -22,7 +24,10 @@ def gradient_verb(options: argparse.Namespace) -> None:
     free(options.out, options.force)
     if not 0 < options.sigma < float("inf"):
         raise CommandError(f"--sigma must be positive, but is {options.sigma}")
-    wrt = list(dict.fromkeys(key.strip() for key in options.wrt.split(",")))
+    wrt = "all" if options.wrt == "all" else list(dict.fromkeys(key.strip() for key in options.wrt.split(",")))
+    picture = options.out.with_suffix(".png")
+    if options.relative:
+        free(picture, options.force)
     how = march(file, alone(file.scene), options, FAST, derivatives=True)
     with progress_bar("periods") as report, blamed(f"--wrt {options.wrt}"):
         found = gradient(
@@ -44,7 +49,7 @@ def gradient_verb(options: argparse.Namespace) -> None:
     rows: dict[str, Any] = {
         "kind": found.kind,
         options.of: f"{found.level:.6g} +- {found.level_ci:.2g} {unit}",
-        **{f"d{options.of}/d {key}": f"{v:.6g} +- {found.ci[key]:.2g}" for key, v in found.value.items()},
+        **({} if options.relative else _slopes(found)),
         "flags": ", ".join(found.flags) or "none",
     }
     if found.kind == "periodic":
@@ -56,9 +61,21 @@ def gradient_verb(options: argparse.Namespace) -> None:
     else:
         rows["smoothing"] = f"{found.sigma:g} of each value"
     print_table(file.title or file.name, {**rows, "written": options.out})
+    if options.relative:
+        unit = "percentage points" if options.of == "P_d" else "m^4"
+        lines = [[e.key, f"{e.number:.6g}", e.per, f"{e.change:.4g}", f"{e.ci:.2g}"] for e in found.effects]
+        print_columns(
+            "what matters", ["key", "value [SI]", "more by", f"changes {options.of} by [{unit}]", "+-"], lines
+        )
+        drawing.save(plot_effects.tornado(data), picture)
     if options.check:
         data["check"] = _checked(found)
     write_json(data, options.out)
+
+
+def _slopes(found: Gradient) -> dict[str, str]:
+    """Derivatives in SI units."""
+    return {f"d{found.of}/d {key}": f"{v:.6g} +- {found.ci[key]:.2g}" for key, v in found.value.items()}
 
 
 def _checked(found) -> dict[str, Any]:

@@ -116,7 +116,10 @@ def gradient_options(made: OneLineParser) -> None:
     """Options of `jaxshroud gradient`."""
     scene_options(made)
     made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first, where smoothed")
-    made.add_argument("--wrt", required=True, metavar="K1,K2", help="numbers of the scene, e.g. shroud.gap")
+    made.add_argument(
+        "--wrt", required=True, metavar="K1,K2", help="numbers of the scene, e.g. shroud.gap; all: every one"
+    )
+    made.add_argument("--relative", action="store_true", help="tell and draw what 1 percent of each number changes")
     made.add_argument("--of", choices=("P_d", "P"), default="P_d")
     made.add_argument("--sigma", type=number, default=0.01, help="relative width of the smoothing, in chaos")
     made.add_argument("--pairs", type=count(2), default=128, metavar="N", help="pairs of samples, in chaos")
@@ -223,6 +226,19 @@ def animate_options(made: OneLineParser) -> None:
 def _nothing(_: OneLineParser) -> None: ...
 
 
+def scatter_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud scatter`."""
+    scene_options(made)
+    made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
+    made.add_argument("--over", action="append", default=[], metavar="K=LO:HI", help="number and its bounds")
+    made.add_argument("--tolerance", action="append", default=[], metavar="K=D", help="number, to D on either side")
+    made.add_argument("--spread", action="append", default=[], metavar="K=P%", help="number, to P percent either side")
+    made.add_argument("--at-least", type=number, metavar="P_d", help="P_d [%%] whose probability is asked for")
+    made.add_argument("--samples", type=count(2), default=256, metavar="N", help="rows of draws, a power of 2")
+    made.add_argument("--seed", type=count(0, SEEDS), default=0, metavar="N")
+    made.add_argument("--out", type=path, required=True, metavar="DIR")
+
+
 class Verb(NamedTuple):
     """A question that can be asked; the module of its name answers it."""
 
@@ -263,6 +279,11 @@ VERBS = {
         "jaxshroud tune table1 --set drive.M_0=10 --over shroud.gap=5um:200um --over contact.gamma=0.1:10 "
         "--range drive.F_0=20,40,60,80 --out tuned",
         tune_options,
+    ),
+    "scatter": Verb(
+        "How P_d scatters where numbers of a scene do, with the probability of a wanted P_d and Sobol indices.",
+        "jaxshroud scatter fig09_best --tolerance shroud.gap=10um --spread drive.F_0=20% --at-least 35 --out scatter",
+        scatter_options,
     ),
     "branch": Verb(
         "Follow a periodic orbit along a number of a scene, past folds and flips, stable or not.",

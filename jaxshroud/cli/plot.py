@@ -16,7 +16,7 @@ from jaxshroud.scene.errors import InputError, StoreError
 if TYPE_CHECKING:
     from jaxshroud.results.drawing import Look
 
-DRAWN_BY_THEMSELVES = ("branch", "attractors", "basins", "diagnosis")
+DRAWN_BY_THEMSELVES = ("branch", "attractors", "basins", "diagnosis", "scatter")
 IN_FOLDERS = (
     "sweep.nc",
     "sweep.zarr",
@@ -85,15 +85,20 @@ def draw_dataset(
 
 def draw_json(source: Path, data: Any, picture: Path, look: "Look | None" = None) -> None:
     """Draw a convergence of P_d, a tuning or a trade."""
-    from jaxshroud.results import plot_design, plot_power
+    from jaxshroud.results import plot_design, plot_effects, plot_power
     from jaxshroud.results.drawing import PLAIN
 
     keys = set(data) if isinstance(data, dict) else set()
-    if keys >= GRADIENT:
-        raise CommandError(f"{source}: holds derivatives, of which there is no picture")
+    if keys >= GRADIENT and "number" not in keys:
+        raise CommandError(f"{source}: holds derivatives without the numbers' values; run the command again")
     if keys >= SUMMARY:
         raise CommandError(f"{source}: is the summary of a sweep; give its folder or its sweep.nc")
-    drawn = ((POWER, plot_power.power_convergence), (TUNING, plot_design.tuning), (TRADE, plot_design.trade))
+    drawn = (
+        (GRADIENT, plot_effects.tornado),
+        (POWER, plot_power.power_convergence),
+        (TUNING, plot_design.tuning),
+        (TRADE, plot_design.trade),
+    )
     draw = next((draw for kind, draw in drawn if keys >= kind), None)
     if draw is None:
         raise StoreError(f"{source}: not a result of jaxshroud; give a power.json, tune.json or trade.json")

@@ -41,6 +41,7 @@ def gradient_json(found: Gradient, scene_file: SceneFile) -> dict[str, Any]:
     """A gradient as `gradient.json` holds it."""
     at = found.orbit
     told = {n: getattr(found, n) for n in ("of", "kind", "value", "ci", "level", "level_ci", "sigma", "flags")}
+    told["number"] = {e.key: e.number for e in found.effects}
     orbit = {
         "period_number": at.q,
         "residual": at.residual,

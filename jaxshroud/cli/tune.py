@@ -20,7 +20,7 @@ from jaxshroud.verbs.tune import objective_map, tune
 def tune_verb(options: argparse.Namespace) -> None:
     """Find the numbers of a scene that reduce the vibration most."""
     file = loaded(options)
-    over = {a.key: (float(a.values[0]), float(a.values[1])) for a in (_bounds(file, t) for t in options.over)}
+    over = {a.key: (float(a.values[0]), float(a.values[1])) for a in (bounds(file, t) for t in options.over)}
     conditions = {a.key: a.values.tolist() for a in (_values(file, t) for t in options.range)}
     most_v = _limit(file, "--most-penetration", "shroud.gap", options.most_penetration)
     most_N = _limit(file, "--most-force", "drive.F_0", options.most_force)
@@ -71,7 +71,8 @@ def tune_verb(options: argparse.Namespace) -> None:
     )
 
 
-def _bounds(file: SceneFile, text: str) -> Axis:
+def bounds(file: SceneFile, text: str) -> Axis:
+    """A number with its lower and upper bound, from KEY=LOW:HIGH."""
     key, _, ends = text.partition("=")
     if ends.count(":") != 1:
         raise CommandError(f"--over {text}: is not KEY=LOW:HIGH, e.g. --over shroud.gap=5um:200um")

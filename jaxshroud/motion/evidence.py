@@ -16,6 +16,7 @@ from jaxshroud.batch.states import final_states, rows
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State
 from jaxshroud.motion.averages import displacements, half_diagonal, sizes_of
+from jaxshroud.motion.copies import Settled
 from jaxshroud.motion.largest import TURNING, largest_exponents
 from jaxshroud.motion.orbit import Cycle
 from jaxshroud.motion.period import PERIOD_TOLERANCE, nearness
@@ -60,6 +61,7 @@ class Evidence(NamedTuple):
     ci: float
     K: float
     last: State
+    settled: Settled | None = None  # copies, of a run that looks chaotic
 
 
 def gathered(

@@ -10,9 +10,11 @@ from jaxshroud.batch.runs import Plan, run_lanes
 from jaxshroud.batch.states import final_states
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State
+from jaxshroud.motion.copies import settled_copies
 from jaxshroud.motion.evidence import Evidence, Stretches, Tick, gathered
 from jaxshroud.motion.largest import TURNING
 from jaxshroud.motion.shooting import Aim
+from jaxshroud.motion.together import stacked
 from jaxshroud.scene.scene import Scene
 
 Kind = Literal["periodic", "quasi-periodic", "chaotic", "transient not over", "undecided", "stopped"]
@@ -75,15 +77,28 @@ def verdicts(
         if not going_on:
             break
         open_lanes = open_lanes[going_on]
-        states = jax.tree.map(lambda *a: np.stack(a), *(evidence[i].last for i in going_on))
-    return [found[i] for i in range(len(found))]
+        states = stacked([evidence[i].last for i in going_on])
+    chaotic = [i for i in sorted(found) if found[i].kind == "chaotic"]
+    return [verdict for _, verdict in sorted((found | _with_copies(scenes, found, chaotic, aim)).items())]
+
+
+def _with_copies(scenes: Scene, found: dict[int, Verdict], lanes: list[int], aim: Aim) -> dict[int, Verdict]:
+    """Verdicts on lanes that look chaotic, once copies of their runs have gone on for as long as its last stretch."""
+    if not lanes:
+        return {}
+    some = jax.tree.map(lambda a: np.asarray(a)[lanes], scenes)
+    states, periods = stacked([found[i].evidence.last for i in lanes]), found[lanes[0]].evidence.stretches.series
+    known = settled_copies(some, states, periods, aim)
+    seen = [(found[i].evidence._replace(settled=one), found[i].periods) for i, one in zip(lanes, known, strict=True)]
+    return {i: Verdict(*judgement(e), e, n) for i, (e, n) in zip(lanes, seen, strict=True)}
 
 
 def judgement(e: Evidence, last: bool = True) -> tuple[Kind, int]:
     """The kind and the period number that the evidence agrees on.
 
     Chaos and tori are seen in the last round only: of what looks chaotic for some hundred periods, one in ten settles
-    on an orbit later, and a torus looks like a slow decay.
+    on an orbit later, and a torus looks like a slow decay. Where a copy of the run settles on an orbit, its own chaos
+    may end as well, or go on beside the orbit.
     """
     if e.status != Status.OK:
         return "stopped", 0
@@ -93,7 +108,9 @@ def judgement(e: Evidence, last: bool = True) -> tuple[Kind, int]:
     if e.q and e.away <= STAYS and shrinks:
         return "periodic", e.q
     if last and grows and e.K > CHAOS:
-        return "chaotic", 0
+        if e.settled is None or not e.settled.q:
+            return "chaotic", 0
+        return ("transient not over" if e.settled.copies == e.settled.of else "undecided"), 0
     if not e.q and last and not e.drifts and abs(e.exponent) <= max(e.ci, FLAT) <= SURE and e.K < REGULAR:
         return "quasi-periodic", 0
     return ("transient not over" if shrinks or e.drifts else "undecided"), 0
@@ -107,7 +124,7 @@ def sentence(verdict: Verdict) -> str:
     spans = _spans(e)
     growth = f"largest exponent {e.exponent:.3g} ± {e.ci:.2g} a period (periods {spans[1]})"
     K = f"0–1 test K = {e.K:.2f} (periods {spans[2]})"
-    return f"{verdict.words}: {_of_returns(e)} (periods {spans[0]}); {growth}; {K}"
+    return f"{verdict.words}: {_of_returns(e)} (periods {spans[0]}); {growth}; {K}{_of_copies(e)}"
 
 
 def _spans(e: Evidence) -> Sequence[str]:
@@ -117,6 +134,14 @@ def _spans(e: Evidence) -> Sequence[str]:
     firsts = begins + 1 + np.array([0, TURNING, 0])
     ends = begins + np.array([n.returns, TURNING + n.growth, n.series])
     return [f"{a}–{b}" for a, b in zip(firsts, ends, strict=True)]
+
+
+def _of_copies(e: Evidence) -> str:
+    """What copies of the run do, where they were asked."""
+    if e.settled is None:
+        return ""
+    copies, of, q = e.settled
+    return f"; {copies} of {of} copies settle on period {q}" if q else f"; none of {of} copies settles on an orbit"
 
 
 def _of_returns(e: Evidence) -> str:

@@ -34,6 +34,7 @@ CLASSES = {
     "branch": ("branch", "Branch"),
     "attractors": ("attractors", "Attractors"),
     "basins": ("basins", "Basins"),
+    "scatter": ("scatter", "Scatter"),
 }
 
 

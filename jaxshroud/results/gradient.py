@@ -6,11 +6,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxshroud.results.base import Result
+from jaxshroud.results.effects import Effect, effects
 from jaxshroud.results.gathered import Flags, in_shape, lanes_in_words
 from jaxshroud.results.orbit import TOLD, Orbit
 from jaxshroud.results.variable import Attribute, Variable
+from jaxshroud.scene.errors import InputError
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from jaxshroud.motion.gradient import Slope
 
 KINDS = ("none", "periodic", "smoothed")
@@ -29,6 +34,7 @@ class Gradient(Result):
     stored_as = "gradient"
 
     of = Attribute(str)
+    number = Variable("value of each number, in SI units", None, ("wrt",))
     derivative = Variable("derivative with respect to each number, in SI units", None, ("wrt",))
     derivative_ci = Variable("half width of its 95 % interval; 0 where it is exact", None, ("wrt",))
     level = Variable("what is differentiated: on the orbit, or averaged over the neighbourhood", None, alone=True)
@@ -44,10 +50,16 @@ class Gradient(Result):
 
     @classmethod
     def of_slopes(
-        cls, slopes: "Sequence[Slope]", wrt: Sequence[str], of: str, orbit: Orbit, **about: Any
+        cls,
+        slopes: "Sequence[Slope]",
+        wrt: Sequence[str],
+        of: str,
+        orbit: Orbit,
+        numbers: Sequence[Sequence[float]],
+        **about: Any,
     ) -> "Gradient":
-        """The result from each lane's slope and the orbits of all."""
-        rows = [_row(slope) for slope in slopes]
+        """The result from each lane's slope, the orbits of all, and the values of the numbers in each."""
+        rows = [_row(slope) | {"number": np.array(at)} for slope, at in zip(slopes, numbers, strict=True)]
         values = {name: in_shape([row[name] for row in rows], np.shape(orbit.q)) for name in rows[0]}
         values |= {"of": of, "method": str(orbit.method), "steps_per_period": orbit.steps_per_period}
         made = cls.from_values(values, coords={"wrt": list(wrt)}, **about)
@@ -81,6 +93,36 @@ class Gradient(Result):
     def ci(self) -> dict[str, Any]:
         """The half widths of their 95 % intervals; 0 where the derivative is exact."""
         return self._by_key(self.derivative_ci)
+
+    @property
+    def effects(self) -> list[Effect]:
+        """What 1 % more of each number changes, or 1 degree of an angle: of one scene, the largest first.
+
+        Raises:
+            InputError: There are many scenes, or the file was written before the numbers were kept.
+        """
+        if self.number is None or self.number.ndim > 1:
+            cure = "compute it again" if self.number is None else "pick a lane"
+            raise InputError(f"Effects are of the numbers of one scene; {cure}.")
+        return effects(self.value, self.ci, self._by_key(self.number))
+
+    def plot(self, ax: "Axes | None" = None, **options: Any) -> "Figure":
+        """The effects of the numbers of one scene, the largest on top.
+
+        Args:
+            ax: There is no panel to draw alone.
+            options: `title`, `xlabel`, `width`, `style` of the picture.
+
+        Raises:
+            InputError: There are many scenes, or `ax` is given.
+        """
+        from jaxshroud.results import plot_effects
+
+        if ax is not None:
+            raise InputError("Argument `ax` is not for the picture of a Gradient.")
+        told = {e.key: e.number for e in self.effects}
+        data = {"of": self.of, "value": self.value, "ci": self.ci, "number": told}
+        return plot_effects.tornado(data | {"title": self.data.attrs.get("title", "")}, **options)
 
     def _by_key(self, values: np.ndarray) -> dict[str, Any]:
         columns = np.moveaxis(values, -1, 0)

@@ -112,8 +112,9 @@ class SweepResult(Result):
         along = " x ".join([*lanes, *(f"{key} ({len(v)}: {v[0]:g} to {v[-1]:g})" for key, v in self.axes.items())])
         best = np.nanmax(self.P_d, initial=-np.inf, where=self.status == Status.OK)
         place = f"along {along}" if along else "of one lane"
+        periods = f"{len(self.period)} period" + "s" * (len(self.period) != 1)
         return (
-            f"SweepResult {place}: {len(self.period)} periods kept of each lane; {self.ended}; "
+            f"SweepResult {place}: {periods} kept of each lane; {self.ended}; "
             f"largest P_d {best:.4g} %; {self.method}, {self.steps_per_period} steps a period"
         )
 

@@ -78,7 +78,7 @@ class Tuned(Result):
             ValueError: The result was read from a file.
         """
         if self._problem is None:
-            raise InputError("A stored tuning does not hold its problem; tune again, or save `objective_map` with it.")
+            raise InputError("A stored tuning does not hold its problem; `objective_map` makes it anew from the scene.")
         return self._problem
 
     @property

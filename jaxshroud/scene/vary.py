@@ -6,6 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.scene.errors import KeyNameError
@@ -69,3 +70,34 @@ def value_of(scene: Scene, key: str) -> float:
     if blade is None and len(set(values)) > 1:
         raise KeyNameError(f"{key} differs between the blades; name {key}[0] or {key}[1].")
     return values[blade or 0]
+
+
+def numbers_that_count(scene: Scene) -> tuple[str, ...]:
+    """Keys of all numbers that what a scene settles on may depend on.
+
+    Left out are the start, what the scene's parts have no use for, and the left blade's phase, which only says when
+    time begins. Numbers of blades that differ are named one by one, others together.
+    """
+    parts, keys = scene.parts, []
+    unused = _UNUSED["initial"] | {"contact.k" if scene.contact.k is None else "contact.gamma", "drive.phase"}
+    unused |= set() if "y" in parts.motion else _UNUSED["y"]
+    unused |= set() if "theta" in parts.motion else _UNUSED["theta"]
+    unused |= set() if scene.blades.m_y is not None else {"blades.m_y"}
+    unused |= set() if parts.contact == "smooth" else {"contact.width"}
+    unused |= set() if parts.friction != "none" else _UNUSED["friction"]
+    unused |= set() if parts.contact != "none" else _UNUSED["contact"] | _UNUSED["friction"]
+    for key in (key for key in KEYS if key not in unused):
+        pair = np.asarray(_numbers(scene, key))
+        apart = KEYS[key].pair and bool(np.any(pair[..., :1] != pair))
+        rigid = parts.neighbour == "rigid"
+        keys += [f"{key}[0]", *([] if rigid else [f"{key}[1]"])] if apart else [key]
+    return (*keys, *([] if parts.neighbour == "rigid" else ["drive.phase[1]"]))
+
+
+_UNUSED = {
+    "initial": {key for key in KEYS if key.startswith("initial.")},
+    "y": {"blades.k_y", "blades.c_y", "blades.m_y"},
+    "theta": {"blades.I", "blades.k_T", "blades.c_T", "drive.M_0", "shroud.l_oa", "shroud.l_ab"},
+    "contact": {"contact.k", "contact.gamma", *(key for key in KEYS if key.startswith("shroud."))},
+    "friction": {"friction.k_d", "friction.mu"},
+}

@@ -76,7 +76,7 @@ def attractors(
     """
     count_argument("starts", starts, 1)
     positive_argument("spread", spread)
-    one, aim, about = aimed(scene, most_periods, steps_per_period, method, accuracy)
+    one, aim, about = aimed("attractors", scene, most_periods, steps_per_period, method, accuracy)
     states = random_starts(one, starts, seed, spread)
     found = found_from(one, states, most_periods, aim, progress)
     values = rows_of_attractors(found, paths(found, one, aim)) | {"initial": states.motion}
@@ -85,6 +85,7 @@ def attractors(
 
 
 def aimed(
+    verb: str,
     scene: Scene | SceneFile,
     most_periods: int,
     steps_per_period: Steps | None,
@@ -93,7 +94,7 @@ def aimed(
 ) -> tuple[Scene, Aim, Mapping[str, Any]]:
     """One scene, how it is marched, and what results tell of it."""
     count_argument("most_periods", most_periods, 64)
-    one = one_scene("attractors", scene)
+    one = one_scene(verb, scene)
     request = asked(scene, steps_per_period=steps_per_period, method=method, accuracy=accuracy)
     how = with_tangents(request, alone(one))
     attrs, _ = request.about(request.transient, how.steps)

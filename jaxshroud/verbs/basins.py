@@ -65,7 +65,7 @@ def basins(
     keys = [f"initial.{name.removeprefix('initial.')}" for name in plane]
     if len(set(keys)) != 2:
         raise InputError(f"Argument `plane` must name two numbers of the initial motion, but is {', '.join(plane)}.")
-    one, aim, told = aimed(scene, most_periods, steps_per_period, method, accuracy)
+    one, aim, told = aimed("basins", scene, most_periods, steps_per_period, method, accuracy)
     asked_for = ranges or (None, None)
     wide = reach(one)
     axes = {key: _values(key, wide, ends, num) for key, ends in zip(keys, asked_for, strict=True)}

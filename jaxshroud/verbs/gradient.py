@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -21,13 +22,14 @@ from jaxshroud.scene.checks import count_argument, positive_argument, word_argum
 from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.vary import numbers_that_count, value_of
 from jaxshroud.verbs.lanes import Lanes, lanes_of, of_all, told
 from jaxshroud.verbs.orbit import cycles_of
 
 
 def gradient(
     scene: Scene | SceneFile,
-    wrt: Sequence[str],
+    wrt: Sequence[str] | Literal["all"],
     *,
     of: Of = "P_d",
     at: Orbit | None = None,
@@ -53,7 +55,8 @@ def gradient(
     Args:
         scene: One scene, or many with leading axes, which then come first in all results; or a scene file, whose [run]
             counts where an argument is not given.
-        wrt: Keys as for `vary`; without a blade's index both blades change together.
+        wrt: Keys as for `vary`; without a blade's index both blades change together. "all": every number that the
+            motion may depend on; see `Gradient.effects`.
         of: What to differentiate.
         at: The orbit, or orbits, where they are known already; how they were marched is then the default.
         sigma: Standard deviation of that distribution, relative to each parameter's value.
@@ -109,6 +112,8 @@ def gradient(
         dims=dims,
     )
     throw, march = throw or not lanes.shape, lanes.how
+    if isinstance(wrt, str):
+        wrt = numbers_that_count(lanes.asked.scene) if wrt == "all" else (wrt,)
     numbered = [with_numbers(one, wrt) for one in lanes.scenes]
     aim = Aim(march.steps, TOLERANCE[march.method.precision], march.method)
     plan = Plan(lanes.asked.transient, lanes.asked.n_periods, march.steps, 0.0, march.method)
@@ -127,7 +132,8 @@ def gradient(
     except Interrupted:
         raise Interrupted(None) from None
     orbits = Orbit.of_cycles(cycles, lanes.shape, **lanes.about) if at is None else at
-    return told(Gradient.of_slopes(slopes, wrt, of, orbits, **lanes.about), throw)
+    numbers = [[value_of(one, key) for key in wrt] for one in numbered]
+    return told(Gradient.of_slopes(slopes, wrt, of, orbits, numbers, **lanes.about), throw)
 
 
 def _known(at: Orbit, lanes: Lanes) -> list[Cycle]:
@@ -147,7 +153,9 @@ def _missing(cycles: list[Cycle], size: int, lane: int, flag: str) -> Slope:
 def on_orbit(found: Orbit, wrt: Sequence[str], of: Of = "P_d") -> Gradient:
     """The exact gradient on the orbit of a single scene; ValueError if there is no such `of`."""
     word_argument("of", of, Of)
-    return Gradient.of_slopes([alone_found(slope_on_orbit(found.cycle(), wrt, of))], wrt, of, found)
+    cycle = found.cycle()
+    numbers = [[value_of(cycle.scene, key) for key in wrt]]
+    return Gradient.of_slopes([alone_found(slope_on_orbit(cycle, wrt, of))], wrt, of, found, numbers)
 
 
 def differences(found: Orbit, wrt: Sequence[str], step: float, of: Of = "P_d") -> dict[str, float]:

@@ -7,6 +7,7 @@ from jaxshroud import Status, load
 from jaxshroud.batch.runs import starts
 from jaxshroud.march.method import FAST
 from jaxshroud.model.state import start
+from jaxshroud.motion.copies import Settled, settled_copies
 from jaxshroud.motion.evidence import Evidence, Stretches
 from jaxshroud.motion.shooting import Aim
 from jaxshroud.motion.verdict import Verdict, judgement, sentence, verdicts
@@ -26,6 +27,10 @@ def evidence(exponent, ci, K, **more):
     ("known", "kind"),
     [
         (evidence(0.3, 0.1, 0.95), "chaotic"),
+        (evidence(0.3, 0.1, 0.95, settled=Settled(0, 64, 0)), "chaotic"),
+        (evidence(0.3, 0.1, 0.95, settled=Settled(5, 64, 0)), "chaotic"),  # that seem to return, to no orbit
+        (evidence(0.3, 0.1, 0.95, settled=Settled(5, 64, 8)), "undecided"),
+        (evidence(0.3, 0.1, 0.95, settled=Settled(64, 64, 8)), "transient not over"),
         (evidence(0.3, 0.4, 0.95), "undecided"),  # an exponent that may be nought
         (evidence(0.3, 0.1, 0.1), "undecided"),  # a growth that the 0-1 test does not see
         (evidence(1e-4, 5e-4, 0.05), "quasi-periodic"),
@@ -61,6 +66,12 @@ def test_scenes_are_judged_each_on_its_own():
         assert abs(one.evidence.exponent - np.log(abs(cycle.others[0]))) <= one.evidence.ci + 1e-3
         assert one.evidence.K == 0
         assert one.periods == 32 + short.all
+
+
+def test_copies_settle_where_there_is_an_orbit():
+    scenes = scenes_at(BASE, ["contact.gamma"], np.array([[0.5], [2.5]]))
+    for one in settled_copies(scenes, starts(scenes), 128, AIM):
+        assert one == (32, 32, 1)
 
 
 def test_slow_decay_is_told_from_arrival():

@@ -56,10 +56,7 @@ def row(one: Drawn, sample: int, many: int, seed: int) -> dict[str, Any]:
     return {
         "model": one.model,
         "overrides": one.overrides,
-        "motions": [
-            f"{a.kind} {a.q}".replace("periodic", "period").replace("aperiodic 0", "aperiodic")
-            for a in found.attractors
-        ],
+        "motions": [f"period {a.q}" if a.kind == "periodic" else a.kind for a in found.attractors],
         "P_d": [None if a.cycle is None else a.cycle.P_d for a in found.attractors],
         "shares of the sample": (first / sample).tolist(),
         "intervals": np.stack([low, high], axis=-1).tolist(),

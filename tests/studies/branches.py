@@ -30,7 +30,7 @@ from jaxshroud.motion.apart import distance
 from jaxshroud.results.branch import KINDS
 from jaxshroud.scene.scene import Scene
 
-SEED, SCENES, WANTED = 0, 64, 16
+SEED, SCENES, WANTED = 0, 64, 48
 ASIDE, PUSH, LEFT, NEAR = 1e-3, 1e-2, 0.02, 1e-4
 KEY, RANGE, STEPS, MOST_POINTS, MOST_TRANSIENT = "contact.gamma", (0.3, 8.0), 128, 200, 10_000
 METHOD = js.Method("tsit5", locate="cubic")  # of the whole model

@@ -1,0 +1,114 @@
+"""How P_d scatters, and effects of numbers side by side."""
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.results.effects import effects, step_of
+from jaxshroud.scene.vary import numbers_that_count
+
+SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
+SHORT = {"n_periods": 4, "transient": 16, "steps_per_period": 100}
+OVER = {"shroud.gap": (1e-5, 3e-5), "friction.mu": (0.2, 0.4)}
+
+
+@pytest.fixture(scope="module")
+def found():
+    return js.scatter(SCENE, OVER, at_least=30.0, samples=16, **SHORT)
+
+
+def test_draws_are_the_sweep_of_their_numbers(found):
+    scenes = js.scenes_from({key: found.drawn[:, i] for i, key in enumerate(found.keys)}, SCENE)
+    np.testing.assert_array_equal(found.P_d, js.sweep(scenes, **SHORT).P_d)
+    assert found.probability == np.mean(found.P_d >= 30.0)
+    assert found.probability_low <= found.probability <= found.probability_high
+    ends = np.array(list(OVER.values()))
+    assert np.all((found.drawn >= ends[:, 0]) & (found.drawn <= ends[:, 1]))
+
+
+def test_a_scatter_is_stored_and_drawn(found, tmp_path):
+    found.save(tmp_path / "scatter.nc")
+    again = js.open(tmp_path / "scatter.nc")
+    assert isinstance(again, js.Scatter)
+    np.testing.assert_array_equal(again.total, found.total)
+    assert again.probability == found.probability
+    assert repr(again) == repr(found)
+    assert len(again.plot().axes) == 2
+
+
+def test_a_draw_that_stops_counts_as_missed(tmp_path):
+    wild = js.vary(SCENE, "initial.x", [1e150, 0.0])
+    with pytest.warns(js.LaneWarning):
+        lost = js.scatter(wild, {"initial.v_x": (0.0, 1e200)}, at_least=-1e9, samples=4, **SHORT)
+    assert lost.stopped > 0
+    assert lost.probability < 1
+
+
+@pytest.mark.parametrize(
+    ("over", "told"),
+    [({}, "at least one"), ({"shroud.gap": (2.0, 1.0)}, "in order"), ({"shroud.gab": (1.0, 2.0)}, "gap")],
+)
+def test_wrong_bounds_are_named(over, told):
+    with pytest.raises(js.Error, match=told):
+        js.scatter(SCENE, over, **SHORT)
+
+
+def test_effects_are_per_one_percent_and_sorted():
+    told = effects(
+        {"shroud.gap": -50.0, "shroud.alpha": 2.0},
+        {"shroud.gap": 0.0, "shroud.alpha": 0.1},
+        {"shroud.gap": 2e-5, "shroud.alpha": 1.0},
+    )
+    assert [e.key for e in told] == ["shroud.alpha", "shroud.gap"]
+    assert told[0].change == pytest.approx(2 * np.pi / 180)
+    assert told[0].per == "1°"
+    assert told[1].change == pytest.approx(-50 * 2e-7)
+    assert step_of("drive.M_0", 0.0) == (1.0, "1 N m")
+
+
+def test_all_numbers_are_those_of_the_model():
+    keys = numbers_that_count(SCENE)
+    assert "blades.I" not in keys
+    assert "contact.k" not in keys
+    assert {"shroud.gap", "contact.gamma", "drive.phase[1]"} <= set(keys)
+    whole = js.load("table1").scene
+    assert {"blades.I", "shroud.l_oa", "drive.M_0"} <= set(numbers_that_count(whole))
+    apart = js.vary(whole, "blades.m", [0.08, 0.09])
+    assert {"blades.m[0]", "blades.m[1]"} <= set(numbers_that_count(apart))
+    rigid = js.load("table1", ["parts.neighbour=rigid"]).scene
+    assert "drive.phase[1]" not in numbers_that_count(rigid)
+
+
+ORBITS = {
+    "x": ("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]),
+    "a small moment": ("fig09_best", ["contact.gamma=2.6"]),
+    "period 2": ("fig09_best", ["contact.gamma=3.1"]),
+    "a block's own inertia": ("table1_light", ["drive.M_0=0.1", "contact.gamma=2.5"]),
+    "printed moments": ("fig10b", []),
+}
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("name", "more"), ORBITS.values(), ids=ORBITS)
+def test_relative_effects_are_those_of_differences(name, more):
+    orbit = js.orbit(js.load(name, more).scene, steps_per_period=400)
+    found = js.gradient(orbit.cycle().scene, "all", at=orbit)
+    assert found.kind == "periodic"
+    by = js.differences(orbit, found.wrt, 1e-5)
+    for effect in found.effects:
+        step, _ = step_of(effect.key, effect.number)
+        # Fourth-order differences; what they miss, rounding included, is below a ten thousandth of the largest.
+        assert abs(by[effect.key] * step - effect.change) <= 1e-4 * abs(found.effects[0].change)
+    # Control: effects of twice the step are told from these.
+    assert abs(2 * by[found.effects[0].key] * step_of(*found.effects[0][:2])[0] / found.effects[0].change - 1) > 0.9
+
+
+def test_effects_are_stored_and_drawn(tmp_path):
+    short = {"steps_per_period": 100, "most_periods": 64}
+    found = js.gradient(SCENE, ["shroud.gap", "contact.gamma"], **short)
+    found.save(tmp_path / "g.nc")
+    again = js.open(tmp_path / "g.nc")
+    assert again.effects == found.effects
+    assert len(again.plot().axes) == 1
+    with pytest.raises(js.InputError, match="pick a lane"):
+        _ = js.gradient(js.scenes_from({"contact.gamma": [1.0, 2.5]}, SCENE), ["shroud.gap"], **short).effects
