@@ -299,6 +299,17 @@ def test_what_cannot_be_written_is_one_line_and_can_be_gone_on_with(
     assert js.open(tmp_path / "s" / "sweep.zarr").complete
 
 
+@pytest.mark.full
+def test_an_accuracy_is_kept_and_what_misses_it_is_marked(words, tmp_path):
+    words = [*words[: words.index("--steps-per-period")], "--accuracy", "fast", *words[words.index("--store") :]]
+    assert cli.main(words) == 0
+    found = js.open(tmp_path / "s" / "sweep.zarr")
+    assert found.accuracy.startswith("accuracy 1e-03")
+    assert found.inaccurate.shape == found.P_d.shape
+    summary = json.loads((tmp_path / "s" / "summary.json").read_text())
+    assert summary["inaccurate"] == found.inaccurate.sum()
+
+
 def test_an_interrupted_command_says_how_to_go_on(words, tmp_path, capsys, monkeypatch, whole):
     def stop(*_, **__):
         raise js.Interrupted(whole["independent"])
