@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 DRAWN_BY_THEMSELVES = ("branch", "attractors", "basins", "diagnosis", "scatter")
 IN_FOLDERS = (
     "sweep.nc",
-    "sweep.zarr",
     "power.json",
     "tune.json",
     "trade.json",
+    "sweep.zarr",
     *(f"{kind}.nc" for kind in DRAWN_BY_THEMSELVES),
 )
 # What only a result of that kind has.

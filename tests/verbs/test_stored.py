@@ -5,7 +5,6 @@ import json
 import os
 import shutil
 import signal
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +12,8 @@ import pytest
 import zarr
 
 import jaxshroud as js
-from jaxshroud.batch import projection
-from jaxshroud.batch.runs import Plan
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import sweep as sweep_verb
-from jaxshroud.march.method import FAST
-from jaxshroud.results.blocks import chains, spread
 from jaxshroud.results.unfinished import Unfinished
 from jaxshroud.verbs import stored
 
@@ -81,20 +76,6 @@ def same(found, exact):
     assert found.data.identical(exact.data)
     for name, variable in exact.data.variables.items():
         np.testing.assert_array_equal(found.data[name].to_numpy().view(np.uint8), variable.to_numpy().view(np.uint8))
-
-
-@pytest.mark.parametrize("backward", [False, True])
-@pytest.mark.parametrize(("shape", "lanes"), [((7,), 3), ((5, 4), 8), ((2, 5, 4), 6), ((1, 9), 64)])
-def test_blocks_have_every_lane_once_and_follow_each_other(shape, lanes, backward):
-    count = np.zeros(shape, int)
-    for chain in chains(shape, spread(shape, lanes), backward=backward):
-        firsts = [block.at[0].start for block in chain]
-        assert firsts == sorted(firsts, reverse=backward)
-        assert all(block.at[1:] == chain[0].at[1:] for block in chain)
-        for block in chain:
-            assert block.lanes <= max(lanes, 1)
-            count[block.at] += 1
-    assert (count == 1).all()
 
 
 @pytest.mark.full(but=["independent"])
@@ -361,15 +342,3 @@ def test_a_long_run_says_first_what_it_will_take(words, capsys, monkeypatch, lon
     if told:
         assert "GiB of memory" in line[0]
         assert line[0].endswith("sweep.zarr")
-
-
-def test_a_projection_is_as_long_as_the_run(scene):
-    # The same lanes and ten times the periods: ten times as long, whatever the machine.
-    plan = Plan(2, 8, 100, 0.0, FAST)
-    lanes = js.scenes_from({"contact.gamma": GAMMA[:64]}, scene)
-    times = iter(range(8))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(projection, "perf_counter", lambda: float(next(times)))
-        one, ten = (projection.projected_seconds(lanes, replace(plan, kept=kept)) for kept in (8, 98))
-    assert ten == pytest.approx(10 * one)
-    assert one == pytest.approx(10 / 16 / os.cpu_count())  # a second for the sixteen periods that are timed

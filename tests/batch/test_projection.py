@@ -1,0 +1,26 @@
+"""What a long run will take: proportional to its periods and lanes."""
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.batch import projection
+from jaxshroud.batch.runs import Plan
+from jaxshroud.march.method import FAST
+
+
+def test_a_projection_is_as_long_as_the_run():
+    # The same lanes and ten times the periods: ten times as long, whatever the machine.
+    plan = Plan(2, 8, 100, 0.0, FAST)
+    lanes = js.scenes_from(
+        {"contact.gamma": np.linspace(1.0, 2.0, 64)}, js.load("table1", ['parts.motion=["x"]']).scene
+    )
+    times = iter(range(8))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(projection, "perf_counter", lambda: float(next(times)))
+        one, ten = (projection.projected_seconds(lanes, replace(plan, kept=kept)) for kept in (8, 98))
+    assert ten == pytest.approx(10 * one)
+    assert one == pytest.approx(10 / 16 / os.cpu_count())  # a second for the sixteen periods that are timed
