@@ -1,4 +1,8 @@
 from .batch.periodmap import period_map as period_map
+from .batch.rollout import Moment as Moment
+from .batch.rollout import Rollout as Rollout
+from .batch.rollout import most_trials as most_trials
+from .batch.rollout import rollout as rollout
 from .batch.threads import Interrupted as Interrupted
 from .march.method import Method as Method
 from .march.stability import largest_frequency as largest_frequency
