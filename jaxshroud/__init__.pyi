@@ -3,6 +3,8 @@ from .batch.rollout import Moment as Moment
 from .batch.rollout import Rollout as Rollout
 from .batch.rollout import most_trials as most_trials
 from .batch.rollout import rollout as rollout
+from .batch.sweepfunction import Strobe as Strobe
+from .batch.sweepfunction import sweep_function as sweep_function
 from .batch.threads import Interrupted as Interrupted
 from .march.method import Method as Method
 from .march.stability import largest_frequency as largest_frequency

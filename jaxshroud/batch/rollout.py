@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.sampled import Schedule, differentiable_samples, trials
@@ -142,7 +143,7 @@ def most_trials(
     """
     schedule = _schedule(n_periods, None, steps_per_period, method, MOST_COUNT)
     found = trials(*alone(_prepared(scene, state, schedule.method)), schedule)
-    if isinstance(found, jax.core.Tracer):
+    if isinstance(found, Tracer):
         raise InputError("Call `most_trials` outside jax.jit, and give its number to `rollout`.")
     return math.ceil(int(found[0]) * MARGIN[0]) + MARGIN[1]
 

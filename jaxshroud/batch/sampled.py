@@ -22,7 +22,7 @@ from jaxtyping import Array, Int
 from jaxshroud.batch.loop import Where, advance, itself, march
 from jaxshroud.batch.tangents import Dual, Flow, begun, dual, dual_grid, ended
 from jaxshroud.batch.xla import EachLane, Tree, alone, best, plain, repeated_while
-from jaxshroud.march.lane import Fixed, Lane, grid, running
+from jaxshroud.march.lane import Fixed, Lane, Lanes, grid, running
 from jaxshroud.march.method import Choices
 from jaxshroud.model.absent import Scalar
 from jaxshroud.model.modes import Status
@@ -45,13 +45,13 @@ class Schedule(NamedTuple):
 class _Way(NamedTuple):
     """How lanes are marched: by themselves, or with tangents."""
 
-    run: Callable[[EachLane], EachLane]
+    run: Callable[[Any], EachLane]
     where: Where  # the values are
     parts: Callable[[Any], Any]  # of a tuple that a function of lanes returned
     on_grid: Callable[..., Any]
 
 
-def _on_grid(models: Model, periods: Scalar, steps: Int[Array, " lanes"]) -> Fixed:
+def _on_grid(models: Model, periods: Lanes, steps: Int[Array, " lanes"]) -> Fixed:
     count = steps.astype(periods.dtype)
     return Fixed(models, grid(jnp.zeros_like(count), count, periods), steps)
 
@@ -76,15 +76,14 @@ def samples(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Arra
         before, and statuses.
     """
     way = WITH_TANGENTS if isinstance(scenes, Dual) else ALONE
-    first = way.run(plain)(lambda scene, state: begun(scene, state, schedule.method), scenes, states)
+    first = way.run(plain)(partial(begun, method=schedule.method), scenes, states)
     lanes, models, periods = way.parts(first)
     steps = jnp.full(way.where(periods).shape, schedule.steps, jnp.int32)
     fixed = way.on_grid(models, periods, steps)
-    kept = lambda lane, model, period: _kept(lane, model, period, schedule)  # noqa: E731
 
     def one(carry, _):
-        lanes, trials = _next_sample(*carry, fixed, schedule, way)
-        lanes, flow = way.parts(way.run(plain)(kept, lanes, models, periods))
+        lanes, trials = _next_sample(carry[0], carry[1], fixed, schedule, way)
+        lanes, flow = way.parts(way.run(plain)(partial(_kept, schedule=schedule), lanes, models, periods))
         return (lanes, trials), flow
 
     last_of = skipping(one, schedule.skipped)

@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.core import Tracer
 from jax.extend.core import jaxpr_as_fun
 from jaxtyping import Array
 
@@ -53,7 +54,8 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
         @wraps(f)
         def call(*args: Any, **kwargs: Any) -> Any:
             series = any(isinstance(a, Choices) and a.taylor for a in (*args, *kwargs.values()))
-            if not accepted(series):
+            inside = any(isinstance(a, Tracer) for a in jax.tree.leaves((args, kwargs)))  # of a program with its own
+            if inside or not accepted(series):
                 return plain(*args, **kwargs)
             return (large if series else widest)(*args, **kwargs)
 
