@@ -169,5 +169,5 @@ def _prepared(scene: Scene, state: State | None, method: Choices) -> tuple[Scene
 def _moment(t: Scalar, turns: Float[Array, ""], state: State, ready: Model) -> Moment:
     held = inside(state, ready)
     at = resultant(wave(*sincos_turns(turns), ready.drive), held, ready)
-    N, F = filled((at.N, at.F), at.v)
+    N, F = (jnp.where(jnp.isnan(at.v), at.v, force) for force in filled((at.N, at.F), at.v))  # a lane that has stopped
     return Moment(t, state, N, F, at.v, at.u)

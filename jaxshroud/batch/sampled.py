@@ -116,7 +116,7 @@ def _next_sample(lanes: Tree, trials: Int[Array, " lanes"], fixed: Tree, schedul
         spent = running(where(lanes), stop) & (trials >= most)
         status = jnp.where(spent, Status.OUT_OF_TRIALS, where(lanes).status).astype(jnp.int32)
         lanes = eqx.tree_at(lambda lanes: where(lanes).status, lanes, status)
-        trials = trials + running(where(lanes), stop)
+        trials = trials + running(where(lanes), stop).astype(jnp.int32)
         return advance(lanes, fixed, method, each, where), trials
 
     return repeated_while(lambda pair: jnp.any(running(where(pair[0]), stop)), once, (lanes, trials))
