@@ -22,6 +22,7 @@ from jaxtyping import Array, Int
 from jaxshroud.batch.loop import Where, advance, itself, march
 from jaxshroud.batch.tangents import Dual, Flow, begun, dual, dual_grid, ended
 from jaxshroud.batch.xla import EachLane, Tree, alone, best, plain, repeated_while
+from jaxshroud.march.implicit import first_order_only
 from jaxshroud.march.lane import Fixed, Lane, Lanes, grid, running
 from jaxshroud.march.method import Choices
 from jaxshroud.model.absent import Scalar
@@ -172,10 +173,10 @@ def perturbed(tangents: Tree) -> Tree:
 
 def pushed(primals: tuple[Scene, State], tangents: Any, schedule: Schedule) -> tuple[Flow, Flow]:
     """The samples of one lane, and what `perturbed` tangents of scene and state lead to."""
-    leaves, tree = jax.tree.flatten(primals)
+    leaves, tree = jax.tree.flatten(first_order_only(primals))
     moving = [a is not None for a in tree.flatten_up_to(tangents)]
     along = jnp.concatenate([jnp.ravel(a) for a in jax.tree.leaves(tangents)])
-    lanes = jax.tree.map(lambda a: jnp.broadcast_to(a, (len(along), *jnp.shape(a))), primals)
+    lanes = jax.tree.map(lambda a: jnp.broadcast_to(a, (len(along), *jnp.shape(a))), tree.unflatten(leaves))
     units = tree.unflatten(_units(leaves, moving, len(along)))
     flows, _ = _run(*(Dual(*pair) for pair in zip(lanes, units, strict=True)), schedule)
     flow, slopes = _first(flows.value), _where_ok(flows.value.status[0], flows.tangent)
