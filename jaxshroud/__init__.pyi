@@ -42,6 +42,13 @@ from .scene.errors import StoreError as StoreError
 from .scene.file import SceneFile as SceneFile
 from .scene.grids import scenes_from as scenes_from
 from .scene.grids import stack_scenes as stack_scenes
+from .scene.lawbook import DampedSpring as DampedSpring
+from .scene.lawbook import Hertz as Hertz
+from .scene.lawbook import LuGre as LuGre
+from .scene.lawbook import RegularisedCoulomb as RegularisedCoulomb
+from .scene.laws import FrictionLaw as FrictionLaw
+from .scene.laws import Laws as Laws
+from .scene.laws import NormalLaw as NormalLaw
 from .scene.motion import AT_REST as AT_REST
 from .scene.motion import Motion as Motion
 from .scene.parts import Parts as Parts
@@ -51,6 +58,7 @@ from .scene.scene import Drive as Drive
 from .scene.scene import Friction as Friction
 from .scene.scene import Scene as Scene
 from .scene.scene import Shroud as Shroud
+from .scene.scene import with_laws as with_laws
 from .scene.shipped import shipped as shipped
 from .scene.vary import value_of as value_of
 from .scene.vary import vary as vary

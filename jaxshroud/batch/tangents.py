@@ -117,7 +117,7 @@ def canonical(state: State, scene_model: Model) -> State:
         level = [select(state.case == FLAT, as_one(pair, scene_model), pair) for pair in angles(state.motion)]
         state = eqx.tree_at(lambda s: angles(s.motion), state, tuple(level))
     at = seat(state.motion, state, scene_model)[2]
-    if is_absent(state.u_s) or scene_model.spring.smooth:
+    if is_absent(state.u_s) or scene_model.spring.flows:
         return state
     u_s = at.u - stretch(at.v, at.u, state.u_s, state.mode, scene_model.spring)
     return eqx.tree_at(lambda s: s.u_s, state, jnp.where(state.mode == Mode.APART, 0.0, u_s))
