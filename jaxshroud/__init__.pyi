@@ -10,6 +10,7 @@ from .march.method import Method as Method
 from .march.stability import largest_frequency as largest_frequency
 from .march.stability import steps_for as steps_for
 from .march.tableau import tableau as tableau
+from .model.lawcheck import check_laws as check_laws
 from .model.linear import free_power as free_power
 from .model.modes import Mode as Mode
 from .model.modes import Status as Status

@@ -143,11 +143,9 @@ def _lift(at: Touch, rate: Rates, apart: Bool[Array, ""], spring: Springs) -> tu
     if is_absent(spring.laws):
         return lift * at.v, lift * rate.v
     pushed = spring.laws.push(jnp.maximum(at.v, 0.0), rate.v) / spring.k  # a length, as v is
-    idle = (at.v > 0) & (pushed <= 0)  # apart although the corners overlap
-    return (
-        jnp.where(apart, jnp.where(idle, -at.v, at.v), -jnp.minimum(at.v, pushed)),
-        jnp.where(apart, jnp.where(idle, -rate.v, rate.v), jnp.where(pushed < at.v, 0.0, -rate.v)),
-    )
+    sense = jnp.where((at.v > 0) & (pushed <= 0), -1.0, 1.0)  # apart although the corners overlap
+    in_contact = -jnp.minimum(at.v, pushed), jnp.where(pushed < at.v, 0.0, -rate.v)
+    return jnp.where(apart, sense * at.v, in_contact[0]), jnp.where(apart, sense * rate.v, in_contact[1])
 
 
 def senses(case: Case) -> tuple[Scalar, Scalar]:

@@ -11,16 +11,19 @@ Both laws are functions of JAX, finite where N = 0; as `eqx.Module`s their array
 batch over and differentiate by. Laws of scalars alone, z too, are compiled with all else into one kernel.
 """
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from jaxshroud.scene.errors import InputError
+
 Number = Float[Array, ""]
 
 
+@runtime_checkable
 class NormalLaw(Protocol):
     """A law of the normal force."""
 
@@ -29,6 +32,7 @@ class NormalLaw(Protocol):
         ...
 
 
+@runtime_checkable
 class FrictionLaw(Protocol):
     """A law of friction."""
 
@@ -81,3 +85,23 @@ class Laws(eqx.Module):
         if self.friction is None:
             return jax.jvp(lambda v: self.energy(v, z), (v,), (v_t,))[1]
         return jax.jvp(self.energy, (v, z), (v_t, z_t))[1]
+
+
+def shaped(laws: Laws) -> Laws:
+    """The laws, once they are known to return numbers of the right shapes.
+
+    Raises:
+        InputError: They do not.
+    """
+    one, z = jax.ShapeDtypeStruct((), laws.z.dtype), jax.ShapeDtypeStruct(laws.z.shape, laws.z.dtype)
+    _returns("normal", laws.normal, (one, one), "(N, energy)", [()] * 2)
+    if laws.friction is not None:
+        _returns("friction", laws.friction, (z, one, one), "(F, z_t, energy)", [(), z.shape, ()])
+    return laws
+
+
+def _returns(name: str, law: _Held, args: tuple, words: str, shapes: list) -> None:
+    found = jax.eval_shape(law, *args)
+    got = [getattr(a, "shape", None) for a in found] if isinstance(found, tuple) else found
+    if got != shapes:
+        raise InputError(f"The {name} law must return {words}, of shapes {shapes}, but returns {got}.")

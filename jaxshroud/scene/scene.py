@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxshroud.scene.errors import InputError
-from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw
+from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, shaped
 from jaxshroud.scene.motion import AT_REST, Motion
 from jaxshroud.scene.parts import Parts, misprints
 from jaxshroud.scene.valid import check_numbers
@@ -194,7 +194,7 @@ def with_laws(scene: Scene, normal: NormalLaw, friction: FrictionLaw | None = No
         z: Internal state of friction at each first touch, of any shape; a scalar where the law has none.
 
     Raises:
-        InputError: The scene keeps misprints of the article.
+        InputError: The scene keeps misprints of the article, or a law does not return what it must.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -205,5 +205,5 @@ def with_laws(scene: Scene, normal: NormalLaw, friction: FrictionLaw | None = No
         array([0], dtype=int32)
     """
     contact = Contact(scene.contact.k, scene.contact.gamma, scene.contact.reading)
-    parts, laws = scene.parts._replace(contact="own"), Laws(normal, friction, z)
+    parts, laws = scene.parts._replace(contact="own"), shaped(Laws(normal, friction, z))
     return Scene(scene.blades, scene.shroud, contact, scene.friction, scene.drive, scene.initial, parts, laws)
