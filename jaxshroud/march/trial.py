@@ -30,6 +30,7 @@ from jaxshroud.march.peaks import Peaks, peaks
 from jaxshroud.march.step import End, place_of
 from jaxshroud.march.within import Within, extremes
 from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent, where
+from jaxshroud.model.friction import Slider
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.state import State
@@ -181,7 +182,7 @@ def _at_the_event(end: End, lane: Lane, kind: Int[Array, ""], fixed: Fixed):
     (model, grid, _), held, length = fixed, lane.state, lane.search.length
     flowing = lambda state: state.u_s if model.spring.flows else ABSENT  # noqa: E731
 
-    def guard(z: Motion, Q: Pair, u_s: Scalar) -> Scalar:
+    def guard(z: Motion, Q: Pair, u_s: Slider) -> Scalar:
         at = _there(held, end.state) if is_absent(u_s) else State(held.motion, u_s, held.mode, held.case)
         return picked(look(z, Q, at, model).guards.value, kind)
 

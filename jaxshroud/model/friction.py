@@ -16,6 +16,8 @@ from jaxtyping import Array, Int
 from jaxshroud.model.absent import ABSENT, Scalar, is_absent, where
 from jaxshroud.model.modes import Mode
 
+Slider = Any  # a scalar, or the state z of own laws, of any shape
+
 
 class Springs(NamedTuple):
     """Contact stiffnesses of one scene.
@@ -53,8 +55,8 @@ def slip_sign(mode: Int[Array, ""], dtype) -> Scalar:
     return (mode == Mode.SLIP_PLUS).astype(dtype) - (mode == Mode.SLIP_MINUS).astype(dtype)
 
 
-def stretch(v: Scalar, u: Scalar, u_s: Scalar, mode: Int[Array, ""], spring: Springs) -> Scalar:
-    """Stretch w of the friction spring [m]: `u - u_s` in stick, `sigma mu N / k_d` in slip, 0 apart."""
+def stretch(v: Scalar, u: Scalar, u_s: Slider, mode: Int[Array, ""], spring: Springs) -> Slider:
+    """Stretch w of the friction spring [m]: `u - u_s` in stick, `sigma mu N / k_d` in slip, 0 apart; of own laws z."""
     if not is_absent(spring.laws):
         return u_s
     if is_absent(spring.lag):
@@ -101,7 +103,7 @@ def _softened(v: Scalar, width: Scalar) -> Scalar:
     return (v + _root(v, width)) / 2
 
 
-def contact_energy(v: Scalar, w: Scalar, mode: Int[Array, ""], spring: Springs) -> Scalar:
+def contact_energy(v: Scalar, w: Slider, mode: Int[Array, ""], spring: Springs) -> Scalar:
     """Energy stored in both contact springs, k v^2/2 + k_d w^2/2 [J]; by own laws that of v and z."""
     if not is_absent(spring.laws):
         return jnp.where(mode == Mode.APART, 0.0, spring.laws.energy(jnp.maximum(v, 0.0), w))

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent, where
 from jaxshroud.model.contact import Load, contact_load, sprung_load
-from jaxshroud.model.friction import Springs, following, friction_force, normal_force, slider_speed
+from jaxshroud.model.friction import Slider, Springs, following, friction_force, normal_force, slider_speed
 from jaxshroud.model.geometry import Case, Pose, Rates, Touch, blend, is_upper, pose, tip_is_left, touch, touch_rates
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.ready import Excitation, Model, turns
@@ -100,7 +100,7 @@ class Forces(NamedTuple):
 
     N: Scalar  # [N]
     F: Scalar  # [N]
-    u_s: Scalar  # rate of the slider, or of own laws' state, where it is integrated with the motion
+    u_s: Slider  # its rate, where it is integrated with the motion
 
 
 def forces(at: Touch, z: Motion, held: State, case: Case, model: Model) -> Forces:
@@ -132,7 +132,7 @@ def _lost(at: Touch, z: Motion, found: Forces, held: State, case: Case, model: M
     return jnp.where(held.mode == Mode.APART, 0.0, found.N * rate.v + found.F * rate.u - stored)
 
 
-def _loaded(at: Touch, z: Motion, held: State, case: Case, model: Model) -> tuple[Scalar, Scalar, Scalar, Load]:
+def _loaded(at: Touch, z: Motion, held: State, case: Case, model: Model) -> tuple[Scalar, Scalar, Slider, Load]:
     N, F, u_s = forces(at, z, held, case, model)
     if isinstance(at.v, Series) and model.spring.modal and turns(model) and not model.reading:
         return N, F, u_s, sprung_load(at, _stiffness(held, model), N, F, case, model.block)
@@ -167,7 +167,7 @@ class Slope(NamedTuple):
     """Second derivatives of the displacements, and d/dt of the slider where it moves without events."""
 
     acceleration: Acceleration
-    u_s: Scalar
+    u_s: Slider
 
 
 def rhs(Q: Pair, now: State, model: Model, ledger: bool) -> tuple[Slope, Integrals]:
