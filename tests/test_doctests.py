@@ -23,7 +23,10 @@ VERBS = (
 )
 
 
-@pytest.mark.parametrize("module", [*(f"verbs.{verb}" for verb in VERBS), "march.method", "scene.grids"])
+OTHERS = ("march.method", "scene.grids", "scene.scene", "batch.rollout", "batch.sweepfunction", "model.lawcheck")
+
+
+@pytest.mark.parametrize("module", [*(f"verbs.{verb}" for verb in VERBS), *OTHERS])
 def test_examples(module):
     done = doctest.testmod(import_module(f"jaxshroud.{module}"))
     assert done.attempted > 0

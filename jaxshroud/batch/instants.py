@@ -46,8 +46,8 @@ def sampled(lane: Lane, scene_model: Model) -> State:
 
 def _up_to_date(held: State, status: Int[Array, ""], scene_model: Model) -> State:
     at = seat(held.motion, held, scene_model)[2]
-    smooth, held = scene_model.spring.smooth, whole(held)
-    u_s = held.u_s if smooth else at.u - stretch(at.v, at.u, held.u_s, held.mode, scene_model.spring)
+    flows, held = scene_model.spring.flows, whole(held)
+    u_s = held.u_s if flows else at.u - stretch(at.v, at.u, held.u_s, held.mode, scene_model.spring)
     motion, u_s = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), (as_arrays(held.motion), u_s))
     return State(motion, u_s, held.mode, held.case)
 

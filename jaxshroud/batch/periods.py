@@ -1,5 +1,6 @@
 """Whole drive periods of many lanes: one compiled function, called over blocks of lanes and of periods."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -107,11 +108,14 @@ def run_block(
     Returns:
         The lanes at the end, and samples with axes (period, lane).
     """
+    one = one_period(scenes, clock, method, each)
+    return jax.lax.scan(lambda lanes, i: one(lanes, i < n), lanes, jnp.arange(block, dtype=jnp.int32))
+
+
+def one_period(scenes: Scene, clock: Clock, method: Choices, each: EachLane) -> Callable[..., tuple[Lane, Sample]]:
+    """A function of lanes, and of whether they go on, that runs a period of those that have not stopped."""
     models, periods = jax.vmap(lambda scene: (model(scene), scene.drive.period))(scenes)
-    one = lambda lanes, i: _one_period(  # noqa: E731
-        lanes, (i < n) & (lanes.status == Status.OK), models, periods, clock, method, each
-    )
-    return jax.lax.scan(one, lanes, jnp.arange(block, dtype=jnp.int32))
+    return lambda lanes, on: _one_period(lanes, on & (lanes.status == Status.OK), models, periods, clock, method, each)
 
 
 @partial(jax.jit, static_argnames="method")

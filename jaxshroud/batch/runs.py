@@ -62,8 +62,9 @@ def stepper(scene: Scene, method: Choices) -> Tableau | Taylor | None:
     Raises:
         InputError: It is smooth contact, of which power series know nothing.
     """
-    if method.taylor and scene.parts.contact == "smooth":
-        raise InputError("The method taylor knows located contact, not smooth contact; take a Runge-Kutta method.")
+    if method.taylor and scene.parts.contact in ("smooth", "own"):
+        what = "smooth contact" if scene.parts.contact == "smooth" else "own laws"
+        raise InputError(f"The method taylor knows located contact, not {what}; take a Runge-Kutta method.")
     return None if scene.parts.contact == "none" else method.tableau
 
 

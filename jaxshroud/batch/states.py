@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.model.absent import ABSENT, filled, is_absent
+from jaxshroud.model.friction import Springs
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.ready import Model
 from jaxshroud.model.state import State, as_pairs
@@ -29,7 +30,18 @@ def inside(state: State, model: Model) -> State:
     keep = lambda name, pair: tuple(pair[i] if model.parts.has(name, i) else ABSENT for i in (0, 1))  # noqa: E731
     motion = Motion(*(keep(name, pair) for name, pair in zip(names, as_pairs(state.motion), strict=True)))
     mode = jnp.full_like(state.mode, Mode.SMOOTH) if model.spring.smooth else state.mode
-    return State(motion, ABSENT if is_absent(model.spring.lag) else state.u_s, mode, state.case)
+    return State(motion, _slider(state, model.spring), mode, state.case)
+
+
+def _slider(state: State, spring: Springs) -> Any:
+    """The slider, or the state of own laws, which is their first one unless the state has it."""
+    laws = spring.laws
+    if is_absent(laws):
+        return ABSENT if is_absent(spring.lag) else state.u_s
+    if laws.friction is None:
+        return ABSENT
+    fits = jnp.shape(state.u_s) == laws.z.shape
+    return jnp.where(state.mode == Mode.APART, laws.z, state.u_s) if fits else laws.z
 
 
 def whole(state: State) -> State:

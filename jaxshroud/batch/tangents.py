@@ -117,7 +117,7 @@ def canonical(state: State, scene_model: Model) -> State:
         level = [select(state.case == FLAT, as_one(pair, scene_model), pair) for pair in angles(state.motion)]
         state = eqx.tree_at(lambda s: angles(s.motion), state, tuple(level))
     at = seat(state.motion, state, scene_model)[2]
-    if is_absent(state.u_s) or scene_model.spring.smooth:
+    if is_absent(state.u_s) or scene_model.spring.flows:
         return state
     u_s = at.u - stretch(at.v, at.u, state.u_s, state.mode, scene_model.spring)
     return eqx.tree_at(lambda s: s.u_s, state, jnp.where(state.mode == Mode.APART, 0.0, u_s))
@@ -138,6 +138,15 @@ def ended(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
     return Flow(whole(canonical(lane.state, scene_model)), (left / time, right / time), status)
 
 
+def dual_grid(models: Dual, periods: Dual, steps: Int[Array, " lanes"]) -> Dual:
+    """What stays the same for lanes that run one drive period of so many `steps` from phase 0, with tangents."""
+    count = steps.astype(periods.value.dtype)
+    fixed = Fixed(models.value, grid(jnp.zeros_like(count), count, periods.value), steps)
+    still = jax.tree.map(lambda _: None, fixed)
+    along = still._replace(model=models.tangent, grid=still.grid._replace(h=periods.tangent / count))
+    return Dual(fixed, along)
+
+
 @compiled("method", "each")
 def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], method: Choices, each: EachLane) -> Dual:
     """Run `n` drive periods from drive phase 0, with tangents.
@@ -155,12 +164,7 @@ def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], m
     """
     first = dual(plain)(lambda scene, state: begun(scene, state, method), scenes, states)
     lanes, models, periods = (Dual(a, b) for a, b in zip(*first, strict=True))
-    like = lambda a: jnp.broadcast_to(a.astype(periods.value.dtype), periods.value.shape)  # noqa: E731
-    stops = jnp.full_like(lanes.value.step, 1) * steps
-    fixed = Fixed(models.value, grid(like(jnp.zeros(())), like(steps), periods.value), stops)
-    still = jax.tree.map(lambda _: None, fixed)
-    along = still._replace(model=models.tangent, grid=still.grid._replace(h=periods.tangent / like(steps)))
-    fixed = Dual(fixed, along)
+    fixed = dual_grid(models, periods, jnp.full_like(lanes.value.step, 1) * steps)
     one_period = lambda _, lanes: driven(lanes, fixed, steps, method, dual(each), attrgetter("value"))[0]  # noqa: E731
     lanes = lax.fori_loop(0, n, one_period, lanes)
     times = jax.tree.map(lambda a: n.astype(a.dtype) * a, periods)

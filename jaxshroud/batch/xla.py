@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.core import Tracer
 from jax.extend.core import jaxpr_as_fun
 from jaxtyping import Array
 
@@ -53,7 +54,8 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
         @wraps(f)
         def call(*args: Any, **kwargs: Any) -> Any:
             series = any(isinstance(a, Choices) and a.taylor for a in (*args, *kwargs.values()))
-            if not accepted(series):
+            inside = any(isinstance(a, Tracer) for a in jax.tree.leaves((args, kwargs)))  # of a program with its own
+            if inside or not accepted(series):
                 return plain(*args, **kwargs)
             return (large if series else widest)(*args, **kwargs)
 
@@ -97,10 +99,12 @@ def plain(f: Callable, *args: Any) -> Any:
 
 
 def fused(f: Callable, *args: Any) -> Any:
-    """As one kernel; `f` may use elementwise operations on scalars only."""
+    """As one kernel; by `jax.vmap` where `f` uses more than elementwise operations on scalars, as own laws may."""
     leaves, tree = jax.tree.flatten(args)
-    scalars = [jax.ShapeDtypeStruct((), a.dtype) for a in leaves]
+    scalars = [jax.ShapeDtypeStruct(a.shape[1:], a.dtype) for a in leaves]
     jaxpr, shape = jax.make_jaxpr(lambda *a: f(*tree.unflatten(a)), return_shape=True)(*scalars)
+    if not _of_scalars(jaxpr.jaxpr):
+        return plain(f, *args)
     if not jaxpr.out_avals:
         return jax.tree.unflatten(jax.tree.structure(shape), [])
     used = _used(jaxpr.jaxpr)
@@ -109,6 +113,17 @@ def fused(f: Callable, *args: Any) -> Any:
     zeros = tuple(jnp.zeros((), a.dtype) for a in operands)
     out = lax.reduce_window(operands, zeros, kernel, (1,), (1,), "VALID")
     return jax.tree.unflatten(jax.tree.structure(shape), [out[i] for i in results])
+
+
+def _of_scalars(jaxpr) -> bool:
+    """Whether all that a program computes are scalars."""
+    inner = [a for eqn in jaxpr.eqns for a in jax.tree.leaves(list(eqn.params.values()), is_leaf=_is_program)]
+    flat = all(not v.aval.shape for v in (*jaxpr.invars, *(v for eqn in jaxpr.eqns for v in eqn.outvars)))
+    return flat and all(_of_scalars(getattr(a, "jaxpr", a)) for a in inner if _is_program(a))
+
+
+def _is_program(a: Any) -> bool:
+    return hasattr(a, "eqns")
 
 
 def _used(jaxpr) -> list[int]:

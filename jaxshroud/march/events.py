@@ -124,8 +124,7 @@ def _case_in_view(q: Pose, held: State, model: Model) -> Int[Array, ""]:
 def guards(at: Touch, rate: Rates, leans: Lean, held: State, case: Int[Array, ""], spring: Springs) -> Guards:
     """Values and rates of the four guards."""
     apart, flat = held.mode == Mode.APART, case == FLAT
-    lift = jnp.where(apart, 1.0, -1.0)
-    value, along = [lift * at.v], [lift * rate.v]
+    value, along = ([a] for a in _lift(at, rate, apart, spring))
     if is_absent(at.turn):
         value, along = [*value, ABSENT, ABSENT], [*along, ABSENT, ABSENT]
     else:
@@ -136,6 +135,17 @@ def guards(at: Touch, rate: Rates, leans: Lean, held: State, case: Int[Array, ""
         along += [still(turn * rate.turn), still(height * rate.height)]
     rub, rub_rate, slid = _rub(at, rate, held, spring)
     return Guards((*value, rub), (*along, rub_rate), slid)  # pyright: ignore[reportArgumentType]
+
+
+def _lift(at: Touch, rate: Rates, apart: Bool[Array, ""], spring: Springs) -> tuple[Scalar, Scalar]:
+    """Value and rate of the guard LIFT: v, or -v in contact; by own laws contact also wants them to push."""
+    lift = jnp.where(apart, 1.0, -1.0)
+    if is_absent(spring.laws):
+        return lift * at.v, lift * rate.v
+    pushed = spring.laws.push(jnp.maximum(at.v, 0.0), rate.v) / spring.k  # a length, as v is
+    sense = jnp.where((at.v > 0) & (pushed <= 0), -1.0, 1.0)  # apart although the corners overlap
+    in_contact = -jnp.minimum(at.v, pushed), jnp.where(pushed < at.v, 0.0, -rate.v)
+    return jnp.where(apart, sense * at.v, in_contact[0]), jnp.where(apart, sense * rate.v, in_contact[1])
 
 
 def senses(case: Case) -> tuple[Scalar, Scalar]:
@@ -185,10 +195,11 @@ def first_kind(violated: Violated) -> Int[Array, ""]:
 
 
 def is_switch(kind: Int[Array, ""], held: State, model: Model) -> Bool[Array, ""]:
-    """Whether an event of `kind` is a loaded case switch, at which forces jump."""
-    if not turns(model):
-        return jnp.zeros_like(kind, bool)
-    return ((kind == Kind.TURN) | (kind == Kind.HEIGHT)) & (held.case != FLAT)
+    """Whether an event of `kind` is one at which forces jump: a loaded case switch, or any touch of own laws."""
+    jumps = jnp.zeros_like(kind, bool)
+    if turns(model):
+        jumps = ((kind == Kind.TURN) | (kind == Kind.HEIGHT)) & (held.case != FLAT)
+    return jumps if is_absent(model.spring.laws) else jumps | (kind == Kind.LIFT)
 
 
 Count = Int[Array, ""] | Absent
@@ -236,11 +247,14 @@ def crossing(
     mode = jnp.where(
         kind == Kind.LIFT,
         jnp.where(held.mode == Mode.APART, _onset_mode(view, spring), jnp.int32(Mode.APART)),
-        jnp.where(kind == Kind.RUB, _rub_mode(at, held), held.mode),
+        jnp.where(kind == Kind.RUB, _rub_mode(at, held, spring), held.mode),
     )
     w = stretch(at.v, at.u, held.u_s, held.mode, spring)
     u_s = ABSENT
-    if not is_absent(held.u_s):
+    if not is_absent(spring.laws) and not is_absent(held.u_s):
+        lasts = (held.mode != Mode.APART) & (mode != Mode.APART)
+        u_s = jnp.where(lasts, held.u_s, spring.laws.z)
+    elif not is_absent(held.u_s):
         u_s = jnp.where(held.mode == Mode.APART, _touch_down(view, late), new.u - w)
     after = State(z, u_s, mode, jnp.where(mode == Mode.APART, 0, case).astype(jnp.int32))
     ahead = guards(new, touch_rates(new, z, case, model.reading), view.lean, after, case, spring)
@@ -284,8 +298,8 @@ def _onset_mode(view: View, spring: Springs) -> Int[Array, ""]:
     return jnp.where(slips, sliding, jnp.int32(Mode.STICK))
 
 
-def _rub_mode(at: Touch, held: State) -> Int[Array, ""]:
-    if is_absent(held.u_s):
+def _rub_mode(at: Touch, held: State, spring: Springs) -> Int[Array, ""]:
+    if is_absent(spring.lag):
         return held.mode
     sliding = jnp.where(at.u < held.u_s, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
     return jnp.where(held.mode == Mode.STICK, sliding, jnp.int32(Mode.STICK))

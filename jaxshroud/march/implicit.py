@@ -5,9 +5,13 @@ through them is silently wrong wherever the forces differ before and after. The 
 a guard g(t, p) vanishes, dt/dp = -(dg/dp) / (dg/dt). That is the first derivative only; a second one is refused.
 """
 
+from typing import TypeVar
+
 import jax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
+
+Tree = TypeVar("Tree")  # of arrays
 
 
 @jax.custom_jvp
@@ -32,19 +36,24 @@ def at_the_root(quantities, slopes, guard, rate):
 
 @at_the_root.defjvp
 def _at_the_root(primals, tangents):
-    quantities, slopes, _, rate = jax.tree.map(_once.bind, primals)
+    quantities, slopes, _, rate = first_order_only(primals)
     shift = -tangents[2] / rate
     return quantities, jax.tree.map(lambda d, slope: d + slope * shift, tangents[0], slopes)
+
+
+def first_order_only(tree: Tree) -> Tree:
+    """Numbers with no further derivative: TypeError where it is asked for."""
+    return jax.tree.map(_once.bind, tree)
 
 
 def _refused(primals, tangents):
     raise TypeError(
         "Derivatives through contact events are of first order only: this motion is differentiated twice. "
-        "Take differences of first derivatives instead, or contact that is smooth or absent."
+        "Take differences of first derivatives instead, or period_map of contact that is smooth or absent."
     )
 
 
-_once = Primitive("once")  # a number with no further derivative; a custom rule would be lost in reverse mode
+_once = Primitive("once")  # a custom rule would be lost in reverse mode
 _once.def_impl(lambda a: a)
 _once.def_abstract_eval(lambda a: a)
 ad.primitive_jvps[_once] = _refused

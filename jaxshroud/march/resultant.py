@@ -6,11 +6,10 @@ import jax.numpy as jnp
 
 from jaxshroud.march.events import seat
 from jaxshroud.model.absent import ABSENT, Pair, Scalar, mixed, where
-from jaxshroud.model.friction import friction_force, normal_force
 from jaxshroud.model.geometry import Case, Touch, is_upper, tip_is_left
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.ready import Model, turns
-from jaxshroud.model.rhs import lean
+from jaxshroud.model.rhs import forces, lean
 from jaxshroud.model.state import State
 
 
@@ -30,8 +29,7 @@ class Resultant(NamedTuple):
 def resultant(Q: Pair, held: State, model: Model) -> Resultant:
     """What contact does in a state, with `Q` the drive's wave, which flat contact needs to know where it acts."""
     _, case, at = seat(held.motion, held, model)
-    N = normal_force(at.v, held.mode, model.spring)
-    F = friction_force(at.v, at.u, held.u_s, held.mode, model.spring)
+    N, F, _ = forces(at, held.motion, held, case, model)
     F = where(held.mode == Mode.APART, ABSENT, F)  # no negative zero
     point = ABSENT
     if turns(model):

@@ -78,7 +78,7 @@ def _stiffness(scene: Scene) -> _Stiffness:
     mobility = jnp.where(moves, 1 / mass, 0.0)
     blades = jnp.diag(jnp.concatenate([b.k_x, b.k_y, b.k_T]))
     k, k_d, mu, haste = filled((spring.k, spring.k_d, spring.mu, spring.haste), mass[0])
-    k_d = jnp.where(mu > 0, k_d, 0.0)
+    k_d = scene.friction.k_d if scene.parts.contact == "own" else jnp.where(mu > 0, k_d, 0.0)
 
     def touching(case: Int[Array, ""]) -> Float[Array, "6 6"]:
         v_q, u_q = contact_gradients(case, block, mass)

@@ -125,5 +125,5 @@ def _combined(held: State, h: Scalar, weights, slopes: Any, model: Model) -> Sta
     weights, slopes = zip(*used, strict=True)
     add = lambda z, *k: z + h * sum(w * k for w, k in zip(weights, k, strict=True))  # noqa: E731
     motion = jax.tree.map(add, held.motion, *(k.motion for k in slopes))
-    u_s = jax.tree.map(add, held.u_s, *(k.u_s for k in slopes)) if model.spring.smooth else held.u_s
+    u_s = jax.tree.map(add, held.u_s, *(k.u_s for k in slopes)) if model.spring.flows else held.u_s
     return State(motion, u_s, held.mode, held.case)

@@ -29,7 +29,8 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.peaks import Peaks, peaks
 from jaxshroud.march.step import End, place_of
 from jaxshroud.march.within import Within, extremes
-from jaxshroud.model.absent import Pair, Scalar, where
+from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent, where
+from jaxshroud.model.friction import Slider
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.state import State
@@ -62,7 +63,7 @@ def decide(lane: Lane, end: End, fixed: Fixed, method: Choices) -> Decision:
         no = jnp.zeros_like(goes)
         return Decision(goes, no, no, jnp.int32(Kind.LIFT), no, no, lost, jnp.zeros_like(h), search)
     assert lane.guards is not None
-    _, at, _, _, _, guards = look(end.state.motion, end.Q, lane.state, model)
+    _, at, _, _, _, guards = look(end.state.motion, end.Q, _there(lane.state, end.state), model)
     counts = (search.length > 0) | search.recheck
     violated = {kind: (guards.value[kind] > 0) & counts for kind in kinds(guards.value)}
     kind = first_kind(violated)
@@ -106,7 +107,7 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Choice
         met = unaccepted._replace(length=length, met=jnp.ones_like(again))
         search, unaccepted = search._replace(length=length), select(again, met, unaccepted)
     z = state.motion
-    view, cross, onset, jumps = change(z, Q, held, fire, kind, decision.late, fixed)
+    view, cross, onset, jumps = change(z, Q, _there(held, state), fire, kind, decision.late, fixed)
     state = select(fire, cross.after, state)
     guards = select(fire, cross.guards, view.guards)
     # where guards may have jumped, or several were violated, one that still is fires in a trial of length zero
@@ -128,6 +129,11 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Choice
         select(accept, tally, lane.tally),
         jnp.where(running(lane, stop), status, lane.status),
     )
+
+
+def _there(held: State, end: State) -> State:
+    """The held state with the slider, or what takes its place, as it is at the trial's end."""
+    return State(held.motion, end.u_s, held.mode, held.case)
 
 
 class Change(NamedTuple):
@@ -174,17 +180,23 @@ def _at_the_event(end: End, lane: Lane, kind: Int[Array, ""], fixed: Fixed):
     """Motion, wave, integrals and length of a trial ending where the guard of `kind` vanishes, with derivatives."""
     assert end.slope is not None
     (model, grid, _), held, length = fixed, lane.state, lane.search.length
-    guard = lambda z, Q: picked(look(z, Q, held, model).guards.value, kind)  # noqa: E731
+    flowing = lambda state: state.u_s if model.spring.flows else ABSENT  # noqa: E731
+
+    def guard(z: Motion, Q: Pair, u_s: Slider) -> Scalar:
+        at = _there(held, end.state) if is_absent(u_s) else State(held.motion, u_s, held.mode, held.case)
+        return picked(look(z, Q, at, model).guards.value, kind)
+
     slope, Q_rate, _ = lax.stop_gradient(end.slope)
-    value, rate = jax.jvp(guard, (end.state.motion, end.Q), (slope.motion, Q_rate))
+    at_end, rates = (end.state.motion, end.Q, flowing(end.state)), (slope.motion, Q_rate, flowing(slope))
+    value, rate = jax.jvp(guard, at_end, rates)
     rate = jnp.where((length > 0) & (rate > 0), rate, jnp.inf)  # a trial of length zero has a given instant
-    z, Q, gain, length = at_the_root(
-        (end.state.motion, end.Q, end.gain, length),
-        (end.slope[0].motion, *end.slope[1:], 1 / grid.h),
+    z, Q, gain, length, u_s = at_the_root(
+        (end.state.motion, end.Q, end.gain, length, flowing(end.state)),
+        (end.slope[0].motion, *end.slope[1:], 1 / grid.h, flowing(end.slope[0])),
         value,
         rate,
     )
-    return State(z, held.u_s, held.mode, held.case), Q, gain, length
+    return State(z, u_s if model.spring.flows else held.u_s, held.mode, held.case), Q, gain, length
 
 
 class Noted(NamedTuple):

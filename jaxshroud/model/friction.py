@@ -3,15 +3,20 @@
 **Smooth contact** replaces the corners of both laws by hyperbolas of a given width: N = k (v + sqrt(v^2 + width^2)) / 2
 and a friction spring whose elastic stretch bends over at mu N / k_d. The slider follows what is beyond that, the faster
 the smaller the width; it is integrated with the motion, and there is nothing to locate.
+
+**Own laws** (`scene.laws`) take the place of both: their internal state z is integrated with the motion in the slider's
+place, and contact lasts while they push.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from jaxshroud.model.absent import ABSENT, Scalar, is_absent, where
 from jaxshroud.model.modes import Mode
+
+Slider = Any  # a scalar, or the state z of own laws, of any shape
 
 
 class Springs(NamedTuple):
@@ -27,11 +32,17 @@ class Springs(NamedTuple):
     lag: Scalar  # mu k / k_d: stretch of the friction spring in slip, per unit penetration
     width: Scalar = ABSENT  # of smooth contact [m]; absent where contact sets in at once
     haste: Scalar = ABSENT  # at which its slider follows: the blades' speed over the width [1/s]
+    laws: Any = ABSENT  # the user's own, which take the place of all but k; absent where there are none
 
     @property
     def smooth(self) -> bool:
         """Whether contact is smooth."""
         return not is_absent(self.width)
+
+    @property
+    def flows(self) -> bool:
+        """Whether the slider, or what takes its place, is integrated with the motion."""
+        return self.smooth or not is_absent(self.laws)
 
     @property
     def modal(self) -> bool:
@@ -44,8 +55,10 @@ def slip_sign(mode: Int[Array, ""], dtype) -> Scalar:
     return (mode == Mode.SLIP_PLUS).astype(dtype) - (mode == Mode.SLIP_MINUS).astype(dtype)
 
 
-def stretch(v: Scalar, u: Scalar, u_s: Scalar, mode: Int[Array, ""], spring: Springs) -> Scalar:
-    """Stretch w of the friction spring [m]: `u - u_s` in stick, `sigma mu N / k_d` in slip, 0 apart."""
+def stretch(v: Scalar, u: Scalar, u_s: Slider, mode: Int[Array, ""], spring: Springs) -> Slider:
+    """Stretch w of the friction spring [m]: `u - u_s` in stick, `sigma mu N / k_d` in slip, 0 apart; of own laws z."""
+    if not is_absent(spring.laws):
+        return u_s
     if is_absent(spring.lag):
         return ABSENT
     if spring.smooth:
@@ -90,8 +103,10 @@ def _softened(v: Scalar, width: Scalar) -> Scalar:
     return (v + _root(v, width)) / 2
 
 
-def contact_energy(v: Scalar, w: Scalar, mode: Int[Array, ""], spring: Springs) -> Scalar:
-    """Energy stored in both contact springs, k v^2/2 + k_d w^2/2 [J]."""
+def contact_energy(v: Scalar, w: Slider, mode: Int[Array, ""], spring: Springs) -> Scalar:
+    """Energy stored in both contact springs, k v^2/2 + k_d w^2/2 [J]; by own laws that of v and z."""
+    if not is_absent(spring.laws):
+        return jnp.where(mode == Mode.APART, 0.0, spring.laws.energy(jnp.maximum(v, 0.0), w))
     if spring.smooth:
         root = _root(v, spring.width)
         pressed = v * (v + root) + spring.width**2 * jnp.log((v + root) / spring.width)

@@ -23,3 +23,4 @@ class Status(IntEnum):
     NOT_FINITE = 2  # the state, or its energy, overflowed
     ANGLE_OUT_OF_RANGE = 3  # a block turned further than the model's angle range
     NOT_RUN = 4  # interrupted before it had come to its end
+    OUT_OF_TRIALS = 5  # more trial steps than the bound given to a pure function

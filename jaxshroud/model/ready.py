@@ -58,6 +58,8 @@ def model(scene: Scene) -> Model:
     reading = scene.contact.reading
     constants = scene.blades, corners(s, reading), springs(scene), drive, gyration(s)
     blades, block, spring, drive, size = as_pairs(constants)
+    if scene.laws is not None:
+        spring = spring._replace(laws=scene.laws)
     return Model(blades, block, spring, drive, size, _mobility(scene), reading, scene.parts)
 
 
@@ -74,6 +76,8 @@ def springs(scene: Scene) -> Springs:
     k, k_d, mu = scene.k, scene.friction.k_d, scene.friction.mu
     if scene.parts.contact == "none":
         return Springs(ABSENT, ABSENT, ABSENT, ABSENT)
+    if scene.parts.contact == "own":
+        return Springs(k, ABSENT, ABSENT, ABSENT)
     width = ABSENT if scene.contact.width is None else scene.contact.width
     haste = width if is_absent(width) else _free_speed(scene) / width
     if scene.parts.friction == "none":

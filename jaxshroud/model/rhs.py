@@ -3,11 +3,12 @@
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 
 from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent, where
 from jaxshroud.model.contact import Load, contact_load, sprung_load
-from jaxshroud.model.friction import following, friction_force, normal_force, slider_speed
-from jaxshroud.model.geometry import Case, Pose, Touch, blend, is_upper, pose, tip_is_left, touch, touch_rates
+from jaxshroud.model.friction import Slider, Springs, following, friction_force, normal_force, slider_speed
+from jaxshroud.model.geometry import Case, Pose, Rates, Touch, blend, is_upper, pose, tip_is_left, touch, touch_rates
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.ready import Excitation, Model, turns
 from jaxshroud.model.series import Series
@@ -85,7 +86,7 @@ def lean(z: Motion, Q: Pair, at: Touch, held: State, model: Model) -> Lean:
     """
     if not turns(model):
         return Lean(ABSENT, ABSENT)
-    N, F, load = _loaded(at, held, held.case, model)
+    N, F, _, load = _loaded(at, z, held, held.case, model)
     left, right = accelerated(z, Q, load, model).theta
     k = _stiffness(held, model)
     along, corner = N * model.block.l_ab, (F - k * at.u) * at.v if isinstance(at.v, Series) else F * at.v - N * at.u
@@ -94,12 +95,48 @@ def lean(z: Motion, Q: Pair, at: Touch, held: State, model: Model) -> Lean:
     return Lean(at_d + where(higher, corner, ABSENT), at_d - along + where(higher, ABSENT, corner))
 
 
-def _loaded(at: Touch, held: State, case: Case, model: Model) -> tuple[Scalar, Scalar, Load]:
-    N = normal_force(at.v, held.mode, model.spring)
-    F = friction_force(at.v, at.u, held.u_s, held.mode, model.spring)
+class Forces(NamedTuple):
+    """What the laws of contact say."""
+
+    N: Scalar  # [N]
+    F: Scalar  # [N]
+    u_s: Slider  # its rate, where it is integrated with the motion
+
+
+def forces(at: Touch, z: Motion, held: State, case: Case, model: Model) -> Forces:
+    """Normal and friction force of the motion `z` in the mode of `held`."""
+    spring = model.spring
+    if not is_absent(spring.laws):
+        return _own_forces(at, touch_rates(at, z, case, model.reading), held, spring)
+    N = normal_force(at.v, held.mode, spring)
+    F = friction_force(at.v, at.u, held.u_s, held.mode, spring)
+    return Forces(N, F, following(at.v, at.u, held.u_s, held.mode, spring))
+
+
+def _own_forces(at: Touch, rate: Rates, held: State, spring: Springs) -> Forces:
+    touches = held.mode != Mode.APART
+    N = jnp.where(touches, jnp.maximum(spring.laws.push(jnp.maximum(at.v, 0.0), rate.v), 0.0), 0.0)
+    if is_absent(held.u_s):
+        return Forces(N, ABSENT, ABSENT)
+    F, z_t = spring.laws.rub(held.u_s, rate.u, N)
+    return Forces(N, jnp.where(touches, F, 0.0), jnp.where(touches, z_t, jnp.zeros_like(z_t)))
+
+
+def _lost(at: Touch, z: Motion, found: Forces, held: State, case: Case, model: Model) -> Scalar:
+    """What contact dissipates [W]: F times the slider's speed; by own laws what their energy does not take."""
+    spring, rate = model.spring, touch_rates(at, z, case, model.reading)
+    if is_absent(spring.laws):
+        return found.F * (found.u_s if spring.smooth else slider_speed(rate.v, rate.u, held.mode, spring))
+    v, v_t = jnp.maximum(at.v, 0.0), jnp.where(at.v > 0, rate.v, 0.0)
+    stored = spring.laws.stored_power(v, held.u_s, v_t, found.u_s)
+    return jnp.where(held.mode == Mode.APART, 0.0, found.N * rate.v + found.F * rate.u - stored)
+
+
+def _loaded(at: Touch, z: Motion, held: State, case: Case, model: Model) -> tuple[Scalar, Scalar, Slider, Load]:
+    N, F, u_s = forces(at, z, held, case, model)
     if isinstance(at.v, Series) and model.spring.modal and turns(model) and not model.reading:
-        return N, F, sprung_load(at, _stiffness(held, model), N, F, case, model.block)
-    return N, F, contact_load(at, N, F, case, model.block, model.reading)
+        return N, F, u_s, sprung_load(at, _stiffness(held, model), N, F, case, model.block)
+    return N, F, u_s, contact_load(at, N, F, case, model.block, model.reading)
 
 
 def _stiffness(held: State, model: Model) -> Scalar:
@@ -117,20 +154,20 @@ def mean_square(q: Pose, gyration: Scalar) -> Pair:
     return left, right
 
 
-def works(z: Motion, Q: Pair, F: Scalar, slide: Scalar, model: Model) -> Ledger:
-    """Rates of the works; `slide` is the slider's speed."""
+def works(z: Motion, Q: Pair, lost: Scalar, model: Model) -> Ledger:
+    """Rates of the works; `lost` is what contact dissipates."""
     b, d = model.blades, model.drive
     drive = lambda i: (d.F_x[i] * z.v_x[i] + d.F_y[i] * z.v_y[i] + d.M_0[i] * z.v_theta[i]) * Q[i]  # noqa: E731
     viscous = lambda i: b.c_x[i] * z.v_x[i] ** 2 + b.c_y[i] * z.v_y[i] ** 2 + b.c_T[i] * z.v_theta[i] ** 2  # noqa: E731
     power = drive(0) + drive(1)
-    return Ledger(power, abs(power), viscous(0) + viscous(1), F * slide)
+    return Ledger(power, abs(power), viscous(0) + viscous(1), lost)
 
 
 class Slope(NamedTuple):
     """Second derivatives of the displacements, and d/dt of the slider where it moves without events."""
 
     acceleration: Acceleration
-    u_s: Scalar
+    u_s: Slider
 
 
 def rhs(Q: Pair, now: State, model: Model, ledger: bool) -> tuple[Slope, Integrals]:
@@ -142,13 +179,8 @@ def rhs(Q: Pair, now: State, model: Model, ledger: bool) -> tuple[Slope, Integra
     q = pose(z.x, z.y, z.theta)
     case = blend(q, model.block, spring.width) if spring.smooth and turns(model) else now.case
     at = touch(q, case, model.block, model.reading)
-    _, F, load = _loaded(at, now, case, model)
-    u_s = following(at.v, at.u, now.u_s, now.mode, spring)
-    spent = None
-    if ledger:
-        rate = touch_rates(at, z, case, model.reading)
-        slide = u_s if spring.smooth else slider_speed(rate.v, rate.u, now.mode, spring)
-        spent = works(z, Q, F, slide, model)
+    N, F, u_s, load = _loaded(at, z, now, case, model)
+    spent = works(z, Q, _lost(at, z, Forces(N, F, u_s), now, case, model), model) if ledger else None
     a = accelerated(z, Q, load, model)
     if turns(model) and spring.modal:
         theta = jax.tree.map(lambda one, own: where(case == FLAT, one, own), as_one(a.theta, model), a.theta)

@@ -15,8 +15,10 @@ MESSAGES = {
     Status.NOT_FINITE: "the state or its energy overflowed; look at the drive, the damping and the units of the scene",
     Status.ANGLE_OUT_OF_RANGE: "a block turned beyond pi/4, where the model ends; look at drive.M_0 and blades.k_T",
     Status.NOT_RUN: "interrupted before it had come to its end; run it again",
+    Status.OUT_OF_TRIALS: "more trial steps than `most_trials` were needed; give a larger bound, see `js.most_trials`",
 }
-FLAGS = {"flag_values": [int(s) for s in Status], "flag_meanings": " ".join(s.name for s in Status)}
+STORED = [s for s in Status if s != Status.OUT_OF_TRIALS]  # that of pure functions, which store nothing
+FLAGS = {"flag_values": [int(s) for s in STORED], "flag_meanings": " ".join(s.name for s in STORED)}
 
 
 class LaneWarning(UserWarning):

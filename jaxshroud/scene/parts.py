@@ -35,7 +35,7 @@ def misprints(reading: Any) -> Any:
 
 Neighbour = Literal["blade", "rigid"]
 FrictionLaw = Literal["bilinear", "none"]
-ContactLaw = Literal["spring", "smooth", "none"]
+ContactLaw = Literal["spring", "smooth", "none", "own"]  # "own": the scene has `laws`
 
 
 @checked

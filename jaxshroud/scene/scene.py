@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxshroud.scene.errors import InputError
+from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, shaped
 from jaxshroud.scene.motion import AT_REST, Motion
 from jaxshroud.scene.parts import Parts, misprints
 from jaxshroud.scene.valid import check_numbers
@@ -136,12 +137,17 @@ class Scene(eqx.Module):
     drive: Drive
     initial: Motion = eqx.field(converter=lambda z: Motion(*map(per_blade, z)), default=AT_REST)
     parts: Parts = eqx.field(static=True, default=Parts())
+    laws: Laws | None = None  # of contact and friction, where the user gives own ones
 
     def __check_init__(self):
+        if (self.parts.contact == "own") != (self.laws is not None):
+            raise InputError("Own laws of contact are given in Python, by js.with_laws; no file can name them.")
         if (self.parts.contact == "smooth") != (self.contact.width is not None):
             raise InputError("A `width` must be given for smooth contact, and only for that.")
         if self.parts.contact == "smooth" and self.contact.reading:
             raise InputError("Smooth contact has no misprints: its `reading` must be consistent.")
+        if self.parts.contact == "own" and self.contact.reading:
+            raise InputError("Own laws have no misprints: the scene's `reading` must be consistent.")
         check_numbers("initial", self.initial)
 
     @property
@@ -172,3 +178,32 @@ def with_parts(scene: Scene, parts: Parts, width: ArrayLike | None = None) -> Sc
     c = scene.contact
     contact = Contact(c.k, c.gamma, c.reading, width)  # pyright: ignore[reportArgumentType]
     return Scene(scene.blades, scene.shroud, contact, scene.friction, scene.drive, scene.initial, parts)
+
+
+def with_laws(scene: Scene, normal: NormalLaw, friction: FrictionLaw | None = None, z: ArrayLike = 0.0) -> Scene:
+    """`scene` with own laws of contact in place of the spring and the friction element.
+
+    Runge-Kutta methods march them, with located touches, separations and case switches; `contact.k` and `friction.k_d`
+    then state how stiff they are at most, by which steps are judged. What else can be done with such a scene is that
+    of any other in Python; files cannot name a law.
+
+    Args:
+        scene: The scene; its reading must be consistent.
+        normal: `normal(v, v_t) -> (N, energy)`, see `NormalLaw`.
+        friction: `friction(z, u_t, N) -> (F, z_t, energy)`, see `FrictionLaw`; None: no friction.
+        z: Internal state of friction at each first touch, of any shape; a scalar where the law has none.
+
+    Raises:
+        InputError: The scene keeps misprints of the article, or a law does not return what it must.
+
+    Example:
+        >>> import jax; jax.config.update("jax_enable_x64", True)
+        >>> import jaxshroud as js
+        >>> scene = js.load("table1", ['parts.motion=["x"]']).scene
+        >>> own = js.with_laws(scene, js.Hertz(4e7), js.RegularisedCoulomb(mu=0.3, speed=1e-3))
+        >>> js.sweep(own, {"shroud.gap": [22e-6]}, n_periods=2, transient=1, steps_per_period=400).status
+        array([0], dtype=int32)
+    """
+    contact = Contact(scene.contact.k, scene.contact.gamma, scene.contact.reading)
+    parts, laws = scene.parts._replace(contact="own"), shaped(Laws(normal, friction, z))
+    return Scene(scene.blades, scene.shroud, contact, scene.friction, scene.drive, scene.initial, parts, laws)

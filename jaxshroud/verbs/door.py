@@ -147,8 +147,9 @@ def chosen(asked: Asked, lanes: Scene, usual: Choices, *, derivatives: bool = Fa
         InputError: An accuracy is asked for of smooth contact.
     """
     contact, accuracy = lanes.parts.contact, asked.accuracy
-    if accuracy is not None and contact == "smooth":
-        raise InputError("Argument `accuracy` knows located contact, not smooth contact; give `steps_per_period`.")
+    if accuracy is not None and contact in ("smooth", "own"):
+        what = "smooth contact" if contact == "smooth" else "own laws"
+        raise InputError(f"Argument `accuracy` knows located contact, not {what}; give `steps_per_period`.")
     if accuracy is None and asked.steps is None and asked.method is None and contact == "spring":
         accuracy = ACCURACY
     if accuracy is not None and contact == "spring":

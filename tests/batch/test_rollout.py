@@ -1,0 +1,191 @@
+"""`rollout` and `sweep_function`: derivatives against differences, batches against loops, samples against the verbs."""
+
+import os
+import subprocess
+import sys
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from side_by_side import with_parts
+
+import jaxshroud as js
+from jaxshroud.march.method import FAST
+from jaxshroud.model.modes import Status
+from jaxshroud.model.state import start
+
+KEYS = ("shroud.gap", "contact.gamma", "friction.mu", "drive.F_0")
+STEPS = 200
+FULL = ["drive.F_0=60"]
+NARROW = ['blades.I="block"', 'drive.M_0="0.5 N m"', "drive.F_0=60"]  # nearly parallel faces: flat contact
+
+
+def at(scene, numbers):
+    for key, value in zip(KEYS, numbers, strict=True):
+        scene = js.vary(scene, key, value)
+    return scene
+
+
+def numbers_of(scene):
+    return jnp.stack([jnp.ravel(jnp.asarray(js.value_of(scene, key)))[0] for key in KEYS])
+
+
+def observed(scene, numbers, n_periods=2, steps=STEPS):
+    """Contact forces, displacements and power, each over its size."""
+    save = lambda m: (m.N / 100, m.F / 100, m.state.motion.x / 1e-4, m.state.motion.y / 1e-4)  # noqa: E731
+    run = js.rollout(at(scene, numbers), None, n_periods, save=save, every=steps // 4, steps_per_period=steps)
+    return jnp.concatenate([jnp.ravel(a) for a in (*run.saved, run.power / 1e-8)])
+
+
+def error_of(scene, numbers, periods, steps):
+    """Difference of tangents and the best of some fourth-order differences over the largest tangent, (lanes, KEYS)."""
+    f = jax.jit(jax.vmap(lambda p: observed(scene, p, periods, steps)))
+    slopes = jax.jit(jax.vmap(jax.jacfwd(lambda p: observed(scene, p, periods, steps))))(numbers)
+    assert np.all(np.isfinite(slopes))
+    size = np.max(np.abs(slopes), axis=1)
+    best = np.full(numbers.shape, np.inf)
+    for h in (1e-4, 1e-5, 1e-6, 1e-7):
+        for i in range(len(KEYS)):
+            ends = [f(numbers.at[:, i].multiply(1 + c * h)) for c in (-2, -1, 1, 2)]
+            found = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * h * numbers[:, i : i + 1])
+            best[:, i] = np.minimum(best[:, i], np.max(np.abs(found - slopes[:, :, i]), axis=1))
+    return best / np.where(size > 0, size, 1.0)  # friction that never slips has no effect
+
+
+@pytest.mark.full(but=["x"])
+@pytest.mark.parametrize(
+    ("options", "motion", "periods", "steps", "kinds"),
+    [
+        (FULL, ("x",), 1, STEPS, {"onset_slip", "onset_stick", "separation", "stick_slip", "slip_stick"}),
+        (FULL, ("x", "y", "theta"), 2, 400, {"switch_14", "switch_23", "switch_12", "switch_34"}),
+        (NARROW, ("x", "y", "theta"), 1, 800, {"flat", "flat_corner"}),
+    ],
+    ids=["x", "cases", "flat"],
+)
+def test_tangents_are_differences_through_all_events(options, motion, periods, steps, kinds):
+    # 1e-6 over the largest slope of each number. Where an event falls on the end of a step the computed map has a kink,
+    # by its error of truncation, which differences see: two lanes of eight may, with hundreds of events in a period.
+    scene = with_parts(js.load("table1", ["contact.gamma=2.5", *options]).scene, motion=motion)
+    gamma = np.linspace(1.0, 15.0, 8)
+    met = js.sweep(scene, {"contact.gamma": gamma}, n_periods=periods, transient=0, steps_per_period=steps, method=FAST)
+    assert kinds <= {name for name, count in met.counters.items() if np.any(count)}
+    numbers = jnp.tile(numbers_of(scene), (8, 1)).at[:, 1].set(gamma)
+    error = np.max(error_of(scene, numbers, periods, steps), axis=1)
+    assert np.sum(error < 1e-6) >= 6, error
+    assert np.all(error < 1e-4), error
+
+
+def test_reverse_is_forward_and_batches_are_loops():
+    # Both modes contract the same tangents: they differ by the rounding of sums. Lanes never meet: in a batch they are
+    # what they are alone, to what contraction of products by another vector width rounds.
+    scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
+    p = numbers_of(scene)
+    few = jnp.stack([p, p * 1.1, p * 0.8])
+    loss = lambda p: jnp.sum(observed(scene, p) ** 2)  # noqa: E731
+    batch, forward = jax.jit(jax.vmap(lambda p: (jax.grad(loss)(p), jax.jacfwd(loss)(p))))(few)
+    np.testing.assert_allclose(batch, forward, rtol=1e-10)
+    alone = jax.jit(jax.grad(loss))
+    np.testing.assert_allclose(batch, [alone(p) for p in few], rtol=1e-7)
+
+
+def test_samples_and_forces_are_those_of_simulate():
+    scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
+    run = js.simulate(scene, n_periods=2, steps_per_period=STEPS, every=50, method=FAST)
+    one = jax.jit(lambda state: js.rollout(scene, state, 1, every=50, steps_per_period=STEPS))
+    first = one(start(scene.initial))
+    second = one(first.state)  # a start is any end
+    got = jax.tree.map(lambda *a: np.concatenate(a), first.saved, second.saved)
+    for a, b in ((got.state.motion.x, run.motion.x), (got.N, run.N), (got.F, run.F), (got.v, run.v)):
+        np.testing.assert_allclose(a, b[1:], rtol=0, atol=1e-9 * np.abs(b).max())
+    np.testing.assert_allclose(first.saved.t, run.t[1:5], rtol=1e-14)
+    assert np.array_equal(got.state.mode, run.mode[1:])
+
+
+def test_a_bound_is_enough_or_told():
+    scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
+    n = js.most_trials(scene, 2, steps_per_period=STEPS)
+    assert 2 * STEPS < n < 4 * STEPS  # some 1.2 trials a step, and its margin
+
+    numbers = numbers_of(scene)
+
+    @partial(jax.jit, static_argnums=1)
+    def slope_of(p, most):
+        def f(p):
+            run = js.rollout(at(scene, p), None, 2, every=50, steps_per_period=STEPS, most_trials=most)
+            return jnp.sum(run.saved.N), (run.saved.N, run.status)
+
+        return jax.grad(f, has_aux=True)(p)
+
+    slope, (N, status) = slope_of(numbers, n)
+    assert status == Status.OK
+    assert np.all(np.isfinite(N))
+    assert np.all(np.isfinite(slope))
+    slope, (N, status) = slope_of(numbers, STEPS)
+    assert status == Status.OUT_OF_TRIALS
+    assert np.all(np.isfinite(N[:3]))  # what came before stays
+    assert np.all(np.isnan(N[4:]))
+    assert np.all(np.isnan(slope))
+    with pytest.raises(js.InputError, match=r"outside jax\.jit"):
+        jax.jit(lambda s: js.most_trials(s, 1, steps_per_period=STEPS))(scene)
+    with pytest.raises(js.InputError, match="must divide"):
+        js.rollout(scene, every=7, steps_per_period=STEPS)
+    with pytest.raises(TypeError, match="first order only"):
+        jax.hessian(lambda p: jnp.sum(observed(scene, p)))(numbers)
+
+
+def test_a_sweep_function_has_the_samples_of_the_verb():
+    # The same kernels: bit by bit. Powers of orbits whose period number divides the kept periods, too.
+    scene = with_parts(js.load("table1", ["contact.gamma=2.5", *FULL]).scene, motion=("x",))
+    gamma = np.linspace(0.5, 8.0, 70)  # more than a chunk
+    how = {"n_periods": 4, "transient": 3, "steps_per_period": STEPS, "method": FAST}
+    verb = js.sweep(scene, {"contact.gamma": gamma}, **how)
+    scenes = jax.vmap(lambda g: js.vary(scene, "contact.gamma", g))(jnp.asarray(gamma))
+    f = js.sweep_function(**how)
+    got = f(scenes)
+    assert np.array_equal(got.motion.x, verb.motion.x)
+    assert np.array_equal(got.status, verb.status)
+    regular = np.isin(verb.period_number, (0, 1, 2, 4))
+    np.testing.assert_allclose(got.P_d[regular], verb.P_d[regular], atol=1e-10)
+    with pytest.raises(js.InputError, match="one leading axis"):
+        f(scene)
+
+
+@pytest.mark.full
+def test_a_sweep_function_carries_tangents():
+    # Against fourth-order differences of its own samples; under jit and vmap the samples are the same.
+    scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
+    f = js.sweep_function(2, 1, FAST, steps_per_period=STEPS)
+    gaps, h = jnp.linspace(1e-5, 3e-5, 3), 1e-10
+    x = lambda gaps: f(jax.vmap(lambda gap: js.vary(scene, "shroud.gap", gap))(gaps)).motion.x  # noqa: E731
+    value, slope = jax.jit(lambda gaps: jax.jvp(x, (gaps,), (jnp.ones_like(gaps),)))(gaps)
+    ends = [x(gaps + c * h) for c in (-2, -1, 1, 2)]
+    by_differences = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * h)
+    np.testing.assert_allclose(slope, by_differences, rtol=0, atol=1e-6 * np.max(np.abs(slope)))
+    np.testing.assert_allclose(value, x(gaps), rtol=1e-9)
+    two = jax.jit(jax.vmap(x))(jnp.stack([gaps, gaps]))
+    np.testing.assert_allclose(two[1], value, rtol=1e-9)
+
+
+SHARDED = """
+import jax
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_num_cpu_devices", 2)
+import jax.numpy as jnp, numpy as np, jaxshroud as js
+from jax.sharding import PartitionSpec
+scene = js.load("table1", ['parts.motion=["x"]', "contact.gamma=2.5", "drive.F_0=60"]).scene
+scenes = jax.vmap(lambda g: js.vary(scene, "contact.gamma", g))(jnp.linspace(0.5, 8.0, 128))
+f, lanes = js.sweep_function(2, 1, steps_per_period=200), PartitionSpec("lanes")
+mesh = jax.make_mesh((2,), ("lanes",), axis_types=(jax.sharding.AxisType.Auto,))
+shared = jax.jit(jax.shard_map(f, mesh=mesh, in_specs=(lanes,), out_specs=lanes, check_vma=False))(scenes)
+assert len(shared.P.devices()) == 2
+np.testing.assert_allclose(shared.motion.x, f(scenes).motion.x, rtol=1e-9)
+"""
+
+
+@pytest.mark.full
+def test_a_sweep_function_runs_on_many_devices():
+    # In a process of its own: the number of devices is fixed once JAX has started.
+    done = subprocess.run([sys.executable, "-c", SHARDED], capture_output=True, text=True, env=os.environ, check=False)
+    assert done.returncode == 0, done.stderr
