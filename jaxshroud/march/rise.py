@@ -66,10 +66,10 @@ def first_rise(guards: list[Coefficients], h: Scalar, peeked: Bool[Array, ""], t
         peeked: The trial before has ended at the top of a hump.
         tries: Trials in a row that were not accepted.
     """
-    guards = _ended(guards, h)
+    guards = ended(guards, h)
     width, size = h * (1 / PARTS), h.dtype.itemsize
     found, place, last = _sought(guards, h, width, peeked)
-    chosen = _picked(guards, place.which)
+    chosen = picked(guards, place.which)
     s, missed, error = _polished(chosen, place, width)
     over = any_of(((value_and_rate(g, s)[0] > 0) & (place.which != i)) for i, g in enumerate(guards))
     sure = missed | (jnp.abs(error) <= CONVERGED[size] * h)
@@ -81,11 +81,11 @@ def first_rise(guards: list[Coefficients], h: Scalar, peeked: Bool[Array, ""], t
         fire=found & ~missed & ~again,
         peek=found & missed & ~again,
         again=again,
-        inside=place.hump & (_picked(last, place.which)[0] < 0),
+        inside=place.hump & (picked(last, place.which)[0] < 0),
     )
 
 
-def _ended(guards: list[Coefficients], like: Scalar) -> list[Coefficients]:
+def ended(guards: list[Coefficients], like: Scalar) -> list[Coefficients]:
     """Each without absent coefficients, at the end of which it ends."""
     last = [max(n for n, c in enumerate(guard) if n < 2 or not is_absent(c)) for guard in guards]
     return [tuple(filled(guard[: n + 1], like)) for guard, n in zip(guards, last, strict=True)]
@@ -145,7 +145,7 @@ def _newton(g: Scalar, rate: Scalar) -> Scalar:
     return jnp.where(rate > 0, g / jnp.where(rate > 0, rate, 1.0), jnp.inf)
 
 
-def _picked(guards: list, which: Int[Array, ""]) -> tuple:
+def picked(guards: list, which: Int[Array, ""]) -> tuple:
     """The numbers of one guard; what it lacks is 0."""
     chosen = list(max(guards, key=len))
     for k, longest in enumerate(chosen):

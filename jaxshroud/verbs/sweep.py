@@ -12,7 +12,7 @@ from jaxtyping import ArrayLike
 from jaxshroud.batch.extent import fits
 from jaxshroud.batch.runs import Plan, Progress, Ticker
 from jaxshroud.batch.tangents import differentiable
-from jaxshroud.march.method import FAST, Choices, Method, check_keeps
+from jaxshroud.march.method import FAST, Choices, Method
 from jaxshroud.march.stability import Steps
 from jaxshroud.model.state import State
 from jaxshroud.motion.largest import TURNING
@@ -128,7 +128,6 @@ def sweep(
     if lyapunov:
         differentiable(how.method)  # refused before anything is run
     if forces:
-        check_keeps(how.method, "forces")
         how = how._replace(method=how.method._replace(ledger=True, forces=True))
     precise = in_precision(grid.lanes, "float64") if lyapunov else None
     grid = grid._replace(lanes=in_precision(grid.lanes, how.method.precision), precise=precise)
