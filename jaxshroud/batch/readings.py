@@ -100,7 +100,9 @@ def _put(samples: State, lane: int, at: slice, found: State) -> None:
         whole[lane, at] = part[lane]
 
 
-def _asked(made: Trial, ends: np.ndarray, every: int, ready: np.ndarray, now: np.ndarray) -> tuple[np.ndarray, ...]:
+def _asked(
+    made: Trial, ends: np.ndarray, every: int, ready: np.ndarray, now: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """In which trial the next samples of each lane are, and how many steps from its start; those beyond do not count.
 
     Args:
@@ -115,13 +117,13 @@ def _asked(made: Trial, ends: np.ndarray, every: int, ready: np.ndarray, now: np
     trial = np.stack([np.searchsorted(end, step) for end, step in zip(ends, steps, strict=True)])
     trial = np.minimum(trial, ends.shape[1] - 1)
     begun = np.take_along_axis(ends - made.whole, trial, axis=1)
-    return trial, (steps - begun) - np.take_along_axis(made.begun, trial, axis=1)
+    return trial, (steps - begun) - np.take_along_axis(np.asarray(made.begun), trial, axis=1)
 
 
 def _events(scenes: Scene, made: Trial, ends: np.ndarray, every: int, clock: Clock) -> Instants:
     """Both sides of the events of the only lane."""
     trial = np.flatnonzero(made.fired[0])
-    before = _read(scenes, made, trial[None], made.length[:, trial], clock)
+    before = _read(scenes, made, trial[None], np.asarray(made.length)[:, trial], clock)
     steps = (ends - made.whole + made.begun + made.length)[0, trial]
     after = jax.tree.map(lambda a: a[:, trial], made.after)
     return Instants(jax.tree.map(sides, before, after), np.repeat(steps, 2), np.repeat(ends[0, trial] // every, 2))

@@ -207,7 +207,7 @@ def _tallied(lane: Lane, leg: Leg, jumps: Jumps, h: Scalar, counts: Callable[[Co
         return Tally(jax.tree.map(jnp.add, lane.tally.integrals, leg.gain), None, None)
     noted = Noted(
         counts,
-        lambda before: both(before, seen.within),
+        lambda before: both(before, seen.within),  # pyright: ignore[reportArgumentType]  # kept where `before` is
         lambda before: jax.tree.map(jnp.maximum, before, seen.forces),
     )
     sizes = jax.tree.map(lambda a, b: jnp.maximum(a, jnp.abs(b)), seen.sizes, displacements_of(leg.motion))
