@@ -43,7 +43,7 @@ class Stride(NamedTuple):
     recheck: Bool[Array, ""]  # guards may have jumped: one above zero is crossed at once ...
     crossed: Int[Array, ""]  # ... but for that of this kind, which just was; -1: none
     peeking: Bool[Array, ""]  # the trial has ended at the top of a guard
-    events: Int[Array, ""]  # in this step, with all that looked like one
+    events: Int[Array, ""]  # in this step
     tries: Int[Array, ""]  # trials in a row that came to nothing
 
 

@@ -196,7 +196,7 @@ def settle(lane: Lane, leg: Leg, fixed: Fixed, method: Choices) -> Lane:
     h = leg.length * grid.h
     _, cross, _, jumps = change(z, Q, held, fire, leg.kind, h, fixed)
     tally = _tallied(lane, leg, jumps, h, lambda counters: count(counters, cross, fire, met.inside))
-    status = status_of(z, ~finite(z), ahead.events)
+    status = status_of(z, ~finite(z), jnp.maximum(ahead.events, ahead.tries))
     state = select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
     return select(goes, Lane(state, step, ahead, None, tally, status), lane)
 
@@ -222,8 +222,7 @@ def _advanced(lane: Lane, leg: Leg, fire: Bool[Array, ""], fixed: Fixed) -> tupl
     whole = jnp.floor(done + sliver)
     done, whole = jnp.maximum(done - whole, 0.0), whole.astype(jnp.int32)
     done = jnp.where(done < sliver, 0.0, done)
-    met_any = met.fire | met.peek | met.again
-    events = jnp.where(whole > 0, 0, search.events) + met_any.astype(jnp.int32)
+    events = jnp.where(whole > 0, 0, search.events) + met.fire.astype(jnp.int32)
     moved = (leg.length > 0) | fire
     ahead = Stride(
         done=done,
