@@ -41,10 +41,11 @@ class Instants(NamedTuple):
 
 def sampled(lane: Lane, scene_model: Model) -> State:
     """The lane's state with its slider brought up to date; NaN once the lane has stopped."""
-    return _up_to_date(lane.state, lane.status, scene_model)
+    return up_to_date(lane.state, lane.status, scene_model)
 
 
-def _up_to_date(held: State, status: Int[Array, ""], scene_model: Model) -> State:
+def up_to_date(held: State, status: Int[Array, ""], scene_model: Model) -> State:
+    """A state with its slider brought up to date; NaN where the status is not OK."""
     at = seat(held.motion, held, scene_model)[2]
     flows, held = scene_model.spring.flows, whole(held)
     u_s = held.u_s if flows else at.u - stretch(at.v, at.u, held.u_s, held.mode, scene_model.spring)
@@ -80,18 +81,18 @@ def march_with_events(
         steps = np.repeat(ends - arrived + met.begun[0], 2)[fired]
         before = np.repeat((ends - arrived) // every, 2)[fired]
         instants.append(
-            Instants(jax.tree.map(lambda *a, of=fired: _sides(*a)[:, of], met.before, met.after), steps, before)
+            Instants(jax.tree.map(lambda *a, of=fired: sides(*a)[:, of], met.before, met.after), steps, before)
         )
         tick(int(wanted.sum()))
         done, left = int(ends[-1]), remaining
     missing = count - sum(block.mode.shape[1] for block in samples)
     if missing:  # the lane has stopped
-        last = _last(scenes, lanes)
+        last = last_state(scenes, lanes)
         samples.append(jax.tree.map(lambda a: np.repeat(np.asarray(a)[:, None], missing, axis=1), last))
     return lanes, samples, jax.tree.map(lambda *a: np.concatenate(a, axis=-1 if a[0].ndim < 3 else 1), *instants)
 
 
-def _sides(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+def sides(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Both sides of trials (lanes, trials, ...), one after the other."""
     return np.stack([before, after], axis=2).reshape(len(before), -1, *before.shape[2:])
 
@@ -117,14 +118,14 @@ def _trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, eac
         lanes, left = carry
         fixed = Fixed(models, grids, jnp.where(left > 0, lanes.step + 1, lanes.step))
         once = lambda lanes: advance(lanes, fixed, method, each)  # noqa: E731
-        idle = lambda pair: jnp.any(~(_fired(*pair) | _arrived(*pair)) & running(pair[1], fixed.stop))  # noqa: E731
+        idle = lambda pair: jnp.any(~(fired(*pair) | _arrived(*pair)) & running(pair[1], fixed.stop))  # noqa: E731
         held, ahead = lax.while_loop(idle, lambda pair: (pair[1], once(pair[1])), (lanes, once(lanes)))
         end = jax.vmap(lambda lane, m, g: rk_step(NO_STAGES, place_of(lane, g), lane.state, m, method).state)
         trial = _Trial(
-            jax.vmap(_up_to_date)(end(held, models, grids), held.status, models),
+            jax.vmap(up_to_date)(end(held, models, grids), held.status, models),
             jax.vmap(sampled)(ahead, models),
             held.search.done + held.search.length,
-            _fired(held, ahead),
+            fired(held, ahead),
             _arrived(held, ahead),
         )
         around = jnp.where(ahead.step == clock.steps, 0, ahead.step)
@@ -134,7 +135,7 @@ def _trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, eac
     return lax.scan(one, (lanes, left), None, length=TRIALS)
 
 
-def _fired(before: Lane, after: Lane) -> Array:
+def fired(before: Lane, after: Lane) -> Array:
     """Whether an event was met: each changes the mode or the case."""
     return (after.state.mode != before.state.mode) | (after.state.case != before.state.case)
 
@@ -145,5 +146,6 @@ def _arrived(before: Lane, after: Lane) -> Array:
 
 
 @jax.jit
-def _last(scenes: Scene, lanes: Lane) -> State:
+def last_state(scenes: Scene, lanes: Lane) -> State:
+    """The state of each lane, likewise."""
     return jax.vmap(lambda scene, lane: sampled(lane, model(scene)))(scenes, lanes)

@@ -22,9 +22,10 @@ from jaxshroud.batch.threads import Check, in_chunks
 from jaxshroud.batch.xla import DUAL_NUMBERS, EachLane, best, compiled, plain, repeated
 from jaxshroud.march.events import seat
 from jaxshroud.march.lane import Fixed, Lane, begin, grid
-from jaxshroud.march.locate import select
+from jaxshroud.march.locate import Search, select
 from jaxshroud.march.method import Choices
 from jaxshroud.march.step import End
+from jaxshroud.march.stride import Leg
 from jaxshroud.march.trial import Decision
 from jaxshroud.model.absent import Pair, Scalar, filled, is_absent
 from jaxshroud.model.friction import stretch
@@ -32,7 +33,6 @@ from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.ready import Model, model, turns
 from jaxshroud.model.rhs import as_one
 from jaxshroud.model.state import State
-from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.keys import key_parts
 from jaxshroud.scene.scene import Scene
 
@@ -48,7 +48,7 @@ class Dual(NamedTuple):
 
 def _moving(tree: Any) -> Any:
     """Which leaves of a tree have a tangent: every real number that later motion or power depends on."""
-    return jax.tree.map(_moving_part, tree, is_leaf=lambda a: isinstance(a, Lane | End | Decision))
+    return jax.tree.map(_moving_part, tree, is_leaf=lambda a: isinstance(a, Lane | End | Decision | Leg))
 
 
 def _moving_part(part: Any) -> Any:
@@ -57,14 +57,12 @@ def _moving_part(part: Any) -> Any:
         return fixed
     if isinstance(part, End):
         return fixed._replace(state=_real(part.state), Q=True, gain=True)
+    if isinstance(part, Leg):
+        return fixed._replace(motion=_real(part.motion), gain=_real(part.gain), length=True)
     if not isinstance(part, Lane):
         return jnp.issubdtype(part.dtype, jnp.floating)
-    places = lambda lane: (  # noqa: E731
-        lane.state,
-        lane.search.done,
-        lane.search.length,
-        lane.tally.integrals.power,
-    )
+    times = lambda search: (search.done, search.length) if isinstance(search, Search) else (search.done,)  # noqa: E731
+    places = lambda lane: (lane.state, *times(lane.search), lane.tally.integrals.power)  # noqa: E731
     return eqx.tree_at(places, fixed, _real(places(part)))
 
 
@@ -172,13 +170,7 @@ def flow(scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], m
 
 
 def differentiable(method: Choices) -> Choices:
-    """The same method with derivatives of the events' instants, and nothing else that a flow does not need.
-
-    Raises:
-        InputError: It has no derivatives.
-    """
-    if method.taylor:
-        raise InputError("The method taylor has no derivatives yet; give one of Runge-Kutta, as dopri8.")
+    """The same method with derivatives of the events' instants, and nothing else that a flow does not need."""
     return method._replace(derivative=True, ledger=False, within=False, forces=False)
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Int
 
 from jaxshroud.march.events import Kind, seat, switches
@@ -33,8 +34,9 @@ class Course(NamedTuple):
 
     motion: Motion  # rates are per radian
     v: Any
+    u: Any
     guards: list[Guard]  # negative while the mode may go on
-    rates: Integrals  # of the integrals, per radian; works in units of `unit ** 2` joules
+    rates: Integrals  # of the integrals, per radian, by the motion up to its order; works in `unit ** 2` joules
     case: Int[Array, ""]  # the held one; when apart, that of the position at the start
     unit: Scalar  # seconds per radian
 
@@ -58,14 +60,27 @@ def course(lane: Lane, fixed: Fixed, order: int, ledger: bool) -> Course:
     ]
     rates = [tuple(map(rate_of, pair)) for pair in places]
     now = State(Motion(*places, *rates), held.u_s, held.mode, case)
-    slope, gains = rhs(Q, now, model, ledger)
-    found.extend(slope.acceleration)
+    found.extend(rhs(Q, now, model, False)[0].acceleration)
+    # Squares and products have twice the frequency: their integrals go on where those of what is known still matter.
+    known = jax.tree.map(lambda a: cut(a, order), now.motion)
+    gains = rhs(Q, State(known, held.u_s, held.mode, case), model, ledger)[1]
 
     at = touch(pose(*places), case, model.block, model.reading)
     at = at._replace(v=cut(at.v, order - 1), u=cut(at.u, order - 1))
     lift = Kind.LIFT, jnp.where(held.mode == Mode.APART, 1.0, -1.0) * at.v
     guards = [lift, *_switches(Q, at, now, model, order), *_rubs(at, now, model)]
-    return Course(now.motion, at.v, guards, gains, case, unit)
+    return Course(now.motion, at.v, at.u, guards, gains, case, unit)
+
+
+def frozen(way: Course) -> Course:
+    """The same numbers without derivatives."""
+
+    def plain(a: Any) -> Any:
+        if isinstance(a, Series):
+            return a.of_each(lax.stop_gradient)
+        return a if isinstance(a, Kind) else lax.stop_gradient(a)
+
+    return jax.tree.map(plain, way)
 
 
 def per_radian(model: Model, unit: Scalar) -> Model:

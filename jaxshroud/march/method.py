@@ -79,12 +79,6 @@ class Choices(NamedTuple):
         return f"{self.tableau.name}, events by {self.locate}, {self.precision}"
 
 
-def check_keeps(method: Choices, what: str) -> None:
-    """Raise InputError where a method cannot keep what an argument asks for."""
-    if method.taylor:
-        raise InputError(f"The method taylor cannot keep `{what}` yet; give one of Runge-Kutta, as dopri8.")
-
-
 REFERENCE = Choices()
 FAST_WITH_LEDGER = Choices(locate="cubic")  # the same errors in less time
 FAST = FAST_WITH_LEDGER._replace(ledger=False)  # no energy residual either

@@ -17,7 +17,9 @@ from jaxshroud.model.series import value_and_rate
 
 PARTS = 2  # of a trial, at whose ends guards are looked at
 NEWTONS = 4
-BEYOND = {8: 2.0**-42, 4: 2.0**-18}  # of a trial, by bytes of a number: events are met so late
+# Events are met so much of a trial late, by bytes of a number. Loaded case switches jump the force: nearly parallel
+# faces, with dozens of them, made 1e-6 of 2^-42.
+BEYOND = {8: 2.0**-50, 4: 2.0**-18}
 CONVERGED = {8: 2.0**-34, 4: 2.0**-14}  # of a trial: Newton steps that are as good as none
 MOST_TRIES = 4  # to tell which guard is first
 
@@ -43,7 +45,7 @@ class Stride(NamedTuple):
     recheck: Bool[Array, ""]  # guards may have jumped: one above zero is crossed at once ...
     crossed: Int[Array, ""]  # ... but for that of this kind, which just was; -1: none
     peeking: Bool[Array, ""]  # the trial has ended at the top of a guard
-    events: Int[Array, ""]  # in this step, with all that looked like one
+    events: Int[Array, ""]  # in this step
     tries: Int[Array, ""]  # trials in a row that came to nothing
 
 
@@ -66,10 +68,10 @@ def first_rise(guards: list[Coefficients], h: Scalar, peeked: Bool[Array, ""], t
         peeked: The trial before has ended at the top of a hump.
         tries: Trials in a row that were not accepted.
     """
-    guards = _ended(guards, h)
+    guards = ended(guards, h)
     width, size = h * (1 / PARTS), h.dtype.itemsize
     found, place, last = _sought(guards, h, width, peeked)
-    chosen = _picked(guards, place.which)
+    chosen = picked(guards, place.which)
     s, missed, error = _polished(chosen, place, width)
     over = any_of(((value_and_rate(g, s)[0] > 0) & (place.which != i)) for i, g in enumerate(guards))
     sure = missed | (jnp.abs(error) <= CONVERGED[size] * h)
@@ -81,11 +83,11 @@ def first_rise(guards: list[Coefficients], h: Scalar, peeked: Bool[Array, ""], t
         fire=found & ~missed & ~again,
         peek=found & missed & ~again,
         again=again,
-        inside=place.hump & (_picked(last, place.which)[0] < 0),
+        inside=place.hump & (picked(last, place.which)[0] < 0),
     )
 
 
-def _ended(guards: list[Coefficients], like: Scalar) -> list[Coefficients]:
+def ended(guards: list[Coefficients], like: Scalar) -> list[Coefficients]:
     """Each without absent coefficients, at the end of which it ends."""
     last = [max(n for n, c in enumerate(guard) if n < 2 or not is_absent(c)) for guard in guards]
     return [tuple(filled(guard[: n + 1], like)) for guard, n in zip(guards, last, strict=True)]
@@ -145,7 +147,7 @@ def _newton(g: Scalar, rate: Scalar) -> Scalar:
     return jnp.where(rate > 0, g / jnp.where(rate > 0, rate, 1.0), jnp.inf)
 
 
-def _picked(guards: list, which: Int[Array, ""]) -> tuple:
+def picked(guards: list, which: Int[Array, ""]) -> tuple:
     """The numbers of one guard; what it lacks is 0."""
     chosen = list(max(guards, key=len))
     for k, longest in enumerate(chosen):

@@ -4,22 +4,26 @@ The lane's course is expanded once. It says how long the trial may be, by its la
 first, and where the lane is then: no trial is repeated to find an event.
 """
 
+from collections.abc import Callable
 from functools import reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.course import RADIANS, Course, course
-from jaxshroud.march.events import Kind, any_of, count
-from jaxshroud.march.lane import Fixed, Lane, displacements_of, running
-from jaxshroud.march.locate import Rise, select
+from jaxshroud.march.course import RADIANS, Course, course, frozen
+from jaxshroud.march.crests import both, deepest, halfway, inside, strongest
+from jaxshroud.march.events import Counters, Kind, any_of, count
+from jaxshroud.march.implicit import at_the_root
+from jaxshroud.march.lane import Fixed, Jumps, Lane, Tally, displacements_of, running
+from jaxshroud.march.locate import select
 from jaxshroud.march.method import Choices
-from jaxshroud.march.rise import MOST_TRIES, Met, Stride, first_rise
+from jaxshroud.march.peaks import Peaks
+from jaxshroud.march.rise import MOST_TRIES, Met, Stride, ended, first_rise, picked
 from jaxshroud.march.trial import Noted, Sizes, change, finite, status_of, tallied
-from jaxshroud.march.within import crest
+from jaxshroud.march.within import Within
 from jaxshroud.model.absent import Scalar, is_absent
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.rhs import Integrals, Ledger, wave
@@ -29,6 +33,7 @@ from jaxshroud.model.trig import sincos_turns
 from jaxshroud.scene.motion import Motion
 
 LONGEST = 0.5  # [rad] of a trial: guards are looked at so often at least
+MORE = 4  # terms of the integrals than of the motion: with none, those of squares err 100 times the tolerance
 NOTHING = 1e-30  # a speed that does not matter [m/rad]
 SLIVER = {8: 1e-12, 4: 1e-6}  # of a step, by bytes of a number: so much is not left over
 
@@ -41,25 +46,72 @@ class Leg(NamedTuple):
     length: Scalar  # in steps
     kind: Int[Array, ""]  # of the event, or of what has only been met
     met: Met  # its `end` in radians
-    deepest: Scalar  # largest penetration on the way [m]
-    sizes: Sizes | None  # of the displacements halfway
+    seen: "Seen | None"  # None where derivatives are computed
+
+
+class Seen(NamedTuple):
+    """What a log is told of the way."""
+
+    deepest: Scalar  # largest penetration [m]
+    sizes: Sizes  # of the displacements halfway
+    within: Within | None
+    forces: Peaks | None
+
+
+Places = tuple[Any, Any, Any]  # coefficients of x, y and theta, of both blades
 
 
 def leg(lane: Lane, fixed: Fixed, method: Choices) -> Leg:
     """The trial of a lane."""
+    return leg_and_places(lane, fixed, method)[0]
+
+
+def leg_and_places(lane: Lane, fixed: Fixed, method: Choices) -> tuple[Leg, Places]:
+    """The trial of a lane, and the polynomials of its displacements in radians from its start."""
     assert method.taylor is not None
-    assert isinstance(lane.search, Stride)
     order, tolerance = method.taylor
-    way, search, grid = course(lane, fixed, order, method.ledger), lane.search, fixed.grid
-    step = RADIANS * grid.turn  # [rad]
-    rest = ((fixed.stop - lane.step).astype(step.dtype) - search.done) * step
-    h = jnp.minimum(_allowed(way, order, tolerance, fixed), jnp.maximum(rest, 0.0))
-    h = jnp.where((search.tries > 0) & (search.tries < MOST_TRIES), jnp.minimum(h, search.cap), h)
-    met, kind = _met(way, order, h, search)
+    way, step = course(lane, fixed, order, method.ledger), RADIANS * fixed.grid.turn
+    still, found = (lax.stop_gradient((lane, fixed)), frozen(way)) if method.derivative else ((lane, fixed), way)
+    met, kind = _trial(found, *still, order, tolerance)
     s = jnp.where(met.again, 0.0, met.end)
-    z, gain = _reached(way, order, s)
-    sizes = None if method.derivative else _halfway(way, order, s)
-    return Leg(z, gain, s / step, kind, met, _deepest(way, order, s), sizes)
+    if method.derivative:
+        s = _moving(way, order, met, s, _rest(lane, fixed))
+    places = jax.tree.map(lambda a: a.upto(order), displacements_of(way.motion))
+    seen = None if method.derivative else _seen(way, s, lane, met, kind, fixed, method)
+    return Leg(moved(places, way.unit, s), _gained(way, order, s), s / step, kind, met, seen), places
+
+
+def _trial(way: Course, lane: Lane, fixed: Fixed, order: int, tolerance: float) -> tuple[Met, Int[Array, ""]]:
+    """What the trial meets, and the kind of the event."""
+    search = lane.search
+    h = jnp.minimum(_allowed(way, order, tolerance, fixed), jnp.maximum(_rest(lane, fixed), 0.0))
+    h = jnp.where((search.tries > 0) & (search.tries < MOST_TRIES), jnp.minimum(h, search.cap), h)
+    return _met(way, order, h, search)
+
+
+def _rest(lane: Lane, fixed: Fixed) -> Scalar:
+    """What is left until the march stops [rad]."""
+    turn = fixed.grid.turn
+    return ((fixed.stop - lane.step).astype(turn.dtype) - lane.search.done) * (RADIANS * turn)
+
+
+def _moving(way: Course, order: int, met: Met, s: Scalar, rest: Scalar) -> Scalar:
+    """The end of a trial with its derivative: that of the guard's root, or of what is left; none where it is chosen."""
+    guard = picked(ended([g.upto(order) for _, g in way.guards], s), met.which)
+    size, rate = value_and_rate(guard, s)
+    rate = jnp.where(met.fire & (s > 0) & (rate > 0), lax.stop_gradient(rate), jnp.inf)
+    root = at_the_root(s, jnp.ones_like(s), size, rate)
+    return jnp.where(met.fire | met.peek | (s < rest), root, rest)
+
+
+def _seen(way: Course, s: Scalar, lane: Lane, met: Met, kind: Int[Array, ""], fixed: Fixed, method: Choices) -> Seen:
+    assert method.taylor is not None
+    order, held = method.taylor.order, lane.state
+    apart = held.mode == Mode.APART
+    onset = apart & met.fire & (kind == Kind.LIFT)
+    within = inside(way, order, s, apart, onset) if method.within else None
+    forces = strongest(way, order, s, held, fixed.model.spring) if method.forces else None
+    return Seen(deepest(way, order, s), halfway(way, order, s), within, forces)
 
 
 def _allowed(way: Course, order: int, tolerance: float, fixed: Fixed) -> Scalar:
@@ -103,11 +155,16 @@ def _met(way: Course, order: int, h: Scalar, search: Stride) -> tuple[Met, Int[A
     return met, kind
 
 
-def _reached(way: Course, order: int, s: Scalar) -> tuple[Motion, Integrals]:
-    """Motion and integrals after `s` radians."""
-    ends = [[a if is_absent(a) else value_and_rate(a.upto(order), s) for a in pair] for pair in way.motion[:3]]
-    places = [tuple(a if is_absent(a) else a[0] for a in pair) for pair in ends]
-    speeds = [tuple(a if is_absent(a) else a[1] / way.unit for a in pair) for pair in ends]
+def moved(places: Places, unit: Scalar, s: Scalar) -> Motion:
+    """The motion after `s` radians of `unit` seconds each."""
+    ends = [[a if is_absent(a) else value_and_rate(a, s) for a in pair] for pair in places]
+    here = [tuple(a if is_absent(a) else a[0] for a in pair) for pair in ends]
+    speeds = [tuple(a if is_absent(a) else a[1] / unit for a in pair) for pair in ends]
+    return Motion(*here, *speeds)
+
+
+def _gained(way: Course, order: int, s: Scalar) -> Integrals:
+    """The integrals after `s` radians."""
     gained = lambda rate, at=s: value(_integral(rate, order), at)  # noqa: E731
     left, right = (a if is_absent(a) else gained(a) * way.unit for a in way.rates.power)
     ledger = way.rates.ledger
@@ -118,27 +175,12 @@ def _reached(way: Course, order: int, s: Scalar) -> tuple[Motion, Integrals]:
         gross = jnp.abs(half) + jnp.abs(drive - half)
         joules = 1 / (way.unit * way.unit)
         ledger = Ledger(*(a * joules for a in (drive, gross, viscous, friction)))
-    return Motion(*places, *speeds), Integrals((left, right), ledger)
+    return Integrals((left, right), ledger)
 
 
 def _integral(rate: Series, order: int) -> tuple[Scalar, ...]:
     """Coefficients of the integral."""
-    return (jnp.zeros_like(rate[0]), *(rate[n] * (1 / (n + 1)) for n in range(order)))
-
-
-def _deepest(way: Course, order: int, s: Scalar) -> Scalar:
-    """The largest penetration within `s` radians: at their end, or where the cubic between has its crest."""
-    v = way.v.upto(order - 1)
-    end, rate = value_and_rate(v, s)
-    top, inside = crest(Rise(v[0], end, v[1] * s, rate * s))
-    return jnp.where(inside, jnp.maximum(end, value(v, top * s)), end)
-
-
-def _halfway(way: Course, order: int, s: Scalar) -> Sizes:
-    """Magnitudes of the displacements in the middle of `s` radians."""
-    size = lambda a: a if is_absent(a) else jnp.abs(value(a.upto(order), s / 2))  # noqa: E731
-    x, y, theta = (tuple(map(size, pair)) for pair in displacements_of(way.motion))
-    return x, y, theta  # pyright: ignore[reportReturnType]
+    return (jnp.zeros_like(rate[0]), *(rate[n] * (1 / (n + 1)) for n in range(order + MORE)))
 
 
 def settle(lane: Lane, leg: Leg, fixed: Fixed, method: Choices) -> Lane:
@@ -153,13 +195,23 @@ def settle(lane: Lane, leg: Leg, fixed: Fixed, method: Choices) -> Lane:
     Q = wave(*sincos_turns(grid.start + done * grid.turn), model.drive)
     h = leg.length * grid.h
     _, cross, _, jumps = change(z, Q, held, fire, leg.kind, h, fixed)
-    same = lambda before: before  # noqa: E731  # extremes and forces are refused where a method is chosen
-    noted = Noted(lambda counters: count(counters, cross, fire, met.inside), same, same)
-    sizes = jax.tree.map(lambda a, b: jnp.maximum(a, jnp.abs(b)), leg.sizes, displacements_of(z))
-    tally = tallied(lane.tally, leg.gain, jumps, h, held.mode, leg.deepest, sizes, noted)
-    status = status_of(z, ~finite(z), ahead.events)
+    tally = _tallied(lane, leg, jumps, h, lambda counters: count(counters, cross, fire, met.inside))
+    status = status_of(z, ~finite(z), jnp.maximum(ahead.events, ahead.tries))
     state = select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
     return select(goes, Lane(state, step, ahead, None, tally, status), lane)
+
+
+def _tallied(lane: Lane, leg: Leg, jumps: Jumps, h: Scalar, counts: Callable[[Counters], Counters]) -> Tally:
+    seen = leg.seen
+    if seen is None:
+        return Tally(jax.tree.map(jnp.add, lane.tally.integrals, leg.gain), None, None)
+    noted = Noted(
+        counts,
+        lambda before: both(before, seen.within),  # pyright: ignore[reportArgumentType]  # kept where `before` is
+        lambda before: jax.tree.map(jnp.maximum, before, seen.forces),
+    )
+    sizes = jax.tree.map(lambda a, b: jnp.maximum(a, jnp.abs(b)), seen.sizes, displacements_of(leg.motion))
+    return tallied(lane.tally, leg.gain, jumps, h, lane.state.mode, seen.deepest, sizes, noted)
 
 
 def _advanced(lane: Lane, leg: Leg, fire: Bool[Array, ""], fixed: Fixed) -> tuple[Stride, Int[Array, ""]]:
@@ -170,8 +222,7 @@ def _advanced(lane: Lane, leg: Leg, fire: Bool[Array, ""], fixed: Fixed) -> tupl
     whole = jnp.floor(done + sliver)
     done, whole = jnp.maximum(done - whole, 0.0), whole.astype(jnp.int32)
     done = jnp.where(done < sliver, 0.0, done)
-    met_any = met.fire | met.peek | met.again
-    events = jnp.where(whole > 0, 0, search.events) + met_any.astype(jnp.int32)
+    events = jnp.where(whole > 0, 0, search.events) + met.fire.astype(jnp.int32)
     moved = (leg.length > 0) | fire
     ahead = Stride(
         done=done,

@@ -36,6 +36,10 @@ class Series(Formal):
         """Of the coefficients."""
         return self[0].dtype
 
+    def of_each(self, f: Callable[[Any], Any]) -> "Series":
+        """The series of `f` of each coefficient."""
+        return Series(lambda n: f(self[n]))
+
     @property
     def rate(self) -> "Series":
         """The derivative."""

@@ -16,13 +16,14 @@ from jaxshroud.batch.free import free_status
 from jaxshroud.batch.instants import march_with_events, sampled
 from jaxshroud.batch.loop import driven
 from jaxshroud.batch.periods import Clock, begin_lanes
+from jaxshroud.batch.readings import march_with_series
 from jaxshroud.batch.resultants import resultants
 from jaxshroud.batch.runs import Progress, Tick, Ticker, chunk_by_chunk
 from jaxshroud.batch.xla import EachLane, best, compiled
 from jaxshroud.march.energy import balance, energy
 from jaxshroud.march.events import Counters
 from jaxshroud.march.lane import Fixed, Lane, Log, grid
-from jaxshroud.march.method import REFERENCE, Choices, Method, check_keeps
+from jaxshroud.march.method import REFERENCE, Choices, Method
 from jaxshroud.march.stability import Steps
 from jaxshroud.model.absent import Scalar, filled, is_absent
 from jaxshroud.model.linear import free_motion
@@ -110,8 +111,6 @@ def simulate(
         raise InputError("Argument `events` keeps those of one scene with located contact; simulate it alone.")
     given = door.lanes
     how = marched(door, given, REFERENCE)
-    if events:
-        check_keeps(how.method, "events")
     scenes = in_precision(given, how.method.precision)
     count = door.n_periods * how.steps // every
     memory_for("what is stored of this run", len(scenes.drive.omega) * count * STEP)
@@ -210,8 +209,10 @@ def _chunk(scenes: Scene, states: State, grid: _Grid, how: Marched, tick: Tick) 
     """What some lanes (leading axis) come to."""
     lanes, first = _begin(scenes, states, how.method)
     held, clock, instants = _energy(scenes, lanes), _clock(grid.turns, how, first.u_s.dtype), None
-    if grid.events:
-        args = (clock, grid.every, grid.samples, how.method, tick)
+    args = (clock, grid.every, grid.samples, how.method, tick)
+    if how.method.taylor:
+        lanes, blocks, instants = march_with_series(scenes, lanes, *args, grid.events)
+    elif grid.events:
         lanes, blocks, instants = march_with_events(scenes, lanes, *args)
     else:
         lanes, blocks = _blocks(scenes, lanes, grid, how, clock, tick)

@@ -15,7 +15,7 @@ from jaxtyping import ArrayLike
 from jaxshroud.batch.extent import fits
 from jaxshroud.batch.runs import Plan, Progress, Ticker
 from jaxshroud.batch.tangents import differentiable
-from jaxshroud.march.method import FAST, Choices, Method, check_keeps
+from jaxshroud.march.method import FAST, Choices, Method
 from jaxshroud.march.stability import Steps
 from jaxshroud.model.state import State
 from jaxshroud.motion.period import PERIOD_TOLERANCE
@@ -141,7 +141,6 @@ def sweep(
     if lyapunov:
         differentiable(how.method)  # refused before anything is run
     if forces:
-        check_keeps(how.method, "forces")
         how = how._replace(method=how.method._replace(ledger=True, forces=True))
     precise = in_precision(grid.lanes, "float64") if lyapunov else None
     grid = grid._replace(lanes=in_precision(grid.lanes, how.method.precision), precise=precise)

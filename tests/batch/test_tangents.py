@@ -16,9 +16,10 @@ from jaxshroud.batch.runs import Plan, run_lanes
 from jaxshroud.batch.states import STATE, final_states, from_vector, to_vector
 from jaxshroud.batch.tangents import Dual, differentiable, direction, run_flow, tangents
 from jaxshroud.batch.xla import repeated
-from jaxshroud.march import trial
+from jaxshroud.march import stride, trial
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import tableau
+from jaxshroud.march.taylor import Taylor
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import start
 from jaxshroud.motion.lyapunov import ALIGNING, settled
@@ -113,6 +114,26 @@ def test_jacobian_of_other_methods(name, locate, motion):
     along = np.random.default_rng(2).standard_normal((12, STATE)) * sizes_of(states)
     steps = {"rk4": 400, "tsit5": 200, "dopri8": 100}[name]
     assert np.max(error_of(scene, states, along, steps, method)) <= 1e-6
+
+
+@pytest.mark.full(but=["motion0"])
+@pytest.mark.parametrize("motion", [("x",), ("x", "y", "theta")])
+def test_jacobian_by_series(motion):
+    method = Choices(Taylor(10, 1e-12), "series")
+    scene = with_parts(scene_at(5.5), motion=motion)
+    states = states_of(scene, 12)
+    along = np.random.default_rng(2).standard_normal((12, STATE)) * sizes_of(states)
+    assert np.max(error_of(scene, states, along, method=method)) <= 1e-6
+
+
+@pytest.mark.full
+def test_naive_tangents_by_series_are_wrong(monkeypatch):
+    # Control: events whose instants have no derivative.
+    monkeypatch.setattr(stride, "at_the_root", lambda quantity, *_: quantity)
+    scene, method = scene_at(5.5), Choices(Taylor(10, 1.1e-12), "series")  # another tolerance: compiled anew
+    states = states_of(scene, 24)
+    along = np.random.default_rng(3).standard_normal((24, STATE)) * sizes_of(states)
+    assert np.median(error_of(scene, states, along, method=method)) > 0.01
 
 
 @pytest.fixture

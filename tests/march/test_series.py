@@ -13,6 +13,7 @@ from side_by_side import counts, ends, energy_residual, relative_error, run, sce
 import jaxshroud as js
 from jaxshroud import Status, load, vary
 from jaxshroud.march.course import course, per_radian
+from jaxshroud.march.crests import _highest
 from jaxshroud.march.events import Kind, look
 from jaxshroud.march.lane import Fixed, begin, grid
 from jaxshroud.march.method import Choices, named_choices
@@ -219,6 +220,45 @@ def test_samples_agree_with_a_march_that_stops_there(table1):
     assert few.status == many.status == Status.OK
 
 
+def test_samples_are_read_off_and_cost_no_trial(table1):
+    # Wherever samples are, the trials are the same: bit by bit the same end and the same works. What a march that stops
+    # at an instant errs by otherwise there is its tolerance, times what impacts make of it.
+    by = dict(steps_per_period=400, method=js.Method("taylor", order=8, tolerance=1e-13))
+    many, few = (js.simulate(table1, n_periods=2, every=n, **by) for n in (1, 400))
+    for name in Motion._fields:
+        np.testing.assert_array_equal(getattr(many.motion, name)[::400], getattr(few.motion, name))
+    assert float(many.work_drive) == float(few.work_drive)
+    assert abs(many.energy_residual) <= 1e-12
+    for stop in (277, 391):
+        there = js.simulate(table1, n_periods=1, every=stop, **by)
+        for name in Motion._fields:
+            read, size = np.asarray(getattr(many.motion, name)), np.asarray(getattr(there.motion, name))[-1]
+            np.testing.assert_allclose(read[stop], size, rtol=0, atol=1e-10 * np.abs(read).max())
+    assert np.any(np.diff(np.asarray(many.mode)[250:400]) != 0)  # events are among them
+
+
+@pytest.mark.full
+def test_lanes_are_read_off_each_at_its_own_pace(table1):
+    # Side by side each lane makes its own trials, and has the samples that it has alone.
+    scenes = [vary(table1, "contact.gamma", gamma) for gamma in (0.3, 7.5)]
+    by = dict(n_periods=1, steps_per_period=400, every=40, method=js.Method("taylor", order=8, tolerance=1e-6))
+    both, *alone = (js.simulate(s, **by) for s in (js.stack_scenes(scenes), *scenes))
+    for lane, one in enumerate(alone):
+        got = np.asarray(both.motion.x)[lane]
+        np.testing.assert_allclose(got, one.motion.x, rtol=0, atol=1e-9 * np.abs(got).max())
+        np.testing.assert_array_equal(np.asarray(both.mode)[lane], one.mode)
+
+
+def test_crests_of_polynomials():
+    # Of a random polynomial, the largest value within [0, 1] against that at a thousand points and both ends.
+    rng, s = np.random.default_rng(8), np.linspace(0, 1, 1001)
+    for _ in range(20):
+        c = rng.normal(size=5) / [1, 1, 2, 6, 24]  # as smooth as a trial is
+        seen = np.polynomial.polynomial.polyval(s, c).max()
+        found = float(_highest(tuple(map(jnp.asarray, c)), jnp.asarray(1.0)))
+        assert seen - 1e-12 <= found <= seen + 1e-6
+
+
 def test_without_torque_from_rest(table1):
     # M_0 = 0: theta_1 = theta_2 for ever, and every contact is flat from its first instant.
     scene = all_numbers(vary(table1, "drive.M_0", 0.0))
@@ -253,11 +293,6 @@ def test_the_name_of_the_method_is_its_choice():
 def test_what_taylor_refuses(arguments, message):
     with pytest.raises(js.InputError, match=message):
         js.Method(**arguments)
-
-
-def test_derivatives_by_series_are_refused(table1):
-    with pytest.raises(js.InputError, match="taylor has no derivatives yet"):
-        js.orbit(table1, method=js.Method("taylor"), steps_per_period=100)
 
 
 def test_smooth_contact_by_series_is_refused(table1):
