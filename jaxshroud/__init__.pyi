@@ -28,6 +28,7 @@ from .results.gradient import Gradient as Gradient
 from .results.lyapunov import Lyapunov as Lyapunov
 from .results.orbit import Orbit as Orbit
 from .results.power import PowerResult as PowerResult
+from .results.report import Report as Report
 from .results.scatter import Scatter as Scatter
 from .results.status import LaneWarning as LaneWarning
 from .results.sweep import SweepResult as SweepResult
@@ -75,6 +76,7 @@ from .verbs.gradient import gradient as gradient
 from .verbs.lyapunov import lyapunov as lyapunov
 from .verbs.orbit import orbit as orbit
 from .verbs.power import power as power
+from .verbs.report import report as report
 from .verbs.scatter import scatter as scatter
 from .verbs.setting import Setting as Setting
 from .verbs.simulate import simulate as simulate

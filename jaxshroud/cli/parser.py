@@ -226,13 +226,34 @@ def animate_options(made: OneLineParser) -> None:
 def _nothing(_: OneLineParser) -> None: ...
 
 
+def _scattering(made: OneLineParser) -> None:
+    """Numbers that scatter."""
+    made.add_argument("--over", action="append", default=[], metavar="K=LO:HI", help="number and its bounds")
+    made.add_argument("--tolerance", action="append", default=[], metavar="K=D", help="number, to D on either side")
+    made.add_argument("--spread", action="append", default=[], metavar="K=P%%", help="number, to P percent either side")
+
+
+def report_options(made: OneLineParser) -> None:
+    """Options of `jaxshroud report`."""
+    scene_options(made)
+    made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
+    made.add_argument("--tune", type=path, metavar="DIR", help="a tuning whose design, conditions and limits count")
+    _scattering(made)
+    made.add_argument("--range", action="append", default=[], metavar="K=A,B,C", help="operating condition, its values")
+    made.add_argument("--at-least", type=number, metavar="P_d", help="P_d [%%] that is to be met")
+    made.add_argument("--most-penetration", metavar="LENGTH", help="limit, e.g. 0.2mm")
+    made.add_argument("--most-force", metavar="FORCE", help="limit of the normal force, e.g. 500N")
+    made.add_argument("--samples", type=count(2), default=128, metavar="N", help="rows of draws of the scatter")
+    made.add_argument("--starts", type=count(1), default=64, metavar="N", help="random starts")
+    made.add_argument("--seed", type=count(0, SEEDS), default=0, metavar="N")
+    made.add_argument("--out", type=path, required=True, metavar="FILE", help="report.html or report.pdf")
+
+
 def scatter_options(made: OneLineParser) -> None:
     """Options of `jaxshroud scatter`."""
     scene_options(made)
     made.add_argument("--transient", type=count(0), metavar="N", help="periods discarded first")
-    made.add_argument("--over", action="append", default=[], metavar="K=LO:HI", help="number and its bounds")
-    made.add_argument("--tolerance", action="append", default=[], metavar="K=D", help="number, to D on either side")
-    made.add_argument("--spread", action="append", default=[], metavar="K=P%", help="number, to P percent either side")
+    _scattering(made)
     made.add_argument("--at-least", type=number, metavar="P_d", help="P_d [%%] whose probability is asked for")
     made.add_argument("--samples", type=count(2), default=256, metavar="N", help="rows of draws, a power of 2")
     made.add_argument("--seed", type=count(0, SEEDS), default=0, metavar="N")
@@ -284,6 +305,11 @@ VERBS = {
         "How P_d scatters where numbers of a scene do, with the probability of a wanted P_d and Sobol indices.",
         "jaxshroud scatter fig09_best --tolerance shroud.gap=10um --spread drive.F_0=20% --at-least 35 --out scatter",
         scatter_options,
+    ),
+    "report": Verb(
+        "All that is known of a design, with a verdict, as one HTML or PDF document.",
+        "jaxshroud report fig09_best --tolerance shroud.gap=10um --at-least 35 --out report.html",
+        report_options,
     ),
     "branch": Verb(
         "Follow a periodic orbit along a number of a scene, past folds and flips, stable or not.",

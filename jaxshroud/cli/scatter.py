@@ -25,7 +25,9 @@ TOLD = ("mean", "median", "likely_low", "likely_high", "runs", "stopped", "seed"
 def scatter_verb(options: argparse.Namespace) -> None:
     """How P_d scatters where numbers of a scene do."""
     file = loaded(options)
-    over = _over(file, options)
+    over = scattering(file, options)
+    if not over:
+        raise CommandError("nothing scatters: give --over, --tolerance or --spread, e.g. --tolerance shroud.gap=10um")
     directory(options.out, ("scatter.nc", "scatter.png", "summary.json"), options.force)
     with blamed(file.name):
         how = march(file, corners(problem_of(file.scene, over, {})), options, FAST)
@@ -47,7 +49,7 @@ def scatter_verb(options: argparse.Namespace) -> None:
     _told(found, file, options)
 
 
-def _over(file: SceneFile, options: argparse.Namespace) -> dict[str, tuple[float, float]]:
+def scattering(file: SceneFile, options: argparse.Namespace) -> dict[str, tuple[float, float]]:
     """Bounds of all numbers that scatter."""
     over = {a.key: (float(a.values[0]), float(a.values[1])) for a in (bounds(file, text) for text in options.over)}
     for text in options.tolerance:
@@ -57,8 +59,6 @@ def _over(file: SceneFile, options: argparse.Namespace) -> dict[str, tuple[float
     for text in options.spread:
         key, _, to = (part.strip() for part in text.partition("="))
         over[key] = _about(file, key, _percent(text, to) / 100 * abs(_value(file, key)))
-    if not over:
-        raise CommandError("nothing scatters: give --over, --tolerance or --spread, e.g. --tolerance shroud.gap=10um")
     return over
 
 

@@ -21,9 +21,9 @@ def tune_verb(options: argparse.Namespace) -> None:
     """Find the numbers of a scene that reduce the vibration most."""
     file = loaded(options)
     over = {a.key: (float(a.values[0]), float(a.values[1])) for a in (bounds(file, t) for t in options.over)}
-    conditions = {a.key: a.values.tolist() for a in (_values(file, t) for t in options.range)}
-    most_v = _limit(file, "--most-penetration", "shroud.gap", options.most_penetration)
-    most_N = _limit(file, "--most-force", "drive.F_0", options.most_force)
+    conditions = {a.key: a.values.tolist() for a in (values_of(file, t) for t in options.range)}
+    most_v = limit_of(file, "--most-penetration", "shroud.gap", options.most_penetration)
+    most_N = limit_of(file, "--most-force", "drive.F_0", options.most_force)
     directory(options.out, ("tune.json", "tune.nc", "tune.png", "best.toml"), options.force)
     asked = file.run
     with blamed(file.name):
@@ -79,14 +79,16 @@ def bounds(file: SceneFile, text: str) -> Axis:
     return axis(file, key.strip(), ends.split(":"), where=f"--over {key}")
 
 
-def _values(file: SceneFile, text: str) -> Axis:
+def values_of(file: SceneFile, text: str) -> Axis:
+    """An operating condition with its values, from KEY=A,B,C."""
     key, _, values = text.partition("=")
     if not values:
         raise CommandError(f"--range {text}: is not KEY=A,B,C, e.g. --range drive.F_0=20,40,60,80")
     return axis(file, key.strip(), values, where=f"--range {key}")
 
 
-def _limit(file: SceneFile, flag: str, key: str, text: str | None) -> float:
+def limit_of(file: SceneFile, flag: str, key: str, text: str | None) -> float:
+    """A limit with the unit of a key; infinity where none is given."""
     if text is None:
         return float("inf")
     value = float(axis(file, key, ["0", text], where=f"{flag} {text}").values[1])

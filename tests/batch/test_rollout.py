@@ -77,6 +77,7 @@ def test_tangents_are_differences_through_all_events(options, motion, periods, s
     assert np.all(error < 1e-4), error
 
 
+@pytest.mark.full
 def test_reverse_is_forward_and_batches_are_loops():
     # Both modes contract the same tangents: they differ by the rounding of sums. Lanes never meet: in a batch they are
     # what they are alone, to what contraction of products by another vector width rounds.
@@ -90,6 +91,7 @@ def test_reverse_is_forward_and_batches_are_loops():
     np.testing.assert_allclose(batch, [alone(p) for p in few], rtol=1e-7)
 
 
+@pytest.mark.full
 def test_samples_and_forces_are_those_of_simulate():
     scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
     run = js.simulate(scene, n_periods=2, steps_per_period=STEPS, every=50, method=FAST)

@@ -115,6 +115,7 @@ def test_what_is_not_an_own_law_is_refused(table1):
         js.load("table1", ['parts.contact="own"']).scene.parts  # noqa: B018  built when it is asked for
 
 
+@pytest.mark.full
 def test_an_own_spring_is_the_spring():
     # The same forces by another way: rounding, and events found to rounding rather than to a tolerance.
     options = ['parts.motion=["x"]', "contact.gamma=2.5", "drive.F_0=60"]
