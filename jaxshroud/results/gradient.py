@@ -117,12 +117,14 @@ class Gradient(Result):
             InputError: There are many scenes, or `ax` is given.
         """
         from jaxshroud.results import plot_effects
+        from jaxshroud.results.drawing import Look
 
         if ax is not None:
             raise InputError("Argument `ax` is not for the picture of a Gradient.")
         told = {e.key: e.number for e in self.effects}
         data = {"of": self.of, "value": self.value, "ci": self.ci, "number": told}
-        return plot_effects.tornado(data | {"title": self.data.attrs.get("title", "")}, **options)
+        data |= {"title": self.data.attrs.get("title", "")}
+        return plot_effects.tornado(data, look=Look(**options))
 
     def _by_key(self, values: np.ndarray) -> dict[str, Any]:
         columns = np.moveaxis(values, -1, 0)

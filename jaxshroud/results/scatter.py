@@ -63,10 +63,11 @@ class Scatter(Result):
             InputError: `ax` is given.
         """
         from jaxshroud.results import plot_scatter
+        from jaxshroud.results.drawing import Look
 
         if ax is not None:
             raise InputError("Argument `ax` is not for the picture of a Scatter.")
-        return plot_scatter.scatter(self.data, **options)
+        return plot_scatter.scatter(self.data, look=Look(**options))
 
     def __repr__(self) -> str:
         asked = ""

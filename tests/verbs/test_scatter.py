@@ -34,6 +34,7 @@ def test_a_scatter_is_stored_and_drawn(found, tmp_path):
     assert again.probability == found.probability
     assert repr(again) == repr(found)
     assert len(again.plot().axes) == 2
+    assert again.plot(title="Mine").get_suptitle() == "Mine"
 
 
 def test_a_draw_that_stops_counts_as_missed(tmp_path):
@@ -110,5 +111,6 @@ def test_effects_are_stored_and_drawn(tmp_path):
     again = js.open(tmp_path / "g.nc")
     assert again.effects == found.effects
     assert len(again.plot().axes) == 1
+    assert again.plot(title="Mine").get_suptitle() == "Mine"
     with pytest.raises(js.InputError, match="pick a lane"):
         _ = js.gradient(js.scenes_from({"contact.gamma": [1.0, 2.5]}, SCENE), ["shroud.gap"], **short).effects
