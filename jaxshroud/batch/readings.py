@@ -41,6 +41,7 @@ class Trial(NamedTuple):
     begun: Scalar  # steps from the beginning of the step to its start
     length: Scalar  # in steps
     whole: Int[Array, ""]  # steps that it has completed
+    done: Scalar  # and of the one after, at its end: never before a sample that it holds
     after: State  # at its end, behind the event there if one has `fired`
     fired: Bool[Array, ""]
 
@@ -124,7 +125,7 @@ def _events(scenes: Scene, made: Trial, ends: np.ndarray, every: int, clock: Clo
     """Both sides of the events of the only lane."""
     trial = np.flatnonzero(made.fired[0])
     before = _read(scenes, made, trial[None], np.asarray(made.length)[:, trial], clock)
-    steps = (ends - made.whole + made.begun + made.length)[0, trial]
+    steps = (ends + made.done)[0, trial]
     after = jax.tree.map(lambda a: a[:, trial], made.after)
     return Instants(jax.tree.map(sides, before, after), np.repeat(steps, 2), np.repeat(ends[0, trial] // every, 2))
 
@@ -167,7 +168,7 @@ def _trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, eac
         legs, places = each(lambda lane, fixed: leg_and_places(lane, fixed, method), lanes, fixed)
         ahead = each(lambda lane, leg, fixed: settle(lane, leg, fixed, method), lanes, legs, fixed)
         held, whole, after = lanes.state, ahead.step - lanes.step, jax.vmap(sampled)(ahead, models)
-        span = lanes.search.done, legs.length, whole
+        span = lanes.search.done, legs.length, whole, ahead.search.done
         made = Trial(places, held.u_s, held.mode, held.case, ahead.status, *span, after, fired(lanes, ahead))
         ahead = eqx.tree_at(lambda lanes: lanes.step, ahead, jnp.where(ahead.step == clock.steps, 0, ahead.step))
         return (ahead, left - whole), made
