@@ -39,6 +39,7 @@ SMALLER = {
     "gradient": [*SETTLED, *STEPS],
     "tune": [*SMALL, "--periods", "2", "--transient", "2", *STEPS],
     "scatter": [*SMALL, "--samples", "4", "--periods", "2", "--transient", "2", *STEPS],
+    "report": [*SETTLED, *STEPS, "--periods", "4", "--transient", "16", "--samples", "4", "--starts", "4"],
     "branch": [*SETTLED, *STEPS, "--num", "3", "--start", "2", "--stop", "2.2", "--at", "2.1"],
     "attractors": [*SETTLED, *STEPS, "--starts", "4"],
     "basins": [*SETTLED, *STEPS, "--num", "3"],

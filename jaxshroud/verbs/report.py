@@ -27,7 +27,7 @@ from jaxshroud.verbs.sections import sections_of
 from jaxshroud.verbs.sweep import sweep
 
 GAPS, NARROW, WIDE, LEAST = 61, 0.75, 2.0, 1e-6  # gaps that are looked at, and how far off in gaps, at least 1 um
-BALANCED = 1e-6  # energy residual over the drive's work that is a march's
+BALANCED = 1e-4  # energy residual over the drive's work: about a hundredth of a point of P_d
 ALIKE = 1.0  # percentage points by which a coexisting motion may be worse
 SURE = 0.95  # probability that a stated P_d is to be met with, at least
 

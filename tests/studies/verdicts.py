@@ -1,6 +1,6 @@
 """Verdicts on the kind of motion, each against its own run twenty times as long.
 
-    python tests/studies/verdicts.py
+    python tests/studies/verdicts.py [FAMILY ...]
 
 Scenes are drawn from four families with opposite drives on alike blades; gamma and the gap are log-uniform, from 2 to
 12 and from 5 to 80 um, F_0 is uniform from 20 to 80 N, the dampers of x and y are log-uniform from 0.5 to 4 % and mu is
@@ -23,6 +23,7 @@ truth, period number included, undecided where it says "undecided" or "transient
 """
 
 import json
+import sys
 import time
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,9 +49,9 @@ from jaxshroud.scene.grids import scenes_at
 SEED, PIECE = 13, 160  # scenes that are marched together
 TRANSIENT, LONGER, TAIL, CHAOS = 64, 20, 256, 1000
 CLOSES, CLOSED, THERE, STIFFEST = 1e-6, 1e-9, 1e-3, 1.5
-FAMILIES, STEPS = {"table1": 480, "eq21": 288, "light": 64, "realistic": 32}, 100  # scenes; steps per period
+FAMILIES, STEPS = {"table1": 480, "eq21": 640, "light": 64, "realistic": 32}, 100  # scenes; steps per period
 METHOD = choices(js.Method("tsit5", locate="cubic"))
-CLASSES = ("period 1", "period > 1", "chaotic")
+CLASSES, OPEN = ("period 1", "period > 1", "chaotic"), ("undecided", "transient not over")
 Numbers = dict[str, float]
 
 
@@ -173,10 +174,7 @@ def compared(family: str, rows: list[Numbers]) -> list[dict[str, Any]]:
 
 def _row(family: str, numbers: Numbers, verdict: Verdict, truth: Truth) -> dict[str, Any]:
     """One scene."""
-    if verdict.words == truth.name:
-        judged = "right"
-    else:
-        judged = "undecided" if verdict.kind in ("undecided", "transient not over") else "wrong"
+    judged = "right" if verdict.words == truth.name else "undecided" if verdict.kind in OPEN else "wrong"
     return {
         "family": family,
         "truth": truth.name,
@@ -194,34 +192,52 @@ def class_of(name: str) -> str:
     return "period > 1" if name.startswith("period ") and name != "period 1" else name
 
 
-def figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Counts of each class."""
+def counted(rows: list[dict[str, Any]]) -> dict[str, dict[str, int]]:
+    """How often each class was called what."""
+    table: dict[str, dict[str, int]] = {kind: {} for kind in (*CLASSES, "neither")}
+    for row in rows:
+        kind, said = class_of(row["truth"]), class_of(row["verdict"])
+        if row["judged"] == "wrong" and said == kind:
+            said = f"another {kind}"
+        table[kind][said] = table[kind].get(said, 0) + 1
+    return table
+
+
+def figures(families: dict[str, dict[str, dict[str, int]]]) -> dict[str, Any]:
+    """All families together, with the shares of what is wrong and undecided."""
     table = {}
     for kind in (*CLASSES, "neither"):
-        of = [row for row in rows if class_of(row["truth"]) == kind]
         said: dict[str, int] = {}
-        for row in of:
-            other = kind == "period > 1" and row["judged"] == "wrong" and class_of(row["verdict"]) == kind
-            name = "another period > 1" if other else class_of(row["verdict"])
-            said[name] = said.get(name, 0) + 1
-        shares = {name: sum(row["judged"] == name for row in of) / max(len(of), 1) for name in ("wrong", "undecided")}
-        families = {name: sum(row["family"] == name for row in of) for name in FAMILIES}
-        table[kind] = {"scenes": len(of), "verdicts": said, **(shares if kind != "neither" else {}), "of": families}
+        for name, n in (item for family in families.values() for item in family[kind].items()):
+            said[name] = said.get(name, 0) + n
+        scenes, open_ones = sum(said.values()), sum(said.get(name, 0) for name in OPEN)
+        table[kind] = {"scenes": scenes, "verdicts": said}
+        if kind != "neither":
+            wrong = scenes - said.get(kind, 0) - open_ones
+            table[kind] |= {"wrong": wrong / max(scenes, 1), "undecided": open_ones / max(scenes, 1)}
     return table
 
 
 def main() -> None:
-    """All scenes, family by family; what there is by then is written after each piece."""
+    """The families named, or all; what there is by then is written after each piece, beside the other families."""
     jax.config.update("jax_enable_x64", True)
-    rows: list[dict[str, Any]] = []
-    pieces = [(family, i) for family, n in FAMILIES.items() for i in range(0, n, PIECE)]
-    for family, i in pieces:
-        rows += compared(family, family_of(family, FAMILIES[family], SEED)[i : i + PIECE])
-        about = {"command": "python tests/studies/verdicts.py", "seed": SEED, "version": js.__version__}
-        out = {**about, **figures(rows), "not right": [row for row in rows if row["judged"] != "right"]}
-        text = json.dumps(out, indent=1, default=lambda a: a.item(), ensure_ascii=False)
-        Path(__file__).with_suffix(".json").write_text(text.replace("NaN", "null") + "\n", "utf-8")
-    print(json.dumps(figures(rows), indent=1))
+    path = Path(__file__).with_suffix(".json")
+    wanted = sys.argv[1:] or list(FAMILIES)
+    before = json.loads(path.read_text("utf-8")) if len(wanted) < len(FAMILIES) and path.exists() else {}
+    families = {name: table for name, table in before.get("families", {}).items() if name not in wanted}
+    failed = [row for row in before.get("not right", []) if row["family"] not in wanted]
+    for family in wanted:
+        rows: list[dict[str, Any]] = []
+        for i in range(0, FAMILIES[family], PIECE):
+            rows += compared(family, family_of(family, FAMILIES[family], SEED)[i : i + PIECE])
+            held = families | {family: counted(rows)}
+            about = {"command": "python tests/studies/verdicts.py", "seed": SEED, "version": js.__version__}
+            more = failed + [row for row in rows if row["judged"] != "right"]
+            out = {**about, **figures(held), "families": held, "not right": more}
+            text = json.dumps(out, indent=1, default=lambda a: a.item(), ensure_ascii=False)
+            path.write_text(text.replace("NaN", "null") + "\n", "utf-8")
+        families, failed = held, more
+    print(json.dumps(figures(families), indent=1))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,54 @@
+"""A report: its verdict, and documents that need nothing else."""
+
+import re
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.results.pages import Section, html, pdf
+from jaxshroud.verbs.report import gaps_about
+
+SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
+SHORT = {"n_periods": 4, "transient": 32, "steps_per_period": 100, "starts": 4, "samples": 4}
+
+
+@pytest.mark.full
+def test_a_report_judges_by_what_is_asked(tmp_path):
+    scatters = {"shroud.gap": (1e-5, 3e-5)}
+    calm = js.report(SCENE, scatters=scatters, conditions={"drive.F_0": [50.0, 60.0]}, at_least=1.0, **SHORT)
+    assert calm.verdict == "sound", calm.reasons
+    calm.save(tmp_path / "report.html")
+    calm.save(tmp_path / "report.pdf")
+    page = (tmp_path / "report.html").read_text("utf-8")
+    for number in (f"{calm.run.P_d:.3g}", f"{float(calm.run.N_max):.3g}", f"{calm.scatter.median:.4g}"):
+        assert number[:4] in page
+    assert not re.search(r"https?://|<script|<link", page)
+    assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
+    harsh = js.report(SCENE, scatters=scatters, at_least=99.0, most_force=1e-3, most_penetration=1e-9, **SHORT)
+    assert harsh.verdict == "fails"
+    assert len(harsh.reasons) >= 4  # P_d, force, penetration, probability
+    with pytest.raises(js.InputError, match=r"\.html or \.pdf"):
+        calm.save(tmp_path / "report.doc")
+
+
+def test_text_is_escaped_and_broken_into_pages():
+    section = Section("<b>", ["a & b"], [["x", "y"], ["1", "2"]], verbatim="\n".join(map(str, range(200))))
+    page = html("<title>", [section]).decode()
+    assert "<b>" not in page
+    assert "&lt;title&gt;" in page
+    assert "a &amp; b" in page
+    assert pdf("t", [section]).count(b"/Type /Page\n") >= 3
+
+
+@pytest.mark.parametrize("gap", [2e-5, 0.0, -1e-5])
+def test_gaps_are_about_the_design(gap):
+    around = gaps_about(js.vary(SCENE, "shroud.gap", gap))
+    assert np.all(np.diff(around) > 0)
+    assert around[0] < gap < around[-1]
+
+
+@pytest.mark.parametrize("limit", [{"most_force": 0.0}, {"most_penetration": -1.0}])
+def test_limits_are_positive(limit):
+    with pytest.raises(js.InputError, match="must be positive"):
+        js.report(SCENE, **limit)
