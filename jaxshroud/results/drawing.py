@@ -90,6 +90,12 @@ def legend_below(figure: Figure, handles: list[Any]) -> None:
         legend.remove()
 
 
+def shade(figure: Figure, low: float, high: float) -> None:
+    """Shade what lies between two values along x, in every panel."""
+    for panel in figure.axes:
+        panel.axvspan(low, high, color=SKY, alpha=0.25, lw=0, zorder=0)
+
+
 def quantity(key: str, look: Look = PLAIN, unit: str = "SI") -> tuple[str, float]:
     """Axis label of one of the scene's numbers, and its unit per SI unit; of an unknown one with the given unit."""
     stem = key.partition("[")[0]

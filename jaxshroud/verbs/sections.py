@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from jaxshroud.results.drawing import shade
 from jaxshroud.results.effects import Effect
 from jaxshroud.results.pages import Section
 from jaxshroud.verbs.known import Known
@@ -12,7 +12,6 @@ from jaxshroud.verbs.sheet import lines_of, rows_of
 from jaxshroud.version import __version__
 
 MILLI = 1e3
-BAND = "#56B4E9"
 
 
 def sections_of(known: Known, verdict: str, reasons: Sequence[str], text: str, command: str) -> list[Section]:
@@ -73,15 +72,10 @@ def _gap(known: Known) -> Section:
     spread = known.spread
     if spread is not None and "shroud.gap" in spread.keys:
         i = spread.keys.index("shroud.gap")
-        _shade(figure, spread.low[i] * MILLI, spread.high[i] * MILLI)
+        shade(figure, spread.low[i] * MILLI, spread.high[i] * MILLI)
     else:
         words = "The gap upwards, downwards and each value from rest."
     return Section("Over the gap", [words], figure=figure)
-
-
-def _shade(figure: Figure, low: float, high: float) -> None:
-    for panel in figure.axes:
-        panel.axvspan(low, high, color=BAND, alpha=0.25, lw=0, zorder=0)
 
 
 def _scatter(known: Known) -> Section | None:

@@ -71,7 +71,7 @@ def test_float32_is_what_is_computed(scene, computed, verb):
 
 def test_a_sweep_is_told_by_its_axes(scene):
     swept = sweep_verb(scene, {"contact.gamma": [1.0, 2.0], "drive.F_0": [40.0, 60.0]}, n_periods=1, **STEPS)
-    told = "SweepResult along contact.gamma (2: 1 to 2) x drive.F_0 (2: 40 to 60): 1 periods kept of each lane; 4 OK; "
+    told = "SweepResult along contact.gamma (2: 1 to 2) x drive.F_0 (2: 40 to 60): 1 period kept of each lane; 4 OK; "
     assert repr(swept).startswith(told)
 
 
