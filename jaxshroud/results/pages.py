@@ -17,7 +17,7 @@ from jaxshroud.scene.errors import InputError
 
 DOTS = 180  # per inch, of pictures
 A4 = (8.27, 11.69)  # [inch]
-LINES, COLUMNS = 66, 92  # of a page of text
+LINES, COLUMNS = 84, 92  # of a page of text
 STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.6rem; line-height: 1.25; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }

@@ -49,7 +49,7 @@ from jaxshroud.scene.grids import scenes_at
 SEED, PIECE = 13, 160  # scenes that are marched together
 TRANSIENT, LONGER, TAIL, CHAOS = 64, 20, 256, 1000
 CLOSES, CLOSED, THERE, STIFFEST = 1e-6, 1e-9, 1e-3, 1.5
-FAMILIES, STEPS = {"table1": 480, "eq21": 640, "light": 64, "realistic": 32}, 100  # scenes; steps per period
+FAMILIES, STEPS = {"table1": 480, "eq21": 800, "light": 16, "realistic": 8}, 100  # scenes; steps per period
 METHOD = choices(js.Method("tsit5", locate="cubic"))
 CLASSES, OPEN = ("period 1", "period > 1", "chaotic"), ("undecided", "transient not over")
 Numbers = dict[str, float]
