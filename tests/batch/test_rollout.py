@@ -105,6 +105,7 @@ def test_samples_and_forces_are_those_of_simulate():
     assert np.array_equal(got.state.mode, run.mode[1:])
 
 
+@pytest.mark.full
 def test_a_bound_is_enough_or_told():
     scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
     n = js.most_trials(scene, 2, steps_per_period=STEPS)

@@ -116,7 +116,7 @@ def test_jacobian_of_other_methods(name, locate, motion):
     assert np.max(error_of(scene, states, along, steps, method)) <= 1e-6
 
 
-@pytest.mark.full(but=["motion0"])
+@pytest.mark.full
 @pytest.mark.parametrize("motion", [("x",), ("x", "y", "theta")])
 def test_jacobian_by_series(motion):
     method = Choices(Taylor(10, 1e-12), "series")

@@ -220,6 +220,7 @@ def test_samples_agree_with_a_march_that_stops_there(table1):
     assert few.status == many.status == Status.OK
 
 
+@pytest.mark.full
 def test_samples_are_read_off_and_cost_no_trial(table1):
     # Wherever samples are, the trials are the same: bit by bit the same end and the same works. What a march that stops
     # at an instant errs by otherwise there is its tolerance, times what impacts make of it.

@@ -104,6 +104,7 @@ def test_relative_effects_are_those_of_differences(name, more):
     assert abs(2 * by[found.effects[0].key] * step_of(*found.effects[0][:2])[0] / found.effects[0].change - 1) > 0.9
 
 
+@pytest.mark.full
 def test_effects_are_stored_and_drawn(tmp_path):
     short = {"steps_per_period": 100, "most_periods": 64}
     found = js.gradient(SCENE, ["shroud.gap", "contact.gamma"], **short)
