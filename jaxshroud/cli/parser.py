@@ -230,7 +230,7 @@ def _scattering(made: OneLineParser) -> None:
     """Numbers that scatter."""
     made.add_argument("--over", action="append", default=[], metavar="K=LO:HI", help="number and its bounds")
     made.add_argument("--tolerance", action="append", default=[], metavar="K=D", help="number, to D on either side")
-    made.add_argument("--spread", action="append", default=[], metavar="K=P%%", help="number, to P percent either side")
+    made.add_argument("--spread", action="append", default=[], metavar="K=P%", help="number, to P percent either side")
 
 
 def report_options(made: OneLineParser) -> None:
