@@ -119,7 +119,7 @@ def _known(
     run = tell(sweep(alone(own), forces=True, **run_for).lane(0))
     if int(run.status) != Status.OK:
         raise NumericalError(f"The design stops before its end, with {Status(int(run.status)).name}.")
-    choices = how.method._replace(within=bool(min(limits[1:]) < np.inf))
+    choices = how.method._replace(within=own.parts.contact == "spring")
     plan = Plan(door.transient, door.n_periods, how.steps, 0.0, choices)
     ranges = {key: tuple(map(float, values)) for key, values in conditions.items()}
     problem = Problem(own, {}, ranges, "worst", limits.most_penetration, limits.most_force, plan)

@@ -10,7 +10,7 @@ from jaxshroud.results.pages import Section, html, pdf
 from jaxshroud.verbs.report import gaps_about
 
 SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
-SHORT = {"n_periods": 4, "transient": 32, "steps_per_period": 100, "starts": 4, "samples": 4}
+SHORT = {"n_periods": 32, "transient": 64, "steps_per_period": 100, "starts": 4, "samples": 64}
 
 
 @pytest.mark.full
@@ -21,7 +21,7 @@ def test_a_report_judges_by_what_is_asked(tmp_path):
     calm.save(tmp_path / "report.html")
     calm.save(tmp_path / "report.pdf")
     page = (tmp_path / "report.html").read_text("utf-8")
-    for number in (f"{calm.run.P_d:.3g}", f"{float(calm.run.N_max):.3g}", f"{calm.scatter.median:.4g}"):
+    for number in (f"{float(calm.run.P_d):.5g}", f"{float(calm.run.N_max):.5g}", f"{calm.scatter.median:.4g}"):
         assert number[:4] in page
     assert not re.search(r"https?://|<script|<link", page)
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
