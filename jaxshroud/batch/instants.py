@@ -18,7 +18,7 @@ from jaxshroud.batch.periods import Clock
 from jaxshroud.batch.states import as_arrays, whole
 from jaxshroud.batch.xla import EachLane, best, compiled
 from jaxshroud.march.events import seat
-from jaxshroud.march.lane import Fixed, Lane, grid, running
+from jaxshroud.march.lane import Fixed, Lane, running
 from jaxshroud.march.method import Choices
 from jaxshroud.march.step import NO_STAGES, place_of, rk_step
 from jaxshroud.model.absent import Scalar
@@ -89,7 +89,12 @@ def march_with_events(
     if missing:  # the lane has stopped
         last = last_state(scenes, lanes)
         samples.append(jax.tree.map(lambda a: np.repeat(np.asarray(a)[:, None], missing, axis=1), last))
-    return lanes, samples, jax.tree.map(lambda *a: np.concatenate(a, axis=-1 if a[0].ndim < 3 else 1), *instants)
+    return lanes, samples, joined(instants)
+
+
+def joined(instants: list[Instants]) -> Instants:
+    """Instants of one stretch after another."""
+    return jax.tree.map(lambda *a: np.concatenate(a, axis=-1 if a[0].ndim < 3 else 1), *instants)
 
 
 def sides(before: np.ndarray, after: np.ndarray) -> np.ndarray:
@@ -111,8 +116,7 @@ class _Trial(NamedTuple):
 def _trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, each: EachLane):
     """So many trials that ended a step or met an event; those after the last of the steps `left` do neither."""
     models, period = jax.vmap(lambda scene: (model(scene), scene.drive.period))(scenes)
-    like = lambda a: jnp.broadcast_to(a.astype(period.dtype), period.shape)  # noqa: E731
-    grids = grid(like(clock.start), like(clock.per_period), period)
+    grids = clock.grids(period)
 
     def one(carry, _):
         lanes, left = carry

@@ -13,7 +13,7 @@ from jaxshroud.batch.loop import driven
 from jaxshroud.batch.states import inside, whole
 from jaxshroud.batch.xla import EachLane, compiled
 from jaxshroud.march.energy import balance, energy
-from jaxshroud.march.lane import Fixed, Lane, begin, grid
+from jaxshroud.march.lane import Fixed, Grid, Lane, begin, grid
 from jaxshroud.march.method import Choices
 from jaxshroud.model.absent import Pair, filled
 from jaxshroud.model.modes import Status
@@ -48,6 +48,11 @@ class Clock(NamedTuple):
     steps: Int[Array, ""]
     per_period: Float[Array, ""]
 
+    def grids(self, periods: Float[Array, " lanes"]) -> Grid:
+        """The time grid of each lane, from its drive period."""
+        like = lambda a: jnp.broadcast_to(a.astype(periods.dtype), periods.shape)  # noqa: E731
+        return grid(like(self.start), like(self.per_period), periods)
+
 
 def periods_at_once(lanes: int, steps: int, method: Choices) -> int:
     """How many periods of so many lanes and steps to run in one call at most."""
@@ -57,8 +62,7 @@ def periods_at_once(lanes: int, steps: int, method: Choices) -> int:
 
 def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Choices, each: EachLane):
     lanes, held = _with_empty_tally(lanes), _energies(lanes, models)
-    like = lambda a: jnp.broadcast_to(a.astype(periods.dtype), periods.shape)  # noqa: E731
-    grids = grid(like(clock.start), like(clock.per_period), periods)
+    grids = clock.grids(periods)
     stops = jnp.where(active, clock.steps, 0)
     lanes, _ = driven(lanes, Fixed(models, grids, stops), clock.steps, method, each)
     gain, jumps = lanes.tally.integrals, lanes.tally.jumps

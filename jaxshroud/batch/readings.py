@@ -13,11 +13,11 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.batch.instants import Instants, fired, last_state, sampled, sides, up_to_date
+from jaxshroud.batch.instants import Instants, fired, joined, last_state, sampled, sides, up_to_date
 from jaxshroud.batch.periods import Clock
 from jaxshroud.batch.xla import EachLane, best, compiled
 from jaxshroud.march.course import RADIANS
-from jaxshroud.march.lane import Fixed, Lane, grid
+from jaxshroud.march.lane import Fixed, Lane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stride import Places, leg_and_places, moved, settle
 from jaxshroud.model.absent import Scalar
@@ -91,8 +91,7 @@ def march_with_series(
     for lane, first in enumerate(ready):
         _put(samples, lane, slice(first, count), stopped)
     tick(count - int(ready.min()))
-    joined = lambda *a: np.concatenate(a, axis=-1 if a[0].ndim < 3 else 1)  # noqa: E731
-    return lanes, [samples], jax.tree.map(joined, *instants) if instants else None
+    return lanes, [samples], joined(instants) if instants else None
 
 
 def _put(samples: State, lane: int, at: slice, found: State) -> None:
@@ -159,8 +158,7 @@ def _states(scenes: Scene, made: Trial, trial, at, per_period: Scalar) -> State:
 def _trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, each: EachLane):
     """So many trials; those after the last of the steps `left` (lanes,) come to nothing."""
     models, period = jax.vmap(lambda scene: (model(scene), scene.drive.period))(scenes)
-    like = lambda a: jnp.broadcast_to(a.astype(period.dtype), period.shape)  # noqa: E731
-    grids = grid(like(clock.start), like(clock.per_period), period)
+    grids = clock.grids(period)
 
     def one(carry, _):
         lanes, left = carry

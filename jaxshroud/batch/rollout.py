@@ -88,7 +88,7 @@ def rollout(
         displacements and the status. NaN, as well as its derivatives, after a lane has stopped, and only then.
 
     Raises:
-        ValueError: A count is out of range, float64 is not to be had, or the method has no derivatives.
+        ValueError: A count is out of range, or float64 is not to be had.
         TypeError: It is differentiated twice, and contact has events: their derivatives are of first order only.
 
     Example:

@@ -89,7 +89,7 @@ def sweep_function(
 
     Raises:
         ValueError: A count is too small; or, where it is called: the scenes have no leading axis, or float64 is not to
-            be had, or the method has no derivatives and they are asked for.
+            be had.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)

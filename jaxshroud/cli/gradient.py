@@ -63,10 +63,8 @@ def gradient_verb(options: argparse.Namespace) -> None:
     print_table(file.title or file.name, {**rows, "written": options.out})
     if options.relative:
         unit = "percentage points" if options.of == "P_d" else "m^4"
-        lines = [[e.key, f"{e.number:.6g}", e.per, f"{e.change:.4g}", f"{e.ci:.2g}"] for e in found.effects]
-        print_columns(
-            "what matters", ["key", "value [SI]", "more by", f"changes {options.of} by [{unit}]", "+-"], lines
-        )
+        heads = ["key", "value [SI]", "more by", f"changes {options.of} by [{unit}]", "+-"]
+        print_columns("what matters", heads, [effect.cells for effect in found.effects])
         drawing.save(plot_effects.tornado(data), picture)
     if options.check:
         data["check"] = _checked(found)

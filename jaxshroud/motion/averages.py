@@ -8,7 +8,7 @@ from jaxshroud.batch.periods import Sample
 from jaxshroud.model.absent import Scalar
 from jaxshroud.model.geometry import corners
 from jaxshroud.model.linear import area, free_power
-from jaxshroud.motion.period import PERIOD_TOLERANCE, Repetition, repetition
+from jaxshroud.motion.period import PERIOD_TOLERANCE, Repetition, nearness, repetition
 from jaxshroud.motion.power import Reduction, reduction
 from jaxshroud.scene.scene import Scene, Shroud
 
@@ -48,6 +48,12 @@ def sizes_of(samples: Sample) -> np.ndarray:
     if samples.largest is None:
         return np.abs(displacements(samples))
     return np.stack([np.asarray(a, float) for pair in samples.largest for a in pair], axis=-1)
+
+
+def nearness_of(scenes: Scene, samples: Sample, tolerance: float, precision: str) -> np.ndarray:
+    """Differences (lanes, 6) of displacements that count as none at that tolerance of their sizes."""
+    lever = np.asarray(jax.vmap(half_diagonal)(scenes.shroud), float)
+    return nearness(sizes_of(samples).max(axis=1), lever, tolerance, precision)
 
 
 def averages(

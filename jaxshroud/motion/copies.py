@@ -15,9 +15,8 @@ from jaxshroud.batch.runs import Plan, run_lanes
 from jaxshroud.batch.states import final_states, rows
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State
-from jaxshroud.motion.averages import displacements, half_diagonal, sizes_of
+from jaxshroud.motion.averages import displacements, nearness_of
 from jaxshroud.motion.orbit import Cycle
-from jaxshroud.motion.period import nearness
 from jaxshroud.motion.returns import returns
 from jaxshroud.motion.shooting import NEAR, WINDOW, Aim, nearby_orbit
 from jaxshroud.motion.together import together
@@ -45,8 +44,7 @@ def settled_copies(scenes: Scene, states: State, periods: int, aim: Aim) -> list
     begun = eqx.tree_at(lambda s: s.motion.x, begun, moved.astype(scenes.drive.omega.dtype))
     kept = min(KEPT, periods)
     runs = run_lanes(many, begun, Plan(periods - kept, kept, aim.steps, 0.0, aim.method), lambda _: None)
-    lever = np.asarray(jax.vmap(half_diagonal)(many.shroud), float)
-    near = nearness(sizes_of(runs.samples).max(axis=1), lever, NEAR, aim.method.precision)
+    near = nearness_of(many, runs.samples, NEAR, aim.method.precision)
     fine = np.asarray(runs.last.status) == Status.OK
     number = np.where(fine, returns(displacements(runs.samples), near).number, 0)
     back = (number > 0).reshape(lanes, COPIES)

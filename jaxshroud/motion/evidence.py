@@ -15,11 +15,11 @@ from jaxshroud.batch.runs import Plan, Runs, Tick, run_lanes
 from jaxshroud.batch.states import final_states, rows
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State
-from jaxshroud.motion.averages import displacements, half_diagonal, sizes_of
+from jaxshroud.motion.averages import displacements, nearness_of
 from jaxshroud.motion.copies import Settled
 from jaxshroud.motion.largest import TURNING, largest_exponents
 from jaxshroud.motion.orbit import Cycle
-from jaxshroud.motion.period import PERIOD_TOLERANCE, nearness
+from jaxshroud.motion.period import PERIOD_TOLERANCE
 from jaxshroud.motion.returns import Returns, returns
 from jaxshroud.motion.shooting import NEAR, WINDOW, Aim, nearby_orbit
 from jaxshroud.motion.together import Algorithm, Periods, together
@@ -69,7 +69,9 @@ def gathered(
 ) -> list[Evidence]:
     """Evidence on each lane (leading axis) from its state, to which it came with that status after `first` periods."""
     early, states = _run(scenes, states, stretches.returns, aim, tick)
-    near, size = _nearness(scenes, early, aim, PERIOD_TOLERANCE), _nearness(scenes, early, aim, 1.0)
+    near, size = (
+        nearness_of(scenes, early.samples, tolerance, aim.method.precision) for tolerance in (PERIOD_TOLERANCE, 1.0)
+    )
     z = displacements(early.samples)
     told = returns(z, near)
     loosely = returns(z[:, -WINDOW:], near * NEAR / PERIOD_TOLERANCE)
@@ -104,12 +106,6 @@ def _run(scenes: Scene, states: State, n: int, aim: Aim, tick: Tick) -> tuple[Ru
     """`n` periods, all of them kept, and where they lead."""
     runs = run_lanes(scenes, states, Plan(0, n, aim.steps, 0.0, aim.method), tick)
     return runs, final_states(runs.last.state)
-
-
-def _nearness(scenes: Scene, runs: Runs, aim: Aim, tolerance: float) -> np.ndarray:
-    """Differences (lanes, 6) of displacements that count as none at that tolerance of their sizes."""
-    lever = np.asarray(jax.vmap(half_diagonal)(scenes.shroud), float)
-    return nearness(sizes_of(runs.samples).max(axis=1), lever, tolerance, aim.method.precision)
 
 
 class _Orbit(NamedTuple):

@@ -16,6 +16,11 @@ class Effect(NamedTuple):
     change: float
     ci: float  # half width of the 95 % interval
 
+    @property
+    def cells(self) -> list[str]:
+        """A row of a table: key, value in SI units, what it is changed by, what that changes, half width."""
+        return [self.key, f"{self.number:.6g}", self.per, f"{self.change:.4g}", f"{self.ci:.2g}"]
+
 
 def step_of(key: str, number: float) -> tuple[float, str]:
     """The change of a number that effects are told for, in SI units and in words.

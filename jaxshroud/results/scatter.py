@@ -48,6 +48,11 @@ class Scatter(Result):
         return tuple(map(str, self.data["key"].to_numpy()))
 
     @property
+    def chance(self) -> str:
+        """The probability that `at_least` is met with, and its 95 % interval, in words."""
+        return f"{self.probability:.3g} ({self.probability_low:.3g} to {self.probability_high:.3g})"
+
+    @property
     def failed(self) -> int:
         """How many of the runs stopped."""
         return self.stopped

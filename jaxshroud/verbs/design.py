@@ -67,11 +67,7 @@ def problem_of(
         KeyError: The scene has no such number.
         ValueError: Bounds are not in order, or a key is both tuned and a condition.
     """
-    if not over:
-        raise InputError("Argument `over` must name at least one number.")
-    for key, (low, high) in over.items():
-        if not -np.inf < low < high < np.inf:
-            raise InputError(f"The bounds of {key} must be finite and in order, but are {low} and {high}.")
+    check_bounds(over)
     both = set(over) & set(conditions)
     if both:
         raise InputError(f"{sorted(both)[0]} is both tuned and an operating condition.")
@@ -79,6 +75,15 @@ def problem_of(
     fits(math.prod(map(len, known.values())) << min(len(over), 8), 0, 1)  # the corners are looked at first
     whole = with_numbers(scene, [*over, *known])
     return Problem(whole, dict(over), known)
+
+
+def check_bounds(over: Mapping[str, tuple[float, float]]) -> None:
+    """Raise InputError unless there is a number, and the bounds of each are finite and in order."""
+    if not over:
+        raise InputError("Argument `over` must name at least one number.")
+    for key, (low, high) in over.items():
+        if not -np.inf < low < high < np.inf:
+            raise InputError(f"The bounds of {key} must be finite and in order, but are {low} and {high}.")
 
 
 def scenes_of(problem: Problem, designs: np.ndarray) -> Scene:

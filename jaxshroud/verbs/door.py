@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.runs import starts, stepper
-from jaxshroud.batch.tangents import differentiable
 from jaxshroud.march.method import Choices, Method, choices
 from jaxshroud.march.stability import Steps, steps_for
 from jaxshroud.model.state import State
@@ -157,8 +156,6 @@ def chosen(asked: Asked, lanes: Scene, usual: Choices, *, derivatives: bool = Fa
         method = choice.method._replace(ledger=usual.ledger)
         return method._replace(precision="float64") if derivatives else method, choice
     method = usual if asked.method is None else choices(asked.method, ledger=usual.ledger)
-    if derivatives:
-        differentiable(method)  # refused before anything is run
     return method, None
 
 

@@ -176,8 +176,7 @@ def _failures(known: Known) -> Iterator[str]:
         yield f"the penetration reaches {where}{deepest * 1e3:.4g} mm, more than {most_penetration * 1e3:g} mm"
     spread = known.spread
     if spread is not None and at_least is not None and spread.probability_high < SURE:
-        ends = f"{spread.probability_low:.3g} to {spread.probability_high:.3g}"
-        yield f"under the scatter {at_least:g} % is met with probability {spread.probability:.3g} ({ends})"
+        yield f"under the scatter {at_least:g} % is met with probability {spread.chance}"
 
 
 def _doubts(known: Known) -> Iterator[str]:

@@ -20,6 +20,7 @@ from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.scene import Scene
+from jaxshroud.verbs.design import check_bounds
 from jaxshroud.verbs.door import asked
 from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.sweep import sweep
@@ -85,7 +86,8 @@ def scatter(
         ((16,), (2,))
     """
     own = one_scene("scatter", scene)
-    ends = _ends(over)
+    check_bounds(over)
+    ends = np.array(list(over.values()), float)
     count_argument("samples", samples, 2)
     if at_least is not None and not np.isfinite(at_least):
         raise InputError(f"Argument `at_least` must be a number, but is {at_least}.")
@@ -116,16 +118,6 @@ def scatter(
     how |= {"stopped": int(np.sum(status != Status.OK)), "runs": lanes}
     attrs = {"title": "", "scene": door.about(door.transient, run.steps_per_period)[0]["scene"]}
     return Scatter.from_values({**values, **how}, coords={"key": list(over)}, attrs=attrs)
-
-
-def _ends(over: Mapping[str, tuple[float, float]]) -> np.ndarray:
-    """Bounds (keys, 2)."""
-    if not over:
-        raise InputError("Argument `over` must name at least one number.")
-    for key, (low, high) in over.items():
-        if not -np.inf < low < high < np.inf:
-            raise InputError(f"The bounds of {key} must be finite and in order, but are {low} and {high}.")
-    return np.array(list(over.values()), float)
 
 
 def _filled(P_d: np.ndarray) -> np.ndarray:

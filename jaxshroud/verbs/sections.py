@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxshroud.results.drawing import shade
-from jaxshroud.results.effects import Effect
 from jaxshroud.results.pages import Section
 from jaxshroud.verbs.known import Known
 from jaxshroud.verbs.sheet import lines_of, rows_of
@@ -68,14 +67,12 @@ def _conditions(known: Known) -> Section | None:
 
 def _gap(known: Known) -> Section:
     figure = known.over_gap.plot(title="")
-    words = "The gap upwards, downwards and each value from rest; shaded in blue: the gap's own scatter."
-    spread = known.spread
+    words, spread = "The gap upwards, downwards and each value from rest", known.spread
     if spread is not None and "shroud.gap" in spread.keys:
         i = spread.keys.index("shroud.gap")
         shade(figure, spread.low[i] * MILLI, spread.high[i] * MILLI)
-    else:
-        words = "The gap upwards, downwards and each value from rest."
-    return Section("Over the gap", [words], figure=figure)
+        words += "; shaded in blue: the gap's own scatter"
+    return Section("Over the gap", [f"{words}."], figure=figure)
 
 
 def _scatter(known: Known) -> Section | None:
@@ -97,25 +94,23 @@ def _scatter(known: Known) -> Section | None:
         f"{spread.likely_low:.4g} and {spread.likely_high:.4g} %."
     )
     if spread.at_least is not None:
-        ends = f"{spread.probability_low:.3g} to {spread.probability_high:.3g}"
-        words += f" P_d is at least {spread.at_least:g} % with probability {spread.probability:.3g} ({ends})."
+        words += f" P_d is at least {spread.at_least:g} % with probability {spread.chance}."
     note = "Shares of the variance of P_d (Sobol indices), with 95 % intervals."
     return Section("Scatter", [words, note], table, spread.plot(title=""))
 
 
 def _sensitivity(known: Known) -> Section:
     slopes = known.slopes
-    table = [["number", "value [SI]", "more by", "changes P_d by [points]", "+-"], *map(_effect, slopes.effects)]
+    table = [
+        ["number", "value [SI]", "more by", "changes P_d by [points]", "+-"],
+        *(effect.cells for effect in slopes.effects),
+    ]
     kind = {
         "periodic": f"Exact, on the orbit of period {slopes.orbit.q}.",
         "smoothed": f"Averaged over a neighbourhood of {slopes.sigma:g} of each value: the motion has no orbit.",
     }.get(slopes.kind, "There is none.")
     flags = f"Flags: {', '.join(slopes.flags)}." if slopes.flags else "No flags."
     return Section("Sensitivity", [kind, flags], table, slopes.plot(title=""))
-
-
-def _effect(e: Effect) -> list[str]:
-    return [e.key, f"{e.number:.6g}", e.per, f"{e.change:.4g}", f"{e.ci:.2g}"]
 
 
 def _motions(known: Known) -> Section:

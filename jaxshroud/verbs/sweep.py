@@ -14,7 +14,6 @@ from jaxtyping import ArrayLike
 
 from jaxshroud.batch.extent import fits
 from jaxshroud.batch.runs import Plan, Progress, Ticker
-from jaxshroud.batch.tangents import differentiable
 from jaxshroud.march.method import FAST, Choices, Method
 from jaxshroud.march.stability import Steps
 from jaxshroud.model.state import State
@@ -138,8 +137,6 @@ def sweep(
     place = _place(store, direction, resume)
     fits(lanes, door.transient, door.n_periods, None if samples and place is None else min(lanes, AT_ONCE))
     how = marched(grid.door, grid.lanes, FAST._replace(ledger=ledger))
-    if lyapunov:
-        differentiable(how.method)  # refused before anything is run
     if forces:
         how = how._replace(method=how.method._replace(ledger=True, forces=True))
     precise = in_precision(grid.lanes, "float64") if lyapunov else None

@@ -37,9 +37,8 @@ from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.batch.states import final_states, to_vector
 from jaxshroud.batch.states import rows as rows_of
 from jaxshroud.march.method import choices
-from jaxshroud.motion.averages import displacements, half_diagonal, sizes_of
+from jaxshroud.motion.averages import displacements, nearness_of
 from jaxshroud.motion.largest import largest_exponents
-from jaxshroud.motion.period import nearness
 from jaxshroud.motion.returns import returns
 from jaxshroud.motion.shooting import Aim, nearby_orbit
 from jaxshroud.motion.together import together
@@ -135,8 +134,7 @@ def closed_ones(scenes: js.Scene, states: js.State, periods: int) -> tuple[list[
     """Which scenes are on a stable orbit so many periods later ("open": not), and where all are."""
     runs = run_lanes(scenes, states, Plan(periods - TAIL, TAIL, STEPS, 0.0, METHOD), lambda _: None)
     states, z, last = final_states(runs.last.state), displacements(runs.samples), rows_of(runs.samples.motion)
-    lever = np.asarray(jax.vmap(half_diagonal)(scenes.shroud))
-    number = returns(z, nearness(sizes_of(runs.samples).max(axis=1), lever, CLOSES, float)).number
+    number = returns(z, nearness_of(scenes, runs.samples, CLOSES, "float64")).number
     ended = np.asarray(runs.last.status) == js.Status.OK
     out = [Truth("open" if fine else "neither", "stopped") for fine in ended]
     lanes, aim = np.flatnonzero((number > 0) & ended), Aim(STEPS, 1e-11, METHOD)
