@@ -20,10 +20,10 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Int
 
 from jaxshroud.batch.loop import Where, advance, itself, march
-from jaxshroud.batch.tangents import Dual, Flow, begun, dual, dual_grid, ended
+from jaxshroud.batch.tangents import Dual, Flow, begun, dual, dual_grid, ended, whole_grid
 from jaxshroud.batch.xla import EachLane, Tree, alone, best, plain, repeated_while
 from jaxshroud.march.implicit import first_order_only
-from jaxshroud.march.lane import Fixed, Lane, Lanes, grid, running
+from jaxshroud.march.lane import Lane, running
 from jaxshroud.march.method import Choices
 from jaxshroud.model.absent import Scalar
 from jaxshroud.model.modes import Status
@@ -52,16 +52,11 @@ class _Way(NamedTuple):
     on_grid: Callable[..., Any]
 
 
-def _on_grid(models: Model, periods: Lanes, steps: Int[Array, " lanes"]) -> Fixed:
-    count = steps.astype(periods.dtype)
-    return Fixed(models, grid(jnp.zeros_like(count), count, periods), steps)
-
-
 def _duals(pair: Dual) -> tuple[Dual, ...]:
     return tuple(Dual(*each) for each in zip(*pair, strict=True))
 
 
-ALONE, WITH_TANGENTS = _Way(itself, itself, itself, _on_grid), _Way(dual, attrgetter("value"), _duals, dual_grid)
+ALONE, WITH_TANGENTS = _Way(itself, itself, itself, whole_grid), _Way(dual, attrgetter("value"), _duals, dual_grid)
 
 
 def samples(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:

@@ -21,7 +21,7 @@ from jaxshroud.batch.states import STATE, as_precise, by_blade, from_vector, ins
 from jaxshroud.batch.threads import Check, in_chunks
 from jaxshroud.batch.xla import DUAL_NUMBERS, EachLane, best, compiled, plain, repeated
 from jaxshroud.march.events import seat
-from jaxshroud.march.lane import Fixed, Lane, begin, grid
+from jaxshroud.march.lane import Fixed, Lane, Lanes, begin, grid
 from jaxshroud.march.locate import Search, select
 from jaxshroud.march.method import Choices
 from jaxshroud.march.step import End
@@ -136,10 +136,16 @@ def ended(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
     return Flow(whole(canonical(lane.state, scene_model)), (left / time, right / time), status)
 
 
+def whole_grid(models: Model, periods: Lanes, steps: Int[Array, " lanes"]) -> Fixed:
+    """What stays the same for lanes that run one drive period of so many `steps` from phase 0."""
+    count = steps.astype(periods.dtype)
+    return Fixed(models, grid(jnp.zeros_like(count), count, periods), steps)
+
+
 def dual_grid(models: Dual, periods: Dual, steps: Int[Array, " lanes"]) -> Dual:
-    """What stays the same for lanes that run one drive period of so many `steps` from phase 0, with tangents."""
+    """The same with tangents."""
+    fixed = whole_grid(models.value, periods.value, steps)
     count = steps.astype(periods.value.dtype)
-    fixed = Fixed(models.value, grid(jnp.zeros_like(count), count, periods.value), steps)
     still = jax.tree.map(lambda _: None, fixed)
     along = still._replace(model=models.tangent, grid=still.grid._replace(h=periods.tangent / count))
     return Dual(fixed, along)

@@ -1,11 +1,11 @@
 """A design judged: all that is known of it, with a verdict and its reasons, as one document."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Progress
+from jaxshroud.batch.runs import Plan, Progress, Ticker
 from jaxshroud.batch.xla import alone
 from jaxshroud.march.method import FAST, Choices, Method
 from jaxshroud.march.stability import Steps
@@ -18,7 +18,7 @@ from jaxshroud.verbs.attractors import attractors
 from jaxshroud.verbs.check import check
 from jaxshroud.verbs.confirm import agree, checked
 from jaxshroud.verbs.design import Problem, judge_designs
-from jaxshroud.verbs.door import asked, marched
+from jaxshroud.verbs.door import Asked, Marched, asked, marched
 from jaxshroud.verbs.gradient import gradient
 from jaxshroud.verbs.known import Known, Limits
 from jaxshroud.verbs.lanes import one_scene
@@ -26,6 +26,7 @@ from jaxshroud.verbs.scatter import scatter
 from jaxshroud.verbs.sections import sections_of
 from jaxshroud.verbs.sweep import sweep
 
+T = TypeVar("T")
 GAPS, NARROW, WIDE, LEAST = 61, 0.75, 2.0, 1e-6  # gaps that are looked at, and how far off in gaps, at least 1 um
 BALANCED = 1e-4  # energy residual over the drive's work: about a hundredth of a point of P_d
 ALIKE = 1.0  # percentage points by which a coexisting motion may be worse
@@ -109,11 +110,16 @@ def report(
 
 
 def _known(
-    own: Scene, door: Any, how: Any, limits: Limits, scatters: Any, conditions: Any, counts: Any, progress: Any
+    own: Scene, door: Asked, how: Marched, limits: Limits, scatters: Any, conditions: Any, counts: Any, progress: Any
 ) -> Known:
     """The runs, part by part."""
     samples, starts, seed = counts
-    tell = _Parts(6 + bool(scatters), progress)
+    ticker = Ticker(6 + bool(scatters), progress)
+
+    def tell(part: T) -> T:
+        ticker(1)
+        return part
+
     march = {"steps_per_period": how.steps, "method": how.method}
     run_for = {"n_periods": door.n_periods, "transient": door.transient, **march}
     run = tell(sweep(alone(own), forces=True, **run_for).lane(0))
@@ -131,19 +137,6 @@ def _known(
     motions = tell(attractors(own, starts, seed=seed, **march))
     sheet = tell(check(own))
     return Known(sheet, limits, ranges, problem.rows, judged, checks, run, over_gap, spread, slopes, motions)
-
-
-class _Parts:
-    """Tells of parts as they come."""
-
-    def __init__(self, parts: int, progress: Progress | None):
-        self.done, self.parts, self.progress = 0, parts, progress
-
-    def __call__(self, part: Any) -> Any:
-        self.done += 1
-        if self.progress is not None:
-            self.progress(self.done, self.parts)
-        return part
 
 
 def gaps_about(scene: Scene) -> np.ndarray:
