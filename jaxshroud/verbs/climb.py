@@ -71,11 +71,8 @@ def polished(problem: Problem, u: np.ndarray, score: float, random: np.random.Ge
 
 def _slope(problem: Problem, u: np.ndarray, judged: Judged, tick: Tick) -> tuple[np.ndarray, np.ndarray]:
     """Slopes of the score at points `u` (n, keys) of the cube, and where they are exact."""
-    by_condition, growth = exact_slopes(problem, u, tick)
-    if problem.goal == "mean":
-        slope = by_condition.mean(axis=1)
-    else:
-        slope = by_condition[np.arange(len(u)), judged.P_d.argmin(axis=1)]
+    by_run, growth = exact_slopes(problem, u, tick)
+    slope = by_run.mean(axis=1) if problem.goal == "mean" else by_run[np.arange(len(u)), judged.P_d.argmin(axis=1)]
     sound = (growth <= PUSH).all(axis=(1, 2)) & (judged.score == judged.objective) & np.isfinite(slope).all(axis=1)
     rough = np.flatnonzero(~sound)
     if len(rough):
@@ -84,14 +81,14 @@ def _slope(problem: Problem, u: np.ndarray, judged: Judged, tick: Tick) -> tuple
 
 
 def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of P_d and growth of a push in the state, both (n, conditions, keys), per side of the cube."""
-    plan, keys, rows = problem.plan, list(problem.over), len(problem.rows)
+    """Derivatives of P_d and growth of a push in the state, both (n, runs, keys), per side of the cube."""
+    plan, keys, rows = problem.plan, list(problem.over), problem.runs
     designs, rates = problem.values(u), problem.rates(u)
     scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
     lanes = len(u) * rows * len(keys)
     each = lambda tree: jax.tree.map(lambda a: np.repeat(np.asarray(a), len(keys), axis=0), tree)  # noqa: E731
     unit = [direction(jax.tree.map(lambda a: a[0], scenes), key) for key in keys]
-    rate = np.repeat(rates, rows, axis=0).ravel()
+    rate = (np.repeat(rates, rows, axis=0) * np.tile(problem.stretch, (len(u), 1))).ravel()
     along = jax.tree.map(lambda *a: np.tile(np.stack(a), (len(u) * rows, *[1] * np.ndim(a[0]))), *unit)
     along = jax.tree.map(lambda a: (a * rate.reshape(-1, *[1] * (a.ndim - 1))).astype(a.dtype), along)
     scene, state = Dual(each(scenes), along), resting(each(begun(problem, scenes)))

@@ -22,6 +22,8 @@ from jaxshroud.scene.errors import InputError
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.vary import value_of
+from jaxshroud.verbs.scattering import Scattering, check_ends, check_told_apart, cube_corners
 
 Goal = Literal["mean", "worst"]
 
@@ -37,6 +39,24 @@ class Problem(NamedTuple):
     most_force: float = np.inf  # normal force of the contact [N]
     plan: Plan = Plan(0, 1, 400, 0.0, FAST)
     state: State | None = None  # where every run starts; None: from its scene's own initial motion
+    scattering: Scattering | None = None  # what scatters about a design; every draw counts like a condition
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Numbers that a run may have its own of: tuned, conditions, and those that only scatter."""
+        return (*self.over, *self.conditions, *(self.scattering.others if self.scattering else ()))
+
+    @property
+    def runs(self) -> int:
+        """Runs of each design: in every condition, at every draw; the draws of a condition follow each other."""
+        return len(self.rows) * (self.scattering.size if self.scattering else 1)
+
+    @property
+    def stretch(self) -> np.ndarray:
+        """Derivatives of each run's tuned numbers by those of its design, (runs, tuned keys)."""
+        if self.scattering is None:
+            return np.ones((self.runs, len(self.over)))
+        return np.tile(self.scattering.stretch(self.keys)[:, : len(self.over)], (len(self.rows), 1))
 
     @property
     def rows(self) -> np.ndarray:
@@ -50,6 +70,13 @@ class Problem(NamedTuple):
             scaled = low * (high / low) ** u
         return np.where(low > 0, scaled, low + (high - low) * u)
 
+    def cube(self, designs: np.ndarray) -> np.ndarray:
+        """Points of the unit cube from designs: the inverse of `values`."""
+        low, high = np.array(list(self.over.values())).T
+        with np.errstate(invalid="ignore", divide="ignore"):
+            scaled = np.log(designs / low) / np.log(high / low)
+        return np.where(low > 0, scaled, (designs - low) / (high - low))
+
     def rates(self, u: np.ndarray) -> np.ndarray:
         """Derivatives of `values`."""
         low, high = np.array(list(self.over.values())).T
@@ -59,22 +86,45 @@ class Problem(NamedTuple):
 
 
 def problem_of(
-    scene: Scene, over: Mapping[str, tuple[float, float]], conditions: Mapping[str, Sequence[float]]
+    scene: Scene,
+    over: Mapping[str, tuple[float, float]],
+    conditions: Mapping[str, Sequence[float]],
+    scattering: Scattering | None = None,
 ) -> Problem:
     """What is to be tuned, without limits; see `tune`.
 
     Raises:
         KeyError: The scene has no such number.
-        ValueError: Bounds are not in order, or a key is both tuned and a condition.
+        ValueError: Bounds are not in order, a key is both tuned and a condition, or a number scatters out of its range.
     """
     check_bounds(over)
     both = set(over) & set(conditions)
     if both:
         raise InputError(f"{sorted(both)[0]} is both tuned and an operating condition.")
     known = {key: tuple(float(v) for v in np.ravel(values)) for key, values in conditions.items()}
-    fits(math.prod(map(len, known.values())) << min(len(over), 8), 0, 1)  # the corners are looked at first
-    whole = with_numbers(scene, [*over, *known])
-    return Problem(whole, dict(over), known)
+    ends = 0 if scattering is None else min(len(scattering.keys), 4)
+    fits(math.prod(map(len, known.values())) << (min(len(over), 8) + ends), 0, 1)  # the corners are looked at first
+    if scattering is None:
+        return Problem(with_numbers(scene, [*over, *known]), dict(over), known)
+    check_told_apart(scattering, [*over, *known])
+    others = [key for key in scattering.keys if key not in over and key not in known]
+    whole = with_numbers(scene, [*over, *known, *others])
+    scattering = scattering._replace(others={key: value_of(whole, key) for key in others})
+    problem = Problem(whole, dict(over), known, scattering=scattering)
+    _check_scatter(problem)
+    return problem
+
+
+def _check_scatter(problem: Problem) -> None:
+    """Raise an InputError where a number does not scatter, or out of its range, between the bounds of all that is."""
+    scattering = problem.scattering
+    assert scattering is not None
+    for key, relative in zip(scattering.keys, scattering.relative, strict=True):
+        if relative and scattering.others.get(key) == 0:
+            raise InputError(f"{key} is 0, of which no share scatters; give its tolerance.")
+    extreme = problem._replace(scattering=scattering.at_ends())
+    ends = numbers_of(extreme, problem.values(cube_corners(len(problem.over))))
+    check_ends(scattering.keys, ends[:, [problem.keys.index(key) for key in scattering.keys]])
 
 
 def check_bounds(over: Mapping[str, tuple[float, float]]) -> None:
@@ -86,19 +136,26 @@ def check_bounds(over: Mapping[str, tuple[float, float]]) -> None:
             raise InputError(f"The bounds of {key} must be finite and in order, but are {low} and {high}.")
 
 
-def scenes_of(problem: Problem, designs: np.ndarray) -> Scene:
-    """Scenes of every design in every condition, (designs * conditions,)."""
-    rows = problem.rows
+def numbers_of(problem: Problem, designs: np.ndarray) -> np.ndarray:
+    """The numbers that each run of each design has its own of, (designs * runs, keys)."""
+    rows, scattering = problem.rows, problem.scattering
     values = np.concatenate([np.repeat(designs, len(rows), axis=0), np.tile(rows, (len(designs), 1))], axis=1)
-    return scenes_at(problem.scene, [*problem.over, *problem.conditions], values)
+    if scattering is None:
+        return values
+    others = np.tile(list(scattering.others.values()), (len(values), 1))
+    return scattering.of(problem.keys, np.concatenate([values, others], axis=1))
+
+
+def scenes_of(problem: Problem, designs: np.ndarray) -> Scene:
+    """Scenes of every design in every condition, at every draw, (designs * runs,)."""
+    return scenes_at(problem.scene, problem.keys, numbers_of(problem, designs))
 
 
 def corners(problem: Problem) -> Scene:
     """The extreme scenes of a problem: every combination of bounds, or bounds one by one where these are many."""
-    size = len(problem.over)
-    one_by_one = np.vstack([np.zeros(size), np.ones(size), np.eye(size), 1 - np.eye(size)])
-    u = np.array(list(product((0.0, 1.0), repeat=size))) if size <= 8 else one_by_one
-    return scenes_of(problem, problem.values(u))
+    if problem.scattering is not None:
+        problem = problem._replace(scattering=problem.scattering.at_ends())
+    return scenes_of(problem, problem.values(cube_corners(len(problem.over))))
 
 
 def begun(problem: Problem, scenes: Scene) -> State:
@@ -109,12 +166,12 @@ def begun(problem: Problem, scenes: Scene) -> State:
 
 
 def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick) -> Judged:
-    """Simulate designs (n, keys) in every condition."""
+    """Simulate designs (n, keys) in every condition, at every draw."""
     scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
     runs = run_lanes(scenes, begun(problem, scenes), problem.plan, tick)
     with np.errstate(invalid="ignore", over="ignore"):  # of a design that is far out
         motion, got, _ = averages(scenes, runs.samples)
-    shape = len(designs), len(problem.rows)
+    shape = len(designs), problem.runs
     log = runs.last.tally.log
     v_max = np.asarray((log if log.within is None else log.within).v_max, float)
     ok = np.asarray(runs.last.status) == Status.OK

@@ -27,6 +27,8 @@ from jaxshroud.verbs.confirm import KEEPS, SAME_START, agree, checked
 from jaxshroud.verbs.design import Goal, Problem, corners, judge_designs, problem_of
 from jaxshroud.verbs.door import asked
 from jaxshroud.verbs.lanes import one_scene, with_tangents
+from jaxshroud.verbs.robust import Wanted, robustness, wanted_of
+from jaxshroud.verbs.scattering import Scattering, scattering_of
 
 
 def tune(
@@ -41,6 +43,13 @@ def tune(
     n_starts: int | None = None,
     updates: int | None = None,
     seed: int = 0,
+    tolerance: Mapping[str, float] | None = None,
+    spread: Mapping[str, float] | None = None,
+    draws: int = 16,
+    loss: float | None = None,
+    at_least: float | None = None,
+    samples: int = 1024,
+    motions: int = 32,
     n_periods: int | None = None,
     transient: int | None = None,
     steps_per_period: Steps | None = None,
@@ -52,6 +61,10 @@ def tune(
 ) -> Tuned:
     """Find the numbers of a scene that make P_d of the left blade largest.
 
+    Where numbers scatter, the robust design is sought: every condition is simulated at each of some fixed draws, all of
+    which count like conditions, for the mean, for the worst and for the limits. A number that scatters may be tuned, a
+    condition, or neither. What is found is then judged by `samples` independent draws.
+
     Args:
         scene: One scene; what is neither tuned nor varied stays as it is.
         over: Keys as for `vary`, each with its bounds in SI units.
@@ -62,7 +75,16 @@ def tune(
         scan: Designs looked at first; by default 32 for each key.
         n_starts: The best of them, from which paths start; by default 3 for each key.
         updates: Steps of each path; by default 6 for each key.
-        seed: Of the scan, and of the starting motions that the winner is tried from.
+        seed: Of the scan, of draws, and of the starting motions that the winner is tried from.
+        tolerance: Keys of numbers that scatter, with half widths in SI units; uniform.
+        spread: The same with half widths as shares of the number itself: 0.2 for 20 %.
+        draws: Draws of the search, a power of 2 (or the next): each costs as much as a condition.
+        loss: Percentage points of P_d that may be lost in any condition: how far each number may go, the others fixed,
+            is looked for where it is given, or where numbers scatter (1 then).
+        at_least: P_d [percent] whose probability under the scatter is asked for.
+        samples: Independent draws behind the probability.
+        motions: Random starts, in each condition, that coexisting motions of the best design are looked for from where
+            robustness is asked for; 0: not looked for.
         n_periods: Drive periods that P_d is averaged over; by default 64.
         transient: Drive periods run before; by default 64.
         steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest design needs, as where only a
@@ -80,7 +102,7 @@ def tune(
     Raises:
         KeyError: The scene has no such number.
         ValueError: There is no such goal, a count is too small, a number is not finite, a limit is not positive, bounds
-            are not in order, there are many scenes, or float64 is not to be had.
+            are not in order, a number scatters out of its range, there are many scenes, or float64 is not to be had.
         NumericalError: With `throw`: the best design is not feasible.
 
     Example:
@@ -97,7 +119,9 @@ def tune(
     for name, limit in dict(most_penetration=most_penetration, most_force=most_force).items():
         if not limit > 0:
             raise InputError(f"Argument `{name}` must be positive, but is {limit}.")
-    problem = problem_of(own, over, conditions or {})
+    scattering = scattering_of(tolerance or {}, spread or {}, draws, seed)
+    wanted = wanted_of(scattering is not None, loss, at_least, samples, motions, seed)
+    problem = problem_of(own, over, conditions or {}, scattering)
     request = asked(
         scene,
         n_periods=n_periods,
@@ -116,16 +140,18 @@ def tune(
     for name, value in dict(scan=scan, n_starts=n_starts, updates=updates).items():
         count_argument(name, value, 1)
     climbs, rounds = min(n_starts, scan) * (updates + 1) * (1 + 3 * size), len(POLISH) * SAMPLES * size
-    lanes = len(problem.rows) * (scan + climbs + rounds + 1)
-    fits(max(scan, n_starts * (1 + 3 * size)) * len(problem.rows), 4 * plan.transient, 4 * plan.kept)
+    lanes = problem.runs * (scan + climbs + rounds + 1) + (wanted.lanes(problem) if wanted else 0)
+    fits(max(scan, n_starts * (1 + 3 * size)) * problem.runs, 4 * plan.transient, 4 * plan.kept)
     ticker = Ticker(lanes * (plan.transient + plan.kept), progress)
-    found = _searched(problem, scan, n_starts, updates, seed, ticker)
+    found = _searched(problem, scan, n_starts, updates, seed, wanted, ticker)
     if throw and found.failed:
         raise NumericalError(f"The best design does not keep the limits, or stops: {found!r}")
     return found
 
 
-def _searched(problem: Problem, scan: int, n_starts: int, updates: int, seed: int, ticker: Ticker) -> Tuned:
+def _searched(
+    problem: Problem, scan: int, n_starts: int, updates: int, seed: int, wanted: Wanted | None, ticker: Ticker
+) -> Tuned:
     """Scan, climb, sample around the best, and simulate the winner again."""
     size = len(problem.over)
     cube = qmc.Sobol(size, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(scan))))[:scan]
@@ -153,10 +179,11 @@ def _searched(problem: Problem, scan: int, n_starts: int, updates: int, seed: in
         "feasible": found.keeps()[0] and all(checks[name].keeps(KEEPS)[0] for name in SAME_START),
         **{f"check_{name}": [getattr(c, name)[0] for c in checks.values()] for name in Judged._fields},
     }
-    return _result(problem, values, list(checks))
+    more, coords = robustness(problem, best, wanted, ticker) if wanted else ({}, {})
+    return _result(problem, {**values, **more}, {"check": list(checks), **coords})
 
 
-def _result(problem: Problem, values: dict[str, Any], checks: list[str]) -> Tuned:
+def _result(problem: Problem, values: dict[str, Any], coords: dict[str, Any]) -> Tuned:
     plan = problem.plan
     asked = {name: getattr(problem, name) for name in ("goal", "most_penetration", "most_force")}
     asked |= {
@@ -166,7 +193,7 @@ def _result(problem: Problem, values: dict[str, Any], checks: list[str]) -> Tune
     how = {"method": str(plan.method), "steps_per_period": plan.steps_per_period}
     run = {"periods": plan.kept, "transient": plan.transient, "steps_per_period": plan.steps_per_period}
     attrs = {"title": "", "scene": text_of(problem.scene, run)}
-    coords = {"key": list(problem.over), "check": checks, "end": ["lower", "upper"]}
+    coords = {"key": list(problem.over), "end": ["lower", "upper"], **coords}
     made = Tuned.from_values({**values, **asked, **how}, coords=coords, attrs=attrs)
     made._problem = problem
     return made
@@ -186,8 +213,12 @@ def problem_again(tuned: Tuned) -> Problem:
     within = bool(min(tuned.most_penetration, tuned.most_force) < np.inf)
     method = named_choices(tuned.method)._replace(within=within)
     limits = {"most_penetration": tuned.most_penetration, "most_force": tuned.most_force}
+    scattering = None
+    if tuned.places is not None:
+        scattering = Scattering(tuple(tuned.scatters), tuned.half_width, tuned.relative, tuned.places)
     plan = Plan(file.run.transient, file.run.periods, tuned.steps_per_period, 0.0, method)
-    return problem_of(file.scene, tuned.over, tuned.conditions)._replace(goal=tuned.goal, **limits, plan=plan)
+    problem = problem_of(file.scene, tuned.over, tuned.conditions, scattering)
+    return problem._replace(goal=tuned.goal, **limits, plan=plan)
 
 
 def _bound(place: float) -> int:
