@@ -140,7 +140,15 @@ def tune_options(made: OneLineParser) -> None:
     made.add_argument("--scan", type=count(1), metavar="N", help="designs looked at first")
     made.add_argument("--starts", type=count(1), metavar="N", help="the best of them, to climb from")
     made.add_argument("--updates", type=count(1), metavar="N", help="steps of each path")
-    made.add_argument("--map", type=count(0, MOST_MAP), default=MAP, metavar="N", help="values a side of the map, or 0")
+    _tolerances(made)
+    made.add_argument("--draws", type=count(1), default=16, metavar="N", help="of the scatter, in the search")
+    made.add_argument(
+        "--loss", type=positive, metavar="D", help="points of P_d that a tolerance may cost; 1 by default"
+    )
+    made.add_argument("--at-least", type=number, metavar="P_d", help="P_d [%%] whose probability is asked for")
+    made.add_argument("--samples", type=count(2), default=1024, metavar="N", help="independent draws behind it")
+    made.add_argument("--motions", type=count(0), default=32, metavar="N", help="random starts, for coexisting motions")
+    made.add_argument("--map", type=count(0, MOST_MAP), metavar="N", help="values a side of the map, or 0")
     made.add_argument("--seed", type=count(0, SEEDS), default=0, metavar="N")
     made.add_argument("--out", type=path, required=True, metavar="DIR")
 
@@ -229,6 +237,10 @@ def _nothing(_: OneLineParser) -> None: ...
 def _scattering(made: OneLineParser) -> None:
     """Numbers that scatter."""
     made.add_argument("--over", action="append", default=[], metavar="K=LO:HI", help="number and its bounds")
+    _tolerances(made)
+
+
+def _tolerances(made: OneLineParser) -> None:
     made.add_argument("--tolerance", action="append", default=[], metavar="K=D", help="number, to D on either side")
     made.add_argument("--spread", action="append", default=[], metavar="K=P%", help="number, to P percent either side")
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from jaxshroud.batch.xla import alone
 from jaxshroud.cli.asked import loaded, march
+from jaxshroud.cli.numbers import limit_of, values_of
 from jaxshroud.cli.scatter import scattering
 from jaxshroud.cli.terminal import CommandError, blamed, free, print_table, progress_bar
-from jaxshroud.cli.tune import limit_of, values_of
 from jaxshroud.march.method import FAST
 from jaxshroud.results.tuned import Tuned
 from jaxshroud.verbs.report import report

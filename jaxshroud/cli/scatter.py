@@ -4,14 +4,13 @@ import argparse
 from typing import Any
 
 from jaxshroud.cli.asked import loaded, march
+from jaxshroud.cli.numbers import bounds, spreads, tolerances
 from jaxshroud.cli.store import named
 from jaxshroud.cli.terminal import CommandError, blamed, directory, print_columns, print_table, progress_bar
-from jaxshroud.cli.tune import bounds
 from jaxshroud.march.method import FAST
 from jaxshroud.results import drawing
 from jaxshroud.results.scatter import Scatter
 from jaxshroud.results.store import write_json
-from jaxshroud.scene.axes import axis
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.vary import value_of
 from jaxshroud.verbs.design import corners, problem_of
@@ -52,13 +51,10 @@ def scatter_verb(options: argparse.Namespace) -> None:
 def scattering(file: SceneFile, options: argparse.Namespace) -> dict[str, tuple[float, float]]:
     """Bounds of all numbers that scatter."""
     over = {a.key: (float(a.values[0]), float(a.values[1])) for a in (bounds(file, text) for text in options.over)}
-    for text in options.tolerance:
-        key, _, to = (part.strip() for part in text.partition("="))
-        by = abs(float(axis(file, key, ["0", to], where=f"--tolerance {text}").values[1]))
+    for key, by in tolerances(file, options).items():
         over[key] = _about(file, key, by)
-    for text in options.spread:
-        key, _, to = (part.strip() for part in text.partition("="))
-        over[key] = _about(file, key, _percent(text, to) / 100 * abs(_value(file, key)))
+    for key, share in spreads(options).items():
+        over[key] = _about(file, key, share * abs(_value(file, key)))
     return over
 
 
@@ -72,13 +68,6 @@ def _about(file: SceneFile, key: str, by: float) -> tuple[float, float]:
 def _value(file: SceneFile, key: str) -> float:
     with blamed(key):
         return value_of(file.scene, key)
-
-
-def _percent(text: str, share: str) -> float:
-    try:
-        return float(share.removesuffix("%"))
-    except ValueError:
-        raise CommandError(f"--spread {text}: is not KEY=PERCENT, e.g. --spread drive.F_0=20%") from None
 
 
 def _told(found: Scatter, file: SceneFile, options: argparse.Namespace) -> None:

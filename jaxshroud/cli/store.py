@@ -64,7 +64,8 @@ def tune_json(tuned: Tuned, drawn: dict[str, Any] | None, scene_file: SceneFile)
     asked = {"over": problem.over, "conditions": problem.conditions, "goal": problem.goal, **limits}
     checks = {name: judged._asdict() for name, judged in tuned.checks.items()}
     how = {"method": str(problem.plan.method), "steps_per_period": problem.plan.steps_per_period}
-    return plain({**told, **asked, **how, "checks": checks, "map": drawn, **search, **_attrs(scene_file)})
+    robust = {} if tuned.robust is None else {"robust": tuned.robust}
+    return plain({**told, **asked, **how, **robust, "checks": checks, "map": drawn, **search, **_attrs(scene_file)})
 
 
 def trade_json(found: Sequence[Measured], scene_file: SceneFile) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from jaxshroud.results.dimension import words
@@ -25,6 +25,7 @@ from jaxshroud.results.drawing import (
     quantity,
 )
 from jaxshroud.results.look import styled
+from jaxshroud.results.plot_robust import draw_robust, rows_of_panels
 from jaxshroud.results.words import fitting
 
 WORTHLESS = 10.0  # relative error of a derivative: lines beyond leave the picture
@@ -34,19 +35,27 @@ WORTHLESS = 10.0  # relative error of a derivative: lines beyond leave the pictu
 def tuning(data: Mapping[str, Any], *, look: Look = PLAIN) -> Figure:
     """Paths of a tuning over the map of its objective, or key by key where it has no map, and the paths' scores.
 
+    Where it has `robust`: below, how far each number may go, shaded, and how P_d scatters.
+
     Args:
         data: A tuning as `tune.json` holds it.
         look: What is asked for otherwise.
     """
     title = ": ".join(filter(None, (fitting(str(data["title"]), data["over"]), f"{data['goal']} of $P_d$")))
-    figure = new_figure(title, WIDE, WIDE * 0.5, look)
-    left, right = figure.subplots(1, 2)
+    robust = data.get("robust")
+    rows = 0 if robust is None else rows_of_panels(robust)
+    figure = new_figure(title, WIDE, WIDE * (0.5 + 0.3 * rows), look)
+    above: FigureBase = figure
+    if rows:
+        above, below = np.ravel(np.array(figure.subfigures(2, 1, height_ratios=[0.5, 0.3 * rows])))
+        draw_robust(below, data)
+    left, right = above.subplots(1, 2)
     points, scores = np.array(data["points"]), np.array(data["scores"], float)
     best = int(np.nanargmax(scores[-1]))
     if data["map"] is None:
         _draw_keys(left, data, points, best)
     else:
-        _draw_paths(figure, left, data, points, best)
+        _draw_paths(above, left, data, points, best)
     for i in range(scores.shape[1]):
         right.plot(scores[:, i], color=BLUE if i == best else GREY, lw=1.2 if i == best else 0.6)
     right.set(xlabel="update", ylabel="objective less penalties [%]", title="each start; the best in blue")
@@ -96,7 +105,7 @@ def trade(data: Mapping[str, Any], *, look: Look = PLAIN) -> Figure:
     return figure
 
 
-def _draw_paths(figure: Figure, panel: Axes, data: Mapping[str, Any], points: Floats, best: int) -> None:
+def _draw_paths(figure: FigureBase, panel: Axes, data: Mapping[str, Any], points: Floats, best: int) -> None:
     (x_key, x_ends), (y_key, y_ends) = data["over"].items()
     (x_label, x_unit), (y_label, y_unit) = quantity(x_key), quantity(y_key)
     x, y = np.array(data["map"]["first"]) * x_unit, np.array(data["map"]["second"]) * y_unit

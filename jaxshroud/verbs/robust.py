@@ -32,7 +32,7 @@ class Wanted(NamedTuple):
 
 
 def wanted_of(
-    scatters: bool, loss: float | None, at_least: float | None, samples: int, starts: int, seed: int
+    scatters: bool, loss: float | None, at_least: float | None, samples: int, starts: int, seed: int = 0
 ) -> Wanted | None:
     """What is asked of the best design; None if nothing is.
 
