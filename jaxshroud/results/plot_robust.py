@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
 from jaxshroud.results.drawing import BLUE, GREY, INK, ORANGE, SKY, quantity
+from jaxshroud.results.words import wrapped
 
 ACROSS = 3  # panels in a row
 BESIDE = 0.35  # share of the interval's width that is shown on either side
@@ -35,6 +36,8 @@ def draw_robust(figure: FigureBase, data: Mapping[str, Any]) -> None:
     robust = data["robust"]
     across = min(panels_of(robust), ACROSS)
     panels = figure.subplots(rows_of_panels(robust), across, squeeze=False).ravel()
+    told = "each number alone; shaded: loss of $P_d$ up to the dashed line in any condition"
+    figure.suptitle(wrapped(told, round(14 * figure.bbox.width / figure.figure.dpi)), x=0.01, ha="left")  # type: ignore[union-attr]
     for panel, (key, within) in zip(panels, robust["intervals"].items(), strict=False):
         _draw_loss(panel, key, within, robust["loss"])
     for panel in panels[::across][: rows_of_panels(robust)]:
@@ -52,6 +55,7 @@ def _draw_loss(panel: Axes, key: str, within: Mapping[str, Any], loss: float) ->
     panel.axvspan(low * unit, high * unit, color=SKY, alpha=0.25, lw=0, zorder=0)
     panel.axhline(loss, color=ORANGE, ls="--", lw=0.9)
     panel.plot(looked * unit, lost, color=BLUE, lw=0.8, marker="o", ms=1.4)
+    panel.plot(within["at"] * unit, 0.0, "*", color=ORANGE, mec=INK, mew=0.5, ms=7, clip_on=False, zorder=5)
     width = (high - low) or (looked[-1] - looked[0]) or abs(high) or 1.0
     panel.set_xlim(
         max(low - BESIDE * width, looked[0] - 0.03 * width) * unit,
@@ -68,7 +72,7 @@ def _draw_scatter(panel: Axes, robust: Mapping[str, Any]) -> None:
     panel.axvline(min(robust["nominal_P_d"]), color=GREY, lw=0.9, ls=":")
     if robust.get("at_least") is not None:
         panel.axvline(robust["at_least"], color=ORANGE, ls="--", lw=0.9)
-        ends = f"{robust['probability_low']:.0%} to {robust['probability_high']:.0%}"
-        told = f"at least {robust['at_least']:g} %:\n{robust['probability']:.0%} ({ends})"
-        panel.text(0.04, 0.95, told, transform=panel.transAxes, va="top", fontsize=7, color=INK)
+        ends = f"{robust['probability_low']:.3g} to {robust['probability_high']:.3g}"
+        told = f"at least {robust['at_least']:g} %:\n{robust['probability']:.3g} ({ends})"
+        panel.set_title(told, fontsize=7, color=INK)
     panel.set(xlabel="worst $P_d$ of a draw [%]", ylabel="share of draws below", ylim=(0, 1))

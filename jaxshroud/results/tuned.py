@@ -44,6 +44,7 @@ class Judged(NamedTuple):
 class Within(NamedTuple):
     """Where one number may be, the others fixed, in SI units."""
 
+    at: float  # in the best design
     low: float
     high: float
     ended_by: tuple[str, ...]  # each one of `ENDED_BY`
@@ -103,6 +104,7 @@ class Tuned(Result):
     nominal_ci = Variable("half width of its 95 % interval", "percent", ("operation",))
     nominal_force = Attribute()  # [N]
     nominal_v_max = Attribute()  # [m]
+    nominal = Variable("each number in the best design", None, ("number",))
     interval = Variable("outermost values, the others fixed, that lose no more than `loss`", None, ("number", "end"))
     beyond = Variable("the next values looked at, which lose more; NaN at a bound", None, ("number", "end"))
     ended_by = Variable("what ends the interval", None, ("number", "end"), stored=np.int8, kind=int, more=ENDS)
@@ -171,7 +173,7 @@ class Tuned(Result):
         for i, key in enumerate(map(str, self.data["number"].to_numpy())):
             (low, high), (least, most) = self.interval[i].tolist(), self.beyond[i].tolist()
             why = tuple(ENDED_BY[end] for end in self.ended_by[i])
-            found[key] = Within(low, high, why, (least, most), float(self.apart[i]))
+            found[key] = Within(float(self.nominal[i]), low, high, why, (least, most), float(self.apart[i]))
         return found
 
     @property

@@ -64,6 +64,7 @@ def robustness(problem: Problem, best: np.ndarray, wanted: Wanted, tick: Tick) -
         "nominal_ci": own.ci[0],
         "nominal_force": own.force[0],
         "nominal_v_max": own.v_max[0],
+        "nominal": design,
         **_ranges(ranges),
     }
     coords: dict[str, Any] = {"number": list(whole.over)}
