@@ -37,6 +37,14 @@ COMMANDS = {
         ],
         "tuned/tune.png",
     ),
+    "robust.png": (
+        [
+            f"tune {SCENE} --over shroud.gap=5um:100um --over contact.gamma=0.5:6 --range drive.F_0=40,60 "
+            "--tolerance shroud.gap=4um --spread friction.mu=20% --spread 'blades.m[1]=5%' --at-least 48 "
+            "--most-force 300N --draws 8 --steps-per-period 200 --periods 32 --transient 32 --map 8 --out robust"
+        ],
+        "robust/tune.png",
+    ),
     "scatter.png": (
         ["scatter fig09_best --tolerance shroud.gap=10um --spread drive.F_0=20% --at-least 35 --out scatter"],
         "scatter/scatter.png",

@@ -37,7 +37,7 @@ SMALLER = {
     "diagnose": [*SETTLED, *STEPS],
     "animate": ["--periods", "1"],
     "gradient": [*SETTLED, *STEPS],
-    "tune": [*SMALL, "--periods", "2", "--transient", "2", *STEPS],
+    "tune": [*SMALL, "--periods", "2", "--transient", "2", *STEPS, "--draws", "2", "--samples", "4", "--motions", "2"],
     "scatter": [*SMALL, "--samples", "4", "--periods", "2", "--transient", "2", *STEPS],
     "report": [*SETTLED, *STEPS, "--periods", "4", "--transient", "16", "--samples", "4", "--starts", "4"],
     "branch": [*SETTLED, *STEPS, "--num", "3", "--start", "2", "--stop", "2.2", "--at", "2.1"],

@@ -13,6 +13,7 @@ from jaxshroud.cli.scatter import scattering
 from jaxshroud.cli.terminal import CommandError, blamed, free, print_table, progress_bar
 from jaxshroud.march.method import FAST
 from jaxshroud.results.tuned import Tuned
+from jaxshroud.scene.vary import value_of
 from jaxshroud.verbs.report import report
 
 
@@ -29,22 +30,26 @@ def report_verb(options: argparse.Namespace) -> None:
         "most_force": limit_of(file, "--most-force", "drive.F_0", options.most_force),
     }
     conditions = {a.key: a.values.tolist() for a in (values_of(file, text) for text in options.range)}
+    scatters, at_least = scattering(file, options), options.at_least
     if tuned is not None:
+        scatters = tuned.ends_of_scatter({key: value_of(file.scene, key) for key in tuned.scatters}) | scatters
+        at_least = tuned.at_least if at_least is None else at_least
         conditions = json.loads(tuned.conditions_asked) | conditions
         limits = {name: min(value, getattr(tuned, name)) for name, value in limits.items()}
     how = march(file, alone(file.scene), options, FAST, derivatives=True)
     with progress_bar("parts") as tell, blamed(file.name):
         found = report(
             file,
-            scatters=scattering(file, options),
+            scatters=scatters,
             conditions=conditions,
-            at_least=options.at_least,
+            at_least=at_least,
             **limits,
             samples=options.samples,
             starts=options.starts,
             seed=options.seed,
             steps_per_period=how.steps,
             method=how.method,
+            tuned=tuned,
             command=f"jaxshroud {shlex.join(sys.argv[1:])}",
             progress=tell,
         )

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import FigureBase
+from matplotlib.figure import Figure, FigureBase
 
-from jaxshroud.results.drawing import BLUE, GREY, INK, ORANGE, SKY, quantity
+from jaxshroud.results.drawing import BLUE, GREY, INK, ORANGE, PLAIN, SKY, WIDE, Look, new_figure, quantity
+from jaxshroud.results.look import styled
 from jaxshroud.results.words import wrapped
 
 ACROSS = 3  # panels in a row
@@ -24,6 +25,19 @@ def panels_of(robust: Mapping[str, Any]) -> int:
 def rows_of_panels(robust: Mapping[str, Any]) -> int:
     """In how many rows."""
     return ceil(panels_of(robust) / ACROSS)
+
+
+@styled
+def robustness(data: Mapping[str, Any], *, look: Look = PLAIN) -> Figure:
+    """The loss of P_d over each number with its interval, and the scatter of P_d, alone.
+
+    Args:
+        data: A tuning as `tune.json` holds it, with `robust`.
+        look: What is asked for otherwise.
+    """
+    figure = new_figure(str(data["title"]), WIDE, WIDE * (0.1 + 0.3 * rows_of_panels(data["robust"])), look)
+    draw_robust(figure.add_subfigure(figure.add_gridspec()[0]), data)
+    return figure
 
 
 def draw_robust(figure: FigureBase, data: Mapping[str, Any]) -> None:

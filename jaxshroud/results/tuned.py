@@ -184,6 +184,14 @@ class Tuned(Result):
         keys = map(str, self.data["scattered"].to_numpy())
         return dict(zip(keys, zip(self.half_width.tolist(), self.relative.tolist(), strict=True), strict=True))
 
+    def ends_of_scatter(self, values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+        """The least and the largest that numbers with these values become by the scatter."""
+        ends = {}
+        for key, (half, relative) in self.scatters.items():
+            by = half * abs(values[key]) if relative else half
+            ends[key] = values[key] - by, values[key] + by
+        return ends
+
     @property
     def chance(self) -> str:
         """The probability that `at_least` is met with, and its 95 % interval, in words."""
@@ -213,21 +221,24 @@ class Tuned(Result):
 
         Args:
             ax: Not for this picture, which has two panels.
-            options: `drawn`: the map, as `objective_map` gives it; a title, xlabel, unit of lengths, width [mm] and
-                matplotlib style.
+            options: `drawn`: the map, as `objective_map` gives it; `panel`: "robust" for how far each number may go
+                alone; a title, xlabel, unit of lengths, width [mm] and matplotlib style.
 
         Raises:
-            ValueError: An `ax` is given.
+            ValueError: An `ax` is given, there is no such panel, or nothing is known of robustness.
         """
-        from jaxshroud.results import plot_design
+        from jaxshroud.results import plot_design, plot_robust
         from jaxshroud.results.drawing import Look
 
         if ax is not None:
             raise InputError("A tuning is drawn in two panels; leave `ax` out and take the figure's axes.")
         drawn: Mapping[str, Any] | None = options.pop("drawn", None)
         told = {name: getattr(self, name) for name in ("points", "scores", "goal", "over", "design")}
+        panel = options.pop("panel", None)
+        if panel not in (None, "robust") or (panel and self.robust is None):
+            raise InputError(f"This tuning has no panel {panel!r}.")
         told |= {"map": drawn, "robust": self.robust, "title": self.data.attrs.get("title") or "tuning"}
-        return plot_design.tuning(told, look=Look(**options))
+        return (plot_robust.robustness if panel else plot_design.tuning)(told, look=Look(**options))
 
     def __repr__(self) -> str:
         design = ", ".join(f"{key} = {value:.6g}" for key, value in self.design.items())

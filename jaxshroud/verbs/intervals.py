@@ -1,8 +1,9 @@
-"""How far each number of a design may go, the others fixed, before too much of P_d is lost.
+"""How far each number of a design may go, the others fixed, before too much of P_d is lost or a limit is exceeded.
 
-P_d jumps where one kind of motion ends, so that no slope tells how far: values are looked at, many at once. What is
-looked at closes in on the interval until half of it at least lies within; then its ends are looked at closer. Losses
-that begin and end between two neighbouring values are not seen.
+P_d jumps where one kind of motion ends, and is rough in chaos; no slope tells how far. Values are looked at, many at
+once: they close in on the interval until half of them at least lie within. Then its ends are looked at closer, and so
+is what comes near to what is allowed, measured by how much it varies between neighbours; and all again halfway between
+neighbours, until that finds nothing. Losses that begin and end between two neighbouring values are not seen.
 """
 
 from collections.abc import Callable
@@ -16,7 +17,8 @@ from jaxshroud.verbs.design import Problem, judge_designs
 
 PLACES = 65  # values looked at each time
 ROUNDS = 8  # of closing in, at most: each finds intervals 32 times narrower
-CLOSER = (16, 16)  # values between an end and what lies beyond, one time after the other
+AUDITS = 4  # looks halfway between all neighbours, at most
+CLOSER, BETWEEN, MOST = 3, 7, 64  # rounds of looking closer, values between two neighbours, and pairs of these at most
 BOUND, LOSS, LIMIT, STOP = range(len(ENDED_BY))
 
 
@@ -36,24 +38,17 @@ class Looked(NamedTuple):
 
     u: np.ndarray
     loss: np.ndarray
+    used: np.ndarray  # share of what is allowed, of loss or of a limit, whichever is more
     why: np.ndarray  # BOUND where nothing is wrong
-
-    def more(self, u: np.ndarray, judge: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> "Looked":
-        """With further values, each looked at once."""
-        new = np.setdiff1d(u, self.u)
-        if not new.size:
-            return self
-        both = [np.concatenate(pair) for pair in zip(self, (new, *judge(new)), strict=True)]
-        order = np.argsort(both[0])
-        return Looked(*(a[order] for a in both))
 
     def around(self, at: float) -> tuple[int, int]:
         """Places of the outermost values that do, with none between them and `at` that does not."""
-        middle = int(np.searchsorted(self.u, at))
-        wrong = np.flatnonzero(self.why != BOUND)
-        return int(max(wrong[wrong <= middle], default=-1)) + 1, int(
-            min(wrong[wrong >= middle], default=self.u.size)
-        ) - 1
+        middle, wrong = np.searchsorted(self.u, at), np.flatnonzero(self.why != BOUND)
+        below, above = wrong[wrong <= middle], wrong[wrong >= middle]
+        return int(below.max(initial=-1)) + 1, int(above.min(initial=self.u.size)) - 1
+
+
+Look = Callable[[Looked, np.ndarray], Looked]  # what is known with further values
 
 
 def interval_of(problem: Problem, design: np.ndarray, i: int, own: Judged, most: float, tick: Tick) -> Interval:
@@ -66,26 +61,37 @@ def interval_of(problem: Problem, design: np.ndarray, i: int, own: Judged, most:
     def values(u: np.ndarray) -> np.ndarray:
         return np.where(u == at, design[i], problem.values(np.tile(u[:, None], len(design)))[:, i])
 
-    def judge(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        designs = np.tile(design, (u.size, 1))
-        designs[:, i] = values(u)
-        judged = judge_designs(problem, designs, tick)
-        with np.errstate(invalid="ignore"):  # of what stops
-            loss = (own.P_d - judged.P_d).max(axis=1)
-        wrong = [~np.isfinite(judged.objective), ~judged.keeps(), ~(loss <= most)]
-        return loss, np.select(wrong, [STOP, LIMIT, LOSS], BOUND)
+    def look(known: Looked, u: np.ndarray) -> Looked:
+        new = np.setdiff1d(u, known.u)
+        if not new.size:
+            return known
+        designs = np.tile(design, (new.size, 1))
+        designs[:, i] = values(new)
+        found = _judged(problem, judge_designs(problem, designs, tick), own, most)
+        both = [np.concatenate(pair) for pair in zip(known, (new, *found), strict=True)]
+        return Looked(*(a[np.argsort(both[0])] for a in both))
 
-    looked = Looked(*(np.empty(0),) * 3).more(np.array([at]), judge)
+    looked = look(Looked(*(np.empty(0),) * 4), np.array([at]))
     if looked.why[0] == BOUND:
-        looked = _closer(_closed_in(looked, at, judge), at, judge)
+        looked = _audited(_closer(_closed_in(looked, at, look), at, look), at, look)
     return _told(looked._replace(u=values(looked.u)), design[i])
 
 
-def _closed_in(looked: Looked, at: float, judge: Callable) -> Looked:
+def _judged(problem: Problem, judged: Judged, own: Judged, most: float) -> tuple[np.ndarray, ...]:
+    """Loss, share of what is allowed, and what is wrong."""
+    with np.errstate(invalid="ignore"):  # of what stops
+        loss = (own.P_d - judged.P_d).max(axis=1)
+        limits = np.maximum(judged.v_max / problem.most_penetration, judged.force / problem.most_force)
+    wrong = [~np.isfinite(judged.objective), ~(limits <= 1), ~(loss <= most)]
+    used = np.where(wrong[0], np.inf, np.maximum(loss / most, limits))
+    return loss, used, np.select(wrong, [STOP, LIMIT, LOSS], BOUND)
+
+
+def _closed_in(looked: Looked, at: float, look: Look) -> Looked:
     """With values all over the interval, half of `PLACES` at least."""
     low, high = 0.0, 1.0
     for _ in range(ROUNDS):
-        looked = looked.more(np.linspace(low, high, PLACES), judge)
+        looked = look(looked, np.linspace(low, high, PLACES))
         first, last = looked.around(at)
         width, (low, high) = high - low, looked.u[[max(first - 1, 0), min(last + 1, looked.u.size - 1)]]
         if high - low > width / 2:
@@ -93,14 +99,39 @@ def _closed_in(looked: Looked, at: float, judge: Callable) -> Looked:
     return looked
 
 
-def _closer(looked: Looked, at: float, judge: Callable) -> Looked:
-    """With values between each end and what lies beyond."""
-    for n in CLOSER:
-        first, last = looked.around(at)
-        gaps = [i for i in (first - 1, last) if 0 <= i < looked.u.size - 1]
-        between = [np.linspace(looked.u[i], looked.u[i + 1], n + 2)[1:-1] for i in gaps]
-        looked = looked.more(np.concatenate([[at], *between]), judge)
+def _closer(looked: Looked, at: float, look: Look) -> Looked:
+    """With values between each end and what lies beyond, and where it comes near to what is allowed."""
+    for _ in range(CLOSER):
+        pairs = _doubtful(looked, at)
+        between = [np.linspace(looked.u[i], looked.u[i + 1], BETWEEN + 2)[1:-1] for i in pairs]
+        looked = look(looked, np.concatenate([[at], *between]))
     return looked
+
+
+def _audited(looked: Looked, at: float, look: Look) -> Looked:
+    """With values halfway between all neighbours within, until these find nothing wrong."""
+    for _ in range(AUDITS):
+        first, last = looked.around(at)
+        ends = looked.u[[first, last]]
+        looked = look(looked, (looked.u[first:last] + looked.u[first + 1 : last + 1]) / 2)
+        if np.array_equal(ends, looked.u[list(looked.around(at))]):
+            break
+        looked = _closer(looked, at, look)
+    return looked
+
+
+def _doubtful(looked: Looked, at: float) -> list[int]:
+    """The left of each pair of neighbours between which more may be used than is allowed, the likeliest `MOST`.
+
+    It may where the most that is used nearby, and as much again as it varies there, is more than is allowed.
+    """
+    first, last = looked.around(at)
+    used, size = looked.used, looked.u.size
+    worst = {i: np.inf for i in (first - 1, last) if 0 <= i < size - 1}
+    for i in range(first, last):
+        near = used[max(i - 1, first) : min(i + 3, last + 1)]
+        worst[i] = 2 * near.max() - near.min()
+    return sorted(worst, key=lambda i: -worst[i])[: sum(w > 1 for w in worst.values())][:MOST]
 
 
 def _told(looked: Looked, at: float) -> Interval:

@@ -9,7 +9,7 @@ from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.scatter import Scatter
 from jaxshroud.results.sweep import SweepResult
-from jaxshroud.results.tuned import Judged
+from jaxshroud.results.tuned import Judged, Tuned
 from jaxshroud.verbs.check import Sheet
 
 
@@ -35,3 +35,4 @@ class Known(NamedTuple):
     spread: Scatter | None
     slopes: Gradient
     motions: Attractors
+    tuned: Tuned | None = None  # where the design comes from

@@ -11,6 +11,7 @@ from jaxshroud.march.method import FAST, Choices, Method
 from jaxshroud.march.stability import Steps
 from jaxshroud.model.modes import Status
 from jaxshroud.results.report import Report
+from jaxshroud.results.tuned import Tuned
 from jaxshroud.scene.errors import InputError, NumericalError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
@@ -50,6 +51,7 @@ def report(
     method: Method | Choices | None = None,
     accuracy: str | float | None = None,
     command: str = "",
+    tuned: Tuned | None = None,
     progress: Progress | None = None,
 ) -> Report:
     """All that is known of a design: data sheet, forces, scatter, sensitivities, coexisting motions and checks.
@@ -73,6 +75,7 @@ def report(
         method: How to march; where only steps are given RK4, with events located by the guard's cubic.
         accuracy: Chooses steps and method, in float64.
         command: What was asked for, to be told in the document.
+        tuned: The tuning that the design comes from, whose tolerances are told too.
         progress: Called with (parts done, parts).
 
     Returns:
@@ -100,6 +103,7 @@ def report(
     how = marched(door, door.lanes, FAST, derivatives=True)
     limits = Limits(at_least, most_force, most_penetration)
     known = _known(own, door, how, limits, scatters or {}, conditions or {}, (samples, starts, seed), progress)
+    known = known._replace(tuned=tuned)
     verdict, reasons = judgement(known)
     about, _ = door.about(door.transient, how.steps)
     title = str(about.get("title") or "A design").partition(":")[0]

@@ -21,6 +21,7 @@ def sections_of(known: Known, verdict: str, reasons: Sequence[str], text: str, c
         _conditions(known),
         _gap(known),
         _scatter(known),
+        _tolerances(known),
         _sensitivity(known),
         _motions(known),
         _checks(known),
@@ -97,6 +98,21 @@ def _scatter(known: Known) -> Section | None:
         words += f" P_d is at least {spread.at_least:g} % with probability {spread.chance}."
     note = "Shares of the variance of P_d (Sobol indices), with 95 % intervals."
     return Section("Scatter", [words, note], table, spread.plot(title=""))
+
+
+def _tolerances(known: Known) -> Section | None:
+    tuned = known.tuned
+    if tuned is None or not tuned.intervals:
+        return None
+    table = [["number", "is [SI]", "from", "to", "looked at every"]]
+    for key, one in tuned.intervals.items():
+        ends = (f"{end:.6g} ({why})" for end, why in zip((one.low, one.high), one.ended_by, strict=True))
+        table.append([key, f"{one.at:.6g}", *ends, f"{one.apart:.2g}"])
+    words = (
+        f"From the tuning: values of each number alone with which no condition loses more than {tuned.loss:g} points."
+    )
+    note = "An interval ends by a loss, a limit or a run that stops, or at the bound of what was looked at."
+    return Section("Tolerances", [words, note], table, tuned.plot(panel="robust", title=""))
 
 
 def _sensitivity(known: Known) -> Section:
