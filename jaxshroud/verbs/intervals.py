@@ -2,8 +2,9 @@
 
 P_d jumps where one kind of motion ends, and is rough in chaos; no slope tells how far. Values are looked at, many at
 once: they close in on the interval until half of them at least lie within. Then its ends are looked at closer, and so
-is what comes near to what is allowed, measured by how much it varies between neighbours; and all again halfway between
-neighbours, until that finds nothing. Losses that begin and end between two neighbouring values are not seen.
+is what comes near to what is allowed, measured by how much it varies between neighbours. At last the whole interval is
+looked at in other places, twice as many each time, until that finds nothing. Losses that begin and end between two
+neighbouring values are not seen.
 """
 
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from jaxshroud.verbs.design import Problem, judge_designs
 
 PLACES = 65  # values looked at each time
 ROUNDS = 8  # of closing in, at most: each finds intervals 32 times narrower
-AUDITS = 4  # looks halfway between all neighbours, at most
+AUDITS = 4  # looks at the whole interval in other places, at most
 CLOSER, BETWEEN, MOST = 3, 7, 64  # rounds of looking closer, values between two neighbours, and pairs of these at most
 BOUND, LOSS, LIMIT, STOP = range(len(ENDED_BY))
 
@@ -109,11 +110,10 @@ def _closer(looked: Looked, at: float, look: Look) -> Looked:
 
 
 def _audited(looked: Looked, at: float, look: Look) -> Looked:
-    """With values halfway between all neighbours within, until these find nothing wrong."""
-    for _ in range(AUDITS):
-        first, last = looked.around(at)
-        ends = looked.u[[first, last]]
-        looked = look(looked, (looked.u[first:last] + looked.u[first + 1 : last + 1]) / 2)
+    """With other values all over the interval, until these find nothing wrong."""
+    for i in range(AUDITS):
+        ends, n = looked.u[list(looked.around(at))], PLACES << i
+        looked = look(looked, ends[0] + (ends[1] - ends[0]) * (np.arange(n) + 0.5) / n)
         if np.array_equal(ends, looked.u[list(looked.around(at))]):
             break
         looked = _closer(looked, at, look)

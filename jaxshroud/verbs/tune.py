@@ -180,7 +180,8 @@ def _searched(
         **{f"check_{name}": [getattr(c, name)[0] for c in checks.values()] for name in Judged._fields},
     }
     more, coords = robustness(problem, best, wanted, ticker) if wanted else ({}, {})
-    return _result(problem, {**values, **more}, {"check": list(checks), **coords})
+    coords = {"key": list(problem.over), "check": list(checks), "end": ["lower", "upper"], **coords}
+    return _result(problem, {**values, **more}, coords)
 
 
 def _result(problem: Problem, values: dict[str, Any], coords: dict[str, Any]) -> Tuned:
@@ -193,7 +194,6 @@ def _result(problem: Problem, values: dict[str, Any], coords: dict[str, Any]) ->
     how = {"method": str(plan.method), "steps_per_period": plan.steps_per_period}
     run = {"periods": plan.kept, "transient": plan.transient, "steps_per_period": plan.steps_per_period}
     attrs = {"title": "", "scene": text_of(problem.scene, run)}
-    coords = {"key": list(problem.over), "end": ["lower", "upper"], **coords}
     made = Tuned.from_values({**values, **asked, **how}, coords=coords, attrs=attrs)
     made._problem = problem
     return made

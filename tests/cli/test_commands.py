@@ -190,6 +190,12 @@ def test_help_has_an_example(verb, capsys):
         ("sweep table1 --out s", ("[sweep] is missing", "--along")),
         ("sweep fig09 --phase 7 --out s", ("--phase", "[0, 2 pi)")),
         ("power table1 --tolerance 0 --out s", ("--tolerance", "positive")),
+        ("tune table1 --over shroud.gap=5um:20um --spread friction.mu=x --out s", ("--spread", "KEY=PERCENT")),
+        (
+            "tune table1 --over shroud.gap=5um:20um --tolerance friction.mu=2 --out s",
+            ("friction.mu", "end of its scatter"),
+        ),
+        ("tune table1 --over shroud.gap=5um:20um --at-least 30 --out s", ("table1", "`tolerance` or `spread`")),
         ("plot nothing", ("nothing", "no such file")),
         ("simulate table1 --accuracy superb --out a.nc", ("--accuracy", "fast, balanced, reference")),
         ("simulate table1 --accuracy fast --tableau rk4 --out a.nc", ("--accuracy chooses --tableau itself",)),

@@ -2,8 +2,9 @@
 
     python tests/studies/tolerance.py
 
-- Every interval in which P_d loses at most `loss` percentage points is swept with ten values between any two neighbours
-  that the search looked at, none of them its own. Told is how many lose more, and by how much; limits count likewise.
+- Every interval in which P_d loses at most `loss` percentage points is swept at ten times as many values as the largest
+  distance between neighbours that the search looked at makes of it, none of them its own. Told is how many lose more,
+  and how much; limits count likewise.
 - The next value beyond each end that is no bound is swept: it should lose more.
 - The 95 % interval of the probability of a stated P_d is compared with the share of 2,000 other random draws that meet
   it in every condition, and so are those of 19 more seeds of the same draws: a share of 2,000 draws has an error of its
@@ -127,18 +128,13 @@ def used(tuned: js.Tuned, own: js.Scene, how: dict[str, Any], table: dict[str, n
     return share
 
 
-def between(looked: np.ndarray) -> np.ndarray:
-    """`FINER` values between any two neighbours."""
-    places = (np.arange(FINER) + 0.5) / FINER
-    return (looked[:-1, None] + np.diff(looked)[:, None] * places).ravel()
-
-
 def interval_judged(tuned: js.Tuned, own: js.Scene, how: dict[str, Any], i: int, key: str) -> dict[str, Any]:
     """One interval against a dense sweep of it, and against what lies beyond."""
     within, looked = tuned.intervals[key], tuned.looked[i]
     inside = looked[(looked >= within.low) & (looked <= within.high)]
-    dense = between(inside)
-    share = used(tuned, own, how, {key: dense}) if dense.size else np.zeros(0)
+    n = int(np.ceil(FINER * (within.high - within.low) / within.apart))
+    dense = within.low + (within.high - within.low) * (np.arange(n) + 0.5) / n
+    share = used(tuned, own, how, {key: dense})
     ends = np.array([value for value in within.beyond if np.isfinite(value)])
     outside = used(tuned, own, how, {key: ends}) if ends.size else np.zeros(0)
     return {
