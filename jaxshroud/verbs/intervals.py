@@ -113,10 +113,9 @@ def _audited(looked: Looked, at: float, look: Look) -> Looked:
     """With other values all over the interval, until these find nothing wrong."""
     for i in range(AUDITS):
         ends, n = looked.u[list(looked.around(at))], PLACES << i
-        looked = look(looked, ends[0] + (ends[1] - ends[0]) * (np.arange(n) + 0.5) / n)
-        if np.array_equal(ends, looked.u[list(looked.around(at))]):
+        looked = _closer(look(looked, ends[0] + (ends[1] - ends[0]) * (np.arange(n) + 0.5) / n), at, look)
+        if np.ptp(ends) - np.ptp(looked.u[list(looked.around(at))]) < np.ptp(ends) / n:
             break
-        looked = _closer(looked, at, look)
     return looked
 
 
