@@ -8,7 +8,7 @@ pytestmark = pytest.mark.studies
 
 def test_what_is_said_of_a_design_holds():
     # Bending only, with regular motion: nothing between the values that were looked at loses more.
-    tuned, own, how = tolerance.tuned_design("bending only, a limit of force")
+    tuned, own, how = tolerance.tuned_design("bending only, two loads, a limit of force")
     for i, key in enumerate(tuned.intervals):
         found = tolerance.interval_judged(tuned, own, how, i, key)
         assert found["lose more"] == 0
