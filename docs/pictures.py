@@ -41,7 +41,8 @@ COMMANDS = {
         [
             f"tune {SCENE} --over shroud.gap=5um:100um --over contact.gamma=0.5:6 --range drive.F_0=40,60 "
             "--tolerance shroud.gap=4um --spread friction.mu=20% --spread 'blades.m[1]=5%' --at-least 48 "
-            "--most-force 300N --draws 8 --steps-per-period 200 --periods 32 --transient 32 --map 8 --out robust"
+            "--most-force 300N --draws 4 --scan 16 --starts 2 --updates 4 --samples 256 --motions 8 --map 8 "
+            "--steps-per-period 200 --periods 24 --transient 24 --out robust"
         ],
         "robust/tune.png",
     ),
