@@ -83,13 +83,15 @@ def test_tangents_are_differences_through_all_events(options, motion, periods, s
 
 @pytest.mark.full
 def test_naive_tangents_of_a_rollout_are_wrong(monkeypatch):
-    # Control: without the derivative of the events' instants they miss by more than 1 % in half of the lanes.
+    # Control: without the derivative of the events' instants every lane misses the tolerance tenfold, some by far more.
     monkeypatch.setattr(trial, "at_the_root", lambda quantities, *_: quantities)
     naive = FAST._replace(tableau=FAST.tableau._replace(name="naive"))  # another name: compiled anew
     scene = with_parts(js.load("table1", ["contact.gamma=2.5", *FULL]).scene, motion=("x",))
     numbers = jnp.tile(numbers_of(scene), (8, 1)).at[:, 1].set(np.linspace(1.0, 15.0, 8))
     differences, tangents = slopes_of(scene, numbers, 1, STEPS, naive)
-    assert np.median(np.max(differences.error(tangents), axis=1)) > 0.01
+    error = np.max(differences.error(tangents), axis=1)
+    assert np.all(error > 1e-5), error
+    assert np.max(error) > 0.1, error
 
 
 @pytest.mark.full

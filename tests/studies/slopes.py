@@ -53,13 +53,13 @@ CASES = {
 
 def observed(numbers: jax.Array, case: Case) -> jax.Array:
     """Contact forces, displacements and power, each over its size."""
-    scene = with_parts(
-        js.load("table1", ["contact.gamma=2.5", "drive.F_0=60", *case.options]).scene, motion=case.motion
-    )
+    options = ["contact.gamma=2.5", "drive.F_0=60", *case.options]
+    scene = with_parts(js.load("table1", options).scene, motion=case.motion)
     for i, key in enumerate(KEYS):
         scene = js.vary(scene, key, numbers[i])
     save = lambda m: (m.N / 100, m.F / 100, m.state.motion.x / 1e-4, m.state.motion.y / 1e-4)  # noqa: E731
-    how = {"every": case.steps // 4, "steps_per_period": case.steps, "method": js.Method(case.method, locate="cubic")}
+    method = js.Method(case.method, locate="cubic")
+    how = {"every": case.steps // 4, "steps_per_period": case.steps, "method": method}
     run = js.rollout(scene, None, case.periods, save=save, **how)
     return jnp.concatenate([jnp.ravel(a) for a in (*run.saved, run.power / 1e-8)])
 
