@@ -9,9 +9,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from quotients import quotients
 from side_by_side import with_parts
 
 import jaxshroud as js
+from jaxshroud.march import trial
 from jaxshroud.march.method import FAST
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import start
@@ -32,26 +34,20 @@ def numbers_of(scene):
     return jnp.stack([jnp.ravel(jnp.asarray(js.value_of(scene, key)))[0] for key in KEYS])
 
 
-def observed(scene, numbers, n_periods=2, steps=STEPS):
+def observed(scene, numbers, n_periods=2, steps=STEPS, method=FAST):
     """Contact forces, displacements and power, each over its size."""
     save = lambda m: (m.N / 100, m.F / 100, m.state.motion.x / 1e-4, m.state.motion.y / 1e-4)  # noqa: E731
-    run = js.rollout(at(scene, numbers), None, n_periods, save=save, every=steps // 4, steps_per_period=steps)
+    how = {"every": steps // 4, "steps_per_period": steps, "method": method}
+    run = js.rollout(at(scene, numbers), None, n_periods, save=save, **how)
     return jnp.concatenate([jnp.ravel(a) for a in (*run.saved, run.power / 1e-8)])
 
 
-def error_of(scene, numbers, periods, steps):
-    """Difference of tangents and the best of some fourth-order differences over the largest tangent, (lanes, KEYS)."""
-    f = jax.jit(jax.vmap(lambda p: observed(scene, p, periods, steps)))
-    slopes = jax.jit(jax.vmap(jax.jacfwd(lambda p: observed(scene, p, periods, steps))))(numbers)
-    assert np.all(np.isfinite(slopes))
-    size = np.max(np.abs(slopes), axis=1)
-    best = np.full(numbers.shape, np.inf)
-    for h in (1e-4, 1e-5, 1e-6, 1e-7):
-        for i in range(len(KEYS)):
-            ends = [f(numbers.at[:, i].multiply(1 + c * h)) for c in (-2, -1, 1, 2)]
-            found = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * h * numbers[:, i : i + 1])
-            best[:, i] = np.minimum(best[:, i], np.max(np.abs(found - slopes[:, :, i]), axis=1))
-    return best / np.where(size > 0, size, 1.0)  # friction that never slips has no effect
+def slopes_of(scene, numbers, periods, steps, method=FAST):
+    """Quotients of what is observed, and its tangents."""
+    f = lambda p: observed(scene, p, periods, steps, method)  # noqa: E731
+    tangents = np.asarray(jax.jit(jax.vmap(jax.jacfwd(f)))(numbers))
+    assert np.all(np.isfinite(tangents))
+    return quotients(jax.jit(jax.vmap(f)), numbers), tangents
 
 
 @pytest.mark.full(but=["x"])
@@ -65,16 +61,37 @@ def error_of(scene, numbers, periods, steps):
     ids=["x", "cases", "flat"],
 )
 def test_tangents_are_differences_through_all_events(options, motion, periods, steps, kinds):
-    # 1e-6 over the largest slope of each number. Where an event falls on the end of a step the computed map has a kink,
-    # by its error of truncation, which differences see: two lanes of eight may, with hundreds of events in a period.
+    # 1e-6 over the largest slope of each number, wherever differences know it to 1e-7. They do not between nearly
+    # parallel faces in one lane of eight, by kinks where an event falls on the end of a step; and a tangent errs there
+    # by the square of what the method does at switches that are hardly crossed, by up to 6e-6 of RK4 at these steps
+    # (tests/studies/slopes.py: with Dormand-Prince 8 by 2e-8).
     scene = with_parts(js.load("table1", ["contact.gamma=2.5", *options]).scene, motion=motion)
     gamma = np.linspace(1.0, 15.0, 8)
     met = js.sweep(scene, {"contact.gamma": gamma}, n_periods=periods, transient=0, steps_per_period=steps, method=FAST)
     assert kinds <= {name for name, count in met.counters.items() if np.any(count)}
     numbers = jnp.tile(numbers_of(scene), (8, 1)).at[:, 1].set(gamma)
-    error = np.max(error_of(scene, numbers, periods, steps), axis=1)
-    assert np.sum(error < 1e-6) >= 6, error
-    assert np.all(error < 1e-4), error
+    differences, tangents = slopes_of(scene, numbers, periods, steps)
+    error, known = differences.error(tangents), np.all(differences.doubt < 1e-7, axis=1)
+    if "flat" not in kinds:
+        assert np.all(known), differences.doubt
+        assert np.all(error < 1e-6), error
+    lanes = np.max(error, axis=1)
+    assert np.sum(lanes < 1e-6) >= 6, lanes
+    assert np.all(lanes[known] < 1e-5), lanes
+    assert np.all(lanes < 1e-4), lanes
+
+
+@pytest.mark.full
+def test_naive_tangents_of_a_rollout_are_wrong(monkeypatch):
+    # Control: without the derivative of the events' instants every lane misses the tolerance tenfold, some by far more.
+    monkeypatch.setattr(trial, "at_the_root", lambda quantities, *_: quantities)
+    naive = FAST._replace(tableau=FAST.tableau._replace(name="naive"))  # another name: compiled anew
+    scene = with_parts(js.load("table1", ["contact.gamma=2.5", *FULL]).scene, motion=("x",))
+    numbers = jnp.tile(numbers_of(scene), (8, 1)).at[:, 1].set(np.linspace(1.0, 15.0, 8))
+    differences, tangents = slopes_of(scene, numbers, 1, STEPS, naive)
+    error = np.max(differences.error(tangents), axis=1)
+    assert np.all(error > 1e-5), error
+    assert np.max(error) > 0.1, error
 
 
 @pytest.mark.full

@@ -1,0 +1,51 @@
+"""Difference quotients that say how well they are known, for the tests of derivatives.
+
+A quotient over a long step sees kinks and curvature, one over a short step rounding. Where the two leave room between
+them, quotients of neighbouring steps agree; where they do not, no difference knows the derivative. That is decided
+without a look at what is tested.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+STEPS = 10.0 ** -np.arange(3, 8.01, 0.5)  # relative
+LEAST = 1e-5  # of value over number: smaller slopes are judged by this size
+
+
+class Quotients(NamedTuple):
+    """Derivatives by differences."""
+
+    slope: np.ndarray  # (lanes, observed, numbers)
+    size: np.ndarray  # largest slope (lanes, numbers)
+    doubt: np.ndarray  # how far the quotients of two steps differ, over the largest slope (lanes, numbers)
+
+    def error(self, slope: np.ndarray) -> np.ndarray:
+        """Largest difference from other slopes over the largest slope, (lanes, numbers)."""
+        return np.max(np.abs(slope - self.slope), axis=1) / self.size
+
+
+def quotients(f: Callable[[jax.Array], jax.Array], numbers: jax.Array) -> Quotients:
+    """Fourth-order differences of `f` (lanes, observed) by each of the `numbers` (lanes, n), all of them not zero.
+
+    Of the steps that are tried, each number of each lane has the one that differs least from the next.
+    """
+    found = np.stack([_by(f, numbers, h) for h in STEPS])
+    change = np.max(np.abs(np.diff(found, axis=0)), axis=2)
+    best = np.argmin(change, axis=0)[None]
+    slope = np.take_along_axis(found, best[:, :, None], axis=0)[0]
+    values = np.max(np.abs(np.asarray(f(numbers))), axis=1, keepdims=True)
+    size = np.maximum(np.max(np.abs(slope), axis=1), LEAST * values / np.abs(numbers))
+    return Quotients(slope, size, np.take_along_axis(change, best, axis=0)[0] / size)
+
+
+def _by(f: Callable[[jax.Array], jax.Array], numbers: jax.Array, h: float) -> np.ndarray:
+    """Quotients at one relative step."""
+
+    def along(i: int) -> np.ndarray:
+        ends = [np.asarray(f(numbers.at[:, i].multiply(1 + c * h))) for c in (-2, -1, 1, 2)]
+        return (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * h * np.asarray(numbers)[:, i : i + 1])
+
+    return np.stack([along(i) for i in range(numbers.shape[1])], axis=-1)
