@@ -25,12 +25,17 @@ def cache_compilations(folder: str | os.PathLike[str] | None = None) -> Path:
         >>> js.cache_compilations().name  # doctest: +SKIP
         'jaxshroud'
     """
-    place = folder or jax.config.jax_compilation_cache_dir or _of_user()
+    place = folder or cached_in() or _of_user()
     jax.config.update("jax_compilation_cache_dir", str(place))
     if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     compilation_cache.reset_cache()  # else a program that was compiled before has settled where none is kept
     return Path(place)
+
+
+def cached_in() -> str | None:
+    """Where JAX keeps compiled programs; None if it does not."""
+    return jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _of_user() -> Path:

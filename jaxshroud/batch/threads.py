@@ -116,7 +116,7 @@ def joined(results: list[Tree], lanes: int) -> Tree:
 def _devices() -> list[dict[str, Any]]:
     """Settings of each device that takes its turn: all, but where there is one or the caller has chosen one."""
     every = jax.local_devices()
-    chosen = len(every) == 1 or jax.config.jax_default_device is not None
+    chosen = len(every) == 1 or thread_settings()["default_device"] is not None
     return [{}] if chosen else [{"default_device": device} for device in every]
 
 
