@@ -71,7 +71,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
                 forces=options.forces,
                 samples=not options.no_samples,
                 progress=report,
-                **_marched(how, place, options.resume),
+                **_marched(how, place, options),
             )
         except Interrupted as stopped:
             if stopped.done is None:
@@ -110,8 +110,12 @@ def _store(file: SceneFile, options: argparse.Namespace) -> Path | None:
     """Where the sweep is stored block by block, None where it is a file; the place made free for it."""
     if options.resume and options.store == "nc":
         raise CommandError("--resume goes on with a store; leave out --store nc")
+    if options.scheduler and options.store == "nc":
+        raise CommandError("--scheduler needs a store, which keeps what workers have computed; leave out --store nc")
     size = results_size(_count(file), file.sweep_run.periods, samples=not options.no_samples)
-    usual = "zarr" if options.resume or (size > MOST_IN_FILE and file.direction != "both") else "nc"
+    usual = (
+        "zarr" if options.resume or options.scheduler or (size > MOST_IN_FILE and file.direction != "both") else "nc"
+    )
     if (options.store or usual) == "nc":
         directory(options.out, ("sweep.nc", "sweep.png", "summary.json"), options.force)
         return None
@@ -124,12 +128,12 @@ def _store(file: SceneFile, options: argparse.Namespace) -> Path | None:
     return place
 
 
-def _marched(how: Marched, place: Path | None, resume: bool) -> dict[str, Any]:
-    """How the lanes are marched, and where they are stored, as arguments."""
+def _marched(how: Marched, place: Path | None, options: argparse.Namespace) -> dict[str, Any]:
+    """How the lanes are marched, by whom, and where they are stored, as arguments."""
     if place is None:
         return {"steps_per_period": how.steps, "method": how.method}
     chosen = {"method": how.method, "steps_per_period": how.steps} if how.choice is None else {"accuracy": how.choice}
-    return {**chosen, "store": place, "resume": resume}
+    return {**chosen, "store": place, "resume": options.resume, "scheduler": options.scheduler}
 
 
 def _save(

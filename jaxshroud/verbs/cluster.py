@@ -4,12 +4,15 @@ Workers compute, this process writes. A block whose worker is lost is computed b
 once; workers may come and go. Each computes as many blocks at once as it has threads, and each block on one of them.
 """
 
+import json
 import logging
+import pickle
 import re
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -51,7 +54,8 @@ def client_of(scheduler: str) -> Iterator["Client"]:
         )
     try:
         with ExitStack() as stack:
-            yield _connected(stack, scheduler, local and int(local[1]))
+            address = _in_file(scheduler) if scheduler.endswith(FILE) else scheduler
+            yield _connected(stack, address, local and int(local[1]))
     except (OSError, CancelledError) as error:
         if isinstance(error, StoreError):
             raise
@@ -59,16 +63,24 @@ def client_of(scheduler: str) -> Iterator["Client"]:
         raise MachineError(f"{scheduler}: the scheduler cannot be reached ({told}); start it or give local:2") from None
 
 
-def _connected(stack: ExitStack, scheduler: str, workers: int | None) -> "Client":
+def _in_file(path: str) -> str:
+    """The address that a scheduler has written."""
+    try:
+        return str(json.loads(Path(path).read_text("utf-8"))["address"])
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{path}: not the file of a scheduler; `dask scheduler --scheduler-file` writes one") from None
+
+
+def _connected(stack: ExitStack, address: str, workers: int | None) -> "Client":
     """A client as long as the stack is open, and with it so many workers of its own."""
     from distributed import Client, LocalCluster
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is told in one line
-    where: Any = {"scheduler_file" if scheduler.endswith(FILE) else "address": scheduler}
     if workers is not None:
         own: Any = {"n_workers": workers, "threads_per_worker": 1, "memory_limit": 0, "dashboard_address": None}
-        where["address"] = stack.enter_context(LocalCluster(**own, silence_logs=logging.CRITICAL))
-    return stack.enter_context(Client(**where, set_as_default=False))
+        cluster: Any = stack.enter_context(LocalCluster(**own, silence_logs=logging.CRITICAL))
+        address = cluster.scheduler_address
+    return stack.enter_context(Client(address, set_as_default=False))
 
 
 def machine() -> Machine:
@@ -94,6 +106,7 @@ def on_workers(chains: Iterable[Chain], client: "Client", like: Machine, tick: C
         StoreError: A worker is not as it has to be.
         MachineError: A block has ended several workers.
     """
+    import cloudpickle
     from distributed import Future, KilledWorker, as_completed
 
     threads: Any = client.nthreads
@@ -102,8 +115,8 @@ def on_workers(chains: Iterable[Chain], client: "Client", like: Machine, tick: C
 
     def begin(chain: Chain, work: Work | None) -> None:
         if work is not None:
-            told = work._replace(wanted=work.wanted._replace(ticker=Ticker(0, None)))
-            future = client.submit(_computed, told, settings, like, pure=False)
+            sent = cloudpickle.dumps(work._replace(wanted=work.wanted._replace(ticker=Ticker(0, None))))
+            future = client.submit(_computed, sent, settings, like, pure=False)
             under_way[future] = chain, work
             done.add(future)
 
@@ -123,12 +136,12 @@ def on_workers(chains: Iterable[Chain], client: "Client", like: Machine, tick: C
         begin(chain, answered(chain, found))
 
 
-def _computed(work: Work, settings: dict[str, Any], like: Machine) -> Computed:
+def _computed(sent: bytes, settings: dict[str, Any], like: Machine) -> Computed:
     """A block, by one thread of a worker."""
     if not cached_in():
         cache_compilations()
     if (own := machine()) != like:
         told = ", ".join(f"{name} {own[name]}, not {like[name]}" for name in like if own[name] != like[name])
         raise StoreError(f"a worker has {told}; give all workers the same, and run again")
-    with under(settings), alone():
-        return computed(work)
+    with under(settings), alone():  # read only now: without them, numbers of float64 would come as float32
+        return computed(pickle.loads(sent))
