@@ -8,6 +8,7 @@ import json
 import logging
 import pickle
 import re
+import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
@@ -77,10 +78,18 @@ def _connected(stack: ExitStack, address: str, workers: int | None) -> "Client":
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is told in one line
     if workers is not None:
-        own: Any = {"n_workers": workers, "threads_per_worker": 1, "memory_limit": 0, "dashboard_address": None}
+        own: Any = {"n_workers": workers, "threads_per_worker": 1, "memory_limit": 0, "dashboard_address": ":0"}
         cluster: Any = stack.enter_context(LocalCluster(**own, silence_logs=logging.CRITICAL))
         address = cluster.scheduler_address
-    return stack.enter_context(Client(address, set_as_default=False))
+    client = stack.enter_context(Client(address, set_as_default=False))
+    if workers is not None:
+        client.run(_deaf)
+    return client
+
+
+def _deaf() -> None:
+    """Make a worker of this process heed no Ctrl-C, which ends it by way of this process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def machine() -> Machine:

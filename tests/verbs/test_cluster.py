@@ -64,7 +64,7 @@ def same(found, exact):
 @pytest.fixture
 def here():
     """The address of workers within this process."""
-    quiet = dict(dashboard_address=None, silence_logs=False)
+    quiet = dict(dashboard_address=":0", silence_logs=False)
     with LocalCluster(n_workers=2, threads_per_worker=1, processes=False, **quiet) as own:
         yield own.scheduler_address
 
@@ -101,7 +101,7 @@ def test_workers_that_are_lost_and_added_change_nothing(scene, tmp_path, written
     # One of two processes is killed (SIGKILL) when a third is done, and one comes when half is.
     whole = run(scene, "backward", tmp_path / "whole.zarr")
     written.clear()
-    quiet = dict(dashboard_address=None, silence_logs=50, memory_limit=0)
+    quiet = dict(dashboard_address=":0", silence_logs=50, memory_limit=0)
     with LocalCluster(n_workers=2, threads_per_worker=1, **quiet) as own, Client(own) as client:
         pids, did = client.run(os.getpid), []
 
@@ -178,7 +178,7 @@ def test_a_scheduler_that_is_lost_leaves_a_store_to_go_on_with(scene, tmp_path, 
         if not lost:
             lost.append(own.close())
 
-    with LocalCluster(n_workers=1, processes=False, dashboard_address=None) as own:
+    with LocalCluster(n_workers=1, processes=False, dashboard_address=":0") as own:
         where = dict(scheduler=own.scheduler_address, progress=lose)
         with pytest.raises(MachineError, match=r"inproc.*: the scheduler cannot be reached"):
             run(scene, "independent", path, **where)
