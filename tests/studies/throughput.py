@@ -3,7 +3,8 @@
 4,096 lanes are swept, round by round one after the other in the same minutes: as halves by two processes of one thread
 each that know nothing of each other, by one process with two XLA CPU devices, and, in stores, as halves by two such
 processes and by two workers of Dask distributed. All have compiled before. `throughput.json` tells the lanes per second
-of every round, and the median of the ratios to the two processes of the same round.
+of every round and per second of processor time, and the medians of the ratios to the two processes of the same round;
+those of processor time stand where others use the machine, those of rounds where nobody does.
 """
 
 import argparse
@@ -15,6 +16,8 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+
+import psutil
 
 LANES, ROUNDS = 4096, 5
 DEVICES = "--xla_force_host_platform_device_count=2"
@@ -71,15 +74,22 @@ def started(lanes: int, words: str) -> subprocess.Popen:
     return subprocess.Popen(command, env=os.environ | {"XLA_FLAGS": flags.strip()}, **pipes)
 
 
-def seconds(children: list[subprocess.Popen]) -> float:
-    """What they take together."""
-    began = time.perf_counter()
+def busy(children: list[subprocess.Popen]) -> float:
+    """Processor time that they and their workers have taken [s]."""
+    own = [psutil.Process(child.pid) for child in children]
+    workers = [worker for process in own for worker in process.children(recursive=True)]
+    return sum(sum(process.cpu_times()[:2]) for process in own + workers)
+
+
+def seconds(children: list[subprocess.Popen]) -> tuple[float, float]:
+    """What they take together: time, and processor time."""
+    began, before = time.perf_counter(), busy(children)
     for process in children:
         process.stdin.write("go\n")
     for process in children:
         if process.stdout.readline() != "done\n":
             raise RuntimeError("a process has failed")
-    return time.perf_counter() - began
+    return time.perf_counter() - began, busy(children) - before
 
 
 def measured(lanes: int, rounds: int) -> dict:
@@ -88,19 +98,21 @@ def measured(lanes: int, rounds: int) -> dict:
     try:
         for children in ways.values():
             seconds(children)  # compiles
-        rates: dict[str, list[float]] = {way: [] for way in ways}
+        found: dict[str, list[tuple[float, float]]] = {way: [] for way in ways}
         for _ in range(rounds):
             for way, children in ways.items():
-                rates[way].append(round(lanes / seconds(children), 1))
+                found[way].append(seconds(children))
     finally:
         for process in (process for children in ways.values() for process in children):
             process.stdin.close()
             process.wait()
-    ratios = {
-        way: [round(a / b, 3) for a, b in zip(rates[way], rates[other], strict=True)] for way, other in AGAINST.items()
-    }
-    medians = {way: statistics.median(each) for way, each in ratios.items()}
-    return {"lanes": lanes, "cores": os.cpu_count(), "lanes per second": rates, "ratios": ratios, "medians": medians}
+    told: dict = {"lanes": lanes, "cores": os.cpu_count()}
+    for number, kind in enumerate(("second", "processor second")):
+        rates = {way: [round(lanes / times[number], 1) for times in each] for way, each in found.items()}
+        ratios = {way: [a / b for a, b in zip(rates[way], rates[other], strict=True)] for way, other in AGAINST.items()}
+        medians = {way: round(statistics.median(each), 3) for way, each in ratios.items()}
+        told[f"lanes per {kind}"] = rates | {"median ratios": medians}
+    return told
 
 
 def main() -> None:
