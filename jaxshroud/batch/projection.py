@@ -1,8 +1,7 @@
 """What a long run will take, from a few of its lanes."""
 
-import os
 from dataclasses import replace
-from time import perf_counter
+from time import process_time
 
 import jax
 import numpy as np
@@ -15,7 +14,7 @@ PERIODS = 8  # that lanes are run for before they are timed, and then
 
 
 def projected_seconds(scenes: Scene, plan: Plan, seed: int = 0) -> float:
-    """Time that independent lanes will take on all cores [s], from some of them that are drawn by chance.
+    """Processor time that independent lanes will take [s], from some of them that are drawn by chance.
 
     Their first run compiles the program that all lanes are run by.
     """
@@ -25,8 +24,8 @@ def projected_seconds(scenes: Scene, plan: Plan, seed: int = 0) -> float:
     brief = replace(plan, transient=PERIODS, kept=PERIODS)
     seconds = 0.0
     for _ in range(2):
-        began = perf_counter()
+        began = process_time()
         run_lanes(drawn, starts(drawn), brief, lambda _: None)
-        seconds = perf_counter() - began
+        seconds = process_time() - began
     each = seconds / (len(some) * (brief.transient + brief.kept))
-    return each * count * (plan.transient + plan.kept) / (os.cpu_count() or 1)
+    return each * count * (plan.transient + plan.kept)

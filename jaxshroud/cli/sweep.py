@@ -14,7 +14,7 @@ import numpy as np
 from jaxshroud.batch.extent import fits, memory, results_size
 from jaxshroud.batch.projection import projected_seconds
 from jaxshroud.batch.runs import Plan
-from jaxshroud.batch.threads import Interrupted
+from jaxshroud.batch.threads import Interrupted, cores
 from jaxshroud.cli.asked import loaded, march, unmet, warned
 from jaxshroud.cli.axes import with_axes
 from jaxshroud.cli.plot import draw_dataset
@@ -94,10 +94,11 @@ def _tell_projection(lanes: Scene, plan: Plan, options: argparse.Namespace, plac
     """Say what a long run will take, before it starts."""
     count = len(lanes.drive.omega)
     seconds = projected_seconds(in_precision(lanes, plan.method.precision), plan)
-    left = str(timedelta(seconds=round(seconds)))
+    whole = str(timedelta(seconds=round(seconds)))
+    by = f", {timedelta(seconds=round(seconds / cores()))} h on {cores()} cores" if options.scheduler is None else ""
     held = memory(count, plan.kept, min(count, AT_ONCE) if place is not None or options.no_samples else None) / 2**30
     stored = results_size(count, plan.kept, samples=not options.no_samples) / 2**30
-    about = f"some {left} h on all cores, {held:.3g} GiB of memory, {stored:.3g} GiB of results"
+    about = f"some {whole} h of processor time{by}, {held:.3g} GiB of memory, {stored:.3g} GiB of results"
     print(f"{count} lanes: {about}{'' if place is None else f' in {place}'}", file=sys.stderr)
 
 

@@ -27,7 +27,7 @@ from jaxshroud.verbs.swept import AT_ONCE, Grid, Wanted, lane_periods
 from jaxshroud.verbs.work import Chain, Work, in_turn, passed_on
 
 LEAST, PARTS = 1024, 16  # lanes of a block, and blocks of a sweep that has more lanes than these
-LEAST_SENT, PARTS_SENT = 256, 256  # the same where workers compute them
+LEAST_SENT, PARTS_SENT = 512, 128  # the same where workers compute them
 HELD = 2**28  # bytes of samples that a block may take in memory
 STEPS = 2**22  # of one lane in a block of continued values: what a kill may cost, a few seconds
 BY = " x "
@@ -123,8 +123,8 @@ def _chain(store: Unfinished, blocks: Sequence[Block], sweep: Ordered, told: dic
         record = store.record(block)
         if record is None:
             part, begin = _part(sweep.grid, block), _cut(sweep.states, block, sweep.grid)
-            data, record = yield Work(part, begin, sweep.direction, sweep.wanted, relay)
-            store.write(block, data, record)
+            found, record = yield Work(part, begin, sweep.direction, sweep.wanted, relay)
+            store.write(block, found.data, record)
         else:
             sweep.tick(block.lanes)
         relay = passed_on(record, sweep.grid)

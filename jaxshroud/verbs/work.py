@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Generator, Iterable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -10,13 +10,11 @@ import numpy as np
 from jaxshroud.batch.continuation import Relay
 from jaxshroud.batch.runs import starts
 from jaxshroud.model.state import State
+from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.unfinished import Record
 from jaxshroud.scene.motion import Motion
 from jaxshroud.scene.parts import Direction
 from jaxshroud.verbs.swept import Grid, Wanted, swept
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 class Work(NamedTuple):
@@ -37,7 +35,7 @@ class Work(NamedTuple):
 class Computed(NamedTuple):
     """The numbers of a block, and what is kept beside them."""
 
-    data: "xr.Dataset"
+    result: SweepResult
     record: Record
 
 
@@ -54,7 +52,7 @@ def computed(work: Work) -> Computed:
     if relay.state is not None:
         record |= {str(i): np.asarray(a) for i, a in enumerate(jax.tree.leaves((relay.state, relay.arrived)))}
     data.attrs = {name: value for name, value in data.attrs.items() if name != "chatter"}
-    return Computed(data, record)
+    return Computed(SweepResult(data), record)
 
 
 def passed_on(record: Record, grid: Grid) -> Relay:

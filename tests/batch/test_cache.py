@@ -50,13 +50,14 @@ def compiled():
     jax.monitoring.unregister_event_duration_listener(told)
 
 
+@pytest.mark.full
 def test_other_values_compile_nothing(table1, compiled):
     values = np.linspace(1.0, 2.0, 3)
     js.sweep(table1, {"contact.gamma": values}, **SHORT)
     js.simulate(table1, n_periods=1, steps_per_period=100)
     compiled.clear()
     other = js.vary(table1, "drive.F_0", 41.0)
-    for key in ("blades.m", "contact.k_d", "shroud.gap", "drive.omega"):
+    for key in ("blades.m", "friction.k_d", "shroud.gap", "drive.omega"):
         other = js.vary(other, key, js.value_of(other, key) * 1.01)
     js.sweep(other, {"contact.gamma": 1.1 * values}, **SHORT)
     js.simulate(other, n_periods=1, steps_per_period=100)

@@ -79,6 +79,7 @@ def test_workers_find_the_bits_of_one_process(scene, here, tmp_path, written, wa
     same(found, run(scene, way, tmp_path / "alone.zarr"))
 
 
+@pytest.mark.full
 def test_what_workers_began_is_gone_on_with_without_them_and_the_other_way_round(scene, here, tmp_path, written):
     path = tmp_path / "a.zarr"
     whole = run(scene, "independent", path, scheduler=here)
@@ -89,6 +90,7 @@ def test_what_workers_began_is_gone_on_with_without_them_and_the_other_way_round
         assert written == [(int(lost),)]
 
 
+@pytest.mark.full
 def test_a_worker_that_is_another_is_refused(scene, here, tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "machine_of", lambda client: {**cluster.machine(), "jax": "0.0.1"})
     monkeypatch.setattr(stored, "machine_of", cluster.machine_of)
