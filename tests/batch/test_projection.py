@@ -22,4 +22,4 @@ def test_a_projection_is_as_long_as_the_run():
         patch.setattr(projection, "process_time", lambda: float(next(times)))
         one, ten = (projection.projected_seconds(lanes, replace(plan, kept=kept)) for kept in (8, 98))
     assert ten == pytest.approx(10 * one)
-    assert one == pytest.approx(10 / 16)  # a second for the sixteen periods that are timed
+    assert one == pytest.approx(10 / (2 * projection.PERIODS))  # a second for the periods that are timed

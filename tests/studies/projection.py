@@ -2,8 +2,8 @@
 
 The sweep is a map of P_d of 1,000 x 1,000 lanes in float32: transient 32, kept 17, in a store without samples.
 
-Time: maps of 128 x 128 over the same ranges, five times each with 64 other random lanes to project from. Compared is
-processor time, which others who use the machine do not lengthen much, after compilation.
+Time: maps of 128 x 128 over the same ranges, five times, each with other random chunks of lanes to project from.
+Compared is processor time, which others who use the machine do not lengthen much, after compilation.
 
 Memory: the whole map is begun in a process of its own, which ends itself when `--part` lanes are done; its largest
 resident size is compared with 4 GiB and with what the command says. `projection.json` has it all.
