@@ -11,7 +11,7 @@ def cache_compilations(folder: str | os.PathLike[str] | None = None) -> Path:
     """Keep compiled programs on disk, of all sizes: what was compiled once is read in every process after.
 
     Commands do it by themselves; in Python this one call does. Programs are known by what they do, not by the numbers
-    they are given: other values of a scene compile nothing new.
+    they are given.
 
     Args:
         folder: Where to keep them, for versions of JAX and kinds of processor side by side. By default where JAX is
