@@ -1,3 +1,4 @@
+from .batch.cache import cache_compilations as cache_compilations
 from .batch.periodmap import period_map as period_map
 from .batch.rollout import Moment as Moment
 from .batch.rollout import Rollout as Rollout

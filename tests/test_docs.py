@@ -66,6 +66,8 @@ def reduced(line):
     for i, word in enumerate(line[:-1]):
         if word == "--num" and line[0] == "sweep":
             line[i + 1] = "3"
+        if word == "--scheduler":
+            line[i + 1] = "local:1"
     return [*line, *SMALLER.get(line[0], []), *(SCAN if line[0] == "tune" else []), *forced(line)]
 
 

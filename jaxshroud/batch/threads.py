@@ -1,10 +1,14 @@
-"""Calls on one thread per core, under the caller's JAX settings; Ctrl-C ends them soon, and all of them."""
+"""Calls on one thread per core and on all devices, under the caller's JAX settings; Ctrl-C ends them soon, all of them.
+
+Calls go to the devices in turn: what is computed does not depend on how many there are.
+"""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack
-from threading import Event
+from contextlib import ExitStack, contextmanager
+from itertools import cycle
+from threading import Event, local
 from typing import Any
 
 import jax
@@ -24,6 +28,7 @@ SETTINGS = (  # of JAX that belong to a thread
     "disable_jit",
     "log_compiles",
 )
+_own = local()  # what is so of the thread at hand
 
 
 class Interrupted(KeyboardInterrupt):
@@ -42,26 +47,45 @@ class _Unwanted(Exception):  # noqa: N818  not an error
     """The results of a thread are no longer wanted."""
 
 
+def cores() -> int:
+    """How many threads share the calls of this one: one per core that the process may use."""
+    if getattr(_own, "alone", False):
+        return 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Within, calls of this thread share one thread: others of the process are busy with the like."""
+    _own.alone = True
+    try:
+        yield
+    finally:
+        _own.alone = False
+
+
 def in_threads(run: Callable[..., Tree], *columns: Iterable[Any]) -> list[Tree]:
     """`run(check, *row)` of every row of the columns.
 
     Raises:
         Interrupted: Ctrl-C; `done` has the results in order, None for rows that had not ended.
     """
-    unwanted, settings = Event(), _settings()
+    unwanted, settings = Event(), thread_settings()
 
     def check() -> None:
         if unwanted.is_set():
             raise _Unwanted
 
-    def one(*row: Any) -> Tree:
+    def one(device: dict[str, Any], *row: Any) -> Tree:
         check()
-        with _under(settings):
+        with under(settings | device):
             return run(check, *row)
 
-    pool, calls = ThreadPoolExecutor(os.cpu_count()), []
+    devices = _devices()
+    pool, calls = ThreadPoolExecutor(max(cores(), len(devices))), []
     try:
-        calls.extend(pool.submit(one, *row) for row in zip(*columns, strict=True))
+        rows = zip(*columns, strict=True)
+        calls.extend(pool.submit(one, device, *row) for device, row in zip(cycle(devices), rows, strict=False))
         for call in wait(calls, return_when=FIRST_EXCEPTION).done:
             call.result()
     except KeyboardInterrupt:
@@ -89,14 +113,21 @@ def joined(results: list[Tree], lanes: int) -> Tree:
     return jax.tree.map(lambda *a: np.concatenate(a)[:lanes], *results)
 
 
-def _settings() -> dict[str, Any]:
+def _devices() -> list[dict[str, Any]]:
+    """Settings of each device that takes its turn: all, but where there is one or the caller has chosen one."""
+    every = jax.local_devices()
+    chosen = len(every) == 1 or thread_settings()["default_device"] is not None
+    return [{}] if chosen else [{"default_device": device} for device in every]
+
+
+def thread_settings() -> dict[str, Any]:
     """The thread's JAX settings."""
     return {name: getattr(jax.config, f"jax_{name}") for name in SETTINGS}
 
 
-def _under(settings: dict[str, Any]) -> ExitStack:
+def under(settings: dict[str, Any]) -> ExitStack:
     """The thread's JAX settings made those `settings`, until the end of a `with` statement."""
-    stack, own = ExitStack(), _settings()
+    stack, own = ExitStack(), thread_settings()
     for name, value in settings.items():
         if own[name] != value:
             stack.enter_context(getattr(jax, name)(value))

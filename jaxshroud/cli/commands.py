@@ -46,16 +46,13 @@ def _set_up_jax() -> None:
     """Float64, and programs of all sizes kept on disk; lanes that stop are told by the commands themselves."""
     import jax
 
+    from jaxshroud.batch.cache import cache_compilations
     from jaxshroud.results.status import LaneWarning
 
     warnings.filterwarnings("ignore", category=LaneWarning)
 
     jax.config.update("jax_enable_x64", True)
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        cache = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-        jax.config.update("jax_compilation_cache_dir", os.path.join(cache, "jaxshroud"))
-    if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    cache_compilations()
 
 
 def _failed(error: Exception) -> int:

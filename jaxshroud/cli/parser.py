@@ -92,6 +92,9 @@ def sweep_options(made: OneLineParser) -> None:
     made.add_argument("--no-samples", action="store_true", help="numbers of each lane only: for maps of many lanes")
     made.add_argument("--store", choices=("nc", "zarr"), help="zarr: block by block; by default above 1 GiB of results")
     made.add_argument("--resume", action="store_true", help="go on with DIR/sweep.zarr of a run that was ended")
+    made.add_argument(
+        "--scheduler", metavar="WHERE", help="Dask's: compute on its workers; an address, its file, or local:N"
+    )
     made.add_argument("--ledger", action="store_true", help="keep every lane's energy balance (10 to 20 %% slower)")
     made.add_argument("--forces", action="store_true", help="and its largest contact forces and the work of friction")
     made.add_argument("--out", type=path, required=True, metavar="DIR")

@@ -14,7 +14,7 @@ import numpy as np
 from jaxshroud.batch.extent import fits, memory, results_size
 from jaxshroud.batch.projection import projected_seconds
 from jaxshroud.batch.runs import Plan
-from jaxshroud.batch.threads import Interrupted
+from jaxshroud.batch.threads import Interrupted, cores
 from jaxshroud.cli.asked import loaded, march, unmet, warned
 from jaxshroud.cli.axes import with_axes
 from jaxshroud.cli.plot import draw_dataset
@@ -71,7 +71,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
                 forces=options.forces,
                 samples=not options.no_samples,
                 progress=report,
-                **_marched(how, place, options.resume),
+                **_marched(how, place, options),
             )
         except Interrupted as stopped:
             if stopped.done is None:
@@ -94,10 +94,11 @@ def _tell_projection(lanes: Scene, plan: Plan, options: argparse.Namespace, plac
     """Say what a long run will take, before it starts."""
     count = len(lanes.drive.omega)
     seconds = projected_seconds(in_precision(lanes, plan.method.precision), plan)
-    left = str(timedelta(seconds=round(seconds)))
+    whole = str(timedelta(seconds=round(seconds)))
+    by = f", {timedelta(seconds=round(seconds / cores()))} h on {cores()} cores" if options.scheduler is None else ""
     held = memory(count, plan.kept, min(count, AT_ONCE) if place is not None or options.no_samples else None) / 2**30
     stored = results_size(count, plan.kept, samples=not options.no_samples) / 2**30
-    about = f"some {left} h on all cores, {held:.3g} GiB of memory, {stored:.3g} GiB of results"
+    about = f"some {whole} h of processor time{by}, {held:.3g} GiB of memory, {stored:.3g} GiB of results"
     print(f"{count} lanes: {about}{'' if place is None else f' in {place}'}", file=sys.stderr)
 
 
@@ -110,8 +111,12 @@ def _store(file: SceneFile, options: argparse.Namespace) -> Path | None:
     """Where the sweep is stored block by block, None where it is a file; the place made free for it."""
     if options.resume and options.store == "nc":
         raise CommandError("--resume goes on with a store; leave out --store nc")
+    if options.scheduler and options.store == "nc":
+        raise CommandError("--scheduler needs a store, which keeps what workers have computed; leave out --store nc")
     size = results_size(_count(file), file.sweep_run.periods, samples=not options.no_samples)
-    usual = "zarr" if options.resume or (size > MOST_IN_FILE and file.direction != "both") else "nc"
+    usual = (
+        "zarr" if options.resume or options.scheduler or (size > MOST_IN_FILE and file.direction != "both") else "nc"
+    )
     if (options.store or usual) == "nc":
         directory(options.out, ("sweep.nc", "sweep.png", "summary.json"), options.force)
         return None
@@ -124,12 +129,12 @@ def _store(file: SceneFile, options: argparse.Namespace) -> Path | None:
     return place
 
 
-def _marched(how: Marched, place: Path | None, resume: bool) -> dict[str, Any]:
-    """How the lanes are marched, and where they are stored, as arguments."""
+def _marched(how: Marched, place: Path | None, options: argparse.Namespace) -> dict[str, Any]:
+    """How the lanes are marched, by whom, and where they are stored, as arguments."""
     if place is None:
         return {"steps_per_period": how.steps, "method": how.method}
     chosen = {"method": how.method, "steps_per_period": how.steps} if how.choice is None else {"accuracy": how.choice}
-    return {**chosen, "store": place, "resume": resume}
+    return {**chosen, "store": place, "resume": options.resume, "scheduler": options.scheduler}
 
 
 def _save(

@@ -38,7 +38,8 @@ def blamed(where: str):
     except (KeyError, ValueError) as error:
         if isinstance(error, CommandError | StoreError) or numerical(error):  # these name their own place
             raise
-        raise CommandError(f"{where}: {error.args[0] if error.args else error!r}") from None
+        told = error.args[0] if error.args else repr(error)
+        raise CommandError(f"{where}: {told}") from None
 
 
 def warn_status(status: Any, chatter: str | None = None) -> None:

@@ -4,7 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.periods import Sample
+from jaxshroud.batch.periods import CHUNK, Sample
+from jaxshroud.batch.threads import in_chunks
 from jaxshroud.model.absent import Scalar
 from jaxshroud.model.geometry import corners
 from jaxshroud.model.linear import area, free_power
@@ -25,9 +26,18 @@ def relative_drop(samples: Sample) -> np.ndarray:
     return (samples.dropped / np.where(gross > 0, gross, 1.0)).max(axis=-1)
 
 
+def closed_forms(scenes: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Area, power without contact and half the diagonal of each lane's blocks, (lanes,), (lanes, 2), (lanes,).
+
+    As many lanes at a time as are marched: in batches of any size they have the same bits.
+    """
+    count = len(scenes.drive.omega)
+    some = lambda _, at: _closed_forms(jax.tree.map(lambda a: np.asarray(a)[at], scenes))  # noqa: E731
+    return in_chunks(some, count, 1 if count == 1 else CHUNK)
+
+
 @jax.jit
 def _closed_forms(scenes: Scene):
-    """Area, power without contact and half the diagonal of each lane's blocks."""
     return jax.vmap(lambda scene: (area(scene.shroud), free_power(scene), half_diagonal(scene.shroud)))(scenes)
 
 
@@ -60,7 +70,7 @@ def averages(
     scenes: Scene, samples: Sample, period_tol: float = PERIOD_TOLERANCE
 ) -> tuple[Repetition, Reduction, np.ndarray]:
     """Period number and power of lanes (one leading axis of lanes) over their kept periods, and P_0 (lanes, 2)."""
-    A, P_0, lever = (np.asarray(f, float) for f in _closed_forms(scenes))
+    A, P_0, lever = (np.asarray(f, float) for f in closed_forms(scenes))
     orbit = repetition(
         displacements(samples), sizes_of(samples).max(axis=-2), lever, period_tol, scenes.drive.omega.dtype
     )

@@ -175,11 +175,10 @@ class Unfinished:
 
     def _same(self, about: Mapping[str, str]) -> None:
         """Raise StoreError if the store is of something else."""
-        try:
-            then = json.loads((self.path / "resume" / "zarr.json").read_text("utf-8"))["attributes"]
-            names = dict.fromkeys([*about, *then])
-        except (OSError, ValueError, KeyError, TypeError):
-            raise StoreError(f"{self.path}: not a sweep that can be gone on with; choose another --out") from None
+        then = told_in(self.path)
+        if not then:
+            raise StoreError(f"{self.path}: not a sweep that can be gone on with; choose another --out")
+        names = dict.fromkeys([*about, *then])
         told = [f"{n} was {then.get(n)}, is {about.get(n)}" for n in names if then.get(n) != about.get(n)]
         if told:
             more = f" and {len(told) - MOST} more" if len(told) > MOST else ""
@@ -198,6 +197,15 @@ class Unfinished:
                 old.unlink()
         group = {"zarr_format": 3, "node_type": "group", "attributes": dict(about)}
         write(self.path / "resume" / "zarr.json", json.dumps(group, indent=1).encode(), told=False)
+
+
+def told_in(path: Path) -> dict[str, str]:
+    """What a store says that it is of; nothing where there is none."""
+    try:
+        told = json.loads((path / "resume" / "zarr.json").read_text("utf-8"))["attributes"]
+        return {str(name): str(value) for name, value in told.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
 
 
 def relabel(path: Path, attrs: Mapping[str, Any]) -> None:

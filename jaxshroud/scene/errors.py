@@ -40,4 +40,4 @@ class WriteError(StoreError, OSError):
 
 
 class MachineError(WriteError):
-    """A file cannot be written, though what was asked for was right: the disk is full, or broken."""
+    """What was asked for was right, but the machine failed: a disk is full or broken, a scheduler not there."""

@@ -2,8 +2,10 @@
 
 import math
 import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -11,112 +13,122 @@ import numpy as np
 from jaxshroud.batch.continuation import Relay
 from jaxshroud.batch.extent import SAMPLE
 from jaxshroud.batch.periods import CHUNK
-from jaxshroud.batch.runs import starts
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.model.state import State
 from jaxshroud.results.base import opened
 from jaxshroud.results.blocks import Block, chains, spread
 from jaxshroud.results.store import read
 from jaxshroud.results.sweep import SweepResult, sweep_coordinates
-from jaxshroud.results.unfinished import Lanes, Record, Unfinished, unfinished
-from jaxshroud.scene.motion import Motion
+from jaxshroud.results.unfinished import Lanes, Unfinished, told_in, unfinished
 from jaxshroud.scene.parts import Direction
 from jaxshroud.scene.text import words_of
-from jaxshroud.verbs.swept import AT_ONCE, Grid, Wanted, lane_periods, swept
-from jaxshroud.version import __version__
+from jaxshroud.verbs.cluster import client_of, machine, machine_of, on_workers
+from jaxshroud.verbs.swept import AT_ONCE, Grid, Wanted, lane_periods
+from jaxshroud.verbs.work import Chain, Work, in_turn, passed_on
 
 LEAST, PARTS = 1024, 16  # lanes of a block, and blocks of a sweep that has more lanes than these
+LEAST_SENT, PARTS_SENT = 512, 128  # the same where workers compute them
 HELD = 2**28  # bytes of samples that a block may take in memory
 STEPS = 2**22  # of one lane in a block of continued values: what a kill may cost, a few seconds
+BY = " x "
 
 
-def stored(grid: Grid, states: State | None, direction: Direction, wanted: Wanted, path: Path) -> SweepResult:
+class Ordered(NamedTuple):
+    """A sweep."""
+
+    grid: Grid
+    states: State | None  # where its lanes start
+    direction: Direction
+    wanted: Wanted
+
+    def tick(self, lanes: int) -> None:
+        """So many lanes more are done."""
+        self.wanted.ticker(lanes * lane_periods(self.wanted.plan, self.grid.precise is not None))
+
+
+def stored(sweep: Ordered, path: Path, scheduler: str | None = None) -> SweepResult:
     """All lanes in one direction, in a store.
+
+    Args:
+        sweep: The lanes.
+        path: Where the store is, or is to be.
+        scheduler: Of workers that compute the blocks, as of `client_of`; by default this process does.
 
     Raises:
         StoreError: There is a store of something else, or one in use.
         WriteError: The place cannot be written.
+        MachineError: The scheduler cannot be reached.
         Interrupted: Ctrl-C; `done` is what is stored, None if nothing is.
     """
-    grid = grid._replace(lanes=jax.tree.map(np.asarray, grid.lanes), precise=jax.tree.map(np.asarray, grid.precise))
-    period = np.arange(wanted.plan.transient + 1, wanted.plan.transient + wanted.plan.kept + 1)
-    coords = sweep_coordinates(grid.axes, period)
-    sizes = block_sizes(grid, direction, wanted)
-    lanes = dict(zip(grid.dims, map(Lanes, grid.shape, sizes), strict=True))
-    about = _words(grid, states, direction, wanted) | {"blocks": " x ".join(map(str, sizes))}
-    with unfinished(path, lanes, about, coords) as store:
-        try:
-            _fill(store, sizes, grid, states, direction, wanted)
-        except KeyboardInterrupt:
-            raise Interrupted(_opened(path) if store.begun else None) from None
+    grid = jax.tree.map(np.asarray, (sweep.grid.lanes, sweep.grid.precise))
+    sweep = sweep._replace(grid=sweep.grid._replace(lanes=grid[0], precise=grid[1]))
+    grid, period = sweep.grid, sweep.wanted.plan.transient + 1 + np.arange(sweep.wanted.plan.kept)
+    with nullcontext() if scheduler is None else client_of(scheduler) as client:
+        like = machine() if client is None else machine_of(client)
+        sizes = _sizes_in(path, len(grid.shape)) or block_sizes(sweep, sent=client is not None)
+        about = _words(sweep) | like | {"blocks": BY.join(map(str, sizes))}
+        lanes = dict(zip(grid.dims, map(Lanes, grid.shape, sizes), strict=True))
+        with unfinished(path, lanes, about, sweep_coordinates(grid.axes, period)) as store:
+            try:
+                told: dict[tuple[int, ...], str] = {}
+                every = _chains(store, sizes, sweep, told)
+                if client is None:
+                    in_turn(every)
+                else:
+                    on_workers(every, client, like, sweep.tick)
+            except KeyboardInterrupt:
+                raise Interrupted(_opened(path) if store.begun else None) from None
+            first = next((told[place] for place in sorted(told) if told[place]), "")
+            store.finish({"complete": 1, **({"chatter": first} if first else {})})
     return _opened(path)
 
 
-def block_sizes(grid: Grid, direction: Direction, wanted: Wanted) -> tuple[int, ...]:
-    """Lanes of a block along each axis: thousands, or so many of continued values that little is lost."""
-    plan, shape = wanted.plan, grid.shape
-    fit = min(AT_ONCE, HELD // (plan.kept * SAMPLE), max(LEAST, math.prod(shape) // PARTS))
+def block_sizes(sweep: Ordered, *, sent: bool) -> tuple[int, ...]:
+    """Lanes of a block along each axis: thousands, or so many of continued values that little is lost.
+
+    Those that are `sent` to workers are smaller: any number of these is to have something to do.
+    """
+    plan, shape = sweep.wanted.plan, sweep.grid.shape
+    least, parts = (LEAST_SENT, PARTS_SENT) if sent else (LEAST, PARTS)
+    fit = min(AT_ONCE, HELD // (plan.kept * SAMPLE), max(least, math.prod(shape) // parts))
     fit = max(fit // CHUNK, 1) * CHUNK
-    if direction == "independent":
+    if sweep.direction == "independent":
         return spread(shape, fit)
-    first = len(grid.door.shape)
+    first = len(sweep.grid.door.shape)
     beside = spread((*shape[:first], *shape[first + 1 :]), fit)
     each = plan.steps_per_period * (plan.transient + plan.kept) * max(math.prod(beside) / CHUNK, 1.0)
     return (*beside[:first], int(np.clip(STEPS / each, 1, min(CHUNK, shape[first]))), *beside[first:])
 
 
-def _fill(
-    store: Unfinished,
-    sizes: tuple[int, ...],
-    grid: Grid,
-    states: State | None,
-    direction: Direction,
-    wanted: Wanted,
-) -> None:
-    """Compute what is not stored yet."""
-    told: dict[tuple[int, ...], str] = {}
-    along = len(grid.door.shape) if grid.axes else 0
-    for chain in chains(grid.shape, sizes, along, backward=direction == "backward"):
-        relay = Relay()
-        for block in chain:
-            record = store.record(block)
-            if record is None:
-                record = _computed(store, block, grid, states, direction, wanted, relay)
-            else:
-                _pass_on(record, relay, grid)
-                wanted.ticker(block.lanes * lane_periods(wanted.plan, grid.precise is not None))
-            told[block.place] = str(record["chatter"])
-    first = next((told[place] for place in sorted(told) if told[place]), "")
-    store.finish({"complete": 1, **({"chatter": first} if first else {})})
+def _sizes_in(path: Path, axes: int) -> tuple[int, ...] | None:
+    """The sizes of blocks that a store was begun with, whoever computed them; None if there are none."""
+    sizes = [int(word) for word in told_in(path).get("blocks", "").split(BY) if word.isdigit()]
+    return tuple(sizes) if len(sizes) == axes and all(sizes) else None
 
 
-def _computed(
-    store: Unfinished,
-    block: Block,
-    grid: Grid,
-    states: State | None,
-    direction: Direction,
-    wanted: Wanted,
-    relay: Relay,
-) -> Record:
-    """Compute and store a block; what is kept beside its numbers."""
-    part, begin = _part(grid, block), _cut(states, block, grid)
-    data = swept(part, begin, direction, wanted, relay).data
-    if not wanted.samples:
-        data = data.drop_vars(Motion._fields)
-    record = {"chatter": np.array(data.attrs.get("chatter", ""))}
-    if relay.state is not None:
-        record |= {str(i): np.asarray(a) for i, a in enumerate(jax.tree.leaves((relay.state, relay.arrived)))}
-    data.attrs = {name: value for name, value in data.attrs.items() if name != "chatter"}
-    store.write(block, data, record)
-    return record
+def _chains(
+    store: Unfinished, sizes: Sequence[int], sweep: Ordered, told: dict[tuple[int, ...], str]
+) -> Iterator[Chain]:
+    """All blocks; together those that need each other."""
+    along = len(sweep.grid.door.shape) if sweep.grid.axes else 0
+    for blocks in chains(sweep.grid.shape, sizes, along, backward=sweep.direction == "backward"):
+        for chain in [[block] for block in blocks] if sweep.direction == "independent" else [blocks]:
+            yield _chain(store, chain, sweep, told)
 
 
-def _pass_on(record: Record, relay: Relay, grid: Grid) -> None:
-    """Give a relay what the record of a block has kept of it."""
-    if "0" in record:
-        like = jax.tree.structure((starts(jax.tree.map(lambda a: a[:1], grid.lanes)), 0))
-        relay.state, relay.arrived = jax.tree.unflatten(like, [record[str(i)] for i in range(like.num_leaves)])
+def _chain(store: Unfinished, blocks: Sequence[Block], sweep: Ordered, told: dict[tuple[int, ...], str]) -> Chain:
+    """What has to be computed of blocks, each when the one before is known; stored, with what alternated `told`."""
+    relay = Relay()
+    for block in blocks:
+        record = store.record(block)
+        if record is None:
+            part, begin = _part(sweep.grid, block), _cut(sweep.states, block, sweep.grid)
+            found, record = yield Work(part, begin, sweep.direction, sweep.wanted, relay)
+            store.write(block, found.data, record)
+        else:
+            sweep.tick(block.lanes)
+        relay = passed_on(record, sweep.grid)
+        told[block.place] = str(record["chatter"])
 
 
 def _part(grid: Grid, block: Block) -> Grid:
@@ -136,8 +148,9 @@ def _cut(tree: Any, block: Block, grid: Grid) -> Any:
     )
 
 
-def _words(grid: Grid, states: State | None, direction: Direction, wanted: Wanted) -> dict[str, str]:
-    """All that the numbers of a sweep depend on, by names."""
+def _words(sweep: Ordered) -> dict[str, str]:
+    """All that the numbers of a sweep depend on beside the machine, by names."""
+    grid, states, direction, wanted = sweep
     plan = wanted.plan
     told, _ = grid.door.about(plan.transient, plan.steps_per_period)
     how = {name: str(value) for name, value in wanted.how.told.items()}
@@ -153,9 +166,6 @@ def _words(grid: Grid, states: State | None, direction: Direction, wanted: Wante
         "lyapunov": str(grid.precise is not None),
         "scenes": _all(grid.lanes) if grid.door.shape else "one",
         "start": "the scene's own" if states is None else _all(states),
-        "version": __version__,
-        "jax": jax.__version__,
-        "device": jax.devices()[0].device_kind,
     }
 
 

@@ -4,7 +4,6 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,7 @@ from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.accuracy import Choice
 from jaxshroud.verbs.door import Asked, asked, in_line, marched
-from jaxshroud.verbs.stored import stored
+from jaxshroud.verbs.stored import Ordered, stored
 from jaxshroud.verbs.swept import AT_ONCE, Grid, Wanted, lane_periods, mapped, swept
 
 
@@ -53,6 +52,7 @@ def sweep(
     samples: bool = True,
     store: str | os.PathLike[str] | None = None,
     resume: bool = False,
+    scheduler: str | None = None,
     progress: Progress | None = None,
     throw: bool = False,
     dims: Sequence[str] | None = None,
@@ -91,6 +91,9 @@ def sweep(
         resume: Go on with the store that is there, which must be of the same sweep, version and kind of device: what is
             whole there is not computed again, and numbers are those of a run that nothing has ended. Forward and
             backward sweeps go on from their last finished block of values. Without a store, begin.
+        scheduler: Have the blocks of a store computed by workers of Dask distributed, which is installed with
+            `jaxshroud[cluster]`: the address of their scheduler, the file it has written, or "local:N" for N processes
+            on this machine (in a script, under `if __name__ == "__main__":`). Workers may come and go.
         progress: Called with (lane-periods done, lane-periods in all) after every block.
         throw: Raise where a lane stops before its end, rather than warn.
         dims: Names of the leading axes; by default `lane`.
@@ -103,6 +106,7 @@ def sweep(
             not known, the run would be too long or too large (see `extent`), or float64 is not to be had.
         KeyError: The scene has no such number.
         NumericalError: With `throw`: a lane stopped.
+        MachineError: The scheduler cannot be reached.
         StoreError: The store exists and is not to be gone on with, is of another sweep, in use, or cannot be written.
         Interrupted: Ctrl-C; its `done` is the result with the lanes that had ended, the others with status NOT_RUN, or
             None where none had.
@@ -144,7 +148,11 @@ def sweep(
     states = None if state is None else door.states(state, grid.lanes)
     plan = Plan(door.transient, door.n_periods, how.steps, phase, how.method)
     wanted = Wanted(plan, how, period_tol, Ticker(lanes * lane_periods(plan, lyapunov), progress), samples)
-    one_way = partial(stored, path=place) if place is not None else swept if samples else mapped
+    if place is None and scheduler is not None:
+        raise InputError("Argument `scheduler` needs a `store`, which keeps what workers have computed.")
+    one_way = swept if samples else mapped
+    if place is not None:
+        one_way = lambda *sweep: stored(Ordered(*sweep), place, scheduler)  # noqa: E731
     each = {way: one_way(grid, states, way, wanted) for way in ways}
     found = overlaid(each) if direction == "both" else each[direction]
     tell_failures(found.status, found.chatter, throw=throw)

@@ -1,0 +1,133 @@
+"""Do two devices, and two workers, do as much as two processes? python tests/studies/throughput.py
+
+4,096 lanes are swept, round by round one after the other in the same minutes: as halves by two processes of one thread
+each that know nothing of each other, by one process with two XLA CPU devices, and, in stores, as halves by two such
+processes and by two workers of Dask distributed. All have compiled before. `throughput.json` tells the lanes per second
+of every round and per second of processor time, and the medians of the ratios to the two processes of the same round;
+those of processor time stand where others use the machine, those of rounds where nobody does.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import psutil
+
+LANES, ROUNDS = 4096, 5
+DEVICES = "--xla_force_host_platform_device_count=2"
+# What is swept how: words of a child, for each of the processes that share the lanes.
+WAYS = {
+    "two processes": ["alone memory 0 2", "alone memory 1 2"],
+    "two devices": ["devices memory 0 1"],
+    "two processes, stored": ["alone store 0 2", "alone store 1 2"],
+    "two workers, stored": ["workers store 0 1"],
+}
+AGAINST = {"two devices": "two processes", "two workers, stored": "two processes, stored"}
+
+
+def child(lanes: int, who: str, place: str, part: str, parts: str) -> None:
+    """Sweep part of the lanes for every line that comes in, and say when it is done."""
+    import jax
+    import numpy as np
+
+    jax.config.update("jax_enable_x64", True)
+    import jaxshroud as js
+    from jaxshroud.batch.threads import alone
+
+    js.cache_compilations()
+    values = np.linspace(0.5, 8.0, lanes)[int(part) :: int(parts)]
+    scene = js.load("table1").scene
+
+    def once(out: str, **more) -> None:
+        kept = {} if place == "memory" else {"store": f"{out}/a.zarr"}
+        js.sweep(scene, {"contact.gamma": values}, n_periods=32, transient=32, steps_per_period=400, **kept, **more)
+
+    def serve(**more) -> None:
+        for _ in sys.stdin:
+            with tempfile.TemporaryDirectory() as out:
+                once(out, **more)
+                print("done", flush=True)
+
+    if who == "workers":
+        from distributed import LocalCluster
+
+        with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", memory_limit=0) as cluster:
+            serve(scheduler=cluster.scheduler_address)
+    elif who == "alone":
+        with alone():
+            serve()
+    else:
+        serve()
+
+
+def started(lanes: int, words: str) -> subprocess.Popen:
+    """A child."""
+    flags = f"{os.environ.get('XLA_FLAGS', '')} {DEVICES if words.startswith('devices') else ''}"
+    command = [sys.executable, __file__, "--lanes", str(lanes), "--child", *words.split()]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "bufsize": 1}
+    return subprocess.Popen(command, env=os.environ | {"XLA_FLAGS": flags.strip()}, **pipes)
+
+
+def busy(children: list[subprocess.Popen]) -> float:
+    """Processor time that they and their workers have taken [s]."""
+    own = [psutil.Process(child.pid) for child in children]
+    workers = [worker for process in own for worker in process.children(recursive=True)]
+    return sum(sum(process.cpu_times()[:2]) for process in own + workers)
+
+
+def seconds(children: list[subprocess.Popen]) -> tuple[float, float]:
+    """What they take together: time, and processor time."""
+    began, before = time.perf_counter(), busy(children)
+    for process in children:
+        process.stdin.write("go\n")
+    for process in children:
+        if process.stdout.readline() != "done\n":
+            raise RuntimeError("a process has failed")
+    return time.perf_counter() - began, busy(children) - before
+
+
+def measured(lanes: int, rounds: int) -> dict:
+    """Lanes per second of every way and round, and ratios."""
+    ways = {way: [started(lanes, words) for words in children] for way, children in WAYS.items()}
+    try:
+        for children in ways.values():
+            seconds(children)  # compiles
+        found: dict[str, list[tuple[float, float]]] = {way: [] for way in ways}
+        for _ in range(rounds):
+            for way, children in ways.items():
+                found[way].append(seconds(children))
+    finally:
+        for process in (process for children in ways.values() for process in children):
+            process.stdin.close()
+            process.wait()
+    told: dict = {"lanes": lanes, "cores": os.cpu_count()}
+    for number, kind in enumerate(("second", "processor second")):
+        rates = {way: [round(lanes / times[number], 1) for times in each] for way, each in found.items()}
+        ratios = {way: [a / b for a, b in zip(rates[way], rates[other], strict=True)] for way, other in AGAINST.items()}
+        medians = {way: round(statistics.median(each), 3) for way, each in ratios.items()}
+        told[f"lanes per {kind}"] = rates | {"median ratios": medians}
+    return told
+
+
+def main() -> None:
+    """Run the study and write its JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--lanes", type=int, default=LANES)
+    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    parser.add_argument("--child", nargs=4, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.child:
+        return child(options.lanes, *options.child)
+    found = measured(options.lanes, options.rounds)
+    Path(__file__).with_suffix(".json").write_text(json.dumps(found, indent=1) + "\n")
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,191 @@
+"""Sweeps on workers of Dask distributed: the same bits, whoever comes and goes, and one line where nobody is there."""
+
+import json
+import os
+import signal
+
+import dask
+import numpy as np
+import pytest
+from distributed import Client, LocalCluster
+
+import jaxshroud as js
+from jaxshroud.cli import commands as cli
+from jaxshroud.results.unfinished import Unfinished
+from jaxshroud.scene.errors import MachineError
+from jaxshroud.verbs import cluster, stored
+
+SHORT = dict(n_periods=2, transient=1, steps_per_period=100)
+GAMMA = np.linspace(1.0, 2.0, 200)
+LINE = {"contact.gamma": GAMMA}
+GRID = {"contact.gamma": GAMMA[:10], "drive.F_0": np.linspace(40.0, 60.0, 100)}
+WAYS = {"independent": LINE, "backward": GRID}
+NOBODY = "tcp://127.0.0.1:9"
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    """Blocks of 64 lanes, or of four continued values."""
+    monkeypatch.setattr(stored, "LEAST_SENT", 64)
+    monkeypatch.setattr(stored, "PARTS_SENT", 10**6)
+    monkeypatch.setattr(stored, "STEPS", 4 * 3 * 100)
+
+
+@pytest.fixture
+def written(monkeypatch):
+    """Places of the blocks that were written so far."""
+    places, write = [], Unfinished.write
+
+    def told(self, block, *rest):
+        places.append(block.place)
+        write(self, block, *rest)
+
+    monkeypatch.setattr(Unfinished, "write", told)
+    return places
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return js.load("table1", ['parts.motion=["x"]']).scene
+
+
+def run(scene, way, path, **more):
+    return js.sweep(scene, WAYS[way], direction=way, store=path, **SHORT, **more)
+
+
+def same(found, exact):
+    """Bit by bit."""
+    assert found.data.attrs == exact.data.attrs
+    for name, variable in exact.data.variables.items():
+        np.testing.assert_array_equal(found.data[name].to_numpy().view(np.uint8), variable.to_numpy().view(np.uint8))
+        assert found.data[name].attrs == variable.attrs
+
+
+@pytest.fixture
+def here():
+    """The address of workers within this process."""
+    quiet = dict(dashboard_address=":0", silence_logs=False)
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=False, **quiet) as own:
+        yield own.scheduler_address
+
+
+@pytest.mark.full(but=["independent"])
+@pytest.mark.parametrize("way", WAYS)
+def test_workers_find_the_bits_of_one_process(scene, here, tmp_path, written, way):
+    ticks = []
+    found = run(scene, way, tmp_path / "a.zarr", scheduler=here, progress=lambda *done: ticks.append(done))
+    assert len(set(written)) == len(written) == (4 if way == "independent" else 6)
+    assert ticks[-1] == (found.status.size * 3,) * 2
+    same(found, run(scene, way, tmp_path / "alone.zarr"))
+
+
+@pytest.mark.full
+def test_what_workers_began_is_gone_on_with_without_them_and_the_other_way_round(scene, here, tmp_path, written):
+    path = tmp_path / "a.zarr"
+    whole = run(scene, "independent", path, scheduler=here)
+    for lost, more in {"0": {}, "2": {"scheduler": here}}.items():
+        (path / "resume" / f"{lost}.npz").unlink()
+        written.clear()
+        same(run(scene, "independent", path, resume=True, **more), whole)
+        assert written == [(int(lost),)]
+
+
+@pytest.mark.full
+def test_a_worker_that_is_another_is_refused(scene, here, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "machine_of", lambda client: {**cluster.machine(), "jax": "0.0.1"})
+    monkeypatch.setattr(stored, "machine_of", cluster.machine_of)
+    with pytest.raises(js.StoreError, match=r"a worker has jax \d.*, not 0.0.1; give all workers the same"):
+        run(scene, "independent", tmp_path / "a.zarr", scheduler=here)
+
+
+@pytest.mark.full
+def test_workers_that_are_lost_and_added_change_nothing(scene, tmp_path, written):
+    # One of two processes is killed (SIGKILL) when a third is done, and one comes when half is.
+    whole = run(scene, "backward", tmp_path / "whole.zarr")
+    written.clear()
+    quiet = dict(dashboard_address=":0", silence_logs=50, memory_limit=0)
+    with LocalCluster(n_workers=2, threads_per_worker=1, **quiet) as own, Client(own) as client:
+        pids, did = client.run(os.getpid), []
+
+        def disturb(done, total):
+            if done > total / 3 and not did:
+                os.kill(next(iter(pids.values())), signal.SIGKILL)
+                did.append("killed")
+            if done > total / 2 and len(did) == 1:
+                own.scale(3)
+                did.append("added")
+
+        found = run(scene, "backward", tmp_path / "a.zarr", scheduler=own.scheduler_address, progress=disturb)
+        assert did == ["killed", "added"]
+    assert len(set(written)) == len(written) == 6  # nothing lost, nothing twice
+    same(found, whole)
+
+
+@pytest.fixture
+def words(tmp_path):
+    """A small sweep as a command."""
+    asked = ["sweep", "table1", "--set", 'parts.motion=["x"]', "--along", "contact.gamma", "--start", "1"]
+    short = ["--stop", "2", "--num", "200", "--periods", "2", "--transient", "1", "--steps-per-period", "100"]
+    return [*asked, *short, "--out", str(tmp_path / "s")]
+
+
+@pytest.fixture
+def impatient():
+    with dask.config.set({"distributed.comm.timeouts.connect": "0.2s"}):
+        yield
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_scheduler_that_is_not_there_is_one_line_and_the_store_is_kept(words, tmp_path, capsys):
+    assert cli.main([*words, "--store", "zarr"]) == 0
+    (tmp_path / "gone.json").write_text(json.dumps({"address": NOBODY}))
+    capsys.readouterr()
+    for where in (NOBODY, str(tmp_path / "gone.json"), str(tmp_path / "none.json")):
+        assert cli.main([*words, "--resume", "--scheduler", where]) == 1
+        told = capsys.readouterr().err
+        assert told.startswith(f"{where}: the scheduler cannot be reached (")
+        assert told.endswith("start it or give local:2\n")
+        assert told.count("\n") == 1
+        assert js.open(tmp_path / "s" / "sweep.zarr").complete
+
+
+@pytest.mark.parametrize(
+    ("where", "told"),
+    [("local:0", "local:N with N workers, but is local:0"), ("a.json", "not the file of a scheduler")],
+)
+def test_what_is_no_scheduler_is_refused(words, tmp_path, monkeypatch, capsys, where, told):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.json").write_text("{}")
+    assert cli.main([*words, "--scheduler", where]) == 2
+    line = capsys.readouterr().err
+    assert told in line
+    assert line.count("\n") == 1
+
+
+def test_what_a_scheduler_needs_is_told(scene, words, monkeypatch, capsys):
+    with pytest.raises(js.InputError, match="needs a `store`"):
+        js.sweep(scene, LINE, scheduler=NOBODY, **SHORT)
+    assert cli.main([*words, "--scheduler", NOBODY, "--store", "nc"]) == 2
+    assert "leave out --store nc" in capsys.readouterr().err
+    monkeypatch.setattr(cluster, "find_spec", lambda name: None)
+    assert cli.main([*words, "--scheduler", NOBODY]) == 2
+    assert capsys.readouterr().err.endswith("install it by pip install 'jaxshroud[cluster]'\n")
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_scheduler_that_is_lost_leaves_a_store_to_go_on_with(scene, tmp_path, written):
+    path, lost = tmp_path / "a.zarr", []
+
+    def lose(done, total):
+        if not lost:
+            lost.append(own.close())
+
+    with LocalCluster(n_workers=1, processes=False, dashboard_address=":0") as own:
+        where = dict(scheduler=own.scheduler_address, progress=lose)
+        with pytest.raises(MachineError, match=r"inproc.*: the scheduler cannot be reached"):
+            run(scene, "independent", path, **where)
+    assert not js.open(path).complete
+    assert 0 < len(set(written)) == len(written) < 4
+    whole = run(scene, "independent", path, resume=True)
+    assert len(set(written)) == len(written) == 4
+    assert whole.complete
