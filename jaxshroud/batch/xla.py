@@ -206,9 +206,16 @@ def groups(method: Choices, smooth: bool) -> tuple[int, ...] | None:
     return tuple(range(at_once, size, at_once))
 
 
-def repeated_while(going: Callable[[Tree], Array], once: Callable[[Tree], Tree], lanes: Tree) -> Tree:
+def in_parts(method: Choices, smooth: bool) -> bool:
+    """Whether a trial is several kernels."""
+    return bool(method.taylor) or groups(method, smooth) is not None
+
+
+def repeated_while(going: Callable[[Tree], Array], once: Callable[[Tree], Tree], lanes: Tree, parts: bool) -> Tree:
     """`once` again and again while `going`.
 
-    Two by two: the first writes to memory of its own, the second back where the lanes came from, and none is copied.
+    Where `once` is a single kernel two by two: the first writes to memory of its own, the second back where the lanes
+    came from, and none is copied. Where it is in `parts`, the last of these can do that.
     """
-    return lax.while_loop(going, lambda lanes: once(once(lanes)), lanes)
+    twice = once if parts else lambda lanes: once(once(lanes))
+    return lax.while_loop(going, twice, lanes)
