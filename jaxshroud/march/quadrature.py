@@ -5,13 +5,15 @@ A product of two series costs as many operations as the squares of their values 
 
 import math
 from functools import cache
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.legendre import Legendre
 
-SMALL = 0.1  # of the tolerance, which the rule's error stays below
-MOST = 25
+from jaxshroud.march.taylor import TOLERANCES
+
+ALLOWED = np.geomspace(*TOLERANCES, 16)
 
 
 class Rule(NamedTuple):
@@ -22,14 +24,18 @@ class Rule(NamedTuple):
 
 
 @cache
-def rule(order: int, tolerance: float) -> Rule:
-    """The shortest one that integrates squares as exactly as the series are, in trials as long as these allow.
+def rule(order: int) -> Rule:
+    """The shortest one that integrates squares as exactly as series of that order are, by whatever tolerance.
 
-    The fastest vibration that a motion holds decides on its trials: there the last term is the tolerance.
+    Trials are as long as the fastest vibration in the motion allows, of which the last term is then the tolerance.
     """
-    turn = 2 * (math.factorial(order) * tolerance) ** (1 / order)  # of its square, in a trial [rad]
-    enough = (n for n in range(3, MOST, 2) if lobatto_error(n, turn) <= SMALL * tolerance)
-    return lobatto(next(enough, MOST))
+    exact = lambda n: all(lobatto_error(n, _turn(order, at)) <= at for at in ALLOWED)  # noqa: E731
+    return lobatto(next(n for n in count(3, 2) if exact(n)))
+
+
+def _turn(order: int, tolerance: float) -> float:
+    """What the square of the fastest vibration turns by in a trial [rad]."""
+    return 2 * (math.factorial(order) * tolerance) ** (1 / order)
 
 
 def lobatto(n: int) -> Rule:
@@ -43,11 +49,6 @@ def lobatto(n: int) -> Rule:
 
 
 def lobatto_error(n: int, turn: float) -> float:
-    """Bound of the rule's error on the mean of a wave of amplitude 1 that turns by so many radians.
-
-    Source:
-        The remainder of Lobatto's rule: M. Abramowitz and I. A. Stegun (eds.), Handbook of Mathematical Functions,
-        Eq. 25.4.32.
-    """
+    """Bound of the rule's error on the mean of a wave of amplitude 1 that turns by so many radians: its remainder."""
     f = math.factorial
     return n * (n - 1) ** 3 * f(n - 2) ** 4 / ((2 * n - 1) * f(2 * n - 2) ** 3) * turn ** (2 * n - 2)

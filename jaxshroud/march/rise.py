@@ -47,6 +47,7 @@ class Stride(NamedTuple):
     peeking: Bool[Array, ""]  # the trial has ended at the top of a guard
     events: Int[Array, ""]  # in this step
     tries: Int[Array, ""]  # trials in a row that came to nothing
+    tolerance: Scalar  # of the last terms of the speeds, over the largest speed
 
 
 class _Place(NamedTuple):

@@ -23,7 +23,6 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.peaks import Peaks
 from jaxshroud.march.quadrature import rule
 from jaxshroud.march.rise import MOST_TRIES, Met, Stride, ended, first_rise, picked
-from jaxshroud.march.taylor import Taylor
 from jaxshroud.march.trial import Noted, Sizes, change, finite, status_of, tallied
 from jaxshroud.march.within import Within
 from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent
@@ -71,23 +70,23 @@ def leg(lane: Lane, fixed: Fixed, method: Choices) -> Leg:
 def leg_and_places(lane: Lane, fixed: Fixed, method: Choices) -> tuple[Leg, Places]:
     """The trial of a lane, and the polynomials of its displacements in radians from its start."""
     assert method.taylor is not None
-    order, tolerance = method.taylor
+    order = method.taylor.order
     way, step = course(lane, fixed, order, method.ledger), RADIANS * fixed.grid.turn
     still, found = (lax.stop_gradient((lane, fixed)), frozen(way)) if method.derivative else ((lane, fixed), way)
-    met, kind = _trial(found, *still, order, tolerance)
+    met, kind = _trial(found, *still, order)
     s = jnp.where(met.again, 0.0, met.end)
     if method.derivative:
         s = _moving(way, order, met, s, _rest(lane, fixed))
     places = jax.tree.map(lambda a: a.upto(order), displacements_of(way.motion))
     seen = None if method.derivative else _seen(way, s, lane, met, kind, fixed, method)
-    gain = Integrals(_squares(way, method.taylor, s, fixed.model.gyration), _works(way, order, s))
+    gain = Integrals(_squares(way, order, s, fixed.model.gyration), _works(way, order, s))
     return Leg(moved(places, way.unit, s), gain, s / step, kind, met, seen), places
 
 
-def _trial(way: Course, lane: Lane, fixed: Fixed, order: int, tolerance: float) -> tuple[Met, Int[Array, ""]]:
+def _trial(way: Course, lane: Lane, fixed: Fixed, order: int) -> tuple[Met, Int[Array, ""]]:
     """What the trial meets, and the kind of the event."""
     search = lane.search
-    h = jnp.minimum(_allowed(way, order, tolerance, fixed), jnp.maximum(_rest(lane, fixed), 0.0))
+    h = jnp.minimum(_allowed(way, order, search.tolerance, fixed), jnp.maximum(_rest(lane, fixed), 0.0))
     h = jnp.where((search.tries > 0) & (search.tries < MOST_TRIES), jnp.minimum(h, search.cap), h)
     return _met(way, order, h, search)
 
@@ -117,7 +116,7 @@ def _seen(way: Course, s: Scalar, lane: Lane, met: Met, kind: Int[Array, ""], fi
     return Seen(deepest(way, order, s), halfway(way, order, s), within, forces)
 
 
-def _allowed(way: Course, order: int, tolerance: float, fixed: Fixed) -> Scalar:
+def _allowed(way: Course, order: int, tolerance: Scalar, fixed: Fixed) -> Scalar:
     """The length at which the last terms of the speeds are so small a part of the largest speed [rad]."""
     largest = lambda n: reduce(jnp.maximum, (jnp.abs(c) for c in _metres(way, n, fixed)))  # noqa: E731
     speed = reduce(jnp.maximum, map(largest, (1, 2, 3)))
@@ -166,13 +165,13 @@ def moved(places: Places, unit: Scalar, s: Scalar) -> Motion:
     return Motion(*here, *speeds)
 
 
-def _squares(way: Course, taylor: Taylor, s: Scalar, gyration: Scalar) -> Pair:
+def _squares(way: Course, order: int, s: Scalar, gyration: Scalar) -> Pair:
     """Mean squares of the displacements, integrated over `s` radians."""
-    pose, order, total = way.pose, taylor.order, (ABSENT, ABSENT)
+    pose, total = way.pose, (ABSENT, ABSENT)
     at = lambda a, t: a if is_absent(a) else value(a.upto(order), s * t) if t else a[0]  # noqa: E731
     mean = lambda a: a if is_absent(a) else value(_integral(a, order), s) / jnp.where(s > 0, s, 1.0)  # noqa: E731
     versine = tuple(map(mean, pose.versine))  # which counts for itself
-    for t, weight in zip(*rule(*taylor), strict=True):
+    for t, weight in zip(*rule(order), strict=True):
         x, y = (tuple(at(a, t) for a in pair) for pair in (pose.x, pose.y))
         here = mean_square(pose._replace(x=x, y=y, versine=versine), gyration)
         total = total[0] + weight * here[0], total[1] + weight * here[1]
@@ -247,5 +246,6 @@ def _advanced(lane: Lane, leg: Leg, fire: Bool[Array, ""], fixed: Fixed) -> tupl
         peeking=met.peek,
         events=events,
         tries=jnp.where(moved, 0, search.tries + 1),
+        tolerance=search.tolerance,
     )
     return ahead, lane.step + whole
