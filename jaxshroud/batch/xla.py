@@ -46,7 +46,7 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
     """A decorator: compile with `COMPILER`, or without it where XLA refuses that; `static` names arguments as in jit.
 
     Where the argument `method` says so, a march by power series is compiled with `FOR_SERIES`, once for all tolerances.
-    The function that is called has the attribute `widest`, which is the one compiled with `COMPILER`.
+    The function that is called has attributes `widest` and `large`: those that these compile.
     """
 
     def decorate(f: Callable) -> Callable:
@@ -71,7 +71,7 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
             named = given | {"method": method._replace(tableau=Taylor(taylor.order))}
             return large(**named, tolerance=taylor.tolerance)
 
-        call.widest = widest  # pyright: ignore[reportAttributeAccessIssue]
+        call.widest, call.large = widest, large  # pyright: ignore[reportAttributeAccessIssue]
         return call
 
     return decorate

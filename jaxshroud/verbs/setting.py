@@ -13,7 +13,7 @@ from jaxshroud.batch.tangents import Dual, differentiable, direction, resting, r
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
 from jaxshroud.march.tableau import LEAST_STEPS, tableau
-from jaxshroud.march.taylor import Taylor
+from jaxshroud.march.taylor import TOLERANCES, Taylor
 from jaxshroud.march.words import Locate
 from jaxshroud.model.absent import Scalar
 from jaxshroud.model.linear import area, free_power
@@ -51,8 +51,9 @@ class Setting(NamedTuple):
         return Choices(how, self.locate, False, self.precision)  # type: ignore[arg-type]
 
     def finer(self, n: int) -> "Setting":
-        """With the step halved `n` times, and a tolerance that has as many more digits."""
-        return self._replace(product=self.product / 2**n, tolerance=self.tolerance / 10**n)
+        """With the step halved `n` times, and a tolerance that has as many more digits, if that is a tolerance."""
+        tolerance = max(self.tolerance / 10**n, TOLERANCES[0]) if self.order else 0.0
+        return self._replace(product=self.product / 2**n, tolerance=tolerance)
 
     @property
     def exact(self) -> "Setting":
