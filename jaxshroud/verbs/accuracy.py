@@ -26,7 +26,7 @@ CLASSES = (1.5, 4.0, 12.0, np.inf)  # upper bounds of omega_max over the largest
 PROBED = 256  # lanes, at most, on which a setting is tried before it is chosen
 SHARE = 0.95  # of the lanes, for which an accuracy is promised
 FINER = 3  # settings tried beyond the table's, each of half the step or a tenth of the tolerance
-SURE = 2.0  # an estimated error is one draw: where motions multiply errors, another is as likely twice as large
+SURE = 3.0  # an estimated error is one draw: where motions multiply errors, another may be so many times as large
 ROUNDINGS = 2.0**-50  # relative, of forces
 ABOUT = 2.0  # times the least error is as good, where none is small enough
 
@@ -39,7 +39,7 @@ class Choice:
     setting: Setting
     steps: int
     promised: bool  # False: it is not to be had, and this is about the best there is
-    reached: float = np.nan  # error that so many of the probed lanes stayed below, by comparison with a finer march
+    reached: float = np.nan  # error that so many of the probed lanes stay below, by comparison with a finer march
 
     @property
     def method(self) -> Choices:
@@ -99,8 +99,8 @@ def choose(scenes: Scene, batch_dims: int, asked: str | float) -> Choice:
     probe, turn, tried = _probe(lanes), stiffest(lanes, 1), []
     for setting in _candidates(lanes, wanted):
         steps = setting.steps(*turn)
-        error = _shared(estimated_errors(probe, setting, steps))
-        tried.append(Choice(wanted, setting, steps, SURE * error <= wanted, error))
+        error = SURE * _shared(estimated_errors(probe, setting, steps))
+        tried.append(Choice(wanted, setting, steps, error <= wanted, error))
         if tried[-1].promised:
             return tried[-1]
     least = min(choice.reached for choice in tried)
@@ -113,7 +113,7 @@ def _candidates(lanes: Scene, wanted: float) -> list[Setting]:
     able = {float(at): Setting(*setting) for at, setting in row.items()}
     enough = [able[at] for at in sorted(able, reverse=True) if at <= wanted * 1.001] or [able[min(able)]]
     finer = [enough[-1].finer(n) for n in range(1, FINER + 1)]
-    finer = [setting for setting in finer if setting.finer(1).tolerance < setting.tolerance or not setting.order]
+    finer = [setting for setting in finer if setting.finer(1).tolerance < setting.tolerance / 2 or not setting.order]
     return list(dict.fromkeys([*enough, *finer]))
 
 
