@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.batch.xla import EachLane, Tree, groups, repeated_while
+from jaxshroud.batch.xla import EachLane, Tree, groups, in_parts, repeated_while
 from jaxshroud.march.lane import Fixed, Lane, running
 from jaxshroud.march.method import Choices
 from jaxshroud.march.step import NO_STAGES, End, Stages, place_of, rk_stages, rk_step
@@ -86,7 +86,8 @@ def march(
     if most_trials is not None:
         return lax.fori_loop(0, most_trials, lambda _, lanes: once(lanes), lanes)
     stops = lane_of(fixed).stop
-    return repeated_while(lambda lanes: jnp.any(running(lane_of(lanes), stops)), once, lanes)
+    parts = in_parts(method, lane_of(fixed).model.spring.smooth)
+    return repeated_while(lambda lanes: jnp.any(running(lane_of(lanes), stops)), once, lanes, parts)
 
 
 def driven(

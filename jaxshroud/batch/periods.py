@@ -1,7 +1,6 @@
 """Whole drive periods of many lanes: one compiled function, called over blocks of lanes and of periods."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -122,7 +121,7 @@ def one_period(scenes: Scene, clock: Clock, method: Choices, each: EachLane) -> 
     return lambda lanes, on: _one_period(lanes, on & (lanes.status == Status.OK), models, periods, clock, method, each)
 
 
-@partial(jax.jit, static_argnames="method")
+@compiled("method")
 def begin_lanes(scenes: Scene, states: State, method: Choices) -> Lane:
     """Lanes about to start from `states`."""
     return jax.vmap(lambda scene, state: _begun(scene, state, method))(scenes, states)

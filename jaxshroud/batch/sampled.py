@@ -21,7 +21,7 @@ from jaxtyping import Array, Int
 
 from jaxshroud.batch.loop import Where, advance, itself, march
 from jaxshroud.batch.tangents import Dual, Flow, begun, dual, dual_grid, ended, whole_grid
-from jaxshroud.batch.xla import EachLane, Tree, alone, best, plain, repeated_while
+from jaxshroud.batch.xla import EachLane, Tree, alone, best, in_parts, plain, repeated_while
 from jaxshroud.march.implicit import first_order_only
 from jaxshroud.march.lane import Lane, running
 from jaxshroud.march.method import Choices
@@ -115,7 +115,8 @@ def _next_sample(lanes: Tree, trials: Int[Array, " lanes"], fixed: Tree, schedul
         trials = trials + running(where(lanes), stop).astype(jnp.int32)
         return advance(lanes, fixed, method, each, where), trials
 
-    return repeated_while(lambda pair: jnp.any(running(where(pair[0]), stop)), once, (lanes, trials))
+    parts = in_parts(method, where(fixed).model.spring.smooth)
+    return repeated_while(lambda pair: jnp.any(running(where(pair[0]), stop)), once, (lanes, trials), parts)
 
 
 def _kept(lane: Lane, model: Model, period: Scalar, schedule: Schedule) -> tuple[Lane, Flow]:

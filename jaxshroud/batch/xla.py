@@ -13,7 +13,8 @@ it in parts: see `groups`.
 
 import warnings
 from collections.abc import Callable
-from functools import cache, wraps
+from functools import cache, partial, wraps
+from inspect import signature
 from typing import Any, TypeVar
 
 import jax
@@ -25,6 +26,8 @@ from jax.extend.core import jaxpr_as_fun
 from jaxtyping import Array
 
 from jaxshroud.march.method import Choices
+from jaxshroud.march.taylor import Taylor
+from jaxshroud.model.absent import Scalar
 
 COMPILER = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
 # Kernels of power series, of 3,000 to 8,000 operations: the usual emitter takes minutes for them, this one seconds.
@@ -42,27 +45,42 @@ EachLane = Callable[..., Any]  # (f, *args): `f(*args)` of every lane; all array
 def compiled(*static: str) -> Callable[[Callable], Callable]:
     """A decorator: compile with `COMPILER`, or without it where XLA refuses that; `static` names arguments as in jit.
 
-    What one of the arguments says is to be marched by power series is compiled with `FOR_SERIES`. The function that is
-    called has the attribute `widest`, which is the one compiled with `COMPILER`.
+    Where the argument `method` says so, a march by power series is compiled with `FOR_SERIES`, once for all tolerances.
+    The function that is called has attributes `widest` and `large`: those that these compile.
     """
 
     def decorate(f: Callable) -> Callable:
-        widest = jax.jit(f, static_argnames=static, compiler_options=COMPILER)
-        large = jax.jit(f, static_argnames=static, compiler_options=FOR_SERIES)
         plain = jax.jit(f, static_argnames=static)
+        widest = jax.jit(f, static_argnames=static, compiler_options=COMPILER)
+
+        @partial(jax.jit, static_argnames=static, compiler_options=FOR_SERIES)
+        @wraps(f)
+        def large(*, tolerance: Scalar, method: Choices, **given: Any) -> Any:
+            return f(**given, method=_of_tolerance(method, tolerance))
 
         @wraps(f)
         def call(*args: Any, **kwargs: Any) -> Any:
-            series = any(isinstance(a, Choices) and a.taylor for a in (*args, *kwargs.values()))
+            given = signature(f).bind(*args, **kwargs).arguments
+            method: Choices | None = given.get("method")
+            taylor = method and method.taylor
             inside = any(isinstance(a, Tracer) for a in jax.tree.leaves((args, kwargs)))  # of a program with its own
-            if inside or not accepted(series):
+            if inside or not accepted(bool(taylor)):
                 return plain(*args, **kwargs)
-            return (large if series else widest)(*args, **kwargs)
+            if not method or not taylor:
+                return widest(*args, **kwargs)
+            named = given | {"method": method._replace(tableau=Taylor(taylor.order))}
+            return large(**named, tolerance=taylor.tolerance)
 
-        call.widest = widest  # pyright: ignore[reportAttributeAccessIssue]
+        call.widest, call.large = widest, large  # pyright: ignore[reportAttributeAccessIssue]
         return call
 
     return decorate
+
+
+def _of_tolerance(method: Choices, tolerance: Any) -> Choices:
+    """The same power series with another tolerance."""
+    assert method.taylor is not None
+    return method._replace(tableau=method.taylor._replace(tolerance=tolerance))
 
 
 @cache
@@ -206,9 +224,16 @@ def groups(method: Choices, smooth: bool) -> tuple[int, ...] | None:
     return tuple(range(at_once, size, at_once))
 
 
-def repeated_while(going: Callable[[Tree], Array], once: Callable[[Tree], Tree], lanes: Tree) -> Tree:
+def in_parts(method: Choices, smooth: bool) -> bool:
+    """Whether a trial is several kernels."""
+    return bool(method.taylor) or groups(method, smooth) is not None
+
+
+def repeated_while(going: Callable[[Tree], Array], once: Callable[[Tree], Tree], lanes: Tree, parts: bool) -> Tree:
     """`once` again and again while `going`.
 
-    Two by two: the first writes to memory of its own, the second back where the lanes came from, and none is copied.
+    Where `once` is a single kernel two by two: the first writes to memory of its own, the second back where the lanes
+    came from, and none is copied. Where it is in `parts`, the last of these can do that.
     """
-    return lax.while_loop(going, lambda lanes: once(once(lanes)), lanes)
+    twice = once if parts else lambda lanes: once(once(lanes))
+    return lax.while_loop(going, twice, lanes)

@@ -16,10 +16,10 @@ from jaxshroud.march.events import Kind, seat, switches
 from jaxshroud.march.lane import Fixed, Lane
 from jaxshroud.model.absent import Pair, Scalar, is_absent, where
 from jaxshroud.model.friction import slider_speed, slip_sign
-from jaxshroud.model.geometry import Touch, pose, touch, touch_rates
+from jaxshroud.model.geometry import Pose, Touch, pose, touch, touch_rates
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.ready import Model, turns
-from jaxshroud.model.rhs import Integrals, Lean, lean, rhs, wave
+from jaxshroud.model.rhs import Lean, Ledger, lean, rhs, wave
 from jaxshroud.model.series import Series, cut, rate_of
 from jaxshroud.model.state import State
 from jaxshroud.model.trig import sincos_turns
@@ -36,7 +36,8 @@ class Course(NamedTuple):
     v: Any
     u: Any
     guards: list[Guard]  # negative while the mode may go on
-    rates: Integrals  # of the integrals, per radian, by the motion up to its order; works in `unit ** 2` joules
+    pose: Pose
+    works: Ledger | None  # their rates per radian, by the motion up to its order, in `unit ** 2` joules
     case: Int[Array, ""]  # the held one; when apart, that of the position at the start
     unit: Scalar  # seconds per radian
 
@@ -61,15 +62,16 @@ def course(lane: Lane, fixed: Fixed, order: int, ledger: bool) -> Course:
     rates = [tuple(map(rate_of, pair)) for pair in places]
     now = State(Motion(*places, *rates), held.u_s, held.mode, case)
     found.extend(rhs(Q, now, model, False)[0].acceleration)
-    # Squares and products have twice the frequency: their integrals go on where those of what is known still matter.
+    # Products have twice the frequency: their integrals go on where those of what is known still matter.
     known = jax.tree.map(lambda a: cut(a, order), now.motion)
-    gains = rhs(Q, State(known, held.u_s, held.mode, case), model, ledger)[1]
+    works = rhs(Q, State(known, held.u_s, held.mode, case), model, ledger)[1].ledger
 
-    at = touch(pose(*places), case, model.block, model.reading)
+    q = pose(*places)
+    at = touch(q, case, model.block, model.reading)
     at = at._replace(v=cut(at.v, order - 1), u=cut(at.u, order - 1))
     lift = Kind.LIFT, jnp.where(held.mode == Mode.APART, 1.0, -1.0) * at.v
     guards = [lift, *_switches(Q, at, now, model, order), *_rubs(at, now, model)]
-    return Course(now.motion, at.v, at.u, guards, gains, case, unit)
+    return Course(now.motion, at.v, at.u, guards, q, works, case, unit)
 
 
 def frozen(way: Course) -> Course:

@@ -96,7 +96,9 @@ def begin(state: State, model: Model, method: Choices) -> Lane:
     guards = look(state.motion, (zero, zero), state, model).guards if model.spring.modal else None
     guards = jax.tree.map(jnp.zeros_like, guards)  # the first trial, of length zero, sets them
     if method.taylor:
-        return Lane(state, count0, Stride(zero, zero, yes, count0 - 1, ~yes, count0, count0), None, tally, count0)
+        tolerance = zero + method.taylor.tolerance
+        stride = Stride(zero, zero, yes, count0 - 1, ~yes, count0, count0, tolerance)
+        return Lane(state, count0, stride, None, tally, count0)
     search = fresh(zero, zero, yes, count0, method.locate, method.derivative)
     return Lane(state, count0, search, guards, tally, count0)
 

@@ -16,7 +16,7 @@ from jaxshroud.model.absent import Scalar, filled, is_absent
 from jaxshroud.model.series import value_and_rate
 
 PARTS = 2  # of a trial, at whose ends guards are looked at
-NEWTONS = 4
+NEWTONS = 3  # and the one by which the root is known to be found
 # Events are met so much of a trial late, by bytes of a number. Loaded case switches jump the force: nearly parallel
 # faces, with dozens of them, made 1e-6 of 2^-42.
 BEYOND = {8: 2.0**-50, 4: 2.0**-18}
@@ -47,6 +47,7 @@ class Stride(NamedTuple):
     peeking: Bool[Array, ""]  # the trial has ended at the top of a guard
     events: Int[Array, ""]  # in this step
     tries: Int[Array, ""]  # trials in a row that came to nothing
+    tolerance: Scalar  # of the last terms of the speeds, over the largest speed
 
 
 class _Place(NamedTuple):
@@ -136,11 +137,14 @@ def _polished(chosen: Coefficients, place: _Place, width: Scalar):
     step = jnp.where(place.hump, back, _newton(g, rate))
     for _ in range(NEWTONS):
         low, high = jnp.where(g > 0, low, s), jnp.where(g > 0, s, high)
-        near = jnp.where(step < jnp.inf, jnp.clip(s - step, low, high), (low + high) / 2)
-        s = jnp.where(missed, s, near)
+        s = jnp.where(missed, s, _nearer(s, step, low, high))
         g, rate = value_and_rate(chosen, s)
         step = _newton(g, rate)
-    return s, missed, step
+    return jnp.where(missed, s, _nearer(s, step, low, high)), missed, step
+
+
+def _nearer(s: Scalar, step: Scalar, low: Scalar, high: Scalar) -> Scalar:
+    return jnp.where(step < jnp.inf, jnp.clip(s - step, low, high), (low + high) / 2)
 
 
 def _newton(g: Scalar, rate: Scalar) -> Scalar:

@@ -21,19 +21,20 @@ from jaxshroud.march.lane import Fixed, Jumps, Lane, Tally, displacements_of, ru
 from jaxshroud.march.locate import select
 from jaxshroud.march.method import Choices
 from jaxshroud.march.peaks import Peaks
+from jaxshroud.march.quadrature import rule
 from jaxshroud.march.rise import MOST_TRIES, Met, Stride, ended, first_rise, picked
 from jaxshroud.march.trial import Noted, Sizes, change, finite, status_of, tallied
 from jaxshroud.march.within import Within
-from jaxshroud.model.absent import Scalar, is_absent
+from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.rhs import Integrals, Ledger, wave
+from jaxshroud.model.rhs import Integrals, Ledger, mean_square, wave
 from jaxshroud.model.series import Series, value, value_and_rate
 from jaxshroud.model.state import State
 from jaxshroud.model.trig import sincos_turns
 from jaxshroud.scene.motion import Motion
 
 LONGEST = 0.5  # [rad] of a trial: guards are looked at so often at least
-MORE = 4  # terms of the integrals than of the motion: with none, those of squares err 100 times the tolerance
+MORE = 4  # terms of the works than of the motion: with none, those of squares err 100 times the tolerance
 NOTHING = 1e-30  # a speed that does not matter [m/rad]
 SLIVER = {8: 1e-12, 4: 1e-6}  # of a step, by bytes of a number: so much is not left over
 
@@ -69,22 +70,23 @@ def leg(lane: Lane, fixed: Fixed, method: Choices) -> Leg:
 def leg_and_places(lane: Lane, fixed: Fixed, method: Choices) -> tuple[Leg, Places]:
     """The trial of a lane, and the polynomials of its displacements in radians from its start."""
     assert method.taylor is not None
-    order, tolerance = method.taylor
+    order = method.taylor.order
     way, step = course(lane, fixed, order, method.ledger), RADIANS * fixed.grid.turn
     still, found = (lax.stop_gradient((lane, fixed)), frozen(way)) if method.derivative else ((lane, fixed), way)
-    met, kind = _trial(found, *still, order, tolerance)
+    met, kind = _trial(found, *still, order)
     s = jnp.where(met.again, 0.0, met.end)
     if method.derivative:
         s = _moving(way, order, met, s, _rest(lane, fixed))
     places = jax.tree.map(lambda a: a.upto(order), displacements_of(way.motion))
     seen = None if method.derivative else _seen(way, s, lane, met, kind, fixed, method)
-    return Leg(moved(places, way.unit, s), _gained(way, order, s), s / step, kind, met, seen), places
+    gain = Integrals(_squares(way, order, s, fixed.model.gyration), _works(way, order, s))
+    return Leg(moved(places, way.unit, s), gain, s / step, kind, met, seen), places
 
 
-def _trial(way: Course, lane: Lane, fixed: Fixed, order: int, tolerance: float) -> tuple[Met, Int[Array, ""]]:
+def _trial(way: Course, lane: Lane, fixed: Fixed, order: int) -> tuple[Met, Int[Array, ""]]:
     """What the trial meets, and the kind of the event."""
     search = lane.search
-    h = jnp.minimum(_allowed(way, order, tolerance, fixed), jnp.maximum(_rest(lane, fixed), 0.0))
+    h = jnp.minimum(_allowed(way, order, search.tolerance, fixed), jnp.maximum(_rest(lane, fixed), 0.0))
     h = jnp.where((search.tries > 0) & (search.tries < MOST_TRIES), jnp.minimum(h, search.cap), h)
     return _met(way, order, h, search)
 
@@ -114,7 +116,7 @@ def _seen(way: Course, s: Scalar, lane: Lane, met: Met, kind: Int[Array, ""], fi
     return Seen(deepest(way, order, s), halfway(way, order, s), within, forces)
 
 
-def _allowed(way: Course, order: int, tolerance: float, fixed: Fixed) -> Scalar:
+def _allowed(way: Course, order: int, tolerance: Scalar, fixed: Fixed) -> Scalar:
     """The length at which the last terms of the speeds are so small a part of the largest speed [rad]."""
     largest = lambda n: reduce(jnp.maximum, (jnp.abs(c) for c in _metres(way, n, fixed)))  # noqa: E731
     speed = reduce(jnp.maximum, map(largest, (1, 2, 3)))
@@ -163,24 +165,36 @@ def moved(places: Places, unit: Scalar, s: Scalar) -> Motion:
     return Motion(*here, *speeds)
 
 
-def _gained(way: Course, order: int, s: Scalar) -> Integrals:
-    """The integrals after `s` radians."""
-    gained = lambda rate, at=s: value(_integral(rate, order), at)  # noqa: E731
-    left, right = (a if is_absent(a) else gained(a) * way.unit for a in way.rates.power)
-    ledger = way.rates.ledger
-    if ledger is not None:
-        half = gained(ledger.drive, s / 2)
-        parts = (ledger.drive, ledger.viscous, ledger.friction)
-        drive, viscous, friction = (a if is_absent(a) else gained(a) for a in parts)
-        gross = jnp.abs(half) + jnp.abs(drive - half)
-        joules = 1 / (way.unit * way.unit)
-        ledger = Ledger(*(a * joules for a in (drive, gross, viscous, friction)))
-    return Integrals((left, right), ledger)
+def _squares(way: Course, order: int, s: Scalar, gyration: Scalar) -> Pair:
+    """Mean squares of the displacements, integrated over `s` radians."""
+    pose, total = way.pose, (ABSENT, ABSENT)
+    at = lambda a, t: a if is_absent(a) else value(a.upto(order), s * t) if t else a[0]  # noqa: E731
+    mean = lambda a: a if is_absent(a) else value(_integral(a, order), s) / jnp.where(s > 0, s, 1.0)  # noqa: E731
+    versine = tuple(map(mean, pose.versine))  # which counts for itself
+    for t, weight in zip(*rule(order), strict=True):
+        x, y = (tuple(at(a, t) for a in pair) for pair in (pose.x, pose.y))
+        here = mean_square(pose._replace(x=x, y=y, versine=versine), gyration)
+        total = total[0] + weight * here[0], total[1] + weight * here[1]
+    left, right = (a if is_absent(a) else a * s * way.unit for a in total)
+    return left, right
 
 
-def _integral(rate: Series, order: int) -> tuple[Scalar, ...]:
+def _works(way: Course, order: int, s: Scalar) -> Ledger | None:
+    """The works over `s` radians."""
+    if way.works is None:
+        return None
+    gained = lambda rate, at=s: value(_integral(rate, order + MORE), at)  # noqa: E731
+    half = gained(way.works.drive, s / 2)
+    parts = (way.works.drive, way.works.viscous, way.works.friction)
+    drive, viscous, friction = (a if is_absent(a) else gained(a) for a in parts)
+    gross = jnp.abs(half) + jnp.abs(drive - half)
+    joules = 1 / (way.unit * way.unit)
+    return Ledger(*(a * joules for a in (drive, gross, viscous, friction)))
+
+
+def _integral(rate: Series, terms: int) -> tuple[Scalar, ...]:
     """Coefficients of the integral."""
-    return (jnp.zeros_like(rate[0]), *(rate[n] * (1 / (n + 1)) for n in range(order + MORE)))
+    return (jnp.zeros_like(rate[0]), *(rate[n] * (1 / (n + 1)) for n in range(terms)))
 
 
 def settle(lane: Lane, leg: Leg, fixed: Fixed, method: Choices) -> Lane:
@@ -232,5 +246,6 @@ def _advanced(lane: Lane, leg: Leg, fire: Bool[Array, ""], fixed: Fixed) -> tupl
         peeking=met.peek,
         events=events,
         tries=jnp.where(moved, 0, search.tries + 1),
+        tolerance=search.tolerance,
     )
     return ahead, lane.step + whole

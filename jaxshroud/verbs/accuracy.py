@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -24,7 +25,9 @@ CLASSES = (1.5, 4.0, 12.0, np.inf)  # upper bounds of omega_max over the largest
 
 PROBED = 256  # lanes, at most, on which a setting is tried before it is chosen
 SHARE = 0.95  # of the lanes, for which an accuracy is promised
-FINER = 3  # settings tried beyond the table's, each of half the step
+FINER = 3  # settings tried beyond the table's, each of half the step or a tenth of the tolerance
+SURE = 3.0  # an estimated error is one draw: where motions multiply errors, another may be so many times as large
+ROUNDINGS = 2.0**-50  # relative, of forces
 ABOUT = 2.0  # times the least error is as good, where none is small enough
 
 
@@ -36,7 +39,7 @@ class Choice:
     setting: Setting
     steps: int
     promised: bool  # False: it is not to be had, and this is about the best there is
-    reached: float = np.nan  # error that so many of the probed lanes stayed below, by comparison with half the step
+    reached: float = np.nan  # error that so many of the probed lanes stay below, by comparison with a finer march
 
     @property
     def method(self) -> Choices:
@@ -44,7 +47,8 @@ class Choice:
         return self.setting.method
 
     def __str__(self) -> str:
-        told = f"accuracy {self.accuracy:.0e}: {self.setting} (omega_max h), {self.steps} steps a period"
+        product = "" if self.setting.order else " (omega_max h)"
+        told = f"accuracy {self.accuracy:.0e}: {self.setting}{product}, {self.steps} steps a period"
         if self.promised:
             return told
         best = f"{self.reached:.0e} is the best for 95 % of runs"
@@ -53,7 +57,7 @@ class Choice:
 
 @cache
 def _table() -> list[dict[str, list]]:
-    """For each class of stiffness: levels that can be promised, with tableau, locator, precision and omega_max h."""
+    """For each class of stiffness: levels that can be promised, with the numbers of a `Setting`."""
     return json.loads((Path(__file__).parent / "accuracy.json").read_text("utf-8"))
 
 
@@ -77,7 +81,7 @@ def choose(scenes: Scene, batch_dims: int, asked: str | float) -> Choice:
 
     The table says what is enough for scenes of such a stiffness. How much the motion itself multiplies errors, at
     impacts and between nearly parallel faces, differs from scene to scene: each setting is tried on the scenes at hand
-    over three periods against half its step, and a finer one taken where it misses.
+    over three periods against a finer one, and that taken where it misses.
 
     Args:
         scenes: One scene, or many with so many leading dimensions: the stiffest decides on the step.
@@ -95,9 +99,9 @@ def choose(scenes: Scene, batch_dims: int, asked: str | float) -> Choice:
     probe, turn, tried = _probe(lanes), stiffest(lanes, 1), []
     for setting in _candidates(lanes, wanted):
         steps = setting.steps(*turn)
-        error = _shared(estimated_errors(probe, setting, steps))
+        error = SURE * _shared(estimated_errors(probe, setting, steps))
         tried.append(Choice(wanted, setting, steps, error <= wanted, error))
-        if error <= wanted:
+        if tried[-1].promised:
             return tried[-1]
     least = min(choice.reached for choice in tried)
     return next(choice for choice in tried if choice.reached <= ABOUT * least)
@@ -108,7 +112,8 @@ def _candidates(lanes: Scene, wanted: float) -> list[Setting]:
     row = _table()[int(np.searchsorted(CLASSES, stiffness_ratio(lanes, 1)))]
     able = {float(at): Setting(*setting) for at, setting in row.items()}
     enough = [able[at] for at in sorted(able, reverse=True) if at <= wanted * 1.001] or [able[min(able)]]
-    finer = [enough[-1]._replace(product=enough[-1].product / 2**n) for n in range(1, FINER + 1)]
+    finer = [enough[-1].finer(n) for n in range(1, FINER + 1)]
+    finer = [setting for setting in finer if setting.finer(1).tolerance < setting.tolerance / 2 or not setting.order]
     return list(dict.fromkeys([*enough, *finer]))
 
 
@@ -126,9 +131,13 @@ def _shared(errors: np.ndarray) -> float:
 
 
 def estimated_errors(scenes: Scene, setting: Setting, steps: int) -> np.ndarray:
-    """Error of each lane (leading axis) by comparison with half the step in float64; NaN where it stops."""
-    finer = setting._replace(locate="cubic", precision="float64").method
-    return state_errors(end_states(scenes, steps, setting.method), end_states(scenes, 2 * steps, finer))
+    """Error of each lane (leading axis) by comparison with a finer march in float64; NaN where it stops.
+
+    That one is driven by forces a few roundings larger: how much the motion multiplies roundings is an error too.
+    """
+    finer, loads = setting.finer(1).exact.method, lambda scenes: (scenes.drive.F_0, scenes.drive.M_0)
+    nudged = eqx.tree_at(loads, scenes, replace_fn=lambda a: np.asarray(a) * (1 + ROUNDINGS))
+    return state_errors(end_states(scenes, steps, setting.method), end_states(nudged, 2 * steps, finer))
 
 
 def broken(scenes: Scene, choice: Choice) -> np.ndarray:

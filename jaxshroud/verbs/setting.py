@@ -13,6 +13,7 @@ from jaxshroud.batch.tangents import Dual, differentiable, direction, resting, r
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
 from jaxshroud.march.tableau import LEAST_STEPS, tableau
+from jaxshroud.march.taylor import TOLERANCES, Taylor
 from jaxshroud.march.words import Locate
 from jaxshroud.model.absent import Scalar
 from jaxshroud.model.linear import area, free_power
@@ -33,23 +34,36 @@ class Ran(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """One way to march with steps of equal length: static choices of the one engine."""
+    """One way to march: static choices of the one engine, and the steps; those of power series only count time."""
 
     tableau: str
     locate: Locate
     precision: str
     product: float  # omega_max h
     width: float = 0.0  # of smooth contact in the spring's place, over `free_size`; 0: the contact of the scene
+    order: int = 0  # of power series
+    tolerance: float = 0.0  # of these
 
     @property
     def method(self) -> Choices:
         """The choices but the step."""
-        return Choices(tableau(self.tableau), self.locate, False, self.precision)  # type: ignore[arg-type]
+        how = Taylor(self.order, self.tolerance) if self.order else tableau(self.tableau)
+        return Choices(how, self.locate, False, self.precision)  # type: ignore[arg-type]
+
+    def finer(self, n: int) -> "Setting":
+        """With the step halved `n` times, and a tolerance that has as many more digits, if that is a tolerance."""
+        tolerance = max(self.tolerance / 10**n, TOLERANCES[0]) if self.order else 0.0
+        return self._replace(product=self.product / 2**n, tolerance=tolerance)
+
+    @property
+    def exact(self) -> "Setting":
+        """The same by the best locator, in float64."""
+        return self._replace(locate="series" if self.order else "cubic", precision="float64")
 
     @property
     def kind(self) -> str:
         """The choices that are no numbers, in words."""
-        located = {"cubic": "", "bisection": ", bisection", "none": ", not located"}[self.locate]
+        located = {"cubic": "", "bisection": ", bisection", "none": ", not located", "series": ""}[self.locate]
         single = ", float32" if self.precision == "float32" else ""
         return f"{self.tableau}{single}{located}{', smooth' if self.width else ''}"
 
@@ -75,8 +89,15 @@ class Setting(NamedTuple):
         return np.asarray(flow.tangent.power[0])
 
     def __str__(self) -> str:
+        if self.order:
+            return f"{self.kind}, order {self.order} to {self.tolerance:.0e}"
         width = f", width {self.width:.3g}" if self.width else ""
         return f"{self.kind}{width}, {self.product:.3g}"
+
+
+def by_series(order: int, tolerance: float, product: float = 1.0) -> Setting:
+    """A march by power series; the steps are those that events and flat contact are counted by."""
+    return Setting("taylor", "series", "float64", product, order=order, tolerance=tolerance)
 
 
 def softened(scenes: Scene, width: float) -> Scene:

@@ -19,7 +19,7 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.vary import value_of
 from jaxshroud.verbs.adaptive import Adaptive
 from jaxshroud.verbs.lanes import one_scene
-from jaxshroud.verbs.setting import HORIZON, SHORT, Ran, Setting, state_errors, states
+from jaxshroud.verbs.setting import HORIZON, SHORT, Ran, Setting, by_series, state_errors, states
 
 SPREAD = 0.05  # relative, of the lanes around a scene
 NEIGHBOURS = ("contact.gamma", "shroud.gap", "drive.F_0[0]", "drive.F_0[1]", "drive.omega", "friction.mu")
@@ -76,11 +76,13 @@ MARCHED = {
 }
 LOCATED = tuple(Setting(name, "cubic", digits, p) for (name, digits), steps in MARCHED.items() for p in steps)
 TOLERANCES = {"Tsit5": (1e-3, 1e-6), "Dopri8": (1e-5, 1e-9), "Kvaerno5": (1e-3, 1e-5)}
+SERIES = ((8, 1e-5), (10, 1e-6), (12, 1e-8), (14, 1e-10), (16, 1e-12))  # orders and tolerances
 ADAPTIVE = tuple(Adaptive(solver, rtol) for solver, levels in TOLERANCES.items() for rtol in levels)
 WIDTHS = (1 / 4, 1 / 16, 1 / 64)
 SETTINGS: dict[str, tuple[Way, ...]] = {
     "spring": (
         *LOCATED,
+        *(by_series(*choice) for choice in SERIES),
         *(Setting("rk4", "bisection", "float64", p) for p in (0.5, 0.25)),
         *(Setting("rk4", "none", "float64", p) for p in (0.5, 0.12)),
         *(Setting("rk4", "cubic", "float64", 1.0, width) for width in WIDTHS),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from side_by_side import EXACT, with_parts
 
-from jaxshroud import sweep, vary
+from jaxshroud import Method, sweep, vary
 from jaxshroud.batch import xla
 from jaxshroud.batch.loop import advance
 from jaxshroud.batch.periods import begin_lanes, run_block
@@ -108,3 +108,15 @@ def test_one_compilation_serves_all_sizes(table1):
     before = run_block.widest._cache_size()
     sweep(table1, {"shroud.gap": np.linspace(1e-5, 1e-4, 70)}, n_periods=3, transient=1, steps_per_period=120)
     assert run_block.widest._cache_size() == before
+
+
+@pytest.mark.full
+def test_one_compilation_serves_all_tolerances(table1):
+    def run(tolerance):
+        method = Method("taylor", order=4, tolerance=tolerance)
+        return sweep(table1, {"shroud.gap": [1e-5, 2e-5]}, n_periods=1, transient=0, method=method)
+
+    coarse, before = run(1e-1), run_block.large._cache_size()
+    fine = run(1e-6)
+    assert run_block.large._cache_size() == before
+    assert np.max(np.abs(fine.motion.x - coarse.motion.x)) > 1e-6 * np.max(np.abs(fine.motion.x))  # control: it counts

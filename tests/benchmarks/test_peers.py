@@ -12,6 +12,7 @@ import jax
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from peers import heyoka_batch
 from problem import PERIODS, Problem, errors, problem
 from rich.console import Console
 from rich.table import Table
@@ -31,6 +32,8 @@ PEERS = (
     "jax_nested",
 )
 TARGETS = (1e-3, 1e-6, 1e-9, 1e-11)
+QUANTILES = {"error": 0.5, "p95": 0.95, "most": 1.0}
+TAILS = ("jaxshroud taylor", heyoka_batch.NAME)  # whose tails are drawn
 LANES, ROUNDS = 256, 5
 SLOW = 5.0  # seconds beyond which one round has to do
 
@@ -52,7 +55,7 @@ def contestants(whole: Problem):
         run = engine.prepare(whole, method)
         entries += [(name, n, whole, run) for n in steps]
     by_series = engine.prepare_series(whole)
-    entries += [("jaxshroud taylor", tolerance, whole, by_series) for tolerance in engine.ORDERS]
+    entries += [("jaxshroud taylor", tolerance, whole, by_series) for tolerance in engine.SERIES]
     for module in PEERS:
         peer = importlib.import_module(f"peers.{module}")
         reason = peer.missing()
@@ -70,17 +73,17 @@ def timed(entries) -> list[dict]:
     """Median cost of each entry over rounds that go through all of them in turn."""
     rows = []
     for name, setting, part, run in entries:
-        start = time.perf_counter()
+        start = time.process_time()
         states = run(setting)  # compiles
         rows.append(dict(name=name, setting=setting, lanes=len(part.gamma), states=states, seconds=[]))
-        rows[-1]["first"] = time.perf_counter() - start
+        rows[-1]["first"] = time.process_time() - start
     for _ in range(ROUNDS):
         for row, (_, setting, _, run) in zip(rows, entries, strict=True):
             if row["seconds"] and row["seconds"][0] > SLOW:
                 continue
-            start = time.perf_counter()
+            start = time.process_time()
             run(setting)
-            row["seconds"].append(time.perf_counter() - start)
+            row["seconds"].append(time.process_time() - start)
     for row in rows:
         row["us"] = float(np.median(row["seconds"]) / row["lanes"] / PERIODS * 1e6)
     return rows
@@ -96,6 +99,33 @@ def cost_at(rows: list[dict], name: str, error: float) -> float | None:
     return float(min(*reached, np.exp(np.interp(np.log(error), e, us)))) if error < points[-1][0] else min(reached)
 
 
+def cheapest(rows: list[dict], name: str, error: float, of: str) -> float | None:
+    """Cost of the cheapest of a method's settings that reach an error."""
+    return min((r["us"] for r in rows if r["name"] == name and r[of] <= error), default=None)
+
+
+def without_callbacks(rows: list[dict], whole: Problem) -> list[dict]:
+    """Rows of a peer less what it spends in Python at events."""
+    if heyoka_batch.missing():
+        return []
+    spent = heyoka_batch.callbacks(whole) / LANES / PERIODS * 1e6
+    name = f"{heyoka_batch.NAME}, less its callbacks"
+    return [{**r, "name": name, "us": r["us"] - spent} for r in rows if r["name"] == heyoka_batch.NAME]
+
+
+def series_trials(whole: Problem, reference: np.ndarray) -> list[dict]:
+    """Trials, events and errors of power series by order and tolerance."""
+    found = []
+    for order, digits in engine.TRIED.items():
+        for tolerance in (10.0**-n for n in digits):
+            method = engine.series(order, tolerance)
+            made, events = engine.trials(whole, method)
+            error = errors(engine.prepare(whole, method)(engine.SERIES_STEPS), reference)
+            told = dict(order=order, tolerance=tolerance, trials=made, events=events)
+            found.append(told | {name: float(np.quantile(error, at)) for name, at in QUANTILES.items()})
+    return found
+
+
 def machine() -> dict:
     """What the figures were measured on."""
     info = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
@@ -104,28 +134,53 @@ def machine() -> dict:
     return {"cpu": model, "avx2": " avx2" in info, "avx512": "avx512f" in info, **packages}
 
 
-def draw(rows: list[dict], path: Path) -> None:
-    """The work-precision diagram."""
-    figure, axes = plt.subplots(figsize=(7.5, 5), layout="constrained")
+def draw(rows: list[dict], series: list[dict], path: Path) -> None:
+    """The work-precision diagram with its tails, and the trials of power series."""
+    figure, (axes, right) = plt.subplots(1, 2, figsize=(10, 5.6), layout="constrained", width_ratios=(2, 1))
     for i, name in enumerate(dict.fromkeys(r["name"] for r in rows)):
-        points = [(r["error"], r["us"]) for r in rows if r["name"] == name]
-        ours = name.startswith("jaxshroud")
+        mine = [r for r in rows if r["name"] == name]
+        ours, color = name.startswith("jaxshroud"), plt.get_cmap("tab20")(i % 20)
         style = dict(lw=2.2, marker="o", ms=5) if ours else dict(lw=1, marker="s", ms=3.5, ls="--")
-        axes.loglog(*zip(*points, strict=True), label=name, color=plt.get_cmap("tab20")(i % 20), **style)
-    axes.set(xlabel="median error after 3 periods", ylabel="cost [µs per lane and period]")
-    axes.invert_xaxis()
+        axes.loglog([r["error"] for r in mine], [r["us"] for r in mine], label=name, color=color, **style)
+        if name in TAILS:
+            for r in mine:
+                axes.plot([r["error"], r["p95"]], [r["us"]] * 2, color=color, lw=1)
+                axes.plot(r["most"], r["us"], color=color, marker="|", ms=6)
+    axes.set(xlabel="error after 3 periods: median, line to p95, tick at the largest", xlim=(3e-1, 1e-15))
+    axes.set(ylabel="CPU time [µs per lane and period]")
     axes.grid(alpha=0.3, which="major")
     axes.legend(fontsize=7, ncols=2, frameon=False, loc="upper left", bbox_to_anchor=(0, -0.13))
+    for k, order in enumerate(dict.fromkeys(r["order"] for r in series)):
+        mine = [r for r in series if r["order"] == order]
+        color = plt.get_cmap("viridis")(k / len(engine.TRIED))
+        right.semilogx([r["tolerance"] for r in mine], [r["trials"] for r in mine], "o-", color=color, label=f"{order}")
+    right.axhline(series[0]["events"], color="k", ls=":", lw=1)
+    right.annotate("events", (1e-3, series[0]["events"]), xytext=(0, 3), textcoords="offset points", fontsize=8)
+    right.set(xlabel="tolerance of the series", ylabel="trials of a lane in a period", ylim=(0, None))
+    right.invert_xaxis()
+    right.grid(alpha=0.3)
+    right.legend(title="order", fontsize=7, title_fontsize=8, frameon=False)
     figure.savefig(path, dpi=150)
     plt.close(figure)
 
 
-def show(rows: list[dict], ratios: dict, absent: dict) -> None:
+def show(rows: list[dict], ratios: dict, sound: dict, absent: dict) -> None:
     console = Console(width=110)
-    table = Table("method", "setting", "median error", "us / lane / period", title="Cost against error, one core")
+    columns = "method", "setting", "median error", "p95", "largest", "us / lane / period"
+    table = Table(*columns, title="CPU time against error, one core")
     for r in rows:
-        table.add_row(r["name"], f"{r['setting']:g}", f"{r['error']:.1e}", f"{r['us']:.1f}")
+        told = (f"{r[name]:.1e}" for name in QUANTILES)
+        table.add_row(r["name"], f"{r['setting']:g}", *told, f"{r['us']:.1f}")
     console.print(table)
+    for of, costs in sound.items():
+        title = (
+            f"Cost of the cheapest setting whose {'median' if of == 'error' else of} reaches it, over ours by series"
+        )
+        table = Table("method", *(f"at {t:g}" for t in TARGETS), title=title)
+        for name, row in costs.items():
+            over = zip(row, costs["jaxshroud taylor"], strict=True)
+            table.add_row(name, *("-" if a is None or b is None else f"{a / b:.2f}" for a, b in over))
+        console.print(table)
     table = Table("method", *(f"at {t:g}" for t in TARGETS), title="Cost over that of jaxshroud's cheapest method")
     for name, row in ratios.items():
         table.add_row(name, *("-" if r is None else f"{r:.2f}" for r in row))
@@ -143,14 +198,19 @@ def test_cost_against_error():
     reference = engine.prepare(whole, Choices(tableau("dopri8"), ledger=False))(1000)
     rows = timed(entries)
     for row in rows:
-        row["error"] = float(np.median(errors(row.pop("states"), reference[:: LANES // row["lanes"]])))
+        error = errors(row.pop("states"), reference[:: LANES // row["lanes"]])
+        row |= {name: float(np.quantile(error, at)) for name, at in QUANTILES.items()}
+    rows += without_callbacks(rows, whole)
     names = list(dict.fromkeys(r["name"] for r in rows))
     costs = {name: [cost_at(rows, name, t) for t in TARGETS] for name in names}
     ours = [min(c for n in names if n.startswith("jaxshroud") and (c := costs[n][i])) for i in range(len(TARGETS))]
     ratios = {n: [c and c / o for c, o in zip(cost, ours, strict=True)] for n, cost in costs.items()}
-    show(rows, ratios, absent)
+    sound = {of: {n: [cheapest(rows, n, t, of) for t in TARGETS] for n in names} for of in ("error", "p95")}
+    series = series_trials(whole, reference)
+    show(rows, ratios, sound, absent)
     RESULTS.mkdir(exist_ok=True)
-    draw(rows, RESULTS / "peers.png")
-    found = {"machine": machine(), "rows": rows, "targets": TARGETS, "ratios": ratios, "absent": absent}
+    draw(rows, series, RESULTS / "peers.png")
+    found = {"machine": machine(), "rows": rows, "targets": TARGETS, "ratios": ratios, "cheapest": sound}
+    found |= {"series": series, "absent": absent}
     (RESULTS / "peers.json").write_text(json.dumps(found, indent=1))
     assert all(np.isfinite(r["error"]) for r in rows if r["name"].startswith("jaxshroud"))

@@ -411,9 +411,9 @@ def test_accuracy_is_chosen_printed_and_stored(tmp_path, capsys):
     ]
     assert cli.main([*words, "--transient", "2", "--out", str(tmp_path / "s")]) == 0
     told = capsys.readouterr()
-    assert "accuracy 1e-06: dopri8" in told.err
+    assert "accuracy 1e-06: taylor" in told.err
     summary = json.loads((tmp_path / "s" / "summary.json").read_text())
-    assert "accuracy 1e-06: dopri8" in summary["accuracy"]
+    assert "accuracy 1e-06: taylor" in summary["accuracy"]
     with xr.open_dataset(tmp_path / "s" / "sweep.nc", engine="h5netcdf") as ds:
         assert ds["inaccurate"].to_numpy().tolist() == [0, 0, 0]
         assert ds["inaccurate"].attrs["accuracy"] == 1e-6

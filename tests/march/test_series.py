@@ -23,7 +23,7 @@ from jaxshroud.march.taylor import Taylor
 from jaxshroud.model.absent import is_absent
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.ready import model
-from jaxshroud.model.rhs import rhs, wave
+from jaxshroud.model.rhs import mean_square, rhs, wave
 from jaxshroud.model.series import Series, value, value_and_rate
 from jaxshroud.model.state import State
 from jaxshroud.scene.motion import Motion
@@ -68,11 +68,11 @@ def expanded(state: State, scene) -> dict:
     accelerations = [value_and_rate(a.upto(ORDER), s)[1] for pair in way.motion[3:] for a in pair]
     seen = look(z, Q, State(z, state.u_s, state.mode, way.case), per_radian(ready, way.unit))
     guards = [at(series) for _, series in way.guards]
-    ledger, exact = way.rates.ledger, rates.ledger
+    ledger, exact = way.works, rates.ledger
     works = [at(a) for a in (ledger.drive, ledger.viscous, ledger.friction)]
     return {
         "accelerations": (accelerations, jax.tree.leaves(slope.acceleration)),
-        "power": (list(map(at, way.rates.power)), list(rates.power)),
+        "power": (list(map(at, mean_square(way.pose, ready.gyration))), list(rates.power)),
         "works": (works, [exact.drive, exact.viscous, exact.friction]),
         "guards": ([*guards[:3], jnp.maximum(*guards[3:])], list(seen.guards.value)),
     }

@@ -163,8 +163,8 @@ def test_words_are_checked_on_the_command_line(line, expected, capsys, tmp_path,
 def test_explain_marches_as_the_accuracy_says(capsys):
     assert cli.main(["explain", "table1", *X[:2], "--accuracy", "balanced"]) == 0
     told = capsys.readouterr()
-    assert "accuracy 1e-06: dopri8" in told.out
-    assert "accuracy 1e-06: dopri8" in told.err
+    assert "accuracy 1e-06: taylor" in told.out
+    assert "accuracy 1e-06: taylor" in told.err
 
 
 def test_an_accuracy_that_has_no_choice_is_told(capsys):

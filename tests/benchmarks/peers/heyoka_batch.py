@@ -9,6 +9,7 @@ run is over takes up the next run at once.
 
 import importlib.util
 import math
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -22,7 +23,8 @@ except ImportError:  # told by missing()
     njit = lambda f: f  # noqa: E731
 
 NAME = "heyoka.py, batch Taylor, terminal events"
-SETTINGS = (1e-3, 1e-5, 1e-6, 1e-8, 1e-10, 1e-12)  # tolerances
+SETTINGS = tuple(10.0**-n for n in range(3, 13))  # tolerances
+CALLS = 20_000  # of a callback, timed
 
 # Guards are lowered by this much [m or rad]: heyoka loses the next root of a series that starts at exactly zero, as a
 # guard does that was crossed just now. It also keeps a transition from undoing itself, so that no cooldown is needed.
@@ -275,7 +277,8 @@ def first_case(p: Problem, book: np.ndarray) -> int:
 class Machine:
     """An integrator of one tolerance and what its lanes carry."""
 
-    def __init__(self, p: Problem, tolerance: float, batch: int):
+    def __init__(self, p: Problem, tolerance: float, batch: int, counted: bool = False):
+        self.calls, self.crossing = 0, self.counting if counted else self.plain
         self.springs, self.batch = (p.gamma * p.k_x).tolist(), batch
         self.book, self.ends = constants(p, batch), np.empty((len(self.springs), 12))
         self.begun = self.ended = 0
@@ -287,9 +290,18 @@ class Machine:
         self.ta = hy.taylor_adaptive_batch(motion, state, tol=tolerance, t_events=events, pars=pars)
         self.state, self.pars = self.ta.state, self.ta.pars  # views
 
-    def crossing(self, event: int) -> Callable:
+    def plain(self, event: int) -> Callable:
         """The callback of a guard: a plain function, as heyoka copies what it is given."""
         return lambda ta, sign, lane: cross(event, lane, self.state, self.pars, self.book)
+
+    def counting(self, event: int) -> Callable:
+        """The same, counted."""
+
+        def call(ta: Any, sign: int, lane: int) -> bool:
+            self.calls += 1
+            return cross(event, lane, self.state, self.pars, self.book)
+
+        return call
 
     def begin(self, lane: int) -> None:
         """The next run; where all are taken, the last one again, to keep the lane busy."""
@@ -315,6 +327,17 @@ class Machine:
             self.begin(lane)
         self.ta.propagate_until(1e9)  # an end of a run stops it
         return self.ends.copy()
+
+
+def callbacks(problem: Problem) -> float:
+    """Seconds that all runs spend in Python and in the transitions at events: calls, times what one takes."""
+    machine = Machine(problem, SETTINGS[3], hy.recommended_simd_size(), counted=True)
+    machine.run()
+    begun = time.process_time()
+    for _ in range(CALLS // 2):  # stick begins and ends
+        machine.plain(4)(None, 1, 0)
+        machine.plain(3)(None, 1, 0)
+    return (time.process_time() - begun) / CALLS * machine.calls
 
 
 def prepare(problem: Problem) -> Callable[[float], np.ndarray]:
