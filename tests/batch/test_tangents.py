@@ -143,6 +143,7 @@ def naive(monkeypatch):
     return FAST._replace(tableau=FAST.tableau._replace(name="naive"))  # another name: compiled anew
 
 
+@pytest.mark.full
 def test_naive_tangents_are_wrong(naive):
     # Control: without the derivative of the events' instants, tangents through chaos miss by more than 1 %.
     scene = scene_at(5.5)

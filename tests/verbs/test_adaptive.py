@@ -25,7 +25,7 @@ SOLVERS = {
 }
 
 
-@pytest.mark.full(but=["implicit"])
+@pytest.mark.full
 @pytest.mark.parametrize("kind", SOLVERS)
 def test_smooth_contact(table1, kind):
     # The same right-hand side, another way through time. The motion amplifies errors some thousandfold in a period.

@@ -37,7 +37,7 @@ def kernel_weighted_slope(scene, gamma):
     return np.sum(weight * xi * P_d) / np.sum(weight * xi**2) / (SIGMA * gamma)
 
 
-@pytest.mark.full(but=["gamma 5.5"])
+@pytest.mark.full
 @pytest.mark.parametrize("gamma", CHAOTIC.values(), ids=CHAOTIC)
 def test_the_interval_covers_the_slope_of_a_dense_sweep(gamma):
     scene, keys = with_numbers(scene_at(gamma), ["contact.gamma"]), ["contact.gamma"]

@@ -137,6 +137,7 @@ def test_promised_accuracies_are_kept_on_unseen_scenes(index):
         assert np.all(broken(lanes, choice)[error > 2 * choice.accuracy])  # and these carry a warning
 
 
+@pytest.mark.full
 def test_growth_of_errors_is_taken_into_account():
     # Nearly parallel faces, which the table has not seen: what it has for 1e-6 misses it in a third of the lanes.
     base = load("fig09", ["drive.M_0=0.1"]).scene
