@@ -32,8 +32,8 @@ METHODS = {f"jaxshroud {name}": (Choices(tableau(name), "cubic", False), steps) 
 }
 
 SERIES = {  # orders for tolerances, chosen on other lanes than those of the benchmarks
-    **{10.0**-n: order for n, order in ((3, 6), (4, 8), (5, 10), (6, 10), (7, 12), (8, 14), (9, 14), (10, 16))},
-    **{1e-11: 16, 1e-12: 18},
+    **{1e-3: 6, 1e-4: 8, 3e-5: 8, 1e-5: 10, 3e-6: 10, 1e-6: 10, 3e-7: 12, 1e-7: 12, 3e-8: 12, 1e-8: 14, 3e-9: 14},
+    **{1e-9: 14, 3e-10: 16, 1e-10: 16, 3e-11: 16, 1e-11: 16, 1e-12: 18},
 }
 TRIED = {6: (3, 4, 5), 8: (3, 4, 5, 6), 10: (4, 5, 6, 7), 12: (5, 7, 8, 9), 14: (6, 8, 9, 10), 16: (8, 10, 11, 12)}
 

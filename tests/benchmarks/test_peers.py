@@ -34,6 +34,7 @@ PEERS = (
 TARGETS = (1e-3, 1e-6, 1e-9, 1e-11)
 QUANTILES = {"error": 0.5, "p95": 0.95, "most": 1.0}
 TAILS = ("jaxshroud taylor", heyoka_batch.NAME)  # whose tails are drawn
+COLORS = dict(zip(TAILS, ("black", "magenta"), strict=True))
 LANES, ROUNDS = 256, 5
 SLOW = 5.0  # seconds beyond which one round has to do
 
@@ -139,7 +140,7 @@ def draw(rows: list[dict], series: list[dict], path: Path) -> None:
     figure, (axes, right) = plt.subplots(1, 2, figsize=(10, 5.6), layout="constrained", width_ratios=(2, 1))
     for i, name in enumerate(dict.fromkeys(r["name"] for r in rows)):
         mine = [r for r in rows if r["name"] == name]
-        ours, color = name.startswith("jaxshroud"), plt.get_cmap("tab20")(i % 20)
+        ours, color = name.startswith("jaxshroud"), COLORS.get(name, plt.get_cmap("tab20")(i % 20))
         style = dict(lw=2.2, marker="o", ms=5) if ours else dict(lw=1, marker="s", ms=3.5, ls="--")
         axes.loglog([r["error"] for r in mine], [r["us"] for r in mine], label=name, color=color, **style)
         if name in TAILS:
