@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from jaxshroud.results.drawing import BLUE, COLUMN, INK, PLAIN, Floats, Look, legend_below, new_figure, say
 from jaxshroud.results.look import styled
 from jaxshroud.results.panels import LEAST, interval, is_seen, limits
+from jaxshroud.results.words import fitting
 
 
 @styled
@@ -20,7 +21,7 @@ def power_convergence(data: Mapping[str, Any], *, look: Look = PLAIN) -> Figure:
         data: `n`, `P_d` and `P_d_ci` (lists; None is a missing number), `final` and `title`.
         look: What is asked for otherwise.
     """
-    figure = new_figure(str(data.get("title", "")), COLUMN, 2.8, look)
+    figure = new_figure(fitting(str(data.get("title", "")), ()), COLUMN, 2.8, look)
     if not np.isfinite(_numbers(data)[1]).any():
         return say(figure, "no period was finished")
     panel = figure.subplots()

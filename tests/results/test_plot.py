@@ -342,6 +342,12 @@ def test_power_convergence():
     assert f"{data['final']['P_d']:.4g} ± 0.12 % ($n$ = 2000, aperiodic)" in texts(figure)
 
 
+@pytest.mark.parametrize(("title", "shown"), [("Fig. 15: P_d over n", True), ("Fig. 9: x_1 over gamma", False)])
+def test_a_picture_of_power_is_not_called_a_diagram_over_something_else(title, shown):
+    told = texts(drawn(plot_power.power_convergence(power() | {"title": title})))
+    assert ("Fig." in told) == shown
+
+
 def test_power_with_missing_numbers():
     data = power(5) | {"P_d_ci": [None] * len(power(5)["n"])}
     data["final"] |= {"ci": None, "settled": False, "period_number": 2}
