@@ -25,10 +25,15 @@ def grid_of_scenes(scene: Scene, axes: Mapping[str, np.ndarray]) -> Scene:
     """
     for key, values in axes.items():
         check_values(found(key)[0], np.asarray(values), key)
-    build = lambda *values: varied(scene, axes, values)  # noqa: E731
-    for i in reversed(range(len(axes))):
-        build = jax.vmap(build, in_axes=[0 if j == i else None for j in range(len(axes))])
-    return jax.jit(build)(*(jnp.asarray(v) for v in axes.values()))
+    return _grid(scene, tuple(axes), [jnp.asarray(v) for v in axes.values()])
+
+
+@partial(jax.jit, static_argnames="keys")
+def _grid(scene: Scene, keys: tuple[str, ...], values: list) -> Scene:
+    build = lambda *values: varied(scene, keys, values)  # noqa: E731
+    for i in reversed(range(len(keys))):
+        build = jax.vmap(build, in_axes=[0 if j == i else None for j in range(len(keys))])
+    return build(*values)
 
 
 def varied(scene: Scene, keys: Iterable[str], values: Iterable[Any]) -> Scene:
