@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.runs import Plan
-from jaxshroud.march.method import REFERENCE
+from jaxshroud.march.method import REFERENCE, Choices
+from jaxshroud.march.taylor import TOLERANCES
 from jaxshroud.model.state import State, start
 from jaxshroud.results.tuned import Judged
 from jaxshroud.scene.motion import Motion
@@ -21,11 +22,10 @@ def checked(problem: Problem, design: np.ndarray, seed: int) -> dict[str, Judged
     """The design simulated again: with half the step and the reference method, four times as long, from elsewhere.
 
     The reference method is bisection in float64, with the search's own tableau: no check is coarser than the search.
+    Power series have a hundredth of the tolerance instead.
     """
     plan, quiet = problem.plan, lambda _: None
-    reference = plan.method._replace(
-        locate=REFERENCE.locate, precision=problem.scene.drive.omega.dtype.name, ledger=False
-    )
+    reference = _finest(plan.method)._replace(precision=problem.scene.drive.omega.dtype.name, ledger=False)
     fine = Plan(plan.transient, plan.kept, 2 * plan.steps_per_period, 0.0, reference)
     long = Plan(4 * plan.transient, 4 * plan.kept, plan.steps_per_period, 0.0, plan.method)
     found = {
@@ -37,6 +37,13 @@ def checked(problem: Problem, design: np.ndarray, seed: int) -> dict[str, Judged
         state = _pushed(problem.scene, random)
         found[f"another start, {i + 1}"] = judge_designs(problem._replace(plan=long, state=state), design[None], quiet)
     return found
+
+
+def _finest(method: Choices) -> Choices:
+    """The same tableau by bisection, or power series that are finer."""
+    if method.taylor is None:
+        return method._replace(locate=REFERENCE.locate)
+    return method._replace(tableau=method.taylor._replace(tolerance=max(method.taylor.tolerance / 100, TOLERANCES[0])))
 
 
 def _pushed(scene: Scene, random: np.random.Generator) -> State:
