@@ -89,3 +89,18 @@ def pytest_collection_modifyitems(config, items):
 def table1():
     """Table 1 of the article with Table 2's gap and F_0, gamma = 2.5, consistent reading."""
     return load("table1", ["contact.gamma=2.5", "drive.F_0=60"]).scene
+
+
+@pytest.fixture
+def written(monkeypatch):
+    """Places of the blocks of a store that were written so far."""
+    from jaxshroud.results.unfinished import Unfinished
+
+    places, write = [], Unfinished.write
+
+    def told(self, block, *rest):
+        places.append(block.place)
+        write(self, block, *rest)
+
+    monkeypatch.setattr(Unfinished, "write", told)
+    return places

@@ -7,9 +7,8 @@ from jax import lax
 from jaxshroud.batch.loop import driven
 from jaxshroud.batch.sampled import Schedule, differentiable_samples
 from jaxshroud.batch.states import as_arrays
-from jaxshroud.batch.tangents import Flow, begun, differentiable, ended
+from jaxshroud.batch.tangents import Flow, begun, differentiable, ended, whole_grid
 from jaxshroud.batch.xla import alone, plain
-from jaxshroud.march.lane import Fixed, grid
 from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State
@@ -65,9 +64,7 @@ def _by_jax(scene: Scene, state: State, n_periods: int, steps_per_period: int, m
     """A plain program, which JAX differentiates as it is."""
     lane, model, period = begun(scene, state, method)
     steps = jnp.full((1,), steps_per_period, jnp.int32)
-    steps_of = grid(jnp.zeros_like(period), jnp.full_like(period, steps_per_period), period)
-    models, grids = alone((model, steps_of))
-    fixed = Fixed(models, grids, steps)
+    fixed = whole_grid(*alone((model, period)), steps)
 
     def one_period(lanes, _):
         return driven(lanes, fixed, steps, method, plain, most_trials=most)

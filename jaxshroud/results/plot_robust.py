@@ -10,7 +10,7 @@ from matplotlib.figure import Figure, FigureBase
 
 from jaxshroud.results.drawing import BLUE, GREY, INK, ORANGE, PLAIN, SKY, WIDE, Look, new_figure, quantity
 from jaxshroud.results.look import styled
-from jaxshroud.results.words import wrapped
+from jaxshroud.results.words import between, wrapped
 
 ACROSS = 3  # panels in a row
 BESIDE = 0.35  # share of the interval's width that is shown on either side
@@ -86,7 +86,6 @@ def _draw_scatter(panel: Axes, robust: Mapping[str, Any]) -> None:
     panel.axvline(min(robust["nominal_P_d"]), color=GREY, lw=0.9, ls=":")
     if robust.get("at_least") is not None:
         panel.axvline(robust["at_least"], color=ORANGE, ls="--", lw=0.9)
-        ends = f"{robust['probability_low']:.3g} to {robust['probability_high']:.3g}"
-        told = f"at least {robust['at_least']:g} %:\n{robust['probability']:.3g} ({ends})"
-        panel.set_title(told, fontsize=7, color=INK)
+        chance = between(*(robust[name] for name in ("probability", "probability_low", "probability_high")))
+        panel.set_title(f"at least {robust['at_least']:g} %:\n{chance}", fontsize=7, color=INK)
     panel.set(xlabel="worst $P_d$ of a draw [%]", ylabel="share of draws below", ylim=(0, 1))

@@ -7,6 +7,7 @@ import numpy as np
 from jaxshroud.results.base import Result
 from jaxshroud.results.status import FLAGS
 from jaxshroud.results.variable import Attribute, Variable
+from jaxshroud.results.words import between
 from jaxshroud.scene.errors import InputError
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ class Scatter(Result):
     @property
     def chance(self) -> str:
         """The probability that `at_least` is met with, and its 95 % interval, in words."""
-        return f"{self.probability:.3g} ({self.probability_low:.3g} to {self.probability_high:.3g})"
+        return between(self.probability, self.probability_low, self.probability_high)
 
     @property
     def failed(self) -> int:

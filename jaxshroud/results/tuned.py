@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxshroud.results.base import Result
 from jaxshroud.results.variable import Attribute, Variable
+from jaxshroud.results.words import between
 from jaxshroud.scene.errors import InputError
 
 if TYPE_CHECKING:
@@ -195,7 +196,7 @@ class Tuned(Result):
     @property
     def chance(self) -> str:
         """The probability that `at_least` is met with, and its 95 % interval, in words."""
-        return f"{self.probability:.3g} ({self.probability_low:.3g} to {self.probability_high:.3g})"
+        return between(self.probability, self.probability_low, self.probability_high)
 
     @property
     def robust(self) -> dict[str, Any] | None:

@@ -39,6 +39,11 @@ def _formula(base: str | None, below: str | None, alone: str | None) -> str:
     return greek(alone) if alone else f"{greek(base or '')}_{{{greek(below or '')}}}"
 
 
+def between(value: float, low: float, high: float) -> str:
+    """A number with the ends of its interval."""
+    return f"{value:.3g} ({low:.3g} to {high:.3g})"
+
+
 def fitting(title: str, keys: Iterable[str]) -> str:
     """The title, or none where it says something else than a picture over these numbers of a scene.
 

@@ -11,7 +11,6 @@ from distributed import Client, LocalCluster
 
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
-from jaxshroud.results.unfinished import Unfinished
 from jaxshroud.scene.errors import MachineError
 from jaxshroud.verbs import cluster, stored
 
@@ -29,19 +28,6 @@ def small(monkeypatch):
     monkeypatch.setattr(stored, "LEAST_SENT", 64)
     monkeypatch.setattr(stored, "PARTS_SENT", 10**6)
     monkeypatch.setattr(stored, "STEPS", 4 * 3 * 100)
-
-
-@pytest.fixture
-def written(monkeypatch):
-    """Places of the blocks that were written so far."""
-    places, write = [], Unfinished.write
-
-    def told(self, block, *rest):
-        places.append(block.place)
-        write(self, block, *rest)
-
-    monkeypatch.setattr(Unfinished, "write", told)
-    return places
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,6 @@ import zarr
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import sweep as sweep_verb
-from jaxshroud.results.unfinished import Unfinished
 from jaxshroud.verbs import stored
 
 SHORT = dict(n_periods=2, transient=1, steps_per_period=100)
@@ -35,19 +34,6 @@ def small():
         patch.setattr(stored, "LEAST", 64)
         patch.setattr(stored, "STEPS", 4 * 3 * 100)
         yield
-
-
-@pytest.fixture
-def computed(monkeypatch):
-    """Places of the blocks that were computed so far."""
-    places, write = [], Unfinished.write
-
-    def told(self, block, *rest):
-        places.append(block.place)
-        write(self, block, *rest)
-
-    monkeypatch.setattr(Unfinished, "write", told)
-    return places
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +83,7 @@ def test_a_store_has_the_numbers_of_a_sweep_in_memory(scene, whole, way):
 
 @pytest.mark.full(but=["forward"])
 @pytest.mark.parametrize("way", WAYS)
-def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_path, monkeypatch, computed):
+def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_path, monkeypatch, written):
     left, setitem, savez = [0], zarr.Array.__setitem__, np.savez
 
     def dying(inner):
@@ -118,18 +104,18 @@ def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_p
             run(scene, way, tmp_path / "a.zarr", resume=True)
     left[0] = -1
     same(run(scene, way, tmp_path / "a.zarr", resume=True), whole[way])
-    again = len(computed) - len(set(computed))
+    again = len(written) - len(set(written))
     assert again <= len(kills)  # those under way
-    before = len(computed)
+    before = len(written)
     same(run(scene, way, tmp_path / "a.zarr", resume=True), whole[way])
-    assert len(computed) == before
+    assert len(written) == before
 
 
-def test_an_interrupted_store_tells_what_ended_and_goes_on(scene, whole, tmp_path, computed):
+def test_an_interrupted_store_tells_what_ended_and_goes_on(scene, whole, tmp_path, written):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def stop(done, total):
-        if done > total / 2 and len(computed) > 1:
+        if done > total / 2 and len(written) > 1:
             os.kill(os.getpid(), signal.SIGINT)
 
     try:
@@ -160,12 +146,12 @@ DAMAGES = {
 
 @pytest.mark.full(but=["a flipped bit", "a lost chunk", "a damaged record"])
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_damage_is_found_and_computed_again(scene, whole, tmp_path, computed, damage):
+def test_damage_is_found_and_computed_again(scene, whole, tmp_path, written, damage):
     path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
     place, done = DAMAGES[damage]
     done(path / place)
     same(run(scene, "independent", path, resume=True), whole["independent"])
-    assert computed == [(1,)]
+    assert written == [(1,)]
 
 
 def test_a_damaged_coordinate_is_written_again(scene, whole, tmp_path):
