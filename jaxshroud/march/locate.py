@@ -41,7 +41,7 @@ class Search(NamedTuple):
     recheck: Bool[Array, ""]  # guards may have jumped: a violated one counts even in a trial of length zero
     events: Int[Array, ""]  # in this step
     target: Target | None  # None unless the locator is "cubic"
-    met: Bool[Array, ""] | None  # the event has been found once, and `length` has its derivative; None: no derivatives
+    met: Int[Array, ""] | None  # how often the event was found, to learn how its instant moves; None: no derivatives
 
 
 def fresh(
@@ -55,7 +55,7 @@ def fresh(
     """A search that has not met anything yet."""
     zero, no, none = jnp.zeros_like(done), jnp.zeros((), bool), jnp.zeros((), jnp.int32)
     target = Target(none, zero, zero, zero, none) if locate == "cubic" else None
-    met = no if derivative and locate != "none" else None
+    met = none if derivative and locate != "none" else None
     return Search(done, length, zero, zero, no, no, no, recheck, events, target, met)
 
 

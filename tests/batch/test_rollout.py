@@ -61,23 +61,19 @@ def slopes_of(scene, numbers, periods, steps, method=FAST):
     ids=["x", "cases", "flat"],
 )
 def test_tangents_are_differences_through_all_events(options, motion, periods, steps, kinds):
-    # 1e-6 over the largest slope of each number, wherever differences know it to 1e-7. They do not between nearly
-    # parallel faces in one lane of eight, by kinks where an event falls on the end of a step; and a tangent errs there
-    # by the square of what the method does at switches that are hardly crossed, by up to 6e-6 of RK4 at these steps
-    # (tests/studies/slopes.py: with Dormand-Prince 8 by 2e-8).
+    # 1e-6 over the largest slope of each number, wherever differences know it to 1e-7. Between nearly parallel faces
+    # they do not everywhere, by kinks where an event falls on the end of a step (tests/studies/slopes.py).
     scene = with_parts(js.load("table1", ["contact.gamma=2.5", *options]).scene, motion=motion)
     gamma = np.linspace(1.0, 15.0, 8)
     met = js.sweep(scene, {"contact.gamma": gamma}, n_periods=periods, transient=0, steps_per_period=steps, method=FAST)
     assert kinds <= {name for name, count in met.counters.items() if np.any(count)}
     numbers = jnp.tile(numbers_of(scene), (8, 1)).at[:, 1].set(gamma)
     differences, tangents = slopes_of(scene, numbers, periods, steps)
-    error, known = differences.error(tangents), np.all(differences.doubt < 1e-7, axis=1)
-    if "flat" not in kinds:
-        assert np.all(known), differences.doubt
-        assert np.all(error < 1e-6), error
+    error, known = differences.error(tangents), differences.doubt < 1e-7
+    assert "flat" in kinds or np.all(known), differences.doubt
+    assert np.all(error[known] < 1e-6), error
     lanes = np.max(error, axis=1)
     assert np.sum(lanes < 1e-6) >= 6, lanes
-    assert np.all(lanes[known] < 1e-5), lanes
     assert np.all(lanes < 1e-4), lanes
 
 

@@ -6,9 +6,8 @@ quotients of neighbouring steps agree to 1e-7 of the largest slope (see `tests/q
 falls on the end of a step puts kinks nearer than rounding lets one look.
 
 An event's instant moves with the solution's slope where the trial ends, that of the computed step being another by
-the method's error. The tangent meets the event twice, so that only the square of this is left; where a guard is hardly
-crossed, as between nearly parallel faces, it is not small. It falls with the method's error: the last model is marched
-by RK4 and by Dormand-Prince 8.
+the method's error. The tangent meets the event three times, so that only the third power of this is left; where a guard
+is hardly crossed, as between nearly parallel faces, the second is not small. The last model is marched by two methods.
 """
 
 import json
