@@ -92,6 +92,21 @@ class Rise(NamedTuple):
         rise = self.g_1 - self.g_0
         return self.m_0, 3 * rise - 2 * self.m_0 - self.m_1, self.m_0 + self.m_1 - 2 * rise
 
+    @property
+    def hump(self) -> tuple[Scalar, Scalar]:
+        """Where in between the cubic has a maximum above zero, and its curvature there; 1 and 0 if nowhere.
+
+        A guard that has just been crossed falls before it rises, and may have fallen again by the end.
+        """
+        a, b, c = self.powers
+        square = b * b - 3 * a * c
+        bend = jnp.sqrt(jnp.maximum(square, 0.0))
+        over = jnp.where(b > 0, -(b + bend), a), jnp.where(b > 0, 3 * c, bend - b)  # a quotient that loses no digits
+        inside = (square > 0) & (over[0] * over[1] > 0) & (jnp.abs(over[0]) < jnp.abs(over[1]))
+        top = jnp.where(inside, over[0] / jnp.where(inside, over[1], 1.0), 1.0)
+        humps = inside & (self(top) > 0)
+        return jnp.where(humps, top, 1.0), jnp.where(humps, 2 * bend, 0.0)
+
 
 def _rise(value: tuple, rate: tuple, slid: tuple | None, h: Scalar) -> Rise:
     """From values, rates and, where there are any, integrals at both ends of a stretch of `h` seconds.
@@ -126,9 +141,7 @@ def peak(start: Guards, end: Guards, h: Scalar) -> Scalar:
     for kind in kinds(start.value):
         ends = (start.value[kind], end.value[kind]), (start.rate[kind], end.rate[kind])
         rise = _rise(*ends, (start.slid, end.slid) if kind == Kind.RUB else None, h)
-        humps = (rise.g_0 <= 0) & (rise.m_0 > 0) & (rise.m_1 < 0)
-        top = rise.m_0 / jnp.where(humps, rise.m_0 - rise.m_1, 1.0)
-        first = jnp.where(humps & (rise(top) > 0), jnp.minimum(first, top), first)
+        first = jnp.where(rise.g_0 <= 0, jnp.minimum(first, rise.hump[0]), first)
     return first
 
 

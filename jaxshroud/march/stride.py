@@ -22,7 +22,7 @@ from jaxshroud.march.locate import select
 from jaxshroud.march.method import Choices
 from jaxshroud.march.peaks import Peaks
 from jaxshroud.march.quadrature import rule
-from jaxshroud.march.rise import MOST_TRIES, Met, Stride, ended, first_rise, picked
+from jaxshroud.march.rise import MOST_TRIES, Met, Stride, ended, first_rise, picked, returning
 from jaxshroud.march.trial import Noted, Sizes, change, finite, status_of, tallied
 from jaxshroud.march.within import Within
 from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent
@@ -87,6 +87,7 @@ def _trial(way: Course, lane: Lane, fixed: Fixed, order: int) -> tuple[Met, Int[
     """What the trial meets, and the kind of the event."""
     search = lane.search
     h = jnp.minimum(_allowed(way, order, search.tolerance, fixed), jnp.maximum(_rest(lane, fixed), 0.0))
+    h = jnp.minimum(h, returning([g.upto(2) for _, g in way.guards], h))
     h = jnp.where((search.tries > 0) & (search.tries < MOST_TRIES), jnp.minimum(h, search.cap), h)
     return _met(way, order, h, search)
 
