@@ -7,7 +7,7 @@ nested in the step would make all lanes wait for the one that is bisecting.
 What is marched are `Lane`s, or something that holds them: `lane_of` says where.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import equinox as eqx
@@ -40,16 +40,22 @@ def advance(lanes: Tree, fixed: Any, method: Choices, each: EachLane, lane_of: W
     if method.taylor:
         legs = each(lambda lane, fixed: leg(lane, fixed, method), lanes, fixed)
         return each(lambda lane, leg, fixed: settle(lane, leg, fixed, method), lanes, legs, fixed)
-    cuts, known = groups(method, lane_of(fixed).model.spring.smooth), NO_STAGES
+    cuts = groups(method, lane_of(fixed).model.spring.smooth)
     if cuts is None:
         return each(lambda lane, fixed: _whole(lane, fixed, method), lanes, fixed)
-    for upto in cuts:
-        known = each(lambda lane, known, fixed, upto=upto: _some(lane, known, upto, fixed, method), lanes, known, fixed)
-    end = each(lambda lane, known, fixed: _step(lane, known, fixed, method), lanes, known, fixed)
+    end = stepped(lanes, fixed, method, each, cuts)
     if not method.derivative:
         return each(lambda lane, end, fixed: _judged(lane, end, fixed, method), lanes, end, fixed)
     decision = each(lambda lane, end, fixed: decide(lane, end, fixed, method), lanes, end, fixed)
     return each(lambda lane, end, what, fixed: trial(lane, end, what, fixed, method), lanes, end, decision, fixed)
+
+
+def stepped(lanes: Any, fixed: Any, method: Choices, each: EachLane, cuts: Iterable[int]) -> Any:
+    """Where the trial step of every lane ends, an `End`, with its stages in groups that end before those in `cuts`."""
+    known = NO_STAGES
+    for upto in cuts:
+        known = each(lambda lane, known, fixed, upto=upto: _some(lane, known, upto, fixed, method), lanes, known, fixed)
+    return each(lambda lane, known, fixed: _step(lane, known, fixed, method), lanes, known, fixed)
 
 
 def _whole(lane: Lane, fixed: Fixed, method: Choices) -> Lane:

@@ -21,16 +21,19 @@ PERIODS, STEPS, EVERY = 3, 1600, 4  # 400 samples a period
 MOTION = ("x", "y", "theta", "v_x", "v_y", "v_theta")
 
 
-BY_SERIES = {f"{name}, series": name for name in ("table1", "realistic")}
+SERIES = Method("taylor", order=8, tolerance=1e-10)
+OTHERWISE = {
+    "table1, series": ("table1", SERIES),
+    "realistic, series": ("realistic", SERIES),
+    "realistic, dopri8": ("realistic", Method("dopri8", locate="cubic")),  # of whose stages there are too many at once
+}
 
 
-@pytest.fixture(scope="module", params=[*SCENES, *BY_SERIES])
+@pytest.fixture(scope="module", params=[*SCENES, *OTHERWISE])
 def marched(request):
     """A run with its events, and a sweep of the same scene alone, step by step the same."""
-    p = SCENES[BY_SERIES.get(request.param, request.param)]
-    how = {"n_periods": PERIODS, "steps_per_period": STEPS, "method": Method()}
-    if request.param in BY_SERIES:
-        how["method"] = Method("taylor", order=8, tolerance=1e-10)
+    name, method = OTHERWISE.get(request.param, (request.param, Method()))
+    p, how = SCENES[name], {"n_periods": PERIODS, "steps_per_period": STEPS, "method": method}
     run = simulate(scene_of(p), **how, every=EVERY, events=True)
     return p, run, sweep(scene_of(p), {"contact.k": [p.k]}, **how, transient=0, forces=True)
 
