@@ -5,6 +5,7 @@ import json
 import os
 import platform
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import engine
@@ -64,7 +65,7 @@ def contestants(whole: Problem):
             absent[peer.NAME] = reason
             continue
         every = max(1, LANES // getattr(peer, "LANES", LANES))
-        part = Problem(whole.gamma[::every])
+        part = replace(whole, gamma=whole.gamma[::every])
         run = peer.prepare(part)
         entries += [(peer.NAME, setting, part, run) for setting in peer.SETTINGS]
     return entries, absent
@@ -120,8 +121,9 @@ def series_trials(whole: Problem, reference: np.ndarray) -> list[dict]:
     for order, digits in engine.TRIED.items():
         for tolerance in (10.0**-n for n in digits):
             method = engine.series(order, tolerance)
-            made, events = engine.trials(whole, method)
-            error = errors(engine.prepare(whole, method)(engine.SERIES_STEPS), reference)
+            steps = engine.series_steps(tolerance)
+            made, events = engine.trials(whole, method, steps)
+            error = errors(engine.prepare(whole, method)(steps), reference)
             told = dict(order=order, tolerance=tolerance, trials=made, events=events)
             found.append(told | {name: float(np.quantile(error, at)) for name, at in QUANTILES.items()})
     return found
@@ -193,10 +195,11 @@ def show(rows: list[dict], ratios: dict, sound: dict, absent: dict) -> None:
 @pytest.mark.benchmark
 @pytest.mark.filterwarnings("default")
 @pytest.mark.usefixtures("one_core")
-def test_cost_against_error():
-    whole = problem(LANES)
+@pytest.mark.parametrize("light", [False, True], ids=["table1", "light"])
+def test_cost_against_error(light):
+    whole, name = problem(LANES, light=light), "peers_light" if light else "peers"
     entries, absent = contestants(whole)
-    reference = engine.prepare(whole, Choices(tableau("dopri8"), ledger=False))(1000)
+    reference = engine.prepare(whole, Choices(tableau("dopri8"), ledger=False))(4000 if light else 1000)
     rows = timed(entries)
     for row in rows:
         error = errors(row.pop("states"), reference[:: LANES // row["lanes"]])
@@ -210,8 +213,8 @@ def test_cost_against_error():
     series = series_trials(whole, reference)
     show(rows, ratios, sound, absent)
     RESULTS.mkdir(exist_ok=True)
-    draw(rows, series, RESULTS / "peers.png")
+    draw(rows, series, RESULTS / f"{name}.png")
     found = {"machine": machine(), "rows": rows, "targets": TARGETS, "ratios": ratios, "cheapest": sound}
     found |= {"series": series, "absent": absent}
-    (RESULTS / "peers.json").write_text(json.dumps(found, indent=1))
+    (RESULTS / f"{name}.json").write_text(json.dumps(found, indent=1))
     assert all(np.isfinite(r["error"]) for r in rows if r["name"].startswith("jaxshroud"))
