@@ -40,16 +40,21 @@ def advance(lanes: Tree, fixed: Any, method: Choices, each: EachLane, lane_of: W
     if method.taylor:
         legs = each(lambda lane, fixed: leg(lane, fixed, method), lanes, fixed)
         return each(lambda lane, leg, fixed: settle(lane, leg, fixed, method), lanes, legs, fixed)
-    cuts, known = groups(method, lane_of(fixed).model.spring.smooth), NO_STAGES
-    if cuts is None:
+    if groups(method, lane_of(fixed).model.spring.smooth) is None:
         return each(lambda lane, fixed: _whole(lane, fixed, method), lanes, fixed)
-    for upto in cuts:
-        known = each(lambda lane, known, fixed, upto=upto: _some(lane, known, upto, fixed, method), lanes, known, fixed)
-    end = each(lambda lane, known, fixed: _step(lane, known, fixed, method), lanes, known, fixed)
+    end = ends(lanes, fixed, method, each, lane_of)
     if not method.derivative:
         return each(lambda lane, end, fixed: _judged(lane, end, fixed, method), lanes, end, fixed)
     decision = each(lambda lane, end, fixed: decide(lane, end, fixed, method), lanes, end, fixed)
     return each(lambda lane, end, what, fixed: trial(lane, end, what, fixed, method), lanes, end, decision, fixed)
+
+
+def ends(lanes: Tree, fixed: Any, method: Choices, each: EachLane, lane_of: Where = itself) -> Any:
+    """Where the next trial step of every lane ends by a Runge-Kutta method: stages in groups."""
+    known = NO_STAGES
+    for upto in groups(method, lane_of(fixed).model.spring.smooth) or ():
+        known = each(lambda lane, known, fixed, upto=upto: _some(lane, known, upto, fixed, method), lanes, known, fixed)
+    return each(lambda lane, known, fixed: _step(lane, known, fixed, method), lanes, known, fixed)
 
 
 def _whole(lane: Lane, fixed: Fixed, method: Choices) -> Lane:
