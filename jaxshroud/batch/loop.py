@@ -49,7 +49,7 @@ def advance(lanes: Tree, fixed: Any, method: Choices, each: EachLane, lane_of: W
     return each(lambda lane, end, what, fixed: trial(lane, end, what, fixed, method), lanes, end, decision, fixed)
 
 
-def ends(lanes: Tree, fixed: Any, method: Choices, each: EachLane, lane_of: Where = itself) -> Any:
+def ends(lanes: Any, fixed: Any, method: Choices, each: EachLane, lane_of: Where = itself) -> Any:
     """Where the next trial step of every lane ends by a Runge-Kutta method: stages in groups."""
     known = NO_STAGES
     for upto in groups(method, lane_of(fixed).model.spring.smooth) or ():

@@ -116,11 +116,23 @@ def _looked_at(start: tuple, end: tuple, width: Scalar, peeked: Bool[Array, ""])
     """Whether a guard rises in a part, by a hump, at which share of it, and its cubic there."""
     g_0, g_1 = jnp.minimum(start[0], 0.0), end[0]  # what has just been crossed may begin above zero
     rise = Rise(g_0, g_1, start[1] * width, end[1] * width)
-    falls = (rise.m_0 > 0) & (rise.m_1 < 0)  # by the end, where it may still be above zero
-    top = rise.m_0 / jnp.where(falls, rise.m_0 - rise.m_1, 1.0)
-    hump = falls & (rise(top) > 0) & ~peeked
+    top, _ = _crest(rise)
+    hump = (top < 1) & (rise(top) > 0) & ~peeked  # by the end it may still be above zero, or again
     share = jnp.where(hump, top, -g_0 / jnp.where(g_1 > 0, g_1 - g_0, 1.0))
     return hump | (g_1 > 0), hump, share, rise
+
+
+def _crest(rise: Rise) -> tuple[Scalar, Scalar]:
+    """Where in (0, 1) the cubic has a maximum, 1 if nowhere, and how strongly it bends there.
+
+    It may fall at first: a guard just crossed falls, comes back and falls again where what pushes it back gives way.
+    """
+    a, b, c = rise.powers
+    square = b * b - 3 * a * c
+    bent = jnp.sqrt(jnp.where(square > 0, square, 1.0))
+    over = jnp.where(b > 0, -(b + bent), a), jnp.where(b > 0, 3 * c, bent - b)  # whose quotient loses no digits
+    top = over[0] / jnp.where(over[1] == 0, 1.0, over[1])
+    return jnp.where((square > 0) & (over[1] != 0) & (top > 0) & (top < 1), top, 1.0), 2 * bent
 
 
 def _polished(chosen: Coefficients, place: _Place, width: Scalar):
@@ -132,7 +144,7 @@ def _polished(chosen: Coefficients, place: _Place, width: Scalar):
     s = jnp.where(place.hump, place.at, low + width * root(rise))
     g, rate = value_and_rate(chosen, s)
     missed = place.hump & (g <= 0)
-    bend = jnp.where(place.hump, (rise.m_0 - rise.m_1) / jnp.where(width > 0, width * width, 1.0), 1.0)
+    bend = jnp.where(place.hump, _crest(rise)[1] / jnp.where(width > 0, width * width, 1.0), 1.0)
     back = (jnp.sqrt(jnp.maximum(rate * rate + 2 * bend * g, 0.0)) - rate) / jnp.where(bend > 0, bend, 1.0)
     step = jnp.where(place.hump, back, _newton(g, rate))
     for _ in range(NEWTONS):

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.course import RADIANS, Course, course, frozen
 from jaxshroud.march.crests import both, deepest, halfway, inside, strongest
-from jaxshroud.march.events import Counters, Kind, any_of, count
+from jaxshroud.march.events import FLAT_RETURN, Counters, Kind, any_of, count
 from jaxshroud.march.implicit import at_the_root
 from jaxshroud.march.lane import Fixed, Jumps, Lane, Tally, displacements_of, running
 from jaxshroud.march.locate import select
@@ -26,13 +26,14 @@ from jaxshroud.march.rise import MOST_TRIES, Met, Stride, ended, first_rise, pic
 from jaxshroud.march.trial import Noted, Sizes, change, finite, status_of, tallied
 from jaxshroud.march.within import Within
 from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent
-from jaxshroud.model.modes import Mode
+from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.rhs import Integrals, Ledger, mean_square, wave
 from jaxshroud.model.series import Series, value, value_and_rate
 from jaxshroud.model.state import State
 from jaxshroud.model.trig import sincos_turns
 from jaxshroud.scene.motion import Motion
 
+RETURNS = 4  # of faces that rock, in a trial
 LONGEST = 0.5  # [rad] of a trial: guards are looked at so often at least
 MORE = 4  # terms of the works than of the motion: with none, those of squares err 100 times the tolerance
 NOTHING = 1e-30  # a speed that does not matter [m/rad]
@@ -87,8 +88,26 @@ def _trial(way: Course, lane: Lane, fixed: Fixed, order: int) -> tuple[Met, Int[
     """What the trial meets, and the kind of the event."""
     search = lane.search
     h = jnp.minimum(_allowed(way, order, search.tolerance, fixed), jnp.maximum(_rest(lane, fixed), 0.0))
+    h = jnp.minimum(h, _rocking(way, fixed))
     h = jnp.where((search.tries > 0) & (search.tries < MOST_TRIES), jnp.minimum(h, search.cap), h)
     return _met(way, order, h, search)
+
+
+def _rocking(way: Course, fixed: Fixed) -> Scalar:
+    """How long a trial may be for none to miss how faces rock: a few times what they take to come back [rad].
+
+    A guard of the case that falls, bends back, and falls again as what pushes it back gives way may rise above zero in
+    between. Parts of so many parabolas show it. What comes back sooner than flat contact begins does not matter.
+    """
+    least = jnp.asarray(FLAT_RETURN * RADIANS * fixed.grid.turn)
+    longest = jnp.full_like(least, jnp.inf)
+    for kind, g in way.guards:
+        if kind in (Kind.TURN, Kind.HEIGHT):
+            start, bends = jnp.minimum(g[0], 0.0), g[2] > 0
+            twice = jnp.where(bends, 2 * g[2], 1.0)
+            back = (jnp.sqrt(jnp.maximum(g[1] * g[1] - 2 * twice * start, 0.0)) - g[1]) / twice
+            longest = jnp.where(bends, jnp.minimum(longest, RETURNS * back), longest)
+    return jnp.maximum(longest, least)
 
 
 def _rest(lane: Lane, fixed: Fixed) -> Scalar:
@@ -212,6 +231,8 @@ def settle(lane: Lane, leg: Leg, fixed: Fixed, method: Choices) -> Lane:
     tally = _tallied(lane, leg, jumps, h, lambda counters: count(counters, cross, fire, met.inside))
     status = status_of(z, ~finite(z), jnp.maximum(ahead.events, ahead.tries))
     state = select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
+    # contact may begin flat although one end of the overlap already pulls
+    ahead = ahead._replace(recheck=ahead.recheck | (fire & (cross.after.case == FLAT)))
     return select(goes, Lane(state, step, ahead, None, tally, status), lane)
 
 
