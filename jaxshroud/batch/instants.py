@@ -13,10 +13,10 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
-from jaxshroud.batch.loop import advance, stepped
+from jaxshroud.batch.loop import advance, ends
 from jaxshroud.batch.periods import Clock
 from jaxshroud.batch.states import as_arrays, whole
-from jaxshroud.batch.xla import EachLane, best, compiled, groups
+from jaxshroud.batch.xla import EachLane, best, compiled
 from jaxshroud.march.events import seat
 from jaxshroud.march.lane import Fixed, Lane, running
 from jaxshroud.march.method import Choices
@@ -123,9 +123,8 @@ def _trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, eac
         once = lambda lanes: advance(lanes, fixed, method, each)  # noqa: E731
         idle = lambda pair: jnp.any(~(fired(*pair) | _arrived(*pair)) & running(pair[1], fixed.stop))  # noqa: E731
         held, ahead = lax.while_loop(idle, lambda pair: (pair[1], once(pair[1])), (lanes, once(lanes)))
-        end = stepped(held, fixed, method, each, groups(method, models.spring.smooth) or ())
         trial = _Trial(
-            jax.vmap(up_to_date)(end.state, held.status, models),
+            jax.vmap(up_to_date)(ends(held, fixed, method, each).state, held.status, models),
             jax.vmap(sampled)(ahead, models),
             held.search.done + held.search.length,
             fired(held, ahead),

@@ -7,7 +7,7 @@ nested in the step would make all lanes wait for the one that is bisecting.
 What is marched are `Lane`s, or something that holds them: `lane_of` says where.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -40,20 +40,19 @@ def advance(lanes: Tree, fixed: Any, method: Choices, each: EachLane, lane_of: W
     if method.taylor:
         legs = each(lambda lane, fixed: leg(lane, fixed, method), lanes, fixed)
         return each(lambda lane, leg, fixed: settle(lane, leg, fixed, method), lanes, legs, fixed)
-    cuts = groups(method, lane_of(fixed).model.spring.smooth)
-    if cuts is None:
+    if groups(method, lane_of(fixed).model.spring.smooth) is None:
         return each(lambda lane, fixed: _whole(lane, fixed, method), lanes, fixed)
-    end = stepped(lanes, fixed, method, each, cuts)
+    end = ends(lanes, fixed, method, each, lane_of)
     if not method.derivative:
         return each(lambda lane, end, fixed: _judged(lane, end, fixed, method), lanes, end, fixed)
     decision = each(lambda lane, end, fixed: decide(lane, end, fixed, method), lanes, end, fixed)
     return each(lambda lane, end, what, fixed: trial(lane, end, what, fixed, method), lanes, end, decision, fixed)
 
 
-def stepped(lanes: Any, fixed: Any, method: Choices, each: EachLane, cuts: Iterable[int]) -> Any:
-    """Where the trial step of every lane ends, an `End`, with its stages in groups that end before those in `cuts`."""
+def ends(lanes: Any, fixed: Any, method: Choices, each: EachLane, lane_of: Where = itself) -> Any:
+    """Where the next trial step of every lane ends by a Runge-Kutta method: stages in groups."""
     known = NO_STAGES
-    for upto in cuts:
+    for upto in groups(method, lane_of(fixed).model.spring.smooth) or ():
         known = each(lambda lane, known, fixed, upto=upto: _some(lane, known, upto, fixed, method), lanes, known, fixed)
     return each(lambda lane, known, fixed: _step(lane, known, fixed, method), lanes, known, fixed)
 

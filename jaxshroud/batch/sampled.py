@@ -15,13 +15,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.core import Tracer
 from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Int
 
 from jaxshroud.batch.loop import Where, advance, itself, march
 from jaxshroud.batch.tangents import Dual, Flow, begun, dual, dual_grid, ended, whole_grid
-from jaxshroud.batch.xla import EachLane, Tree, alone, best, in_parts, plain, repeated_while
+from jaxshroud.batch.xla import FOR_SERIES, EachLane, Tree, accepted, alone, best, in_parts, plain, repeated_while
 from jaxshroud.march.implicit import first_order_only
 from jaxshroud.march.lane import Lane, running
 from jaxshroud.march.method import Choices
@@ -144,8 +145,13 @@ def joining_lanes(f: Callable[..., Tree]) -> Callable[..., Tree]:
     return call
 
 
-@partial(jax.jit, static_argnames="schedule")
 def _run(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:
+    inside = any(isinstance(a, Tracer) for a in jax.tree.leaves((scenes, states)))  # of a program with its own compiler
+    large = schedule.method.taylor and not inside and accepted(series=True)
+    return (_run_large if large else _run_plain)(scenes, states, schedule)
+
+
+def _marched(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:
     return joining_lanes(lambda scenes, states: samples(scenes, states, schedule))(scenes, states)
 
 
@@ -174,7 +180,7 @@ def pushed(primals: tuple[Scene, State], tangents: Any, schedule: Schedule) -> t
     along = jnp.concatenate([jnp.ravel(a) for a in jax.tree.leaves(tangents)])
     lanes = jax.tree.map(lambda a: jnp.broadcast_to(a, (len(along), *jnp.shape(a))), tree.unflatten(leaves))
     units = tree.unflatten(_units(leaves, moving, len(along)))
-    flows, _ = _run(*(Dual(*pair) for pair in zip(lanes, units, strict=True)), schedule)
+    flows, _ = _run(*(Dual(*pair) for pair in zip(lanes, units, strict=True)), schedule=schedule)
     flow, slopes = _first(flows.value), _where_ok(flows.value.status[0], flows.tangent)
     slope = lambda a, by: None if by is None else jnp.tensordot(along, by, 1)  # noqa: E731
     return flow, no_tangents(flow, jax.tree.map(slope, flow, slopes))
@@ -209,3 +215,7 @@ def _units(leaves: list[Any], moving: list[bool], count: int) -> list[Any]:
             done += jnp.size(leaf)
         units.append(jnp.asarray(unit.reshape(count, *jnp.shape(leaf))))
     return units
+
+
+_run_plain = jax.jit(_marched, static_argnames="schedule")
+_run_large = jax.jit(_marched, static_argnames="schedule", compiler_options=FOR_SERIES)

@@ -16,6 +16,7 @@ from jaxshroud.model.absent import Scalar, filled, is_absent
 from jaxshroud.model.series import value_and_rate
 
 PARTS = 2  # of a trial, at whose ends guards are looked at
+RETURNS = 2  # of a guard, in a trial at most
 NEWTONS = 3  # and the one by which the root is known to be found
 # Events are met so much of a trial late, by bytes of a number. Loaded case switches jump the force: nearly parallel
 # faces, with dozens of them, made 1e-6 of 2^-42.
@@ -90,14 +91,16 @@ def first_rise(guards: list[Coefficients], h: Scalar, peeked: Bool[Array, ""], t
 
 
 def returning(guards: list[Coefficients], longest: Scalar) -> Scalar:
-    """How long a trial may be where a guard starts at its limit and falls first: until after its parabola's return.
+    """How long a trial may be where guards bend up: twice what their parabolas take to reach zero.
 
-    Between nearly parallel faces that is a small part of a trial, by whose end the guard may be far below zero again.
+    Between nearly parallel faces that is a small part of a trial, by whose end a guard may be far below zero again.
     """
     for guard in ended(guards, longest):
         g, rate, bend = (*guard, jnp.zeros_like(longest))[:3]
-        returns = (rate < 0) & (bend > 0) & (rate * rate + 16 * g * bend > 0)  # from four times as deep as it starts
-        longest = jnp.where(returns, jnp.minimum(longest, PARTS * -rate / jnp.where(returns, bend, 1.0)), longest)
+        bends = bend > 0
+        twice = jnp.where(bends, 2 * bend, 1.0)
+        back = (jnp.sqrt(jnp.maximum(rate * rate - 2 * twice * jnp.minimum(g, 0.0), 0.0)) - rate) / twice
+        longest = jnp.where(bends, jnp.minimum(longest, RETURNS * back), longest)
     return longest
 
 

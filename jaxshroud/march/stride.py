@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.course import RADIANS, Course, course, frozen
 from jaxshroud.march.crests import both, deepest, halfway, inside, strongest
-from jaxshroud.march.events import Counters, Kind, any_of, count
+from jaxshroud.march.events import FLAT_RETURN, Counters, Kind, any_of, count
 from jaxshroud.march.implicit import at_the_root
 from jaxshroud.march.lane import Fixed, Jumps, Lane, Tally, displacements_of, running
 from jaxshroud.march.locate import select
@@ -26,7 +26,7 @@ from jaxshroud.march.rise import MOST_TRIES, Met, Stride, ended, first_rise, pic
 from jaxshroud.march.trial import Noted, Sizes, change, finite, status_of, tallied
 from jaxshroud.march.within import Within
 from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent
-from jaxshroud.model.modes import Mode
+from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.rhs import Integrals, Ledger, mean_square, wave
 from jaxshroud.model.series import Series, value, value_and_rate
 from jaxshroud.model.state import State
@@ -87,7 +87,9 @@ def _trial(way: Course, lane: Lane, fixed: Fixed, order: int) -> tuple[Met, Int[
     """What the trial meets, and the kind of the event."""
     search = lane.search
     h = jnp.minimum(_allowed(way, order, search.tolerance, fixed), jnp.maximum(_rest(lane, fixed), 0.0))
-    h = jnp.minimum(h, returning([g.upto(2) for _, g in way.guards], h))
+    rocking = [g.upto(2) for kind, g in way.guards if kind in (Kind.TURN, Kind.HEIGHT)]
+    soon = jnp.maximum(returning(rocking, h), FLAT_RETURN * RADIANS * fixed.grid.turn)  # beyond, contact is flat
+    h = jnp.minimum(h, soon)
     h = jnp.where((search.tries > 0) & (search.tries < MOST_TRIES), jnp.minimum(h, search.cap), h)
     return _met(way, order, h, search)
 
@@ -213,6 +215,8 @@ def settle(lane: Lane, leg: Leg, fixed: Fixed, method: Choices) -> Lane:
     tally = _tallied(lane, leg, jumps, h, lambda counters: count(counters, cross, fire, met.inside))
     status = status_of(z, ~finite(z), jnp.maximum(ahead.events, ahead.tries))
     state = select(fire, cross.after, State(z, held.u_s, held.mode, held.case))
+    # contact may begin flat although one end of the overlap already pulls
+    ahead = ahead._replace(recheck=ahead.recheck | (fire & (cross.after.case == FLAT)))
     return select(goes, Lane(state, step, ahead, None, tally, status), lane)
 
 

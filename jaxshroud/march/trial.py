@@ -31,7 +31,7 @@ from jaxshroud.march.step import End, place_of
 from jaxshroud.march.within import Within, extremes
 from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent, where
 from jaxshroud.model.friction import Slider
-from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.state import State
 from jaxshroud.model.trig import ANGLE_RANGE
@@ -115,7 +115,7 @@ def trial(lane: Lane, end: End, decision: Decision, fixed: Fixed, method: Choice
     state = select(fire, cross.after, state)
     guards = select(fire, cross.guards, view.guards)
     # where guards may have jumped, or several were violated, one that still is fires in a trial of length zero
-    jumped = decision.several | (kind == Kind.TURN) | (kind == Kind.HEIGHT)
+    jumped = decision.several | (kind == Kind.TURN) | (kind == Kind.HEIGHT) | (cross.after.case == FLAT)
     recheck = fire & jumped & any_of(guards.value[kind] > 0 for kind in kinds(guards.value))
     ahead, step = _advanced(search, lane.step, fire, recheck, method)
     noted = Noted(

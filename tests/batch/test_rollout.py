@@ -205,3 +205,17 @@ def test_a_sweep_function_runs_on_many_devices():
     # In a process of its own: the number of devices is fixed once JAX has started.
     done = subprocess.run([sys.executable, "-c", SHARDED], capture_output=True, text=True, env=os.environ, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.full
+def test_a_rollout_by_power_series_is_differentiated(table1):
+    """Outside of `jax.jit` too, where what it compiles for series is its own choice: otherwise it takes minutes."""
+    method = js.Method("taylor", order=8, tolerance=1e-9)
+
+    def power(gap):
+        return js.rollout(js.vary(table1, "shroud.gap", gap), None, 2, steps_per_period=100, method=method).power[0]
+
+    gap, h = 22e-6, 1e-8
+    _, slope = jax.jvp(power, (gap,), (1.0,))
+    # The difference errs by the tolerance times the power over h, 2e-7 of a slope of 5e-4, and by h^2.
+    assert float(slope) == pytest.approx(float(power(gap + h) - power(gap - h)) / (2 * h), rel=5e-3)
