@@ -114,9 +114,7 @@ def _store(file: SceneFile, options: argparse.Namespace) -> Path | None:
     if options.scheduler and options.store == "nc":
         raise CommandError("--scheduler needs a store, which keeps what workers have computed; leave out --store nc")
     size = results_size(_count(file), file.sweep_run.periods, samples=not options.no_samples)
-    usual = (
-        "zarr" if options.resume or options.scheduler or (size > MOST_IN_FILE and file.direction != "both") else "nc"
-    )
+    usual = "zarr" if options.resume or options.scheduler or size > MOST_IN_FILE else "nc"
     if (options.store or usual) == "nc":
         directory(options.out, ("sweep.nc", "sweep.png", "summary.json"), options.force)
         return None

@@ -45,6 +45,7 @@ def _read_zarr(path: Path) -> "xr.Dataset":
         raise StoreError(f"{path}: no such store, or one in which nothing is finished; run the command again")
     try:
         ds = xr.open_zarr(path, chunks=None, consolidated=False, zarr_format=3)
+        ds = ds.assign({name: a.astype(object).astype(str) for name, a in ds.variables.items() if a.dtype.kind == "T"})
         return ds.load() if ds.nbytes < LARGE else ds
     except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
         what = " ".join(str(error).split())[:120]

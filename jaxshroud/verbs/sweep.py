@@ -138,7 +138,7 @@ def sweep(
     grid, direction = _grid_of(door, along, direction)
     ways = WAYS if direction == "both" else (direction,)
     lanes = len(ways) * math.prod(grid.shape)
-    place = _place(store, direction, resume)
+    place = _place(store, resume)
     fits(lanes, door.transient, door.n_periods, None if samples and place is None else min(lanes, AT_ONCE))
     how = marched(grid.door, grid.lanes, FAST._replace(ledger=ledger))
     if forces:
@@ -152,21 +152,20 @@ def sweep(
         raise InputError("Argument `scheduler` needs a `store`, which keeps what workers have computed.")
     one_way = swept if samples else mapped
     if place is not None:
-        one_way = lambda *sweep: stored(Ordered(*sweep), place, scheduler)  # noqa: E731
-    each = {way: one_way(grid, states, way, wanted) for way in ways}
-    found = overlaid(each) if direction == "both" else each[direction]
+        found = stored(Ordered(grid, states, direction, wanted), place, scheduler)
+    else:
+        each = {way: one_way(grid, states, way, wanted) for way in ways}
+        found = overlaid(each) if direction == "both" else each[direction]
     tell_failures(found.status, found.chatter, throw=throw)
     return found
 
 
-def _place(store: str | os.PathLike[str] | None, direction: Direction, resume: bool) -> Path | None:
+def _place(store: str | os.PathLike[str] | None, resume: bool) -> Path | None:
     """Where the result is to be kept."""
     if store is None:
         if resume:
             raise InputError("Argument `resume` needs a `store` to go on with.")
         return None
-    if direction == "both":
-        raise InputError("A store has one direction; sweep forward and backward into stores of their own.")
     place = Path(store)
     if place.suffix != ".zarr":
         raise InputError(f"Argument `store` must name a folder that ends in .zarr, but is {place}.")

@@ -12,15 +12,17 @@ import pytest
 import zarr
 
 import jaxshroud as js
+from jaxshroud.batch import continuation
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import sweep as sweep_verb
-from jaxshroud.verbs import stored
+from jaxshroud.verbs import stored, stretches
 
 SHORT = dict(n_periods=2, transient=1, steps_per_period=100)
 GAMMA = np.linspace(1.0, 2.0, 200)
 LINE = {"contact.gamma": GAMMA}
 GRID = {"contact.gamma": GAMMA[:10], "drive.F_0": [40.0, 60.0]}
-WAYS = {"independent": LINE, "forward": GRID, "backward": GRID}
+WAYS = {"independent": LINE, "forward": GRID, "backward": GRID, "both": {"contact.gamma": GAMMA[:7]}}
+VALUES = {"forward": 10, "backward": 10, "both": 2 * 7}  # that follow each other
 
 
 class Killed(BaseException):
@@ -29,8 +31,9 @@ class Killed(BaseException):
 
 @pytest.fixture(scope="module", autouse=True)
 def small():
-    """Blocks of 64 lanes, or of four continued values."""
+    """Blocks of 64 lanes, or of four continued values, each of which is kept."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stretches, "SECONDS", 0.0)
         patch.setattr(stored, "LEAST", 64)
         patch.setattr(stored, "STEPS", 4 * 3 * 100)
         yield
@@ -81,10 +84,18 @@ def test_a_store_has_the_numbers_of_a_sweep_in_memory(scene, whole, way):
         np.testing.assert_array_equal(found[name], variable)  # chunks are the same programs in blocks of any size
 
 
-@pytest.mark.full(but=["forward"])
+@pytest.mark.full(but=["forward", "both"])
 @pytest.mark.parametrize("way", WAYS)
 def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_path, monkeypatch, written):
-    left, setitem, savez = [0], zarr.Array.__setitem__, np.savez
+    left, setitem, savez, run_lanes = [0], zarr.Array.__setitem__, np.savez, continuation.run_lanes
+    computed: list[int] = []  # values that follow each other, one after the other
+
+    def counted(*words):
+        if len(words) == 5:
+            computed.append(1)
+        return run_lanes(*words)
+
+    monkeypatch.setattr(continuation, "run_lanes", counted)
 
     def dying(inner):
         def call(*words, **more):
@@ -97,7 +108,8 @@ def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_p
 
     monkeypatch.setattr(zarr.Array, "__setitem__", dying(setitem))
     monkeypatch.setattr(np, "savez", dying(savez))
-    kills = (2, 20, 39, 70)  # while coordinates are written, within the first block, at its record, within another
+    # At a value, while coordinates are written, within the first block, about its end, within another.
+    kills = (2, 6, 23, 42, 73)
     for number in kills:
         left[0] = number
         with pytest.raises(Killed):
@@ -106,6 +118,7 @@ def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_p
     same(run(scene, way, tmp_path / "a.zarr", resume=True), whole[way])
     again = len(written) - len(set(written))
     assert again <= len(kills)  # those under way
+    assert len(computed) <= VALUES.get(way, 0) + len(kills)  # from the last that was finished
     before = len(written)
     same(run(scene, way, tmp_path / "a.zarr", resume=True), whole[way])
     assert len(written) == before
@@ -291,7 +304,7 @@ def test_an_interrupted_command_says_how_to_go_on(words, tmp_path, capsys, monke
     ("more", "told"),
     [
         (["--resume", "--store", "nc"], "leave out --store nc"),
-        (["--direction", "both"], "A store has one direction"),
+        (["--resume", "--scheduler", "nowhere"], "must be an address such as"),
     ],
 )
 def test_what_a_store_cannot_do_is_refused(words, capsys, more, told):
