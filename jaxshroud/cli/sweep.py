@@ -28,6 +28,7 @@ from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.unfinished import relabel, remove
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
+from jaxshroud.scene.parts import WAYS
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.accuracy import Choice
@@ -104,7 +105,7 @@ def _tell_projection(lanes: Scene, plan: Plan, options: argparse.Namespace, plac
 
 def _count(file: SceneFile) -> int:
     """How many lanes there are."""
-    return math.prod(a.values.size for a in file.axes)
+    return math.prod(a.values.size for a in file.axes) * (len(WAYS) if file.direction == "both" else 1)
 
 
 def _store(file: SceneFile, options: argparse.Namespace) -> Path | None:

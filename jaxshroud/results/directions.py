@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxshroud.model.modes import Status
 from jaxshroud.motion.hysteresis import AROUND, Lane, differ, jumps
 from jaxshroud.results.sweep import DIRECTION, SweepResult
 from jaxshroud.scene.motion import Motion
@@ -19,19 +20,31 @@ NO = 0  # verdict of `settling`: the transient is not over
 
 
 def overlaid(found: Mapping[str, SweepResult]) -> SweepResult:
-    """Results of sweeps along the same values as one, with a leading dimension `direction`."""
+    """Results of sweeps along the same values as one, with a leading dimension `direction`.
+
+    Directions that are missing have not been run.
+    """
     import xarray as xr
 
     first = next(iter(found.values())).data
     each = _each(first)
-    way = xr.DataArray(list(found), dims=DIRECTION, name=DIRECTION)
-    parts = [result.data[each] for result in found.values()]
+    way = xr.DataArray(list(WAYS), dims=DIRECTION, name=DIRECTION)
+    parts = [found[way].data[each] if way in found else _not_run(first[each]) for way in WAYS]
     data = first.drop_vars(each).merge(xr.concat(parts, dim=way, combine_attrs="override"))
-    data.attrs = {**first.attrs, "complete": min(int(r.data.attrs["complete"]) for r in found.values())}
+    complete = len(found) == len(WAYS) and all(result.complete for result in found.values())
+    data.attrs = {**first.attrs, "complete": int(complete)}
     chatter = next((result.chatter for result in found.values() if result.chatter), None)
     if chatter is not None:
         data.attrs["chatter"] = chatter
-    return SweepResult(data.assign(compared(data)))
+    return SweepResult(data.assign(compared(data)) if complete else data)
+
+
+def _not_run(like: "xr.Dataset") -> "xr.Dataset":
+    """As many lanes, none of which has run."""
+    import xarray as xr
+
+    fill = {str(name): np.nan if a.dtype.kind == "f" else 0 for name, a in like.data_vars.items()}
+    return like.map(lambda a: xr.full_like(a, {**fill, "status": Status.NOT_RUN}[str(a.name)]))
 
 
 def in_direction(data: "xr.Dataset", way: Direction) -> "xr.Dataset":
@@ -51,7 +64,7 @@ def compared(data: "xr.Dataset") -> "dict[str, xr.Variable]":
     import xarray as xr
 
     dims = data["status"].dims
-    if DIRECTION not in dims or len(dims) > 2:
+    if DIRECTION not in dims or len(dims) > 2 or not set(Motion._fields) <= set(data):
         return {}
     (dim,) = set(dims) - {DIRECTION}
     n = data.sizes[dim]

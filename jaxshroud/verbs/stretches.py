@@ -52,7 +52,7 @@ def in_stretches(work: Work, kept: Record | None, keep: Keep, pace: Pace) -> Gen
     while True:
         stop = min(done + pace.values, n)
         values = slice(n - stop, n - done) if backward else slice(done, stop)
-        at = [values if i == along else slice(m) for i, m in enumerate(grid.shape)]
+        at = [values if i == along else slice(0, m) for i, m in enumerate(grid.shape)]
         began = time.perf_counter()
         found = yield work.some(at, relay)
         pace.seconds = (time.perf_counter() - began) / (stop - done)

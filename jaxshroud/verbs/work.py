@@ -53,8 +53,8 @@ def some(grid: Grid, at: Sequence[slice]) -> Grid:
     scene = jax.tree.map(lambda a: a[tuple(at[:outer])], grid.door.scene) if outer else grid.door.scene
     shape = tuple(part.stop - part.start for part in at[:outer])
     axes = {key: values[part] for (key, values), part in zip(grid.axes.items(), at[outer:], strict=True)}
-    lanes, precise = cut((grid.lanes, grid.precise), at, grid.shape)
-    return Grid(grid.door._replace(scene=scene, shape=shape), lanes, axes, precise)
+    lanes, precise, numbers = cut((grid.lanes, grid.precise, grid.numbers), at, grid.shape)
+    return Grid(grid.door._replace(scene=scene, shape=shape), lanes, axes, precise, numbers)
 
 
 def cut(tree: Any, at: Sequence[slice], shape: Sequence[int]) -> Any:

@@ -142,6 +142,22 @@ def test_an_interrupted_store_tells_what_ended_and_goes_on(scene, whole, tmp_pat
     same(run(scene, "independent", tmp_path / "a.zarr", resume=True), whole["independent"])
 
 
+def test_an_interrupted_sweep_in_all_directions_keeps_those_that_had_ended(scene, whole):
+    def stop(done, total):
+        if done > total / 3 + 3:  # within the second value of the second direction
+            raise KeyboardInterrupt
+
+    with pytest.raises(js.Interrupted) as stopped:
+        js.sweep(scene, WAYS["both"], direction="both", progress=stop, **SHORT)
+    found = stopped.value.done
+    assert not found.complete
+    assert found.jump is None  # unknown until all have run
+    ran = found.status == js.Status.OK
+    assert ran.sum(axis=1).tolist() == [7, 1, 0]
+    np.testing.assert_array_equal(found.P_d[ran], whole["both"].P_d[ran])
+    assert np.isnan(found.P_d[~ran]).all()
+
+
 def flip(path: Path):
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
