@@ -12,6 +12,7 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.extent import fits, memory, results_size
+from jaxshroud.batch.periods import CHUNK
 from jaxshroud.batch.projection import projected_seconds
 from jaxshroud.batch.runs import Plan
 from jaxshroud.batch.threads import Interrupted, cores
@@ -37,6 +38,7 @@ from jaxshroud.verbs.sweep import AT_ONCE, sweep
 from jaxshroud.version import __version__
 
 LONG = 10**9  # steps of lanes: minutes
+ALONE = 16  # as long as so many lanes of a chunk takes one that is run by itself
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
 
 
@@ -55,8 +57,9 @@ def sweep_verb(options: argparse.Namespace) -> None:
     lanes = _lanes(file)
     how = march(file, lanes, options, FAST_WITH_LEDGER if options.ledger else FAST)
     plan = Plan(asked.transient, asked.periods, how.steps, options.phase, how.method)
-    if file.direction == "independent" and count * (plan.transient + plan.kept) * plan.steps_per_period > LONG:
-        _tell_projection(lanes, plan, options, place)
+    slow = 1 if file.direction == "independent" else max(ALONE // _beside(file), 1)
+    if slow * count * (plan.transient + plan.kept) * plan.steps_per_period > LONG:
+        _tell_projection(file, lanes, plan, options, place)
     with progress_bar("lane-periods") as report, blamed(file.name):
         try:
             result = sweep(
@@ -91,16 +94,30 @@ def sweep_verb(options: argparse.Namespace) -> None:
     print_table(file.title or file.name, {**summary, "written": options.out})
 
 
-def _tell_projection(lanes: Scene, plan: Plan, options: argparse.Namespace, place: Path | None) -> None:
+def _tell_projection(
+    file: SceneFile, lanes: Scene, plan: Plan, options: argparse.Namespace, place: Path | None
+) -> None:
     """Say what a long run will take, before it starts."""
-    count = len(lanes.drive.omega)
-    seconds = projected_seconds(in_precision(lanes, plan.method.precision), plan)
-    whole = str(timedelta(seconds=round(seconds)))
-    by = f", {timedelta(seconds=round(seconds / cores()))} h on {cores()} cores" if options.scheduler is None else ""
+    count, beside = _count(file), _beside(file)
+    lanes, each = in_precision(lanes, plan.method.precision), {}
+    ways = WAYS if file.direction == "both" else (file.direction,)
+    for at_once in {None if way == "independent" else beside for way in ways}:
+        with progress_bar("lane-periods of a trial") as report:
+            each[at_once] = projected_seconds(lanes, plan, beside=at_once, progress=report)
+    taken = [each[None if way == "independent" else beside] for way in ways]
+    busy = [min(cores(), cores() if way == "independent" else -(-beside // CHUNK)) for way in ways]
+    whole = timedelta(seconds=round(sum(taken)))
+    real = timedelta(seconds=round(sum(seconds / n for seconds, n in zip(taken, busy, strict=True))))
+    by = f", {real} h on {cores()} core{'s' * (cores() > 1)}" if options.scheduler is None else ""
     held = memory(count, plan.kept, min(count, AT_ONCE) if place is not None or options.no_samples else None) / 2**30
     stored = results_size(count, plan.kept, samples=not options.no_samples) / 2**30
     about = f"some {whole} h of processor time{by}, {held:.3g} GiB of memory, {stored:.3g} GiB of results"
     print(f"{count} lanes: {about}{'' if place is None else f' in {place}'}", file=sys.stderr)
+
+
+def _beside(file: SceneFile) -> int:
+    """How many lanes each value of the first key has."""
+    return math.prod(a.values.size for a in file.axes[1:])
 
 
 def _count(file: SceneFile) -> int:

@@ -26,7 +26,7 @@ h2 { border-top: 1px solid #bbb; padding-top: 1rem; }
 table { border-collapse: collapse; font-size: .88rem; display: block; overflow-x: auto; }
 td, th { padding: .2rem .7rem .2rem 0; text-align: left; vertical-align: top; white-space: nowrap; }
 th { border-bottom: 1px solid #1a1a1a; } td { font-variant-numeric: tabular-nums; }
-img { max-width: 100%; height: auto; } code { font-size: .92em; }
+img { max-width: 100%; height: auto; } code { font-size: .92em; } sub, sup { line-height: 0; }
 pre { background: #f4f4f4; padding: .8rem; overflow-x: auto; font-size: .82rem; }
 .word { font-size: 1.3rem; font-weight: 600; } @media print { h2 { break-after: avoid; } table { overflow: visible; } }
 """

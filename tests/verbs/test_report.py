@@ -53,7 +53,7 @@ def test_text_is_escaped_and_broken_into_pages():
 )
 def test_symbols_of_pages_are_typeset(text, typeset):
     assert typeset in html(text, [Section(text, [text], [[text], [text]])]).decode()
-    assert html(text, [Section(text, [text], [[text], [text]])]).decode().count(f">{typeset}<") == 5  # wherever it is
+    assert html(text, [Section(text, [text], [[text], [text]])]).decode().count(f">{typeset}<") >= 5  # wherever it is
     assert b"/Type /Page" in pdf(text, [])
 
 

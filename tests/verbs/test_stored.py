@@ -356,3 +356,12 @@ def test_a_long_run_says_first_what_it_will_take(words, capsys, monkeypatch, lon
     if told:
         assert "GiB of memory" in line[0]
         assert line[0].endswith("sweep.zarr")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("direction", ["forward", "both"])
+def test_a_long_run_in_a_direction_says_so_too(words, capsys, monkeypatch, direction):
+    monkeypatch.setattr(sweep_verb, "LONG", 0)
+    lanes = 20 * (3 if direction == "both" else 1)
+    assert cli.main([*words, "--num", "20", "--direction", direction]) == 0
+    assert any(line.startswith(f"{lanes} lanes: some ") for line in capsys.readouterr().err.splitlines())
