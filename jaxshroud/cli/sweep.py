@@ -47,7 +47,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
     file = with_axes(loaded(options), options)
     if not 0 <= options.phase < 2 * np.pi:
         raise CommandError(f"--phase must be in [0, 2 pi), but is {options.phase}")
-    if not options.period_tol >= 0:
+    if not 0 <= options.period_tol < np.inf:
         raise CommandError(f"--period-tol must be a number of at least 0, but is {options.period_tol}")
     asked, began, place = file.sweep_run, time.perf_counter(), _store(file, options)
     with blamed(file.name):
