@@ -23,6 +23,9 @@ SHOW_CURSOR = "\x1b[?25h"  # which the progress bar hides
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     files.written.clear()
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the shell
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115  until the end of the process
     try:
         options = parser().parse_args(words(sys.argv[1:] if arguments is None else arguments))
         verb = getattr(import_module(f"jaxshroud.cli.{options.verb}"), f"{options.verb}_verb")

@@ -48,6 +48,12 @@ def test_an_output_that_takes_no_more_is_one_line():
     assert (done.returncode, done.stderr) == (1, "the machine failed: [Errno 28] No space left on device\n")
 
 
+def test_a_closed_output_is_no_failure():
+    words = f"{sys.executable} -m jaxshroud scenes >&-"
+    done = subprocess.run(words, shell=True, stderr=subprocess.PIPE, text=True, timeout=300)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.fixture
 def full(monkeypatch):
     """A disk that takes no more."""
