@@ -24,9 +24,10 @@ from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table,
 from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.settling import UNKNOWN
+from jaxshroud.results.files import written
 from jaxshroud.results.store import write_json
 from jaxshroud.results.sweep import SweepResult
-from jaxshroud.results.unfinished import relabel, remove
+from jaxshroud.results.unfinished import BEGUN, relabel, remove
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.parts import WAYS
@@ -39,6 +40,7 @@ from jaxshroud.version import __version__
 
 LONG = 10**9  # steps of lanes: minutes
 ALONE = 16  # as long as so many lanes of a chunk takes one that is run by itself
+GOES_ON = "; the same command with --resume goes on"
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
 
 
@@ -79,11 +81,12 @@ def sweep_verb(options: argparse.Namespace) -> None:
             )
         except Interrupted as stopped:
             if stopped.done is None:
-                raise
+                raise _unfinished(place) from None
             _keep_finished(stopped.done, file, options.out, place, began)
     if place is None:
         missed = _save(named(result, file), file, unmet(lanes, how.choice), how.choice, options.out)
     else:
+        written.append(place)
         relabel(place, named(result, file).data.attrs)
         missed = None if how.choice is None else warned(result.inaccurate, how.choice)
         draw_dataset(place, result.to_xarray(), options.out / "sweep.png")
@@ -167,11 +170,18 @@ def _save(
     return missed
 
 
+def _unfinished(place: Path | None) -> KeyboardInterrupt:
+    """What an interrupted sweep says that has finished no block: of its first, values may be kept."""
+    if place is None or not any((place / "resume").glob(f"*{BEGUN}")):
+        return KeyboardInterrupt()
+    return KeyboardInterrupt(f"{place} with the values of its first block that had ended", GOES_ON)
+
+
 def _keep_finished(result: SweepResult, file: SceneFile, out: Path, place: Path | None, began: float) -> NoReturn:
     """Write what an interrupted sweep had finished, without a picture; a store has it already."""
     known = f"with the {(result.status != Status.NOT_RUN).sum()} of {result.status.size} lanes that had ended"
     if place is not None:
-        raise KeyboardInterrupt(f"{place} {known}", "; the same command with --resume goes on")
+        raise KeyboardInterrupt(f"{place} {known}", GOES_ON)
     named(result, file).save(out / "sweep.nc")
     write_json(_summary(result, file, began), out / "summary.json")
     raise KeyboardInterrupt(f"{out / 'sweep.nc'} {known}")
