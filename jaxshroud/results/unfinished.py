@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 Record = dict[str, np.ndarray]
 MOST = 4  # differences shown
 BEGUN = ".begun.npz"
+NUMBER = "number "  # before the names of numbers in a record
 
 
 class Lanes(NamedTuple):
@@ -233,6 +234,29 @@ class Unfinished:
                 old.unlink()
         group = {"zarr_format": 3, "node_type": "group", "attributes": dict(about)}
         write(self._resume / "zarr.json", json.dumps(group, indent=1).encode(), told=False)
+
+
+def joined(before: Record, data: "xr.Dataset", along: int, *, backward: bool) -> "xr.Dataset":
+    """The numbers of some values after those that a record has of the values before them.
+
+    Args:
+        before: The record.
+        data: The numbers.
+        along: Which dimension of the lanes is that of the values.
+        backward: The values before are the later ones.
+    """
+    import xarray as xr
+
+    dim = data["status"].dims[along]
+
+    def whole(name: str, variable: "xr.DataArray") -> "xr.Variable":
+        if dim not in variable.dims:
+            return variable.variable
+        parts = [before[NUMBER + name], variable.to_numpy()]
+        values = np.concatenate(parts[::-1] if backward else parts, axis=variable.dims.index(dim))
+        return xr.Variable(variable.dims, values, variable.attrs)
+
+    return xr.Dataset({str(name): whole(str(name), v) for name, v in data.data_vars.items()}, attrs=data.attrs)
 
 
 def _loaded(path: Path) -> Record | None:

@@ -3,20 +3,15 @@
 import time
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxshroud.model.modes import Status
 from jaxshroud.results.sweep import SweepResult
-from jaxshroud.results.unfinished import Record
+from jaxshroud.results.unfinished import NUMBER, Record, joined
 from jaxshroud.verbs.work import Computed, Work, passed_on
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 SECONDS = 2.0  # that a stretch takes, or a single value: what a kill may cost
-NUMBER = "number "  # before the names of numbers in a record
 
 Keep = Callable[[Record], None]
 
@@ -56,8 +51,8 @@ def in_stretches(work: Work, kept: Record | None, keep: Keep, pace: Pace) -> Gen
         began = time.perf_counter()
         found = yield work.some(at, relay)
         pace.seconds = (time.perf_counter() - began) / (stop - done)
-        data = _joined(record, found.result.data, along, done, backward=backward)
-        chatter = found.record if _newest(data["status"], along, values, backward=backward) else record
+        data = joined(record, found.result.data, along, backward=backward) if done else found.result.data
+        chatter = found.record if _newest(data["status"].to_numpy(), along, values, backward=backward) else record
         record = {**found.record, "chatter": chatter["chatter"]}
         if stop == n:
             return Computed(SweepResult(data), record)
@@ -66,26 +61,8 @@ def in_stretches(work: Work, kept: Record | None, keep: Keep, pace: Pace) -> Gen
         keep(record)
 
 
-def _joined(record: Record, data: "xr.Dataset", along: int, done: int, *, backward: bool) -> "xr.Dataset":
-    """The numbers of a stretch after those that the record has of the values before it."""
-    import xarray as xr
-
-    if not done:
-        return data
-    dim = data["status"].dims[along]
-
-    def whole(name: str, variable: "xr.DataArray") -> "xr.Variable":
-        if dim not in variable.dims:
-            return variable.variable
-        parts = [record[NUMBER + name], variable.to_numpy()]
-        values = np.concatenate(parts[::-1] if backward else parts, axis=variable.dims.index(dim))
-        return xr.Variable(variable.dims, values, variable.attrs)
-
-    return xr.Dataset({str(name): whole(str(name), v) for name, v in data.data_vars.items()}, attrs=data.attrs)
-
-
-def _newest(status: "xr.DataArray", along: int, values: slice, *, backward: bool) -> bool:
+def _newest(status: np.ndarray, along: int, values: slice, *, backward: bool) -> bool:
     """Whether the first lane that alternated, if any has, is of the latest stretch."""
-    places = np.argwhere(status.to_numpy() == Status.TOO_MANY_EVENTS)
+    places = np.argwhere(status == Status.TOO_MANY_EVENTS)
     latest = slice(values.stop - values.start) if backward else values
     return not len(places) or latest.start <= places[0][along] < latest.stop
