@@ -2,7 +2,7 @@
 
 import argparse
 
-from jaxshroud.cli.terminal import CommandError, free
+from jaxshroud.cli.terminal import CommandError, free, progress_bar
 from jaxshroud.results.store import read
 
 
@@ -14,5 +14,8 @@ def animate_verb(options: argparse.Namespace) -> None:
     ds = read(options.source)
     if "end_turns" not in ds.attrs:
         raise CommandError(f"{options.source}: not a run; give a file written by `jaxshroud simulate`")
-    factor = save_animation(ds, options.out, periods=options.periods, factor=options.factor, title=options.title)
+    with progress_bar("frames") as report:
+        factor = save_animation(
+            ds, options.out, periods=options.periods, factor=options.factor, title=options.title, progress=report
+        )
     print(f"{options.out} (motion and gap exaggerated {factor:g}-fold)")

@@ -23,6 +23,9 @@ SHOW_CURSOR = "\x1b[?25h"  # which the progress bar hides
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     files.written.clear()
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the shell
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115  until the end of the process
     try:
         options = parser().parse_args(words(sys.argv[1:] if arguments is None else arguments))
         verb = getattr(import_module(f"jaxshroud.cli.{options.verb}"), f"{options.verb}_verb")
@@ -57,8 +60,8 @@ def _set_up_jax() -> None:
 
 def _failed(error: Exception) -> int:
     """Exit status of a failure, which is told in one line; one that nobody has foreseen is raised."""
-    if isinstance(error, BrokenPipeError):  # nobody reads standard output; keep Python's own flush from complaining
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if isinstance(error, BrokenPipeError):  # nobody reads standard output
+        _abandon_output()
         return 141
     if isinstance(error, MachineError):
         status, told = 1, str(error)
@@ -66,12 +69,21 @@ def _failed(error: Exception) -> int:
         status, told = 2, one_line(error)
     elif numerical(error):
         status, told = 1, f"numerical failure: {one_line(error)}"
-    elif isinstance(error, MemoryError) or _of_xla(error):
+    elif isinstance(error, MemoryError | OSError) or _of_xla(error):
         status, told = 1, f"the machine failed: {one_line(error) or 'out of memory'}"
+        _abandon_output()
     else:
         raise error
     print(told, file=sys.stderr)
     return status
+
+
+def _abandon_output() -> None:
+    """Where standard output cannot be written, keep Python's own flush from complaining."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _of_xla(error: Exception) -> bool:

@@ -82,7 +82,11 @@ def _checked(found) -> dict[str, Any]:
         print("no check: where the motion is aperiodic, differences have no limit", file=sys.stderr)
         return {}
     margins = contact_margins(found.orbit.cycle())
-    slopes = {step: differences(found.orbit, list(found.value), step, found.of) for step in CHECK_STEPS}
+    slopes: dict[float, dict[str, float]] = {}
+    with progress_bar("differences") as report:
+        for step in CHECK_STEPS:
+            slopes[step] = differences(found.orbit, list(found.value), step, found.of)
+            report(len(slopes), len(CHECK_STEPS))
     rows, errors = [], {}
     for key, exact in found.value.items():
         by = [slopes[step][key] for step in CHECK_STEPS]

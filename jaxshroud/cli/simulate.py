@@ -7,7 +7,7 @@ from jaxshroud.batch.extent import STEP, memory_for
 from jaxshroud.batch.xla import alone
 from jaxshroud.cli.asked import loaded, march, unmet
 from jaxshroud.cli.store import named
-from jaxshroud.cli.terminal import CommandError, blamed, free, print_table, warn_status
+from jaxshroud.cli.terminal import CommandError, blamed, free, print_table, progress_bar, warn_status
 from jaxshroud.march.method import REFERENCE
 from jaxshroud.march.tableau import LEAST_STEPS
 from jaxshroud.model.modes import Status
@@ -28,7 +28,7 @@ def simulate_verb(options: argparse.Namespace) -> None:
     how = march(file, lanes, options, REFERENCE)
     if begin.differences:
         print(f"going on from another scene: {'; '.join(begin.differences)}", file=sys.stderr)
-    with blamed(file.name):
+    with progress_bar("samples") as report, blamed(file.name):
         found = simulate(
             file.scene,
             begin.state,
@@ -39,6 +39,7 @@ def simulate_verb(options: argparse.Namespace) -> None:
             t=begin.t,
             method=how.method,
             events=options.events,
+            progress=report,
         )
     named(found, file).save(options.out)
     warn_status(found.status, found.chatter)

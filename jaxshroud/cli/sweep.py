@@ -12,6 +12,7 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.extent import fits, memory, results_size
+from jaxshroud.batch.periods import CHUNK
 from jaxshroud.batch.projection import projected_seconds
 from jaxshroud.batch.runs import Plan
 from jaxshroud.batch.threads import Interrupted, cores
@@ -23,11 +24,13 @@ from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table,
 from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.settling import UNKNOWN
+from jaxshroud.results.files import written
 from jaxshroud.results.store import write_json
 from jaxshroud.results.sweep import SweepResult
-from jaxshroud.results.unfinished import relabel, remove
+from jaxshroud.results.unfinished import BEGUN, relabel, remove
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
+from jaxshroud.scene.parts import WAYS
 from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.accuracy import Choice
@@ -36,6 +39,8 @@ from jaxshroud.verbs.sweep import AT_ONCE, sweep
 from jaxshroud.version import __version__
 
 LONG = 10**9  # steps of lanes: minutes
+ALONE = 16  # as long as so many lanes of a chunk takes one that is run by itself
+GOES_ON = "; the same command with --resume goes on"
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
 
 
@@ -44,7 +49,7 @@ def sweep_verb(options: argparse.Namespace) -> None:
     file = with_axes(loaded(options), options)
     if not 0 <= options.phase < 2 * np.pi:
         raise CommandError(f"--phase must be in [0, 2 pi), but is {options.phase}")
-    if not options.period_tol >= 0:
+    if not 0 <= options.period_tol < np.inf:
         raise CommandError(f"--period-tol must be a number of at least 0, but is {options.period_tol}")
     asked, began, place = file.sweep_run, time.perf_counter(), _store(file, options)
     with blamed(file.name):
@@ -54,8 +59,9 @@ def sweep_verb(options: argparse.Namespace) -> None:
     lanes = _lanes(file)
     how = march(file, lanes, options, FAST_WITH_LEDGER if options.ledger else FAST)
     plan = Plan(asked.transient, asked.periods, how.steps, options.phase, how.method)
-    if file.direction == "independent" and count * (plan.transient + plan.kept) * plan.steps_per_period > LONG:
-        _tell_projection(lanes, plan, options, place)
+    slow = 1 if file.direction == "independent" else max(ALONE // _beside(file), 1)
+    if slow * count * (plan.transient + plan.kept) * plan.steps_per_period > LONG:
+        _tell_projection(file, lanes, plan, options, place)
     with progress_bar("lane-periods") as report, blamed(file.name):
         try:
             result = sweep(
@@ -75,11 +81,12 @@ def sweep_verb(options: argparse.Namespace) -> None:
             )
         except Interrupted as stopped:
             if stopped.done is None:
-                raise
+                raise _unfinished(place) from None
             _keep_finished(stopped.done, file, options.out, place, began)
     if place is None:
         missed = _save(named(result, file), file, unmet(lanes, how.choice), how.choice, options.out)
     else:
+        written.append(place)
         relabel(place, named(result, file).data.attrs)
         missed = None if how.choice is None else warned(result.inaccurate, how.choice)
         draw_dataset(place, result.to_xarray(), options.out / "sweep.png")
@@ -90,21 +97,35 @@ def sweep_verb(options: argparse.Namespace) -> None:
     print_table(file.title or file.name, {**summary, "written": options.out})
 
 
-def _tell_projection(lanes: Scene, plan: Plan, options: argparse.Namespace, place: Path | None) -> None:
+def _tell_projection(
+    file: SceneFile, lanes: Scene, plan: Plan, options: argparse.Namespace, place: Path | None
+) -> None:
     """Say what a long run will take, before it starts."""
-    count = len(lanes.drive.omega)
-    seconds = projected_seconds(in_precision(lanes, plan.method.precision), plan)
-    whole = str(timedelta(seconds=round(seconds)))
-    by = f", {timedelta(seconds=round(seconds / cores()))} h on {cores()} cores" if options.scheduler is None else ""
+    count, beside = _count(file), _beside(file)
+    lanes, each = in_precision(lanes, plan.method.precision), {}
+    ways = WAYS if file.direction == "both" else (file.direction,)
+    for at_once in {None if way == "independent" else beside for way in ways}:
+        with progress_bar("lane-periods of a trial") as report:
+            each[at_once] = projected_seconds(lanes, plan, beside=at_once, progress=report)
+    taken = [each[None if way == "independent" else beside] for way in ways]
+    busy = [min(cores(), cores() if way == "independent" else -(-beside // CHUNK)) for way in ways]
+    whole = timedelta(seconds=round(sum(taken)))
+    real = timedelta(seconds=round(sum(seconds / n for seconds, n in zip(taken, busy, strict=True))))
+    by = f", {real} h on {cores()} core{'s' * (cores() > 1)}" if options.scheduler is None else ""
     held = memory(count, plan.kept, min(count, AT_ONCE) if place is not None or options.no_samples else None) / 2**30
     stored = results_size(count, plan.kept, samples=not options.no_samples) / 2**30
     about = f"some {whole} h of processor time{by}, {held:.3g} GiB of memory, {stored:.3g} GiB of results"
     print(f"{count} lanes: {about}{'' if place is None else f' in {place}'}", file=sys.stderr)
 
 
+def _beside(file: SceneFile) -> int:
+    """How many lanes each value of the first key has."""
+    return math.prod(a.values.size for a in file.axes[1:])
+
+
 def _count(file: SceneFile) -> int:
     """How many lanes there are."""
-    return math.prod(a.values.size for a in file.axes)
+    return math.prod(a.values.size for a in file.axes) * (len(WAYS) if file.direction == "both" else 1)
 
 
 def _store(file: SceneFile, options: argparse.Namespace) -> Path | None:
@@ -114,9 +135,7 @@ def _store(file: SceneFile, options: argparse.Namespace) -> Path | None:
     if options.scheduler and options.store == "nc":
         raise CommandError("--scheduler needs a store, which keeps what workers have computed; leave out --store nc")
     size = results_size(_count(file), file.sweep_run.periods, samples=not options.no_samples)
-    usual = (
-        "zarr" if options.resume or options.scheduler or (size > MOST_IN_FILE and file.direction != "both") else "nc"
-    )
+    usual = "zarr" if options.resume or options.scheduler or size > MOST_IN_FILE else "nc"
     if (options.store or usual) == "nc":
         directory(options.out, ("sweep.nc", "sweep.png", "summary.json"), options.force)
         return None
@@ -151,11 +170,18 @@ def _save(
     return missed
 
 
+def _unfinished(place: Path | None) -> KeyboardInterrupt:
+    """What an interrupted sweep says that has finished no block: of its first, values may be kept."""
+    if place is None or not any((place / "resume").glob(f"*{BEGUN}")):
+        return KeyboardInterrupt()
+    return KeyboardInterrupt(f"{place} with the values of its first block that had ended", GOES_ON)
+
+
 def _keep_finished(result: SweepResult, file: SceneFile, out: Path, place: Path | None, began: float) -> NoReturn:
     """Write what an interrupted sweep had finished, without a picture; a store has it already."""
     known = f"with the {(result.status != Status.NOT_RUN).sum()} of {result.status.size} lanes that had ended"
     if place is not None:
-        raise KeyboardInterrupt(f"{place} {known}", "; the same command with --resume goes on")
+        raise KeyboardInterrupt(f"{place} {known}", GOES_ON)
     named(result, file).save(out / "sweep.nc")
     write_json(_summary(result, file, began), out / "summary.json")
     raise KeyboardInterrupt(f"{out / 'sweep.nc'} {known}")

@@ -91,6 +91,8 @@ def width(text: str) -> float:
 
 def path(text: str) -> Path:
     """A path that can be looked up, whether or not something is there."""
+    if not text:
+        raise argparse.ArgumentTypeError("must name a place, but is empty")
     try:
         os.stat(text)
     except (FileNotFoundError, NotADirectoryError):

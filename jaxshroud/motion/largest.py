@@ -36,16 +36,24 @@ def shifted(scenes: Scene, phase: float) -> Scene:
 
 
 def largest_exponents(
-    scenes: Scene, states: State, n: int, steps: int, method: Choices, ticker: Tick = lambda _: None
+    scenes: Scene,
+    states: State,
+    n: int,
+    steps: int,
+    method: Choices,
+    ticker: Tick = lambda _: None,
+    numbers: np.ndarray | None = None,
 ) -> Largest:
     """The largest exponent of settled motions from their states at drive phase 0.
 
     It is that of `n` periods, a multiple of 4, after the first 32, in which tangents turn into their direction. A
     tangent begins in a random direction without a share of the slider: one in permanent stick stays wherever it starts,
-    an exponent of 0 that says nothing of the motion.
+    an exponent of 0 that says nothing of the motion. Each lane has a direction of its own, by the `numbers` of lanes
+    (lanes,) where these are not all.
     """
     lanes, unit = len(scenes.drive.omega), units(scenes)
-    along = np.random.default_rng(0).standard_normal((lanes, STATE)) * unit
+    numbers = np.arange(lanes) if numbers is None else numbers
+    along = np.random.default_rng(0).standard_normal((numbers.max() + 1, STATE))[numbers] * unit
     along[:, -1] = 0.0
     still, method = jax.tree.map(np.zeros_like, scenes), differentiable(method)
     turning, blocks = TURNING // BLOCK, max(round(n / BLOCK), 1)

@@ -5,6 +5,7 @@ import os
 import shutil
 import tempfile
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -53,6 +54,7 @@ def save_animation(
     periods: int | None = None,
     factor: float | None = None,
     title: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> float:
     """Write the last periods of a run as a moving picture.
 
@@ -62,6 +64,7 @@ def save_animation(
         periods: Drive periods shown; by default those after which the motion repeats, or four.
         factor: By which motion and gap are exaggerated; by default so that the motion is well seen.
         title: In place of the run's own.
+        progress: Called with (frames done, frames in all).
 
     Returns:
         The factor.
@@ -87,6 +90,8 @@ def save_animation(
             for i in range(frames.sizes["time"]):
                 film.show(i)
                 writer.grab_frame()
+                if progress is not None:
+                    progress(i + 1, frames.sizes["time"])
         write(path, part.read_bytes())
     return factor
 

@@ -49,6 +49,7 @@ class Result:
     """
 
     stored_as: ClassVar[str] = ""  # in the attribute `kind` of files
+    never_without: ClassVar[tuple[str, ...]] = ()  # what all files have
     variables: ClassVar[dict[str, Variable]]
 
     status = Variable("how each lane ended", stored=np.int8, kind=np.int32, more=FLAGS)
@@ -208,7 +209,10 @@ def opened(data: "xr.Dataset", path: str | os.PathLike[str]) -> Result:
     if kind not in CLASSES:
         raise StoreError(f"{Path(path)}: not a result of jaxshroud; give a sweep or a trajectory")
     module, name = CLASSES[kind]
-    return getattr(import_module(f"jaxshroud.results.{module}"), name)(data)
+    found = getattr(import_module(f"jaxshroud.results.{module}"), name)
+    if missing := [name for name in found.never_without if name not in data]:
+        raise StoreError(f"{Path(path)}: lacks {', '.join(missing)}; run the command again")
+    return found(data)
 
 
 def _earlier_kind(data: "xr.Dataset") -> str | None:

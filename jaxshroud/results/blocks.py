@@ -22,6 +22,10 @@ class Block(NamedTuple):
         """Of its files."""
         return "-".join(map(str, self.place))
 
+    def within(self, number: int) -> "Block":
+        """The block in a grid with one more dimension in front, in a row of its own there."""
+        return Block((number, *self.place), (slice(number, number + 1), *self.at))
+
 
 def spread(shape: Sequence[int], lanes: int) -> tuple[int, ...]:
     """Sizes of blocks of about so many lanes, which hold as much as they can of the last dimensions."""

@@ -13,6 +13,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
 from jaxshroud.results.files import write
+from jaxshroud.results.words import markup, plain, typeset
 from jaxshroud.scene.errors import InputError
 
 DOTS = 180  # per inch, of pictures
@@ -25,7 +26,8 @@ h2 { border-top: 1px solid #bbb; padding-top: 1rem; }
 table { border-collapse: collapse; font-size: .88rem; display: block; overflow-x: auto; }
 td, th { padding: .2rem .7rem .2rem 0; text-align: left; vertical-align: top; white-space: nowrap; }
 th { border-bottom: 1px solid #1a1a1a; } td { font-variant-numeric: tabular-nums; }
-img { max-width: 100%; height: auto; } pre { background: #f4f4f4; padding: .8rem; overflow-x: auto; font-size: .82rem; }
+img { max-width: 100%; height: auto; } code { font-size: .92em; } sub, sup { line-height: 0; }
+pre { background: #f4f4f4; padding: .8rem; overflow-x: auto; font-size: .82rem; }
 .word { font-size: 1.3rem; font-weight: 600; } @media print { h2 { break-after: avoid; } table { overflow: visible; } }
 """
 
@@ -55,14 +57,15 @@ def save(title: str, sections: Sequence[Section], path: Path) -> None:
 
 def html(title: str, sections: Sequence[Section]) -> bytes:
     """The report as one page that needs nothing else."""
-    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{escape(title)}</title>'
+    named = f"<title>{escape(plain(title))}</title>"
+    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width">{named}'
     body = "\n".join(map(_block, sections))
     page = f'<!doctype html>\n<html lang="en"><head>{head}<style>{STYLE}</style></head>\n'
-    return f"{page}<body><h1>{escape(title)}</h1>\n{body}\n</body></html>\n".encode()
+    return f"{page}<body><h1>{markup(title)}</h1>\n{body}\n</body></html>\n".encode()
 
 
 def _block(section: Section) -> str:
-    parts = [f"<h2>{escape(section.heading)}</h2>", *(f"<p>{escape(text)}</p>" for text in section.paragraphs)]
+    parts = [f"<h2>{markup(section.heading)}</h2>", *(f"<p>{markup(text)}</p>" for text in section.paragraphs)]
     if section.table:
         rows = [_row(row, "td" if i else "th") for i, row in enumerate(section.table)]
         parts.append("<table>" + "".join(rows) + "</table>")
@@ -74,7 +77,7 @@ def _block(section: Section) -> str:
 
 
 def _row(cells: Sequence[str], tag: str) -> str:
-    return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+    return "<tr>" + "".join(f"<{tag}>{markup(cell)}</{tag}>" for cell in cells) + "</tr>"
 
 
 def _png(figure: Figure) -> str:
@@ -86,8 +89,8 @@ def _png(figure: Figure) -> str:
 def pdf(title: str, sections: Sequence[Section]) -> bytes:
     """The report as pages of text with the pictures between them."""
     held = io.BytesIO()
-    with PdfPages(held, metadata={"Title": title, "CreationDate": None}) as pages:
-        lines = [title, "=" * min(len(title), COLUMNS), ""]
+    with PdfPages(held, metadata={"Title": plain(title), "CreationDate": None}) as pages:
+        lines = [title if "$" in title else typeset(title), "=" * min(len(title), COLUMNS), ""]
         for section in sections:
             lines += [*_text(section), ""]
             if section.figure is not None:

@@ -85,7 +85,8 @@ def sweep(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None, **lo
     if ax is None:
         return bifurcation(ds, look=look) if len(dims) == 1 else power_map(ds, look=look)
     samples = partial(_draw_samples, unit=look.unit)
-    known = {"samples": samples, "P_d": _draw_power} if len(dims) == 1 else MAPS
+    over_one = {**({"samples": samples} if "x" in ds else {}), "P_d": _draw_power}
+    known = over_one if len(dims) == 1 else MAPS
     more = {"lyapunov": _draw_exponent if len(dims) == 1 else _draw_exponent_map} if "lyapunov" in ds else {}
     draw = panel_of({**known, **more}, panel)
     if len(dims) == 1:
@@ -107,8 +108,8 @@ def bifurcation(ds: xr.Dataset, *, look: Look = PLAIN) -> Figure:
     """Stroboscopic x_1, period number and P_d over the one key of a sweep (Figs. 9, 11, 13 and 16 to 18).
 
     Args:
-        ds: A sweep along one axis. x_1 is drawn over the gap, or in mm where a gap is not positive.
-            Lanes whose status is not OK are marked and never drawn as numbers.
+        ds: A sweep along one axis. x_1, of which samples may have been kept, is drawn over the gap, or in mm where a
+            gap is not positive. Lanes whose status is not OK are marked and never drawn as numbers.
         look: What is asked for otherwise.
 
     Raises:
@@ -116,23 +117,27 @@ def bifurcation(ds: xr.Dataset, *, look: Look = PLAIN) -> Figure:
     """
     (dim,) = _dims(ds, 1)
     ds = _in_order(ds, [dim])
-    grows = "lyapunov" in ds
-    figure = new_figure(title_of(ds), COLUMN, 5.7 if grows else 4.4, look)
+    sampled, grows = "x" in ds, "lyapunov" in ds
+    figure = new_figure(title_of(ds), COLUMN, 2.1 + 2.3 * sampled + 1.3 * grows, look)
     axis, motion = axis_of(ds[dim], look), _motion(ds)
     if not (motion >= 0).any():
         return say(figure, _nothing(ds))
-    heights = [3, 0.2, 1.7, *([1.5] if grows else [])]
-    samples, strip, power, *more = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
-    _draw_samples(samples, ds, axis, motion, look.unit)
+    heights = [*([3] if sampled else []), 0.2, 1.7, *([1.5] if grows else [])]
+    panels = list(figure.subplots(len(heights), 1, sharex=True, height_ratios=heights))
+    samples = [panels.pop(0)] if sampled else []
+    strip, power, *more = panels
+    for panel in samples:
+        _draw_samples(panel, ds, axis, motion, look.unit)
     _draw_motions(strip, axis.edges, np.array([0.0, 1.0]), motion[None])
     _draw_power(power, ds, axis, motion)
     strip.set(yticks=[])
     for panel in more:
         _draw_exponent(panel, ds, axis, motion)
     (power, *more)[-1].set(xlabel=axis.label, xlim=axis.edges[[0, -1]])
-    _mark_stopped(samples, ds, axis)
-    figure.align_ylabels([samples, power, *more])
-    for panel in (samples, power, *more):
+    shown = [*samples, power, *more]
+    _mark_stopped(shown[0], ds, axis)
+    figure.align_ylabels(shown)
+    for panel in shown:
         legend_above(panel)
     legend_below(figure, _motion_handles(motion))
     return figure

@@ -49,25 +49,29 @@ def directions(ds: xr.Dataset, ax: Axes | None = None, panel: str | None = None,
     """
     ds = ds.sortby(str(ds.attrs["axes"]))
     axis = axis_of(ds[str(ds.attrs["axes"])], look)
+    known = {name: draw for name, draw in PANELS.items() if name != "samples" or "x" in ds}
     if ax is not None:
         _shade(ax, ds, axis.edges)
-        panel_of(PANELS, panel)(ax, ds, axis.values, look)
+        panel_of(known, panel)(ax, ds, axis.values, look)
         ax.set(xlabel=axis.label)
         on_axes(ax, look)
         return figure_of(ax)
-    figure = new_figure(title_of(ds), COLUMN, 4.2, look)
-    samples, power = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    for one, draw in zip((samples, power), PANELS.values(), strict=True):
+    drawn = known.values()
+    figure = new_figure(title_of(ds), COLUMN, 4.2 if "x" in ds else 2.4, look)
+    panels = figure.subplots(len(drawn), 1, sharex=True, height_ratios=[2, 1][-len(drawn) :], squeeze=False)[:, 0]
+    for one, draw in zip(panels, drawn, strict=True):
         _shade(one, ds, axis.edges)
         draw(one, ds, axis.values, look)
-    power.set(xlabel=axis.label, xlim=axis.edges[[0, -1]])
-    figure.align_ylabels([samples, power])
+    panels[-1].set(xlabel=axis.label, xlim=axis.edges[[0, -1]])
+    figure.align_ylabels(panels)
     legend_below(figure, _handles(ds))
     return figure
 
 
 def _shade(panel: Axes, ds: xr.Dataset, edges: Floats) -> None:
-    """Grounds where motions coexist, and lines where they jump."""
+    """Grounds where motions coexist, and lines where they jump: known once all have been run."""
+    if "jump" not in ds:
+        return
     for i in np.flatnonzero(ds["coexisting"].to_numpy()):
         panel.axvspan(edges[i], edges[i + 1], color=SHADE, lw=0, zorder=0)
     for way, places in (("forward", edges[:-1]), ("backward", edges[1:])):
@@ -102,6 +106,8 @@ def _handles(ds: xr.Dataset) -> list[Any]:
         Line2D([], [], ls="", marker=marker, ms=size + 1.5, mew=0, color=color, label=words)
         for words, color, marker, size in WAYS.values()
     ]
+    if "jump" not in ds:
+        return made
     if ds["jump"].to_numpy().any():
         made.append(Line2D([], [], ls=":", lw=0.8, color=INK, label="jump"))
     if ds["coexisting"].to_numpy().any():

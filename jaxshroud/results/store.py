@@ -2,6 +2,7 @@
 
 import json
 import os
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,8 @@ def read(path: str | os.PathLike[str]) -> "xr.Dataset":
 
     if Path(path).suffix == ".zarr":
         return _read_zarr(Path(path))
+    if Path(path).is_dir():
+        raise StoreError(f"{Path(path)}: is a folder; give the result in it, such as {Path(path) / 'sweep.nc'}")
     try:
         with xr.open_dataset(path, engine="h5netcdf") as ds:
             memory_for("it", ds.nbytes)
@@ -44,7 +47,9 @@ def _read_zarr(path: Path) -> "xr.Dataset":
     if not (path / "zarr.json").exists():
         raise StoreError(f"{path}: no such store, or one in which nothing is finished; run the command again")
     try:
-        ds = xr.open_zarr(path, chunks=None, consolidated=False, zarr_format=3)
+        with warnings.catch_warnings(action="ignore"):  # of what else lies there
+            ds = xr.open_zarr(path, chunks=None, consolidated=False, zarr_format=3)
+        ds = ds.assign({name: a.astype(object).astype(str) for name, a in ds.variables.items() if a.dtype.kind == "T"})
         return ds.load() if ds.nbytes < LARGE else ds
     except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
         what = " ".join(str(error).split())[:120]

@@ -30,6 +30,7 @@ class SweepResult(Result):
     """
 
     stored_as = "sweep"
+    never_without = ("status", "P_d", "period_number")
 
     motion = Moving("at the drive phase `phase` of each kept period; NaN after a lane has stopped", dims=("period",))
     P = Variable("average power, Eq. (23)", "m4", ("blade",))

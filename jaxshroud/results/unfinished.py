@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 Record = dict[str, np.ndarray]
 MOST = 4  # differences shown
+BEGUN = ".begun.npz"
+NUMBER = "number "  # before the names of numbers in a record
 
 
 class Lanes(NamedTuple):
@@ -97,15 +99,27 @@ class Unfinished:
         """What was kept beside the numbers of a block; None if it has to be computed."""
         if not self.begun:
             return None
-        try:
-            with np.load(io.BytesIO(self._record(block).read_bytes())) as kept:
-                record = dict(kept)
-        except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
+        record = _loaded(self._record(block))
+        if record is None:
             return None
-        missing = set(record.pop("names", np.array([])).tolist()) - set(self._arrays)
-        if missing:
+        names = set(record.pop("names", np.array([])).tolist())
+        if missing := names - set(self._arrays):
             raise StoreError(f"{self.path}: lacks {', '.join(sorted(missing))}; begin anew with --force")
-        return record if all(self._whole(array, block) for array in self._arrays.values()) else None
+        if not all(self._whole(array, block) for name, array in self._own(block).items() if name in names):
+            return None
+        with _writing(self.path):
+            self._begun(block).unlink(missing_ok=True)
+        return record
+
+    def kept(self, block: Block) -> Record | None:
+        """What was kept of a block that is not finished."""
+        return _loaded(self._begun(block))
+
+    def keep(self, block: Block, record: Record) -> None:
+        """Keep what is known of a block that is not finished, for another process to go on with."""
+        content = io.BytesIO()
+        np.savez(content, allow_pickle=False, **record)
+        write(self._begun(block), content.getbuffer(), told=False)
 
     def write(self, block: Block, data: "xr.Dataset", record: Record) -> None:
         """Store the numbers of a block, then its record."""
@@ -115,14 +129,19 @@ class Unfinished:
             self._record(block).unlink(missing_ok=True)
             if not self.begun:
                 self._create(data)
-            for name, array in self._arrays.items():
+            for name, array in self._own(block).items():
+                if name not in data:
+                    continue
                 part = dict(zip(self.lanes, block.at, strict=True))
                 array[tuple(part.get(dim, slice(None)) for dim in _dims(array))] = data[name].to_numpy()
         write(self._record(block), content.getbuffer(), told=False)
+        self._begun(block).unlink(missing_ok=True)
 
-    def finish(self, attrs: Mapping[str, Any]) -> None:
-        """Say of the whole what is known at its end."""
+    def finish(self, attrs: Mapping[str, Any], more: "Mapping[str, xr.Variable]") -> None:
+        """Say of the whole what is known at its end, and store what is."""
         with _writing(self.path):
+            for name, variable in more.items():
+                _array(self.path / name, variable, [Lanes(n, n) for n in variable.shape])[...] = variable.to_numpy()
             self._group.attrs.update(plain(dict(attrs)))
 
     @cached_property
@@ -142,8 +161,21 @@ class Unfinished:
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise StoreError(f"{self.path}: its description is damaged ({error}); begin anew with --force") from None
 
+    def _own(self, block: Block) -> "dict[str, zarr.Array]":
+        """What a block writes: of arrays that several would, as they lack a dimension of the lanes, the first does."""
+        number = dict(zip(self.lanes, block.place, strict=True))
+        beyond = lambda array: any(n for dim, n in number.items() if dim not in _dims(array))  # noqa: E731
+        return {name: array for name, array in self._arrays.items() if not beyond(array)}
+
     def _record(self, block: Block) -> Path:
-        return self.path / "resume" / f"{block.name}.npz"
+        return self._resume / f"{block.name}.npz"
+
+    def _begun(self, block: Block) -> Path:
+        return self._resume / f"{block.name}{BEGUN}"
+
+    @property
+    def _resume(self) -> Path:
+        return self.path / "resume"
 
     def _whole(self, array: "zarr.Array", block: Block) -> bool:
         """Whether the chunk of a block is there, and as it was written."""
@@ -171,7 +203,8 @@ class Unfinished:
         with _writing(self.path):
             for name, variable in self.coords.items():
                 sizes = [Lanes(n, n) for n in variable.shape]
-                _array(self.path / name, variable, sizes)[...] = variable.to_numpy()
+                values = variable.to_numpy()
+                _array(self.path / name, variable, sizes)[...] = values.astype(object) if _words(values) else values
 
     def _same(self, about: Mapping[str, str]) -> None:
         """Raise StoreError if the store is of something else."""
@@ -188,15 +221,51 @@ class Unfinished:
             )
 
     def _make_room(self, about: Mapping[str, str]) -> None:
-        """Remove what is left of a store that was killed before it was one, and say what the new one is of."""
+        """Remove what is left of a store that was killed before it was one, and say what the new one is of.
+
+        What the same sweep had begun is kept.
+        """
+        begun = set(self._resume.glob(f"*{BEGUN}") if told_in(self.path) == about else [])
         with _writing(self.path):
             for old in self.path.iterdir():
                 if old.name != "resume":
                     shutil.rmtree(old)
-            for old in (self.path / "resume").glob("*.npz"):
+            for old in set(self._resume.glob("*.npz")) - begun:
                 old.unlink()
         group = {"zarr_format": 3, "node_type": "group", "attributes": dict(about)}
-        write(self.path / "resume" / "zarr.json", json.dumps(group, indent=1).encode(), told=False)
+        write(self._resume / "zarr.json", json.dumps(group, indent=1).encode(), told=False)
+
+
+def joined(before: Record, data: "xr.Dataset", along: int, *, backward: bool) -> "xr.Dataset":
+    """The numbers of some values after those that a record has of the values before them.
+
+    Args:
+        before: The record.
+        data: The numbers.
+        along: Which dimension of the lanes is that of the values.
+        backward: The values before are the later ones.
+    """
+    import xarray as xr
+
+    dim = data["status"].dims[along]
+
+    def whole(name: str, variable: "xr.DataArray") -> "xr.Variable":
+        if dim not in variable.dims:
+            return variable.variable
+        parts = [before[NUMBER + name], variable.to_numpy()]
+        values = np.concatenate(parts[::-1] if backward else parts, axis=variable.dims.index(dim))
+        return xr.Variable(variable.dims, values, variable.attrs)
+
+    return xr.Dataset({str(name): whole(str(name), v) for name, v in data.data_vars.items()}, attrs=data.attrs)
+
+
+def _loaded(path: Path) -> Record | None:
+    """A record; None if there is none that is whole."""
+    try:
+        with np.load(io.BytesIO(path.read_bytes())) as kept:
+            return dict(kept)
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
+        return None
 
 
 def told_in(path: Path) -> dict[str, str]:
@@ -241,12 +310,13 @@ def _array(path: Path, variable: "xr.Variable", sizes: Sequence[Lanes]) -> "zarr
     import zarr
     from zarr.codecs import Crc32cCodec, ZstdCodec
 
-    fill = np.nan if variable.dtype.kind == "f" else Status.NOT_RUN if path.name == "status" else 0
+    words = _words(variable)
+    fill = "" if words else np.nan if variable.dtype.kind == "f" else Status.NOT_RUN if path.name == "status" else 0
     return zarr.create_array(
         store=str(path),
         shape=tuple(n for n, _ in sizes),
         chunks=tuple(block for _, block in sizes),
-        dtype=variable.dtype,
+        dtype=str if words else variable.dtype,
         fill_value=fill,
         dimension_names=[str(dim) for dim in variable.dims],
         attributes=plain(variable.attrs),
@@ -255,6 +325,10 @@ def _array(path: Path, variable: "xr.Variable", sizes: Sequence[Lanes]) -> "zarr
         zarr_format=3,
         overwrite=True,
     )
+
+
+def _words(values: "xr.Variable | np.ndarray") -> bool:
+    return values.dtype.kind == "U"
 
 
 @contextmanager

@@ -1,14 +1,16 @@
-"""Words of pictures: plain text set as formulas, and titles that fit what is shown."""
+"""Words of pictures and pages: plain text set as formulas, and titles that fit what is shown."""
 
 import re
 from collections.abc import Collection, Iterable
+from html import escape, unescape
 
 from jaxshroud.scene.keys import KEYS, key_parts
 
-GREEK = "alpha|beta|gamma|theta|phi|omega|tau|mu|sigma"
+GREEK = "alpha|beta|gamma|zeta|theta|phi|omega|tau|mu|sigma"
 SYMBOL = re.compile(rf"(?<![\w\\])(?:({GREEK}|[A-Za-z])_({GREEK}|\w{{1,2}})|({GREEK}))(?!\w)")
 POWER = re.compile(r"\b([a-z]+)\^(-?\d)\b")
 DECIMAL = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-]?)0*(\d+)\b")
+KEY = re.compile(rf"\b((?:{'|'.join(sorted({key.partition('.')[0] for key in KEYS}))})\.[A-Za-z]\w*(?:\[\d\])?)")
 NAMES = {row.parts[1] for row in KEYS.values()}
 
 
@@ -20,6 +22,41 @@ def typeset(text: str) -> str:
         plain = POWER.sub(r"\1$^{\2}$", plain)
         parts[i] = DECIMAL.sub(lambda of: rf"${of[1]} \times 10^{{{of[2].strip('+')}{of[3]}}}$", plain)
     return "$".join(parts)
+
+
+def markup(text: str) -> str:
+    """The same as HTML; keys of a scene are set as what they are typed as."""
+    if text.count("$") % 2:  # no formulas
+        return escape(text)
+    parts = KEY.split(re.sub(r"\b[A-Za-z](?= / \w)", r"$\g<0>$", text))  # every second is a key
+    parts[::2] = [_as_html(typeset(escape(part))).replace("+-", "&plusmn;") for part in parts[::2]]
+    parts[1::2] = [f"<code>{part}</code>" for part in parts[1::2]]
+    return "".join(parts)
+
+
+def _as_html(text: str) -> str:
+    """Text with formulas as HTML."""
+    parts = text.split("$")
+    for i in range(1, len(parts), 2):
+        formula = re.sub(r"_(\w)", r"_{\1}", parts[i].replace(r"\times", "&times;"))
+        formula = re.sub(r"(?<![\\&\w])([A-Za-z])(?![A-Za-z\d;])|\\([A-Za-z]+)", _letter, formula)
+        parts[i] = re.sub(r"([_^])\{([^{}]*)\}", lambda of: _shifted(*of.groups()), formula)
+    return "".join(parts)
+
+
+def _letter(of: re.Match[str]) -> str:
+    return f"<i>{of[1] or f'&{of[2]};'}</i>"
+
+
+def _shifted(sign: str, text: str) -> str:
+    tag = {"_": "sub", "^": "sup"}[sign]
+    return f"<{tag}>{text.replace('-', '&minus;')}</{tag}>"
+
+
+def plain(text: str) -> str:
+    """The same as far as characters go: for titles that bear no markup."""
+    text = re.sub(rf"(?<!\w)({GREEK})(?![A-Za-z])", lambda of: unescape(f"&{of[1]};"), text)
+    return re.sub(r"(?<=\b\w)_(\d)\b", lambda of: chr(ord("₀") + int(of[1])), text)
 
 
 def wrapped(text: str, width: int) -> str:

@@ -63,8 +63,8 @@ def count_argument(name: str, value: int, least: int) -> None:
 
 
 def tolerance_argument(name: str, value: float) -> None:
-    """Raise ValueError unless `value` is a number of at least 0."""
-    if not value >= 0:
+    """Raise ValueError unless `value` is a finite number of at least 0."""
+    if not 0 <= value < float("inf"):
         raise InputError(f"Argument `{name}` must be a number of at least 0, but is {value}.")
 
 

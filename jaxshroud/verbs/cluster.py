@@ -81,7 +81,15 @@ def _connected(stack: ExitStack, address: str, workers: int | None) -> "Client":
         own: Any = {"n_workers": workers, "threads_per_worker": 1, "memory_limit": 0, "dashboard_address": ":0"}
         cluster: Any = stack.enter_context(LocalCluster(**own, silence_logs=logging.CRITICAL))
         address = cluster.scheduler_address
-    client = stack.enter_context(Client(address, set_as_default=False))
+    client = Client.__new__(Client)
+    try:
+        client.__init__(address, set_as_default=False)
+    except Exception as error:
+        client.status = "closed"  # else its end waits for whoever does not answer, and complains
+        if isinstance(error, MemoryError):  # of an answer that is no scheduler's
+            raise ConnectionError("what answers is no scheduler") from None
+        raise
+    stack.enter_context(client)
     if workers is not None:
         client.run(_deaf)
     return client

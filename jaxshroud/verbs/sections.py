@@ -156,5 +156,5 @@ def _checks(known: Known) -> Section:
 def _origin(known: Known, text: str, command: str) -> Section:
     run = known.run
     made = f"jaxshroud {__version__}; {run.method}, {run.steps_per_period} steps a period."
-    asked = [f"Command: {command}"] if command else []
-    return Section("To compute it again", [made, *asked, "The scene, as a file:"], verbatim=text.strip())
+    asked = f"# {command}\n" if command else ""
+    return Section("To compute it again", [made, "The scene, as a file:"], verbatim=asked + text.strip())

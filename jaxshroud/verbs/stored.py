@@ -2,7 +2,7 @@
 
 import math
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,14 +17,16 @@ from jaxshroud.batch.threads import Interrupted
 from jaxshroud.model.state import State
 from jaxshroud.results.base import opened
 from jaxshroud.results.blocks import Block, chains, spread
+from jaxshroud.results.directions import compared, in_direction
 from jaxshroud.results.store import read
-from jaxshroud.results.sweep import SweepResult, sweep_coordinates
+from jaxshroud.results.sweep import DIRECTION, SweepResult, sweep_coordinates
 from jaxshroud.results.unfinished import Lanes, Unfinished, told_in, unfinished
-from jaxshroud.scene.parts import Direction
+from jaxshroud.scene.parts import WAYS, Direction
 from jaxshroud.scene.text import words_of
 from jaxshroud.verbs.cluster import client_of, machine, machine_of, on_workers
+from jaxshroud.verbs.stretches import Pace, in_stretches
 from jaxshroud.verbs.swept import AT_ONCE, Grid, Wanted, lane_periods
-from jaxshroud.verbs.work import Chain, Work, in_turn, passed_on
+from jaxshroud.verbs.work import Chain, Computed, Work, cut, in_turn, passed_on, some
 
 LEAST, PARTS = 1024, 16  # lanes of a block, and blocks of a sweep that has more lanes than these
 LEAST_SENT, PARTS_SENT = 512, 128  # the same where workers compute them
@@ -41,13 +43,33 @@ class Ordered(NamedTuple):
     direction: Direction
     wanted: Wanted
 
+    @property
+    def ways(self) -> tuple[Direction, ...]:
+        """One direction, or all."""
+        return WAYS if self.direction == "both" else (self.direction,)
+
     def tick(self, lanes: int) -> None:
         """So many lanes more are done."""
         self.wanted.ticker(lanes * lane_periods(self.wanted.plan, self.grid.precise is not None))
 
 
+class Run(NamedTuple):
+    """A sweep on its way into a store."""
+
+    sweep: Ordered
+    store: Unfinished
+    sizes: tuple[int, ...]  # of blocks
+    sent: bool  # to workers
+    told: dict[tuple[int, ...], str]  # what alternated, by the places of blocks
+    pace: Pace
+
+    def at_once(self, way: Direction) -> bool:
+        """Whether blocks are computed whole: workers keep nothing."""
+        return self.sent or way == "independent"
+
+
 def stored(sweep: Ordered, path: Path, scheduler: str | None = None) -> SweepResult:
-    """All lanes in one direction, in a store.
+    """All lanes in one direction or in all of them, in a store.
 
     Args:
         sweep: The lanes.
@@ -68,18 +90,20 @@ def stored(sweep: Ordered, path: Path, scheduler: str | None = None) -> SweepRes
         sizes = _sizes_in(path, len(grid.shape)) or block_sizes(sweep, sent=client is not None)
         about = _words(sweep) | like | {"blocks": BY.join(map(str, sizes))}
         lanes = dict(zip(grid.dims, map(Lanes, grid.shape, sizes), strict=True))
-        with unfinished(path, lanes, about, sweep_coordinates(grid.axes, period)) as store:
+        coords = sweep_coordinates(grid.axes, period)
+        if len(sweep.ways) > 1:
+            lanes, coords = {DIRECTION: Lanes(len(WAYS), 1), **lanes}, {DIRECTION: list(WAYS), **coords}
+        with unfinished(path, lanes, about, coords) as store:
+            run = Run(sweep, store, sizes, client is not None, {}, Pace())
             try:
-                told: dict[tuple[int, ...], str] = {}
-                every = _chains(store, sizes, sweep, told)
                 if client is None:
-                    in_turn(every)
+                    in_turn(_chains(run))
                 else:
-                    on_workers(every, client, like, sweep.tick)
+                    on_workers(_chains(run), client, like, sweep.tick)
             except KeyboardInterrupt:
                 raise Interrupted(_opened(path) if store.begun else None) from None
-            first = next((told[place] for place in sorted(told) if told[place]), "")
-            store.finish({"complete": 1, **({"chatter": first} if first else {})})
+            first = next((run.told[place] for place in sorted(run.told) if run.told[place]), "")
+            store.finish({"complete": 1, **({"chatter": first} if first else {})}, compared(read(path)))
     return _opened(path)
 
 
@@ -93,11 +117,24 @@ def block_sizes(sweep: Ordered, *, sent: bool) -> tuple[int, ...]:
     fit = min(AT_ONCE, HELD // (plan.kept * SAMPLE), max(least, math.prod(shape) // parts))
     fit = max(fit // CHUNK, 1) * CHUNK
     if sweep.direction == "independent":
-        return spread(shape, fit)
+        return _sizes(shape, fit)
     first = len(sweep.grid.door.shape)
-    beside = spread((*shape[:first], *shape[first + 1 :]), fit)
+    beside = _sizes((*shape[:first], *shape[first + 1 :]), fit)
     each = plan.steps_per_period * (plan.transient + plan.kept) * max(math.prod(beside) / CHUNK, 1.0)
-    return (*beside[:first], int(np.clip(STEPS / each, 1, min(CHUNK, shape[first]))), *beside[first:])
+    most = max(min(CHUNK, shape[first], HELD // (plan.kept * SAMPLE * math.prod(beside))), 1)
+    values = int(np.clip(STEPS / each, 1, most))
+    if sweep.direction == "both":  # lanes from rest are run in whole chunks
+        values = next((n for n in range(most, 1, -1) if shape[first] % n != 1), most)
+    return (*beside[:first], values, *beside[first:])
+
+
+def _sizes(shape: Sequence[int], fit: int) -> tuple[int, ...]:
+    """Lanes of a block along each axis. None has a single one, which would be run, and rounded, by another program."""
+    sizes = spread(shape, fit)
+    while math.prod(shape) > 1 == math.prod(n % size or size for n, size in zip(shape, sizes, strict=True)):
+        fit += CHUNK
+        sizes = spread(shape, fit)
+    return sizes
 
 
 def _sizes_in(path: Path, axes: int) -> tuple[int, ...] | None:
@@ -106,46 +143,40 @@ def _sizes_in(path: Path, axes: int) -> tuple[int, ...] | None:
     return tuple(sizes) if len(sizes) == axes and all(sizes) else None
 
 
-def _chains(
-    store: Unfinished, sizes: Sequence[int], sweep: Ordered, told: dict[tuple[int, ...], str]
-) -> Iterator[Chain]:
-    """All blocks; together those that need each other."""
-    along = len(sweep.grid.door.shape) if sweep.grid.axes else 0
-    for blocks in chains(sweep.grid.shape, sizes, along, backward=sweep.direction == "backward"):
-        for chain in [[block] for block in blocks] if sweep.direction == "independent" else [blocks]:
-            yield _chain(store, chain, sweep, told)
+def _chains(run: Run) -> Iterator[Chain]:
+    """All blocks; together those that need each other: the longest first."""
+    grid = run.sweep.grid
+    along = len(grid.door.shape) if grid.axes else 0
+    for way in reversed(run.sweep.ways):
+        for blocks in chains(grid.shape, run.sizes, along, backward=way == "backward"):
+            for chain in [[block] for block in blocks] if way == "independent" else [blocks]:
+                yield _chain(run, way, chain)
 
 
-def _chain(store: Unfinished, blocks: Sequence[Block], sweep: Ordered, told: dict[tuple[int, ...], str]) -> Chain:
+def _chain(run: Run, way: Direction, blocks: Sequence[Block]) -> Chain:
     """What has to be computed of blocks, each when the one before is known; stored, with what alternated `told`."""
-    relay = Relay()
+    relay, sweep, both = Relay(), run.sweep, len(run.sweep.ways) > 1
+    of_many = sweep.wanted._replace(of_many=math.prod(sweep.grid.shape) > 1)
     for block in blocks:
-        record = store.record(block)
+        place = block.within(WAYS.index(way)) if both else block
+        record = run.store.record(place)
         if record is None:
-            part, begin = _part(sweep.grid, block), _cut(sweep.states, block, sweep.grid)
-            found, record = yield Work(part, begin, sweep.direction, sweep.wanted, relay)
-            store.write(block, found.data, record)
+            begin = cut(sweep.states, block.at, sweep.grid.shape)
+            work = Work(some(sweep.grid, block.at), begin, way, of_many, relay)
+            found, record = (yield work) if run.at_once(way) else (yield from _stretches(run, place, work))
+            run.store.write(place, in_direction(found.data, way) if both else found.data, record)
         else:
             sweep.tick(block.lanes)
         relay = passed_on(record, sweep.grid)
-        told[block.place] = str(record["chatter"])
+        run.told[place.place] = str(record["chatter"])
 
 
-def _part(grid: Grid, block: Block) -> Grid:
-    """The lanes of a block."""
-    outer = len(grid.door.shape)
-    scene = jax.tree.map(lambda a: a[block.at[:outer]], grid.door.scene) if outer else grid.door.scene
-    shape = tuple(part.stop - part.start for part in block.at[:outer])
-    axes = {key: values[part] for (key, values), part in zip(grid.axes.items(), block.at[outer:], strict=True)}
-    lanes, precise = _cut((grid.lanes, grid.precise), block, grid)
-    return Grid(grid.door._replace(scene=scene, shape=shape), lanes, axes, precise)
-
-
-def _cut(tree: Any, block: Block, grid: Grid) -> Any:
-    """The lanes of a block of a tree of arrays with a leading axis of all lanes."""
-    return jax.tree.map(
-        lambda a: np.asarray(a).reshape(*grid.shape, *a.shape[1:])[block.at].reshape(-1, *a.shape[1:]), tree
-    )
+def _stretches(run: Run, place: Block, work: Work) -> Generator[Work, Computed, Computed]:
+    """A block of continued values, which another process may have begun."""
+    kept = run.store.kept(place)
+    if kept is not None:
+        run.sweep.tick(int(kept["done"]) * math.prod(work.part.shape) // work.part.shape[len(work.part.door.shape)])
+    return (yield from in_stretches(work, kept, lambda record: run.store.keep(place, record), run.pace))
 
 
 def _words(sweep: Ordered) -> dict[str, str]:

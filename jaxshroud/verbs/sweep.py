@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from jaxtyping import ArrayLike
 
 from jaxshroud.batch.extent import fits
 from jaxshroud.batch.runs import Plan, Progress, Ticker
+from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import FAST, Choices, Method
 from jaxshroud.march.stability import Steps
 from jaxshroud.model.state import State
@@ -138,13 +139,14 @@ def sweep(
     grid, direction = _grid_of(door, along, direction)
     ways = WAYS if direction == "both" else (direction,)
     lanes = len(ways) * math.prod(grid.shape)
-    place = _place(store, direction, resume)
+    place = _place(store, resume)
     fits(lanes, door.transient, door.n_periods, None if samples and place is None else min(lanes, AT_ONCE))
     how = marched(grid.door, grid.lanes, FAST._replace(ledger=ledger))
     if forces:
         how = how._replace(method=how.method._replace(ledger=True, forces=True))
     precise = in_precision(grid.lanes, "float64") if lyapunov else None
-    grid = grid._replace(lanes=in_precision(grid.lanes, how.method.precision), precise=precise)
+    marched_lanes, numbers = in_precision(grid.lanes, how.method.precision), np.arange(math.prod(grid.shape))
+    grid = grid._replace(lanes=marched_lanes, precise=precise, numbers=numbers)
     states = None if state is None else door.states(state, grid.lanes)
     plan = Plan(door.transient, door.n_periods, how.steps, phase, how.method)
     wanted = Wanted(plan, how, period_tol, Ticker(lanes * lane_periods(plan, lyapunov), progress), samples)
@@ -152,21 +154,37 @@ def sweep(
         raise InputError("Argument `scheduler` needs a `store`, which keeps what workers have computed.")
     one_way = swept if samples else mapped
     if place is not None:
-        one_way = lambda *sweep: stored(Ordered(*sweep), place, scheduler)  # noqa: E731
-    each = {way: one_way(grid, states, way, wanted) for way in ways}
-    found = overlaid(each) if direction == "both" else each[direction]
+        found = stored(Ordered(grid, states, direction, wanted), place, scheduler)
+    elif direction == "both":
+        found = _overlaid(lambda way: one_way(grid, states, way, wanted))
+    else:
+        found = one_way(grid, states, direction, wanted)
     tell_failures(found.status, found.chatter, throw=throw)
     return found
 
 
-def _place(store: str | os.PathLike[str] | None, direction: Direction, resume: bool) -> Path | None:
+def _overlaid(one_way: Callable[[Direction], SweepResult]) -> SweepResult:
+    """A sweep in all directions.
+
+    Raises:
+        Interrupted: Ctrl-C; `done` has the directions that had ended, and what had of the one under way.
+    """
+    found: dict[str, SweepResult] = {}
+    for way in WAYS:
+        try:
+            found[way] = one_way(way)
+        except Interrupted as stopped:
+            known = found if stopped.done is None else {**found, way: stopped.done}
+            raise Interrupted(overlaid(known) if known else None) from None
+    return overlaid(found)
+
+
+def _place(store: str | os.PathLike[str] | None, resume: bool) -> Path | None:
     """Where the result is to be kept."""
     if store is None:
         if resume:
             raise InputError("Argument `resume` needs a `store` to go on with.")
         return None
-    if direction == "both":
-        raise InputError("A store has one direction; sweep forward and backward into stores of their own.")
     place = Path(store)
     if place.suffix != ".zarr":
         raise InputError(f"Argument `store` must name a folder that ends in .zarr, but is {place}.")

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.continuation import Relay, continued, independent
-from jaxshroud.batch.periods import Sample
+from jaxshroud.batch.periods import CHUNK, Sample
 from jaxshroud.batch.runs import Plan, Runs, Ticker, in_full, told_chatter
 from jaxshroud.batch.states import by_blade, final_states
 from jaxshroud.batch.threads import Interrupted
@@ -37,6 +37,7 @@ class Grid(NamedTuple):
     lanes: Scene  # one leading axis: those of the scenes, then those of the sweep, the last fastest
     axes: dict[str, np.ndarray]
     precise: Scene | None = None  # the lanes in float64, where exponents are wanted
+    numbers: np.ndarray | None = None  # of the lanes, in the whole of a sweep
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -57,6 +58,7 @@ class Wanted(NamedTuple):
     period_tol: float
     ticker: Ticker
     samples: bool = True
+    of_many: bool = False  # the lanes at hand are some of more
 
 
 def lane_periods(plan: Plan, lyapunov: bool) -> int:
@@ -77,10 +79,23 @@ def swept(
         runs = _run(grid, states, direction, wanted, relay)
     except Interrupted as stopped:
         raise Interrupted(stopped.done and result(stopped.done, {})) from None
+    single = wanted.of_many and math.prod(grid.shape) == 1
+    if single:
+        grid, runs = _twice(grid, runs)
     try:
-        return result(runs, _exponents(grid.precise, runs, wanted))
+        found = result(runs, _exponents(grid, runs, wanted))
     except Interrupted:
         raise Interrupted(result(runs, {})) from None
+    return SweepResult(found.data.isel({dimension(next(iter(grid.axes))): slice(1)})) if single else found
+
+
+def _twice(grid: Grid, runs: Runs) -> tuple[Grid, Runs]:
+    """One lane, run by a program of its own as all its neighbours, as two: its numbers are to be rounded as theirs."""
+    double = lambda tree: jax.tree.map(lambda a: np.concatenate([a, a]), tree)  # noqa: E731
+    key, *others = grid.axes
+    axes = {key: double(grid.axes[key]), **{other: grid.axes[other] for other in others}}
+    lanes, precise, numbers = double((grid.lanes, grid.precise, grid.numbers))
+    return Grid(grid.door, lanes, axes, precise, numbers), double(runs)
 
 
 def mapped(grid: Grid, states: State | None, direction: Direction, wanted: Wanted) -> SweepResult:
@@ -88,12 +103,15 @@ def mapped(grid: Grid, states: State | None, direction: Direction, wanted: Wante
     if direction != "independent":
         raise InputError("Sweeps forward and backward keep their samples; leave out `samples`.")
     parts, chatter, count = [], None, math.prod(grid.shape)
-    for first in range(0, count, AT_ONCE):
-        at = slice(first, first + AT_ONCE)
-        scenes, precise, begin = jax.tree.map(lambda a: a[at], (grid.lanes, grid.precise, states))  # noqa: B023  called at once
+    size = AT_ONCE if count % AT_ONCE != 1 else AT_ONCE + CHUNK  # a single lane would be run by another program
+    for first in range(0, count, size):
+        at = slice(first, first + size)
+        some = (grid.lanes, grid.precise, grid.numbers, states)
+        scenes, precise, lane_numbers, begin = jax.tree.map(lambda a: a[at], some)  # noqa: B023  called at once
+        part = grid._replace(lanes=scenes, precise=precise, numbers=lane_numbers)
         try:
             runs = independent(scenes, (len(scenes.drive.omega),), wanted.plan, wanted.ticker, begin)
-            numbers = _numbers(scenes, runs, wanted) | _exponents(precise, runs, wanted)
+            numbers = _numbers(scenes, runs, wanted) | _exponents(part, runs, wanted)
         except Interrupted:
             raise Interrupted(None) from None
         chatter = chatter or told_chatter(scenes, runs, wanted.plan)
@@ -132,8 +150,9 @@ def _result(grid: Grid, numbers: dict[str, Any], chatter: str | None, wanted: Wa
     return SweepResult.from_values(values, lanes=grid.dims, coords=coords, attrs=told, more=more)
 
 
-def _exponents(scenes: Scene | None, runs: Runs, wanted: Wanted) -> dict[str, np.ndarray]:
+def _exponents(grid: Grid, runs: Runs, wanted: Wanted) -> dict[str, np.ndarray]:
     """The largest exponent of each lane (leading axis) that has not stopped, and its interval, if wanted."""
+    scenes = grid.precise
     if scenes is None:
         return {}
     plan, fine = wanted.plan, np.flatnonzero(runs.last.status == Status.OK)
@@ -145,7 +164,9 @@ def _exponents(scenes: Scene | None, runs: Runs, wanted: Wanted) -> dict[str, np
         if scenes.parts.contact == "none":  # tangents are marched there too
             steps = steps_for(lanes, 1, "auto", plan.method.tableau)
         method = plan.method._replace(precision="float64")
-        exponent[fine], ci[fine] = largest_exponents(lanes, states, plan.kept, steps, method, wanted.ticker)[:2]
+        numbers = None if grid.numbers is None else grid.numbers[fine]
+        found = largest_exponents(lanes, states, plan.kept, steps, method, wanted.ticker, numbers)
+        exponent[fine], ci[fine] = found.exponent, found.ci
     return {"lyapunov": exponent, "lyapunov_ci": ci}
 
 

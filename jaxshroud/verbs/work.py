@@ -1,8 +1,8 @@
 """What it takes to compute a block of a sweep, wherever that is."""
 
 import math
-from collections.abc import Generator, Iterable
-from typing import NamedTuple
+from collections.abc import Generator, Iterable, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -24,7 +24,12 @@ class Work(NamedTuple):
     begin: State | None
     direction: Direction
     wanted: Wanted
-    relay: Relay  # from the block before
+    relay: Relay  # from the values before
+
+    def some(self, at: Sequence[slice], relay: Relay) -> "Work":
+        """The work on some of the lanes."""
+        part, whole = some(self.part, at), self.part.shape
+        return self._replace(part=part, begin=cut(self.begin, at, whole), relay=relay)
 
     @property
     def lanes(self) -> int:
@@ -40,6 +45,23 @@ class Computed(NamedTuple):
 
 
 Chain = Generator[Work, Computed, None]  # blocks of which each needs what the one before has come to
+
+
+def some(grid: Grid, at: Sequence[slice]) -> Grid:
+    """Some of the lanes of a grid."""
+    outer = len(grid.door.shape)
+    scene = jax.tree.map(lambda a: a[tuple(at[:outer])], grid.door.scene) if outer else grid.door.scene
+    shape = tuple(part.stop - part.start for part in at[:outer])
+    axes = {key: values[part] for (key, values), part in zip(grid.axes.items(), at[outer:], strict=True)}
+    lanes, precise, numbers = cut((grid.lanes, grid.precise, grid.numbers), at, grid.shape)
+    return Grid(grid.door._replace(scene=scene, shape=shape), lanes, axes, precise, numbers)
+
+
+def cut(tree: Any, at: Sequence[slice], shape: Sequence[int]) -> Any:
+    """Some of the lanes of a tree of arrays, with a leading axis of all lanes, which are a grid of that shape."""
+    return jax.tree.map(
+        lambda a: np.asarray(a).reshape(*shape, *a.shape[1:])[tuple(at)].reshape(-1, *a.shape[1:]), tree
+    )
 
 
 def computed(work: Work) -> Computed:

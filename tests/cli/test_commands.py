@@ -205,6 +205,8 @@ def test_help_has_an_example(verb, capsys):
         ("simulate table1 --set parts.fricton=none --out a.nc", ("[parts]", "`friction`")),
         ("sweep table1 --along contact.width --values 1e-6,2e-6 --out s", ("contact.width", "not smooth")),
         ("plot .", ("neither sweep.nc nor power.json",)),
+        ("convert . --out a.csv", (".: is a folder", "sweep.nc")),
+        ("sweep table1 --along contact.gamma --values 1,2 --out=", ("--out", "is empty")),
         ("plot a.nc --width 9", ("--width", "a length is needed", "90mm")),
         ("plot a.nc --width 9mm", ("from 40 to 1000 mm",)),
         ("plot a.nc --kind histry", ("--kind", "`history`")),
@@ -231,6 +233,11 @@ def test_damaged_files_are_named(stored, tmp_path, capsys):
     half.write_bytes(data[: len(data) // 2])
     for words in (["plot", half], ["simulate", "table1", "--from", half, "--out", tmp_path / "a.nc"]):
         assert "half.nc: not a complete result file" in refused(capsys, *words)
+    (tmp_path / "s").mkdir()
+    xr.Dataset(attrs={"kind": "sweep", "axes": "gamma"}).to_netcdf(tmp_path / "s" / "sweep.nc", engine="h5netcdf")
+    assert "sweep.nc: the result lacks" in refused(capsys, "plot", tmp_path / "s")
+    with pytest.raises(js.StoreError, match="lacks status"):
+        js.open(tmp_path / "s" / "sweep.nc")
     (tmp_path / "power.json").write_text('{"n": [1, 2')
     assert "power.json: cannot be read" in refused(capsys, "plot", tmp_path)
 
@@ -336,7 +343,7 @@ def test_gradient_command_refuses(tmp_path, capsys):
         assert "--sigma" in refused(capsys, "gradient", "fig10b", "--wrt", "shroud.gap", f"--sigma={sigma}", *out)
 
 
-@pytest.mark.parametrize("tolerance", ["nan", "-1e-3"])
+@pytest.mark.parametrize("tolerance", ["nan", "-1e-3", "inf"])
 def test_tolerances_are_numbers(tmp_path, capsys, tolerance):
     words = ["sweep", "fig09", "--out", tmp_path / "made", f"--period-tol={tolerance}"]
     assert "--period-tol must be a number of at least 0" in refused(capsys, *words)

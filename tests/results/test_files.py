@@ -40,6 +40,20 @@ def test_a_full_disk_is_one_line_and_nothing_is_left(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device of Linux")
+def test_an_output_that_takes_no_more_is_one_line():
+    with open("/dev/full", "w") as output:
+        words = [sys.executable, "-m", "jaxshroud", "scenes"]
+        done = subprocess.run(words, stdout=output, stderr=subprocess.PIPE, text=True, timeout=300)
+    assert (done.returncode, done.stderr) == (1, "the machine failed: [Errno 28] No space left on device\n")
+
+
+def test_a_closed_output_is_no_failure():
+    words = f"{sys.executable} -m jaxshroud scenes >&-"
+    done = subprocess.run(words, shell=True, stderr=subprocess.PIPE, text=True, timeout=300)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.fixture
 def full(monkeypatch):
     """A disk that takes no more."""

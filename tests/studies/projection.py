@@ -82,19 +82,25 @@ def begun(side: int, part: int) -> None:
             print(json.dumps(counts[0] | {"largest resident size": size}))
 
 
+def measured(side: int, part: int, small: int, runs: int) -> dict:
+    """Memory of part of a map, and times of small ones."""
+    words = [sys.executable, __file__, "--begin", "--side", str(side), "--part", str(part)]
+    told = json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
+    told |= {"limit": LIMIT, "said": memory(side**2, KEPT, AT_ONCE)}
+    return {"memory": told, "time": times(small, runs)}
+
+
 def main() -> None:
     """Run the study and write its JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--side", type=int, default=SIDE)
     parser.add_argument("--part", type=int, default=PART)
     parser.add_argument("--begin", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     js.cache_compilations()
     if options.begin:
-        return begun(SIDE, options.part)
-    words = [sys.executable, __file__, "--begin", "--part", str(options.part)]
-    told = json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
-    told |= {"limit": LIMIT, "said": memory(SIDE**2, KEPT, AT_ONCE)}
-    found = {"memory": told, "time": times(SMALL, RUNS)}
+        return begun(options.side, options.part)
+    found = measured(options.side, options.part, SMALL, RUNS)
     Path(__file__).with_suffix(".json").write_text(json.dumps(found, indent=1) + "\n")
     print(json.dumps(found))
 

@@ -7,9 +7,10 @@ import pytest
 pytestmark = pytest.mark.studies
 
 
-def test_a_killed_sweep_ends_with_the_same_bytes(tmp_path):
-    # 2,000 lanes are two blocks; of two kills one store at least is gone on with.
-    found = kills.killed(2_000, 2, np.random.default_rng(3), tmp_path)
+@pytest.mark.parametrize(("direction", "lanes"), [("independent", 2_000), ("both", 100)])
+def test_a_killed_sweep_ends_with_the_same_bytes(tmp_path, direction, lanes):
+    # 2,000 lanes are two blocks, 100 values in three directions six; of two kills one store at least is gone on with.
+    found = kills.killed(lanes, 2, np.random.default_rng(3), tmp_path, direction)
     assert found["kills"] == 2
     for store in found["stores"]:
         assert store["identical"]

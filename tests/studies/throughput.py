@@ -4,7 +4,8 @@
 each that know nothing of each other, by one process with two XLA CPU devices, and, in stores, as halves by two such
 processes and by two workers of Dask distributed. All have compiled before. `throughput.json` tells the lanes per second
 of every round and per second of processor time, and the medians of the ratios to the two processes of the same round;
-those of processor time stand where others use the machine, those of rounds where nobody does.
+those of processor time stand where others use the machine, those of rounds where nobody does. All have to find the
+same P_d, to the last bit.
 """
 
 import argparse
@@ -15,24 +16,25 @@ import subprocess
 import sys
 import tempfile
 import time
+import zlib
 from pathlib import Path
 
 import psutil
 
 LANES, ROUNDS = 4096, 5
 DEVICES = "--xla_force_host_platform_device_count=2"
-# What is swept how: words of a child, for each of the processes that share the lanes.
+# Where results go, and who sweeps: words of a child, for each of the processes that share the lanes.
 WAYS = {
-    "two processes": ["alone memory 0 2", "alone memory 1 2"],
-    "two devices": ["devices memory 0 1"],
-    "two processes, stored": ["alone store 0 2", "alone store 1 2"],
-    "two workers, stored": ["workers store 0 1"],
+    "two processes": ("memory", ["alone 0 2", "alone 1 2"]),
+    "two devices": ("memory", ["devices 0 1"]),
+    "two processes, stored": ("store", ["alone 0 2", "alone 1 2"]),
+    "two workers, stored": ("store", ["workers 0 1"]),
 }
 AGAINST = {"two devices": "two processes", "two workers, stored": "two processes, stored"}
 
 
-def child(lanes: int, who: str, place: str, part: str, parts: str) -> None:
-    """Sweep part of the lanes for every line that comes in, and say when it is done."""
+def child(lanes: int, who: str, part: str, parts: str) -> None:
+    """Sweep part of the lanes for every line that comes in, which says where to, and say when it is done."""
     import jax
     import numpy as np
 
@@ -44,15 +46,17 @@ def child(lanes: int, who: str, place: str, part: str, parts: str) -> None:
     values = np.linspace(0.5, 8.0, lanes)[int(part) :: int(parts)]
     scene = js.load("table1").scene
 
-    def once(out: str, **more) -> None:
+    def once(place: str, out: str, **more) -> str:
         kept = {} if place == "memory" else {"store": f"{out}/a.zarr"}
-        js.sweep(scene, {"contact.gamma": values}, n_periods=32, transient=32, steps_per_period=400, **kept, **more)
+        keeps = dict(n_periods=32, transient=32, steps_per_period=400, **kept, **more)
+        P_d = js.sweep(scene, {"contact.gamma": values}, **keeps).P_d
+        halves = P_d.reshape(-1, 2 // int(parts)).T
+        return " ".join(f"{zlib.crc32(np.ascontiguousarray(half).tobytes()):08x}" for half in halves)
 
     def serve(**more) -> None:
-        for _ in sys.stdin:
+        for line in sys.stdin:
             with tempfile.TemporaryDirectory() as out:
-                once(out, **more)
-                print("done", flush=True)
+                print("done", once(line.strip(), out, **more), flush=True)
 
     if who == "workers":
         from distributed import LocalCluster
@@ -81,32 +85,33 @@ def busy(children: list[subprocess.Popen]) -> float:
     return sum(sum(process.cpu_times()[:2]) for process in own + workers)
 
 
-def seconds(children: list[subprocess.Popen]) -> tuple[float, float]:
-    """What they take together: time, and processor time."""
+def seconds(place: str, children: list[subprocess.Popen]) -> tuple[float, float, str]:
+    """What they take together: time, and processor time; and checksums of what they find."""
     began, before = time.perf_counter(), busy(children)
     for process in children:
-        process.stdin.write("go\n")
-    for process in children:
-        if process.stdout.readline() != "done\n":
-            raise RuntimeError("a process has failed")
-    return time.perf_counter() - began, busy(children) - before
+        process.stdin.write(f"{place}\n")
+    lines = [process.stdout.readline().split() for process in children]
+    if not all(line[:1] == ["done"] for line in lines):
+        raise RuntimeError("a process has failed")
+    return time.perf_counter() - began, busy(children) - before, " ".join(word for line in lines for word in line[1:])
 
 
 def measured(lanes: int, rounds: int) -> dict:
     """Lanes per second of every way and round, and ratios."""
-    ways = {way: [started(lanes, words) for words in children] for way, children in WAYS.items()}
+    every = {words: started(lanes, words) for words in {words: 0 for _, some in WAYS.values() for words in some}}
+    ways = {way: (place, [every[words] for words in some]) for way, (place, some) in WAYS.items()}
     try:
-        for children in ways.values():
-            seconds(children)  # compiles
-        found: dict[str, list[tuple[float, float]]] = {way: [] for way in ways}
+        for place, children in ways.values():
+            seconds(place, children)  # compiles
+        found: dict[str, list[tuple[float, float, str]]] = {way: [] for way in ways}
         for _ in range(rounds):
-            for way, children in ways.items():
-                found[way].append(seconds(children))
+            for way, (place, children) in ways.items():
+                found[way].append(seconds(place, children))
     finally:
-        for process in (process for children in ways.values() for process in children):
-            process.stdin.close()
-            process.wait()
-    told: dict = {"lanes": lanes, "cores": os.cpu_count()}
+        for process in every.values():
+            process.communicate()
+    same = len({sums for each in found.values() for _, _, sums in each}) == 1
+    told: dict = {"lanes": lanes, "cores": os.cpu_count(), "same results": same}
     for number, kind in enumerate(("second", "processor second")):
         rates = {way: [round(lanes / times[number], 1) for times in each] for way, each in found.items()}
         ratios = {way: [a / b for a, b in zip(rates[way], rates[other], strict=True)] for way, other in AGAINST.items()}
@@ -120,7 +125,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--lanes", type=int, default=LANES)
     parser.add_argument("--rounds", type=int, default=ROUNDS)
-    parser.add_argument("--child", nargs=4, help=argparse.SUPPRESS)
+    parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:
         return child(options.lanes, *options.child)

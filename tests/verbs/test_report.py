@@ -41,6 +41,22 @@ def test_text_is_escaped_and_broken_into_pages():
     assert len(re.findall(rb"/Type /Page\b", pdf("t", [section]))) >= 3
 
 
+@pytest.mark.parametrize(
+    ("text", "typeset"),
+    [
+        ("M_0 = 0.1 N m", "<i>M</i><sub>0</sub> = 0.1 N m"),
+        ("gamma = k / k_x", "<i>&gamma;</i> = <i>k</i> / <i>k</i><sub><i>x</i></sub>"),
+        ("drive.F_0 by 2e-05", "<code>drive.F_0</code> by 2 &times; 10<sup>&minus;5</sup>"),
+        ("P_d +- 3 m^2 & more", "<i>P</i><sub><i>d</i></sub> &plusmn; 3 m<sup>2</sup> &amp; more"),
+        ("a steps_per_period of 5 $", "a steps_per_period of 5 $"),
+    ],
+)
+def test_symbols_of_pages_are_typeset(text, typeset):
+    assert typeset in html(text, [Section(text, [text], [[text], [text]])]).decode()
+    assert html(text, [Section(text, [text], [[text], [text]])]).decode().count(f">{typeset}<") >= 5  # wherever it is
+    assert b"/Type /Page" in pdf(text, [])
+
+
 @pytest.mark.parametrize("gap", [2e-5, 0.0, -1e-5])
 def test_gaps_are_about_the_design(gap):
     around = gaps_about(js.vary(SCENE, "shroud.gap", gap))

@@ -12,15 +12,17 @@ import pytest
 import zarr
 
 import jaxshroud as js
+from jaxshroud.batch import continuation
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import sweep as sweep_verb
-from jaxshroud.verbs import stored
+from jaxshroud.verbs import stored, stretches
 
 SHORT = dict(n_periods=2, transient=1, steps_per_period=100)
 GAMMA = np.linspace(1.0, 2.0, 200)
 LINE = {"contact.gamma": GAMMA}
 GRID = {"contact.gamma": GAMMA[:10], "drive.F_0": [40.0, 60.0]}
-WAYS = {"independent": LINE, "forward": GRID, "backward": GRID}
+WAYS = {"independent": LINE, "forward": GRID, "backward": GRID, "both": {"contact.gamma": GAMMA[:7]}}
+VALUES = {"forward": 10, "backward": 10, "both": 2 * 7}  # that follow each other
 
 
 class Killed(BaseException):
@@ -29,8 +31,9 @@ class Killed(BaseException):
 
 @pytest.fixture(scope="module", autouse=True)
 def small():
-    """Blocks of 64 lanes, or of four continued values."""
+    """Blocks of 64 lanes, or of four continued values, each of which is kept."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stretches, "SECONDS", 0.0)
         patch.setattr(stored, "LEAST", 64)
         patch.setattr(stored, "STEPS", 4 * 3 * 100)
         yield
@@ -81,10 +84,18 @@ def test_a_store_has_the_numbers_of_a_sweep_in_memory(scene, whole, way):
         np.testing.assert_array_equal(found[name], variable)  # chunks are the same programs in blocks of any size
 
 
-@pytest.mark.full(but=["forward"])
+@pytest.mark.full(but=["forward", "both"])
 @pytest.mark.parametrize("way", WAYS)
 def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_path, monkeypatch, written):
-    left, setitem, savez = [0], zarr.Array.__setitem__, np.savez
+    left, setitem, savez, run_lanes = [0], zarr.Array.__setitem__, np.savez, continuation.run_lanes
+    computed: list[int] = []  # values that follow each other, one after the other
+
+    def counted(*words):
+        if len(words) == 5:
+            computed.append(1)
+        return run_lanes(*words)
+
+    monkeypatch.setattr(continuation, "run_lanes", counted)
 
     def dying(inner):
         def call(*words, **more):
@@ -97,7 +108,8 @@ def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_p
 
     monkeypatch.setattr(zarr.Array, "__setitem__", dying(setitem))
     monkeypatch.setattr(np, "savez", dying(savez))
-    kills = (2, 20, 39, 70)  # while coordinates are written, within the first block, at its record, within another
+    # At a value, while coordinates are written, within the first block, about its end, within another.
+    kills = (2, 6, 23, 42, 73)
     for number in kills:
         left[0] = number
         with pytest.raises(Killed):
@@ -106,6 +118,7 @@ def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_p
     same(run(scene, way, tmp_path / "a.zarr", resume=True), whole[way])
     again = len(written) - len(set(written))
     assert again <= len(kills)  # those under way
+    assert len(computed) <= VALUES.get(way, 0) + len(kills)  # from the last that was finished
     before = len(written)
     same(run(scene, way, tmp_path / "a.zarr", resume=True), whole[way])
     assert len(written) == before
@@ -127,6 +140,22 @@ def test_an_interrupted_store_tells_what_ended_and_goes_on(scene, whole, tmp_pat
     assert set(status) == {js.Status.OK, js.Status.NOT_RUN}
     np.testing.assert_array_equal(np.isfinite(stopped.value.done.P_d), status == js.Status.OK)
     same(run(scene, "independent", tmp_path / "a.zarr", resume=True), whole["independent"])
+
+
+def test_an_interrupted_sweep_in_all_directions_keeps_those_that_had_ended(scene, whole):
+    def stop(done, total):
+        if done > total / 3 + 3:  # within the second value of the second direction
+            raise KeyboardInterrupt
+
+    with pytest.raises(js.Interrupted) as stopped:
+        js.sweep(scene, WAYS["both"], direction="both", progress=stop, **SHORT)
+    found = stopped.value.done
+    assert not found.complete
+    assert found.jump is None  # unknown until all have run
+    ran = found.status == js.Status.OK
+    assert ran.sum(axis=1).tolist() == [7, 1, 0]
+    np.testing.assert_array_equal(found.P_d[ran], whole["both"].P_d[ran])
+    assert np.isnan(found.P_d[~ran]).all()
 
 
 def flip(path: Path):
@@ -291,7 +320,7 @@ def test_an_interrupted_command_says_how_to_go_on(words, tmp_path, capsys, monke
     ("more", "told"),
     [
         (["--resume", "--store", "nc"], "leave out --store nc"),
-        (["--direction", "both"], "A store has one direction"),
+        (["--resume", "--scheduler", "nowhere"], "must be an address such as"),
     ],
 )
 def test_what_a_store_cannot_do_is_refused(words, capsys, more, told):
@@ -327,3 +356,12 @@ def test_a_long_run_says_first_what_it_will_take(words, capsys, monkeypatch, lon
     if told:
         assert "GiB of memory" in line[0]
         assert line[0].endswith("sweep.zarr")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("direction", ["forward", "both"])
+def test_a_long_run_in_a_direction_says_so_too(words, capsys, monkeypatch, direction):
+    monkeypatch.setattr(sweep_verb, "LONG", 0)
+    lanes = 20 * (3 if direction == "both" else 1)
+    assert cli.main([*words, "--num", "20", "--direction", direction]) == 0
+    assert any(line.startswith(f"{lanes} lanes: some ") for line in capsys.readouterr().err.splitlines())

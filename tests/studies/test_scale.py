@@ -1,0 +1,34 @@
+"""Small samples of the studies of throughput and of projections: they run, and have every number. No time counts."""
+
+import math
+
+import projection
+import pytest
+import throughput
+
+pytestmark = pytest.mark.studies
+
+
+def numbers(found) -> list[float]:
+    """All of them."""
+    if isinstance(found, dict):
+        found = list(found.values())
+    return [n for each in found for n in numbers(each)] if isinstance(found, list) else [float(found)]
+
+
+def test_devices_and_workers_find_what_processes_do():
+    found = throughput.measured(128, 1)
+    assert found["same results"]
+    for kind in ("lanes per second", "lanes per processor second"):
+        assert set(found[kind]) == {*throughput.WAYS, "median ratios"}
+        assert set(found[kind]["median ratios"]) == set(throughput.AGAINST)
+    assert all(n > 0 and math.isfinite(n) for n in numbers(found))
+
+
+def test_projections_are_compared_with_runs():
+    found = projection.measured(66, 64, 8, 1)
+    assert set(found) == {"memory", "time"}
+    assert found["memory"]["lanes done"] >= 64
+    assert found["memory"]["of"] == 66**2
+    assert len(found["time"]["ratios"]) == len(found["time"]["runs"]) == 1
+    assert all(n > 0 and math.isfinite(n) for n in numbers(found))
