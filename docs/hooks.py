@@ -20,6 +20,7 @@ from traitlets.config import Config
 ROOT = Path(__file__).parent.parent
 COPIED = {  # pictures that are kept elsewhere
     "pictures/peers.png": "tests/benchmarks/results/peers.png",
+    "pictures/peers_light.png": "tests/benchmarks/results/peers_light.png",
     "pictures/order.png": "tests/benchmarks/results/order.png",
     "pictures/reading.png": "tests/studies/reading.png",
 }

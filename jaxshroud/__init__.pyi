@@ -7,6 +7,7 @@ from .batch.rollout import rollout as rollout
 from .batch.sweepfunction import Strobe as Strobe
 from .batch.sweepfunction import sweep_function as sweep_function
 from .batch.threads import Interrupted as Interrupted
+from .batch.xla import FOR_SERIES as FOR_SERIES
 from .march.method import Method as Method
 from .march.stability import largest_frequency as largest_frequency
 from .march.stability import steps_for as steps_for

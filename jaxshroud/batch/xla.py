@@ -30,8 +30,11 @@ from jaxshroud.march.taylor import Taylor
 from jaxshroud.model.absent import Scalar
 
 COMPILER = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
-# Kernels of power series, of 3,000 to 8,000 operations: the usual emitter takes minutes for them, this one seconds.
 FOR_SERIES = COMPILER | {"xla_cpu_use_fusion_emitters": False}
+"""Options of XLA on a CPU, for `jax.jit(f, compiler_options=...)` of a program that marches by power series.
+
+Its kernels have 3,000 to 8,000 operations: the usual emitter takes minutes for them, this one seconds.
+"""
 STAGES_AT_ONCE = 7  # in one kernel
 STAGES_WITH_EVENTS = 4  # in one kernel with everything else that a trial does
 DUAL_STAGES = 4  # in one kernel where tangents come along

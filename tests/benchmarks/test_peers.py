@@ -159,7 +159,9 @@ def draw(rows: list[dict], series: list[dict], path: Path) -> None:
         color = plt.get_cmap("viridis")(k / len(engine.TRIED))
         right.semilogx([r["tolerance"] for r in mine], [r["trials"] for r in mine], "o-", color=color, label=f"{order}")
     right.axhline(series[0]["events"], color="k", ls=":", lw=1)
-    right.annotate("events", (1e-3, series[0]["events"]), xytext=(0, 3), textcoords="offset points", fontsize=8)
+    least = min(r["tolerance"] for r in series)
+    below = {"xytext": (0, -10), "textcoords": "offset points", "ha": "right", "fontsize": 8}
+    right.annotate("events at the loosest", (least, series[0]["events"]), **below)
     right.set(xlabel="tolerance of the series", ylabel="trials of a lane in a period", ylim=(0, None))
     right.invert_xaxis()
     right.grid(alpha=0.3)

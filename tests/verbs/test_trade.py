@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from accuracy import TARGETS, in_class, random_scene  # type: ignore[attr-defined]
 
 LIGHT = len(CLASSES)  # after all classes of stiffness
+GAMMA = np.linspace(0.05, 8, 64)[:, None]
 
 FEW = (
     Setting("rk4", "cubic", "float64", 1.0),
@@ -140,15 +141,17 @@ def test_promised_accuracies_are_kept_on_unseen_scenes(index):
 @pytest.mark.full
 def test_growth_of_errors_is_taken_into_account():
     # Nearly parallel faces, which the table has not seen: what it has for 1e-6 misses it in a third of the lanes.
-    base = load("fig09", ["drive.M_0=0.1"]).scene
-    lanes = scenes_at(base, ["contact.gamma"], np.linspace(0.05, 8, 64)[:, None])
+    lanes = scenes_at(load("fig09", ["drive.M_0=0.1"]).scene, ["contact.gamma"], GAMMA)
     exact = end_states(lanes, 3000, TRUTH.method)
     missed = lambda c: np.mean(~(state_errors(end_states(lanes, c.steps, c.method), exact) <= c.accuracy))  # noqa: E731
-    balanced, reference = (choose(lanes, 1, asked) for asked in ("balanced", "reference"))
+    balanced = choose(lanes, 1, "balanced")
     assert balanced.promised
     assert missed(balanced) <= 0.05
+    # Light blades rock through flat contact: what that drops decides on what follows.
+    light = scenes_at(load("fig09", ["drive.M_0=0.5", "blades.I=2.46e-5"]).scene, ["contact.gamma"], GAMMA)
+    reference = choose(light, 1, "reference")
     assert not reference.promised
-    assert 1e-10 < reference.reached < 1e-8
+    assert 1e-10 < reference.reached < 1e-5
     assert f"{reference.reached:.0e} is the best for 95 % of runs" in str(reference)
     by_table = accuracy._candidates(lanes, 1e-6)[0]  # control
     assert missed(Choice(1e-6, by_table, by_table.steps(*stiffest(lanes, 1)), True)) > 0.1
