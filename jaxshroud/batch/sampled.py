@@ -15,14 +15,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.core import Tracer
 from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Int
 
 from jaxshroud.batch.loop import Where, advance, itself, march
 from jaxshroud.batch.tangents import Dual, Flow, begun, dual, dual_grid, ended, whole_grid
-from jaxshroud.batch.xla import FOR_SERIES, EachLane, Tree, accepted, alone, best, in_parts, plain, repeated_while
+from jaxshroud.batch.xla import (
+    FOR_SERIES,
+    EachLane,
+    Tree,
+    accepted,
+    alone,
+    best,
+    in_parts,
+    inside_another,
+    plain,
+    repeated_while,
+)
 from jaxshroud.march.implicit import first_order_only
 from jaxshroud.march.lane import Lane, running
 from jaxshroud.march.method import Choices
@@ -146,8 +156,7 @@ def joining_lanes(f: Callable[..., Tree]) -> Callable[..., Tree]:
 
 
 def _run(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:
-    inside = any(isinstance(a, Tracer) for a in jax.tree.leaves((scenes, states)))  # of a program with its own compiler
-    large = schedule.method.taylor and not inside and accepted(series=True)
+    large = schedule.method.taylor and not inside_another((scenes, states)) and accepted(series=True)
     return (_run_large if large else _run_plain)(scenes, states, schedule)
 
 

@@ -66,8 +66,7 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
             given = signature(f).bind(*args, **kwargs).arguments
             method: Choices | None = given.get("method")
             taylor = method and method.taylor
-            inside = any(isinstance(a, Tracer) for a in jax.tree.leaves((args, kwargs)))  # of a program with its own
-            if inside or not accepted(bool(taylor)):
+            if inside_another((args, kwargs)) or not accepted(bool(taylor)):
                 return plain(*args, **kwargs)
             if not method or not taylor:
                 return widest(*args, **kwargs)
@@ -78,6 +77,11 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
         return call
 
     return decorate
+
+
+def inside_another(given: Any) -> bool:
+    """Whether a call is part of another program, whose options count."""
+    return any(isinstance(a, Tracer) for a in jax.tree.leaves(given))
 
 
 def _of_tolerance(method: Choices, tolerance: Any) -> Choices:

@@ -59,7 +59,6 @@ class _Place(NamedTuple):
     which: Int[Array, ""]
     hump: Bool[Array, ""]  # `at` is the top of a hump
     rise: Rise
-    bend: Scalar  # of the hump at its top, over the square of the part's width
 
 
 def first_rise(guards: list[Coefficients], h: Scalar, peeked: Bool[Array, ""], tries: Int[Array, ""]) -> Met:
@@ -113,29 +112,29 @@ def ended(guards: list[Coefficients], like: Scalar) -> list[Coefficients]:
 def _sought(guards: list[Coefficients], h: Scalar, width: Scalar, peeked: Bool[Array, ""]):
     """Whether a guard rises, where the first of them seems to, and the guards at the end with their rates."""
     zero, none = jnp.zeros_like(h), jnp.zeros((), bool)
-    place = _Place(h, zero, jnp.int32(0), none, Rise(zero, zero, zero, zero), zero)
+    place = _Place(h, zero, jnp.int32(0), none, Rise(zero, zero, zero, zero))
     found, before = none, [(g[0], g[1]) for g in guards]
     for part in range(PARTS):
         ends = [value_and_rate(g, width * (part + 1.0)) for g in guards]
         here = found
         for i, (start, end) in enumerate(zip(before, ends, strict=True)):
-            rises, hump, share, rise, bend = _looked_at(start, end, width, peeked if part == 0 else none)
+            rises, hump, share, rise = _looked_at(start, end, width, peeked if part == 0 else none)
             at = width * (part + share)
             sooner = rises & ~found & (at < place.at)
-            place = select(sooner, _Place(at, width * float(part), jnp.int32(i), hump, rise, bend), place)
+            place = select(sooner, _Place(at, width * float(part), jnp.int32(i), hump, rise), place)
             here = here | rises
         found, before = here, ends
     return found, place, before
 
 
 def _looked_at(start: tuple, end: tuple, width: Scalar, peeked: Bool[Array, ""]):
-    """Whether a guard rises in a part, by a hump, at which share of it, its cubic there, and the hump's curvature."""
+    """Whether a guard rises in a part, by a hump, at which share of it, and its cubic there."""
     g_0, g_1 = jnp.minimum(start[0], 0.0), end[0]  # what has just been crossed may begin above zero
     rise = Rise(g_0, g_1, start[1] * width, end[1] * width)
     top, bend = rise.hump  # by the end it may still be above zero
     hump = (bend > 0) & ~peeked
     share = jnp.where(hump, top, -g_0 / jnp.where(g_1 > 0, g_1 - g_0, 1.0))
-    return hump | (g_1 > 0), hump, share, rise, bend
+    return hump | (g_1 > 0), hump, share, rise
 
 
 def _polished(chosen: Coefficients, place: _Place, width: Scalar):
@@ -147,7 +146,7 @@ def _polished(chosen: Coefficients, place: _Place, width: Scalar):
     s = jnp.where(place.hump, place.at, low + width * root(rise))
     g, rate = value_and_rate(chosen, s)
     missed = place.hump & (g <= 0)
-    bend = jnp.where(place.hump, place.bend / jnp.where(width > 0, width * width, 1.0), 1.0)
+    bend = jnp.where(place.hump, rise.hump[1] / jnp.where(width > 0, width * width, 1.0), 1.0)
     back = (jnp.sqrt(jnp.maximum(rate * rate + 2 * bend * g, 0.0)) - rate) / jnp.where(bend > 0, bend, 1.0)
     step = jnp.where(place.hump, back, _newton(g, rate))
     for _ in range(NEWTONS):
