@@ -89,8 +89,9 @@ class Method(eqx.Module):
 
     Args:
         tableau: "rk4" (the reference), "tsit5", "dop853" or "dopri8"; or a `Tableau`. "taylor": by power series, whose
-            steps are as long as their `tolerance` allows; the steps per period then only count time, for samples and
-            for what is told per step.
+            steps are as long as their `tolerance` allows. The steps per period then count time: for samples, for what
+            is told per step, and for flat contact, which begins where a rocking would return within 1/24 of a step.
+            Where that happens, an error of that size is left at any tolerance, and falls with more steps.
         locate: "bisection" (the reference), "cubic" (fewer trials), or "none": events where steps end. Power series
             locate their events themselves.
         ledger: Deprecated; verbs that can keep an energy balance have an argument of that name.

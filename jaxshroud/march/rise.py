@@ -3,8 +3,16 @@
 Each guard is looked at where parts of the trial end, and at the hump of its cubic in between: a guard may rise and fall
 back within a part. The one that seems first is closed in on by Newton's rule. Should another one be above zero there,
 which had crossed before, the trial is not accepted and the next one ends at this place: there the order is plain.
+
+No trial is accepted on which a guard may have risen unseen. A guard differs from its cubic by no more than its fourth
+derivative allows, which its coefficients bound. Where that leaves a doubt in the second part, the trial ends with the
+first; where it does so in the first, nothing is accepted and the next trial is a quarter as long. The bound falls with
+the fourth power of the length: after at most seven quarters it is less than the rounding of the guard, which counts as
+no rise. More than 64 trials in a row that come to nothing end a lane as TOO_MANY_EVENTS.
 """
 
+import math
+from functools import reduce
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -13,7 +21,7 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.march.events import any_of
 from jaxshroud.march.locate import Rise, root, select
 from jaxshroud.model.absent import Scalar, filled, is_absent
-from jaxshroud.model.series import value_and_rate
+from jaxshroud.model.series import value, value_and_rate
 
 PARTS = 2  # of a trial, at whose ends guards are looked at
 RETURNS = 2  # of a guard, in a trial at most
@@ -72,21 +80,60 @@ def first_rise(guards: list[Coefficients], h: Scalar, peeked: Bool[Array, ""], t
     """
     guards = ended(guards, h)
     width, size = h * (1 / PARTS), h.dtype.itemsize
-    found, place, last = _sought(guards, h, width, peeked)
-    chosen = picked(guards, place.which)
-    s, missed, error = _polished(chosen, place, width)
-    over = any_of(((value_and_rate(g, s)[0] > 0) & (place.which != i)) for i, g in enumerate(guards))
+    found, place, (start, middle, last) = _sought(guards, h, width, peeked)
+    s, missed, error = _polished(picked(guards, place.which), place, width)
+    there = [value_and_rate(g, s) for g in guards]
+    over = any_of(((g > 0) & (place.which != i)) for i, (g, _) in enumerate(there))
     sure = missed | (jnp.abs(error) <= CONVERGED[size] * h)
-    again = found & (over | ~sure) & (tries < MOST_TRIES)
-    beyond = jnp.minimum(s + BEYOND[size] * h, h)
+    unclear = found & (over | ~sure) & (tries < MOST_TRIES)
+
+    in_first = found & (place.low == 0)
+    end, part = jnp.where(found, s, h), jnp.where(in_first, s, width)
+    at_part, at_end = select(in_first, there, middle), select(found, there, last)
+    early = any_of(may_rise(a, b, part, fourth(g, part)) for g, a, b in zip(guards, start, at_part, strict=True))
+    late = any_of(may_rise(a, b, end - part, fourth(g, end)) for g, a, b in zip(guards, at_part, at_end, strict=True))
+
+    again = unclear | early
+    shorter = late & ~again
+    whole = ~again & ~shorter
+    stop = jnp.where(found, jnp.minimum(s + BEYOND[size] * h, h), h)
     return Met(
-        end=jnp.where(found, beyond, h),
+        end=jnp.where(shorter, part, jnp.where(early & ~unclear, part / 2, stop)),
         which=place.which,
-        fire=found & ~missed & ~again,
-        peek=found & missed & ~again,
+        fire=found & ~missed & whole,
+        peek=found & missed & whole,
         again=again,
         inside=place.hump & (picked(last, place.which)[0] < 0),
     )
+
+
+def fourth(guard: Coefficients, s: Scalar) -> Scalar:
+    """A bound of the size of a guard's fourth derivative up to `s`, over 24."""
+    sizes = tuple(math.comb(n, 4) * jnp.abs(c) for n, c in enumerate(guard) if n >= 4)
+    return value(sizes, s) if sizes else jnp.zeros_like(s)
+
+
+def may_rise(start: tuple, end: tuple, width: Scalar, bound: Scalar) -> Bool[Array, ""]:
+    """Whether a guard, not above zero at the ends of a stretch, may be above zero in between.
+
+    With s from 0 to 1 along the stretch, it differs from its Hermite cubic by at most E s^2 (1 - s)^2, where
+    E = `bound` width^4. It cannot rise where no coefficient of the sum in Bernstein polynomials of degree 4 is above
+    zero; nor where it starts (ends) nearly level and the parabola that is above it from there on has no root.
+
+    Args:
+        start: Value and rate at the start.
+        end: Value and rate at the end.
+        width: Length of the stretch.
+        bound: Of the fourth derivative, over 24.
+    """
+    rise = Rise(jnp.minimum(start[0], 0.0), jnp.minimum(end[0], 0.0), start[1] * width, end[1] * width)
+    (g_0, g_1, m_0, m_1), (_, b, c) = rise, rise.powers
+    square = width * width
+    E = bound * square * square
+    highest = reduce(jnp.maximum, (g_0 + m_0 / 4, g_0 + m_0 / 2 + (b + E) / 6, g_1 - m_1 / 4))
+    onward, back = b + E + jnp.maximum(c, 0.0), b + E + jnp.maximum(3 * c, 2 * c)  # of s^2 and (1 - s)^2
+    level = (onward < 0) & (m_0 * m_0 <= 4 * g_0 * onward) | (back < 0) & (m_1 * m_1 <= 4 * g_1 * back)
+    return (highest > BEYOND[8] * (jnp.abs(m_0) + jnp.abs(m_1))) & ~level
 
 
 def returning(guards: list[Coefficients], longest: Scalar) -> Scalar:
@@ -114,6 +161,7 @@ def _sought(guards: list[Coefficients], h: Scalar, width: Scalar, peeked: Bool[A
     zero, none = jnp.zeros_like(h), jnp.zeros((), bool)
     place = _Place(h, zero, jnp.int32(0), none, Rise(zero, zero, zero, zero))
     found, before = none, [(g[0], g[1]) for g in guards]
+    seen = [before]
     for part in range(PARTS):
         ends = [value_and_rate(g, width * (part + 1.0)) for g in guards]
         here = found
@@ -124,7 +172,8 @@ def _sought(guards: list[Coefficients], h: Scalar, width: Scalar, peeked: Bool[A
             place = select(sooner, _Place(at, width * float(part), jnp.int32(i), hump, rise), place)
             here = here | rises
         found, before = here, ends
-    return found, place, before
+        seen.append(ends)
+    return found, place, seen
 
 
 def _looked_at(start: tuple, end: tuple, width: Scalar, peeked: Bool[Array, ""]):

@@ -22,7 +22,7 @@ from jaxshroud.march.locate import select
 from jaxshroud.march.method import Choices
 from jaxshroud.march.peaks import Peaks
 from jaxshroud.march.quadrature import rule
-from jaxshroud.march.rise import MOST_TRIES, Met, Stride, ended, first_rise, picked, returning
+from jaxshroud.march.rise import Met, Stride, ended, first_rise, picked, returning
 from jaxshroud.march.trial import Noted, Sizes, change, finite, status_of, tallied
 from jaxshroud.march.within import Within
 from jaxshroud.model.absent import ABSENT, Pair, Scalar, is_absent
@@ -90,7 +90,7 @@ def _trial(way: Course, lane: Lane, fixed: Fixed, order: int) -> tuple[Met, Int[
     rocking = [g.upto(2) for kind, g in way.guards if kind in (Kind.TURN, Kind.HEIGHT)]
     soon = jnp.maximum(returning(rocking, h), FLAT_RETURN * RADIANS * fixed.grid.turn)  # beyond, contact is flat
     h = jnp.minimum(h, soon)
-    h = jnp.where((search.tries > 0) & (search.tries < MOST_TRIES), jnp.minimum(h, search.cap), h)
+    h = jnp.where(search.tries > 0, jnp.minimum(h, search.cap), h)
     return _met(way, order, h, search)
 
 

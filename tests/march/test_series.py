@@ -380,3 +380,41 @@ ROCKING = {
     "drive.M_0": [0.58252, 0.31275],
     "drive.phase": [0.0, 4.923],
 }
+
+
+def test_a_guard_that_rises_twice_between_two_looks_is_not_passed_over():
+    # Value and rate are -0.001 and 0 at 0, 1/2 and 1, so that no cubic tells of the two humps of 0.2 in between.
+    double_root = np.polynomial.Polynomial.fromroots([0, 0, 0.5, 0.5, 1, 1])
+    guard = 100 * double_root - 1e-3
+    first = min(r.real for r in guard.roots() if abs(r.imag) < 1e-12 and r.real > 0)
+    no, length = jnp.zeros((), bool), jnp.asarray(1.0)
+    for tries in range(8):
+        met = first_rise([tuple(jnp.asarray(c) for c in guard.coef)], length, no, jnp.int32(tries))
+        if not met.again:
+            break
+        assert met.end < length
+        length = met.end
+    assert met.fire
+    np.testing.assert_allclose(met.end, first, rtol=1e-12)
+
+
+def test_a_double_crossing_inside_a_long_trial_is_met():
+    # The faces switch forth and back within a trial of order 16: passed over, the state is 3.4e-4 off after two
+    # periods, at any number of steps and with an energy residual of 1e-14. Dormand-Prince 8 and order 12 agree to 2e-9.
+    overrides = {
+        "blades.I": 2.6160521216069342e-05,
+        "shroud.alpha": 0.9887105657862301,
+        "shroud.gap": 1.0320996052560072e-06,
+        "contact.k": 538404.5346056379,
+        "drive.omega": 502.7957762247744,
+        "drive.beta": 0.49427427276293934,
+        "drive.F_0": 5.828297860798546,
+        "drive.M_0": 0.10977218231319973,
+        "drive.phase": [0.028875763527480905, 3.170468417117274],
+    }
+    scene = js.load("table1", [f"{key}={value}" for key, value in overrides.items()]).scene
+    by_series, fine = (
+        run([scene], 2, 1600, method) for method in (SERIES["16"], Choices(tableau("dopri8"), "cubic", False))
+    )
+    assert counts(by_series, "switch_23") == counts(fine, "switch_23")
+    assert relative_error(ends(by_series), ends(fine), sizes(fine)) < 1e-8
