@@ -223,7 +223,7 @@ class _Run:
             for i, (F, b) in enumerate(zip(p.F_0, p.beta, strict=True))
         ]
         if self.relative().v > 0:
-            self.apply("onset", self.y)
+            self.apply("start", self.y)
         self.jump, self.stored_0 = 0.0, self.stored()
 
     def _scales(self) -> None:
@@ -346,12 +346,12 @@ class _Run:
         """One transition; `probe` is a state a little later, asked only for a direction that is undecided."""
         p, r = self.p, self.relative()
         self.handled |= {kind}
-        if kind == "onset":
+        if kind in ("onset", "start"):  # in overlap the element is unstretched under N > 0, whatever the rates
             self.u_s = r.u
-            slips = p.k_d * abs(r.u_rate) > p.mu * p.k * r.v_rate
+            slips = p.k_d * abs(r.u_rate) > p.mu * p.k * r.v_rate if kind == "onset" else not p.rubs
             self.mode = STICK if not slips else SLIP_PLUS if r.u_rate > 0 else SLIP_MINUS
             self.note("onset_slip" if slips else "onset_stick")
-            self.handled |= {"separation", "limit"}
+            self.handled |= {"onset", "separation", "limit"}
         elif kind == "separation":
             self.mode, self.u_s = APART, 0.0
             self.note(kind)

@@ -3,6 +3,7 @@
 | transition          | guard that rises through 0          | on crossing                                           |
 |---------------------|-------------------------------------|-------------------------------------------------------|
 | apart -> contact    | lift = v                            | u_s := u; slip if k_d abs(u') > mu k v', else stick   |
+| start with v > 0    | at once                             | u_s := u; stick (slip where mu or k_d is 0)           |
 | contact -> apart    | lift = -v                           | forces vanish                                         |
 | stick -> slip       | rub = abs(w) - mu k v / k_d         | sigma = sign(w); u_s follows u - sigma mu N / k_d     |
 | slip -> stick       | rub = -sigma (u' - sigma mu k v'/k_d) | u_s frozen where it is                              |
@@ -246,7 +247,7 @@ def crossing(
 
     mode = jnp.where(
         kind == Kind.LIFT,
-        jnp.where(held.mode == Mode.APART, _onset_mode(view, spring), jnp.int32(Mode.APART)),
+        jnp.where(held.mode == Mode.APART, _onset_mode(view, late, spring), jnp.int32(Mode.APART)),
         jnp.where(kind == Kind.RUB, _rub_mode(at, held, spring), held.mode),
     )
     w = stretch(at.v, at.u, held.u_s, held.mode, spring)
@@ -289,11 +290,16 @@ def _soon_back(view: View, h: Scalar, model: Model) -> Bool[Array, ""]:
     return (lower > 0) & (upper < 0) & (returns < FLAT_RETURN * h * -lower * upper)
 
 
-def _onset_mode(view: View, spring: Springs) -> Int[Array, ""]:
+def _onset_mode(view: View, late: Scalar, spring: Springs) -> Int[Array, ""]:
+    """Stick or slip as contact begins: by the rates where v = 0, stick in a start in overlap.
+
+    There the element is unstretched under a normal force: k_d abs(w) = 0 is less than mu N whatever the rates.
+    """
     rate = view.rate
     if is_absent(spring.lag):
         return jnp.int32(Mode.SLIP_PLUS)
-    slips = (jnp.abs(rate.u) > spring.lag * rate.v) | (spring.mu == 0)
+    in_overlap = (late == 0) & (view.at.v > view.at.rounding)
+    slips = ((jnp.abs(rate.u) > spring.lag * rate.v) & ~in_overlap) | (spring.mu == 0)
     sliding = jnp.where(rate.u < 0, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
     return jnp.where(slips, sliding, jnp.int32(Mode.STICK))
 

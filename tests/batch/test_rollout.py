@@ -5,6 +5,7 @@ import subprocess
 import sys
 from functools import partial
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -221,3 +222,16 @@ def test_a_rollout_by_power_series_is_differentiated(table1):
     assert float(slope) == pytest.approx(float(power(gap + h) - power(gap - h)) / (2 * h), rel=5e-3)
     inside = jax.jit(lambda gap: jax.jvp(power, (gap,), (1.0,))[1], compiler_options=js.FOR_SERIES)
     assert float(inside(gap)) == pytest.approx(float(slope), rel=1e-9)
+
+
+@pytest.mark.parametrize("method", [js.Method("rk4"), js.Method("taylor", order=8, tolerance=1e-7)], ids=str)
+def test_a_start_in_overlap_sticks_whatever_the_rates(method):
+    # The element starts unstretched under N > 0. By the rates it would slip, as k_d |u'| > mu k v' here, with mu N at
+    # once: 12 N, where a step of stick stretches it by 0.4 N at most, and the forces would jump where v' = u' = 0.
+    scene = js.load("table1", ['parts.motion=["x"]']).scene
+    places = lambda s: (s.initial.x, s.initial.v_x)  # noqa: E731
+    scene = eqx.tree_at(places, scene, (jnp.array([1.2e-4, 0.0]), jnp.array([0.01, 0.0])))
+    found = js.rollout(scene, every=1, steps_per_period=400, method=method, save=lambda at: (at.N, at.F, at.state.mode))
+    N, F, mode = (np.asarray(a)[0] for a in found.saved)
+    assert mode == 1  # stick
+    assert abs(F) < 0.05 * 0.5 * N
