@@ -13,7 +13,7 @@ from jaxshroud.scene.laws import Laws
 from jaxshroud.scene.scene import Scene
 
 POINTS = 4000  # of the cycle that the laws are taken through
-ROUNDING = 1e-9  # of the largest power, or energy, in it
+ROUNDING = 1e-9  # of the largest power that a law is given, or of the energy, in it
 Course = Float[Array, " points"]
 
 
@@ -24,6 +24,8 @@ class Cycle(NamedTuple):
     F: Course
     energy: Course  # stored
     spare: Course  # what of it changes with v_t, u_t or N alone
+    normal_power: Course  # given to the normal law [W]
+    friction_power: Course
     normal_loss: Course  # power dissipated [W]
     friction_loss: Course
 
@@ -61,11 +63,11 @@ def check_laws(scene: Scene) -> None:
 def _refuse(laws: Laws, seen: Cycle) -> None:
     """Raise InputError for what is wrong with the laws."""
     energies = max(np.max(np.abs(seen.energy)), 1e-30)
-    for law, loss in (("normal", seen.normal_loss), ("friction", seen.friction_loss)):
-        power = np.max(np.abs(loss), initial=1e-30)
+    losses = ("normal", seen.normal_power, seen.normal_loss), ("friction", seen.friction_power, seen.friction_loss)
+    for law, given, loss in losses:
         if not np.all(np.isfinite([seen.N, seen.F, seen.energy, loss])):
             raise InputError(f"The {law} law is not finite; mind quotients by N, which is 0 where contact begins.")
-        if np.any(loss < -ROUNDING * max(power, 1e-6)):
+        if np.any(loss < -ROUNDING * np.max(np.abs(given))):
             raise InputError(f"The {law} law gives out more work than it was given.")
     if abs(float(laws.energy(jnp.zeros(()), laws.z))) > ROUNDING * energies:
         raise InputError("The laws store energy where nothing is pressed yet: that of v = 0 and the first z must be 0.")
@@ -108,4 +110,4 @@ def _seen(laws: Laws, v, v_t, u_t, z) -> Cycle:
         loss = F * u_t - laws.stored_power(v, z, still, z_t)
         spare = jnp.abs(spare) + jnp.abs(laws.friction(z, u_t, N)[2] - laws.friction(z, still, still)[2])
     stored = laws.stored_power(v, z, v_t, jnp.zeros_like(z))
-    return Cycle(N, F, energy, spare, N * v_t - stored, loss)
+    return Cycle(N, F, energy, spare, N * v_t, F * u_t, N * v_t - stored, loss)

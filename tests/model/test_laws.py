@@ -167,3 +167,14 @@ def test_a_law_may_be_of_arrays():
     np.testing.assert_allclose(b.saved.F, a.saved.F, rtol=1e-8)
     np.testing.assert_allclose(b.state.motion.x, a.state.motion.x, rtol=1e-8)
     assert b.state.u_s.shape == (2,)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [js.Hertz(4e7), js.DampedSpring(2e5, 6e5, 3e-5, 0.0), lambda v, v_t: (1e6 * v, 5e5 * v**2)],
+    ids=["hertz", "undamped", "spring"],
+)
+@pytest.mark.parametrize("gap", [2.2e-5, 5e-5])
+def test_conservative_laws_are_passive(table1, law, gap):
+    # What such a law loses is rounding alone: it is judged by the power that the law is given.
+    js.check_laws(js.with_laws(js.vary(table1, "shroud.gap", gap), law))
