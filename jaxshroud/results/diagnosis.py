@@ -59,7 +59,7 @@ class Diagnosis(Trajectory):
             **{name: getattr(self, name) for name in names},
             "largest_exponent": [self.largest_exponent, self.largest_exponent_ci],
             "exponents": _rows(self.exponents, self.exponents_ci),
-            "multipliers": _rows(self.multipliers.real, self.multipliers.imag) if self.has_multipliers else [],
+            "multipliers": [] if (mu := self.multipliers) is None else _rows(mu.real, mu.imag),
             **final,
             "P_d_settled": self.P_d_settled,
             "time": {name: getattr(self, f"time_{name}") for name in ("apart", "stick", "slip")},

@@ -43,8 +43,10 @@ class Complex(Variable):
             told = {**self.attributes, "long_name": f"{self.attributes['long_name']}: {part} part"}
             yield f"{self.name}_{part}", ((*lanes, *self.dims), getattr(np.asarray(values), part), told)
 
-    def read(self, data: "xr.Dataset") -> np.ndarray:
-        """The numbers."""
+    def read(self, data: "xr.Dataset") -> Any:
+        """The numbers that a dataset holds, None where it has none."""
+        if f"{self.name}_real" not in data.variables:
+            return None
         return data[f"{self.name}_real"].to_numpy() + 1j * data[f"{self.name}_imag"].to_numpy()
 
 

@@ -30,6 +30,8 @@ def read(path: str | os.PathLike[str]) -> "xr.Dataset":
         return _read_zarr(Path(path))
     if Path(path).is_dir():
         raise StoreError(f"{Path(path)}: is a folder; give the result in it, such as {Path(path) / 'sweep.nc'}")
+    if Path(path).exists() and not Path(path).is_file():
+        raise StoreError(f"{path}: is no regular file; give a result written by jaxshroud")
     try:
         with xr.open_dataset(path, engine="h5netcdf") as ds:
             memory_for("it", ds.nbytes)

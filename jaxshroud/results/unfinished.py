@@ -58,8 +58,33 @@ def unfinished(
         StoreError: It is of another sweep, none, damaged beyond repair or in use.
         WriteError: The place cannot be written.
     """
+    if not (path / "zarr.json").exists():
+        _refuse_foreign(path)
     with _locked(path):
         yield Unfinished(path, lanes, about, coords)
+
+
+def _refuse_foreign(path: Path) -> None:
+    """Raise StoreError if a folder holds anything that is not known to have been written here."""
+    if not path.is_dir():
+        return
+    ours = bool(told_in(path))
+    known = lambda part: part.name == "resume" or (ours and _of_a_store(part))  # noqa: E731
+    strange = [part.name for part in sorted(path.iterdir()) if not known(part)]
+    if not ours and (path / "resume").is_dir():
+        strange += [f"resume/{part.name}" for part in sorted((path / "resume").iterdir()) if part.name != "lock"]
+    if strange:
+        raise StoreError(
+            f"{path}: holds {strange[0]!r}, which is not of a store that a sweep has begun, and stays as it is; "
+            "choose another --out"
+        )
+
+
+def _of_a_store(part: Path) -> bool:
+    """Whether a store of this kind has such a part: its description, an array of Zarr's version 3, what a kill left."""
+    if part.name == "zarr.json" or part.name.endswith(".partial"):
+        return part.is_file()
+    return part.is_dir() and ((part / "zarr.json").is_file() or not any(part.iterdir()))
 
 
 @contextmanager
@@ -228,7 +253,9 @@ class Unfinished:
         begun = set(self._resume.glob(f"*{BEGUN}") if told_in(self.path) == about else [])
         with _writing(self.path):
             for old in self.path.iterdir():
-                if old.name != "resume":
+                if old.is_file():
+                    old.unlink()
+                elif old.name != "resume":
                     shutil.rmtree(old)
             for old in set(self._resume.glob("*.npz")) - begun:
                 old.unlink()
@@ -293,10 +320,11 @@ def remove(path: Path) -> None:
     """Make an end of a store, if it is there.
 
     Raises:
-        StoreError: Another process is writing to it.
+        StoreError: Another process is writing to it, or it holds what was not written here.
         WriteError: It cannot be removed.
     """
     if path.exists():
+        _refuse_foreign(path)
         with _locked(path), _writing(path):
             shutil.rmtree(path)
 

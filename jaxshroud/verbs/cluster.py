@@ -78,7 +78,7 @@ def _connected(stack: ExitStack, address: str, workers: int | None) -> "Client":
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is told in one line
     if workers is not None:
-        own: Any = {"n_workers": workers, "threads_per_worker": 1, "memory_limit": 0, "dashboard_address": ":0"}
+        own: Any = {"n_workers": workers, "threads_per_worker": 1, "memory_limit": 0, "dashboard_address": None}
         cluster: Any = stack.enter_context(LocalCluster(**own, silence_logs=logging.CRITICAL))
         address = cluster.scheduler_address
     client = Client.__new__(Client)

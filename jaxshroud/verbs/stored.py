@@ -194,6 +194,8 @@ def _words(sweep: Ordered) -> dict[str, str]:
         "phase": repr(plan.phase),
         "period_tol": repr(wanted.period_tol),
         "samples": str(wanted.samples),
+        "ledger": str(plan.method.ledger),
+        "forces": str(plan.method.forces),
         "lyapunov": str(grid.precise is not None),
         "scenes": _all(grid.lanes) if grid.door.shape else "one",
         "start": "the scene's own" if states is None else _all(states),

@@ -13,8 +13,8 @@ import xarray as xr
 from jaxshroud.cli import commands as cli
 from jaxshroud.results import drawing
 from jaxshroud.results.files import write
-from jaxshroud.results.store import write_dataset, write_json
-from jaxshroud.scene.errors import MachineError, WriteError
+from jaxshroud.results.store import read, write_dataset, write_json
+from jaxshroud.scene.errors import MachineError, StoreError, WriteError
 
 # Files of at most 10 kB: the system refuses to write on, as on a full disk.
 FULL = """
@@ -113,3 +113,9 @@ def test_a_killed_write_leaves_what_the_next_one_removes(tmp_path):
     assert [path.name[:7] for path in tmp_path.iterdir()] == [".sweep-"]
     write(tmp_path / "sweep.nc", b"whole")
     assert [path.name for path in tmp_path.iterdir()] == ["sweep.nc"]
+
+
+def test_what_is_no_file_is_one_line(tmp_path):
+    os.mkfifo(tmp_path / "pipe.nc")  # which would be waited for without end
+    with pytest.raises(StoreError, match="no regular file"):
+        read(tmp_path / "pipe.nc")

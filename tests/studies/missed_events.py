@@ -11,7 +11,9 @@ larger), or where it has met another number of events of some kind. `missed_even
   Runge-Kutta methods find a switch;
 - "tolerance": it falls at least thirty-fold with the next tolerance, which is a thousand times finer, and no event is
   missed;
-- "unexplained": neither.
+- "count": the state agrees within these bounds all the same, an event more or less is a graze;
+- "flat": the only other counts are of flat contact, whose threshold a small difference decides;
+- "unexplained": none of these.
 """
 
 import json
@@ -116,6 +118,10 @@ def suspects(scenes: Scene, fine: Met, orders=ORDERS, tolerances=TOLERANCES) -> 
                 own = differences(fine, other)[n, -1]
                 if own >= apart[k][n, -1] / 10 or other_counts(fine, other)[n]:
                     reason = "references"
+                elif not (apart[k][n] > bound[n]).any():
+                    reason = "count"
+                elif names and set(names) <= {"flat", "flat_corner"}:
+                    reason = "flat"
                 elif not names and k + 1 < len(runs) and apart[k + 1][n, -1] <= apart[k][n, -1] / 30:
                     reason = "tolerance"
                 else:
@@ -128,8 +134,9 @@ def suspects(scenes: Scene, fine: Met, orders=ORDERS, tolerances=TOLERANCES) -> 
     return found
 
 
-def summary(found: list[dict[str, Any]], reasons=("references", "tolerance", "unexplained")) -> dict[str, Any]:
+def summary(found: list[dict[str, Any]]) -> dict[str, Any]:
     """How many suspects of each reason every method has."""
+    reasons = "references", "tolerance", "count", "flat", "unexplained"
     table: dict[str, Any] = {}
     for one in found:
         row = table.setdefault(f"taylor {one['order']} {one['tolerance']:g}", dict.fromkeys(reasons, 0))

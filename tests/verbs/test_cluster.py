@@ -6,6 +6,7 @@ import signal
 
 import dask
 import numpy as np
+import psutil
 import pytest
 from distributed import Client, LocalCluster
 
@@ -175,3 +176,11 @@ def test_a_scheduler_that_is_lost_leaves_a_store_to_go_on_with(scene, tmp_path, 
     whole = run(scene, "independent", path, resume=True)
     assert len(set(written)) == len(written) == 4
     assert whole.complete
+
+
+def test_workers_of_ones_own_listen_on_this_machine_only():
+    with cluster.client_of("local:1"):
+        processes = [psutil.Process(), *psutil.Process().children(recursive=True)]
+        sockets = [at for process in processes for at in process.net_connections("inet") if at.status == "LISTEN"]
+    assert sockets
+    assert {at.laddr.ip for at in sockets} <= {"127.0.0.1", "::1"}

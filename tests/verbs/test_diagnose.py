@@ -71,6 +71,7 @@ def test_a_scene_that_stops_says_so(tmp_path):
     with pytest.warns(js.LaneWarning, match="NOT_FINITE"):
         stopped = js.diagnose(js.load("table1", [*SMALL, "initial.x=[1e200, 0.0]"]), **HOW)
     assert stopped.verdict == "stopped"
+    assert stopped.multipliers is None
     assert "NOT_FINITE" in stopped.evidence
     assert "summary" in panels(stopped.plot())
     with pytest.raises(js.InputError, match="takes one scene"):

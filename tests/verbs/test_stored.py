@@ -15,6 +15,7 @@ import jaxshroud as js
 from jaxshroud.batch import continuation
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import sweep as sweep_verb
+from jaxshroud.results import unfinished
 from jaxshroud.verbs import stored, stretches
 
 SHORT = dict(n_periods=2, transient=1, steps_per_period=100)
@@ -365,3 +366,47 @@ def test_a_long_run_in_a_direction_says_so_too(words, capsys, monkeypatch, direc
     lanes = 20 * (3 if direction == "both" else 1)
     assert cli.main([*words, "--num", "20", "--direction", direction]) == 0
     assert any(line.startswith(f"{lanes} lanes: some ") for line in capsys.readouterr().err.splitlines())
+
+
+def foreign(path, kind):
+    """A folder that no sweep has written, and what is in it."""
+    path.mkdir()
+    if kind == "zarr v2":
+        (path / ".zgroup").write_text('{"zarr_format": 2}')
+        (path / "data").mkdir()
+        (path / "data" / "0").write_bytes(b"numbers")
+    else:
+        (path / "mydata").mkdir()
+        (path / "mydata" / "thesis.txt").write_text("years of work")
+    return {part.relative_to(path): part.is_file() and part.read_bytes() for part in path.rglob("*")}
+
+
+@pytest.mark.parametrize("kind", ["zarr v2", "a folder"])
+def test_what_no_sweep_has_written_stays(scene, tmp_path, kind):
+    path = tmp_path / "c3.zarr"
+    before = foreign(path, kind)
+    for take in (lambda: run(scene, "independent", path, resume=True), lambda: unfinished.remove(path)):
+        with pytest.raises(js.StoreError, match="stays as it is"):
+            take()
+        assert {part.relative_to(path): part.is_file() and part.read_bytes() for part in path.rglob("*")} == before
+
+
+def test_what_lies_beside_the_arrays_of_a_store_stays(whole, scene, tmp_path):
+    path = tmp_path / "beside.zarr"
+    shutil.copytree(kept(whole), path)
+    (path / "zarr.json").unlink()  # as if killed before it was a store
+    (path / "mydata").mkdir()
+    (path / "mydata" / "thesis.txt").write_text("years of work")
+    with pytest.raises(js.StoreError, match="mydata"):
+        run(scene, "independent", path, resume=True)
+    assert (path / "mydata" / "thesis.txt").read_text() == "years of work"
+    assert (path / "status").is_dir()
+
+
+@pytest.mark.parametrize("more", ["ledger", "forces"])
+def test_what_is_kept_belongs_to_a_store(whole, scene, tmp_path, more):
+    # Without them a store would go on with NaN for the blocks that are there.
+    path = tmp_path / "more.zarr"
+    shutil.copytree(kept(whole), path)
+    with pytest.raises(js.StoreError, match=f"{more} was False, is True"):
+        run(scene, "independent", path, resume=True, **{more: True})
