@@ -177,3 +177,9 @@ def test_the_site_builds_without_a_warning_and_is_whole(tmp_path):
     fonts = re.findall(r"url\(([^)]+)\)", (site / "katex" / "katex.min.css").read_text("utf-8"))
     assert fonts
     assert all((site / "katex" / font).exists() for font in fonts)
+
+
+def test_every_public_name_has_its_place_in_the_reference():
+    pages = "".join(page.read_text("utf-8") for page in DOCS.rglob("*.md"))
+    told = set(re.findall(r"^::: jaxshroud\.(\w+)", pages, re.MULTILINE))
+    assert {name for name in js.__all__ if not name.startswith("_")} <= told

@@ -17,7 +17,7 @@ from jaxshroud.batch.tangents import differentiable
 from jaxshroud.batch.xla import Tree, best, compiled
 from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.model.absent import Pair
-from jaxshroud.model.linear import area, free_power
+from jaxshroud.model.linear import area, free_power, power_reduction
 from jaxshroud.model.state import State
 from jaxshroud.scene.checks import count_argument
 from jaxshroud.scene.errors import InputError
@@ -124,8 +124,7 @@ def _swept(scenes: Scene, states: State, plan: _Plan, method: Choices) -> Strobe
     kept = _by_chunks(lambda chunk: _chunk(chunk[0], chunk[1], plan), (scenes, states), len(scenes.drive.omega))
     A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(scenes)
     P = A[:, None] * jnp.stack(kept.power, axis=-1)
-    driven = P_0[:, 0] > 0
-    P_d = jnp.where(driven, 100 * (1 - P[:, 0] / jnp.where(driven, P_0[:, 0], 1.0)), jnp.nan)
+    P_d = power_reduction(P[:, 0], P_0[:, 0])
     return Strobe(Motion(*(jnp.stack(pair, axis=-1) for pair in kept.motion)), P, P_d, kept.status)
 
 

@@ -17,9 +17,14 @@ class CommandError(InputError):
     """The command line is wrong; the message is one line that says where."""
 
 
+def printable(text: str) -> str:
+    """A text without what a terminal would obey: control characters become marks."""
+    return "".join(c if c.isprintable() or c in "\n\t" else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
 def one_line(error: Exception) -> str:
     """The message of an error as one line that can be read."""
-    text = " ".join(str(error).split())
+    text = " ".join(printable(str(error)).split())
     return text if len(text) <= LINE else f"{text[: LINE // 2]} ... {text[-LINE // 2 :]}"
 
 
@@ -104,11 +109,13 @@ def print_columns(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]
     """A table with a head, numbers to the right."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
+    told = lambda text: Text(printable(text))  # no markup: titles and folders are anything  # noqa: E731
     look: Any = {"title_justify": "left", "box": None, "padding": (0, 2, 0, 0)}
-    table = Table(title=title, show_header=heads_shown, **look)
+    table = Table(title=told(title) if title else None, show_header=heads_shown, **look)
     for i, head in enumerate(heads):
-        table.add_column(head, justify="right" if i and heads_shown else "left")
+        table.add_column(told(head), justify="right" if i and heads_shown else "left")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(told, row))
     Console(width=None if sys.stdout.isatty() else 160).print(table)

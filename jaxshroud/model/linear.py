@@ -1,8 +1,10 @@
 """Closed-form motion of the blades while they do not touch: Eq. (1) with the contact forces absent."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Complex, Float
 
@@ -65,6 +67,13 @@ class Swing(NamedTuple):
     steady: Complex[Array, "..."]  # amplitude
     damping: Float[Array, "..."]  # c / 2m [1/s]
     square: Float[Array, "..."]  # k / m - damping^2: of the damped circular frequency, negative if overdamped
+
+
+def power_reduction(P: Any, P_0: Any) -> Any:
+    """P_d of Eq. (24) [percent] by the power with and without contact; NaN where there is no drive, P_0 = 0."""
+    where = jnp.where if isinstance(P, jax.Array) or isinstance(P_0, jax.Array) else np.where
+    driven = P_0 > 0
+    return where(driven, 100 * (1 - P / where(driven, P_0, 1.0)), jnp.nan)
 
 
 def swings(scene: Scene) -> Swing:

@@ -15,7 +15,7 @@ from scipy.special import stdtrit
 from jaxshroud.batch.runs import Plan, run_lanes, starts
 from jaxshroud.batch.tangents import Course, direction
 from jaxshroud.batch.xla import repeated
-from jaxshroud.model.linear import area, free_power
+from jaxshroud.model.linear import area, free_power, power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.averages import averages
 from jaxshroud.motion.orbit import Cycle
@@ -113,7 +113,7 @@ def differences_on(found: Cycle, wrt: Sequence[str], step: float, of: Of = "P_d"
 def _measure(of: Of, scene: Scene, power):
     """`of` from the left blade's mean square displacement."""
     P = area(scene.shroud) * power[0]
-    return P if of == "P" else 100 * (1 - P / free_power(scene)[0])
+    return P if of == "P" else power_reduction(P, free_power(scene)[0])
 
 
 @partial(jax.jit, static_argnames="of")

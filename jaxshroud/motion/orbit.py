@@ -12,7 +12,7 @@ import numpy as np
 from jaxshroud.batch.states import STATE
 from jaxshroud.batch.tangents import Tangents
 from jaxshroud.march.method import Choices
-from jaxshroud.model.linear import area, free_power
+from jaxshroud.model.linear import area, free_power, power_reduction
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.state import State
 from jaxshroud.scene.scene import Scene
@@ -163,7 +163,7 @@ def described(scene: Scene, shot: Shot, q: int, tolerance: float, spent: int, st
         q=q,
         P=P,
         P_0=P_0,
-        P_d=float(100 * (1 - P[0] / P_0[0])) if P_0[0] > 0 else float("nan"),
+        P_d=float(power_reduction(P[0], P_0[0])),
         residual=shot.residual,
         multipliers=multipliers,
         conditioning=conditioning,

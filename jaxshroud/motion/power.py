@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxshroud.model.linear import power_reduction
 from jaxshroud.motion.interval import ENOUGH, correlation_times, interval
 from jaxshroud.motion.settling import YES, series_settling
 
@@ -54,9 +55,7 @@ def _same_period(power: Floats, P_0: Floats, number: int) -> Reduction:
     n = power.shape[1] // q * q
     used = power[:, power.shape[1] - n :]
     P = used.mean(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        percent = 100 * (1 - used[..., 0] / P_0[:, :1])  # P_d of each period
-    percent = np.where(P_0[:, :1] > 0, percent, np.nan)
+    percent = power_reduction(used[..., 0], P_0[:, :1])  # of each period
     told, ci, times = series_settling(percent, number, DRIFT), interval(percent, q), correlation_times(percent, q)
     settled = told.verdict == YES
     short = ~(times >= ENOUGH) & ~(settled & (number > 0))

@@ -17,6 +17,7 @@ from jaxshroud.verbs.lanes import one_scene
 
 TURN = 2 * np.pi
 MANY_GAPS = 10.0  # that a free block's corner may move by its moment alone before that is doubtful
+FAR = 200.0  # gaps by which the free blades may approach each other
 HEAVY = 10.0  # times the inertia of a uniform block of that mass
 OVERDAMPED = 1.0  # damping ratio
 NAMES = {"x": "bending along x", "y": "bending along y", "theta": "torsion"}
@@ -120,9 +121,14 @@ def _doubts(sheet: Sheet, scene: Scene) -> Iterator[str]:
     for name, one in sheet.coordinates.items():
         if name != "theta" and max(one.amplitude) > float(scene.shroud.l_oa):
             yield f"{NAMES[name]}: a free block moves by {max(one.amplitude) * 1e3:.3g} mm, more than its own side"
+        elif name != "theta" and float(scene.shroud.l_oa) < max(one.resonant) < np.inf:
+            swing = f"{max(one.resonant) * 1e3:.3g} mm at resonance"
+            yield f"{NAMES[name]}: a free block moves by {swing}, more than its own side: check F_0 and the damping"
         if max(one.zeta) >= OVERDAMPED:
             yield f"{NAMES[name]} is overdamped, zeta = {max(one.zeta):.3g}: it creeps instead of ringing"
         if min(one.zeta) == 0:
             yield f"{NAMES[name]} has no damping: its transients never end"
+    if touches and gap and sheet.approach > FAR * gap:
+        yield f"the free blades approach each other by {sheet.approach / gap:.0f} gaps: check the unit of shroud.gap"
     if touches and sheet.gap > sheet.approach + sum(sheet.corner):
         yield "the free blades do not come near enough to touch: contact, if any, comes from the start alone"

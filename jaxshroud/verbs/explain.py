@@ -84,7 +84,7 @@ def explain(scene: Scene | SceneFile, method: Method | Choices | None = None) ->
     return Explained(
         parts=scene.parts,
         numbers=0 if closed else len(jax.tree.leaves(lane)),
-        events=_events(lane),
+        events=_events(_ready(scene, FAST)[0]),
         operations=0 if closed else operations(scene, method),
         full_operations=operations(full, method),
         omega_max=omega_max,

@@ -14,7 +14,7 @@ from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, run_lanes, told_c
 from jaxshroud.batch.states import final_states
 from jaxshroud.march.method import FAST_WITH_LEDGER, Choices, Method
 from jaxshroud.march.stability import Steps
-from jaxshroud.model.linear import area
+from jaxshroud.model.linear import area, power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.state import State
 from jaxshroud.motion.averages import averages, relative_residual
@@ -44,9 +44,7 @@ def _summaries(scenes: Scene, samples: list[Sample], period_tol: float, toleranc
     whole = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
     orbit, now, P_0 = averages(scenes, whole, period_tol)
     A = np.asarray(jax.vmap(area)(scenes.shroud), float)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        series = 100 * (1 - A[:, None] * whole.power[0] / P_0[:, :1])
-    series = np.where(P_0[:, :1] > 0, series, np.nan)
+    series = power_reduction(A[:, None] * whole.power[0], P_0[:, :1])
     residual = np.full(len(A), np.nan) if whole.residual is None else relative_residual(whole)
     found = []
     for i, told in enumerate(earlier):

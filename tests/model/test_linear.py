@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import j0
 
-from jaxshroud.model.linear import area, free_power, steady_amplitudes
+from jaxshroud.model.linear import area, free_power, power_reduction, steady_amplitudes
 from jaxshroud.scene.vary import vary
 
 UNEQUAL = {
@@ -128,3 +128,11 @@ def test_power_can_be_differentiated(unequal):
     force = jnp.asarray(20.0)
     power = lambda F_0: free_power(vary(scene, "drive.F_0", F_0))[0]  # noqa: E731
     np.testing.assert_allclose(jax.grad(power)(force), 2 * power(force) / force, rtol=1e-12)
+
+
+def test_a_reduction_without_drive_is_unknown_and_its_slope_is_no_infinity():
+    # Where P_0 = 0 a bare quotient would be infinite, and its derivative NaN beside a finite number.
+    for kind in (np.asarray, jnp.asarray):
+        np.testing.assert_array_equal(power_reduction(kind([1.0, 1.0]), kind([0.0, 2.0])), [np.nan, 50.0])
+    slope = jax.grad(lambda P: jnp.nansum(power_reduction(P, jnp.array([0.0, 2.0]))))(jnp.array([1.0, 1.0]))
+    np.testing.assert_array_equal(slope, [0.0, -50.0])

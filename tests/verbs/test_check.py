@@ -44,7 +44,9 @@ def test_the_free_blades_approach_as_their_steady_motion_does():
         ([*SMALL, "blades.c_T=0.6"], ["torsion is overdamped"]),
         ([*SMALL, "shroud.gap=5 mm"], ["do not come near enough"]),
         ([*SMALL, "blades.c_x=0"], ["bending along x has no damping"]),
-        ([*SMALL, "drive.F_0=1e5"], ["bending along x: a free block moves by"]),
+        ([*SMALL, "drive.F_0=1e4"], ["bending along x: a free block moves by", "gaps: check the unit"]),
+        ([*SMALL, "blades.c_x=0.2"], ["232 mm at resonance"]),
+        ([*SMALL, "shroud.gap=1 um"], ["gaps: check the unit of shroud.gap"]),
         (['parts.motion=["x"]'], []),
     ],
 )
