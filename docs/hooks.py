@@ -1,8 +1,8 @@
 """What the documentation is made of beside its pages: hooks of MkDocs.
 
 Notebooks, the changelog and pictures come from where they are kept; `{{ help sweep }}` becomes a command's own help,
-`{{ output check table1 }}` what a command prints, `{{ file NAME }}` a file, and `{{ numbers SweepResult }}` a table of
-what a result holds.
+`{{ output check table1 }}` what a command prints, `{{ file NAME }}` a file, `{{ numbers SweepResult }}` a table of
+what a result holds, and `{{ verbs all }}` a table of the verbs by the questions in the heads of their pages.
 """
 
 import io
@@ -27,8 +27,20 @@ COPIED = {  # pictures that are kept elsewhere
 PAGES = {"changelog.md": "CHANGELOG.md", "studies.md": "tests/studies/README.md"}
 LINK = re.compile(r"\[([^]]+)\]\((?!https?:)[^)]+\)")  # to a file that the site does not have
 OUTWARDS = re.compile(r"(?<=\])\(\.\./[^)]+\)")  # from a notebook to the repository
-ASKED = re.compile(r"\{\{ (help|output|file|numbers) ([^}]+) \}\}")
+ASKED = re.compile(r"\{\{ (help|output|file|numbers|verbs) ([^}]+) \}\}")
 SHOWN = ["image/png", "text/markdown", "text/plain"]  # of a cell's output the first that there is
+
+
+VERBS = "What can be asked"  # the part of the site that has a page for each command
+
+
+def on_config(config):
+    """List the page of every command."""
+    from jaxshroud.cli.command_table import COMMANDS
+
+    verbs = next(part[VERBS] for part in config["nav"] if VERBS in part)
+    verbs += [{name: f"verbs/{name}.md"} for name in COMMANDS]
+    return config
 
 
 def on_files(files: Files, config) -> Files:
@@ -59,23 +71,38 @@ def on_page_markdown(markdown: str, **_) -> str:
     def put(found: re.Match[str]) -> str:
         if found[1] == "numbers":
             return numbers(found[2])
+        if found[1] == "verbs":
+            return verbs_by_question()
         return f"```text\n{said(found[1], found[2]).rstrip()}\n```"
 
     return ASKED.sub(put, markdown)
 
 
+def verbs_by_question() -> str:
+    """Every question with the verbs that answer it, in the order of the commands."""
+    from jaxshroud.cli.command_table import COMMANDS
+
+    verbs: dict[str, list[str]] = {}
+    for name in COMMANDS:
+        question = re.search(r"^question: (.+)$", (ROOT / "docs" / "verbs" / f"{name}.md").read_text("utf-8"), re.M)
+        assert question, f"docs/verbs/{name}.md has no question in its head"
+        verbs.setdefault(question[1], []).append(f"[{name}]({name}.md)")
+    rows = (f"| {question} | {', '.join(links)} |" for question, links in verbs.items())
+    return "\n".join(["| question | verb |", "|---|---|", *rows])
+
+
 def numbers(name: str) -> str:
     """The numbers of a class of results: dimensions after those of the lanes, unit, what they are."""
     import jaxshroud as js
-    from jaxshroud.results.variable import MOTION, Attribute, Counts, Moving
+    from jaxshroud.io.variable import MOTION, Attribute, CountsVariable, MotionVariable
 
     rows = ["| number | dimensions | unit | |", "|---|---|---|---|"]
     for key, number in getattr(js, name).variables.items():
         dims, about = ", ".join(number.dims), number.attributes
-        if isinstance(number, Moving):
+        if isinstance(number, MotionVariable):
             fields = [(f"{key}.{field}", f"{dims}, blade".strip(", "), *MOTION[field]) for field in MOTION]
-        elif isinstance(number, Counts):
-            fields = [(key, "", "", number.words.strip(": "))]
+        elif isinstance(number, CountsVariable):
+            fields = [(key, "", "", number.label.strip(": "))]
         elif isinstance(number, Attribute):
             continue
         else:

@@ -55,6 +55,12 @@ def pytest_xdist_auto_num_workers(config):
     return max(1, min(cores, psutil.virtual_memory().total // 4_000_000_000))
 
 
+def is_marked(item, mark):
+    """Whether a test has a mark; where the mark names parameters by `only`, whether it is of one of these."""
+    found = item.get_closest_marker(mark)
+    return found is not None and ("only" not in found.kwargs or item.callspec.id in found.kwargs["only"])
+
+
 def full_among(items):
     """The tests marked `full`: themselves, or parameters of theirs that are not among those that the mark excepts."""
     found, unknown = set(), {}
@@ -75,7 +81,7 @@ def pytest_collection_modifyitems(config, items):
     for mark, reason in {"benchmark": "timings run only with --benchmark", "studies": "run with --studies"}.items():
         if not config.getoption(f"--{mark}"):
             for item in items:
-                if item.get_closest_marker(mark):
+                if is_marked(item, mark):
                     item.add_marker(pytest.mark.skip(reason=reason))
     if by_name(config):
         return
@@ -94,7 +100,7 @@ def table1():
 @pytest.fixture
 def written(monkeypatch):
     """Places of the blocks of a store that were written so far."""
-    from jaxshroud.results.unfinished import Unfinished
+    from jaxshroud.io.unfinished_store import Unfinished
 
     places, write = [], Unfinished.write
 

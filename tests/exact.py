@@ -14,8 +14,17 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxshroud.model.geometry import Corners, Pose, Rates, Touch, corners, pose, touch, touch_rates
-from jaxshroud.scene.motion import Motion
+from jaxshroud.model.geometry import (
+    ContactKinematics,
+    ContactRates,
+    Corners,
+    Pose,
+    contact_kinematics,
+    contact_rates,
+    corners,
+    pose,
+)
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Shroud
 
 Floats = NDArray[np.float64]
@@ -159,25 +168,25 @@ def shrouds(b: Sides) -> Shroud:
     return jax.vmap(Shroud)(*map(jnp.asarray, b))
 
 
-def touch_at(shroud: Shroud, q, case, reading: frozenset[str] = CONSISTENT) -> tuple[Touch, Corners]:
+def touch_at(shroud: Shroud, q, case, reading: frozenset[str] = CONSISTENT) -> tuple[ContactKinematics, Corners]:
     """The package's corner pair of one position."""
     block = corners(shroud, reading)
-    return touch(posed(q), case, block, reading), block
+    return contact_kinematics(posed(q), case, block, reading), block
 
 
 def over_draws(per_state):
     """`per_state(reading, case, shroud, ...)` over arrays of states, compiled once per reading and not per case."""
-    lanes = lambda reading, case, *states: jax.vmap(partial(per_state, reading, case))(*states)  # noqa: E731
+    lanes = lambda reading, case, *states: jax.vmap(partial(per_state, reading, case))(*states)
     compiled = jax.jit(lanes, static_argnums=0)
     return lambda reading, case, *states: compiled(reading, jnp.int32(case), *jax.tree.map(jnp.asarray, states))
 
 
 @over_draws
-def _touch_and_rates(reading: frozenset[str], case, shroud: Shroud, q, rate) -> tuple[Touch, Rates]:
+def _touch_and_rates(reading: frozenset[str], case, shroud: Shroud, q, rate) -> tuple[ContactKinematics, ContactRates]:
     at, _ = touch_at(shroud, q, case, reading)
-    return at, touch_rates(at, motion(q, rate), case, reading)
+    return at, contact_rates(at, motion(q, rate), case, reading)
 
 
-def touches(d: Draw, case: int, reading: frozenset[str] = CONSISTENT) -> tuple[Touch, Rates]:
+def touches(d: Draw, case: int, reading: frozenset[str] = CONSISTENT) -> tuple[ContactKinematics, ContactRates]:
     """The package's corner pairs and their rates at all positions of a draw."""
     return _touch_and_rates(reading, case, shrouds(d.sides), d.q, d.rate)

@@ -11,12 +11,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.runs import Plan, initial_states, run_lanes
 from jaxshroud.march.method import FAST_WITH_LEDGER
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.linear import free_motion
 from jaxshroud.model.modes import Status
-from jaxshroud.scene.errors import StepTooLongError
+from jaxshroud.scene.checks import StepTooLongError
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.vary import vary
 
@@ -114,7 +114,7 @@ def results(table1: Scene) -> list[Result]:
     for n in sorted({n for n in steps.values() if n is not None}):
         group = [case for case in scenes if steps[case] == n]
         batch = jax.tree.map(lambda *a: np.stack(a), *(scenes[case] for case in group))
-        runs = run_lanes(batch, starts(batch), Plan(0, PERIODS, n, 0.0, FAST_WITH_LEDGER), lambda _: None)
+        runs = run_lanes(batch, initial_states(batch), Plan(0, PERIODS, n, 0.0, FAST_WITH_LEDGER), lambda _: None)
         done += [
             _result(case, scenes[case], n, jax.tree.map(lambda a, i=i: a[i], runs)) for i, case in enumerate(group)
         ]
@@ -149,7 +149,7 @@ def _result(case: Case, scene: Scene, steps: int, runs) -> Result:
 
 def rows(found: list[Result]) -> list[tuple[str, ...]]:
     """The table's rows; the error as the power of ten above it."""
-    power = lambda error: f"< 1e{int(np.ceil(np.log10(max(error, 1e-15))))}"  # noqa: E731
+    power = lambda error: f"< 1e{int(np.ceil(np.log10(max(error, 1e-15))))}"
     return [(str(r.case), str(r.steps), r.status, r.check, power(r.error)) for r in found]
 
 

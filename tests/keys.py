@@ -5,7 +5,7 @@
 
 from pathlib import Path
 
-from jaxshroud.scene.keys import OTHERS, ROWS, Key
+from jaxshroud.scene.keys import INPUT_KEYS, SCENE_KEYS, Key
 
 FILE = Path(__file__).parent.parent / "docs" / "keys.md"
 HEAD = """# The numbers of a scene
@@ -22,8 +22,8 @@ MORE = """
 ## Data as engineers have them
 
 A file may give frequencies, damping ratios and speeds instead, from which these numbers are worked out
-(formulas: `jaxshroud/scene/given.py`), and `I = "block"` for the moment of inertia of the block itself. Two keys for
-one quantity are an error. `--along` and `jaxshroud.vary` know the numbers above only.
+(formulas: `jaxshroud/scene/derived_inputs.py`), and `I = "block"` for the moment of inertia of the block
+itself. Two keys for one quantity are an error. `--along` and `jaxshroud.vary` know the numbers above only.
 
 | key | symbol | unit | range | per blade | default | example | |
 |---|---|---|---|---|---|---|---|
@@ -45,7 +45,7 @@ def line(row: Key) -> str:
 
 def page() -> str:
     """The whole page."""
-    return HEAD + "".join(map(line, ROWS)) + MORE + "".join(map(line, OTHERS)) + FOOT
+    return HEAD + "".join(map(line, SCENE_KEYS)) + MORE + "".join(map(line, INPUT_KEYS)) + FOOT
 
 
 if __name__ == "__main__":

@@ -5,14 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxshroud.scene.scene
-from jaxshroud.batch.runs import Plan, Runs, run_lanes, starts
+from jaxshroud.batch.runs import Plan, Runs, initial_states, run_lanes
 from jaxshroud.march.method import REFERENCE, Choices
+from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.tableau import tableau
-from jaxshroud.march.words import TABLEAUS
-from jaxshroud.scene.motion import AT_REST, Motion
+from jaxshroud.scene.keys import AT_REST, Motion
 from jaxshroud.scene.parts import Parts
-from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
+from jaxshroud.scene.valid import in_precision
 
 # Every method that claims to be of its tableau's order, and steps per period from which on it is.
 EXACT = {f"{name}-{how}": Choices(tableau(name), how) for name in TABLEAUS for how in ("bisection", "cubic")}
@@ -23,7 +23,7 @@ def run(scenes: list[Scene], periods: int, steps: int, method: Choices = REFEREN
     """Runs of alike-structured scenes from their initial motions, all periods kept."""
     batch = jax.tree.map(lambda *a: jnp.stack(a), *scenes)
     batch = in_precision(batch, method.precision)
-    return run_lanes(batch, starts(batch), Plan(0, periods, steps, 0.0, method), lambda _: None)
+    return run_lanes(batch, initial_states(batch), Plan(0, periods, steps, 0.0, method), lambda _: None)
 
 
 def ends(runs: Runs) -> np.ndarray:

@@ -2,11 +2,13 @@
 
 import shlex
 
+import pytest
+
 from jaxshroud.cli import commands as cli
 from jaxshroud.verbs import trade
 
-# As README of version 0.1 had them; what is appended makes them small, of a model that other tests compile too.
-SMALL = "--set 'model.motion=[\"x\"]'"
+# As README has had them; what is appended makes them small, of a model that other tests compile too.
+SMALL = "--set 'parts.motion=[\"x\"]'"
 SHORT = f"{SMALL} --periods 2 --steps-per-period 200"
 COMMANDS = [
     ("jaxshroud sweep fig09 --out fig09", f"{SHORT} --transient 1 --num 3"),
@@ -38,9 +40,9 @@ COMMANDS = [
     ),
     (
         "jaxshroud trade table1 --out trade",
-        f"{SMALL} --set model.friction=none --lanes 8 --periods 4 --transient 4",
+        f"{SMALL} --set parts.friction=none --lanes 8 --periods 4 --transient 4",
     ),
-    ('jaxshroud explain table1 --set \'model.motion=["x", "y"]\'', ""),
+    ('jaxshroud explain table1 --set \'parts.motion=["x", "y"]\'', ""),
     ('jaxshroud explain table1 --set \'parts.motion=["x", "y"]\'', ""),
     ("jaxshroud plot gap", ""),
 ]
@@ -60,11 +62,12 @@ scene = js.load("table1").scene
 run = js.simulate(scene, n_periods=20)
 curve = js.sweep(scene, {"contact.gamma": [1.0, 2.0, 4.0]}, n_periods=64, transient=200)
 print(curve.P_d, curve.P_d_ci, curve.period_number)
-exact = js.Method(js.tableau("dopri8"), locate="cubic")  # or precision="float32" for speed; see below
-fine = js.sweep(scene, {"contact.gamma": [1.0, 2.0, 4.0]}, n_periods=64, steps_per_period=100, method=exact)
+exact = js.RungeKutta("dopri8", steps=100)  # or precision="float32" for speed; see below
+fine = js.sweep(scene, {"contact.gamma": [1.0, 2.0, 4.0]}, n_periods=64, method=exact)
 """
 
 
+@pytest.mark.full
 def test_commands_of_readme(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(trade, "SETTINGS", {contact: ways[:2] for contact, ways in trade.SETTINGS.items()})
@@ -76,7 +79,7 @@ def test_commands_of_readme(tmp_path, monkeypatch, capsys):
 
 
 def test_python_of_readme(capsys):
-    small = 'js.load("table1", [\'model.motion=["x"]\']).scene'
+    small = 'js.load("table1", [\'parts.motion=["x"]\']).scene'
     assert PYTHON.count('js.load("table1").scene') == 1
     made = {}
     exec(PYTHON.replace('js.load("table1").scene', small), made)

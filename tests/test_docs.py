@@ -4,6 +4,7 @@ A command on a page is run with the words of `SMALLER` after its own; Python on 
 smallest model, and with few periods where nothing else is said. Installation is what CI does anyway.
 """
 
+import json
 import re
 import shlex
 import subprocess
@@ -17,10 +18,10 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
-from jaxshroud.cli.parser import VERBS, parser
-from jaxshroud.cli.words import words
+from jaxshroud.cli.command_table import COMMANDS
+from jaxshroud.cli.parser import join_negative_values, parser
 from jaxshroud.scene.config import load
-from jaxshroud.verbs import door, stored, trade
+from jaxshroud.verbs import options, stored, trade
 from jaxshroud.verbs.tune import tune
 
 ROOT = Path(__file__).parent.parent
@@ -36,6 +37,8 @@ SMALLER = {
     "power": [*SMALL, "--periods", "4", "--transient", "1", *STEPS],
     "diagnose": [*SETTLED, *STEPS],
     "animate": ["--periods", "1"],
+    "orbit": [*SETTLED, *STEPS],
+    "lyapunov": [*SETTLED, *STEPS, "--periods", "4", "--transient", "4"],
     "gradient": [*SETTLED, *STEPS],
     "tune": [*SMALL, "--periods", "2", "--transient", "2", *STEPS, "--draws", "2", "--samples", "4", "--motions", "2"],
     "scatter": [*SMALL, "--samples", "4", "--periods", "2", "--transient", "2", *STEPS],
@@ -78,18 +81,32 @@ def forced(line):
 
 SHELL = [path for path in PAGES if commands(path)]
 PYTHON = [path for path in PAGES if blocks(path, "python")]
-names = lambda paths: [str(path.relative_to(ROOT)) for path in paths]  # noqa: E731
+names = lambda paths: [str(path.relative_to(ROOT)) for path in paths]
 
 
 @pytest.mark.parametrize("path", SHELL, ids=names(SHELL))
 def test_commands_of_a_page_are_understood(path):
     for line in commands(path):
-        parser().parse_args(words(line))
+        parser().parse_args(join_negative_values(line))
 
 
 def test_every_verb_has_a_page_that_shows_it():
-    for verb in VERBS:
+    for verb in COMMANDS:
         assert [line for line in commands(DOCS / "verbs" / f"{verb}.md") if line[0] == verb], verb
+
+
+def test_the_list_of_verbs_has_all_commands_and_names_those_without_a_verb_in_python():
+    heads = [(DOCS / "verbs" / f"{verb}.md").read_text("utf-8") for verb in COMMANDS]  # the hooks list these questions
+    assert all(re.match(r"---\nquestion: .+\?\n---\n", head) for head in heads)
+    page = (DOCS / "verbs" / "index.md").read_text("utf-8")
+    (named,) = re.findall(r"command\s+line\s+alone\s+has(.*?), instead", page, re.DOTALL)
+    assert set(re.findall(r"`(\w+)`", named)) == {name for name in COMMANDS if not hasattr(js, name)}
+
+
+def test_the_start_page_has_the_command_that_installs():
+    installs = [blocks(path, "sh")[0] for path in (ROOT / "README.md", DOCS / "start.md", DOCS / "index.md")]
+    assert "pip install" in installs[0]
+    assert installs == installs[:1] * 3
 
 
 @pytest.fixture
@@ -97,10 +114,10 @@ def small(monkeypatch, tmp_path):
     """Scenes of the smallest model, few periods, and a folder to write to."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(trade, "SETTINGS", {contact: ways[:2] for contact, ways in trade.SETTINGS.items()})
-    monkeypatch.setattr(door, "N_PERIODS", 4)
-    monkeypatch.setattr(door, "ACCURACY", None)  # RK4, whose programs other tests compile too
-    monkeypatch.setattr(js, "tune", partial(tune, scan=4, n_starts=1, updates=1), raising=False)
-    monkeypatch.setattr(stored, "LEAST", 64)
+    monkeypatch.setattr(options, "N_PERIODS", 4)
+    monkeypatch.setattr(options, "ACCURACY", None)  # RK4, whose programs other tests compile too
+    monkeypatch.setattr(js, "tune", partial(tune, search=js.SearchOptions(4, 1, 1)), raising=False)
+    monkeypatch.setattr(stored, "MIN_BLOCK_LANES", 64)
     settled = ['parts.motion=["x"]', "blades.c_x=40", "drive.M_0=0", "run.periods=4", "run.transient=4"]
     monkeypatch.setattr(js, "load", lambda path, more=(): load(path, [*more, *settled]), raising=False)
 
@@ -154,13 +171,29 @@ def read(path):
     return links
 
 
-@pytest.mark.full
-def test_the_site_builds_without_a_warning_and_is_whole(tmp_path):
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The folder of the site, built without a warning."""
     pytest.importorskip("mkdocs", reason="of the group docs")
-    site = tmp_path / "site"
-    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(site)]
+    folder = tmp_path_factory.mktemp("docs") / "site"
+    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
     done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.mark.full
+def test_the_site_can_be_searched_without_a_server(site):
+    index = (site / "search" / "search_index.js").read_text("utf-8")  # a script: pages of a folder may not read files
+    assert index.startswith("var __index = ")
+    found = json.loads(index.removeprefix("var __index = "))["docs"]
+    assert any("Floquet multipliers" in page["text"] for page in found)
+    assert "iframe-worker/shim.js" in read(site / "index.html").needed
+    assert "window.Worker=o" in (site / "iframe-worker" / "shim.js").read_text("utf-8")
+
+
+@pytest.mark.full
+def test_the_site_is_whole(site):
     pages = {path: read(path) for path in site.rglob("*.html") if path.name != "404.html"}
     assert len(pages) > 30
     for path, links in pages.items():

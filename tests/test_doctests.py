@@ -1,33 +1,38 @@
 """Examples in docstrings are run."""
 
 import doctest
+import pkgutil
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
-VERBS = (
-    "simulate",
-    "sweep",
-    "power",
-    "orbit",
-    "gradient",
-    "lyapunov",
-    "tune",
-    "explain",
-    "branch",
-    "attractors",
-    "basins",
-    "trade",
-    "check",
-    "diagnose",
+import jaxshroud
+
+LONG = ("jaxshroud.verbs.report",)  # half a minute
+
+
+def with_examples():
+    """Names of the modules whose docstrings have examples."""
+    found = (module.name for module in pkgutil.walk_packages(jaxshroud.__path__, "jaxshroud."))
+    names = ["jaxshroud", *(name for name in found if not name.endswith("__main__"))]
+    finder = doctest.DocTestFinder()
+    return [name for name in names if any(one.examples for one in finder.find(import_module(name)))]
+
+
+MODULES = with_examples()
+
+
+def test_no_example_is_passed_over():
+    root = Path(jaxshroud.__file__).parent
+    paths = [path.relative_to(root.parent).with_suffix("") for path in root.rglob("*.py") if ">>> " in path.read_text()]
+    assert {".".join(path.parts).removesuffix(".__init__") for path in paths} == set(MODULES)
+
+
+@pytest.mark.parametrize(
+    "module", [pytest.param(name, marks=pytest.mark.full) if name in LONG else name for name in MODULES]
 )
-
-
-OTHERS = ("march.method", "scene.grids", "scene.scene", "batch.rollout", "batch.sweepfunction", "model.lawcheck")
-
-
-@pytest.mark.parametrize("module", [*(f"verbs.{verb}" for verb in VERBS), *OTHERS])
 def test_examples(module):
-    done = doctest.testmod(import_module(f"jaxshroud.{module}"))
+    done = doctest.testmod(import_module(module))
     assert done.attempted > 0
     assert done.failed == 0

@@ -3,6 +3,7 @@
 import pytest
 
 from jaxshroud import Status, load, shipped, simulate
+from jaxshroud.march.method import RungeKutta
 from jaxshroud.march.stability import ACCURACY_LIMIT, largest_frequency
 
 
@@ -10,7 +11,7 @@ from jaxshroud.march.stability import ACCURACY_LIMIT, largest_frequency
 def test_shipped_scene_runs(name):
     file = load(name)
     # An onset happens within the first period of every shipped scene, so its whole program runs.
-    run = simulate(file.scene, n_periods=2, steps_per_period=file.run.steps_per_period)
+    run = simulate(file.scene, n_periods=2, method=RungeKutta(steps=file.run.steps_per_period))
     assert run.status == Status.OK
     assert abs(run.energy_residual) < 1e-3
 

@@ -1,4 +1,4 @@
-"""Whole drive periods of many lanes: one compiled function, called over blocks of lanes and of periods."""
+"""The loop over trials, and whole drive periods of many lanes in one compiled function."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -6,91 +6,151 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
 
-from jaxshroud.batch.loop import driven
-from jaxshroud.batch.states import inside, whole
-from jaxshroud.batch.xla import EachLane, compiled
-from jaxshroud.march.energy import balance, energy
-from jaxshroud.march.lane import Fixed, Grid, Lane, begin, grid
+from jaxshroud.batch.states import carried_state, with_zeros
+from jaxshroud.batch.xla import compiled, repeated_while, stage_groups
+from jaxshroud.march.carry import EachLane, Fixed, Lane, LaneTree, TimeGrid, running, time_grid
 from jaxshroud.march.method import Choices
-from jaxshroud.model.absent import Pair, filled
+from jaxshroud.march.observables import energy_residual, is_unbalanced, total_energy
+from jaxshroud.march.stepper import StageGroups, alone, begin_lane, stepper_for
+from jaxshroud.model.arithmetic import Pair, filled, is_absent
 from jaxshroud.model.modes import Status
-from jaxshroud.model.ready import Model, model
-from jaxshroud.model.state import State
-from jaxshroud.scene.motion import Motion
+from jaxshroud.model.prepared import Model, State, prepared_model
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import Tree
 
-CHUNK = 64  # lanes per call: the loop is long enough to pay for its dispatch, and lanes rarely wait for each other
-BLOCK = 32  # periods per call: the grain of progress and of what is held in memory
-AT_ONCE = 1 << 23  # stages of lanes per call, or a single period: a fraction of a second; Ctrl-C is heard in between
+LaneSelector = Callable[[Any], Any]  # selects the plain values in the tree that is marched
+
+
+def whole_tree(lanes: Tree) -> Tree:
+    """The tree itself."""
+    return lanes
+
+
+def advance(lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane, lane_of: LaneSelector = whole_tree):
+    """Make one trial step of every running lane: by one kernel, or by several for the trial and for the update."""
+    stepper, groups = stepper_for(method), stage_groups(method, lane_of(fixed).model.spring.smooth)
+
+    def whole(lanes: LaneTree, fixed: LaneTree, each: EachLane, groups: StageGroups) -> LaneTree:
+        trials = stepper.trial(lanes, fixed, method, each, groups)
+        return stepper.update(lanes, trials, fixed, method, each)
+
+    if groups is None:
+        return each(lambda lane, fixed: whole(lane, fixed, alone, ()), lanes, fixed)
+    return whole(lanes, fixed, each, groups)
+
+
+def march(
+    lanes: Tree,
+    fixed: Any,
+    method: Choices,
+    each: EachLane,
+    lane_of: LaneSelector = whole_tree,
+    most_trials: int | None = None,
+) -> Tree:
+    """Run every lane (leading axis of all arguments) to the start of step `stop`, or until its status is not OK.
+
+    With `most_trials` there are exactly that many trials: a loop of fixed length can be differentiated in reverse mode.
+    """
+    once = jax.jit(lambda lanes: advance(lanes, fixed, method, each, lane_of))  # traced once
+    if most_trials is not None:
+        return lax.fori_loop(0, most_trials, lambda _, lanes: once(lanes), lanes)
+    stops = lane_of(fixed).stop
+    several = stage_groups(method, lane_of(fixed).model.spring.smooth) is not None
+    return repeated_while(lambda lanes: jnp.any(running(lane_of(lanes), stops)), once, lanes, several)
+
+
+def march_steps(
+    lanes: Tree,
+    fixed: Any,
+    steps: Int[Array, "..."],
+    method: Choices,
+    each: EachLane,
+    lane_of: LaneSelector = whole_tree,
+    most_trials: int | None = None,
+) -> tuple[Tree, Bool[Array, " lanes"]]:
+    """The lanes after at most `steps` steps, and which of them have completed these; their clock is reset."""
+    lanes = march(lanes, fixed, method, each, lane_of, most_trials)
+    clock = lane_of(lanes).step
+    arrived = clock == steps
+    return eqx.tree_at(lambda lanes: lane_of(lanes).step, lanes, jnp.where(arrived, 0, clock)), arrived
+
+
+LANES_PER_CALL = 64  # long enough to amortise the dispatch of the loop; lanes rarely wait for each other
+PERIODS_PER_CALL = 32  # the grain of progress reports and of memory
+MAX_STAGES_PER_CALL = 1 << 23  # or a single period: a fraction of a second, after which Ctrl-C is heard
 
 
 class Sample(NamedTuple):
-    """One period of one lane: the motion at its end, and what was summed over it. NaN once the lane has stopped."""
+    """One period of one lane: the motion at its end and its integrals; NaN once the lane has stopped."""
 
     motion: Motion
     power: Pair  # mean square displacement over block and period [m^2]
-    work: Any = None  # of the drive [J]; None where no ledger is kept, like all that follow
-    gross: Any = None  # of the drive, without its sign at each instant [J]
-    dropped: Any = None  # energy of the rocking that flat contact ended [J]
+    work: Any = None  # of the drive [J]; None without a ledger, as are the next three
+    gross: Any = None  # integral of the magnitude of the drive's power [J]
+    dropped: Any = None  # energy of the rocking motion that flat contact ended [J]
     residual: Any = None  # of the energy balance [J]
-    largest: Any = None  # magnitudes of x, y [m] and theta [rad], three pairs; None where they were not looked at
-    forces: Any = None  # largest of contact [N]; None where they were not asked for
-    friction: Any = None  # work of friction [J]; the same
+    largest: Any = None  # magnitudes of x, y [m] and theta [rad], three pairs; None if not logged
+    forces: Any = None  # largest contact forces [N]; None unless requested
+    friction: Any = None  # work of friction [J]; None unless requested
 
 
 class Clock(NamedTuple):
-    """How a run is divided: `steps` steps of `1 / per_period` drive periods from phase `start`."""
+    """The time grid of a run: `steps` steps of `1 / per_period` drive periods from the phase `start`."""
 
     start: Float[Array, ""]  # [turns]
     steps: Int[Array, ""]
     per_period: Float[Array, ""]
 
-    def grids(self, periods: Float[Array, " lanes"]) -> Grid:
-        """The time grid of each lane, from its drive period."""
-        like = lambda a: jnp.broadcast_to(a.astype(periods.dtype), periods.shape)  # noqa: E731
-        return grid(like(self.start), like(self.per_period), periods)
+    def grids(self, periods: Float[Array, " lanes"]) -> TimeGrid:
+        """The time grid of each lane from its drive period."""
+        like = lambda a: jnp.broadcast_to(a.astype(periods.dtype), periods.shape)
+        return time_grid(like(self.start), like(self.per_period), periods)
 
 
 def periods_at_once(lanes: int, steps: int, method: Choices) -> int:
-    """How many periods of so many lanes and steps to run in one call at most."""
-    stages = 100 * method.taylor.order if method.taylor else steps * len(method.rk.b)  # a trial's work, about
-    return max(AT_ONCE // (max(lanes, 32) * stages), 1)
+    """The largest number of periods to run in one call, for so many lanes and steps."""
+    return max(MAX_STAGES_PER_CALL // (max(lanes, 32) * method.tableau.work(steps)), 1)
 
 
-def _one_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Choices, each: EachLane):
-    lanes, held = _with_empty_tally(lanes), _energies(lanes, models)
+def _run_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Choices, each: EachLane):
+    lanes, stored_before = _with_empty_tally(lanes), _total_energies(lanes, models)
     grids = clock.grids(periods)
     stops = jnp.where(active, clock.steps, 0)
-    lanes, _ = driven(lanes, Fixed(models, grids, stops), clock.steps, method, each)
+    lanes, _ = march_steps(lanes, Fixed(models, grids, stops), clock.steps, method, each)
     gain, jumps = lanes.tally.integrals, lanes.tally.jumps
-    kept, energies = (), _energies(lanes, models)
+    works, energies, astray = (), _total_energies(lanes, models), jnp.zeros_like(periods, bool)
     if gain.ledger is not None and jumps is not None:
-        residual = balance(gain.ledger, jumps, energies - held)
-        kept = gain.ledger.drive, gain.ledger.gross, filled(jumps.dropped, periods), residual
+        residual = energy_residual(gain.ledger, jumps, energies - stored_before)
+        works = gain.ledger.drive, gain.ledger.gross, filled(jumps.dropped, periods), residual
+        if not is_absent(models.spring.laws):  # the printed reading never balances, and other laws need no such check
+            astray = is_unbalanced(residual, gain.ledger.gross, stored_before, energies)
     power = filled(gain.power, periods)
     log, forces, friction = lanes.tally.log, None, None
     largest = None if log is None else filled(log.largest, periods)
     if log is not None and log.forces is not None and gain.ledger is not None:
         forces, friction = filled((log.forces, gain.ledger.friction), periods)
     power = power[0] / periods, power[1] / periods
-    sample = Sample(whole(lanes.state).motion, power, *kept, largest=largest, forces=forces, friction=friction)
-    overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(sum(jax.tree.leaves(sample), energies))
-    status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
+    sample = Sample(with_zeros(lanes.state).motion, power, *works, largest=largest, forces=forces, friction=friction)
+    overflowed = ~jnp.isfinite(sum(jax.tree.leaves(sample), energies))
+    fault = jnp.where(overflowed, Status.NOT_FINITE, jnp.where(astray, Status.UNBALANCED, Status.OK))
+    status = jnp.where(lanes.status == Status.OK, fault, lanes.status).astype(lanes.status.dtype)
     lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
     return lanes, jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
 
 
 def _with_empty_tally(lanes: Lane) -> Lane:
-    """The lanes with what a sample holds at zero: what a late period adds to a long sum would be lost in float32."""
-    log = lambda lane, name: lane.tally.log and getattr(lane.tally.log, name)  # noqa: E731
-    places = lambda lane: (lane.tally.integrals, lane.tally.jumps, log(lane, "largest"), log(lane, "forces"))  # noqa: E731
+    """The lanes with the sums of a sample reset: in float32, late periods would lose digits in a long sum."""
+    log = lambda lane, name: lane.tally.log and getattr(lane.tally.log, name)
+    places = lambda lane: (lane.tally.integrals, lane.tally.jumps, log(lane, "largest"), log(lane, "forces"))
     return eqx.tree_at(places, lanes, jax.tree.map(jnp.zeros_like, places(lanes)), is_leaf=lambda a: a is None)
 
 
-def _energies(lanes: Lane, models: Model) -> Float[Array, " lanes"]:
-    return jax.vmap(lambda lane, m: energy(lane.state, m))(lanes, models)
+def _total_energies(lanes: Lane, models: Model) -> Float[Array, " lanes"]:
+    return jax.vmap(lambda lane, m: total_energy(lane.state, m))(lanes, models)
 
 
 @compiled("method", "block", "each")
@@ -101,32 +161,32 @@ def run_block(
 
     Args:
         scenes: Scenes with a leading lane axis.
-        lanes: Lanes to go on from, with the same axis.
+        lanes: The lanes to continue, with the same axis.
         clock: The time grid, common to all lanes.
-        n: Periods to run; the samples beyond are meaningless.
-        method: Static choices of the march.
-        block: Length of the sample axis.
-        each: How a function of one lane is run on all.
+        n: Periods to run; further samples are meaningless.
+        method: The options of the march.
+        block: The length of the sample axis.
+        each: How a function of one lane is applied to all.
 
     Returns:
         The lanes at the end, and samples with axes (period, lane).
     """
-    one = one_period(scenes, clock, method, each)
+    one = period_function(scenes, clock, method, each)
     return jax.lax.scan(lambda lanes, i: one(lanes, i < n), lanes, jnp.arange(block, dtype=jnp.int32))
 
 
-def one_period(scenes: Scene, clock: Clock, method: Choices, each: EachLane) -> Callable[..., tuple[Lane, Sample]]:
-    """A function of lanes, and of whether they go on, that runs a period of those that have not stopped."""
-    models, periods = jax.vmap(lambda scene: (model(scene), scene.drive.period))(scenes)
-    return lambda lanes, on: _one_period(lanes, on & (lanes.status == Status.OK), models, periods, clock, method, each)
+def period_function(scenes: Scene, clock: Clock, method: Choices, each: EachLane) -> Callable[..., tuple[Lane, Sample]]:
+    """A function of lanes and a flag that, if the flag is set, runs a period of the lanes that have not stopped."""
+    models, periods = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
+    return lambda lanes, on: _run_period(lanes, on & (lanes.status == Status.OK), models, periods, clock, method, each)
 
 
 @compiled("method")
 def begin_lanes(scenes: Scene, states: State, method: Choices) -> Lane:
-    """Lanes about to start from `states`."""
-    return jax.vmap(lambda scene, state: _begun(scene, state, method))(scenes, states)
+    """The lanes at their start from `states`."""
+    return jax.vmap(lambda scene, state: _begin_lane(scene, state, method))(scenes, states)
 
 
-def _begun(scene: Scene, state: State, method: Choices) -> Lane:
-    ready = model(scene)
-    return begin(inside(state, ready), ready, method)
+def _begin_lane(scene: Scene, state: State, method: Choices) -> Lane:
+    model = prepared_model(scene)
+    return begin_lane(carried_state(state, model), model, method)

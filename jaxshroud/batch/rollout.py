@@ -1,173 +1,258 @@
-"""Sampled motions and contact forces as one pure function, for JAX's own transformations."""
+"""Runs of one lane as pure functions, for JAX's own transformations: sampled motions, and whole drive periods."""
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
-from jaxtyping import Array, Float, Int
+from jax import lax
+from jaxtyping import Array, Float, Int, PyTree
 
-from jaxshroud.batch.sampled import Schedule, differentiable_samples, trials
-from jaxshroud.batch.states import as_arrays, inside
-from jaxshroud.batch.tangents import differentiable
-from jaxshroud.batch.xla import alone
-from jaxshroud.march.method import FAST, Choices, Method, choices
-from jaxshroud.march.resultant import resultant
-from jaxshroud.model.absent import Scalar, filled
-from jaxshroud.model.ready import Model, model
-from jaxshroud.model.rhs import wave
-from jaxshroud.model.state import State, start
-from jaxshroud.model.trig import sincos_turns
-from jaxshroud.scene.checks import MOST_COUNT, count_argument
-from jaxshroud.scene.errors import InputError
-from jaxshroud.scene.precision import in_precision
+from jaxshroud.batch.differentiable_samples import Schedule, differentiable_samples, trial_counts
+from jaxshroud.batch.input_status import (
+    admit_start,
+    is_traced,
+    require_single_scene,
+    status_if_admitted,
+)
+from jaxshroud.batch.periods import march_steps
+from jaxshroud.batch.states import as_arrays, carried_state
+from jaxshroud.batch.tangents import Flow, as_differentiable, begin_flow, end_flow, flow_constants
+from jaxshroud.batch.xla import one_lane, vmapped
+from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
+from jaxshroud.march.observables import contact_forces
+from jaxshroud.model.arithmetic import Scalar, filled, sincos_turns
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import Model, State, initial_state, prepared_model
+from jaxshroud.model.rhs import drive_wave
+from jaxshroud.scene.checks import MAX_COUNT, InputError, count_argument
 from jaxshroud.scene.scene import PerBlade, Scene
+from jaxshroud.scene.typed import typed
+from jaxshroud.scene.valid import in_precision
 
-MARGIN = 1.25, 64  # trials that scenes nearby may take more: a share, and so many
+TRIAL_MARGIN = 1.25, 64  # factor and offset for the trials of scenes nearby
 
 
 class Moment(NamedTuple):
-    """What `save` of a rollout is given."""
+    """The argument of `save` in a rollout: one sample."""
 
     t: Scalar  # [s]
     state: State  # fields of `motion` (2,)
     N: Scalar  # normal force of contact [N]
     F: Scalar  # friction force [N]
-    v: Scalar  # penetration [m]; apart, what is left of the gap, negative
+    v: Scalar  # penetration [m]; when apart the negative remaining gap
     u: Scalar  # slide of the left block against the right one [m]
 
 
 class Rollout(eqx.Module):
-    """What `rollout` gives."""
+    """The result of `rollout`."""
 
-    saved: Any  # what `save` returned, with a leading axis of samples
+    saved: PyTree  # the results of `save`, with a leading axis of samples
     state: State  # at the end
     power: PerBlade  # mean square displacement over each block and the whole run [m^2]
     status: Int[Array, ""]  # see `Status`; unless OK, all numbers after the lane stopped are NaN
 
 
-def whole_moment(moment: Moment) -> Moment:
-    """All of it."""
+def save_all(moment: Moment) -> Moment:
+    """The whole sample."""
     return moment
 
 
+@typed
 def rollout(
     scene: Scene,
     state: State | None = None,
     n_periods: int = 1,
     *,
-    save: Callable[[Moment], Any] = whole_moment,
+    save: Callable[[Moment], PyTree] = save_all,
     every: int | None = None,
-    steps_per_period: int = 400,
-    method: Method | Choices = FAST,
+    method: Method = EXPLICIT,
     most_trials: int | None = None,
 ) -> Rollout:
     """Run `n_periods` drive periods from drive phase 0, inside `jax.jit`, `vmap`, `jvp`, `jacfwd` or `grad`.
 
-    Derivatives are those of the computed motion, of first order: instants of events move with the parameters. Those of
-    all numbers that a loss depends on travel with the motion, forward in time, in reverse mode too: it takes no memory
-    for the trajectory, costs two to three times the motion for each such number, and gives what forward mode gives.
+    Derivatives are those of the computed motion, of first order: the times of events move with the parameters. The
+    tangents of all numbers on which a loss depends are computed with the motion, forward in time, in reverse mode too.
+    Reverse mode thus stores no trajectory, costs two to three times the motion for each such number, and returns the
+    numbers of forward mode.
 
     Args:
         scene: The scene; under `jax.vmap` many, which are marched together.
-        state: Where to start; by default from `scene.initial`, apart.
+        state: The initial state; by default that of `scene.initial`, apart.
         n_periods: Drive periods.
         save: What to keep of each sample: a function of a `Moment`, of JAX; by default all of it.
-        every: Steps from sample to sample, a divisor of `steps_per_period`; by default the whole period.
-        steps_per_period: Runge-Kutta steps in one period.
-        method: Static choices of the march; see `Method`.
+        every: Steps from sample to sample, a divisor of the method's steps; by default the whole period.
+        method: How to march: a `RungeKutta` or `Taylor` with its number of steps; `method_for` chooses one for an
+            accuracy.
         most_trials: Bound on the trial steps of the whole run, see `most_trials`; beyond it the lane stops with status
-            OUT_OF_TRIALS. None: as many as it takes.
+            OUT_OF_TRIALS. None: no bound.
 
     Returns:
-        What was saved, at the ends of every so many steps (without the start), the final state, the mean square
-        displacements and the status. NaN, as well as its derivatives, after a lane has stopped, and only then.
+        The saved samples, `every` so many steps (without the start), the final state, the mean square displacements and
+        the status. Numbers and derivatives are NaN after a lane has stopped, and only then. Under `jax.jit` the inputs
+        are known only while the program runs: where one is out of its range, the status is BAD_INPUT.
 
     Raises:
-        ValueError: A count is out of range, or float64 is not to be had.
-        TypeError: It is differentiated twice, and contact has events: their derivatives are of first order only.
+        ValueError: A count is out of range, the scene has leading axes, or float64 is not enabled.
+        TypeError: It is differentiated twice, but contact has events, whose derivatives are of first order only.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
         >>> scene = js.load("table1", ['parts.motion=["x"]']).scene
-        >>> largest = lambda gap: js.rollout(
-        ...     js.vary(scene, "shroud.gap", gap), n_periods=2, every=50, steps_per_period=200, save=lambda at: at.N
-        ... ).saved.max()
+        >>> how = dict(n_periods=2, every=50, method=js.RungeKutta(steps=200), save=lambda at: at.N)
+        >>> largest = lambda gap: js.rollout(js.vary(scene, "shroud.gap", gap), **how).saved.max()
         >>> value, slope = jax.jit(jax.value_and_grad(largest))(22e-6)
         >>> round(float(value)), slope.shape
         (88, ())
     """
-    schedule = _schedule(n_periods, every, steps_per_period, method, most_trials)
-    scene, state = _prepared(scene, state, schedule.method)
+    schedule = _schedule(n_periods, every, method, most_trials)
+    require_single_scene("rollout", scene)
+    scene, state = _in_method_precision(scene, state, schedule.method)
+    state, good = admit_start(scene, state)
     flow = differentiable_samples(scene, state, schedule)
-    ready, index = model(scene), np.arange(1, schedule.samples + 1) * schedule.every
-    turns = jnp.asarray(index % steps_per_period / steps_per_period, scene.drive.omega.dtype)
-    times = scene.drive.period * jnp.asarray(index / steps_per_period, turns.dtype)
+    model, index = prepared_model(scene), np.arange(1, schedule.samples + 1) * schedule.every
+    steps = schedule.steps
+    turns = jnp.asarray(index % steps / steps, scene.drive.omega.dtype)
+    times = scene.drive.period * jnp.asarray(index / steps, turns.dtype)
     states = eqx.tree_at(lambda s: s.motion, flow.state, jax.vmap(as_arrays)(flow.state.motion))
-    moments = jax.vmap(lambda t, turns, state: _moment(t, turns, state, ready))(times, turns, states)
+    moments = jax.vmap(lambda t, turns, state: _moment_at(t, turns, state, model))(times, turns, states)
     last = jax.tree.map(lambda a: a[-1], (states, flow.status))
-    return Rollout(jax.vmap(save)(moments), last[0], jnp.mean(jnp.stack(flow.power, -1), axis=0), last[1])
+    return Rollout(
+        jax.vmap(save)(moments), last[0], jnp.mean(jnp.stack(flow.power, -1), axis=0), status_if_admitted(last[1], good)
+    )
 
 
+@typed
 def most_trials(
     scene: Scene,
     n_periods: int = 1,
     *,
     state: State | None = None,
-    steps_per_period: int = 400,
-    method: Method | Choices = FAST,
+    method: Method = EXPLICIT,
 ) -> int:
-    """A bound for `rollout`: a quarter more trial steps than this scene takes, and some; not inside `jax.jit`.
+    """A bound of the trial steps of `rollout`, with a margin of a quarter; not inside `jax.jit`.
 
     Args:
         scene: The scene.
         n_periods: Drive periods.
         state: Where to start; by default from `scene.initial`.
-        steps_per_period: As of the rollout.
-        method: As of the rollout.
+        method: How to march: a `RungeKutta` or `Taylor` with its number of steps; `method_for` chooses one for an
+            accuracy.
 
     Raises:
-        ValueError: As of `rollout`; or it is called inside a transformation of JAX.
+        ValueError: As for `rollout`; or it is called inside a transformation of JAX.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
         >>> scene = js.load("table1", ['parts.motion=["x"]']).scene
-        >>> 200 < js.most_trials(scene, 1, steps_per_period=200) < 600
+        >>> 200 < js.most_trials(scene, 1, method=js.RungeKutta(steps=200)) < 600
         True
     """
-    schedule = _schedule(n_periods, None, steps_per_period, method, MOST_COUNT)
-    found = trials(*alone(_prepared(scene, state, schedule.method)), schedule)
-    if isinstance(found, Tracer):
+    require_single_scene("most_trials", scene)
+    schedule = _schedule(n_periods, None, method, MAX_COUNT)
+    counts = trial_counts(*one_lane(_in_method_precision(scene, state, schedule.method)), schedule)
+    if is_traced(counts):
         raise InputError("Call `most_trials` outside jax.jit, and give its number to `rollout`.")
-    return math.ceil(int(found[0]) * MARGIN[0]) + MARGIN[1]
+    return math.ceil(int(counts[0]) * TRIAL_MARGIN[0]) + TRIAL_MARGIN[1]
 
 
-def _schedule(
-    n_periods: int, every: int | None, steps: int, method: Method | Choices, most_trials: int | None
-) -> Schedule:
+def _schedule(n_periods: int, every: int | None, method: Method, most_trials: int | None) -> Schedule:
+    steps, how = explicit(method)
     every = steps if every is None else every
-    counts = {"n_periods": n_periods, "steps_per_period": steps, "every": every}
+    counts = {"n_periods": n_periods, "every": every}
     for name, count in (counts if most_trials is None else counts | {"most_trials": most_trials}).items():
         count_argument(name, count, 1)
     if steps % every:
-        raise InputError(f"Argument `every` = {every} must divide `steps_per_period` = {steps}.")
-    return Schedule(n_periods * steps // every, every, steps, differentiable(choices(method)), most_trials)
+        raise InputError(f"Argument `every` = {every} must divide the method's steps = {steps}.")
+    return Schedule(n_periods * steps // every, every, steps, as_differentiable(how), most_trials)
 
 
-def _prepared(scene: Scene, state: State | None, method: Choices) -> tuple[Scene, State]:
-    """Scene and start in the precision of the method."""
+def _in_method_precision(scene: Scene, state: State | None, method: Choices) -> tuple[Scene, State]:
+    """The scene and the initial state in the precision of the method."""
     scene = in_precision(scene, method.precision)
-    return scene, start(scene.initial) if state is None else in_precision(state, method.precision)
+    return scene, initial_state(scene.initial) if state is None else in_precision(state, method.precision)
 
 
-def _moment(t: Scalar, turns: Float[Array, ""], state: State, ready: Model) -> Moment:
-    held = inside(state, ready)
-    at = resultant(wave(*sincos_turns(turns), ready.drive), held, ready)
-    N, F = (jnp.where(jnp.isnan(at.v), at.v, force) for force in filled((at.N, at.F), at.v))  # a lane that has stopped
-    return Moment(t, state, N, F, at.v, at.u)
+def _moment_at(t: Scalar, turns: Float[Array, ""], state: State, model: Model) -> Moment:
+    carried = carried_state(state, model)
+    forces = contact_forces(drive_wave(*sincos_turns(turns), model.drive), carried, model)
+    # NaN after a lane has stopped
+    N, F = (jnp.where(jnp.isnan(forces.v), forces.v, force) for force in filled((forces.N, forces.F), forces.v))
+    return Moment(t, state, N, F, forces.v, forces.u)
+
+
+@typed
+def period_map(
+    scene: Scene,
+    state: State,
+    *,
+    n_periods: int = 1,
+    method: Method = EXPLICIT,
+    most_trials: int | None = None,
+) -> Flow:
+    """Run `n_periods` drive periods from drive phase 0, inside `jax.jit`, `vmap`, `jvp`, `jacfwd` or `grad`.
+
+    Derivatives with respect to all numbers of the scene and of the state are those of the computed motion: the times of
+    events move with the parameters. They are those of `rollout`, which also keeps samples; smooth contact, which has no
+    events, is differentiated by JAX itself, to any order.
+
+    Args:
+        scene: The scene.
+        state: The initial state, see `State`.
+        n_periods: Drive periods.
+        method: How to march: a `RungeKutta` or `Taylor` with its number of steps; `method_for` chooses one for an
+            accuracy.
+        most_trials: Bound on the trial steps of a period, on average: its steps, and some ten more for each event.
+            None: no bound; smooth contact then has no reverse mode.
+
+    Returns:
+        The state, the mean square displacement of both blades and the status; NaN where the run stopped,
+        `most_trials` was too small or numbers are out of their ranges (status BAD_INPUT).
+
+    Raises:
+        ValueError: A count is too small, the scene has leading axes, or float64 is not enabled.
+        TypeError: It is differentiated twice, but contact has events, whose derivatives are of first order only.
+    """
+    require_single_scene("period_map", scene)
+    count_argument("n_periods", n_periods, 1)
+    if most_trials is not None:
+        count_argument("most_trials", most_trials, 1)
+    steps, how = explicit(method)
+    scene, state = (in_precision(tree, how.precision) for tree in (scene, state))
+    state, good = admit_start(scene, state)
+    how = as_differentiable(how)
+    if scene.parts.contact == "smooth":
+        flow = _plain_period_map(scene, state, n_periods, steps, how, most_trials)
+        return flow._replace(status=status_if_admitted(flow.status, good))
+    most = None if most_trials is None else n_periods * most_trials
+    flow = differentiable_samples(scene, state, Schedule(n_periods, steps, steps, how, most))
+    end, status = jax.tree.map(lambda a: a[-1], (flow.state, flow.status))
+    left, right = (jnp.mean(a) for a in flow.power)
+    return Flow(
+        State(as_arrays(end.motion), end.u_s, end.mode, end.case), (left, right), status_if_admitted(status, good)
+    )
+
+
+def _plain_period_map(
+    scene: Scene, state: State, n_periods: int, steps_per_period: int, method: Choices, most: int | None
+):
+    """The map as a plain program, which JAX differentiates itself."""
+    lane, model, period = begin_flow(scene, state, method)
+    steps = jnp.full((1,), steps_per_period, jnp.int32)
+    fixed = flow_constants(*one_lane((model, period)), steps)
+
+    def one_period(lanes, _):
+        return march_steps(lanes, fixed, steps, method, vmapped, most_trials=most)
+
+    lanes, arrived = lax.scan(one_period, one_lane(lane), length=n_periods)
+    flow = end_flow(jax.tree.map(lambda a: a[0], lanes), model, n_periods * period)
+    good = jnp.all(arrived) & (flow.status == Status.OK)
+    mark = jnp.where(good, 1.0, jnp.nan).astype(period.dtype)  # a factor, so that derivatives become NaN too
+    nan_if_failed = lambda tree: jax.tree.map(lambda a: a * mark, tree)
+    motion, u_s, power = nan_if_failed((as_arrays(flow.state.motion), flow.state.u_s, flow.power))
+    return Flow(State(motion, u_s, flow.state.mode, flow.state.case), power, flow.status)

@@ -1,7 +1,8 @@
-"""Many lanes over many periods: in chunks that share one compiled function, one thread per core."""
+"""Many lanes over many periods, in chunks on one thread per core, and the projected cost of a long run."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from time import process_time
 from typing import Any
 
 import equinox as eqx
@@ -9,32 +10,41 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.chatter import chatter
-from jaxshroud.batch.free import free_runs
-from jaxshroud.batch.periods import BLOCK, CHUNK, Clock, Sample, begin_lanes, periods_at_once, run_block
-from jaxshroud.batch.threads import Check, Interrupted, in_chunks, joined
-from jaxshroud.batch.xla import Tree, best
-from jaxshroud.march.lane import Lane
+from jaxshroud.batch.closed_form import free_runs
+from jaxshroud.batch.periods import (
+    LANES_PER_CALL,
+    PERIODS_PER_CALL,
+    Clock,
+    Sample,
+    begin_lanes,
+    periods_at_once,
+    run_block,
+)
+from jaxshroud.batch.threads import Check, Interrupted, concatenated_lanes, in_chunks
+from jaxshroud.batch.xla import best_mapping
+from jaxshroud.march.carry import Lane
 from jaxshroud.march.method import Choices
-from jaxshroud.march.tableau import Tableau
-from jaxshroud.march.taylor import Taylor
+from jaxshroud.march.stepper import require_contact
+from jaxshroud.march.tableau import Tableau, TaylorOptions
+from jaxshroud.march.tally import Counters
+from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
-from jaxshroud.model.state import State, start
-from jaxshroud.scene.errors import InputError
+from jaxshroud.model.prepared import State, initial_state
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import Tree
 
-Tick = Callable[[int], None]  # told how many lane-periods were done
-Progress = Callable[[int, int], None]  # lane-periods done so far, and in all
+Tick = Callable[[int], None]  # called with the number of lane-periods done
+Progress = Callable[[int, int], None]  # called with the lane-periods done so far, and in all
 
 
-def starts(scenes: Scene) -> State:
-    """The state of each scene at t = 0."""
-    return jax.vmap(lambda scene: start(scene.initial))(scenes)
+def initial_states(scenes: Scene) -> State:
+    """The initial state of each scene."""
+    return jax.vmap(lambda scene: initial_state(scene.initial))(scenes)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How long to run, on which time grid."""
+    """The length of a run, its time grid and its method."""
 
     transient: int
     kept: int
@@ -44,32 +54,30 @@ class Plan:
 
     @property
     def clock(self) -> Clock:
-        """The grid of whole periods, from the sampling phase."""
+        """The grid of whole periods from the sampling phase."""
         n = self.steps_per_period
         return Clock(jnp.asarray(self.phase / (2 * np.pi)), jnp.int32(n), jnp.asarray(float(n)))
 
     @property
     def lead_in(self) -> Clock | None:
-        """The grid from phase 0 to the sampling phase, of steps no longer than the others."""
+        """The grid from phase 0 to the sampling phase, with steps no longer than the others; None at phase 0."""
         turns = self.phase / (2 * np.pi)
         steps = int(np.ceil(turns * self.steps_per_period))
         return Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(steps / turns)) if steps else None
 
 
-def stepper(scene: Scene, method: Choices) -> Tableau | Taylor | None:
-    """What steps through a scene: nothing where there is a closed form.
+def stepping_method(scene: Scene, method: Choices) -> Tableau | TaylorOptions | None:
+    """The method that steps through a scene; None where there is a closed form.
 
     Raises:
-        InputError: It is smooth contact, of which power series know nothing.
+        InputError: The contact is smooth or has user laws, which power series cannot march.
     """
-    if method.taylor and scene.parts.contact in ("smooth", "own"):
-        what = "smooth contact" if scene.parts.contact == "smooth" else "own laws"
-        raise InputError(f"The method taylor knows located contact, not {what}; take a Runge-Kutta method.")
+    require_contact(scene.parts.contact, method)
     return None if scene.parts.contact == "none" else method.tableau
 
 
 class Ticker:
-    """Sums up the lane-periods done and passes them on."""
+    """Sums up the lane-periods done and reports them."""
 
     def __init__(self, total: int, report: Progress | None):
         self.total, self.done, self.report = total, 0, report
@@ -84,25 +92,25 @@ class Ticker:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Runs:
-    """What came out of a batch of lanes."""
+    """The results of a batch of lanes."""
 
     samples: Any  # Sample of arrays (lanes, kept, ...)
-    before: Any  # Tally when the kept periods began
+    before: Any  # Tally at the start of the kept periods
     last: Any  # Lane at the end
 
 
 def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray | None = None) -> Runs:
-    """All lanes (leading axis), in chunks that share one compiled function, one thread per core.
+    """Run all lanes (leading axis), in chunks that share one compiled function, one thread per core.
 
     Args:
         scenes: The scenes.
-        states: Where they start, at drive phase 0.
-        plan: How long to run.
-        ticker: Told after every block how many lane-periods it had.
-        arrived: Which lanes start at the plan's phase instead (lanes,); by default none.
+        states: Their states at drive phase 0.
+        plan: The plan of the run.
+        ticker: Called after every block with the number of its lane-periods.
+        arrived: Which lanes start at the phase of the plan instead (lanes,); by default none.
 
     Raises:
-        Interrupted: Ctrl-C; `done` has the lanes that had ended, the others with status NOT_RUN.
+        Interrupted: On Ctrl-C; `done` has the lanes that had ended, and the others with status NOT_RUN.
     """
     lanes = len(scenes.drive.omega)
     arrived = np.zeros(lanes, bool) if arrived is None else arrived
@@ -114,22 +122,23 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: n
     try:
         return chunk_by_chunk(lambda chunk, tick: _run_chunk(chunk, plan, tick), (scenes, states, arrived), ticker)
     except Interrupted as stopped:
-        raise Interrupted(completed(stopped.done, lambda runs: joined(runs, lanes))) from None
+        raise Interrupted(completed_runs(stopped.done, lambda runs: concatenated_lanes(runs, lanes))) from None
 
 
 def chunk_by_chunk(run: Callable[[Any, Tick], Tree], lanes: Any, ticker: Tick) -> Tree:
-    """`run` of some lanes at a time, and of what tells that so much of each is done; all lanes of the results.
+    """The results of `run(lanes, tick)` for one chunk of lanes after another, concatenated.
 
     Args:
-        run: Its program is compiled for one lane alone, or for `CHUNK`.
+        run: A function of a chunk and of a callback that reports progress; it is compiled for one lane alone, or for
+            `LANES_PER_CALL`.
         lanes: A tree of arrays with a leading axis.
-        ticker: Told how much is done, summed over lanes.
+        ticker: Called with the progress, summed over the lanes.
 
     Raises:
         Interrupted: As in `in_chunks`.
     """
     count = len(jax.tree.leaves(lanes)[0])
-    width = 1 if count == 1 else CHUNK
+    width = 1 if count == 1 else LANES_PER_CALL
 
     def one(check: Check, at: np.ndarray) -> Tree:
         n = min(width, count - int(at[0]))
@@ -143,15 +152,17 @@ def chunk_by_chunk(run: Callable[[Any, Tick], Tree], lanes: Any, ticker: Tick) -
     return in_chunks(one, count, width)
 
 
-def completed(runs: list[Runs | None], joined: Callable[[list[Runs]], Runs]) -> Runs | None:
-    """All runs, those that are missing with status NOT_RUN; None if all are."""
-    known = next((run for run in runs if run is not None), None)
-    return None if known is None else joined([_not_run(known) if run is None else run for run in runs])
+def completed_runs(runs: list[Runs | None], concatenate: Callable[[list[Runs]], Runs]) -> Runs | None:
+    """All runs, with status NOT_RUN for missing ones; None if all are missing."""
+    finished = next((run for run in runs if run is not None), None)
+    return (
+        None if finished is None else concatenate([_unfinished_like(finished) if run is None else run for run in runs])
+    )
 
 
-def _not_run(like: Runs) -> Runs:
-    """As many lanes, none of which has run."""
-    fill = lambda a: np.full_like(a, np.nan if np.issubdtype(a.dtype, np.floating) else 0)  # noqa: E731
+def _unfinished_like(like: Runs) -> Runs:
+    """As many lanes, none of which has been run."""
+    fill = lambda a: np.full_like(a, np.nan if np.issubdtype(a.dtype, np.floating) else 0)
     empty = jax.tree.map(fill, like)
     status = np.full_like(like.last.status, Status.NOT_RUN)
     return replace(empty, last=eqx.tree_at(lambda lane: lane.status, empty.last, status))
@@ -161,47 +172,121 @@ def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, tick: Tick) -
     scenes, states, arrived = chunk
     lanes = begin_lanes(scenes, states, plan.method)
     if plan.lead_in is not None and not arrived.all():
-        led, _ = run_block(scenes, lanes, plan.lead_in, jnp.int32(1), plan.method, BLOCK, best())
-        lanes = chosen(arrived, lanes, led)
-    lanes, _ = _blocks(scenes, lanes, plan.transient, plan, tick, keep=False)
-    lanes = eqx.tree_at(_times, lanes, jax.tree.map(jnp.zeros_like, _times(lanes)))  # late in float32, sums lose digits
+        led_in, _ = run_block(scenes, lanes, plan.lead_in, jnp.int32(1), plan.method, PERIODS_PER_CALL, best_mapping())
+        lanes = select_lanes(arrived, lanes, led_in)
+    lanes, _ = _run_blocks(scenes, lanes, plan.transient, plan, tick, keep=False)
+    # long sums lose digits in float32
+    lanes = eqx.tree_at(_mode_times, lanes, jax.tree.map(jnp.zeros_like, _mode_times(lanes)))
     before = lanes.tally
-    lanes, samples = _blocks(scenes, lanes, plan.kept, plan, tick, keep=True)
+    lanes, samples = _run_blocks(scenes, lanes, plan.kept, plan, tick, keep=True)
     return jax.tree.map(np.asarray, Runs(samples, before, lanes))
 
 
-def chosen(which: np.ndarray, a: Tree, b: Tree) -> Tree:
+def select_lanes(which: np.ndarray, a: Tree, b: Tree) -> Tree:
     """Trees of arrays with a leading axis: `a` where `which`, else `b`."""
     return jax.tree.map(lambda a, b: np.where(which.reshape(-1, *[1] * (np.ndim(a) - 1)), a, b), a, b)
 
 
-def _times(lanes: Any) -> tuple[Any, Any, Any]:
+def _mode_times(lanes: Any) -> tuple[Any, Any, Any]:
     log = lanes.tally.log
     return log.time_apart, log.time_stick, log.time_slip
 
 
-def _blocks(scenes: Scene, lanes: Lane, periods: int, plan: Plan, tick, keep: bool):
-    kept: list[Sample] = []
-    longest = min(periods_at_once(len(lanes.status), plan.steps_per_period, plan.method), BLOCK)
+def _run_blocks(scenes: Scene, lanes: Lane, periods: int, plan: Plan, tick, keep: bool):
+    blocks: list[Sample] = []
+    longest = min(periods_at_once(len(lanes.status), plan.steps_per_period, plan.method), PERIODS_PER_CALL)
     for done in range(0, periods, longest):
         n = min(longest, periods - done)
-        lanes, sample = run_block(scenes, lanes, plan.clock, jnp.int32(n), plan.method, BLOCK, best())
+        lanes, sample = run_block(
+            scenes, lanes, plan.clock, jnp.int32(n), plan.method, PERIODS_PER_CALL, best_mapping()
+        )
         jax.block_until_ready(lanes.status)
         if keep:
-            kept.append(jax.tree.map(lambda a, n=n: in_full(a)[:n].T, sample))
+            blocks.append(jax.tree.map(lambda a, n=n: in_float64(a)[:n].T, sample))
         tick(n)
-    return lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *kept) if kept else None
+    return lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks) if blocks else None
 
 
-def told_chatter(scenes: Scene, runs: Runs, plan: Plan) -> str | None:
-    """What alternated in the first of the lanes (leading axis) that stopped with TOO_MANY_EVENTS."""
+def zeno_warning(scenes: Scene, runs: Runs, plan: Plan) -> str | None:
+    """The report on the first lane (leading axis) that stopped with TOO_MANY_EVENTS."""
     if scenes.parts.contact == "none":
         return None
     whole = np.isfinite(runs.samples.power[0]).sum(axis=-1)
     period = np.where((whole > 0) | (plan.transient == 0), plan.transient + whole + 1, 0)
-    return chatter(scenes, runs.last, period, plan.clock, plan.method)
+    return zeno_report(scenes, runs.last, period, plan.clock, plan.method)
 
 
-def in_full(a) -> np.ndarray:
-    """An array with its real numbers in float64."""
+def in_float64(a) -> np.ndarray:
+    """An array, in float64 if its numbers are real."""
     return np.asarray(a, float) if np.issubdtype(np.asarray(a).dtype, np.floating) else np.asarray(a)
+
+
+def zeno_report(scenes: Scene, last: Lane, period: np.ndarray, clock: Clock, method: Choices) -> str | None:
+    """One line on the first lane that stopped with TOO_MANY_EVENTS: which events alternate; None if there is none.
+
+    The lane continues from where it stopped until it stops again: the events of that time are those that alternate.
+
+    Args:
+        scenes: Scenes with a leading lane axis.
+        last: The lanes at the end, with the same axis.
+        period: The number of the period in which each lane stopped, (lanes,); 0 if it is unknown.
+        clock: The time grid.
+        method: The options of the march.
+    """
+    stopped = np.flatnonzero(np.asarray(last.status) == Status.TOO_MANY_EVENTS)
+    if not len(stopped):
+        return None
+    copies = np.full(1 if len(period) == 1 else LANES_PER_CALL, stopped[0])  # as many as the compiled program has
+    scene, lane = jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[copies]), (scenes, last))
+    places = lambda lane: (lane.status, lane.search.events)
+    again = eqx.tree_at(places, lane, (jnp.zeros_like(lane.status), jnp.zeros_like(lane.search.events)))
+    after, _ = run_block(scene, again, clock, jnp.int32(1), method, PERIODS_PER_CALL, best_mapping())
+    counts = [filled(of.tally.log.counters, of.status) for of in (lane, after)]
+    more = {n: int(getattr(counts[1], n)[0] - getattr(counts[0], n)[0]) for n in Counters.__annotations__}
+    events = ", ".join(f"{n} {name}" for name, n in sorted(more.items(), key=lambda item: -item[1]) if n)
+    done = (float(lane.step[0]) + float(lane.search.done[0])) / float(clock.per_period)
+    when = f"period {period[stopped[0]]}" if period[stopped[0]] else "a period of the transient"
+    cure = 'reading = "consistent", as misprinted forces contradict each other where cases meet'
+    if not scene.contact.reading:
+        cure = f"{2 * round(float(clock.per_period))} steps a period, or another tableau"
+    return f"at {done:.6f} of {when} these events follow each other without an end: {events}; try {cure}"
+
+
+PROJECTED_PERIODS = 16  # of the transient, and of the kept part, of the sampled lanes
+MAX_SAMPLED_CHUNKS = 16  # that are timed
+
+
+def projected_seconds(
+    scenes: Scene, plan: Plan, seed: int = 0, *, beside: int | None = None, progress: Progress | None = None
+) -> float:
+    """The processor time that lanes will take [s], from randomly drawn chunks.
+
+    The chunks are those of the run: the lanes of a chunk wait for each other, and neighbours do so less than others. A
+    first run compiles the program of all lanes.
+
+    Args:
+        scenes: The lanes.
+        plan: The plan of the run.
+        seed: The seed of the draw.
+        beside: How many lanes are run at once where values are continued one by one; None: all.
+        progress: Called with (lane-periods done, lane-periods in all) of this measurement.
+    """
+    count, width = len(scenes.drive.omega), beside or LANES_PER_CALL
+    starting = np.arange(0, count, width)
+    places = min(len(starting), MAX_SAMPLED_CHUNKS, max(MAX_SAMPLED_CHUNKS * LANES_PER_CALL // width, 1))
+    firsts = np.sort(np.random.default_rng(seed).choice(starting, places, replace=False))
+    some = [np.arange(first, min(first + width, count)) for first in firsts]
+    pieces = [np.concatenate(some)] if beside is None else some
+    brief, lanes = replace(plan, transient=PROJECTED_PERIODS, kept=PROJECTED_PERIODS), sum(map(len, pieces))
+    ticker = Ticker(lanes * (brief.transient + brief.kept), progress)
+    _processor_seconds(scenes, pieces[0][:2], replace(plan, transient=1, kept=1), Ticker(0, None))
+    taken = sum(_processor_seconds(scenes, piece, brief, ticker) for piece in pieces)
+    return taken / (lanes * (brief.transient + brief.kept)) * count * (plan.transient + plan.kept)
+
+
+def _processor_seconds(scenes: Scene, some: np.ndarray, plan: Plan, ticker: Ticker) -> float:
+    """The processor time that some of the lanes take [s]."""
+    lanes = jax.tree.map(lambda a: np.asarray(a)[some], scenes)
+    began = process_time()
+    run_lanes(lanes, initial_states(lanes), plan, ticker)
+    return process_time() - began

@@ -1,11 +1,4 @@
-"""The states of lanes: as compiled loops carry them, as users have them, as rows of numbers; and the ways between.
-
-| where | motion | what the model leaves out |
-|---|---|---|
-| compiled loops | pairs of scalars: flat arrays of lanes are faster than strided ones | absent |
-| scenes, results, starts | arrays with a last axis for the blade | 0 |
-| linear algebra | a row of 13: x, y, theta and their rates, left blade before right, then the slider | 0 |
-"""
+"""The forms of a state (in compiled loops, for users, as rows of numbers), and the contact forces in stored states."""
 
 from typing import Any
 
@@ -13,28 +6,29 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.model.absent import ABSENT, filled, is_absent
+from jaxshroud.march.observables import ContactForces, contact_forces
+from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
 from jaxshroud.model.friction import Springs
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.ready import Model
-from jaxshroud.model.state import State, as_pairs
-from jaxshroud.scene.motion import Motion
+from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
+from jaxshroud.model.rhs import drive_wave
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 
-STATE = 13  # numbers of a state
+STATE_SIZE = 13  # numbers in a state
 
 
-def inside(state: State, model: Model) -> State:
-    """A user's state as compiled loops carry it."""
+def carried_state(state: State, model: Model) -> State:
+    """A user's state in the form that compiled loops carry."""
     names = [name.removeprefix("v_") for name in Motion._fields]
-    keep = lambda name, pair: tuple(pair[i] if model.parts.has(name, i) else ABSENT for i in (0, 1))  # noqa: E731
+    keep = lambda name, pair: tuple(pair[i] if model.parts.has(name, i) else ABSENT for i in (0, 1))
     motion = Motion(*(keep(name, pair) for name, pair in zip(names, as_pairs(state.motion), strict=True)))
     mode = jnp.full_like(state.mode, Mode.SMOOTH) if model.spring.smooth else state.mode
-    return State(motion, _slider(state, model.spring), mode, state.case)
+    return State(motion, _carried_slider(state, model.spring), mode, state.case)
 
 
-def _slider(state: State, spring: Springs) -> Any:
-    """The slider, or the state of own laws, which is their first one unless the state has it."""
+def _carried_slider(state: State, spring: Springs) -> Any:
+    """The slider, or the internal state of user laws, by default their initial one."""
     laws = spring.laws
     if is_absent(laws):
         return ABSENT if is_absent(spring.lag) else state.u_s
@@ -44,14 +38,14 @@ def _slider(state: State, spring: Springs) -> Any:
     return jnp.where(state.mode == Mode.APART, laws.z, state.u_s) if fits else laws.z
 
 
-def whole(state: State) -> State:
-    """A state of compiled loops with zeros for what is absent."""
+def with_zeros(state: State) -> State:
+    """A state of compiled loops with zeros for absent numbers."""
     motion, u_s = filled((state.motion, state.u_s), state.motion.x[0])
     return State(motion, u_s, state.mode, state.case)
 
 
 def as_arrays(motion: Motion) -> Motion:
-    """A motion of pairs with fields of shape (2,), inside compiled functions."""
+    """A motion of pairs as one with fields of shape (2,), inside compiled functions."""
     return Motion(*map(jnp.stack, motion))
 
 
@@ -60,20 +54,20 @@ def by_blade(motion: Motion) -> Motion:
     return Motion(*(np.stack(pair, axis=-1) for pair in motion))
 
 
-def rows(motion: Motion) -> np.ndarray:
+def motion_rows(motion: Motion) -> np.ndarray:
     """Motions of pairs (each (...,)) as rows (..., 12)."""
     return np.concatenate(by_blade(motion), axis=-1)
 
 
 def final_states(state: State) -> State:
-    """What compiled loops have come to, as a start for others."""
-    state = whole(state)
+    """The final state of a compiled loop as an initial state for users."""
+    state = with_zeros(state)
     return State(by_blade(state.motion), state.u_s, state.mode, state.case)
 
 
-def as_precise(state: State, scene: Scene) -> State:
-    """The state with real numbers of the scene's precision."""
-    real = lambda a: np.issubdtype(np.asarray(a).dtype, np.floating)  # noqa: E731
+def in_scene_precision(state: State, scene: Scene) -> State:
+    """The state with its real numbers in the precision of the scene."""
+    real = lambda a: np.issubdtype(np.asarray(a).dtype, np.floating)
     return jax.tree.map(lambda a: np.asarray(a, scene.drive.omega.dtype if real(a) else None), state)
 
 
@@ -86,3 +80,41 @@ def to_vector(state: State) -> np.ndarray:
 def from_vector(vector: np.ndarray, mode: Any, case: Any) -> State:
     """The inverse of `to_vector`."""
     return State(Motion(*(vector[..., i : i + 2] for i in range(0, 12, 2))), vector[..., 12], mode, case)
+
+
+SAMPLES_PER_CALL = 1024  # one program for runs of any length
+
+
+def sampled_contact_forces(scenes: Scene, states: State, turns: np.ndarray) -> ContactForces:
+    """The contact forces, (lanes, samples) each; absent where the model lacks them, NaN after a lane has stopped.
+
+    Args:
+        scenes: Scenes with a leading lane axis, with contact.
+        states: Their states as users have them, with axes (lanes, samples) first and the slider updated.
+        turns: The drive phase at each sample [turns], (samples,).
+    """
+    count, blocks = len(turns), []
+    for begin in range(0, count, SAMPLES_PER_CALL):
+        at = np.minimum(np.arange(begin, begin + SAMPLES_PER_CALL), count - 1)
+        block = jax.tree.map(lambda a, at=at: np.asarray(a)[:, at], states)
+        phase = np.asarray(turns[at] % 1, states.u_s.dtype)
+        blocks.append(jax.tree.map(np.asarray, _forces_of_block(scenes, block, phase)))
+    return jax.tree.map(lambda *a: np.concatenate(a, axis=1)[:, :count], *blocks)
+
+
+@jax.jit
+def _forces_of_block(scenes: Scene, states: State, turns) -> ContactForces:
+    def one_lane(scene: Scene, states: State) -> ContactForces:
+        model = prepared_model(scene)
+
+        def one(state: State, turns) -> ContactForces:
+            carried = carried_state(state, model)
+            forces = contact_forces(drive_wave(*sincos_turns(turns), model.drive), carried, model)
+            force = lambda a: jnp.zeros_like(forces.v) if is_absent(a) else a
+            lost = jnp.isnan(forces.v)
+            forces = forces._replace(N=force(forces.N), F=force(forces.F))
+            return jax.tree.map(lambda a: jnp.where(lost, jnp.nan, a), forces)
+
+        return jax.vmap(one)(states, turns)
+
+    return jax.vmap(one_lane)(scenes, states)

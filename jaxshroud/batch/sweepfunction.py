@@ -10,24 +10,32 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.periods import CHUNK, Clock, begin_lanes, one_period
-from jaxshroud.batch.runs import starts
-from jaxshroud.batch.sampled import Schedule, joining_lanes, no_tangents, perturbed, pushed, skipping
-from jaxshroud.batch.tangents import differentiable
-from jaxshroud.batch.xla import Tree, best, compiled
-from jaxshroud.march.method import FAST, Choices, Method, choices
-from jaxshroud.model.absent import Pair
+from jaxshroud.batch.differentiable_samples import (
+    Schedule,
+    batching_by_lanes,
+    no_tangents,
+    perturbed_only,
+    samples_and_tangents,
+    skip_samples,
+)
+from jaxshroud.batch.input_status import admit_start, status_if_admitted
+from jaxshroud.batch.periods import LANES_PER_CALL, Clock, begin_lanes, period_function
+from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.tangents import as_differentiable
+from jaxshroud.batch.xla import best_mapping, compiled
+from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
+from jaxshroud.model.arithmetic import Pair
 from jaxshroud.model.linear import area, free_power, power_reduction
-from jaxshroud.model.state import State
-from jaxshroud.scene.checks import count_argument
-from jaxshroud.scene.errors import InputError
-from jaxshroud.scene.motion import Motion
-from jaxshroud.scene.precision import in_precision
+from jaxshroud.model.prepared import State
+from jaxshroud.scene.checks import InputError, count_argument
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import PerBlade, Scene
+from jaxshroud.scene.typed import Tree, typed
+from jaxshroud.scene.valid import in_precision
 
 
 class Strobe(eqx.Module):
-    """What a `sweep_function` gives; NaN where a lane has stopped."""
+    """The result of a `sweep_function`; NaN where a lane has stopped."""
 
     motion: Motion  # at the end of each kept period, fields (lanes, n_periods, 2)
     P: PerBlade  # average power over the kept periods, Eq. (23), (lanes, 2) [m^4]
@@ -35,8 +43,8 @@ class Strobe(eqx.Module):
     status: Int[Array, "..."]  # (lanes,), see `Status`
 
 
-class _Plan(NamedTuple):
-    """What is run; static."""
+class _SweepPlan(NamedTuple):
+    """The static arguments of a sweep."""
 
     transient: int
     kept: int
@@ -45,117 +53,121 @@ class _Plan(NamedTuple):
 
     @property
     def clock(self) -> Clock:
-        """Whole periods from drive phase 0."""
+        """The grid of whole periods from drive phase 0."""
         return Clock(jnp.asarray(0.0), jnp.int32(self.steps), jnp.asarray(float(self.steps)))
 
     @property
     def schedule(self) -> Schedule:
-        """The same with derivatives."""
-        return Schedule(self.kept, self.steps, self.steps, differentiable(self.method), skipped=self.transient)
+        """The schedule of the same run with derivatives."""
+        return Schedule(self.kept, self.steps, self.steps, as_differentiable(self.method), skipped=self.transient)
 
 
-class _Kept(NamedTuple):
-    """What is kept of lanes (leading axis)."""
+class _LaneOutcomes(NamedTuple):
+    """The results of lanes (leading axis)."""
 
     motion: Motion  # pairs (lanes, periods)
     power: Pair  # mean square displacement over block and periods, (lanes,) [m^2]
     status: Any  # (lanes,); None of tangents
 
 
+@typed
 def sweep_function(
     n_periods: int = 64,
     transient: int = 64,
-    method: Method | Choices = FAST,
-    *,
-    steps_per_period: int = 400,
+    method: Method = EXPLICIT,
 ) -> Callable[..., Strobe]:
     """A pure function of scenes that runs each for `transient` and then `n_periods` drive periods, as `sweep` does.
 
-    The whole sweep is one compiled program, with the kernels of the verb `sweep` and its samples: a loop over chunks of
-    64 lanes on one core. `jax.jit`, `jax.vmap`, `jax.jvp` and `jax.grad` take it; `jax.shard_map` with
+    The whole sweep is one compiled program, a loop over chunks of 64 lanes on one core, with the kernels and the
+    samples of the verb `sweep`. `jax.jit`, `jax.vmap`, `jax.jvp` and `jax.grad` accept it; `jax.shard_map` with
     `check_vma=False`, over lanes, runs it on many devices. Derivatives are those of `rollout`; in chaos they grow
     without bound.
 
     Args:
         n_periods: Drive periods kept.
         transient: Drive periods before these.
-        method: How to march.
-        steps_per_period: Runge-Kutta steps in one period.
+        method: How to march: a `RungeKutta` or `Taylor` with its number of steps; `method_for` chooses one for an
+            accuracy.
 
     Returns:
-        A function `f(scenes, states=None)` of scenes with one leading axis, and of where they start (by default from
-        `scenes.initial`), that returns a `Strobe`: samples at drive phase 0, powers averaged over all kept periods (the
-        verb's are over whole orbits), statuses.
+        A function `f(scenes, states=None)` of scenes with one leading axis and of their initial states (by default
+        those of `scenes.initial`), that returns a `Strobe`: samples at drive phase 0, powers averaged over all
+        kept periods (the verb's are over whole orbits), and statuses (BAD_INPUT for a lane with a number out of its
+        range).
 
     Raises:
-        ValueError: A count is too small; or, where it is called: the scenes have no leading axis, or float64 is not to
-            be had.
+        ValueError: A count is too small; or, when it is called, the scenes have no leading axis, or float64 is not
+            enabled.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
         >>> base = js.load("table1", ['parts.motion=["x"]']).scene
         >>> scenes = jax.vmap(lambda gap: js.vary(base, "shroud.gap", gap))(jax.numpy.linspace(1e-5, 3e-5, 4))
-        >>> found = js.sweep_function(n_periods=2, transient=1, steps_per_period=200)(scenes)
+        >>> found = js.sweep_function(n_periods=2, transient=1, method=js.RungeKutta(steps=200))(scenes)
         >>> found.motion.x.shape, found.P_d.shape
         ((4, 2, 2), (4,))
     """
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
-    count_argument("steps_per_period", steps_per_period, 1)
-    plan = _Plan(transient, n_periods, steps_per_period, choices(method))
+    plan = _SweepPlan(transient, n_periods, *explicit(method))
 
+    @typed
     def function(scenes: Scene, states: State | None = None) -> Strobe:
         if scenes.drive.omega.ndim != 1:
             raise InputError(
                 "A sweep function takes scenes with one leading axis, as of js.scenes_from; or use js.rollout."
             )
         scenes = in_precision(scenes, plan.method.precision)
-        states = starts(scenes) if states is None else in_precision(states, plan.method.precision)
-        return _swept(scenes, states, plan, plan.method)
+        begin = initial_states(scenes) if states is None else in_precision(states, plan.method.precision)
+        begin, good = jax.vmap(admit_start)(scenes, begin)
+        strobe = _run_sweep(scenes, begin, plan, plan.method)
+        return eqx.tree_at(lambda strobe: strobe.status, strobe, status_if_admitted(strobe.status, good))
 
     return function
 
 
 @compiled("plan", "method")
-def _swept(scenes: Scene, states: State, plan: _Plan, method: Choices) -> Strobe:
-    """All lanes, chunk by chunk; `method` is the plan's, seen by what compiles this."""
+def _run_sweep(scenes: Scene, states: State, plan: _SweepPlan, method: Choices) -> Strobe:
+    """Run all lanes, chunk by chunk; `method` is that of the plan, passed for the decorator."""
     del method
-    kept = _by_chunks(lambda chunk: _chunk(chunk[0], chunk[1], plan), (scenes, states), len(scenes.drive.omega))
+    outcomes = _by_chunks(
+        lambda chunk: _differentiable_chunk(chunk[0], chunk[1], plan), (scenes, states), len(scenes.drive.omega)
+    )
     A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(scenes)
-    P = A[:, None] * jnp.stack(kept.power, axis=-1)
+    P = A[:, None] * jnp.stack(outcomes.power, axis=-1)
     P_d = power_reduction(P[:, 0], P_0[:, 0])
-    return Strobe(Motion(*(jnp.stack(pair, axis=-1) for pair in kept.motion)), P, P_d, kept.status)
+    return Strobe(Motion(*(jnp.stack(pair, axis=-1) for pair in outcomes.motion)), P, P_d, outcomes.status)
 
 
 def _by_chunks(run: Callable[[Any], Tree], lanes: Any, count: int) -> Tree:
-    """`run` of `CHUNK` lanes (leading axis) at a time, the last of which is repeated; of one lane alone."""
-    width = 1 if count == 1 else CHUNK
+    """The results of `run` for chunks of `LANES_PER_CALL` lanes (leading axis), or for one lane alone."""
+    width = 1 if count == 1 else LANES_PER_CALL
     chunks = -(-count // width)
     at = jnp.minimum(jnp.arange(chunks * width), count - 1).reshape(chunks, width)
-    found = lax.map(run, jax.tree.map(lambda a: a[at], lanes))
-    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], found)
+    results = lax.map(run, jax.tree.map(lambda a: a[at], lanes))
+    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], results)
 
 
-def _chunk(scenes: Scene, states: State, plan: _Plan) -> _Kept:
-    """What a chunk of lanes comes to; its derivatives are those of the lanes' samples."""
-    known = jax.custom_jvp(joining_lanes(lambda scenes, states: _kept(scenes, states, plan)))
+def _differentiable_chunk(scenes: Scene, states: State, plan: _SweepPlan) -> _LaneOutcomes:
+    """The results of a chunk of lanes; their derivatives are those of the samples of the lanes."""
+    outcomes_of = jax.custom_jvp(batching_by_lanes(lambda scenes, states: _lane_outcomes(scenes, states, plan)))
 
     def push(primals, tangents):
-        _, flow = jax.vmap(partial(pushed, schedule=plan.schedule))(primals, perturbed(tangents))
-        slope = _Kept(flow.state.motion, jax.tree.map(lambda a: jnp.mean(a, axis=1), flow.power), None)
-        value = known(*primals)
+        _, flow = jax.vmap(partial(samples_and_tangents, schedule=plan.schedule))(primals, perturbed_only(tangents))
+        slope = _LaneOutcomes(flow.state.motion, jax.tree.map(lambda a: jnp.mean(a, axis=1), flow.power), None)
+        value = outcomes_of(*primals)
         return value, no_tangents(value, slope)
 
-    known.defjvp(push, symbolic_zeros=True)
-    return known(scenes, states)
+    outcomes_of.defjvp(push, symbolic_zeros=True)
+    return outcomes_of(scenes, states)
 
 
-def _kept(scenes: Scene, states: State, plan: _Plan) -> _Kept:
-    """What lanes come to, in the kernels of the verb `sweep`."""
-    period = one_period(scenes, plan.clock, plan.method, best())
+def _lane_outcomes(scenes: Scene, states: State, plan: _SweepPlan) -> _LaneOutcomes:
+    """The results of lanes, by the kernels of the verb `sweep`."""
+    period = period_function(scenes, plan.clock, plan.method, best_mapping())
     begin = begin_lanes(scenes, states, plan.method)
-    one = skipping(lambda lanes, _: period(lanes, True), plan.transient)
+    one = skip_samples(lambda lanes, _: period(lanes, True), plan.transient)
     last, sample = lax.scan(one, begin, jnp.arange(plan.kept))
     lanes_first = jax.tree.map(lambda a: a.T, sample.motion)
-    return _Kept(lanes_first, jax.tree.map(lambda a: jnp.mean(a, axis=0), sample.power), last.status)
+    return _LaneOutcomes(lanes_first, jax.tree.map(lambda a: jnp.mean(a, axis=0), sample.power), last.status)

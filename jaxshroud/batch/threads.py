@@ -1,6 +1,6 @@
-"""Calls on one thread per core and on all devices, under the caller's JAX settings; Ctrl-C ends them soon, all of them.
+"""Calls on one thread per core and on all devices, with the caller's JAX settings, which Ctrl-C ends soon.
 
-Calls go to the devices in turn: what is computed does not depend on how many there are.
+The calls go to the devices in turn; the results do not depend on the number of devices.
 """
 
 import os
@@ -14,10 +14,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxshroud.batch.xla import Tree
+from jaxshroud.scene.typed import Tree
 
-Check = Callable[[], None]  # to be called now and then: ends its thread's work once that is no longer wanted
-SETTINGS = (  # of JAX that belong to a thread
+Check = Callable[[], None]  # to be called regularly: ends the work of its thread once the result is no longer wanted
+JAX_SETTINGS = (  # those that are local to a thread
     "enable_x64",
     "numpy_dtype_promotion",
     "numpy_rank_promotion",
@@ -28,14 +28,14 @@ SETTINGS = (  # of JAX that belong to a thread
     "disable_jit",
     "log_compiles",
 )
-_own = local()  # what is so of the thread at hand
+_thread_flags = local()  # flags of the current thread
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C in the midst of a computation, all of whose threads have ended.
+    """Ctrl-C during a computation, all of whose threads have ended.
 
-    `done` is what had been finished by then, None if nothing had. Of a `sweep` it is the `SweepResult`, in which the
-    other lanes have status `NOT_RUN`.
+    `done` is the finished part, or None. For a `sweep` it is the `SweepResult`, in which the other lanes have the
+    status `NOT_RUN`.
     """
 
     def __init__(self, done: Any):
@@ -48,27 +48,27 @@ class _Unwanted(Exception):  # noqa: N818  not an error
 
 
 def cores() -> int:
-    """How many threads share the calls of this one: one per core that the process may use."""
-    if getattr(_own, "alone", False):
+    """The number of threads that share the calls of this one: one per core that the process may use."""
+    if getattr(_thread_flags, "alone", False):
         return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
-def alone() -> Iterator[None]:
-    """Within, calls of this thread share one thread: others of the process are busy with the like."""
-    _own.alone = True
+def single_threaded() -> Iterator[None]:
+    """A context in which calls of this thread run one by one, as other processes or threads are busy as well."""
+    _thread_flags.alone = True
     try:
         yield
     finally:
-        _own.alone = False
+        _thread_flags.alone = False
 
 
 def in_threads(run: Callable[..., Tree], *columns: Iterable[Any]) -> list[Tree]:
-    """`run(check, *row)` of every row of the columns.
+    """The results of `run(check, *row)` for every row of the columns.
 
     Raises:
-        Interrupted: Ctrl-C; `done` has the results in order, None for rows that had not ended.
+        Interrupted: On Ctrl-C; `done` has the results in order, with None for rows that had not ended.
     """
     unwanted, settings = Event(), thread_settings()
 
@@ -78,7 +78,7 @@ def in_threads(run: Callable[..., Tree], *columns: Iterable[Any]) -> list[Tree]:
 
     def one(device: dict[str, Any], *row: Any) -> Tree:
         check()
-        with under(settings | device):
+        with jax_settings(settings | device):
             return run(check, *row)
 
     devices = _devices()
@@ -90,43 +90,43 @@ def in_threads(run: Callable[..., Tree], *columns: Iterable[Any]) -> list[Tree]:
             call.result()
     except KeyboardInterrupt:
         unwanted.set()
-        _end(pool)
-        raise Interrupted([_result(call) for call in calls]) from None
+        _shut_down(pool)
+        raise Interrupted([_result_or_none(call) for call in calls]) from None
     finally:
         unwanted.set()
-        _end(pool)
+        _shut_down(pool)
     return [call.result() for call in calls]
 
 
 def in_chunks(run: Callable[[Check, np.ndarray], Tree], lanes: int, width: int) -> Tree:
-    """`run` of the numbers of `width` lanes at a time (the last is repeated), all lanes of all results in one tree.
+    """The results of `run(check, numbers)` for chunks of `width` lanes, filled up with the last, as one tree.
 
     Raises:
-        Interrupted: As in `in_threads`; its `done` has None for chunks that had not ended, and the rest of the results.
+        Interrupted: As in `in_threads`; `done` has the results of the chunks, with None for those that had not ended.
     """
     pieces = [np.minimum(np.arange(i, i + width), lanes - 1) for i in range(0, lanes, width)]
-    return joined(in_threads(run, pieces), lanes)
+    return concatenated_lanes(in_threads(run, pieces), lanes)
 
 
-def joined(results: list[Tree], lanes: int) -> Tree:
-    """Results of chunks as one tree of arrays with a leading axis of so many lanes."""
+def concatenated_lanes(results: list[Tree], lanes: int) -> Tree:
+    """The results of chunks as one tree of arrays with a leading axis of `lanes` lanes."""
     return jax.tree.map(lambda *a: np.concatenate(a)[:lanes], *results)
 
 
 def _devices() -> list[dict[str, Any]]:
-    """Settings of each device that takes its turn: all, but where there is one or the caller has chosen one."""
+    """The settings of each device in use: of all devices, unless there is only one or the caller has chosen one."""
     every = jax.local_devices()
     chosen = len(every) == 1 or thread_settings()["default_device"] is not None
     return [{}] if chosen else [{"default_device": device} for device in every]
 
 
 def thread_settings() -> dict[str, Any]:
-    """The thread's JAX settings."""
-    return {name: getattr(jax.config, f"jax_{name}") for name in SETTINGS}
+    """The JAX settings of this thread."""
+    return {name: getattr(jax.config, f"jax_{name}") for name in JAX_SETTINGS}
 
 
-def under(settings: dict[str, Any]) -> ExitStack:
-    """The thread's JAX settings made those `settings`, until the end of a `with` statement."""
+def jax_settings(settings: dict[str, Any]) -> ExitStack:
+    """A context with these JAX `settings` for this thread."""
     stack, own = ExitStack(), thread_settings()
     for name, value in settings.items():
         if own[name] != value:
@@ -134,8 +134,8 @@ def under(settings: dict[str, Any]) -> ExitStack:
     return stack
 
 
-def _end(pool: ThreadPoolExecutor) -> None:
-    """Wait for the calls under way, whatever the keyboard says: threads in XLA must not outlive the interpreter."""
+def _shut_down(pool: ThreadPoolExecutor) -> None:
+    """Wait for the running calls despite further Ctrl-C: threads in XLA must not outlive the interpreter."""
     while True:
         try:
             return pool.shutdown(cancel_futures=True)
@@ -143,5 +143,5 @@ def _end(pool: ThreadPoolExecutor) -> None:
             continue
 
 
-def _result(call: "Future[Tree]") -> Tree | None:
+def _result_or_none(call: "Future[Tree]") -> Tree | None:
     return None if call.cancelled() or call.exception() else call.result()

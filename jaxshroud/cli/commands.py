@@ -1,80 +1,102 @@
-"""The command line: one verb per question, each in the module of its name.
+"""The command line: parse it, run the command, and end with an exit status.
 
 Exit status 0: done (a run that stopped early is a warning). 1: the machine or the numbers failed. 2: the input is
-wrong, one line says where. 130: interrupted. 141: nobody reads what is printed.
+wrong, one line says where. 130: interrupted. 141: standard output is closed.
 """
 
+import logging
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from argparse import Namespace
+from collections.abc import Callable, Sequence
 from importlib import import_module
 
-from jaxshroud.cli.keyboard import interruptible
-from jaxshroud.cli.parser import parser
-from jaxshroud.cli.terminal import numerical, one_line
-from jaxshroud.cli.words import words
-from jaxshroud.results import files
-from jaxshroud.scene.errors import InputError, MachineError
+import jaxshroud
+from jaxshroud.cli.command_table import COMMANDS
+from jaxshroud.cli.parser import join_negative_values, parser
+from jaxshroud.cli.terminal import interruptible, is_numerical_failure, one_line
+from jaxshroud.io import files
+from jaxshroud.scene.checks import InputError, MachineError
 
 SHOW_CURSOR = "\x1b[?25h"  # which the progress bar hides
 
 
+_printed_interruption: list[str] = []  # empty until Ctrl-C
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    files.written.clear()
+    files.written_files.clear()
+    _printed_interruption.clear()
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns where it cannot keep a cache of its own
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by the shell
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115  until the end of the process
     try:
-        options = parser().parse_args(words(sys.argv[1:] if arguments is None else arguments))
-        verb = getattr(import_module(f"jaxshroud.cli.{options.verb}"), f"{options.verb}_verb")
+        words = sys.argv[1:] if arguments is None else arguments
+        options = parser().parse_args(join_negative_values(words))
+        command = _command(options.verb)
         if "jax" in sys.modules:
             _set_up_jax()
     except Exception as error:
-        return _failed(error)
-    with interruptible(_leave):  # only now: what is imported does not bear an exception of Ctrl-C
+        return _exit_status(error)
+    with interruptible(_leave):  # only now: an import does not survive an exception of Ctrl-C
         try:
-            verb(options)
+            command(options)
             sys.stdout.flush()
-        except KeyboardInterrupt as stopped:
-            print(_interrupted(*map(str, stopped.args)), file=sys.stderr)
+        except KeyboardInterrupt as interrupt:
+            _printed_interruption.append(_interruption_message(*map(str, interrupt.args)))
+            print(_printed_interruption[-1], file=sys.stderr)
             return 130
         except Exception as error:
-            return _failed(error)
+            return _exit_status(error)
     return 0
 
 
+def _command(name: str) -> Callable[[Namespace], None]:
+    """The function of a command, with the modules that it needs imported."""
+    getattr(jaxshroud, name, None)  # the verb, which imports JAX; some commands are not verbs
+    if module := COMMANDS[name].module:
+        return getattr(import_module(f"jaxshroud.cli.{module}"), f"{name}_command")
+    from jaxshroud.cli.computation import Computation
+
+    return Computation()
+
+
 def _set_up_jax() -> None:
-    """Float64, and programs of all sizes kept on disk; lanes that stop are told by the commands themselves."""
+    """Float64, and programs of all sizes kept on disk; commands print themselves which lanes stopped."""
     import jax
 
     from jaxshroud.batch.cache import cache_compilations
-    from jaxshroud.results.status import LaneWarning
+    from jaxshroud.io.lane_status import AccuracyWarning, LaneWarning
 
-    warnings.filterwarnings("ignore", category=LaneWarning)
-
+    for category in (LaneWarning, AccuracyWarning):
+        warnings.filterwarnings("ignore", category=category)
     jax.config.update("jax_enable_x64", True)
-    cache_compilations()
+    try:
+        cache_compilations()
+    except OSError as error:
+        print(f"note: {error}; programs are compiled anew in every process", file=sys.stderr)
 
 
-def _failed(error: Exception) -> int:
-    """Exit status of a failure, which is told in one line; one that nobody has foreseen is raised."""
-    if isinstance(error, BrokenPipeError):  # nobody reads standard output
+def _exit_status(error: Exception) -> int:
+    """Exit status of an error, whose message is printed as one line; an unforeseen one is raised."""
+    if isinstance(error, BrokenPipeError):  # standard output is closed
         _abandon_output()
         return 141
     if isinstance(error, MachineError):
-        status, told = 1, str(error)
+        status, message = 1, str(error)
     elif isinstance(error, InputError):
-        status, told = 2, one_line(error)
-    elif numerical(error):
-        status, told = 1, f"numerical failure: {one_line(error)}"
-    elif isinstance(error, MemoryError | OSError) or _of_xla(error):
-        status, told = 1, f"the machine failed: {one_line(error) or 'out of memory'}"
+        status, message = 2, one_line(error)
+    elif is_numerical_failure(error):
+        status, message = 1, f"numerical failure: {one_line(error)}"
+    elif isinstance(error, MemoryError | OSError) or _is_xla_failure(error):
+        status, message = 1, f"the machine failed: {one_line(error) or 'out of memory'}"
         _abandon_output()
     else:
         raise error
-    print(told, file=sys.stderr)
+    print(message, file=sys.stderr)
     return status
 
 
@@ -86,18 +108,19 @@ def _abandon_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _of_xla(error: Exception) -> bool:
+def _is_xla_failure(error: Exception) -> bool:
     jax = sys.modules.get("jax")
     return jax is not None and isinstance(error, jax.errors.JaxRuntimeError)
 
 
-def _interrupted(told: str = "", more: str = "") -> str:
-    """What an interrupted command says: what was written, and how to go on."""
-    return f"interrupted; {told or ', '.join(map(str, files.written)) or 'nothing'} was written{more}"
+def _interruption_message(written: str = "", advice: str = "") -> str:
+    """The message of an interrupted command: what was written, and how to go on."""
+    return f"interrupted; {written or ', '.join(map(str, files.written_files)) or 'nothing'} was written{advice}"
 
 
 def _leave() -> None:
     """End the process at once: the second Ctrl-C."""
     files.remove_parts()
-    os.write(2, f"{SHOW_CURSOR if sys.stderr.isatty() else ''}{_interrupted()}\n".encode())
+    message = "" if _printed_interruption else f"{_interruption_message()}\n"
+    os.write(2, f"{SHOW_CURSOR if sys.stderr.isatty() else ''}{message}".encode())
     os._exit(130)

@@ -4,103 +4,133 @@ import argparse
 import sys
 from typing import Any
 
-from jaxshroud.batch.xla import alone
-from jaxshroud.cli.asked import loaded, march
-from jaxshroud.cli.store import gradient_json
-from jaxshroud.cli.terminal import CommandError, blamed, free, print_columns, print_table, progress_bar
-from jaxshroud.march.method import FAST
-from jaxshroud.motion.margins import contact_margins
-from jaxshroud.results import drawing, plot_effects
+from jaxshroud.batch.runs import Progress
+from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_verb
+from jaxshroud.cli.terminal import (
+    CommandError,
+    files_written,
+    input_errors_at,
+    print_columns,
+    print_table,
+    progress_bar,
+    require_free,
+)
+from jaxshroud.io.store import write_json
+from jaxshroud.motion.bifurcation import grazing_margins
+from jaxshroud.motion.effects import with_interval
 from jaxshroud.results.gradient import Gradient
-from jaxshroud.results.store import write_json
-from jaxshroud.verbs.gradient import differences, gradient
+from jaxshroud.scene.file import SceneFile
+from jaxshroud.verbs.gradient import differences
 
 CHECK_STEPS = (1e-4, 3e-5, 1e-5)  # relative
 
 
-def gradient_verb(options: argparse.Namespace) -> None:
-    """Derivatives of P_d with respect to numbers of a scene."""
-    file = loaded(options)
-    free(options.out, options.force)
+def _gradient_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+    """The keys of --wrt."""
+    require_free(options.out, options.force)
+    if options.relative:
+        require_free(options.out.with_suffix(".png"), options.force)
     if not 0 < options.sigma < float("inf"):
         raise CommandError(f"--sigma must be positive, but is {options.sigma}")
-    wrt = "all" if options.wrt == "all" else list(dict.fromkeys(key.strip() for key in options.wrt.split(",")))
-    picture = options.out.with_suffix(".png")
+    keys = [key.strip() for key in options.wrt.split(",")]
+    return {"wrt": "all" if options.wrt == "all" else list(dict.fromkeys(keys))}
+
+
+def _call_gradient(call: VerbCall, progress: Progress) -> Gradient:
+    with input_errors_at(f"--wrt {call.options.wrt}"):
+        return call_verb(call, progress)
+
+
+def _output_gradient(completed: CompletedCall) -> None:
+    """Print the derivatives, check them if asked to, and write what was computed."""
+    gradient, options = completed.result, completed.options
+    print_table(completed.title, _gradient_rows(gradient, with_slopes=not options.relative))
+    summary = gradient.summary()
     if options.relative:
-        free(picture, options.force)
-    how = march(file, alone(file.scene), options, FAST, derivatives=True)
-    with progress_bar("periods") as report, blamed(f"--wrt {options.wrt}"):
-        found = gradient(
-            file.scene,
-            wrt,
-            of=options.of,
-            sigma=options.sigma,
-            pairs=options.pairs,
-            n_periods=file.run.periods,
-            transient=file.run.transient,
-            steps_per_period=how.steps,
-            seed=options.seed,
-            method=how.method,
-            progress=report,
-        )
-    data = gradient_json(found, file)
-    unit = "%" if options.of == "P_d" else "m^4"
-    at = found.orbit
-    rows: dict[str, Any] = {
-        "kind": found.kind,
-        options.of: f"{found.level:.6g} +- {found.level_ci:.2g} {unit}",
-        **({} if options.relative else _slopes(found)),
-        "flags": ", ".join(found.flags) or "none",
-    }
-    if found.kind == "periodic":
-        name, margin = at.bifurcation
-        rows["period number"] = at.q
-        rows["nearest bifurcation"] = f"{name}, at a distance of {margin:.3g}"
-        rows["conditioning"] = f"{found.conditioning:.3g}"
-        rows["periods simulated"] = at.periods
-    else:
-        rows["smoothing"] = f"{found.sigma:g} of each value"
-    print_table(file.title or file.name, {**rows, "written": options.out})
-    if options.relative:
-        unit = "percentage points" if options.of == "P_d" else "m^4"
-        heads = ["key", "value [SI]", "more by", f"changes {options.of} by [{unit}]", "+-"]
-        print_columns("what matters", heads, [effect.cells for effect in found.effects])
-        drawing.save(plot_effects.tornado(data), picture)
+        _print_effects(gradient)
+        _draw_effects(completed, summary)
     if options.check:
-        data["check"] = _checked(found)
-    write_json(data, options.out)
+        summary["check"] = _check_by_differences(gradient)
+    write_json(summary, options.out)
+    print_table("", {"written": files_written()})
 
 
-def _slopes(found: Gradient) -> dict[str, str]:
-    """Derivatives in SI units."""
-    return {f"d{found.of}/d {key}": f"{v:.6g} +- {found.ci[key]:.2g}" for key, v in found.value.items()}
+def _gradient_rows(gradient: Gradient, with_slopes: bool) -> dict[str, Any]:
+    slopes = {f"d{gradient.of}/d {key}": with_interval(v, gradient.ci[key]) for key, v in gradient.value.items()}
+    rows = {
+        "kind": gradient.kind,
+        gradient.of: with_interval(gradient.level, gradient.level_ci, "%" if gradient.of == "P_d" else "m^4"),
+        **(slopes if with_slopes else {}),
+        "flags": ", ".join(gradient.flags) or "none",
+    }
+    if gradient.kind != "periodic":
+        return {**rows, "smoothing": f"{gradient.sigma:g} of each value"}
+    name, margin = gradient.orbit.bifurcation
+    return {
+        **rows,
+        "period number": gradient.orbit.q,
+        "nearest bifurcation": f"{name}, at a distance of {margin:.3g}",
+        "conditioning": f"{gradient.conditioning:.3g}",
+        "periods simulated": gradient.orbit.periods,
+    }
 
 
-def _checked(found) -> dict[str, Any]:
+def _print_effects(gradient: Gradient) -> None:
+    """Print what 1 percent of each number changes."""
+    unit = "percentage points" if gradient.of == "P_d" else "m^4"
+    heads = ["key", "value [SI]", "more by", f"changes {gradient.of} by [{unit}]"]
+    print_columns("what matters", heads, [effect.cells for effect in gradient.effects])
+
+
+def _draw_effects(completed: CompletedCall, summary: dict[str, Any]) -> None:
+    from jaxshroud.plotting.pictures import picture
+    from jaxshroud.plotting.style import save_figure
+
+    save_figure(picture("gradient", summary), completed.options.out.with_suffix(".png"))
+
+
+def _check_by_differences(gradient: Gradient) -> dict[str, Any]:
     """Compare an exact gradient with differences; say so where there is nothing to compare."""
-    if found.kind != "periodic":
+    if gradient.kind != "periodic":
         print("no check: where the motion is aperiodic, differences have no limit", file=sys.stderr)
         return {}
-    margins = contact_margins(found.orbit.cycle())
-    slopes: dict[float, dict[str, float]] = {}
-    with progress_bar("differences") as report:
-        for step in CHECK_STEPS:
-            slopes[step] = differences(found.orbit, list(found.value), step, found.of)
-            report(len(slopes), len(CHECK_STEPS))
-    rows, errors = [], {}
-    for key, exact in found.value.items():
-        by = [slopes[step][key] for step in CHECK_STEPS]
-        errors[key] = min(abs(b - exact) for b in by) / abs(exact) if exact else float(min(map(abs, by)))
-        rows.append([key, f"{exact:.9g}", *(f"{b:.9g}" for b in by), f"{errors[key]:.1e}"])
+    margins = grazing_margins(gradient.orbit.cycle())
+    slopes = _differences_by_key(gradient)
+    errors = {key: _relative_error(exact, slopes[key]) for key, exact in gradient.value.items()}
     heads = ["key", "exact", *(f"step {step:g}" for step in CHECK_STEPS), "least error"]
+    rows = [
+        [key, f"{exact:.9g}", *(f"{slope:.9g}" for slope in slopes[key]), f"{errors[key]:.1e}"]
+        for key, exact in gradient.value.items()
+    ]
     print_columns("check by differences", heads, rows)
-    seen = ", ".join(f"{n} {name}" for name, n in margins.counters.items() if n) or "none"
-    print_table("", {"events": seen, "slowest onset": f"{margins.slowest_onset:.3g} of the largest closing speed"})
+    events = ", ".join(f"{n} {name}" for name, n in margins.counters.items() if n) or "none"
+    onset = f"{margins.slowest_onset:.3g} of the largest closing speed"
+    print_table("", {"events": events, "slowest onset": onset})
     return {
         "steps": list(CHECK_STEPS),
-        "differences": {key: [slopes[step][key] for step in CHECK_STEPS] for key in found.value},
+        "differences": slopes,
         "relative_error": errors,
         "events": margins.counters,
         "slowest_onset": margins.slowest_onset,
         "nearest_miss": margins.nearest_miss,
     }
+
+
+def _differences_by_key(gradient: Gradient) -> dict[str, list[float]]:
+    """The difference quotients of each number, one for each step."""
+    slopes: list[dict[str, float]] = []
+    with progress_bar("differences") as report:
+        for step in CHECK_STEPS:
+            slopes.append(differences(gradient.orbit, list(gradient.value), step, "P" if gradient.of == "P" else "P_d"))
+            report(len(slopes), len(CHECK_STEPS))
+    return {key: [of_step[key] for of_step in slopes] for key in gradient.value}
+
+
+def _relative_error(exact: float, slopes: list[float]) -> float:
+    """The least error of the differences; absolute where the derivative is zero."""
+    if not exact:
+        return float(min(map(abs, slopes)))
+    return min(abs(slope - exact) for slope in slopes) / abs(exact)
+
+
+gradient_command = Computation(prepare=_gradient_arguments, run=_call_gradient, output=_output_gradient)

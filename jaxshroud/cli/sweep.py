@@ -1,261 +1,302 @@
-"""The command `sweep`."""
+"""The command `sweep`: its axes, its store, what it will take, and what an interrupted one keeps."""
 
 import argparse
 import math
 import sys
 import time
+from collections.abc import Mapping
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import jax
 import numpy as np
 
-from jaxshroud.batch.extent import fits, memory, results_size
-from jaxshroud.batch.periods import CHUNK
-from jaxshroud.batch.projection import projected_seconds
-from jaxshroud.batch.runs import Plan
+from jaxshroud.batch.periods import LANES_PER_CALL
+from jaxshroud.batch.runs import Plan, projected_seconds
+from jaxshroud.batch.size_limits import check_size, results_size, sweep_memory
 from jaxshroud.batch.threads import Interrupted, cores
-from jaxshroud.cli.asked import loaded, march, unmet, warned
-from jaxshroud.cli.axes import with_axes
-from jaxshroud.cli.plot import draw_dataset
-from jaxshroud.cli.store import named
-from jaxshroud.cli.terminal import CommandError, blamed, directory, print_table, progress_bar, warn_status
+from jaxshroud.cli.arg_types import count
+from jaxshroud.cli.computation import with_origin
+from jaxshroud.cli.option_table import Along
+from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march
+from jaxshroud.cli.stored_results import draw_dataset
+from jaxshroud.cli.terminal import (
+    CommandError,
+    files_written,
+    input_errors_at,
+    make_directory,
+    print_table,
+    progress_bar,
+    warn_status,
+)
+from jaxshroud.io.files import written_files
+from jaxshroud.io.store import write_json
+from jaxshroud.io.unfinished_store import BEGUN, remove_store, write_attributes
 from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
 from jaxshroud.model.modes import Status
-from jaxshroud.motion.settling import UNKNOWN
-from jaxshroud.results.files import written
-from jaxshroud.results.store import write_json
+from jaxshroud.motion.effects import with_interval
 from jaxshroud.results.sweep import SweepResult
-from jaxshroud.results.unfinished import BEGUN, relabel, remove
-from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.axes import axis
+from jaxshroud.scene.checks import MAX_VALUES
+from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.scene.parts import WAYS
-from jaxshroud.scene.precision import in_precision
+from jaxshroud.scene.parts import SINGLE_DIRECTIONS
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.accuracy import Choice
-from jaxshroud.verbs.door import Marched
-from jaxshroud.verbs.sweep import AT_ONCE, sweep
-from jaxshroud.version import __version__
+from jaxshroud.scene.valid import in_precision
+from jaxshroud.verbs.options import MarchPlan
+from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE, sweep
 
-LONG = 10**9  # steps of lanes: minutes
-ALONE = 16  # as long as so many lanes of a chunk takes one that is run by itself
-GOES_ON = "; the same command with --resume goes on"
+LONG_RUN_STEPS = 10**9  # steps of all lanes together, which take minutes
+LANES_PER_LONE_LANE = 16  # a lane that runs alone takes as long as this many lanes of a chunk
+RESUME_ADVICE = "; the same command with --resume goes on"
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
+GIB = 2**30  # bytes
 
 
-def sweep_verb(options: argparse.Namespace) -> None:
+class SweepRequest(NamedTuple):
+    """A sweep whose options are in order."""
+
+    file: SceneFile
+    options: argparse.Namespace
+    store: Path | None  # where it is stored block by block; None: in one file
+    start: float  # of the command [s], by `time.perf_counter`
+
+    @property
+    def lanes(self) -> int:
+        """How many lanes there are."""
+        return _lane_count(self.file)
+
+    @property
+    def row_lanes(self) -> int:
+        """How many lanes each value of the first key has."""
+        return math.prod(a.values.size for a in self.file.axes[1:])
+
+    @property
+    def lanes_held(self) -> int | None:
+        """How many lanes have their samples in memory at once; None: all."""
+        in_blocks = self.store is not None or self.options.no_samples
+        return min(self.lanes, MAX_LANES_AT_ONCE) if in_blocks else None
+
+
+def sweep_command(options: argparse.Namespace) -> None:
     """Simulate a scene for many values of its numbers."""
-    file = with_axes(loaded(options), options)
+    file = with_axes(load_scene(options), options)
+    _check_numbers(options)
+    start = time.perf_counter()
+    request = SweepRequest(file, options, _claim_store(file, options), start)
+    with input_errors_at(file.name):
+        check_size(request.lanes, file.sweep_run.transient, file.sweep_run.periods, request.lanes_held)
+    scenes = _scenes_of_lanes(file)
+    march = resolve_march(file, scenes, options, FAST_WITH_LEDGER if options.ledger else FAST)
+    _print_projection_of_long_run(request, scenes, march)
+    result = _sweep(request, march)
+    _write(request, result)
+    summary = _summary(request, result)
+    if march.choice is not None:
+        summary |= {"accuracy": result.accuracy, "inaccurate": int(result.inaccurate.sum())}
+    write_json(summary, options.out / "summary.json")
+    warn_status(result.status, result.chatter)
+    print_table(file.title or file.name, {**summary, **_best_row(summary), "written": files_written()})
+
+
+def _check_numbers(options: argparse.Namespace) -> None:
     if not 0 <= options.phase < 2 * np.pi:
         raise CommandError(f"--phase must be in [0, 2 pi), but is {options.phase}")
     if not 0 <= options.period_tol < np.inf:
         raise CommandError(f"--period-tol must be a number of at least 0, but is {options.period_tol}")
-    asked, began, place = file.sweep_run, time.perf_counter(), _store(file, options)
-    with blamed(file.name):
-        count = _count(file)
-        at_once = place is not None or options.no_samples
-        fits(count, asked.transient, asked.periods, min(count, AT_ONCE) if at_once else None)
-    lanes = _lanes(file)
-    how = march(file, lanes, options, FAST_WITH_LEDGER if options.ledger else FAST)
-    plan = Plan(asked.transient, asked.periods, how.steps, options.phase, how.method)
-    slow = 1 if file.direction == "independent" else max(ALONE // _beside(file), 1)
-    if slow * count * (plan.transient + plan.kept) * plan.steps_per_period > LONG:
-        _tell_projection(file, lanes, plan, options, place)
-    with progress_bar("lane-periods") as report, blamed(file.name):
+
+
+def _lane_count(file: SceneFile) -> int:
+    return math.prod(a.values.size for a in file.axes) * (len(SINGLE_DIRECTIONS) if file.direction == "both" else 1)
+
+
+def _scenes_of_lanes(file: SceneFile) -> Scene:
+    """The scenes of a sweep (leading axis)."""
+    scenes = grid_of_scenes(file.scene, {a.key: a.values for a in file.axes})
+    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(file.axes) :]), scenes)
+
+
+# Axes
+
+
+def with_axes(file: SceneFile, options: argparse.Namespace) -> SceneFile:
+    """The scene file with the axes and the direction of the options."""
+    axes = file.axes
+    if options.along and options.along[0].key is None:
+        axes = (_changed_axis(file, options.along[0]),)
+    elif options.along:
+        axes = tuple(_axis(file, along.key, along) for along in options.along)
+    if not axes:
+        raise CommandError(f"{file.name}: [sweep] is missing; add it, or give --along KEY --values a,b,c")
+    return replace(file, axes=axes, direction=options.direction or file.direction)
+
+
+def _axis(file: SceneFile, key: str, along: Along) -> Axis:
+    num = along.num
+    if num is not None:
         try:
-            result = sweep(
+            num = count(0, MAX_VALUES)(num)
+        except argparse.ArgumentTypeError as error:
+            raise CommandError(f"--along {key}: --num {error}") from None
+    return axis(file, key, along.values, start=along.start, stop=along.stop, num=num)
+
+
+def _changed_axis(file: SceneFile, along: Along) -> Axis:
+    """The scene's own axis with some of what describes it replaced."""
+    given = {name: value for name, value in vars(along).items() if value is not None}
+    flags = " and ".join(f"--{name}" for name in given)
+    if len(file.axes) != 1:
+        raise CommandError(f"{flags} needs an --along KEY before it: {file.name} sweeps {len(file.axes) or 'no'} keys")
+    (own,), values = file.axes, file.axes[0].values
+    if "values" not in given and len(given) < 3:
+        if not np.array_equal(values, np.linspace(values[0], values[-1], values.size)):
+            raise CommandError(f"{flags}: [sweep] of {file.name} lists its values; give --start, --stop and --num")
+        given = {"start": float(values[0]), "stop": float(values[-1]), "num": str(values.size), **given}
+    return _axis(file, own.key, Along(**given))
+
+
+# Store
+
+
+def _claim_store(file: SceneFile, options: argparse.Namespace) -> Path | None:
+    """Where the sweep is stored block by block, None where it is a file; files that exist are refused, or replaced."""
+    if not _is_stored(file, options):
+        make_directory(options.out, ("sweep.nc", "sweep.png", "summary.json"), options.force)
+        return None
+    store = options.out / "sweep.zarr"
+    if store.exists() and not (options.resume or options.force):
+        raise CommandError(f"{store}: exists and is kept; give --resume to go on with it, or --force to replace it")
+    make_directory(options.out, () if options.resume else (store.name, "sweep.png", "summary.json"), options.force)
+    if options.force and not options.resume:
+        remove_store(store)
+    return store
+
+
+def _is_stored(file: SceneFile, options: argparse.Namespace) -> bool:
+    """Whether the sweep is stored block by block."""
+    if options.resume and options.store == "nc":
+        raise CommandError("--resume goes on with a store; leave out --store nc")
+    if options.scheduler and options.store == "nc":
+        raise CommandError("--scheduler needs a store, which keeps what workers have computed; leave out --store nc")
+    if options.store is not None:
+        return options.store == "zarr"
+    size = results_size(_lane_count(file), file.sweep_run.periods, samples=not options.no_samples)
+    return bool(options.resume or options.scheduler or size > MOST_IN_FILE)
+
+
+# Projection
+
+
+def _print_projection_of_long_run(request: SweepRequest, scenes: Scene, march: MarchPlan) -> None:
+    """Print what a run will take that is long."""
+    run = request.file.sweep_run
+    plan = Plan(run.transient, run.periods, march.steps, request.options.phase, march.method)
+    slowness = 1 if request.file.direction == "independent" else max(LANES_PER_LONE_LANE // request.row_lanes, 1)
+    if slowness * request.lanes * (plan.transient + plan.kept) * plan.steps_per_period > LONG_RUN_STEPS:
+        _print_projection(request, in_precision(scenes, plan.method.precision), plan)
+
+
+def _print_projection(request: SweepRequest, scenes: Scene, plan: Plan) -> None:
+    cpu, wall = _projected_times(request, scenes, plan)
+    samples = not request.options.no_samples
+    wall_text = f", {wall} h on {cores()} core{'s' * (cores() > 1)}" if request.options.scheduler is None else ""
+    memory = sweep_memory(request.lanes, plan.kept, request.lanes_held) / GIB
+    size = results_size(request.lanes, plan.kept, samples=samples) / GIB
+    place = "" if request.store is None else f" in {request.store}"
+    print(
+        f"{request.lanes} lanes: some {cpu} h of processor time{wall_text}, {memory:.3g} GiB of memory, "
+        f"{size:.3g} GiB of results{place}",
+        file=sys.stderr,
+    )
+
+
+def _projected_times(request: SweepRequest, scenes: Scene, plan: Plan) -> tuple[timedelta, timedelta]:
+    """Processor time and wall time of a run, from short trials."""
+    direction, row_lanes = request.file.direction, request.row_lanes
+    at_once = lambda way: None if way == "independent" else row_lanes
+    directions = SINGLE_DIRECTIONS if direction == "both" else (direction,)
+    seconds = {}
+    for lanes in {at_once(way) for way in directions}:
+        with progress_bar("lane-periods of a trial") as report:
+            seconds[lanes] = projected_seconds(scenes, plan, beside=lanes, progress=report)
+    cpu = [seconds[at_once(way)] for way in directions]
+    busy = [min(cores(), cores() if way == "independent" else -(-row_lanes // LANES_PER_CALL)) for way in directions]
+    wall = sum(each / n for each, n in zip(cpu, busy, strict=True))
+    return timedelta(seconds=round(sum(cpu))), timedelta(seconds=round(wall))
+
+
+# Computation and results
+
+
+def _sweep(request: SweepRequest, march: MarchPlan) -> SweepResult:
+    """The sweep; where it is interrupted, what has ended is written."""
+    file, options, store, _ = request
+    stored = {} if store is None else {"store": store, "resume": options.resume, "scheduler": options.scheduler}
+    with accuracy_warnings_printed(), progress_bar("lane-periods") as report, input_errors_at(file.name):
+        try:
+            return sweep(
                 file.scene,
                 {a.key: a.values for a in file.axes},
-                n_periods=asked.periods,
-                transient=asked.transient,
+                n_periods=file.sweep_run.periods,
+                transient=file.sweep_run.transient,
                 direction=file.direction,
                 phase=options.phase,
                 period_tol=options.period_tol,
                 ledger=options.ledger,
                 lyapunov=options.lyapunov,
                 forces=options.forces,
-                samples=not options.no_samples,
+                keep_samples=not options.no_samples,
                 progress=report,
-                **_marched(how, place, options),
+                method=march.as_method,
+                **stored,
             )
-        except Interrupted as stopped:
-            if stopped.done is None:
-                raise _unfinished(place) from None
-            _keep_finished(stopped.done, file, options.out, place, began)
-    if place is None:
-        missed = _save(named(result, file), file, unmet(lanes, how.choice), how.choice, options.out)
-    else:
-        written.append(place)
-        relabel(place, named(result, file).data.attrs)
-        missed = None if how.choice is None else warned(result.inaccurate, how.choice)
-        draw_dataset(place, result.to_xarray(), options.out / "sweep.png")
-    met = {} if missed is None else {"accuracy": str(how.choice), "inaccurate": int(missed.sum())}
-    summary = _summary(result, file, began) | met
-    write_json(summary, options.out / "summary.json")
-    warn_status(result.status, result.chatter)
-    print_table(file.title or file.name, {**summary, "written": options.out})
+        except Interrupted as interrupt:
+            if interrupt.done is None:
+                raise _interrupted_before_first_block(store) from None
+            _keep_ended_lanes(request, interrupt.done)
 
 
-def _tell_projection(
-    file: SceneFile, lanes: Scene, plan: Plan, options: argparse.Namespace, place: Path | None
-) -> None:
-    """Say what a long run will take, before it starts."""
-    count, beside = _count(file), _beside(file)
-    lanes, each = in_precision(lanes, plan.method.precision), {}
-    ways = WAYS if file.direction == "both" else (file.direction,)
-    for at_once in {None if way == "independent" else beside for way in ways}:
-        with progress_bar("lane-periods of a trial") as report:
-            each[at_once] = projected_seconds(lanes, plan, beside=at_once, progress=report)
-    taken = [each[None if way == "independent" else beside] for way in ways]
-    busy = [min(cores(), cores() if way == "independent" else -(-beside // CHUNK)) for way in ways]
-    whole = timedelta(seconds=round(sum(taken)))
-    real = timedelta(seconds=round(sum(seconds / n for seconds, n in zip(taken, busy, strict=True))))
-    by = f", {real} h on {cores()} core{'s' * (cores() > 1)}" if options.scheduler is None else ""
-    held = memory(count, plan.kept, min(count, AT_ONCE) if place is not None or options.no_samples else None) / 2**30
-    stored = results_size(count, plan.kept, samples=not options.no_samples) / 2**30
-    about = f"some {whole} h of processor time{by}, {held:.3g} GiB of memory, {stored:.3g} GiB of results"
-    print(f"{count} lanes: {about}{'' if place is None else f' in {place}'}", file=sys.stderr)
-
-
-def _beside(file: SceneFile) -> int:
-    """How many lanes each value of the first key has."""
-    return math.prod(a.values.size for a in file.axes[1:])
-
-
-def _count(file: SceneFile) -> int:
-    """How many lanes there are."""
-    return math.prod(a.values.size for a in file.axes) * (len(WAYS) if file.direction == "both" else 1)
-
-
-def _store(file: SceneFile, options: argparse.Namespace) -> Path | None:
-    """Where the sweep is stored block by block, None where it is a file; the place made free for it."""
-    if options.resume and options.store == "nc":
-        raise CommandError("--resume goes on with a store; leave out --store nc")
-    if options.scheduler and options.store == "nc":
-        raise CommandError("--scheduler needs a store, which keeps what workers have computed; leave out --store nc")
-    size = results_size(_count(file), file.sweep_run.periods, samples=not options.no_samples)
-    usual = "zarr" if options.resume or options.scheduler or size > MOST_IN_FILE else "nc"
-    if (options.store or usual) == "nc":
-        directory(options.out, ("sweep.nc", "sweep.png", "summary.json"), options.force)
-        return None
-    place = options.out / "sweep.zarr"
-    if place.exists() and not (options.resume or options.force):
-        raise CommandError(f"{place}: exists and is kept; give --resume to go on with it, or --force to replace it")
-    directory(options.out, () if options.resume else (place.name, "sweep.png", "summary.json"), options.force)
-    if options.force and not options.resume:
-        remove(place)
-    return place
-
-
-def _marched(how: Marched, place: Path | None, options: argparse.Namespace) -> dict[str, Any]:
-    """How the lanes are marched, by whom, and where they are stored, as arguments."""
-    if place is None:
-        return {"steps_per_period": how.steps, "method": how.method}
-    chosen = {"method": how.method, "steps_per_period": how.steps} if how.choice is None else {"accuracy": how.choice}
-    return {**chosen, "store": place, "resume": options.resume, "scheduler": options.scheduler}
-
-
-def _save(
-    result: SweepResult, file: SceneFile, missed: np.ndarray | None, choice: Choice | None, out: Path
-) -> np.ndarray | None:
-    """Write and draw a sweep, with the lanes that miss the accuracy asked for; these again."""
-    ds = result.to_xarray()
-    if choice is not None and missed is not None:
-        about = {"long_name": "estimated to miss the accuracy asked for", "accuracy": choice.accuracy}
-        dims, shape = ds["status"].dims[-len(file.axes) :], ds["status"].shape[-len(file.axes) :]
-        ds["inaccurate"] = (dims, missed.reshape(shape).astype(np.int8), about)
-    result.save(out / "sweep.nc")
-    draw_dataset(out / "sweep.nc", ds, out / "sweep.png")
-    return missed
-
-
-def _unfinished(place: Path | None) -> KeyboardInterrupt:
-    """What an interrupted sweep says that has finished no block: of its first, values may be kept."""
-    if place is None or not any((place / "resume").glob(f"*{BEGUN}")):
+def _interrupted_before_first_block(store: Path | None) -> KeyboardInterrupt:
+    """The interruption of a sweep that has finished no block: of its first, values may be kept."""
+    if store is None or not any((store / "resume").glob(f"*{BEGUN}")):
         return KeyboardInterrupt()
-    return KeyboardInterrupt(f"{place} with the values of its first block that had ended", GOES_ON)
+    return KeyboardInterrupt(f"{store} with the values of its first block that had ended", RESUME_ADVICE)
 
 
-def _keep_finished(result: SweepResult, file: SceneFile, out: Path, place: Path | None, began: float) -> NoReturn:
-    """Write what an interrupted sweep had finished, without a picture; a store has it already."""
-    known = f"with the {(result.status != Status.NOT_RUN).sum()} of {result.status.size} lanes that had ended"
-    if place is not None:
-        raise KeyboardInterrupt(f"{place} {known}", GOES_ON)
-    named(result, file).save(out / "sweep.nc")
-    write_json(_summary(result, file, began), out / "summary.json")
-    raise KeyboardInterrupt(f"{out / 'sweep.nc'} {known}")
+def _keep_ended_lanes(request: SweepRequest, result: SweepResult) -> NoReturn:
+    """Write the lanes of an interrupted sweep that had ended, without a picture; a store has them already."""
+    ended = f"with the {(result.status != Status.NOT_RUN).sum()} of {result.status.size} lanes that had ended"
+    if request.store is not None:
+        raise KeyboardInterrupt(f"{request.store} {ended}", RESUME_ADVICE)
+    path = request.options.out / "sweep.nc"
+    with_origin(result, request.file).save(path)
+    write_json(_summary(request, result), request.options.out / "summary.json")
+    raise KeyboardInterrupt(f"{path} {ended}")
 
 
-def _summary(result, file: SceneFile, began: float) -> dict[str, Any]:
-    return {**sweep_summary(result, time.perf_counter() - began), "scene": file.name, "version": __version__}
+def _write(request: SweepRequest, result: SweepResult) -> None:
+    """Write a sweep, of a store what is not yet there, and its picture."""
+    with_origin(result, request.file)
+    path = request.store or request.options.out / "sweep.nc"
+    if request.store is None:
+        result.save(path)
+    else:
+        written_files.append(path)
+        write_attributes(path, result.data.attrs)
+    draw_dataset(path, result.to_xarray(), request.options.out / "sweep.png")
 
 
-def sweep_summary(result, seconds: float) -> dict[str, Any]:
-    """A sweep in a few numbers."""
-    ok, residual, dropped = result.status == Status.OK, result.energy_residual, result.energy_dropped
-    P_d = np.where(ok, result.P_d, np.nan)
-    numbers, counts = np.unique(result.period_number[ok], return_counts=True)
-    best = None
-    if np.isfinite(P_d).any():
-        at = np.unravel_index(np.nanargmax(P_d), P_d.shape)
-        place = {key: float(v[i]) for (key, v), i in zip(result.axes.items(), at[-len(result.axes) :], strict=True)}
-        best = {"P_d": float(P_d[at]), "ci": float(result.P_d_ci[at]), **place}
-    return {
-        **_directions(result),
-        "lanes": int(ok.size),
-        "periods kept": len(result.period),
-        "status": {s.name: int((result.status == s).sum()) for s in Status if (result.status == s).any()},
-        "period numbers": {str(n) if n else "aperiodic": int(c) for n, c in zip(numbers, counts, strict=True)},
-        "unsettled": int((~result.settled & ok).sum()),
-        **_settling(result, ok),
-        "largest P_d": best,
-        **({} if result.lyapunov is None else {"positive exponents": _positive(result)}),
-        **({} if residual is None else {"largest energy residual": float(np.max(residual, where=ok, initial=0.0))}),
-        **({} if dropped is None else {"largest energy dropped": float(np.max(dropped, where=ok, initial=0.0))}),
-        **_forces(result, ok),
-        "method": f"{result.method}, {result.steps_per_period} steps a period",
-        "seconds": round(seconds, 2),
-    }
+def _summary(request: SweepRequest, result: SweepResult) -> dict[str, Any]:
+    return {**result.summary(), "seconds": round(time.perf_counter() - request.start, 2)}
 
 
-def _positive(result) -> int:
-    """How many lanes have a largest exponent that is positive with its interval."""
-    return int((result.lyapunov - result.lyapunov_ci > 0).sum())
-
-
-def _forces(result, ok: np.ndarray) -> dict[str, float]:
-    """Largest forces and work of friction of all lanes, if they were kept."""
-    told = {
-        "largest normal force [N]": result.N_max,
-        "largest friction force [N]": result.F_max,
-        "largest work of friction per period [J]": result.friction_work,
-    }
-    return {name: float(np.max(a, where=ok, initial=0.0)) for name, a in told.items() if a is not None}
-
-
-def _directions(result) -> dict[str, Any]:
-    """Where the motion jumps and where motions coexist, of a sweep in several directions."""
-    if result.jump is None:
+def _best_row(summary: Mapping[str, Any]) -> dict[str, str]:
+    """The largest P_d with its interval and where it is, if there is one."""
+    if summary["largest P_d"] is None:
         return {}
-    ((_, values),) = result.axes.items()
-    ways = result.data["direction"].to_numpy().tolist()
-    jumps = {f"jumps {way}": values[row].tolist() for way, row in zip(ways, result.jump, strict=True) if row.any()}
-    return {"values with coexisting motions": int(result.coexisting.sum()), **jumps}
-
-
-def _settling(result, ok: np.ndarray) -> dict[str, Any]:
-    """What is known of lanes that are not settled, and of intervals that span too little."""
-    more = result.periods_more[ok & np.isfinite(result.periods_more)]
-    return {
-        "of these unknown": int(((result.settling == UNKNOWN) & ok).sum()),
-        "most periods more": float(more.max(initial=0.0)),
-        "P_d unsettled": int((~result.P_d_settled & ok).sum()),
-        "short intervals of P_d": int((result.P_d_ci_short & ok).sum()),
-    }
-
-
-def _lanes(file: SceneFile):
-    """The scenes of a sweep (leading axis)."""
-    scenes = grid_of_scenes(file.scene, {a.key: a.values for a in file.axes})
-    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[len(file.axes) :]), scenes)
+    P_d, ci, *values = summary["largest P_d"].values()
+    keys = list(summary["largest P_d"])[2:]
+    place = ", ".join(f"{key} = {value:.6g}" for key, value in zip(keys, values, strict=True))
+    return {"largest P_d": f"{with_interval(P_d, ci, '%')}, at {place}"}

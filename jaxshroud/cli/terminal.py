@@ -1,16 +1,24 @@
-"""What all commands share: checks of places, one-line messages, progress and tables."""
+"""What all commands share on a terminal: messages of one line, tables, progress, and Ctrl-C."""
 
 import os
+import signal
 import sys
-from collections.abc import Iterable, Sequence
-from contextlib import contextmanager
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
+from jaxshroud.io import files
 from jaxshroud.model.modes import Status
-from jaxshroud.scene.errors import InputError, NumericalError, StoreError
+from jaxshroud.scene.checks import InputError, NumericalError, StoreError
 
-LINE = 600  # characters of a message
+MAX_MESSAGE_LENGTH = 600  # characters of a message
+TABLE_DIGITS = 6  # of floats in tables
+LINE_INTERVAL = 10.0  # seconds from line to line of a progress report
+REPEATED_SIGNAL = b"\0"  # written in place of a signal's number
 
 
 class CommandError(InputError):
@@ -25,10 +33,11 @@ def printable(text: str) -> str:
 def one_line(error: Exception) -> str:
     """The message of an error as one line that can be read."""
     text = " ".join(printable(str(error)).split())
-    return text if len(text) <= LINE else f"{text[: LINE // 2]} ... {text[-LINE // 2 :]}"
+    half = MAX_MESSAGE_LENGTH // 2
+    return text if len(text) <= MAX_MESSAGE_LENGTH else f"{text[:half]} ... {text[-half:]}"
 
 
-def numerical(error: Exception) -> bool:
+def is_numerical_failure(error: Exception) -> bool:
     """Whether the numbers failed, which is no fault of the input."""
     from numpy.linalg import LinAlgError
 
@@ -36,52 +45,102 @@ def numerical(error: Exception) -> bool:
 
 
 @contextmanager
-def blamed(where: str):
-    """Arguments that turn out to be wrong are wrong input, for which `where` is to blame."""
+def input_errors_at(where: str):
+    """Within, a KeyError or ValueError is wrong input, and its message begins with `where`."""
     try:
         yield
     except (KeyError, ValueError) as error:
-        if isinstance(error, CommandError | StoreError) or numerical(error):  # these name their own place
+        if isinstance(error, CommandError | StoreError) or is_numerical_failure(error):  # these name their own place
             raise
-        told = error.args[0] if error.args else repr(error)
-        raise CommandError(f"{where}: {told}") from None
+        message = error.args[0] if error.args else repr(error)
+        raise CommandError(f"{where}: {message}") from None
 
 
 def warn_status(status: Any, chatter: str | None = None) -> None:
     """Say on standard error how many runs stopped early, and what alternated where one had too many events."""
     import numpy as np
 
-    ended = np.ravel(status)
+    statuses = np.ravel(status)
     for s in Status:
-        count = int((ended == s).sum())
+        count = int((statuses == s).sum())
         if s not in (Status.OK, Status.NOT_RUN) and count:
-            about = f": {chatter}" if s == Status.TOO_MANY_EVENTS and chatter else ""
-            print(f"warning: {count} of {ended.size} runs stopped with {s.name}{about}", file=sys.stderr)
+            cause = f": {chatter}" if s == Status.TOO_MANY_EVENTS and chatter else ""
+            print(f"warning: {count} of {statuses.size} runs stopped with {s.name}{cause}", file=sys.stderr)
 
 
-def free(path: Path, force: bool) -> None:
-    """Refuse a path that exists, unless forced, or that cannot be written."""
+def refuse_existing(path: Path, force: bool) -> None:
+    """Refuse a path that exists, unless forced."""
     if path.exists() and not force:
         raise CommandError(f"{path}: exists and is kept; give --force to replace it")
+
+
+def require_free(path: Path, force: bool) -> None:
+    """Refuse a path that exists, unless forced, or that cannot be written."""
+    refuse_existing(path, force)
     if not path.parent.is_dir():
         raise CommandError(f"{path}: there is no directory {path.parent}; make it first or choose another --out")
     if not os.access(path.parent, os.W_OK):
         raise CommandError(f"{path}: {path.parent} is not writable; choose another --out")
 
 
-def directory(path: Path, names: Sequence[str], force: bool) -> None:
-    """Make a directory for results with these names, all of them free."""
+def make_directory(path: Path, names: Sequence[str], force: bool) -> None:
+    """Make a directory for results with these names, none of which may exist unless forced."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CommandError(f"{path}: cannot be made ({error.strerror}); choose another --out") from None
     for name in names:
-        free(path / name, force)
+        require_free(path / name, force)
+
+
+class ProgressLines:
+    """A progress report; while it is open, a thread writes a line on standard error every `LINE_INTERVAL` seconds."""
+
+    def __init__(
+        self, unit: str, clock: Callable[[], float] = time.monotonic, pause: Callable[[float], bool] | None = None
+    ):
+        """A report in `unit`.
+
+        Args:
+            unit: What is counted.
+            clock: The time [s].
+            pause: Waits for so many seconds; true where there are to be no more lines.
+        """
+        self.unit, self.clock, self.start = unit, clock, clock()
+        self.done, self.total = 0, 0
+        self.ended = threading.Event()
+        self.pause = pause or self.ended.wait
+        self.writer = threading.Thread(target=self._write, daemon=True)
+
+    def __call__(self, done: int, total: int) -> None:
+        """Report that `done` of `total` units are done."""
+        self.done, self.total = done, total
+
+    def __str__(self) -> str:
+        elapsed = self.clock() - self.start
+        since = timedelta(seconds=round(elapsed))
+        if not self.done:
+            return f"{self.unit}: none in {since} (compiling)"
+        left = timedelta(seconds=round(elapsed / self.done * (self.total - self.done)))
+        return f"{self.unit}: {self.done} of {self.total} in {since}, {self.done / elapsed:.3g}/s, {left} left"
+
+    def __enter__(self) -> "ProgressLines":
+        self.writer.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.ended.set()
+        self.writer.join()
+
+    def _write(self) -> None:
+        while not self.pause(LINE_INTERVAL):
+            with suppress(OSError, ValueError):  # standard error is closed
+                print(self, file=sys.stderr, flush=True)
 
 
 @contextmanager
 def progress_bar(unit: str):
-    """A progress report with rate and time left; the bar appears on a terminal's standard error."""
+    """A progress report with rate and time left on standard error: a bar on a terminal, else lines."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
     from rich.text import Text
@@ -91,18 +150,38 @@ def progress_bar(unit: str):
             return Text(f"{task.speed:.3g}/s" if task.speed else "")
 
     console = Console(stderr=True)
+    if not console.is_terminal:
+        with ProgressLines(unit) as report:
+            yield report
+        return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Rate(""), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(f"{unit} (compiling)", total=None)
         yield lambda done, total: bar.update(task, description=unit, completed=done, total=total)
 
 
+def files_written() -> str:
+    """The files that the command has written, and their folder."""
+    names = ", ".join(path.name for path in files.written_files)
+    return names if len(files.written_files) == 0 else f"{names} in {files.written_files[0].parent}"
+
+
 def print_table(title: str, rows: dict[str, Any]) -> None:
     """A table of two columns."""
-    told = {
-        name: ", ".join(f"{k}: {v}" for k, v in v.items()) if isinstance(v, dict) else v for name, v in rows.items()
-    }
-    print_columns(title, ("", ""), [(name, str(value)) for name, value in told.items()], heads_shown=False)
+    print_columns(title, ("", ""), [(name, _cell_text(value)) for name, value in rows.items()], heads_shown=False)
+
+
+def _cell_text(value: Any) -> str:
+    """A value of a table, floats with the digits that one reads."""
+    if isinstance(value, float):
+        return f"{value:.{TABLE_DIGITS}g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{name}: {_cell_text(one)}" for name, one in value.items())
+    if isinstance(value, list):
+        return (
+            ", ".join(f"({_cell_text(one)})" if isinstance(one, list) else _cell_text(one) for one in value) or "none"
+        )
+    return "none" if value is None else str(value)
 
 
 def print_columns(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], heads_shown: bool = True) -> None:
@@ -111,11 +190,60 @@ def print_columns(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]
     from rich.table import Table
     from rich.text import Text
 
-    told = lambda text: Text(printable(text))  # no markup: titles and folders are anything  # noqa: E731
-    look: Any = {"title_justify": "left", "box": None, "padding": (0, 2, 0, 0)}
-    table = Table(title=told(title) if title else None, show_header=heads_shown, **look)
+    plain = lambda text: Text(printable(text))  # no markup: titles and folders may hold anything
+    style: Any = {"title_justify": "left", "box": None, "padding": (0, 2, 0, 0)}
+    table = Table(title=plain(title) if title else None, show_header=heads_shown, **style)
     for i, head in enumerate(heads):
-        table.add_column(told(head), justify="right" if i and heads_shown else "left")
+        table.add_column(plain(head), justify="right" if i and heads_shown else "left")
     for row in rows:
-        table.add_row(*map(told, row))
+        table.add_row(*map(plain, row))
     Console(width=None if sys.stdout.isatty() else 160).print(table)
+
+
+@contextmanager
+def interruptible(leave: Callable[[], None]) -> Iterator[None]:
+    """Within, Ctrl-C raises KeyboardInterrupt, and a second one calls `leave`, which must end the process.
+
+    Python itself hears signals only between operations of its main thread, and a compilation is one operation: `leave`
+    is called from a thread of its own. Where Python must ignore the exception, as in callbacks of its garbage
+    collector, it is raised again. Outside the main thread, and where Ctrl-C is ignored (`nohup`), nothing changes.
+    """
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        yield
+        return
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    outer_hook = sys.unraisablehook
+
+    def repeat_ignored(unraisable) -> None:
+        if unraisable.exc_type is KeyboardInterrupt:
+            os.write(writer, REPEATED_SIGNAL)
+        else:
+            outer_hook(unraisable)
+
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
+    outer_fd = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    sys.unraisablehook = repeat_ignored
+    listener = threading.Thread(target=_listen, args=(reader, leave), daemon=True)
+    listener.start()
+    try:
+        yield
+    finally:
+        sys.unraisablehook = outer_hook
+        signal.set_wakeup_fd(outer_fd)
+        signal.signal(signal.SIGINT, handler)
+        os.close(writer)
+        listener.join()
+        os.close(reader)
+
+
+def _listen(reader: int, leave: Callable[[], None]) -> None:
+    presses = 0
+    while number := os.read(reader, 1):
+        if number == REPEATED_SIGNAL:
+            presses -= 1  # the repetition is no press of its own
+            time.sleep(0.02)  # main thread out of the callback by then
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+        presses += number[0] == signal.SIGINT
+        if presses == 2:
+            leave()

@@ -1,21 +1,19 @@
-"""Finding the instant inside a step at which a guard crosses zero.
+"""The location of events: the time inside a step at which a guard crosses zero, and the derivative of that time."""
 
-A lane that has made a trial step either marches on, looks at a point inside the step where a guard seems to have risen
-and fallen back, closes in on a crossing, or has found it. Between two ends of a trial every guard is taken as the
-cubic through its values and rates there, so nothing more needs to be evaluated.
-"""
-
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.events import Guards, Kind, Violated, any_of, kinds
-from jaxshroud.march.words import Locate
-from jaxshroud.model.absent import Scalar, is_absent
+from jaxshroud.march.events import EventKind, Guards, Violated, any_of, event_kinds
+from jaxshroud.march.method_names import Locate
+from jaxshroud.model.arithmetic import Scalar, is_absent
+from jaxshroud.scene.typed import Tree
 
-CUBIC_TRIALS = 5  # in one bracket; then every other one halves it
+CUBIC_TRIALS = 5  # in one bracket; after these, every other trial bisects it
 
 
 class Target(NamedTuple):
@@ -24,27 +22,32 @@ class Target(NamedTuple):
     kind: Int[Array, ""]
     value: Scalar
     rate: Scalar
-    slid: Scalar
+    slip_path: Scalar
     tries: Int[Array, ""]
 
 
 class Search(NamedTuple):
-    """Where a lane is inside its current step; lengths are fractions of a step."""
+    """The search of a lane inside its current step; lengths are fractions of a step."""
 
-    done: Scalar  # accepted so far
+    done: Scalar  # the part that is accepted
     length: Scalar  # of the next trial
-    low: Scalar  # bracket of the event, lengths from `done`
+    low: Scalar  # the bracket of the event, measured from `done`
     high: Scalar
     bracketing: Bool[Array, ""]
-    peeking: Bool[Array, ""]  # the next trial ends where a guard seems to peak
-    inside: Bool[Array, ""]  # the bracket was found by peeking
-    recheck: Bool[Array, ""]  # guards may have jumped: a violated one counts even in a trial of length zero
+    probing: Bool[Array, ""]  # the next trial ends where a guard seems to have a maximum
+    inside: Bool[Array, ""]  # the bracket was found by such a trial
+    recheck: Bool[Array, ""]  # guards may have jumped: a violated guard counts even in a trial of length zero
     events: Int[Array, ""]  # in this step
-    target: Target | None  # None unless the locator is "cubic"
-    met: Int[Array, ""] | None  # how often the event was found, to learn how its instant moves; None: no derivatives
+    target: Target | None  # None unless events are located by cubics
+    refinements: Int[Array, ""] | None  # times that the event was located, for its derivative; None: no derivatives
+
+    @property
+    def differentiable(self) -> tuple[Any, ...]:
+        """The fields that may have a tangent."""
+        return self.done, self.length
 
 
-def fresh(
+def new_search(
     done: Scalar,
     length: Scalar,
     recheck: Bool[Array, ""],
@@ -52,11 +55,11 @@ def fresh(
     locate: Locate,
     derivative: bool,
 ) -> Search:
-    """A search that has not met anything yet."""
+    """A search without a bracket."""
     zero, no, none = jnp.zeros_like(done), jnp.zeros((), bool), jnp.zeros((), jnp.int32)
     target = Target(none, zero, zero, zero, none) if locate == "cubic" else None
-    met = none if derivative and locate != "none" else None
-    return Search(done, length, zero, zero, no, no, no, recheck, events, target, met)
+    refinements = none if derivative and locate != "none" else None
+    return Search(done, length, zero, zero, no, no, no, recheck, events, target, refinements)
 
 
 def select(condition: Bool[Array, ""], yes, no):
@@ -64,17 +67,17 @@ def select(condition: Bool[Array, ""], yes, no):
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
-class Verdict(NamedTuple):
-    """What to do with a finished trial."""
+class LocationDecision(NamedTuple):
+    """What a trial has shown of the place of an event."""
 
     accept: Bool[Array, ""]
     fire: Bool[Array, ""]  # accept and change mode
-    late: Scalar  # the event is at most so long ago, in steps
-    search: Search  # if the trial was not accepted
+    delay: Scalar  # upper bound of the time since the event, in steps
+    search: Search  # the search that continues if the trial is not accepted
 
 
-class Rise(NamedTuple):
-    """A guard over a stretch of time scaled to [0, 1]: end values and end slopes of its cubic."""
+class HermiteCubic(NamedTuple):
+    """A cubic on [0, 1] in Hermite form: its values and its slopes at the ends."""
 
     g_0: Scalar
     g_1: Scalar
@@ -82,75 +85,77 @@ class Rise(NamedTuple):
     m_1: Scalar
 
     def __call__(self, s: Scalar) -> Scalar:
-        """The cubic at `s`."""
-        _, b, c = self.powers
+        """The value at `s`."""
+        _, b, c = self.coefficients
         return self.g_0 + s * (self.m_0 + s * (b + s * c))
 
     @property
-    def powers(self) -> tuple[Scalar, Scalar, Scalar]:
-        """Coefficients of s, s^2 and s^3."""
+    def coefficients(self) -> tuple[Scalar, Scalar, Scalar]:
+        """The coefficients of s, s^2 and s^3."""
         rise = self.g_1 - self.g_0
         return self.m_0, 3 * rise - 2 * self.m_0 - self.m_1, self.m_0 + self.m_1 - 2 * rise
 
     @property
-    def hump(self) -> tuple[Scalar, Scalar]:
-        """Where in between the cubic has a maximum above zero, and its curvature there; 1 and 0 if nowhere.
+    def interior_maximum(self) -> tuple[Scalar, Scalar]:
+        """The place of a positive maximum inside, and the curvature there; 1 and 0 if there is none.
 
         A guard that has just been crossed falls before it rises, and may have fallen again by the end.
         """
-        a, b, c = self.powers
+        a, b, c = self.coefficients
         square = b * b - 3 * a * c
-        bend = jnp.sqrt(jnp.maximum(square, 0.0))
-        over = jnp.where(b > 0, -(b + bend), a), jnp.where(b > 0, 3 * c, bend - b)  # a quotient that loses no digits
-        inside = (square > 0) & (over[0] * over[1] > 0) & (jnp.abs(over[0]) < jnp.abs(over[1]))
-        top = jnp.where(inside, over[0] / jnp.where(inside, over[1], 1.0), 1.0)
-        humps = inside & (self(top) > 0)
-        return jnp.where(humps, top, 1.0), jnp.where(humps, 2 * bend, 0.0)
+        root = jnp.sqrt(jnp.maximum(square, 0.0))
+        # a quotient without cancellation
+        num, den = jnp.where(b > 0, -(b + root), a), jnp.where(b > 0, 3 * c, root - b)
+        inside = (square > 0) & (num * den > 0) & (jnp.abs(num) < jnp.abs(den))
+        s = jnp.where(inside, num / jnp.where(inside, den, 1.0), 1.0)
+        positive = inside & (self(s) > 0)
+        return jnp.where(positive, s, 1.0), jnp.where(positive, 2 * root, 0.0)
 
 
-def _rise(value: tuple, rate: tuple, slid: tuple | None, h: Scalar) -> Rise:
-    """From values, rates and, where there are any, integrals at both ends of a stretch of `h` seconds.
+def _guard_cubic(value: tuple, rate: tuple, slip_path: tuple | None, h: Scalar) -> HermiteCubic:
+    """The cubic of a guard from its values, rates and integrals, if any, at both ends of `h` seconds.
 
-    The slip guard has no rate but an integral, the slider's way: its cubic is the parabola with the right mean, or the
-    straight line where the way is so short that its rounding would bend the parabola. Where nothing at all is known of
-    the rates it is the straight line too.
+    The slip guard has no rate but an integral, the path of the slider: its cubic is the parabola with the right mean,
+    or the straight line where the path is so short that its rounding error would bend the parabola. The straight line
+    is also taken where no rate is known.
     """
     g_0, g_1 = value
-    straight, unknown = g_1 - g_0, (rate[0] == 0) & (rate[1] == 0)
-    m_0, m_1 = (jnp.where(unknown, straight, m * h) for m in rate)
-    if slid is None:
-        return Rise(g_0, g_1, m_0, m_1)
-    way = slid[1] - slid[0]
-    bulge = 6 * way / jnp.where(h > 0, h, 1.0) - 3 * (g_0 + g_1)
-    rounding = jnp.finfo(h.dtype).eps * (jnp.abs(slid[0]) + jnp.abs(slid[1]))
-    parabola = (slid[0] != 0) & (slid[1] != 0) & (h > 0) & (jnp.abs(way) > 1000 * rounding)
-    m_0, m_1 = jnp.where(parabola, straight + bulge, m_0), jnp.where(parabola, straight - bulge, m_1)
-    return Rise(g_0, g_1, m_0, m_1)
+    secant, unknown = g_1 - g_0, (rate[0] == 0) & (rate[1] == 0)
+    m_0, m_1 = (jnp.where(unknown, secant, m * h) for m in rate)
+    if slip_path is None:
+        return HermiteCubic(g_0, g_1, m_0, m_1)
+    length = slip_path[1] - slip_path[0]
+    excess = 6 * length / jnp.where(h > 0, h, 1.0) - 3 * (g_0 + g_1)
+    rounding = jnp.finfo(h.dtype).eps * (jnp.abs(slip_path[0]) + jnp.abs(slip_path[1]))
+    parabola = (slip_path[0] != 0) & (slip_path[1] != 0) & (h > 0) & (jnp.abs(length) > 1000 * rounding)
+    m_0, m_1 = jnp.where(parabola, secant + excess, m_0), jnp.where(parabola, secant - excess, m_1)
+    return HermiteCubic(g_0, g_1, m_0, m_1)
 
 
-def _slid(guards: Guards, kind: int) -> Scalar:
-    return guards.slid if kind == Kind.RUB else jnp.zeros_like(guards.value[0])
+def _slip_path_of(guards: Guards, kind: int) -> Scalar:
+    return guards.slip_path if kind == EventKind.RUB else jnp.zeros_like(guards.value[0])
 
 
-def peak(start: Guards, end: Guards, h: Scalar) -> Scalar:
-    """Earliest fraction of a trial at which a guard seems to be above zero; 1 if none.
+def first_interior_maximum(start: Guards, end: Guards, h: Scalar) -> Scalar:
+    """The earliest fraction of a trial at which a guard seems to be above zero; 1 if there is none.
 
     All guards must be below zero at the end of the trial.
     """
     first = jnp.ones_like(h)
-    for kind in kinds(start.value):
+    for kind in event_kinds(start.value):
         ends = (start.value[kind], end.value[kind]), (start.rate[kind], end.rate[kind])
-        rise = _rise(*ends, (start.slid, end.slid) if kind == Kind.RUB else None, h)
-        first = jnp.where(rise.g_0 <= 0, jnp.minimum(first, rise.hump[0]), first)
+        cubic = _guard_cubic(*ends, (start.slip_path, end.slip_path) if kind == EventKind.RUB else None, h)
+        first = jnp.where(cubic.g_0 <= 0, jnp.minimum(first, cubic.interior_maximum[0]), first)
     return first
 
 
-def tolerance(jumps: Bool[Array, ""], locate: Locate, order: int, derivative: bool, dtype) -> Scalar:
-    """How late an event may be found, in steps; `jumps`: forces jump at it.
+def event_tolerance(jumps: Bool[Array, ""], locate: Locate, order: int, derivative: bool, dtype) -> Scalar:
+    """The tolerance of the time of an event, in steps; `jumps`: the forces jump at it.
 
-    Force-continuous events cost an error of the square of this. Closing in by the cubic, no more is asked of them than
-    a method of this order resolves; a derivative's error is one power lower. Loaded case switches cost its first power,
-    and nearly parallel faces make dozens of them in a period: they are found to rounding.
+    Where the forces are continuous, the error of the motion is quadratic in this tolerance. With cubics, it needs to be
+    no finer than a method of this order resolves; the error of a derivative is linear in it. At a loaded case switch
+    the error of the motion is linear too, and nearly parallel faces switch dozens of times in a period: these events
+    are located to rounding.
     """
     single = dtype != jnp.float64
     coarse = (10 if single else 20) if locate == "bisection" else 10 if single else 10 + order
@@ -158,7 +163,7 @@ def tolerance(jumps: Bool[Array, ""], locate: Locate, order: int, derivative: bo
     return jnp.where(jumps, 2.0 ** -(16 if single else 48), 2.0**-coarse).astype(dtype)
 
 
-def judge(
+def judge_trial(
     search: Search,
     low: Guards,
     end: Guards,
@@ -168,94 +173,144 @@ def judge(
     h: Scalar,
     locate: Locate,
     order: int,
-) -> Verdict:
-    """Judge a trial that ended with the guards `end`.
+) -> LocationDecision:
+    """Decide on a trial that ended with the guards `end`.
 
     Args:
         search: The search that made the trial.
-        low: Guards at the lower end of the bracket, or at the trial's start.
-        end: Guards at its end.
-        violated: Those above zero that count.
-        jumps: Whether forces jump at the one of them that takes precedence.
-        exact: Whether that one is zero to rounding.
-        h: Length of a whole step [s].
-        locate: Way of closing in.
-        order: Of the Runge-Kutta method.
+        low: The guards at the lower end of the bracket, or at the start of the trial.
+        end: The guards at its end.
+        violated: Which guards count as above zero.
+        jumps: Whether the forces jump at the violated guard that takes precedence.
+        exact: Whether that guard is zero to rounding.
+        h: The length of a whole step [s].
+        locate: How events are located.
+        order: The order of the Runge-Kutta method.
     """
     hit = any_of(violated.values())
     if locate == "none":
-        return Verdict(jnp.ones_like(hit), hit, search.length, search)
+        return LocationDecision(jnp.ones_like(hit), hit, search.length, search)
     bracketing = search.bracketing | hit
     high = jnp.where(hit, search.length, search.high)
     below = jnp.where(search.bracketing & ~hit, search.length, search.low)
-    top = peak(low, end, search.length * h)
-    peeks = ~bracketing & ~search.peeking & (top < 1)
-    derivative = search.met is not None
-    narrow = tolerance(jnp.ones_like(hit), locate, order, derivative, high.dtype)
-    allowed = tolerance(jumps, locate, order, derivative, high.dtype)
+    top = first_interior_maximum(low, end, search.length * h)
+    probes = ~bracketing & ~search.probing & (top < 1)
+    derivative = search.refinements is not None
+    finest = event_tolerance(jnp.ones_like(hit), locate, order, derivative, high.dtype)
+    tolerance = event_tolerance(jumps, locate, order, derivative, high.dtype)
     if locate == "cubic":
-        target = _target(search, low, end, violated, search.length - search.low, h)
+        target = _crossed_target(search, low, end, violated, search.length - search.low, h)
         now = select(hit | ~search.bracketing, low, end)
-        nearer, late = _close_in(target, now, below, high, h, allowed)
+        next_end, delay = _next_trial_end(target, now, below, high, h, tolerance)
         halve = (target.tries > CUBIC_TRIALS) & (target.tries % 2 == 0)
-        nearer = jnp.where(halve, (below + high) / 2, nearer)
+        next_end = jnp.where(halve, (below + high) / 2, next_end)
     else:
-        target, late, nearer = None, high - below, (below + high) / 2
-    fire = hit & ((late <= allowed) | exact)
+        target, delay, next_end = None, high - below, (below + high) / 2
+    fire = hit & ((delay <= tolerance) | exact)
     after = search._replace(
-        length=jnp.where(peeks, top * search.length, jnp.where(high - below <= narrow, high, nearer)),
+        length=jnp.where(probes, top * search.length, jnp.where(high - below <= finest, high, next_end)),
         low=below,
         high=high,
         bracketing=bracketing,
-        peeking=peeks,
-        inside=search.inside | (search.peeking & hit),
+        probing=probes,
+        inside=search.inside | (search.probing & hit),
         target=target,
     )
-    return Verdict((~bracketing & ~peeks) | fire, fire, late, after)
+    return LocationDecision((~bracketing & ~probes) | fire, fire, delay, after)
 
 
-def _target(search: Search, low: Guards, end: Guards, violated: Violated, width: Scalar, h: Scalar) -> Target:
-    """The guard that was crossed first, by the straight lines between the ends; the old one if none is violated."""
+def _crossed_target(search: Search, low: Guards, end: Guards, violated: Violated, width: Scalar, h: Scalar) -> Target:
+    """The guard that was crossed first, by linear interpolation; the previous target if none is violated."""
     old = search.target
     assert old is not None
     hit = any_of(violated.values())
-    best, chosen = (jnp.zeros_like(h), jnp.ones_like(h)), old
+    largest, chosen = (jnp.zeros_like(h), jnp.ones_like(h)), old
     for kind in violated:
         above = end.value[kind]
-        share = above, above - jnp.minimum(low.value[kind], 0.0)  # of the width, spent above zero: a quotient
-        sooner = violated[kind] & (share[0] * best[1] > best[0] * share[1])
-        best = select(sooner, share, best)
-        new = Target(jnp.int32(kind), above, end.rate[kind], _slid(end, kind), old.tries)
-        chosen = select(sooner, new, chosen)
+        share = above, above - jnp.minimum(low.value[kind], 0.0)  # of the width above zero: numerator, denominator
+        earlier = violated[kind] & (share[0] * largest[1] > largest[0] * share[1])
+        largest = select(earlier, share, largest)
+        new = Target(jnp.int32(kind), above, end.rate[kind], _slip_path_of(end, kind), old.tries)
+        chosen = select(earlier, new, chosen)
     return chosen._replace(tries=jnp.where(hit | search.bracketing, old.tries + 1, 0))
 
 
-def _close_in(target: Target, low: Guards, below: Scalar, high: Scalar, h: Scalar, allowed: Scalar):
-    """Length of the next trial, just beyond the target's root, and how late the upper end is, in steps."""
-    pick, width = lambda four: picked(four, target.kind), high - below
-    slid = jnp.zeros_like(width) if is_absent(low.slid) else jnp.where(target.kind == Kind.RUB, low.slid, 0.0)
-    rise = _rise((pick(low.value), target.value), (pick(low.rate), target.rate), (slid, target.slid), width * h)
-    late = jnp.where(rise.m_1 > 0, jnp.minimum(rise.g_1 / jnp.where(rise.m_1 > 0, rise.m_1, 1.0), 1.0), 1.0)
-    return jnp.minimum(below + width * root(rise) + allowed / 2, high), late * width
+def _next_trial_end(target: Target, low: Guards, below: Scalar, high: Scalar, h: Scalar, tolerance: Scalar):
+    """The end of the next trial, just beyond the target's root, and the delay of the upper end after it, in steps."""
+    of_target, width = lambda four: select_guard(four, target.kind), high - below
+    path = jnp.zeros_like(width)
+    if not is_absent(low.slip_path):
+        path = jnp.where(target.kind == EventKind.RUB, low.slip_path, 0.0)
+    values, rates = (of_target(low.value), target.value), (of_target(low.rate), target.rate)
+    cubic = _guard_cubic(values, rates, (path, target.slip_path), width * h)
+    delay = jnp.where(cubic.m_1 > 0, jnp.minimum(cubic.g_1 / jnp.where(cubic.m_1 > 0, cubic.m_1, 1.0), 1.0), 1.0)
+    return jnp.minimum(below + width * cubic_root(cubic) + tolerance / 2, high), delay * width
 
 
-def picked(four, kind: Int[Array, ""]) -> Scalar:
-    """The one of four scalars that belongs to `kind`."""
-    first, *others = kinds(four)
+def select_guard(four, kind: Int[Array, ""]) -> Scalar:
+    """The scalar that belongs to `kind`."""
+    first, *others = event_kinds(four)
     chosen = four[first]
     for k in others:
         chosen = jnp.where(kind == k, four[k], chosen)
     return chosen
 
 
-def root(rise: Rise) -> Scalar:
-    """Where the cubic, negative at 0 and positive at 1, crosses zero: Newton steps from the straight line's root."""
-    a, b, c = rise.powers
-    climb = jnp.maximum(rise.g_1 - rise.g_0, jnp.finfo(rise.g_1.dtype).tiny)
-    straight = jnp.clip(-rise.g_0 / climb, 0.0, 1.0)
-    rises = a + straight * (2 * b + straight * 3 * c) > climb / 8
-    s = jnp.where(rises, straight, 1.0)  # a guard that starts at its limit and first falls has its root far from there
+def cubic_root(cubic: HermiteCubic) -> Scalar:
+    """The root of a cubic, negative at 0 and positive at 1, by Newton steps from the root of the straight line."""
+    a, b, c = cubic.coefficients
+    rise = jnp.maximum(cubic.g_1 - cubic.g_0, jnp.finfo(cubic.g_1.dtype).tiny)
+    secant = jnp.clip(-cubic.g_0 / rise, 0.0, 1.0)
+    rises = a + secant * (2 * b + secant * 3 * c) > rise / 8
+    s = jnp.where(rises, secant, 1.0)  # the root of a guard that starts at zero and first falls is far from the start
     for _ in range(3):
         slope = a + s * (2 * b + s * 3 * c)
-        s = jnp.clip(s - rise(s) / jnp.where(slope > climb / 8, slope, climb), 0.0, 1.0)
+        s = jnp.clip(s - cubic(s) / jnp.where(slope > rise / 8, slope, rise), 0.0, 1.0)
     return s
+
+
+@jax.custom_jvp
+def at_event(quantities, slopes, guard, rate):
+    """The `quantities` at the time when `guard` vanishes, with the derivative that this time contributes.
+
+    The values are returned unchanged: the time has been found already. Their derivatives include the shift of the root,
+    along which the quantities change with their `slopes`.
+
+    Args:
+        quantities: A tree of numbers at the time of the event.
+        slopes: Their time derivatives.
+        guard: The value of the guard there.
+        rate: Its time derivative; infinite where the time is prescribed and not a root.
+
+    Raises:
+        TypeError: It is differentiated twice; the shift of the slopes themselves is not known.
+    """
+    del slopes, guard, rate
+    return quantities
+
+
+@at_event.defjvp
+def _at_event_jvp(primals, tangents):
+    quantities, slopes, _, rate = first_order_only(primals)
+    shift = -tangents[2] / rate
+    return quantities, jax.tree.map(lambda d, slope: d + slope * shift, tangents[0], slopes)
+
+
+def first_order_only(tree: Tree) -> Tree:
+    """The numbers, for which a further derivative raises a TypeError."""
+    return jax.tree.map(_first_order.bind, tree)
+
+
+def _refuse_second_order(primals, tangents):
+    raise TypeError(
+        "Derivatives through contact events are of first order only: this motion is differentiated twice. "
+        "Take differences of first derivatives instead, or period_map of contact that is smooth or absent."
+    )
+
+
+_first_order = Primitive("once")  # a custom rule would be lost in reverse mode
+_first_order.def_impl(lambda a: a)
+_first_order.def_abstract_eval(lambda a: a)
+ad.primitive_jvps[_first_order] = _refuse_second_order
+batching.primitive_batchers[_first_order] = lambda args, axes: (_first_order.bind(*args), *axes)
+mlir.register_lowering(_first_order, lambda _, a: [a])

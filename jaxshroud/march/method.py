@@ -1,167 +1,262 @@
-"""Static choices of the march: those that a user makes, and all that the engine needs."""
+"""The method of a march: the options that a user chooses, and those that the march itself adds."""
 
-import warnings
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import equinox as eqx
+import jax
+import numpy as np
 
-from jaxshroud.march.tableau import RK4, Tableau, tableau
-from jaxshroud.march.taylor import Taylor, named_taylor
-from jaxshroud.march.words import METHODS, Locate
-from jaxshroud.scene.checks import Precision, checked, type_argument, word_argument
-from jaxshroud.scene.errors import InputError
+from jaxshroud.march.method_names import TABLEAUS, Locate
+from jaxshroud.march.tableau import DEFAULT_TOLERANCE, RK4, Tableau, TaylorOptions, named_taylor, tableau
+from jaxshroud.scene.checks import InputError, Precision, checked, count_argument, type_argument, word_argument
 
 
-def as_tableau(
-    given: str | Tableau | Taylor, order: int | None = None, tolerance: float | None = None
-) -> Tableau | Taylor:
-    """A method by its name or as it is; the numbers are those of "taylor".
+def as_tableau(given: str | Tableau) -> Tableau:
+    """A Runge-Kutta method by its name or as it is.
 
     Raises:
-        ValueError: It is neither, or a number is out of range or has no use.
+        ValueError: It is neither.
     """
-    numbers = {name: a for name, a in {"order": order, "tolerance": tolerance}.items() if a is not None}
-    if given == "taylor":
-        return Taylor(**numbers)  # pyright: ignore[reportArgumentType]
-    if numbers and not isinstance(given, Taylor):
-        raise InputError(f"Argument `{next(iter(numbers))}` is of the method taylor only.")
     if isinstance(given, str):
-        word_argument("tableau", given, METHODS)
+        word_argument("tableau", given, TABLEAUS)
         return tableau(given)
-    if isinstance(given, Taylor):
-        return given._replace(**numbers)
     type_argument("tableau", given, Tableau, '"dopri8" or tableau("dopri8")')
     return given
 
 
-def located(method: Tableau | Taylor, locate: Locate | None, usual: Locate = "bisection") -> Locate:
-    """How a method locates events: as asked, or as is usual.
+def locator_for(method: Tableau | TaylorOptions, locate: Locate | None) -> Locate:
+    """How a method locates events: as given, or as the reference does.
 
     Raises:
-        ValueError: It has no such way.
+        ValueError: The method cannot locate events that way.
     """
     if locate is None:
-        return "series" if isinstance(method, Taylor) else usual
+        return "series" if isinstance(method, TaylorOptions) else "bisection"
     word_argument("locate", locate, Locate)
-    if (locate == "series") != isinstance(method, Taylor):
+    if (locate == "series") != isinstance(method, TaylorOptions):
         raise InputError('Argument `locate` must be "series" with the method taylor, and with no other.')
     return locate
 
 
 @checked
 class Choices(NamedTuple):
-    """Static choices of the march; ValueError for a word that is not known."""
+    """The static options of a march; ValueError for an unknown word."""
 
-    tableau: Tableau | Taylor = RK4
+    tableau: Tableau | TaylorOptions = RK4
     locate: Locate = "bisection"
-    ledger: bool = True  # keep the works that the energy balance needs
+    ledger: bool = True  # integrate the works of the energy balance
     precision: Precision = "float64"
-    derivative: bool = False  # instants of events are differentiable, at the price of one more trial for each
-    within: bool = False  # log what happens between the ends of steps too
-    forces: bool = False  # log the largest forces of contact
+    derivative: bool = False  # the times of events are differentiable, at the cost of further trials for each
+    within: bool = False  # log the extremes inside the steps too
+    forces: bool = False  # log the largest contact forces
 
     def __check_init__(self):
-        located(self.tableau, self.locate)
+        locator_for(self.tableau, self.locate)
         word_argument("precision", self.precision, Precision)
 
     @property
-    def taylor(self) -> Taylor | None:
-        """The march by power series, if it is one."""
-        return self.tableau if isinstance(self.tableau, Taylor) else None
+    def taylor(self) -> TaylorOptions:
+        """The options of power series, within what only they use."""
+        assert isinstance(self.tableau, TaylorOptions)
+        return self.tableau
+
+    @property
+    def tolerance(self) -> float | jax.Array:
+        """The tolerance of power series, which compiled programs take as an argument."""
+        return self.taylor.tolerance
+
+    def with_tolerance(self, tolerance: float | jax.Array = DEFAULT_TOLERANCE) -> "Choices":
+        """The same power series with another tolerance, by default that which stands for any."""
+        return self._replace(tableau=self.taylor._replace(tolerance=tolerance))
 
     @property
     def rk(self) -> Tableau:
-        """The Runge-Kutta method, if it is one."""
-        assert not isinstance(self.tableau, Taylor)
+        """The Runge-Kutta method, within what only it uses."""
+        assert isinstance(self.tableau, Tableau)
         return self.tableau
+
+    @property
+    def finer(self) -> "Choices":
+        """The same method with a tenth of the tolerance, if it has one; a check of a march halves the step as well."""
+        return self._replace(tableau=self.tableau.finer(10.0))
+
+    @property
+    def for_verification(self) -> "Choices":
+        """The same method with events located by bisection; power series with a hundredth of the tolerance instead."""
+        return self._replace(tableau=self.tableau.finer(100.0), locate=locator_for(self.tableau, None))
 
     def __str__(self) -> str:
         return f"{self.tableau.name}, events by {self.locate}, {self.precision}"
 
 
 REFERENCE = Choices()
-FAST_WITH_LEDGER = Choices(locate="cubic")  # the same errors in less time
+FAST_WITH_LEDGER = Choices(locate="cubic")  # same errors, less time
 FAST = FAST_WITH_LEDGER._replace(ledger=False)  # no energy residual either
 
 
-class Method(eqx.Module):
-    """How scenes are marched: by which method, how events are located inside its steps, and the precision.
+StepCount = int | Literal["auto"]
+
+
+def steps_argument(steps: Any) -> StepCount | None:
+    """Steps as they were given; InputError unless they are a whole number, "auto" or None."""
+    if steps in (None, "auto") and not isinstance(steps, np.ndarray):
+        return steps
+    if not isinstance(steps, int | np.integer) or isinstance(steps, bool):
+        raise InputError(f'Argument `steps` must be a whole number or "auto", but is {steps!r}.')
+    count_argument("steps", int(steps), 1)
+    return int(steps)
+
+
+def choice_argument(choice: Any) -> Any:
+    """What `method_for` knows of a method; InputError for anything else."""
+    if choice is not None and not hasattr(choice, "setting"):
+        raise InputError(f"Argument `choice` is set by js.method_for alone, but is {choice!r}.")
+    return choice
+
+
+class RungeKutta(eqx.Module):
+    """A march in steps of equal length by a Runge-Kutta method, with events located inside the steps.
 
     Args:
-        tableau: "rk4" (the reference), "tsit5", "dop853" or "dopri8"; or a `Tableau`. "taylor": by power series, whose
-            steps are as long as their `tolerance` allows. The steps per period then count time: for samples, for what
-            is told per step, and for flat contact, which begins where a rocking would return within 1/24 of a step.
-            Where that happens, an error of that size is left at any tolerance, and falls with more steps.
-        locate: "bisection" (the reference), "cubic" (fewer trials), or "none": events where steps end. Power series
-            locate their events themselves.
-        ledger: Deprecated; verbs that can keep an energy balance have an argument of that name.
+        tableau: "rk4" (the reference), "tsit5", "dop853" or "dopri8"; or a `Tableau`.
+        steps: Steps in one drive period; "auto": as many as the stiffest lane needs. By default those of the scene
+            file, else "auto".
+        locate: "cubic" (few trials), "bisection" (the reference), or "none": events where steps end.
         precision: "float64" or "float32".
-        derivative: Deprecated, without effect.
-        within: Deprecated, without effect.
-        order: Of "taylor", 4 to 24; by default 12.
-        tolerance: Of "taylor": the last terms of the speeds over the largest speed, by default 1e-9. The error after a
-            few periods is about as large.
+        choice: Set by `method_for`.
 
     Raises:
-        ValueError: A word is not known; the message names what may have been meant. Or a number is out of range.
+        ValueError: A word is unknown, in which case the message suggests one, or a number is out of range.
 
     Example:
         >>> import jaxshroud as js
-        >>> print(js.Method("dopri8", locate="cubic"))
-        dopri8, events by cubic, float64
-        >>> print(js.Method("taylor", order=14, tolerance=1e-10))
-        taylor 14 1e-10, events by series, float64
+        >>> print(js.RungeKutta("dopri8", steps=100))
+        dopri8, events by cubic, float64, 100 steps a period
     """
 
-    tableau: Tableau | Taylor = eqx.field(static=True)
+    tableau: Tableau = eqx.field(static=True)
+    steps: StepCount | None = eqx.field(static=True)
     locate: Locate = eqx.field(static=True)
     precision: Precision = eqx.field(static=True)
-    _ledger: bool | None = eqx.field(static=True, repr=False)  # asked for in the deprecated way
+    choice: Any = eqx.field(static=True, repr=False)  # what `method_for` knows of it
 
     def __init__(
         self,
-        tableau: str | Tableau | Taylor = "rk4",
-        locate: Locate | None = None,
-        ledger: bool | None = None,
+        tableau: str | Tableau = "rk4",
+        steps: StepCount | None = None,
+        locate: Locate = "cubic",
         precision: Precision = "float64",
-        derivative: bool | None = None,
-        within: bool | None = None,
-        order: int | None = None,
-        tolerance: float | None = None,
+        *,
+        choice: Any = None,
     ):
-        for name, value in {"ledger": ledger, "derivative": derivative, "within": within}.items():
-            if value is not None:
-                type_argument(name, value, bool, "True")
-                warnings.warn(f"Method: argument `{name}` is deprecated", DeprecationWarning, stacklevel=2)
+        self.tableau = as_tableau(tableau)
+        self.steps = steps_argument(steps)
+        word_argument("locate", locate, get_args(Locate)[:-1])
         word_argument("precision", precision, Precision)
-        self.tableau = as_tableau(tableau, order, tolerance)
-        self.locate = located(self.tableau, locate)
-        self.precision, self._ledger = precision, ledger
+        self.locate, self.precision, self.choice = locate, precision, choice_argument(choice)
 
-    def replace(self, **changes: Any) -> "Method":
-        """The same method with some of its arguments replaced; another kind of method locates events in its own way."""
-        kept = {"tableau": self.tableau, "locate": self.locate, "precision": self.precision, **changes}
-        asked = as_tableau(kept["tableau"], kept.get("order"), kept.get("tolerance"))
-        if isinstance(asked, Taylor) != isinstance(self.tableau, Taylor) and "locate" not in changes:
-            kept["locate"] = None
-        return Method(**kept)
-
-    _replace = replace  # as it was called
+    def replace(self, **changes: Any) -> "RungeKutta":
+        """The same method with some of its arguments replaced."""
+        return RungeKutta(
+            **{name: getattr(self, name) for name in ("tableau", "steps", "locate", "precision")} | changes
+        )
 
     def __str__(self) -> str:
-        return str(choices(self))
+        return in_words(self)
 
 
-def choices(method: Method | Choices, *, ledger: bool = False) -> Choices:
-    """All choices of the march for a `method`, with a `ledger` unless the method itself says otherwise."""
-    if isinstance(method, Choices):
-        return method
-    asked = method._ledger if method._ledger is not None else ledger
-    return Choices(method.tableau, method.locate, asked, method.precision)
+class Taylor(eqx.Module):
+    """A march by power series, in steps as long as their tolerance allows; their roots locate the events.
+
+    Args:
+        order: 4 to 24.
+        tolerance: Of the last terms of the speeds over the largest speed. The error after a few periods is about as
+            large.
+        steps: Steps in one drive period, which count time: for samples, for what is told per step, and for flat
+            contact, which begins where a rocking would return within 1/24 of a step. Where that happens, an error of
+            that size is left at any tolerance, and falls with more steps. By default as of `RungeKutta`.
+        precision: "float64" or "float32".
+        choice: Set by `method_for`.
+
+    Raises:
+        ValueError: A number is out of range, or a word is not known.
+
+    Example:
+        >>> import jaxshroud as js
+        >>> print(js.Taylor(order=14, tolerance=1e-10))
+        taylor 14 1e-10, events by series, float64
+    """
+
+    order: int = eqx.field(static=True)
+    tolerance: float = eqx.field(static=True)
+    steps: StepCount | None = eqx.field(static=True)
+    precision: Precision = eqx.field(static=True)
+    choice: Any = eqx.field(static=True, repr=False)  # what `method_for` knows of it
+
+    def __init__(
+        self,
+        order: int = 12,
+        tolerance: float = DEFAULT_TOLERANCE,
+        steps: StepCount | None = None,
+        precision: Precision = "float64",
+        *,
+        choice: Any = None,
+    ):
+        TaylorOptions(order, tolerance)
+        word_argument("precision", precision, Precision)
+        self.order, self.tolerance, self.steps = order, float(tolerance), steps_argument(steps)
+        self.precision, self.choice = precision, choice_argument(choice)
+
+    def replace(self, **changes: Any) -> "Taylor":
+        """The same method with some of its arguments replaced."""
+        kept = {"order": self.order, "tolerance": self.tolerance, "steps": self.steps, "precision": self.precision}
+        return Taylor(**{**kept, **changes})
+
+    def __str__(self) -> str:
+        return in_words(self)
+
+
+Method = RungeKutta | Taylor
+
+
+def in_words(method: Method) -> str:
+    """A method as results call it, with its steps where they are known."""
+    steps = f", {method.steps} steps a period" if isinstance(method.steps, int) else ""
+    return f"{choices(method)}{steps}"
+
+
+def choices(method: Method, *, ledger: bool = False) -> Choices:
+    """All choices of the march for a `method`, with a `ledger` or without."""
+    if isinstance(method, Taylor):
+        return Choices(TaylorOptions(method.order, method.tolerance), "series", ledger, method.precision)
+    return Choices(method.tableau, method.locate, ledger, method.precision)
+
+
+def explicit(method: Method) -> tuple[int, Choices]:
+    """Steps per period and choices of a method for a pure function, which cannot look at the scene's numbers.
+
+    Raises:
+        InputError: Its steps are left to the scene.
+    """
+    if not isinstance(method.steps, int):
+        raise InputError(
+            "Argument `method` needs a number of `steps` here; js.method_for chooses a method for a scene."
+        )
+    return method.steps, choices(method)
+
+
+def method_of(steps: StepCount, chosen: Choices, choice: Any = None) -> Method:
+    """The method that such choices belong to."""
+    if isinstance(chosen.tableau, TaylorOptions):
+        return Taylor(chosen.taylor.order, float(chosen.taylor.tolerance), steps, chosen.precision, choice=choice)
+    return RungeKutta(chosen.rk, steps, chosen.locate, chosen.precision, choice=choice)
 
 
 def named_choices(text: str) -> Choices:
-    """The choices, without a ledger, that `str` of them names."""
+    """The options, without a ledger, whose `str` is the `text`."""
     name, by, precision = text.split(", ")
     method = named_taylor(name) if name.startswith("taylor") else tableau(name)
     return Choices(method, by.removeprefix("events by "), False, precision)  # type: ignore[arg-type]
+
+
+EXPLICIT = RungeKutta(steps=400)  # of pure functions, by default

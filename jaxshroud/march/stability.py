@@ -1,76 +1,69 @@
-"""The fastest motion of a scene, and the steps per period it asks for."""
+"""The fastest motion of a scene, and the steps per period that it requires."""
 
 import math
 from functools import cache
 from types import ModuleType
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.march.tableau import LEAST_STEPS, RK4, Tableau
-from jaxshroud.march.taylor import Taylor
-from jaxshroud.model.absent import Scalar, filled
-from jaxshroud.model.geometry import Corners, corners, pose, touch
-from jaxshroud.model.ready import springs
-from jaxshroud.scene.checks import count_argument
-from jaxshroud.scene.errors import StepTooLongError
-from jaxshroud.scene.limits import MOST_AUTO
+from jaxshroud.march.method import StepCount
+from jaxshroud.march.tableau import MIN_STEPS, RK4, Tableau, TaylorOptions
+from jaxshroud.model.arithmetic import Scalar, filled
+from jaxshroud.model.geometry import Corners, contact_kinematics, corners, pose
+from jaxshroud.model.linear import steady_amplitudes
+from jaxshroud.model.prepared import springs
+from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import typed
 
-Steps = int | Literal["auto"]
 ACCURACY_LIMIT = 0.5  # omega h at which RK4 errs by about 1e-4 of the state in a few periods
 # omega_max h of "auto": where contact is no stiffer than the blades, and where it is stiffest. Every impact multiplies
-# errors, the more of them the stiffer the contact, so that h shrinks faster than 1 / omega_max in between.
-AUTO = {"rk4": (0.2, 0.02), "tsit5": (0.4, 0.08), "dop853": (0.8, 0.4), "dopri8": (0.8, 0.4)}
-LEAST_AUTO = 64  # steps per period
-GROWTH = 1.01  # of an undamped oscillation per step, beyond which a method is called unstable
-
-
-def amplification(method: Tableau, omega_h: np.ndarray) -> np.ndarray:
-    """By what an undamped oscillation, exp(i omega h) in truth, is multiplied in one step.
-
-    An imaginary `omega_h` stands for a decay, exp(-abs(omega h)) in truth.
-    """
-    stages, i_y = [], 1j * np.asarray(omega_h)
-    for row in method.a:
-        stages.append(1 + i_y * sum((w * k for w, k in zip(row, stages, strict=True)), 0j))
-    return 1 + i_y * sum(w * k for w, k in zip(method.b, stages, strict=True))
+# errors, and stiffer contact has more impacts; h therefore shrinks faster than 1 / omega_max in between.
+AUTO_STEP_ANGLES = {"rk4": (0.2, 0.02), "tsit5": (0.4, 0.08), "dop853": (0.8, 0.4), "dopri8": (0.8, 0.4)}
+MIN_AUTO_STEPS = 64  # steps per period
+# rate of the internal state of a user law times the step of "auto"; it is reached for moments only
+AUTO_RELAXATION_STEPS = 4.0
+MAX_RELAXATION_RATE = 8.0  # beyond which the march is refused
+UNSTABLE_GROWTH = 1.01  # of an undamped oscillation per step, beyond which a method is called unstable
 
 
 @cache
-def limits(method: Tableau) -> tuple[float, float]:
-    """Omega h beyond which the method is unstable, and beyond which it errs more per radian than RK4 at 0.5.
+def step_limits(method: Tableau | TaylorOptions) -> tuple[float, float]:
+    """The omega h beyond which the method is unstable, and that beyond which its error per radian exceeds RK4's at 0.5.
 
-    Both for oscillations; a decay of that rate is stable as well.
+    Both are for oscillations; a decay of that rate is stable as well. Power series choose their own steps: inf.
     """
     y = np.linspace(0.01, 12, 1200)
-    grows = np.maximum(np.abs(amplification(method, y)), np.abs(amplification(method, 1j * y))) > GROWTH
-    error = lambda m, y: np.abs(amplification(m, y) * np.exp(-1j * y) - 1) / y  # noqa: E731
+    first = lambda beyond: float(y[np.argmax(beyond)]) if np.any(beyond) else math.inf
+    grows = np.maximum(np.abs(method.amplification(y)), np.abs(method.amplification(1j * y))) > UNSTABLE_GROWTH
+    error = lambda m, y: np.abs(m.amplification(y) * np.exp(-1j * y) - 1) / y
     errs = error(method, y) > error(RK4, np.array([ACCURACY_LIMIT])) * (1 + 1e-9)
-    stable = float(y[np.argmax(grows)])
-    return stable, min(float(y[np.argmax(errs)]), stable)
+    return first(grows), min(first(errs), first(grows))
 
 
+@typed
 def largest_frequency(scene: Scene) -> Scalar:
-    """Largest natural circular frequency, or rate of decay, with contact and friction springs engaged [rad/s].
+    """The largest natural circular frequency, or decay rate, with the contact and friction springs engaged [rad/s].
 
-    Both corner pairs are tried at the blades' unloaded positions, in full stick.
+    It is the larger one of both corner pairs, at the unloaded positions of the blades and in full stick.
     """
-    return _frequencies(_stiffness(scene), jnp)[0]
+    return _frequencies(_stiffness_of(scene), jnp)[0]
 
 
 class _Stiffness(NamedTuple):
-    """What the natural frequencies of a scene follow from."""
+    """The quantities that determine the natural frequencies of a scene."""
 
     squares: Float[Array, "... 3 6 6"]  # per mass: with the lower corners engaged, with the upper ones, with neither
-    fading: Float[Array, "..."]  # fastest decay of a blade that is overdamped [1/s]
-    haste: Float[Array, "..."]  # of smooth contact [1/s]
+    fading: Float[Array, "..."]  # fastest decay of an overdamped blade [1/s]
+    haste: Float[Array, "..."]  # of the slider of smooth contact [1/s]
+    relaxation: Float[Array, "..."]  # of the internal state of a user friction law [1/s]
 
 
-def _stiffness(scene: Scene) -> _Stiffness:
+def _stiffness_of(scene: Scene) -> _Stiffness:
     b, spring = scene.blades, springs(scene)
     block = corners(scene.shroud, scene.contact.reading)
     mass = jnp.concatenate([b.m, b.inertia_y, b.I])
@@ -88,11 +81,28 @@ def _stiffness(scene: Scene) -> _Stiffness:
     damping = jnp.concatenate([b.c_x, b.c_y, b.c_T]) * mobility / 2
     excess = damping**2 - jnp.diag(blades) * mobility
     fading = jnp.max(jnp.where(excess > 0, damping + jnp.sqrt(jnp.maximum(excess, 0.0)), 0.0))
-    return _Stiffness(stiffness * jnp.sqrt(jnp.outer(mobility, mobility)), fading, haste)
+    return _Stiffness(stiffness * jnp.sqrt(jnp.outer(mobility, mobility)), fading, haste, _relaxation(scene))
+
+
+def _relaxation(scene: Scene) -> Scalar:
+    """The fastest relaxation rate of the state of a user friction law: unloaded, at the speed of the free motion."""
+    laws = scene.laws
+    if laws is None or laws.friction is None:
+        return jnp.zeros_like(scene.drive.omega)
+    free, lever = steady_amplitudes(scene), (scene.shroud.l_oa + scene.shroud.l_ab) / 2
+    reach = jnp.sum(jnp.abs(free.x) + jnp.abs(free.y) + lever * jnp.abs(free.theta))
+    speed = scene.drive.omega * (reach + jnp.abs(scene.shroud.gap))
+    z = jnp.asarray(laws.z, speed.dtype)
+
+    def rate(u_t: Scalar) -> Scalar:
+        by_z = jax.jacfwd(lambda z: jnp.ravel(laws.rub(z, u_t, jnp.zeros_like(u_t))[1]))(z)
+        return jnp.max(jnp.sum(jnp.abs(by_z.reshape(z.size, z.size)), axis=-1))
+
+    return jnp.maximum(rate(speed), rate(-speed))
 
 
 def _frequencies(of: _Stiffness, xp: ModuleType) -> tuple[Any, Any]:
-    """Largest frequency with contact and friction springs engaged, and with neither [rad/s], by NumPy or JAX."""
+    """The largest frequency with contact and friction springs, and with neither [rad/s], by NumPy or JAX."""
     squares, floor = xp.linalg.eigvalsh(of.squares)[..., -1], xp.asarray(of.fading)
     own = xp.maximum(xp.sqrt(squares[..., 2]), floor)
     engaged = xp.maximum(xp.sqrt(xp.maximum(squares[..., 0], squares[..., 1])), floor)
@@ -105,26 +115,24 @@ def contact_gradients(
     """dv/dq and du/dq of the corner pair of `case`, q = (x_1, x_2, y_1, y_2, theta_1, theta_2) = 0."""
 
     def v_and_u(q):
-        at = touch(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), jnp.asarray(case), block, frozenset())
+        at = contact_kinematics(pose((q[0], q[1]), (q[2], q[3]), (q[4], q[5])), jnp.asarray(case), block, frozenset())
         return jnp.stack([at.v, at.u])
 
     v_q, u_q = jax.jacfwd(v_and_u)(jnp.zeros_like(like))
     return v_q, u_q
 
 
-def step_report(omega_max: float, period: float, steps_per_period: int, method: Tableau | Taylor = RK4) -> str | None:
+def step_report(
+    omega_max: float, period: float, steps_per_period: int, method: Tableau | TaylorOptions = RK4
+) -> str | None:
     """What is wrong with the step: None if nothing, else one line with numbers and cure.
-
-    Power series choose their own steps: what is called a step there is a unit of time.
 
     Raises:
         StepTooLongError: The march would be unstable.
     """
-    if isinstance(method, Taylor):
-        return None
-    unstable, inaccurate = limits(method)
+    unstable, inaccurate = step_limits(method)
     product = omega_max * period / steps_per_period
-    need = lambda limit: math.ceil(omega_max * period / limit)  # noqa: E731
+    need = lambda limit: math.ceil(omega_max * period / limit)
     numbers = f"omega_max h = {product:.3g} (omega_max = {omega_max:.4g} rad/s with contact and friction springs)"
     if product > unstable:
         raise StepTooLongError(
@@ -139,68 +147,93 @@ def step_report(omega_max: float, period: float, steps_per_period: int, method: 
     return None
 
 
-def steps_for(scenes: Scene, batch_dims: int, steps: Steps, method: Tableau | Taylor | None) -> int:
+@typed
+def steps_for(scenes: Scene, batch_dims: int, steps: StepCount, method: Tableau | TaylorOptions | None) -> int:
     """Steps per period to march with.
 
     Args:
-        scenes: One scene, or many with so many leading dimensions.
-        batch_dims: How many those are.
-        steps: Steps asked for, or "auto": by the stiffness of the lane that needs the most.
+        scenes: One scene, or many with leading axes.
+        batch_dims: The number of leading axes.
+        steps: The steps requested, or "auto": by the stiffness of the lane that needs the most.
         method: The method; None where nothing is stepped.
 
     Raises:
         StepTooLongError: The march would be unstable, or "auto" would take more than 10^7 steps.
-        ValueError: `steps` is too small a number, or none.
+        ValueError: `steps` is too small, or is not a number.
     """
+    count_argument("batch_dims", batch_dims, 0)
+    if batch_dims > np.ndim(scenes.drive.omega):
+        raise InputError(f"These scenes have {np.ndim(scenes.drive.omega)} leading axes, not {batch_dims}.")
     if method is None:
-        steps = LEAST_AUTO if steps == "auto" else steps
+        steps = MIN_AUTO_STEPS if steps == "auto" else steps
         count_argument("steps_per_period", steps, 1)
         return steps
     if steps == "auto":
-        omega_max, own, period = _fastest(scenes, batch_dims)
-        return _auto(omega_max, own, period, method)
+        return _auto_steps(_fastest(scenes, batch_dims), method)
     count_argument("steps_per_period", steps, 1)
     step_report(*stiffest(scenes, batch_dims), steps, method)
-    count_argument("steps_per_period", steps, LEAST_STEPS)
+    _check_relaxation(_fastest(scenes, batch_dims), steps)
+    count_argument("steps_per_period", steps, MIN_STEPS)
     return steps
 
 
-def _auto(omega_max: np.ndarray, own: np.ndarray, period: np.ndarray, method: Tableau | Taylor) -> int:
-    most, least = AUTO["rk4" if isinstance(method, Taylor) else method.name]
-    product = np.clip(1.25 * most * own / omega_max, least, most)
-    need = float(np.max(omega_max * period / product))
-    if not need < MOST_AUTO:
+def _check_relaxation(of: "_Fastest", steps: int) -> None:
+    """Raise StepTooLongError where the internal state of a user friction law relaxes too fast for the step."""
+    turns = float(np.max(of.relaxation * of.period))
+    if turns > MAX_RELAXATION_RATE * steps:
+        raise StepTooLongError(
+            f"steps_per_period = {steps} is unstable: the internal state of the friction law follows at up to "
+            f"{turns / steps:.3g} per step, more than {MAX_RELAXATION_RATE:g}; "
+            f"use at least {math.ceil(turns / AUTO_RELAXATION_STEPS)}"
+        )
+
+
+def _auto_steps(of: "_Fastest", method: Tableau | TaylorOptions) -> int:
+    most, least = AUTO_STEP_ANGLES[method.auto_steps_like]
+    product = np.clip(1.25 * most * of.own / of.omega_max, least, most)
+    need = float(np.max(np.maximum(of.omega_max / product, of.relaxation / AUTO_RELAXATION_STEPS) * of.period))
+    if not need < MAX_AUTO_STEPS:
         raise StepTooLongError(
             f'steps_per_period = "auto" would be {need:.3g}: the drive is too slow, or a spring or damper too stiff, '
-            f"to follow a period with at most {MOST_AUTO:.0e} steps"
+            f"to follow a period with at most {MAX_AUTO_STEPS:.0e} steps"
         )
-    return max(math.ceil(need), LEAST_AUTO)
+    return max(math.ceil(need), MIN_AUTO_STEPS)
 
 
 def stiffest(scenes: Scene, batch_dims: int) -> tuple[float, float]:
-    """Largest frequency [rad/s] and drive period [s] of the lane that asks for the most steps per period."""
-    omega_max, _, period = _fastest(scenes, batch_dims)
-    worst = np.argmax(omega_max * period)
-    return float(omega_max[worst]), float(period[worst])
+    """The largest frequency [rad/s] and the drive period [s] of the lane that needs the most steps per period."""
+    of = _fastest(scenes, batch_dims)
+    worst = np.argmax(of.omega_max * of.period)
+    return float(of.omega_max[worst]), float(of.period[worst])
 
 
 def stiffness_ratio(scenes: Scene, batch_dims: int) -> float:
-    """How much faster contact makes the fastest motion, at most, of one scene or many."""
-    omega_max, own, _ = _fastest(scenes, batch_dims)
-    return float(np.max(omega_max / own))
+    """The largest ratio, over all lanes, of the highest frequency with contact to that without."""
+    of = _fastest(scenes, batch_dims)
+    return float(np.max(of.omega_max / of.own))
 
 
-def _fastest(scenes: Scene, batch_dims: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Largest frequency with contact and without, and drive period, of each lane of a flat batch.
+class _Fastest(NamedTuple):
+    """The highest frequencies of each lane of a flat batch, (lanes,)."""
 
-    Eigenvalues are NumPy's: JAX's would import scipy.linalg, which takes longer than all else here.
+    omega_max: np.ndarray  # largest frequency with contact [rad/s]
+    own: np.ndarray  # without [rad/s]
+    period: np.ndarray  # of the drive [s]
+    relaxation: np.ndarray  # see `_Stiffness` [1/s]
+
+
+def _fastest(scenes: Scene, batch_dims: int) -> _Fastest:
+    """The highest frequencies of scenes with `batch_dims` leading axes.
+
+    NumPy computes the eigenvalues: JAX would import scipy.linalg, which takes longer than everything else here.
     """
-    flat = lambda a: np.asarray(a).reshape(-1, *np.shape(a)[batch_dims:])  # noqa: E731
-    stiffness, period = _measured(jax.tree.map(flat, scenes))
-    return *_frequencies(jax.tree.map(np.asarray, stiffness), np), np.asarray(period)
+    flat = lambda a: np.asarray(a).reshape(-1, *np.shape(a)[batch_dims:])
+    stiffness, period = _batched_stiffness(jax.tree.map(flat, scenes))
+    stiffness = jax.tree.map(np.asarray, stiffness)
+    return _Fastest(*_frequencies(stiffness, np), np.asarray(period), stiffness.relaxation)
 
 
 @jax.jit
 @jax.vmap
-def _measured(scene: Scene) -> tuple[_Stiffness, Scalar]:
-    return _stiffness(scene), scene.drive.period
+def _batched_stiffness(scene: Scene) -> tuple[_Stiffness, Scalar]:
+    return _stiffness_of(scene), scene.drive.period

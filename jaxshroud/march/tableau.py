@@ -1,27 +1,101 @@
-"""Explicit Runge-Kutta methods of the fixed-step march.
-
-All but the reference come from well-kept solver libraries; these are imported when such a method is asked for.
-"""
+"""The coefficients of the explicit Runge-Kutta methods, and the options of the power-series method."""
 
 from functools import cache
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
-from jaxshroud.march.words import TABLEAUS
-from jaxshroud.scene.checks import word_argument
+from jaxshroud.march.method_names import TABLEAUS
+from jaxshroud.scene.checks import InputError, checked, word_argument
+from jaxshroud.scene.typed import is_number, typed
 
-LEAST_STEPS = 8  # per period: what the drive's phase gains in a step must stay within the range of `trig`
+ORDER_RANGE = (4, 24)
+TOLERANCE_RANGE = (1e-16, 1e-1)
+DEFAULT_TOLERANCE = 1e-9
+
+
+@checked
+class TaylorOptions(NamedTuple):
+    """A march by power series; ValueError for what is out of range."""
+
+    order: int = 12
+    tolerance: float | jax.Array = DEFAULT_TOLERANCE  # last terms of the speeds over the largest speed
+
+    def __check_init__(self):
+        (least, most), (finest, coarsest) = ORDER_RANGE, TOLERANCE_RANGE
+        if type(self.order) is not int or not least <= self.order <= most:
+            raise InputError(f"Argument `order` must be a whole number from {least} to {most}, but is {self.order!r}.")
+        traced = isinstance(self.tolerance, jax.Array)
+        if not traced and not (is_number(self.tolerance) and finest <= self.tolerance <= coarsest):
+            bounds = f"from {finest:g} to {coarsest:g}"
+            raise InputError(f"Argument `tolerance` must be a number {bounds}, but is {self.tolerance!r}.")
+
+    @property
+    def name(self) -> str:
+        """The name in results."""
+        return f"taylor {self.order} {self.tolerance:g}"
+
+    @property
+    def auto_steps_like(self) -> str:
+        """The method whose "auto" steps are taken: for power series, steps only count time."""
+        return RK4.name
+
+    def finer(self, factor: float) -> "TaylorOptions":
+        """The same order with the tolerance divided by `factor`, as far as that is possible."""
+        return self._replace(tolerance=max(self.tolerance / factor, TOLERANCE_RANGE[0]))
+
+    def work(self, steps: int) -> int:
+        """About the work of a period, in evaluations of Eq. (1)."""
+        del steps  # trials are as long as the tolerance allows
+        return 100 * self.order
+
+    def amplification(self, omega_h: np.ndarray) -> np.ndarray:
+        """The factor of `Tableau.amplification`: the exact one, as the steps of power series only count time."""
+        return np.exp(1j * omega_h)
+
+
+def named_taylor(text: str) -> TaylorOptions:
+    """The march of that `name`."""
+    _, order, tolerance = text.split()
+    return TaylorOptions(int(order), float(tolerance))
+
+
+MIN_STEPS = 8  # per period: the phase advance of a step must stay within the range of `trig`
 
 
 class Tableau(NamedTuple):
-    """Butcher tableau with its order; `a` is strictly lower triangular, one row for each stage."""
+    """A Butcher tableau with its order; `a` is strictly lower triangular, with one row for each stage."""
 
     name: str
     a: tuple[tuple[float, ...], ...]
     b: tuple[float, ...]
     c: tuple[float, ...]
     order: int
+
+    @property
+    def auto_steps_like(self) -> str:
+        """The method whose "auto" steps are taken."""
+        return self.name
+
+    def finer(self, factor: float) -> "Tableau":
+        """The same method: only its steps can be finer."""
+        del factor
+        return self
+
+    def work(self, steps: int) -> int:
+        """About the work of a period of so many steps, in evaluations of Eq. (1)."""
+        return steps * len(self.b)
+
+    def amplification(self, omega_h: np.ndarray) -> np.ndarray:
+        """The factor by which one step multiplies an undamped oscillation; the exact factor is exp(i omega h).
+
+        An imaginary `omega_h` stands for a decay, whose exact factor is exp(-abs(omega h)).
+        """
+        stages, i_y = [], 1j * np.asarray(omega_h)
+        for row in self.a:
+            stages.append(1 + i_y * sum((w * k for w, k in zip(row, stages, strict=True)), 0j))
+        return 1 + i_y * sum(w * k for w, k in zip(self.b, stages, strict=True))
 
 
 RK4 = Tableau(
@@ -33,6 +107,7 @@ RK4 = Tableau(
 )
 
 
+@typed
 @cache
 def tableau(name: str) -> Tableau:
     """The Runge-Kutta method of that name.
@@ -50,15 +125,15 @@ def tableau(name: str) -> Tableau:
     if name == "dop853":
         from scipy.integrate import DOP853
 
-        return _explicit(name, list(DOP853.A), DOP853.B, DOP853.C)
+        return _without_unused_stages(name, list(DOP853.A), DOP853.B, DOP853.C)
     import diffrax
 
     source = {"tsit5": diffrax.Tsit5, "dopri8": diffrax.Dopri8}[name].tableau
-    return _explicit(name, [(), *source.a_lower], source.b_sol, (0.0, *source.c))
+    return _without_unused_stages(name, [(), *source.a_lower], source.b_sol, (0.0, *source.c))
 
 
-def _explicit(name: str, a, b, c) -> Tableau:
-    """Without the stages at the end that serve an error estimate or the next step only."""
+def _without_unused_stages(name: str, a, b, c) -> Tableau:
+    """The tableau without final stages that serve only an error estimate or the next step."""
     stages = int(np.flatnonzero(b)[-1]) + 1
     rows = tuple(tuple(float(w) for w in np.asarray(row)[:i]) for i, row in enumerate(a[:stages]))
     weights, nodes = (tuple(float(w) for w in row[:stages]) for row in (b, c))

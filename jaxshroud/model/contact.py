@@ -1,37 +1,39 @@
-"""Contact forces and moments on both blocks (Sec. 2.3, Eqs. (8)-(20))."""
+"""The contact forces and moments on both blocks (Sec. 2.3, Eqs. (8)-(20))."""
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.model.absent import Pair, Scalar, mixed, where
-from jaxshroud.model.geometry import Case, Corners, Touch, is_upper, tip_is_left
+from jaxshroud.model.arithmetic import Pair, Scalar, blended, where
+from jaxshroud.model.geometry import Case, ContactKinematics, Corners, is_upper, tip_is_left
 from jaxshroud.model.modes import FLAT
 
 
 class Load(NamedTuple):
-    """What the contact does to the blocks: force on the left one (the right one feels the opposite), moments."""
+    """The load on the blocks: the force on the left one (the right one feels the opposite) and both moments."""
 
     R_x: Scalar  # [N]
     R_y: Scalar  # [N]
     M: Pair  # clockwise, about each block's centre [N m]
 
 
-def _moment(lever: tuple[Scalar, Scalar], force: tuple[Scalar, Scalar]) -> Scalar:
+def _cross_product(lever: tuple[Scalar, Scalar], force: tuple[Scalar, Scalar]) -> Scalar:
     return lever[1] * force[0] - lever[0] * force[1]
 
 
-def _levers(at: Touch, left_tip) -> tuple[tuple[Scalar, Scalar], tuple[Scalar, Scalar]]:
-    """Levers from each block's centre to the penetrating corner (on the face's block: the same point in space)."""
+def _lever_arms(at: ContactKinematics, left_tip) -> tuple[tuple[Scalar, Scalar], tuple[Scalar, Scalar]]:
+    """The lever arms from each block's centre to the penetrating corner, the same point in space for both."""
     (l_x, r_x), (l_y, r_y), (e_x, e_y) = at.corner, at.corner_y, at.offset
-    left = mixed(left_tip, l_x, l_x - e_x), mixed(left_tip, l_y, l_y - e_y)
-    right = mixed(left_tip, r_x + e_x, r_x), mixed(left_tip, r_y + e_y, r_y)
+    left = blended(left_tip, l_x, l_x - e_x), blended(left_tip, l_y, l_y - e_y)
+    right = blended(left_tip, r_x + e_x, r_x), blended(left_tip, r_y + e_y, r_y)
     return left, right
 
 
-def contact_load(at: Touch, N: Scalar, F: Scalar, case: Case, block: Corners, reading: frozenset[str]) -> Load:
-    """Forces and moments of normal force `N` and friction force `F` at the corner of `case`.
+def contact_load(
+    at: ContactKinematics, N: Scalar, F: Scalar, case: Case, block: Corners, reading: frozenset[str]
+) -> Load:
+    """The forces and moments of the normal force `N` and the friction force `F` at the corner of `case`.
 
     Source:
         The left block feels `-N n - F t` at the penetrating corner, the right one the opposite. Printed formulas that
@@ -40,10 +42,10 @@ def contact_load(at: Touch, N: Scalar, F: Scalar, case: Case, block: Corners, re
     """
     (n_x, n_y), (t_x, t_y) = at.normal, at.tangent
     left_tip = tip_is_left(case)
-    left, right = _levers(at, left_tip)
-    # Moments per unit force, so that misprints can be told apart: rows N and F, columns left and right block.
-    normal = (-_moment(left, at.normal), _moment(right, at.normal))
-    friction = (-_moment(left, at.tangent), _moment(right, at.tangent))
+    left, right = _lever_arms(at, left_tip)
+    # Moments per unit force, which keeps the misprints apart: of N and of F, on the left and on the right block.
+    normal = (-_cross_product(left, at.normal), _cross_product(right, at.normal))
+    friction = (-_cross_product(left, at.tangent), _cross_product(right, at.tangent))
     if reading:
         printed = _printed_moments(normal, friction, at, case, block, reading)
         normal, friction = jax.tree.map(lambda a, b: where(case == FLAT, a, b), (normal, friction), printed)
@@ -52,17 +54,17 @@ def contact_load(at: Touch, N: Scalar, F: Scalar, case: Case, block: Corners, re
     return Load(-N * n_x - F * f_x, -N * n_y - F * f_y, M)
 
 
-def sprung_load(at: Touch, k: Scalar, N: Scalar, F: Scalar, case: Case, block: Corners) -> Load:
-    """The same in the consistent reading, where N = k v: with 5 products instead of 16, which is what series cost.
+def sprung_load(at: ContactKinematics, k: Scalar, N: Scalar, F: Scalar, case: Case, block: Corners) -> Load:
+    """The same load in the consistent reading, where N = k v, with 5 products instead of 16, which matters for series.
 
-    The offset is e = u t + v n, so that -N n - F t = -G t - k e with G = F - k u; and seen along the face, where its
-    own corner is at rest, the moment on the face's block is that of the force at this corner, less v G.
+    The offset is e = u t + v n, so that -N n - F t = -G t - k e with G = F - k u. In axes along the face, where the
+    face's own corner is at rest, the moment on its block is that of the force at this corner, less v G.
     """
     left_tip, (e_x, e_y), (t_x, t_y) = tip_is_left(case), at.offset, at.tangent
     G = F - k * at.u
     R_x, R_y = -(G * t_x) - k * e_x, -(G * t_y) - k * e_y
     (l_x, r_x), (l_y, r_y) = at.corner, at.corner_y
-    tip = _moment((where(left_tip, l_x, -r_x), where(left_tip, l_y, -r_y)), (R_x, R_y))
+    tip = _cross_product((where(left_tip, l_x, -r_x), where(left_tip, l_y, -r_y)), (R_x, R_y))
     upper = is_upper(case)
     x = where(left_tip, -where(upper, block.b_x, block.a_x), -where(upper, block.a_x, block.b_x))
     y = where(left_tip == upper, block.h_y, -block.h_y)
@@ -71,11 +73,11 @@ def sprung_load(at: Touch, k: Scalar, N: Scalar, F: Scalar, case: Case, block: C
     return Load(R_x, R_y, (where(left_tip, tip, face), where(left_tip, face, tip)))
 
 
-def _printed_moments(normal, friction, at: Touch, case, block: Corners, reading: frozenset[str]):
-    """Moments per unit N and unit F with the misprints of `reading` put back, one by one.
+def _printed_moments(normal, friction, at: ContactKinematics, case, block: Corners, reading: frozenset[str]):
+    """The moments per unit N and unit F with each misprint of the `reading` restored.
 
-    Only the moment about the face's own block is misprinted: M_N2 in cases 1 and 3, M_N1 in cases 2 and 4; but for the
-    sign of M_N1 in (21). Flat contact is not in print.
+    Only the moment about the face's own block is misprinted: M_N2 in cases 1 and 3, M_N1 in cases 2 and 4; except
+    for the sign of M_N1 in (21). Flat contact is not in the article.
     """
     left_tip, height, sin_A = tip_is_left(case), at.height, at.normal[0]
     across_a = block.a_x * block.sin_alpha - block.h_y * block.cos_alpha  # l_ap sin(alpha - varphi_1) / 2

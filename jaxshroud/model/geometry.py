@@ -1,4 +1,4 @@
-r"""Corners of the two blocks, penetration and slide of the corner in contact (Sec. 2.3, Eqs. (3)-(20)).
+r"""The geometry of the two blocks: penetration and slide of the corner in contact (Sec. 2.3, Eqs. (3)-(20)).
 
 The contact faces ab and cd lean to the right going up; y points up and theta is positive clockwise:
 
@@ -13,8 +13,8 @@ In each case one corner (the tip) presses on the other block's face:
     case 1: a on cd    case 2: c on ab    (theta_1 > theta_2, upper corners a and c)
     case 3: b on cd    case 4: d on ab    (theta_1 <= theta_2, lower corners b and d)
 
-Where both corners would turn the blocks back, neither is left: the faces stay parallel, flat on each other. The
-article leaves this limit of a relay out; here it is case 5, `FLAT`, whose geometry is that of case 4.
+Where contact at either corner would turn the blocks back, the faces stay parallel, flat on each other. The article does
+not treat this limit of a relay; here it is case 5, `FLAT`, with the geometry of case 4.
 """
 
 import operator
@@ -24,15 +24,14 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.model.absent import Pair, Scalar, is_absent, mixed
+from jaxshroud.model.arithmetic import Pair, Scalar, blended, is_absent, sine_versine
 from jaxshroud.model.series import Series, rate_of, sine_versine_of
-from jaxshroud.model.trig import sine_versine
-from jaxshroud.scene.motion import Motion
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Shroud
 
 
 class Corners(NamedTuple):
-    """Constants of the blocks: corners a and b of the left one about its centre, and the face angle."""
+    """The constants of the blocks: corners a and b of the left one about its centre, and the angle of the face."""
 
     a_x: Scalar
     b_x: Scalar
@@ -44,12 +43,12 @@ class Corners(NamedTuple):
 
 
 def corners(shroud: Shroud, reading: frozenset[str] = frozenset()) -> Corners:
-    """The block's corners from its sides, the faces leaning right going up.
+    """The corners of the blocks from their sides; the faces lean to the right going up.
 
     Source:
         The article prints neither varphi_1 nor varphi_2. With `corner_angles` in the `reading` they are interchanged,
-        as of a block drawn leaning left: a and b change their distances from the centre, the faces' angle stays. Flat
-        contact of such a block is a makeshift, its corners not being ends of one face.
+        as for a block drawn leaning to the left: a and b exchange their distances from the centre, and the angle of the
+        faces stays. Flat contact of such a block is only approximate, as its corners are not the ends of one face.
     """
     sin_alpha, cos_alpha = jnp.sin(shroud.alpha), jnp.cos(shroud.alpha)
     lean = shroud.l_ab * cos_alpha / 2
@@ -61,12 +60,12 @@ def corners(shroud: Shroud, reading: frozenset[str] = frozenset()) -> Corners:
 
 
 def gyration(shroud: Shroud) -> Scalar:
-    """J_A / A: polar second moment of a block's area about its centroid, per area [m^2]."""
+    """The polar second moment of a block's area about its centroid per area, J_A / A [m^2]."""
     return (shroud.l_oa**2 + shroud.l_ab**2) / 12
 
 
 class Pose(NamedTuple):
-    """Position of both blocks, with the sine, cosine and versine of their angles."""
+    """The positions of both blocks, with the sine, cosine and versine of their angles."""
 
     x: Pair
     y: Pair
@@ -77,7 +76,7 @@ class Pose(NamedTuple):
 
 
 def pose(x: Pair, y: Pair, theta: Pair) -> Pose:
-    """Positions with their trigonometry done once."""
+    """The pose of both blocks from their displacements."""
     (s_1, v_1), (s_2, v_2) = map(_rotation, theta)
     return Pose(x, y, theta, (s_1, s_2), (1 - v_1, 1 - v_2), (v_1, v_2))
 
@@ -88,28 +87,28 @@ def _rotation(theta: Scalar) -> tuple[Scalar, Scalar]:
     return sine_versine_of(theta, sine_versine(theta[0])) if isinstance(theta, Series) else sine_versine(theta)
 
 
-class Blend(NamedTuple):
-    """A mixture of the four cases, of which smooth contact has none on its own."""
+class CaseBlend(NamedTuple):
+    """A mixture of the four cases, as smooth contact has it."""
 
     upper: Scalar  # share of cases 1 and 2
     left_tip: Scalar  # share of cases 1 and 3
 
 
-Case = Int[Array, "..."] | Blend
+Case = Int[Array, "..."] | CaseBlend
 
 
 def is_upper(case: Case) -> Bool[Array, "..."] | Scalar:
     """Cases 1 and 2: the upper corners a and c meet."""
-    return case.upper if isinstance(case, Blend) else case <= 2
+    return case.upper if isinstance(case, CaseBlend) else case <= 2
 
 
 def tip_is_left(case: Case) -> Bool[Array, "..."] | Scalar:
     """Cases 1 and 3: a corner of the left block presses on the right block's face."""
-    return case.left_tip if isinstance(case, Blend) else (case == 1) | (case == 3)
+    return case.left_tip if isinstance(case, CaseBlend) else (case == 1) | (case == 3)
 
 
-class Touch(NamedTuple):
-    """The corner pair of one case: lengths in m, angles in rad."""
+class ContactKinematics(NamedTuple):
+    """The kinematics of the corner pair of one case; lengths in m, angles in rad."""
 
     v: Scalar  # penetration, Eqs. (8), (12), (16), (19); contact when v >= 0
     u: Scalar  # slide of the left block against the right one
@@ -121,38 +120,38 @@ class Touch(NamedTuple):
     corner_y: Pair  # ... and y
     offset: tuple[Scalar, Scalar]  # (d_x - gap, d_y): from the right block's corner to the left one's
     sin_A2: Scalar  # sin(alpha - theta_2), which (20) prints for sin(alpha - theta_1)
-    rounding: Scalar  # how far v, u and the height may be off by the rounding of the terms they are sums of
-    turn_rounding: Scalar  # and theta_1 - theta_2
+    rounding: Scalar  # bound of the rounding errors of v, u and the height
+    turn_rounding: Scalar  # bound of the rounding error of theta_1 - theta_2
 
 
-def _shift(px: Scalar, py: Scalar, s: Scalar, versine: Scalar) -> tuple[Scalar, Scalar]:
-    """How far a clockwise rotation moves a corner: without the rounding of positions many times larger."""
+def _corner_shift(px: Scalar, py: Scalar, s: Scalar, versine: Scalar) -> tuple[Scalar, Scalar]:
+    """The displacement of a corner by a clockwise rotation, without cancellation of the much larger positions."""
     return py * s - px * versine, -px * s - py * versine
 
 
-def touch(q: Pose, case: Case, block: Corners, reading: frozenset[str]) -> Touch:
-    """Penetration, slide and lever points while `case` is held fixed.
+def contact_kinematics(q: Pose, case: Case, block: Corners, reading: frozenset[str]) -> ContactKinematics:
+    """The penetration, the slide and the contact points while the `case` is fixed.
 
     Source:
         Eqs. (3)-(6) as exact rotations. The printed gap functions (7), (11), (15), (18) have `+ d_y cos A`, which
         contradicts the force directions of Eq. (1); it is kept under the misprint `gap_sign`.
     """
     upper = is_upper(case)
-    p_y = mixed(upper, block.h_y, -block.h_y)
-    left_x = mixed(upper, block.a_x, block.b_x)
-    right_x = -mixed(upper, block.b_x, block.a_x)
-    dl_x, dl_y = _shift(left_x, p_y, q.sin[0], q.versine[0])
-    dr_x, dr_y = _shift(right_x, p_y, q.sin[1], q.versine[1])
+    p_y = blended(upper, block.h_y, -block.h_y)
+    left_x = blended(upper, block.a_x, block.b_x)
+    right_x = -blended(upper, block.b_x, block.a_x)
+    dl_x, dl_y = _corner_shift(left_x, p_y, q.sin[0], q.versine[0])
+    dr_x, dr_y = _corner_shift(right_x, p_y, q.sin[1], q.versine[1])
     e_x = (q.x[0] - q.x[1]) + dl_x - dr_x - block.gap
     d_y = (q.y[0] - q.y[1]) + dl_y - dr_y
     terms = (*q.x, *q.y, dl_x, dr_x, dl_y, dr_y, block.gap)
 
     left_tip = tip_is_left(case)
-    s_f, c_f = mixed(left_tip, q.sin[1], q.sin[0]), mixed(left_tip, q.cos[1], q.cos[0])
+    s_f, c_f = blended(left_tip, q.sin[1], q.sin[0]), blended(left_tip, q.cos[1], q.cos[0])
     sin_A = block.sin_alpha * c_f - block.cos_alpha * s_f
     cos_A = block.cos_alpha * c_f + block.sin_alpha * s_f
     lean = -d_y if "gap_sign" in reading else d_y
-    return Touch(
+    return ContactKinematics(
         v=e_x * sin_A - lean * cos_A,
         u=e_x * cos_A + lean * sin_A,
         height=d_y,
@@ -174,8 +173,8 @@ def _rounding(terms: tuple[Scalar, ...]) -> Scalar:
     return size if is_absent(size) else 4 * float(jnp.finfo(size.dtype).eps) * size
 
 
-class Rates(NamedTuple):
-    """Time derivatives of the scalars of `Touch`."""
+class ContactRates(NamedTuple):
+    """The time derivatives of the scalars of `ContactKinematics`."""
 
     v: Scalar
     u: Scalar
@@ -183,22 +182,22 @@ class Rates(NamedTuple):
     turn: Scalar
 
 
-def touch_rates(at: Touch, z: Motion, case: Case, reading: frozenset[str]) -> Rates:
-    """Time derivatives of the scalars of `at` along the motion, the case held fixed.
+def contact_rates(at: ContactKinematics, z: Motion, case: Case, reading: frozenset[str]) -> ContactRates:
+    """The time derivatives of the scalars of `at` along the motion while the case is fixed.
 
     The offset e moves with the corners' velocities, and the axes n, t turn with the face: A' = -theta_f'. Hence
     v' = e'.n - theta_f' u and u' = e'.t + theta_f' v.
     """
     if isinstance(at.v, Series):
-        return Rates(rate_of(at.v), rate_of(at.u), rate_of(at.height), rate_of(at.turn))
+        return ContactRates(rate_of(at.v), rate_of(at.u), rate_of(at.height), rate_of(at.turn))
     (l_x, r_x), (l_y, r_y) = at.corner, at.corner_y
     w = z.v_theta
     e_x = (z.v_x[0] - z.v_x[1]) + w[0] * l_y - w[1] * r_y
     d_y = (z.v_y[0] - z.v_y[1]) - w[0] * l_x + w[1] * r_x
     sin_A, cos_A = at.tangent[1], at.tangent[0]
     lean = -d_y if "gap_sign" in reading else d_y
-    w_face = mixed(tip_is_left(case), w[1], w[0])
-    return Rates(
+    w_face = blended(tip_is_left(case), w[1], w[0])
+    return ContactRates(
         v=e_x * sin_A - lean * cos_A - w_face * at.u,
         u=e_x * cos_A + lean * sin_A + w_face * at.v,
         height=d_y,
@@ -206,24 +205,26 @@ def touch_rates(at: Touch, z: Motion, case: Case, reading: frozenset[str]) -> Ra
     )
 
 
-def blend(q: Pose, block: Corners, width: Scalar) -> Blend:
-    """The cases mixed as the corners' distances from where the cases meet, over a `width`.
+def blended_case(q: Pose, block: Corners, width: Scalar) -> CaseBlend:
+    """The mixture of the cases by the distances of the corners from the case boundaries, over a `width`.
 
-    Near theta_1 = theta_2 the point of contact then moves along the face from corner to corner.
+    Near theta_1 = theta_2 the point of contact moves along the face from corner to corner.
     """
-    upper = _share((q.theta[0] - q.theta[1]) * block.l_ab, width)
-    higher = _share(touch(q, Blend(upper, jnp.full_like(upper, 0.5)), block, frozenset()).height, width)
-    return Blend(upper, upper + higher - 2 * upper * higher)
+    upper = _smooth_step((q.theta[0] - q.theta[1]) * block.l_ab, width)
+    higher = _smooth_step(
+        contact_kinematics(q, CaseBlend(upper, jnp.full_like(upper, 0.5)), block, frozenset()).height, width
+    )
+    return CaseBlend(upper, upper + higher - 2 * upper * higher)
 
 
-def _share(x: Scalar, width: Scalar) -> Scalar:
+def _smooth_step(x: Scalar, width: Scalar) -> Scalar:
     return (1 + x / jnp.sqrt(x * x + width * width)) / 2
 
 
 def natural_case(q: Pose, block: Corners) -> Int[Array, ""]:
     """The case that Sec. 2.3 assigns to a position: 1-4 from the signs of theta_1 - theta_2 and of the height."""
     upper = q.theta[0] - q.theta[1] > 0
-    return corner_case(upper, touch(q, jnp.where(upper, 1, 3), block, frozenset()).height)
+    return corner_case(upper, contact_kinematics(q, jnp.where(upper, 1, 3), block, frozenset()).height)
 
 
 def corner_case(upper: Bool[Array, ""], height: Scalar) -> Int[Array, ""]:

@@ -1,4 +1,4 @@
-"""Closed-form motion of the blades while they do not touch: Eq. (1) with the contact forces absent."""
+"""The closed-form motion of the blades while they do not touch: Eq. (1) without contact forces."""
 
 from typing import Any, NamedTuple
 
@@ -8,13 +8,13 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Complex, Float
 
-from jaxshroud.model.absent import Scalar
+from jaxshroud.model.arithmetic import Scalar, sincos_turns
 from jaxshroud.model.geometry import gyration
-from jaxshroud.model.trig import sincos_turns
-from jaxshroud.scene.motion import Motion
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import PerBlade, Scene, Shroud
+from jaxshroud.scene.typed import typed
 
-QUADRATURE = 128  # points over one drive period: exact to rounding while the torsion amplitude is below 50 rad
+SWING_POINTS = 128  # points over one drive period: exact to rounding while the torsion amplitude is below 50 rad
 
 
 class Amplitudes(NamedTuple):
@@ -26,9 +26,9 @@ class Amplitudes(NamedTuple):
 
 
 def steady_amplitudes(scene: Scene) -> Amplitudes:
-    """Steady response of the free blades to the drive (Sec. 3.1)."""
+    """The steady response of the free blades to the drive (Sec. 3.1)."""
     b, d, omega = scene.blades, scene.drive, scene.drive.omega
-    moves = lambda name: jnp.array([scene.parts.has(name, 0), scene.parts.has(name, 1)])  # noqa: E731
+    moves = lambda name: jnp.array([scene.parts.has(name, 0), scene.parts.has(name, 1)])
 
     def response(name, load, m, c, k):
         load = jnp.where(moves(name), load, 0.0)
@@ -43,26 +43,32 @@ def steady_amplitudes(scene: Scene) -> Amplitudes:
 
 
 def area(shroud: Shroud) -> Float[Array, ""]:
-    """Area A of one block [m^2]."""
+    """The area A of one block [m^2]."""
     return shroud.l_oa * shroud.l_ab * jnp.sin(shroud.alpha)
 
 
+@typed
 def free_power(scene: Scene) -> PerBlade:
-    """P_0 of Eq. (23), in closed form [m^4].
+    """The vibration power without contact, P_0 of Eq. (23), in closed form [m^4].
 
     Source:
         Over a centrally symmetric block P_0 = A <x^2 + y^2> + 4 J_A <sin^2(theta/2)>; the mean of
         sin^2(Theta sin(tau) / 2) is (1 - J_0(Theta)) / 2, here by the trapezoidal rule, which is exact to rounding.
     """
     free, s = steady_amplitudes(scene), scene.shroud
-    tau = jnp.linspace(0, 2 * jnp.pi, QUADRATURE, endpoint=False, dtype=s.gap.dtype)
+    tau = jnp.linspace(0, 2 * jnp.pi, SWING_POINTS, endpoint=False, dtype=s.gap.dtype)
     swing = jnp.sin(jnp.abs(free.theta)[:, None] * jnp.sin(tau) / 2) ** 2
     translation = (jnp.abs(free.x) ** 2 + jnp.abs(free.y) ** 2) / 2
     return area(s) * (translation + 4 * gyration(s) * jnp.mean(swing, axis=1))
 
 
-class Swing(NamedTuple):
-    """One coordinate of one free block: its steady response, and how deviations from that die out."""
+def free_rms_displacement(scene: Scene) -> Scalar:
+    """The root mean square displacement of the left block without contact [m]."""
+    return jnp.sqrt(free_power(scene)[0] / area(scene.shroud))
+
+
+class FreeOscillation(NamedTuple):
+    """One coordinate of one free block: its steady response, and the decay of deviations from it."""
 
     steady: Complex[Array, "..."]  # amplitude
     damping: Float[Array, "..."]  # c / 2m [1/s]
@@ -70,53 +76,54 @@ class Swing(NamedTuple):
 
 
 def power_reduction(P: Any, P_0: Any) -> Any:
-    """P_d of Eq. (24) [percent] by the power with and without contact; NaN where there is no drive, P_0 = 0."""
+    """The power reduction P_d of Eq. (24) [%] from the powers with and without contact; NaN without drive (P_0 = 0)."""
     where = jnp.where if isinstance(P, jax.Array) or isinstance(P_0, jax.Array) else np.where
     driven = P_0 > 0
     return where(driven, 100 * (1 - P / where(driven, P_0, 1.0)), jnp.nan)
 
 
-def swings(scene: Scene) -> Swing:
-    """x, y and theta of the left block, then of the right one: fields (2, 3)."""
+def free_oscillations(scene: Scene) -> FreeOscillation:
+    """The free oscillations of both blocks in x, y and theta: fields (2, 3)."""
     b, free = scene.blades, steady_amplitudes(scene)
-    stack = lambda *columns: jnp.stack(columns, axis=-1)  # noqa: E731
+    stack = lambda *columns: jnp.stack(columns, axis=-1)
     mass = stack(b.m, b.inertia_y, b.I)
     damping = stack(b.c_x, b.c_y, b.c_T) / (2 * mass)
-    return Swing(stack(*free), damping, stack(b.k_x, b.k_y, b.k_T) / mass - damping**2)
+    return FreeOscillation(stack(*free), damping, stack(b.k_x, b.k_y, b.k_T) / mass - damping**2)
 
 
-def decay(swing: Swing, t: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """What becomes after `t` of a unit deviation at rest, less its share of the other, and of a unit of speed.
+def decay_factors(swing: FreeOscillation, t: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """The even and the odd factor by which a deviation has decayed after `t`.
 
-    A deviation d with rate w is `d (even + damping odd) + w odd` then.
+    A deviation d with the rate w has become `d (even + damping odd) + w odd`.
     """
     omega = jnp.sqrt(jnp.abs(swing.square))
     under = swing.square > 0
-    safe = jnp.where(omega > 0, omega, 1.0)
+    divisor = jnp.where(omega > 0, omega, 1.0)
     fade, slow = jnp.exp(-swing.damping * t), jnp.exp(-jnp.where(under, swing.damping, swing.damping - omega) * t)
     even = jnp.where(under, fade * jnp.cos(omega * t), slow * (1 + jnp.exp(-2 * omega * t)) / 2)
-    odd = jnp.where(under, fade * jnp.sin(omega * t), slow * -jnp.expm1(-2 * omega * t) / 2) / safe
+    odd = jnp.where(under, fade * jnp.sin(omega * t), slow * -jnp.expm1(-2 * omega * t) / 2) / divisor
     return even, jnp.where(omega > 0, odd, fade * t)
 
 
-def amounts(scene: Scene, first: Motion, turns: Scalar) -> Float[Array, "2 3 4"]:
-    """Deviation, its rate and the steady response of each coordinate at the motion `first` at a drive phase [turns].
+def free_components(scene: Scene, first: Motion, turns: Scalar) -> Float[Array, "2 3 4"]:
+    """The deviation, its rate and the steady response of each coordinate, at the motion `first` and phase `turns`.
 
-    Blades, then x, y and theta, then what `courses` goes on from: deviation, rate, real and imaginary amplitude.
+    The axes are the blades; x, y and theta; and the deviation, its rate, and the real and the imaginary amplitude, on
+    which the `free_propagators` act.
     """
-    swing, omega = swings(scene), scene.drive.omega
+    swing, omega = free_oscillations(scene), scene.drive.omega
     moves = jnp.array([[scene.parts.has(name, i) for name in ("x", "y", "theta")] for i in (0, 1)])
-    at = jnp.where(moves, jnp.stack([first.x, first.y, first.theta], axis=-1), 0.0)
+    displacement = jnp.where(moves, jnp.stack([first.x, first.y, first.theta], axis=-1), 0.0)
     rate = jnp.where(moves, jnp.stack([first.v_x, first.v_y, first.v_theta], axis=-1), 0.0)
     (s, c), (re, im) = sincos_turns(turns), (swing.steady.real, swing.steady.imag)
-    re, im = re * c - im * s, re * s + im * c  # of the amplitude, its phase counted from there
-    return jnp.stack([at - im, rate - omega * re, re, im], axis=-1)
+    re, im = re * c - im * s, re * s + im * c  # the amplitude with its phase measured from there
+    return jnp.stack([displacement - im, rate - omega * re, re, im], axis=-1)
 
 
-def courses(scene: Scene, t: Float[Array, " n"]) -> tuple[Float[Array, "n 2 3 4"], Float[Array, "n 2 3 4"]]:
-    """What a unit of each of the `amounts` is a time `t` later: displacement and speed."""
-    swing, omega, t = swings(scene), scene.drive.omega, t[:, None, None]
-    even, odd = decay(swing, t)
+def free_propagators(scene: Scene, t: Float[Array, " n"]) -> tuple[Float[Array, "n 2 3 4"], Float[Array, "n 2 3 4"]]:
+    """The displacement and the speed, a time `t` later, of a unit of each of the `free_components`."""
+    swing, omega, t = free_oscillations(scene), scene.drive.omega, t[:, None, None]
+    even, odd = decay_factors(swing, t)
     s, c = (jnp.broadcast_to(f(omega * t), even.shape) for f in (jnp.sin, jnp.cos))
     stiffness, lag = swing.square + swing.damping**2, swing.damping * odd
     place = jnp.stack([even + lag, odd, s, c], axis=-1)
@@ -124,7 +131,7 @@ def courses(scene: Scene, t: Float[Array, " n"]) -> tuple[Float[Array, "n 2 3 4"
 
 
 def free_motion(scene: Scene, first: Motion, turns: Scalar, t: Float[Array, " n"]) -> Motion:
-    """Motion of the free blades, fields (n, 2), at times `t` after the motion `first` at a drive phase [turns]."""
-    start = amounts(scene, first, turns)
-    parts = (jnp.einsum("nbik,bik->nbi", course, start) for course in courses(scene, t))
+    """The motion of the free blades, fields (n, 2), at times `t` after the motion `first` at a drive phase [turns]."""
+    start = free_components(scene, first, turns)
+    parts = (jnp.einsum("nbik,bik->nbi", course, start) for course in free_propagators(scene, t))
     return Motion(*(a[..., i] for a in parts for i in range(3)))

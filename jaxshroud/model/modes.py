@@ -1,12 +1,13 @@
-"""What contact may be in, and how a lane's run may end."""
+"""The codes that results and files hold: contact modes, lane statuses and kinds of points on a branch."""
 
 from enum import IntEnum
 
 FLAT = 5  # the case of face-to-face contact
+BIFURCATION_KINDS = ("regular", "fold", "flip", "Neimark-Sacker", "branch point", "corner", "jump", "grazing")
 
 
 class Mode(IntEnum):
-    """State of the contact (physics: bilinear element of Fig. 3)."""
+    """The mode of the contact (Fig. 3)."""
 
     APART = 0
     STICK = 1
@@ -16,11 +17,13 @@ class Mode(IntEnum):
 
 
 class Status(IntEnum):
-    """How a lane's run ended. A lane that is not OK stops there; the others go on."""
+    """How the run of a lane ended. A lane that is not OK stops there; the others go on."""
 
     OK = 0
-    TOO_MANY_EVENTS = 1  # more contact changes in one step than allowed: chatter
-    NOT_FINITE = 2  # the state, or its energy, overflowed
-    ANGLE_OUT_OF_RANGE = 3  # a block turned further than the model's angle range
-    NOT_RUN = 4  # interrupted before it had come to its end
-    OUT_OF_TRIALS = 5  # more trial steps than the bound given to a pure function
+    TOO_MANY_EVENTS = 1  # more contact changes in one step than allowed: Zeno behaviour
+    NOT_FINITE = 2  # the state or its energy has overflowed
+    ANGLE_OUT_OF_RANGE = 3  # a block has turned beyond the angle range of the model
+    NOT_RUN = 4  # interrupted before its end
+    OUT_OF_TRIALS = 5  # more trial steps than the bound that a pure function was given
+    BAD_INPUT = 6  # of a pure function: numbers out of their ranges, found while it ran
+    UNBALANCED = 7  # with user laws: the energy residual of a drive period exceeds half of the energy involved

@@ -1,8 +1,9 @@
-"""Power series in time that behave as numbers do: the physics is written once, for numbers and for series.
+"""Power series in time that behave like numbers, so that the physics is written once for both.
 
-Where x'' = f(x, x', t), coefficient n + 2 of x follows from coefficient n of f, which knows no later one of x. A series
-here works out its coefficients when they are asked for, one by one and each once. The right-hand side of Eq. (1),
-called with series that begin with a position and a rate and go on with its own result, is the recurrence for all.
+Where x'' = f(x, x', t), coefficient n + 2 of x follows from coefficient n of f, which depends only on earlier
+coefficients of x. A series here computes its coefficients lazily, one by one and each once. The right-hand side of
+Eq. (1), called with series that begin with a position and a rate and continue with its own result, is the recurrence
+for all of them.
 
 As in M. D. McIlroy, "Squinting at power series" (1990), but unrolled while a function is traced.
 """
@@ -12,11 +13,11 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxshroud.model.absent import ABSENT, Formal, is_absent, where
+from jaxshroud.model.arithmetic import ABSENT, Formal, is_absent, where
 
 
 class Series(Formal):
-    """Coefficients by a `rule` of their index, which may use those before; ABSENT for an exact zero."""
+    """A power series by a `rule` for the coefficients, which may use earlier ones; ABSENT is an exact zero."""
 
     def __init__(self, rule: Callable[[int], Any]):
         self._rule, self._known = rule, []
@@ -27,13 +28,13 @@ class Series(Formal):
             self._known.append(self._rule(len(self._known)))
         return self._known[n]
 
-    def upto(self, n: int) -> tuple:
+    def coefficients(self, n: int) -> tuple:
         """Coefficients 0 to `n`."""
         return tuple(self[k] for k in range(n + 1))
 
     @property
     def dtype(self) -> Any:
-        """Of the coefficients."""
+        """The type of the coefficients."""
         return self[0].dtype
 
     def of_each(self, f: Callable[[Any], Any]) -> "Series":
@@ -46,7 +47,7 @@ class Series(Formal):
         return Series(lambda n: (n + 1) * self[n + 1])
 
     def __neg__(self) -> "Series":
-        """With the other sign."""
+        """The negative."""
         return Series(lambda n: -self[n])
 
     def __add__(self, other: Any) -> Any:
@@ -85,17 +86,19 @@ class Series(Formal):
         if not isinstance(other, Series):
             return (1 / other) * self
         inverse = 1 / other[0]
-        out = Series(lambda n: (self[n] - total([other[k] * out[n - k] for k in range(1, n + 1)])) * inverse)
-        return out
+        quotient = Series(
+            lambda n: (self[n] - chained_sum([other[k] * quotient[n - k] for k in range(1, n + 1)])) * inverse
+        )
+        return quotient
 
     __radd__, __rmul__ = __add__, __mul__
 
     def __abs__(self) -> Any:
-        """Its size at the start."""
+        """The magnitude at the start."""
         return abs(self[0])
 
     def __gt__(self, other: Any) -> Any:
-        """Whether it is larger at the start."""
+        """Whether it is larger than a number at the start."""
         return self[0] > other
 
     @staticmethod
@@ -106,41 +109,41 @@ class Series(Formal):
 
 
 def rate_of(value: Any) -> Any:
-    """The derivative of a series; an absent one has none."""
+    """The derivative of a series, or of an absent number."""
     return value.rate if isinstance(value, Series) else value
 
 
-def cut(value: Any, n: int) -> Any:
-    """A series without what comes after coefficient `n`."""
+def truncated(value: Any, n: int) -> Any:
+    """A series truncated after coefficient `n`."""
     return Series(lambda k: value[k] if k <= n else ABSENT) if isinstance(value, Series) else value
 
 
 def as_series(value: Any) -> Series:
-    """The series of what may be a constant."""
+    """A series or a constant as a series."""
     return value if isinstance(value, Series) else Series(lambda n: ABSENT if n else value)
 
 
-def total(terms: list) -> Any:
-    """The sum of terms, in two chains: half the latency of one."""
-    known = [t for t in terms if not is_absent(t)]
-    chains = [known[i::2] for i in (0, 1)]
+def chained_sum(terms: list) -> Any:
+    """The sum of terms in two chains, which halves the latency."""
+    present = [t for t in terms if not is_absent(t)]
+    chains = [present[i::2] for i in (0, 1)]
     sums = [sum(chain[1:], chain[0]) for chain in chains if chain]
     return sum(sums[1:], sums[0]) if sums else ABSENT
 
 
 def _product(a: Series, b: Series, n: int) -> Any:
-    """Coefficient `n` of a product; the latest known is added last."""
-    inner = total([a[k] * b[n - k] for k in range(1, n)])
+    """Coefficient `n` of a product; the latest coefficients are added last."""
+    inner = chained_sum([a[k] * b[n - k] for k in range(1, n)])
     return inner + (a[0] * b[n] + a[n] * b[0] if n else a[0] * b[0])
 
 
 def _square(a: Series, n: int) -> Any:
-    half = total([a[k] * a[n - k] for k in range((n + 1) // 2)])
+    half = chained_sum([a[k] * a[n - k] for k in range((n + 1) // 2)])
     return half + half + (ABSENT if n % 2 else a[n // 2] * a[n // 2])
 
 
 def sine_versine_of(angle: Series, start: tuple) -> tuple[Any, Any]:
-    """Series of (sin x, 1 - cos x) of the `angle`, from their values at the `start`: s' = c x', (1 - c)' = s x'."""
+    """The series of (sin x, 1 - cos x) of an `angle`, from their values at the `start`: s' = c x', (1 - c)' = s x'."""
     rate = angle.rate
     sine = Series(lambda n: _product(rate, cosine, n - 1) * (1 / n) if n else start[0])
     versine = Series(lambda n: _product(rate, sine, n - 1) * (1 / n) if n else start[1])
@@ -148,18 +151,18 @@ def sine_versine_of(angle: Series, start: tuple) -> tuple[Any, Any]:
     return sine, versine
 
 
-def value(coefficients: tuple, at: Any) -> Any:
-    """The polynomial of these coefficients."""
-    out = coefficients[-1]
+def polynomial_value(coefficients: tuple, x: Any) -> Any:
+    """The value of a polynomial."""
+    value = coefficients[-1]
     for c in reversed(coefficients[:-1]):
-        out = out * at + c
-    return out
+        value = value * x + c
+    return value
 
 
-def value_and_rate(coefficients: tuple, at: Any) -> tuple[Any, Any]:
-    """The polynomial of these coefficients and its derivative."""
-    out, rate = coefficients[-1], ABSENT
+def polynomial_value_and_rate(coefficients: tuple, x: Any) -> tuple[Any, Any]:
+    """The value and the derivative of a polynomial."""
+    value, rate = coefficients[-1], ABSENT
     for c in reversed(coefficients[:-1]):
-        rate = rate * at + out
-        out = out * at + c
-    return out, jnp.zeros_like(at) + rate
+        rate = rate * x + value
+        value = value * x + c
+    return value, jnp.zeros_like(x) + rate

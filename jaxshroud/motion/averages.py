@@ -1,39 +1,108 @@
-"""Period number and power of lanes over their kept periods."""
+"""The period number, the vibration power and its reduction P_d (Sec. 3.2, Eqs. (23), (24)) over the kept periods."""
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import NDArray
 
-from jaxshroud.batch.periods import CHUNK, Sample
+from jaxshroud.batch.periods import LANES_PER_CALL, Sample
 from jaxshroud.batch.threads import in_chunks
-from jaxshroud.model.absent import Scalar
+from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import corners
-from jaxshroud.model.linear import area, free_power
-from jaxshroud.motion.period import PERIOD_TOLERANCE, Repetition, nearness, repetition
-from jaxshroud.motion.power import Reduction, reduction
+from jaxshroud.model.linear import area, free_power, power_reduction
+from jaxshroud.motion.period import (
+    PERIOD_TOLERANCE,
+    SETTLED,
+    Repetition,
+    closing_tolerances,
+    repetition,
+    series_settling,
+)
+from jaxshroud.motion.statistics import MIN_CORRELATION_TIMES, confidence_interval, correlation_times
 from jaxshroud.scene.scene import Scene, Shroud
+from jaxshroud.scene.typed import FloatArray
+
+NEGLIGIBLE_DRIFT = 0.01  # percentage points; a smaller drift does not count
+
+
+class Reduction(NamedTuple):
+    """The power of both blades and the reduction of the left one, for each lane."""
+
+    P: FloatArray  # (..., 2) [m^4]
+    P_d: FloatArray  # (...) [%]
+    ci: FloatArray  # (...) half width of the 95 % interval of P_d [percentage points]
+    settled: NDArray[np.bool_]  # (...) P_d is known to have settled
+    n: NDArray[np.int64]  # (...) averaged periods
+    settling: NDArray[np.int8]  # (...) 0: P_d still drifts, 1: it does not, 2: unknown
+    periods_more: FloatArray  # (...) of transient until it no longer does; NaN if unknown
+    ci_short: NDArray[np.bool_]  # (...) too few correlation times for the interval to be trusted
+
+
+def reduction(power: FloatArray, P_0: FloatArray, number: NDArray[np.int32]) -> Reduction:
+    """The reduction P_d, by the rule of the paper for the number n of averaged periods.
+
+    Args:
+        power: P of each kept period, (..., n, 2) [m^4], oldest first.
+        P_0: Power without contact, (..., 2) [m^4].
+        number: Period number of each lane, 0 if aperiodic.
+
+    Returns:
+        Averages over the largest multiple of the period number within the kept periods, or over all of them where the
+        orbit is aperiodic. The interval is the `confidence_interval`, with batches of whole orbits, and is short
+        where the run spans fewer than 30 correlation times and P_d has not settled on an orbit. P_d is NaN where P_0
+        is zero (no drive).
+    """
+    power, P_0, number = np.asarray(power), np.asarray(P_0), np.asarray(number)
+    lanes = number.shape
+    flat = power.reshape(-1, *power.shape[-2:])
+    base = np.broadcast_to(P_0, (*lanes, 2)).reshape(-1, 2)
+    groups = [np.flatnonzero(number.ravel() == q) for q in np.unique(number)]
+    reductions = [
+        _reduction_of_period(flat[group], base[group], int(q))
+        for q, group in zip(np.unique(number), groups, strict=True)
+    ]
+    order = np.argsort(np.concatenate(groups))
+    return Reduction(*(np.concatenate(a)[order].reshape(lanes + a[0].shape[1:]) for a in zip(*reductions, strict=True)))
+
+
+def _reduction_of_period(power: FloatArray, P_0: FloatArray, number: int) -> Reduction:
+    q = max(number, 1)
+    n = power.shape[1] // q * q
+    used = power[:, power.shape[1] - n :]
+    P = used.mean(axis=1)
+    percent = power_reduction(used[..., 0], P_0[:, :1])  # of each period
+    settling_result, ci, times = (
+        series_settling(percent, number, NEGLIGIBLE_DRIFT),
+        confidence_interval(percent, q),
+        correlation_times(percent, q),
+    )
+    settled = settling_result.verdict == SETTLED
+    short = ~(times >= MIN_CORRELATION_TIMES) & ~(settled & (number > 0))
+    return Reduction(P, percent.mean(axis=1), ci, settled, np.full(len(P), n), *settling_result, short)
 
 
 def relative_residual(samples: Sample) -> np.ndarray:
-    """Largest energy residual of any period over the mean work of the drive in one, (lanes,)."""
+    """The largest energy residual of a period over the mean work of the drive in a period, (lanes,)."""
     work = np.abs(samples.work).mean(axis=-1)
     return np.abs(samples.residual).max(axis=-1) / np.where(work > 0, work, 1.0)
 
 
 def relative_drop(samples: Sample) -> np.ndarray:
-    """Largest energy that flat contact dropped in any period over the drive's gross work in it, (lanes,)."""
+    """The largest energy that flat contact dropped in a period over the gross work of the drive in it, (lanes,)."""
     gross = np.asarray(samples.gross)
     return (samples.dropped / np.where(gross > 0, gross, 1.0)).max(axis=-1)
 
 
 def closed_forms(scenes: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Area, power without contact and half the diagonal of each lane's blocks, (lanes,), (lanes, 2), (lanes,).
+    """The area, the power without contact and half the diagonal of the blocks, (lanes,), (lanes, 2), (lanes,).
 
-    As many lanes at a time as are marched: in batches of any size they have the same bits.
+    They are computed for as many lanes at a time as are marched, so that batches of any size have the same bits.
     """
     count = len(scenes.drive.omega)
-    some = lambda _, at: _closed_forms(jax.tree.map(lambda a: np.asarray(a)[at], scenes))  # noqa: E731
-    return in_chunks(some, count, 1 if count == 1 else CHUNK)
+    chunk = lambda _, chunk_lanes: _closed_forms(jax.tree.map(lambda a: np.asarray(a)[chunk_lanes], scenes))
+    return in_chunks(chunk, count, 1 if count == 1 else LANES_PER_CALL)
 
 
 @jax.jit
@@ -41,37 +110,47 @@ def _closed_forms(scenes: Scene):
     return jax.vmap(lambda scene: (area(scene.shroud), free_power(scene), half_diagonal(scene.shroud)))(scenes)
 
 
+def stiffnesses(scenes: Scene) -> np.ndarray:
+    """The contact stiffness of each scene (leading axis) [N/m]."""
+    return np.asarray(_stiffnesses(scenes), float)
+
+
+@jax.jit
+def _stiffnesses(scenes: Scene):
+    return jax.vmap(lambda scene: scene.k)(scenes)
+
+
 def half_diagonal(shroud: Shroud) -> Scalar:
-    """Half the longer diagonal of a block [m]: how far its corners go when it turns by a radian."""
+    """Half the longer diagonal of a block [m]: the displacement of its corners per radian."""
     block = corners(shroud)
     return jnp.hypot(block.a_x, block.h_y)
 
 
 def displacements(samples: Sample) -> np.ndarray:
-    """x, y and theta of both blades at the ends of periods, (lanes, n, 6)."""
+    """The displacements x, y and theta of both blades at the ends of periods, (lanes, n, 6)."""
     z = samples.motion
     return np.stack([np.asarray(a, float) for pair in (z.x, z.y, z.theta) for a in pair], axis=-1)
 
 
-def sizes_of(samples: Sample) -> np.ndarray:
+def period_maxima(samples: Sample) -> np.ndarray:
     """The largest magnitude of each of the `displacements` within each period, (lanes, n, 6)."""
     if samples.largest is None:
         return np.abs(displacements(samples))
     return np.stack([np.asarray(a, float) for pair in samples.largest for a in pair], axis=-1)
 
 
-def nearness_of(scenes: Scene, samples: Sample, tolerance: float, precision: str) -> np.ndarray:
-    """Differences (lanes, 6) of displacements that count as none at that tolerance of their sizes."""
+def closing_tolerances_of(scenes: Scene, samples: Sample, tolerance: float, precision: str) -> np.ndarray:
+    """The differences of displacements (lanes, 6) that count as zero, at that tolerance relative to their sizes."""
     lever = np.asarray(jax.vmap(half_diagonal)(scenes.shroud), float)
-    return nearness(sizes_of(samples).max(axis=1), lever, tolerance, precision)
+    return closing_tolerances(period_maxima(samples).max(axis=1), lever, tolerance, precision)
 
 
 def averages(
     scenes: Scene, samples: Sample, period_tol: float = PERIOD_TOLERANCE
 ) -> tuple[Repetition, Reduction, np.ndarray]:
-    """Period number and power of lanes (one leading axis of lanes) over their kept periods, and P_0 (lanes, 2)."""
+    """The period number and the power of lanes (leading axis) over their kept periods, and P_0 (lanes, 2)."""
     A, P_0, lever = (np.asarray(f, float) for f in closed_forms(scenes))
     orbit = repetition(
-        displacements(samples), sizes_of(samples).max(axis=-2), lever, period_tol, scenes.drive.omega.dtype
+        displacements(samples), period_maxima(samples).max(axis=-2), lever, period_tol, scenes.drive.omega.dtype
     )
     return orbit, reduction(A[:, None, None] * np.stack(samples.power, axis=-1), P_0, orbit.number), P_0

@@ -1,107 +1,197 @@
-"""Special points of a branch: where a multiplier passes the unit circle, solved with the multiplier as an equation."""
+"""The bifurcations on a branch: multipliers that cross the unit circle, and grazings."""
 
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from jaxshroud.motion.branch import Line, Point, corrected
-from jaxshroud.motion.together import Algorithm
+from jaxshroud.batch.runs import Plan, Runs, run_lanes
+from jaxshroud.batch.states import motion_rows
+from jaxshroud.batch.xla import one_lane
+from jaxshroud.model.arithmetic import filled
+from jaxshroud.motion.batched_algorithms import Algorithm, Periods
+from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, corrected_point
+from jaxshroud.motion.orbit import PeriodicOrbit
 
-MOST_TRIALS = 60
-SOLVED = 1e-8  # distance of the multiplier from the unit circle
-CROSSED = 1e-4  # the same beyond which it has not passed the circle but jumped over it
-COMPLEX = 1e-6  # imaginary part, relative, of a multiplier that is one of a pair
+MAX_LOCATE_TRIALS = 60
+MULTIPLIER_TOLERANCE = 1e-8  # distance of the multiplier from the unit circle at a solution
+MAX_MULTIPLIER_MISS = 1e-4  # a larger distance means that the multiplier jumps across the circle
+MIN_IMAGINARY = 1e-6  # smallest relative imaginary part of a multiplier of a pair
 
-Test = Callable[[Point], Algorithm[float]]  # of a branch's points; changes sign at a special one
-
-
-class Passing(NamedTuple):
-    """A special point between two points of a branch, to be located."""
-
-    kind: str
-    measure: Callable[[Point], float]
+# a function of the points of a branch that changes sign at a special point
+TestFunction = Callable[[BranchPoint], Algorithm[float]]
 
 
-def known(measure: Callable[[Point], float]) -> Test:
-    """A test that needs nothing computed."""
+def as_test_function(measure: Callable[[BranchPoint], float]) -> TestFunction:
+    """A test function from a measure that needs no computation."""
 
-    def test(point: Point) -> Algorithm[float]:
+    def test(point: BranchPoint) -> Algorithm[float]:
         return measure(point)
-        yield  # it is an algorithm all the same
+        yield  # makes it an algorithm
 
     return test
 
 
-def distance_from(point: Point, at: float) -> float:
-    """Distance of the nearest multiplier from 1 or -1, with the sign of det(M - at I): continuous along a branch."""
-    apart = point.multipliers - at
-    size = np.abs(apart)
-    sign = np.sign(np.prod(apart / np.where(size > 0, size, 1.0)).real)
-    return float(sign * size.min())
+def distance_from(point: BranchPoint, target: float) -> float:
+    """The distance of the nearest multiplier from 1 or -1, with the sign of det(M - at I); continuous on a branch."""
+    differences = point.multipliers - target
+    magnitudes = np.abs(differences)
+    sign = np.sign(np.prod(differences / np.where(magnitudes > 0, magnitudes, 1.0)).real)
+    return float(sign * magnitudes.min())
 
 
-def pair_outside(point: Point) -> float:
-    """By how much the complex pair that is nearest to the unit circle is outside it; -1 where there is no pair."""
-    pairs = _pairs(point)
+def pair_outside(point: BranchPoint) -> float:
+    """The distance by which the complex pair nearest to the unit circle is outside it; -1 if there is no pair."""
+    pairs = _pair_magnitudes(point)
     return float(pairs[np.abs(pairs - 1).argmin()] - 1) if len(pairs) else -1.0
 
 
-def _pairs(point: Point) -> np.ndarray:
-    """Magnitudes of the complex multipliers with a positive imaginary part."""
+def _pair_magnitudes(point: BranchPoint) -> np.ndarray:
+    """The magnitudes of the complex multipliers with a positive imaginary part."""
     size = np.abs(point.multipliers)
-    return size[np.imag(point.multipliers) > COMPLEX * size]
+    return size[np.imag(point.multipliers) > MIN_IMAGINARY * size]
 
 
-def passings(here: Point, there: Point) -> Iterator[Passing]:
-    """What must lie between two neighbouring points of a branch."""
+TEST_FUNCTIONS: dict[str, Callable[[BranchPoint], float]] = {
+    "fold": lambda point: distance_from(point, 1.0),
+    "branch point": lambda point: distance_from(point, 1.0),
+    "flip": lambda point: distance_from(point, -1.0),
+    "Neimark-Sacker": pair_outside,
+}
+
+
+def crossed_kinds(here: BranchPoint, there: BranchPoint) -> Iterator[str]:
+    """The kinds of special points that lie between two neighbouring points of a branch: keys of `TEST_FUNCTIONS`."""
     turned = here.tangent[-1] * there.tangent[-1] < 0
-    differs = lambda at: distance_from(here, at) * distance_from(there, at) < 0  # noqa: E731
+    differs = lambda target: distance_from(here, target) * distance_from(there, target) < 0
     if here.free != there.free:
-        return  # the multipliers are others
+        return  # the sets of multipliers differ
     if turned or differs(1.0):
-        yield Passing("fold" if turned else "branch point", lambda point: distance_from(point, 1.0))
+        yield "fold" if turned else "branch point"
     if differs(-1.0):
-        yield Passing("flip", lambda point: distance_from(point, -1.0))
-    if (_pairs(here) > 1).sum() != (_pairs(there) > 1).sum() and pair_outside(here) * pair_outside(there) < 0:
-        yield Passing("Neimark-Sacker", pair_outside)
+        yield "flip"
+    if (_pair_magnitudes(here) > 1).sum() != (_pair_magnitudes(there) > 1).sum() and pair_outside(here) * pair_outside(
+        there
+    ) < 0:
+        yield "Neimark-Sacker"
 
 
-def special_points(line: Line, here: Point, there: Point) -> Algorithm[list[Point]]:
+def special_points(problem: ContinuationProblem, here: BranchPoint, there: BranchPoint) -> Algorithm[list[BranchPoint]]:
     """The special points between two neighbouring points of a branch, in order."""
-    found = []
-    for passing in passings(here, there):
-        point, miss = yield from located(line, here, there, known(passing.measure))
-        if abs(miss) <= CROSSED:
-            found.append(point._replace(kind=passing.kind))
-        elif passing.kind != "Neimark-Sacker":  # else two pairs that met outside the circle
-            found.append(point._replace(kind="corner"))
-    return sorted(found, key=lambda point: float((point.y - here.y) @ (there.y - here.y)))
+    points = []
+    for kind in crossed_kinds(here, there):
+        point, miss = yield from locate_point(problem, here, there, as_test_function(TEST_FUNCTIONS[kind]))
+        if abs(miss) <= MAX_MULTIPLIER_MISS:
+            points.append(point._replace(kind=kind))
+        elif kind != "Neimark-Sacker":  # else two pairs have met outside the circle
+            points.append(point._replace(kind="corner"))
+    return sorted(points, key=lambda point: float((point.y - here.y) @ (there.y - here.y)))
 
 
-def located(line: Line, here: Point, there: Point, test: Test) -> Algorithm[tuple[Point, float]]:
-    """The point between two at which a test changes sign, and what is left of the test there.
+def finer_value(
+    fine_problem: ContinuationProblem, before: BranchPoint, special: BranchPoint, after: BranchPoint
+) -> Algorithm[float]:
+    """The value of a special point by a finer march; NaN where this finds none between the neighbours."""
+    ends, q = [], special.cycle.q
+    for point in (before, after):
+        ends.append((yield from corrected_point(fine_problem, point.y, point.tangent, point.cycle.start, q)))
+    here, there = ends
+    measure = TEST_FUNCTIONS[special.kind]
+    if here is None or there is None or here.free != there.free or measure(here) * measure(there) > 0:
+        return np.nan
+    point, miss = yield from locate_point(fine_problem, here, there, as_test_function(measure))
+    return point.value if abs(miss) <= MAX_MULTIPLIER_MISS else np.nan
 
-    By false position (Illinois) on hyperplanes at right angles to the chord; every third trial halves, so that a test
-    that jumps is located as well.
+
+def locate_point(
+    problem: ContinuationProblem, here: BranchPoint, there: BranchPoint, test: TestFunction
+) -> Algorithm[tuple[BranchPoint, float]]:
+    """The point between two at which a test function changes sign, and its residual there.
+
+    The method is false position (Illinois) on hyperplanes normal to the chord; every third trial bisects, so that a
+    test function that jumps is located as well.
     """
     chord, q = there.y - here.y, here.cycle.q
     normal = chord / np.linalg.norm(chord)
     ends = [(0.0, (yield from test(here))), (1.0, (yield from test(there)))]
     best = min((here, ends[0][1]), (there, ends[1][1]), key=lambda one: abs(one[1]))
     weights = [1.0, 1.0]
-    for trial in range(MOST_TRIALS):
+    for trial in range(MAX_LOCATE_TRIALS):
         (a, f_a), (b, f_b) = ends
         w_a, w_b = f_a * weights[0], f_b * weights[1]
         s = (a + b) / 2 if trial % 3 == 2 else (a * w_b - b * w_a) / (w_b - w_a)
-        held = here.cycle.start if s < 0.5 else there.cycle.start
-        point = yield from corrected(line, here.y + s * chord, normal, held, q)
+        start = here.cycle.start if s < 0.5 else there.cycle.start
+        point = yield from corrected_point(problem, here.y + s * chord, normal, start, q)
         if point is None:
             break
         f = yield from test(point)
         best = min(best, (point, f), key=lambda one: abs(one[1]))
-        if abs(f) <= SOLVED or b - a < 1e-13:
+        if abs(f) <= MULTIPLIER_TOLERANCE or b - a < 1e-13:
             break
         side = 0 if f * f_a > 0 else 1
         ends[side], weights = (s, f), [1.0, 0.5] if side == 0 else [0.5, 1.0]
     return best
+
+
+GRAZING_DEPTH = 1e-6  # largest distance or penetration at a grazing point, over the size of the motion
+
+
+class ContactSummary(NamedTuple):
+    """The contacts of an orbit."""
+
+    onsets: int
+    slowest: float  # closing speed at the gentlest onset [m/s]; infinite without contact
+    miss: float  # least distance of the corners at a near miss [m]; infinite if there is none
+    samples: np.ndarray  # (q, 12) motion at the end of each of its periods
+
+
+def contact_summary(point: BranchPoint) -> Algorithm[ContactSummary]:
+    """The contacts of the orbit of a point."""
+    cycle = point.cycle
+    method = cycle.method._replace(ledger=False, within=True)
+    plan = Plan(0, cycle.q, cycle.steps_per_period, 0.0, method)
+    runs: Runs = yield Periods(cycle.scene, cycle.start, plan)
+    log = runs.last.tally.log
+    counters = filled(log.counters, log.time_apart)
+    onsets = int(counters.onset_slip[0] + counters.onset_stick[0])
+    slowest, miss = (float(a[0]) for a in log.within[2:])
+    return ContactSummary(onsets, slowest, miss, motion_rows(runs.samples.motion)[0])
+
+
+def grazing_point(problem: ContinuationProblem, here: BranchPoint, there: BranchPoint) -> Algorithm[BranchPoint | None]:
+    """The grazing point between two neighbouring points of a branch with different numbers of contacts.
+
+    The test function is the distance of the nearest miss or, where there is one more contact, the negative depth of the
+    gentlest onset, which is proportional to the square of its closing speed. None where an onset appears or vanishes
+    with a finite speed.
+    """
+    fewer = min((yield from contact_summary(here)).onsets, (yield from contact_summary(there)).onsets)
+    size, omega = problem.units[0], float(problem.scene.drive.omega)
+
+    def depth(point: BranchPoint) -> Algorithm[float]:
+        touches = yield from contact_summary(point)
+        if touches.onsets > fewer:
+            return float(-((touches.slowest / (omega * size)) ** 2))
+        return min(touches.miss / size, 1.0)
+
+    point, miss = yield from locate_point(problem, here, there, depth)
+    return point._replace(kind="grazing") if abs(miss) <= GRAZING_DEPTH else None
+
+
+class GrazingMargins(NamedTuple):
+    """The distance of an orbit from grazing, where its derivatives would be infinite."""
+
+    counters: dict[str, int]  # events on the orbit
+    slowest_onset: float  # closing speed at the gentlest onset, over the largest on the orbit; NaN without contact
+    nearest_miss: float  # least distance of the corners at a near miss [m]; NaN if there is none
+
+
+def grazing_margins(orbit: PeriodicOrbit) -> GrazingMargins:
+    """The grazing margins of an orbit, from its onsets and from the extremes inside its steps."""
+    method = orbit.method._replace(ledger=False, within=True)
+    plan = Plan(0, orbit.q, orbit.steps_per_period, 0.0, method)
+    log = run_lanes(one_lane(orbit.scene), one_lane(orbit.start), plan, lambda _: None).last.tally.log
+    counters = {name: int(n[0]) for name, n in vars(filled(log.counters, log.time_apart)).items()}
+    fastest, gentlest, miss = (float(a[0]) for a in log.within[1:])
+    slowest = gentlest / fastest if np.isfinite(gentlest) else np.nan
+    return GrazingMargins(counters, slowest, miss if np.isfinite(miss) else np.nan)

@@ -1,6 +1,6 @@
-"""Derivatives of the vibration-power reduction, of the kind that the motion allows.
+"""The derivatives of the vibration-power reduction, of the kind that the motion permits.
 
-On a periodic orbit P_d has a derivative, and it is exact. In chaos P_d against a parameter has windows, jumps and no
+On a periodic orbit P_d has an exact derivative. In chaos P_d has windows and jumps as a function of a parameter, and no
 derivative at a point; what exists is the derivative of an average over a stated width.
 """
 
@@ -12,57 +12,67 @@ import jax
 import numpy as np
 from scipy.special import stdtrit
 
-from jaxshroud.batch.runs import Plan, run_lanes, starts
-from jaxshroud.batch.tangents import Course, direction
-from jaxshroud.batch.xla import repeated
+from jaxshroud.batch.runs import Plan, initial_states, run_lanes
+from jaxshroud.batch.tangents import TangentProblem, direction
+from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.model.linear import area, free_power, power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.averages import averages
-from jaxshroud.motion.orbit import Cycle
-from jaxshroud.motion.shooting import followed, moved_start
-from jaxshroud.motion.together import Algorithm, Derivatives, stacked
-from jaxshroud.scene.errors import InputError, KeyNameError, NumericalError
+from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, stacked
+from jaxshroud.motion.orbit import PeriodicOrbit
+from jaxshroud.motion.shooting import moved_start, powers_of_nearby_orbits
+from jaxshroud.scene.checks import InputError, KeyNameError, NumericalError
 from jaxshroud.scene.grids import scenes_at
-from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
-from jaxshroud.scene.vary import value_of, vary
+from jaxshroud.scene.valid import in_precision
+from jaxshroud.scene.vary import level_of, offsets, value_of, vary
 
-Of = Literal["P_d", "P"]
-STRUCTURE = 3.0  # times its own noise that P_d may scatter about a straight line in a smooth neighbourhood,
-ROUGH = 0.1  # or this share of all its scatter, whichever is more
+Quantity = Literal["P_d", "P"]
+STRUCTURED_FACTOR = (
+    3.0  # largest scatter of P_d about a straight line in a smooth neighbourhood, in times its own noise,
+)
+STRUCTURED_SHARE = 0.1  # or as a share of its total scatter, whichever is larger
 
 
-class Slope(NamedTuple):
-    """Derivatives of one scene's P_d or P with respect to some of its numbers."""
+class PowerGradient(NamedTuple):
+    """The derivatives of P_d or P of one scene with respect to some of its numbers."""
 
     kind: Literal["none", "periodic", "smoothed"]
     value: np.ndarray  # (keys,)
     ci: np.ndarray  # (keys,) half width of the 95 % interval; 0 where the derivative is exact
-    level: float  # what is differentiated: its value on the orbit, or its average over the neighbourhood
+    level: float  # the value of P_d or P on the orbit, or its average over the neighbourhood
     level_ci: float
-    orbit: Cycle
-    conditioning: float  # of the orbit: how far a push of its map moves it; NaN if smoothed
+    orbit: PeriodicOrbit
+    conditioning: float  # condition of the orbit: its displacement per perturbation of the map; NaN if smoothed
     sigma: float  # relative width of the neighbourhood; 0 on an orbit
-    flags: tuple[str, ...]  # those of the orbit, "structured" where the neighbourhood is not smooth, "lanes stopped"
+    flags: tuple[str, ...]  # those of the orbit; "structured": not smooth; "lanes stopped"; "no width": a number is 0
 
 
 def with_numbers(scene: Scene, keys: Sequence[str]) -> Scene:
-    """The scene written such that each of `keys` is one of its own numbers (`gamma` or `k`, `m_y` or `m`).
+    """The scene expressed such that each of the `keys` is one of its own numbers (`gamma` or `k`, `m_y` or `m`).
 
     Raises:
-        KeyNameError: There is no such number, or both `contact.k` and `contact.gamma` are asked for.
+        InputError: There is no key.
+        KeyNameError: There is no such number, or both `contact.k` and `contact.gamma` are given.
     """
     if {"contact.k", "contact.gamma"} <= set(keys):
         raise KeyNameError("contact.k and contact.gamma are one number; name one of them")
     for key in keys:
-        value = value_of(scene, key)
         if key.split("[")[0] in ("contact.k", "contact.gamma", "blades.m_y"):
-            scene = vary(scene, key, value)
+            for name in offsets(scene, key):
+                scene = vary(scene, name, value_of(scene, name))
     return scene
 
 
+def scenes_around(scene: Scene, keys: Sequence[str], levels: np.ndarray) -> Scene:
+    """Scenes (leading axis) at rows of `levels` (n, keys), see `level_of`: different blades keep their difference."""
+    parts = [offsets(scene, key) for key in keys]
+    columns = [levels[:, i] + offset for i, part in enumerate(parts) for offset in part.values()]
+    return scenes_at(scene, [name for part in parts for name in part], np.stack(columns, axis=-1))
+
+
 class Smoothing(NamedTuple):
-    """How an average over a neighbourhood is sampled, where the motion has no derivative at a point."""
+    """The sampling of an average over a neighbourhood, where the motion has no derivative at a point."""
 
     sigma: float  # standard deviation of the parameters, relative to their values
     pairs: int  # antithetic pairs of samples
@@ -70,123 +80,155 @@ class Smoothing(NamedTuple):
     seed: int
 
 
-def slope_of(scene: Scene, wrt: Sequence[str], of: Of, found: Cycle, smoothing: Smoothing) -> Algorithm[Slope]:
-    """The slope of the kind that the motion allows: exact on the orbit that was found, else smoothed.
+def gradient_of(
+    scene: Scene, wrt: Sequence[str], of: Quantity, orbit: PeriodicOrbit, smoothing: Smoothing
+) -> Algorithm[PowerGradient]:
+    """The gradient of the kind that the motion permits: exact on the orbit that was found, else smoothed.
 
     Raises:
         NumericalError: The march stops in this scene, or in nearly all of its neighbourhood.
     """
-    if found.sound:
-        return (yield from slope_on_orbit(found, wrt, of))
-    if {"stopped", "failed"} & set(found.flags):
+    if orbit.sound:
+        return (yield from orbit_gradient(orbit, wrt, of))
+    if {"stopped", "failed"} & set(orbit.flags):
         raise NumericalError("The march stops in this scene; there is nothing to differentiate.")
-    return smoothed(scene, wrt, of, found, *smoothing)
+    return smoothed_gradient(scene, wrt, of, orbit, *smoothing)
 
 
-def slope_on_orbit(found: Cycle, wrt: Sequence[str], of: Of = "P_d") -> Algorithm[Slope]:
-    """The exact slope on a periodic orbit, by the implicit function theorem."""
-    scene, at = with_numbers(found.scene, wrt), found.jacobian
-    assert at is not None  # there is an orbit
-    along = [direction(scene, key) for key in wrt]
-    by = yield Derivatives(Course(scene, found.start, along, False), found.q, found.steps_per_period, found.method)
-    moved = moved_start(at.by_state, by.by_parameter, found.slider_is_free)
-    power_by = by.power_by_parameter + at.power_by_state @ moved
-    same = repeated((scene, at.power), len(wrt))
-    slope = slopes(*same, stacked(along), power_by.T, of)
-    level = found.P_d if of == "P_d" else float(found.P[0])
-    nothing = np.zeros(len(wrt))
-    return Slope("periodic", np.asarray(slope, float), nothing, level, 0.0, found, found.conditioning, 0.0, found.flags)
+def orbit_gradient(orbit: PeriodicOrbit, wrt: Sequence[str], of: Quantity = "P_d") -> Algorithm[PowerGradient]:
+    """The exact gradient on a periodic orbit, by the implicit function theorem."""
+    scene, tangents = with_numbers(orbit.scene, wrt), orbit.jacobian
+    assert tangents is not None  # there is an orbit
+    directions = [direction(scene, key) for key in wrt]
+    by_numbers = yield Derivatives(
+        TangentProblem(scene, orbit.start, directions, False), orbit.q, orbit.steps_per_period, orbit.method
+    )
+    shift = moved_start(tangents.by_state, by_numbers.by_parameter, orbit.slider_is_free)
+    power_by = by_numbers.power_by_parameter + tangents.power_by_state @ shift
+    repeated = repeat_lane((scene, tangents.power), len(wrt))
+    slope = directional_derivatives(*repeated, stacked(directions), power_by.T, of)
+    level = orbit.P_d if of == "P_d" else float(orbit.P[0])
+    zeros = np.zeros(len(wrt))
+    return PowerGradient(
+        "periodic", np.asarray(slope, float), zeros, level, 0.0, orbit, orbit.conditioning, 0.0, orbit.flags
+    )
 
 
-def differences_on(found: Cycle, wrt: Sequence[str], step: float, of: Of = "P_d") -> dict[str, float]:
-    """Fourth-order central differences of `of` on orbits followed from scene to scene; see `differences`."""
-    scene, offsets = with_numbers(found.scene, wrt), np.array([[-2], [-1], [1], [2]])
-    values = [value_of(scene, key) for key in wrt]
-    each = [step * (abs(value) or 1) for value in values]
-    parts = [scenes_at(scene, [key], v + h * offsets) for key, v, h in zip(wrt, values, each, strict=True)]
+def differences_on(orbit: PeriodicOrbit, wrt: Sequence[str], step: float, of: Quantity = "P_d") -> dict[str, float]:
+    """Fourth-order central differences of `of` on the orbits of nearby scenes; see `differences`."""
+    scene, offsets = with_numbers(orbit.scene, wrt), np.array([[-2], [-1], [1], [2]])
+    values = [level_of(scene, key) for key in wrt]
+    steps = [step * (abs(value) or 1) for value in values]
+    parts = [scenes_around(scene, [key], v + h * offsets) for key, v, h in zip(wrt, values, steps, strict=True)]
     scenes = jax.tree.map(lambda *a: np.concatenate(a), *parts)
-    level = np.asarray(_measures(of, scenes, followed(found, scenes)), float).reshape(len(wrt), 4)
-    slope = level @ np.array([1, -8, 8, -1]) / (12 * np.array(each))
+    level = np.asarray(_quantities(of, scenes, powers_of_nearby_orbits(orbit, scenes)), float).reshape(len(wrt), 4)
+    slope = level @ np.array([1, -8, 8, -1]) / (12 * np.array(steps))
     return dict(zip(wrt, slope.tolist(), strict=True))
 
 
-def _measure(of: Of, scene: Scene, power):
-    """`of` from the left blade's mean square displacement."""
+def _quantity(of: Quantity, scene: Scene, power):
+    """The quantity `of` from the mean square displacement of the left blade."""
     P = area(scene.shroud) * power[0]
     return P if of == "P" else power_reduction(P, free_power(scene)[0])
 
 
 @partial(jax.jit, static_argnames="of")
-def _measures(of: Of, scenes: Scene, power):
-    return jax.vmap(lambda scene, power: _measure(of, scene, power))(scenes, power)
+def _quantities(of: Quantity, scenes: Scene, power):
+    return jax.vmap(lambda scene, power: _quantity(of, scene, power))(scenes, power)
 
 
 @partial(jax.jit, static_argnames="of")
-def slopes(scenes: Scene, power, along: Scene, power_along, of: Of):
-    """Derivatives of `of` along directions of scenes and of the mean square displacement, all with a leading axis."""
-    return jax.vmap(lambda *point_and_direction: _slope(of, *point_and_direction))(scenes, power, along, power_along)
+def directional_derivatives(scenes: Scene, power, directions: Scene, power_directions, of: Quantity):
+    """The derivatives of `of` along directions of scenes and mean square displacements, all with a leading axis."""
+    return jax.vmap(lambda *point_and_direction: _directional_derivative(of, *point_and_direction))(
+        scenes, power, directions, power_directions
+    )
 
 
-def _slope(of: Of, scene: Scene, power, along: Scene, power_along):
-    return jax.jvp(lambda scene, power: _measure(of, scene, power), (scene, power), (along, power_along))[1]
+def _directional_derivative(of: Quantity, scene: Scene, power, direction: Scene, power_direction):
+    quantity = lambda scene, power: _quantity(of, scene, power)
+    return jax.jvp(quantity, (scene, power), (direction, power_direction))[1]
 
 
-def smoothed(
-    scene: Scene, wrt: Sequence[str], of: Of, found: Cycle, sigma: float, pairs: int, plan: Plan, seed: int
-) -> Slope:
+def smoothed_gradient(
+    scene: Scene,
+    wrt: Sequence[str],
+    of: Quantity,
+    orbit: PeriodicOrbit,
+    sigma: float,
+    pairs: int,
+    plan: Plan,
+    seed: int,
+) -> PowerGradient:
     """The gradient of the average of `of` over normally distributed parameters, by antithetic pairs.
 
-    The slope is fitted to the differences of the pairs by least squares. In expectation that is the gradient of the
-    average; where `of` is linear across the neighbourhood it is exact for any samples.
+    The gradient is fitted to the differences of the pairs by least squares. Its expectation is the gradient of the
+    average; where `of` is linear across the neighbourhood it is exact for any samples. A number that is 0 has no
+    relative width, and no derivative.
     """
-    centre = np.array([value_of(scene, key) for key in wrt])
-    for key, value in zip(wrt, centre, strict=True):
-        if value == 0:
-            raise InputError(f"{key} is 0: a relative width says nothing about it.")
+    levels = np.array([level_of(scene, key) for key in wrt])
+    has_width = levels != 0
+    if not has_width.any():
+        raise InputError(f"{wrt[0]} is 0: a relative width says nothing about it.")
+    centre, wrt = levels[has_width], [key for key, kept in zip(wrt, has_width, strict=True) if kept]
     xi = np.random.default_rng(seed).standard_normal((pairs, len(wrt)))
     signed = np.concatenate([xi, -xi])
-    level, noise, number, ok = _levels(scene, wrt, centre * (1 + sigma * signed), of, plan)
-    good = ok[:pairs] & ok[pairs:]
-    if good.sum() < len(wrt) + 2:
-        told = f"Only {good.sum()} of {pairs} pairs ran to their end; too few for {len(wrt)} derivatives."
-        raise NumericalError(told)
-    difference = (level[:pairs] - level[pairs:])[good] / 2
-    slope, slope_ci = _fitted(xi[good], difference)
-    rest, own = np.std(difference - xi[good] @ slope), np.sqrt(np.nanmean(np.append(noise, 0.0) ** 2)) / 1.96
-    structured = len(np.unique(number)) > 1 or rest > max(STRUCTURE * own, ROUGH * np.std(difference))
-    flags = (*found.flags, *(["structured"] if structured else []), *([] if good.all() else ["lanes stopped"]))
-    means = ((level[:pairs] + level[pairs:]) / 2)[good]
-    return Slope(
+    level, noise, number, ok = _sampled_levels(scene, wrt, centre * (1 + sigma * signed), of, plan)
+    complete = ok[:pairs] & ok[pairs:]
+    if complete.sum() < len(wrt) + 2:
+        message = f"Only {complete.sum()} of {pairs} pairs ran to their end; too few for {len(wrt)} derivatives."
+        raise NumericalError(message)
+    difference = (level[:pairs] - level[pairs:])[complete] / 2
+    slope, slope_ci = _least_squares(xi[complete], difference)
+    residual, own_noise = (
+        np.std(difference - xi[complete] @ slope),
+        np.sqrt(np.nanmean(np.append(noise, 0.0) ** 2)) / 1.96,
+    )
+    structured = len(np.unique(number)) > 1 or residual > max(
+        STRUCTURED_FACTOR * own_noise, STRUCTURED_SHARE * np.std(difference)
+    )
+    flags = (*orbit.flags, *(["structured"] if structured else []), *([] if complete.all() else ["lanes stopped"]))
+    flags = (*flags, *([] if has_width.all() else ["no width"]))
+    means = ((level[:pairs] + level[pairs:]) / 2)[complete]
+    return PowerGradient(
         kind="smoothed",
-        value=slope / (sigma * centre),
-        ci=slope_ci / np.abs(sigma * centre),
+        value=_with_nan_elsewhere(slope / (sigma * centre), has_width),
+        ci=_with_nan_elsewhere(slope_ci / np.abs(sigma * centre), has_width),
         level=float(means.mean()),
         level_ci=float(stdtrit(len(means) - 1, 0.975) * means.std(ddof=1) / np.sqrt(len(means))),
-        orbit=found,
+        orbit=orbit,
         conditioning=float("nan"),
         sigma=sigma,
         flags=flags,
     )
 
 
-def _levels(scene: Scene, wrt: Sequence[str], values: np.ndarray, of: Of, plan: Plan):
-    """At each row of parameter values: `of`, its own half interval, the period number, and whether the lane is OK."""
-    scenes = in_precision(scenes_at(scene, wrt, values), plan.method.precision)
-    runs = run_lanes(scenes, starts(scenes), plan, lambda _: None)
-    motion, got, P_0 = averages(scenes, runs.samples)
+def _with_nan_elsewhere(values: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """The values in those places, and NaN elsewhere."""
+    filled = np.full(places.shape, np.nan)
+    filled[places] = values
+    return filled
+
+
+def _sampled_levels(scene: Scene, wrt: Sequence[str], values: np.ndarray, of: Quantity, plan: Plan):
+    """At each row of parameter values: `of`, its interval's half width, the period number, and whether it is OK."""
+    scenes = in_precision(scenes_around(scene, wrt, values), plan.method.precision)
+    runs = run_lanes(scenes, initial_states(scenes), plan, lambda _: None)
+    motion, power, P_0 = averages(scenes, runs.samples)
     share = P_0[:, 0] / 100
-    level, noise = (got.P_d, got.ci) if of == "P_d" else (got.P[:, 0], got.ci * share)
+    level, noise = (power.P_d, power.ci) if of == "P_d" else (power.P[:, 0], power.ci * share)
     return level, noise, motion.number, runs.last.status == Status.OK
 
 
-def _fitted(xi: np.ndarray, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least squares slope (parameters,) of `difference` in `xi`, and the half width of its 95 % interval.
+def _least_squares(xi: np.ndarray, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The least-squares slope (parameters,) of `difference` in `xi`, and the half width of its 95 % interval.
 
-    The scatter about the line is no constant (curvature, windows), so the covariance is the one that allows for that.
+    The scatter about the line is not constant (curvature, windows), which the heteroscedasticity-consistent covariance
+    allows for.
     """
     n, size = xi.shape
     inverse = np.linalg.inv(xi.T @ xi)
     slope = inverse @ xi.T @ difference
-    rest = (difference - xi @ slope) / (1 - np.einsum("ij,jk,ik->i", xi, inverse, xi))  # as if each were left out
-    covariance = inverse @ (xi.T * rest**2) @ xi @ inverse
+    residuals = (difference - xi @ slope) / (1 - np.einsum("ij,jk,ik->i", xi, inverse, xi))  # leave-one-out residuals
+    covariance = inverse @ (xi.T * residuals**2) @ xi @ inverse
     return slope, stdtrit(n - size, 0.975) * np.sqrt(np.diag(covariance))

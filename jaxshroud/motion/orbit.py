@@ -1,4 +1,4 @@
-"""The periodic orbit of one scene: its Floquet multipliers, and what it can be relied upon for.
+"""The periodic orbit of one scene: its Floquet multipliers and its reliability.
 
 The section is drive phase 0. An orbit of period number q is a fixed point of the map of q drive periods on the state
 (motion and slider); its multipliers are the eigenvalues of the map's Jacobian M, which comes with the march.
@@ -9,37 +9,37 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxshroud.batch.states import STATE
+from jaxshroud.batch.states import STATE_SIZE
 from jaxshroud.batch.tangents import Tangents
 from jaxshroud.march.method import Choices
 from jaxshroud.model.linear import area, free_power, power_reduction
 from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.state import State
+from jaxshroud.model.prepared import State
 from jaxshroud.scene.scene import Scene
 
-# Relative errors of derivatives that are promised; where they cannot be kept, conditions are ill.
-EXACT = {"float64": 1e-6, "float32": 1e-2}
-ROUNDINGS = 1e3  # units of rounding that a slider's row of the Jacobian may differ by from that of a slider at rest
-UNSOUND = {"unstable", "not converged", "stopped"}  # flags of what is not a motion that lasts
+# The promised relative errors of derivatives; an orbit for which they cannot be kept is ill conditioned.
+MAX_DERIVATIVE_ERROR = {"float64": 1e-6, "float32": 1e-2}
+FREE_SLIDER_ROUNDINGS = 1e3  # rounding units by which the Jacobian's row of a free slider may differ from the unit row
+UNSOUND_FLAGS = {"unstable", "not converged", "stopped"}  # flags of motions that do not last
 
 
-class Shot(NamedTuple):
-    """A state on its way to becoming an orbit."""
+class ShootingState(NamedTuple):
+    """A shooting iterate with its Jacobian and its closing error."""
 
     state: State
-    at: Tangents
+    tangents: Tangents
     residual: float
     updates: int
 
 
 @dataclass(frozen=True)
-class Cycle:
-    """The periodic orbit of one scene, or what was found in place of one.
+class PeriodicOrbit:
+    """The periodic orbit of one scene, or the result of a failed search.
 
-    `flags` is empty for an orbit that can be relied upon. Else it holds any of "aperiodic" (the motion never nearly
+    `flags` is empty for a reliable orbit. Else it holds any of "aperiodic" (the motion never nearly
     repeated), "not converged" (Newton's method did not close it), "unstable" (a multiplier outside the unit circle),
-    "not unique" (permanent stick: the slider stays wherever it starts, one orbit for each of its places; derivatives
-    are those with the slider held in its place), "ill conditioned" (`doubt` exceeds 1e-6) and "stopped" (the march
+    "not unique" (permanent stick: the slider stays where it starts, with one orbit for each of its positions;
+    derivatives are those with the slider fixed), "ill conditioned" (`doubt` exceeds 1e-6) and "stopped" (the march
     ended with a status other than OK).
     """
 
@@ -49,13 +49,15 @@ class Cycle:
     P: np.ndarray  # (2,) Eq. (23) [m^4]; NaN without an orbit
     P_0: np.ndarray  # (2,) [m^4]
     P_d: float  # of the left blade, Eq. (24) [%]
-    residual: float  # of closing, relative to the largest value of each quantity
-    multipliers: np.ndarray  # (13,) Floquet multipliers, largest first; the slider's own is among them
-    conditioning: float  # norm of (I - M)^-1 in the units of `_lengths`: how far a push of the map moves the orbit
-    doubt: float  # relative error that derivatives may have from how well the orbit is closed, or from rounding
+    residual: float  # closing error relative to the largest value of each quantity
+    multipliers: np.ndarray  # (13,) Floquet multipliers, largest first, including that of the slider
+    conditioning: (
+        float  # norm of (I - M)^-1 in the `_state_units`: displacement of the orbit per perturbation of the map
+    )
+    doubt: float  # bound of the relative error of derivatives by the closing error and by rounding
     flags: tuple[str, ...]
     updates: int  # of Newton's method
-    periods: int  # drive periods simulated in all, each Jacobian counted as one run
+    periods: int  # drive periods simulated in all, with each Jacobian counted as one run
     steps_per_period: int
     method: Choices
     status: int  # how the march ended
@@ -68,7 +70,7 @@ class Cycle:
 
     @property
     def slider_is_free(self) -> bool:
-        """Whether the slider stays wherever it starts (permanent stick)."""
+        """Whether the slider is free: it stays where it starts (permanent stick)."""
         return "not unique" in self.flags
 
     @property
@@ -78,86 +80,92 @@ class Cycle:
 
     @property
     def bifurcation(self) -> tuple[str, float]:
-        """The bifurcation that the leading multiplier is on its way to, and its distance 1 - abs(multiplier)."""
+        """The bifurcation that the leading multiplier approaches, and its distance 1 - abs(multiplier)."""
         return bifurcation_of(self.others[0])
 
     @property
     def sound(self) -> bool:
-        """Whether it is a motion that lasts."""
-        return self.found and not UNSOUND & set(self.flags)
+        """Whether it is a stable, converged orbit."""
+        return self.found and not UNSOUND_FLAGS & set(self.flags)
 
 
 def bifurcation_of(lead: complex) -> tuple[str, float]:
-    """The bifurcation that a leading multiplier is on its way to, and its distance."""
+    """The bifurcation that a leading multiplier approaches, and its distance."""
     real = "fold" if lead.real > 0 else "flip"
     return "Neimark-Sacker" if abs(lead.imag) > 1e-6 * abs(lead) else real, float(1 - abs(lead))
 
 
-def _lengths(scene: Scene) -> np.ndarray:
-    """What a state's numbers (13,) are counted in to compare them: lengths at a block's corner, and these per radian.
+def _state_units(scene: Scene) -> np.ndarray:
+    """The units of the numbers of a state (13,) in norms: lengths at a corner of a block, and these per radian.
 
-    A norm in these units does not depend on how large the motion is. The lever is half the hypotenuse of the sides, not
-    `half_diagonal`: another number, with which `conditioning` and `doubt` would change.
+    A norm in these units does not depend on the size of the motion. The lever is half the hypotenuse of the sides, not
+    `half_diagonal`, with which `conditioning` and `doubt` would change.
     """
     lever = np.hypot(float(scene.shroud.l_oa), float(scene.shroud.l_ab)) / 2
     place = np.repeat([1.0, 1.0, 1 / lever], 2)
     return np.concatenate([place, float(scene.drive.omega) * place, [1.0]])
 
 
-def _in_lengths(scene: Scene, M: np.ndarray) -> np.ndarray:
-    units = _lengths(scene)
+def _in_state_units(scene: Scene, M: np.ndarray) -> np.ndarray:
+    units = _state_units(scene)
     return M * units / units[:, None]
 
 
-def slider_is_free(scene: Scene, at: Tangents) -> bool:
-    """Permanent stick: but for rounding, where the slider ends is where it started, and nothing else moves it."""
-    M = _in_lengths(scene, at.by_state)
-    most = ROUNDINGS * np.finfo(at.by_state.dtype).eps * max(1.0, float(np.abs(M).max()))
-    return bool(at.end.mode == Mode.STICK and np.all(np.abs(M[-1] - np.eye(STATE)[-1]) <= most))
+def slider_is_free(scene: Scene, tangents: Tangents) -> bool:
+    """Whether the slider is free: up to rounding it ends where it started, and nothing else moves it."""
+    M = _in_state_units(scene, tangents.by_state)
+    largest = FREE_SLIDER_ROUNDINGS * np.finfo(tangents.by_state.dtype).eps * max(1.0, float(np.abs(M).max()))
+    return bool(tangents.end.mode == Mode.STICK and np.all(np.abs(M[-1] - np.eye(STATE_SIZE)[-1]) <= largest))
 
 
-def conditioning_of(scene: Scene, at: Tangents, free: bool) -> float:
-    """Norm of (I - M)^-1 in the units of `_lengths`, without a slider that stays where it starts; NaN if unknown."""
-    if not np.all(np.isfinite(at.by_state)):
+def conditioning_of(scene: Scene, tangents: Tangents, free: bool) -> float:
+    """Norm of (I - M)^-1 in the units of `_state_units`, without a free slider; NaN if unknown."""
+    if not np.all(np.isfinite(tangents.by_state)):
         return float("nan")
-    size = STATE - free
+    size = STATE_SIZE - free
     with np.errstate(divide="ignore"):
-        rest = np.eye(size) - _in_lengths(scene, at.by_state)[:size, :size]
-        return float(1 / np.linalg.svd(rest, compute_uv=False)[-1])
+        system = np.eye(size) - _in_state_units(scene, tangents.by_state)[:size, :size]
+        return float(1 / np.linalg.svd(system, compute_uv=False)[-1])
 
 
-def doubt_of(conditioning: float, shot: Shot) -> float:
-    """Relative error that derivatives may have from closing no better than this, or from rounding.
+def derivative_error_of(conditioning: float, shot: ShootingState) -> float:
+    """The bound of the relative error of derivatives by the closing error and by rounding.
 
-    An error of the map moves the orbit by `conditioning` times as much, and the derivatives by that once more.
+    An error of the map moves the orbit by `conditioning` times as much, and the derivatives by that factor once more.
     """
-    return conditioning**2 * max(shot.residual, float(np.finfo(shot.at.by_state.dtype).eps))
+    return conditioning**2 * max(shot.residual, float(np.finfo(shot.tangents.by_state.dtype).eps))
 
 
 def without_slider(multipliers: np.ndarray, free: bool) -> np.ndarray:
-    """The multipliers without that of a slider that stays wherever it starts, if it does."""
+    """The multipliers without that of a free slider."""
     return np.delete(multipliers, np.argmin(np.abs(multipliers - 1))) if free else multipliers
 
 
-def described(scene: Scene, shot: Shot, q: int, tolerance: float, spent: int, steps: int, method: Choices) -> Cycle:
-    """The orbit through a closed shot, with its multipliers and flags."""
-    at = shot.at
-    multipliers = np.linalg.eigvals(at.by_state) if np.all(np.isfinite(at.by_state)) else np.full(STATE, np.nan + 0j)
-    free = slider_is_free(scene, at)
+def describe_orbit(
+    scene: Scene, shot: ShootingState, q: int, tolerance: float, simulated: int, steps: int, method: Choices
+) -> PeriodicOrbit:
+    """The orbit of a shooting iterate, with its multipliers and flags."""
+    tangents = shot.tangents
+    multipliers = (
+        np.linalg.eigvals(tangents.by_state)
+        if np.all(np.isfinite(tangents.by_state))
+        else np.full(STATE_SIZE, np.nan + 0j)
+    )
+    free = slider_is_free(scene, tangents)
     multipliers = multipliers[np.argsort(-np.abs(multipliers))]
     others = without_slider(multipliers, free)
-    conditioning = conditioning_of(scene, at, free)
-    doubt = doubt_of(conditioning, shot)
+    conditioning = conditioning_of(scene, tangents, free)
+    doubt = derivative_error_of(conditioning, shot)
     flags = {
-        "stopped": at.status != Status.OK,
+        "stopped": tangents.status != Status.OK,
         "not converged": not shot.residual <= max(1e3 * tolerance, 1e-9),
         "unstable": bool(np.any(np.abs(others) > 1)),
         "not unique": free,
-        "ill conditioned": doubt > EXACT[method.precision],
+        "ill conditioned": doubt > MAX_DERIVATIVE_ERROR[method.precision],
     }
-    P = float(area(scene.shroud)) * at.power
+    P = float(area(scene.shroud)) * tangents.power
     P_0 = np.asarray(free_power(scene), float)
-    return Cycle(
+    return PeriodicOrbit(
         scene=scene,
         start=shot.state,
         q=q,
@@ -170,33 +178,33 @@ def described(scene: Scene, shot: Shot, q: int, tolerance: float, spent: int, st
         doubt=doubt,
         flags=tuple(name for name, raised in flags.items() if raised),
         updates=shot.updates,
-        periods=spent,
+        periods=simulated,
         steps_per_period=steps,
         method=method,
-        status=at.status,
-        jacobian=at,
+        status=tangents.status,
+        jacobian=tangents,
     )
 
 
-def none_found(
-    scene: Scene, state: State, flag: str, spent: int, steps: int, method: Choices, status: int = Status.OK
-) -> Cycle:
-    """What there is to say where no orbit was found."""
-    nothing = np.full(2, np.nan)
-    return Cycle(
+def no_orbit(
+    scene: Scene, state: State, flag: str, simulated: int, steps: int, method: Choices, status: int = Status.OK
+) -> PeriodicOrbit:
+    """The result where no orbit was found."""
+    nans = np.full(2, np.nan)
+    return PeriodicOrbit(
         scene=scene,
         start=state,
         q=0,
-        P=nothing,
+        P=nans,
         P_0=np.asarray(free_power(scene), float),
         P_d=float("nan"),
         residual=float("nan"),
-        multipliers=np.full(STATE, np.nan + 0j),
+        multipliers=np.full(STATE_SIZE, np.nan + 0j),
         conditioning=float("nan"),
         doubt=float("nan"),
         flags=(flag,),
         updates=0,
-        periods=spent,
+        periods=simulated,
         steps_per_period=steps,
         method=method,
         status=status,

@@ -1,4 +1,4 @@
-"""Amplitude spectrum over whole drive periods, and names for its lines (Figs. 10, 12 and 14)."""
+"""The amplitude spectrum over whole drive periods, and labels for its lines (Figs. 10, 12 and 14)."""
 
 from fractions import Fraction
 from math import isqrt
@@ -6,30 +6,30 @@ from math import isqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jaxshroud.scene.errors import InputError
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.typed import FloatArray, series_argument, typed
 
-Floats = NDArray[np.float64]
-
-NEIGHBOURS = 8  # bins on either side that a line is compared with
+NEIGHBOUR_BINS = 8  # bins on either side, with which a line is compared
 PROMINENCE = 5.0  # over their median; broadband (Rayleigh) noise exceeds this in 1 bin of 30,000
-FEWEST_PERIODS = 9  # below this, thirds of f_e are not resolved and only harmonics are named
+MIN_LABELLED_PERIODS = 9  # below this, thirds of f_e are not resolved and only harmonics are labelled
 
 
+@typed
 def amplitude_spectrum(
     signal: ArrayLike, samples_per_period: int | Fraction, window: str = "rectangular"
-) -> tuple[Floats, Floats]:
-    """One-sided amplitudes of `signal` over the last whole number n of drive periods.
+) -> tuple[FloatArray, FloatArray]:
+    """The one-sided amplitudes of `signal` over the last whole number n of drive periods.
 
     A sin(k tau) gives the amplitude A at frequency k where n k is an integer: the line falls on a bin.
     Any other line leaks. With the rectangular window its peak is up to 36 % low (1 - 2/pi) and its tails
     fall as 1/distance; with "hann" the peak is up to 15 % low (1 - 8/(3 pi)), a line is four bins wide and
     its tails fall as 1/distance^3. So: rectangular over a multiple of the period number, Hann without one.
-    The mean is taken out before the window and stands, as its magnitude, at frequency 0.
+    The mean is removed before windowing; its magnitude stands at frequency 0.
 
     Args:
         signal: Equidistant samples (m,); of a run that stores both ends, the first is dropped.
-        samples_per_period: Samples in one drive period, at least 2; a Fraction where a sample does not fall
-            on every period's end.
+        samples_per_period: Samples in one drive period, at least 2; a Fraction where not every period ends at a
+            sample.
         window: "rectangular" or "hann".
 
     Returns:
@@ -39,8 +39,8 @@ def amplitude_spectrum(
     Raises:
         ValueError: The signal is shorter than one drive period, or an argument is out of range.
     """
-    x = _series(signal)
-    rate = _rate(samples_per_period)
+    x = _as_series(series_argument("signal", signal))
+    rate = _sampling_rate(samples_per_period)
     n_periods = whole_periods(x.size, rate)
     if n_periods < 1:
         need = int(rate * rate.denominator)
@@ -57,7 +57,7 @@ def amplitude_spectrum(
 
 def whole_periods(n_samples: int, samples_per_period: int | Fraction) -> int:
     """The largest number of drive periods within `n_samples` that is a whole number of samples."""
-    rate = _rate(samples_per_period)
+    rate = _sampling_rate(samples_per_period)
     return int(n_samples / rate) // rate.denominator * rate.denominator
 
 
@@ -66,8 +66,8 @@ def repeats_after(
 ) -> int:
     """The smallest number of drive periods after which the whole signal repeats itself.
 
-    This chooses the length of a spectrum without leakage. Unlike a period number it asks for every sample,
-    not only for those at the periods' ends, and for two repeats within the signal.
+    This chooses the length of a spectrum without leakage. Unlike a period number it compares all samples,
+    not only those at the ends of periods, and requires two repeats within the signal.
 
     Args:
         signal: Equidistant samples (m,).
@@ -78,13 +78,13 @@ def repeats_after(
     Returns:
         1 to `largest`, or 0 where the signal does not repeat (or has a NaN).
     """
-    x, rate = _series(signal), _rate(samples_per_period)
+    x, rate = _as_series(signal), _sampling_rate(samples_per_period)
     if x.size == 0:
         return 0
-    near = tolerance * np.abs(x).max()
+    largest_difference = tolerance * np.abs(x).max()
     for q in range(rate.denominator, largest + 1, rate.denominator):
         shift = int(q * rate)
-        if 2 * shift <= x.size and np.abs(x[shift:] - x[:-shift]).max() <= near:
+        if 2 * shift <= x.size and np.abs(x[shift:] - x[:-shift]).max() <= largest_difference:
             return q
     return 0
 
@@ -97,7 +97,7 @@ def label_lines(
     max_denominator: int = 16,
     threshold: float = 1e-3,
 ) -> list[tuple[float, str]]:
-    """Names of the visible lines: harmonics `f_e`, `2f_e` and fractions `f_e/2`, `3f_e/2`.
+    """The labels of the visible lines: harmonics `f_e`, `2f_e` and fractions `f_e/2`, `3f_e/2`.
 
     Args:
         frequency: In units of f_e, equidistant from 0 (m,).
@@ -113,13 +113,13 @@ def label_lines(
     Returns:
         (frequency in units of f_e, label), by rising frequency.
     """
-    f, a = _series(frequency), _series(amplitude)
+    f, a = _as_series(frequency), _as_series(amplitude)
     if f.size < 2:
         return []
     n_periods = round(1 / (f[1] - f[0]))
     visible = (a > threshold * a[1:].max()) & (f > 0)
-    if period_number == 0 and n_periods >= FEWEST_PERIODS:
-        lines = _standing_out(f, a, visible, min(max_denominator, isqrt(n_periods)))
+    if period_number == 0 and n_periods >= MIN_LABELLED_PERIODS:
+        lines = _prominent_lines(f, a, visible, min(max_denominator, isqrt(n_periods)))
     else:
         q = max(period_number, 1)
         multiples = [Fraction(p, q) for p in range(1, int(f[-1] * q + 1e-9) + 1)]
@@ -130,21 +130,21 @@ def label_lines(
 def line_label(line: Fraction) -> str:
     """`f_e`, `2f_e`, `f_e/2`, `3f_e/2`, ... for a frequency in units of f_e."""
     times = "" if line.numerator == 1 else str(line.numerator)
-    over = "" if line.denominator == 1 else f"/{line.denominator}"
-    return f"{times}f_e{over}"
+    denominator = "" if line.denominator == 1 else f"/{line.denominator}"
+    return f"{times}f_e{denominator}"
 
 
-def _standing_out(f: Floats, a: Floats, visible: NDArray[np.bool_], max_denominator: int) -> list[Fraction]:
-    padded = np.pad(a, NEIGHBOURS, mode="edge")
-    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1)
-    left, right = around[:, NEIGHBOURS - 1], around[:, NEIGHBOURS + 1]
-    peaks = visible & (a >= left) & (a >= right) & (a > PROMINENCE * np.median(around, axis=1))
-    near = [(peak, Fraction(peak).limit_denominator(max_denominator)) for peak in f[peaks]]
+def _prominent_lines(f: FloatArray, a: FloatArray, visible: NDArray[np.bool_], max_denominator: int) -> list[Fraction]:
+    padded = np.pad(a, NEIGHBOUR_BINS, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOUR_BINS + 1)
+    left, right = windows[:, NEIGHBOUR_BINS - 1], windows[:, NEIGHBOUR_BINS + 1]
+    peaks = visible & (a >= left) & (a >= right) & (a > PROMINENCE * np.median(windows, axis=1))
+    candidates = [(peak, Fraction(peak).limit_denominator(max_denominator)) for peak in f[peaks]]
     half_bin = (f[1] - f[0]) / 2
-    return sorted({line for peak, line in near if line > 0 and abs(peak - line) <= half_bin * (1 + 1e-9)})
+    return sorted({line for peak, line in candidates if line > 0 and abs(peak - line) <= half_bin * (1 + 1e-9)})
 
 
-def _weights(window: str, n: int) -> Floats:
+def _weights(window: str, n: int) -> FloatArray:
     if window == "rectangular":
         return np.ones(n)
     if window == "hann":
@@ -152,14 +152,14 @@ def _weights(window: str, n: int) -> Floats:
     raise InputError(f"Argument `window` must be 'rectangular' or 'hann', but is {window!r}.")
 
 
-def _series(values: ArrayLike) -> Floats:
+def _as_series(values: ArrayLike) -> FloatArray:
     array = np.asarray(values, dtype=float)
     if array.ndim != 1:
         raise InputError(f"A signal or spectrum must have one dimension, but has shape {array.shape}.")
     return array
 
 
-def _rate(samples_per_period: int | Fraction) -> Fraction:
+def _sampling_rate(samples_per_period: int | Fraction) -> Fraction:
     if not samples_per_period >= 2:
         raise InputError(f"Argument `samples_per_period` must be at least 2, but is {samples_per_period}.")
     return Fraction(samples_per_period)

@@ -1,4 +1,4 @@
-"""What kind of motion a scene settles on, and why."""
+"""The kind of motion on which a scene settles, with the evidence."""
 
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
@@ -9,26 +9,27 @@ import numpy as np
 from jaxshroud.batch.runs import Plan, run_lanes
 from jaxshroud.batch.states import final_states
 from jaxshroud.model.modes import Status
-from jaxshroud.model.state import State
-from jaxshroud.motion.copies import settled_copies
-from jaxshroud.motion.evidence import Evidence, Stretches, Tick, gathered
-from jaxshroud.motion.largest import TURNING
-from jaxshroud.motion.shooting import Aim
-from jaxshroud.motion.together import stacked
+from jaxshroud.model.prepared import State
+from jaxshroud.motion.batched_algorithms import stacked
+from jaxshroud.motion.effects import with_interval
+from jaxshroud.motion.lyapunov import ALIGNMENT_PERIODS
+from jaxshroud.motion.shooting import ShootingOptions
+from jaxshroud.motion.verdict_evidence import Evidence, Stretches, Tick, gather_evidence, settled_copies
 from jaxshroud.scene.scene import Scene
 
-Kind = Literal["periodic", "quasi-periodic", "chaotic", "transient not over", "undecided", "stopped"]
-ROUNDS = 3  # each twice as long as the one before, where that could not decide
-CHAOS, REGULAR = 0.5, 0.2  # K above which the 0-1 test speaks for chaos, and below which for regular motion
-STAYS = 1e-2  # of a displacement's size that the run may be off its orbit in the end
-FLAT, SURE = 1e-4, 0.05  # exponents per period that count as 0 on a torus, and half widths that can tell
+MotionKind = Literal["periodic", "quasi-periodic", "chaotic", "transient not over", "undecided", "stopped"]
+VERDICT_ROUNDS = 3  # each twice as long as the previous one, where that was inconclusive
+CHAOTIC_K, REGULAR_K = 0.5, 0.2  # K above which the 0-1 test speaks for chaos, and below which for regular motion
+MAX_ORBIT_OFFSET = 1e-2  # of a displacement's size: largest distance of the run from its orbit at the end
+# exponent per period that counts as 0 on a torus, and largest half width of its interval
+ZERO_EXPONENT, MAX_EXPONENT_CI = 1e-4, 0.05
 
 
 class Verdict(NamedTuple):
-    """Of one lane."""
+    """The verdict on one lane."""
 
-    kind: Kind
-    q: int  # period number; 0 but for a periodic motion
+    kind: MotionKind
+    q: int  # period number; 0 unless the motion is periodic
     evidence: Evidence
     periods: int  # run in all
 
@@ -42,119 +43,131 @@ def verdicts(
     scenes: Scene,
     states: State,
     transient: int,
-    aim: Aim,
+    aim: ShootingOptions,
     stretches: Stretches = Stretches(),  # noqa: B008  a tuple
-    rounds: int = ROUNDS,
+    rounds: int = VERDICT_ROUNDS,
     tick: Tick = lambda _: None,
 ) -> list[Verdict]:
     """The kind of motion of each lane (leading axis).
 
     Args:
         scenes: The scenes.
-        states: Where they start, at drive phase 0.
+        states: Their states at drive phase 0.
         transient: Periods run first.
-        aim: How the run is marched and orbits are closed.
-        stretches: Of the first round.
-        rounds: How often to look; each time goes on from where the last one ended, with stretches twice as long, for
-            lanes on which the evidence does not agree.
-        tick: Told of lane-periods done.
+        aim: How runs are marched and orbits are closed.
+        stretches: The stretches of the first round.
+        rounds: The number of rounds; each continues the previous one, with stretches twice as long, for lanes on which
+            the evidence does not agree.
+        tick: Called with the number of lane-periods done.
     """
     status = np.full(len(scenes.drive.omega), Status.OK, np.int32)
     if transient:
         runs = run_lanes(scenes, states, Plan(transient - 1, 1, aim.steps, 0.0, aim.method), tick)
         states, status = final_states(runs.last.state), np.asarray(runs.last.status)
-    found: dict[int, Verdict] = {}
+    results: dict[int, Verdict] = {}
     open_lanes, first = np.arange(len(scenes.drive.omega)), transient
-    for turn in range(rounds):
-        now, last = stretches.longer(2**turn), turn == rounds - 1
-        at = open_lanes
-        some = jax.tree.map(lambda a, at=at: np.asarray(a)[at], scenes)
-        evidence = gathered(some, states, status[at], first, now, aim, tick)
-        first += now.all
-        judged = [Verdict(*judgement(e, last), e, first) for e in evidence]
-        found |= dict(zip(open_lanes.tolist(), judged, strict=True))
-        going_on = [i for i, v in enumerate(judged) if v.kind in ("transient not over", "undecided")]
-        if not going_on:
+    for round_number in range(rounds):
+        lengths, last = stretches.longer(2**round_number), round_number == rounds - 1
+        lanes = open_lanes
+        chosen = jax.tree.map(lambda a, lanes=lanes: np.asarray(a)[lanes], scenes)
+        evidence = gather_evidence(chosen, states, status[lanes], first, lengths, aim, tick)
+        first += lengths.all
+        new = [Verdict(*judgement(e, last), e, first) for e in evidence]
+        results |= dict(zip(open_lanes.tolist(), new, strict=True))
+        unclear = [i for i, v in enumerate(new) if v.kind in ("transient not over", "undecided")]
+        if not unclear:
             break
-        open_lanes = open_lanes[going_on]
-        states = stacked([evidence[i].last for i in going_on])
-    chaotic = [i for i in sorted(found) if found[i].kind == "chaotic"]
-    return [verdict for _, verdict in sorted((found | _with_copies(scenes, found, chaotic, aim)).items())]
+        open_lanes = open_lanes[unclear]
+        states = stacked([evidence[i].last for i in unclear])
+    chaotic = [i for i in sorted(results) if results[i].kind == "chaotic"]
+    return [verdict for _, verdict in sorted((results | _verdicts_with_copies(scenes, results, chaotic, aim)).items())]
 
 
-def _with_copies(scenes: Scene, found: dict[int, Verdict], lanes: list[int], aim: Aim) -> dict[int, Verdict]:
-    """Verdicts on lanes that look chaotic, once copies of their runs have gone on for as long as its last stretch."""
+def _verdicts_with_copies(
+    scenes: Scene, results: dict[int, Verdict], lanes: list[int], aim: ShootingOptions
+) -> dict[int, Verdict]:
+    """The verdicts on apparently chaotic lanes, after perturbed copies of their runs as long as the last stretch."""
     if not lanes:
         return {}
-    some = jax.tree.map(lambda a: np.asarray(a)[lanes], scenes)
-    states, periods = stacked([found[i].evidence.last for i in lanes]), found[lanes[0]].evidence.stretches.series
-    known = settled_copies(some, states, periods, aim)
-    seen = [(found[i].evidence._replace(settled=one), found[i].periods) for i, one in zip(lanes, known, strict=True)]
-    return {i: Verdict(*judgement(e), e, n) for i, (e, n) in zip(lanes, seen, strict=True)}
+    chosen = jax.tree.map(lambda a: np.asarray(a)[lanes], scenes)
+    states, periods = stacked([results[i].evidence.last for i in lanes]), results[lanes[0]].evidence.stretches.series
+    copies = settled_copies(chosen, states, periods, aim)
+    evidence = [
+        (results[i].evidence._replace(settled=outcome), results[i].periods)
+        for i, outcome in zip(lanes, copies, strict=True)
+    ]
+    return {i: Verdict(*judgement(e), e, n) for i, (e, n) in zip(lanes, evidence, strict=True)}
 
 
-def judgement(e: Evidence, last: bool = True) -> tuple[Kind, int]:
+def judgement(e: Evidence, last: bool = True) -> tuple[MotionKind, int]:
     """The kind and the period number that the evidence agrees on.
 
-    Chaos and tori are seen in the last round only: of what looks chaotic for some hundred periods, one in ten settles
-    on an orbit later, and a torus looks like a slow decay. Where a copy of the run settles on an orbit, its own chaos
-    may end as well, or go on beside the orbit.
+    Chaos and tori are accepted in the last round only: of motions that seem chaotic for some hundred periods, one in
+    ten settles on an orbit later, and a slow decay resembles a torus. Where a copy of the run settles on an orbit, the
+    chaos of the run itself may end as well, or coexist with the orbit.
     """
     if e.status != Status.OK:
         return "stopped", 0
     grows, shrinks = e.exponent - e.ci > 0, e.exponent + e.ci < 0
     if e.cycle is not None and e.cycle.sound and not grows:
-        return ("periodic", e.cycle.q) if e.away <= STAYS else ("transient not over", 0)
-    if e.q and e.away <= STAYS and shrinks:
+        return ("periodic", e.cycle.q) if e.away <= MAX_ORBIT_OFFSET else ("transient not over", 0)
+    if e.q and e.away <= MAX_ORBIT_OFFSET and shrinks:
         return "periodic", e.q
-    if last and grows and e.K > CHAOS:
+    if last and grows and e.K > CHAOTIC_K:
         if e.settled is None or not e.settled.q:
             return "chaotic", 0
         return ("transient not over" if e.settled.copies == e.settled.of else "undecided"), 0
-    if not e.q and last and not e.drifts and abs(e.exponent) <= max(e.ci, FLAT) <= SURE and e.K < REGULAR:
+    if (
+        not e.q
+        and last
+        and not e.drifts
+        and abs(e.exponent) <= max(e.ci, ZERO_EXPONENT) <= MAX_EXPONENT_CI
+        and e.K < REGULAR_K
+    ):
         return "quasi-periodic", 0
     return ("transient not over" if shrinks or e.drifts else "undecided"), 0
 
 
-def sentence(verdict: Verdict) -> str:
-    """The verdict with its evidence."""
+def verdict_text(verdict: Verdict) -> str:
+    """The verdict with its evidence as text."""
     e = verdict.evidence
     if verdict.kind == "stopped":
         return f"stopped with {Status(e.status).name} within {verdict.periods} periods"
-    spans = _spans(e)
-    growth = f"largest exponent {e.exponent:.3g} ± {e.ci:.2g} a period (periods {spans[1]})"
+    spans = _period_ranges(e)
+    exponent = with_interval(e.exponent, e.ci).replace("+-", "±")
+    growth = f"largest exponent {exponent} a period (periods {spans[1]})"
     K = f"0–1 test K = {e.K:.2f} (periods {spans[2]})"
-    return f"{verdict.words}: {_of_returns(e)} (periods {spans[0]}); {growth}; {K}{_of_copies(e)}"
+    return f"{verdict.words}: {_returns_text(e)} (periods {spans[0]}); {growth}; {K}{_copies_text(e)}"
 
 
-def _spans(e: Evidence) -> Sequence[str]:
-    """First and last period of each stretch."""
+def _period_ranges(e: Evidence) -> Sequence[str]:
+    """The first and the last period of each stretch."""
     n = e.stretches
-    begins = np.cumsum([e.first, n.returns, TURNING + n.growth])
-    firsts = begins + 1 + np.array([0, TURNING, 0])
-    ends = begins + np.array([n.returns, TURNING + n.growth, n.series])
+    begins = np.cumsum([e.first, n.returns, ALIGNMENT_PERIODS + n.growth])
+    firsts = begins + 1 + np.array([0, ALIGNMENT_PERIODS, 0])
+    ends = begins + np.array([n.returns, ALIGNMENT_PERIODS + n.growth, n.series])
     return [f"{a}–{b}" for a, b in zip(firsts, ends, strict=True)]
 
 
-def _of_copies(e: Evidence) -> str:
-    """What copies of the run do, where they were asked."""
+def _copies_text(e: Evidence) -> str:
+    """The outcome of the perturbed copies, if there are any."""
     if e.settled is None:
         return ""
     copies, of, q = e.settled
     return f"; {copies} of {of} copies settle on period {q}" if q else f"; none of {of} copies settles on an orbit"
 
 
-def _of_returns(e: Evidence) -> str:
-    """What the return map says, and the orbit that it led to."""
+def _returns_text(e: Evidence) -> str:
+    """The result of the return map, and the orbit that it led to."""
     cycle = e.cycle
-    back = (
+    returns = (
         f"samples return after {e.q} to {e.error:.1g} of their size"
         if e.q
         else (f"samples do not return, at best to {e.error:.1g} of their size")
     )
     if cycle is None or not cycle.found:
-        return back
+        return returns
     lead = abs(cycle.others[0])
     kind = "stable" if cycle.sound else "not to be relied upon"
     slider = ", one for each place of the slider" if cycle.slider_is_free else ""
-    return f"{back}, and an orbit closes to {cycle.residual:.0e}, {kind}{slider}, largest multiplier {lead:.3g}"
+    return f"{returns}, and an orbit closes to {cycle.residual:.0e}, {kind}{slider}, largest multiplier {lead:.3g}"

@@ -1,50 +1,57 @@
-"""What looking for coexisting motions gives."""
+"""The coexisting attractors of a scene, and the basins of attraction in a plane of starts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from jaxshroud.io.lane_status import FLAGS
+from jaxshroud.io.store import JSONValue, json_values
+from jaxshroud.io.variable import Attribute, ComplexVariable, Entry, MotionVariable, Variable
+from jaxshroud.motion.effects import between, with_interval
 from jaxshroud.results.base import Result
-from jaxshroud.results.gathered import Complex
-from jaxshroud.results.status import FLAGS
-from jaxshroud.results.variable import Attribute, Moving, Variable
-from jaxshroud.scene.motion import Motion
+from jaxshroud.scene.keys import Motion
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    import xarray as xr
 
-    from jaxshroud.motion.attractors import Attractor, Found
+    from jaxshroud.motion.attractors import Attractor, FoundAttractors
+    from jaxshroud.motion.settled_runs import LaneEnds
 
-KINDS = ("periodic", "family", "aperiodic")
+ATTRACTOR_KINDS = ("periodic", "family", "aperiodic")
 UNDECIDED, STOPPED = -1, -2
-PATH = 2048  # points of a path that are kept at most
+PATH_POINTS = 2048  # at most, of a stored path
+ATTRACTOR_NUMBERS = (
+    *("kind", "period_number", "starts", "P_d", "P_d_ci", "P_d_least", "P_d_most", "residual", "u_s", "mode", "case"),
+)
 
 
-class Initial(Moving):
-    """Displacements and rates at the start, stored beside others of their kind."""
+class InitialMotion(MotionVariable):
+    """Displacements and rates at the start, with names that distinguish them from another motion."""
 
-    def entries(self, values: Motion, lanes: tuple[str, ...]):
+    def entries(self, values: Motion, lanes: tuple[str, ...]) -> Iterator[Entry]:
         """One variable for each field."""
-        for name, (_, array, told) in super().entries(values, lanes):
-            yield f"initial_{name}", ((*lanes, "blade"), array, told)
+        for name, (_, array, attributes) in super().entries(values, lanes):
+            yield f"initial_{name}", ((*lanes, "blade"), array, attributes)
 
-    def read(self, data: Any) -> Motion:
+    def read(self, data: "xr.Dataset") -> Motion:
         """A `Motion` of arrays."""
         return Motion(*(data[f"initial_{name}"].to_numpy() for name in Motion._fields))
 
 
 class Attractors(Result):
-    """The motions that starts lead to, the most frequent first.
+    """The attractors that starts lead to, the most frequent first.
 
-    `kind` of an attractor is 0 for a periodic orbit, 1 for a family of orbits that differ by the place of a slider that
-    never slips (one attractor: permanent stick keeps wherever it came to), 2 for aperiodic motion.
+    The `kind` of an attractor is 0 for a periodic orbit, 1 for a family of orbits that differ in the place of a slider
+    that never slips (permanent stick keeps the slider wherever it is, so the family counts as one attractor), and 2
+    for aperiodic motion.
+
+    The panels of its picture are "orbits", "shares" and "P_d".
     """
 
     stored_as = "attractors"
 
-    kind = Variable("of the attractor", stored=np.int8, kind=int, more={"flag_meanings": " ".join(KINDS)})
+    kind = Variable("of the attractor", stored=np.int8, kind=int, more={"flag_meanings": " ".join(ATTRACTOR_KINDS)})
     period_number = Variable("period of the orbit in drive periods; 0: aperiodic")
     starts = Variable("starts that end there")
     share = Variable("of all starts", "1")
@@ -55,9 +62,9 @@ class Attractors(Result):
     P_d_least = Variable("least of any start, where they differ", "percent")
     P_d_most = Variable("largest of any start, where they differ", "percent")
     distance = Variable("from the nearest other attractor, in sizes of the motion; inf where it is alone", "1")
-    multipliers = Complex("Floquet multipliers of a periodic one, largest first", "1", ("multiplier",))
+    multipliers = ComplexVariable("Floquet multipliers of a periodic one, largest first", "1", ("multiplier",))
     residual = Variable("closing error of a periodic one", "1")
-    motion = Moving("on the attractor at drive phase 0")
+    motion = MotionVariable("on the attractor at drive phase 0")
     u_s = Variable("slider there", "m")
     mode = Variable("contact mode there")
     case = Variable("contact case there")
@@ -66,128 +73,173 @@ class Attractors(Result):
     gap = Attribute()  # of the scene [m]
     label = Variable("the attractor that a start ends on; -1: undecided, -2: its run stopped")
     status = Variable("how each start's run ended", stored=np.int8, kind=np.int32, more=FLAGS)
-    initial = Initial("at each start")
-    spread = Attribute()  # of the starts, in what they would reach without contact
+    initial = InitialMotion("at each start")
+    spread = Attribute()  # half range of the random starts, relative to the amplitudes without contact
     seed = Attribute(int)
 
     @classmethod
     def of_values(
-        cls, values: Mapping[str, Any], lanes: Sequence[str], attrs: Mapping[str, Any], coords: Any = None
+        cls,
+        values: Mapping[str, object],
+        lanes: Sequence[str],
+        attrs: Mapping[str, object],
+        coords: Mapping[str, object] | None = None,
     ) -> Self:
-        """The result from numbers of attractors, and from those of starts with axes `lanes`."""
-        of_starts = {"label", "status", "initial"}
-        split = [{n: v for n, v in values.items() if (n in of_starts) is here} for here in (True, False)]
-        made = cls.from_values(split[0], lanes=lanes, coords={"blade": [0, 1], **(coords or {})}, attrs=attrs)
-        rest = cls.from_values(split[1], lanes=("attractor",))
-        made.data = made.data.merge(rest.data, combine_attrs="override").assign_attrs(
-            {**rest.data.attrs, **made.data.attrs}
-        )
-        return made
+        """The result from the values of attractors and from those of starts, whose axes are `lanes`."""
+        of_starts = {name: values[name] for name in ("label", "status", "initial") if name in values}
+        of_attractors = {name: value for name, value in values.items() if name not in of_starts}
+        result = cls.from_values(of_starts, lanes=lanes, coords={"blade": [0, 1], **(coords or {})}, attrs=attrs)
+        other = cls.from_values(of_attractors, lanes=("attractor",)).data
+        merged = result.data.merge(other, combine_attrs="override")
+        result.data = merged.assign_attrs({**other.attrs, **result.data.attrs})
+        return result
 
     @property
     def undecided(self) -> float:
-        """Share of starts that are assigned to no attractor."""
+        """The share of starts that are assigned to no attractor."""
         return float(np.mean(self.label < 0))
 
     @property
     def worst(self) -> int | None:
-        """The attractor with the least P_d; None where there is none."""
+        """The index of the attractor with the smallest P_d; None if there is none."""
         P_d = self.P_d_least
         return int(np.nanargmin(P_d)) if np.isfinite(P_d).any() else None
 
     @property
     def names(self) -> list[str]:
-        """What the attractors are called."""
+        """The names of the attractors."""
         return [
             {0: f"period {q}", 1: f"family of period {q}", 2: "aperiodic"}[kind]
             for kind, q in zip(self.kind.tolist(), self.period_number.tolist(), strict=True)
         ]
 
-    def plot(self, ax: "Axes | None" = None, **options: Any) -> "Figure":
-        """Orbits of the left blade in the plane of x and v_x, shares with intervals, and P_d.
+    def summary(self) -> dict[str, JSONValue]:
+        """The shares and P_d of the attractors in plain numbers, as `summary.json` holds them."""
+        rows = [
+            {
+                "attractor": name,
+                "share": self.share[i],
+                "share_95": [self.share_low[i], self.share_high[i]],
+                "P_d": self.P_d[i],
+                "P_d_ci": self.P_d_ci[i],
+                "P_d_range": [self.P_d_least[i], self.P_d_most[i]],
+                "distance": self.distance[i],
+            }
+            for i, name in enumerate(self.names)
+        ]
+        worst = None if self.worst is None else {"attractor": self.worst, "P_d": self.P_d_least[self.worst]}
+        numbers = {
+            "starts": self.label.size,
+            "undecided or stopped": self.undecided,
+            "worst": worst,
+            "method": f"{self.method}, {self.steps_per_period} steps a period",
+        }
+        return json_values({**numbers, "attractors": rows, **self.source})
 
-        Args:
-            ax: Draw there, and only one panel.
-            options: `panel`: "orbits" (the default), "shares" or "P_d"; a title, width [mm] and matplotlib style.
-
-        Raises:
-            ValueError: There is no such panel.
-        """
-        from jaxshroud.results import plot_attractors
-        from jaxshroud.results.drawing import Look
-
-        return plot_attractors.attractors(self, ax, options.pop("panel", None), look=Look(**options))
+    def _picture_content(self) -> Self:
+        return self
 
     def __repr__(self) -> str:
-        told = ", ".join(
-            f"{name} {share:.3g} [{low:.3g}, {high:.3g}] P_d {P_d:.4g} %"
-            for name, share, low, high, P_d in zip(
-                self.names, self.share, self.share_low, self.share_high, self.P_d, strict=True
+        motions = ", ".join(
+            f"{name} {between(share, low, high)} P_d {with_interval(P_d, ci, '%')}"
+            for name, share, low, high, P_d, ci in zip(
+                self.names, self.share, self.share_low, self.share_high, self.P_d, self.P_d_ci, strict=True
             )
         )
         worst = "" if self.worst is None else f"; worst P_d {self.P_d_least[self.worst]:.4g} %"
         return (
-            f"{type(self).__name__} of {self.label.size} starts: {told}; "
+            f"{type(self).__name__} of {self.label.size} starts: {motions}; "
             f"{self.undecided:.3g} undecided or stopped{worst}; {self.method}, {self.steps_per_period} steps a period"
         )
 
 
-def share_interval(count: np.ndarray, of: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the 95 % interval of a share from a count, of Clopper and Pearson: it covers at least as often."""
+class Basins(Attractors):
+    """The attractor on which each start of a plane ends; `share` is the share of the starts in the plane."""
+
+    stored_as = "basins"
+
+    @property
+    def plane(self) -> tuple[str, str]:
+        """The keys of the two numbers of the start that span the plane."""
+        first, second = (str(self.data[dim].attrs["key"]) for dim in self.data["label"].dims)
+        return first, second
+
+    @property
+    def at_strobe(self) -> np.ndarray:
+        """The place of each attractor in the plane at drive phase 0, (attractors, 2), in SI units."""
+        places = []
+        for key in self.plane:
+            name, _, blade = key.removeprefix("initial.").partition("[")
+            places.append(getattr(self.motion, name)[:, int(blade[:1] or 0)])
+        return np.stack(places, axis=-1)
+
+
+def share_interval(count: np.ndarray, total: int) -> tuple[np.ndarray, np.ndarray]:
+    """The ends of the Clopper-Pearson 95 % interval of a share from a count; its coverage is 95 % or more."""
     from scipy.special import betaincinv
 
     count = np.asarray(count, float)
-    inner_low, inner_high = np.maximum(count, 1), np.minimum(count, of - 1)
-    low = np.where(count > 0, betaincinv(inner_low, of - inner_low + 1, 0.025), 0.0)
-    high = np.where(count < of, betaincinv(inner_high + 1, of - inner_high, 0.975), 1.0)
+    inner_low, inner_high = np.maximum(count, 1), np.minimum(count, total - 1)
+    low = np.where(count > 0, betaincinv(inner_low, total - inner_low + 1, 0.025), 0.0)
+    high = np.where(count < total, betaincinv(inner_high + 1, total - inner_high, 0.975), 1.0)
     return low, high
 
 
-def rows_of_attractors(found: "Found", paths: Sequence[np.ndarray]) -> dict[str, Any]:
-    """The numbers of attractors, and where each start ends."""
-    from jaxshroud.motion.attractors import nearest
+def attractor_values(found: "FoundAttractors", paths: Sequence[np.ndarray]) -> dict[str, object]:
+    """The values of all attractors, and the attractor on which each start ends."""
+    from jaxshroud.motion.attractors import nearest_distances
 
-    ended, of = found.ended, found.label.size
-    rows = [_row(one, ended, path) for one, path in zip(found.attractors, paths, strict=True)]
-    names = rows[0] if rows else _row(None, ended, np.empty((0, 2)))
-    values = {
-        n: np.array([row[n] for row in rows]).reshape(len(rows), *np.shape(names[n])) for n in names if n != "motion"
-    }
+    ends, starts = found.ended, found.label.size
+    rows = [_attractor_row(one, ends, path) for one, path in zip(found.attractors, paths, strict=True)]
+    template = rows[0] if rows else _empty_row()
+    shapes = {name: np.shape(value) for name, value in template.items() if name != "motion"}
+    values = {name: np.array([row[name] for row in rows]).reshape(len(rows), *shapes[name]) for name in shapes}
     fields = [np.array([row["motion"][i] for row in rows]).reshape(-1, 2) for i in range(6)]
-    low, high = share_interval(values["starts"], of)
-    shares = {"share": values["starts"] / of, "share_low": low, "share_high": high}
-    more = {
-        "motion": Motion(*fields),
-        "distance": nearest(found.attractors),
-        "label": found.label,
-        "status": ended.status,
-    }
-    gap = {} if not found.attractors else {"gap": float(found.gap)}
-    return {**values, **shares, **more, **gap}
-
-
-def _row(one: "Attractor | None", ended: Any, path: np.ndarray) -> dict[str, Any]:
-    """The numbers of one attractor; without one, numbers of their shapes."""
-    curve = np.full((PATH, 2), np.nan)
-    thin = path[:: -(-len(path) // PATH) or 1]
-    curve[: len(thin)] = thin
-    if one is None:
-        return {"starts": 0, "path_x": curve[:, 0], "path_v_x": curve[:, 1], "multipliers": np.zeros(13, complex)}
-    P_d, ci, lanes, cycle = ended.P_d[one.lanes], ended.ci[one.lanes], one.lanes, one.cycle
-    exact = cycle is not None and one.kind == "periodic"
-    mean = cycle.P_d if exact else float(P_d.mean())  # type: ignore[union-attr]
+    low, high = share_interval(values["starts"], starts)
     return {
-        "kind": KINDS.index(one.kind),
-        "period_number": one.q,
+        **values,
+        "share": values["starts"] / starts,
+        "share_low": low,
+        "share_high": high,
+        "motion": Motion(*fields),
+        "distance": nearest_distances(found.attractors),
+        "label": found.label,
+        "status": ends.status,
+        "gap": float(found.gap) if found.attractors else None,
+    }
+
+
+def _attractor_row(attractor: "Attractor", ends: "LaneEnds", path: np.ndarray) -> dict[str, Any]:
+    """The values of one attractor."""
+    lanes, cycle = attractor.lanes, attractor.cycle
+    P_d, ci = ends.P_d[lanes], ends.ci[lanes]
+    mean = float(P_d.mean()) if cycle is None or attractor.kind != "periodic" else cycle.P_d
+    is_family = cycle is not None and attractor.kind != "periodic"
+    return {
+        "kind": ATTRACTOR_KINDS.index(attractor.kind),
+        "period_number": attractor.q,
         "starts": len(lanes),
         "P_d": mean,
         "P_d_ci": 0.0 if cycle is not None else float(np.sqrt(np.nanmean(ci**2) / len(lanes))),
-        "P_d_least": mean if exact or cycle is None else float(P_d.min()),
-        "P_d_most": mean if exact or cycle is None else float(P_d.max()),
+        "P_d_least": float(P_d.min()) if is_family else mean,
+        "P_d_most": float(P_d.max()) if is_family else mean,
         "multipliers": np.full(13, np.nan + 0j) if cycle is None else cycle.multipliers,
         "residual": np.nan if cycle is None else cycle.residual,
-        "motion": one.state.motion,
-        **{name: np.asarray(getattr(one.state, name)) for name in ("u_s", "mode", "case")},
-        "path_x": curve[:, 0],
-        "path_v_x": curve[:, 1],
+        "motion": attractor.state.motion,
+        **{name: np.asarray(getattr(attractor.state, name)) for name in ("u_s", "mode", "case")},
+        **_path_columns(path),
     }
+
+
+def _empty_row() -> dict[str, Any]:
+    """Values of the shapes that those of an attractor have."""
+    numbers = dict.fromkeys(ATTRACTOR_NUMBERS, 0)
+    return {**numbers, **_path_columns(np.empty((0, 2))), "multipliers": np.zeros(13, complex)}
+
+
+def _path_columns(path: np.ndarray) -> dict[str, np.ndarray]:
+    """A path (points, 2) thinned out, or filled up with NaN, to `PATH_POINTS`."""
+    thinned = path[:: -(-len(path) // PATH_POINTS) or 1]
+    columns = np.full((PATH_POINTS, 2), np.nan)
+    columns[: len(thinned)] = thinned
+    return {"path_x": columns[:, 0], "path_v_x": columns[:, 1]}

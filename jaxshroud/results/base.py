@@ -1,19 +1,22 @@
-"""What all results have in common: labelled numbers with where they come from, shown, saved and drawn alike."""
+"""The base of all results: a labelled dataset and its origin, shown, saved and drawn in one way for every kind."""
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypedDict
 
 import numpy as np
 
+from jaxshroud.io.lane_status import FLAGS, count_by_status, status_messages
+from jaxshroud.io.scene_numbers import scene_text_of_lane
+from jaxshroud.io.store import JSONValue, json_values, read, write_dataset, write_json
+from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.model.modes import Status
-from jaxshroud.results.dimension import text_of_one
-from jaxshroud.results.status import FLAGS, counted, messages
-from jaxshroud.results.store import read, write_dataset
-from jaxshroud.results.variable import Attribute, Variable
-from jaxshroud.scene.errors import InputError, StoreError
+from jaxshroud.scene.checks import InputError, StoreError
+from jaxshroud.scene.typed import typed
 from jaxshroud.version import __version__
 
 if TYPE_CHECKING:
@@ -21,126 +24,147 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Kind of a result -> its module and class.
-CLASSES = {
-    "sweep": ("sweep", "SweepResult"),
-    "trajectory": ("trajectory", "Trajectory"),
-    "power": ("power", "PowerResult"),
-    "orbit": ("orbit", "Orbit"),
-    "gradient": ("gradient", "Gradient"),
-    "lyapunov": ("lyapunov", "Lyapunov"),
-    "tuned": ("tuned", "Tuned"),
-    "diagnosis": ("diagnosis", "Diagnosis"),
-    "branch": ("branch", "Branch"),
-    "attractors": ("attractors", "Attractors"),
-    "basins": ("basins", "Basins"),
-    "scatter": ("scatter", "Scatter"),
-}
+ORIGIN = ("title", "scene", "source", "version")
+SOURCE = {"source": "scene", "version": "version"}  # attribute -> its name in `summary.json`
+
+
+class Labels(TypedDict, total=False):
+    """The labels of a result's lanes and its origin, as keyword arguments of `Result.from_values`."""
+
+    lanes: Sequence[str]
+    attrs: Mapping[str, object] | None
+    more: Mapping[str, object] | None
 
 
 class Result:
-    """A labelled dataset whose numbers are attributes too.
+    """A labelled dataset whose variables are attributes of the object too.
 
-    Leading axes of all arrays are those of the scenes that were asked for; there are none for a single scene. A
-    subclass declares its numbers as `Variable`s, and nothing else needs to be said of them.
+    The leading axes of all arrays are those of the given scenes; a single scene has none. A subclass only has to
+    declare its quantities as `Variable`s.
 
     Args:
         data: The dataset, as `to_xarray` gives it and files hold it.
     """
 
-    stored_as: ClassVar[str] = ""  # in the attribute `kind` of files
-    never_without: ClassVar[tuple[str, ...]] = ()  # what all files have
+    stored_as: ClassVar[str] = ""  # the attribute `kind` of files
+    required: ClassVar[tuple[str, ...]] = ()  # variables without which a file is no result of this kind
     variables: ClassVar[dict[str, Variable]]
 
     status = Variable("how each lane ended", stored=np.int8, kind=np.int32, more=FLAGS)
     method = Attribute(str)
     steps_per_period = Attribute(int)
-    accuracy = Attribute(str)  # asked for, and what it chose
-    chatter = Attribute(str)  # what alternated in the first lane that stopped with TOO_MANY_EVENTS
+    accuracy = Attribute(str)  # the accuracy asked for, and the method chosen for it
+    chatter = Attribute(str)  # the contact changes that alternate in the first lane with TOO_MANY_EVENTS
 
     def __init__(self, data: "xr.Dataset"):
         self.data = data
 
+    classes: ClassVar[dict[str, type["Result"]]] = {}  # by the kinds of results, once their modules are imported
+
     def __init_subclass__(cls):
-        known = [item for base in reversed(cls.__mro__) for item in vars(base).items()]
-        cls.variables = {name: value for name, value in known if isinstance(value, Variable)}
+        members = [item for base in reversed(cls.__mro__) for item in vars(base).items()]
+        cls.variables = {name: value for name, value in members if isinstance(value, Variable)}
+        if "stored_as" in vars(cls):  # a subclass without a kind of its own is not what files hold
+            Result.classes[cls.stored_as] = cls
 
     @classmethod
     def from_values(
         cls,
-        values: Mapping[str, Any],
+        values: Mapping[str, object],
         *,
         lanes: Sequence[str] = (),
-        coords: Mapping[str, Any] | None = None,
-        attrs: Mapping[str, Any] | None = None,
-        more: Mapping[str, Any] | None = None,
+        coords: Mapping[str, object] | None = None,
+        attrs: Mapping[str, object] | None = None,
+        more: Mapping[str, object] | None = None,
     ) -> Self:
-        """A result from its numbers.
+        """A result from its values.
 
         Args:
-            values: The numbers, by the names of the `variables`; None is left out.
-            lanes: Names of the leading dimensions.
+            values: The values by the names of `variables`; those that are None are left out.
+            lanes: The names of the leading dimensions.
             coords: Coordinates as xarray takes them.
-            attrs: Attributes of the whole, such as where it comes from.
+            attrs: Attributes of the dataset, such as its origin.
             more: Further variables as xarray takes them, such as the numbers that differ between scenes.
         """
         import xarray as xr
 
-        data: dict[str, Any] = {}
-        told: dict[str, Any] = {}
-        for name, number in cls.variables.items():
+        arrays: dict[str, tuple[tuple[str, ...], np.ndarray, Mapping[str, object]]] = {}
+        scalars: dict[str, object] = {}
+        for name, variable in cls.variables.items():
             value = values.get(name)
             if value is None:
                 continue
-            for entry, (dims, array, attributes) in number.entries(value, tuple(lanes)):
-                if number.alone and not dims:
-                    told |= {entry: array.item(), **number.more}
+            for entry, (dims, array, attributes) in variable.entries(value, tuple(lanes)):
+                if variable.alone and not dims:
+                    scalars |= {entry: array.item(), **variable.more}
                 else:
-                    data[entry] = (dims, array, attributes)
-        whole = {**(attrs or {}), **told, "kind": cls.stored_as, "version": __version__}
-        return cls(xr.Dataset({**data, **(more or {})}, dict(coords or {}), whole))
+                    arrays[entry] = (dims, array, attributes)
+        dataset_attrs = {**(attrs or {}), **scalars, "kind": cls.stored_as, "version": __version__}
+        return cls(xr.Dataset({**arrays, **(more or {})}, dict(coords or {}), dataset_attrs))
 
     @property
     def failed(self) -> int:
-        """How many lanes are not OK."""
+        """The number of lanes whose status is not OK."""
         return int(np.sum(self.status != Status.OK))
 
     @property
     def messages(self) -> list[str]:
         """What to do about lanes that are not OK: one line for each status that occurs."""
-        return list(messages(self.status, self.chatter))
+        return list(status_messages(self.status, self.chatter))
 
     @property
     def scene(self) -> str:
-        """The scene as TOML in SI units; of many scenes the first, with what differs in the dataset."""
+        """The scene as TOML in SI units; of many scenes the first one, as the dataset has the numbers that differ."""
         return str(self.data.attrs.get("scene", ""))
 
+    @typed
     def lane(self, *at: int) -> Self:
         """One of many lanes, as a result of its own.
 
         Args:
-            at: Its place along each leading axis.
+            at: The lane's index along each leading axis.
 
         Raises:
-            ValueError: There are not so many leading axes.
+            ValueError: The number of indices is not that of the leading axes.
             IndexError: There is no such lane.
         """
         dims = self.data["status"].dims if "status" in self.data.variables else ()
         if len(at) != len(dims):
             raise InputError(f"This result has {len(dims)} leading axes, but {len(at)} numbers name a lane.")
-        one = self.data.isel(dict(zip(dims, at, strict=True)))
-        held = [e for v in self.variables.values() if v.alone for e in v.among(one) if not one[e].dims]
-        told = {entry: one[entry].item() for entry in held}
-        if "scene" in one.attrs:
-            told["scene"] = text_of_one(one)
-        return type(self)(one.drop_vars(held).assign_attrs(told))
+        data = self.data.isel(dict(zip(dims, at, strict=True)))
+        names = [name for v in self.variables.values() if v.alone for name in v.among(data) if not data[name].dims]
+        scalars = {name: data[name].item() for name in names}
+        if "scene" in data.attrs:
+            scalars["scene"] = scene_text_of_lane(data)
+        return type(self)(data.drop_vars(names).assign_attrs(scalars))
 
     def to_xarray(self) -> "xr.Dataset":
         """The labelled dataset."""
         return self.data
 
+    @property
+    def origin(self) -> dict[str, JSONValue]:
+        """Where the result comes from, as far as it is known: title, scene, source and version."""
+        return {name: self.data.attrs[name] for name in ORIGIN if name in self.data.attrs}
+
+    @property
+    def source(self) -> dict[str, JSONValue]:
+        """The file of the scene and the version, as summaries name them."""
+        return {new: self.data.attrs[old] for old, new in SOURCE.items() if old in self.data.attrs}
+
+    def summary(self) -> dict[str, JSONValue]:
+        """The result as plain numbers and strings, as JSON holds them; None for numbers that are not finite.
+
+        By default these are the numbers of a single lane, the count of lanes for each status, and the origin.
+        """
+        values = {name: getattr(self, name) for name, variable in self.variables.items() if variable.alone}
+        numbers = {name: value for name, value in values.items() if value is not None and not np.ndim(value)}
+        numbers |= {"method": str(self.method), "status": count_by_status(self.status)}
+        return json_values({**numbers, **self.origin})
+
+    @typed
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the result as NetCDF: whole or not at all.
+        """Write the result as NetCDF, completely or not at all.
 
         Raises:
             WriteError: The place cannot be written.
@@ -148,43 +172,55 @@ class Result:
         write_dataset(self.data, Path(path))
 
     @classmethod
+    @typed
     def load(cls, path: str | os.PathLike[str]) -> Self:
         """A stored result of this class.
 
         Raises:
             StoreError: The file is missing, damaged, or holds another kind of result.
         """
-        found = open(path)
-        if not isinstance(found, cls):
-            raise StoreError(f"{path}: holds a {type(found).__name__}, not a {cls.__name__}; open it with js.open")
-        return found
+        result = open(path)
+        if not isinstance(result, cls):
+            raise StoreError(f"{path}: holds a {type(result).__name__}, not a {cls.__name__}; open it with js.open")
+        return result
 
-    def plot(self, ax: "Axes | None" = None, **options: Any) -> "Figure":
-        """The result as a picture.
+    @typed
+    def plot(self, ax: "Axes | None" = None, *, panel: str | None = None, **options: Any) -> "Figure":
+        """The result as a page of panels, or one panel of it.
 
         Args:
-            ax: Draw the main panel alone, there.
-            options: Of the picture.
+            ax: Draw one panel there, by default the first.
+            panel: Draw only this panel; the documentation of the class names them.
+            options: `title`, `xlabel`, `unit` of displacements and of lengths that are varied ("mm", "um", "m" or
+                "gap", for x over the gap), `width` of the page [mm], matplotlib `style`, and further options of the
+                class.
 
         Raises:
-            ValueError: There is no such picture.
+            ValueError: There is no such picture or panel, or an option of the whole figure is given with `ax`.
         """
-        raise InputError(f"There is no picture of a {type(self).__name__}.")
+        from jaxshroud.plotting.pictures import picture
+
+        return picture(self.stored_as, self._picture_content(), ax, panel, **options)
+
+    def _picture_content(self) -> object:
+        """The data from which the page of this kind of result is drawn."""
+        return self.data
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}: {self.ended}; {self.method}, {self.steps_per_period} steps a period"
 
     @property
     def ended(self) -> str:
-        """How many lanes ended how, in words."""
-        return ", ".join(f"{n} {name}" for name, n in counted(self.status).items())
+        """The number of lanes with each status, as text."""
+        return ", ".join(f"{n} {name}" for name, n in count_by_status(self.status).items())
 
     def _repr_html_(self) -> str:
         return f"<p>{self!r}</p>{self.data._repr_html_()}"
 
 
+@typed
 def open(path: str | os.PathLike[str]) -> Result:
-    """A result that was saved, by this version or an earlier one.
+    """A result that was saved by this version or by an earlier one.
 
     Args:
         path: A file that `save` or a command has written.
@@ -193,30 +229,50 @@ def open(path: str | os.PathLike[str]) -> Result:
         StoreError: The file is missing or damaged, or no result.
     """
     if Path(path).suffix == ".json":
-        beside = Path(path).with_suffix(".nc")
-        cure = f"open {beside}" if beside.exists() else "run the command again, which writes a .nc too"
-        raise StoreError(f"{path}: holds plain numbers for other programs; {cure}")
-    return opened(read(path), path)
+        netcdf = Path(path).with_suffix(".nc")
+        advice = f"open {netcdf}" if netcdf.exists() else "run the command again, which writes a .nc too"
+        raise StoreError(f"{path}: holds plain numbers for other programs; {advice}")
+    return result_from_dataset(read(path), path)
 
 
-def opened(data: "xr.Dataset", path: str | os.PathLike[str]) -> Result:
-    """The result that a dataset holds; messages name its `path`.
+def result_from_dataset(data: "xr.Dataset", path: str | os.PathLike[str]) -> Result:
+    """The result that a dataset holds; error messages name its `path`.
 
     Raises:
-        StoreError: It is no result.
+        StoreError: The dataset is not a result.
     """
-    kind = data.attrs.get("kind", _earlier_kind(data))
-    if kind not in CLASSES:
+    result_class = _result_class(data.attrs.get("kind"))
+    if result_class is None:
         raise StoreError(f"{Path(path)}: not a result of jaxshroud; give a sweep or a trajectory")
-    module, name = CLASSES[kind]
-    found = getattr(import_module(f"jaxshroud.results.{module}"), name)
-    if missing := [name for name in found.never_without if name not in data]:
+    if missing := [name for name in result_class.required if name not in data]:
         raise StoreError(f"{Path(path)}: lacks {', '.join(missing)}; run the command again")
-    return found(data)
+    return result_class(data)
 
 
-def _earlier_kind(data: "xr.Dataset") -> str | None:
-    """What files are that were written before they said so."""
-    if isinstance(data.attrs.get("axes"), str):
-        return "sweep"
-    return "trajectory" if "end_turns" in data.attrs else None
+def _result_class(kind: object) -> type[Result] | None:
+    """The class of results of a kind: of the module of that name, or of any of this room."""
+    if not isinstance(kind, str) or not kind:
+        return None
+    modules = [module.name for module in iter_modules([str(Path(__file__).parent)])]
+    for name in sorted(modules, key=lambda name: name != kind):
+        if kind in Result.classes:
+            break
+        import_module(f"jaxshroud.results.{name}")
+    return Result.classes.get(kind)
+
+
+class PlainResult:
+    """The base of dataclasses that verbs return in place of a dataset: shown and saved as results are."""
+
+    def summary(self) -> dict[str, JSONValue]:
+        """The fields as plain numbers and strings, as JSON holds them; None for numbers that are not finite."""
+        return json_values(asdict(self))  # type: ignore[arg-type]
+
+    @typed
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the summary as JSON, completely or not at all.
+
+        Raises:
+            WriteError: The place cannot be written.
+        """
+        write_json(self.summary(), Path(path))

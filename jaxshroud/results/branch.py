@@ -1,28 +1,30 @@
-"""What following periodic orbits gives."""
+"""Branches of periodic orbits with their special points."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 
+from jaxshroud.io.lane_status import FLAGS
+from jaxshroud.io.scene_numbers import key_attrs
+from jaxshroud.io.store import JSONValue, json_values
+from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Variable
+from jaxshroud.model.modes import BIFURCATION_KINDS
 from jaxshroud.results.base import Result
-from jaxshroud.results.dimension import about
-from jaxshroud.results.gathered import Complex
-from jaxshroud.results.kinds import KINDS
-from jaxshroud.results.status import FLAGS
-from jaxshroud.results.variable import Attribute, Moving, Variable
-from jaxshroud.scene.motion import Motion
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from jaxshroud.model.state import State
-    from jaxshroud.motion.branches import Followed
+    from jaxshroud.model.prepared import State
+    from jaxshroud.motion.branch_continuation import ContinuedBranch
+    from jaxshroud.plotting.style import LookOptions
     from jaxshroud.results.sweep import SweepResult
 
-GAP = {"units": "m", "long_name": "initial gap"}
-ENDS = {
+BRANCH_GAP = {"units": "m", "long_name": "initial gap"}
+END_REASONS = {
     "start": "the range begins there",
     "stop": "the range ends there",
     "closed": "it closes upon itself",
@@ -30,43 +32,49 @@ ENDS = {
     "most points": "it has as many points as were asked for; give more `most_points`",
     "lost": "no orbit is near on the other side: the map jumps there, or contact changes by grazing",
 }
+MULTIPLIER_KINDS = ("fold", "flip", "Neimark-Sacker", "branch point")  # where a multiplier passes the unit circle
+SURE_VALUE = 1e-4  # relative error above which the place of a special point is doubtful
 
 
 class Special(NamedTuple):
     """A special point of a branch."""
 
     kind: str  # see `Branch`
-    value: float  # of the number followed, SI
+    value: float  # of the number along which the branch is followed, in SI units
     q: int  # period number of the orbit
-    multiplier: complex  # that is nearest to where it passes the unit circle
+    multiplier: complex  # the one that is nearest to where a multiplier passes the unit circle
     branch: int
-    point: int  # its place among all points
+    point: int  # its index among all points
+    error: float | None = None  # of the value, by a finer march; None if that found no such point or was not made
 
 
 class Branch(Result):
     """Branches of periodic orbits, point by point in order of arc length, one branch after the other.
 
-    `kind` of a point is 0 on regular ones, else the place in `KINDS`: a fold, a flip, a Neimark-Sacker point or a
-    branch point, where a multiplier passes the unit circle; a corner, where it jumps across; a jump, where the orbit
-    itself jumps between the point before and this one (stick or a case switch comes or goes under load); a grazing,
-    where contact comes or goes with zero closing speed.
+    The `kind` of a point is 0 for a regular one, else its index in `BIFURCATION_KINDS`: a fold, a flip, a
+    Neimark-Sacker point or a branch point, where a multiplier passes the unit circle; a corner, where a multiplier
+    jumps across it; a jump, where the orbit itself jumps between the previous point and this one (stick or a case
+    switch appears or disappears under load); a grazing, where contact appears or disappears with zero closing speed.
     """
 
     stored_as = "branch"
 
     value = Variable("the number followed")
     branch = Variable("which branch; 0: that of the orbit begun with")
-    kind = Variable("of the point", stored=np.int8, kind=int, more={"flag_meanings": ", ".join(KINDS)})
+    value_error = Variable("how far a finer march places a special point from here; NaN of others")
+    kind = Variable("of the point", stored=np.int8, kind=int, more={"flag_meanings": ", ".join(BIFURCATION_KINDS)})
     stable = Variable("all multipliers are within the unit circle", stored=np.int8, kind=bool)
     q = Variable("period number")
-    motion = Moving("at drive phase 0")
+    motion = MotionVariable("at drive phase 0")
     u_s = Variable("slider at drive phase 0", "m")
     mode = Variable("contact mode at drive phase 0")
     case = Variable("contact case at drive phase 0")
     samples = Variable("x, y [m] and theta [rad] at the end of each period", None, ("turn", "displacement"))
     P = Variable("average power, Eq. (23)", "m4", ("blade",))
     P_d = Variable("vibration-power reduction of the left blade, Eq. (24)", "percent")
-    multipliers = Complex("Floquet multipliers, largest first, the slider's own among them", "1", ("multiplier",))
+    multipliers = ComplexVariable(
+        "Floquet multipliers, largest first, the slider's own among them", "1", ("multiplier",)
+    )
     slider_is_free = Variable("the slider stays wherever it starts", stored=np.int8, kind=bool)
     residual = Variable("closing error relative to the largest value of each quantity", "1")
     conditioning = Variable("how far a push of the map moves the orbit: norm of (I - M)^-1", "1")
@@ -79,29 +87,35 @@ class Branch(Result):
 
     @classmethod
     def of_branches(
-        cls, followed: "Sequence[Followed]", along: str, limits: tuple[float, float], attrs: Mapping[str, Any]
+        cls,
+        branches: "Sequence[ContinuedBranch]",
+        along: str,
+        limits: tuple[float, float],
+        attrs: Mapping[str, object],
     ) -> "Branch":
-        """The result from branches along a number within limits."""
-        turns = max(point.cycle.q for one in followed for point in one.points)
-        rows = [_row(b, i, one, turns) for b, one in enumerate(followed) for i in range(len(one.points))]
+        """The result from branches that were followed along a number within limits."""
+        turns = max(point.cycle.q for branch in branches for point in branch.points)
+        rows = [_branch_row(b, i, one, turns) for b, one in enumerate(branches) for i in range(len(one.points))]
         values: dict[str, Any] = {
             name: np.stack([np.asarray(row[name]) for row in rows]) for name in rows[0] if name != "motion"
         }
         values["motion"] = Motion(*(np.stack(field) for field in zip(*(row["motion"] for row in rows), strict=True)))
         gap = values.pop("gap")
-        values |= {"along": along, "ends_of_branches": "; ".join(", ".join(one.ends) for one in followed)}
+        values |= {"along": along, "ends_of_branches": "; ".join(", ".join(branch.ends) for branch in branches)}
         coords = {"blade": [0, 1], "displacement": [f"{n}_{s}" for n in ("x", "y", "theta") for s in ("left", "right")]}
-        told = {**attrs, "start": limits[0], "stop": limits[1]}
-        made = cls.from_values(
-            values, lanes=("point",), coords=coords, attrs=told, more={"gap": (("point",), gap, GAP)}
+        attributes = {**attrs, "start": limits[0], "stop": limits[1]}
+        result = cls.from_values(
+            values, lanes=("point",), coords=coords, attrs=attributes, more={"gap": (("point",), gap, BRANCH_GAP)}
         )
-        made.data["value"].attrs |= {"key": along, "units": about(along)["units"]}
-        return made
+        for name in ("value", "value_error"):
+            result.data[name].attrs |= {"key": along, "units": key_attrs(along)["units"]}
+        return result
 
     @property
     def ends(self) -> list[tuple[str, str]]:
-        """Why each branch ended, at its first point and at its last one: see `messages`."""
-        return [tuple(one.split(", ")) for one in self.ends_of_branches.split("; ")]  # type: ignore[misc]
+        """Why each branch ended, at its first point and at its last one; `messages` explains the words."""
+        pairs = [reasons.split(", ") for reasons in self.ends_of_branches.split("; ")]
+        return [(first, last) for first, last in pairs]
 
     @property
     def special(self) -> list[Special]:
@@ -109,17 +123,29 @@ class Branch(Result):
         return list(self._special())
 
     def _special(self) -> Iterator[Special]:
+        errors = np.full(len(self.value), np.nan) if self.value_error is None else self.value_error
         for i in np.flatnonzero(self.kind):
-            kind, multipliers = KINDS[self.kind[i]], self.multipliers[i]
-            at = {"flip": -1.0, "fold": 1.0, "branch point": 1.0}.get(kind)
-            off = np.abs(np.abs(multipliers) - 1) if at is None else np.abs(multipliers - at)
-            off = np.where(self.slider_is_free[i] & (np.abs(multipliers - 1) < 1e-9), np.inf, off)
-            nearest = complex(multipliers[np.argmin(off)])
-            yield Special(kind, float(self.value[i]), int(self.q[i]), nearest, int(self.branch[i]), int(i))
+            kind, multipliers = BIFURCATION_KINDS[self.kind[i]], self.multipliers[i]
+            crossing = {"flip": -1.0, "fold": 1.0, "branch point": 1.0}.get(kind)
+            distances = np.abs(np.abs(multipliers) - 1) if crossing is None else np.abs(multipliers - crossing)
+            is_free_slider = self.slider_is_free[i] & (np.abs(multipliers - 1) < 1e-9)
+            nearest = complex(multipliers[np.argmin(np.where(is_free_slider, np.inf, distances))])
+            error = float(errors[i]) if np.isfinite(errors[i]) else None
+            yield Special(kind, float(self.value[i]), int(self.q[i]), nearest, int(self.branch[i]), int(i), error)
+
+    @property
+    def doubts(self) -> list[str]:
+        """Special points that a finer march places off by more than `SURE_VALUE` of their value, or nowhere near."""
+        lines = []
+        for one in self.special if self.value_error is not None else ():
+            if one.kind in MULTIPLIER_KINDS and (one.error is None or one.error > SURE_VALUE * abs(one.value)):
+                distance = "nowhere near" if one.error is None else f"{one.error:.1g} away"
+                lines.append(f"{one.kind} at {self.along} = {one.value:.6g}: a finer march places it {distance}")
+        return [f"{line}; give more steps, or an accuracy" for line in lines]
 
     def start(self, point: int) -> "State":
-        """The state of a point at drive phase 0, to go on from."""
-        from jaxshroud.model.state import State
+        """The state of a point at drive phase 0, from which a run can start."""
+        from jaxshroud.model.prepared import State
 
         motion = Motion(*(field[point] for field in self.motion))
         return State(motion, self.u_s[point], self.mode[point], self.case[point])
@@ -127,53 +153,85 @@ class Branch(Result):
     @property
     def messages(self) -> list[str]:
         """How each branch ended, and what to do."""
-        told = []
+        lines = []
         for b, ends in enumerate(self.ends):
-            at = np.flatnonzero(self.branch == b)
-            for place, end in zip((at[0], at[-1]), ends, strict=True):
-                why = ENDS[end]
-                told.append(f"branch {b} (period {self.q[at[0]]}) at {self.along} = {self.value[place]:.6g}: {why}")
-        return told
+            points = np.flatnonzero(self.branch == b)
+            for i, end in zip((points[0], points[-1]), ends, strict=True):
+                place = f"{self.along} = {self.value[i]:.6g}"
+                lines.append(f"branch {b} (period {self.q[points[0]]}) at {place}: {END_REASONS[end]}")
+        return lines
 
-    def plot(self, ax: "Axes | None" = None, **options: Any) -> "Figure":
-        """x_1 at the strobe and P_d over the number: stable orbits solid, unstable ones dashed, special points marked.
+    def summary(self) -> dict[str, JSONValue]:
+        """The number of points of each kind, and the special points, as `summary.json` holds them."""
+        special = self.special
+        rows = [
+            {
+                "kind": one.kind,
+                "value": one.value,
+                "error": one.error,
+                "period": one.q,
+                "branch": one.branch,
+                "multiplier": [one.multiplier.real, one.multiplier.imag],
+            }
+            for one in special
+        ]
+        numbers = {
+            "points": len(self.value),
+            "unstable": int((~self.stable).sum()),
+            "branches": len(self.ends),
+            **{kind: n for kind in BIFURCATION_KINDS[1:] if (n := sum(one.kind == kind for one in special))},
+            "closed to": self.residual.max(),
+            "method": f"{self.method}, {self.steps_per_period} steps a period",
+        }
+        return json_values({**numbers, "along": self.along, "special": rows, "ends": self.ends, **self.source})
+
+    @typed
+    def plot(
+        self,
+        ax: "Axes | None" = None,
+        *,
+        panel: str | None = None,
+        over: "SweepResult | None" = None,
+        **options: "Unpack[LookOptions]",
+    ) -> "Figure":
+        """x_1 at the strobe and P_d against the number, with unstable orbits dashed and special points marked.
 
         Args:
-            ax: Draw there, and only one panel.
-            options: `over`: a sweep along the same number, drawn behind; `panel`: "samples", "multiplier" or
-                "P_d"; a title, xlabel, width [mm] and matplotlib style.
+            ax: Draw one panel there, by default the first.
+            panel: Draw only this panel: "samples", "multiplier" or "P_d".
+            over: A sweep along the same number, which is drawn behind the branch.
+            options: The options of `Result.plot`.
 
         Raises:
             ValueError: There is no such panel, or the sweep is along another number.
         """
-        from jaxshroud.results import plot_branch
-        from jaxshroud.results.drawing import Look
+        from jaxshroud.plotting.pictures import picture
 
-        over: SweepResult | None = options.pop("over", None)
-        panel, look = options.pop("panel", None), Look(**options)
-        return plot_branch.branches(self.data, ax, None if over is None else over.data, panel, look=look)
+        return picture("branch", self.data, ax, panel, over=None if over is None else over.data, **options)
 
     def __repr__(self) -> str:
-        n, of = len(self.ends), {kind: sum(s.kind == kind for s in self.special) for kind in KINDS[1:]}
-        told = ", ".join(f"{count} {kind}" for kind, count in of.items() if count) or "no special point"
+        n, kinds = len(self.ends), [one.kind for one in self.special]
+        counts = [(kinds.count(kind), kind) for kind in BIFURCATION_KINDS[1:]]
+        special = ", ".join(f"{count} {kind}" for count, kind in counts if count) or "no special point"
         return (
             f"Branch along {self.along}: {n} branch{'es' * (n > 1)}, {len(self.value)} points, "
-            f"{int((~self.stable).sum())} of them unstable; {told}; closed to {self.residual.max():.1e}; "
+            f"{int((~self.stable).sum())} of them unstable; {special}; closed to {self.residual.max():.1e}; "
             f"{self.method}, {self.steps_per_period} steps a period"
         )
 
 
-def _row(branch: int, i: int, followed: "Followed", turns: int) -> dict[str, Any]:
-    """The numbers of one point."""
-    point, touch = followed.points[i], followed.touches[i]
+def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> dict[str, Any]:
+    """The values of point `i` of a branch, with its samples filled up to `turns`."""
+    point, touch = branch.points[i], branch.touches[i]
     cycle, samples = point.cycle, np.full((turns, 6), np.nan)
     samples[: cycle.q] = touch.samples[:, :6]
-    plain = {n: getattr(cycle, n) for n in ("q", "P", "P_d", "multipliers", "residual", "conditioning", "status")}
+    numbers = {n: getattr(cycle, n) for n in ("q", "P", "P_d", "multipliers", "residual", "conditioning", "status")}
     return {
-        **plain,
+        **numbers,
         "value": point.value,
-        "branch": branch,
-        "kind": KINDS.index(point.kind or "regular"),
+        "value_error": point.error,
+        "branch": number,
+        "kind": BIFURCATION_KINDS.index(point.kind or "regular"),
         "stable": bool(np.all(np.abs(point.multipliers) < 1)),
         "motion": cycle.start.motion,
         **{name: getattr(cycle.start, name) for name in ("u_s", "mode", "case")},

@@ -1,37 +1,114 @@
-"""What is known of one scene's motion: a stretch of its run, the verdict on its kind, and the evidence."""
+"""Lyapunov exponents, and the diagnosis of the motion of a scene with its evidence."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from jaxshroud.results.gathered import Complex
+from jaxshroud.io.lane_status import FLAGS, status_name
+from jaxshroud.io.store import JSONValue, json_values
+from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Variable, lanes_in_shape, lanes_in_words
+from jaxshroud.motion.effects import with_interval
+from jaxshroud.results.base import Labels, Result
 from jaxshroud.results.trajectory import Trajectory
-from jaxshroud.results.variable import Attribute, Variable
+from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from jaxshroud.model.prepared import State
+    from jaxshroud.motion.lyapunov import Exponents
+    from jaxshroud.plotting.style import LookOptions
+
+
+class Lyapunov(Result):
+    """The Lyapunov exponents per drive period, the largest first, with that of the slider.
+
+    Arrays start with the axes of the scenes; a single scene has none.
+    """
+
+    stored_as = "lyapunov"
+
+    exponents = Variable("Lyapunov exponents per drive period; -inf: forgotten altogether", "1", ("direction",))
+    ci = Variable("half width of the 95 % interval", "1", ("direction",))
+    growth = Variable("exponents of each period; NaN once a lane has stopped", "1", ("period", "direction"))
+    status = Variable("how the run ended", alone=True, kind=int, more=FLAGS)
+    motion = MotionVariable("at the end")
+    u_s = Variable("slider at the end", "m")
+    mode = Variable("contact mode at the end")
+    case = Variable("contact case at the end")
+
+    @classmethod
+    def of_exponents(
+        cls, exponents: "Sequence[Exponents]", shape: tuple[int, ...], **labels: Unpack[Labels]
+    ) -> "Lyapunov":
+        """The result from the exponents of each lane.
+
+        Args:
+            exponents: The exponents of each lane.
+            shape: The leading axes of the result.
+            labels: Further arguments of `from_values`.
+        """
+        longest = max(len(lane.growth) for lane in exponents)
+        rows = [_exponents_row(lane, longest) for lane in exponents]
+        values = {name: lanes_in_shape([row[name] for row in rows], shape) for name in rows[0]}
+        return cls.from_values(values, coords={"blade": [0, 1]}, **labels)
+
+    @property
+    def last(self) -> "State":
+        """The state at the end, from which a run can go on."""
+        from jaxshroud.model.prepared import State
+
+        return State(self.motion, self.u_s, self.mode, self.case)
+
+    def summary(self) -> dict[str, JSONValue]:
+        """The exponents with their half widths in plain numbers, as `summary.json` holds them; of many scenes few."""
+        if np.ndim(self.status):
+            return super().summary()
+        return {**json_values({"exponents": self.exponents, "ci": self.ci}), **super().summary()}
+
+    def __repr__(self) -> str:
+        n = self.growth.shape[-2]
+        if np.ndim(self.status):
+            chaotic = np.sum(self.exponents[..., 0] - self.ci[..., 0] > 0)
+            return (
+                f"Lyapunov of {lanes_in_words(self.status, self.failed)}: {chaotic} chaotic; {n} periods; {self.ended}"
+            )
+        first = ", ".join(with_interval(v, ci) for v, ci in zip(self.exponents[:3], self.ci, strict=False))
+        return f"Lyapunov exponents per drive period: {first}, ...; {n} periods; {status_name(self.status)}"
+
+
+def _exponents_row(lane: "Exponents", periods: int) -> dict[str, Any]:
+    """The values of one lane, with its growth filled up to the number of periods of the longest lane."""
+    growth = np.full((periods, len(lane.exponents)), np.nan, lane.growth.dtype)
+    growth[: len(lane.growth)] = lane.growth
+    state = {name: getattr(lane.last, name) for name in ("motion", "u_s", "mode", "case")}
+    return {"exponents": lane.exponents, "ci": lane.ci, "growth": growth, "status": np.int32(lane.status), **state}
+
 
 class Diagnosis(Trajectory):
     """A run of settled motion, and the verdict on it.
 
-    The samples are those of the periods after all that the evidence comes from; of a scene that stops, of its start.
+    The samples are those of the periods that follow the ones that gave the evidence; for a scene that stops they are
+    those of its start.
     """
 
     stored_as = "diagnosis"
 
     verdict = Attribute(str)  # "period 2", "quasi-periodic", "chaotic", "transient not over", "undecided", "stopped"
-    evidence = Attribute(str)  # the verdict with what speaks for it, a sentence
+    evidence = Attribute(str)  # the verdict with its reasons, a sentence
     period_number = Attribute(int)  # 0 where the motion is not periodic
-    periods = Attribute(int)  # run before the samples
-    return_error = Attribute()  # how nearly samples return, of their size
-    largest_exponent = Attribute()  # per drive period, from one tangent of a stretch of its own
+    periods = Attribute(int)  # that were run before the samples
+    return_error = Attribute()  # how far samples are from their return, relative to their size
+    largest_exponent = Attribute()  # per drive period, from one tangent over periods of its own
     largest_exponent_ci = Attribute()
     K = Attribute()  # of the 0-1 test
     exponents = Variable("Lyapunov exponents per drive period; -inf: forgotten altogether", "1", ("direction",))
     exponents_ci = Variable("half width of the 95 % interval", "1", ("direction",))
-    multipliers = Complex("Floquet multipliers, largest first, the slider's own among them", "1", ("multiplier",))
+    multipliers = ComplexVariable(
+        "Floquet multipliers, largest first, the slider's own among them", "1", ("multiplier",)
+    )
     n = Variable("number of periods averaged over", None, ("curve",))
     P_d = Variable("vibration-power reduction over the first n periods", "percent", ("curve",))
     P_d_ci = Variable("half width of its 95 % interval; NaN below two batches", "percent", ("curve",))
@@ -39,27 +116,26 @@ class Diagnosis(Trajectory):
 
     @property
     def largest_force(self) -> float:
-        """Largest resultant of normal and friction force among the samples [N]; NaN of a model without contact."""
+        """The largest resultant of normal and friction force among the samples [N]; NaN for a model without contact."""
         if self.N is None:
             return float("nan")
         return float(np.nanmax(np.hypot(self.N, self.F)))
 
     @property
     def powers(self) -> dict[str, float]:
-        """Mean powers over the samples [W]: of the drive, lost in the dampers, lost in friction."""
-        names = {"drive": self.work_drive, "viscous": self.loss_viscous, "friction": self.loss_friction}
-        return {name: work / float(self.t[-1] - self.t[0]) for name, work in names.items() if work is not None}
+        """The mean powers over the samples [W]: of the drive, and those lost in the dampers and in friction."""
+        works = {"drive": self.work_drive, "viscous": self.loss_viscous, "friction": self.loss_friction}
+        return {name: work / float(self.t[-1] - self.t[0]) for name, work in works.items() if work is not None}
 
-    @property
-    def summary(self) -> dict[str, Any]:
-        """Everything but the samples, as plain numbers."""
+    def summary(self) -> dict[str, JSONValue]:
+        """Everything but the samples, in plain numbers, as `diagnosis.json` holds it."""
         final = {} if self.P_d is None else {"P_d": float(self.P_d[-1]), "P_d_ci": float(self.P_d_ci[-1])}
         names = ("verdict", "evidence", "period_number", "periods", "return_error", "K")
-        return {
+        numbers = {
             **{name: getattr(self, name) for name in names},
             "largest_exponent": [self.largest_exponent, self.largest_exponent_ci],
-            "exponents": _rows(self.exponents, self.exponents_ci),
-            "multipliers": [] if (mu := self.multipliers) is None else _rows(mu.real, mu.imag),
+            "exponents": _column_rows(self.exponents, self.exponents_ci),
+            "multipliers": [] if (mu := self.multipliers) is None else _column_rows(mu.real, mu.imag),
             **final,
             "P_d_settled": self.P_d_settled,
             "time": {name: getattr(self, f"time_{name}") for name in ("apart", "stick", "slip")},
@@ -68,29 +144,46 @@ class Diagnosis(Trajectory):
             "energy_residual": self.energy_residual,
             "energy_dropped": self.energy_dropped,
             "status": self.status,
+            "method": str(self.method),
+            "steps_per_period": self.steps_per_period,
         }
+        return json_values({**numbers, **self.origin})
 
     @property
     def has_multipliers(self) -> bool:
-        """Whether a stable orbit was closed."""
+        """Whether a stable orbit was found, which has multipliers."""
         return "multipliers_real" in self.data
 
-    def plot(self, ax: "Axes | None" = None, **options: Any) -> "Figure":
-        """The whole as one page, or a panel of the run.
+    @typed
+    def plot(
+        self,
+        ax: "Axes | None" = None,
+        *,
+        panel: str | None = None,
+        kind: str | None = None,
+        settled_from: float = 0.5,
+        **options: "Unpack[LookOptions]",
+    ) -> "Figure":
+        """The diagnosis as one page, or a picture of the run.
 
         Args:
-            ax: Draw there, and only the panel named by `panel`, as for a run.
-            options: As for a run; with `kind` a picture of the run in place of the page.
+            ax: Draw one panel of the run there.
+            panel: Draw only this panel, of the page or of the run.
+            kind: The kind of a picture of the run, which is drawn in place of the page.
+            settled_from: The share of the run that a picture of the run leaves out as its transient.
+            options: The options of `Result.plot`.
         """
-        from jaxshroud.results.plot_diagnosis import page
+        from jaxshroud.plotting.pictures import picture
 
-        return page(self) if ax is None and "kind" not in options else super().plot(ax, **options)
+        if ax is None and kind is None:
+            return picture("diagnosis", self, None, panel, **options)
+        return super().plot(ax, panel=panel, kind=kind, settled_from=settled_from, **options)
 
     def __repr__(self) -> str:
         return f"Diagnosis: {self.evidence}"
 
 
-def _rows(*columns: np.ndarray | None) -> list[list[float]]:
-    """Numbers of columns, row by row."""
-    known = [np.asarray(column, float).tolist() for column in columns if column is not None]
-    return [list(row) for row in zip(*known, strict=True)]
+def _column_rows(*columns: np.ndarray | None) -> list[list[float]]:
+    """The numbers of the columns that are not None, row by row."""
+    numbers = [np.asarray(column, float).tolist() for column in columns if column is not None]
+    return [list(row) for row in zip(*numbers, strict=True)]

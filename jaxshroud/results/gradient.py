@@ -1,34 +1,31 @@
-"""What a gradient gives."""
+"""The derivatives of P_d, or of the power, with respect to numbers of a scene."""
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Hashable, Iterable, Sequence
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from jaxshroud.results.base import Result
-from jaxshroud.results.effects import Effect, effects
-from jaxshroud.results.gathered import Flags, in_shape, lanes_in_words
-from jaxshroud.results.orbit import TOLD, Orbit
-from jaxshroud.results.variable import Attribute, Variable
-from jaxshroud.scene.errors import InputError
+from jaxshroud.io.store import JSONValue, json_values
+from jaxshroud.io.variable import Attribute, FlagsVariable, Variable, lanes_in_shape, lanes_in_words
+from jaxshroud.motion.effects import Effect, effects, with_interval
+from jaxshroud.results.base import Labels, Result
+from jaxshroud.results.orbit import ORBIT_FLAGS, Orbit
+from jaxshroud.scene.checks import InputError
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from jaxshroud.motion.gradient import PowerGradient
 
-    from jaxshroud.motion.gradient import Slope
-
-KINDS = ("none", "periodic", "smoothed")
-BEFORE = "orbit_"  # the names of the orbit's variables and attributes
-OWN = ("level", "level_ci", "conditioning", "sigma", "flags")
+GRADIENT_KINDS = ("none", "periodic", "smoothed")
+ORBIT_PREFIX = "orbit_"  # of the names of the orbit's variables and attributes
+SLOPE_NUMBERS = ("level", "level_ci", "conditioning", "sigma", "flags")
 
 
 class Gradient(Result):
-    """Derivatives of `of` with respect to some numbers of a scene, in SI units (P_d in percentage points).
+    """The derivatives of `of` with respect to some numbers of a scene, in SI units (P_d in percentage points).
 
     Arrays start with the axes of the scenes; a single scene has none, and plain numbers. `flags` are those of the
-    orbit, "structured" where the neighbourhood is not smooth, "lanes stopped" where some of its samples stopped, and
-    "failed" where there is nothing to differentiate.
+    orbit, "structured" where the neighbourhood is not smooth, "lanes stopped" where some of its samples stopped, "no
+    width" where a number is 0 and has no relative neighbourhood, and "failed" where there is nothing to differentiate.
     """
 
     stored_as = "gradient"
@@ -41,9 +38,13 @@ class Gradient(Result):
     level_ci = Variable("half width of its 95 % interval", None, alone=True)
     conditioning = Variable("how far a push of the map moves the orbit; NaN if smoothed", "1", alone=True)
     sigma = Variable("relative width of the neighbourhood; 0 on an orbit", "1", alone=True)
-    flags = Flags("what to know before relying on the derivative", (*TOLD, "structured", "lanes stopped"), "flag")
+    flags = FlagsVariable(
+        "what to know before relying on the derivative",
+        (*ORBIT_FLAGS, "structured", "lanes stopped", "no width"),
+        "flag",
+    )
     number_of_kind = Variable(
-        "", alone=True, kind=int, more={"flag_values": [0, 1, 2], "flag_meanings": " ".join(KINDS)}
+        "", alone=True, kind=int, more={"flag_values": [0, 1, 2], "flag_meanings": " ".join(GRADIENT_KINDS)}
     )
 
     orbits: Orbit | None = None  # in memory, unless read from a file
@@ -51,32 +52,35 @@ class Gradient(Result):
     @classmethod
     def of_slopes(
         cls,
-        slopes: "Sequence[Slope]",
+        slopes: "Sequence[PowerGradient]",
         wrt: Sequence[str],
         of: str,
         orbit: Orbit,
         numbers: Sequence[Sequence[float]],
-        **about: Any,
+        **labels: Unpack[Labels],
     ) -> "Gradient":
-        """The result from each lane's slope, the orbits of all, and the values of the numbers in each."""
-        rows = [_row(slope) | {"number": np.array(at)} for slope, at in zip(slopes, numbers, strict=True)]
-        values = {name: in_shape([row[name] for row in rows], np.shape(orbit.q)) for name in rows[0]}
-        values |= {"of": of, "method": str(orbit.method), "steps_per_period": orbit.steps_per_period}
-        made = cls.from_values(values, coords={"wrt": list(wrt)}, **about)
-        held = orbit.data.drop_vars([name for name, a in orbit.data.variables.items() if "key" in a.attrs])
-        axes = zip(
-            orbit.data["P"].dims, about.get("lanes", ()), strict=False
-        )  # the orbits may have named them otherwise
-        held = held.rename({name: f"{BEFORE}{name}" for name in held.data_vars} | {a: b for a, b in axes if a != b})
-        attrs = {f"{BEFORE}{name}": value for name, value in orbit.data.attrs.items()}
-        made.data = made.data.merge(held).assign_attrs({**attrs, **made.data.attrs})
-        made.orbits = orbit
-        return made
+        """The result from each lane's slope, the orbits of all lanes, and the values of the numbers in each lane.
+
+        `labels` are further arguments of `from_values`.
+        """
+        rows = [_slope_row(slope) | {"number": np.array(row)} for slope, row in zip(slopes, numbers, strict=True)]
+        values = {name: lanes_in_shape([row[name] for row in rows], np.shape(orbit.q)) for name in rows[0]}
+        values |= {"of": of, "method": str(orbit.march_choices), "steps_per_period": orbit.steps_per_period}
+        result = cls.from_values(values, coords={"wrt": list(wrt)}, **labels)
+        orbit_data = orbit.data.drop_vars([name for name, a in orbit.data.variables.items() if "key" in a.attrs])
+        # The orbits may have other names for the axes of the scenes.
+        axes = zip(orbit.data["P"].dims, labels.get("lanes", ()), strict=False)
+        names = {name: f"{ORBIT_PREFIX}{name}" for name in orbit_data.data_vars}
+        orbit_data = orbit_data.rename(names | {a: b for a, b in axes if a != b})
+        attrs = {f"{ORBIT_PREFIX}{name}": value for name, value in orbit.data.attrs.items()}
+        result.data = result.data.merge(orbit_data).assign_attrs({**attrs, **result.data.attrs})
+        result.orbits = orbit
+        return result
 
     @property
-    def kind(self) -> Any:
-        """Either "periodic" or "smoothed"; "none" of a lane that failed."""
-        kinds = np.array(KINDS)[np.asarray(self.number_of_kind)]
+    def kind(self) -> Any:  # a string, or an array of strings for many scenes
+        """Either "periodic" or "smoothed"; "none" for a lane that failed."""
+        kinds = np.array(GRADIENT_KINDS)[np.asarray(self.number_of_kind)]
         return kinds if kinds.ndim else str(kinds)
 
     @property
@@ -86,45 +90,56 @@ class Gradient(Result):
 
     @property
     def value(self) -> dict[str, Any]:
-        """The derivative with respect to each number: plain numbers of a single scene, arrays of many."""
+        """The derivative with respect to each number: a plain number for a single scene, an array for many."""
         return self._by_key(self.derivative)
 
     @property
     def ci(self) -> dict[str, Any]:
-        """The half widths of their 95 % intervals; 0 where the derivative is exact."""
+        """The half width of the 95 % interval of each derivative; 0 where the derivative is exact."""
         return self._by_key(self.derivative_ci)
 
     @property
     def effects(self) -> list[Effect]:
-        """What 1 % more of each number changes, or 1 degree of an angle: of one scene, the largest first.
+        """The change of `of` by 1 % more of each number, or by 1 degree of an angle; one scene, the largest first.
 
         Raises:
             InputError: There are many scenes, or the file was written before the numbers were kept.
         """
         if self.number is None or self.number.ndim > 1:
-            cure = "compute it again" if self.number is None else "pick a lane"
-            raise InputError(f"Effects are of the numbers of one scene; {cure}.")
+            advice = "compute it again" if self.number is None else "pick a lane"
+            raise InputError(f"Effects are of the numbers of one scene; {advice}.")
         return effects(self.value, self.ci, self._by_key(self.number))
 
-    def plot(self, ax: "Axes | None" = None, **options: Any) -> "Figure":
-        """The effects of the numbers of one scene, the largest on top.
+    def summary(self) -> dict[str, JSONValue]:
+        """The derivatives and their orbit in plain numbers, as `gradient.json` holds them; of many scenes few."""
+        if np.ndim(self.level):
+            return super().summary()
+        cycle = self.orbit
+        names = ("of", "kind", "value", "ci", "level", "level_ci", "sigma", "flags")
+        orbit = {
+            "period_number": cycle.q,
+            "residual": cycle.residual,
+            "multipliers": [[float(m.real), float(m.imag)] for m in cycle.multipliers],
+            "nearest_bifurcation": cycle.bifurcation[0] if cycle.found else None,
+            "conditioning": self.conditioning,
+            "periods": cycle.periods,
+            "start": cycle.start.motion._asdict(),
+        }
+        return json_values(
+            {
+                **{name: getattr(self, name) for name in names},
+                "number": {effect.key: effect.number for effect in self.effects},
+                "orbit": orbit,
+                "method": str(cycle.method),
+                "steps_per_period": cycle.steps_per_period,
+                **self.origin,
+            }
+        )
 
-        Args:
-            ax: There is no panel to draw alone.
-            options: `title`, `xlabel`, `width`, `style` of the picture.
-
-        Raises:
-            InputError: There are many scenes, or `ax` is given.
-        """
-        from jaxshroud.results import plot_effects
-        from jaxshroud.results.drawing import Look
-
-        if ax is not None:
-            raise InputError("Argument `ax` is not for the picture of a Gradient.")
-        told = {e.key: e.number for e in self.effects}
-        data = {"of": self.of, "value": self.value, "ci": self.ci, "number": told}
-        data |= {"title": self.data.attrs.get("title", "")}
-        return plot_effects.tornado(data, look=Look(**options))
+    def _picture_content(self) -> dict[str, object]:
+        number = {effect.key: effect.number for effect in self.effects}
+        title = self.data.attrs.get("title", "")
+        return {"of": self.of, "value": self.value, "ci": self.ci, "number": number, "title": title}
 
     def _by_key(self, values: np.ndarray) -> dict[str, Any]:
         columns = np.moveaxis(values, -1, 0)
@@ -132,41 +147,45 @@ class Gradient(Result):
 
     @property
     def orbit(self) -> Orbit:
-        """The orbit or orbits; see their flags, multipliers and bifurcation."""
+        """The orbit, or the orbits of many scenes, with their flags, multipliers and bifurcations."""
         if self.orbits is not None:
             return self.orbits
-        named = {str(n): str(n).removeprefix(BEFORE) for n in self.data.data_vars if str(n).startswith(BEFORE)}
-        others = {n: n for n, a in self.data.variables.items() if "key" in a.attrs}
-        attrs = {str(n).removeprefix(BEFORE): v for n, v in self.data.attrs.items() if str(n).startswith(BEFORE)}
-        data = self.data[[*named, *others]].rename(named)
-        data.attrs = attrs
+        names = _without_prefix(self.data.data_vars)
+        scene_numbers = [name for name, a in self.data.variables.items() if "key" in a.attrs]
+        data = self.data[[*names, *scene_numbers]].rename(names)
+        data.attrs = {name: self.data.attrs[stored] for stored, name in _without_prefix(self.data.attrs).items()}
         return Orbit(data)
 
     @property
-    def status(self) -> Any:
+    def status(self) -> int | np.ndarray:
         """How the march of each lane's orbit ended."""
         return self.orbit.status
 
     @property
     def failed(self) -> int:
-        """How many lanes have no derivative."""
+        """The number of lanes without a derivative."""
         return int(np.sum(np.equal(self.number_of_kind, 0)))
 
     def __repr__(self) -> str:
         unit = "%" if self.of == "P_d" else "m^4"
         if np.ndim(self.level):
-            kinds = ", ".join(f"{np.sum(self.kind == kind)} {kind}" for kind in KINDS[1:])
-            told = f"of {self.of} with respect to {', '.join(self.wrt)}"
-            return f"Gradient of {lanes_in_words(self.level, self.failed)} {told}: {kinds}"
-        slopes = ", ".join(f"d{self.of}/d {key} = {v:.6g} +- {self.ci[key]:.2g}" for key, v in self.value.items())
+            kinds = ", ".join(f"{np.sum(self.kind == kind)} {kind}" for kind in GRADIENT_KINDS[1:])
+            subject = f"of {self.of} with respect to {', '.join(self.wrt)}"
+            return f"Gradient of {lanes_in_words(self.level, self.failed)} {subject}: {kinds}"
+        slopes = ", ".join(f"d{self.of}/d {key} = {with_interval(v, self.ci[key])}" for key, v in self.value.items())
         return (
-            f"Gradient, {self.kind}: {slopes}; {self.of} {self.level:.6g} +- {self.level_ci:.2g} {unit}; "
+            f"Gradient, {self.kind}: {slopes}; {self.of} {with_interval(self.level, self.level_ci, unit)}; "
             f"flags: {', '.join(self.flags) or 'none'}"
         )
 
 
-def _row(slope: "Slope") -> dict[str, Any]:
-    """One lane's numbers."""
-    numbers = {name: getattr(slope, name) for name in OWN}
-    kind = np.int8(KINDS.index(slope.kind))
+def _without_prefix(names: Iterable[Hashable]) -> dict[str, str]:
+    """The names of what belongs to the orbit, as they are stored -> as the orbit itself has them."""
+    return {str(n): str(n).removeprefix(ORBIT_PREFIX) for n in names if str(n).startswith(ORBIT_PREFIX)}
+
+
+def _slope_row(slope: "PowerGradient") -> dict[str, Any]:
+    """The values of one lane."""
+    numbers = {name: getattr(slope, name) for name in SLOPE_NUMBERS}
+    kind = np.int8(GRADIENT_KINDS.index(slope.kind))
     return {**numbers, "derivative": slope.value, "derivative_ci": slope.ci, "number_of_kind": kind}

@@ -1,22 +1,31 @@
-"""What a scatter of numbers does to P_d."""
+"""The distribution of P_d where numbers of a scene scatter, and the report on a design as one document."""
 
-from typing import TYPE_CHECKING, Any
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from jaxshroud.io.lane_status import FLAGS
+from jaxshroud.io.store import JSONValue, json_values
+from jaxshroud.io.variable import Attribute, Variable
+from jaxshroud.motion.effects import between
+from jaxshroud.plotting.documents import Section, save_document
+from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.base import Result
-from jaxshroud.results.status import FLAGS
-from jaxshroud.results.variable import Attribute, Variable
-from jaxshroud.results.words import between
-from jaxshroud.scene.errors import InputError
+from jaxshroud.results.gradient import Gradient
+from jaxshroud.results.sweep import SweepResult
+from jaxshroud.scene.typed import typed
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+SHARES = ("first", "total")  # shares of the variance: Sobol indices of first and of total order
 
 
 class Scatter(Result):
-    """The distribution of P_d over draws of some numbers, and what it comes from."""
+    """The distribution of P_d over draws of some numbers, and the share of each number in the variance.
+
+    The panels of its picture are "draws" and "shares".
+    """
 
     stored_as = "scatter"
 
@@ -35,54 +44,96 @@ class Scatter(Result):
     median = Attribute()
     likely_low = Attribute()  # 5 % of the draws are below
     likely_high = Attribute()  # 5 % of the draws are above
-    at_least = Attribute()  # P_d asked for
-    probability = Attribute()  # that it is met
-    probability_low = Attribute()  # ends of the 95 % interval
+    at_least = Attribute()  # required P_d [percent]
+    probability = Attribute()  # that the required P_d is met
+    probability_low = Attribute()  # ends of its 95 % interval
     probability_high = Attribute()
+    N_max = Attribute()  # largest normal force of any run, k v_max [N]
+    v_max = Attribute()  # largest penetration of any run [m]
+    conditions_json = Attribute(str, name="conditions")  # the operating conditions as JSON
     runs = Attribute(int)
-    stopped = Attribute(int)  # of the runs
+    stopped = Attribute(int)  # number of runs that stopped
     seed = Attribute(int)
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """The numbers that scatter."""
+        """The keys of the numbers that scatter."""
         return tuple(map(str, self.data["key"].to_numpy()))
 
     @property
+    def conditions(self) -> dict[str, list[float]]:
+        """The operating conditions, key -> values; P_d of a draw is the smallest of all combinations."""
+        return json.loads(self.conditions_json or "{}")
+
+    @property
     def chance(self) -> str:
-        """The probability that `at_least` is met with, and its 95 % interval, in words."""
+        """The probability that `at_least` is met, and its 95 % interval, as text."""
         return between(self.probability, self.probability_low, self.probability_high)
 
     @property
     def failed(self) -> int:
-        """How many of the runs stopped."""
+        """The number of runs that stopped."""
         return self.stopped
 
-    def plot(self, ax: "Axes | None" = None, **options: Any) -> "Figure":
-        """The distribution of P_d, and the shares of its variance.
-
-        Args:
-            ax: There is no panel to draw alone.
-            options: `title`, `width`, `style` of the picture.
-
-        Raises:
-            InputError: `ax` is given.
-        """
-        from jaxshroud.results import plot_scatter
-        from jaxshroud.results.drawing import Look
-
-        if ax is not None:
-            raise InputError("Argument `ax` is not for the picture of a Scatter.")
-        return plot_scatter.scatter(self.data, look=Look(**options))
+    def summary(self) -> dict[str, JSONValue]:
+        """The distribution and the shares of its variance in plain numbers, as `summary.json` holds them."""
+        names = ["mean", "median", "likely_low", "likely_high", "runs", "stopped", "seed", "steps_per_period"]
+        if self.at_least is not None:
+            names += ["at_least", "probability", "probability_low", "probability_high"]
+        shares = {
+            key: {name: getattr(self, name)[i] for name in ("low", "high", "first", "total")}
+            | {f"{name}_95": [getattr(self, f"{name}_{end}")[i] for end in ("low", "high")] for name in SHARES}
+            for i, key in enumerate(self.keys)
+        }
+        numbers = {name: getattr(self, name) for name in names}
+        return json_values({**numbers, "over": shares, "method": str(self.method), **self.source})
 
     def __repr__(self) -> str:
-        asked = ""
+        requirement = ""
         if self.at_least is not None:
-            ends = f"[{self.probability_low:.3g}, {self.probability_high:.3g}]"
-            asked = f"; at least {self.at_least:g} % with probability {self.probability:.3g} {ends}"
+            requirement = f"; at least {self.at_least:g} % with probability {self.chance}"
         shares = ", ".join(f"{key} {share:.2g}" for key, share in zip(self.keys, self.total, strict=True))
         return (
             f"Scatter of P_d over {len(self.P_d)} draws: {self.median:.4g} %, nine in ten between "
-            f"{self.likely_low:.4g} and {self.likely_high:.4g} %{asked}; total shares: {shares}; "
+            f"{self.likely_low:.4g} and {self.likely_high:.4g} %{requirement}; total shares: {shares}; "
             f"{self.stopped} of {self.runs} runs stopped; {self.method}, {self.steps_per_period} steps a period"
         )
+
+
+@dataclass(frozen=True)
+class Report:
+    """The verdict on a design with its reasons, and the results in the worst condition on which it rests."""
+
+    title: str
+    verdict: str  # "sound", "doubtful" or "fails"
+    reasons: tuple[str, ...]
+    run: SweepResult  # the design itself, with its largest forces and its energy balance
+    over_gap: SweepResult
+    scatter: Scatter | None  # each draw in its worst condition
+    gradient: Gradient
+    attractors: Attractors
+    coexisting: tuple[Attractors, ...]  # one for each condition
+    sections: Sequence[Section]
+
+    @typed
+    def save(self, path: str | Path) -> None:
+        """Write the document as .html or .pdf.
+
+        Raises:
+            InputError: The suffix is neither.
+            WriteError: The place cannot be written.
+        """
+        save_document(self.title, self.sections, Path(path))
+
+    def summary(self) -> dict[str, JSONValue]:
+        """The verdict with its reasons, and the summaries of the results on which it rests."""
+        parts = {name: getattr(self, name) for name in ("run", "over_gap", "scatter", "gradient", "attractors")}
+        return {
+            **{name: getattr(self, name) for name in ("title", "verdict")},
+            "reasons": list(self.reasons),
+            **{name: None if part is None else part.summary() for name, part in parts.items()},
+            "coexisting": [attractors.summary() for attractors in self.coexisting],
+        }
+
+    def __repr__(self) -> str:
+        return f"Report: {self.verdict}; {'; '.join(self.reasons)}"

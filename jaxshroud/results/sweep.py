@@ -1,50 +1,62 @@
-"""What a sweep gives."""
+"""The samples and the statistics of a sweep, in one direction or in several, with jumps and coexisting motions."""
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxshroud.io.lane_status import FLAGS
+from jaxshroud.io.scene_numbers import dimension, key_attrs
+from jaxshroud.io.store import JSONValue, json_values
+from jaxshroud.io.variable import Attribute, CountsVariable, MotionVariable, Variable
 from jaxshroud.model.modes import Status
+from jaxshroud.motion.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, find_jumps, motions_differ
+from jaxshroud.motion.period import UNKNOWN_IF_SETTLED
 from jaxshroud.results.base import Result
-from jaxshroud.results.dimension import about, dimension
-from jaxshroud.results.status import FLAGS
-from jaxshroud.results.variable import Attribute, Counts, Moving, Variable
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    import xarray as xr
 
 DIRECTION = "direction"  # dimension of sweeps in several directions
-GAP = {"units": "m", "long_name": "initial gap"}
-VERDICT = {"flag_values": [0, 1, 2], "flag_meanings": "no yes unknown"}
-MORE = "drive periods of transient to add until {}; NaN if unknown"
+GAP_ATTRS = {"units": "m", "long_name": "initial gap"}
+SETTLING_FLAGS = {"flag_values": [0, 1, 2], "flag_meanings": "no yes unknown"}
+MORE_PERIODS = "drive periods of transient to add until {}; NaN if unknown"
+VALUES_AT_ONCE = 4096  # of the axis, whose samples are in memory together
+UNSETTLED = 0  # verdict of `settling`: the transient is not over
 
 
 class SweepResult(Result):
-    """A sweep's stroboscopic samples and statistics.
+    """The stroboscopic samples and the statistics of a sweep.
 
-    Arrays start with the axes of the scenes, then one dimension per axis of the sweep. Samples have a dimension
-    `period` after these, and a last one for the blade where each blade has its own value. Statistics are over the kept
-    periods.
+    Arrays start with the axes of the scenes, followed by one dimension per axis of the sweep. Samples have a dimension
+    `period` after these, and the blade comes last where each blade has a value of its own. Statistics are over the
+    kept periods.
+
+    Panels of its picture: "samples" and "P_d" over one axis; "P_d" and "motions" over two; "lyapunov" over either,
+    where exponents were computed.
     """
 
     stored_as = "sweep"
-    never_without = ("status", "P_d", "period_number")
+    required = ("status", "P_d", "period_number")
 
-    motion = Moving("at the drive phase `phase` of each kept period; NaN after a lane has stopped", dims=("period",))
+    motion = MotionVariable(
+        "at the drive phase `phase` of each kept period; NaN after a lane has stopped", dims=("period",)
+    )
     P = Variable("average power, Eq. (23)", "m4", ("blade",))
     P_0 = Variable("average power without contact, closed form", "m4", ("blade",))
     P_d = Variable("vibration-power reduction of the left blade, Eq. (24)", "percent")
     P_d_ci = Variable("half width of the 95 % interval of P_d, batch means", "percent")
     P_d_ci_short = Variable("too few correlation times for P_d_ci", stored=np.int8, kind=bool)
     P_d_settled = Variable("P_d no longer drifts, on evidence", stored=np.int8, kind=bool)
-    P_d_settling = Variable("P_d no longer drifts", more=VERDICT)
-    P_d_periods_more = Variable(MORE.format("P_d no longer drifts"), "1")
+    P_d_settling = Variable("P_d no longer drifts", more=SETTLING_FLAGS)
+    P_d_periods_more = Variable(MORE_PERIODS.format("P_d no longer drifts"), "1")
     period_number = Variable("period of the orbit in drive periods; 0: aperiodic")
     settled = Variable("the transient is over, on evidence", stored=np.int8, kind=bool)
-    settling = Variable("the transient is over", more=VERDICT)
-    periods_more = Variable(MORE.format("it is over"), "1")
+    settling = Variable("the transient is over", more=SETTLING_FLAGS)
+    periods_more = Variable(MORE_PERIODS.format("it is over"), "1")
     status = Variable("", stored=np.int8, kind=np.int32, more=FLAGS)
     v_max = Variable("largest penetration", "m")
     time_apart = Variable("fraction of the time: apart", "1")
@@ -59,54 +71,67 @@ class SweepResult(Result):
     N_max = Variable("largest normal force of contact", "N")
     F_max = Variable("largest magnitude of the friction force", "N")
     friction_work = Variable("work that friction takes in a drive period, on average", "J")
-    counters = Counts("events in the kept periods")
+    counters = CountsVariable("events in the kept periods")
     phase = Attribute(name="drive_phase")  # of the samples [rad]
     period_tol = Attribute()  # of the period number
-    jump = Variable("", stored=np.int8, kind=bool)  # of sweeps in several directions, like the next
+    jump = Variable("", stored=np.int8, kind=bool)  # this and the next: only in sweeps in several directions
     coexisting = Variable("", stored=np.int8, kind=bool)
     inaccurate = Variable("estimated to miss the accuracy asked for", stored=np.int8, kind=bool)
 
     @property
     def axes(self) -> dict[str, np.ndarray]:
-        """Key -> values (n,) in SI, of each axis of the sweep."""
-        named = [self.data[dim] for dim in self.dims if "key" in self.data[dim].attrs]
-        return {str(axis.attrs["key"]): axis.to_numpy() for axis in named}
+        """Key -> values (n,) in SI units, for each axis of the sweep."""
+        axes = [self.data[dim] for dim in self.dims if "key" in self.data[dim].attrs]
+        return {str(axis.attrs["key"]): axis.to_numpy() for axis in axes}
 
     @property
     def dims(self) -> tuple[str, ...]:
-        """Names of the leading dimensions."""
+        """The names of the leading dimensions."""
         return tuple(map(str, self.data["status"].dims))
 
     @property
     def period(self) -> np.ndarray:
-        """Absolute count of each kept period, (period,)."""
+        """The number of each kept period, counted from t = 0, (period,)."""
         return self.data["period"].to_numpy()
 
     @property
     def gap(self) -> np.ndarray:
-        """Initial gap of each lane [m]."""
+        """The initial gap of each lane [m]."""
         return self.data["gap"].broadcast_like(self.data["status"]).transpose(*self.dims).to_numpy()
 
     @property
     def complete(self) -> bool:
-        """Whether all lanes were run; False only in the result that an interruption leaves."""
+        """Whether all lanes were run; False only in the result of an interrupted sweep."""
         return not np.any(self.status == Status.NOT_RUN)
 
-    def plot(self, ax: "Axes | None" = None, **options: Any) -> "Figure":
-        """Samples, period number and P_d over one axis, or a map of P_d over two.
-
-        Args:
-            ax: Draw there, and only the panel named by `panel`.
-            options: `panel`: "samples" or "P_d" over one axis; "P_d" or "motions" over two; "lyapunov" over either,
-                where exponents were computed. A title, xlabel, unit of displacements and of lengths that are swept
-                ("mm", "um", "m" or "gap", for x over the gap), width [mm] and matplotlib style.
-
-        Raises:
-            ValueError: The sweep has neither one axis nor two, or no such panel.
-        """
-        from jaxshroud.results import plot
-
-        return plot.sweep(self.data, ax, **options)
+    def summary(self) -> dict[str, JSONValue]:
+        """The sweep in a few numbers, as `summary.json` holds them."""
+        ok, residual, dropped = self.status == Status.OK, self.energy_residual, self.energy_dropped
+        P_d = np.where(ok, self.P_d, np.nan)
+        positive = None if self.lyapunov is None else int((self.lyapunov - self.lyapunov_ci > 0).sum())
+        numbers, counts = np.unique(self.period_number[ok], return_counts=True)
+        best = None
+        if np.isfinite(P_d).any():
+            lane = np.unravel_index(np.nanargmax(P_d), P_d.shape)
+            place = {key: float(v[i]) for (key, v), i in zip(self.axes.items(), lane[-len(self.axes) :], strict=True)}
+            best = {"P_d": float(P_d[lane]), "ci": float(self.P_d_ci[lane]), **place}
+        return json_values(
+            {
+                **_direction_numbers(self),
+                "lanes": int(ok.size),
+                "periods kept": len(self.period),
+                "status": {s.name: int((self.status == s).sum()) for s in Status if (self.status == s).any()},
+                "period numbers": {str(n) if n else "aperiodic": int(c) for n, c in zip(numbers, counts, strict=True)},
+                "unsettled": int((~self.settled & ok).sum()),
+                **_settling_numbers(self, ok),
+                "largest P_d": best,
+                **({} if positive is None else {"positive exponents": positive}),
+                **_largest(ok, {"largest energy residual": residual, "largest energy dropped": dropped}),
+                **_force_numbers(self, ok),
+                "method": f"{self.method}, {self.steps_per_period} steps a period",
+                **self.source,
+            }
+        )
 
     def __repr__(self) -> str:
         lanes = [f"{dim} ({self.data.sizes[dim]})" for dim in self.dims if "key" not in self.data[dim].attrs]
@@ -120,12 +145,137 @@ class SweepResult(Result):
         )
 
 
-def sweep_coordinates(axes: Mapping[str, np.ndarray], period: np.ndarray) -> dict[str, Any]:
-    """Coordinates of a sweep as xarray takes them.
+def _force_numbers(result: SweepResult, ok: np.ndarray) -> dict[str, float]:
+    """The largest forces and the largest work of friction of all lanes, if they were kept."""
+    forces = {
+        "largest normal force [N]": result.N_max,
+        "largest friction force [N]": result.F_max,
+        "largest work of friction per period [J]": result.friction_work,
+    }
+    return _largest(ok, forces)
+
+
+def _largest(ok: np.ndarray, quantities: Mapping[str, np.ndarray | None]) -> dict[str, float]:
+    """The largest value of each quantity that was kept, among the lanes that are OK."""
+    return {name: float(np.max(a, where=ok, initial=0.0)) for name, a in quantities.items() if a is not None}
+
+
+def _direction_numbers(result: SweepResult) -> dict[str, object]:
+    """Where the motion jumps and where motions coexist, of a sweep in several directions."""
+    if result.jump is None:
+        return {}
+    ((_, values),) = result.axes.items()
+    directions = result.data["direction"].to_numpy().tolist()
+    rows = zip(directions, result.jump, strict=True)
+    jumps = {f"jumps {direction}": values[row].tolist() for direction, row in rows if row.any()}
+    return {"values with coexisting motions": int(result.coexisting.sum()), **jumps}
+
+
+def _settling_numbers(result: SweepResult, ok: np.ndarray) -> dict[str, float]:
+    """The numbers of lanes that are not settled, and of confidence intervals that span too few correlation times."""
+    more = result.periods_more[ok & np.isfinite(result.periods_more)]
+    return {
+        "of these unknown": int(((result.settling == UNKNOWN_IF_SETTLED) & ok).sum()),
+        "most periods more": float(more.max(initial=0.0)),
+        "P_d unsettled": int((~result.P_d_settled & ok).sum()),
+        "short intervals of P_d": int((result.P_d_ci_short & ok).sum()),
+    }
+
+
+def sweep_coordinates(axes: Mapping[str, np.ndarray], period: np.ndarray) -> dict[str, object]:
+    """The coordinates of a sweep as xarray takes them.
 
     Args:
         axes: Key -> values of each axis.
-        period: Absolute count of each kept period.
+        period: The number of each kept period, counted from t = 0.
     """
-    swept = {dimension(key): (dimension(key), values, about(key)) for key, values in axes.items()}
+    swept = {dimension(key): (dimension(key), values, key_attrs(key)) for key, values in axes.items()}
     return {**swept, "period": ("period", period, {"long_name": "drive periods since t = 0"}), "blade": [0, 1]}
+
+
+def overlay_directions(results: Mapping[str, SweepResult]) -> SweepResult:
+    """The results of sweeps along the same values as one result, with a leading dimension `direction`.
+
+    Directions without a result are filled with lanes that have not run.
+    """
+    import xarray as xr
+
+    first = next(iter(results.values())).data
+    names = _variables_by_direction(first)
+    directions = xr.DataArray(list(SINGLE_DIRECTIONS), dims=DIRECTION, name=DIRECTION)
+    parts = [results[way].data[names] if way in results else _not_run_data(first[names]) for way in SINGLE_DIRECTIONS]
+    data = first.drop_vars(names).merge(xr.concat(parts, dim=directions, combine_attrs="override"))
+    complete = len(results) == len(SINGLE_DIRECTIONS) and all(result.complete for result in results.values())
+    data.attrs = {**first.attrs, "complete": int(complete)}
+    chatter = next((result.chatter for result in results.values() if result.chatter), None)
+    if chatter is not None:
+        data.attrs["chatter"] = chatter
+    return SweepResult(data.assign(compare_directions(data)) if complete else data)
+
+
+def _not_run_data(like: "xr.Dataset") -> "xr.Dataset":
+    """A dataset with the same lanes, none of which has run."""
+    import xarray as xr
+
+    fill = {str(name): np.nan if a.dtype.kind == "f" else 0 for name, a in like.data_vars.items()}
+    return like.map(lambda a: xr.full_like(a, {**fill, "status": Status.NOT_RUN}[str(a.name)]))
+
+
+def in_direction(data: "xr.Dataset", direction: Direction) -> "xr.Dataset":
+    """The result of one direction, with the dimension `direction` of a sweep in several directions."""
+    names = _variables_by_direction(data)
+    return data.assign({name: data[name].expand_dims({DIRECTION: [direction]}) for name in names})
+
+
+def _variables_by_direction(data: "xr.Dataset") -> list[str]:
+    """The names of the variables of which each direction has values of its own."""
+    lanes = set(data["status"].dims)
+    common = {"gap", *(str(n) for n, a in data.data_vars.items() if "key" in a.attrs)}
+    return [str(n) for n, a in data.data_vars.items() if lanes <= set(a.dims) and n not in common]
+
+
+def compare_directions(data: "xr.Dataset") -> "dict[str, xr.Variable]":
+    """Where motions jump and where they coexist, from sweeps along one number in all directions; empty for others."""
+    import xarray as xr
+
+    dims = data["status"].dims
+    if DIRECTION not in dims or len(dims) > 2 or not set(Motion._fields) <= set(data):
+        return {}
+    (dim,) = set(dims) - {DIRECTION}
+    n = data.sizes[dim]
+    windows = [(first, min(first + VALUES_AT_ONCE, n)) for first in range(0, n, VALUES_AT_ONCE)]
+    parts = [data.isel({dim: slice(*ends)}) for ends in windows]
+    sizes = [max(_size(part[name]) for part in parts) or 1.0 for name in Motion._fields]
+    jumped, coexist = np.zeros((len(SINGLE_DIRECTIONS), n), np.int8), np.zeros(n, np.int8)
+    for first, last in windows:
+        # The neighbours on both sides tell how large a usual step is.
+        before, after = min(first, NEIGHBOURING_STEPS), min(n - last, NEIGHBOURING_STEPS + 1)
+        window = data.isel({dim: slice(first - before, last + after)})
+        rows = [_lane_motions(window.sel({DIRECTION: way}), sizes) for way in SINGLE_DIRECTIONS]
+        columns = list(zip(*rows, strict=True))[before : before + last - first]
+        coexist[first:last] = [any(motions_differ(a, b) for a, b in combinations(column, 2)) for column in columns]
+        for row, way in enumerate(SINGLE_DIRECTIONS):
+            if way != "independent":
+                jumps = find_jumps(rows[row])[before : before + last - first]  # between each value and the next
+                begin = first + (way == "forward")
+                jumped[row, begin : begin + len(jumps)] = jumps
+    jump_attrs = {"long_name": "the motion jumps between this value and the one before it in the direction"}
+    coexisting_attrs = {"long_name": "motions from different directions differ: they coexist"}
+    return {
+        "jump": xr.Variable((DIRECTION, dim), jumped, jump_attrs),
+        "coexisting": xr.Variable((dim,), coexist, coexisting_attrs),
+    }
+
+
+def _size(part: "xr.DataArray") -> float:
+    """The largest magnitude."""
+    return float(np.nanmax(np.abs(part.to_numpy()), initial=0.0))
+
+
+def _lane_motions(data: "xr.Dataset", sizes: Sequence[float]) -> list[SweptMotion]:
+    """The motions of one direction, each quantity relative to its largest value in all directions."""
+    order = data.transpose(*data["status"].dims, "period", "blade", ...)
+    scaled = [order[name].to_numpy() / size for name, size in zip(Motion._fields, sizes, strict=True)]
+    points = np.concatenate(scaled, axis=-1)
+    numbers, settling = data["period_number"].to_numpy(), data["settling"].to_numpy()
+    return [SweptMotion(p, int(q), bool(v != UNSETTLED)) for p, q, v in zip(points, numbers, settling, strict=True)]

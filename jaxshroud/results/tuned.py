@@ -1,60 +1,80 @@
-"""What tuning gives."""
+"""A tuned design, with its search and its robustness."""
 
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 
+from jaxshroud.io.store import JSONValue, json_values
+from jaxshroud.io.variable import Attribute, Variable
+from jaxshroud.motion.effects import between
 from jaxshroud.results.base import Result
-from jaxshroud.results.variable import Attribute, Variable
-from jaxshroud.results.words import between
-from jaxshroud.scene.errors import InputError
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from jaxshroud.plotting.style import LookOptions
+
 PENALTY = 100.0  # percentage points for exceeding a limit by its own size
 PATHS = ("update", "start")
-ENDED_BY = ("bound", "loss", "limit", "stop")  # the bound itself will do; P_d is lost, a limit exceeded, a run stopped
+ENDED_BY = ("bound", "loss", "limit", "stop")  # the bound is permitted; P_d is lost, a limit exceeded, a run stopped
 ROBUST = (
     *("nominal_P_d", "nominal_ci", "nominal_force", "nominal_v_max", "sampled_P_d", "scattered_force"),
     *("scattered_v_max", "at_least", "probability", "probability_low", "probability_high"),
     *("motions", "motions_worst", "motions_undecided"),
 )
-ENDS = {"flag_meanings": " ".join(ENDED_BY)}
+SEARCH = ("points", "scores", "polished", "polished_scores")  # the data of the picture
+END_FLAGS = {"flag_meanings": " ".join(ENDED_BY)}
 
 
-class Judged(NamedTuple):
-    """What simulations say of some designs; where numbers scatter, each draw of each condition counts as one."""
+class DesignJudgement(NamedTuple):
+    """The simulated performance of some designs; where numbers scatter, each draw counts as a condition of its own."""
 
     score: np.ndarray  # (n,) objective less the penalties [%]
-    objective: np.ndarray  # (n,) mean or least P_d over the conditions [%]
+    objective: np.ndarray  # (n,) mean or smallest P_d over the conditions [%]
     P_d: np.ndarray  # (n, conditions) [%]
     ci: np.ndarray  # (n, conditions) half widths of 95 % intervals [percentage points]
     v_max: np.ndarray  # (n,) largest penetration in any condition [m]; within steps too where there is a limit
-    force: np.ndarray  # (n,) largest normal force, likewise [N]
+    force: np.ndarray  # (n,) largest normal force in any condition [N]
     period_number: np.ndarray  # (n, conditions); 0: aperiodic
 
     def keeps(self, margin: float = 0.0) -> np.ndarray:
-        """Whether each design ran to its end in every condition, its limits exceeded by `margin` at most, (n,)."""
+        """Whether each design ran to its end in every condition and exceeds its limits by `margin` at most, (n,)."""
         return np.isfinite(self.objective) & (self.score >= self.objective - PENALTY * margin)
 
 
-class Within(NamedTuple):
-    """Where one number may be, the others fixed, in SI units."""
+class DesignInterval(NamedTuple):
+    """The interval of permissible values of one number while the others are fixed, in SI units."""
 
-    at: float  # in the best design
+    at: float  # its value in the best design
     low: float
     high: float
-    ended_by: tuple[str, ...]  # each one of `ENDED_BY`
-    beyond: tuple[float, float]  # the next values looked at, which do not do; NaN at a bound
-    apart: float  # largest distance between neighbours looked at within: losses between them are not seen
+    ended_by: tuple[str, ...]  # for each end one of `ENDED_BY`
+    beyond: tuple[float, float]  # the next values tried, which are not permissible; NaN at a bound
+    apart: float  # largest distance between neighbouring values tried within: losses between them are not detected
+
+
+class HalfWidth(NamedTuple):
+    """The half width of the interval in which a number scatters."""
+
+    size: float  # [SI], or over the number itself
+    relative: bool  # whether it is over the number itself
+
+    def around(self, value: float) -> tuple[float, float]:
+        """The smallest and the largest value that a number takes by its scatter."""
+        half_width = self.size * abs(value) if self.relative else self.size
+        return value - half_width, value + half_width
 
 
 class Tuned(Result):
-    """A tuned design and how it was found."""
+    """A tuned design, its search, its checks and its robustness.
+
+    The panels of its picture are "designs" and "scores", and "robust" where robustness was asked for.
+    """
 
     stored_as = "tuned"
 
@@ -65,9 +85,11 @@ class Tuned(Result):
     points = Variable("designs along each path, the starts first", None, (*PATHS, "key"))
     scores = Variable("objective less the penalties along each path", "percent", PATHS)
     exact = Variable("whether the slope was exact", None, PATHS, stored=np.int8, kind=bool)
+    polished = Variable("the best path's design after each round of samples around its end", None, ("round", "key"))
+    polished_scores = Variable("objective less the penalties of these", "percent", ("round",))
     scanned = Variable("designs of the scan", None, ("scan", "key"))
     scanned_scores = Variable("objective less the penalties of the scan", "percent", ("scan",))
-    periods = Attribute(int)  # drive periods simulated in all, each tangent counted as one more run
+    periods = Attribute(int)  # drive periods simulated in total, each tangent counted as one more run
     confirmed = Variable(
         "all checks agree with the search and one another, and keep the limits", alone=True, kind=bool, stored=np.int8
     )
@@ -78,7 +100,7 @@ class Tuned(Result):
     start = Attribute(str)  # of every run: "scene", or "given" by an argument, which files do not hold
     most_penetration = Attribute()  # [m]
     most_force = Attribute()  # [N]
-    conditions_asked = Attribute(str)  # keys with their values, in JSON
+    conditions_json = Attribute(str, name="conditions_asked")  # key -> values, as JSON
     check_score = Variable("of each check: objective less the penalties", "percent", ("check",))
     check_objective = Variable("of each check: mean or least P_d over the conditions", "percent", ("check",))
     check_P_d = Variable("of each check: P_d", "percent", ("check", "condition"))
@@ -87,7 +109,7 @@ class Tuned(Result):
     check_force = Variable("of each check: largest normal force in any condition", "N", ("check",))
     check_period_number = Variable("of each check: period number; 0: aperiodic", None, ("check", "condition"))
 
-    # Where numbers scatter; every draw counts as a condition of its own above, those of one condition in a row.
+    # Where numbers scatter. Every draw is a condition of its own above, and those of one condition follow each other.
     half_width = Variable("half width of the scatter: in SI units, or over the number", None, ("scattered",))
     relative = Variable("whether it is over the number", None, ("scattered",), stored=np.int8, kind=bool)
     places = Variable("draws of the search, from -1 to 1 within the scatter", "1", ("draw", "scattered"))
@@ -95,12 +117,12 @@ class Tuned(Result):
     sampled_P_d = Variable("least P_d over the conditions of each of them", "percent", ("sample",))
     scattered_force = Attribute()  # largest normal force of any of them [N]
     scattered_v_max = Attribute()  # largest penetration, likewise [m]
-    at_least = Attribute()  # P_d asked for [percent]
+    at_least = Attribute()  # required P_d [percent]
     probability = Attribute()  # that it is met in every condition, by the independent draws
     probability_low = Attribute()  # ends of its 95 % interval, Clopper and Pearson
     probability_high = Attribute()
-    # Where numbers scatter, or a loss is stated: of the best design itself, without scatter.
-    loss = Attribute()  # of P_d, that may be lost in any condition [percentage points]
+    # Where numbers scatter or a loss is given: the best design itself, without scatter.
+    loss = Attribute()  # the P_d that may be lost in any condition [percentage points]
     nominal_P_d = Variable("P_d in each condition", "percent", ("operation",))
     nominal_ci = Variable("half width of its 95 % interval", "percent", ("operation",))
     nominal_force = Attribute()  # [N]
@@ -108,7 +130,7 @@ class Tuned(Result):
     nominal = Variable("each number in the best design", None, ("number",))
     interval = Variable("outermost values, the others fixed, that lose no more than `loss`", None, ("number", "end"))
     beyond = Variable("the next values looked at, which lose more; NaN at a bound", None, ("number", "end"))
-    ended_by = Variable("what ends the interval", None, ("number", "end"), stored=np.int8, kind=int, more=ENDS)
+    ended_by = Variable("what ends the interval", None, ("number", "end"), stored=np.int8, kind=int, more=END_FLAGS)
     apart = Variable("largest distance between neighbours looked at within the interval", None, ("number",))
     looked = Variable("values looked at", None, ("number", "place"))
     looked_loss = Variable("loss of P_d there in the condition that loses most", "percent", ("number", "place"))
@@ -120,7 +142,7 @@ class Tuned(Result):
 
     @property
     def problem(self) -> Any:
-        """What was tuned, as `tune` had it.
+        """The optimisation problem that `tune` solved, a `Problem` of `verbs.design_problem`.
 
         Raises:
             ValueError: The result was read from a file.
@@ -131,7 +153,7 @@ class Tuned(Result):
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """What was tuned."""
+        """The keys of the tuned numbers."""
         return tuple(map(str, self.data["key"].to_numpy()))
 
     @property
@@ -146,100 +168,125 @@ class Tuned(Result):
 
     @property
     def conditions(self) -> dict[str, list[float]]:
-        """Operating conditions: keys with their values; every combination counts."""
-        return json.loads(self.conditions_asked)
+        """The operating conditions, key -> values; the design has to do in every combination."""
+        return json.loads(self.conditions_json)
 
     @property
     def at_bounds(self) -> dict[str, str]:
-        """Keys whose best value is at its "lower" or "upper" bound: beyond may be better."""
-        ends = {-1: "lower", 1: "upper"}
-        return {key: ends[at] for key, at in zip(self.keys, self.bound.tolist(), strict=True) if at}
+        """The keys whose best value is at its "lower" or "upper" bound, beyond which there may be a better one."""
+        names = {-1: "lower", 1: "upper"}
+        return {key: names[side] for key, side in zip(self.keys, self.bound.tolist(), strict=True) if side}
 
     @property
-    def checks(self) -> dict[str, Judged]:
-        """The winner simulated again in other ways."""
+    def checks(self) -> dict[str, DesignJudgement]:
+        """The best design simulated again in other ways."""
         names = map(str, self.data["check"].to_numpy())
-        fields = [getattr(self, f"check_{name}") for name in Judged._fields]
-        return {name: Judged(*(field[i : i + 1] for field in fields)) for i, name in enumerate(names)}
+        fields = [getattr(self, f"check_{name}") for name in DesignJudgement._fields]
+        return {name: DesignJudgement(*(field[i : i + 1] for field in fields)) for i, name in enumerate(names)}
 
     @property
-    def intervals(self) -> dict[str, Within]:
-        """Where each number may be before more than `loss` percentage points of P_d are lost in any condition.
+    def intervals(self) -> dict[str, DesignInterval]:
+        """The interval of each number in which no condition loses more than `loss` percentage points of P_d.
 
-        Tuned numbers are looked at between their bounds, others within their scatter. Empty where no loss was stated.
+        Tuned numbers are varied between their bounds, others within their scatter. Empty if no loss was given.
         """
         if self.interval is None:
             return {}
-        found = {}
+        intervals = {}
         for i, key in enumerate(map(str, self.data["number"].to_numpy())):
-            (low, high), (least, most) = self.interval[i].tolist(), self.beyond[i].tolist()
-            why = tuple(ENDED_BY[end] for end in self.ended_by[i])
-            found[key] = Within(float(self.nominal[i]), low, high, why, (least, most), float(self.apart[i]))
-        return found
+            low, high = self.interval[i].tolist()
+            beyond = tuple(self.beyond[i].tolist())
+            ended_by = tuple(ENDED_BY[end] for end in self.ended_by[i])
+            intervals[key] = DesignInterval(float(self.nominal[i]), low, high, ended_by, beyond, float(self.apart[i]))
+        return intervals
 
     @property
-    def scatters(self) -> dict[str, tuple[float, bool]]:
-        """Half widths of the numbers that scatter, and whether they are over the number itself."""
+    def scatters(self) -> dict[str, HalfWidth]:
+        """The half widths of the numbers that scatter."""
         if self.half_width is None:
             return {}
         keys = map(str, self.data["scattered"].to_numpy())
-        return dict(zip(keys, zip(self.half_width.tolist(), self.relative.tolist(), strict=True), strict=True))
+        return dict(zip(keys, map(HalfWidth, self.half_width.tolist(), self.relative.tolist()), strict=True))
 
     def ends_of_scatter(self, values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-        """The least and the largest that numbers with these values become by the scatter."""
-        ends = {}
-        for key, (half, relative) in self.scatters.items():
-            by = half * abs(values[key]) if relative else half
-            ends[key] = values[key] - by, values[key] + by
-        return ends
+        """The smallest and the largest value that the scatter gives to numbers with these values."""
+        return {key: width.around(values[key]) for key, width in self.scatters.items()}
 
     @property
     def chance(self) -> str:
-        """The probability that `at_least` is met with, and its 95 % interval, in words."""
+        """The probability that `at_least` is met, and its 95 % interval, as text."""
         return between(self.probability, self.probability_low, self.probability_high)
 
     @property
-    def robust(self) -> dict[str, Any] | None:
-        """All that is known of the best design's robustness, as `tune.json` holds it; None where nothing was asked."""
+    def robust(self) -> dict[str, object] | None:
+        """The robustness of the best design, as `tune.json` holds it; None if it was not asked for."""
         if self.loss is None:
             return None
         names = ("loss", *(name for name in ROBUST if getattr(self, name) is not None))
-        ranges = {
-            key: {**within._asdict(), "looked": looked[np.isfinite(looked)], "loss": loss[np.isfinite(looked)]}
-            for (key, within), looked, loss in zip(self.intervals.items(), self.looked, self.looked_loss, strict=True)
+        tried = zip(self.intervals.items(), self.looked, self.looked_loss, strict=True)
+        intervals = {
+            key: {**interval._asdict(), "looked": values[np.isfinite(values)], "loss": losses[np.isfinite(values)]}
+            for (key, interval), values, losses in tried
         }
-        told = {key: {"half_width": by, "relative": relative} for key, (by, relative) in self.scatters.items()}
+        scatter = {key: {"half_width": half, "relative": relative} for key, (half, relative) in self.scatters.items()}
         draws = {} if self.places is None else {"draws": len(self.places), "samples": len(self.sampled)}
-        return {**{name: getattr(self, name) for name in names}, "intervals": ranges, "scatter": told, **draws}
+        return {**{name: getattr(self, name) for name in names}, "intervals": intervals, "scatter": scatter, **draws}
+
+    def summary(self, drawn: Mapping[str, object] | None = None) -> dict[str, JSONValue]:
+        """The design, its checks and its search in plain numbers, as `tune.json` holds them.
+
+        Args:
+            drawn: The map, as `objective_map` gives it.
+        """
+        outcome = ("feasible", "design", "objective", "at_bounds", "confirmed", "periods")
+        request = ("over", "conditions", "goal", "most_penetration", "most_force")
+        search = (*SEARCH, "exact", "scanned", "scanned_scores")
+        return json_values(
+            {
+                **{name: getattr(self, name) for name in (*outcome, *request)},
+                "method": str(self.method),
+                "steps_per_period": self.steps_per_period,
+                **({} if self.robust is None else {"robust": self.robust}),
+                "checks": {name: judgement._asdict() for name, judgement in self.checks.items()},
+                "map": drawn,
+                **{name: getattr(self, name) for name in search},
+                **self.origin,
+            }
+        )
 
     @property
     def failed(self) -> int:
-        """1 where the best design does not keep the limits, or stops."""
+        """1 if the best design exceeds a limit or stops, else 0."""
         return int(not self.feasible)
 
-    def plot(self, ax: "Axes | None" = None, **options: Any) -> "Figure":
-        """Paths over the map of the objective, or key by key without a map, and the paths' scores.
+    @typed
+    def plot(
+        self,
+        ax: "Axes | None" = None,
+        *,
+        panel: str | None = None,
+        drawn: Mapping[str, object] | None = None,
+        **options: "Unpack[LookOptions]",
+    ) -> "Figure":
+        """The paths of the search on the map of the objective, or key by key without a map, and their scores.
 
         Args:
-            ax: Not for this picture, which has two panels.
-            options: `drawn`: the map, as `objective_map` gives it; `panel`: "robust" for how far each number may go
-                alone; a title, xlabel, unit of lengths, width [mm] and matplotlib style.
+            ax: Draw one panel there, by default the first.
+            panel: "designs" or "scores"; "robust" for the interval of each number.
+            drawn: The map, as `objective_map` gives it.
+            options: The options of `Result.plot`.
 
         Raises:
-            ValueError: An `ax` is given, there is no such panel, or nothing is known of robustness.
+            ValueError: There is no such panel, or robustness was not asked for.
         """
-        from jaxshroud.results import plot_design, plot_robust
-        from jaxshroud.results.drawing import Look
+        from jaxshroud.plotting.pictures import picture
 
-        if ax is not None:
-            raise InputError("A tuning is drawn in two panels; leave `ax` out and take the figure's axes.")
-        drawn: Mapping[str, Any] | None = options.pop("drawn", None)
-        told = {name: getattr(self, name) for name in ("points", "scores", "goal", "over", "design")}
-        panel = options.pop("panel", None)
-        if panel not in (None, "robust") or (panel and self.robust is None):
-            raise InputError(f"This tuning has no panel {panel!r}.")
-        told |= {"map": drawn, "robust": self.robust, "title": self.data.attrs.get("title") or "tuning"}
-        return (plot_robust.robustness if panel else plot_design.tuning)(told, look=Look(**options))
+        names = (*SEARCH, "goal", "over", "design")
+        content = {name: getattr(self, name) for name in names} | {"map": drawn, "robust": self.robust}
+        content["title"] = self.data.attrs.get("title") or "tuning"
+        if panel == "robust" and self.robust is not None:
+            return picture("robustness", content, ax, **options)
+        return picture("tuned", content, ax, panel, **options)
 
     def __repr__(self) -> str:
         design = ", ".join(f"{key} = {value:.6g}" for key, value in self.design.items())
@@ -250,9 +297,9 @@ class Tuned(Result):
 
     @property
     def _robust_in_words(self) -> str:
-        """What is known of the robustness, in words."""
+        """The robustness as text; empty if it was not asked for."""
         if self.loss is None:
             return ""
-        ends = (f"{key} {one.low:.4g} to {one.high:.4g}" for key, one in self.intervals.items())
-        asked = "" if self.at_least is None else f"; at least {self.at_least:g} % with probability {self.chance}"
-        return f"; at most {self.loss:g} points lost for {', '.join(ends)}{asked}"
+        ends = (f"{key} {interval.low:.4g} to {interval.high:.4g}" for key, interval in self.intervals.items())
+        requirement = "" if self.at_least is None else f"; at least {self.at_least:g} % with probability {self.chance}"
+        return f"; at most {self.loss:g} points lost for {', '.join(ends)}{requirement}"

@@ -1,16 +1,16 @@
-"""Keys to sweep, with their values."""
+"""The axes of a sweep: keys with their values."""
 
 from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from jaxshroud.scene.checks import MAX_VALUES
 from jaxshroud.scene.file import Axis, SceneFile
-from jaxshroud.scene.keys import Key, found
-from jaxshroud.scene.limits import MOST_VALUES
-from jaxshroud.scene.messages import fail, shown, told
+from jaxshroud.scene.keys import Key, find_key
+from jaxshroud.scene.messages import fail, problem_text, toml_text
 from jaxshroud.scene.overrides import literal
-from jaxshroud.scene.schema import SweepTable, number
+from jaxshroud.scene.schema import SweepTable, number_type
 
 
 def axis(
@@ -23,7 +23,7 @@ def axis(
     num: int | None = None,
     where: str = "",
 ) -> Axis:
-    """One key to sweep and its values, checked against the scene.
+    """An axis of a sweep: one key and its values, checked against the scene.
 
     Args:
         scene_file: The scene that is swept.
@@ -33,34 +33,34 @@ def axis(
         start: First value.
         stop: Last value.
         num: Number of values.
-        where: What error messages name first; by default the command line's `--along`.
+        where: The place that error messages name first; by default the option `--along`.
 
     Raises:
         KeyNameError: The scene has no such number.
         SceneError: A value is out of its range, or fewer than two differ.
     """
     where = where or f"--along {key}"
-    row, _ = found(key, where)
+    row, _ = find_key(key, where)
     if row.name == "contact.width" and scene_file.tables["parts"]["contact"] != "smooth":
         fail(where, 'the scene\'s contact is not smooth and has no width; add [parts] contact = "smooth"')
     ends = [start, stop, num]
     if (values is None and None in ends) or (values is not None and ends != [None] * 3):
         fail(where, "needs either values, or start, stop and num")
-    given = [start, stop] if values is None else _listed(values)
+    given = [start, stop] if values is None else _value_list(values)
     _same_units(where, given)
-    points = _in_range(where, row, [literal(v) if isinstance(v, str) else v for v in given])
+    points = _values_in_range(where, row, [literal(v) if isinstance(v, str) else v for v in given])
     size = len(points) if num is None else num
     if size < 2 or len(set(points)) < 2:
         count = max(0, min(size, len(set(points))))
         fail(where, f"{count} different value{'s' * (count != 1)} given; a sweep needs at least two, e.g. num = 100")
-    if size > MOST_VALUES:
-        fail(where, f"num must be at most {MOST_VALUES}")
+    if size > MAX_VALUES:
+        fail(where, f"num must be at most {MAX_VALUES}")
     grid = points if values is not None else np.linspace(points[0], points[1], size)
     return Axis(key, np.asarray(grid, np.float64))
 
 
 def axes(scene_file: SceneFile, sweep: SweepTable, where: str) -> tuple[Axis, ...]:
-    """All axes of a [sweep] table; `where` it is, messages name first."""
+    """All axes of a [sweep] table; messages begin with `where` it is."""
     columns = {name: getattr(sweep, name) for name in ("values", "start", "stop", "num")}
     return tuple(
         axis(scene_file, key, where=f"{where} {key}", **{n: c and c[i] for n, c in columns.items()})
@@ -68,30 +68,36 @@ def axes(scene_file: SceneFile, sweep: SweepTable, where: str) -> tuple[Axis, ..
     )
 
 
-def _in_range(where: str, row: Key, values: list[Any]) -> list[float]:
-    """`values` in SI, checked against the range of a number."""
+def _values_in_range(where: str, row: Key, values: list[Any]) -> list[float]:
+    """The `values` in SI units, checked against the range of a number."""
     if any(isinstance(v, list | dict) or v is None for v in values):
-        fail(where, f"{shown(values)} must be one number per value")
-    adapter, points = TypeAdapter(number(row)), []
+        fail(where, f"{toml_text(values)} must be one number per value")
+    adapter, points = TypeAdapter(number_type(row)), []
     for value in values:
         try:
             points.append(adapter.validate_python(value))
         except ValidationError as error:
-            fail(where, f"{shown(value)} {told(error.errors()[0])}, e.g. {shown(row.example)} ({row.about})")
+            fail(
+                where,
+                f"{toml_text(value)} {problem_text(error.errors()[0])}, e.g. {toml_text(row.example)} ({row.about})",
+            )
     return points
 
 
 def _same_units(where: str, values: list[Any]) -> None:
-    """Refuse the text of a bare number after one with a unit, as in `1mm,2`: two metres are hardly meant."""
+    """Refuse a number without a unit after one with a unit, as in `1mm,2`: two metres are hardly meant."""
     texts = [v for v in values if isinstance(v, str)]
     bare = [isinstance(literal(v), int | float) for v in texts]
     for i, text in enumerate(texts):
         if bare[i] and not all(bare[:i]):
-            fail(where, f"{shown(text)} has no unit, but {shown(texts[bare.index(False)])} before it has; add one")
+            fail(
+                where,
+                f"{toml_text(text)} has no unit, but {toml_text(texts[bare.index(False)])} before it has; add one",
+            )
 
 
-def _listed(values: Any) -> list[Any]:
-    """A sequence of values; those of a text that is no TOML as the texts between its commas."""
+def _value_list(values: Any) -> list[Any]:
+    """The values as a list; a text that is not TOML is split at its commas."""
     if isinstance(values, str):
         values = literal(values) if values.lstrip().startswith("[") else [v.strip() for v in values.split(",")]
     values = values.tolist() if hasattr(values, "tolist") else values

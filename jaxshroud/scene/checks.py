@@ -1,65 +1,110 @@
-"""Checks of arguments at the door."""
+"""The errors of the package, with one-line messages, and the checks of arguments that raise them."""
 
 import difflib
 from collections.abc import Sequence
 from functools import wraps
 from typing import Any, Literal, TypeVar, get_args
 
-from jaxshroud.scene.errors import InputError
-from jaxshroud.scene.errors import NumericalError as NumericalError
 
+class Error(Exception):
+    """The base class of all errors of the package."""
+
+
+class InputError(Error, ValueError):
+    """The input is invalid."""
+
+
+class SceneError(InputError):
+    """A scene file, an override or a number of a scene is invalid."""
+
+
+class KeyNameError(SceneError, KeyError):
+    """A key does not name exactly one number of a scene."""
+
+    __str__ = ValueError.__str__  # that of KeyError puts the message into quotes
+
+
+class StepTooLongError(InputError):
+    """The step is too long: the march would be unstable."""
+
+
+class NumericalError(Error, ValueError):
+    """The request is valid, but its computation failed."""
+
+
+class StoreError(InputError):
+    """A result cannot be written or read; the message names the place and the cure."""
+
+
+class WriteError(StoreError, OSError):
+    """A file cannot be written."""
+
+
+class MachineError(WriteError):
+    """The request is valid, but the machine failed: a disk is full or broken, or a scheduler cannot be reached."""
+
+
+MAX_VALUES = 10**7  # of one axis
+MAX_AUTO_STEPS = 10**7  # in steps per period
+DEFAULT_TRANSIENT = 64  # periods discarded by default, so that no average includes the start-up
 Precision = Literal["float64", "float32"]
-MOST_COUNT = 2**31 - 1  # compiled loops count in 32 bits
+MAX_COUNT = 2**31 - 1  # compiled loops count in 32 bits
 Tuple = TypeVar("Tuple", bound=type)
 
 
-def meant(word: str, known: Sequence[str]) -> str:
-    """The `known` word that one may have meant, as the end of a message; nothing if none is close."""
-    folded = {k.casefold(): k for k in known}
-    close = difflib.get_close_matches(word.casefold(), folded, n=1)
-    return f"; did you mean `{folded[close[0]]}`?" if close else ""
+def did_you_mean(word: str, known: Sequence[str]) -> str:
+    """A suggestion of the `known` word that may have been meant, as the end of a message; empty if none is close."""
+    by_lower_case = {k.casefold(): k for k in known}
+    close = difflib.get_close_matches(word.casefold(), by_lower_case, n=1)
+    return f"; did you mean `{by_lower_case[close[0]]}`?" if close else ""
 
 
 def hint(word: str, known: Sequence[str]) -> str:
-    """The cure for a word that is not `known`."""
-    return meant(word, known) or f"; known are {', '.join(known)}"
+    """The cure for an unknown word: a suggestion, or all `known` words."""
+    return did_you_mean(word, known) or f"; known are {', '.join(known)}"
 
 
-def word_argument(name: str, word: Any, words: Any) -> None:
+def word_argument(name: str, word: object, words: Any) -> None:
     """Raise ValueError unless `word` is one of the `words`, a Literal or a sequence."""
-    known = get_args(words) or tuple(words)
-    if not isinstance(word, str) or word not in known:
-        raise InputError(f"Argument `{name}` cannot be {word!r}{hint(str(word), known)}")
+    allowed = get_args(words) or tuple(words)
+    if not isinstance(word, str) or word not in allowed:
+        raise InputError(f"Argument `{name}` cannot be {word!r}{hint(str(word), allowed)}")
 
 
-def type_argument(name: str, value: Any, kind: type, example: str) -> None:
-    """Raise ValueError unless `value` is of a `kind`."""
+def type_argument(name: str, value: object, kind: type, example: str) -> None:
+    """Raise ValueError unless `value` is an instance of `kind`."""
     if not isinstance(value, kind):
         raise InputError(f"Argument `{name}` must be a {kind.__name__}, e.g. {example}, but is {value!r}.")
 
 
 def checked(cls: Tuple) -> Tuple:
-    """A NamedTuple whose `__check_init__` is called wherever one is made, by `_replace` too; as in equinox."""
-    make = cls.__new__
+    """A decorator of a NamedTuple: `__check_init__` is called for every new one, by `_replace` too, as in equinox."""
+    create = cls.__new__
 
-    @wraps(make)
-    def made(kind, *args, **kwargs):
-        new = make(kind, *args, **kwargs)
+    @wraps(create)
+    def create_checked(kind, *args, **kwargs):
+        new = create(kind, *args, **kwargs)
         new.__check_init__()
         return new
 
-    cls.__new__ = made
+    cls.__new__ = create_checked
     cls._make = classmethod(lambda kind, values: kind(*values))
     return cls
 
 
-def count_argument(name: str, value: int, least: int) -> None:
-    """Raise ValueError unless `value` is a whole number from `least` to `MOST_COUNT`."""
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        kind = "positive" if least == 1 else f"a whole number of at least {least}"
-        raise InputError(f"Argument `{name}` must be {kind}, but is {value}.")
-    if value > MOST_COUNT:
-        raise InputError(f"Argument `{name}` must be at most {MOST_COUNT}, but is larger.")
+def count_argument(name: str, value: int, minimum: int) -> None:
+    """Raise ValueError unless `value` is a whole number from `minimum` to `MAX_COUNT`."""
+    if not isinstance(value, int) or isinstance(value, bool) or value < minimum:
+        kind = "positive" if minimum == 1 else f"a whole number of at least {minimum}"
+        raise InputError(f"Argument `{name}` must be {kind}, but is {value!r}.")
+    if value > MAX_COUNT:
+        raise InputError(f"Argument `{name}` must be at most {MAX_COUNT}, but is larger.")
+
+
+def seed_argument(value: int) -> None:
+    """Raise ValueError unless `value` is a valid seed."""
+    if value < 0:
+        raise InputError(f"Argument `seed` must be a whole number of at least 0, but is {value}.")
 
 
 def tolerance_argument(name: str, value: float) -> None:

@@ -1,8 +1,8 @@
-"""Scene files: TOML in, a checked scene with its run and sweep out."""
+"""Scene files: from TOML to a checked scene with its run and sweep."""
 
+import copy
 import os
 import tomllib
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,18 +11,21 @@ from typing import Any
 from pydantic import ValidationError
 
 from jaxshroud.scene.axes import axes, axis
-from jaxshroud.scene.checks import hint, meant
-from jaxshroud.scene.errors import SceneError
-from jaxshroud.scene.file import Axis, SceneFile, plain
-from jaxshroud.scene.given import work_out
-from jaxshroud.scene.messages import fail, problem
-from jaxshroud.scene.overrides import RENAMED, has_old_name, override, renamed
-from jaxshroud.scene.schema import FILE, PHYSICS, TABLES
+from jaxshroud.scene.checks import SceneError, did_you_mean, hint
+from jaxshroud.scene.derived_inputs import resolve_derived_inputs
+from jaxshroud.scene.file import Axis, SceneFile, table_values
+from jaxshroud.scene.messages import fail, first_problem
+from jaxshroud.scene.overrides import override
+from jaxshroud.scene.schema import PHYSICS_TABLES, SCENE_FILE_TYPE, TABLE_MODELS
 from jaxshroud.scene.shipped import aliases, shipped, shipped_paths
+from jaxshroud.scene.title import retitled
+from jaxshroud.scene.typed import typed
 
 __all__ = ["Axis", "SceneError", "SceneFile", "axis", "load", "parse", "shipped"]
+MAX_NAME_LENGTH = 200  # characters of a missing file's name in messages
 
 
+@typed
 def load(source: str | os.PathLike, overrides: Sequence[str] = ()) -> SceneFile:
     """Read a scene file.
 
@@ -31,31 +34,30 @@ def load(source: str | os.PathLike, overrides: Sequence[str] = ()) -> SceneFile:
         overrides: `table.key=value` each, in order; `contact.gamma` replaces `contact.k` and vice versa.
 
     Raises:
-        SceneError: The file or an override is wrong; the message is one line with the place and the cure.
+        SceneError: The file or an override is invalid; the message is one line with the place and the cure.
     """
     path, name = Path(source), os.fspath(source)
     if not os.path.isfile(path):
-        paths, others, stem = shipped_paths(), aliases(), name.removesuffix(".toml")
-        if others.get(stem, stem) not in paths:
-            asked = path.name.removesuffix(".toml")
-            told = [name for name in paths if not name.endswith("_best")]  # all would be too many for a line
-            cure = meant(asked, [*paths, *others]) or hint(asked, told)
-            fail(name, f"no such file or shipped scene{cure}; `jaxshroud scenes` lists the shipped ones")
-        path = paths[others.get(stem, stem)]
+        paths, alias_names, stem = shipped_paths(), aliases(), name.removesuffix(".toml")
+        if alias_names.get(stem, stem) not in paths:
+            stem_given = path.name.removesuffix(".toml")
+            cure = did_you_mean(stem_given, [*paths, *alias_names]) or hint(stem_given, [*paths])
+            fail(
+                name if len(name) <= MAX_NAME_LENGTH else f"{name[:MAX_NAME_LENGTH]}...",
+                f"no such file or shipped scene{cure}; `jaxshroud scenes` lists the shipped ones",
+            )
+        path = paths[alias_names.get(stem, stem)]
         name = path.name
     try:
         text = path.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         fail(name, f"cannot be read as UTF-8 text: {error}")
-    document = _document(text, name)
-    if any(table in document for table in RENAMED):
-        warnings.warn(f"{name}: [model] is called [parts] now; rename it", DeprecationWarning, stacklevel=2)
-    return _loaded(document, name, overrides)
+    return _scene_file(_document(text, name), name, overrides)
 
 
 def parse(text: str, name: str, overrides: Sequence[str] = ()) -> SceneFile:
     """The scene in TOML `text`; messages call it `name`. See `load`."""
-    return _loaded(_document(text, name), name, overrides)
+    return _scene_file(_document(text, name), name, overrides)
 
 
 def _document(text: str, name: str) -> dict[str, Any]:
@@ -65,22 +67,31 @@ def _document(text: str, name: str) -> dict[str, Any]:
         fail(name, f"not valid TOML: {error}")
 
 
-def _loaded(document: dict[str, Any], name: str, overrides: Sequence[str]) -> SceneFile:
-    """The scene of a TOML document, which is changed in place."""
-    old_name = renamed(document, name)
-    blamed = {override(document, text) for text in overrides}
-    work_out(document, name, blamed)
+def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -> SceneFile:
+    """The scene file of a TOML document, which is changed in place."""
+    original = copy.deepcopy(document) if overrides else {}
+    overridden = {override(document, text) for text in overrides}
+    resolve_derived_inputs(document, name, overridden)
     try:
-        file: Any = FILE.validate_python(document)
+        file: Any = SCENE_FILE_TYPE.validate_python(document)
     except ValidationError as error:
-        table, key, told, kind = problem(error, document)
-        by_override = (table, key) in blamed or (table not in TABLES and table in dict(blamed))
-        old_name = has_old_name(overrides) if by_override else old_name
-        told = told.replace("[parts]", "[model]") if old_name else told
-        fail("--set" if by_override else name, told, kind)
-    tables = {table: plain(getattr(file, table)) for table in PHYSICS}
-    loaded = SceneFile(name, file.title, tables, file.run)
+        table, key, message, kind = first_problem(error, document)
+        by_override = (table, key) in overridden or (table not in TABLE_MODELS and table in dict(overridden))
+        fail("--set" if by_override else name, message, kind)
+    tables = {table: table_values(getattr(file, table)) for table in PHYSICS_TABLES}
+    title = file.title
+    if overrides:
+        title = retitled(title or Path(name).name, tables, _physics_of(original, name), overridden)
+    loaded = SceneFile(name, title, tables, file.run)
     if file.sweep is None:
         return loaded
-    where = f"{'--set' if 'sweep' in dict(blamed) else name}: [sweep]"
-    return replace(loaded, axes=axes(loaded, file.sweep, where), direction=file.sweep.direction, keep=file.sweep.keep)
+    place = f"{'--set' if 'sweep' in dict(overridden) else name}: [sweep]"
+    return replace(loaded, axes=axes(loaded, file.sweep, place), direction=file.sweep.direction, keep=file.sweep.keep)
+
+
+def _physics_of(document: dict[str, Any], name: str) -> dict[str, Any] | None:
+    """The physics of a TOML document as plain numbers; None if it is not a valid scene."""
+    try:
+        return _scene_file(document, name, ()).tables  # type: ignore[return-value]
+    except SceneError:
+        return None

@@ -1,4 +1,4 @@
-"""A loaded scene file: the physics as plain numbers, how to run it and what to sweep."""
+"""A loaded scene file: the physics as plain numbers, the run and the sweep."""
 
 import re
 from collections.abc import Mapping
@@ -11,7 +11,8 @@ import tomli_w
 
 from jaxshroud.scene.messages import fail
 from jaxshroud.scene.parts import Direction, reading_text
-from jaxshroud.scene.schema import Run, Table
+from jaxshroud.scene.schema import RunTable, Table
+from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
     import jaxshroud.scene.scene
@@ -27,7 +28,7 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class SceneFile:
-    """A loaded scene: the physics, how to run it and what to sweep.
+    """A loaded scene: the physics, the run and the sweep.
 
     `run`, `axes`, `direction` and `keep` may be replaced with `dataclasses.replace`; to change the physics,
     `load` again with an override, so that `text` stays true.
@@ -35,11 +36,11 @@ class SceneFile:
 
     name: str
     title: str
-    tables: Mapping[str, Mapping[str, Any]]  # the physics as plain SI numbers, as `text` writes it
-    run: Run
+    tables: Mapping[str, Mapping[str, Any]]  # the physics as plain SI numbers, as written by `text`
+    run: RunTable
     axes: tuple[Axis, ...] = ()
     direction: Direction = "independent"
-    keep: int | None = None  # periods kept in a sweep, where they differ from `run.periods`
+    keep: int | None = None  # periods kept in a sweep, if different from `run.periods`
 
     def __post_init__(self):
         stems = [re.sub(r"\[.\]", "", "contact.k" if a.key == "contact.gamma" else a.key) for a in self.axes]
@@ -50,21 +51,22 @@ class SceneFile:
 
     @cached_property
     def scene(self) -> "jaxshroud.scene.scene.Scene":
-        """The scene, built when it is first asked for, in the precision that JAX has then."""
+        """The scene, built at the first access, in the precision that JAX has then."""
         from jaxshroud.scene.scene import scene_of
 
         return scene_of(self.tables)
 
     @property
-    def sweep_run(self) -> Run:
-        """`run` as a sweep uses it: [sweep] keep takes the place of [run] periods."""
+    def sweep_run(self) -> RunTable:
+        """The `run` of a sweep: [sweep] keep replaces [run] periods."""
         return self.run if self.keep is None else self.run.model_copy(update={"periods": self.keep})
 
-    def text(self, run: Mapping[str, Any] | None = None) -> str:
-        """The resolved file as TOML, overrides included, in SI numbers: loading it gives the same scene.
+    @typed
+    def text(self, run: Mapping[str, object] | None = None) -> str:
+        """The resolved file as TOML, with overrides, in SI units: loading it gives the same scene.
 
         Args:
-            run: How it was run, instead of its own [run].
+            run: The run to write instead of its own [run].
         """
         tables = {"title": self.title, **self.tables, "run": run or self.run.model_dump(exclude_none=True)}
         if self.axes:
@@ -86,8 +88,8 @@ def _sweep_table(scene_file: SceneFile) -> dict[str, Any]:
     return {**table, "direction": scene_file.direction, **keep}
 
 
-def plain(table: Table) -> dict[str, Any]:
-    """A physics table as TOML values; pairs of equals become one number."""
+def table_values(table: Table) -> dict[str, Any]:
+    """A physics table as TOML values; pairs of equal numbers become one number."""
     values: dict[str, Any] = {}
     for name, value in table:
         if name == "reading":
@@ -97,5 +99,5 @@ def plain(table: Table) -> dict[str, Any]:
         elif value is not None:
             values[name] = value[0] if isinstance(value, tuple) and value[0] == value[1] else value
     if values.get("m_y", 0) == values.get("m"):
-        del values["m_y"]  # so that an override of m on the written file moves both, as on the original
+        del values["m_y"]  # so that an override of m in the written file changes both, as in the original
     return values

@@ -1,4 +1,4 @@
-"""Many scenes in one, with leading axes: by values of some numbers of a scene, from a table, or from a list."""
+"""Batches of scenes, with leading axes: on a grid of values, from a table, or from a list."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
@@ -8,36 +8,37 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.scene.errors import InputError, KeyNameError, SceneError
+from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.keys import found
+from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import short_repr, typed
 from jaxshroud.scene.valid import check_values
 from jaxshroud.scene.vary import vary
 
 
 def grid_of_scenes(scene: Scene, axes: Mapping[str, np.ndarray]) -> Scene:
-    """Scenes with one leading dimension per axis.
+    """Scenes with one leading axis for each axis of a grid.
 
     Raises:
         KeyNameError: There is no such number.
         SceneError: A value is out of its range.
     """
     for key, values in axes.items():
-        check_values(found(key)[0], np.asarray(values), key)
+        check_values(find_key(key)[0], np.asarray(values), key)
     return _grid(scene, tuple(axes), [jnp.asarray(v) for v in axes.values()])
 
 
 @partial(jax.jit, static_argnames="keys")
 def _grid(scene: Scene, keys: tuple[str, ...], values: list) -> Scene:
-    build = lambda *values: varied(scene, keys, values)  # noqa: E731
+    build = lambda *values: varied(scene, keys, values)
     for i in reversed(range(len(keys))):
         build = jax.vmap(build, in_axes=[0 if j == i else None for j in range(len(keys))])
     return build(*values)
 
 
 def varied(scene: Scene, keys: Iterable[str], values: Iterable[Any]) -> Scene:
-    """`scene` with several numbers replaced, one after the other."""
+    """The `scene` with several numbers replaced."""
     for key, value in zip(keys, values, strict=True):
         scene = vary(scene, key, value)
     return scene
@@ -53,21 +54,22 @@ def _scenes_at(scene: Scene, keys: tuple[str, ...], rows) -> Scene:
     return jax.vmap(lambda row: varied(scene, keys, row))(rows)
 
 
-def scenes_from(table: Any, base: Scene | SceneFile) -> Scene:
-    """Scenes (leading axis) from a table, one per row.
+@typed
+def scenes_from(table: object, base: Scene | SceneFile) -> Scene:
+    """Scenes (leading axis) from a table, one for each row.
 
     Args:
-        table: Its columns, in SI units, are called by the keys of a scene's numbers, `table.name` or, for one blade,
-            `table.name[0]`, `table.name[1]`: a mapping of keys to values (n,), a pandas DataFrame, a structured array
-            or an xarray Dataset.
-        base: All other numbers, and the parts of the model.
+        table: A mapping of keys to values (n,), a pandas DataFrame, a structured array or an xarray Dataset. Its
+            columns, in SI units, are named by the keys of numbers of a scene, `table.name` or, for one blade,
+            `table.name[0]`, `table.name[1]`.
+        base: The scene of all other numbers and of the parts of the model.
 
     Returns:
-        One scene, each number of which has the leading axis (n,).
+        Scenes with the leading axis (n,) on each number.
 
     Raises:
-        KeyNameError: A column is called as no number of the scene.
-        SceneError: Columns differ in length or say the same thing twice, or a value is out of its range.
+        KeyNameError: The name of a column is not that of a number of the scene.
+        SceneError: Columns differ in length or give one number twice, or a value is out of its range.
 
     Example:
         >>> import jaxshroud as js
@@ -75,12 +77,19 @@ def scenes_from(table: Any, base: Scene | SceneFile) -> Scene:
         >>> scenes.shroud.gap.shape, scenes.blades.m.shape
         ((2,), (2, 2))
     """
-    keys = getattr(getattr(table, "dtype", None), "names", None) or [str(key) for key in table]
-    columns = {key: _column(key, table[key]) for key in keys}
+    rows: Any = table
+    try:
+        keys = getattr(getattr(rows, "dtype", None), "names", None) or [str(key) for key in rows]
+        values = {key: rows[key] for key in keys}
+    except (TypeError, IndexError, KeyError):
+        raise SceneError(
+            f"a table needs columns that are called by keys of a scene, but is {short_repr(table)}"
+        ) from None
+    columns = {key: _column(key, column) for key, column in values.items()}
     sizes = {key: column.size for key, column in columns.items()}
     if not sizes or len(set(sizes.values())) > 1 or 0 in sizes.values():
-        told = ", ".join(f"{key}: {n}" for key, n in sizes.items()) or "no column"
-        raise SceneError(f"a table needs columns of one length and at least one row, but has {told}")
+        lengths = ", ".join(f"{key}: {n}" for key, n in sizes.items()) or "no column"
+        raise SceneError(f"a table needs columns of one length and at least one row, but has {lengths}")
     if {"contact.k", "contact.gamma"} <= set(keys):
         raise KeyNameError("contact.k and contact.gamma are one number; name one of them")
     scene = base.scene if isinstance(base, SceneFile) else base
@@ -89,7 +98,7 @@ def scenes_from(table: Any, base: Scene | SceneFile) -> Scene:
 
 def _column(key: str, values: Any) -> np.ndarray:
     """The values of one number, checked."""
-    row, _ = found(key)
+    row, _ = find_key(key)
     try:
         column = np.asarray(values, float)
     except (TypeError, ValueError):
@@ -100,11 +109,12 @@ def _column(key: str, values: Any) -> np.ndarray:
     return column
 
 
+@typed
 def stack_scenes(scenes: Sequence[Scene]) -> Scene:
-    """Scenes with a new leading axis from a list of them, which differ in nothing but numbers.
+    """Stack scenes, which may differ in their numbers only, along a new leading axis.
 
     Raises:
-        InputError: They differ in parts, in the misprints kept, or in which numbers they have, such as k or gamma.
+        InputError: They differ in their parts, in the misprints kept, or in which numbers they have (k or gamma).
     """
     if len({jax.tree.structure(scene) for scene in scenes}) != 1:
         raise InputError("scenes are stacked if they have the same parts, the same reading and the same numbers")

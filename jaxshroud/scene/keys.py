@@ -1,53 +1,65 @@
-"""The numbers of a scene, one line each: all that files, `vary`, results, pictures and docs/keys.md know of them.
-
-A new number is one line here and one field of its class in `scene.py`.
-"""
+"""The table of the numbers of a scene, from which files, `vary`, results, pictures and docs/keys.md take their data."""
 
 import math
 import re
 from types import EllipsisType
 from typing import Any, NamedTuple
 
-from jaxshroud.scene.checks import hint
-from jaxshroud.scene.errors import KeyNameError
+from jaxshroud.scene.checks import KeyNameError, hint
 
-BLADE = re.compile(r"(?P<name>.*?)(\[(?P<blade>[01])\])?")
+
+class Motion(NamedTuple):
+    """The displacements and rates of both blocks, left first; theta is positive clockwise.
+
+    A field is `PerBlade` in a scene or state, a `Pair` in compiled loops, and an array (..., 2) in results.
+    """
+
+    x: Any  # [m]
+    y: Any  # [m]
+    theta: Any  # [rad]
+    v_x: Any  # [m/s]
+    v_y: Any  # [m/s]
+    v_theta: Any  # [rad/s]
+
+
+AT_REST = Motion(*[(0.0, 0.0)] * 6)
+KEY_PATTERN = re.compile(r"(?P<name>.*?)(\[(?P<blade>[01])\])?")
 
 
 class Range(NamedTuple):
-    """The values that a number may have."""
+    """The range of a number."""
 
     words: str
-    least: float = -math.inf
-    open: bool = False  # `least` itself is no such value
-    most: float = math.inf
+    minimum: float = -math.inf
+    open: bool = False  # whether the minimum itself is excluded
+    maximum: float = math.inf
 
     def holds(self, value):
         """Whether a number, or each of an array, is in the range."""
-        above = value > self.least if self.open else value >= self.least
-        return (abs(value) < math.inf) & above & (value <= self.most)
+        above = value > self.minimum if self.open else value >= self.minimum
+        return (abs(value) < math.inf) & above & (value <= self.maximum)
 
     def fault(self, value: float) -> str:
-        """What is wrong with a number outside."""
+        """The message for a number outside the range."""
         if not abs(value) < math.inf:
             return "must be a finite number"
-        if value > self.most:
-            return f"must be less than or equal to {self.most}"
-        return f"must be greater than {'' if self.open else 'or equal to '}{self.least:g}"
+        if value > self.maximum:
+            return f"must be less than or equal to {self.maximum}"
+        return f"must be greater than {'' if self.open else 'or equal to '}{self.minimum:g}"
 
 
 class Key(NamedTuple):
     """One number of a scene."""
 
     name: str  # table.key
-    unit: str  # SI, as messages write it
+    unit: str  # SI unit in messages
     pair: bool  # one value per blade
     range: Range
     symbol: str  # LaTeX
-    label: str  # on an axis
-    example: str | float | list[str]  # as in a file
-    about: str  # what it is
-    default: float | EllipsisType | None  # where a file may leave it out; None: it has no value then
+    label: str  # of an axis
+    example: str | float | list[str]  # a value as in a file
+    about: str  # meaning
+    default: float | EllipsisType | None  # value if a file leaves it out; None: no value; ...: required
 
     @property
     def parts(self) -> tuple[str, str]:
@@ -63,13 +75,13 @@ class Key(NamedTuple):
 
     @property
     def shown(self) -> tuple[str, float]:
-        """Unit of pictures, and how many of it are one SI unit."""
-        return SHOWN.get(self.unit, (self.unit, 1.0))
+        """The unit in pictures, and its number per SI unit."""
+        return DISPLAY_UNITS.get(self.unit, (self.unit, 1.0))
 
 
 ANY, POSITIVE, FROM_0 = Range("any"), Range("> 0", 0.0, open=True), Range(">= 0", 0.0)
-FACE = Range("> 0, <= pi/2", 0.0, open=True, most=math.pi / 2)
-SHOWN = {  # SI unit -> unit of pictures, and how many of it are one SI unit
+FACE = Range("> 0, <= pi/2", 0.0, open=True, maximum=math.pi / 2)
+DISPLAY_UNITS = {  # SI unit -> unit in pictures, and its number per SI unit
     "rad": ("°", 180 / math.pi),
     "m": ("mm", 1e3),
     "kg": ("g", 1e3),
@@ -78,7 +90,7 @@ SHOWN = {  # SI unit -> unit of pictures, and how many of it are one SI unit
 }
 
 
-def one(
+def scene_key(
     name: str,
     unit: str,
     allowed: Range,
@@ -88,36 +100,40 @@ def one(
     about: str = "",
     default: float | EllipsisType | None = ...,
 ) -> Key:
-    """A number of the whole scene; see `Key`."""
+    """The key of a number of the whole scene."""
     return Key(name, unit, False, allowed, symbol, label, example, about or label, default)
 
 
-def pair(*row: Any, **more: Any) -> Key:
-    """A number per blade."""
-    return one(*row, **more)._replace(pair=True)
+def blade_key(*row: Any, **options: Any) -> Key:
+    """The key of a number per blade; the arguments are those of `scene_key`."""
+    return scene_key(*row, **options)._replace(pair=True)
 
 
-ROWS = (
-    # name, unit, range, symbol, words on an axis, example, what it is (if more than that), default (if any)
-    pair("blades.m", "kg", POSITIVE, "m", "mass", "0.08 kg"),
-    pair("blades.I", "kg m^2", POSITIVE, "I", "moment of inertia", "2.46e-3 kg m^2"),
-    pair("blades.k_x", "N/m", POSITIVE, "k_x", "bending stiffness", "1e5 N/m", "bending stiffness in x"),
-    pair("blades.k_y", "N/m", POSITIVE, "k_y", "bending stiffness", "3e6 N/m", "bending stiffness in y"),
-    pair("blades.k_T", "N m/rad", POSITIVE, "k_T", "torsion stiffness", "2000 N m/rad"),
-    pair("blades.c_x", "N s/m", FROM_0, "c_x", "damping", "3.57 N s/m", "damping in x"),
-    pair("blades.c_y", "N s/m", FROM_0, "c_y", "damping", "19.6 N s/m", "damping in y"),
-    pair("blades.c_T", "N m s/rad", FROM_0, "c_T", "torsion damping", "0.506 N m s/rad"),
-    pair("blades.m_y", "kg", POSITIVE, "m_y", "mass in y", "0.08 kg", "mass against motion in y", default=None),
-    one("shroud.alpha", "rad", FACE, r"\alpha", "shroud angle", "60 deg", "acute angle of the block, at most pi/2"),
-    one("shroud.l_oa", "m", POSITIVE, "l_{oa}", "side of the block", "50 mm", "side along x"),
-    one("shroud.l_ab", "m", POSITIVE, "l_{ab}", "contact side", "35 mm", "side along the contact face"),
-    one("shroud.gap", "m", ANY, r"\Delta", "initial gap", "0.022 mm", "initial gap along x; negative: interference"),
-    one("contact.k", "N/m", FROM_0, "k", "contact stiffness", "2.5e5 N/m", "impact stiffness", default=None),
-    one("contact.gamma", "", FROM_0, r"\gamma = k/k_x", "stiffness ratio", 2.5, "stiffness ratio k / k_x", None),
-    one("contact.width", "m", POSITIVE, "w", "width of smooth contact", "0.1 um", default=None),
-    one("friction.k_d", "N/m", FROM_0, "k_d", "friction stiffness", "1e6 N/m", "tangential stiffness"),
-    one("friction.mu", "", FROM_0, r"\mu", "friction coefficient", 0.5),
-    one(
+SCENE_KEYS = (
+    # name, unit, range, symbol, label of an axis, example, meaning (if different), default (if any)
+    blade_key("blades.m", "kg", POSITIVE, "m", "mass", "0.08 kg"),
+    blade_key("blades.I", "kg m^2", POSITIVE, "I", "moment of inertia", "2.46e-3 kg m^2"),
+    blade_key("blades.k_x", "N/m", POSITIVE, "k_x", "bending stiffness", "1e5 N/m", "bending stiffness in x"),
+    blade_key("blades.k_y", "N/m", POSITIVE, "k_y", "bending stiffness", "3e6 N/m", "bending stiffness in y"),
+    blade_key("blades.k_T", "N m/rad", POSITIVE, "k_T", "torsion stiffness", "2000 N m/rad"),
+    blade_key("blades.c_x", "N s/m", FROM_0, "c_x", "damping", "3.57 N s/m", "damping in x"),
+    blade_key("blades.c_y", "N s/m", FROM_0, "c_y", "damping", "19.6 N s/m", "damping in y"),
+    blade_key("blades.c_T", "N m s/rad", FROM_0, "c_T", "torsion damping", "0.506 N m s/rad"),
+    blade_key("blades.m_y", "kg", POSITIVE, "m_y", "mass in y", "0.08 kg", "mass against motion in y", default=None),
+    scene_key(
+        "shroud.alpha", "rad", FACE, r"\alpha", "shroud angle", "60 deg", "acute angle of the block, at most pi/2"
+    ),
+    scene_key("shroud.l_oa", "m", POSITIVE, "l_{oa}", "side of the block", "50 mm", "side along x"),
+    scene_key("shroud.l_ab", "m", POSITIVE, "l_{ab}", "contact side", "35 mm", "side along the contact face"),
+    scene_key(
+        "shroud.gap", "m", ANY, r"\Delta", "initial gap", "0.022 mm", "initial gap along x; negative: interference"
+    ),
+    scene_key("contact.k", "N/m", FROM_0, "k", "contact stiffness", "2.5e5 N/m", "impact stiffness", default=None),
+    scene_key("contact.gamma", "", FROM_0, r"\gamma = k/k_x", "stiffness ratio", 2.5, "stiffness ratio k / k_x", None),
+    scene_key("contact.width", "m", POSITIVE, "w", "width of smooth contact", "0.1 um", default=None),
+    scene_key("friction.k_d", "N/m", FROM_0, "k_d", "friction stiffness", "1e6 N/m", "tangential stiffness"),
+    scene_key("friction.mu", "", FROM_0, r"\mu", "friction coefficient", 0.5),
+    scene_key(
         "drive.omega",
         "rad/s",
         POSITIVE,
@@ -126,59 +142,61 @@ ROWS = (
         "536 rad/s",
         "circular frequency, 2 pi times the frequency",
     ),
-    pair("drive.beta", "rad", ANY, r"\beta", "force direction", "30 deg", "direction of the force"),
-    pair("drive.F_0", "N", ANY, "F_0", "force amplitude", "60 N"),
-    pair("drive.M_0", "N m", ANY, "M_0", "moment amplitude", "100 N m"),
-    pair("drive.phase", "rad", ANY, r"\phi", "drive phase", ["0 deg", "180 deg"], "phases of the drive"),
-    pair("initial.x", "m", ANY, "x(0)", "initial displacement", "0.01 mm", "displacement in x", 0.0),
-    pair("initial.y", "m", ANY, "y(0)", "initial displacement", "0.01 mm", "displacement in y", 0.0),
-    pair(
+    blade_key("drive.beta", "rad", ANY, r"\beta", "force direction", "30 deg", "direction of the force"),
+    blade_key("drive.F_0", "N", ANY, "F_0", "force amplitude", "60 N"),
+    blade_key("drive.M_0", "N m", ANY, "M_0", "moment amplitude", "100 N m"),
+    blade_key("drive.phase", "rad", ANY, r"\phi", "drive phase", ["0 deg", "180 deg"], "phases of the drive"),
+    blade_key("initial.x", "m", ANY, "x(0)", "initial displacement", "0.01 mm", "displacement in x", 0.0),
+    blade_key("initial.y", "m", ANY, "y(0)", "initial displacement", "0.01 mm", "displacement in y", 0.0),
+    blade_key(
         "initial.theta", "rad", ANY, r"\theta(0)", "initial angle", "0.1 deg", "torsion angle, positive clockwise", 0.0
     ),
-    pair("initial.v_x", "m/s", ANY, "v_x(0)", "initial velocity", "0.01 m/s", "velocity in x", default=0.0),
-    pair("initial.v_y", "m/s", ANY, "v_y(0)", "initial velocity", "0.01 m/s", "velocity in y", default=0.0),
-    pair("initial.v_theta", "rad/s", ANY, r"v_\theta(0)", "initial rate", "0.1 rad/s", "torsion rate", default=0.0),
+    blade_key("initial.v_x", "m/s", ANY, "v_x(0)", "initial velocity", "0.01 m/s", "velocity in x", default=0.0),
+    blade_key("initial.v_y", "m/s", ANY, "v_y(0)", "initial velocity", "0.01 m/s", "velocity in y", default=0.0),
+    blade_key(
+        "initial.v_theta", "rad/s", ANY, r"v_\theta(0)", "initial rate", "0.1 rad/s", "torsion rate", default=0.0
+    ),
 )
-KEYS = {row.name: row for row in ROWS}
-OTHERS = (  # numbers of files alone, from which `given` works out those of the scene
-    pair("blades.f_x", "Hz", POSITIVE, "f_x", "natural frequency", "178 Hz", "natural frequency in x, for k_x"),
-    pair("blades.f_y", "Hz", POSITIVE, "f_y", "natural frequency", "975 Hz", "natural frequency in y, for k_y"),
-    pair("blades.f_T", "Hz", POSITIVE, "f_T", "natural frequency", "144 Hz", "torsion frequency, for k_T"),
-    pair("blades.zeta_x", "", FROM_0, r"\zeta_x", "damping ratio", 0.02, "damping ratio in x, for c_x"),
-    pair("blades.zeta_y", "", FROM_0, r"\zeta_y", "damping ratio", 0.02, "damping ratio in y, for c_y"),
-    pair("blades.zeta_T", "", FROM_0, r"\zeta_T", "damping ratio", 0.02, "damping ratio of torsion, for c_T"),
-    one("drive.f", "Hz", POSITIVE, "f", "drive frequency", "85.3 Hz", "drive frequency, for omega"),
-    one("drive.engine_order", "", POSITIVE, "e", "engine order", 6.0, "drive periods in a revolution, for omega"),
-    one("drive.speed", "rad/s", POSITIVE, r"\Omega", "speed", "853 rpm", "speed of the rotor, for omega"),
+KEYS = {row.name: row for row in SCENE_KEYS}
+INPUT_KEYS = (  # inputs of files only, from which `derived_inputs` computes numbers of the scene
+    blade_key("blades.f_x", "Hz", POSITIVE, "f_x", "natural frequency", "178 Hz", "natural frequency in x, for k_x"),
+    blade_key("blades.f_y", "Hz", POSITIVE, "f_y", "natural frequency", "975 Hz", "natural frequency in y, for k_y"),
+    blade_key("blades.f_T", "Hz", POSITIVE, "f_T", "natural frequency", "144 Hz", "torsion frequency, for k_T"),
+    blade_key("blades.zeta_x", "", FROM_0, r"\zeta_x", "damping ratio", 0.02, "damping ratio in x, for c_x"),
+    blade_key("blades.zeta_y", "", FROM_0, r"\zeta_y", "damping ratio", 0.02, "damping ratio in y, for c_y"),
+    blade_key("blades.zeta_T", "", FROM_0, r"\zeta_T", "damping ratio", 0.02, "damping ratio of torsion, for c_T"),
+    scene_key("drive.f", "Hz", POSITIVE, "f", "drive frequency", "85.3 Hz", "drive frequency, for omega"),
+    scene_key("drive.engine_order", "", POSITIVE, "e", "engine order", 6.0, "drive periods in a revolution, for omega"),
+    scene_key("drive.speed", "rad/s", POSITIVE, r"\Omega", "speed", "853 rpm", "speed of the rotor, for omega"),
 )
 
 
-def rows_of(table: str) -> list[Key]:
-    """The numbers of a table."""
+def keys_of_table(table: str) -> list[Key]:
+    """The keys of a table."""
     return [row for row in KEYS.values() if row.parts[0] == table]
 
 
-def found(key: str, where: str = "") -> tuple[Key, int | None]:
-    """The number that a key names, and the blade (None: both, or neither).
+def find_key(key: str, where: str = "") -> tuple[Key, int | None]:
+    """The number with a key, and the blade (None: both, or neither).
 
     Args:
         key: `table.name`, or `table.name[0]`, `table.name[1]` for one blade only.
-        where: What the message of an error names first.
+        where: The place that an error message names first.
 
     Raises:
-        KeyNameError: A scene has no such number.
+        KeyNameError: There is no such number.
     """
-    match = BLADE.fullmatch(key)
+    match = KEY_PATTERN.fullmatch(key)
     name, blade = (match["name"], match["blade"]) if match else (key, None)
     where = f"{where}: " if where else ""
     if name not in KEYS:
         key = " ".join(key.split())
-        other = next((row for row in OTHERS if row.name == name), None)
-        if other is not None:
-            number = f"{other.parts[0]}.{other.about.rpartition(' ')[2]}"
+        derived = next((row for row in INPUT_KEYS if row.name == name), None)
+        if derived is not None:
+            number = f"{derived.parts[0]}.{derived.about.rpartition(' ')[2]}"
             raise KeyNameError(f"{where}{name} is a way to give {number} in files; name that instead")
-        alike = [known for known in KEYS if known.endswith(f".{key}")]
-        cure = f"; did you mean `{alike[0]}`?" if alike else hint(key, list(KEYS))
+        candidates = [candidate for candidate in KEYS if candidate.endswith(f".{key}")]
+        cure = f"; did you mean `{candidates[0]}`?" if candidates else hint(key, list(KEYS))
         raise KeyNameError(f"{where}the scene has no number `{key}`{cure}")
     if blade is not None and not KEYS[name].pair:
         raise KeyNameError(f"{where}{name} is one number, not one per blade; drop the [{blade}]")
@@ -186,10 +204,10 @@ def found(key: str, where: str = "") -> tuple[Key, int | None]:
 
 
 def key_parts(key: str) -> tuple[str, str, int | None]:
-    """Table, name and blade (None: both, or neither) that a key names.
+    """The table, the name and the blade (None: both, or neither) of a key.
 
     Raises:
-        KeyNameError: A scene has no such number.
+        KeyNameError: There is no such number.
     """
-    row, blade = found(key)
+    row, blade = find_key(key)
     return *row.parts, blade

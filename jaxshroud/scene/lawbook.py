@@ -1,16 +1,27 @@
-"""Some laws of contact and friction, as examples of own ones and for use."""
+"""Ready-made laws of contact and friction, which are also examples of user laws."""
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.laws import Number
 from jaxshroud.scene.scene import scalar
+from jaxshroud.scene.typed import are_numbers, short_repr
 
-Number = Float[Array, "..."]
+
+class _Law(eqx.Module):
+    """The base of laws whose fields are numbers."""
+
+    def __check_init__(self):
+        for name, value in vars(self).items():
+            if not are_numbers(value):
+                raise InputError(
+                    f"Argument `{name}` of {type(self).__name__} must be a number, but is {short_repr(value)}."
+                )
 
 
-class Hertz(eqx.Module):
-    """N = k v^(3/2) between round surfaces.
+class Hertz(_Law):
+    """The law N = k v^(3/2) between round surfaces.
 
     Source:
         Hertz's contact of an ellipsoid with a plane, to first order in v over the radii.
@@ -19,14 +30,14 @@ class Hertz(eqx.Module):
     k: Number = eqx.field(converter=scalar)  # [N/m^1.5]
 
     def __call__(self, v, v_t):
-        """Normal force and energy."""
+        """The normal force and the energy."""
         root = jnp.sqrt(jnp.where(v > 0, v, 1.0))
         pressed = jnp.where(v > 0, v * root, 0.0)
         return self.k * pressed, 0.4 * self.k * pressed * v
 
 
-class DampedSpring(eqx.Module):
-    """A spring that is stiffer beyond a depth, with a dashpot beside it: N jumps where contact sets in."""
+class DampedSpring(_Law):
+    """A spring that stiffens beyond a depth, parallel to a dashpot: N jumps at the onset of contact."""
 
     k: Number = eqx.field(converter=scalar)  # [N/m]
     k_deep: Number = eqx.field(converter=scalar)  # beyond the depth [N/m]
@@ -34,26 +45,26 @@ class DampedSpring(eqx.Module):
     c: Number = eqx.field(converter=scalar)  # [N s/m]
 
     def __call__(self, v, v_t):
-        """Normal force and energy."""
+        """The normal force and the energy."""
         deep, more = jnp.maximum(v - self.depth, 0.0), self.k_deep - self.k
         return self.k * v + more * deep + self.c * v_t, (self.k * v * v + more * deep * deep) / 2
 
 
-class RegularisedCoulomb(eqx.Module):
-    """F = mu N tanh(u_t / speed): Coulomb's law with its jump spread over a sliding speed; there is no stick."""
+class RegularisedCoulomb(_Law):
+    """The law F = mu N tanh(u_t / speed): Coulomb's law, regularised over a sliding speed and without stick."""
 
     mu: Number = eqx.field(converter=scalar)
     speed: Number = eqx.field(converter=scalar)  # [m/s]
 
     def __call__(self, z, u_t, N):
-        """Friction force; the internal state rests, and nothing is stored."""
+        """The friction force; the internal state is constant, and no energy is stored."""
         return self.mu * N * jnp.tanh(u_t / self.speed), jnp.zeros_like(z), jnp.zeros_like(N)
 
 
-class LuGre(eqx.Module):
-    """Bristles of deflection z: z_t = u_t - k_d abs(u_t) z / (mu (N + N_0)), F = k_d z + c z_t.
+class LuGre(_Law):
+    """Bristles with the deflection z: z_t = u_t - k_d abs(u_t) z / (mu (N + N_0)), F = k_d z + c z_t.
 
-    Without the force N_0, small against N, bristles would bend infinitely fast where contact ends.
+    Without the force N_0, which is small against N, bristles would bend infinitely fast where contact ends.
 
     Source:
         The law of Canudas de Wit, Olsson, Astrom and Lischinsky without its Stribeck and viscous terms.
@@ -65,6 +76,6 @@ class LuGre(eqx.Module):
     N_0: Number = eqx.field(converter=scalar)  # [N]
 
     def __call__(self, z, u_t, N):
-        """Friction force, rate of the deflection and energy of the bristles."""
+        """The friction force, the rate of the deflection and the energy of the bristles."""
         z_t = u_t - self.k_d * jnp.abs(u_t) * z / (self.mu * (N + self.N_0))
         return self.k_d * z + self.c * z_t, z_t, self.k_d * z * z / 2

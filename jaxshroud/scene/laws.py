@@ -1,14 +1,15 @@
-"""Own laws of contact and friction: what a user's functions must say, and where a scene keeps them.
+"""User laws of contact and friction: the interface of the functions, and how a scene holds them.
 
 | law | is called with | returns |
 |---|---|---|
 | normal | penetration v >= 0 [m] and its rate v_t [m/s] | normal force N [N], energy stored [J] |
 | friction | internal state z, sliding speed u_t [m/s], N | friction force F [N], rate of z, energy stored [J] |
 
-The energies are functions of v and of z alone, 0 at v = 0 and at the first z; what else the forces work is dissipated.
-Contact begins where v and N are positive and ends where either no longer is: a normal force that would pull is none.
-Both laws are functions of JAX, finite where N = 0; as `eqx.Module`s their arrays are numbers of the scene, that one can
-batch over and differentiate by. Laws of scalars alone, z too, are compiled with all else into one kernel.
+The energies depend on v or on z only, and are 0 at v = 0 and at the first z; all other work is dissipated. Contact
+begins where v and N are positive and ends where either no longer is: a normal force cannot pull. Both laws are JAX
+functions that are finite where N = 0; the arrays of a law that is an `eqx.Module` are numbers of the scene, over which
+one can batch and by which one can differentiate. Laws with scalars only, z included, are compiled into the same kernel
+as everything else.
 """
 
 from typing import Any, Protocol, runtime_checkable
@@ -16,92 +17,95 @@ from typing import Any, Protocol, runtime_checkable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from jaxshroud.scene.errors import InputError
+from jaxshroud.scene.checks import InputError
 
-Number = Float[Array, ""]
+Number = Float[Array, "..."]  # of one scene, or with the leading axes of many
 
 
 @runtime_checkable
 class NormalLaw(Protocol):
-    """A law of the normal force."""
+    """The interface of a law of the normal force."""
 
-    def __call__(self, v: Any, v_t: Any, /) -> tuple[Any, Any]:
-        """Normal force [N] and energy [J] at a penetration v [m] and its rate [m/s]."""
+    def __call__(self, v: Number, v_t: Number, /) -> tuple[ArrayLike, ArrayLike]:
+        """The normal force [N] and the energy [J] at a penetration v [m] and its rate [m/s]."""
         ...
 
 
 @runtime_checkable
 class FrictionLaw(Protocol):
-    """A law of friction."""
+    """The interface of a law of friction."""
 
-    def __call__(self, z: Any, u_t: Any, N: Any, /) -> tuple[Any, Any, Any]:
-        """Friction force [N], rate of z and energy [J] at an internal state, a sliding speed [m/s] and N."""
+    def __call__(self, z: Number, u_t: Number, N: Number, /) -> tuple[ArrayLike, ArrayLike, ArrayLike]:
+        """The friction force [N], the rate of z and the energy [J] at an internal state z, a speed u_t [m/s] and N."""
         ...
 
 
-class _Held(eqx.Module):
-    """A function of which the arrays are leaves, and all else is static."""
+class _PartitionedFunction(eqx.Module):
+    """A function whose arrays are leaves while everything else is static."""
 
-    arrays: Any
-    rest: Any = eqx.field(static=True)
+    arrays: PyTree
+    static: PyTree = eqx.field(static=True)
 
-    def __init__(self, function: Any):
-        self.arrays, self.rest = eqx.partition(function, eqx.is_array)
+    def __init__(self, function: NormalLaw | FrictionLaw):
+        self.arrays, self.static = eqx.partition(function, eqx.is_array)
 
     def __call__(self, *args: Any) -> Any:
-        return eqx.combine(self.arrays, self.rest)(*args)
+        return eqx.combine(self.arrays, self.static)(*args)
 
 
 class Laws(eqx.Module):
-    """Own laws of a scene."""
+    """The user laws of a scene."""
 
-    normal: _Held
-    friction: _Held | None
-    z: Array  # at every first touch
+    normal: _PartitionedFunction
+    friction: _PartitionedFunction | None
+    z: Array  # internal state at every onset
 
     def __init__(self, normal: NormalLaw, friction: FrictionLaw | None = None, z: ArrayLike = 0.0):
-        self.normal, self.friction = _Held(normal), None if friction is None else _Held(friction)
+        self.normal, self.friction = (
+            _PartitionedFunction(normal),
+            None if friction is None else _PartitionedFunction(friction),
+        )
         self.z = jnp.asarray(z, float)
 
-    def push(self, v: Any, v_t: Any) -> Any:
-        """Normal force at a penetration of at least 0; negative where it would pull [N]."""
+    def push(self, v: Number, v_t: Number) -> Number:
+        """The normal force [N] at a penetration of at least 0; negative where it would pull."""
         return self.normal(v, v_t)[0]
 
-    def rub(self, z: Any, u_t: Any, N: Any) -> tuple[Any, Any]:
-        """Friction force [N] and rate of the internal state."""
+    def rub(self, z: Number, u_t: Number, N: Number) -> tuple[Number, Number]:
+        """The friction force [N] and the rate of the internal state."""
         assert self.friction is not None
         return self.friction(z, u_t, N)[:2]
 
-    def energy(self, v: Any, z: Any) -> Any:
-        """Energy stored at a penetration of at least 0 and an internal state [J]."""
-        still = jnp.zeros_like(v)
-        stored = self.normal(v, still)[1]
-        return stored if self.friction is None else stored + self.friction(z, still, still)[2]
+    def energy(self, v: Number, z: PyTree) -> Number:
+        """The energy [J] stored at a penetration of at least 0 and an internal state."""
+        zero = jnp.zeros_like(v)
+        stored = self.normal(v, zero)[1]
+        return stored if self.friction is None else stored + self.friction(z, zero, zero)[2]
 
-    def stored_power(self, v: Any, z: Any, v_t: Any, z_t: Any) -> Any:
-        """Rate of that energy [W]."""
+    def stored_power(self, v: Number, z: PyTree, v_t: Number, z_t: PyTree) -> Number:
+        """The rate of the stored energy [W]."""
         if self.friction is None:
             return jax.jvp(lambda v: self.energy(v, z), (v,), (v_t,))[1]
         return jax.jvp(self.energy, (v, z), (v_t, z_t))[1]
 
 
-def shaped(laws: Laws) -> Laws:
-    """The laws, once they are known to return numbers of the right shapes.
+def with_checked_shapes(laws: Laws) -> Laws:
+    """The laws, after a check of the shapes that they return.
 
     Raises:
-        InputError: They do not.
+        InputError: The shapes are wrong.
     """
-    one, z = jax.ShapeDtypeStruct((), laws.z.dtype), jax.ShapeDtypeStruct(laws.z.shape, laws.z.dtype)
-    _returns("normal", laws.normal, (one, one), "(N, energy)", [()] * 2)
+    scalar, z = jax.ShapeDtypeStruct((), laws.z.dtype), jax.ShapeDtypeStruct(laws.z.shape, laws.z.dtype)
+    _check_shapes("normal", laws.normal, (scalar, scalar), "(N, energy)", [()] * 2)
     if laws.friction is not None:
-        _returns("friction", laws.friction, (z, one, one), "(F, z_t, energy)", [(), z.shape, ()])
+        _check_shapes("friction", laws.friction, (z, scalar, scalar), "(F, z_t, energy)", [(), z.shape, ()])
     return laws
 
 
-def _returns(name: str, law: _Held, args: tuple, words: str, shapes: list) -> None:
-    found = jax.eval_shape(law, *args)
-    got = [getattr(a, "shape", None) for a in found] if isinstance(found, tuple) else found
-    if got != shapes:
-        raise InputError(f"The {name} law must return {words}, of shapes {shapes}, but returns {got}.")
+def _check_shapes(name: str, law: _PartitionedFunction, args: tuple, names: str, shapes: list) -> None:
+    results = jax.eval_shape(law, *args)
+    returned = [getattr(a, "shape", None) for a in results] if isinstance(results, tuple) else results
+    if returned != shapes:
+        raise InputError(f"The {name} law must return {names}, of shapes {shapes}, but returns {returned}.")

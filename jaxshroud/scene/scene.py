@@ -1,4 +1,4 @@
-"""What stays fixed while a scene runs: blades, shroud, contact, friction, drive and the starting motion."""
+"""The scene: blades, shroud, contact, friction, drive and the initial motion."""
 
 import math
 from collections.abc import Mapping
@@ -9,31 +9,36 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxshroud.scene.errors import InputError
-from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, shaped
-from jaxshroud.scene.motion import AT_REST, Motion
+from jaxshroud.scene.checks import InputError, type_argument
+from jaxshroud.scene.keys import AT_REST, Motion
+from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, with_checked_shapes
 from jaxshroud.scene.parts import Parts, misprints
+from jaxshroud.scene.typed import are_numbers, typed
 from jaxshroud.scene.valid import check_numbers
 
-Number = Float[Array, "..."]  # of one scene, or with the leading axes of many
 PerBlade = Float[Array, "... 2"]  # left blade first
 
 
 def per_blade(value: Any) -> Any:
-    """`value` as one number per blade; a single number means alike blades."""
+    """The `value` as one number per blade; a single number means equal blades."""
+    if not are_numbers(value):
+        return value  # refused later, with its name
     if isinstance(value, int | float):
-        return jnp.asarray(np.full(2, value), dtype=float)  # a NumPy number: nothing is compiled for it
+        return jnp.asarray(np.full(2, value), dtype=float)  # by NumPy, so that nothing is compiled
     if isinstance(value, tuple | list):
-        return jnp.stack([jnp.asarray(v, dtype=float) for v in value], axis=-1)
-    if isinstance(value, ArrayLike):
-        value = jnp.asarray(value, dtype=float)
-        return jnp.broadcast_to(value, (2,)) if value.ndim == 0 else value
-    return value
+        return jnp.stack([jnp.asarray(v, dtype=float) for v in value], axis=-1) if value else np.zeros(0)
+    value = jnp.asarray(value, dtype=float)
+    return jnp.broadcast_to(value, (2,)) if value.ndim == 0 else value
 
 
 def scalar(value: Any) -> Any:
-    """`value` as a float array, so that changing it never recompiles."""
-    return jnp.asarray(value, dtype=float) if isinstance(value, ArrayLike) else value
+    """The `value` as a float array, so that changing it never recompiles."""
+    return jnp.asarray(value, dtype=float) if are_numbers(value) else value
+
+
+def _motion_per_blade(motion: Any) -> Any:
+    """A motion with one number per blade in each field."""
+    return Motion(*map(per_blade, motion)) if isinstance(motion, Motion) else motion
 
 
 def _reading(value: Any) -> Any:
@@ -46,7 +51,7 @@ def _reading(value: Any) -> Any:
 class Blades(eqx.Module):
     """Both blades as lumped masses on springs (Sec. 2.1, Table 1).
 
-    One value per blade: `blades.m[0]` is the paper's m_1. A single number means alike blades.
+    One value per blade: `blades.m[0]` is the paper's m_1. A single number means equal blades.
     `m_y` differs from `m` only where Eq. (21) is taken literally.
     """
 
@@ -70,7 +75,7 @@ class Blades(eqx.Module):
 
 
 class Shroud(eqx.Module):
-    """The two alike parallelogram blocks and the gap between them (Sec. 2.1, Fig. 2)."""
+    """The two equal parallelogram blocks and the gap between them (Sec. 2.1, Fig. 2)."""
 
     alpha: Number = eqx.field(converter=scalar)  # acute angle of the parallelogram [rad]
     l_oa: Number = eqx.field(converter=scalar)  # side along x [m]
@@ -84,8 +89,8 @@ class Shroud(eqx.Module):
 class Contact(eqx.Module):
     """The normal spring, given by `k` or by the stiffness ratio `gamma`; the other is None.
 
-    `reading` holds the misprints of the article that are kept: empty is the consistent reading. `width` is asked for
-    by smooth contact alone.
+    `reading` is the set of misprints of the article that are kept; it is empty for the consistent reading. Only smooth
+    contact has a `width`.
     """
 
     k: Number | None = eqx.field(converter=scalar)  # impact stiffness [N/m]
@@ -110,7 +115,7 @@ class Friction(eqx.Module):
 
 
 class Drive(eqx.Module):
-    """Aerodynamic force `Q_i = F_0 sin(omega t + phase)` at angle `beta` to x, and moment `M_0 sin(...)` (Sec. 3.1)."""
+    """The force `Q_i = F_0 sin(omega t + phase)` at an angle `beta` to x, and the moment `M_0 sin(...)` (Sec. 3.1)."""
 
     omega: Number = eqx.field(converter=scalar)  # circular frequency, common to both blades [rad/s]
     beta: PerBlade = eqx.field(converter=per_blade)  # direction of the force [rad]
@@ -123,23 +128,28 @@ class Drive(eqx.Module):
 
     @property
     def period(self) -> Number:
-        """Forcing period T = 2 pi / omega [s]."""
+        """The forcing period T = 2 pi / omega [s]."""
         return 2 * math.pi / self.omega
 
 
+TABLE_CLASSES = {"blades": Blades, "shroud": Shroud, "contact": Contact, "friction": Friction, "drive": Drive}
+
+
 class Scene(eqx.Module):
-    """One physical set-up in SI units; every number is an array leaf, so scenes batch with `jax.vmap`."""
+    """One physical set-up in SI units. Every number is an array leaf, so that scenes batch with `jax.vmap`."""
 
     blades: Blades
     shroud: Shroud
     contact: Contact
     friction: Friction
     drive: Drive
-    initial: Motion = eqx.field(converter=lambda z: Motion(*map(per_blade, z)), default=AT_REST)
+    initial: Motion = eqx.field(converter=_motion_per_blade, default=AT_REST)
     parts: Parts = eqx.field(static=True, default=Parts())
-    laws: Laws | None = None  # of contact and friction, where the user gives own ones
+    laws: Laws | None = None  # user laws of contact and friction
 
     def __check_init__(self):
+        for name, kind in {**TABLE_CLASSES, "initial": Motion, "parts": Parts}.items():
+            type_argument(name, getattr(self, name), kind, f"that of another scene, scene.{name}")
         if (self.parts.contact == "own") != (self.laws is not None):
             raise InputError("Own laws of contact are given in Python, by js.with_laws; no file can name them.")
         if (self.parts.contact == "smooth") != (self.contact.width is not None):
@@ -152,15 +162,15 @@ class Scene(eqx.Module):
 
     @property
     def k(self) -> Number:
-        """Impact stiffness [N/m], `gamma k_x` of the left blade where `gamma` is given."""
+        """The impact stiffness [N/m]; `gamma k_x` of the left blade if `gamma` is given."""
         if self.contact.k is not None:
             return self.contact.k
-        assert self.contact.gamma is not None  # Contact has exactly one of them
+        assert self.contact.gamma is not None  # exactly one of them is given
         return self.contact.gamma * self.blades.k_x[0]
 
 
 def scene_of(tables: Mapping[str, Mapping[str, Any]]) -> Scene:
-    """The scene of tables of plain SI numbers, as a file has them."""
+    """The scene from tables of plain SI numbers, as in a file."""
     parts = tables["parts"]
     return Scene(
         Blades(**tables["blades"]),
@@ -174,36 +184,37 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]]) -> Scene:
 
 
 def with_parts(scene: Scene, parts: Parts, width: ArrayLike | None = None) -> Scene:
-    """`scene` with its model made of other parts; smooth contact asks for a `width` [m]."""
+    """The `scene` with other model parts; smooth contact requires a `width` [m]."""
     c = scene.contact
     contact = Contact(c.k, c.gamma, c.reading, width)  # pyright: ignore[reportArgumentType]
     return Scene(scene.blades, scene.shroud, contact, scene.friction, scene.drive, scene.initial, parts)
 
 
+@typed
 def with_laws(scene: Scene, normal: NormalLaw, friction: FrictionLaw | None = None, z: ArrayLike = 0.0) -> Scene:
-    """`scene` with own laws of contact in place of the spring and the friction element.
+    """The `scene` with user laws in place of the contact spring and the friction element.
 
-    Runge-Kutta methods march them, with located touches, separations and case switches; `contact.k` and `friction.k_d`
-    then state how stiff they are at most, by which steps are judged. What else can be done with such a scene is that
-    of any other in Python; files cannot name a law.
+    Runge-Kutta methods march such scenes, with located onsets, separations and case switches. `contact.k` and
+    `friction.k_d` then give the largest stiffness of the laws, on which the check of steps relies. In Python such a
+    scene is like any other; files cannot name a law.
 
     Args:
         scene: The scene; its reading must be consistent.
         normal: `normal(v, v_t) -> (N, energy)`, see `NormalLaw`.
         friction: `friction(z, u_t, N) -> (F, z_t, energy)`, see `FrictionLaw`; None: no friction.
-        z: Internal state of friction at each first touch, of any shape; a scalar where the law has none.
+        z: The internal state of friction at each onset, of any shape; a scalar if the law has none.
 
     Raises:
-        InputError: The scene keeps misprints of the article, or a law does not return what it must.
+        InputError: The scene keeps misprints of the article, or a law returns the wrong shapes.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
         >>> scene = js.load("table1", ['parts.motion=["x"]']).scene
         >>> own = js.with_laws(scene, js.Hertz(4e7), js.RegularisedCoulomb(mu=0.3, speed=1e-3))
-        >>> js.sweep(own, {"shroud.gap": [22e-6]}, n_periods=2, transient=1, steps_per_period=400).status
+        >>> js.sweep(own, {"shroud.gap": [22e-6]}, n_periods=2, transient=1, method=js.RungeKutta(steps=400)).status
         array([0], dtype=int32)
     """
     contact = Contact(scene.contact.k, scene.contact.gamma, scene.contact.reading)
-    parts, laws = scene.parts._replace(contact="own"), shaped(Laws(normal, friction, z))
+    parts, laws = scene.parts._replace(contact="own"), with_checked_shapes(Laws(normal, friction, z))
     return Scene(scene.blades, scene.shroud, contact, scene.friction, scene.drive, scene.initial, parts, laws)

@@ -1,12 +1,12 @@
-"""Strings with units, such as "0.022 mm", as numbers in SI."""
+"""Conversion of strings with units, such as "0.022 mm", to numbers in SI."""
 
 import functools
 import re
 from decimal import Decimal
 from typing import Any
 
-# What messages call a unit; where two are alike in dimension, the first names what the user gave.
-KINDS = {
+# The name of a unit in messages; of two with the same dimension the first is used for a given value.
+QUANTITY_NAMES = {
     "": "a pure number",
     "rad": "an angle",
     "m": "a length",
@@ -23,8 +23,8 @@ KINDS = {
     "N m/rad": "a torsion stiffness",
     "N m s/rad": "a torsion damping",
 }
-# SI unit and unit -> how many of the one are one of the other, as pint has it: importing that takes half a second.
-COMMON = {
+# SI unit and unit -> factor, as in pint, whose import takes half a second.
+COMMON_FACTORS = {
     ("m", "mm"): Decimal("1e-3"),
     ("m", "um"): Decimal("1e-6"),
     ("rad", "deg"): Decimal("3.141592653589793238462643383279502884") / 180,
@@ -34,15 +34,15 @@ QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,4})?)\s*([^
 
 @functools.cache
 def _registry() -> Any:
-    """Pint's units, imported when the first string is met; decimal, so that "0.022 mm" is exactly 2.2e-5."""
+    """Pint's units, imported for the first string; decimal, so that "0.022 mm" is exactly 2.2e-5."""
     import pint
 
     return pint.UnitRegistry(non_int_type=Decimal)  # pyright: ignore[reportArgumentType]
 
 
-def _units(text: str) -> Any:
-    """The pint units called `text`, or a ValueError."""
-    registry = _registry()  # what keeps pint from being imported is no fault of the text
+def _parsed_unit(text: str) -> Any:
+    """The pint units named `text`; raises ValueError."""
+    registry = _registry()  # outside `try`: a failing import of pint is not an error of the text
     try:
         units = registry.parse_units(f"1{text}" if text.startswith("/") else text)
         registry.Quantity(Decimal(1), units).to_root_units()  # refuses decibels and the like
@@ -52,7 +52,7 @@ def _units(text: str) -> Any:
 
 
 def to_si(unit: str, value: Any) -> Any:
-    """`value` with every string in it converted to the SI `unit`; numbers pass as they are."""
+    """The `value` with every string in it converted to the SI `unit`; numbers are unchanged."""
     if isinstance(value, list | tuple):
         return [to_si(unit, v) for v in value]
     if not isinstance(value, str):
@@ -60,13 +60,17 @@ def to_si(unit: str, value: Any) -> Any:
     match = QUANTITY.fullmatch(value)
     if match is None:
         raise ValueError("is not a number with a unit")
-    if factor := COMMON.get((unit, match[2])):
+    if factor := COMMON_FACTORS.get((unit, match[2])):
         return float(Decimal(match[1]) * factor)
-    given = _units(match[2] or "")
-    needed = _units(unit)
+    given = _parsed_unit(match[2] or "")
+    needed = _parsed_unit(unit)
     if given.dimensionality != needed.dimensionality:
-        kind = next((k for u, k in KINDS.items() if _units(u).dimensionality == given.dimensionality), None)
-        raise ValueError(f"is {kind or f'of dimension {given.dimensionality}'}, but {KINDS.get(unit, unit)} is needed")
+        kind = next(
+            (k for u, k in QUANTITY_NAMES.items() if _parsed_unit(u).dimensionality == given.dimensionality), None
+        )
+        raise ValueError(
+            f"is {kind or f'of dimension {given.dimensionality}'}, but {QUANTITY_NAMES.get(unit, unit)} is needed"
+        )
     if unit == "rad/s" and "hertz" in str(given):  # pint would take 1 Hz for 1 rad/s
         raise ValueError("is a frequency, but a circular frequency is needed")
     if unit == "Hz" and "hertz" not in str(given):  # and 1 rad/s for 1 Hz

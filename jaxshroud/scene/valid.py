@@ -1,57 +1,73 @@
-"""The numbers of a scene made in Python are in the ranges of those of files."""
+"""Checks of the numbers of a scene made in Python: their ranges, as in files, and their precision."""
 
 from typing import Any, NoReturn
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from numpy.typing import NDArray
 
-from jaxshroud.scene.errors import SceneError
+from jaxshroud.scene.checks import InputError, Precision, SceneError
 from jaxshroud.scene.keys import KEYS, Key
+from jaxshroud.scene.typed import are_numbers, short_repr
 from jaxshroud.scene.units import to_si
 
-NUMBERS = (jax.Array, np.ndarray, np.number, float, int)
-TABLES: dict[str, list[tuple[str, Key]]] = {}
+OPTIONAL_KEYS = ("blades.m_y", "contact.k", "contact.gamma", "contact.width")
+KEYS_BY_TABLE: dict[str, list[tuple[str, Key]]] = {}
 for _row in KEYS.values():
-    TABLES.setdefault(_row.parts[0], []).append((_row.parts[1], _row))
+    KEYS_BY_TABLE.setdefault(_row.parts[0], []).append((_row.parts[1], _row))
 
 
-def check_numbers(table: str, holder: Any) -> None:
-    """Raise SceneError unless the attributes of `holder` that are numbers of a table are in their ranges."""
-    for name, row in TABLES[table]:
-        check_number(row, getattr(holder, name))
+def check_numbers(table: str, holder: object) -> None:
+    """Raise SceneError unless those attributes of `holder` that are numbers of a table are in their ranges."""
+    for name, row in KEYS_BY_TABLE[table]:
+        value = getattr(holder, name)
+        if value is not None or row.name not in OPTIONAL_KEYS:
+            check_number(row, value)
 
 
 def check_number(row: Key, value: Any) -> None:
-    """Raise SceneError unless all of `value` is in the range of a key; what is traced, or no number, passes.
+    """Raise SceneError unless all of `value` is in the range of a key; traced values pass.
 
     Args:
         row: The key.
-        value: A number, or an array with any leading axes: (..., 2) of a number per blade.
+        value: A number, or an array with any leading axes; (..., 2) for a number per blade.
     """
-    if isinstance(value, str):
-        _refuse(row, f"{row.name} = {value!r} must be a valid number")
-    if not isinstance(value, NUMBERS):
-        return
+    if not are_numbers(value) or np.size(value) == 0:
+        _fail_range(row, f"{row.name} = {short_repr(value)} must be a valid number")
     shape = np.shape(value)
     if row.pair and shape and shape[-1] != 2:
-        _refuse(row, f"{row.name} must be one number or a pair [left, right], but its shape is {shape}")
+        _fail_range(row, f"{row.name} must be one number or a pair [left, right], but its shape is {shape}")
     if isinstance(value, Tracer) or row.range.holds(numbers := np.asarray(value)).all():
         return
-    alike = not shape or (shape == (2,) and np.array_equal(numbers[:1], numbers[1:], equal_nan=True))
-    check_values(row, numbers, row.name if alike else row.name + "[{}]")
+    is_single = not shape or (shape == (2,) and np.array_equal(numbers[:1], numbers[1:], equal_nan=True))
+    check_values(row, numbers, row.name if is_single else row.name + "[{}]")
 
 
 def check_values(row: Key, values: NDArray[Any], name: str) -> None:
-    """Raise SceneError unless all `values` are in the range of a key; `name`, with the place for {}, is blamed."""
+    """Raise SceneError unless all `values` are in the range of a key; the message has `name` with the index for {}."""
     good = row.range.holds(values)
     if not good.all():
         at = tuple(np.argwhere(~good)[0])
         value, place = float(values[at]), name.format(", ".join(map(str, at)))
-        _refuse(row, f"{place} = {str(value).removesuffix('.0')} {row.range.fault(value)}")
+        _fail_range(row, f"{place} = {str(value).removesuffix('.0')} {row.range.fault(value)}")
 
 
-def _refuse(row: Key, what: str) -> NoReturn:
+def _fail_range(row: Key, what: str) -> NoReturn:
     example = ", ".join(f"{v:g}" for v in np.atleast_1d(to_si(row.unit, row.example)))
     raise SceneError(f"{what}, e.g. {example} ({row.about}{f' [{row.unit}]' if row.unit else ''})")
+
+
+def in_precision(tree: Any, precision: Precision) -> Any:
+    """The `tree` with its floating-point arrays in that precision; ValueError if float64 is requested of float32."""
+    leaves = jax.tree.leaves(tree)
+    if wrong := [a for a in leaves if not hasattr(a, "dtype")]:
+        raise InputError(f"The numbers of a scene or a state must be arrays of JAX or NumPy, but one is {wrong[0]!r}.")
+    floats = [a for a in leaves if jnp.issubdtype(a.dtype, jnp.floating)]
+    if precision == "float64" and any(a.dtype != jnp.float64 for a in floats):
+        raise InputError(
+            "Float64 is asked for, but these numbers are float32: call jax.config.update('jax_enable_x64', True) "
+            "before the scene is made, or ask for Method(precision='float32')."
+        )
+    return jax.tree.map(lambda a: a.astype(precision) if jnp.issubdtype(a.dtype, jnp.floating) else a, tree)

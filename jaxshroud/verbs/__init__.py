@@ -1,1 +1,1 @@
-"""What a user asks for."""
+"""The verbs: functions that take scenes and return results."""

@@ -1,45 +1,109 @@
-"""How to march for an accuracy that is asked for: from a table measured on random scenes, and a trial of the scene.
-
-`python tests/benchmarks/accuracy.py` measures `accuracy.json` anew: for every class of stiffness and every level, the
-cheapest setting that all but 2 % of its lanes meet with a margin of three.
-"""
+"""The choice of a method for an accuracy: from a table measured on random scenes, and by trials on given scenes."""
 
 import json
+import math
+import warnings
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
 
+from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.march.method import Choices
+from jaxshroud.march.method_names import Locate
 from jaxshroud.march.stability import stiffest, stiffness_ratio
-from jaxshroud.scene.errors import InputError
+from jaxshroud.march.tableau import MIN_STEPS, TOLERANCE_RANGE, TaylorOptions, tableau
+from jaxshroud.motion.short_runs import ShortRuns, end_states, gap_slopes, run_from_start, softened, state_errors
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.setting import LEVELS, Setting, end_states, state_errors
+
+LEVELS = tuple(10.0**-n for n in range(2, 11))
+
+
+class Setting(NamedTuple):
+    """A method with its step or tolerance; the steps of power series only count time."""
+
+    tableau: str
+    locate: Locate
+    precision: str
+    product: float  # omega_max h
+    width: float = 0.0  # of smooth contact in place of the spring, see `softened`; 0: the contact of the scene
+    order: int = 0  # of power series; 0: a Runge-Kutta method
+    tolerance: float = 0.0  # of power series
+
+    @property
+    def method(self) -> Choices:
+        """The static choices of the march, without the step."""
+        stepping = TaylorOptions(self.order, self.tolerance) if self.order else tableau(self.tableau)
+        return Choices(stepping, self.locate, False, self.precision)  # type: ignore[arg-type]
+
+    def finer(self, n: int) -> "Setting":
+        """The setting with the step halved `n` times, and the tolerance of power series divided by 10 as often."""
+        tolerance = max(self.tolerance / 10**n, TOLERANCE_RANGE[0]) if self.order else 0.0
+        return self._replace(product=self.product / 2**n, tolerance=tolerance)
+
+    @property
+    def exact(self) -> "Setting":
+        """The setting with the most accurate locator, in float64."""
+        return self._replace(locate="series" if self.order else "cubic", precision="float64")
+
+    @property
+    def kind(self) -> str:
+        """The method in words, without its numbers."""
+        located = {"cubic": "", "bisection": ", bisection", "none": ", not located", "series": ""}[self.locate]
+        single = ", float32" if self.precision == "float32" else ""
+        return f"{self.tableau}{single}{located}{', smooth' if self.width else ''}"
+
+    def steps(self, omega_max: float, period: float) -> int:
+        """The steps per period for a scene with that largest frequency."""
+        return max(int(np.ceil(omega_max * period / self.product)), MIN_STEPS)
+
+    def run(self, scenes: Scene, periods: int) -> ShortRuns:
+        """March lanes (leading axis) from the initial states of their scenes."""
+        scenes = softened(scenes, self.width)
+        return run_from_start(scenes, periods, self.steps(*stiffest(scenes, 1)), self.method)
+
+    def slopes(self, scenes: Scene) -> np.ndarray | None:
+        """The derivative of each lane's power over the horizon with respect to the gap; None if there is none."""
+        scenes = softened(scenes, self.width)
+        return gap_slopes(scenes, self.steps(*stiffest(scenes, 1)), self.method)
+
+    def __str__(self) -> str:
+        if self.order:
+            return f"{self.kind}, order {self.order} to {self.tolerance:.0e}"
+        width = f", width {self.width:.3g}" if self.width else ""
+        return f"{self.kind}{width}, {self.product:.3g}"
+
+
+def by_series(order: int, tolerance: float, product: float = 1.0) -> Setting:
+    """A setting of power series; their steps only serve to count events and flat contact."""
+    return Setting("taylor", "series", "float64", product, order=order, tolerance=tolerance)
+
 
 NAMED = {"fast": 1e-3, "balanced": 1e-6, "reference": 1e-10}
-CLASSES = (1.5, 4.0, 12.0, np.inf)  # upper bounds of omega_max over the largest frequency without contact
-
-
-PROBED = 256  # lanes, at most, on which a setting is tried before it is chosen
-SHARE = 0.95  # of the lanes, for which an accuracy is promised
-FINER = 3  # settings tried beyond the table's, each of half the step or a tenth of the tolerance
-SURE = 3.0  # an estimated error is one draw: where motions multiply errors, another may be so many times as large
-ROUNDINGS = 2.0**-50  # relative, of forces
-ABOUT = 2.0  # times the least error is as good, where none is small enough
+STIFFNESS_CLASSES = (1.5, 4.0, 12.0, np.inf)  # upper bounds of omega_max over the largest frequency without contact
+MAX_PROBED_LANES = 256  # on which a setting is tried before it is chosen
+PROMISED_SHARE = 0.95  # of the lanes, for which an accuracy is promised
+MAX_FINER_SETTINGS = 3  # tried beyond those of the table, each with half the step or a tenth of the tolerance
+ERROR_MARGIN = 3.0  # an estimated error is one draw: where motions multiply errors, another may be larger by this
+MAX_TOLERANCE_RATIO = 1e3  # between tolerances that are tried one after the other
+FORCE_PERTURBATION = 2.0**-50  # relative
+ACCEPTABLE_RATIO = 2.0  # to the smallest error, if no error is small enough: the first such setting is taken
 
 
 @dataclass(frozen=True)
 class Choice:
     """A setting chosen for an accuracy."""
 
-    accuracy: float  # of the state after three periods, relative to its largest number, for 95 % of lanes
+    accuracy: float  # error of the state after three periods, see `state_errors`, that 95 % of lanes keep
     setting: Setting
-    steps: int
-    promised: bool  # False: it is not to be had, and this is about the best there is
-    reached: float = np.nan  # error that so many of the probed lanes stay below, by comparison with a finer march
+    steps: int  # per period
+    promised: bool  # False: the accuracy cannot be reached, and this setting is about the best
+    reached: float = np.nan  # error that 95 % of the probed lanes keep, by comparison with a finer march
 
     @property
     def method(self) -> Choices:
@@ -48,99 +112,123 @@ class Choice:
 
     def __str__(self) -> str:
         product = "" if self.setting.order else " (omega_max h)"
-        told = f"accuracy {self.accuracy:.0e}: {self.setting}{product}, {self.steps} steps a period"
+        text = f"accuracy {self.accuracy:.0e}: {self.setting}{product}, {self.steps} steps a period"
         if self.promised:
-            return told
+            return text
         best = f"{self.reached:.0e} is the best for 95 % of runs"
-        return f"{told}; not to be had: {best}, as impacts multiply errors and flat contact drops its rocking"
+        return f"{text}; not to be had: {best}, as impacts multiply errors and flat contact drops its rocking"
 
 
 @cache
-def _table() -> list[dict[str, list]]:
-    """For each class of stiffness: levels that can be promised, with the numbers of a `Setting`."""
+def _accuracy_table() -> list[dict[str, list]]:
+    """For each class of stiffness: the levels that can be promised, each with the fields of a `Setting`."""
     return json.loads((Path(__file__).parent / "accuracy.json").read_text("utf-8"))
 
 
-def level(asked: str | float) -> float:
+def accuracy_level(accuracy: str | float) -> float:
     """The accuracy that a name or a number stands for.
 
     Raises:
-        ValueError: It is no name, and no number from 1e-10 to 1e-2.
+        ValueError: It is neither one of `NAMED` nor a number from 1e-10 to 1e-2.
     """
     try:
-        value = NAMED[asked] if asked in NAMED else float(asked)  # type: ignore[index]
+        value = NAMED[accuracy] if accuracy in NAMED else float(accuracy)  # type: ignore[index]
     except ValueError:
         value = np.nan
     if not LEVELS[-1] * 0.999 <= value <= LEVELS[0] * 1.001:
-        raise InputError(f"must be {', '.join(NAMED)} or a number from 1e-10 to 1e-2, but is {asked!r}")
+        raise InputError(f"must be {', '.join(NAMED)} or a number from 1e-10 to 1e-2, but is {accuracy!r}")
     return value
 
 
-def choose(scenes: Scene, batch_dims: int, asked: str | float) -> Choice:
-    """How to march for an accuracy.
+def choose(scenes: Scene, batch_dims: int, accuracy: str | float) -> Choice:
+    """The setting by which scenes are marched with an accuracy.
 
-    The table says what is enough for scenes of such a stiffness. How much the motion itself multiplies errors, at
-    impacts and between nearly parallel faces, differs from scene to scene: each setting is tried on the scenes at hand
-    over three periods against a finer one, and that taken where it misses.
+    The table says which setting is enough for scenes of such a stiffness. How much the motion itself multiplies errors,
+    at impacts and between nearly parallel faces, differs from scene to scene. Each setting is therefore tried on the
+    given scenes over three periods against a finer one, and the next is tried if its error is too large.
 
     Args:
-        scenes: One scene, or many with so many leading dimensions: the stiffest decides on the step.
-        batch_dims: How many those are.
-        asked: "fast", "balanced", "reference" or a number; see `NAMED`.
+        scenes: One scene, or many with leading axes: the stiffest one determines the step.
+        batch_dims: The number of leading axes.
+        accuracy: "fast", "balanced", "reference" or a number; see `NAMED`.
 
     Returns:
-        The cheapest setting that was enough; the best where none was, not promised.
+        The cheapest setting that is accurate enough, promised; else about the best one, not promised.
 
     Raises:
         ValueError: There is no such accuracy.
     """
-    wanted = level(asked)
+    level = accuracy_level(accuracy)
     lanes = jax.tree.map(lambda a: np.reshape(a, (-1, *np.shape(a)[batch_dims:])), scenes)
-    probe, turn, tried = _probe(lanes), stiffest(lanes, 1), []
-    for setting in _candidates(lanes, wanted):
-        steps = setting.steps(*turn)
-        error = SURE * _shared(estimated_errors(probe, setting, steps))
-        tried.append(Choice(wanted, setting, steps, error <= wanted, error))
-        if tried[-1].promised:
-            return tried[-1]
-    least = min(choice.reached for choice in tried)
-    return next(choice for choice in tried if choice.reached <= ABOUT * least)
+    probe, frequency_and_period, choices = _probe(lanes), stiffest(lanes, 1), []
+    for setting in _candidates(lanes, level):
+        steps = setting.steps(*frequency_and_period)
+        error = ERROR_MARGIN * _promised_error(estimated_errors(probe, setting, steps))
+        choices.append(Choice(level, setting, steps, error <= level, error))
+        if choices[-1].promised:
+            return choices[-1]
+    smallest = min(choice.reached for choice in choices)
+    return next(choice for choice in choices if choice.reached <= ACCEPTABLE_RATIO * smallest)
 
 
-def _candidates(lanes: Scene, wanted: float) -> list[Setting]:
-    """Settings of the table for an accuracy and finer ones, and others beyond these."""
-    row = _table()[int(np.searchsorted(CLASSES, stiffness_ratio(lanes, 1)))]
-    able = {float(at): Setting(*setting) for at, setting in row.items()}
-    enough = [able[at] for at in sorted(able, reverse=True) if at <= wanted * 1.001] or [able[min(able)]]
-    finer = [enough[-1].finer(n) for n in range(1, FINER + 1)]
+def _candidates(lanes: Scene, accuracy: float) -> list[Setting]:
+    """The settings of the table for an accuracy, then those for better accuracies, then finer ones than these."""
+    row = _accuracy_table()[int(np.searchsorted(STIFFNESS_CLASSES, stiffness_ratio(lanes, 1)))]
+    settings = {float(level): Setting(*setting) for level, setting in row.items()}
+    sufficient = [settings[level] for level in sorted(settings, reverse=True) if level <= accuracy * 1.001] or [
+        settings[min(settings)]
+    ]
+    sufficient = [
+        setting for pair in zip([sufficient[0], *sufficient], sufficient, strict=False) for setting in _between(*pair)
+    ]
+    finer = [sufficient[-1].finer(n) for n in range(1, MAX_FINER_SETTINGS + 1)]
     finer = [setting for setting in finer if setting.finer(1).tolerance < setting.tolerance / 2 or not setting.order]
-    return list(dict.fromkeys([*enough, *finer]))
+    return list(dict.fromkeys([*sufficient, *finer]))
+
+
+def _between(coarse: Setting, fine: Setting) -> list[Setting]:
+    """The finer of two settings; before it, if their tolerances are far apart, its order with one halfway between."""
+    if not (coarse.order and fine.order) or fine.tolerance * MAX_TOLERANCE_RATIO >= coarse.tolerance:
+        return [fine]
+    halfway = 10.0 ** round(math.log10(coarse.tolerance * fine.tolerance) / 2)
+    return [fine._replace(tolerance=halfway), fine]  # one program: a tolerance compiles nothing
 
 
 def _probe(lanes: Scene) -> Scene:
-    """Some of the lanes, evenly spread."""
+    """At most `MAX_PROBED_LANES` of the lanes, evenly spread."""
     count = len(lanes.drive.omega)
-    some = np.unique(np.linspace(0, count - 1, min(count, PROBED)).astype(int))
+    some = np.unique(np.linspace(0, count - 1, min(count, MAX_PROBED_LANES)).astype(int))
     return jax.tree.map(lambda a: np.asarray(a)[some], lanes)
 
 
-def _shared(errors: np.ndarray) -> float:
-    """The error that so many lanes stay below; those that stop have none."""
-    known = errors[np.isfinite(errors)]
-    return float(np.quantile(known, SHARE, method="higher")) if len(known) else 0.0
+def _promised_error(errors: np.ndarray) -> float:
+    """The error that `PROMISED_SHARE` of the lanes keep, without lanes that stop."""
+    finite = errors[np.isfinite(errors)]
+    return float(np.quantile(finite, PROMISED_SHARE, method="higher")) if len(finite) else 0.0
 
 
 def estimated_errors(scenes: Scene, setting: Setting, steps: int) -> np.ndarray:
-    """Error of each lane (leading axis) by comparison with a finer march in float64; NaN where it stops.
+    """The error of each lane (leading axis) by comparison with a finer march in float64; NaN where it stops.
 
-    That one is driven by forces a few roundings larger: how much the motion multiplies roundings is an error too.
+    The finer march is driven by forces that are a few roundings larger, so that the growth of roundings counts too.
     """
     finer, loads = setting.finer(1).exact.method, lambda scenes: (scenes.drive.F_0, scenes.drive.M_0)
-    nudged = eqx.tree_at(loads, scenes, replace_fn=lambda a: np.asarray(a) * (1 + ROUNDINGS))
-    return state_errors(end_states(scenes, steps, setting.method), end_states(nudged, 2 * steps, finer))
+    perturbed = eqx.tree_at(loads, scenes, replace_fn=lambda a: np.asarray(a) * (1 + FORCE_PERTURBATION))
+    return state_errors(end_states(scenes, steps, setting.method), end_states(perturbed, 2 * steps, finer))
 
 
-def broken(scenes: Scene, choice: Choice) -> np.ndarray:
-    """Which lanes (leading axis) do not meet the accuracy, by their estimated errors."""
+def missed_lanes(scenes: Scene, choice: Choice) -> np.ndarray:
+    """Whether each lane (leading axis) misses the accuracy, by its estimated error after three periods.
+
+    An estimate is one draw of an error: a lane that misses by a factor of two or more is nearly always marked; one that
+    misses by less, or only later, may not be.
+    """
     flat = jax.tree.map(np.asarray, scenes)
     return ~(estimated_errors(flat, choice.setting, choice.steps) <= choice.accuracy)
+
+
+def warn_missed(missed: np.ndarray, choice: Choice) -> None:
+    """Warn of `missed_lanes`, if there are any, at the line that calls the verb."""
+    if missed.any():
+        text = f"{missed.sum()} of {missed.size} runs miss the accuracy of {choice.accuracy:.0e} within three periods"
+        warnings.warn(text, AccuracyWarning, stacklevel=4)

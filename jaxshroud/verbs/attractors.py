@@ -1,66 +1,66 @@
-"""The motions that coexist in one scene, from random starts."""
+"""The motions that coexist in one scene, from random starts, and their basins in a plane of starts."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Sequence
 
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Progress, Ticker
+from jaxshroud.batch.runs import Progress, Ticker, initial_states
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.batch.xla import alone
-from jaxshroud.march.method import Choices, Method
-from jaxshroud.march.stability import Steps
-from jaxshroud.model.state import State
-from jaxshroud.motion.attractors import Found, attractors_of
-from jaxshroud.motion.random_starts import SPREAD, random_starts
-from jaxshroud.motion.shooting import TOLERANCE, Aim
-from jaxshroud.results.attractors import Attractors, rows_of_attractors
-from jaxshroud.scene.checks import count_argument, positive_argument
+from jaxshroud.batch.xla import one_lane
+from jaxshroud.io.scene_numbers import dimension, key_attrs
+from jaxshroud.march.method import Method, method_of
+from jaxshroud.model.prepared import State
+from jaxshroud.motion.attractors import FoundAttractors, attractors_of
+from jaxshroud.motion.random_starts import START_SPREAD, random_starts, start_range
+from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions
+from jaxshroud.results.attractors import Attractors, Basins, attractor_values
+from jaxshroud.scene.checks import InputError, count_argument, positive_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.precision import in_precision
+from jaxshroud.scene.grids import grid_of_scenes
+from jaxshroud.scene.keys import Motion, key_parts
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.door import asked
+from jaxshroud.scene.typed import typed
+from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.lanes import one_scene, with_tangents
+from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.simulate import simulate
 
-SMOOTH = 300  # steps a period of curves that are drawn
+DRAWN_STEPS = 300  # least steps per period of curves that are drawn
 
 
+@typed
 def attractors(
     scene: Scene | SceneFile,
     starts: int = 256,
     *,
-    spread: float = SPREAD,
+    spread: float = START_SPREAD,
     seed: int = 0,
     most_periods: int = 1024,
-    steps_per_period: Steps | None = None,
-    method: Method | Choices | None = None,
-    accuracy: str | float | None = None,
+    method: Method | str | float | None = None,
     progress: Progress | None = None,
 ) -> Attractors:
-    """The motions that a scene can end on, from random starts, and how many of these lead to each.
+    """The motions that a scene can settle on, from random starts, and the share of starts that lead to each.
 
-    Starts are apart, at drive phase 0, each displacement uniform within `spread` times the amplitude that it would have
-    without contact plus the gap (of angles: the turn that moves a corner by the gap), each rate within omega times
-    that. Overlapping blocks are drawn again.
+    Starts are apart, at drive phase 0. Each displacement is uniform within `spread` times its amplitude without contact
+    plus the gap (for angles: the rotation that moves a corner by the gap), each rate within omega times that. Starts
+    with overlapping blocks are drawn again.
 
     Args:
         scene: One scene, or a scene file.
-        starts: How many.
-        spread: Of the starts, in what they would reach without contact.
-        seed: Of their random numbers.
-        most_periods: Drive periods after which a motion that has not settled on an orbit counts as aperiodic.
-        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the scene needs.
-        method: How to march; where only steps are given RK4, with events located by the guard's cubic.
-        accuracy: "fast", "balanced" (the default where nothing is said of steps or method), "reference" or a number.
-        progress: Called with (lane-periods done, at most).
+        starts: The number of starts.
+        spread: Of the starts, relative to the amplitudes without contact plus the gap.
+        seed: Seed of the starts.
+        most_periods: Drive periods after which a motion that has not settled on an orbit is treated as aperiodic.
+        method: How to march: a method, or the accuracy that chooses one; see `method_for`.
+        progress: Called with (lane-periods done, lane-periods at most).
 
     Returns:
         The attractors, the most frequent first. Periodic ones are closed by Newton's method and told apart by the
-        distance between their orbits; orbits that differ by the place of a slider that never slips are one family.
-        Aperiodic motions are told apart by the sets that they fill in 512 periods. A start whose motion cannot be
-        assigned is undecided.
+        distance between their orbits; orbits that differ only in the position of a slider that never slips are one
+        family. Aperiodic motions are told apart by the sets that they fill in 512 periods, and count if a longer run is
+        judged chaotic or quasi-periodic, as by `diagnose`. A start that leads to none of these, such as one whose
+        transient is not over, is undecided.
 
     Raises:
         InputError: A count is too small, or there are many scenes.
@@ -70,52 +70,120 @@ def attractors(
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
         >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
-        >>> found = js.attractors(scene, 8, steps_per_period=100)
+        >>> found = js.attractors(scene, 8, method=js.RungeKutta(steps=100))
         >>> found.period_number.tolist(), found.share.tolist()
         ([1], [1.0])
     """
+    seed_argument(seed)
     count_argument("starts", starts, 1)
     positive_argument("spread", spread)
-    one, aim, about = aimed("attractors", scene, most_periods, steps_per_period, method, accuracy)
-    states = random_starts(one, starts, seed, spread)
-    found = found_from(one, states, most_periods, aim, progress)
-    values = rows_of_attractors(found, paths(found, one, aim)) | {"initial": states.motion}
+    single, shooting, attributes = _single_scene("attractors", scene, most_periods, method)
+    states = random_starts(single, starts, seed, spread)
+    found = _attractors_from(single, states, most_periods, shooting, progress)
+    values = attractor_values(found, _drawn_paths(found, single, shooting)) | {"initial": states.motion}
     values |= {"spread": spread, "seed": seed}
-    return Attractors.of_values(values, ("start",), about)
+    return Attractors.of_values(values, ("start",), attributes)
 
 
-def aimed(
+def _single_scene(
     verb: str,
     scene: Scene | SceneFile,
     most_periods: int,
-    steps_per_period: Steps | None,
-    method: Method | Choices | None,
-    accuracy: str | float | None,
-) -> tuple[Scene, Aim, Mapping[str, Any]]:
-    """One scene, how it is marched, and what results tell of it."""
+    method: Method | str | float | None,
+) -> tuple[Scene, ShootingOptions, dict[str, int | str]]:
+    """The single scene in the precision of its march, the options of Newton's method, and the attributes of results."""
     count_argument("most_periods", most_periods, 64)
-    one = one_scene(verb, scene)
-    request = asked(scene, steps_per_period=steps_per_period, method=method, accuracy=accuracy)
-    how = with_tangents(request, alone(one))
-    attrs, _ = request.about(request.transient, how.steps)
-    aim = Aim(how.steps, TOLERANCE[how.method.precision], how.method)
-    return in_precision(one, how.method.precision), aim, {**attrs, **how.told}
+    single = one_scene(verb, scene)
+    resolved = resolve_options(scene, method=method)
+    march = with_tangents(resolved, one_lane(single))
+    provenance, _ = resolved.provenance(resolved.transient, march.steps)
+    shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
+    return in_precision(single, march.method.precision), shooting, {**provenance, **march.attributes}
 
 
-def found_from(scene: Scene, states: State, most: int, aim: Aim, progress: Progress | None) -> Found:
-    """What a scene ends on from states (leading axis)."""
+def _attractors_from(
+    scene: Scene, states: State, max_periods: int, shooting: ShootingOptions, progress: Progress | None
+) -> FoundAttractors:
+    """The attractors that a scene reaches from states (leading axis)."""
     states = jax.tree.map(np.asarray, states)
     try:
-        return attractors_of(scene, states, most, aim, Ticker(len(states.u_s) * most, progress))
+        return attractors_of(scene, states, max_periods, shooting, Ticker(len(states.u_s) * max_periods, progress))
     except Interrupted:
         raise Interrupted(None) from None
 
 
-def paths(found: Found, scene: Scene, aim: Aim) -> list[np.ndarray]:
+def _drawn_paths(found: FoundAttractors, scene: Scene, shooting: ShootingOptions) -> list[np.ndarray]:
     """The left blade's x and v_x along each attractor, (n, 2): one orbit, or eight periods of an aperiodic one."""
-    told = []
-    for one in found.attractors:
-        steps = aim.steps * -(-SMOOTH // aim.steps)
-        run = simulate(scene, one.state, n_periods=one.q or 8, steps_per_period=steps, method=aim.method)
-        told.append(np.stack([run.motion.x[:, 0], run.motion.v_x[:, 0]], axis=-1))
-    return told
+    curves = []
+    steps = shooting.steps * -(-DRAWN_STEPS // shooting.steps)
+    for attractor in found.attractors:
+        run = simulate(scene, attractor.state, n_periods=attractor.q or 8, method=method_of(steps, shooting.method))
+        curves.append(np.stack([run.motion.x[:, 0], run.motion.v_x[:, 0]], axis=-1))
+    return curves
+
+
+@typed
+def basins(
+    scene: Scene | SceneFile,
+    plane: Sequence[str] = ("x[0]", "v_x[0]"),
+    *,
+    ranges: Sequence[tuple[float, float] | None] | None = None,
+    num: int = 100,
+    most_periods: int = 512,
+    method: Method | str | float | None = None,
+    progress: Progress | None = None,
+) -> Basins:
+    """The basins of attraction in a plane: the coexisting motion that each start in it leads to.
+
+    Args:
+        scene: One scene, or a scene file; its initial motion gives all numbers of the starts but the two of the plane.
+        plane: Two numbers of the initial motion, such as "x[0]" and "v_x[0]".
+        ranges: The range of each, in SI units; None: the range from which `attractors` draws its starts.
+        num: The number of values of each.
+        most_periods: Drive periods after which a motion that has not settled on an orbit is treated as aperiodic.
+        method: How to march: a method, or the accuracy that chooses one; see `method_for`.
+        progress: Called with (lane-periods done, lane-periods at most).
+
+    Returns:
+        The attractors, as from `attractors`, and that of each start. In a start with overlapping blocks contact begins
+        at once.
+
+    Raises:
+        InputError: The plane is not of two numbers of the initial motion, or a count is too small.
+        Interrupted: Ctrl-C.
+
+    Example:
+        >>> import jax; jax.config.update("jax_enable_x64", True)
+        >>> import jaxshroud as js
+        >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
+        >>> js.basins(scene, num=3, method=js.RungeKutta(steps=100)).label.shape
+        (3, 3)
+    """
+    count_argument("num", num, 2)
+    keys = [f"initial.{name.removeprefix('initial.')}" for name in plane]
+    if len(set(keys)) != 2:
+        raise InputError(f"Argument `plane` must name two numbers of the initial motion, but is {', '.join(plane)}.")
+    single, shooting, attributes = _single_scene("basins", scene, most_periods, method)
+    given_ranges = (None, None) if ranges is None else ranges
+    if len(given_ranges) != 2:
+        raise InputError(f"Argument `ranges` must give two ranges, each None or a pair, but gives {len(given_ranges)}.")
+    default_range = start_range(single)
+    axes = {key: _plane_values(key, default_range, ends, num) for key, ends in zip(keys, given_ranges, strict=True)}
+    grid = grid_of_scenes(single, axes)
+    states = initial_states(jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), grid))
+    found = _attractors_from(single, states, most_periods, shooting, progress)
+    values = attractor_values(found, _drawn_paths(found, single, shooting))
+    values |= {name: np.asarray(values[name]).reshape(num, num) for name in ("label", "status")}
+    coords = {dimension(key): (dimension(key), line, key_attrs(key)) for key, line in axes.items()}
+    return Basins.of_values(values, tuple(map(dimension, keys)), attributes, coords)
+
+
+def _plane_values(key: str, default_range: Motion, ends: tuple[float, float] | None, num: int) -> np.ndarray:
+    """The values of one number of the initial motion."""
+    _, name, blade = key_parts(key)
+    reach = getattr(default_range, name)
+    largest = START_SPREAD * float(np.max(reach) if blade is None else reach[blade])
+    low, high = (-largest, largest) if ends is None else sorted(map(float, ends))
+    if not low < high:
+        raise InputError(f"The range of {key} is empty: {low:g} to {high:g}.")
+    return np.linspace(low, high, num)

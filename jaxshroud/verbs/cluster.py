@@ -1,12 +1,11 @@
 """Blocks of a sweep computed by the workers of Dask distributed, on this machine or on many.
 
-Workers compute, this process writes. A block whose worker is lost is computed by another, one that has come is written
-once; workers may come and go. Each computes as many blocks at once as it has threads, and each block on one of them.
+Workers compute, this process writes. A block whose worker is lost is computed by another worker; each block is written
+once. Workers may come and go. Each computes as many blocks at once as it has threads, and each block on one thread.
 """
 
 import json
 import logging
-import pickle
 import re
 import signal
 from collections.abc import Callable, Iterable, Iterator
@@ -14,151 +13,251 @@ from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from threading import Thread
+from typing import TYPE_CHECKING, Any, no_type_check
 
 import jax
 
-from jaxshroud.batch.cache import cache_compilations, cached_in
 from jaxshroud.batch.runs import Ticker
-from jaxshroud.batch.threads import alone, thread_settings, under
-from jaxshroud.scene.errors import InputError, MachineError, StoreError
-from jaxshroud.verbs.work import Chain, Computed, Work, answered, computed
+from jaxshroud.batch.threads import thread_settings
+from jaxshroud.scene.checks import InputError, MachineError, StoreError
+from jaxshroud.verbs.sweep_block import BlockTask, Chain, next_task
 from jaxshroud.version import __version__
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Future
 
-AHEAD = 2  # blocks for each thread of a worker: the next is there when one is done
-FILE = ".json"  # at the end of the name of what a scheduler writes
-LOCAL = re.compile(r"local:([1-9]\d*)")
-Machine = dict[str, str]
+BLOCKS_PER_THREAD = 2  # submitted for each thread of a worker, so that the next block is there when one is done
+GRACE_SECONDS = 1.0  # beyond Dask's own timeout, in which it reports that nobody answers
+FILE_SUFFIX = ".json"  # of the file that a scheduler writes
+LOCAL_SCHEDULER = re.compile(r"local:([1-9]\d*)")
+MachineIdentity = dict[str, str]
 
 
 @contextmanager
-def client_of(scheduler: str) -> Iterator["Client"]:
+def connected_client(scheduler: str) -> Iterator["Client"]:
     """A connection to a scheduler of Dask distributed, or to one of this process's own, with workers.
 
     Args:
-        scheduler: Its address, the file that it has written (`.json`), or `local:N`: N processes on this machine.
+        scheduler: Its address, the file that it has written (`.json`), or `local:N` for N processes on this machine.
 
     Raises:
-        InputError: Dask distributed is not installed, or there is no such kind of address.
+        InputError: Dask distributed is not installed, or the address is malformed.
         MachineError: The scheduler cannot be reached, or was lost.
     """
     if find_spec("distributed") is None:
         raise InputError("A scheduler needs Dask distributed; install it by pip install 'jaxshroud[cluster]'")
-    local = LOCAL.fullmatch(scheduler)
-    if local is None and not ("://" in scheduler or scheduler.endswith(FILE)):
+    local_match = LOCAL_SCHEDULER.fullmatch(scheduler)
+    if local_match is None and not ("://" in scheduler or scheduler.endswith(FILE_SUFFIX)):
         raise InputError(
             "Argument `scheduler` must be an address such as tcp://host:8786, the file of a scheduler (.json) or "
             f"local:N with N workers, but is {scheduler}."
         )
     try:
         with ExitStack() as stack:
-            address = _in_file(scheduler) if scheduler.endswith(FILE) else scheduler
-            yield _connected(stack, address, local and int(local[1]))
+            address = _address_in_file(scheduler) if scheduler.endswith(FILE_SUFFIX) else scheduler
+            yield _new_client(stack, address, local_match and int(local_match[1]))
     except (OSError, CancelledError) as error:
         if isinstance(error, StoreError):
             raise
-        told = " ".join(str(error).split()) or type(error).__name__
-        raise MachineError(f"{scheduler}: the scheduler cannot be reached ({told}); start it or give local:2") from None
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise MachineError(
+            f"{scheduler}: the scheduler cannot be reached ({reason}); start it or give local:2"
+        ) from None
 
 
-def _in_file(path: str) -> str:
-    """The address that a scheduler has written."""
+def _address_in_file(path: str) -> str:
+    """The address in the file that a scheduler has written."""
     try:
         return str(json.loads(Path(path).read_text("utf-8"))["address"])
     except (ValueError, KeyError, TypeError):
         raise InputError(f"{path}: not the file of a scheduler; `dask scheduler --scheduler-file` writes one") from None
 
 
-def _connected(stack: ExitStack, address: str, workers: int | None) -> "Client":
-    """A client as long as the stack is open, and with it so many workers of its own."""
+def _new_client(stack: ExitStack, address: str, workers: int | None) -> "Client":
+    """A client that lives as long as the stack is open, as do its own `workers` if their number is given."""
     from distributed import Client, LocalCluster
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is told in one line
+    for name in ("distributed", "distributed.client"):  # the client's logger has a level of its own
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are reported in one line instead
     if workers is not None:
-        own: Any = {"n_workers": workers, "threads_per_worker": 1, "memory_limit": 0, "dashboard_address": None}
-        cluster: Any = stack.enter_context(LocalCluster(**own, silence_logs=logging.CRITICAL))
+        cluster_options: Any = {
+            "n_workers": workers,
+            "threads_per_worker": 1,
+            "memory_limit": 0,
+            "dashboard_address": None,
+        }
+        cluster: Any = stack.enter_context(LocalCluster(**cluster_options, silence_logs=logging.CRITICAL))
         address = cluster.scheduler_address
     client = Client.__new__(Client)
     try:
-        client.__init__(address, set_as_default=False)
+        _connect(client, address)
     except Exception as error:
-        client.status = "closed"  # else its end waits for whoever does not answer, and complains
-        if isinstance(error, MemoryError):  # of an answer that is no scheduler's
+        client.status = "closed"  # else its destructor waits for an answer, and complains
+        if isinstance(error, MemoryError):  # raised for the answer of something else than a scheduler
             raise ConnectionError("what answers is no scheduler") from None
+        if isinstance(error, TypeError):  # raised for an address that needs certificates, where none are configured
+            raise ConnectionError(str(error)) from None
         raise
     stack.enter_context(client)
     if workers is not None:
-        client.run(_deaf)
+        client.run(_ignore_interrupts)
     return client
 
 
-def _deaf() -> None:
-    """Make a worker of this process heed no Ctrl-C, which ends it by way of this process."""
+def _connect(client: "Client", address: str) -> None:
+    """Connect a client, applying Dask's timeout to the first answer too, for which Dask would wait without end.
+
+    Raises:
+        TimeoutError: The address accepts the connection, but does not answer.
+    """
+    from dask import config
+    from dask.utils import parse_timedelta
+
+    raised: list[Exception] = []
+
+    def begin() -> None:
+        try:
+            client.__init__(address, set_as_default=False)
+        except Exception as error:
+            raised.append(error)
+
+    limit = parse_timedelta(config.get("distributed.comm.timeouts.connect"))
+    waiting = Thread(target=begin, daemon=True)
+    waiting.start()
+    waiting.join(limit + GRACE_SECONDS)
+    if raised:
+        raise raised[0]
+    if waiting.is_alive():
+        raise TimeoutError(f"Timed out waiting for an answer after {limit:g} s")
+
+
+def _ignore_interrupts() -> None:
+    """Make a worker ignore Ctrl-C: this process ends its own workers itself."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def machine() -> Machine:
-    """What the numbers of a sweep depend on, beside what is asked."""
+def machine_identity() -> MachineIdentity:
+    """The versions and the kind of device, on which the numbers of a sweep depend besides the sweep itself."""
     return {"version": __version__, "jax": jax.__version__, "device": jax.devices()[0].device_kind}
 
 
-def machine_of(client: "Client") -> Machine:
-    """That of the workers, when the first of them is there."""
-    return client.submit(machine, pure=False).result()
-
-
-def on_workers(chains: Iterable[Chain], client: "Client", like: Machine, tick: Callable[[int], None]) -> None:
-    """Everything computed by workers, some blocks ahead of each.
-
-    Args:
-        chains: Blocks that need each other; where there are many chains, many workers have something to do.
-        client: The connection to their scheduler.
-        like: What the workers have to be.
-        tick: Told how many lanes more are done.
+def worker_identity(client: "Client") -> MachineIdentity:
+    """The identity that all workers must have: the versions of this process, and the device of the first worker.
 
     Raises:
-        StoreError: A worker is not as it has to be.
+        StoreError: The first worker has other versions, or lacks a package.
+    """
+    own = {name: version for name, version in machine_identity().items() if name != "device"}
+    return own | _worker_result(client.submit(_worker_function(), own, pure=False))
+
+
+def _worker_function() -> Callable[..., Any]:
+    """The function that workers run, pickled by value: by reference, it would end a worker that lacks this package.
+
+    The function takes the identity that the worker must have and a pickled block with JAX's settings. It returns the
+    computed block, the worker's device if there is no block, or a text that says what is wrong with the worker.
+    """
+
+    @no_type_check  # type-checking wrappers cannot be pickled
+    def at_worker(identity: MachineIdentity, sent: bytes | None = None, settings: Any = None) -> Any:
+        try:
+            import jax
+
+            from jaxshroud.version import __version__
+
+            device = jax.devices()[0].device_kind
+        except Exception as error:
+            return f"a worker lacks what it needs ({type(error).__name__}: {error})"
+        own = {"version": __version__, "jax": jax.__version__, "device": device}
+        wrong = [f"{name} {own[name]}, not {identity[name]}" for name in identity if own[name] != identity[name]]
+        if wrong:
+            return f"a worker has {', '.join(wrong)}"
+        if sent is None:
+            return {"device": device}
+        from jaxshroud.verbs.sweep_block import compute_pickled
+
+        return compute_pickled(sent, settings)
+
+    return at_worker
+
+
+def _worker_result(future: "Future") -> Any:
+    """The answer of a worker.
+
+    Raises:
+        StoreError: The worker has the wrong identity, or cannot unpickle the task.
+        MachineError: The task has ended several workers.
+    """
+    from distributed import KilledWorker
+
+    try:
+        answer = future.result()
+    except KilledWorker as error:
+        raise MachineError(f"workers were lost again and again over one block of lanes ({error})") from None
+    except RuntimeError as error:
+        if "deserializ" not in str(error):
+            raise
+        answer = "a worker cannot read what it is sent: its Python or its Dask is another"
+    if isinstance(answer, str):
+        raise StoreError(f"{answer}; give all workers the same, and run again")
+    return answer
+
+
+def _thread_count(client: "Client") -> int:
+    """The number of threads of all workers.
+
+    Raises:
+        ConnectionError: The scheduler is lost.
+    """
+    try:
+        threads: Any = client.nthreads()
+    except AttributeError:  # raised by a client that has lost its scheduler
+        raise ConnectionError("the connection was lost") from None
+    return sum(threads.values())
+
+
+def compute_on_workers(
+    chains: Iterable[Chain], client: "Client", identity: MachineIdentity, tick: Callable[[int], None]
+) -> None:
+    """Compute all chains on workers, with a few blocks submitted ahead.
+
+    Args:
+        chains: Chains of blocks; blocks of different chains are computed at the same time.
+        client: The connection to the scheduler.
+        identity: The identity that the workers must have.
+        tick: Called with the number of lanes that a finished block has.
+
+    Raises:
+        StoreError: A worker has another identity.
         MachineError: A block has ended several workers.
     """
     import cloudpickle
-    from distributed import Future, KilledWorker, as_completed
+    from distributed import as_completed
 
-    threads: Any = client.nthreads
-    settings, waiting, done = thread_settings() | {"default_device": None}, iter(chains), as_completed(loop=client.loop)
-    under_way: dict[Future, tuple[Chain, Work]] = {}
+    jax_settings, waiting, done = (
+        thread_settings() | {"default_device": None},
+        iter(chains),
+        as_completed(loop=client.loop),
+    )
+    compute_remotely = _worker_function()
+    in_progress: dict[Future, tuple[Chain, BlockTask]] = {}
 
-    def begin(chain: Chain, work: Work | None) -> None:
-        if work is not None:
-            sent = cloudpickle.dumps(work._replace(wanted=work.wanted._replace(ticker=Ticker(0, None))))
-            future = client.submit(_computed, sent, settings, like, pure=False)
-            under_way[future] = chain, work
+    def submit(chain: Chain, task: BlockTask | None) -> None:
+        if task is not None:
+            sent = cloudpickle.dumps(task._replace(settings=task.settings._replace(ticker=Ticker(0, None))))
+            future = client.submit(compute_remotely, identity, sent, jax_settings, pure=False)
+            in_progress[future] = chain, task
             done.add(future)
 
     while True:
-        room = AHEAD * sum(threads().values()) + 1
-        while len(under_way) < room and (chain := next(waiting, None)) is not None:
-            begin(chain, next(chain, None))
-        if not under_way:
+        capacity = BLOCKS_PER_THREAD * _thread_count(client) + 1
+        while len(in_progress) < capacity and (chain := next(waiting, None)) is not None:
+            submit(chain, next(chain, None))
+        if not in_progress:
             return
         future = next(done)
-        chain, work = under_way.pop(future)
-        try:
-            found = future.result()
-        except KilledWorker as error:
-            raise MachineError(f"workers were lost again and again over one block of lanes ({error})") from None
-        tick(work.lanes)
-        begin(chain, answered(chain, found))
-
-
-def _computed(sent: bytes, settings: dict[str, Any], like: Machine) -> Computed:
-    """A block, by one thread of a worker."""
-    if not cached_in():
-        cache_compilations()
-    if (own := machine()) != like:
-        told = ", ".join(f"{name} {own[name]}, not {like[name]}" for name in like if own[name] != like[name])
-        raise StoreError(f"a worker has {told}; give all workers the same, and run again")
-    with under(settings), alone():  # read only now: without them, numbers of float64 would come as float32
-        return computed(pickle.loads(sent))
+        chain, task = in_progress.pop(future)
+        block = _worker_result(future)
+        tick(task.lanes)
+        submit(chain, next_task(chain, block))

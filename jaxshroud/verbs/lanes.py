@@ -1,113 +1,134 @@
-"""Scenes one by one, for verbs that follow each lane on its own, and what is told of all."""
+"""The lanes of verbs that follow each scene separately, and the results and warnings of all of them."""
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from itertools import count
+from typing import NamedTuple, TypeVar
 
 import jax
 import numpy as np
 
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.march.method import FAST
+from jaxshroud.io.lane_status import LaneWarning
+from jaxshroud.io.variable import jax_lane_arrays
+from jaxshroud.march.method import FAST, Method
 from jaxshroud.march.stability import steps_for
-from jaxshroud.model.state import State
-from jaxshroud.results.base import Result
-from jaxshroud.results.gathered import picked
-from jaxshroud.results.status import LaneWarning
-from jaxshroud.scene.errors import InputError, NumericalError
+from jaxshroud.model.prepared import State
+from jaxshroud.results.base import Labels, Result
+from jaxshroud.scene.checks import InputError, NumericalError
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.door import Asked, Marched, asked, marched
+from jaxshroud.scene.typed import T
+from jaxshroud.scene.valid import in_precision
+from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, plan_march, refuse_traced, resolve_options
 
-T = TypeVar("T")
 R = TypeVar("R", bound=Result)
 
 
-class Lanes(NamedTuple):
-    """Scenes, and how all of them are marched."""
+class RequestedLanes(NamedTuple):
+    """Scenes, and the plan by which all of them are marched."""
 
-    asked: Asked
-    how: Marched
+    resolved: ResolvedOptions
+    march: MarchPlan
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the leading axes; () of a single scene."""
-        return self.asked.shape
+        """The shape of the leading axes; () for a single scene."""
+        return self.resolved.shape
 
     @property
     def scenes(self) -> list[Scene]:
-        """One scene for each lane, as it was given."""
-        whole = self.asked.scene
-        return [picked(whole, lane) for lane in np.ndindex(self.shape)] if self.shape else [whole]
+        """The scene of each lane, as given."""
+        return self.resolved.scenes
 
-    def begun(self, scenes: Sequence[Scene], state: State | None) -> list[tuple[Scene, State]]:
-        """Scenes in the method's precision, and where they start: see `Asked.states`."""
-        precise = [in_precision(scene, self.how.method.precision) for scene in scenes]
-        states = self.asked.states(state, jax.tree.map(lambda *a: np.stack(a), *precise))
-        return [(scene, picked(states, (lane,))) for lane, scene in enumerate(precise)]
+    def with_states(self, scenes: Sequence[Scene], state: State | None) -> list[tuple[Scene, State]]:
+        """Scenes in the method's precision, each with its initial state: see `ResolvedOptions.states`."""
+        precise = [in_precision(scene, self.march.method.precision) for scene in scenes]
+        states = self.resolved.states(state, jax.tree.map(lambda *a: np.stack(a), *precise))
+        return [(scene, jax_lane_arrays(states, (lane,))) for lane, scene in enumerate(precise)]
 
     @property
-    def about(self) -> dict[str, Any]:
-        """What a result tells of the scenes: the first as text, and what differs."""
-        attrs, more = self.asked.about(self.asked.transient, self.how.steps)
-        return {"lanes": self.asked.dims, "attrs": {**attrs, **self.how.told}, "more": more}
+    def labels(self) -> Labels:
+        """Keyword arguments of results that label their lanes: the first scene as text, and the numbers that differ."""
+        attrs, more = self.resolved.provenance(self.resolved.transient, self.march.steps)
+        return {"lanes": self.resolved.dims, "attrs": {**attrs, **self.march.attributes}, "more": more}
 
 
-def lanes_of(scene: Scene | SceneFile, **asked_for: Any) -> Lanes:
-    """Scenes, and how they are marched with tangents, from the arguments of `asked`."""
-    request = asked(scene, **asked_for)
-    return Lanes(request, with_tangents(request, request.lanes))
+def request_lanes(
+    scene: Scene | SceneFile,
+    *,
+    n_periods: int | None = None,
+    transient: int | None = None,
+    method: Method | str | float | None = None,
+    dims: Sequence[str] | None = None,
+) -> RequestedLanes:
+    """The lanes of a scene, and their march with tangents, from the arguments of `resolve_options`."""
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, dims=dims)
+    return RequestedLanes(resolved, with_tangents(resolved, resolved.lanes))
 
 
-def with_tangents(asked: Asked, lanes: Scene) -> Marched:
-    """How lanes (leading axis) are marched for derivatives: in float64 unless the method says otherwise."""
-    if asked.method is None:
-        in_precision(lanes, "float64")  # refused before anything is tried
-    how = marched(asked, lanes, FAST, derivatives=True)
+def with_tangents(resolved: ResolvedOptions, lanes: Scene) -> MarchPlan:
+    """The plan by which lanes (leading axis) are marched with tangents: in float64 unless the method says otherwise."""
+    if resolved.method is None:
+        in_precision(lanes, "float64")  # raises before any method is tried
+    march = plan_march(resolved, lanes, FAST)
     if lanes.parts.contact != "none":
-        return how
-    steps = "auto" if asked.steps is None else asked.steps  # for tangents, which are marched there too
-    return how._replace(steps=steps_for(lanes, 1, steps, how.method.tableau))
+        return march
+    steps = "auto" if resolved.steps is None else resolved.steps  # tangents are marched without contact too
+    return march._replace(steps=steps_for(lanes, 1, steps, march.method.tableau))
 
 
-def of_all(found: Callable[[], Sequence[Any]], missing: Callable[[int, str], T], throw: bool) -> list[T]:
-    """What lanes gave, with what is `missing` told of those that failed, or that were not run before Ctrl-C.
+def results_of_all(
+    run: Callable[[], Sequence[T | Exception | None]], missing: Callable[[int, str], T], throw: bool
+) -> list[T]:
+    """The results of all lanes.
+
+    Args:
+        run: Returns the outcome of each lane: its result, the exception that ended it, or None if it was not run.
+        missing: Called with the lane and a flag, "failed" or "not run", for the placeholder of a missing result.
+        throw: Raise the first exception among the outcomes.
 
     Raises:
-        NumericalError, LinAlgError: What ended the first of the lanes that failed, with `throw`.
-        Interrupted: Ctrl-C; `done` has the same.
+        NumericalError, LinAlgError: With `throw`: the exception that ended the first of the lanes that failed.
+        Interrupted: Ctrl-C; its `done` has the results, with placeholders for the lanes that had not ended.
     """
 
-    def known(lane: int, one: Any) -> T:
-        if isinstance(one, Exception) and throw:
-            raise one
-        return missing(lane, "failed" if one else "not run") if one is None or isinstance(one, Exception) else one
+    def result(lane: int, outcome: T | Exception | None) -> T:
+        if isinstance(outcome, Exception) and throw:
+            raise outcome
+        if outcome is None or isinstance(outcome, Exception):
+            return missing(lane, "not run" if outcome is None else "failed")
+        return outcome
 
     try:
-        return [known(lane, one) for lane, one in enumerate(found())]
+        return list(map(result, count(), run()))
     except Interrupted as stopped:
-        raise Interrupted(stopped.done and [known(lane, one) for lane, one in enumerate(stopped.done)]) from None
+        raise Interrupted(stopped.done and list(map(result, count(), stopped.done))) from None
 
 
-def told(found: R, throw: bool) -> R:
-    """The result of lanes, after a warning of those that failed; with `throw` they are an error."""
-    if found.failed and throw:
-        raise NumericalError(f"{found!r}")
-    if found.failed:
-        warnings.warn(f"{found!r}", LaneWarning, stacklevel=3)
-    return found
+def warn_failed(result: R, throw: bool) -> R:
+    """The result, after a warning of the lanes that failed.
+
+    Raises:
+        NumericalError: With `throw`: a lane failed.
+    """
+    if result.failed and throw:
+        raise NumericalError(f"{result!r}")
+    if result.failed:
+        warnings.warn(f"{result!r}", LaneWarning, stacklevel=4)
+    return result
 
 
 def one_scene(verb: str, scene: Scene | SceneFile) -> Scene:
-    """The one scene that a verb takes.
+    """The single scene that a verb takes.
 
     Raises:
-        InputError: There are many.
+        InputError: There are many scenes, or they are traced.
     """
     scene = scene.scene if isinstance(scene, SceneFile) else scene
+    refuse_traced(scene)
     shape = np.shape(scene.drive.omega)
     if shape:
-        many = " x ".join(map(str, shape))
-        raise InputError(f"`{verb}` takes one scene, but was given {many} of them; call it for each.")
+        lanes = " x ".join(map(str, shape))
+        raise InputError(f"`{verb}` takes one scene, but was given {lanes} of them; call it for each.")
     return scene

@@ -1,33 +1,36 @@
-"""The periodic orbit that a scene settles on, or those of many scenes."""
+"""The periodic orbit that a scene settles on, and the Lyapunov exponents of its motion."""
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.states import STATE_SIZE
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.march.method import Choices, Method
-from jaxshroud.march.stability import Steps
+from jaxshroud.march.method import Method
 from jaxshroud.model.modes import Status
-from jaxshroud.model.state import State
-from jaxshroud.motion.orbit import Cycle, none_found
-from jaxshroud.motion.shooting import TOLERANCE, Aim, closed_orbit, settled_orbit
-from jaxshroud.motion.together import together
+from jaxshroud.model.prepared import State
+from jaxshroud.motion.batched_algorithms import run_together
+from jaxshroud.motion.lyapunov import MAX_ALIGNMENT_PERIODS, Exponents, lyapunov_exponents
+from jaxshroud.motion.orbit import PeriodicOrbit, no_orbit
+from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions, closed_orbit, settled_orbit
+from jaxshroud.results.diagnosis import Lyapunov
 from jaxshroud.results.orbit import Orbit
-from jaxshroud.scene.checks import count_argument, positive_argument
-from jaxshroud.scene.errors import InputError
+from jaxshroud.scene.checks import InputError, count_argument, positive_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.lanes import lanes_of, of_all, told
+from jaxshroud.scene.typed import typed
+from jaxshroud.verbs.lanes import request_lanes, results_of_all, warn_failed
 
 
+@typed
 def orbit(
     scene: Scene | SceneFile,
     *,
     q: int | None = None,
     most_periods: int = 1024,
     tolerance: float | None = None,
-    steps_per_period: Steps | None = None,
-    method: Method | Choices | None = None,
-    accuracy: str | float | None = None,
+    method: Method | str | float | None = None,
     state: State | None = None,
     progress: Progress | None = None,
     throw: bool = False,
@@ -35,36 +38,33 @@ def orbit(
 ) -> Orbit:
     """The periodic orbit that a scene settles on.
 
-    The scene is run until its samples nearly repeat; then Newton's method closes the orbit. If what it finds is not
-    stable, the motion was only passing by, and the run goes on.
+    The scene is run until its samples nearly repeat; then Newton's method closes the orbit. If that orbit is not
+    stable, the motion was only passing by it, and the run continues.
 
     Args:
         scene: One scene, or many with leading axes, which then come first in all results; or a scene file, whose [run]
             counts where an argument is not given.
-        q: The period number where it is known. The given state is then closed at once, without a run, whether or not
-            the orbit is stable: so an orbit can be followed from scene to scene.
-        most_periods: Give up when the motion has not repeated by then.
+        q: The period number, if it is known. Newton's method then starts from the given state, without a run, and
+            closes the orbit whether or not it is stable: an orbit can so be followed from scene to scene.
+        most_periods: Drive periods after which the search ends if the motion has not repeated.
         tolerance: Closing error at which Newton's method ends, relative to the largest value of each quantity; by
             default 1e-11 in float64 and 1e-7 in float32.
-        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs, as where only a
-            method is given.
-        method: How to march; where only steps are given RK4, with events located by the guard's cubic.
-        accuracy: "fast", "balanced" (the default where nothing is said of steps or method), "reference" or a number:
-            chooses steps and method, in float64.
-        state: Where to start, at drive phase 0, one for all lanes or each its own; by default `scene.initial`, apart.
+        method: How to march: a method, or the accuracy that chooses one; see `method_for`.
+        state: Where to start, at drive phase 0: one state for all lanes, or one for each; by default `scene.initial`,
+            apart.
         progress: Called with (lane-periods done, lane-periods at most).
-        throw: Raise where a lane stops or cannot be solved, rather than flag it.
+        throw: Raise where a lane stops or cannot be solved, rather than warn.
         dims: Names of the leading axes; by default `lane`.
 
     Returns:
-        The orbit or orbits. See their `flags` before using them. A lane that stops or cannot be solved has NaN and a
-        flag, and the others are not affected.
+        The orbit or orbits; see their `flags` before using them. A lane that stops or cannot be solved has NaN and a
+        flag; the others are not affected.
 
     Raises:
-        ValueError: A count is too small, the tolerance is not positive, `q` is given without a state, or float64 is
-            not to be had.
+        ValueError: A count is too small, the tolerance is not positive, `q` is given without a state, or JAX has no
+            float64.
         NumericalError: With `throw`: a lane stopped.
-        LinAlgError: With `throw`, or of a single scene: equations cannot be solved.
+        LinAlgError: With `throw`, or for a single scene: the equations of the orbit cannot be solved.
         Interrupted: Ctrl-C; its `done` has the lanes that had ended, None where none had.
 
     Source:
@@ -74,7 +74,7 @@ def orbit(
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
         >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
-        >>> found = js.orbit(scene, steps_per_period=100)
+        >>> found = js.orbit(scene, method=js.RungeKutta(steps=100))
         >>> found.q, found.flags, bool(abs(found.multipliers[0]) < 1)
         (1, (), True)
     """
@@ -85,27 +85,107 @@ def orbit(
         count_argument("q", q, 1)
         if state is None:
             raise InputError("Argument `q` needs a `state` close to the orbit.")
-    lanes = lanes_of(scene, steps_per_period=steps_per_period, method=method, accuracy=accuracy, dims=dims)
-    march = lanes.how
-    tolerance = TOLERANCE[march.method.precision] if tolerance is None else tolerance
-    aim = Aim(march.steps, tolerance, march.method)
-    result = lambda cycles: Orbit.of_cycles(cycles, lanes.shape, **lanes.about)  # noqa: E731
+    lanes = request_lanes(scene, method=method, dims=dims)
+    march = lanes.march
+    tolerance = CLOSING_TOLERANCE[march.method.precision] if tolerance is None else tolerance
+    shooting = ShootingOptions(march.steps, tolerance, march.method)
+    result_of = lambda cycles: Orbit.of_cycles(cycles, lanes.shape, **lanes.labels)
     try:
-        begun = lanes.begun(lanes.scenes, state)
-        found = result(cycles_of(begun, q, most_periods, aim, progress, throw or not lanes.shape))
+        starts = lanes.with_states(lanes.scenes, state)
+        orbits = result_of(cycles_of(starts, q, most_periods, shooting, progress, throw or not lanes.shape))
     except Interrupted as stopped:
-        raise Interrupted(stopped.done and result(stopped.done)) from None
-    return told(found, throw)
+        raise Interrupted(stopped.done and result_of(stopped.done)) from None
+    return warn_failed(orbits, throw)
 
 
 def cycles_of(
-    begun: Sequence[tuple[Scene, State]], q: int | None, most: int, aim: Aim, progress: Progress | None, throw: bool
-) -> list[Cycle]:
-    """The orbit of each scene from its state; flagged where it could not be solved."""
-    looked_for = [settled_orbit(*lane, most, aim) if q is None else closed_orbit(*lane, q, aim) for lane in begun]
+    lanes: Sequence[tuple[Scene, State]],
+    q: int | None,
+    max_periods: int,
+    shooting: ShootingOptions,
+    progress: Progress | None,
+    throw: bool,
+) -> list[PeriodicOrbit]:
+    """The orbit of each lane, from its scene and initial state; flagged where it could not be solved."""
+    algorithms = [
+        settled_orbit(*lane, max_periods, shooting) if q is None else closed_orbit(*lane, q, shooting) for lane in lanes
+    ]
 
-    def missing(lane: int, flag: str) -> Cycle:
+    def missing(lane: int, flag: str) -> PeriodicOrbit:
         status = Status.NOT_RUN if flag == "not run" else Status.OK
-        return none_found(*begun[lane], flag, 0, aim.steps, aim.method, status)
+        return no_orbit(*lanes[lane], flag, 0, shooting.steps, shooting.method, status)
 
-    return of_all(lambda: together(looked_for, progress, most), missing, throw)
+    return results_of_all(lambda: run_together(algorithms, progress, max_periods), missing, throw)
+
+
+@typed
+def lyapunov(
+    scene: Scene | SceneFile,
+    *,
+    n_periods: int | None = None,
+    transient: int | None = None,
+    method: Method | str | float | None = None,
+    state: State | None = None,
+    progress: Progress | None = None,
+    throw: bool = False,
+    dims: Sequence[str] | None = None,
+) -> Lyapunov:
+    """The Lyapunov exponents of the motion that a scene settles on.
+
+    Args:
+        scene: One scene, or many with leading axes, which then come first in all results; or a scene file, whose [run]
+            counts where an argument is not given.
+        n_periods: Drive periods kept; by default 64.
+        transient: Drive periods run and discarded first; by default 64.
+        method: How to march: a method, or the accuracy that chooses one; see `method_for`.
+        state: Where to start, at drive phase 0: one state for all lanes, or one for each; by default `scene.initial`,
+            apart.
+        progress: Called with (lane-periods done, lane-periods at most).
+        throw: Raise where a lane stops before its end, rather than warn.
+        dims: Names of the leading axes; by default `lane`.
+
+    Returns:
+        The exponents, from QR factors of the product of the Jacobians of the periods. After the transient the tangents
+        start in random directions; the average begins when two frames of them grow alike, or 64 periods later (where
+        directions grow equally fast, no order emerges). They do not start earlier: along a motion that still changes
+        they may take an order other than that of the settled motion, and keep it for long. The interval is from batch
+        means.
+
+    Raises:
+        ValueError: A count is too small, or JAX has no float64.
+        NumericalError: With `throw`: a lane stopped.
+        Interrupted: Ctrl-C; its `done` has the lanes that had ended, None where none had.
+
+    Example:
+        >>> import jax; jax.config.update("jax_enable_x64", True)
+        >>> import jaxshroud as js
+        >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
+        >>> found = js.lyapunov(scene, n_periods=8, transient=8, method=js.RungeKutta(steps=100))
+        >>> bool(found.exponents[0] < 0)
+        True
+    """
+    lanes = request_lanes(
+        scene,
+        n_periods=n_periods,
+        transient=transient,
+        method=method,
+        dims=dims,
+    )
+    kept, transient_periods, march = lanes.resolved.n_periods, lanes.resolved.transient, lanes.march
+    starts = lanes.with_states(lanes.scenes, state)
+    algorithms = [lyapunov_exponents(*lane, kept, transient_periods, march.steps, march.method) for lane in starts]
+
+    def missing(lane: int, flag: str) -> Exponents:
+        status = Status.NOT_RUN if flag == "not run" else Status.NOT_FINITE
+        nan = np.full(STATE_SIZE, np.nan)
+        return Exponents(nan, nan, np.empty((0, STATE_SIZE)), status, starts[lane][1])
+
+    result_of = lambda exponents: Lyapunov.of_exponents(exponents, lanes.shape, **lanes.labels)
+    max_periods = transient_periods + MAX_ALIGNMENT_PERIODS + kept
+    try:
+        exponents = results_of_all(
+            lambda: run_together(algorithms, progress, max_periods), missing, throw or not lanes.shape
+        )
+    except Interrupted as stopped:
+        raise Interrupted(stopped.done and result_of(stopped.done)) from None
+    return warn_failed(result_of(exponents), throw)

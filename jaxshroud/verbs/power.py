@@ -1,131 +1,166 @@
-"""Vibration-power reduction of one scene, averaged over as many periods as it takes (Sec. 3.2, Fig. 15)."""
+"""The vibration-power reduction of scenes, averaged over as many periods as they need (Sec. 3.2, Fig. 15)."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import NamedTuple
 
 import jax
 import numpy as np
+from numpy.typing import NDArray
 
-from jaxshroud.batch.extent import fits
-from jaxshroud.batch.periods import BLOCK, Sample
-from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, run_lanes, told_chatter
+from jaxshroud.batch.periods import PERIODS_PER_CALL, Sample
+from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, run_lanes, zeno_warning
+from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.states import final_states
-from jaxshroud.march.method import FAST_WITH_LEDGER, Choices, Method
-from jaxshroud.march.stability import Steps
+from jaxshroud.io.lane_status import warn_failures
+from jaxshroud.march.method import FAST_WITH_LEDGER, Method
 from jaxshroud.model.linear import area, power_reduction
 from jaxshroud.model.modes import Status
-from jaxshroud.model.state import State
-from jaxshroud.motion.averages import averages, relative_residual
-from jaxshroud.motion.interval import interval
-from jaxshroud.motion.period import PERIOD_TOLERANCE, Repetition
-from jaxshroud.motion.power import Reduction
-from jaxshroud.motion.settling import NO
+from jaxshroud.model.prepared import State
+from jaxshroud.motion.averages import Reduction, averages, relative_residual
+from jaxshroud.motion.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
+from jaxshroud.motion.statistics import confidence_interval
 from jaxshroud.results.power import PowerResult
-from jaxshroud.results.status import tell_failures
-from jaxshroud.scene.checks import tolerance_argument
-from jaxshroud.scene.errors import InputError
+from jaxshroud.scene.checks import InputError, tolerance_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.door import Asked, Marched, asked, in_shape, marched
+from jaxshroud.scene.typed import typed
+from jaxshroud.scene.valid import in_precision
+from jaxshroud.verbs.accuracy import missed_lanes, warn_missed
+from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, in_shape, plan_march, resolve_options
 
-FIRST = 2 * BLOCK  # periods before the first look
-
-
-def near_enough(now: Reduction, change: np.ndarray | float, tolerance: float) -> Any:
-    """Whether P_d of lanes, and its `change` since half as many periods, may count as known to `tolerance`."""
-    return (now.ci <= tolerance) & (change <= tolerance) & ~now.ci_short & (now.settling != NO)
+FIRST_PERIODS = 2 * PERIODS_PER_CALL  # kept periods before the first test of convergence
 
 
-def _summaries(scenes: Scene, samples: list[Sample], period_tol: float, tolerance: float, earlier: list[dict]):
-    """The answer of each lane (leading axis) from the periods run so far, with the `series` of P_d of each period."""
-    whole = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
-    orbit, now, P_0 = averages(scenes, whole, period_tol)
+class LaneSummary(NamedTuple):
+    """P_d of one lane over the periods run so far; most fields are those of `PowerResult.final`."""
+
+    n: int  # averaged periods
+    P_d: float  # [%]
+    ci: float  # half width of its 95 % interval [percentage points]
+    change: float  # of P_d since half as many periods [percentage points]
+    tolerance: float  # [percentage points]
+    stable: bool
+    settled: bool
+    settling: int  # see `Reduction`
+    periods_more: float  # see `Reduction`
+    ci_short: bool
+    period_number: int
+    P: np.ndarray  # (2,) [m^4]
+    P_0: np.ndarray  # (2,) [m^4]
+    energy_residual: float
+    series: np.ndarray  # P_d of each period [%]
+    converged: bool  # in the latest test
+    status: int
+
+
+NOT_FINAL = ("series", "converged", "status")
+
+
+def is_converged(reduction: Reduction, change: np.ndarray | float, tolerance: float) -> NDArray[np.bool_] | np.bool_:
+    """Whether P_d of lanes is known to `tolerance`, given its `change` since half as many periods."""
+    settles = reduction.settling != NOT_SETTLED
+    return (reduction.ci <= tolerance) & (change <= tolerance) & ~reduction.ci_short & settles
+
+
+def _summaries(
+    scenes: Scene, samples: list[Sample], status: np.ndarray, period_tol: float, tolerance: float, was: np.ndarray
+) -> list[LaneSummary]:
+    """The summaries of lanes (leading axis) after their latest periods; `was`: converged in the previous test."""
+    joined = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
+    orbit, reduction, P_0 = averages(scenes, joined, period_tol)
     A = np.asarray(jax.vmap(area)(scenes.shroud), float)
-    series = power_reduction(A[:, None] * whole.power[0], P_0[:, :1])
-    residual = np.full(len(A), np.nan) if whole.residual is None else relative_residual(whole)
-    found = []
-    for i, told in enumerate(earlier):
-        one, at_last = jax.tree.map(lambda a, i=i: a[i], (orbit, now))
-        found.append(_summary(one, at_last, P_0[i], series[i], residual[i], tolerance, told))
-    return found
+    series = power_reduction(A[:, None] * joined.power[0], P_0[:, :1])
+    residual = np.full(len(A), np.nan) if joined.residual is None else relative_residual(joined)
+    summaries = []
+    for i in range(len(A)):
+        lane_orbit, lane_reduction = jax.tree.map(lambda a, i=i: a[i], (orbit, reduction))
+        run = _LaneRun(lane_orbit, lane_reduction, P_0[i], series[i], float(residual[i]), int(status[i]), bool(was[i]))
+        summaries.append(_lane_summary(run, tolerance))
+    return summaries
 
 
-def _summary(orbit: Repetition, now: Reduction, P_0, series, residual, tolerance: float, earlier: dict) -> dict:
-    """The answer of one lane."""
+class _LaneRun(NamedTuple):
+    """The periods of one lane run so far."""
+
+    orbit: Repetition
+    reduction: Reduction
+    P_0: np.ndarray
+    series: np.ndarray
+    residual: float
+    status: int
+    was_converged: bool
+
+
+def _lane_summary(run: _LaneRun, tolerance: float) -> LaneSummary:
+    """The summary of one lane."""
+    orbit, reduction, series = run.orbit, run.reduction, run.series
     q = max(int(orbit.number), 1)
     half = max(len(series) // (2 * q) * q, q)
-    change = abs(float(series[:half].mean() - now.P_d))
-    close = bool(near_enough(now, change, tolerance))
-    return {
-        "n": int(now.n),
-        "P_d": float(now.P_d),
-        "ci": float(now.ci),
-        "change": change,
-        "tolerance": tolerance,
-        "close": close,
-        "stable": close and bool((now.settled and orbit.number > 0) or earlier.get("close", False)),
-        "settled": bool(now.settled),
-        "settling": int(now.settling),
-        "periods_more": float(now.periods_more),
-        "ci_short": bool(now.ci_short),
-        "period_number": int(orbit.number),
-        "P": now.P.tolist(),
-        "P_0": P_0.tolist(),
-        "energy_residual": float(residual),
-        "series": series,
-    }
+    change = abs(float(series[:half].mean() - reduction.P_d))
+    converged = bool(is_converged(reduction, change, tolerance))
+    return LaneSummary(
+        n=int(reduction.n),
+        P_d=float(reduction.P_d),
+        ci=float(reduction.ci),
+        change=change,
+        tolerance=tolerance,
+        stable=converged and bool((reduction.settled and orbit.number > 0) or run.was_converged),
+        settled=bool(reduction.settled),
+        settling=int(reduction.settling),
+        periods_more=float(reduction.periods_more),
+        ci_short=bool(reduction.ci_short),
+        period_number=int(orbit.number),
+        P=reduction.P,
+        P_0=run.P_0,
+        energy_residual=run.residual,
+        series=series,
+        converged=converged,
+        status=run.status,
+    )
 
 
-def _convergence(summary: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """n, average of P_d over the first n periods, its interval; n spaced evenly on a logarithmic scale."""
-    series, q = summary["series"], max(summary["period_number"], 1)
+def _convergence(summary: LaneSummary) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The number n of periods, the average of P_d over the first n, and its interval; n is spaced logarithmically."""
+    series, q = summary.series, max(summary.period_number, 1)
     orbits = max(len(series) // q, 1)
     n = q * np.unique(np.geomspace(1, orbits, 200).astype(int))
     n = n[n <= len(series)]
-    return n, np.cumsum(series)[n - 1] / n, np.array([interval(series[:m], q) for m in n])
+    return n, np.cumsum(series)[n - 1] / n, np.array([confidence_interval(series[:m], q) for m in n])
 
 
+@typed
 def power(
     scene: Scene | SceneFile,
     *,
+    stable_within: float = 0.1,
+    period_tol: float = PERIOD_TOLERANCE,
     n_periods: int | None = None,
     transient: int | None = None,
-    steps_per_period: Steps | None = None,
-    tolerance: float = 0.1,
-    period_tol: float = PERIOD_TOLERANCE,
-    method: Method | Choices | None = None,
-    accuracy: str | float | None = None,
+    method: Method | str | float | None = None,
     state: State | None = None,
     progress: Progress | None = None,
     throw: bool = False,
     dims: Sequence[str] | None = None,
-    most_periods: int | None = None,
 ) -> PowerResult:
     """Average P_d over more and more periods until it is stable.
 
     Args:
-        scene: One scene; or many, with leading axes, which come first in all results: each lane goes on until it is
-            stable itself; or a scene file, whose [run] counts where an argument is not given.
-        n_periods: Stop here even if P_d is not stable yet; by default after 64.
+        scene: One scene, or many with leading axes, which then come first in all results, each lane continuing until it
+            is stable itself; or a scene file, whose [run] counts where an argument is not given.
+        stable_within: P_d counts as stable when its 95 % half width and its change since half as many periods are both
+            at most this [percentage points]: at once where P_d has settled on an orbit, else over at least 30
+            correlation times and in two tests in succession, the second after twice as many periods. (Stopping at the
+            first interval that is short enough would select those that are too short.)
+        period_tol: Tolerance of the period number, see `periodicity`.
+        n_periods: Drive periods kept at most, even if P_d is not stable yet; by default 64.
         transient: Drive periods run and discarded first; by default 64.
-        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest lane needs, as where only a
-            method is given.
-        tolerance: P_d counts as stable when its 95 % half width, and its change since half as many periods, are both
-            at most this [percentage points]: at once on an orbit that P_d has settled on, else over at least 30
-            correlation times and at two looks in succession, the second after twice as many periods. (Stopping at the
-            first interval that is short enough would choose those that are too short.)
-        period_tol: Tolerance of the period number.
-        method: How to march; where only steps are given RK4, with events located by the guard's cubic.
-        accuracy: "fast", "balanced" (the default where nothing is said of steps or method), "reference" or a number:
-            chooses steps and method, see `choose`.
-        state: Where to start, at drive phase 0: one state, or one for each of the scenes.
+        method: How to march: a method, or the accuracy that chooses one; see `method_for`.
+        state: Where to start, at drive phase 0: one state for all lanes, or one for each; by default `scene.initial`,
+            apart.
         progress: Called with (lane-periods done, lane-periods at most).
         throw: Raise where a lane stops before its end, rather than warn.
         dims: Names of the leading axes; by default `lane`.
-        most_periods: Deprecated name of `n_periods`.
 
     Returns:
         The convergence of P_d in n and its final value; for a periodic orbit n runs over multiples of its period.
@@ -141,60 +176,67 @@ def power(
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
         >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
-        >>> js.power(scene, n_periods=64, transient=32, steps_per_period=200).final["stable"]
+        >>> js.power(scene, n_periods=64, transient=32, method=js.RungeKutta(steps=200)).final["stable"]
         True
     """
-    if most_periods is not None:
-        warnings.warn("power: argument `most_periods` is called `n_periods` now", DeprecationWarning, stacklevel=2)
-        n_periods = most_periods if n_periods is None else n_periods
-    door = asked(
+    resolved = resolve_options(
         scene,
         n_periods=n_periods,
         transient=transient,
-        steps_per_period=steps_per_period,
         method=method,
-        accuracy=accuracy,
         dims=dims,
     )
-    given = door.lanes
-    fits(len(given.drive.omega), door.transient, door.n_periods)
-    if not tolerance > 0:
-        raise InputError(f"Argument `tolerance` must be positive, but is {tolerance}.")
+    lanes = resolved.lanes
+    check_size(len(lanes.drive.omega), resolved.transient, resolved.n_periods)
+    if not stable_within > 0:
+        raise InputError(f"Argument `stable_within` must be positive, but is {stable_within}.")
     tolerance_argument("period_tol", period_tol)
-    how = marched(door, given, FAST_WITH_LEDGER)
-    scenes = in_precision(given, how.method.precision)
-    lanes, chatter = _run(door, scenes, door.states(state, scenes), how, tolerance, period_tol, progress)
-    found = _result(door, lanes, how, chatter)
-    tell_failures(found.status, chatter, throw=throw)
-    return found
+    march = plan_march(resolved, lanes, FAST_WITH_LEDGER)
+    scenes = in_precision(lanes, march.method.precision)
+    summaries, chatter = _run_longer(
+        resolved, scenes, resolved.states(state, scenes), march, stable_within, period_tol, progress
+    )
+    result = _power_result(resolved, summaries, march, chatter)
+    warn_failures(result.status, chatter, throw=throw)
+    if march.choice is not None:
+        warn_missed(missed_lanes(lanes, march.choice), march.choice)
+    return result
 
 
-def _run(
-    door: Asked, scenes: Scene, state: State, how: Marched, tolerance: float, period_tol: float, progress
-) -> tuple[list[dict], str | None]:
-    """The answer of each lane (leading axis), with its status; and what alternated."""
-    count, lead, done = len(scenes.drive.omega), door.transient, 0
-    ticker = Ticker(count * (door.transient + door.n_periods), progress)
-    answers: list[dict] = [{} for _ in range(count)]
-    on, samples, chatter = np.arange(count), [], None
-    while done < door.n_periods and len(on):
-        n = min(max(FIRST, done), door.n_periods - done)  # doubles what there is
-        plan = Plan(lead, n, how.steps, 0.0, how.method)
-        runs = _march(scenes, state, plan, ticker, count > 1)
-        chatter = chatter or told_chatter(scenes, runs, replace(plan, transient=door.transient + done))
+def _run_longer(
+    resolved: ResolvedOptions,
+    scenes: Scene,
+    state: State,
+    march: MarchPlan,
+    tolerance: float,
+    period_tol: float,
+    progress: Progress | None,
+) -> tuple[list[LaneSummary], str | None]:
+    """The summary of each lane (leading axis), and the report on events that alternate, if any."""
+    count, transient, done = len(scenes.drive.omega), resolved.transient, 0
+    ticker = Ticker(count * (resolved.transient + resolved.n_periods), progress)
+    summaries: dict[int, LaneSummary] = {}
+    running, samples, chatter = np.arange(count), [], None
+    while done < resolved.n_periods and len(running):
+        n = min(max(FIRST_PERIODS, done), resolved.n_periods - done)  # doubles the number of periods
+        plan = Plan(transient, n, march.steps, 0.0, march.method)
+        runs = _run_remaining(scenes, state, plan, ticker, count > 1)
+        chatter = chatter or zeno_warning(scenes, runs, replace(plan, transient=resolved.transient + done))
         samples = [*samples, runs.samples]
-        known = _summaries(scenes, samples, period_tol, tolerance, [answers[i] for i in on])
-        for i, told, status in zip(on, known, runs.last.status, strict=True):
-            answers[i] = {**told, "status": int(status)}
-        going = np.array([answers[i]["status"] == Status.OK and not answers[i]["stable"] for i in on])
-        left = (scenes, final_states(runs.last.state), samples, on)
-        scenes, state, samples, on = jax.tree.map(lambda a, going=going: np.asarray(a)[going], left)
-        lead, done = 0, done + n
-    return answers, chatter
+        was_converged = np.array([i in summaries and summaries[i].converged for i in running.tolist()])
+        latest = _summaries(scenes, samples, runs.last.status, period_tol, tolerance, was_converged)
+        summaries |= zip(running.tolist(), latest, strict=True)
+        unfinished = np.array([summary.status == Status.OK and not summary.stable for summary in latest])
+        remaining = (scenes, final_states(runs.last.state), samples, running)
+        scenes, state, samples, running = jax.tree.map(
+            lambda a, unfinished=unfinished: np.asarray(a)[unfinished], remaining
+        )
+        transient, done = 0, done + n
+    return [summaries[i] for i in range(count)], chatter
 
 
-def _march(scenes: Scene, state: State, plan: Plan, ticker: Ticker, of_many: bool) -> Runs:
-    """Lanes (leading axis); the last one of many runs twice, in the program of many, which is compiled."""
+def _run_remaining(scenes: Scene, state: State, plan: Plan, ticker: Ticker, of_many: bool) -> Runs:
+    """Runs of lanes (leading axis); the last of many lanes runs twice, in the compiled program of many."""
     if not of_many or len(scenes.drive.omega) > 1:
         return run_lanes(scenes, state, plan, ticker)
     twice = jax.tree.map(lambda a: np.repeat(np.asarray(a), 2, axis=0), (scenes, state))
@@ -202,14 +244,22 @@ def _march(scenes: Scene, state: State, plan: Plan, ticker: Ticker, of_many: boo
     return jax.tree.map(lambda a: a[:1], runs)
 
 
-def _result(door: Asked, answers: list[dict], how: Marched, chatter: str | None) -> PowerResult:
-    curves = [_convergence(answer) for answer in answers]
+def _power_result(
+    resolved: ResolvedOptions, summaries: list[LaneSummary], march: MarchPlan, chatter: str | None
+) -> PowerResult:
+    """The result of all lanes; curves of convergence are padded to one length."""
+    curves = [_convergence(summary) for summary in summaries]
     longest = max(len(n) for n, _, _ in curves)
-    rest = lambda values, of: np.append(values, np.full(longest - len(values), of, values.dtype))  # noqa: E731
-    n, P_d, ci = (np.stack([rest(curve[k], of) for curve in curves]) for k, of in enumerate((0, np.nan, np.nan)))
-    names = [name for name in answers[0] if name not in ("series", "close", "status")]
-    final = {f"final_{name}": np.array([answer[name] for answer in answers]) for name in names}
-    lanes = {"n": n, "P_d": P_d, "P_d_ci": ci, "status": np.array([a["status"] for a in answers]), **final}
-    told, differing = door.about(door.transient, how.steps)
-    values = {**in_shape(lanes, door.shape), "chatter": chatter, **how.told}
-    return PowerResult.from_values(values, lanes=door.dims, coords={"blade": [0, 1]}, attrs=told, more=differing)
+    padded = lambda values, fill: np.append(values, np.full(longest - len(values), fill, values.dtype))
+    n, P_d, ci = (np.stack([padded(curve[k], fill) for curve in curves]) for k, fill in enumerate((0, np.nan, np.nan)))
+    columns = {
+        name: np.array([getattr(one, name) for one in summaries])
+        for name in LaneSummary._fields
+        if name not in NOT_FINAL
+    }
+    final = {f"final_{name}": column for name, column in columns.items()}
+    lanes = {"n": n, "P_d": P_d, "P_d_ci": ci, "status": np.array([one.status for one in summaries]), **final}
+    attributes, differing = resolved.provenance(resolved.transient, march.steps)
+    values = {**in_shape(lanes, resolved.shape), "chatter": chatter, **march.attributes}
+    coords = {"blade": [0, 1]}
+    return PowerResult.from_values(values, lanes=resolved.dims, coords=coords, attrs=attributes, more=differing)

@@ -1,82 +1,189 @@
-"""A design judged: all that is known of it, with a verdict and its reasons, as one document."""
+"""The report on a design: its runs, a verdict with its reasons, and one document of all."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, TypeVar
+import math
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import TypedDict
 
+import jax
 import numpy as np
 
 from jaxshroud.batch.runs import Plan, Progress, Ticker
-from jaxshroud.batch.xla import alone
-from jaxshroud.march.method import FAST, Choices, Method
-from jaxshroud.march.stability import Steps
+from jaxshroud.batch.size_limits import check_size
+from jaxshroud.batch.xla import repeat_lane
+from jaxshroud.march.method import FAST, Method, method_of
 from jaxshroud.model.modes import Status
-from jaxshroud.results.report import Report
+from jaxshroud.model.prepared import State
+from jaxshroud.motion.averages import closed_forms
+from jaxshroud.motion.gradient import with_numbers
+from jaxshroud.results.attractors import Attractors
+from jaxshroud.results.scatter import Report
+from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import Tuned
-from jaxshroud.scene.errors import InputError, NumericalError
+from jaxshroud.scene.checks import InputError, NumericalError, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.grids import scenes_at
+from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.parts import SINGLE_DIRECTIONS
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import T, typed
+from jaxshroud.scene.valid import check_values
+from jaxshroud.scene.vary import value_of
+from jaxshroud.verbs.ascent import verify_design
 from jaxshroud.verbs.attractors import attractors
 from jaxshroud.verbs.check import check
-from jaxshroud.verbs.confirm import agree, checked
-from jaxshroud.verbs.design import Problem, judge_designs
-from jaxshroud.verbs.door import Asked, Marched, asked, marched
+from jaxshroud.verbs.design_problem import Problem, design_corners, judge_designs, problem_of, scenes_of
 from jaxshroud.verbs.gradient import gradient
-from jaxshroud.verbs.known import Known, Limits
 from jaxshroud.verbs.lanes import one_scene
-from jaxshroud.verbs.scatter import scatter
-from jaxshroud.verbs.sections import sections_of
+from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, plan_march, resolve_options
+from jaxshroud.verbs.report_sections import Limits, ReportData, sections_of, worst_of
+from jaxshroud.verbs.report_verdict import report_verdict
+from jaxshroud.verbs.scatter import check_at_least, draw_rows, scatter
+from jaxshroud.verbs.scattering import Spread, scatter_bounds
 from jaxshroud.verbs.sweep import sweep
 
-T = TypeVar("T")
-GAPS, NARROW, WIDE, LEAST = 61, 0.75, 2.0, 1e-6  # gaps that are looked at, and how far off in gaps, at least 1 um
-BALANCED = 1e-4  # energy residual over the drive's work: about a hundredth of a point of P_d
-ALIKE = 1.0  # percentage points by which a coexisting motion may be worse
-SURE = 0.95  # probability that a stated P_d is to be met with, at least
+GAPS = 61  # values of the sweep over the gap
+GAPS_BELOW, GAPS_ABOVE, MIN_GAP_SIZE = 0.75, 2.0, 1e-6  # its range about the gap, in gaps of at least 1 um
+SCENE_ITSELF = np.empty((1, 0))  # the design of a problem in which nothing is tuned
+
+Bounds = Mapping[str, tuple[float, float]]
+Conditions = Mapping[str, Sequence[float]]
 
 
+class RunOptions(TypedDict):
+    """The arguments that the runs of a report share."""
+
+    n_periods: int
+    transient: int
+    method: Method
+
+
+def report_request(
+    scene: Scene,
+    limits: Limits,
+    scatters: Mapping[str, Spread],
+    conditions: Conditions,
+    tuned: Tuned | None,
+) -> tuple[Limits, dict[str, tuple[float, float]], dict[str, Sequence[float]]]:
+    """The limits, the bounds of numbers that scatter and the conditions of a report, merged with those of a tuning.
+
+    Raises:
+        KeyError: The scene has no such number.
+        InputError: A half width is not positive.
+    """
+    bounds = scatter_bounds(scene, scatters)
+    if tuned is None:
+        return limits, bounds, dict(conditions)
+    own_bounds = tuned.ends_of_scatter({key: value_of(scene, key) for key in tuned.scatters})
+    limits = Limits(
+        tuned.at_least if limits.at_least is None else limits.at_least,
+        min(limits.most_force, tuned.most_force),
+        min(limits.most_penetration, tuned.most_penetration),
+    )
+    return limits, own_bounds | bounds, {**tuned.conditions, **conditions}
+
+
+def varied_by(scene: Scene, scatters: Bounds, conditions: Conditions) -> Scene:
+    """The scenes (leading axis) of a report: the design in all its conditions, and at the ends of its scatter.
+
+    Raises:
+        KeyError: The scene has no such number.
+        ValueError: A value is out of its range, or there is none.
+    """
+    scene = with_numbers(scene, list(dict.fromkeys([*scatters, *conditions])))
+    for key, values in conditions.items():
+        _check_condition(key, values)
+    in_conditions = scenes_at(scene, list(conditions), np.array(list(product(*conditions.values())), float))
+    if not scatters:
+        return in_conditions
+    at_ends = design_corners(problem_of(scene, scatters, {}))
+    return jax.tree.map(lambda *a: np.concatenate(a), in_conditions, at_ends)
+
+
+def _check_condition(key: str, values: Sequence[float]) -> None:
+    """Raise an InputError unless there are values, all in the range of the number."""
+    if not np.size(values):
+        raise InputError(f"The operating condition {key} has no value.")
+    check_values(find_key(key)[0], np.ravel(values).astype(float), f"{key}, as an operating condition,")
+
+
+def check_report(
+    scene: Scene,
+    resolved: ResolvedOptions,
+    limits: Limits,
+    scatters: Bounds,
+    conditions: Conditions,
+    counts: tuple[int, int, int],
+) -> None:
+    """Raise an InputError for arguments that a part of the report would refuse, or could say nothing about.
+
+    Args:
+        scene: The design.
+        resolved: The resolved arguments that all verbs share.
+        limits: The limits that are to be kept.
+        scatters: Keys of numbers that scatter, with their bounds.
+        conditions: Keys of operating conditions, with their values.
+        counts: Draws of the scatter, random starts, and the seed of both.
+    """
+    draws, starts, seed = counts
+    for name in ("most_force", "most_penetration"):
+        if not (value := getattr(limits, name)) > 0:
+            raise InputError(f"Argument `{name}` must be positive, but is {value}.")
+    check_at_least(limits.at_least)
+    count_argument("starts", starts, 1)
+    seed_argument(seed)
+    if scatters:
+        draw_rows(scene, scatters, limits.at_least, draws, seed, resolved, math.prod(map(np.size, conditions.values())))
+    _, P_0, _ = closed_forms(varied_by(scene, {}, conditions))
+    if not P_0[:, 0].all():
+        raise InputError("The left blade does not vibrate without contact, and has no P_d; give it a drive.F_0.")
+
+
+@typed
 def report(
     scene: Scene | SceneFile,
     *,
-    scatters: Mapping[str, tuple[float, float]] | None = None,
+    scatters: Mapping[str, Spread] | None = None,
     conditions: Mapping[str, Sequence[float]] | None = None,
     at_least: float | None = None,
     most_force: float = np.inf,
     most_penetration: float = np.inf,
-    samples: int = 128,
+    draws: int = 128,
     starts: int = 64,
     seed: int = 0,
+    tuned: Tuned | None = None,
+    command: str = "",
     n_periods: int | None = None,
     transient: int | None = None,
-    steps_per_period: Steps | None = None,
-    method: Method | Choices | None = None,
-    accuracy: str | float | None = None,
-    command: str = "",
-    tuned: Tuned | None = None,
+    method: Method | str | float | None = None,
     progress: Progress | None = None,
 ) -> Report:
-    """All that is known of a design: data sheet, forces, scatter, sensitivities, coexisting motions and checks.
+    """The report on a design: data sheet, forces, scatter, sensitivities, coexisting motions, checks and a verdict.
 
-    The verdict is "fails" where a stated limit is not kept, "doubtful" where what is known does not hold together or
-    may not last, and "sound" otherwise.
+    Where there are operating conditions, the worst one counts, as for `tune`: the scatter takes the worst of every
+    draw, coexisting motions are found in each, the largest forces are those of all runs that are shown, and sections
+    about one condition are about the worst, which they name. The scene's own values of these keys are not used.
+
+    The verdict is "fails" where a stated limit is not kept, "doubtful" where results do not agree or may not last, and
+    "sound" otherwise.
 
     Args:
-        scene: The design, as a scene or a scene file, whose [run] counts where an argument is not given.
-        scatters: Keys of numbers that scatter, each with its bounds in SI units; see `scatter`.
+        scene: The design: one scene, or a scene file, whose [run] counts where an argument is not given.
+        scatters: Keys of numbers that scatter, each with a half width or bounds; see `scatter`.
         conditions: Keys of operating conditions, each with its values; all combinations count.
-        at_least: P_d [percent] that is to be met in every condition, and with 95 % probability under the scatter.
-        most_force: Largest normal force of contact that may be [N].
-        most_penetration: Largest penetration that may be [m].
-        samples: Of the scatter.
-        starts: Random starts from which coexisting motions are looked for.
-        seed: Of both.
-        n_periods: Drive periods that P_d is averaged over; by default 64.
-        transient: Drive periods run before; by default 64.
-        steps_per_period: Runge-Kutta steps in one period.
-        method: How to march; where only steps are given RK4, with events located by the guard's cubic.
-        accuracy: Chooses steps and method, in float64.
-        command: What was asked for, to be told in the document.
-        tuned: The tuning that the design comes from, whose tolerances are told too.
-        progress: Called with (parts done, parts).
+        at_least: P_d [percent] required in every condition, and with 95 % probability under the scatter.
+        most_force: Largest allowed normal force of the contact [N].
+        most_penetration: Largest allowed penetration [m].
+        draws: Draws of the scatter, see `scatter`.
+        starts: Random starts from which coexisting motions are found.
+        seed: Seed of the draws and of the starts.
+        tuned: The tuning that the design comes from. Its tolerances are shown; its scatter, conditions, limits and
+            `at_least` count where they are not given here, and of two limits the tighter one.
+        command: The command line to show in the document.
+        n_periods: Drive periods kept; by default 64.
+        transient: Drive periods run and discarded first; by default 64.
+        method: How to march: a method, or the accuracy that chooses one; see `method_for`.
+        progress: Called with (parts done, parts in all).
 
     Returns:
         The report; `save` writes it as .html or .pdf.
@@ -84,114 +191,109 @@ def report(
     Raises:
         KeyError: A scene has no such number.
         ValueError: Bounds are not in order, a count is too small, or many scenes are given.
-        NumericalError: The design itself stops before its end.
+        NumericalError: The design stops before its end in all conditions.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
         >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
-        >>> small = dict(starts=8, n_periods=2, transient=16, steps_per_period=100)
-        >>> js.report(scene, at_least=90, **small).verdict
+        >>> small = dict(starts=8, n_periods=2, transient=16, method=js.RungeKutta(steps=100))
+        >>> js.report(scene, at_least=90.0, **small).verdict
         'fails'
     """
-    own = one_scene("report", scene)
-    for name, value in {"most_force": most_force, "most_penetration": most_penetration}.items():
-        if not value > 0:
-            raise InputError(f"Argument `{name}` must be positive, but is {value}.")
-    given = {"steps_per_period": steps_per_period, "method": method, "accuracy": accuracy}
-    door = asked(scene, n_periods=n_periods, transient=transient, **given)
-    how = marched(door, door.lanes, FAST, derivatives=True)
+    design = one_scene("report", scene)
     limits = Limits(at_least, most_force, most_penetration)
-    known = _known(own, door, how, limits, scatters or {}, conditions or {}, (samples, starts, seed), progress)
-    known = known._replace(tuned=tuned)
-    verdict, reasons = judgement(known)
-    about, _ = door.about(door.transient, how.steps)
-    title = str(about.get("title") or "A design").partition(":")[0]
-    sections = sections_of(known, verdict, reasons, str(about["scene"]), command)
-    return Report(
-        title, verdict, reasons, known.run, known.over_gap, known.spread, known.slopes, known.motions, sections
-    )
+    limits, bounds, conditions = report_request(design, limits, scatters or {}, conditions or {}, tuned)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
+    check_report(design, resolved, limits, bounds, conditions, (draws, starts, seed))
+    check_size(len(SINGLE_DIRECTIONS) * GAPS, resolved.transient, resolved.n_periods)
+    march = plan_march(resolved, varied_by(design, bounds, conditions), FAST)
+    problem = _problem(design, conditions, limits)
+    data = _report_data(problem, resolved, march, limits, bounds, (draws, starts, seed), progress)
+    data = data._replace(tuned=tuned)
+    verdict, reasons = report_verdict(data)
+    provenance, _ = resolved.provenance(resolved.transient, march.steps)
+    title = str(provenance.get("title") or "A design").partition(":")[0]
+    sections = sections_of(data, verdict, reasons, str(provenance["scene"]), command)
+    run, motions = data.runs.lane(data.worst), data.motions[data.worst]
+    results = run, data.over_gap, data.spread, data.slopes, motions, tuple(data.motions)
+    return Report(title, verdict, reasons, *results, sections)
 
 
-def _known(
-    own: Scene, door: Asked, how: Marched, limits: Limits, scatters: Any, conditions: Any, counts: Any, progress: Any
-) -> Known:
-    """The runs, part by part."""
-    samples, starts, seed = counts
-    ticker = Ticker(6 + bool(scatters), progress)
+def _problem(design: Scene, conditions: Conditions, limits: Limits) -> Problem:
+    """The design in its conditions, of which the worst counts, as a problem in which nothing is tuned."""
+    values = {key: tuple(np.ravel(at).astype(float).tolist()) for key, at in conditions.items()}
+    return Problem(with_numbers(design, list(values)), {}, values, "worst", limits.most_penetration, limits.most_force)
 
-    def tell(part: T) -> T:
+
+def _report_data(
+    problem: Problem,
+    resolved: ResolvedOptions,
+    march: MarchPlan,
+    limits: Limits,
+    scatters: Bounds,
+    counts: tuple[int, int, int],
+    progress: Progress | None,
+) -> ReportData:
+    """The runs of all parts of the report.
+
+    Raises:
+        NumericalError: The design stops before its end in all conditions.
+    """
+    draws, starts, seed = counts
+    design, rows = problem.scene, problem.rows
+    ticker = Ticker(5 + bool(scatters) + len(rows), progress)
+
+    def done(part: T) -> T:
         ticker(1)
         return part
 
-    march = {"steps_per_period": how.steps, "method": how.method}
-    run_for = {"n_periods": door.n_periods, "transient": door.transient, **march}
-    run = tell(sweep(alone(own), forces=True, **run_for).lane(0))
-    if int(run.status) != Status.OK:
-        raise NumericalError(f"The design stops before its end, with {Status(int(run.status)).name}.")
-    choices = how.method._replace(within=own.parts.contact == "spring")
-    plan = Plan(door.transient, door.n_periods, how.steps, 0.0, choices)
-    ranges = {key: tuple(map(float, values)) for key, values in conditions.items()}
-    problem = Problem(own, {}, ranges, "worst", limits.most_penetration, limits.most_force, plan)
-    judged = judge_designs(problem, np.empty((1, 0)), lambda _: None)
-    checks = tell(checked(problem, np.empty(0), seed))
-    over_gap = tell(sweep(own, {"shroud.gap": gaps_about(own)}, direction="both", **run_for))
-    spread = tell(scatter(own, scatters, at_least=limits.at_least, samples=samples, **run_for)) if scatters else None
-    slopes = tell(gradient(own, "all", n_periods=door.n_periods, transient=door.transient, **march))
-    motions = tell(attractors(own, starts, seed=seed, **march))
-    sheet = tell(check(own))
-    return Known(sheet, limits, ranges, problem.rows, judged, checks, run, over_gap, spread, slopes, motions)
+    method = method_of(march.steps, march.method)
+    run_options: RunOptions = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": method}
+    scenes = scenes_of(problem, SCENE_ITSELF)
+    runs = done(sweep(scenes, forces=True, dims=["condition"], **run_options))
+    if np.all(runs.status != Status.OK):
+        raise NumericalError(f"The design stops before its end, with {Status(int(runs.status[0])).name}.")
+    choices = march.method._replace(within=design.parts.contact == "spring")
+    problem = problem._replace(plan=Plan(resolved.transient, resolved.n_periods, march.steps, 0.0, choices))
+    judged = judge_designs(problem, SCENE_ITSELF, lambda _: None)
+    checks = done(verify_design(problem, SCENE_ITSELF[0], seed))
+    in_conditions = [jax.tree.map(lambda a, i=i: a[i], scenes) for i in range(len(rows))]
+    worst = in_conditions[worst_of(judged)]
+    over_gap = done(sweep(worst, {"shroud.gap": gaps_about(worst)}, direction="both", **run_options))
+    spread = None
+    if scatters:
+        draw_options = {"conditions": problem.conditions, "at_least": limits.at_least, "draws": draws, "seed": seed}
+        spread = done(scatter(design, scatters, **draw_options, **run_options))
+    slopes = done(gradient(worst, "all", **run_options))
+    motions = [done(attractors(scene, starts, seed=seed, method=method)) for scene in in_conditions]
+    return ReportData(
+        sheets=[check(scene) for scene in in_conditions],
+        limits=limits,
+        conditions=problem.conditions,
+        rows=rows,
+        judged=judged,
+        checks=checks,
+        runs=runs,
+        over_gap=over_gap,
+        spread=spread,
+        slopes=slopes,
+        motions=motions,
+        on_motions=[_on_motions(*pair, run_options) for pair in zip(in_conditions, motions, strict=True)],
+    )
+
+
+def _on_motions(scene: Scene, motions: Attractors, run_options: RunOptions) -> SweepResult | None:
+    """Runs on the motions that coexist in a scene, with their forces; None without any."""
+    if not motions.names:
+        return None
+    states = State(motions.motion, motions.u_s, motions.mode, motions.case)
+    lanes = repeat_lane(scene, len(motions.names))
+    return sweep(lanes, state=states, forces=True, **{**run_options, "transient": 0})
 
 
 def gaps_about(scene: Scene) -> np.ndarray:
-    """Gaps about that of a scene [m]."""
+    """The gaps of the sweep about that of a scene [m]."""
     gap = float(scene.shroud.gap)
-    size = max(abs(gap), LEAST)
-    return np.linspace(gap - NARROW * size, gap + WIDE * size, GAPS)
-
-
-def judgement(known: Known) -> tuple[str, tuple[str, ...]]:
-    """The verdict and its reasons."""
-    failures, doubts = tuple(_failures(known)), tuple(_doubts(known))
-    if failures:
-        return "fails", failures + doubts
-    return ("doubtful", doubts) if doubts else ("sound", ("every limit is kept, and every check agrees",))
-
-
-def _failures(known: Known) -> Iterator[str]:
-    """Limits that are not kept."""
-    at_least, most_force, most_penetration = known.limits
-    worst, force, deepest = (float(a[0]) for a in (known.judged.objective, known.judged.force, known.judged.v_max))
-    where = "in the worst condition " if known.conditions else ""
-    if not np.isfinite(worst):
-        yield "a condition stops before its end"
-    elif at_least is not None and worst < at_least:
-        yield f"P_d is {where}{worst:.4g} %, less than {at_least:g} %"
-    if force > most_force:
-        yield f"the normal force reaches {where}{force:.4g} N, more than {most_force:g} N"
-    if deepest > most_penetration:
-        yield f"the penetration reaches {where}{deepest * 1e3:.4g} mm, more than {most_penetration * 1e3:g} mm"
-    spread = known.spread
-    if spread is not None and at_least is not None and spread.probability_high < SURE:
-        yield f"under the scatter {at_least:g} % is met with probability {spread.chance}"
-
-
-def _doubts(known: Known) -> Iterator[str]:
-    """What does not hold together, or may not last."""
-    run, spread, motions, at_least = known.run, known.spread, known.motions, known.limits.at_least
-    yield from known.sheet.doubts
-    if not agree(known.judged, known.checks):
-        yield "runs with half the step, four times as long or from other starts do not all agree"
-    if float(run.energy_residual) > BALANCED:
-        yield f"the energy balance is left open by {float(run.energy_residual):.2g} of the drive's work"
-    if not bool(run.P_d_settled):
-        yield "P_d still drifts, or cannot be told to have settled"
-    if spread is not None and at_least is not None and spread.probability_low < SURE <= spread.probability_high:
-        yield f"whether {at_least:g} % is met with probability {SURE:g} is left open by {len(spread.P_d)} draws"
-    if spread is not None and spread.stopped:
-        yield f"{spread.stopped} of {spread.runs} runs of the scatter stopped"
-    least = np.nan if motions.worst is None else float(motions.P_d_least[motions.worst])
-    if len(motions.share) > 1 and least < float(run.P_d) - ALIKE:
-        yield f"from other starts another motion is found, with a P_d of {least:.4g} % at worst"
-    if motions.undecided > 0:
-        yield f"{motions.undecided:.0%} of {motions.label.size} starts were left undecided, or stopped"
+    size = max(abs(gap), MIN_GAP_SIZE)
+    return np.linspace(gap - GAPS_BELOW * size, gap + GAPS_ABOVE * size, GAPS)

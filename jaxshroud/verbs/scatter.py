@@ -1,75 +1,80 @@
-"""How P_d scatters where numbers of a scene do, and which of them it owes that to."""
+"""The distribution of P_d where numbers of a scene scatter, and the share of each number in its variance."""
 
-from collections.abc import Mapping
-from typing import Any
+import json
+import math
+from collections.abc import Mapping, Sequence
+from itertools import product
 
 import numpy as np
 
-from jaxshroud.batch.extent import fits
 from jaxshroud.batch.runs import Progress
-from jaxshroud.march.method import Choices, Method
-from jaxshroud.march.stability import Steps
+from jaxshroud.batch.size_limits import check_size
+from jaxshroud.march.method import Method
 from jaxshroud.model.modes import Status
-from jaxshroud.model.state import State
+from jaxshroud.model.prepared import State
+from jaxshroud.motion.averages import stiffnesses
 from jaxshroud.motion.gradient import with_numbers
-from jaxshroud.motion.scatter import draws, indices
-from jaxshroud.results.attractors import share_interval
+from jaxshroud.motion.statistics import saltelli_rows, variance_indices
 from jaxshroud.results.scatter import Scatter
-from jaxshroud.scene.checks import count_argument
-from jaxshroud.scene.errors import InputError
+from jaxshroud.scene.checks import InputError, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.design import check_bounds
-from jaxshroud.verbs.door import asked
+from jaxshroud.scene.typed import typed
+from jaxshroud.scene.vary import value_of
+from jaxshroud.verbs.design_problem import check_bounds
 from jaxshroud.verbs.lanes import one_scene
+from jaxshroud.verbs.options import ResolvedOptions, resolve_options
+from jaxshroud.verbs.scattering import Spread, probability_values, scatter_bounds
 from jaxshroud.verbs.sweep import sweep
 
-LIKELY = (0.05, 0.5, 0.95)
+QUANTILES = (0.05, 0.5, 0.95)  # of P_d
 
 
+@typed
 def scatter(
     scene: Scene | SceneFile,
-    over: Mapping[str, tuple[float, float]],
+    scatters: Mapping[str, Spread],
     *,
+    conditions: Mapping[str, Sequence[float]] | None = None,
     at_least: float | None = None,
-    samples: int = 256,
+    draws: int = 256,
     seed: int = 0,
     n_periods: int | None = None,
     transient: int | None = None,
-    steps_per_period: Steps | None = None,
-    method: Method | Choices | None = None,
-    accuracy: str | float | None = None,
+    method: Method | str | float | None = None,
     state: State | None = None,
     progress: Progress | None = None,
     throw: bool = False,
 ) -> Scatter:
-    """The distribution of P_d where numbers are uniform between bounds, each on its own, and what it comes from.
+    """The distribution of P_d where numbers scatter uniformly and independently, and the sources of its variance.
 
-    It does not ask for a smooth or periodic motion: where motions jump or are chaotic, gradients say little, and this
-    does.
+    The motion need not be smooth or periodic: where motions jump or are chaotic, gradients say little, but the
+    distribution is still meaningful.
 
     Args:
         scene: One scene, or a scene file, whose [run] counts where an argument is not given.
-        over: Keys as for `vary`, each with its lower and upper bound in SI units.
-        at_least: P_d [percent] whose probability is asked for.
-        samples: Rows of each of the design's matrices, rounded up to a power of 2; (2 + keys) times as many runs.
-        seed: Of the draws.
-        n_periods: Drive periods that each P_d is averaged over; by default 64.
-        transient: Drive periods run before; by default 64.
-        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest draw needs, as where only a
-            method is given.
-        method: How to march; where only steps are given RK4, with events located by the guard's cubic.
-        accuracy: "fast", "balanced" (the default where nothing is said of steps or method), "reference" or a number:
-            chooses steps and method.
-        state: Where all start, at drive phase 0; by default `scene.initial`, apart.
+        scatters: Keys as for `vary`, each with a half width about the scene's value (a number in SI units, or a share
+            such as "20%"), or with its lower and upper bound in SI units.
+        conditions: Operating conditions: keys with their values in SI units. Every draw is run in all combinations, and
+            its P_d is the least of them. A condition that scatters does so about each of its values, in proportion to
+            its value in the scene.
+        at_least: P_d [percent] whose probability is computed.
+        draws: Rows of each of the two sample matrices, rounded up to a power of 2; there are (2 + keys) times as many
+            runs in every condition.
+        seed: Seed of the draws.
+        n_periods: Drive periods kept; by default 64.
+        transient: Drive periods run and discarded first; by default 64.
+        method: How to march: a method, or the accuracy that chooses one; see `method_for`.
+        state: Where to start, at drive phase 0; by default `scene.initial`, apart.
         progress: Called with (lane-periods done, lane-periods in all).
-        throw: Raise where a draw stops before its end, rather than warn.
+        throw: Raise where a lane stops before its end, rather than warn.
 
     Returns:
-        P_d of the draws, its quantiles, the probability, and of each number its share of the variance alone (`first`)
-        and with all that it takes part in (`total`), with 95 % intervals. Draws that stopped count as missing
-        `at_least`, and as the mean of all others in the shares.
+        P_d of the draws, its quantiles, the probability, the largest normal force of any run, and for each number its
+        share of the variance alone (`first`) and including its interactions (`total`), with 95 % intervals, whose
+        estimated ends may lie outside 0 to 1. Draws that stopped count as missing `at_least`, and as the mean of all
+        others in the shares.
 
     Raises:
         KeyError: The scene has no such number.
@@ -80,62 +85,113 @@ def scatter(
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
         >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
-        >>> short = dict(samples=8, n_periods=2, transient=2, steps_per_period=100)
-        >>> found = js.scatter(scene, {"shroud.gap": (1e-5, 3e-5), "friction.mu": (0.2, 0.4)}, at_least=0, **short)
+        >>> short = dict(draws=8, n_periods=2, transient=2, method=js.RungeKutta(steps=100))
+        >>> found = js.scatter(scene, {"shroud.gap": 1e-5, "friction.mu": (0.2, 0.4)}, at_least=0.0, **short)
         >>> found.P_d.shape, found.total.shape
         ((16,), (2,))
     """
-    own = one_scene("scatter", scene)
-    check_bounds(over)
-    ends = np.array(list(over.values()), float)
-    count_argument("samples", samples, 2)
-    if at_least is not None and not np.isfinite(at_least):
-        raise InputError(f"Argument `at_least` must be a number, but is {at_least}.")
-    given = {"n_periods": n_periods, "transient": transient, "steps_per_period": steps_per_period}
-    door = asked(scene, **given, method=method, accuracy=accuracy)
-    n = 1 << (samples - 1).bit_length()
-    lanes = (2 + len(over)) * n
-    fits(lanes, door.transient, door.n_periods, lanes)
-    rows = draws(n, ends, seed)
-    many = scenes_at(with_numbers(own, list(over)), list(over), rows.reshape(-1, len(over)))
+    nominal = one_scene("scatter", scene)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
+    condition_values = {key: np.ravel(values).astype(float) for key, values in (conditions or {}).items()}
+    per_draw = math.prod(map(len, condition_values.values()))
+    bounds = scatter_bounds(nominal, scatters)
+    rows = draw_rows(nominal, bounds, at_least, draws, seed, resolved, per_draw)
+    lanes, ends = rows.shape[0] * rows.shape[1] * per_draw, np.array(list(bounds.values()), float)
+    scenes = _scenes(nominal, list(bounds), rows.reshape(-1, len(bounds)), condition_values)
     run = sweep(
-        many,
-        n_periods=door.n_periods,
-        transient=door.transient,
-        steps_per_period=door.steps,
-        method=door.method,
-        accuracy=door.accuracy,
+        scenes,
+        n_periods=resolved.n_periods,
+        transient=resolved.transient,
+        method=resolved.as_argument,
         state=state,
-        samples=False,
+        keep_samples=False,
         progress=progress,
         throw=throw,
     )
-    P_d, status = (a.reshape(rows.shape[:2]) for a in (np.asarray(run.P_d, float), run.status))
-    P_d = np.where(status == Status.OK, P_d, np.nan)
-    values = _statistics(P_d, at_least) | indices(_filled(P_d), seed)._asdict()
+    P_d, status = (a.reshape(per_draw, *rows.shape[:2]) for a in (np.asarray(run.P_d, float), run.status))
+    stopped, status = int(np.sum(status != Status.OK)), status.max(axis=0)
+    P_d = np.where(status == Status.OK, P_d.min(axis=0), np.nan)
+    values = _statistics(P_d, at_least) | variance_indices(_with_mean(P_d), seed)._asdict()
     values |= {"low": ends[:, 0], "high": ends[:, 1], "drawn": np.concatenate(rows[:2]), "status": np.ravel(status[:2])}
-    how = {"method": str(run.method), "steps_per_period": run.steps_per_period, "seed": seed}
-    how |= {"stopped": int(np.sum(status != Status.OK)), "runs": lanes}
-    attrs = {"title": "", "scene": door.about(door.transient, run.steps_per_period)[0]["scene"]}
-    return Scatter.from_values({**values, **how}, coords={"key": list(over)}, attrs=attrs)
+    values |= {"v_max": np.nanmax(run.v_max, initial=0), "N_max": np.nanmax(stiffnesses(scenes) * run.v_max, initial=0)}
+    values |= {"conditions_json": json.dumps({key: at.tolist() for key, at in condition_values.items()})}
+    settings = {"method": str(run.method), "steps_per_period": run.steps_per_period, "seed": seed}
+    settings |= {"stopped": stopped, "runs": lanes}
+    attrs = {"title": "", "scene": resolved.provenance(resolved.transient, run.steps_per_period)[0]["scene"]}
+    return Scatter.from_values({**values, **settings}, coords={"key": list(bounds)}, attrs=attrs)
 
 
-def _filled(P_d: np.ndarray) -> np.ndarray:
-    """P_d with the mean of the others where a run stopped."""
-    fine = np.isfinite(P_d)
-    return np.where(fine, P_d, P_d[fine].mean() if fine.any() else 0.0)
+def draw_rows(
+    scene: Scene,
+    bounds: Mapping[str, tuple[float, float]],
+    at_least: float | None,
+    draws: int,
+    seed: int,
+    resolved: ResolvedOptions,
+    per_draw: int = 1,
+) -> np.ndarray:
+    """The numbers of all draws of a scatter, (2 + keys, n, keys), after a check of the arguments.
+
+    Each draw is run `per_draw` times.
+
+    Raises:
+        KeyError: The scene has no such number.
+        ValueError: See `scatter`.
+    """
+    check_bounds(bounds)
+    with_numbers(scene, list(bounds))
+    seed_argument(seed)
+    count_argument("draws", draws, 2)
+    check_at_least(at_least)
+    n = 1 << (draws - 1).bit_length()
+    lanes = (2 + len(bounds)) * n * per_draw
+    check_size(lanes, resolved.transient, resolved.n_periods, lanes)
+    return saltelli_rows(n, np.array(list(bounds.values()), float), seed)
 
 
-def _statistics(P_d: np.ndarray, at_least: float | None) -> dict[str, Any]:
-    """Of the independent draws, which are the first two rows."""
+def check_at_least(at_least: float | None) -> None:
+    """Raise an InputError unless it is a finite number or None."""
+    if at_least is not None and not np.isfinite(at_least):
+        raise InputError(f"Argument `at_least` must be a number, but is {at_least}.")
+
+
+def _scenes(nominal: Scene, keys: Sequence[str], rows: np.ndarray, condition_values: Mapping[str, np.ndarray]) -> Scene:
+    """The scenes of all draws (draws, keys) in every condition, (conditions * draws,), the draws varying fastest."""
+    others = [key for key in condition_values if key not in keys]
+    numbered = with_numbers(nominal, [*keys, *others])
+    table = []
+    for values in product(*condition_values.values()):
+        condition = dict(zip(condition_values, values, strict=True))
+        drawn = [rows[:, i] * _ratio_to_scene(numbered, key, condition.get(key)) for i, key in enumerate(keys)]
+        table.append(np.stack([*drawn, *(np.full(len(rows), condition[key]) for key in others)], axis=1))
+    return scenes_at(numbered, [*keys, *others], np.concatenate(table))
+
+
+def _ratio_to_scene(scene: Scene, key: str, value: float | None) -> float:
+    """The value of a condition over that of the scene; 1 for a number that is no condition."""
+    if value is None:
+        return 1.0
+    nominal = value_of(scene, key)
+    if nominal == 0:
+        raise InputError(
+            f"{key} scatters and is an operating condition, but is 0 in the scene: no condition has a ratio to that."
+        )
+    return value / nominal
+
+
+def _with_mean(P_d: np.ndarray) -> np.ndarray:
+    """P_d, with the mean of the others where a run stopped."""
+    finite = np.isfinite(P_d)
+    return np.where(finite, P_d, P_d[finite].mean() if finite.any() else 0.0)
+
+
+def _statistics(P_d: np.ndarray, at_least: float | None) -> dict[str, object]:
+    """The statistics of the independent draws, which are the first two rows."""
     independent = np.ravel(P_d[:2])
-    fine = independent[np.isfinite(independent)]
-    low, middle, high = np.quantile(fine, LIKELY) if fine.size else (np.nan,) * 3
-    told = {"P_d": independent, "mean": fine.mean() if fine.size else np.nan}
-    told |= {"median": middle, "likely_low": low, "likely_high": high}
+    finite = independent[np.isfinite(independent)]
+    low, middle, high = np.quantile(finite, QUANTILES) if finite.size else (np.nan,) * 3
+    statistics = {"P_d": independent, "mean": finite.mean() if finite.size else np.nan}
+    statistics |= {"median": middle, "likely_low": low, "likely_high": high}
     if at_least is None:
-        return told
-    met = np.array([np.sum(fine >= at_least)])
-    ends = share_interval(met, independent.size)
-    share = {"probability": met[0] / independent.size, "probability_low": ends[0][0], "probability_high": ends[1][0]}
-    return {**told, "at_least": at_least, **share}
+        return statistics
+    return {**statistics, **probability_values(independent, at_least)}

@@ -1,111 +1,169 @@
-"""Numbers that scatter about what a design has."""
+"""Numbers that scatter: their half widths, as users give them, and quasi-random draws of them."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from scipy.stats import qmc
 
-from jaxshroud.scene.checks import count_argument
-from jaxshroud.scene.errors import InputError
-from jaxshroud.scene.keys import found
+from jaxshroud.motion.gradient import with_numbers
+from jaxshroud.results.attractors import share_interval
+from jaxshroud.results.tuned import HalfWidth
+from jaxshroud.scene.checks import InputError, count_argument
+from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import is_number
 from jaxshroud.scene.valid import check_values
+from jaxshroud.scene.vary import value_of
+
+Spread = float | str | tuple[float, float]  # half width [SI], or as a share such as "20%"; or lower and upper bound
 
 
 class Scattering(NamedTuple):
-    """Numbers that scatter uniformly about what a design or a condition has, and draws that stand for them."""
+    """Numbers that scatter uniformly about their values in a design or a condition, and draws of them."""
 
     keys: tuple[str, ...]
     half_width: np.ndarray  # (keys,) [SI], or over the number itself
-    relative: np.ndarray  # (keys,) whether it is over the number itself
-    places: np.ndarray  # (draws, keys) of the draws, between -1 and 1
-    others: Mapping[str, float] = {}  # those that are neither tuned nor conditions, with their values; never changed
+    relative: np.ndarray  # (keys,) whether the half width is over the number itself
+    places: np.ndarray  # (draws, keys) the draws, from -1 to 1 between the ends of the scatter
+    others: Mapping[str, float] = {}  # numbers that are neither tuned nor conditions, with their values; never mutated
 
     @property
     def size(self) -> int:
-        """How many draws."""
+        """The number of draws."""
         return len(self.places)
 
     def stretch(self, keys: Sequence[str]) -> np.ndarray:
-        """Factors (draws, keys) of numbers."""
+        """Factors (draws, keys) by which relative scatter multiplies numbers."""
         factors = np.ones((self.size, len(keys)))
-        factors[:, self._at(keys)] += np.where(self.relative, self.half_width, 0.0) * self.places
+        factors[:, self._indices(keys)] += np.where(self.relative, self.half_width, 0.0) * self.places
         return factors
 
     def of(self, keys: Sequence[str], values: np.ndarray) -> np.ndarray:
-        """Values (n, keys) at every draw, (n * draws, keys)."""
-        moved = np.zeros((self.size, len(keys)))
-        moved[:, self._at(keys)] = np.where(self.relative, 0.0, self.half_width) * self.places
-        return (values[:, None] * self.stretch(keys) + moved).reshape(-1, len(keys))
+        """The values (n, keys) at every draw, (n * draws, keys)."""
+        shifts = np.zeros((self.size, len(keys)))
+        shifts[:, self._indices(keys)] = np.where(self.relative, 0.0, self.half_width) * self.places
+        return (values[:, None] * self.stretch(keys) + shifts).reshape(-1, len(keys))
 
     def ends(self, key: str, value: float) -> tuple[float, float]:
-        """The least and the largest that a number becomes by its scatter."""
+        """The smallest and the largest value that a number takes by its scatter."""
         i = self.keys.index(key)
-        by = float(self.half_width[i]) * (abs(value) if self.relative[i] else 1.0)
-        return value - by, value + by
+        return HalfWidth(float(self.half_width[i]), bool(self.relative[i])).around(value)
 
     def at_ends(self) -> "Scattering":
-        """Draws at the ends of the scatter: every combination, or one by one where these are many."""
+        """Draws at the ends of the scatter: every combination, or one number at a time if there are many."""
         return self._replace(places=2 * cube_corners(len(self.keys), most=4) - 1)
 
-    def again(self, samples: int, random: np.random.Generator) -> "Scattering":
-        """Other draws, independent of one another."""
+    def redrawn(self, samples: int, random: np.random.Generator) -> "Scattering":
+        """The same scatter with independent pseudo-random draws."""
         return self._replace(places=random.uniform(-1, 1, (samples, len(self.keys))))
 
-    def _at(self, keys: Sequence[str]) -> list[int]:
+    def _indices(self, keys: Sequence[str]) -> list[int]:
         return [list(keys).index(key) for key in self.keys]
 
 
-def scattering_of(
-    tolerance: Mapping[str, float], spread: Mapping[str, float], draws: int, seed: int
-) -> Scattering | None:
-    """What scatters, with quasi-random draws; None if nothing does.
+def half_widths(scatters: Mapping[str, Spread]) -> dict[str, HalfWidth]:
+    """The half widths of numbers that scatter about their values.
+
+    Raises:
+        InputError: A half width is not positive, a share is 100 % or more, or bounds are given.
+    """
+    widths = {}
+    for key, spread in scatters.items():
+        width = _half_width(key, spread)
+        if width is None:
+            raise InputError(
+                f"{key} scatters about its value in a design; give a half width, such as 5e-6 or '20%', not {spread}."
+            )
+        widths[key] = width
+    return widths
+
+
+def _half_width(key: str, spread: Spread) -> HalfWidth | None:
+    """The half width; None where bounds are given."""
+    if isinstance(spread, str):
+        try:
+            size, relative = float(spread.strip().removesuffix("%")) / 100, True
+        except ValueError:
+            raise InputError(f"{key} scatters by a number, or a share such as '20%', not {spread!r}.") from None
+    elif is_number(spread):
+        size, relative = float(cast(float, spread)), False
+    else:
+        return None
+    if not 0 < size < np.inf:
+        raise InputError(f"{key} scatters by {spread}; give a positive half width.")
+    if relative and size >= 1:
+        raise InputError(f"{key} scatters by a share of it, which must be below 100 %, but is {spread}.")
+    return HalfWidth(size, relative)
+
+
+def scatter_bounds(scene: Scene, scatters: Mapping[str, Spread]) -> dict[str, tuple[float, float]]:
+    """The bounds of numbers that scatter: those given, or the half width on either side of the scene's value.
+
+    Raises:
+        KeyNameError: The scene has no such number.
+        InputError: A half width is not positive, or a share of zero.
+    """
+    bounds = {}
+    for key, spread in scatters.items():
+        width = _half_width(key, spread)
+        if width is None:
+            low, high = np.asarray(spread, float).tolist()
+            bounds[key] = low, high
+            continue
+        value = value_of(with_numbers(scene, [key]), key)
+        if width.relative and value == 0:
+            raise InputError(f"{key} is 0, and a share of 0 does not scatter; give its half width.")
+        bounds[key] = width.around(value)
+    return bounds
+
+
+def scattering_of(scatters: Mapping[str, Spread], draws: int, seed: int) -> Scattering | None:
+    """The scatter about a design, with quasi-random draws; None if no number scatters.
 
     Args:
-        tolerance: Keys with half widths in SI units.
-        spread: Keys with half widths over the number itself.
-        draws: How many; made a power of 2.
+        scatters: Keys with half widths, see `half_widths`.
+        draws: The number of draws, rounded up to a power of 2.
         seed: Of the draws.
 
     Raises:
-        InputError: A half width is not positive, a share is 1 or more, or a key is in both.
+        InputError: See `half_widths`.
     """
-    both = set(tolerance) & set(spread)
-    if both:
-        raise InputError(f"{sorted(both)[0]} has both a tolerance and a spread; give one of them.")
-    for key, by in {**tolerance, **spread}.items():
-        if not 0 < by < np.inf:
-            raise InputError(f"{key} scatters by {by}; give a positive half width.")
-    for key, share in spread.items():
-        if share >= 1:
-            raise InputError(f"The spread of {key} is a share of it, such as 0.2 for 20 %, but is {share}.")
     count_argument("draws", draws, 1)
-    keys = (*tolerance, *spread)
-    if not keys:
+    widths = half_widths(scatters)
+    if not widths:
         return None
-    sobol = qmc.Sobol(len(keys), rng=np.random.default_rng([seed, 1]))
+    sobol = qmc.Sobol(len(widths), rng=np.random.default_rng([seed, 1]))
     places = 2 * sobol.random_base2((draws - 1).bit_length()) - 1
-    relative = np.array([key in spread for key in keys])
-    return Scattering(keys, np.array([*tolerance.values(), *spread.values()], float), relative, places)
+    sizes, relative = (np.array(column) for column in zip(*widths.values(), strict=True))
+    return Scattering(tuple(widths), sizes, relative, places)
 
 
 def cube_corners(size: int, most: int = 8) -> np.ndarray:
-    """Corners of the unit cube (n, size): all, or one by one where there are more than `most` sides."""
+    """Corners (n, size) of the unit cube: all, or above `most` dimensions the two extreme ones and their neighbours."""
     if size > most:
         return np.vstack([np.zeros(size), np.ones(size), np.eye(size), 1 - np.eye(size)])
     return np.stack(np.meshgrid(*[[0.0, 1.0]] * size, indexing="ij"), axis=-1).reshape(-1, size)
 
 
-def check_told_apart(scattering: Scattering, known: Sequence[str]) -> None:
-    """Raise InputError where a number that scatters is part of another one that is known by a different key."""
-    keys = [*known, *(key for key in scattering.keys if key not in known)]
+def check_overlap(scattering: Scattering, keys: Sequence[str]) -> None:
+    """Raise an InputError where a number that scatters is part of another number with a different key."""
+    all_keys = [*keys, *(key for key in scattering.keys if key not in keys)]
     for key in scattering.keys:
-        for other in keys:
+        for other in all_keys:
             if key != other and key.partition("[")[0] == other.partition("[")[0] and not ("[" in key and "[" in other):
                 raise InputError(f"{key} and {other} are partly the same number; name the blades' numbers one by one.")
 
 
 def check_ends(keys: Sequence[str], values: np.ndarray) -> None:
-    """Raise SceneError where a number is out of its range at an end of the scatter; `values` (n, keys)."""
+    """Raise a SceneError where a number of `values` (n, keys) is out of its range at an end of its scatter."""
     for key, column in zip(keys, values.T, strict=True):
-        check_values(found(key)[0], column, f"{key}, at an end of its scatter,")
+        check_values(find_key(key)[0], column, f"{key}, at an end of its scatter,")
+
+
+def probability_values(P_d: np.ndarray, at_least: float) -> dict[str, float]:
+    """The share of draws (draws,) with at least that P_d, and its interval; draws that stopped (NaN, -inf) miss it."""
+    successes = np.array([np.sum(P_d >= at_least)])
+    low, high = (float(end[0]) for end in share_interval(successes, P_d.size))
+    share = float(successes[0] / P_d.size)
+    return {"at_least": at_least, "probability": share, "probability_low": low, "probability_high": high}

@@ -1,4 +1,4 @@
-"""Accuracy against cost, measured on scenes of one's own."""
+"""Accuracy against cost of methods, measured around a scene; diffrax's adaptive solvers are among the methods."""
 
 import time
 from collections.abc import Sequence
@@ -7,162 +7,254 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import jax
 import numpy as np
 
-from jaxshroud.batch.extent import fits
-from jaxshroud.batch.free import free_runs
-from jaxshroud.batch.runs import Progress, starts
-from jaxshroud.march.method import FAST
+from jaxshroud.batch.adaptive import adaptive_gap_slopes, adaptive_samples
+from jaxshroud.batch.closed_form import free_runs
+from jaxshroud.batch.runs import Progress, initial_states
+from jaxshroud.batch.size_limits import check_size
+from jaxshroud.march.method import FAST, Method, choices
+from jaxshroud.march.stability import steps_for
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.averages import averages
+from jaxshroud.motion.short_runs import (
+    HORIZON,
+    ShortRuns,
+    gap_slopes,
+    motions_at,
+    run_from_start,
+    softened,
+    state_errors,
+)
+from jaxshroud.results.trade import MeasuredSetting, Trade
+from jaxshroud.scene.checks import count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.text import text_of
+from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of
-from jaxshroud.verbs.adaptive import Adaptive
+from jaxshroud.verbs.accuracy import Setting, by_series
 from jaxshroud.verbs.lanes import one_scene
-from jaxshroud.verbs.setting import HORIZON, SHORT, Ran, Setting, by_series, state_errors, states
 
-SPREAD = 0.05  # relative, of the lanes around a scene
-NEIGHBOURS = ("contact.gamma", "shroud.gap", "drive.F_0[0]", "drive.F_0[1]", "drive.omega", "friction.mu")
-REPEATS = 3  # of a timing; the fastest counts
-ENOUGH = 0.5  # seconds for a timing
-PLENTY = 5.0  # seconds of a timing that need not be repeated
-SLOPES = 16  # lanes whose derivatives are compared
+SHORT_PERIODS = 16  # periods that even slow methods can be run for
+IMPLICIT = {"Kvaerno5"}
 
 
-@runtime_checkable
-class Way(Protocol):
-    """A way to march a scene."""
+class Adaptive(NamedTuple):
+    """An adaptive solver of diffrax with its tolerance."""
+
+    solver: str  # Tsit5, Dopri8 or Kvaerno5
+    rtol: float  # see `adaptive_samples`
+    width: float = 0.0  # as in `Setting`
 
     @property
     def kind(self) -> str:
-        """The choices that are no numbers, in words."""
+        """The method in words, without its numbers."""
+        return f"diffrax {self.solver}{', smooth' if self.width else ''}"
+
+    def run(self, scenes: Scene, periods: int) -> ShortRuns | None:
+        """March lanes (leading axis) from the initial states of their scenes; None if that would take too long."""
+        if self.solver in IMPLICIT and periods > SHORT_PERIODS:
+            return None
+        solved = adaptive_samples(softened(scenes, self.width), periods, self.solver, self.rtol)
+        samples, steps = jax.tree.map(np.asarray, solved)
+        finite = np.isfinite(samples.power[0]).all(axis=1)
+        return ShortRuns(samples, np.where(finite, Status.OK, Status.NOT_FINITE), round(float(steps.mean())))
+
+    def slopes(self, scenes: Scene) -> np.ndarray | None:
+        """The derivative of each lane's power over the horizon with respect to the gap; None if there is none."""
+        scenes = softened(scenes, self.width)
+        if self.solver in IMPLICIT or scenes.parts.contact == "none":
+            return None
+        return adaptive_gap_slopes(scenes, HORIZON, self.solver, self.rtol)
+
+    def __str__(self) -> str:
+        width = f", width {self.width:.3g}" if self.width else ""
+        return f"{self.kind}{width}, rtol {self.rtol:.0e}"
+
+
+LANE_SCATTER = 0.05  # relative, of the lanes around a scene
+SCATTERED_KEYS = ("contact.gamma", "shroud.gap", "drive.F_0[0]", "drive.F_0[1]", "drive.omega", "friction.mu")
+TIMING_REPEATS = 3  # of which the fastest counts
+MIN_TIMING_SECONDS = 0.5  # a run that takes less is timed over more periods
+LONG_TIMING_SECONDS = 5.0  # a run that takes more is not repeated
+SLOPE_LANES = 16  # lanes whose derivatives are compared
+
+
+@runtime_checkable
+class Measurable(Protocol):
+    """A setting that can be measured: a method with all that it needs to march scenes."""
+
+    @property
+    def kind(self) -> str:
+        """The method in words, without its numbers."""
         ...
 
-    def run(self, scenes: Scene, periods: int) -> Ran | None:
-        """March lanes (leading axis) from their starts; None where that would take too long."""
+    def run(self, scenes: Scene, periods: int) -> ShortRuns | None:
+        """March lanes (leading axis) from the initial states of their scenes; None if that would take too long."""
         ...
 
     def slopes(self, scenes: Scene) -> np.ndarray | None:
-        """Derivative of each lane's power over the horizon with respect to the gap; None where there is none."""
+        """The derivative of each lane's power over the horizon with respect to the gap; None if there is none."""
         ...
 
 
 class ClosedForm(NamedTuple):
-    """The way through scenes without contact."""
+    """The closed form of scenes without contact."""
 
     kind: str = "closed form"
 
-    def run(self, scenes: Scene, periods: int) -> Ran:
-        """All samples at once."""
-        samples, last = free_runs(scenes, starts(scenes), 0, periods, 0.0, FAST)
-        return Ran(samples, last.status, 0)
+    def run(self, scenes: Scene, periods: int) -> ShortRuns:
+        """Samples and status of lanes (leading axis) from the initial states of their scenes."""
+        samples, last = free_runs(scenes, initial_states(scenes), 0, periods, 0.0, FAST)
+        return ShortRuns(samples, last.status, 0)
 
     def slopes(self, scenes: Scene) -> None:
-        """The gap does not matter."""
+        """None: the power does not depend on the gap."""
 
     def __str__(self) -> str:
         return self.kind
 
 
-TRUTH = Setting("dopri8", "cubic", "float64", 0.15)
-SMOOTH_TRUTH = TRUTH._replace(product=0.5)  # its slider follows so fast that omega_max says little of the motion
-TRUTHS: dict[str, Way] = {"spring": TRUTH, "smooth": SMOOTH_TRUTH, "none": ClosedForm()}
-MARCHED = {
+class GivenMethod(NamedTuple):
+    """A method that a user has given, with its own steps."""
+
+    method: Method
+
+    @property
+    def kind(self) -> str:
+        """The method in words."""
+        return str(self.method)
+
+    def run(self, scenes: Scene, periods: int) -> ShortRuns:
+        """March lanes (leading axis) from the initial states of their scenes."""
+        return run_from_start(scenes, periods, self._steps(scenes), choices(self.method))
+
+    def slopes(self, scenes: Scene) -> np.ndarray | None:
+        """The derivative of each lane's power over the horizon with respect to the gap; None if there is none."""
+        return gap_slopes(scenes, self._steps(scenes), choices(self.method))
+
+    def _steps(self, scenes: Scene) -> int:
+        steps = "auto" if self.method.steps is None else self.method.steps
+        return steps_for(scenes, 1, steps, choices(self.method).tableau)
+
+    def __str__(self) -> str:
+        return f"{self.kind}, {self.method.steps or 'auto'} steps"
+
+
+REFERENCE_SETTING = Setting("dopri8", "cubic", "float64", 0.15)
+# The slider of smooth contact follows so fast that omega_max says little about the motion.
+SMOOTH_REFERENCE_SETTING = REFERENCE_SETTING._replace(product=0.5)
+REFERENCE_SETTINGS: dict[str, Measurable] = {
+    "spring": REFERENCE_SETTING,
+    "smooth": SMOOTH_REFERENCE_SETTING,
+    "none": ClosedForm(),
+}
+RUNGE_KUTTA_PRODUCTS = {
     ("rk4", "float64"): (2.0, 1.0, 0.5, 0.25, 0.12, 0.06),
     ("tsit5", "float64"): (2.0, 1.0, 0.5, 0.25, 0.12),
     ("dopri8", "float64"): (2.0, 1.2, 0.8, 0.5, 0.3),
     ("rk4", "float32"): (2.0, 1.0, 0.5),
     ("tsit5", "float32"): (2.0, 1.0, 0.5),
 }
-LOCATED = tuple(Setting(name, "cubic", digits, p) for (name, digits), steps in MARCHED.items() for p in steps)
-TOLERANCES = {"Tsit5": (1e-3, 1e-6), "Dopri8": (1e-5, 1e-9), "Kvaerno5": (1e-3, 1e-5)}
-SERIES = ((8, 1e-5), (10, 1e-6), (12, 1e-8), (14, 1e-10), (16, 1e-12))  # orders and tolerances
-ADAPTIVE = tuple(Adaptive(solver, rtol) for solver, levels in TOLERANCES.items() for rtol in levels)
-WIDTHS = (1 / 4, 1 / 16, 1 / 64)
-SETTINGS: dict[str, tuple[Way, ...]] = {
+RUNGE_KUTTA_SETTINGS = tuple(
+    Setting(name, "cubic", digits, p) for (name, digits), steps in RUNGE_KUTTA_PRODUCTS.items() for p in steps
+)
+ADAPTIVE_TOLERANCES = {"Tsit5": (1e-3, 1e-6), "Dopri8": (1e-5, 1e-9), "Kvaerno5": (1e-3, 1e-5)}
+SERIES_ORDERS = ((8, 1e-5), (10, 1e-6), (12, 1e-8), (14, 1e-10), (16, 1e-12))  # orders and tolerances
+ADAPTIVE_SETTINGS = tuple(Adaptive(solver, rtol) for solver, levels in ADAPTIVE_TOLERANCES.items() for rtol in levels)
+SMOOTH_WIDTHS = (1 / 4, 1 / 16, 1 / 64)
+SETTINGS: dict[str, tuple[Measurable, ...]] = {
     "spring": (
-        *LOCATED,
-        *(by_series(*choice) for choice in SERIES),
+        *RUNGE_KUTTA_SETTINGS,
+        *(by_series(*choice) for choice in SERIES_ORDERS),
         *(Setting("rk4", "bisection", "float64", p) for p in (0.5, 0.25)),
         *(Setting("rk4", "none", "float64", p) for p in (0.5, 0.12)),
-        *(Setting("rk4", "cubic", "float64", 1.0, width) for width in WIDTHS),
-        *(Adaptive("Tsit5", 1e-4, width) for width in WIDTHS),
+        *(Setting("rk4", "cubic", "float64", 1.0, width) for width in SMOOTH_WIDTHS),
+        *(Adaptive("Tsit5", 1e-4, width) for width in SMOOTH_WIDTHS),
     ),
-    "smooth": (*(setting for setting in LOCATED if setting.product > SMOOTH_TRUTH.product), *ADAPTIVE),
-    "none": (ClosedForm(), *ADAPTIVE),
+    "smooth": (
+        *(setting for setting in RUNGE_KUTTA_SETTINGS if setting.product > SMOOTH_REFERENCE_SETTING.product),
+        *ADAPTIVE_SETTINGS,
+    ),
+    "none": (ClosedForm(), *ADAPTIVE_SETTINGS),
 }
 
 
-class Measured(NamedTuple):
-    """What one setting costs and how far it errs, on lanes around a scene."""
-
-    setting: Way
-    steps: int  # per period, on average; 0 for the closed form
-    cost: float  # seconds per lane and period
-    state: np.ndarray  # (lanes,) error of the state after `HORIZON` periods over its largest number; NaN if stopped
-    P_d: float  # median error of P_d over the kept periods [percentage points]; NaN where that takes too long
-    ci: float  # median half width of the truth's own interval [percentage points]
-    period: float  # share of lanes with the truth's period number; NaN like P_d
-    gradient: float  # median relative error of d(power)/d(gap) over the horizon; NaN where there is none
-
-
 def neighbourhood(scene: Scene, lanes: int, seed: int = 0) -> Scene:
-    """The scene and others (leading axis) scattered around it, by `SPREAD` in each of `NEIGHBOURS`.
+    """The scene and others (leading axis) around it: each of `SCATTERED_KEYS` scatters by `LANE_SCATTER`.
 
-    The forces on both blades are scattered alike.
+    The forces on both blades scatter alike.
     """
-    centre = np.array([value_of(scene, key) for key in NEIGHBOURS])
-    draws = np.random.default_rng(seed).uniform(-1, 1, (lanes, len(NEIGHBOURS) - 1))
-    factors = 1 + SPREAD * np.insert(draws, 3, draws[:, 2], axis=1)
+    centre = np.array([value_of(scene, key) for key in SCATTERED_KEYS])
+    draws = np.random.default_rng(seed).uniform(-1, 1, (lanes, len(SCATTERED_KEYS) - 1))
+    factors = 1 + LANE_SCATTER * np.insert(draws, 3, draws[:, 2], axis=1)
     factors[0] = 1.0
-    return scenes_at(scene, NEIGHBOURS, centre * factors)
+    return scenes_at(scene, SCATTERED_KEYS, centre * factors)
 
 
+@typed
 def trade(
     scene: Scene | SceneFile,
     *,
-    settings: Sequence[Way] | None = None,
+    methods: Sequence[Method] | None = None,
     lanes: int = 64,
     seed: int = 0,
     n_periods: int = 64,
     transient: int = 64,
     progress: Progress | None = None,
-) -> list[Measured]:
-    """Measure ways to march on lanes around a scene.
+) -> Trade:
+    """Measure the accuracy and the cost of methods on scenes around the given one.
 
     Args:
-        scene: One scene.
-        settings: What to measure; by default `SETTINGS` of the scene's kind of contact.
-        lanes: Scenes scattered around it, by `SPREAD` in each of `NEIGHBOURS`.
-        seed: Of the scattering.
-        n_periods: Drive periods over which P_d is averaged.
-        transient: Drive periods before these, with them no fewer than `HORIZON`.
-        progress: Called with (settings done, settings in all).
+        scene: One scene, or a scene file.
+        methods: Methods to measure; by default many, each with several steps or tolerances.
+        lanes: The number of scenes: the given one, and others with `SCATTERED_KEYS` scattered by `LANE_SCATTER`.
+        seed: Seed of the scatter.
+        n_periods: Drive periods kept; by default 64.
+        transient: Drive periods run and discarded first, with the kept ones at least `HORIZON`; by default 64.
+        progress: Called with (methods done, methods in all).
 
     Returns:
-        One entry for each setting, with its errors against one of `TRUTHS`.
+        The cost and the errors of each method; the errors are relative to the one of `REFERENCE_SETTINGS` for the
+        scene's kind of contact.
 
     Raises:
-        ValueError: The run would be too long or too large, or there are many scenes.
+        ValueError: A count is too small, the run would be too long or too large, or there are many scenes.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
-        >>> scene = js.load("table1", ['parts.contact="none"']).scene
-        >>> [found] = js.trade(scene, settings=[ClosedForm()], lanes=8, n_periods=4, transient=4)
-        >>> found.setting.kind
-        'closed form'
+        >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
+        >>> found = js.trade(scene, methods=[js.RungeKutta(steps=200)], lanes=8, n_periods=4, transient=4)
+        >>> found[0].error < 1e-2
+        True
     """
+    seed_argument(seed)
+    count_argument("lanes", lanes, 1)
     scene = one_scene("trade", scene)
-    fits(lanes, transient, n_periods)
-    settings = SETTINGS[scene.parts.contact] if settings is None else settings
+    check_size(lanes, transient, n_periods)
+    settings = SETTINGS[scene.parts.contact] if methods is None else [GivenMethod(one) for one in methods]
+    return measure_settings(scene, settings, lanes, seed, n_periods, transient, progress)
+
+
+def measure_settings(
+    scene: Scene,
+    settings: Sequence[Measurable],
+    lanes: int,
+    seed: int = 0,
+    n_periods: int = 64,
+    transient: int = 64,
+    progress: Progress | None = None,
+) -> Trade:
+    """Measure settings of any kind; see `trade`."""
     scenes = neighbourhood(scene, lanes, seed)
-    truth, found = _outcome(scenes, TRUTHS[scene.parts.contact], transient, n_periods), []
+    reference, measured = _outcome(scenes, REFERENCE_SETTINGS[scene.parts.contact], transient, n_periods), []
     for done, setting in enumerate(settings, 1):
-        found.append(_compared(scenes, setting, _outcome(scenes, setting, transient, n_periods), truth))
+        measured.append(_compared(scenes, setting, _outcome(scenes, setting, transient, n_periods), reference))
         if progress is not None:
             progress(done, len(settings))
-    return found
+    run = {"periods": n_periods, "transient": transient}
+    return Trade.of_settings(measured, HORIZON, {"title": "", "scene": text_of(scene, run)})
 
 
 class _Outcome(NamedTuple):
@@ -174,33 +266,36 @@ class _Outcome(NamedTuple):
     slope: np.ndarray
 
 
-def _outcome(scenes: Scene, way: Way, transient: int, kept: int) -> _Outcome:
-    few = jax.tree.map(lambda a: np.asarray(a)[:SLOPES], scenes)
-    slopes = way.slopes(few)
-    slopes = np.full(len(few.drive.omega), np.nan) if slopes is None else slopes
-    ran = way.run(scenes, transient + kept)
-    if ran is None:
-        short = way.run(scenes, HORIZON)
-        assert short is not None
-        unknown = np.full(len(short.status), np.nan)
-        return _Outcome(short.steps, states(short.samples, HORIZON - 1), unknown, unknown, unknown, slopes)
-    settled = jax.tree.map(lambda a: a[:, transient:].astype(float), ran.samples)
-    motion, got, _ = averages(scenes, settled)
-    P_d = np.where(ran.status == Status.OK, got.P_d, np.nan)
-    return _Outcome(ran.steps, states(ran.samples, HORIZON - 1), P_d, got.ci, motion.number, slopes)
+def _outcome(scenes: Scene, setting: Measurable, transient: int, kept: int) -> _Outcome:
+    probe = jax.tree.map(lambda a: np.asarray(a)[:SLOPE_LANES], scenes)
+    slopes = setting.slopes(probe)
+    slopes = np.full(len(probe.drive.omega), np.nan) if slopes is None else slopes
+    runs = setting.run(scenes, transient + kept)
+    if runs is None:
+        short_runs = setting.run(scenes, HORIZON)
+        assert short_runs is not None
+        unknown = np.full(len(short_runs.status), np.nan)
+        return _Outcome(
+            short_runs.steps, motions_at(short_runs.samples, HORIZON - 1), unknown, unknown, unknown, slopes
+        )
+    settled = jax.tree.map(lambda a: a[:, transient:].astype(float), runs.samples)
+    repetition, reduction, _ = averages(scenes, settled)
+    P_d = np.where(runs.status == Status.OK, reduction.P_d, np.nan)
+    return _Outcome(runs.steps, motions_at(runs.samples, HORIZON - 1), P_d, reduction.ci, repetition.number, slopes)
 
 
-def _compared(scenes: Scene, way: Way, got: _Outcome, truth: _Outcome) -> Measured:
+def _compared(scenes: Scene, setting: Measurable, outcome: _Outcome, reference: _Outcome) -> MeasuredSetting:
     with np.errstate(invalid="ignore"):
-        return Measured(
-            way,
-            got.steps,
-            cost(scenes, way),
-            state_errors(got.state, truth.state),
-            _median(np.abs(got.P_d - truth.P_d)),
-            _median(truth.ci),
-            float(np.mean(got.number == truth.number)) if np.isfinite(got.number).all() else np.nan,
-            float(np.median(np.abs(got.slope - truth.slope) / np.abs(truth.slope))),
+        return MeasuredSetting(
+            str(setting),
+            setting.kind,
+            outcome.steps,
+            cost(scenes, setting),
+            state_errors(outcome.state, reference.state),
+            _median(np.abs(outcome.P_d - reference.P_d)),
+            _median(reference.ci),
+            float(np.mean(outcome.number == reference.number)) if np.isfinite(outcome.number).all() else np.nan,
+            float(np.median(np.abs(outcome.slope - reference.slope) / np.abs(reference.slope))),
         )
 
 
@@ -208,37 +303,16 @@ def _median(errors: np.ndarray) -> float:
     return float(np.nanmedian(errors)) if np.isfinite(errors).any() else np.nan
 
 
-def cost(scenes: Scene, way: Way) -> float:
-    """Seconds per lane and period, on all cores."""
+def cost(scenes: Scene, setting: Measurable) -> float:
+    """The run time per lane and period, on all cores [s]."""
 
     def seconds(periods: int) -> float:
         began = time.perf_counter()
-        way.run(scenes, periods)
+        setting.run(scenes, periods)
         return time.perf_counter() - began
 
-    seconds(HORIZON)  # which compiles
+    seconds(HORIZON)  # compiles
     first = seconds(HORIZON)
-    periods = SHORT if first < ENOUGH else HORIZON
-    best = first if first > PLENTY else min(seconds(periods) for _ in range(REPEATS))
+    periods = SHORT_PERIODS if first < MIN_TIMING_SECONDS else HORIZON
+    best = first if first > LONG_TIMING_SECONDS else min(seconds(periods) for _ in range(TIMING_REPEATS))
     return best / len(scenes.drive.omega) / periods
-
-
-def error_of(measured: Measured, share: float = 0.95) -> float:
-    """The state error that so many lanes stay below."""
-    return float(np.quantile(np.nan_to_num(measured.state, nan=np.inf), share, method="higher"))
-
-
-def front(found: Sequence[Measured]) -> list[int]:
-    """Indices of the settings that no other beats in both cost and error, the cheapest first."""
-    best, kept = np.inf, []
-    for i in sorted(range(len(found)), key=lambda i: found[i].cost):
-        if error_of(found[i]) < best:
-            best = error_of(found[i])
-            kept.append(i)
-    return kept
-
-
-def cheapest(found: Sequence[Measured], level: float) -> Measured | None:
-    """The cheapest setting whose error 95 % of the lanes stay below; None if there is none."""
-    able = [m for m in found if error_of(m) <= level]
-    return min(able, key=lambda m: m.cost, default=None)

@@ -1,36 +1,50 @@
 """Design: the numbers of a scene that reduce the vibration most, over a range of operating conditions.
 
-A coarse scan chooses starts; from each of them Adam climbs in variables scaled to the unit cube, see `climb`.
+A coarse scan chooses starts; from each of them Adam climbs in variables scaled to the unit cube, see `climb_paths`.
 """
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from scipy.stats import qmc
 
-from jaxshroud.batch.extent import fits
 from jaxshroud.batch.runs import Plan, Progress, Ticker
-from jaxshroud.march.method import Choices, Method, named_choices
-from jaxshroud.march.stability import Steps
-from jaxshroud.model.state import State
-from jaxshroud.results.tuned import Judged, Tuned
-from jaxshroud.scene.checks import count_argument, word_argument
+from jaxshroud.batch.size_limits import check_size
+from jaxshroud.march.method import Method, named_choices
+from jaxshroud.model.prepared import State
+from jaxshroud.results.tuned import DesignJudgement, Tuned
+from jaxshroud.scene.checks import InputError, NumericalError, seed_argument
 from jaxshroud.scene.config import parse
-from jaxshroud.scene.errors import InputError, NumericalError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of
-from jaxshroud.verbs.climb import POLISH, SAMPLES, climb, polished
-from jaxshroud.verbs.confirm import KEEPS, SAME_START, agree, checked
-from jaxshroud.verbs.design import Goal, Problem, corners, judge_designs, problem_of
-from jaxshroud.verbs.door import asked
+from jaxshroud.scene.typed import typed
+from jaxshroud.verbs.ascent import (
+    LIMIT_MARGIN,
+    POLISH_SAMPLES,
+    POLISH_WIDTHS,
+    SAME_START_CHECKS,
+    SearchOptions,
+    checks_agree,
+    climb_paths,
+    polish_design,
+    verify_design,
+)
+from jaxshroud.verbs.design_problem import (
+    Goal,
+    Problem,
+    design_corners,
+    judge_designs,
+    problem_of,
+)
 from jaxshroud.verbs.lanes import one_scene, with_tangents
-from jaxshroud.verbs.robust import Wanted, robustness, wanted_of
+from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.robust import RobustnessRequest, robustness, robustness_request
 from jaxshroud.verbs.scattering import Scattering, scattering_of
 
 
+@typed
 def tune(
     scene: Scene | SceneFile,
     over: Mapping[str, tuple[float, float]],
@@ -39,176 +53,171 @@ def tune(
     goal: Goal = "mean",
     most_penetration: float = np.inf,
     most_force: float = np.inf,
-    scan: int | None = None,
-    n_starts: int | None = None,
-    updates: int | None = None,
-    seed: int = 0,
-    tolerance: Mapping[str, float] | None = None,
-    spread: Mapping[str, float] | None = None,
-    draws: int = 16,
-    loss: float | None = None,
+    scatters: Mapping[str, float | str] | None = None,
     at_least: float | None = None,
-    samples: int = 1024,
+    loss: float | None = None,
+    draws: int = 16,
+    check_draws: int = 1024,
     motions: int = 32,
+    search: SearchOptions | None = None,
+    seed: int = 0,
     n_periods: int | None = None,
     transient: int | None = None,
-    steps_per_period: Steps | None = None,
-    method: Method | Choices | None = None,
-    accuracy: str | float | None = None,
+    method: Method | str | float | None = None,
     state: State | None = None,
     progress: Progress | None = None,
     throw: bool = False,
 ) -> Tuned:
-    """Find the numbers of a scene that make P_d of the left blade largest.
+    """Find the numbers of a scene that maximise P_d of the left blade.
 
-    Where numbers scatter, the robust design is sought: every condition is simulated at each of some fixed draws, all of
-    which count like conditions, for the mean, for the worst and for the limits. A number that scatters may be tuned, a
-    condition, or neither. What is found is then judged by `samples` independent draws.
+    Where numbers scatter, the robust design is found: every condition is simulated at the same fixed draws, which all
+    count like conditions, for the mean, for the worst case and for the limits. A number that scatters may be tuned, a
+    condition, or neither. The best design is then judged by `check_draws` independent draws.
 
     Args:
-        scene: One scene; what is neither tuned nor varied stays as it is.
+        scene: One scene, or a scene file, whose [run] counts where an argument is not given.
         over: Keys as for `vary`, each with its bounds in SI units.
         conditions: Operating conditions: keys with their values in SI units; every combination is simulated.
         goal: "mean": the mean of P_d over the conditions; "worst": its least value.
-        most_penetration: Limit of the penetration in every condition, transients included [m].
-        most_force: Limit of the contact's normal force, likewise [N].
-        scan: Designs looked at first; by default 32 for each key.
-        n_starts: The best of them, from which paths start; by default 3 for each key.
-        updates: Steps of each path; by default 6 for each key.
-        seed: Of the scan, of draws, and of the starting motions that the winner is tried from.
-        tolerance: Keys of numbers that scatter, with half widths in SI units; uniform.
-        spread: The same with half widths as shares of the number itself: 0.2 for 20 %.
-        draws: Draws of the search, a power of 2 (or the next): each costs as much as a condition.
-        loss: Percentage points of P_d that may be lost in any condition: how far each number may go, the others fixed,
-            is looked for where it is given, or where numbers scatter (1 then).
-        at_least: P_d [percent] whose probability under the scatter is asked for.
-        samples: Independent draws behind the probability.
-        motions: Random starts, in each condition, that coexisting motions of the best design are looked for from where
-            robustness is asked for; 0: not looked for.
-        n_periods: Drive periods that P_d is averaged over; by default 64.
-        transient: Drive periods run before; by default 64.
-        steps_per_period: Runge-Kutta steps in one period; "auto": as many as the stiffest design needs, as where only a
-            method is given.
-        method: How to march; where only steps are given RK4, with events located by the guard's cubic.
-        accuracy: "fast", "balanced" (the default where nothing is said of steps or method), "reference" or a number:
-            chooses steps and method, in float64.
-        state: Where every run starts, at drive phase 0; by default each scene's `initial`, apart.
+        most_penetration: Largest allowed penetration in every condition, transients included [m].
+        most_force: Largest allowed normal force of the contact, likewise [N].
+        scatters: Keys of numbers that scatter uniformly, with half widths: a number in SI units, or a share of the
+            number itself such as "20%".
+        at_least: P_d [percent] whose probability under the scatter is computed.
+        loss: Percentage points of P_d that may be lost in any condition. If it is given, or if numbers scatter (then it
+            is 1 by default), the interval of each number that keeps this loss is found, the others fixed.
+        draws: Draws of the search, rounded up to a power of 2: each costs as much as a condition.
+        check_draws: Independent draws behind the probability.
+        motions: Random starts in each condition from which coexisting motions of the best design are found, if
+            robustness is computed; 0: none.
+        search: How many designs are simulated, and how far the best of them are improved.
+        seed: Seed of the scan, of the draws, and of the initial states from which the winner is checked.
+        n_periods: Drive periods kept; by default 64.
+        transient: Drive periods run and discarded first; by default 64.
+        method: How to march: a method, or the accuracy that chooses one; see `method_for`.
+        state: Where to start, at drive phase 0; by default `scene.initial`, apart.
         progress: Called with (lane-periods done, lane-periods at most).
-        throw: Raise where the best design does not keep the limits, or stops.
+        throw: Raise where the best design does not keep the limits, or stops before its end.
 
     Returns:
-        The best design of all that were simulated, with its history and an independent verdict on it.
+        The best design of all that were simulated, with its history and independent checks.
 
     Raises:
         KeyError: The scene has no such number.
         ValueError: There is no such goal, a count is too small, a number is not finite, a limit is not positive, bounds
-            are not in order, a number scatters out of its range, there are many scenes, or float64 is not to be had.
+            are not in order, a number scatters out of its range, there are many scenes, or JAX has no float64.
         NumericalError: With `throw`: the best design is not feasible.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
         >>> scene = js.load("table1", ['parts.motion=["x"]', "drive.M_0=10"]).scene
-        >>> small = dict(scan=4, n_starts=1, updates=1, n_periods=2, transient=2, steps_per_period=100)
+        >>> small = dict(search=js.SearchOptions(4, 1, 1), n_periods=2, transient=2, method=js.RungeKutta(steps=100))
         >>> found = js.tune(scene, {"shroud.gap": (2e-5, 4e-5)}, **small)
         >>> 2e-5 <= found.design["shroud.gap"] <= 4e-5
         True
     """
-    own = one_scene("tune", scene)
-    word_argument("goal", goal, Goal)
+    nominal = one_scene("tune", scene)
+    seed_argument(seed)
     for name, limit in dict(most_penetration=most_penetration, most_force=most_force).items():
         if not limit > 0:
             raise InputError(f"Argument `{name}` must be positive, but is {limit}.")
-    scattering = scattering_of(tolerance or {}, spread or {}, draws, seed)
-    wanted = wanted_of(scattering is not None, loss, at_least, samples, motions, seed)
-    problem = problem_of(own, over, conditions or {}, scattering)
-    request = asked(
-        scene,
-        n_periods=n_periods,
-        transient=transient,
-        steps_per_period=steps_per_period,
-        method=method,
-        accuracy=accuracy,
-    )
-    march = with_tangents(request, corners(problem))
+    scattering = scattering_of(scatters or {}, draws, seed)
+    robust_request = robustness_request(scattering is not None, loss, at_least, check_draws, motions, seed)
+    problem = problem_of(nominal, over, conditions or {}, scattering)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
+    march = with_tangents(resolved, design_corners(problem))
     choices = march.method._replace(within=bool(min(most_penetration, most_force) < np.inf))
-    plan = Plan(request.transient, request.n_periods, march.steps, 0.0, choices)
+    plan = Plan(resolved.transient, resolved.n_periods, march.steps, 0.0, choices)
     limits = {"most_penetration": most_penetration, "most_force": most_force}
     problem = problem._replace(goal=goal, **limits, plan=plan, state=state)
-    size = len(over)
-    scan, n_starts, updates = scan or 32 * size, n_starts or 3 * size, updates or 6 * size
-    for name, value in dict(scan=scan, n_starts=n_starts, updates=updates).items():
-        count_argument(name, value, 1)
-    climbs, rounds = min(n_starts, scan) * (updates + 1) * (1 + 3 * size), len(POLISH) * SAMPLES * size
-    lanes = problem.runs * (scan + climbs + rounds + 1) + (wanted.lanes(problem) if wanted else 0)
-    fits(max(scan, n_starts * (1 + 3 * size)) * problem.runs, 4 * plan.transient, 4 * plan.kept)
+    counts = (search or SearchOptions()).of_size(len(over))
+    lanes = _most_lanes(problem, counts) + (robust_request.lanes(problem) if robust_request else 0)
     ticker = Ticker(lanes * (plan.transient + plan.kept), progress)
-    found = _searched(problem, scan, n_starts, updates, seed, wanted, ticker)
-    if throw and found.failed:
-        raise NumericalError(f"The best design does not keep the limits, or stops: {found!r}")
-    return found
+    tuned = _search(problem, counts, seed, robust_request, ticker)
+    if throw and tuned.failed:
+        raise NumericalError(f"The best design does not keep the limits, or stops: {tuned!r}")
+    return tuned
 
 
-def _searched(
-    problem: Problem, scan: int, n_starts: int, updates: int, seed: int, wanted: Wanted | None, ticker: Ticker
+def _most_lanes(problem: Problem, counts: tuple[int, int, int]) -> int:
+    """An upper estimate of the runs of a search.
+
+    Raises:
+        InputError: Those that run at the same time, or are checked over longer times, are too many.
+    """
+    (scan, n_starts, updates), size = counts, len(problem.over)
+    check_size(max(scan, n_starts * (1 + 3 * size)) * problem.runs, 4 * problem.plan.transient, 4 * problem.plan.kept)
+    climbs = min(n_starts, scan) * (updates + 1) * (1 + 3 * size)
+    rounds = len(POLISH_WIDTHS) * POLISH_SAMPLES * size
+    return problem.runs * (scan + climbs + rounds + 1)
+
+
+def _search(
+    problem: Problem, counts: tuple[int, int, int], seed: int, robust_request: RobustnessRequest | None, ticker: Ticker
 ) -> Tuned:
-    """Scan, climb, sample around the best, and simulate the winner again."""
-    size = len(problem.over)
+    """Scan, climb, sample around the best design, and simulate the winner again."""
+    (scan, n_starts, updates), size = counts, len(problem.over)
     cube = qmc.Sobol(size, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(scan))))[:scan]
     scanned = judge_designs(problem, problem.values(cube), ticker)
-    at = np.argsort(-scanned.score, kind="stable")[:n_starts]
-    paths = climb(problem, cube[at], Judged(*(a[at] for a in scanned)), updates, ticker)
-    last = int(np.argmax(paths.scores[-1]))
+    best_first = np.argsort(-scanned.score, kind="stable")[:n_starts]
+    paths = climb_paths(problem, cube[best_first], DesignJudgement(*(a[best_first] for a in scanned)), updates, ticker)
+    best_path = int(np.argmax(paths.scores[-1]))
     random = np.random.default_rng(seed)
-    u = polished(problem, paths.points[-1, last], paths.scores[-1, last], random, ticker)
-    best, spent = problem.values(u), ticker.done
-    found = judge_designs(problem, best[None], ticker)
-    checks = checked(problem, best, seed)
+    end, score = paths.points[-1, best_path], paths.scores[-1, best_path]
+    polished, polished_scores = polish_design(problem, end, score, random, ticker)
+    u = polished[-1]
+    design, periods = problem.values(u), ticker.done
+    judgement = judge_designs(problem, design[None], ticker)
+    checks = verify_design(problem, design, seed)
     values = {
-        "best": best,
+        "best": design,
         "bound": [_bound(place) for place in u],
         "ends": list(problem.over.values()),
-        "objective": found.objective[0],
+        "objective": judgement.objective[0],
         "points": problem.values(paths.points),
         "scores": paths.scores,
         "exact": paths.exact,
+        "polished": problem.values(polished),
+        "polished_scores": polished_scores,
         "scanned": problem.values(cube),
         "scanned_scores": scanned.score,
-        "periods": spent,
-        "confirmed": agree(found, checks),
-        "feasible": found.keeps()[0] and all(checks[name].keeps(KEEPS)[0] for name in SAME_START),
-        **{f"check_{name}": [getattr(c, name)[0] for c in checks.values()] for name in Judged._fields},
+        "periods": periods,
+        "confirmed": checks_agree(judgement, checks),
+        "feasible": judgement.keeps()[0] and all(checks[name].keeps(LIMIT_MARGIN)[0] for name in SAME_START_CHECKS),
+        **{f"check_{name}": [getattr(c, name)[0] for c in checks.values()] for name in DesignJudgement._fields},
     }
-    more, coords = robustness(problem, best, wanted, ticker) if wanted else ({}, {})
+    robust_values, coords = robustness(problem, design, robust_request, ticker) if robust_request else ({}, {})
     coords = {"key": list(problem.over), "check": list(checks), "end": ["lower", "upper"], **coords}
-    return _result(problem, {**values, **more}, coords)
+    return _tuned_result(problem, {**values, **robust_values}, coords)
 
 
-def _result(problem: Problem, values: dict[str, Any], coords: dict[str, Any]) -> Tuned:
+def _tuned_result(problem: Problem, values: dict[str, object], coords: dict[str, object]) -> Tuned:
+    """The result, which holds its design problem."""
     plan = problem.plan
-    asked = {name: getattr(problem, name) for name in ("goal", "most_penetration", "most_force")}
-    asked |= {
-        "conditions_asked": json.dumps(problem.conditions),
+    request = {name: getattr(problem, name) for name in ("goal", "most_penetration", "most_force")}
+    request |= {
+        "conditions_json": json.dumps(problem.conditions),
         "start": "scene" if problem.state is None else "given",
     }
-    how = {"method": str(plan.method), "steps_per_period": plan.steps_per_period}
+    march = {"method": str(plan.method), "steps_per_period": plan.steps_per_period}
     run = {"periods": plan.kept, "transient": plan.transient, "steps_per_period": plan.steps_per_period}
     attrs = {"title": "", "scene": text_of(problem.scene, run)}
-    made = Tuned.from_values({**values, **asked, **how}, coords=coords, attrs=attrs)
-    made._problem = problem
-    return made
+    tuned = Tuned.from_values({**values, **request, **march}, coords=coords, attrs=attrs)
+    tuned._problem = problem
+    return tuned
 
 
-def problem_again(tuned: Tuned) -> Problem:
-    """What was tuned, from the result alone where it was read from a file.
+def problem_from_result(tuned: Tuned) -> Problem:
+    """The design problem of a tuning, rebuilt from its attributes if the result was read from a file.
 
     Raises:
-        InputError: It was read from a file, which does not hold the state that its runs started from.
+        InputError: It was read from a file, and its runs started from a given state, which files do not hold.
     """
     if tuned._problem is not None:
         return tuned._problem
     if tuned.start == "given":
-        raise InputError("A stored tuning does not hold the `state` that its runs started from; tune again.")
+        raise InputError("A stored tuning does not hold the `state` from which its runs started; tune again.")
     file = parse(tuned.scene, "the stored scene")
     within = bool(min(tuned.most_penetration, tuned.most_force) < np.inf)
     method = named_choices(tuned.method)._replace(within=within)
@@ -222,11 +231,12 @@ def problem_again(tuned: Tuned) -> Problem:
 
 
 def _bound(place: float) -> int:
-    """The end of its range that a number of the unit cube is at, as nearly as the search looks: -1, 1; else 0."""
-    near = POLISH[-1]
+    """The end of its range at which a number of the unit cube is, to the search's resolution: -1 or 1; else 0."""
+    near = POLISH_WIDTHS[-1]
     return -1 if place <= near else 1 if place >= 1 - near else 0
 
 
+@typed
 def objective_map(tuned: Tuned, n: int) -> dict[str, np.ndarray]:
     """The objective on a grid of `n` values of each of two tuned numbers, spaced as in the search.
 
@@ -240,14 +250,14 @@ def objective_map(tuned: Tuned, n: int) -> dict[str, np.ndarray]:
         >>> import jax; jax.config.update("jax_enable_x64", True)
         >>> import jaxshroud as js
         >>> scene = js.load("table1", ['parts.motion=["x"]', "drive.M_0=10"]).scene
-        >>> small = dict(scan=4, n_starts=1, updates=1, n_periods=2, transient=2, steps_per_period=100)
+        >>> small = dict(search=js.SearchOptions(4, 1, 1), n_periods=2, transient=2, method=js.RungeKutta(steps=100))
         >>> found = js.tune(scene, {"shroud.gap": (2e-5, 4e-5), "contact.gamma": (1, 2)}, **small)
         >>> js.objective_map(found, 3)["objective"].shape
         (3, 3)
     """
     if len(tuned.keys) != 2:
         raise InputError(f"A map has two tuned numbers, but there are {len(tuned.keys)}.")
-    problem, side = problem_again(tuned), np.linspace(0.0, 1.0, n)
+    problem, side = problem_from_result(tuned), np.linspace(0.0, 1.0, n)
     cube = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
     designs = problem.values(cube)
     judged = judge_designs(problem, designs, lambda _: None)

@@ -29,7 +29,7 @@ for name, device in {"one": jax.devices()[1], "all": None}.items():
     used.clear()
     with jax.default_device(device):
         line = {"contact.gamma": np.linspace(1.0, 2.0, 200)}
-        found[name] = js.sweep(scene, line, n_periods=2, transient=1, steps_per_period=100).data
+        found[name] = js.sweep(scene, line, n_periods=2, transient=1, method=js.RungeKutta(steps=100)).data
     print(name, *sorted(used))
 assert found["one"].identical(found["all"])
 for name, variable in found["one"].variables.items():

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from side_by_side import EXACT, with_parts
 
-from jaxshroud import Method, sweep, vary
+from jaxshroud import sweep, vary
 from jaxshroud.batch import xla
-from jaxshroud.batch.loop import advance
-from jaxshroud.batch.periods import begin_lanes, run_block
-from jaxshroud.batch.runs import starts
-from jaxshroud.batch.xla import best, fused, plain
-from jaxshroud.march.lane import Fixed, grid
-from jaxshroud.model.ready import model
+from jaxshroud.batch.periods import advance, begin_lanes, run_block
+from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.xla import best_mapping, fused, vmapped
+from jaxshroud.march.carry import Fixed, time_grid
+from jaxshroud.march.method import RungeKutta, Taylor
+from jaxshroud.model.prepared import prepared_model
 
 LANES = 8
 
@@ -28,22 +28,22 @@ def mixed(a, b):
 def test_fused_returns_what_vmap_does():
     a = jnp.arange(1.0, 6.0)
     arguments = (a, jnp.arange(5, dtype=jnp.int32)), {"factor": 3 * a, "unused": a}
-    got, expected = (jax.jit(lambda a, b, each=each: each(mixed, a, b))(*arguments) for each in (fused, plain))
+    got, expected = (jax.jit(lambda a, b, each=each: each(mixed, a, b))(*arguments) for each in (fused, vmapped))
     jax.tree.map(np.testing.assert_array_equal, got, expected)
     assert jax.tree.structure(got) == jax.tree.structure(expected)
 
 
 def test_the_fused_way_is_used_on_a_cpu():
-    assert best() is (fused if jax.default_backend() == "cpu" else plain)
+    assert best_mapping() is (fused if jax.default_backend() == "cpu" else vmapped)
 
 
 @pytest.fixture
 def asked_again():
     """The probes' answers are forgotten, before and after."""
-    for probe in (best, xla.accepted):
+    for probe in (best_mapping, xla.accepts_options):
         probe.cache_clear()
     yield
-    for probe in (best, xla.accepted):
+    for probe in (best_mapping, xla.accepts_options):
         probe.cache_clear()
 
 
@@ -54,28 +54,29 @@ def test_a_slower_way_is_told_with_its_reason_once(monkeypatch):
 
     monkeypatch.setattr(xla, "fused", refused)
     with pytest.warns(RuntimeWarning, match=r"slower: .*cannot be compiled \(no such reduction\)"):
-        assert best() is plain
-    assert best() is plain  # a second warning would be an error
+        assert best_mapping() is vmapped
+    assert best_mapping() is vmapped  # a second warning would be an error
 
 
 @pytest.mark.usefixtures("asked_again")
 def test_a_kernel_that_computes_other_numbers_is_not_used(monkeypatch):
     # Only one result of many, the last count, is wrong: three operations would not have shown it.
-    wrong = lambda f, *args: plain(lambda *a: {**(out := f(*a)), "count": out["count"] + 1}, *args)  # noqa: E731
+    wrong = lambda f, *args: vmapped(lambda *a: {**(out := f(*a)), "count": out["count"] + 1}, *args)
     monkeypatch.setattr(xla, "fused", wrong)
     with pytest.warns(RuntimeWarning, match="other numbers"):
-        assert best() is plain
+        assert best_mapping() is vmapped
 
 
 @pytest.mark.usefixtures("asked_again")
 def test_an_option_that_xla_refuses_is_left_out(monkeypatch):
-    monkeypatch.setattr(xla, "COMPILER", {"xla_no_such_option": 1})
+    monkeypatch.setattr(xla, "WIDE_VECTORS", {"xla_no_such_option": 1})
     doubled = xla.compiled("by")(lambda a, by: by * a)
     with pytest.warns(RuntimeWarning, match="XLA refuses .*xla_no_such_option"):
         assert doubled(jnp.ones(()), by=2) == 2
     assert doubled(jnp.ones(()), by=3) == 3
 
 
+@pytest.mark.studies(only=["dopri8-cubic-motion2"])
 @pytest.mark.full(but=["rk4-bisection-motion0"])
 @pytest.mark.parametrize(
     ("name", "motion"), [("rk4-bisection", ("x",)), ("rk4-cubic", ("x", "y")), ("dopri8-cubic", ("x",))]
@@ -85,37 +86,37 @@ def test_fused_and_plain_trials_agree(table1, name, motion):
     method, steps, scene = EXACT[name], 100, with_parts(table1, motion=motion)
     scenes = jax.vmap(lambda gamma: vary(scene, "contact.gamma", gamma))(jnp.linspace(0.3, 8.0, LANES))
     periods = jnp.broadcast_to(scene.drive.period, LANES)
-    grids = grid(jnp.zeros(LANES), jnp.full(LANES, float(steps)), periods)
-    fixed = Fixed(jax.vmap(model)(scenes), grids, jnp.full(LANES, steps, jnp.int32))
+    grids = time_grid(jnp.zeros(LANES), jnp.full(LANES, float(steps)), periods)
+    fixed = Fixed(jax.vmap(prepared_model)(scenes), grids, jnp.full(LANES, steps, jnp.int32))
 
     def trials(each):
         one = jax.jit(lambda now: advance(now, fixed, method, each))
-        now = begin_lanes(scenes, starts(scenes), method)
+        now = begin_lanes(scenes, initial_states(scenes), method)
         for _ in range(60):
             now = one(now)
         return now
 
-    got, expected = trials(fused), trials(plain)
+    got, expected = trials(fused), trials(vmapped)
     np.testing.assert_array_equal(got.step, expected.step)
     np.testing.assert_array_equal(got.state.mode, expected.state.mode)
     assert (got.tally.log.counters.onset_slip + got.tally.log.counters.onset_stick).sum() > 0
-    close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)  # noqa: E731
+    close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
     jax.tree.map(close, got.state.motion, expected.state.motion)
 
 
 def test_one_compilation_serves_all_sizes(table1):
-    sweep(table1, {"contact.gamma": [1.0, 2.0]}, n_periods=2, steps_per_period=100, transient=0)
+    sweep(table1, {"contact.gamma": [1.0, 2.0]}, n_periods=2, method=RungeKutta(steps=100), transient=0)
     before = run_block.widest._cache_size()
-    sweep(table1, {"shroud.gap": np.linspace(1e-5, 1e-4, 70)}, n_periods=3, transient=1, steps_per_period=120)
+    sweep(table1, {"shroud.gap": np.linspace(1e-5, 1e-4, 70)}, n_periods=3, transient=1, method=RungeKutta(steps=120))
     assert run_block.widest._cache_size() == before
 
 
 def test_other_values_compile_nothing(table1):
     # Every program that XLA compiles counts, the smallest too; a number of lanes that no other test has is the control.
     compiled = []
-    heard = lambda event, *_, **about: compiled.append(about) if "backend_compile" in event else None  # noqa: E731
+    heard = lambda event, *_, **about: compiled.append(about) if "backend_compile" in event else None
     jax.monitoring.register_event_duration_secs_listener(heard)
-    how = {"n_periods": 2, "transient": 1, "steps_per_period": 100}
+    how = {"n_periods": 2, "transient": 1, "method": RungeKutta(steps=100)}
     try:
         for gap, gammas, nothing in ((2e-5, [1.0, 2.0], None), (3e-5, [1.5, 2.5], True), (3e-5, [1.5] * 37, False)):
             compiled.clear()
@@ -128,7 +129,7 @@ def test_other_values_compile_nothing(table1):
 @pytest.mark.full
 def test_one_compilation_serves_all_tolerances(table1):
     def run(tolerance):
-        method = Method("taylor", order=4, tolerance=tolerance)
+        method = Taylor(order=4, tolerance=tolerance)
         return sweep(table1, {"shroud.gap": [1e-5, 2e-5]}, n_periods=1, transient=0, method=method)
 
     coarse, before = run(1e-1), run_block.large._cache_size()

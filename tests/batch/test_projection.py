@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch import projection
+from jaxshroud.batch import runs
 from jaxshroud.batch.runs import Plan
 from jaxshroud.march.method import FAST
 
@@ -19,7 +19,7 @@ def test_a_projection_is_as_long_as_the_run():
     )
     times = iter(range(8))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(projection, "process_time", lambda: float(next(times)))
-        one, ten = (projection.projected_seconds(lanes, replace(plan, kept=kept)) for kept in (8, 98))
+        patch.setattr(runs, "process_time", lambda: float(next(times)))
+        one, ten = (runs.projected_seconds(lanes, replace(plan, kept=kept)) for kept in (8, 98))
     assert ten == pytest.approx(10 * one)
-    assert one == pytest.approx(10 / (2 * projection.PERIODS))  # a second for the periods that are timed
+    assert one == pytest.approx(10 / (2 * runs.PROJECTED_PERIODS))  # a second for the periods that are timed

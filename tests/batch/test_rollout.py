@@ -14,13 +14,13 @@ from quotients import quotients
 from side_by_side import with_parts
 
 import jaxshroud as js
-from jaxshroud.march import trial
-from jaxshroud.march.method import FAST
+from jaxshroud.march import rk_trial
 from jaxshroud.model.modes import Status
-from jaxshroud.model.state import start
+from jaxshroud.model.prepared import initial_state
 
 KEYS = ("shroud.gap", "contact.gamma", "friction.mu", "drive.F_0")
 STEPS = 200
+PLAIN = js.RungeKutta()
 FULL = ["drive.F_0=60"]
 NARROW = ['blades.I="block"', 'drive.M_0="0.5 N m"', "drive.F_0=60"]  # nearly parallel faces: flat contact
 
@@ -35,22 +35,23 @@ def numbers_of(scene):
     return jnp.stack([jnp.ravel(jnp.asarray(js.value_of(scene, key)))[0] for key in KEYS])
 
 
-def observed(scene, numbers, n_periods=2, steps=STEPS, method=FAST):
+def observed(scene, numbers, n_periods=2, steps=STEPS, method=PLAIN):
     """Contact forces, displacements and power, each over its size."""
-    save = lambda m: (m.N / 100, m.F / 100, m.state.motion.x / 1e-4, m.state.motion.y / 1e-4)  # noqa: E731
-    how = {"every": steps // 4, "steps_per_period": steps, "method": method}
+    save = lambda m: (m.N / 100, m.F / 100, m.state.motion.x / 1e-4, m.state.motion.y / 1e-4)
+    how = {"every": steps // 4, "method": method.replace(steps=steps)}
     run = js.rollout(at(scene, numbers), None, n_periods, save=save, **how)
     return jnp.concatenate([jnp.ravel(a) for a in (*run.saved, run.power / 1e-8)])
 
 
-def slopes_of(scene, numbers, periods, steps, method=FAST):
+def slopes_of(scene, numbers, periods, steps, method=PLAIN):
     """Quotients of what is observed, and its tangents."""
-    f = lambda p: observed(scene, p, periods, steps, method)  # noqa: E731
+    f = lambda p: observed(scene, p, periods, steps, method)
     tangents = np.asarray(jax.jit(jax.vmap(jax.jacfwd(f)))(numbers))
     assert np.all(np.isfinite(tangents))
     return quotients(jax.jit(jax.vmap(f)), numbers), tangents
 
 
+@pytest.mark.studies(only=["flat"])  # studies/slopes.py
 @pytest.mark.full(but=["x"])
 @pytest.mark.parametrize(
     ("options", "motion", "periods", "steps", "kinds"),
@@ -66,7 +67,7 @@ def test_tangents_are_differences_through_all_events(options, motion, periods, s
     # they do not everywhere, by kinks where an event falls on the end of a step (tests/studies/slopes.py).
     scene = with_parts(js.load("table1", ["contact.gamma=2.5", *options]).scene, motion=motion)
     gamma = np.linspace(1.0, 15.0, 8)
-    met = js.sweep(scene, {"contact.gamma": gamma}, n_periods=periods, transient=0, steps_per_period=steps, method=FAST)
+    met = js.sweep(scene, {"contact.gamma": gamma}, n_periods=periods, transient=0, method=js.RungeKutta(steps=steps))
     assert kinds <= {name for name, count in met.counters.items() if np.any(count)}
     numbers = jnp.tile(numbers_of(scene), (8, 1)).at[:, 1].set(gamma)
     differences, tangents = slopes_of(scene, numbers, periods, steps)
@@ -81,8 +82,8 @@ def test_tangents_are_differences_through_all_events(options, motion, periods, s
 @pytest.mark.full
 def test_naive_tangents_of_a_rollout_are_wrong(monkeypatch):
     # Control: without the derivative of the events' instants every lane misses the tolerance tenfold, some by far more.
-    monkeypatch.setattr(trial, "at_the_root", lambda quantities, *_: quantities)
-    naive = FAST._replace(tableau=FAST.tableau._replace(name="naive"))  # another name: compiled anew
+    monkeypatch.setattr(rk_trial, "at_event", lambda quantities, *_: quantities)
+    naive = js.RungeKutta(PLAIN.tableau._replace(name="naive"))  # another name: compiled anew
     scene = with_parts(js.load("table1", ["contact.gamma=2.5", *FULL]).scene, motion=("x",))
     numbers = jnp.tile(numbers_of(scene), (8, 1)).at[:, 1].set(np.linspace(1.0, 15.0, 8))
     differences, tangents = slopes_of(scene, numbers, 1, STEPS, naive)
@@ -98,7 +99,7 @@ def test_reverse_is_forward_and_batches_are_loops():
     scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
     p = numbers_of(scene)
     few = jnp.stack([p, p * 1.1, p * 0.8])
-    loss = lambda p: jnp.sum(observed(scene, p) ** 2)  # noqa: E731
+    loss = lambda p: jnp.sum(observed(scene, p) ** 2)
     batch, forward = jax.jit(jax.vmap(lambda p: (jax.grad(loss)(p), jax.jacfwd(loss)(p))))(few)
     np.testing.assert_allclose(batch, forward, rtol=1e-10)
     alone = jax.jit(jax.grad(loss))
@@ -108,9 +109,9 @@ def test_reverse_is_forward_and_batches_are_loops():
 @pytest.mark.full
 def test_samples_and_forces_are_those_of_simulate():
     scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
-    run = js.simulate(scene, n_periods=2, steps_per_period=STEPS, every=50, method=FAST)
-    one = jax.jit(lambda state: js.rollout(scene, state, 1, every=50, steps_per_period=STEPS))
-    first = one(start(scene.initial))
+    run = js.simulate(scene, n_periods=2, method=js.RungeKutta(steps=STEPS), every=50)
+    one = jax.jit(lambda state: js.rollout(scene, state, 1, every=50, method=js.RungeKutta(steps=STEPS)))
+    first = one(initial_state(scene.initial))
     second = one(first.state)  # a start is any end
     got = jax.tree.map(lambda *a: np.concatenate(a), first.saved, second.saved)
     for a, b in ((got.state.motion.x, run.motion.x), (got.N, run.N), (got.F, run.F), (got.v, run.v)):
@@ -122,7 +123,7 @@ def test_samples_and_forces_are_those_of_simulate():
 @pytest.mark.full
 def test_a_bound_is_enough_or_told():
     scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
-    n = js.most_trials(scene, 2, steps_per_period=STEPS)
+    n = js.most_trials(scene, 2, method=js.RungeKutta(steps=STEPS))
     assert 2 * STEPS < n < 4 * STEPS  # some 1.2 trials a step, and its margin
 
     numbers = numbers_of(scene)
@@ -130,7 +131,7 @@ def test_a_bound_is_enough_or_told():
     @partial(jax.jit, static_argnums=1)
     def slope_of(p, most):
         def f(p):
-            run = js.rollout(at(scene, p), None, 2, every=50, steps_per_period=STEPS, most_trials=most)
+            run = js.rollout(at(scene, p), None, 2, every=50, method=js.RungeKutta(steps=STEPS), most_trials=most)
             return jnp.sum(run.saved.N), (run.saved.N, run.status)
 
         return jax.grad(f, has_aux=True)(p)
@@ -145,9 +146,9 @@ def test_a_bound_is_enough_or_told():
     assert np.all(np.isnan(N[4:]))
     assert np.all(np.isnan(slope))
     with pytest.raises(js.InputError, match=r"outside jax\.jit"):
-        jax.jit(lambda s: js.most_trials(s, 1, steps_per_period=STEPS))(scene)
+        jax.jit(lambda s: js.most_trials(s, 1, method=js.RungeKutta(steps=STEPS)))(scene)
     with pytest.raises(js.InputError, match="must divide"):
-        js.rollout(scene, every=7, steps_per_period=STEPS)
+        js.rollout(scene, every=7, method=js.RungeKutta(steps=STEPS))
     with pytest.raises(TypeError, match="first order only"):
         jax.hessian(lambda p: jnp.sum(observed(scene, p)))(numbers)
 
@@ -156,7 +157,7 @@ def test_a_sweep_function_has_the_samples_of_the_verb():
     # The same kernels: bit by bit. Powers of orbits whose period number divides the kept periods, too.
     scene = with_parts(js.load("table1", ["contact.gamma=2.5", *FULL]).scene, motion=("x",))
     gamma = np.linspace(0.5, 8.0, 70)  # more than a chunk
-    how = {"n_periods": 4, "transient": 3, "steps_per_period": STEPS, "method": FAST}
+    how = {"n_periods": 4, "transient": 3, "method": js.RungeKutta(steps=STEPS)}
     verb = js.sweep(scene, {"contact.gamma": gamma}, **how)
     scenes = jax.vmap(lambda g: js.vary(scene, "contact.gamma", g))(jnp.asarray(gamma))
     f = js.sweep_function(**how)
@@ -173,9 +174,9 @@ def test_a_sweep_function_has_the_samples_of_the_verb():
 def test_a_sweep_function_carries_tangents():
     # Against fourth-order differences of its own samples; under jit and vmap the samples are the same.
     scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
-    f = js.sweep_function(2, 1, FAST, steps_per_period=STEPS)
+    f = js.sweep_function(2, 1, js.RungeKutta(steps=STEPS))
     gaps, h = jnp.linspace(1e-5, 3e-5, 3), 1e-10
-    x = lambda gaps: f(jax.vmap(lambda gap: js.vary(scene, "shroud.gap", gap))(gaps)).motion.x  # noqa: E731
+    x = lambda gaps: f(jax.vmap(lambda gap: js.vary(scene, "shroud.gap", gap))(gaps)).motion.x
     value, slope = jax.jit(lambda gaps: jax.jvp(x, (gaps,), (jnp.ones_like(gaps),)))(gaps)
     ends = [x(gaps + c * h) for c in (-2, -1, 1, 2)]
     by_differences = (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * h)
@@ -193,7 +194,7 @@ import jax.numpy as jnp, numpy as np, jaxshroud as js
 from jax.sharding import PartitionSpec
 scene = js.load("table1", ['parts.motion=["x"]', "contact.gamma=2.5", "drive.F_0=60"]).scene
 scenes = jax.vmap(lambda g: js.vary(scene, "contact.gamma", g))(jnp.linspace(0.5, 8.0, 128))
-f, lanes = js.sweep_function(2, 1, steps_per_period=200), PartitionSpec("lanes")
+f, lanes = js.sweep_function(2, 1, js.RungeKutta(steps=200)), PartitionSpec("lanes")
 mesh = jax.make_mesh((2,), ("lanes",), axis_types=(jax.sharding.AxisType.Auto,))
 shared = jax.jit(jax.shard_map(f, mesh=mesh, in_specs=(lanes,), out_specs=lanes, check_vma=False))(scenes)
 assert len(shared.P.devices()) == 2
@@ -211,10 +212,10 @@ def test_a_sweep_function_runs_on_many_devices():
 @pytest.mark.full
 def test_a_rollout_by_power_series_is_differentiated(table1):
     """Outside of `jax.jit` too, where what it compiles for series is its own choice: otherwise it takes minutes."""
-    method = js.Method("taylor", order=8, tolerance=1e-9)
+    method = js.Taylor(order=8, tolerance=1e-9)
 
     def power(gap):
-        return js.rollout(js.vary(table1, "shroud.gap", gap), None, 2, steps_per_period=100, method=method).power[0]
+        return js.rollout(js.vary(table1, "shroud.gap", gap), None, 2, method=method.replace(steps=100)).power[0]
 
     gap, h = 22e-6, 1e-8
     _, slope = jax.jvp(power, (gap,), (1.0,))
@@ -224,14 +225,95 @@ def test_a_rollout_by_power_series_is_differentiated(table1):
     assert float(inside(gap)) == pytest.approx(float(slope), rel=1e-9)
 
 
-@pytest.mark.parametrize("method", [js.Method("rk4"), js.Method("taylor", order=8, tolerance=1e-7)], ids=str)
+@pytest.mark.parametrize("method", [js.RungeKutta(locate="bisection"), js.Taylor(order=8, tolerance=1e-7)], ids=str)
 def test_a_start_in_overlap_sticks_whatever_the_rates(method):
     # The element starts unstretched under N > 0. By the rates it would slip, as k_d |u'| > mu k v' here, with mu N at
     # once: 12 N, where a step of stick stretches it by 0.4 N at most, and the forces would jump where v' = u' = 0.
     scene = js.load("table1", ['parts.motion=["x"]']).scene
-    places = lambda s: (s.initial.x, s.initial.v_x)  # noqa: E731
+    places = lambda s: (s.initial.x, s.initial.v_x)
     scene = eqx.tree_at(places, scene, (jnp.array([1.2e-4, 0.0]), jnp.array([0.01, 0.0])))
-    found = js.rollout(scene, every=1, steps_per_period=400, method=method, save=lambda at: (at.N, at.F, at.state.mode))
+    found = js.rollout(scene, every=1, method=method.replace(steps=400), save=lambda at: (at.N, at.F, at.state.mode))
     N, F, mode = (np.asarray(a)[0] for a in found.saved)
     assert mode == 1  # stick
     assert abs(F) < 0.05 * 0.5 * N
+
+
+@pytest.mark.full(but=["spring"])
+@pytest.mark.parametrize("contact", ["spring", "smooth", "none"])
+def test_numbers_out_of_their_ranges_are_told_where_nothing_can_be_raised(contact):
+    width = ["contact.width=1e-4"] if contact == "smooth" else []
+    scene = js.load("table1", ['parts.motion=["x"]', f'parts.contact="{contact}"', *width]).scene
+    ran = jax.jit(lambda c: js.rollout(js.vary(scene, "blades.c_x", c), n_periods=1, method=js.RungeKutta(steps=800)))
+    bad, good = ran(-3.0), ran(3.0)
+    assert (bad.status, good.status) == (Status.BAD_INPUT, Status.OK)
+    assert np.isnan(bad.state.motion.x).all()
+    assert np.isfinite(good.state.motion.x).all()
+    mapped = jax.jit(
+        lambda c: js.period_map(
+            js.vary(scene, "blades.c_x", c), initial_state(scene.initial), method=js.RungeKutta(steps=100)
+        )
+    )
+    assert mapped(-3.0).status == Status.BAD_INPUT
+    assert mapped(3.0).status == Status.OK
+
+
+def test_one_bad_lane_of_a_sweep_function_leaves_the_others_alone():
+    scene = js.load("table1", ['parts.motion=["x"]']).scene
+    run = js.sweep_function(n_periods=1, transient=0, method=js.RungeKutta(steps=100))
+
+    def powers(mu):
+        found = run(jax.vmap(lambda mu: js.vary(scene, "friction.mu", mu))(mu))
+        return found.P[:, 0].sum(), found
+
+    (_, found), slope = jax.jit(jax.value_and_grad(powers, has_aux=True))(np.array([0.5, -1.0, 0.3]))
+    np.testing.assert_array_equal(found.status, [Status.OK, Status.BAD_INPUT, Status.OK])
+    np.testing.assert_array_equal(np.isnan(found.P_d), [False, True, False])
+    np.testing.assert_array_equal(np.isnan(slope), [False, True, False])
+
+
+@pytest.mark.parametrize("name", ["rollout", "period_map", "sweep_function", "explain"])
+def test_power_series_refuse_smooth_contact(name):
+    scene = js.load("table1", ["parts.contact=smooth", "contact.width=50 um", 'parts.motion=["x"]']).scene
+    method, state = js.Taylor(8, 1e-7, 50), initial_state(scene.initial)
+    run = {
+        "rollout": lambda: js.rollout(scene, method=method),
+        "period_map": lambda: js.period_map(scene, state, method=method),
+        "sweep_function": lambda: js.sweep_function(1, 0, method)(jax.tree.map(lambda a: a[None], scene)),
+        "explain": lambda: js.explain(scene, method),
+    }
+    with pytest.raises(js.InputError, match="taylor knows located contact, not smooth contact"):
+        run[name]()
+
+
+def test_a_start_that_is_not_finite_is_bad_input():
+    scene = js.load("table1", ['parts.motion=["x"]']).scene
+    begin = initial_state(scene.initial)
+    begin = eqx.tree_at(lambda begin: begin.motion.v_x, begin, np.array([np.nan, 0.0]))
+    assert js.rollout(scene, begin, n_periods=1, method=js.RungeKutta(steps=100)).status == Status.BAD_INPUT
+
+
+@pytest.mark.parametrize("verb", ["sweep", "orbit", "gradient", "branch", "check", "explain", "tune", "trade"])
+def test_verbs_inside_a_transformation_name_what_runs_there(verb):
+    scene = js.load("table1", ['parts.motion=["x"]']).scene
+    more = {"sweep": [{"shroud.gap": [1e-5]}], "gradient": [["shroud.gap"]], "branch": ["contact.gamma", 1.0, 3.0]}
+    more["tune"] = [{"shroud.gap": (1e-5, 1e-4)}]
+    with pytest.raises(js.InputError, match=r"use js\.rollout, js\.sweep_function or js\.period_map there"):
+        jax.jit(lambda gamma: getattr(js, verb)(js.vary(scene, "contact.gamma", gamma), *more.get(verb, [])))(2.0)
+
+
+def test_values_of_a_sweep_are_no_tracers():
+    scene = js.load("table1", ['parts.motion=["x"]']).scene
+    with pytest.raises(js.InputError, match=r"js\.sweep_function"):
+        jax.jit(lambda gap: js.sweep(scene, {"shroud.gap": gap[None]}, n_periods=1, transient=0).P_d)(jnp.asarray(1e-5))
+
+
+def test_scenes_with_leading_axes_are_mapped_over():
+    scene = js.load("table1", ['parts.motion=["x"]']).scene
+    many = jax.vmap(lambda gap: js.vary(scene, "shroud.gap", gap))(np.array([1e-5, 2e-5]))
+    for function, arguments in (
+        (js.rollout, ()),
+        (js.period_map, (initial_state(scene.initial),)),
+        (js.most_trials, ()),
+    ):
+        with pytest.raises(js.InputError, match=rf"jax\.vmap\(js\.{function.__name__}\)"):
+            function(many, *arguments)

@@ -13,20 +13,19 @@ from side_by_side import with_parts
 import jaxshroud as js
 from jaxshroud import load, period_map, value_of, vary
 from jaxshroud.batch.runs import Plan, run_lanes
-from jaxshroud.batch.states import STATE, final_states, from_vector, to_vector
-from jaxshroud.batch.tangents import Dual, differentiable, direction, run_flow, tangents
-from jaxshroud.batch.xla import repeated
-from jaxshroud.march import stride, trial
+from jaxshroud.batch.states import STATE_SIZE, final_states, from_vector, to_vector
+from jaxshroud.batch.tangents import Dual, as_differentiable, direction, run_flow, tangents
+from jaxshroud.batch.xla import repeat_lane
+from jaxshroud.march import rk_trial, taylor_trial
 from jaxshroud.march.method import FAST, Choices
-from jaxshroud.march.tableau import tableau
-from jaxshroud.march.taylor import Taylor
+from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.model.modes import Status
-from jaxshroud.model.state import start
-from jaxshroud.motion.lyapunov import ALIGNING, settled
-from jaxshroud.motion.together import alone_found
+from jaxshroud.model.prepared import initial_state
+from jaxshroud.motion.batched_algorithms import run_alone
+from jaxshroud.motion.lyapunov import MAX_ALIGNMENT_PERIODS, state_after
 
 STEPS = 400
-orbit, lyapunov = (partial(verb, steps_per_period=STEPS) for verb in (js.orbit, js.lyapunov))
+orbit, lyapunov = (partial(verb, method=js.RungeKutta(steps=STEPS)) for verb in (js.orbit, js.lyapunov))
 CHAOTIC = {"gamma 4.8": 4.8, "gamma 5.5": 5.5, "gamma 10": 10.0}
 
 
@@ -35,12 +34,12 @@ def scene_at(gamma):
 
 
 def alone(tree):
-    return repeated(tree, 1)
+    return repeat_lane(tree, 1)
 
 
 def settled_state(scene, method=FAST):
     """The state after a transient from the scene's start."""
-    return alone_found(settled(scene, start(scene.initial), 64, STEPS, method))
+    return run_alone(state_after(scene, initial_state(scene.initial), 64, STEPS, method))
 
 
 def states_of(scene, n, method=FAST):
@@ -56,8 +55,8 @@ def states_of(scene, n, method=FAST):
 def flow_of(scenes, states, along=None, steps=STEPS, method=FAST):
     """One period of many lanes; `along`: tangent vectors of the states (lanes, 13)."""
     still = jax.tree.map(np.zeros_like, scenes)
-    unit = from_vector(np.zeros((len(states.u_s), STATE)) if along is None else along, None, None)
-    got = run_flow(Dual(scenes, still), Dual(states, unit), 1, steps, differentiable(method))
+    unit = from_vector(np.zeros((len(states.u_s), STATE_SIZE)) if along is None else along, None, None)
+    got = run_flow(Dual(scenes, still), Dual(states, unit), 1, steps, as_differentiable(method))
     assert np.all(got.value.status == Status.OK)
     return got
 
@@ -75,7 +74,7 @@ def differences(scene, states, along, h, steps=STEPS, method=FAST):
     ends = []
     for c in (-2, -1, 1, 2):
         shifted = from_vector(z + c * h * along, states.mode, states.case)
-        ends.append(to_vector(flow_of(repeated(scene, lanes), shifted, None, steps, method).value.state))
+        ends.append(to_vector(flow_of(repeat_lane(scene, lanes), shifted, None, steps, method).value.state))
     return (ends[0] - 8 * ends[1] + 8 * ends[2] - ends[3]) / (12 * h)
 
 
@@ -83,18 +82,19 @@ def error_of(scene, states, along, steps=STEPS, method=FAST):
     """Largest difference of tangents and differences over the largest tangent, with the best of three step sizes."""
     sizes = sizes_of(states)
     lanes = len(states.u_s)
-    tangent = to_vector(flow_of(repeated(scene, lanes), states, along, steps, method).tangent.state)
+    tangent = to_vector(flow_of(repeat_lane(scene, lanes), states, along, steps, method).tangent.state)
     scale = np.abs(tangent / sizes).max(axis=1)
     slopes = [differences(scene, states, along, h, steps, method) for h in (1e-5, 1e-6, 1e-7)]
     return np.min([np.abs((slope - tangent) / sizes).max(axis=1) / scale for slope in slopes], axis=0)
 
 
+@pytest.mark.full
 def test_one_period_jacobian_in_chaos():
     # A random direction at each of 200 states of a chaotic orbit. Where an event falls on the end of a step, the
     # computed map is not smooth, by its error of truncation; another number of steps then shows the rest.
     scene = scene_at(5.5)
     states = states_of(scene, 200)
-    along = np.random.default_rng(1).standard_normal((200, STATE)) * sizes_of(states)
+    along = np.random.default_rng(1).standard_normal((200, STATE_SIZE)) * sizes_of(states)
     error = error_of(scene, states, along)
     assert np.sum(error > 1e-7) <= 2
     for lane in np.flatnonzero(error > 1e-7):
@@ -102,6 +102,7 @@ def test_one_period_jacobian_in_chaos():
         assert np.max(error_of(scene, only, np.repeat(along[lane : lane + 1], 16, axis=0), STEPS + 1)) <= 1e-7
 
 
+@pytest.mark.studies(only=["dopri8-cubic-motion2"])
 @pytest.mark.full(but=["rk4-bisection-motion0"])
 @pytest.mark.parametrize(
     ("name", "locate", "motion"),
@@ -111,7 +112,7 @@ def test_jacobian_of_other_methods(name, locate, motion):
     method = Choices(tableau(name), locate)
     scene = with_parts(scene_at(5.5), motion=motion)
     states = states_of(scene, 12)
-    along = np.random.default_rng(2).standard_normal((12, STATE)) * sizes_of(states)
+    along = np.random.default_rng(2).standard_normal((12, STATE_SIZE)) * sizes_of(states)
     steps = {"rk4": 400, "tsit5": 200, "dopri8": 100}[name]
     assert np.max(error_of(scene, states, along, steps, method)) <= 1e-6
 
@@ -119,27 +120,27 @@ def test_jacobian_of_other_methods(name, locate, motion):
 @pytest.mark.full
 @pytest.mark.parametrize("motion", [("x",), ("x", "y", "theta")])
 def test_jacobian_by_series(motion):
-    method = Choices(Taylor(10, 1e-12), "series")
+    method = Choices(TaylorOptions(10, 1e-12), "series")
     scene = with_parts(scene_at(5.5), motion=motion)
     states = states_of(scene, 12)
-    along = np.random.default_rng(2).standard_normal((12, STATE)) * sizes_of(states)
+    along = np.random.default_rng(2).standard_normal((12, STATE_SIZE)) * sizes_of(states)
     assert np.max(error_of(scene, states, along, method=method)) <= 1e-6
 
 
 @pytest.mark.full
 def test_naive_tangents_by_series_are_wrong(monkeypatch):
     # Control: events whose instants have no derivative.
-    monkeypatch.setattr(stride, "at_the_root", lambda quantity, *_: quantity)
-    scene, method = scene_at(5.5), Choices(Taylor(11, 1e-12), "series")  # another order: compiled anew
+    monkeypatch.setattr(taylor_trial, "at_event", lambda quantity, *_: quantity)
+    scene, method = scene_at(5.5), Choices(TaylorOptions(11, 1e-12), "series")  # another order: compiled anew
     states = states_of(scene, 24)
-    along = np.random.default_rng(3).standard_normal((24, STATE)) * sizes_of(states)
+    along = np.random.default_rng(3).standard_normal((24, STATE_SIZE)) * sizes_of(states)
     assert np.median(error_of(scene, states, along, method=method)) > 0.01
 
 
 @pytest.fixture
 def naive(monkeypatch):
     """A method whose events' instants have no derivative, as differentiating through the search would leave it."""
-    monkeypatch.setattr(trial, "at_the_root", lambda quantities, *_: quantities)
+    monkeypatch.setattr(rk_trial, "at_event", lambda quantities, *_: quantities)
     return FAST._replace(tableau=FAST.tableau._replace(name="naive"))  # another name: compiled anew
 
 
@@ -148,18 +149,18 @@ def test_naive_tangents_are_wrong(naive):
     # Control: without the derivative of the events' instants, tangents through chaos miss by more than 1 %.
     scene = scene_at(5.5)
     states = states_of(scene, 24)
-    along = np.random.default_rng(3).standard_normal((24, STATE)) * sizes_of(states)
+    along = np.random.default_rng(3).standard_normal((24, STATE_SIZE)) * sizes_of(states)
     assert np.median(error_of(scene, states, along, method=naive)) > 0.01
 
 
 def two_trajectories(scene, state, n, apart=1e-7):
     """Growth of the distance between two motions over each of `n` periods, brought back to `apart` after each."""
-    gap = np.random.default_rng(4).standard_normal(STATE) * sizes_of(alone(state))
+    gap = np.random.default_rng(4).standard_normal(STATE_SIZE) * sizes_of(alone(state))
     gap, growth = gap * apart / np.linalg.norm(gap), []
     for _ in range(n):
         z = to_vector(state)
         other = from_vector(z + gap, state.mode, state.case)
-        ends = flow_of(repeated(scene, 2), jax.tree.map(lambda *a: np.stack(a), state, other)).value.state
+        ends = flow_of(repeat_lane(scene, 2), jax.tree.map(lambda *a: np.stack(a), state, other)).value.state
         state = jax.tree.map(lambda a: a[0], from_vector(to_vector(ends), ends.mode, ends.case))
         gap = np.diff(to_vector(ends), axis=0)[0]
         growth.append(np.linalg.norm(gap) / apart)
@@ -167,16 +168,17 @@ def two_trajectories(scene, state, n, apart=1e-7):
     return np.log(growth)
 
 
+@pytest.mark.studies(only=["gamma 5.5", "gamma 10"])
 @pytest.mark.full
 @pytest.mark.parametrize("gamma", CHAOTIC.values(), ids=CHAOTIC)
 def test_largest_exponent_is_that_of_two_trajectories(gamma, monkeypatch):
     # Along one and the same motion, so that nothing but the derivative differs; the first periods align the directions.
     scene, n = scene_at(gamma), 300
     monkeypatch.setattr(
-        importlib.import_module("jaxshroud.motion.lyapunov"), "ALIKE", -1.0
+        importlib.import_module("jaxshroud.motion.lyapunov"), "ALIGNMENT_TOLERANCE", -1.0
     )  # never alike: the longest alignment
     found = lyapunov(scene, n_periods=n)
-    by_distance = two_trajectories(scene, settled_state(scene), ALIGNING + n)[-n:].mean()
+    by_distance = two_trajectories(scene, settled_state(scene), MAX_ALIGNMENT_PERIODS + n)[-n:].mean()
     by_tangents = found.growth[:, 0].mean()
     assert by_tangents > 0.1
     assert by_tangents == pytest.approx(by_distance, rel=0.03)
@@ -198,11 +200,11 @@ def test_multipliers_without_contact_have_the_dampers_product():
     scene = load("table1", ['shroud.gap="5 mm"', "contact.gamma=2.5", "drive.F_0=60"]).scene
     for key, value in {"blades.m[1]": 0.5, "blades.c_y[0]": 3.0, "blades.I[1]": 2e-4}.items():
         scene = vary(scene, key, value)
-    at = tangents(scene, start(scene.initial), [], n=1, steps=2000, method=differentiable(FAST))
+    at = tangents(scene, initial_state(scene.initial), [], n=1, steps=2000, method=as_differentiable(FAST))
     b = scene.blades
     rate = sum(float(jnp.sum(c / m)) for c, m in ((b.c_x, b.m), (b.c_y, b.inertia_y), (b.c_T, b.I)))
     expected = np.exp(-float(scene.drive.period) * rate)
-    assert np.all(at.by_state[STATE - 1] == 0)
+    assert np.all(at.by_state[STATE_SIZE - 1] == 0)
     assert np.prod(np.linalg.eigvals(at.by_state[:12, :12])).real == pytest.approx(expected, rel=1e-8)
 
 
@@ -210,7 +212,7 @@ def test_no_contact_gives_exact_zeros():
     scene = load("table1", ['shroud.gap="5 mm"', "contact.gamma=2.5", "drive.F_0=60"]).scene
     keys = ["shroud.gap", "contact.gamma", "friction.mu", "friction.k_d"]
     along = [direction(scene, key) for key in keys]
-    at = tangents(scene, start(scene.initial), along, n=2, steps=100, method=differentiable(FAST))
+    at = tangents(scene, initial_state(scene.initial), along, n=2, steps=100, method=as_differentiable(FAST))
     assert np.all(at.by_parameter == 0)
     assert np.all(at.power_by_parameter == 0)
     assert np.all(np.isfinite(at.by_state))
@@ -220,7 +222,7 @@ def test_no_nan_at_the_corners_of_the_model():
     # theta = 0, v = 0, w = 0 and all rates zero: the blocks just touch and nothing moves yet.
     scene = vary(load("table1", ["contact.gamma=2.5", "drive.F_0=60"]).scene, "shroud.gap", 0.0)
     along = [direction(scene, key) for key in ("shroud.gap", "contact.gamma", "friction.mu", "drive.M_0")]
-    at = tangents(scene, start(scene.initial), along, n=1, steps=200, method=differentiable(FAST))
+    at = tangents(scene, initial_state(scene.initial), along, n=1, steps=200, method=as_differentiable(FAST))
     assert at.status == Status.OK
     assert np.all(np.isfinite(at.by_state))
     assert np.all(np.isfinite(at.by_parameter))
@@ -231,32 +233,32 @@ def test_jax_differentiates_the_period_map():
     # Forward and reverse mode of the plain function against the fused tangents, with respect to a parameter and to the
     # starting state.
     scene, steps = with_parts(scene_at(4.2), motion=("x",)), 100
-    first = start(scene.initial)
+    first = initial_state(scene.initial)
 
     def power(gap, x, most=None):
         moved = vary(scene, "shroud.gap", gap)
         state = eqx.tree_at(lambda s: s.motion.x, first, x)
-        return period_map(moved, state, steps_per_period=steps, most_trials=most).power[0]
+        return period_map(moved, state, method=js.RungeKutta(steps=steps), most_trials=most).power[0]
 
     gap = jnp.asarray(value_of(scene, "shroud.gap"))
     forward = jax.jit(lambda gap: jax.jvp(lambda gap: power(gap, first.motion.x), (gap,), (jnp.ones(()),))[1])(gap)
     reverse = jax.jit(jax.grad(lambda gap, x: power(gap, x, 300), argnums=(0, 1)))(gap, first.motion.x)
-    at = tangents(scene, first, [direction(scene, "shroud.gap")], n=1, steps=steps, method=differentiable(FAST))
+    at = tangents(scene, first, [direction(scene, "shroud.gap")], n=1, steps=steps, method=as_differentiable(FAST))
     np.testing.assert_allclose([forward, reverse[0]], at.power_by_parameter[0, 0], rtol=1e-7)
     np.testing.assert_allclose(reverse[1], at.power_by_state[0, :2], rtol=1e-7)
 
 
 def test_too_few_trials_are_told():
     scene = with_parts(scene_at(4.2), motion=("x",))
-    flow_end = period_map(scene, start(scene.initial), steps_per_period=50, most_trials=20)
+    flow_end = period_map(scene, initial_state(scene.initial), method=js.RungeKutta(steps=50), most_trials=20)
     assert np.isnan(flow_end.power[0])
 
 
 def test_second_derivatives_through_events_are_refused():
     # Ignoring how the slopes at an event move with its instant, JAX would give -6.627 here for -6.643.
     scene = with_parts(scene_at(4.2), motion=("x",))
-    power = lambda gap: period_map(  # noqa: E731
-        vary(scene, "shroud.gap", gap), start(scene.initial), steps_per_period=100, most_trials=300
+    power = lambda gap: period_map(
+        vary(scene, "shroud.gap", gap), initial_state(scene.initial), method=js.RungeKutta(steps=100), most_trials=300
     ).power[0]
     gap = jnp.asarray(value_of(scene, "shroud.gap"))
     with pytest.raises(TypeError, match="first order only"):

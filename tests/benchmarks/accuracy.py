@@ -1,6 +1,7 @@
-"""Measures `jaxshroud/accuracy.json`: python tests/benchmarks/accuracy.py.
+"""Measures `jaxshroud/verbs/accuracy.json`: python tests/benchmarks/accuracy.py.
 
 Random scenes around Table 1 in four classes of stiffness; every candidate setting's error on each lane, and its cost.
+The truth is Dormand-Prince 8. Float32 is no candidate: between nearly parallel faces it errs by some per cent.
 """
 
 import json
@@ -14,16 +15,14 @@ import numpy as np
 from jaxshroud import load
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest, stiffness_ratio
+from jaxshroud.motion.short_runs import HORIZON, end_states, state_errors
 from jaxshroud.scene.vary import vary
-from jaxshroud.verbs.accuracy import CLASSES
-from jaxshroud.verbs.setting import HORIZON, LEVELS, Setting, by_series, end_states, state_errors
-from jaxshroud.verbs.trade import TRUTH
+from jaxshroud.verbs.accuracy import LEVELS, STIFFNESS_CLASSES, Setting, by_series
+from jaxshroud.verbs.trade import REFERENCE_SETTING
 
 MARGIN, SHARE, LANES = 3.0, 0.98, 64
 DIGITS = {8: (4, 5, 6), 10: (5, 6, 7), 12: (7, 8, 9), 14: (9, 10, 11), 16: (10, 11, 12, 13), 18: (13, 14, 15)}
 CANDIDATES = [
-    *(Setting("rk4", "cubic", "float32", p) for p in (1.4, 1.0)),
-    *(Setting("tsit5", "cubic", "float32", p) for p in (1.4, 1.0, 0.7, 0.5)),
     *(Setting("dopri8", "cubic", "float64", p) for p in (1.4, 1.0, 0.5, 0.25, 0.18, 0.12)),
     *(by_series(order, 10.0**-digits) for order, found in DIGITS.items() for digits in found),
 ]
@@ -51,11 +50,11 @@ def random_scene(rng: np.random.Generator, gamma: tuple[float, float], names=("t
 
 def in_class(rng: np.random.Generator, index: int, count: int) -> list:
     """Random scenes whose stiffness is of that class."""
-    low = 0.0 if index == 0 else CLASSES[index - 1]
+    low = 0.0 if index == 0 else STIFFNESS_CLASSES[index - 1]
     kept = []
     while len(kept) < count:
         scene = random_scene(rng, TARGETS[index])
-        if low < stiffness_ratio(scene, 0) <= CLASSES[index]:
+        if low < stiffness_ratio(scene, 0) <= STIFFNESS_CLASSES[index]:
             kept.append(scene)
     return kept
 
@@ -86,14 +85,14 @@ def cpu_time(scenes, setting: Setting) -> float:
 
 def exact(scene) -> tuple[int, Choices]:
     """Steps and method that are the truth."""
-    return TRUTH._replace(product=0.08).steps(*stiffest(scene, 0)), TRUTH.method
+    return REFERENCE_SETTING._replace(product=0.08).steps(*stiffest(scene, 0)), REFERENCE_SETTING.method
 
 
 def main() -> None:
     """Measure and write."""
     jax.config.update("jax_enable_x64", True)
     rng, table = np.random.default_rng(11), []
-    for index in range(len(CLASSES)):
+    for index in range(len(STIFFNESS_CLASSES)):
         scenes = in_class(rng, index, LANES)
         truths = [end_states(jax.tree.map(lambda a: a[None], s), *exact(s)) for s in scenes]
         batch = stacked(scenes)

@@ -10,17 +10,15 @@ import numpy as np
 from jax import lax
 from problem import PERIODS, Problem
 
-from jaxshroud.batch.loop import advance
-from jaxshroud.batch.periods import CHUNK, Clock, begin_lanes, run_block
-from jaxshroud.batch.runs import starts
-from jaxshroud.batch.xla import FOR_SERIES, best
-from jaxshroud.march.lane import Fixed, Lane, running
+from jaxshroud.batch.periods import LANES_PER_CALL, Clock, advance, begin_lanes, run_block
+from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.xla import FOR_SERIES, best_mapping
+from jaxshroud.march.carry import Fixed, Lane, running
 from jaxshroud.march.method import Choices
-from jaxshroud.march.tableau import tableau
-from jaxshroud.march.taylor import Taylor
-from jaxshroud.model.ready import model
-from jaxshroud.scene.precision import in_precision
+from jaxshroud.march.tableau import TaylorOptions, tableau
+from jaxshroud.model.prepared import prepared_model
 from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
+from jaxshroud.scene.valid import in_precision
 
 SERIES_STEPS = (200, 4000)  # by which only flat contact and chatter are told, for loose and tight tolerances
 STEPS = {"rk4": (100, 200, 500, 1000, 2000), "tsit5": (50, 75, 100, 150, 250, 400), "dopri8": (50, 75, 100, 150, 250)}
@@ -43,7 +41,7 @@ def scenes_of(p: Problem) -> Scene:
     drive = Drive(p.omega, p.beta, p.F_0, p.M_0, p.phase)
     blades = Blades(p.m, p.I, p.k_x, p.k_y, p.k_T, p.c_x, p.c_y, p.c_T)
     shroud, friction = Shroud(p.alpha, p.l_oa, p.l_ab, p.gap), Friction(p.k_d, p.mu)
-    make = lambda gamma: Scene(blades, shroud, Contact(None, gamma), friction, drive)  # noqa: E731
+    make = lambda gamma: Scene(blades, shroud, Contact(None, gamma), friction, drive)
     return jax.vmap(make)(jnp.asarray(p.gamma))
 
 
@@ -66,27 +64,27 @@ def series_steps(tolerance: float) -> int:
 
 def series(order: int, tolerance: float) -> Choices:
     """The march by power series."""
-    return Choices(Taylor(order, tolerance), "series", False)
+    return Choices(TaylorOptions(order, tolerance), "series", False)
 
 
 def trials(p: Problem, method: Choices, steps: int) -> tuple[float, float]:
     """Trials and events of a lane in a period, on average."""
     scenes = scenes_of(p)
     clock = Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)))
-    models, periods = jax.vmap(lambda scene: (model(scene), scene.drive.period))(scenes)
+    models, periods = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
     fixed = Fixed(models, clock.grids(periods), jnp.full(len(p.gamma), steps, jnp.int32))
-    on_its_way = lambda lanes: running(lanes, fixed.stop)  # noqa: E731
+    on_its_way = lambda lanes: running(lanes, fixed.stop)
 
     def one(pair):
         lanes, made = pair
-        return advance(lanes, fixed, method, best()), made + on_its_way(lanes)
+        return advance(lanes, fixed, method, best_mapping()), made + on_its_way(lanes)
 
     @partial(jax.jit, compiler_options=FOR_SERIES)
     def period(lanes, made):
         lanes, made = lax.while_loop(lambda pair: jnp.any(on_its_way(pair[0])), one, (lanes, made))
         return eqx.tree_at(lambda lanes: lanes.step, lanes, jnp.zeros_like(lanes.step)), made
 
-    lanes, made = begin_lanes(scenes, starts(scenes), method), jnp.zeros(len(p.gamma), jnp.int32)
+    lanes, made = begin_lanes(scenes, initial_states(scenes), method), jnp.zeros(len(p.gamma), jnp.int32)
     for _ in range(PERIODS):
         lanes, made = period(lanes, made)
     counters = vars(lanes.tally.log.counters)
@@ -94,16 +92,20 @@ def trials(p: Problem, method: Choices, steps: int) -> tuple[float, float]:
     return float(np.mean(made)) / PERIODS, float(events) / len(p.gamma) / PERIODS
 
 
-def prepare(p: Problem, method: Choices, chunk: int = CHUNK, periods: int = PERIODS) -> Callable[[int], np.ndarray]:
+def prepare(
+    p: Problem, method: Choices, chunk: int = LANES_PER_CALL, periods: int = PERIODS
+) -> Callable[[int], np.ndarray]:
     """A function of the steps per period that gives the final motions."""
     scenes = in_precision(scenes_of(p), method.precision)
     pieces = [jax.tree.map(lambda a, i=i: a[i : i + chunk], scenes) for i in range(0, len(p.gamma), chunk)]
-    begun = [begin_lanes(piece, starts(piece), method) for piece in pieces]
+    begun = [begin_lanes(piece, initial_states(piece), method) for piece in pieces]
 
     def march(steps: int) -> np.ndarray:
         clock = Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)))
         n = jnp.int32(periods)
-        ends = [run_block(s, a, clock, n, method, periods, best())[0] for s, a in zip(pieces, begun, strict=True)]
+        ends = [
+            run_block(s, a, clock, n, method, periods, best_mapping())[0] for s, a in zip(pieces, begun, strict=True)
+        ]
         return np.concatenate([motions(lanes) for lanes in ends])
 
     return march

@@ -23,10 +23,9 @@ CODES = {"import jax": "import jax", "import jaxshroud": "import jaxshroud", PLO
 PLOT = """
 import sys, time
 from jaxshroud.cli import commands, plot
-from jaxshroud.results import drawing
 inside = plot._save
 def save(source, draw, picture):
-    from jaxshroud.results import plot  # not counted: it is imported before anything is drawn
+    from jaxshroud.plotting import pictures  # not counted: it is imported before anything is drawn
     began = time.perf_counter()
     inside(source, draw, picture)
     print(time.perf_counter() - began)

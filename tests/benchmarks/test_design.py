@@ -10,11 +10,17 @@ from problem import Problem
 from test_peers import RESULTS
 
 from jaxshroud import load, orbit, simulate, tune
-from jaxshroud.batch.runs import Plan, starts
-from jaxshroud.batch.tangents import Dual, differentiable, direction, resting, run_flow
-from jaxshroud.march.method import FAST, Choices
+from jaxshroud.batch.runs import Plan, initial_states
+from jaxshroud.batch.tangents import (
+    Dual,
+    as_differentiable,
+    direction,
+    run_flow,
+    without_direction,
+)
+from jaxshroud.march.method import FAST, Choices, RungeKutta
 from jaxshroud.march.tableau import tableau
-from jaxshroud.verbs.design import judge_designs
+from jaxshroud.verbs.design_problem import judge_designs
 from jaxshroud.verbs.gradient import on_orbit
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]
@@ -54,7 +60,7 @@ def test_cost_of_gradients():
     found = {}
     for gamma in (2.5, 4.2):
         at = orbit(load("table1", [f"contact.gamma={gamma}", "drive.F_0=60"]).scene)
-        once = median(lambda at=at: simulate(at.scene, at.start, n_periods=at.q, method=FAST, steps_per_period=400))
+        once = median(lambda at=at: simulate(at.scene, at.start, n_periods=at.q, method=RungeKutta(steps=400)))
         two, twenty = (median(lambda at=at, keys=keys: on_orbit(at, keys)) for keys in (TWENTY[:2], TWENTY))
         found[f"gamma {gamma}, period {at.q}"] = {"two parameters": two / once, "twenty": twenty / once}
     record("simulations that a gradient costs", found)
@@ -101,10 +107,10 @@ def test_tuning_against_random_designs():
 def test_cost_of_tangents():
     """One tangent along the gap, of 64 lanes over three periods: of like error; CPU time over that of series."""
     scenes = engine.scenes_of(Problem(np.linspace(0.1, 8.0, 64)))
-    duals = Dual(scenes, direction(scenes, "shroud.gap")), resting(starts(scenes))
+    duals = Dual(scenes, direction(scenes, "shroud.gap")), without_direction(initial_states(scenes))
     ways = {"taylor": engine.series(12, 1e-8), "dopri8": Choices(tableau("dopri8"), "cubic", False)}
     found = {}
     for name, method in ways.items():
-        run = lambda method=method: run_flow(*duals, 3, 100, differentiable(method))  # noqa: E731
+        run = lambda method=method: run_flow(*duals, 3, 100, as_differentiable(method))
         found[name] = median(run, 7, time.process_time)
     record("tangents, over series", {name: taken / found["taylor"] for name, taken in found.items()})

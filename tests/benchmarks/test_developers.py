@@ -10,7 +10,7 @@ import pytest
 from test_peers import RESULTS, one_core  # noqa: F401
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.runs import Plan, initial_states, run_lanes
 from jaxshroud.march.method import FAST
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]
@@ -52,10 +52,10 @@ def test_cost_of_a_sweep_function(motion):
     # processor, as both keep one core busy: others that share it do not count.
     base, n, transient = scene_of(motion), 24, 8
     scenes = jax.vmap(lambda g: js.vary(base, "contact.gamma", g))(jnp.linspace(0.5, 8.0, 256))
-    f = js.sweep_function(n, transient, FAST, steps_per_period=STEPS)
+    f = js.sweep_function(n, transient, js.RungeKutta(steps=STEPS))
     plan = Plan(transient, n, STEPS, 0.0, FAST)
     runs = {
-        "verb": lambda: run_lanes(scenes, starts(scenes), plan, lambda _: None),
+        "verb": lambda: run_lanes(scenes, initial_states(scenes), plan, lambda _: None),
         "function": lambda: jax.block_until_ready(f(scenes)),
     }
     taken = {name: float(np.median([busy(run) for _ in range(9)][1:])) for name, run in runs.items()}
@@ -76,8 +76,8 @@ def test_compiling_a_rollout(motion):
 
     start = js.State(base.initial, jnp.zeros(()), jnp.int32(0), jnp.int32(0))
     ways = {
-        "rollout": lambda p: js.rollout(moved(p), start, 1, steps_per_period=STEPS).power,
-        "period_map": lambda p: jnp.stack(js.period_map(moved(p), start, steps_per_period=STEPS).power),
+        "rollout": lambda p: js.rollout(moved(p), start, 1, method=js.RungeKutta(steps=STEPS)).power,
+        "period_map": lambda p: jnp.stack(js.period_map(moved(p), start, method=js.RungeKutta(steps=STEPS)).power),
     }
     p, taken = jnp.asarray([float(js.value_of(base, key)) for key in KEYS]), {}
     for name, way in ways.items():

@@ -19,14 +19,14 @@ from peers import scalar_c
 from problem import PERIODS, Problem, errors, problem
 from test_peers import RESULTS, one_core  # noqa: F401
 
-from jaxshroud.batch.periods import CHUNK, Clock, begin_lanes, run_block
-from jaxshroud.batch.runs import starts
+from jaxshroud.batch.periods import LANES_PER_CALL, Clock, begin_lanes, run_block
+from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.xla import fused
-from jaxshroud.march.lane import Fixed
+from jaxshroud.march.carry import Fixed
 from jaxshroud.march.method import FAST, Choices
+from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.tableau import tableau
-from jaxshroud.march.words import TABLEAUS
-from jaxshroud.model.ready import model
+from jaxshroud.model.prepared import prepared_model
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]
 SWEEP = """
@@ -48,9 +48,9 @@ jax.config.update("jax_enable_x64", True)
 from engine import scenes_of
 from problem import problem
 from jaxshroud.march.method import FAST
-from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.runs import Plan, initial_states, run_lanes
 scenes = scenes_of(problem(512))
-run = lambda: run_lanes(scenes, starts(scenes), Plan(0, 32, 500, 0.0, FAST), lambda _: None)
+run = lambda: run_lanes(scenes, initial_states(scenes), Plan(0, 32, 500, 0.0, FAST), lambda _: None)
 run()
 begin = time.perf_counter()
 run()
@@ -90,11 +90,11 @@ def test_many_lanes():
 @pytest.mark.usefixtures("one_core")
 def test_general_parameters():
     # The same chunk with every number of the scene in the lanes, or all but gamma as constants of the program.
-    part, steps, n = problem(CHUNK), 500, jnp.int32(PERIODS)
+    part, steps, n = problem(LANES_PER_CALL), 500, jnp.int32(PERIODS)
     clock = Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)))
     scenes = engine.scenes_of(part)
-    lanes = begin_lanes(scenes, starts(scenes), FAST)
-    numbers = jax.tree.map(lambda a: float(a[0]), jax.vmap(model)(scenes))
+    lanes = begin_lanes(scenes, initial_states(scenes), FAST)
+    numbers = jax.tree.map(lambda a: float(a[0]), jax.vmap(prepared_model)(scenes))
 
     def constant(f, lanes, fixed):
         def with_constants(lane, k, lag, grid, stop):

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from jaxshroud import load
-from jaxshroud.batch.free import free_runs
-from jaxshroud.batch.periods import BLOCK, begin_lanes, run_block
-from jaxshroud.batch.runs import Plan, starts
-from jaxshroud.batch.xla import best
+from jaxshroud.batch.closed_form import free_runs
+from jaxshroud.batch.operation_count import operations
+from jaxshroud.batch.periods import PERIODS_PER_CALL, begin_lanes, run_block
+from jaxshroud.batch.runs import Plan, initial_states
+from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.method import FAST
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.parts import Parts
 from jaxshroud.scene.scene import Scene, with_parts
-from jaxshroud.verbs.explain import operations
 
 pytestmark = pytest.mark.benchmark
 RESULT = Path(__file__).parent / "results" / "models.json"
@@ -45,13 +45,13 @@ def test_cost_of_models():
     runs = {}
     for name, parts in MODELS.items():
         scenes = grid_of_scenes(model_of(table1, parts), {"contact.gamma": GAMMA})
-        lanes, plan = begin_lanes(scenes, starts(scenes), FAST), Plan(0, PERIODS, STEPS, 0.0, FAST)
+        lanes, plan = begin_lanes(scenes, initial_states(scenes), FAST), Plan(0, PERIODS, STEPS, 0.0, FAST)
         runs[name] = lambda scenes=scenes, lanes=lanes, plan=plan: jax.block_until_ready(
-            run_block(scenes, lanes, plan.clock, jnp.int32(PERIODS), FAST, BLOCK, best())
+            run_block(scenes, lanes, plan.clock, jnp.int32(PERIODS), FAST, PERIODS_PER_CALL, best_mapping())
         )
         runs[name]()
     free = grid_of_scenes(model_of(table1, {"contact": "none"}), {"contact.gamma": GAMMA})
-    runs["closed form"] = lambda: free_runs(free, starts(free), 0, PERIODS, 0.0, FAST)
+    runs["closed form"] = lambda: free_runs(free, initial_states(free), 0, PERIODS, 0.0, FAST)
     runs["closed form"]()
     seconds = {name: [] for name in runs}
     for _ in range(REPEATS):

@@ -50,7 +50,7 @@ def stored(tmp_path):
     x = np.stack([np.sin(2 * np.pi * t), np.cos(2 * np.pi * t)], axis=1) * 1e-5
     data = {"x": (("time", "blade"), x), "v_x": (("time", "blade"), x * 500), "mode": ("time", (x[:, 0] > 0) * 1)}
     about = {"gap": 2e-5, "omega": 2 * np.pi, "steps_per_period": 100, "every": every, "end_turns": 0.0, "title": "a"}
-    ds = xr.Dataset(data, {"time": t, "blade": [0, 1]}, about)
+    ds = xr.Dataset(data, {"time": t, "blade": [0, 1]}, about | {"kind": "trajectory"})
     ds.to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
     return tmp_path / "run.nc"
 
@@ -86,6 +86,10 @@ def test_a_simulation_imports_what_it_needs():
     assert status == 2
     assert {"jax", "pydantic"} <= packages
     assert not packages & {"xarray", "matplotlib", "diffrax", "optax", "scipy.stats", "scipy.special", "rich", "pint"}
+    status, packages = imported("check", "nothing")
+    assert status == 2
+    assert "jax" in packages
+    assert not packages & {"matplotlib", "diffrax", "optax", "scipy.stats", "pint"}
 
 
 def test_the_package_is_imported_without_jax():
@@ -119,3 +123,21 @@ def test_the_package_runs_as_a_command(module):
     done = subprocess.run([sys.executable, "-m", module, "plot", "nothing"], capture_output=True, text=True)
     assert done.returncode == 2
     assert done.stderr == "nothing: no such file; give a result written by jaxshroud\n"
+
+
+def test_a_home_that_cannot_be_written_is_one_line(tmp_path):
+    (tmp_path / "file").touch()
+    home = str(tmp_path / "file" / "home")
+    words = ["simulate", "table1", "--set", 'parts.motion=["x"]', "--set", 'parts.contact="none"', "--periods", "1"]
+    code = "import sys; from jaxshroud_command import main; sys.exit(main())"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words, "--out", str(tmp_path / "run.nc")],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        env={name: value for name, value in os.environ.items() if name[:4] not in ("JAX_", "XDG_")} | {"HOME": home},
+    )
+    assert done.returncode == 0
+    told = [line for line in done.stderr.splitlines() if " in 0:" not in line]  # without lines of progress
+    assert len(told) == 1
+    assert "compiled programs cannot be kept there" in told[0]

@@ -11,13 +11,13 @@ import reference
 from side_by_side import Choices, ends, relative_error, run, sizes, tableau, with_parts
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.runs import Plan, initial_states, run_lanes
 from jaxshroud.batch.states import final_states
 from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
-from jaxshroud.march.stability import largest_frequency, limits
+from jaxshroud.march.stability import largest_frequency, step_limits, steps_for
 from jaxshroud.march.tableau import RK4
 from jaxshroud.model.modes import Status
-from jaxshroud.scene.errors import StepTooLongError
+from jaxshroud.scene.checks import StepTooLongError
 from jaxshroud.scene.vary import vary
 
 
@@ -26,17 +26,20 @@ def found(table1):
     return extremes.results(table1)
 
 
+@pytest.mark.full
 def test_every_case_ends_as_it_must(found):
     assert len(found) >= 200
     wrong = [f"{r.case}: {r.status}, not {r.case.expected}" for r in found if r.status != r.case.expected]
     assert not wrong
 
 
+@pytest.mark.full
 def test_every_case_that_is_ok_is_correct(found):
     assert {r.check for r in found if r.status == "OK"} == {"energy balance", "closed form"}
     assert not [f"{r.case}: {r.check} {r.error:.1e}" for r in found if not r.error <= extremes.TOLERANCE]
 
 
+@pytest.mark.full
 def test_the_table_in_the_documentation_is_this_one(found):
     written = [line.strip("| \n").split(" | ") for line in extremes.TABLE.read_text("utf-8").splitlines()]
     told = [tuple(cells[:4]) for cells in written if len(cells) == 5][1:]
@@ -46,7 +49,7 @@ def test_the_table_in_the_documentation_is_this_one(found):
 def parameters(scene) -> reference.Parameters:
     """The scene for the second opinion."""
     b, d, s = scene.blades, scene.drive, scene.shroud
-    pair = lambda a: tuple(float(x) for x in a)  # noqa: E731
+    pair = lambda a: tuple(float(x) for x in a)
     blades = {name: pair(getattr(b, name)) for name in ("m", "I", "k_x", "k_y", "k_T", "c_x", "c_y", "c_T")}
     drive = {name: pair(getattr(d, name)) for name in ("beta", "F_0", "M_0", "phase")}
     shroud = {name: float(getattr(s, name)) for name in ("alpha", "l_oa", "l_ab", "gap")}
@@ -75,12 +78,12 @@ def test_the_second_opinion_agrees_at_every_single_extreme(table1):
 @pytest.mark.parametrize("gamma", [0.0, 2.5, 1e4])
 def test_steps_just_below_and_above_the_limit(table1, gamma):
     scene = vary(table1, "contact.gamma", gamma)
-    limit = float(largest_frequency(scene) * scene.drive.period) / limits(RK4)[0]
-    below = js.simulate(scene, n_periods=1, steps_per_period=int(np.ceil(limit)), method=FAST)
+    limit = float(largest_frequency(scene) * scene.drive.period) / step_limits(RK4)[0]
+    below = js.simulate(scene, n_periods=1, method=js.RungeKutta(steps=int(np.ceil(limit))))
     assert below.status == Status.OK
     assert np.abs(below.motion.theta).max() < 0.5
     with pytest.raises(StepTooLongError, match="unstable"):
-        js.simulate(scene, n_periods=1, steps_per_period=int(limit))
+        js.simulate(scene, n_periods=1, method=js.RungeKutta(steps=int(limit)))
 
 
 STIFFNESS = np.concatenate([[0.0, 1e-8, 1e-4, 1e-2], np.geomspace(0.1, 1e4, 16)])
@@ -92,7 +95,7 @@ def errors_over_gamma(table1, product: float | None, periods: int = 3) -> np.nda
     for gamma in STIFFNESS:
         scene = vary(table1, "contact.gamma", gamma)
         turn = float(largest_frequency(scene) * scene.drive.period)
-        steps = js.steps_for(scene, 0, "auto", RK4) if product is None else int(np.ceil(turn / product))
+        steps = steps_for(scene, 0, "auto", RK4) if product is None else int(np.ceil(turn / product))
         got, exact = (
             ends(run([scene], periods, n, m))[0]
             for n, m in ((steps, FAST_WITH_LEDGER), (int(turn / 0.1) + 64, Choices(tableau("dopri8"), "cubic")))
@@ -112,12 +115,12 @@ def test_the_error_at_the_limit_of_accuracy_and_at_automatic_steps(table1):
     assert np.median(errors_over_gamma(table1, 1.5)) > 1e-3
 
 
-@pytest.mark.full
+@pytest.mark.studies
 def test_a_million_periods(table1):
     # The clock is an integer, so that no phase is lost, and nothing grows: neither the orbit's error nor the memory.
     scene = with_parts(vary(table1, "contact.gamma", 0.3), motion=("x",), neighbour="rigid")
     alone = jax.tree.map(lambda a: a[None], scene)
-    state, ends_at, memory = starts(alone), [], []
+    state, ends_at, memory = initial_states(alone), [], []
     for periods in (5_000, 995_000):
         runs = run_lanes(alone, state, Plan(periods - 1, 1, 16, 0.0, FAST), lambda _: None)
         state = final_states(runs.last.state)
@@ -133,25 +136,28 @@ def test_a_million_periods(table1):
 def test_float32_at_late_times(table1):
     # Single precision stays on the orbit: its clock does not wear out.
     scene = vary(table1, "contact.gamma", 0.3)
-    single = Choices(locate="cubic", ledger=False, precision="float32")
-    late = js.sweep(scene, {"drive.F_0": [60.0]}, n_periods=4, transient=20_000, steps_per_period=100, method=single)
-    exact = js.sweep(scene, {"drive.F_0": [60.0]}, n_periods=4, transient=400, steps_per_period=100)
+    single = js.RungeKutta(steps=100, precision="float32")
+    late = js.sweep(scene, {"drive.F_0": [60.0]}, n_periods=4, transient=20_000, method=single)
+    exact = js.sweep(scene, {"drive.F_0": [60.0]}, n_periods=4, transient=400, method=js.RungeKutta(steps=100))
     assert late.status[0] == Status.OK
     np.testing.assert_allclose(late.motion.theta, exact.motion.theta, rtol=1e-3)
     np.testing.assert_allclose(late.P_d, exact.P_d, rtol=1e-3)
 
 
-@pytest.mark.full
+@pytest.mark.studies
 def test_a_hundred_thousand_lanes_are_as_many_single_ones(table1):
     lanes = 100_000
     F_0 = np.linspace(1.0, 90.0, lanes)
-    many = js.sweep(table1, {"drive.F_0": F_0}, n_periods=1, steps_per_period=40, transient=0)
+    many = js.sweep(table1, {"drive.F_0": F_0}, n_periods=1, method=js.RungeKutta(steps=40), transient=0)
     assert np.all(many.status == Status.OK)
     for lane in (0, 31_415, lanes - 1):
-        one = js.sweep(table1, {"drive.F_0": F_0[lane : lane + 1]}, n_periods=1, steps_per_period=40, transient=0)
+        one = js.sweep(
+            table1, {"drive.F_0": F_0[lane : lane + 1]}, n_periods=1, method=js.RungeKutta(steps=40), transient=0
+        )
         np.testing.assert_allclose(one.motion.x[0], many.motion.x[lane], rtol=1e-9, atol=1e-16)
 
 
+@pytest.mark.full
 def test_no_number_is_nan_under_ok(found):
     assert not [r for r in found if r.status == "OK" and not np.isfinite(r.error)]
 
@@ -159,7 +165,7 @@ def test_no_number_is_nan_under_ok(found):
 def test_an_interference_starts_pre_loaded(table1):
     # A negative gap is an overlap at t = 0: contact from the first instant, the spring pre-loaded, no energy created.
     scene = vary(table1, "shroud.gap", -1e-4)
-    got = js.simulate(scene, n_periods=1, steps_per_period=2000)
+    got = js.simulate(scene, n_periods=1, method=js.RungeKutta(steps=2000))
     assert got.status == Status.OK
     assert got.case[1] > 0
     assert abs(got.energy_residual) < 1e-8

@@ -8,16 +8,16 @@ import pytest
 import reference
 from side_by_side import EXACT, counts, ends, energy_residual, relative_error, run, scene_of, sizes
 
-from jaxshroud.batch.tangents import differentiable, direction, tangents
-from jaxshroud.march.events import Counters, look
-from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE
+from jaxshroud.batch.tangents import as_differentiable, direction, tangents
+from jaxshroud.io.lane_status import LaneWarning
+from jaxshroud.march.events import evaluate_guards
+from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE, RungeKutta
+from jaxshroud.march.tally import Counters
 from jaxshroud.model.friction import normal_force
 from jaxshroud.model.modes import FLAT, Mode, Status
-from jaxshroud.model.ready import model
+from jaxshroud.model.prepared import State, as_pairs, prepared_model
 from jaxshroud.model.rhs import rhs
-from jaxshroud.model.state import State, as_pairs
-from jaxshroud.results.status import LaneWarning
-from jaxshroud.scene.motion import Motion
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.vary import vary
 from jaxshroud.verbs.simulate import simulate
@@ -86,7 +86,7 @@ def test_random_scenes_end_with_few_events_and_converge(weak):
     assert np.median(error[0][regular] / error[1][regular]) > 14
 
 
-@pytest.mark.full
+@pytest.mark.studies
 def test_it_is_the_limit_of_a_stiff_rotational_spring(weak):
     got = [towards_the_end_of_flat_contact(p) for p in weak]
     errors = np.array([springs_apart(p, *at) for p, at in zip(weak, got, strict=True) if at is not None])
@@ -102,7 +102,7 @@ def test_it_is_the_limit_of_a_stiff_rotational_spring(weak):
 
 def towards_the_end_of_flat_contact(p: reference.Parameters, steps: int = 4000):
     """Time, state and size of the motion after 0.8 of the first flat contact; None where that is too short."""
-    ours = simulate(scene_of(p), n_periods=3, steps_per_period=steps, method=FAST_WITH_LEDGER)
+    ours = simulate(scene_of(p), n_periods=3, method=RungeKutta(steps=steps))
     flat = ours.case == FLAT
     begin = int(np.argmax(flat))
     left = ~flat[begin:]
@@ -126,7 +126,7 @@ def springs_apart(p: reference.Parameters, t: float, state: np.ndarray, size: np
 def test_pressed_blocks_leave_flat_contact_at_a_corner(table1):
     # A torque that overcomes the moment of the contact forces lifts the faces off each other.
     scene = vary(vary(table1, "shroud.gap", -2e-4), "drive.M_0", 1.0)
-    got = simulate(scene, n_periods=2, steps_per_period=4000)
+    got = simulate(scene, n_periods=2, method=RungeKutta(steps=4000))
     assert got.status == Status.OK
     assert got.counters["flat"] == got.counters["flat_corner"] == 1
     assert got.counters["switch_14"] + got.counters["switch_23"] > 0
@@ -139,9 +139,11 @@ def test_pressed_blocks_leave_flat_contact_at_a_corner(table1):
 @pytest.mark.parametrize("key", ["drive.F_0", "blades.I", "shroud.gap", "drive.omega"])
 def test_derivatives_through_flat_contact(table1, key):
     scene = vary(vary(vary(table1, "shroud.gap", -2e-4), "drive.M_0", 1.0), "blades.I", np.array([2.46e-3, 2.3e-3]))
-    start = simulate(scene, n_periods=1, steps_per_period=2000, method=REFERENCE).last
+    start = simulate(scene, n_periods=1, method=RungeKutta(steps=2000, locate="bisection")).last
     along = [direction(scene, key)]
-    of = lambda scene: tangents(scene, start, along, n=1, steps=2000, method=differentiable(REFERENCE), by_state=False)  # noqa: E731
+    of = lambda scene: tangents(
+        scene, start, along, n=1, steps=2000, method=as_differentiable(REFERENCE), by_state=False
+    )
     exact = of(scene).by_parameter[:, 0]
     step = 1e-6 * np.max(np.abs(value(scene, key)))
     up, down = (of(shifted(scene, key, sign * step)).vector for sign in (1, -1))
@@ -177,25 +179,25 @@ def test_a_realistic_blade_does_not_stop(steps):
 
 @pytest.mark.parametrize("mode", [Mode.STICK, Mode.SLIP_PLUS, Mode.SLIP_MINUS])
 def test_torques_at_the_ends_of_the_overlap_are_those_of_its_corners(mode):
-    ready, rng = as_pairs(model(realistic_blade(2.5))), np.random.default_rng(3)
+    ready, rng = as_pairs(prepared_model(realistic_blade(2.5))), np.random.default_rng(3)
     highs = 0
     for _ in range(12):
         held, Q = pressed_flat(rng, mode), tuple(jnp.asarray(a) for a in rng.uniform(-1, 1, 2))
         torque = {case: torque_in(held, Q, case, ready) for case in (1, 2, 3, 4)}
         for case in range(1, 6):  # from whichever corner it is looked at
-            view = look(held.motion, Q, with_case(held, case), ready)
+            view = evaluate_guards(held.motion, Q, with_case(held, case), ready)
             ends = (torque[3], torque[2]) if view.at.height > 0 else (torque[4], torque[1])
-            np.testing.assert_allclose(view.lean, ends, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(view.torques, ends, rtol=0, atol=1e-12)
         highs += int(view.at.height > 0)
         # Control: the whole face instead of the overlap.
-        face = view.lean.lower - float(normal_force(view.at.v, held.mode, ready.spring)) * 30e-3
-        assert abs(face - view.lean.upper) > 1e-4 * abs(ends[0] - ends[1])
+        face = view.torques.lower - float(normal_force(view.at.v, held.mode, ready.spring)) * 30e-3
+        assert abs(face - view.torques.upper) > 1e-4 * abs(ends[0] - ends[1])
     assert 0 < highs < 12
 
 
 def pressed_flat(rng: np.random.Generator, mode: Mode) -> State:
     """Parallel blocks some tenths of a millimetre into each other, slid against each other by as much."""
-    number = lambda size: jnp.asarray(rng.uniform(-size, size))  # noqa: E731
+    number = lambda size: jnp.asarray(rng.uniform(-size, size))
     theta, turning = number(1e-3), number(1.0)
     x, y, v_x, v_y = ((number(s), number(s)) for s in (1e-5, 2e-4, 0.1, 0.1))
     motion = Motion((x[0] + 4e-4, x[1]), y, (theta, theta), v_x, v_y, (turning, turning))
@@ -231,9 +233,9 @@ def test_chatter_is_told_with_its_cure():
     blade = realistic_blade(2.5)
     contact = Contact(blade.contact.k, None, frozenset({"levers"}))
     scene = Scene(blade.blades, blade.shroud, contact, blade.friction, blade.drive, blade.initial)
-    gammas, how = {"contact.gamma": np.linspace(0.5, 20, 64)}, {"steps_per_period": 400, "transient": 0}
+    gammas, how = {"contact.gamma": np.linspace(0.5, 20, 64)}, {"method": RungeKutta(steps=400), "transient": 0}
     with pytest.warns(LaneWarning, match="TOO_MANY_EVENTS"):
-        curve = sweep(scene, gammas, n_periods=20, method=FAST_WITH_LEDGER, **how)
+        curve = sweep(scene, gammas, n_periods=20, **how)
     lane = np.argmax(curve.status == Status.TOO_MANY_EVENTS)
     period = 1 + np.isfinite(curve.motion.x[lane, :, 0]).sum()
     assert f"of period {period} " in curve.chatter
@@ -249,7 +251,7 @@ def test_motions_of_chattering_faces_do_not_jump(table1):
     for key, value in {"blades.I": 2.46e-5, "drive.M_0": 0.5, "drive.F_0": 60.0, "shroud.gap": 22e-6}.items():
         blades = vary(blades, key, value)
     gamma = 14.097 * (1 + np.linspace(-1e-6, 1e-6, 33))
-    how = {"n_periods": 1, "transient": 0, "steps_per_period": 800, "method": EXACT["dopri8-cubic"]}
+    how = {"n_periods": 1, "transient": 0, "method": RungeKutta("dopri8", steps=800)}
     run = sweep(blades, {"contact.gamma": gamma}, **how)
     assert np.ptp(run.counters["switch_23"]) == 0, run.counters["switch_23"]
     x = np.ravel(run.data["x"].isel(blade=0))

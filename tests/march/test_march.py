@@ -10,13 +10,13 @@ from scipy.linalg import expm
 from side_by_side import EXACT, STEPS, counts, ends, energy_residual, relative_error, run, scene_of, sizes
 
 from jaxshroud import Motion, Status, load, power, simulate, sweep, vary
-from jaxshroud.march.method import FAST, FAST_WITH_LEDGER, REFERENCE, Choices
+from jaxshroud.io.lane_status import LaneWarning
+from jaxshroud.march.method import FAST, FAST_WITH_LEDGER, REFERENCE, Choices, RungeKutta
 from jaxshroud.march.stability import contact_gradients
 from jaxshroud.march.tableau import tableau
-from jaxshroud.model.geometry import corners, natural_case, pose, touch
+from jaxshroud.model.geometry import contact_kinematics, corners, natural_case, pose
 from jaxshroud.model.linear import steady_amplitudes
-from jaxshroud.model.state import as_pairs
-from jaxshroud.results.status import LaneWarning
+from jaxshroud.model.prepared import as_pairs
 
 GAMMAS = (0.3, 2.5, 4.2, 7.5)
 KINDS = ("onset_slip", "onset_stick", "separation", "stick_slip", "slip_stick")
@@ -89,7 +89,7 @@ def test_apart_blades_follow_the_closed_form(table1, method):
 
 def test_blades_that_never_touch_reduce_no_power(table1):
     # After 120 periods the slowest transient, exp(-c_x t / 2 m), is 2e-14; RK4 at 400 steps costs the rest.
-    got = sweep(table1, {"shroud.gap": [0.5, 1.0]}, n_periods=2, transient=120, steps_per_period=400)
+    got = sweep(table1, {"shroud.gap": [0.5, 1.0]}, n_periods=2, transient=120, method=RungeKutta(steps=400))
     assert np.all(np.abs(got.P_d) <= 1e-5)
     assert np.all(got.time_apart == 1)
 
@@ -220,9 +220,11 @@ def test_a_batch_equals_single_runs(scenes, method):
 
 
 def test_a_lane_that_fails_is_marked_alone(table1):
-    good = sweep(table1, {"drive.M_0": [50.0, 100.0]}, n_periods=4, steps_per_period=400, transient=0)
+    good = sweep(table1, {"drive.M_0": [50.0, 100.0]}, n_periods=4, method=RungeKutta(steps=400), transient=0)
     with pytest.warns(LaneWarning, match="1 of 3 lanes ended with ANGLE_OUT_OF_RANGE"):
-        got = sweep(table1, {"drive.M_0": [50.0, 3000.0, 100.0]}, n_periods=4, steps_per_period=400, transient=0)
+        got = sweep(
+            table1, {"drive.M_0": [50.0, 3000.0, 100.0]}, n_periods=4, method=RungeKutta(steps=400), transient=0
+        )
     assert got.status.tolist() == [Status.OK, Status.ANGLE_OUT_OF_RANGE, Status.OK]
     assert np.isnan(got.P_d[1])
     assert np.isnan(got.motion.x[1]).all()
@@ -233,7 +235,7 @@ def test_a_lane_that_fails_is_marked_alone(table1):
 def test_the_printed_reading_overflows_at_high_stiffness(table1):
     gammas = {"contact.gamma": [0.3, 30.0, 2.5]}
     with pytest.warns(LaneWarning, match="1 of 3 lanes"):
-        got = sweep(printed(table1), gammas, n_periods=20, steps_per_period=400, transient=0)
+        got = sweep(printed(table1), gammas, n_periods=20, method=RungeKutta(steps=400), transient=0)
     assert got.status[0] == got.status[2] == Status.OK
     assert got.status[1] in (Status.NOT_FINITE, Status.ANGLE_OUT_OF_RANGE)
 
@@ -260,7 +262,7 @@ def test_small_motions_scale(table1):
 def half_turned(scene):
     """The scene seen after half a turn about the middle of the gap: blades change places, x and y change sign."""
     b, d = scene.blades, scene.drive
-    swap = lambda a: a[::-1]  # noqa: E731
+    swap = lambda a: a[::-1]
     blades = type(b)(*(swap(getattr(b, n)) for n in ("m", "I", "k_x", "k_y", "k_T", "c_x", "c_y", "c_T", "m_y")))
     drive = type(d)(d.omega, swap(d.beta), -swap(d.F_0), swap(d.M_0), swap(d.phase))
     return eqx.tree_at(lambda s: (s.blades, s.drive), scene, (blades, drive))
@@ -283,21 +285,17 @@ def half_turn_deviation(scenes, method=REFERENCE):
 
 @pytest.mark.full
 def test_every_verb_runs_in_float32(table1):
-    single, double = (Choices(locate="cubic", precision=p) for p in ("float32", "float64"))
-    run, exact = (simulate(table1, n_periods=2, steps_per_period=200, method=m) for m in (single, double))
+    single, double = (RungeKutta(precision=p) for p in ("float32", "float64"))
+    run, exact = (simulate(table1, n_periods=2, method=m.replace(steps=200)) for m in (single, double))
     assert run.motion.x.dtype == np.float32
     np.testing.assert_allclose(run.motion.x, exact.motion.x, rtol=0, atol=1e-3 * np.abs(exact.motion.x).max())
-    more = simulate(table1, run.last, n_periods=1, steps_per_period=200, method=single)
+    more = simulate(table1, run.last, n_periods=1, method=single.replace(steps=200))
     assert more.status == Status.OK
-    got, true = (
-        power(table1, n_periods=64, transient=64, method=m, steps_per_period=400).final for m in (single, double)
-    )
+    got, true = (power(table1, n_periods=64, transient=64, method=m.replace(steps=400)).final for m in (single, double))
     assert got["P_d"] == pytest.approx(true["P_d"], rel=1e-4)
+    short = {"n_periods": 2, "transient": 0, "phase": 1.0, "ledger": True}
     got, true = (
-        sweep(
-            table1, {"contact.gamma": [1.0, 2.5]}, n_periods=2, phase=1.0, method=m, steps_per_period=400, transient=0
-        )
-        for m in (single, double)
+        sweep(table1, {"contact.gamma": [1.0, 2.5]}, method=m.replace(steps=400), **short) for m in (single, double)
     )
     np.testing.assert_allclose(got.P_d, true.P_d, rtol=1e-3)
     assert np.all(got.energy_residual < 1e-4)
@@ -332,7 +330,7 @@ def test_the_printed_reading_breaks_the_half_turn(scenes):
 @pytest.mark.parametrize("method", EXACT.values(), ids=str)
 def test_impacts_shorter_than_a_step_are_found(table1, method):
     # The free blades would overlap by 1e-4 to 1e-2 of the gap: a contact far shorter than a step of T / 39.
-    free = simulate(vary(table1, "shroud.gap", 1.0), n_periods=1, steps_per_period=2000)
+    free = simulate(vary(table1, "shroud.gap", 1.0), n_periods=1, method=RungeKutta(steps=2000))
     scene = all_numbers(vary(vary(table1, "contact.gamma", 0.1), "friction.mu", 0.0))
     gaps = closest_gap(table1, free) * (1 - np.geomspace(1e-4, 1e-2, 12))
     got = run([vary(scene, "shroud.gap", gap) for gap in gaps], 1, 39, method)
@@ -346,7 +344,7 @@ def closest_gap(scene, free):
 
     def reach(z):
         q = pose(*as_pairs(z)[:3])
-        at = touch(q, natural_case(q, block), block, frozenset())
+        at = contact_kinematics(q, natural_case(q, block), block, frozenset())
         return at.v / at.normal[0]
 
     return float(jax.vmap(reach)(jax.tree.map(jnp.asarray, free.motion)).max())
@@ -359,7 +357,7 @@ def test_permanent_stick_is_linear(table1):
     for key, value in {"shroud.gap": -1e-6, "friction.mu": 10.0, "drive.F_0": 0.0, "drive.M_0": 0.0}.items():
         scene = vary(scene, key, value)
     scene = vary(scene, "initial.theta[0]", 1e-6)
-    got = simulate(scene, n_periods=1, steps_per_period=8000)
+    got = simulate(scene, n_periods=1, method=RungeKutta(steps=8000))
     now = slice(0, 69)
     assert set(got.mode[now]) == {0, 1}  # the start is recorded before the onset at t = 0
     assert set(got.case[now]) == {0, 1}
@@ -386,13 +384,15 @@ def linear_stick(scene, t):
 
 def test_no_stiffness_means_no_reduction(table1):
     # P_d tends to 0 with gamma; at gamma = 0 the overlap carries no force.
-    got = sweep(table1, {"contact.gamma": [0.0, 1e-6, 1e-4]}, n_periods=4, transient=120, steps_per_period=400)
+    got = sweep(table1, {"contact.gamma": [0.0, 1e-6, 1e-4]}, n_periods=4, transient=120, method=RungeKutta(steps=400))
     assert np.all(np.abs(got.P_d) <= [1e-5, 1e-4, 1e-2])
 
 
 def test_the_labelled_points_of_fig_10_are_not_reproduced(table1):
     # The article prints periods 1, 2, 3 and chaos; see README.
-    got = sweep(table1, {"contact.gamma": [0.3, 2.5, 4.2, 7.5]}, n_periods=64, transient=300, steps_per_period=400)
+    got = sweep(
+        table1, {"contact.gamma": [0.3, 2.5, 4.2, 7.5]}, n_periods=64, transient=300, method=RungeKutta(steps=400)
+    )
     assert got.period_number.tolist() == [1, 1, 2, 1]
     assert np.all(got.P_d < 0)
 

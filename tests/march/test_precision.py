@@ -8,11 +8,11 @@ import pytest
 import jaxshroud as js
 from jaxshroud import sweep as sweep_verb
 from jaxshroud.march.method import FAST
-from jaxshroud.model.state import start
-from jaxshroud.motion.shooting import TOLERANCE
+from jaxshroud.model.prepared import initial_state
+from jaxshroud.motion.shooting import CLOSING_TOLERANCE
 
-SINGLE = FAST._replace(precision="float32")
-STEPS = {"steps_per_period": 100, "method": SINGLE}
+SINGLE = js.RungeKutta(precision="float32")
+STEPS = {"method": SINGLE.replace(steps=100)}
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,11 @@ def computed(monkeypatch):
 
     import importlib
 
-    for module, name in (("batch.runs", "run_block"), ("batch.tangents", "flow"), ("verbs.simulate", "_samples")):
+    for module, name in (
+        ("batch.runs", "run_block"),
+        ("batch.tangents", "flow_with_tangents"),
+        ("batch.sampling", "_block_of_samples"),
+    ):
         watched(importlib.import_module(f"jaxshroud.{module}"), name)
     return seen
 
@@ -48,7 +52,7 @@ VERBS = {
     "sweep": lambda s: sweep_verb(s, {"contact.gamma": [1.0, 2.0]}, n_periods=1, **STEPS),
     "power": lambda s: js.power(s, n_periods=4, **STEPS),
     "orbit": lambda s: js.orbit(s, most_periods=64, **STEPS),
-    "orbit from a state": lambda s: js.orbit(s, state=start(s.initial), most_periods=8, **STEPS),
+    "orbit from a state": lambda s: js.orbit(s, state=initial_state(s.initial), most_periods=8, **STEPS),
     "lyapunov": lambda s: js.lyapunov(s, n_periods=1, transient=1, **STEPS),
     "smoothed gradient": lambda s: js.gradient(
         s, ["shroud.gap"], most_periods=1, pairs=4, n_periods=2, transient=0, **STEPS
@@ -62,6 +66,7 @@ def in_short(result):
     return told.startswith(type(result).__name__) and len(told) < 400 and "array" not in told
 
 
+@pytest.mark.full(but=[verb for verb in VERBS if verb != "orbit"])
 @pytest.mark.parametrize("verb", VERBS)
 def test_float32_is_what_is_computed(scene, computed, verb):
     result = VERBS[verb](scene)
@@ -75,8 +80,9 @@ def test_a_sweep_is_told_by_its_axes(scene):
     assert repr(swept).startswith(told)
 
 
+@pytest.mark.full
 def test_a_design_is_sought_in_float32_and_checked_in_float64(scene, computed):
-    small = dict(scan=2, n_starts=1, updates=1, n_periods=2, transient=2)
+    small = dict(search=js.SearchOptions(2, 1, 1), n_periods=2, transient=2)
     tuned = js.tune(scene, {"shroud.gap": (2e-5, 4e-5)}, **small, **STEPS)
     assert tuned.problem.plan.method.precision == "float32"
     assert computed == {"float32", "float64"}  # the reference method of one of the checks
@@ -88,14 +94,14 @@ def test_a_design_is_sought_in_float32_and_checked_in_float64(scene, computed):
 
 
 def test_a_map_of_periods_is_in_the_precision_of_its_method(scene):
-    flow = jax.eval_shape(lambda: js.period_map(scene, start(scene.initial), **STEPS))  # traced, not compiled
+    flow = jax.eval_shape(lambda: js.period_map(scene, initial_state(scene.initial), **STEPS))  # traced, not compiled
     assert flow.power[0].dtype == flow.state.motion.x.dtype == jnp.float32
 
 
 @pytest.mark.parametrize(
     "verb",
     [
-        lambda s: js.period_map(s, start(s.initial)),
+        lambda s: js.period_map(s, initial_state(s.initial)),
         lambda s: js.orbit(s),
         lambda s: js.gradient(s, ["shroud.gap"]),
         lambda s: js.tune(s, {"shroud.gap": (2e-5, 4e-5)}),
@@ -109,20 +115,21 @@ def test_float64_is_refused_where_there_are_no_such_digits(scene, verb):
 
 
 def test_an_orbit_in_float32_closes(scene):
-    single, double = (js.orbit(scene, steps_per_period=200, method=m) for m in (SINGLE, FAST))
+    single, double = (js.orbit(scene, method=m.replace(steps=200)) for m in (SINGLE, js.RungeKutta()))
     assert single.flags == double.flags == ()
     assert single.start.motion.x.dtype == np.float32
     # Rounding, some 1e-7 a step, is forgotten within ten periods of 200 steps.
-    assert single.residual < 1e3 * TOLERANCE["float32"]
+    assert single.residual < 1e3 * CLOSING_TOLERANCE["float32"]
     assert single.P_d == pytest.approx(double.P_d, abs=1e-3)
     # Control: the tolerance of float64 is out of reach.
     assert (
-        "not converged" in js.orbit(scene, steps_per_period=200, most_periods=32, method=SINGLE, tolerance=1e-11).flags
+        "not converged"
+        in js.orbit(scene, method=js.RungeKutta(steps=200, precision="float32"), most_periods=32, tolerance=1e-11).flags
     )
 
 
 def test_threads_compute_in_the_precision_of_their_caller(scene):
-    run = lambda: sweep_verb(scene, {"contact.gamma": [1.0, 2.0]}, n_periods=2, steps_per_period=100).motion  # noqa: E731
+    run = lambda: sweep_verb(scene, {"contact.gamma": [1.0, 2.0]}, n_periods=2, method=js.RungeKutta(steps=100)).motion
     expected = run()
     jax.config.update("jax_enable_x64", False)
     try:
@@ -135,15 +142,15 @@ def test_threads_compute_in_the_precision_of_their_caller(scene):
 
 def test_long_flows_in_parts_agree_with_the_whole(scene, monkeypatch):
     from jaxshroud.batch import tangents
-    from jaxshroud.batch.runs import starts
-    from jaxshroud.batch.tangents import Dual, differentiable, direction, resting, run_flow
-    from jaxshroud.batch.xla import alone
+    from jaxshroud.batch.runs import initial_states
+    from jaxshroud.batch.tangents import Dual, as_differentiable, direction, run_flow, without_direction
+    from jaxshroud.batch.xla import one_lane
 
-    scenes = alone(scene)
+    scenes = one_lane(scene)
     lane = Dual(scenes, jax.tree.map(lambda a: np.asarray(a)[None], direction(scene, "shroud.gap")))
-    run = lambda: run_flow(lane, resting(starts(scenes)), 5, 100, differentiable(FAST))  # noqa: E731
+    run = lambda: run_flow(lane, without_direction(initial_states(scenes)), 5, 100, as_differentiable(FAST))
     whole = run()
     monkeypatch.setattr(tangents, "periods_at_once", lambda *_: 2)
     parts = run()
-    close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)  # noqa: E731
+    close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
     jax.tree.map(close, parts, whole)

@@ -8,7 +8,7 @@ import pytest
 
 from jaxshroud.march.stability import largest_frequency, step_report, steps_for, stiffest
 from jaxshroud.march.tableau import RK4
-from jaxshroud.scene.errors import StepTooLongError
+from jaxshroud.scene.checks import StepTooLongError
 from jaxshroud.scene.vary import vary
 
 

@@ -105,8 +105,8 @@ def pieces(d: exact.Draw, case: int, reading=CONSISTENT) -> Pieces:
 @exact.over_draws
 def force_and_gradients(reading, case, shroud, q, u_s):
     """Generalised contact force (6,), and -N dv/dq - F du/dq with N = k v and F = k_d (u - u_s)."""
-    v = lambda q: exact.touch_at(shroud, q, case, reading)[0].v  # noqa: E731
-    u = lambda q: exact.touch_at(shroud, q, case, reading)[0].u  # noqa: E731
+    v = lambda q: exact.touch_at(shroud, q, case, reading)[0].v
+    u = lambda q: exact.touch_at(shroud, q, case, reading)[0].u
     at, block = exact.touch_at(shroud, q, case, reading)
     N, F = K * at.v, K_D * (at.u - u_s)
     load = contact_load(at, N, F, case, block, reading)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxshroud.batch.states import as_arrays
-from jaxshroud.march.events import Kind, crossing, first_kind, look
+from jaxshroud.march.events import EventKind, evaluate_guards, first_kind, transition
 from jaxshroud.model.friction import (
     Springs,
     contact_energy,
@@ -19,9 +19,8 @@ from jaxshroud.model.friction import (
     stretch,
 )
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.ready import Model, model, springs
-from jaxshroud.model.state import State, as_pairs, start
-from jaxshroud.scene.motion import Motion
+from jaxshroud.model.prepared import Model, State, as_pairs, initial_state, prepared_model, springs
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.vary import vary
 
 K, K_D, MU = 1e6, 1e6, 0.5
@@ -36,21 +35,21 @@ def led(model: Model, motions: Motion) -> tuple[jax.Array, jax.Array]:
     """Friction force and slide along a prescribed motion, under the transitions of `events`."""
 
     def step(held: State, z: Motion) -> tuple[State, tuple[jax.Array, jax.Array]]:
-        view = look(z, STILL, held, model)
-        violated = {kind: view.guards.value[kind] > 0 for kind in Kind}
+        view = evaluate_guards(z, STILL, held, model)
+        violated = {kind: view.guards.value[kind] > 0 for kind in EventKind}
         due = jnp.any(jnp.stack(list(violated.values())))
-        fired = crossing(z, held, view, first_kind(violated), jnp.asarray(0.0), jnp.asarray(0.0), model).after
+        fired = transition(z, held, view, first_kind(violated), jnp.asarray(0.0), jnp.asarray(0.0), model).after
         stayed = State(z, held.u_s, held.mode, held.case)
         held = jax.tree.map(lambda a, b: jnp.where(due, a, b), fired, stayed)
         return held, (friction_force(view.at.v, view.at.u, held.u_s, held.mode, model.spring), view.at.u)
 
     first = as_arrays(jax.tree.map(lambda a: a[0], motions))
-    return jax.lax.scan(step, as_pairs(start(first)), motions)[1]
+    return jax.lax.scan(step, as_pairs(initial_state(first)), motions)[1]
 
 
 def rubbed(scene, N: float) -> tuple[np.ndarray, np.ndarray]:
     """Force and slide over one cycle, after a first one, of the left block led up and down the right one's face."""
-    ready = as_pairs(model(vary(vary(vary(scene, "contact.k", K), "friction.k_d", K_D), "friction.mu", MU)))
+    ready = as_pairs(prepared_model(vary(vary(vary(scene, "contact.k", K), "friction.k_d", K_D), "friction.mu", MU)))
     sides = exact.Sides(*(float(value) for value in vars(scene.shroud).values()))
     way = np.concatenate([np.arange(STEPS), np.arange(STEPS, -STEPS, -1), np.arange(-STEPS, 0)])
     u = AMPLITUDE / STEPS * np.tile(way, 2)
@@ -115,7 +114,7 @@ def test_the_slider_moves_as_the_corner_less_the_stretch():
     @jax.vmap
     def both(v, u, v_rate, u_rate):
         def moved(mode):
-            slider = lambda v, u: u - stretch(v, u, u, mode, SPRING)  # noqa: E731
+            slider = lambda v, u: u - stretch(v, u, u, mode, SPRING)
             return jax.jvp(slider, (v, u), (v_rate, u_rate))[1], slider_speed(v_rate, u_rate, mode, SPRING)
 
         return [moved(mode) for mode in MODES[2:]]

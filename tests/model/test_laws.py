@@ -8,9 +8,11 @@ import pytest
 from side_by_side import with_parts
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, run_lanes, starts
-from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
+from jaxshroud.batch.runs import Plan, initial_states, run_lanes
+from jaxshroud.march import stability
+from jaxshroud.march.method import FAST_WITH_LEDGER
 from jaxshroud.model.modes import Status
+from jaxshroud.scene.checks import StepTooLongError
 
 K = 2.5e5
 NORMALS = {"hertz": js.Hertz(K / 1e-5**0.5), "damped": js.DampedSpring(K, 3 * K, 2e-5, 20.0)}
@@ -51,7 +53,7 @@ def at_gaps(scene):
 def imbalance(scene, steps):
     """Largest residual of the energy balance of any period over the drive's mean gross work in one."""
     scenes = at_gaps(scene)
-    run = run_lanes(scenes, starts(scenes), Plan(0, 2, steps, 0.0, FAST_WITH_LEDGER), lambda _: None)
+    run = run_lanes(scenes, initial_states(scenes), Plan(0, 2, steps, 0.0, FAST_WITH_LEDGER), lambda _: None)
     assert np.all(run.last.status == Status.OK)
     assert np.all(run.last.tally.log.counters.separation > 0)
     return np.max(np.abs(run.samples.residual).max(axis=-1) / run.samples.gross.mean(axis=-1))
@@ -108,9 +110,9 @@ def test_what_is_not_an_own_law_is_refused(table1):
         js.with_laws(js.load("table1", ['contact.reading="printed"']).scene, NORMALS["hertz"])
     own = js.with_laws(table1, NORMALS["hertz"])
     with pytest.raises(js.InputError, match="Runge-Kutta"):
-        js.simulate(own, n_periods=1, method=js.Method("taylor"))
-    with pytest.raises(js.InputError, match="not own laws"):
-        js.simulate(own, n_periods=1, accuracy="balanced")
+        js.simulate(own, n_periods=1, method=js.Taylor())
+    with pytest.raises(js.InputError, match="not for own laws"):
+        js.simulate(own, n_periods=1, method="balanced")
     with pytest.raises(js.InputError, match=r"js\.with_laws"):
         js.load("table1", ['parts.contact="own"']).scene.parts  # noqa: B018  built when it is asked for
 
@@ -121,7 +123,7 @@ def test_an_own_spring_is_the_spring():
     options = ['parts.motion=["x"]', "contact.gamma=2.5", "drive.F_0=60"]
     base = js.load("table1", [*options, 'parts.friction="none"']).scene
     own = js.with_laws(js.load("table1", options).scene, Spring(base.k))
-    run = lambda scene: js.simulate(scene, n_periods=2, steps_per_period=2000, method=js.Method("rk4"))  # noqa: E731
+    run = lambda scene: js.simulate(scene, n_periods=2, method=js.RungeKutta(locate="bisection", steps=2000))
     a, b = run(base), run(own)
     np.testing.assert_allclose(a.motion.x, b.motion.x, rtol=0, atol=1e-8 * np.abs(a.motion.x).max())
     np.testing.assert_allclose(a.N, b.N, rtol=0, atol=1e-6 * a.N.max())
@@ -161,7 +163,7 @@ def test_a_law_may_be_of_arrays():
 
     laws = {"scalar": (one, 0.0), "array": (two, jnp.zeros(2))}
     own = {name: js.with_laws(scene, NORMALS["hertz"], law, z) for name, (law, z) in laws.items()}
-    runs = {name: jax.jit(lambda s: js.rollout(s, None, 2, method=FAST))(scene) for name, scene in own.items()}
+    runs = {name: jax.jit(lambda s: js.rollout(s, None, 2))(scene) for name, scene in own.items()}
     a, b = runs["scalar"], runs["array"]
     assert a.status == b.status == Status.OK
     np.testing.assert_allclose(b.saved.F, a.saved.F, rtol=1e-8)
@@ -178,3 +180,29 @@ def test_a_law_may_be_of_arrays():
 def test_conservative_laws_are_passive(table1, law, gap):
     # What such a law loses is rounding alone: it is judged by the power that the law is given.
     js.check_laws(js.with_laws(js.vary(table1, "shroud.gap", gap), law))
+
+
+def fast_bristles():
+    """Bristles that follow within a thousandth of a step of 400 a period, as contact begins."""
+    base = js.load("table1", ['parts.motion=["x"]', 'parts.neighbour="rigid"', "contact.k=1e6", "friction.k_d=1e6"])
+    return js.with_laws(base.scene, js.DampedSpring(2e5, 6e5, 3e-5, 20.0), js.LuGre(1e6, 30.0, 0.3, 1.0))
+
+
+def test_the_rate_of_an_internal_state_belongs_to_the_check_of_the_step():
+    scene = fast_bristles()
+    with pytest.raises(StepTooLongError, match=r"internal state of the friction law follows at up to 36\.5 per step"):
+        js.simulate(scene, n_periods=1, method=js.RungeKutta(steps=400))
+    auto, fine = (js.simulate(scene, n_periods=3, method=js.RungeKutta(steps=steps)) for steps in ("auto", 12800))
+    assert 1200 < auto.steps_per_period < 6400
+    size = np.abs(fine.motion.x).max()
+    np.testing.assert_allclose(auto.motion.x[-1], fine.motion.x[-1], rtol=0, atol=1e-4 * size)
+
+
+def test_a_march_whose_energy_does_not_balance_is_not_ok(monkeypatch):
+    # Control: without that check the march is wrong by a third of the motion.
+    monkeypatch.setattr(stability, "MAX_RELAXATION_RATE", np.inf)
+    with pytest.warns(js.LaneWarning, match="UNBALANCED"):
+        run = js.simulate(fast_bristles(), n_periods=3, method=js.RungeKutta(steps=400))
+    assert run.status == Status.UNBALANCED
+    with pytest.warns(js.LaneWarning, match="UNBALANCED"):
+        js.sweep(fast_bristles(), {"shroud.gap": [2.2e-5]}, n_periods=3, transient=0, method=js.RungeKutta(steps=400))

@@ -126,7 +126,7 @@ def test_power_can_be_differentiated(unequal):
     # P_0 is quadratic in F_0 where M_0 = 0: the slope is 2 P_0 / F_0.
     scene = vary(unequal, "drive.M_0", 0.0)
     force = jnp.asarray(20.0)
-    power = lambda F_0: free_power(vary(scene, "drive.F_0", F_0))[0]  # noqa: E731
+    power = lambda F_0: free_power(vary(scene, "drive.F_0", F_0))[0]
     np.testing.assert_allclose(jax.grad(power)(force), 2 * power(force) / force, rtol=1e-12)
 
 

@@ -11,7 +11,7 @@ from jaxshroud.march.method import FAST_WITH_LEDGER
 from jaxshroud.march.stability import largest_frequency
 from jaxshroud.model.friction import contact_energy, friction_force, normal_force, stretch
 from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.ready import springs
+from jaxshroud.model.prepared import springs
 from jaxshroud.scene.vary import vary
 
 MODE = jnp.int32(Mode.SMOOTH)
@@ -25,10 +25,10 @@ def test_the_laws_are_the_corners_hyperbolas(table1):
     k = float(spring.k)
     # Far away the force is the spring's, or width^2 / 4 abs(v) of it; in between it is k width / 2.
     np.testing.assert_allclose(N, k * np.array([1e-12 / 4e-4, 5e-7, 1e-4 + 1e-12 / 4e-4]), rtol=1e-4)
-    energy = lambda v: contact_energy(v, jnp.zeros(()), MODE, spring)  # noqa: E731
+    energy = lambda v: contact_energy(v, jnp.zeros(()), MODE, spring)
     np.testing.assert_allclose(jax.vmap(jax.grad(energy))(v), N, rtol=1e-9)
     limit = float(spring.lag) * 1e-4
-    F = lambda w: float(friction_force(jnp.asarray(1e-4), jnp.asarray(w), jnp.zeros(()), MODE, spring))  # noqa: E731
+    F = lambda w: float(friction_force(jnp.asarray(1e-4), jnp.asarray(w), jnp.zeros(()), MODE, spring))
     assert F(0.0) == 0.0
     assert F(0.1 * limit) == pytest.approx(float(spring.k_d) * 0.1 * limit, rel=1e-2)
     assert F(5 * limit) == pytest.approx(-F(-5 * limit)) == pytest.approx(float(spring.k_d) * limit, rel=1e-3)
@@ -50,6 +50,7 @@ def differences(table1, widths, periods=1, **parts):
     return np.array(errors)
 
 
+@pytest.mark.studies(only=["full"])  # studies/smooth_width.py
 @pytest.mark.full(but=["x"])
 @pytest.mark.parametrize(
     ("parts", "rate"),
@@ -65,6 +66,7 @@ def test_it_converges_to_the_spring_law(table1, parts, rate):
     assert differences(table1, [2e-5], **parts)[0] > 5 * errors[-1]
 
 
+@pytest.mark.full
 def test_it_is_integrated_at_the_order_of_the_method(table1):
     # Smooth to all orders: no event is located, and RK4 keeps its order across the impacts.
     scene = with_parts(table1, 2e-6, contact="smooth")
@@ -76,9 +78,9 @@ def test_it_is_integrated_at_the_order_of_the_method(table1):
 @pytest.mark.full
 def test_its_derivatives_are_those_of_the_computed_map(table1):
     scene = with_parts(vary(table1, "contact.gamma", 0.3), 5e-5, contact="smooth")
-    found = js.orbit(scene, most_periods=300, steps_per_period=400)
+    found = js.orbit(scene, most_periods=300, method=js.RungeKutta(steps=400))
     assert found.found
-    slope = js.gradient(scene, ["shroud.gap", "contact.width"], at=found, steps_per_period=400).value
+    slope = js.gradient(scene, ["shroud.gap", "contact.width"], orbit=found, method=js.RungeKutta(steps=400)).value
     from jaxshroud.verbs.gradient import differences as by_differences
 
     check = by_differences(found, ["shroud.gap", "contact.width"], 1e-4)
@@ -89,7 +91,7 @@ def test_its_derivatives_are_those_of_the_computed_map(table1):
 def test_steps_know_how_fast_the_slider_follows(table1):
     scene = with_parts(table1, 1e-8, contact="smooth")
     with pytest.raises(ValueError, match="unstable"):
-        js.simulate(scene, n_periods=1, steps_per_period=400)
+        js.simulate(scene, n_periods=1, method=js.RungeKutta(steps=400))
 
 
 @pytest.mark.full
@@ -98,7 +100,7 @@ def test_it_pushes_before_anything_touches(table1):
     apart = vary(vary(table1, "shroud.gap", 2e-4), "contact.gamma", 20.0)
     parts = {"motion": ("x",), "friction": "none"}
     force = {"drive.F_0": [8.8]}  # the blades graze at 8.896 N
-    how = {"n_periods": 8, "transient": 300, "steps_per_period": 4000}
+    how = {"n_periods": 8, "transient": 300, "method": js.RungeKutta(steps=4000)}
     exact, smooth = (
         js.sweep(with_parts(apart, width, **kind, **parts), force, **how)
         for width, kind in ((None, {}), (5e-6, {"contact": "smooth"}))

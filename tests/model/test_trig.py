@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxshroud.model.trig import ANGLE_RANGE, sincos, sincos_turns
+from jaxshroud.model.arithmetic import ANGLE_RANGE, sincos, sincos_turns
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])

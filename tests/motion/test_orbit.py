@@ -9,24 +9,32 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud import load, value_of
-from jaxshroud.batch.states import STATE
-from jaxshroud.batch.tangents import Dual, differentiable, direction, onward, resting, run_flow, tangents
-from jaxshroud.batch.xla import repeated
-from jaxshroud.march import events, trial
+from jaxshroud.batch.states import STATE_SIZE
+from jaxshroud.batch.tangents import (
+    Dual,
+    as_differentiable,
+    direction,
+    end_as_start,
+    run_flow,
+    tangents,
+    without_direction,
+)
+from jaxshroud.batch.xla import repeat_lane
+from jaxshroud.march import events, rk_trial
 from jaxshroud.march.method import FAST
 from jaxshroud.model.linear import area, steady_amplitudes
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.state import State, start
-from jaxshroud.motion.gradient import slopes
-from jaxshroud.motion.margins import contact_margins
-from jaxshroud.motion.orbit import Shot, described
+from jaxshroud.model.prepared import State, initial_state
+from jaxshroud.motion.bifurcation import grazing_margins
+from jaxshroud.motion.gradient import directional_derivatives
+from jaxshroud.motion.orbit import ShootingState, describe_orbit
 from jaxshroud.motion.shooting import moved_start
 from jaxshroud.results.orbit import Orbit
-from jaxshroud.scene.motion import Motion
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.vary import vary
 from jaxshroud.verbs.gradient import differences, on_orbit
 
-STEPS = {"steps_per_period": 400}
+STEPS = {"method": js.RungeKutta(steps=400)}
 orbit, gradient, simulate = (partial(verb, **STEPS) for verb in (js.orbit, js.gradient, js.simulate))
 PARAMETERS = (
     [
@@ -72,14 +80,10 @@ def case(request):
 
 @pytest.mark.full(
     but=[
-        "slip onset",
         "stick onset",
-        "light contact",
         "loaded switch 1-2",
-        "loaded switch 1-4",
         "all switches",
         "period 3",
-        "unlike blades",
     ]
 )
 def test_orbits_of_every_kind_are_found(case):
@@ -87,7 +91,7 @@ def test_orbits_of_every_kind_are_found(case):
     assert found.q == q
     assert found.flags == ()
     assert found.residual <= 1e-8
-    run = simulate(found.scene, found.start, n_periods=found.q, method=found.method, steps_per_period=400)
+    run = simulate(found.scene, found.start, n_periods=found.q, method=found.method.replace(steps=400))
     for event in events:
         assert run.counters[event] > 0, event
     np.testing.assert_allclose(run.last.motion.x, found.start.motion.x, rtol=1e-6)
@@ -100,14 +104,10 @@ def scaled(values: dict, scene) -> np.ndarray:
 
 @pytest.mark.full(
     but=[
-        "slip onset",
         "stick onset",
-        "light contact",
         "loaded switch 1-2",
-        "loaded switch 1-4",
         "all switches",
         "period 3",
-        "unlike blades",
     ]
 )
 def test_exact_gradient_of_all_parameters(case):
@@ -122,11 +122,11 @@ def naive_miss(name, monkeypatch) -> float:
     """Largest error of a gradient that takes the events' instants for constants, over the largest component."""
     found = orbit(scene_of(SCENES[name][0]))
     right = scaled(on_orbit(found, PARAMETERS).value, found.scene)
-    monkeypatch.setattr(trial, "at_the_root", lambda quantities, *_: quantities)
-    monkeypatch.setattr(events, "_touch_down", lambda view, late: view.at.u)
-    method = found.method._replace(tableau=found.method.tableau._replace(name="naive"))  # compiled anew
+    monkeypatch.setattr(rk_trial, "at_event", lambda quantities, *_: quantities)
+    monkeypatch.setattr(events, "_slider_at_onset", lambda view, late: view.at.u)
+    method = found.march_choices._replace(tableau=found.method.tableau._replace(name="naive"))  # compiled anew
     steps = found.steps_per_period
-    jacobian = tangents(found.scene, found.start, [], n=found.q, steps=steps, method=differentiable(method))
+    jacobian = tangents(found.scene, found.start, [], n=found.q, steps=steps, method=as_differentiable(method))
     naive = on_orbit(Orbit.of_cycles([replace(found.cycle(), method=method, jacobian=jacobian)]), PARAMETERS).value
     return np.abs(scaled(naive, found.scene) - right).max() / np.abs(right).max()
 
@@ -144,22 +144,23 @@ def test_naive_gradients_can_hide(monkeypatch):
     assert naive_miss("slip onset", monkeypatch) < 1e-4
 
 
+@pytest.mark.full
 def test_shooting_does_what_a_long_transient_does():
     # The slowest multiplier is 0.93 over two periods.
     scene, keys, long = scene_of(("contact.gamma=4.2",)), ["shroud.gap", "contact.gamma", "drive.omega"], 720
     found = orbit(scene)
     assert 10 * found.periods <= long
     along = [direction(scene, key) for key in keys]
-    method = differentiable(FAST)
+    method = as_differentiable(FAST)
     n = len(keys)
-    dual = Dual(repeated(scene, n), jax.tree.map(lambda *a: np.stack(a), *along))
-    settled = run_flow(dual, resting(repeated(start(scene.initial), n)), long, 400, method)
-    last = run_flow(dual, onward(settled), found.q, 400, method)
+    dual = Dual(repeat_lane(scene, n), jax.tree.map(lambda *a: np.stack(a), *along))
+    settled = run_flow(dual, without_direction(repeat_lane(initial_state(scene.initial), n)), long, 400, method)
+    last = run_flow(dual, end_as_start(settled), found.q, 400, method)
     P = float(area(scene.shroud)) * last.value.power[0][0]
     assert pytest.approx(found.P[0], rel=1e-10) == P
     by = np.stack(last.tangent.power, axis=-1)
     exact = on_orbit(found, keys).value
-    slope = slopes(dual.value, np.stack(last.value.power, axis=-1), dual.tangent, by, "P_d")
+    slope = directional_derivatives(dual.value, np.stack(last.value.power, axis=-1), dual.tangent, by, "P_d")
     np.testing.assert_allclose(slope, list(exact.values()), rtol=1e-7)
 
 
@@ -176,10 +177,10 @@ def test_permanent_stick_is_not_unique():
     # pressed together still change case, which moves the slider.
     found = orbit(scene_of(("contact.gamma=2.5",)))
     M = found.jacobian.by_state.copy()
-    M[-1], M[:-1, -1] = np.eye(STATE)[-1], 0.1 * np.arange(1, STATE)
+    M[-1], M[:-1, -1] = np.eye(STATE_SIZE)[-1], 0.1 * np.arange(1, STATE_SIZE)
     end = State(found.start.motion, found.start.u_s, np.int32(Mode.STICK), np.int32(1))
-    shot = Shot(found.start, found.jacobian._replace(by_state=M, end=end), 0.0, 1)
-    held = Orbit.of_cycles([described(found.scene, shot, 1, 1e-11, 8, 400, FAST)])
+    shot = ShootingState(found.start, found.jacobian._replace(by_state=M, end=end), 0.0, 1)
+    held = Orbit.of_cycles([describe_orbit(found.scene, shot, 1, 1e-11, 8, 400, FAST)])
     assert held.flags == ("not unique",)
     assert held.slider_is_free
     got = on_orbit(held, ["shroud.gap"])
@@ -193,8 +194,10 @@ FEW = ["shroud.gap", "contact.gamma", "friction.k_d", "drive.omega", "drive.M_0[
 
 def test_permanent_stick_is_not_unique_through_case_switches():
     # Each switch rewrites the slider's place, which leaves a rounding in its row of the Jacobian.
-    found = orbit(load("table1", STICKS).scene, steps_per_period="auto")
-    assert simulate(found.scene, found.start, n_periods=2, steps_per_period="auto").counters["switch_14"] == 4
+    found = orbit(load("table1", STICKS).scene, method=js.RungeKutta(steps="auto"))
+    assert (
+        simulate(found.scene, found.start, n_periods=2, method=js.RungeKutta(steps="auto")).counters["switch_14"] == 4
+    )
     assert found.flags == ("not unique",)
     assert np.abs(found.others).max() < 0.9
     assert found.bifurcation[1] > 0.1
@@ -207,22 +210,22 @@ def test_permanent_stick_is_not_unique_through_case_switches():
     assert np.abs(step - exact).max() <= 1e-8 * np.abs(exact).max()
     # Control: a slider that is only held where its row is that of the unit matrix to the last bit is not held here.
     at = found.jacobian
-    assert not np.array_equal(at.by_state[-1], np.eye(STATE)[-1])
+    assert not np.array_equal(at.by_state[-1], np.eye(STATE_SIZE)[-1])
     by = tangents(found.scene, found.start, [direction(found.scene, "shroud.gap")], n=found.q, **how(found))
-    free = np.linalg.solve(np.eye(STATE) - at.by_state, by.by_parameter)
+    free = np.linalg.solve(np.eye(STATE_SIZE) - at.by_state, by.by_parameter)
     held = moved_start(at.by_state, by.by_parameter, True)
     assert np.abs(free - held).max() > 0.01 * np.abs(held).max()
 
 
 def how(found) -> dict:
-    return {"steps": found.steps_per_period, "method": differentiable(found.method)}
+    return {"steps": found.steps_per_period, "method": as_differentiable(found.march_choices)}
 
 
 def test_permanent_flat_contact_has_one_angle():
     # A difference of the angles does not exist there. Taken for a motion of its own it would stay for ever: a second
     # multiplier of 1, and derivatives off by up to twenty times.
     found = orbit(load("table1", ["shroud.gap=-0.0005", "friction.mu=5", "drive.M_0=0.05", "drive.F_0=5"]).scene)
-    run = simulate(found.scene, found.start, n_periods=1, steps_per_period=400)
+    run = simulate(found.scene, found.start, n_periods=1, method=js.RungeKutta(steps=400))
     assert set(run.case.tolist()) == {5}
     assert found.flags == ("not unique",)
     assert np.abs(found.others).max() < 0.9
@@ -238,7 +241,7 @@ def orbit_near_resonance(c_x):
     scene = vary(scene, "drive.omega", float(np.sqrt(scene.blades.k_x[0] / scene.blades.m[0])))
     swing = steady_amplitudes(scene)
     place, speed = [a.imag for a in swing], [scene.drive.omega * a.real for a in swing]
-    return orbit(scene, state=start(Motion(*place, *speed)), q=1, steps_per_period=20000)
+    return orbit(scene, state=initial_state(Motion(*place, *speed)), q=1, method=js.RungeKutta(steps=20000))
 
 
 def test_ill_conditions_are_told():
@@ -263,12 +266,13 @@ def test_a_known_period_number_needs_a_state(table1):
         orbit(table1, q=2)
 
 
+@pytest.mark.full
 def test_margins_of_grazing():
     found = orbit(scene_of(("contact.gamma=2.5",)))
-    margins = contact_margins(found.cycle())
+    margins = grazing_margins(found.cycle())
     assert 0 < margins.slowest_onset <= 1
     assert margins.counters["onset_slip"] == 4
-    none = contact_margins(orbit(load("table1", ['shroud.gap="5 mm"', "drive.F_0=60"]).scene).cycle())
+    none = grazing_margins(orbit(load("table1", ['shroud.gap="5 mm"', "drive.F_0=60"]).scene).cycle())
     assert np.isnan(none.slowest_onset)
     assert none.nearest_miss > 0
 
@@ -277,18 +281,18 @@ def test_margins_see_grazes_and_misses_within_steps():
     # Bending alone, in closed form until the blocks touch. With 37 steps a period the corners pass their least distance
     # between two ends of steps, and a graze begins and ends there.
     free = load("table1", ['shroud.gap="5 mm"', "drive.F_0=60", "drive.M_0=0", "contact.gamma=2.5"]).scene
-    found = orbit(free, steps_per_period=37)
-    missed = contact_margins(found.cycle()).nearest_miss
+    found = orbit(free, method=js.RungeKutta(steps=37))
+    missed = grazing_margins(found.cycle()).nearest_miss
     swing, alpha, deep = steady_amplitudes(free), float(free.shroud.alpha), 1e-8
     d_x, d_y = (complex(a[0] - a[1]) for a in (swing.x, swing.y))
     size = abs(d_x * np.sin(alpha) - d_y * np.cos(alpha))
     exact = 5e-3 * np.sin(alpha) - size
     assert missed == pytest.approx(exact, rel=2e-5)  # RK4's own error of the motion with such steps
-    run = simulate(free, found.start, n_periods=1, steps_per_period=37, method=found.method)
+    run = simulate(free, found.start, n_periods=1, method=found.method.replace(steps=37))
     x, y = (np.asarray(a) @ [1, -1] for a in (run.motion.x, run.motion.y))
     ends = (5e-3 - x) * np.sin(alpha) + y * np.cos(alpha)
     assert ends.min() > exact * (1 + 5e-4)  # control: at the ends of steps it is further away
     grazing = replace(found.cycle(), scene=vary(free, "shroud.gap", 5e-3 - (missed + deep) / np.sin(alpha)))
-    margins = contact_margins(grazing)
+    margins = grazing_margins(grazing)
     assert margins.counters["grazing"] == 1
     assert margins.slowest_onset == pytest.approx(np.sqrt(2 * deep / size), rel=0.2)

@@ -4,8 +4,17 @@ import numpy as np
 import pytest
 
 from jaxshroud import load, sweep
-from jaxshroud.motion.period import PERIOD_TOLERANCE, periodicity, repetition
-from jaxshroud.motion.settling import LARGEST_PERIOD, NO, UNKNOWN, YES, settling
+from jaxshroud.march.method import RungeKutta
+from jaxshroud.motion.period import (
+    LARGEST_PERIOD,
+    NOT_SETTLED,
+    PERIOD_TOLERANCE,
+    SETTLED,
+    UNKNOWN_IF_SETTLED,
+    periodicity,
+    repetition,
+    settling,
+)
 
 RNG = np.random.default_rng(11)
 
@@ -36,7 +45,7 @@ def test_noise_counts_from_the_tolerance_on(q):
         middle = np.flatnonzero(np.abs(x) < scale)[20] if q > 1 else 48  # not the point that sets the scale
         noisy[middle] -= np.sign(x[middle]) * factor * PERIOD_TOLERANCE * scale
         assert int(periodicity(noisy).number) == number
-        assert int(periodicity(noisy, tolerance=2 * PERIOD_TOLERANCE).number) == q
+        assert int(periodicity(noisy, period_tol=2 * PERIOD_TOLERANCE).number) == q
 
 
 def test_a_chaotic_orbit_is_aperiodic_and_settled():
@@ -147,7 +156,7 @@ def test_the_number_of_a_run_is_the_same_at_every_phase():
     # x_1 passes through 0 at the strobe at 1.35; at others some hundredths of its size are left of it.
     scene = load("table1", ["drive.M_0=10"]).scene
     found = [
-        sweep(scene, {"contact.gamma": [2.5]}, n_periods=32, transient=40, phase=p, steps_per_period=400)
+        sweep(scene, {"contact.gamma": [2.5]}, n_periods=32, transient=40, phase=p, method=RungeKutta(steps=400))
         for p in PHASES
     ]
     assert [int(got.period_number[0]) for got in found] == [1] * len(PHASES)
@@ -170,14 +179,18 @@ def test_a_slow_approach_is_not_settled_though_it_nearly_repeats(q, decay):
     for begun in range(0, 3 * decay, decay):
         samples = decaying(q, decay, 64, begun)
         found = repetition(samples, SIZES, np.asarray(LEVER), PERIOD_TOLERANCE, np.float64)
-        assert (int(found.number), int(found.settling.verdict)) in ((q, NO), (0, UNKNOWN), (0, NO))
+        assert (int(found.number), int(found.settling.verdict)) in (
+            (q, NOT_SETTLED),
+            (0, UNKNOWN_IF_SETTLED),
+            (0, NOT_SETTLED),
+        )
         if found.number == 0:
             continue
         more = int(found.settling.periods_more)
         needed = decay * np.log(0.1 / PERIOD_TOLERANCE) - begun  # until a thousandth is left
         assert needed / 2 < more < 2 * needed + 4 * 64
         later = settling(decaying(q, decay, 64, begun + more)[None], near, q)
-        assert (int(later.verdict[0]), float(later.periods_more[0])) == (YES, 0.0)
+        assert (int(later.verdict[0]), float(later.periods_more[0])) == (SETTLED, 0.0)
 
 
 def test_yes_is_never_wrong_without_contact():
@@ -186,22 +199,26 @@ def test_yes_is_never_wrong_without_contact():
 
     def run(transient):
         return sweep(
-            scene, {"drive.omega": [536.0, 700.0, 1110.0]}, n_periods=64, transient=transient, steps_per_period=400
+            scene,
+            {"drive.omega": [536.0, 700.0, 1110.0]},
+            n_periods=64,
+            transient=transient,
+            method=RungeKutta(steps=400),
         )
 
     end, verdicts = run(30000), set()
     size = np.hypot(end.motion.x, end.motion.v_x / end.axes["drive.omega"][:, None, None]).max(axis=(1, 2))
-    assert np.all(end.settling == YES)
-    assert np.all(end.P_d_settling == YES)
+    assert np.all(end.settling == SETTLED)
+    assert np.all(end.P_d_settling == SETTLED)
     for transient in (0, 10, 100, 1000, 2000, 4000, 8000, 16000):
         got = run(transient)
         far = np.abs(got.motion.x - end.motion.x).max(axis=(1, 2)) / size
-        assert not np.any((np.abs(got.P_d) > 0.02) & (got.P_d_settling == YES)), transient
-        assert not np.any((far > 5e-3) & (got.settling == YES)), transient
-        np.testing.assert_array_equal(got.settled, got.settling == YES)
-        np.testing.assert_array_equal(got.P_d_settled, got.P_d_settling == YES)
+        assert not np.any((np.abs(got.P_d) > 0.02) & (got.P_d_settling == SETTLED)), transient
+        assert not np.any((far > 5e-3) & (got.settling == SETTLED)), transient
+        np.testing.assert_array_equal(got.settled, got.settling == SETTLED)
+        np.testing.assert_array_equal(got.P_d_settled, got.P_d_settling == SETTLED)
         verdicts |= set(got.settling.tolist())
-    assert {YES, UNKNOWN} <= verdicts
+    assert {SETTLED, UNKNOWN_IF_SETTLED} <= verdicts
 
 
 @pytest.mark.parametrize("n", [1, 2, 8, 15])

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from jaxshroud.motion.interval import interval
-from jaxshroud.motion.power import reduction
-from jaxshroud.motion.settling import YES
-from jaxshroud.verbs.power import FIRST, near_enough
+from jaxshroud.motion.averages import reduction
+from jaxshroud.motion.period import SETTLED
+from jaxshroud.motion.statistics import confidence_interval
+from jaxshroud.verbs.power import FIRST_PERIODS, is_converged
 
 SEEDS = 1000
 
@@ -30,9 +30,9 @@ def autoregressive(rho: float, n: int, seed: int) -> np.ndarray:
 @pytest.mark.parametrize(("rho", "n"), [(0.0, 64), (0.0, 512), (0.5, 512), (0.8, 512), (0.9, 512), (0.9, 2000)])
 def test_the_interval_covers_the_mean_and_is_not_much_too_wide(rho, n):
     x = autoregressive(rho, n, seed=13)
-    covered = np.mean(np.abs(x.mean(axis=1)) < interval(x))
+    covered = np.mean(np.abs(x.mean(axis=1)) < confidence_interval(x))
     assert 0.93 < covered < 0.995  # binomial scatter of 1,000 runs: 0.006
-    assert np.median(interval(x)) < 1.4 * 1.96 * np.sqrt((1 + rho) / (1 - rho) / n)
+    assert np.median(confidence_interval(x)) < 1.4 * 1.96 * np.sqrt((1 + rho) / (1 - rho) / n)
     # Control: taking the samples for independent ones covers far less where they are not.
     naive = 1.96 * x.std(axis=1, ddof=1) / np.sqrt(n)
     assert rho == 0 or np.mean(np.abs(x.mean(axis=1)) < naive) < 0.85
@@ -42,7 +42,7 @@ def test_an_interval_of_too_few_correlation_times_is_flagged():
     # 64 samples of rho = 0.9 are 3.4 correlation times: the interval covers in four of five runs, and says so.
     x = autoregressive(0.9, 64, seed=17)
     short = reduction(as_power(x), np.full((SEEDS, 2), 2.0), np.zeros(SEEDS, np.int32)).ci_short
-    assert np.mean(np.abs(x.mean(axis=1)) < interval(x)) < 0.85
+    assert np.mean(np.abs(x.mean(axis=1)) < confidence_interval(x)) < 0.85
     assert short.mean() > 0.97
     assert not reduction(
         as_power(autoregressive(0.5, 512, 18)), np.full((SEEDS, 2), 2.0), np.zeros(SEEDS, np.int32)
@@ -53,17 +53,17 @@ def test_an_interval_of_too_few_correlation_times_is_flagged():
 def test_a_settled_orbit_is_never_short(q):
     cycle = np.random.default_rng(q).uniform(size=q)
     found = reduction(as_power(np.resize(cycle, 48)[None]), np.full((1, 2), 2.0), np.array([q], np.int32))
-    assert (bool(found.ci_short[0]), int(found.settling[0]), float(found.periods_more[0])) == (False, YES, 0.0)
+    assert (bool(found.ci_short[0]), int(found.settling[0]), float(found.periods_more[0])) == (False, SETTLED, 0.0)
 
 
 def test_stopping_when_the_interval_is_short_enough_still_covers():
     # The rule and the looks of `power`: 64, 128, ... periods. Stopping at the first short interval covers less.
-    x, n, tolerance = autoregressive(0.9, 4096, seed=19), FIRST, 1.96 / np.sqrt(24)
+    x, n, tolerance = autoregressive(0.9, 4096, seed=19), FIRST_PERIODS, 1.96 / np.sqrt(24)
     held, hasty, close = np.zeros(SEEDS, bool), np.full(SEEDS, np.nan), np.zeros(SEEDS, bool)
     running = np.arange(SEEDS)
     while len(running):
         now = reduction(as_power(x[running, :n]), np.full((len(running), 2), 2.0), np.zeros(len(running), np.int32))
-        enough = near_enough(now, np.abs(x[running, : n // 2].mean(axis=1) - now.P_d), tolerance)
+        enough = is_converged(now, np.abs(x[running, : n // 2].mean(axis=1) - now.P_d), tolerance)
         held[running] = np.abs(now.P_d) <= now.ci
         first = np.isnan(hasty[running]) & (now.ci <= tolerance)
         hasty[running[first]] = held[running[first]]
@@ -78,24 +78,24 @@ def test_a_sine_that_never_repeats_is_covered():
     turns = np.random.default_rng(20).uniform(size=(SEEDS, 1))
     for n in (64, 500):
         x = np.sin(2 * np.pi * ((np.sqrt(5) - 1) / 2 * np.arange(n) + turns))
-        assert np.all(np.abs(x.mean(axis=1)) <= interval(x))
+        assert np.all(np.abs(x.mean(axis=1)) <= confidence_interval(x))
 
 
 @pytest.mark.parametrize("q", [1, 2, 3, 7])
 def test_a_periodic_run_has_no_uncertainty(q):
     cycle = np.random.default_rng(q).uniform(size=q)
     series = np.resize(cycle, 60)  # batches of whole orbits all have the same mean
-    assert interval(series[None], q)[0] < 1e-15
+    assert confidence_interval(series[None], q)[0] < 1e-15
     if q > 1:  # control: batches that cut orbits do not
-        assert interval(np.resize(cycle, 10 * (q + 1))[None])[0] > 1e-4
+        assert confidence_interval(np.resize(cycle, 10 * (q + 1))[None])[0] > 1e-4
 
 
 def test_fewer_than_six_orbits_are_the_batches_themselves():
     # Student's t for 3 - 1 degrees of freedom: 4.303.
     series = np.array([[1.0, 3.0, 2.0, 5.0, 4.0, 3.0]])  # three orbits of two periods: means 2, 3.5, 3.5
     by_hand = 4.302653 * np.std([2.0, 3.5, 3.5], ddof=1) / np.sqrt(3)
-    np.testing.assert_allclose(interval(series, 2), by_hand, rtol=1e-6)
-    assert np.isnan(interval(series, 6)[0])  # one orbit: nothing to tell from
+    np.testing.assert_allclose(confidence_interval(series, 2), by_hand, rtol=1e-6)
+    assert np.isnan(confidence_interval(series, 6)[0])  # one orbit: nothing to tell from
 
 
 @pytest.mark.parametrize(("q", "n"), [(0, 25), (1, 25), (2, 24), (3, 24), (7, 21), (16, 16)])

@@ -72,7 +72,7 @@ def test_samples_that_miss_the_ends_of_periods():
 @pytest.mark.parametrize(
     ("signal", "rate", "window", "message"),
     [
-        ([], 64, "hann", "must have 64 samples .*, but has 0"),
+        ([], 64, "hann", "at least one in each series, but is"),
         (np.zeros(63), 64, "hann", "must have 64 samples .*, but has 63"),
         (np.zeros((64, 2)), 64, "hann", r"one dimension, but has shape \(64, 2\)"),
         (np.zeros(64), 0, "hann", "`samples_per_period` must be at least 2, but is 0"),

@@ -4,33 +4,32 @@ import numpy as np
 import pytest
 
 from jaxshroud import Status, load
-from jaxshroud.batch.runs import starts
+from jaxshroud.batch.runs import initial_states
 from jaxshroud.march.method import FAST
-from jaxshroud.model.state import start
-from jaxshroud.motion.copies import Settled, settled_copies
-from jaxshroud.motion.evidence import Evidence, Stretches
-from jaxshroud.motion.shooting import Aim
-from jaxshroud.motion.verdict import Verdict, judgement, sentence, verdicts
+from jaxshroud.model.prepared import initial_state
+from jaxshroud.motion.shooting import ShootingOptions
+from jaxshroud.motion.verdict import Verdict, judgement, verdict_text, verdicts
+from jaxshroud.motion.verdict_evidence import Evidence, SettledCopies, Stretches, settled_copies
 from jaxshroud.scene.grids import scenes_at
 
 BASE = load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
 QUIET = {"status": 0, "q": 0, "error": 0.3, "drifts": False, "cycle": None, "away": np.nan}
-AIM = Aim(100, 1e-11, FAST)
+AIM = ShootingOptions(100, 1e-11, FAST)
 
 
 def evidence(exponent, ci, K, **more):
     known = {**QUIET, "exponent": exponent, "ci": ci, "K": K, **more}
-    return Evidence(first=64, stretches=Stretches(), last=start(BASE.initial), **known)
+    return Evidence(first=64, stretches=Stretches(), last=initial_state(BASE.initial), **known)
 
 
 @pytest.mark.parametrize(
     ("known", "kind"),
     [
         (evidence(0.3, 0.1, 0.95), "chaotic"),
-        (evidence(0.3, 0.1, 0.95, settled=Settled(0, 64, 0)), "chaotic"),
-        (evidence(0.3, 0.1, 0.95, settled=Settled(5, 64, 0)), "chaotic"),  # that seem to return, to no orbit
-        (evidence(0.3, 0.1, 0.95, settled=Settled(5, 64, 8)), "undecided"),
-        (evidence(0.3, 0.1, 0.95, settled=Settled(64, 64, 8)), "transient not over"),
+        (evidence(0.3, 0.1, 0.95, settled=SettledCopies(0, 64, 0)), "chaotic"),
+        (evidence(0.3, 0.1, 0.95, settled=SettledCopies(5, 64, 0)), "chaotic"),  # that seem to return, to no orbit
+        (evidence(0.3, 0.1, 0.95, settled=SettledCopies(5, 64, 8)), "undecided"),
+        (evidence(0.3, 0.1, 0.95, settled=SettledCopies(64, 64, 8)), "transient not over"),
         (evidence(0.3, 0.4, 0.95), "undecided"),  # an exponent that may be nought
         (evidence(0.3, 0.1, 0.1), "undecided"),  # a growth that the 0-1 test does not see
         (evidence(1e-4, 5e-4, 0.05), "quasi-periodic"),
@@ -43,7 +42,7 @@ def evidence(exponent, ci, K, **more):
 )
 def test_evidence_leads_to_a_verdict(known, kind):
     assert judgement(known)[0] == kind
-    told = sentence(Verdict(*judgement(known), known, 416))
+    told = verdict_text(Verdict(*judgement(known), known, 416))
     assert ("NOT_FINITE" in told) if kind == "stopped" else ("65–128" in told)
 
 
@@ -57,7 +56,7 @@ def test_scenes_are_judged_each_on_its_own():
     rows = [[0.5, 1e-6], [2.5, 1e-6], [2.5, 1e200]]
     scenes = scenes_at(BASE, ["contact.gamma", "initial.x[0]"], np.array(rows))
     short = Stretches(returns=24, growth=16, series=56)
-    found = verdicts(scenes, starts(scenes), 32, AIM, short, rounds=1)
+    found = verdicts(scenes, initial_states(scenes), 32, AIM, short, rounds=1)
     assert [one.words for one in found] == ["period 1", "period 1", "stopped"]
     for one in found[:2]:
         cycle = one.evidence.cycle
@@ -70,12 +69,12 @@ def test_scenes_are_judged_each_on_its_own():
 
 def test_copies_settle_where_there_is_an_orbit():
     scenes = scenes_at(BASE, ["contact.gamma"], np.array([[0.5], [2.5]]))
-    for one in settled_copies(scenes, starts(scenes), 128, AIM):
+    for one in settled_copies(scenes, initial_states(scenes), 128, AIM):
         assert one == (32, 32, 1)
 
 
 def test_slow_decay_is_told_from_arrival():
     # A damper a hundred times lighter leaves a third of the start after a hundred periods.
     light = scenes_at(BASE, ["blades.c_x", "shroud.gap", "initial.x[0]"], np.array([[0.02, 1.0, 1e-2]] * 2))
-    (found, _) = verdicts(light, starts(light), 0, AIM, Stretches(24, 16, 56), rounds=1)
+    (found, _) = verdicts(light, initial_states(light), 0, AIM, Stretches(24, 16, 56), rounds=1)
     assert found.words == "transient not over"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxshroud import zero_one
-from jaxshroud.scene.errors import InputError
+from jaxshroud.scene.checks import InputError
 
 N = 512
 TURN = 2 * np.pi * (np.sqrt(5) - 1) / 2 * np.arange(N)

@@ -11,13 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxshroud.cli.terminal import MAX_MESSAGE_LENGTH
 from jaxshroud.scene import schema, units
 from jaxshroud.scene.axes import axis
+from jaxshroud.scene.checks import SceneError
 from jaxshroud.scene.config import load, parse
-from jaxshroud.scene.errors import SceneError
 from jaxshroud.scene.parts import MISPRINTS
 from jaxshroud.scene.shipped import aliases, shipped
-from jaxshroud.scene.units import COMMON, _registry, to_si
+from jaxshroud.scene.units import COMMON_FACTORS, _registry, to_si
 from jaxshroud.scene.vary import NUMERIC_KEYS
 
 GOOD = """
@@ -223,6 +224,22 @@ def test_wrong_sweeps(old, new, expected):
     assert expected in message
 
 
+def test_all_that_is_missing_is_named_at_once():
+    message = told('title = "a"\n[blades]\nm = 0.08\nI = 1.0\nk_y = 1.0\nk_T = 1.0\nc_x = 1.0\n[contact]\n[run]\n')
+    assert message.startswith("my.toml: [blades] lacks `k_x`, `c_y`, `c_T`; ")
+    assert "[shroud] is missing, with alpha, l_oa, l_ab, gap; [contact] lacks `gamma`; " in message
+    assert "[friction] is missing, with k_d, mu; [drive] is missing, with omega, beta, F_0, M_0, phase; " in message
+    assert "[run] lacks `periods`; add all of them, e.g. in [blades] k_x = " in message
+    assert len(told("")) < MAX_MESSAGE_LENGTH  # everything is still a line
+
+
+def test_an_unknown_scene_is_told_of_every_shipped_one():
+    with pytest.raises(SceneError) as caught:
+        load("nothing")
+    assert all(name in str(caught.value) for name in shipped())
+    assert len(str(caught.value)) < MAX_MESSAGE_LENGTH
+
+
 @pytest.mark.parametrize("keys", [("contact.k", "contact.gamma"), ("blades.m", "blades.m[0]"), ("drive.F_0",) * 2])
 def test_a_grid_needs_independent_keys(keys):
     grid = f"[sweep]\nalong = {list(keys)}\nvalues = [[1, 2], [3, 4]]"
@@ -298,11 +315,11 @@ def test_units_equal_si_numbers(name, text, number):
     assert with_unit.text() == plain.text()
 
 
-@pytest.mark.parametrize(("unit", "text"), COMMON)
+@pytest.mark.parametrize(("unit", "text"), COMMON_FACTORS)
 def test_common_units_are_those_of_pint(unit, text, monkeypatch):
     numbers = [f"{x}{e}" for x in ("0", "-1", "60", "180", "0.022", "-.7", "3.3333333333333335") for e in ("", "e-3")]
     at_hand = [to_si(unit, f"{number} {text}") for number in numbers]
-    monkeypatch.setattr(units, "COMMON", {})
+    monkeypatch.setattr(units, "COMMON_FACTORS", {})
     assert at_hand == [to_si(unit, f"{number} {text}") for number in numbers]
 
 
@@ -447,8 +464,8 @@ def test_eq21_puts_every_frequency_at_the_drives():
 
 
 def test_the_models_know_every_number_of_a_scene():
-    named = {f"{t}.{n}" for t in schema.PHYSICS for n in schema.TABLES[t].model_fields}
-    named -= {"contact.reading", *(f"parts.{n}" for n in schema.TABLES["parts"].model_fields)}
+    named = {f"{t}.{n}" for t in schema.PHYSICS_TABLES for n in schema.TABLE_MODELS[t].model_fields}
+    named -= {"contact.reading", *(f"parts.{n}" for n in schema.TABLE_MODELS["parts"].model_fields)}
     assert named == set(NUMERIC_KEYS)
 
 
@@ -462,29 +479,12 @@ def test_a_missing_pint_is_not_an_unknown_unit(monkeypatch):
 PARTS = '[parts]\nmotion = ["x"]\nfriction = "none"\n'
 
 
-def test_parts_are_also_called_model_as_they_were(tmp_path):
-    new, old = GOOD + PARTS, GOOD + PARTS.replace("parts", "model")
-    loaded = parse(new, "a")
-    assert loaded.scene.parts.motion == ("x",)
-    by_override = parse(GOOD, "c", ['model.motion=["x"]', "parts.friction=none"])
-    assert loaded.text() == parse(old, "b").text() == by_override.text()  # without a warning: results hold such text
-    assert "[parts]" in loaded.text()
-    assert "[model]" not in loaded.text()
-    (tmp_path / "old.toml").write_text(old)
-    with pytest.warns(DeprecationWarning, match=r"old\.toml: \[model\] is called \[parts\] now; rename it"):
-        assert load(tmp_path / "old.toml").text() == loaded.text()
-
-
-@pytest.mark.parametrize("table", ["parts", "model"])
-def test_messages_call_parts_as_they_are_given(table):
-    text = GOOD + PARTS.replace("parts", table)
-    assert told(text.replace('"none"', '"nne"')).startswith(f'my.toml: [{table}] friction = "nne" must be ')
-    assert told(text, [f"{table}.fricton=none"]).startswith(f"--set: [{table}] has no key `fricton`; did you mean")
-    assert told(text, ["contact.width=1 um"]).endswith(f'drop it, or add [{table}] contact = "smooth"')
-    assert told(text, [f"{table}.motion[0]=1"]) == f"--set: [{table}] motion is not one per blade; drop the [0]"
-    assert told(text + PARTS.replace("parts", {"parts": "model", "model": "parts"}[table])) == (
-        "my.toml: [model] is the former name of [parts]; keep one of them"
-    )
+def test_messages_name_the_table_of_the_parts():
+    text = GOOD + PARTS
+    assert told(text.replace('"none"', '"nne"')).startswith('my.toml: [parts] friction = "nne" must be ')
+    assert told(text, ["parts.fricton=none"]).startswith("--set: [parts] has no key `fricton`; did you mean")
+    assert told(text, ["contact.width=1 um"]).endswith('drop it, or add [parts] contact = "smooth"')
+    assert told(text, ["parts.motion[0]=1"]) == "--set: [parts] motion is not one per blade; drop the [0]"
 
 
 def test_a_scene_is_built_once_in_the_precision_of_its_first_use():

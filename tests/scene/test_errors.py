@@ -1,12 +1,12 @@
-"""One hierarchy of errors, whose members are what Python calls such mistakes."""
+"""One hierarchy of checks, whose members are what Python calls such mistakes."""
 
 import pytest
 
 import jaxshroud as js
 from jaxshroud.cli import terminal
+from jaxshroud.io import files
 from jaxshroud.march import stability
-from jaxshroud.results import files
-from jaxshroud.scene import checks, config, errors
+from jaxshroud.scene import checks, config
 from jaxshroud.scene.axes import axis
 from jaxshroud.scene.config import parse
 
@@ -14,13 +14,13 @@ from jaxshroud.scene.config import parse
 @pytest.mark.parametrize(
     ("kind", "kinds"),
     [
-        (errors.SceneError, (js.InputError, ValueError)),
-        (errors.KeyNameError, (js.SceneError, js.InputError, ValueError, KeyError)),
-        (errors.NumericalError, (ValueError,)),
-        (errors.StepTooLongError, (js.InputError, ValueError)),
-        (errors.StoreError, (js.InputError, ValueError)),
-        (errors.WriteError, (js.StoreError, OSError)),
-        (errors.MachineError, (js.StoreError, OSError)),
+        (checks.SceneError, (js.InputError, ValueError)),
+        (checks.KeyNameError, (js.SceneError, js.InputError, ValueError, KeyError)),
+        (checks.NumericalError, (ValueError,)),
+        (checks.StepTooLongError, (js.InputError, ValueError)),
+        (checks.StoreError, (js.InputError, ValueError)),
+        (checks.WriteError, (js.StoreError, OSError)),
+        (checks.MachineError, (js.StoreError, OSError)),
         (terminal.InputError, (js.InputError, ValueError)),
     ],
 )
@@ -29,14 +29,14 @@ def test_every_error_is_one_of_ours_and_one_of_pythons(kind, kinds):
 
 
 def test_numbers_that_fail_are_not_the_inputs_fault():
-    assert not issubclass(errors.NumericalError, errors.InputError)
+    assert not issubclass(checks.NumericalError, checks.InputError)
     assert not issubclass(js.Interrupted, Exception)
 
 
 def test_errors_are_where_they_were():
     assert config.SceneError is js.SceneError
     assert checks.NumericalError is js.NumericalError
-    assert (files.WriteError, files.MachineError) == (errors.WriteError, errors.MachineError)
+    assert (files.WriteError, files.MachineError) == (checks.WriteError, checks.MachineError)
     assert stability.StepTooLongError is js.StepTooLongError
 
 

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import jaxshroud as js
-from jaxshroud.scene.errors import InputError, KeyNameError, SceneError
+from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
 from jaxshroud.scene.grids import scenes_from, stack_scenes
 from jaxshroud.scene.vary import vary
 

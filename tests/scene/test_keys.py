@@ -8,15 +8,14 @@ import keys as documented
 import numpy as np
 import pytest
 
-from jaxshroud.results.dimension import about
-from jaxshroud.results.drawing import QUANTITIES
-from jaxshroud.results.variable import MOTION
-from jaxshroud.scene.errors import KeyNameError
-from jaxshroud.scene.keys import KEYS, ROWS, found, key_parts, rows_of
-from jaxshroud.scene.motion import Motion
+from jaxshroud.io.scene_numbers import key_attrs
+from jaxshroud.io.variable import MOTION
+from jaxshroud.plotting.style import QUANTITIES
+from jaxshroud.scene.checks import KeyNameError
+from jaxshroud.scene.keys import KEYS, SCENE_KEYS, Motion, find_key, key_parts, keys_of_table
 from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Shroud
-from jaxshroud.scene.schema import PHYSICS, TABLES
-from jaxshroud.scene.units import _units
+from jaxshroud.scene.schema import PHYSICS_TABLES, TABLE_MODELS
+from jaxshroud.scene.units import _parsed_unit
 from jaxshroud.scene.vary import NUMERIC_KEYS, vary
 
 CLASSES = {
@@ -30,13 +29,13 @@ CLASSES = {
 # The whole of what a new number takes, but for the field of its class: it is in files, keys, units and pictures then.
 NEW = """
 import jaxshroud.scene.keys as keys
-row = keys.one("friction.k_e", "N/m", keys.FROM_0, "k_e", "other stiffness", "3 N/mm", "another stiffness")
+row = keys.scene_key("friction.k_e", "N/m", keys.FROM_0, "k_e", "other stiffness", "3 N/mm", "another stiffness")
 keys.KEYS[row.name] = row
 """
 USES = """
 from jaxshroud.scene.config import axis, load
-from jaxshroud.scene.schema import TABLES
-from jaxshroud.results.drawing import quantity
+from jaxshroud.scene.schema import TABLE_MODELS
+from jaxshroud.plotting.style import quantity
 file = load("table1", ["friction.k_e=2 N/mm"])
 print(file.tables["friction"]["k_e"])
 print(tomllib.loads(file.text())["friction"]["k_e"])
@@ -53,18 +52,20 @@ for override in ("friction.mu=0.5", "friction.k_e=-1", "friction.k_e=1 mm", "fri
 
 def test_the_table_and_the_classes_hold_the_same_numbers(table1):
     fields = [f"{table}.{name}" for table, kind in CLASSES.items() for name in kind.__annotations__]
-    assert [name for name in fields if name != "contact.reading"] == [row.name for row in ROWS] == list(KEYS)
-    for row in ROWS:
+    assert [name for name in fields if name != "contact.reading"] == [row.name for row in SCENE_KEYS] == list(KEYS)
+    for row in SCENE_KEYS:
         value = getattr(getattr(table1, row.parts[0]), row.parts[1])
         assert value is None or jnp.shape(value) == ((2,) if row.pair else ()), row.name
 
 
 def test_all_that_lists_numbers_is_made_from_the_table():
     assert list(NUMERIC_KEYS) == list(QUANTITIES) == list(KEYS)
-    assert [about(key)["units"] for key in KEYS] == [row.netcdf for row in ROWS]
-    assert list(MOTION) == [row.parts[1] for row in rows_of("initial")] == list(Motion._fields)
-    words = {"contact.reading", *(f"parts.{name}" for name in TABLES["parts"].model_fields)}
-    assert {f"{table}.{name}" for table in PHYSICS for name in TABLES[table].model_fields} - words == set(KEYS)
+    assert [key_attrs(key)["units"] for key in KEYS] == [row.netcdf for row in SCENE_KEYS]
+    assert list(MOTION) == [row.parts[1] for row in keys_of_table("initial")] == list(Motion._fields)
+    words = {"contact.reading", *(f"parts.{name}" for name in TABLE_MODELS["parts"].model_fields)}
+    assert {f"{table}.{name}" for table in PHYSICS_TABLES for name in TABLE_MODELS[table].model_fields} - words == set(
+        KEYS
+    )
     assert documented.FILE.read_text(encoding="utf-8") == documented.page()
 
 
@@ -84,14 +85,14 @@ def test_a_new_number_is_one_line():
     ]
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
+@pytest.mark.parametrize("row", SCENE_KEYS, ids=lambda row: row.name)
 def test_units_are_of_one_dimension_everywhere(row):
-    needed = _units(row.unit).dimensionality
+    needed = _parsed_unit(row.unit).dimensionality
     netcdf = row.netcdf.replace("-1", "^-1").replace("m2", "m^2")
     picture, factor = row.shown
-    assert _units("" if netcdf == "1" else netcdf).dimensionality == needed
-    assert _units(picture.replace("²", "^2")).dimensionality == needed
-    one = (1 * _units(row.unit)).to(_units(picture.replace("²", "^2")))
+    assert _parsed_unit("" if netcdf == "1" else netcdf).dimensionality == needed
+    assert _parsed_unit(picture.replace("²", "^2")).dimensionality == needed
+    one = (1 * _parsed_unit(row.unit)).to(_parsed_unit(picture.replace("²", "^2")))
     assert float(one.magnitude) == pytest.approx(factor, rel=1e-12)
 
 
@@ -111,7 +112,7 @@ def test_units_of_stored_files(key, unit):
     assert KEYS[key].netcdf == unit
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
+@pytest.mark.parametrize("row", SCENE_KEYS, ids=lambda row: row.name)
 def test_ranges_are_those_told(row):
     allowed = row.range
     for bad in (np.nan, np.inf, -np.inf):
@@ -125,7 +126,7 @@ def test_ranges_are_those_told(row):
 
 def test_what_a_key_may_have_meant():
     assert key_parts("blades.m[1]") == ("blades", "m", 1)
-    assert found("shroud.gap") == (KEYS["shroud.gap"], None)
+    assert find_key("shroud.gap") == (KEYS["shroud.gap"], None)
     for key, told in {
         "contact.gama": "^the scene has no number `contact.gama`; did you mean `contact.gamma`?$",
         "gap": "^the scene has no number `gap`; did you mean `shroud.gap`?$",
@@ -134,13 +135,13 @@ def test_what_a_key_may_have_meant():
         "a\nb": "^the scene has no number `a b`; known are ",
     }.items():
         with pytest.raises(KeyNameError, match=told.replace("?$", r"\?$")):
-            found(key)
+            find_key(key)
     with pytest.raises(KeyNameError, match=r"^--along gap: the scene has no number"):
-        found("gap", "--along gap")
+        find_key("gap", "--along gap")
 
 
 def test_vary_knows_every_key_of_the_table(table1):
     # Control of the first test: a class without the field is found out.
-    for row in ROWS:
+    for row in SCENE_KEYS:
         if row.name != "contact.width":
             assert vary(table1, row.name, 1.0) is not table1

@@ -19,10 +19,10 @@ from branches import ALL, METHOD, STEPS, X_RIGID, Drawn, X, drawn, kept
 
 import jaxshroud as js
 from jaxshroud.march.method import FAST, choices
-from jaxshroud.motion.apart import distance
-from jaxshroud.motion.attractors import Found, attractors_of
-from jaxshroud.motion.random_starts import SPREAD, random_starts
-from jaxshroud.motion.shooting import Aim
+from jaxshroud.motion.attractors import FoundAttractors, attractors_of
+from jaxshroud.motion.orbit_distance import set_distance
+from jaxshroud.motion.random_starts import START_SPREAD, random_starts
+from jaxshroud.motion.shooting import ShootingOptions
 from jaxshroud.results.attractors import share_interval
 
 SEED, DRAWN, SCENES, FEW, SAMPLE, MANY, MOST = 1, 400, 22, 64, 256, 4096, 768
@@ -30,11 +30,13 @@ COARSE = 80  # RK4 steps a period of bending in x alone
 MODELS = [*([X_RIGID, X] * 5)[:-1], ALL]
 
 
-def found_in(one: Drawn, starts: int, seed: int) -> Found:
+def found_in(one: Drawn, starts: int, seed: int) -> FoundAttractors:
     """What a scene ends on from random starts."""
     scene = one.scene
-    states = jax.tree.map(np.asarray, random_starts(scene, starts, seed, SPREAD))
-    how = Aim(STEPS, 1e-11, choices(METHOD)) if one.model == ALL[0] else Aim(COARSE, 1e-11, FAST)
+    states = jax.tree.map(np.asarray, random_starts(scene, starts, seed, START_SPREAD))
+    how = (
+        ShootingOptions(STEPS, 1e-11, choices(METHOD)) if one.model == ALL[0] else ShootingOptions(COARSE, 1e-11, FAST)
+    )
     return attractors_of(scene, states, MOST, how, lambda _: None)  # type: ignore[arg-type]
 
 
@@ -64,7 +66,7 @@ def row(one: Drawn, sample: int, many: int, seed: int) -> dict[str, Any]:
         "covered": [bool(a <= s <= b) for a, s, b in zip(low, truth, high, strict=True)],
         "undecided or stopped": float(np.mean(found.label < 0)),
         "pairs of equal period number": len(alike),
-        "least distance of such a pair": min((distance(a.points, b.points) for a, b in alike), default=None),
+        "least distance of such a pair": min((set_distance(a.points, b.points) for a, b in alike), default=None),
     }
 
 

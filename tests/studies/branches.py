@@ -26,15 +26,15 @@ import jax
 import numpy as np
 
 import jaxshroud as js
-from jaxshroud.motion.apart import distance
-from jaxshroud.results.branch import KINDS
+from jaxshroud.motion.orbit_distance import set_distance
+from jaxshroud.results.branch import BIFURCATION_KINDS
 from jaxshroud.scene.scene import Scene
 
 SEED, SCENES, WANTED = 0, 64, 48
 ASIDE, PUSH, LEFT, NEAR = 1e-3, 1e-2, 0.02, 1e-4
 KEY, RANGE, STEPS, MOST_POINTS, MOST_TRANSIENT = "contact.gamma", (0.3, 8.0), 128, 200, 10_000
-METHOD = js.Method("tsit5", locate="cubic")  # of the whole model
-COARSE: dict[str, Any] = {"steps_per_period": 100, "method": js.Method("rk4", locate="cubic")}  # of x alone
+METHOD = js.RungeKutta("tsit5")  # of the whole model
+COARSE: dict[str, Any] = {"method": js.RungeKutta(steps=100)}  # of x alone
 X, X_RIGID, ALL = (
     ("x", ['parts.motion=["x"]']),
     ("x, rigid", ['parts.motion=["x"]', "parts.neighbour=rigid"]),
@@ -57,7 +57,7 @@ class Drawn(NamedTuple):
     @property
     def how(self) -> dict[str, Any]:
         """How it is marched."""
-        return {"steps_per_period": STEPS, "method": METHOD} if self.model == ALL[0] else COARSE
+        return {"method": METHOD.replace(steps=STEPS)} if self.model == ALL[0] else COARSE
 
 
 def drawn(
@@ -127,8 +127,8 @@ def compared(one: Drawn, branch: js.Branch, special: Any) -> dict[str, Any] | No
     pushed = eqx.tree_at(lambda s: s.motion.x, start, np.asarray(start.motion.x) * (1 + PUSH * ASIDE))
     stays, leaves = run_from(one, pushed, inside, transient), run_from(one, start, outside, transient)
     orbit = run_from(one, start, inside, 0)
-    near = distance(strobes(stays)[-q:] / size, strobes(orbit)[:q] / size)
-    away = distance(strobes(leaves)[-q:] / size, strobes(orbit)[:q] / size)
+    near = set_distance(strobes(stays)[-q:] / size, strobes(orbit)[:q] / size)
+    away = set_distance(strobes(leaves)[-q:] / size, strobes(orbit)[:q] / size)
     numbers = int(stays.period_number[0]), int(leaves.period_number[0])
     agrees = near <= NEAR and (numbers[1] != q if special.kind == "flip" else away >= LEFT)
     return {
@@ -157,7 +157,7 @@ def studied(scenes: list[Drawn], wanted: int) -> Iterator[dict[str, Any]]:
     """What is known after each scene, until so many folds and flips are compared."""
     rows, closing, ends = [], [0.0], Counter()
     counts = {"scenes": 0, "without a periodic orbit to begin with": 0, "stable points": 0, "unstable points": 0}
-    kinds = dict.fromkeys(KINDS[1:], 0)
+    kinds = dict.fromkeys(BIFURCATION_KINDS[1:], 0)
     for one in scenes:
         branch, counts["scenes"] = followed(one), counts["scenes"] + 1
         if branch is None:

@@ -25,13 +25,13 @@ import numpy as np
 from scipy.signal import lfilter
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, run_lanes, starts
-from jaxshroud.batch.xla import repeated
+from jaxshroud.batch.runs import Plan, initial_states, run_lanes
+from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import choices
 from jaxshroud.model.linear import area
-from jaxshroud.motion.interval import interval
-from jaxshroud.motion.power import Reduction, reduction
-from jaxshroud.verbs.power import FIRST, near_enough
+from jaxshroud.motion.averages import Reduction, reduction
+from jaxshroud.motion.statistics import confidence_interval
+from jaxshroud.verbs.power import FIRST_PERIODS, is_converged
 
 RHOS, LENGTHS, REPLICATIONS, MOST = (0.0, 0.5, 0.8, 0.9), (64, 512, 2048), 1000, 16384
 STOPS = (64, 256)  # independent samples whose ideal interval is as wide as the tolerance
@@ -81,13 +81,13 @@ class Stop(NamedTuple):
 
 def stopped(series: np.ndarray, tolerance: float, number: int = 0) -> Stop:
     """Stops on `series` of P_d (lanes, n), by the rule and at the looks of `power`."""
-    lanes, n, q = np.arange(len(series)), FIRST, max(number, 1)
+    lanes, n, q = np.arange(len(series)), FIRST_PERIODS, max(number, 1)
     found = Stop(*(np.zeros(len(series), kind) for kind in (int, float, float, bool)))
     close = np.zeros(len(series), bool)
     while len(lanes):
         now = averaged(series[lanes, :n], number)
         change = np.abs(series[lanes, : n // (2 * q) * q].mean(axis=1) - now.P_d)
-        enough = near_enough(now, change, tolerance)
+        enough = is_converged(now, change, tolerance)
         stable = enough & ((now.settled & (number > 0)) | close[lanes])
         for old, new in zip(found, (now.n, now.P_d, now.ci, stable), strict=True):
             old[lanes] = new
@@ -152,11 +152,11 @@ def others(replications: int, most: int) -> dict[str, Any]:
 def chaotic(gamma: float, moment: float, periods: int) -> np.ndarray:
     """P_d of each period of motions that begin a millionth apart, (lanes, periods)."""
     scene = js.load("table1", [f"contact.gamma={gamma}", f"drive.M_0={moment}", "drive.F_0=60"]).scene
-    scenes = repeated(scene, LANES)
-    states = starts(jax.tree.map(np.asarray, scenes))
+    scenes = repeat_lane(scene, LANES)
+    states = initial_states(jax.tree.map(np.asarray, scenes))
     x = np.asarray(states.motion.x) + 1e-9 * np.arange(LANES)[:, None]
     states = eqx.tree_at(lambda state: state.motion.x, states, x)
-    method = choices(js.Method("tsit5", locate="cubic"))
+    method = choices(js.RungeKutta("tsit5"))
     came = run_lanes(scenes, states, Plan(DISCARDED, periods, STEPS, 0.0, method), lambda _: None)
     assert not came.last.status.any()
     return 100 * (1 - float(area(scene.shroud)) * np.asarray(came.samples.power[0]) / float(js.free_power(scene)[0]))
@@ -168,7 +168,7 @@ def of_the_model(periods: int) -> dict[str, Any]:
     for name, (gamma, moment) in SCENES.items():
         series = chaotic(gamma, moment, periods)
         truth = float(series.mean())
-        told: dict[str, Any] = {"P_d": truth, "half width": float(interval(series.reshape(1, -1))[0])}
+        told: dict[str, Any] = {"P_d": truth, "half width": float(confidence_interval(series.reshape(1, -1))[0])}
         for n in (512, 1024):
             got = averaged(series[:, : periods // n * n].reshape(-1, n), 0)
             told[f"{len(got.ci)} stretches of {n}"] = covered(got, truth, 1.96 * got.P_d.std())

@@ -22,7 +22,7 @@ import numpy as np
 
 import jaxshroud as js
 
-METHOD, STEPS = js.Method("tsit5", locate="cubic"), 100
+METHOD, STEPS = js.RungeKutta("tsit5"), 100
 PERIODIC, KEPT, ROUNDING = 20, 64, 1e-6
 CHAOTIC = ((4.8, 100.0), (5.5, 100.0), (10.0, 100.0), (6.5, 1.0))  # gamma, M_0
 STARTS, STRETCH, LONG = 5, 96, 1200
@@ -42,7 +42,7 @@ def drawn(seed: int) -> Iterator[tuple[float, float]]:
 
 def exponent(scene: js.Scene, n: int, transient: int) -> tuple[float, float]:
     """The largest exponent and its half width."""
-    found = js.lyapunov(scene, n_periods=n, transient=transient, steps_per_period=STEPS, method=METHOD)
+    found = js.lyapunov(scene, n_periods=n, transient=transient, method=METHOD.replace(steps=STEPS))
     assert found.status == js.Status.OK
     return float(found.exponents[0]), float(found.ci[0])
 
@@ -59,7 +59,7 @@ def periodic(n: int, seed: int) -> list[dict[str, Any]]:
     while len(rows) < n:
         gamma, moment = next(places)
         scene = scene_at(gamma, moment)
-        orbit = js.orbit(scene, steps_per_period=STEPS, method=METHOD, most_periods=256)
+        orbit = js.orbit(scene, method=METHOD.replace(steps=STEPS), most_periods=256)
         if not orbit.found or orbit.flags:
             continue
         transient = 64 * (len(rows) % 2)

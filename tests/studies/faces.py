@@ -22,8 +22,8 @@ import reference
 
 from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.tableau import tableau
+from jaxshroud.motion.short_runs import motions_at
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.setting import states
 from jaxshroud.version import __version__
 
 SCENES, DRAWN, PERIODS, STEPS = 100, 1000, 3, 20_000
@@ -33,7 +33,7 @@ SPRINGS = (1e3, 1e4, 1e5)  # [N m/rad]
 def parameters(scene: Scene) -> reference.Parameters:
     """One scene as the second opinion takes it."""
     b, s, d = scene.blades, scene.shroud, scene.drive
-    pair = lambda a: tuple(float(v) for v in np.broadcast_to(a, (2,)))  # noqa: E731
+    pair = lambda a: tuple(float(v) for v in np.broadcast_to(a, (2,)))
     blades = {name: pair(getattr(b, name)) for name in ("m", "I", "k_x", "k_y", "k_T", "c_x", "c_y", "c_T")}
     drive = {name: pair(getattr(d, name)) for name in ("beta", "F_0", "M_0", "phase")}
     lengths = {name: float(getattr(s, name)) for name in ("alpha", "l_oa", "l_ab", "gap")}
@@ -48,7 +48,7 @@ def flat_scenes(count: int, seed: int, periods: int = PERIODS) -> tuple[list[ref
     lanes = np.flatnonzero(coarse.last.tally.log.counters.flat > 0)[:SCENES]
     chosen = at(scenes, lanes)
     fine = marched(chosen, periods, STEPS, Choices(tableau("dopri8"), "cubic", False))
-    return [parameters(jax.tree.map(jnp.asarray, at(scenes, i))) for i in lanes], states(fine.samples, periods - 1)
+    return [parameters(jax.tree.map(jnp.asarray, at(scenes, i))) for i in lanes], motions_at(fine.samples, periods - 1)
 
 
 def differences(p: reference.Parameters, exact: np.ndarray, periods: int = PERIODS) -> list[float]:

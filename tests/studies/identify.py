@@ -25,6 +25,7 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 import jaxshroud as js
+from jaxshroud.march.method import Method
 
 KEYS = ("contact.k", "friction.mu", "shroud.gap")
 FAMILIES = {"table1": [], "realistic": ['blades.I="block"']}
@@ -35,8 +36,11 @@ SETTLED = 24  # periods that pass before the second experiment looks
 SCANNED, REACH, STARTS = 64, 0.25, 3  # points around the first guess, how far from it, and how many of them are starts
 MOST = 50  # evaluations from one start
 STEPS = 400
-MODEL = js.Method(locate="cubic")
-FINER = {"method": js.Method("dopri8"), "steps": 2 * STEPS}  # what is measured owes nothing to the model's own errors
+MODEL = js.RungeKutta()
+FINER = {
+    "method": js.RungeKutta("dopri8", locate="bisection"),
+    "steps": 2 * STEPS,
+}  # what is measured owes nothing to the model's own errors
 SLIPS = 0.05  # of the time, at least
 Signals = Any  # (samples, 4): x and y of both blades [m]
 
@@ -69,7 +73,7 @@ def random_scene(family: str, rng: np.random.Generator) -> js.Scene:
 def regular_scenes(family: str, count: int, rng: np.random.Generator) -> list[js.Scene]:
     """The first scenes drawn that settle on an orbit and slip on it."""
     drawn = [random_scene(family, rng) for _ in range(2 * count)]
-    seen = js.sweep(js.stack_scenes(drawn), n_periods=64, transient=300, steps_per_period=STEPS)
+    seen = js.sweep(js.stack_scenes(drawn), n_periods=64, transient=300, method=js.RungeKutta(steps=STEPS))
     good = (seen.status == js.Status.OK) & (seen.period_number > 0) & (seen.time_slip > SLIPS)
     return [scene for scene, is_good in zip(drawn, good, strict=True) if is_good][:count]
 
@@ -87,10 +91,10 @@ def logs_of(scene: js.Scene) -> np.ndarray:
 
 
 @partial(jax.jit, static_argnames=("skipped", "steps", "method"))
-def signals(scene: js.Scene, skipped: int = 0, steps: int = STEPS, method: js.Method = MODEL) -> Signals:
+def signals(scene: js.Scene, skipped: int = 0, steps: int = STEPS, method: Method = MODEL) -> Signals:
     """What sensors would see from rest, without noise."""
-    save = lambda now: jnp.concatenate([now.state.motion.x, now.state.motion.y])  # noqa: E731
-    how = {"every": steps // A_PERIOD, "steps_per_period": steps, "method": method}
+    save = lambda now: jnp.concatenate([now.state.motion.x, now.state.motion.y])
+    how = {"every": steps // A_PERIOD, "method": method.replace(steps=steps)}
     return js.rollout(scene, None, skipped + PERIODS, save=save, **how).saved[skipped * A_PERIOD :]
 
 
@@ -115,7 +119,7 @@ def starts(scene: js.Scene, measured: Signals, first: np.ndarray, skipped: int, 
 
 def fitted(scene: js.Scene, measured: Signals, first: np.ndarray, skipped: int, rng: np.random.Generator) -> Fit:
     """The numbers that fit best, and their intervals."""
-    of = lambda f: lambda logs: np.asarray(f(logs, scene, measured, skipped))  # noqa: E731
+    of = lambda f: lambda logs: np.asarray(f(logs, scene, measured, skipped))
     ends = [
         least_squares(of(misfit), start, of(slopes), method="lm", max_nfev=MOST)
         for start in starts(scene, measured, first, skipped, rng)

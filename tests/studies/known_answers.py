@@ -26,11 +26,10 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxshroud as js
-from jaxshroud.motion.lyapunov import averaged, first_frames, pushed
-from jaxshroud.motion.period import PERIOD_TOLERANCE, nearness
-from jaxshroud.motion.returns import returns
-from jaxshroud.motion.verdict import CHAOS, REGULAR
-from jaxshroud.motion.zero_one import zero_one
+from jaxshroud.motion.lyapunov import first_frames, mean_exponents, next_frames
+from jaxshroud.motion.period import PERIOD_TOLERANCE, closing_tolerances, recurrence
+from jaxshroud.motion.verdict import CHAOTIC_K, REGULAR_K
+from jaxshroud.motion.verdict_evidence import zero_one
 
 SEED, LENGTH, PERIODS, EACH, DRIFTS, TORI, CHAOTIC = 5, 512, range(1, 17), 12, 24, 32, 32
 PUSHES = 5_000  # Jacobians of each system
@@ -89,14 +88,14 @@ SYSTEMS = {
 def exponents_of(system: System, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Exponents per unit of time from `n` applications, and half widths of their intervals."""
     tangent = jax.jacfwd(system.step)
-    march = lambda z, _: (system.step(z), tangent(z))  # noqa: E731
+    march = lambda z, _: (system.step(z), tangent(z))
     settled = jax.lax.fori_loop(0, 100, lambda _, z: system.step(z), jnp.array(system.start))
     _, jacobians = jax.jit(lambda z: jax.lax.scan(march, z, None, n))(settled)
     frames, growth = first_frames(len(system.start)), []
     for M in np.asarray(jacobians):
-        frames, grown = pushed(frames, M)
+        frames, grown = next_frames(frames, M)
         growth += grown
-    mean, ci, _ = averaged(np.array(growth))
+    mean, ci, _ = mean_exponents(np.array(growth))
     return mean / system.time, ci / system.time
 
 
@@ -114,7 +113,7 @@ def of_systems(n: int) -> dict[str, Any]:
 def of_free_blades() -> dict[str, Any]:
     """The exponents of blades that never touch, along x alone, and the exact ones."""
     scene = js.load("table1", ['parts.motion=["x"]', 'shroud.gap="5 mm"', "blades.c_x=[8.0, 3.0]"]).scene
-    found = js.lyapunov(scene, n_periods=32, transient=8, steps_per_period=400, method=js.Method("rk4"))
+    found = js.lyapunov(scene, n_periods=32, transient=8, method=js.RungeKutta(locate="bisection", steps=400))
     rates = np.asarray(scene.blades.c_x / (2 * scene.blades.m)) * float(scene.drive.period)
     return {"found": found.exponents[:4], "ci": found.ci[:4], "exact": -np.sort(np.repeat(rates, 2))}
 
@@ -193,8 +192,8 @@ def signals(seed: int) -> list[Signal]:
 def kind_of(signal: Signal) -> str:
     """What a signal is called."""
     first, second = signal.samples[: LENGTH // 2], signal.samples[LENGTH // 2 :]
-    near = nearness(np.abs(first).max(axis=0), np.ones(()), PERIOD_TOLERANCE, np.float64)
-    told = returns(first[None], near[None])
+    near = closing_tolerances(np.abs(first).max(axis=0), np.ones(()), PERIOD_TOLERANCE, np.float64)
+    told = recurrence(first[None], near[None])
     q = int(told.number[0])
     if q:
         last = np.arange(LENGTH - q, LENGTH)
@@ -203,7 +202,7 @@ def kind_of(signal: Signal) -> str:
     if told.one_way[0]:
         return "transient not over"
     K = float(zero_one(second[:, np.ptp(second, axis=0).argmax()]))
-    return "chaotic" if K > CHAOS else "quasi-periodic" if K < REGULAR else "undecided"
+    return "chaotic" if K > CHAOTIC_K else "quasi-periodic" if K < REGULAR_K else "undecided"
 
 
 def confusion(of: list[Signal]) -> dict[str, dict[str, int]]:

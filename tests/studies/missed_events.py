@@ -27,10 +27,9 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from jaxshroud.batch.runs import Plan, run_lanes, starts  # noqa: E402
+from jaxshroud.batch.runs import Plan, initial_states, run_lanes  # noqa: E402
 from jaxshroud.march.method import Choices  # noqa: E402
-from jaxshroud.march.tableau import tableau  # noqa: E402
-from jaxshroud.march.taylor import Taylor  # noqa: E402
+from jaxshroud.march.tableau import TaylorOptions, tableau  # noqa: E402
 from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud  # noqa: E402
 from jaxshroud.version import __version__  # noqa: E402
 
@@ -75,7 +74,7 @@ def drawn(count: int, seed: int) -> Scene:
 
 def marched(scenes: Scene, method: Choices) -> Met:
     """All lanes from rest."""
-    runs = run_lanes(scenes, starts(scenes), Plan(0, PERIODS, STEPS, 0.0, method), lambda _: None)
+    runs = run_lanes(scenes, initial_states(scenes), Plan(0, PERIODS, STEPS, 0.0, method), lambda _: None)
     states = np.concatenate([np.stack(pair, axis=-1) for pair in runs.samples.motion], axis=-1)
     counters = runs.last.tally.log.counters
     events = np.stack([getattr(counters, kind) for kind in KINDS + SWITCHES], axis=-1)
@@ -84,7 +83,7 @@ def marched(scenes: Scene, method: Choices) -> Met:
 
 def nudged(scenes: Scene) -> Scene:
     """The same with other forces by a rounding."""
-    forces = lambda s: (s.drive.F_0, s.drive.M_0)  # noqa: E731
+    forces = lambda s: (s.drive.F_0, s.drive.M_0)
     return eqx.tree_at(forces, scenes, tuple(a * (1 + NUDGE) for a in forces(scenes)))
 
 
@@ -105,7 +104,7 @@ def suspects(scenes: Scene, fine: Met, orders=ORDERS, tolerances=TOLERANCES) -> 
     moved, other = differences(fine, marched(nudged(scenes), FINE)), None
     found = []
     for order in orders:
-        runs = [marched(scenes, Choices(Taylor(order, tolerance), "series", False)) for tolerance in tolerances]
+        runs = [marched(scenes, Choices(TaylorOptions(order, tolerance), "series", False)) for tolerance in tolerances]
         apart = [differences(fine, run) for run in runs]
         for k, tolerance in enumerate(tolerances):
             bound = FACTOR * np.maximum(moved, FLOOR) * max(tolerance / NUDGE, 1.0)

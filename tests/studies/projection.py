@@ -25,17 +25,16 @@ import numpy as np
 jax.config.update("jax_enable_x64", True)
 
 import jaxshroud as js  # noqa: E402
-from jaxshroud.batch.extent import memory  # noqa: E402
-from jaxshroud.batch.projection import projected_seconds  # noqa: E402
-from jaxshroud.batch.runs import Plan  # noqa: E402
-from jaxshroud.march.method import FAST  # noqa: E402
+from jaxshroud.batch.runs import Plan, projected_seconds  # noqa: E402
+from jaxshroud.batch.size_limits import sweep_memory  # noqa: E402
+from jaxshroud.march.method import choices  # noqa: E402
 from jaxshroud.scene.grids import grid_of_scenes  # noqa: E402
-from jaxshroud.scene.precision import in_precision  # noqa: E402
-from jaxshroud.verbs.sweep import AT_ONCE  # noqa: E402
+from jaxshroud.scene.valid import in_precision  # noqa: E402
+from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE  # noqa: E402
 
 SIDE, SMALL, PART, RUNS, LIMIT = 1000, 128, 16_384, 5, 4 * 2**30
 TRANSIENT, KEPT, STEPS = 32, 17, 200
-METHOD = FAST._replace(precision="float32")
+METHOD = js.RungeKutta(precision="float32")
 
 
 def axes(side: int) -> dict[str, np.ndarray]:
@@ -45,13 +44,13 @@ def axes(side: int) -> dict[str, np.ndarray]:
 
 def mapped(side: int, out: str, **more) -> None:
     """A map of P_d, in a store."""
-    keeps = dict(transient=TRANSIENT, n_periods=KEPT, steps_per_period=STEPS, method=METHOD, samples=False)
+    keeps = dict(transient=TRANSIENT, n_periods=KEPT, method=METHOD.replace(steps=STEPS), keep_samples=False)
     js.sweep(js.load("table1").scene, axes(side), store=f"{out}/map.zarr", **keeps, **more)
 
 
 def times(side: int, runs: int) -> dict:
     """Processor time that maps take, and what was projected [s]."""
-    plan = Plan(TRANSIENT, KEPT, STEPS, 0.0, METHOD)
+    plan = Plan(TRANSIENT, KEPT, STEPS, 0.0, choices(METHOD))
     grid = grid_of_scenes(js.load("table1").scene, axes(side))
     lanes = in_precision(jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), grid), "float32")
     found = []
@@ -86,7 +85,7 @@ def measured(side: int, part: int, small: int, runs: int) -> dict:
     """Memory of part of a map, and times of small ones."""
     words = [sys.executable, __file__, "--begin", "--side", str(side), "--part", str(part)]
     told = json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
-    told |= {"limit": LIMIT, "said": memory(side**2, KEPT, AT_ONCE)}
+    told |= {"limit": LIMIT, "said": sweep_memory(side**2, KEPT, MAX_LANES_AT_ONCE)}
     return {"memory": told, "time": times(small, runs)}
 
 

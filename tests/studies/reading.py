@@ -1,7 +1,8 @@
 """Which reading of the article its figures were computed from: python tests/studies/reading.py.
 
 Simulates every reading at every point and stores period numbers and P_d in reading.npz; writes what follows from them
-to reading.json and reading.png. With `--judge` it starts from the stored ones.
+to reading.json and reading.png. With `--judge` it starts from the stored ones; with `--friction` only what the article
+says of friction is looked at anew.
 """
 
 import argparse
@@ -13,19 +14,20 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from reading_friction import friction
 from reading_picture import picture
-from reading_report import labelled, report
+from reading_report import PLAUSIBLE, labelled, report
 from reading_scenes import POINTS, Point, Reading, readings, scenes
 from reading_verdict import STOPPED, Found
 
-from jaxshroud.batch.runs import Plan, Runs, run_lanes, starts
+from jaxshroud.batch.runs import Plan, Runs, initial_states, run_lanes
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.linear import area
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.averages import averages
-from jaxshroud.scene.precision import in_precision
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.valid import in_precision
 from jaxshroud.version import __version__
 
 FAST = Plan(160, 48, 100, 0.0, Choices(tableau("tsit5"), "cubic", False, "float32"))
@@ -38,7 +40,7 @@ def simulated(
     rows: list[Reading], points: list[Point] = POINTS, plan: Plan = FAST, tell: Callable[[str], None] = lambda _: None
 ) -> Found:
     """Every reading at every point; those that keep the same misprints and are as stiff run together."""
-    alike = lambda row: (row.kept, row.stiff)  # noqa: E731
+    alike = lambda row: (row.kept, row.stiff)
     parts = [[i for i, row in enumerate(rows) if alike(row) == which] for which in dict.fromkeys(map(alike, rows))]
     found = []
     for part in parts:
@@ -52,7 +54,7 @@ def simulated(
 
 def _together(rows: list[Reading], points: list[Point], plan: Plan) -> Found:
     lanes = in_precision(scenes(rows, points), plan.method.precision)
-    runs = run_lanes(lanes, starts(lanes), plan, lambda _: None)
+    runs = run_lanes(lanes, initial_states(lanes), plan, lambda _: None)
     orbit, power, P_0 = averages(lanes, runs.samples)
     ended = np.asarray(runs.last.status) == Status.OK
     of_lanes = np.where(ended, orbit.number, STOPPED), np.where(ended, power.P_d, np.nan), _wander(lanes, runs, P_0)
@@ -91,9 +93,15 @@ def main() -> None:
     """Simulate, judge, write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--judge", action="store_true", help="start from reading.npz")
+    parser.add_argument("--friction", action="store_true", help="only what the article says of friction")
+    options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     file = HERE.with_suffix(".json")
-    took = json.loads(file.read_text("utf-8"))["took"] if parser.parse_args().judge else measured()
+    before = json.loads(file.read_text("utf-8"))
+    if options.friction:
+        file.write_text(json.dumps({**before, "friction": friction(PLAUSIBLE)}, indent=1) + "\n", "utf-8")
+        return
+    took = before["took"] if options.judge else measured()
     told = {
         "command": "python tests/studies/reading.py",
         "version": __version__,
@@ -105,6 +113,7 @@ def main() -> None:
             "how": str(FAST.method),
         },
         **report(stored(), lambda rows: simulated(rows, labelled(), FINE)),
+        "friction": before["friction"] if options.judge else friction(PLAUSIBLE),
     }
     file.write_text(json.dumps(told, indent=1) + "\n", "utf-8")
     picture(stored(), told).savefig(HERE.with_suffix(".png"), dpi=300)

@@ -105,10 +105,10 @@ def one(found: Found, row: int) -> dict[str, Any]:
     """A reading and what it does."""
     here = slice(row, row + 1)
     mine = Found(found.period[here], found.P_d[here], found.wander[here])
-    at = lambda points: mine.period[0, columns(points)].tolist()  # noqa: E731
+    at = lambda points: mine.period[0, columns(points)].tolist()
     met = [sum(map(int.__eq__, at(points), LABELS["Fig. 12"])) for points in FIG12]
     lost = int(np.argmax(met))
-    P_d = lambda points: [None if np.isnan(p) else round(float(p), 1) for p in mine.P_d[0, columns(points)]]  # noqa: E731
+    P_d = lambda points: [None if np.isnan(p) else round(float(p), 1) for p in mine.P_d[0, columns(points)]]
     return {
         **readings()[row]._asdict(),
         "Fig. 10": at(FIG10),
@@ -124,14 +124,14 @@ def one(found: Found, row: int) -> dict[str, Any]:
 def periods(found: Found, row: int) -> dict[str, Any]:
     """Period numbers of a reading that was run at the labelled points alone."""
     place = {point: i for i, point in enumerate(labelled())}
-    at = lambda points: [int(found.period[row, place[point]]) for point in points]  # noqa: E731
+    at = lambda points: [int(found.period[row, place[point]]) for point in points]
     return {"Fig. 10": at(FIG10), "Fig. 14": at(FIG14), "Fig. 12": [at(points) for points in FIG12]}
 
 
 def same_labels(coarse: NDArray[np.integer], fine: NDArray[np.integer]) -> dict[str, Any]:
     """How many period numbers of readings at all points are those of a better run at the labelled points, [%]."""
     coarse = coarse[:, columns(labelled())]
-    share = lambda which: round(100 * float((coarse == fine)[which].mean()), 1)  # noqa: E731
+    share = lambda which: round(100 * float((coarse == fine)[which].mean()), 1)
     return {"readings": len(fine), "all": share(fine > -2), "periodic": share(fine > 0), "aperiodic": share(fine == 0)}
 
 

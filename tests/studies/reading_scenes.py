@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxshroud.scene.motion import Motion
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import MISPRINTS
 from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
 
@@ -93,8 +93,8 @@ def scenes(rows: list[Reading], points: list[Point]) -> Scene:
     (kept,) = {row.kept for row in rows}
     number = {name: np.array([getattr(row, name) for row in rows]) for name in Reading._fields}
     (l_oa, l_ab), blades = _sides(number["lengths"]), _blades(number)
-    over = lambda a: np.tile(a, len(points))  # noqa: E731
-    pairs = lambda a: np.stack([a, a], axis=-1)  # noqa: E731
+    over = lambda a: np.tile(a, len(points))
+    pairs = lambda a: np.stack([a, a], axis=-1)
     gamma, F_0, gap = (np.repeat(column, len(rows)) for column in zip(*points, strict=True))
     away = np.where(over(number["start"] == "apart"), gap, 0.0)
     full = np.ones_like(gap)

@@ -14,9 +14,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Runs, run_lanes, starts
+from jaxshroud.batch.runs import Plan, Runs, initial_states, run_lanes
 from jaxshroud.march.method import FAST, Choices
-from jaxshroud.march.stability import limits, stiffest
+from jaxshroud.march.stability import step_limits, stiffest
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
@@ -62,14 +62,14 @@ def at(scenes: Scene, lanes: np.ndarray) -> Scene:
 
 def marched(scenes: Scene, periods: int, steps: int, method: Choices) -> Runs:
     """All lanes from their starts, every period kept."""
-    return run_lanes(scenes, starts(scenes), Plan(0, periods, steps, 0.0, method), lambda _: None)
+    return run_lanes(scenes, initial_states(scenes), Plan(0, periods, steps, 0.0, method), lambda _: None)
 
 
 def stable(scenes: Scene, steps: int, method: Choices) -> np.ndarray:
     """Scenes that may be marched with so many steps a period."""
     lanes = range(len(scenes.drive.omega))
     product = np.array([np.prod(stiffest(at(scenes, np.array([i])), 1)) for i in lanes]) / steps
-    return np.flatnonzero(product <= (COARSE if steps == min(STEPS) else limits(method.tableau)[0]))
+    return np.flatnonzero(product <= (COARSE if steps == min(STEPS) else step_limits(method.tableau)[0]))
 
 
 def figures(scenes: Scene, periods: int, steps: int, method: Choices) -> dict[str, Any]:
@@ -78,8 +78,8 @@ def figures(scenes: Scene, periods: int, steps: int, method: Choices) -> dict[st
     runs = marched(at(scenes, lanes), periods, steps, method)
     status, samples = np.asarray(runs.last.status), runs.samples
     gross = np.asarray(samples.gross)
-    share = lambda a: np.max(np.abs(np.asarray(a)) / gross, axis=1)[status == Status.OK]  # noqa: E731
-    quantiles = lambda a: {str(q): float(np.quantile(a, q)) for q in (0.5, 0.99, 1.0)}  # noqa: E731
+    share = lambda a: np.max(np.abs(np.asarray(a)) / gross, axis=1)[status == Status.OK]
+    quantiles = lambda a: {str(q): float(np.quantile(a, q)) for q in (0.5, 0.99, 1.0)}
     counters = runs.last.tally.log.counters
     return {
         "method": str(method),

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxshroud as js
+from jaxshroud.march.method import Method
 
 Values = dict[str, np.ndarray]
 COUNTERS = (
@@ -31,13 +32,13 @@ FULL = {
     "interference": ("table1", "contact.gamma=4", "shroud.gap=-0.01 mm"),
 }
 MODELS = {
-    "x": ('model.motion=["x"]',),
-    "x, y": ('model.motion=["x", "y"]',),
-    "rigid neighbour": ("model.neighbour=rigid",),
-    "no friction": ("model.friction=none",),
-    "no contact": ("model.contact=none",),
-    "smooth contact": ("model.contact=smooth", "contact.width=50 um"),
-    "x, rigid, no friction": ('model.motion=["x"]', "model.neighbour=rigid", "model.friction=none"),
+    "x": ('parts.motion=["x"]',),
+    "x, y": ('parts.motion=["x", "y"]',),
+    "rigid neighbour": ("parts.neighbour=rigid",),
+    "no friction": ("parts.friction=none",),
+    "no contact": ("parts.contact=none",),
+    "smooth contact": ("parts.contact=smooth", "contact.width=50 um"),
+    "x, rigid, no friction": ('parts.motion=["x"]', "parts.neighbour=rigid", "parts.friction=none"),
     "printed": ("contact.reading=printed",),
     "two misprints": ('contact.reading=["gap_sign", "levers"]',),
     "m_y": ("blades.m_y=0.1",),
@@ -87,9 +88,9 @@ class Run(NamedTuple):
             return {"raised": text(type(error).__name__), "message free": text(str(error))}
 
 
-def method(name: str, locate: str, precision: str, ledger: bool = False, within: bool = False) -> js.Method:
-    """All choices of a march."""
-    return js.Method(js.tableau(name), locate, ledger, precision, False, within)  # type: ignore[arg-type]
+def method(name: str, locate: str, precision: str) -> js.RungeKutta:
+    """How to march, but for the steps."""
+    return js.RungeKutta(name, locate=locate, precision=precision)  # type: ignore[arg-type]
 
 
 def rows(*quantities: Any) -> np.ndarray:
@@ -110,15 +111,15 @@ def counted(counters: Mapping[str, Any]) -> np.ndarray:
 # One scene
 
 
-def simulated(scene: js.Scene, how: js.Method, n_periods: int, steps: int | str, state: js.State | None = None):
+def simulated(scene: js.Scene, how: Method, n_periods: int, steps: int | str, state: js.State | None = None):
     """A trajectory with few samples."""
     every = steps // SAMPLED if isinstance(steps, int) else 1
     return js.simulate(
-        scene, state, n_periods=n_periods, steps_per_period=steps, every=every, turns=0.0, t=0.0, method=how
+        scene, state, n_periods=n_periods, method=how.replace(steps=steps), every=every, turns=0.0, t=0.0
     )
 
 
-def trajectory(scene: js.Scene, how: js.Method, n_periods: int, steps: int) -> Values:
+def trajectory(scene: js.Scene, how: Method, n_periods: int, steps: int) -> Values:
     """What `simulate` gives."""
     came = simulated(scene, how, n_periods, steps)
     energies = np.array([[came.energy_residual, came.energy_dropped]])
@@ -137,10 +138,9 @@ def trajectory(scene: js.Scene, how: js.Method, n_periods: int, steps: int) -> V
 def simulations() -> Iterator[Run]:
     """All methods on the full model."""
     for how, (name, scene) in product(METHODS, FULL.items()):
-        ledger = how[1] == "bisection"
 
-        def does(given: Given, how=how, scene=scene, ledger=ledger) -> Values:
-            return trajectory(given.scene(*scene), method(*how, ledger=ledger), 2, TABLEAUS[how[0]])
+        def does(given: Given, how=how, scene=scene) -> Values:
+            return trajectory(given.scene(*scene), method(*how), 2, TABLEAUS[how[0]])
 
         yield Run("simulate", f"{', '.join(how)}, {name}", "few periods", does, how[2])
 
@@ -151,7 +151,7 @@ def models() -> Iterator[Run]:
 
         def does(given: Given, parts=parts, gamma=gamma, F_0=F_0) -> Values:
             scene = given.scene("table1", f"contact.gamma={gamma}", f"drive.F_0={F_0}", *parts)
-            return trajectory(scene, method(*PLAIN, ledger=True), 2, 800)
+            return trajectory(scene, method(*PLAIN), 2, 800)
 
         yield Run("models", f"{name}, gamma {gamma}", "few periods", does)
 
@@ -172,7 +172,7 @@ def stopped() -> Iterator[Run]:
     for name, overrides in cases.items():
 
         def does(given: Given, overrides=overrides) -> Values:
-            return trajectory(given.scene("table1", *overrides), method("rk4", "bisection", "float64", True), 2, 400)
+            return trajectory(given.scene("table1", *overrides), method("rk4", "bisection", "float64"), 2, 400)
 
         yield Run("stopped", name, "few periods", does)
 
@@ -183,7 +183,7 @@ def stopped() -> Iterator[Run]:
 def swept(
     scene: js.Scene,
     along: Mapping[str, Any],
-    how: js.Method,
+    how: Method,
     *,
     n_periods: int,
     transient: int,
@@ -191,6 +191,7 @@ def swept(
     direction: str = "independent",
     phase: float = 0.0,
     period_tol: float = 1e-3,
+    ledger: bool = False,
 ) -> js.SweepResult:
     """`sweep` with all its arguments."""
     return js.sweep(
@@ -198,11 +199,11 @@ def swept(
         along,
         n_periods=n_periods,
         transient=transient,
-        steps_per_period=steps,  # type: ignore[arg-type]
+        method=how.replace(steps=steps),  # type: ignore[arg-type]
         direction=direction,  # type: ignore[arg-type]
         phase=phase,
         period_tol=period_tol,
-        method=how,
+        ledger=ledger,
     )
 
 
@@ -234,7 +235,7 @@ def sweeps() -> Iterator[Run]:
             scene, ledger = given.scene("table1", "drive.F_0=60"), how[1] == "bisection"
             along = {"contact.gamma": [0.3, 1.5, 2.5, 4.2, 6.0, 7.5]}
             steps = TABLEAUS[how[0]]
-            return diagram(swept(scene, along, method(*how, ledger), n_periods=3, transient=1, steps=steps))
+            return diagram(swept(scene, along, method(*how), n_periods=3, transient=1, steps=steps, ledger=ledger))
 
         yield Run("sweep, methods", ", ".join(how), "few periods", does, how[2])
 
@@ -289,13 +290,6 @@ def sweeps_of_models() -> Iterator[Run]:
 
         yield Run("sweep, models", name, "few periods", does)
 
-    def within(given: Given) -> Values:
-        along = {"contact.gamma": (1.0, 2.5, 6.0)}
-        how = method(*PLAIN, ledger=True, within=True)
-        return diagram(swept(given.scene("table1"), along, how, n_periods=3, transient=1))
-
-    yield Run("sweep, models", "looked at within steps", "few periods", within)
-
 
 def diagram_of_settled(came: js.SweepResult) -> Values:
     """P_d of orbits, and intervals of what is none."""
@@ -331,16 +325,15 @@ def settled() -> Iterator[Run]:
 # Power
 
 
-def power(scene: js.Scene, how: js.Method, most_periods: int, transient: int) -> dict[str, Any]:
+def power(scene: js.Scene, how: Method, most_periods: int, transient: int) -> dict[str, Any]:
     """The last word of `power`."""
     came = js.power(
         scene,
-        most_periods=most_periods,
+        n_periods=most_periods,
         transient=transient,
-        steps_per_period=200,
+        method=how.replace(steps=200),
         tolerance=1e-6,
         period_tol=1e-3,
-        method=how,
     )
     return came.final
 
@@ -350,7 +343,7 @@ def powers() -> Iterator[Run]:
     orbits = {f"gamma {gamma}": ("table1", f"contact.gamma={gamma}", "drive.F_0=60") for gamma in (0.3, 1.5, 2.5, 4.2)}
     ways = ((PLAIN, True), (("tsit5", "bisection", "float64"), True), (PLAIN, False))
     for (name, scene), (words, ledger) in product(orbits.items(), ways):
-        how = method(*words, ledger)
+        how = method(*words)
 
         def does(given: Given, scene=scene, how=how) -> Values:
             end = power(given.scene(*scene), how, 128, 200)
@@ -367,7 +360,7 @@ def chaotic_powers() -> Iterator[Run]:
 
         def does(given: Given, gamma=gamma, moment=moment, how=how) -> Values:
             scene = given.scene("table1", f"contact.gamma={gamma}", f"drive.M_0={moment}", "drive.F_0=60")
-            end = power(scene, method(*how, ledger=True), 512, 100)
+            end = power(scene, method(*how), 512, 100)
             return {"P_d interval": rows(end["P_d"], end["ci"]), "status": np.asarray(end["status"])}
 
         yield Run("chaos", f"power, {name}, {how[2]}", "chaotic", does, how[2])
@@ -395,9 +388,8 @@ def found(moved: float, name: str, how: tuple[str, str, str]) -> js.Orbit:
         state=None,
         q=None,
         most_periods=512,
-        steps_per_period=TABLEAUS[how[0]],
+        method=method(*how).replace(steps=TABLEAUS[how[0]]),
         tolerance=1e-11 if precise else 1e-7,
-        method=method(*how),
     )
 
 
@@ -424,12 +416,12 @@ def derived(got: js.Gradient) -> Values:
     }
 
 
-def gradient(scene: js.Scene, of: str, at: js.Orbit | None, how: js.Method, **smoothing: Any) -> Any:
+def gradient(scene: js.Scene, of: str, at: js.Orbit | None, how: Method, **smoothing: Any) -> Any:
     """`gradient` with all its arguments."""
     more = {"sigma": 0.01, "pairs": 16, "n_periods": 32, "transient": 32, "most_periods": 512, "seed": 3} | smoothing
     steps = TABLEAUS[how.tableau.name]
     wrt = [key for key in WRT if how.precision == "float64" or key != "contact.gamma"]  # which raises in float32
-    return js.gradient(scene, wrt, of=of, at=at, steps_per_period=steps, method=how, **more)  # type: ignore[arg-type]
+    return js.gradient(scene, wrt, of=of, orbit=at, method=how.replace(steps=steps), **more)  # type: ignore[arg-type]
 
 
 def orbits() -> Iterator[Run]:
@@ -457,9 +449,7 @@ def followed() -> Iterator[Run]:
         scene = given.scene("table1", "contact.gamma=2.51", "drive.F_0=60")
         how, steps = method(*PLAIN), TABLEAUS["rk4"]
         return shot(
-            js.orbit(
-                scene, state=at.start, q=at.q, most_periods=64, steps_per_period=steps, tolerance=1e-11, method=how
-            )
+            js.orbit(scene, state=at.start, q=at.q, most_periods=64, method=how.replace(steps=steps), tolerance=1e-11)
         )
 
     def differences(given: Given) -> Values:
@@ -492,8 +482,8 @@ def smoothed() -> Iterator[Run]:
 def exponents() -> Iterator[Run]:
     """Lyapunov exponents."""
 
-    def measured(scene: js.Scene, n_periods: int, how: js.Method) -> js.Lyapunov:
-        return js.lyapunov(scene, n_periods=n_periods, transient=64, steps_per_period=400, method=how)
+    def measured(scene: js.Scene, n_periods: int, how: Method) -> js.Lyapunov:
+        return js.lyapunov(scene, n_periods=n_periods, transient=64, method=how.replace(steps=400))
 
     for name in ("gamma 0.3", "gamma 2.5", "gamma 4.2"):
 
@@ -529,14 +519,11 @@ def tuned() -> Iterator[Run]:
                 goal=goal,
                 most_penetration=penetration,
                 most_force=force,
-                scan=4,
-                n_starts=1,
-                updates=2,
+                search=js.SearchOptions(scan=4, n_starts=1, updates=2),
                 n_periods=8,
                 transient=8,
-                steps_per_period=200,
+                method=method(*PLAIN).replace(steps=200),
                 seed=5,
-                method=method(*PLAIN),
             )
             told = [came.confirmed, came.feasible, came.periods]
             by_start = [check.objective[0] for check in came.checks.values()]
@@ -555,10 +542,13 @@ def traded() -> Iterator[Run]:
     """Errors of a few ways to march; what they cost is not told."""
 
     def does(given: Given) -> Values:
-        trade, setting = import_module("jaxshroud.trade").trade, import_module("jaxshroud.setting").Setting
+        measure, setting = (
+            import_module("jaxshroud.verbs.trade").measure_settings,
+            import_module("jaxshroud.verbs.accuracy").Setting,
+        )
         ways = [setting(*way) for way in (("rk4", "cubic", "float64", 0.5), ("rk4", "none", "float64", 0.5))]
         scene = given.scene("table1", "contact.gamma=2.5", "drive.F_0=60")
-        came = trade(scene, settings=ways, lanes=8, transient=8, n_periods=8, seed=0)
+        came = measure(scene, ways, lanes=8, transient=8, n_periods=8, seed=0)
         return {
             "state": rows(*(way.state for way in came)),
             "gradient": np.array([[way.gradient] for way in came]),
@@ -605,7 +595,10 @@ def analysed() -> Iterator[Run]:
 
         def free(given: Given, scene=scene) -> Values:
             made = given.scene(*scene)
-            steps = [js.steps_for(made, 0, "auto", js.tableau(name)) for name in TABLEAUS]
+            steps = [
+                import_module("jaxshroud.march.stability").steps_for(made, 0, "auto", js.tableau(name))
+                for name in TABLEAUS
+            ]
             P_0, omega_max = js.free_power(made), js.largest_frequency(made)
             return {"P_0": rows(P_0), "omega_max": rows(omega_max), "steps": np.array(steps)}
 
@@ -657,7 +650,7 @@ def state_of(vector: np.ndarray) -> js.State:
 def image(scene: js.Scene, state: js.State, how: tuple[str, str, str]) -> Values:
     """Where a state is after one period, and how often contact changed."""
     steps = TABLEAUS[how[0]]
-    came = simulated(scene, method(*how, ledger=how[1] == "bisection"), 1, steps, state)
+    came = simulated(scene, method(*how), 1, steps, state)
     size = np.array([[np.max(np.abs(a))] for a in came.motion], np.float32)
     return {
         "motion": rows(*(a[-1] for a in came.motion)),
@@ -687,11 +680,11 @@ def compiled_map(derivative: bool) -> Callable:
 
     def value(scene: js.Scene, state: js.State):
         how = method(*PLAIN)
-        return js.period_map(scene, state, n_periods=2, steps_per_period=400, method=how, most_trials=None)
+        return js.period_map(scene, state, n_periods=2, method=how.replace(steps=400), most_trials=None)
 
     def by_gap(scene: js.Scene, state: js.State):
         gap = scene.shroud.gap
-        along = lambda gap: value(js.vary(scene, "shroud.gap", gap), state).power  # noqa: E731
+        along = lambda gap: value(js.vary(scene, "shroud.gap", gap), state).power
         return jax.jvp(along, (gap,), (jnp.ones_like(gap),))[1]
 
     return jax.jit(jax.vmap(by_gap if derivative else value))

@@ -31,14 +31,13 @@ from test_orbit import scene_of as orbit_scene
 
 import jaxshroud as js
 from jaxshroud.batch.runs import Runs
-from jaxshroud.march.method import Choices
-from jaxshroud.march.tableau import tableau
-from jaxshroud.march.taylor import Taylor
+from jaxshroud.march.method import Choices, Method
+from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.model.modes import Status
 
 FILE = Path(__file__).with_suffix(".npz")
 COUNT, STEPS = 1000, 3000
-TIGHT = Choices(Taylor(16, 1e-14), "series")
+TIGHT = Choices(TaylorOptions(16, 1e-14), "series")
 FINE = Choices(tableau("dopri8"), "cubic")
 NEAR = 1e-9  # a difference that is none
 QUANTILES = (0.5, 0.9, 0.99, 1.0)
@@ -93,7 +92,7 @@ def scenes() -> dict[str, Any]:
     runs = marched(seeds)
     difference, residual = differences(runs, by_reference.end, by_reference.size), residuals(runs)
     both = (by_reference.status == "ok") & np.isfinite(difference)
-    spread = lambda a: {f"{q:g}": float(np.quantile(a[both], q)) for q in QUANTILES}  # noqa: E731
+    spread = lambda a: {f"{q:g}": float(np.quantile(a[both], q)) for q in QUANTILES}
     beyond = [int(n) for n in np.flatnonzero(both & (difference > NEAR))]
     suspects = []
     if beyond:
@@ -115,17 +114,17 @@ def scenes() -> dict[str, Any]:
     }
 
 
-def slopes(overrides: tuple[str, ...], method: js.Method, steps: int) -> np.ndarray:
+def slopes(overrides: tuple[str, ...], method: Method, steps: int) -> np.ndarray:
     """The gradient on an orbit, by relative changes of all parameters."""
     scene = orbit_scene(overrides)
-    orbit = js.orbit(scene, steps_per_period=steps, method=method)
-    found = js.gradient(scene, PARAMETERS, at=orbit, steps_per_period=steps, method=method)
+    orbit = js.orbit(scene, method=method.replace(steps=steps))
+    found = js.gradient(scene, PARAMETERS, orbit=orbit, method=method.replace(steps=steps))
     return scaled(found.value, scene)
 
 
 def gradients() -> dict[str, float]:
     """Of each orbit the difference of gradients."""
-    by_series, fine = js.Method("taylor"), js.Method("dopri8", locate="cubic")
+    by_series, fine = js.Taylor(), js.RungeKutta("dopri8")
     found = {}
     for name, (overrides, _, _) in SCENES.items():
         mine, right = slopes(overrides, by_series, 400), slopes(overrides, fine, 600)

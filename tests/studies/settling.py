@@ -26,13 +26,12 @@ import jax
 import numpy as np
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.runs import Plan, initial_states, run_lanes
 from jaxshroud.batch.states import final_states
 from jaxshroud.march.method import choices
 from jaxshroud.model.linear import area
-from jaxshroud.motion.averages import displacements, half_diagonal, sizes_of
-from jaxshroud.motion.period import nearness, repetition
-from jaxshroud.motion.power import reduction
+from jaxshroud.motion.averages import displacements, half_diagonal, period_maxima, reduction
+from jaxshroud.motion.period import closing_tolerances, repetition
 from jaxshroud.scene.grids import scenes_at
 
 KEYS = ("blades.c_x", "contact.gamma", "drive.F_0", "drive.M_0", "shroud.gap")
@@ -65,7 +64,7 @@ class Run(NamedTuple):
 
 def drawn(rng: np.random.Generator, lightest: float, heaviest: float, n: int) -> np.ndarray:
     """Values (n, keys) of scenes."""
-    log = lambda low, high: np.exp(rng.uniform(np.log(low), np.log(high), n))  # noqa: E731
+    log = lambda low, high: np.exp(rng.uniform(np.log(low), np.log(high), n))
     moment = np.choose(rng.integers(0, 3, n), [np.full(n, 100.0), np.full(n, 10.0), log(0.1, 1.0)])
     return np.stack([log(lightest, heaviest), log(0.3, 8.0), rng.uniform(20, 80, n), moment, log(1e-5, 1e-3)], axis=1)
 
@@ -81,12 +80,12 @@ def runs(seed: int, lightest: float, heaviest: float, n: int) -> list[Run]:
     windows = [[(first[i], last[i]), (LONGER * last[i] - TAIL, LONGER * last[i])] for i in range(n)]
     found: list[list[list[Stretch]]] = [[[], []] for _ in range(n)]
     scenes = scenes_at(base, KEYS, values)
-    states, method, status = starts(scenes), choices(js.Method("tsit5", locate="cubic")), np.zeros(n, int)
+    states, method, status = initial_states(scenes), choices(js.RungeKutta("tsit5")), np.zeros(n, int)
     for at in range(0, LONGER * last.max(), PIECE):
         came = run_lanes(scenes, states, Plan(0, PIECE, STEPS, 0.0, method), lambda _: None)
         states, status = final_states(came.last.state), np.asarray(came.last.status)
         s = came.samples
-        all_lanes = Stretch(displacements(s), sizes_of(s), np.stack(s.power, axis=-1))
+        all_lanes = Stretch(displacements(s), period_maxima(s), np.stack(s.power, axis=-1))
         for i, pair in enumerate(windows):
             for (begin, end), parts in zip(pair, found[i], strict=True):
                 cut = slice(max(begin - at, 0), max(end - at, 0))
@@ -130,7 +129,7 @@ def strayed(run: Run, q: int) -> bool:
     if q == 0:
         far = [abs(f(kept) - f(tail)) for f in (lambda z: z.mean(0), lambda z: np.sqrt((z**2).mean(0)))]
         return bool((np.array(far) > 0.2 * sizes).any())
-    near = nearness(sizes, np.asarray(run.lever), 1e-3, np.float64)
+    near = closing_tolerances(sizes, np.asarray(run.lever), 1e-3, np.float64)
     last = np.arange(len(kept) - q, len(kept))
     ends = np.array([tail[(i - run.later) % q :: q].mean(0) for i in last])
     return bool((np.abs(ends - kept[last]) > 2 * near).any())
@@ -156,7 +155,7 @@ def main() -> None:
     """All scenes, in groups of like damping."""
     jax.config.update("jax_enable_x64", True)
     edges = np.exp(np.linspace(np.log(LIGHTEST), np.log(HEAVIEST), GROUPS + 1))
-    group = lambda i: runs(i, edges[i], edges[i + 1], SCENES // GROUPS)  # noqa: E731
+    group = lambda i: runs(i, edges[i], edges[i + 1], SCENES // GROUPS)
     with ThreadPoolExecutor(2) as pool:
         found = [run for group in pool.map(group, range(GROUPS)) for run in group]
     rows = [judged(run) for run in found if run.status == js.Status.OK]

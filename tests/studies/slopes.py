@@ -56,9 +56,9 @@ def observed(numbers: jax.Array, case: Case) -> jax.Array:
     scene = with_parts(js.load("table1", options).scene, motion=case.motion)
     for i, key in enumerate(KEYS):
         scene = js.vary(scene, key, numbers[i])
-    save = lambda m: (m.N / 100, m.F / 100, m.state.motion.x / 1e-4, m.state.motion.y / 1e-4)  # noqa: E731
-    method = js.Method(case.method, locate="cubic")
-    how = {"every": case.steps // 4, "steps_per_period": case.steps, "method": method}
+    save = lambda m: (m.N / 100, m.F / 100, m.state.motion.x / 1e-4, m.state.motion.y / 1e-4)
+    method = js.RungeKutta(case.method)
+    how = {"every": case.steps // 4, "method": method.replace(steps=case.steps)}
     run = js.rollout(scene, None, case.periods, save=save, **how)
     return jnp.concatenate([jnp.ravel(a) for a in (*run.saved, run.power / 1e-8)])
 

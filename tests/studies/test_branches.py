@@ -3,7 +3,7 @@
 import branches
 import pytest
 
-pytestmark = pytest.mark.studies
+pytestmark = [pytest.mark.studies, pytest.mark.filterwarnings("ignore::jaxshroud.AccuracyWarning")]  # by 100 steps
 
 
 def test_folds_and_flips_are_where_sweeps_change():

@@ -1,10 +1,15 @@
 """A seeded sample of the reading study, and its verdict on labels that are known."""
 
+import json
+
 import numpy as np
 import pytest
 import reading
+import reading_friction
 import reading_scenes
 import reading_verdict
+from reading_friction import CLAIMS, GAPS, PLACES, Times
+from reading_report import PLAUSIBLE
 from reading_scenes import FIG10, FIG12, FIG14, POINTS, columns
 from reading_verdict import LABELS, Found
 
@@ -59,3 +64,35 @@ def test_a_planted_reading_is_found():
     said = reading_verdict.verdict(found, draws=2000)
     assert said.chosen.tolist() == [7]
     assert max(said.choice.p, said.judged.p, said.all_labels.p) < 0.06  # 1 order of 24 meets all labels of a figure
+
+
+def shares(stick, slip):
+    """One reading with these shares of the time at all places, and a P_d that is largest at gamma = 2.5."""
+    whole = np.ones((1, len(PLACES)))
+    P_d = np.where(np.arange(len(PLACES)) == 3, 50.0, 40.0)[None]
+    return Times(P_d, (1 - stick - slip) * whole, stick * whole, slip * whole)
+
+
+def borne_out(found):
+    """The claims that one reading bears out altogether."""
+    return {name for name, shown in reading_friction.claims(found).items() if shown.all()}
+
+
+def test_claims_on_friction_are_told_apart():
+    assert set(reading_friction.claims(shares(0.1, 0.1))) == set(CLAIMS)
+    mixed = shares(0.2, 0.3)
+    assert borne_out(mixed) == {"3.3.1, best", "3.3.2, no pure stick"}
+    mixed.stick[:, [8, 9, 16, 17]] = 0.4  # gamma = 15 and 30, F_0 = 90 and 200 N
+    mixed.apart[:, GAPS[:, -1]] = 1.0
+    assert borne_out(mixed) == set(CLAIMS)
+    assert borne_out(shares(0.3, 0.0)) == set()  # pure stick
+    assert borne_out(shares(0.0, 0.0)) == {"3.3.2, no pure stick", "3.3.2, apart"}  # no contact is no stick
+
+
+def test_friction_of_the_plausible_reading_is_what_is_stored():
+    # Shares in chaos are those of other trajectories on other machines; the article's claims are not.
+    kept = json.loads(reading.HERE.with_suffix(".json").read_text("utf-8"))["friction"]
+    got = reading_friction.times([PLAUSIBLE])
+    assert borne_out(got) == set(kept["plausible"]["borne out"])
+    stored = [row["stick in contact"] for row in kept["plausible"]["over gamma"]]
+    np.testing.assert_allclose(got.stick_in_contact[0, : len(stored)], stored, atol=0.03)

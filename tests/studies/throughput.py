@@ -40,7 +40,7 @@ def child(lanes: int, who: str, part: str, parts: str) -> None:
 
     jax.config.update("jax_enable_x64", True)
     import jaxshroud as js
-    from jaxshroud.batch.threads import alone
+    from jaxshroud.batch.threads import single_threaded
 
     js.cache_compilations()
     values = np.linspace(0.5, 8.0, lanes)[int(part) :: int(parts)]
@@ -48,7 +48,7 @@ def child(lanes: int, who: str, part: str, parts: str) -> None:
 
     def once(place: str, out: str, **more) -> str:
         kept = {} if place == "memory" else {"store": f"{out}/a.zarr"}
-        keeps = dict(n_periods=32, transient=32, steps_per_period=400, **kept, **more)
+        keeps = dict(n_periods=32, transient=32, method=js.RungeKutta(steps=400), **kept, **more)
         P_d = js.sweep(scene, {"contact.gamma": values}, **keeps).P_d
         halves = P_d.reshape(-1, 2 // int(parts)).T
         return " ".join(f"{zlib.crc32(np.ascontiguousarray(half).tobytes()):08x}" for half in halves)
@@ -64,7 +64,7 @@ def child(lanes: int, who: str, part: str, parts: str) -> None:
         with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", memory_limit=0) as cluster:
             serve(scheduler=cluster.scheduler_address)
     elif who == "alone":
-        with alone():
+        with single_threaded():
             serve()
     else:
         serve()

@@ -25,11 +25,11 @@ from scipy.stats import fisher_exact
 
 import jaxshroud as js
 from jaxshroud.results.attractors import share_interval
-from jaxshroud.verbs.design import judge_designs
+from jaxshroud.verbs.design_problem import judge_designs
 from jaxshroud.version import __version__
 
 DRAWS, FINER, SEEDS = 2000, 10, 10
-SHORT = {"scan": 16, "n_starts": 2, "updates": 4, "draws": 8, "samples": 512}
+SHORT = {"search": js.SearchOptions(scan=16, n_starts=2, updates=4), "draws": 8, "check_draws": 512}
 # Scene with overrides, what is tuned, what scatters, what is stated; chosen for variety, P_d after a first look.
 DESIGNS: dict[str, tuple[str, list[str], dict[str, Any]]] = {
     "small moment": (
@@ -37,8 +37,7 @@ DESIGNS: dict[str, tuple[str, list[str], dict[str, Any]]] = {
         [],
         {
             "over": {"shroud.gap": (5e-6, 1e-4), "contact.gamma": (0.5, 6.0)},
-            "tolerance": {"shroud.gap": 5e-6},
-            "spread": {"contact.gamma": 0.03},
+            "scatters": {"shroud.gap": 5e-6, "contact.gamma": "3%"},
             "at_least": 50.5,
             "periods": (16, 16, 100),
         },
@@ -48,8 +47,7 @@ DESIGNS: dict[str, tuple[str, list[str], dict[str, Any]]] = {
         ["drive.M_0=10"],
         {
             "over": {"shroud.gap": (5e-6, 2e-4)},
-            "tolerance": {"shroud.gap": 1e-5},
-            "spread": {"drive.F_0": 0.1, "blades.m[1]": 0.05},
+            "scatters": {"shroud.gap": 1e-5, "drive.F_0": "10%", "blades.m[1]": "5%"},
             "goal": "worst",
             "at_least": 41.0,
             "periods": (24, 24, 100),
@@ -62,8 +60,7 @@ DESIGNS: dict[str, tuple[str, list[str], dict[str, Any]]] = {
             "over": {"contact.gamma": (0.2, 8.0)},
             "conditions": {"drive.F_0": [50.0, 60.0]},
             "most_force": 120.0,
-            "tolerance": {"shroud.gap": 5e-6},
-            "spread": {"contact.gamma": 0.1},
+            "scatters": {"shroud.gap": 5e-6, "contact.gamma": "10%"},
             "at_least": 45.0,
             "periods": (32, 32, 100),
         },
@@ -73,8 +70,7 @@ DESIGNS: dict[str, tuple[str, list[str], dict[str, Any]]] = {
         ["drive.M_0=0.1"],
         {
             "over": {"shroud.gap": (5e-6, 1e-4)},
-            "tolerance": {"shroud.gap": 1e-5},
-            "spread": {"drive.F_0": 0.1},
+            "scatters": {"shroud.gap": 1e-5, "drive.F_0": "10%"},
             "at_least": 41.2,
             "periods": (16, 8, 200),
         },
@@ -84,7 +80,7 @@ DESIGNS: dict[str, tuple[str, list[str], dict[str, Any]]] = {
         ["drive.M_0=1"],
         {
             "over": {"contact.gamma": (0.5, 8.0)},
-            "spread": {"contact.gamma": 0.05, "friction.mu": 0.2},
+            "scatters": {"contact.gamma": "5%", "friction.mu": "20%"},
             "at_least": 49.5,
             "periods": (16, 8, 200),
         },
@@ -96,7 +92,7 @@ def tuned_design(name: str) -> tuple[js.Tuned, js.Scene, dict[str, Any]]:
     """A design with what is known of its robustness, its scene and how it is marched."""
     scene, more, asked = DESIGNS[name]
     transient, kept, steps = asked["periods"]
-    how = {"transient": transient, "n_periods": kept, "steps_per_period": steps}
+    how = {"transient": transient, "n_periods": kept, "method": js.RungeKutta(steps=steps)}
     wanted = {key: value for key, value in asked.items() if key != "periods"}
     own = js.load(scene, more).scene
     return js.tune(own, wanted.pop("over"), **wanted, **SHORT, motions=8, **how), own, how
@@ -113,7 +109,7 @@ def lanes(tuned: js.Tuned, own: js.Scene, table: dict[str, np.ndarray]) -> js.Sc
 
 def P_d_of(tuned: js.Tuned, scenes: js.Scene, how: dict[str, Any]) -> np.ndarray:
     """P_d (conditions, rows), -inf of runs that stop."""
-    found = js.sweep(scenes, samples=False, method=tuned.problem.plan.method, **how)
+    found = js.sweep(scenes, keep_samples=False, **how)
     return np.where(found.status == 0, found.P_d, -np.inf)
 
 
@@ -123,7 +119,7 @@ def used(tuned: js.Tuned, own: js.Scene, how: dict[str, Any], table: dict[str, n
     share = (tuned.nominal_P_d[:, None] - P_d_of(tuned, scenes, how)).max(axis=0) / tuned.loss
     if np.isfinite(tuned.most_force):  # from the first period on
         whole = {**how, "transient": 0, "n_periods": how["transient"] + how["n_periods"]}
-        forces = js.sweep(scenes, samples=False, forces=True, method=tuned.problem.plan.method, **whole).N_max
+        forces = js.sweep(scenes, keep_samples=False, forces=True, **whole).N_max
         share = np.maximum(share, forces.max(axis=0) / tuned.most_force)
     return share
 
@@ -171,7 +167,7 @@ def probability_judged(tuned: js.Tuned, own: js.Scene, how: dict[str, Any], seed
 
 def met_of(tuned: js.Tuned, samples: int, seed: int) -> int:
     """How many draws meet what is asked for, had the tuning had another seed for them."""
-    scattering = tuned.problem.scattering.again(samples, np.random.default_rng([seed, 2]))
+    scattering = tuned.problem.scattering.redrawn(samples, np.random.default_rng([seed, 2]))
     judged = judge_designs(tuned.problem._replace(scattering=scattering), tuned.best[None], lambda _: None)
     return int((judged.P_d.reshape(-1, samples).min(axis=0) >= tuned.at_least).sum())
 

@@ -33,30 +33,30 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.runs import Plan, initial_states, run_lanes
 from jaxshroud.batch.states import final_states, to_vector
-from jaxshroud.batch.states import rows as rows_of
+from jaxshroud.batch.states import motion_rows as rows_of
 from jaxshroud.march.method import choices
-from jaxshroud.motion.averages import displacements, nearness_of
-from jaxshroud.motion.largest import largest_exponents
-from jaxshroud.motion.returns import returns
-from jaxshroud.motion.shooting import Aim, nearby_orbit
-from jaxshroud.motion.together import together
-from jaxshroud.motion.verdict import Verdict, sentence, verdicts
+from jaxshroud.motion.averages import closing_tolerances_of, displacements
+from jaxshroud.motion.batched_algorithms import run_together
+from jaxshroud.motion.lyapunov import largest_exponents
+from jaxshroud.motion.period import recurrence
+from jaxshroud.motion.shooting import ShootingOptions, nearby_orbit
+from jaxshroud.motion.verdict import Verdict, verdict_text, verdicts
 from jaxshroud.scene.grids import scenes_at
 
 SEED, PIECE = 13, 160  # scenes that are marched together
 TRANSIENT, LONGER, TAIL, CHAOS = 64, 20, 256, 1000
 CLOSES, CLOSED, THERE, STIFFEST = 1e-6, 1e-9, 1e-3, 1.5
 FAMILIES, STEPS = {"table1": 480, "eq21": 800, "light": 16, "realistic": 8}, 100  # scenes; steps per period
-METHOD = choices(js.Method("tsit5", locate="cubic"))
+METHOD = choices(js.RungeKutta("tsit5"))
 CLASSES, OPEN = ("period 1", "period > 1", "chaotic"), ("undecided", "transient not over")
 Numbers = dict[str, float]
 
 
 def drawn(family: str, rng: np.random.Generator) -> Numbers:
     """The numbers of one scene."""
-    log = lambda low, high: float(np.exp(rng.uniform(np.log(low), np.log(high))))  # noqa: E731
+    log = lambda low, high: float(np.exp(rng.uniform(np.log(low), np.log(high))))
     zeta, omega = log(0.005, 0.04), 536.0
     m, m_y, I, k_x, k_y, k_T = 0.08, 0.08, 2.46e-3, 1e5, 3e6, 2000.0
     told = {"gap": log(5e-6, 8e-5), "gamma": log(2, 12), "F_0": rng.uniform(20, 80), "mu": rng.uniform(0.2, 0.6)}
@@ -110,7 +110,7 @@ class Truth(NamedTuple):
 def truths(scenes: js.Scene, periods: int) -> list[Truth]:
     """The truth of scenes (leading axis) after so many periods from rest."""
     early = periods // 8
-    out, states = closed_ones(scenes, starts(scenes), early)
+    out, states = closed_ones(scenes, initial_states(scenes), early)
     rest = np.array([i for i in range(len(out)) if not out[i].name.startswith("period")], int)
     if not len(rest):
         return out
@@ -134,12 +134,12 @@ def closed_ones(scenes: js.Scene, states: js.State, periods: int) -> tuple[list[
     """Which scenes are on a stable orbit so many periods later ("open": not), and where all are."""
     runs = run_lanes(scenes, states, Plan(periods - TAIL, TAIL, STEPS, 0.0, METHOD), lambda _: None)
     states, z, last = final_states(runs.last.state), displacements(runs.samples), rows_of(runs.samples.motion)
-    number = returns(z, nearness_of(scenes, runs.samples, CLOSES, "float64")).number
+    number = recurrence(z, closing_tolerances_of(scenes, runs.samples, CLOSES, "float64")).number
     ended = np.asarray(runs.last.status) == js.Status.OK
     out = [Truth("open" if fine else "neither", "stopped") for fine in ended]
-    lanes, aim = np.flatnonzero((number > 0) & ended), Aim(STEPS, 1e-11, METHOD)
+    lanes, aim = np.flatnonzero((number > 0) & ended), ShootingOptions(STEPS, 1e-11, METHOD)
     sought = [nearby_orbit(taken(scenes, i), taken(states, i), int(number[i]), last[i], aim) for i in lanes]
-    for i, cycle in zip(lanes.tolist(), together(sought), strict=True):
+    for i, cycle in zip(lanes.tolist(), run_together(sought), strict=True):
         out[i] = _of_orbit(cycle, taken(states, i))
     return out, states
 
@@ -159,7 +159,7 @@ def _of_orbit(cycle: Any, state: js.State) -> Truth:
 def compared(family: str, rows: list[Numbers]) -> list[dict[str, Any]]:
     """Verdict and truth of scenes of a family."""
     scenes, began = scenes_of(rows), time.process_time()
-    told = verdicts(scenes, starts(scenes), TRANSIENT, Aim(STEPS, 1e-11, METHOD))
+    told = verdicts(scenes, initial_states(scenes), TRANSIENT, ShootingOptions(STEPS, 1e-11, METHOD))
     print(family, len(rows), f"verdicts: {time.process_time() - began:.0f} s of all threads", flush=True)
     out: list[dict[str, Any]] = [{} for _ in rows]
     for periods in sorted({v.periods for v in told}):
@@ -179,7 +179,7 @@ def _row(family: str, numbers: Numbers, verdict: Verdict, truth: Truth) -> dict[
         "verdict": verdict.words,
         "judged": judged,
         "periods": verdict.periods,
-        "evidence": sentence(verdict),
+        "evidence": verdict_text(verdict),
         "why": truth.why,
         "numbers": {key: float(f"{value:.6g}") for key, value in numbers.items()},
     }

@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 from side_by_side import ends, relative_error, run, sizes, with_parts
 
-from jaxshroud.batch.xla import alone
+from jaxshroud.batch.xla import one_lane
 from jaxshroud.march.method import FAST_WITH_LEDGER
 from jaxshroud.march.stability import largest_frequency
+from jaxshroud.motion.short_runs import motions_at
 from jaxshroud.scene.vary import vary
-from jaxshroud.verbs.adaptive import Adaptive
-from jaxshroud.verbs.setting import states
+from jaxshroud.verbs.trade import Adaptive
 
 
 def solved(scene, solver: str, rtol: float) -> np.ndarray:
     """The motion after one period from the scene's start, (12,)."""
-    ran = Adaptive(solver, rtol).run(alone(scene), 1)
+    ran = Adaptive(solver, rtol).run(one_lane(scene), 1)
     assert ran is not None
-    return states(ran.samples, 0)[0]
+    return motions_at(ran.samples, 0)[0]
 
 
 SOLVERS = {

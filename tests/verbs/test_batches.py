@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.scene.errors import InputError, NumericalError
+from jaxshroud.scene.checks import InputError, NumericalError
 
 GAMMA = [1.0, 2.5, 4.0]
-SHORT = {"steps_per_period": 200}
+SHORT = {"method": js.RungeKutta(steps=200)}
 
 
 @pytest.fixture(scope="module")
@@ -79,9 +79,7 @@ def test_the_argument_counts_then_the_file_then_the_default():
     file = js.load("table1", ['parts.motion=["x"]', "run.periods=2", "run.transient=1", "run.steps_per_period=150"])
     run = js.simulate(file)
     assert (len(run.t), run.steps_per_period) == (301, 150)
-    assert js.simulate(file, n_periods=1, steps_per_period=200).t.shape == (201,)
-    with pytest.raises(InputError, match="`accuracy` chooses `steps_per_period` itself"):
-        js.simulate(file, accuracy="fast", steps_per_period=200)
+    assert js.simulate(file, n_periods=1, method=js.RungeKutta(steps=200)).t.shape == (201,)
     quiet = js.sweep(file.scene, {"contact.gamma": GAMMA}, n_periods=1)
     assert quiet.period.tolist() == [65]  # nothing said: the start-up is no part of an average
     assert quiet.accuracy.startswith("accuracy 1e-06")
@@ -94,8 +92,3 @@ def test_the_sweep_of_a_file_needs_no_more_words():
     curve = js.sweep(js.load("fig09", words))
     assert list(curve.axes) == ["contact.gamma"]
     assert curve.P_d.shape == (3,)
-
-
-def test_most_periods_is_called_n_periods(scene):
-    with pytest.warns(DeprecationWarning, match="`n_periods` now"):
-        js.power(scene, most_periods=2, transient=0, **SHORT)

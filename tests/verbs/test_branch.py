@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.tangents import flow
-from jaxshroud.results.branch import KINDS
+from jaxshroud.batch.tangents import flow_with_tangents
+from jaxshroud.results.branch import BIFURCATION_KINDS
 
-KEY, STEPS = "contact.gamma", {"steps_per_period": 100}
+KEY, STEPS = "contact.gamma", {"method": js.RungeKutta(steps=100)}
 # Bending in x alone, lightly damped: along gamma one orbit folds twice, and its upper part flips.
 SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=5", "contact.gamma=3"]).scene
 FOLDS, FLIP = (2.0205136, 2.4617387), 3.6139405  # of this march, by steps of the continuation twice as short and long
@@ -16,7 +16,8 @@ FOLDS, FLIP = (2.0205136, 2.4617387), 3.6139405  # of this march, by steps of th
 @pytest.fixture(scope="module")
 def found():
     """The branch through the orbit at gamma = 3, and that of twice its period."""
-    return js.branch(SCENE, KEY, 1.5, 3.7, most_points=80, **STEPS)
+    with pytest.warns(js.AccuracyWarning, match=r"flip at contact\.gamma = 3\.61394: a finer march places it"):
+        return js.branch(SCENE, KEY, 1.5, 3.7, most_points=80, **STEPS)
 
 
 def special(found, kind):
@@ -32,9 +33,24 @@ def test_multipliers_are_on_the_unit_circle_where_they_pass_it(found):
             assert abs(one.multiplier - at) < 1e-7
 
 
+@pytest.mark.full
+def test_every_located_value_is_told_with_the_error_of_the_march(found):
+    # 100 steps a period: the equation is solved to ten digits, the march errs in the fifth or sixth. The truth is a
+    # march of eight times the steps, whose own errors it tells as well.
+    fine = js.branch(SCENE, KEY, 1.5, 3.7, most_points=80, method=js.RungeKutta(steps=800))
+    for kind in ("fold", "flip"):
+        coarse, true = (sorted(special(one, kind), key=lambda s: s.value) for one in (found, fine))
+        assert len(coarse) == len(true) > 0
+        for one, exact in zip(coarse, true, strict=True):
+            off = abs(one.value - exact.value)
+            assert one.error / 3 < off < 3 * one.error
+            assert exact.error < one.error / 8
+    assert np.isnan(found.value_error[found.kind == 0]).all()
+
+
 def test_stability_changes_at_special_points_only(found):
     for i in np.flatnonzero(np.diff(found.stable.astype(int)) * (np.diff(found.branch) == 0)):
-        assert {KINDS[found.kind[i]], KINDS[found.kind[i + 1]]} & {"fold", "flip"}
+        assert {BIFURCATION_KINDS[found.kind[i]], BIFURCATION_KINDS[found.kind[i + 1]]} & {"fold", "flip"}
     assert (~found.stable).sum() >= 5
 
 
@@ -50,7 +66,7 @@ def test_unstable_orbits_close_as_simulated(found):
     assert len(unstable) >= 3
     for i in unstable[:: len(unstable) // 3]:
         scene = js.vary(SCENE, KEY, float(found.value[i]))
-        run = js.simulate(scene, found.start(int(i)), n_periods=1, method=js.Method(locate="cubic"), **STEPS)
+        run = js.simulate(scene, found.start(int(i)), n_periods=1, **STEPS)
         size = np.abs(run.motion.x).max()
         np.testing.assert_allclose(run.last.motion.x, found.start(int(i)).motion.x, rtol=0, atol=1e-8 * size)
         assert found.residual[i] <= 1e-9
@@ -77,9 +93,9 @@ def test_grazing_is_at_zero_closing_speed(found):
 
 
 def test_no_point_compiles_anything(found):
-    before = flow.widest._cache_size()
+    before = flow_with_tangents.widest._cache_size()
     js.branch(SCENE, KEY, 2.9, 3.2, **STEPS)
-    assert flow.widest._cache_size() == before
+    assert flow_with_tangents.widest._cache_size() == before
 
 
 def test_what_is_saved_is_what_is_opened(found, tmp_path):

@@ -1,9 +1,14 @@
 """Sweeps on workers of Dask distributed: the same bits, whoever comes and goes, and one line where nobody is there."""
 
 import json
+import logging
 import os
 import signal
+import socket
+import subprocess
+import sys
 
+import cloudpickle
 import dask
 import numpy as np
 import psutil
@@ -12,10 +17,10 @@ from distributed import Client, LocalCluster
 
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
-from jaxshroud.scene.errors import MachineError
+from jaxshroud.scene.checks import MachineError
 from jaxshroud.verbs import cluster, stored
 
-SHORT = dict(n_periods=2, transient=1, steps_per_period=100)
+SHORT = dict(n_periods=2, transient=1, method=js.RungeKutta(steps=100))
 GAMMA = np.linspace(1.0, 2.0, 200)
 LINE = {"contact.gamma": GAMMA}
 GRID = {"contact.gamma": GAMMA[:10], "drive.F_0": np.linspace(40.0, 60.0, 100)}
@@ -26,9 +31,9 @@ NOBODY = "tcp://127.0.0.1:9"
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """Blocks of 64 lanes, or of four continued values."""
-    monkeypatch.setattr(stored, "LEAST_SENT", 64)
-    monkeypatch.setattr(stored, "PARTS_SENT", 10**6)
-    monkeypatch.setattr(stored, "STEPS", 4 * 3 * 100)
+    monkeypatch.setattr(stored, "MIN_SENT_LANES", 64)
+    monkeypatch.setattr(stored, "MAX_SENT_BLOCKS", 10**6)
+    monkeypatch.setattr(stored, "MAX_BLOCK_STEPS", 4 * 3 * 100)
 
 
 @pytest.fixture(scope="module")
@@ -77,12 +82,63 @@ def test_what_workers_began_is_gone_on_with_without_them_and_the_other_way_round
         assert written == [(int(lost),)]
 
 
-@pytest.mark.full
-def test_a_worker_that_is_another_is_refused(scene, here, tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "machine_of", lambda client: {**cluster.machine(), "jax": "0.0.1"})
-    monkeypatch.setattr(stored, "machine_of", cluster.machine_of)
-    with pytest.raises(js.StoreError, match=r"a worker has jax \d.*, not 0.0.1; give all workers the same"):
+def test_a_worker_of_other_versions_than_this_process_is_refused(scene, here, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "machine_identity", lambda: {"version": "0.0.1", "jax": "0.0.2", "device": "cpu"})
+    told = r"^a worker has version \S+, not 0.0.1, jax \S+, not 0.0.2; give all workers the same, and run again$"
+    with pytest.raises(js.StoreError, match=told):
         run(scene, "independent", tmp_path / "a.zarr", scheduler=here)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("lacking", "told"),
+    [
+        ("jax", "a worker lacks what it needs (ModuleNotFoundError: "),
+        ("jaxshroud.version", "a worker lacks what it needs (ModuleNotFoundError: "),
+    ],
+)
+def test_a_worker_says_what_it_lacks(monkeypatch, lacking, told):
+    asked = cloudpickle.loads(cloudpickle.dumps(cluster._worker_function()))
+    monkeypatch.setitem(sys.modules, lacking, None)
+    assert asked({}).startswith(told)
+
+
+def test_what_is_sent_names_no_module_of_this_package():
+    # By its name, a worker without the package or without jax would end while it reads it, in silence.
+    told = "print(cloudpickle.dumps(cluster._worker_function()).hex())"
+    sent = f"import cloudpickle; from jaxshroud.verbs import cluster; {told}"
+    made = subprocess.run([sys.executable, "-c", sent], capture_output=True, text=True, check=True).stdout.strip()
+    lacking = "import pickle, sys; sys.modules |= dict.fromkeys(['jax', 'jaxshroud'])"
+    subprocess.run([sys.executable, "-c", f"{lacking}; pickle.loads(bytes.fromhex('{made}'))"], check=True)
+
+
+def test_each_worker_is_looked_at_before_its_first_block():
+    asked, like = cluster._worker_function(), cluster.machine_identity()
+    assert asked(like) == {"device": like["device"]}
+    assert asked({**like, "jax": "0.0.2"}, b"never read", {}).endswith(", not 0.0.2")
+
+
+def test_a_block_that_cannot_be_read_is_one_line():
+    class Unread:
+        def result(self):
+            raise RuntimeError("Error during deserialization of the task graph. This frequently occurs if ...")
+
+    with pytest.raises(js.StoreError, match=r"^a worker cannot read what it is sent: .*; give all workers the same"):
+        cluster._worker_result(Unread())
+
+
+def test_the_logs_of_dask_say_nothing_in_between():
+    soon = dask.config.set({"distributed.comm.timeouts.connect": "0.2s"})
+    with pytest.raises(MachineError), soon, cluster.connected_client(NOBODY):
+        pass
+    assert not logging.getLogger("distributed.client").isEnabledFor(logging.ERROR)
+
+
+def test_a_mute_server_is_one_line_after_the_timeout_of_dask():
+    soon = dask.config.set({"distributed.comm.timeouts.connect": "0.5s"})
+    told = r"^tcp://\S+: the scheduler cannot be reached \(Timed out waiting for an answer after 0.5 s\); start it"
+    with socket.create_server(("127.0.0.1", 0)) as mute, soon, pytest.raises(MachineError, match=told):
+        cluster.connected_client(f"tcp://127.0.0.1:{mute.getsockname()[1]}").__enter__()
 
 
 @pytest.mark.full
@@ -179,7 +235,7 @@ def test_a_scheduler_that_is_lost_leaves_a_store_to_go_on_with(scene, tmp_path, 
 
 
 def test_workers_of_ones_own_listen_on_this_machine_only():
-    with cluster.client_of("local:1"):
+    with cluster.connected_client("local:1"):
         processes = [psutil.Process(), *psutil.Process().children(recursive=True)]
         sockets = [at for process in processes for at in process.net_connections("inet") if at.status == "LISTEN"]
     assert sockets

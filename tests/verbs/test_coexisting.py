@@ -5,10 +5,10 @@ import pytest
 from scipy.stats import binomtest
 
 import jaxshroud as js
-from jaxshroud.motion.random_starts import _depths, random_starts, reach
+from jaxshroud.motion.random_starts import _overlaps, random_starts, start_range
 from jaxshroud.results.attractors import share_interval
 
-STEPS = {"steps_per_period": 100}
+STEPS = {"method": js.RungeKutta(steps=100)}
 # Between the folds of test_branch: two orbits of period 1.
 SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=5", "contact.gamma=2.2"]).scene
 
@@ -31,7 +31,7 @@ def test_each_start_ends_where_it_is_said_to(found):
     # Against runs of four times the length: the slower multiplier leaves 1e-6 of the start by then.
     state = js.State(found.initial, np.zeros(64), np.zeros(64, np.int32), np.zeros(64, np.int32))
     many = js.scenes_from({"contact.gamma": np.full(64, 2.2)}, SCENE)
-    run = js.sweep(many, state=state, transient=800, n_periods=1, method=js.Method(locate="cubic"), **STEPS)
+    run = js.sweep(many, state=state, transient=800, n_periods=1, **STEPS)
     expected = found.motion.x[found.label]
     np.testing.assert_allclose(run.motion.x[:, -1], expected, rtol=0, atol=1e-4 * np.abs(expected).max())
 
@@ -46,11 +46,11 @@ def test_starts_are_apart_seeded_and_within_reach():
     scene = js.load("table1", ["drive.M_0=1"]).scene
     states, again = random_starts(scene, 50, 3, 2.0), random_starts(scene, 50, 3, 2.0)
     np.testing.assert_array_equal(states.motion.theta, again.motion.theta)
-    for drawn, most in zip(states.motion, reach(scene), strict=True):
+    for drawn, most in zip(states.motion, start_range(scene), strict=True):
         share = np.abs(np.asarray(drawn)) / most
         assert share.max() <= 2
         assert share.max() > 1.8  # they use it
-    assert (np.asarray(_depths(scene, states.motion)) < 0).all()
+    assert (np.asarray(_overlaps(scene, states.motion)) < 0).all()
 
 
 def test_permanent_stick_is_one_family():
@@ -62,6 +62,33 @@ def test_permanent_stick_is_one_family():
     assert found.names == ["family of period 1"]
     assert found.share.tolist() == [1.0]
     assert found.P_d_most[0] >= found.P_d_least[0]
+
+
+def test_a_long_transient_is_no_motion_of_its_own(tmp_path):
+    # A free blade whose amplitude falls by e in 680 periods: what it does in 576 looks aperiodic, but decays.
+    slow = js.load("table1", ['parts.motion=["x"]', "blades.c_x=0.02", "shroud.gap=20mm"]).scene
+    found = js.attractors(slow, 4, most_periods=64, method=js.RungeKutta(steps=60))
+    assert found.names == []
+    assert found.undecided == 1
+    assert (found.label == -1).all()
+    found.save(tmp_path / "attractors.nc")
+    assert repr(js.open(tmp_path / "attractors.nc")) == repr(found)
+    plane = js.basins(slow, ranges=[(-5e-3, 5e-3), (-1.0, 1.0)], num=2, most_periods=64, method=js.RungeKutta(steps=60))
+    assert (plane.label == -1).all()
+    (panel, *_) = plane.plot().axes
+    grey = panel.collections[0].to_rgba(panel.collections[0].get_array())
+    np.testing.assert_allclose(grey[..., :3], 200 / 255, atol=0.01)  # all of it
+    assert not panel.lines  # no marker
+
+
+@pytest.mark.parametrize("long", [128, 1])  # lanes whose sets are looked at, and the others
+def test_a_transient_that_ends_while_it_is_run_on_joins_its_motion(long, monkeypatch):
+    monkeypatch.setattr("jaxshroud.motion.attractors.MAX_LONG_RUNS", long)
+    # A free blade whose amplitude falls by e in 68 periods: 576 look aperiodic, thousands do not.
+    short = js.load("table1", ['parts.motion=["x"]', "blades.c_x=0.2", "shroud.gap=20mm"]).scene
+    found = js.attractors(short, 4, most_periods=64, **STEPS)
+    assert found.names == ["period 1"]
+    assert found.undecided == 0
 
 
 def test_what_is_saved_is_what_is_opened(found, tmp_path):
@@ -79,7 +106,7 @@ def test_basins_are_what_their_starts_lead_to(found, tmp_path):
     x, v = (plane.data[dim].to_numpy() for dim in plane.data["label"].dims)
     for i, j in ((0, 0), (3, 5), (5, 2)):
         at = js.vary(js.vary(SCENE, "initial.x[0]", x[i]), "initial.v_x[0]", v[j])
-        end = js.simulate(at, n_periods=400, method=js.Method(locate="cubic"), **STEPS).last.motion.x
+        end = js.simulate(at, n_periods=400, **STEPS).last.motion.x
         np.testing.assert_allclose(end, plane.motion.x[plane.label[i, j]], rtol=0, atol=1e-3 * np.abs(end).max())
     plane.save(tmp_path / "basins.nc")
     assert js.open(tmp_path / "basins.nc").plot().axes
@@ -128,7 +155,7 @@ def test_several_directions_are_saved_and_drawn(both, tmp_path):
 
 def test_a_map_without_samples_has_the_same_numbers():
     over = {"contact.gamma": [1.0, 2.0, 3.0], "drive.F_0": [20.0, 40.0]}
-    whole, numbers = (js.sweep(SCENE, over, n_periods=16, samples=s, **STEPS) for s in (True, False))
+    whole, numbers = (js.sweep(SCENE, over, n_periods=16, keep_samples=s, **STEPS) for s in (True, False))
     assert "x" not in numbers.data
     for name in ("P_d", "period_number", "status", "settling"):
         np.testing.assert_array_equal(getattr(numbers, name), getattr(whole, name))

@@ -7,11 +7,12 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
-from jaxshroud.results import plot_diagnosis
+from jaxshroud.plotting.page import Page
+from jaxshroud.plotting.plot_diagnosis import DIAGNOSIS_PANELS
 
 # Bending along x alone, damped so that it settles soon.
 SMALL = ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]
-HOW = {"steps_per_period": 100, "transient": 16}
+HOW = {"method": js.RungeKutta(steps=100), "transient": 16}
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +27,7 @@ def panels(figure):
 
 def test_verdict_and_numbers_are_those_of_the_other_verbs(found):
     scene = js.load("table1", SMALL).scene
-    orbit = js.orbit(scene, steps_per_period=100)
+    orbit = js.orbit(scene, method=js.RungeKutta(steps=100))
     assert found.verdict == "period 1" == f"period {orbit.q}"
     assert found.period_number == 1
     np.testing.assert_allclose(found.P_d[-1], orbit.P_d, atol=1e-8)  # of a run that is at rest on its orbit
@@ -50,6 +51,10 @@ def test_a_page_has_panels_of_what_the_model_has(found):
     assert "where contact acts" not in titles  # blocks that do not turn
 
 
+def test_a_panel_of_the_page_is_drawn_alone(found):
+    assert panels(found.plot(panel="summary")) == ["summary"]
+
+
 @pytest.mark.full
 def test_a_page_without_contact():
     free = js.diagnose(js.load("table1", [*SMALL, 'parts.contact="none"']), transient=16)
@@ -63,7 +68,7 @@ def test_a_diagnosis_opens_again(found, tmp_path):
     found.save(tmp_path / "diagnosis.nc")
     again = js.open(tmp_path / "diagnosis.nc")
     assert isinstance(again, js.Diagnosis)
-    assert json.dumps(again.summary) == json.dumps(found.summary)
+    assert json.dumps(again.summary()) == json.dumps(found.summary())
     assert repr(again) == f"Diagnosis: {found.evidence}"
 
 
@@ -90,5 +95,6 @@ def test_the_command_writes_page_and_numbers(tmp_path, capsys):
 
 def test_panels_fill_rows_of_three():
     names = ["history", "phase", "poincare", "ribbon", "loop", "summary"]
-    rows = plot_diagnosis._rows(names)
+    panels = [panel for panel in DIAGNOSIS_PANELS if panel.name in names]
+    rows = Page(None, panels, "", (1.0, 1.0), columns=3).rows
     assert rows == [["history"] * 3, ["phase", "poincare", ""], ["ribbon", "ribbon", "loop"], ["summary", "", ""]]

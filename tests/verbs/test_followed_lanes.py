@@ -10,12 +10,12 @@ import jaxshroud as js
 from jaxshroud import LaneWarning, Status, load, vary
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.motion import gradient as slopes
-from jaxshroud.motion.together import Derivatives
-from jaxshroud.scene.errors import NumericalError
+from jaxshroud.motion.batched_algorithms import Derivatives
+from jaxshroud.scene.checks import NumericalError
 from jaxshroud.scene.grids import scenes_at
 
 GAMMAS = (0.5, 2.5, 5.0)
-STEPS = {"steps_per_period": 100}
+STEPS = {"method": js.RungeKutta(steps=100)}
 KEYS = ["shroud.gap", "contact.gamma"]
 
 
@@ -87,7 +87,7 @@ def test_leading_axes_come_first(scenes):
 
 
 def test_gradients_of_a_batch_are_those_of_a_loop(scenes, each, found):
-    many = js.gradient(scenes, KEYS, at=found, **STEPS)
+    many = js.gradient(scenes, KEYS, orbit=found, **STEPS)
     for lane, scene in enumerate(each):
         one = js.gradient(scene, KEYS, **STEPS)
         for key in KEYS:
@@ -95,15 +95,15 @@ def test_gradients_of_a_batch_are_those_of_a_loop(scenes, each, found):
             # The orbits of `gradient` are of scenes whose stiffness is written anew, rounded differently.
             np.testing.assert_allclose(many.value[key][lane], one.value[key], rtol=1e-9)
         assert (many.kind[lane], many.flags[lane], many.ci[KEYS[0]][lane]) == ("periodic", (), 0.0)
-    with pytest.raises(ValueError, match="`at` has lanes"):
-        js.gradient(each[0], KEYS, at=found, **STEPS)
+    with pytest.raises(ValueError, match="`orbit` has lanes"):
+        js.gradient(each[0], KEYS, orbit=found, **STEPS)
 
 
 def test_kinds_of_gradients_are_told_by_lane():
     # Chaos beside an orbit: each has the derivative that it can have.
     base = load("table1", ["drive.F_0=60"]).scene
     pair = scenes_at(base, ["contact.gamma"], np.array([[5.5], [2.5]]))
-    few = {"pairs": 4, "n_periods": 4, "transient": 4, "most_periods": 64, "steps_per_period": 200}
+    few = {"pairs": 4, "n_periods": 4, "transient": 4, "most_periods": 64, "method": js.RungeKutta(steps=200)}
     got = js.gradient(pair, ["shroud.gap"], **few)
     assert got.kind.tolist() == ["smoothed", "periodic"]
     assert "aperiodic" in got.flags[0]
@@ -138,12 +138,12 @@ def test_a_lane_that_stops_is_flagged_and_the_others_go_on(overflowing, found):
     with pytest.raises(NumericalError, match="1 failed"):
         js.orbit(overflowing, throw=True, **STEPS)
     with pytest.warns(LaneWarning):
-        slope = js.gradient(overflowing, ["shroud.gap"], at=some, **STEPS)
+        slope = js.gradient(overflowing, ["shroud.gap"], orbit=some, **STEPS)
     assert slope.kind.tolist() == ["periodic", "none", "periodic"]
     assert slope.flags[1] == ("stopped", "failed")
     assert np.isnan(slope.value["shroud.gap"]).tolist() == [False, True, False]
     with pytest.raises(NumericalError, match="nothing to differentiate"):
-        js.gradient(overflowing, ["shroud.gap"], at=some, throw=True, **STEPS)
+        js.gradient(overflowing, ["shroud.gap"], orbit=some, throw=True, **STEPS)
     with pytest.warns(LaneWarning):
         grown = js.lyapunov(overflowing, n_periods=2, transient=1, **STEPS)
     assert np.isnan(grown.exponents[1]).all()
@@ -179,11 +179,11 @@ def test_equations_that_cannot_be_solved_are_flagged(scenes, found, monkeypatch)
 
     monkeypatch.setattr(slopes, "moved_start", singular)
     with pytest.warns(LaneWarning):
-        got = js.gradient(scenes, ["shroud.gap"], at=found, **STEPS)
+        got = js.gradient(scenes, ["shroud.gap"], orbit=found, **STEPS)
     assert got.flags.tolist() == [(), ("failed",), ()]
     one = js.orbit(vary(jax.tree.map(lambda a: a[0], scenes), "contact.gamma", GAMMAS[1]), **STEPS)
     with pytest.raises(np.linalg.LinAlgError):
-        js.gradient(one.scene, ["shroud.gap"], at=one, **STEPS)
+        js.gradient(one.scene, ["shroud.gap"], orbit=one, **STEPS)
 
 
 def test_results_come_back_from_files(found, scenes, tmp_path):
@@ -200,7 +200,7 @@ def test_results_come_back_from_files(found, scenes, tmp_path):
     nearby = js.orbit(back.scene, state=back.start, q=1, **STEPS)
     assert np.all(nearby.updates <= 1)
     np.testing.assert_allclose(nearby.P_d, found.P_d, rtol=1e-9)
-    slope = js.gradient(back.scene, KEYS, at=back, **STEPS)
+    slope = js.gradient(back.scene, KEYS, orbit=back, **STEPS)
     slope.save(tmp_path / "slopes.nc")
     again = js.Gradient.load(tmp_path / "slopes.nc")
     np.testing.assert_array_equal(again.value[KEYS[0]], slope.value[KEYS[0]])
@@ -208,7 +208,7 @@ def test_results_come_back_from_files(found, scenes, tmp_path):
     assert (again.of, again.kind.tolist()) == ("P_d", ["periodic"] * 3)
     with pytest.raises(ValueError, match="holds a Gradient, not a Orbit"):
         js.Orbit.load(tmp_path / "slopes.nc")
-    with pytest.raises(ValueError, match="no picture of a Orbit"):
+    with pytest.raises(ValueError, match="no picture of a result of the kind 'orbit'"):
         found.plot()
     grown = js.lyapunov(scenes, n_periods=4, transient=1, **STEPS)
     grown.save(tmp_path / "grown.nc")
@@ -221,7 +221,7 @@ def test_a_single_orbit_comes_back_from_its_file(each, tmp_path):
     back = js.open(tmp_path / "orbit.nc")
     assert repr(back) == repr(one)
     assert (back.q, back.flags, back.P_d) == (one.q, one.flags, one.P_d)
-    exact, again = (js.gradient(o.scene, KEYS, at=o, **STEPS).value for o in (one, back))
+    exact, again = (js.gradient(o.scene, KEYS, orbit=o, **STEPS).value for o in (one, back))
     assert exact == again
     assert "Orbit" in back._repr_html_()
 

@@ -9,12 +9,12 @@ import jaxshroud as js
 from jaxshroud import load, sweep
 from jaxshroud.batch.runs import Plan
 from jaxshroud.march.method import FAST
-from jaxshroud.motion.gradient import smoothed, with_numbers
+from jaxshroud.motion.gradient import scenes_around, smoothed_gradient, with_numbers
 from jaxshroud.verbs.gradient import on_orbit
 
 PLAN = Plan(16, 32, 200, 0.0, FAST)
 SIGMA = 0.01
-orbit, gradient = (partial(verb, steps_per_period=400) for verb in (js.orbit, js.gradient))
+orbit, gradient = (partial(verb, method=js.RungeKutta(steps=400)) for verb in (js.orbit, js.gradient))
 CHAOTIC = {"gamma 5.5": 5.5, "gamma 10": 10.0}
 
 
@@ -30,7 +30,7 @@ def kernel_weighted_slope(scene, gamma):
         {"contact.gamma": gamma * (1 + SIGMA * xi)},
         n_periods=PLAN.kept,
         transient=PLAN.transient,
-        steps_per_period=PLAN.steps_per_period,
+        method=js.RungeKutta(steps=PLAN.steps_per_period),
     )
     weight = np.exp(-(xi**2) / 2)
     P_d = dense.P_d - np.average(dense.P_d, weights=weight)
@@ -42,7 +42,7 @@ def kernel_weighted_slope(scene, gamma):
 def test_the_interval_covers_the_slope_of_a_dense_sweep(gamma):
     scene, keys = with_numbers(scene_at(gamma), ["contact.gamma"]), ["contact.gamma"]
     nothing, true = orbit(scene, most_periods=8).cycle(), kernel_weighted_slope(scene, gamma)
-    found = [smoothed(scene, keys, "P_d", nothing, SIGMA, 128, PLAN, seed) for seed in range(20)]
+    found = [smoothed_gradient(scene, keys, "P_d", nothing, SIGMA, 128, PLAN, seed) for seed in range(20)]
     covers = [abs(g.value[0] - true) <= g.ci[0] for g in found]
     assert np.mean(covers) >= 0.9
     # Control: intervals a quarter as wide do not.
@@ -56,7 +56,7 @@ def test_the_smoothed_gradient_tends_to_the_exact_one():
     plan = Plan(128, 4, 400, 0.0, FAST)
     errors = []
     for sigma in (1e-2, 1e-3, 1e-4):
-        got = smoothed(scene, ["contact.gamma"], "P_d", found.cycle(), sigma, 16, plan, 0)
+        got = smoothed_gradient(scene, ["contact.gamma"], "P_d", found.cycle(), sigma, 16, plan, 0)
         errors.append(abs(got.value[0] / exact - 1))
     assert errors[1] < errors[0] / 20
     assert errors[2] < 1e-6
@@ -77,7 +77,7 @@ def test_chaos_is_told_from_order():
 def test_a_neighbourhood_with_bifurcations_is_structured():
     # Around gamma = 4.4 lie a period doubling and windows.
     scene = with_numbers(scene_at(4.4), ["contact.gamma"])
-    got = smoothed(scene, ["contact.gamma"], "P_d", orbit(scene).cycle(), 0.05, 32, PLAN, 0)
+    got = smoothed_gradient(scene, ["contact.gamma"], "P_d", orbit(scene).cycle(), 0.05, 32, PLAN, 0)
     assert "structured" in got.flags
 
 
@@ -88,12 +88,33 @@ def test_power_itself_can_be_differentiated():
     assert P_d.value["shroud.gap"] == pytest.approx(-100 * P.value["shroud.gap"] / P_0, rel=1e-9)
 
 
+def test_unlike_blades_change_together_by_the_same_amount():
+    scene = load("table1", ['parts.motion=["x"]', "blades.c_x=[40, 44]"]).scene
+    keys = ["blades.c_x", "blades.c_x[0]", "blades.c_x[1]"]
+    found = js.gradient(scene, keys, method=js.RungeKutta(steps=100))
+    both, left, right = (found.value[key] for key in keys)
+    assert both == pytest.approx(left + right, rel=1e-9)
+    assert min(abs(both - left), abs(both - right)) > 1e-3 * abs(both)
+    assert js.differences(found.orbit, keys[:1], 1e-4)[keys[0]] == pytest.approx(both, rel=1e-6)
+    around = scenes_around(scene, keys[:1], np.array([[42.0], [43.0]]))  # of a smoothed one
+    np.testing.assert_allclose(around.blades.c_x, [[40, 44], [41, 45]])
+
+
 def test_wrong_requests_are_told():
     with pytest.raises(KeyError, match="the scene has no number `"):
         gradient(scene_at(2.5), ["shroud.gaps"])
     with pytest.raises(KeyError, match="one number"):
         gradient(scene_at(2.5), ["contact.k", "contact.gamma"])
-    with pytest.raises(KeyError, match="differs between the blades"):
-        gradient(scene_at(2.5), ["drive.phase"])
     with pytest.raises(ValueError, match="is 0"):
         gradient(scene_at(5.5), ["drive.phase[0]"], most_periods=16)
+
+
+def test_a_number_that_is_0_does_not_take_the_slopes_of_others_away():
+    short = {"most_periods": 16, "pairs": 8, "n_periods": 4, "transient": 4, "method": js.RungeKutta(steps=100)}
+    found = gradient(scene_at(5.5), ["drive.phase[0]", "shroud.gap"], **short)
+    assert found.kind == "smoothed"
+    assert "no width" in found.flags
+    assert np.isnan(found.value["drive.phase[0]"])
+    assert np.isfinite(found.value["shroud.gap"])
+    assert [effect.key for effect in found.effects] == ["shroud.gap", "drive.phase[0]"]
+    assert found.plot() is not None

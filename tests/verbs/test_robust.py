@@ -6,20 +6,20 @@ import pytest
 import jaxshroud as js
 from jaxshroud.batch.runs import Plan
 from jaxshroud.march.method import FAST
-from jaxshroud.results.tuned import Judged
-from jaxshroud.verbs import intervals
-from jaxshroud.verbs.climb import PUSH, exact_slopes
-from jaxshroud.verbs.design import judge_designs, problem_of, scenes_of
-from jaxshroud.verbs.robust import wanted_of
+from jaxshroud.results.tuned import DesignJudgement
+from jaxshroud.verbs import robust as robustness
+from jaxshroud.verbs.ascent import MAX_GROWTH, exact_slopes
+from jaxshroud.verbs.design_problem import judge_designs, problem_of, scenes_of
+from jaxshroud.verbs.robust import robustness_request
 from jaxshroud.verbs.scattering import scattering_of
-from jaxshroud.verbs.tune import problem_again
+from jaxshroud.verbs.tune import problem_from_result
 
 SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
 OVER = {"shroud.gap": (5e-6, 5e-5)}
-HOW = {"n_periods": 4, "transient": 16, "steps_per_period": 100}
-SMALL = {"scan": 4, "n_starts": 1, "updates": 1, **HOW}
+HOW = {"n_periods": 4, "transient": 16, "method": js.RungeKutta(steps=100)}
+SMALL = {"search": js.SearchOptions(scan=4, n_starts=1, updates=1), **HOW}
 PLAN = Plan(16, 4, 100, 0.0, FAST)
-TOLERANCE, SPREAD = {"shroud.gap": 5e-6}, {"blades.m[1]": 0.05, "drive.F_0": 0.2}
+SCATTERS = {"shroud.gap": 5e-6, "blades.m[1]": "5%", "drive.F_0": "20%"}
 
 
 def quiet(_):
@@ -27,7 +27,7 @@ def quiet(_):
 
 
 def scattering(places=None):
-    made = scattering_of(TOLERANCE, SPREAD, 4, 0)
+    made = scattering_of(SCATTERS, 4, 0)
     return made if places is None else made._replace(places=np.array(places))
 
 
@@ -39,8 +39,8 @@ def problem(**more):
 @pytest.fixture(scope="module")
 def robust():
     return js.tune(
-        SCENE, OVER, conditions={"drive.F_0": [40.0, 60.0]}, tolerance=TOLERANCE, spread=SPREAD, draws=4, at_least=51.0,
-        samples=64, motions=4, **SMALL,
+        SCENE, OVER, conditions={"drive.F_0": [40.0, 60.0]}, scatters=SCATTERS, draws=4, at_least=51.0,
+        check_draws=64, motions=4, **SMALL,
     )  # fmt: skip
 
 
@@ -66,10 +66,10 @@ def test_draws_count_like_conditions():
 @pytest.mark.full
 def test_slopes_are_averaged_over_draws():
     # A share of the gap itself: its derivative is stretched with it. Differences err by the square of their step.
-    made = problem_of(SCENE, OVER, {}, scattering_of({}, {"shroud.gap": 0.3, "friction.mu": 0.2}, 4, 0))
+    made = problem_of(SCENE, OVER, {}, scattering_of({"shroud.gap": "30%", "friction.mu": "20%"}, 4, 0))
     made, u, h = made._replace(plan=PLAN), np.array([[0.6]]), 1e-4
     slope, growth = exact_slopes(made, u, quiet)
-    assert np.all(growth < PUSH)
+    assert np.all(growth < MAX_GROWTH)
     up, down = (judge_designs(made, made.values(u + s), quiet).P_d for s in (h, -h))
     np.testing.assert_allclose(slope[..., 0], (up - down) / (2 * h), rtol=1e-3, atol=1e-3)
     # Control: without the stretch it would be another.
@@ -100,45 +100,45 @@ def known(loss, limit=np.inf, at=0.4, most=1.0, monkeypatch=None):
         mu = designs[:, 0]
         P_d, n = -loss(mu)[:, None], len(mu)
         score = P_d[:, 0] - np.maximum(mu / limit - 1, 0)
-        return Judged(score, P_d[:, 0], P_d, np.zeros((n, 1)), np.zeros(n), mu, np.ones((n, 1)))
+        return DesignJudgement(score, P_d[:, 0], P_d, np.zeros((n, 1)), np.zeros(n), mu, np.ones((n, 1)))
 
-    monkeypatch.setattr(intervals, "judge_designs", judge)
+    monkeypatch.setattr(robustness, "judge_designs", judge)
     design = np.array([at])
-    return intervals.interval_of(made, design, 0, judge(made, design[None], quiet), most, quiet)
+    return robustness.interval_of(made, design, 0, judge(made, design[None], quiet), most, quiet)
 
 
 def test_intervals_of_a_known_loss(monkeypatch):
     # A parabola that loses 1 at 0.4 +- 0.01: an interval narrower than the first look's spacing.
     found = known(lambda mu: ((mu - 0.4) / 0.01) ** 2, monkeypatch=monkeypatch)
     np.testing.assert_allclose(found.ends, [0.39, 0.41], atol=1e-5)
-    assert np.all(found.ended_by == intervals.LOSS)
+    assert np.all(found.ended_by == robustness.ALLOWED_LOSS)
     assert found.beyond[0] < 0.39 < found.ends[0] < found.ends[1] < 0.41 < found.beyond[1]
-    inside = (found.looked >= found.ends[0]) & (found.looked <= found.ends[1])
-    assert inside.sum() >= intervals.PLACES // 2
+    inside = (found.probes >= found.ends[0]) & (found.probes <= found.ends[1])
+    assert inside.sum() >= robustness.SEARCH_POINTS // 2
 
 
 def test_intervals_end_at_islands_limits_and_bounds(monkeypatch):
-    flat = lambda mu: 0.0 * mu  # noqa: E731
+    flat = lambda mu: 0.0 * mu
     assert known(flat, monkeypatch=monkeypatch).ends.tolist() == [0.0, 1.0]
-    assert known(flat, monkeypatch=monkeypatch).ended_by.tolist() == [intervals.BOUND] * 2
+    assert known(flat, monkeypatch=monkeypatch).ended_by.tolist() == [robustness.BOUND] * 2
     held = known(flat, limit=0.7, monkeypatch=monkeypatch)
-    assert held.ended_by.tolist() == [intervals.BOUND, intervals.LIMIT]
+    assert held.ended_by.tolist() == [robustness.BOUND, robustness.LIMIT]
     assert held.ends[1] <= 0.7 < held.beyond[1] < held.ends[1] + 1e-4
-    island = lambda mu: np.where(abs(mu - 0.6) < 0.01, 2.0, 0.0)  # noqa: E731
+    island = lambda mu: np.where(abs(mu - 0.6) < 0.01, 2.0, 0.0)
     assert known(island, monkeypatch=monkeypatch).ends[1] == pytest.approx(0.59, abs=1e-4)
     wrong = known(flat, limit=0.3, monkeypatch=monkeypatch)
     assert wrong.ends.tolist() == [0.4, 0.4]
-    assert wrong.ended_by.tolist() == [intervals.LIMIT] * 2
+    assert wrong.ended_by.tolist() == [robustness.LIMIT] * 2
 
 
 def test_what_comes_near_is_looked_at_closer(monkeypatch):
     # Waves 0.2 off that lose 1.001 at most, more than 1 in 3 % of each: a first look meets no such place for long.
-    waves = lambda mu: np.where(abs(mu - 0.4) < 0.2, 0.0, 0.7 + 0.301 * np.sin(2 * np.pi * 57.3 * mu))  # noqa: E731
-    wrong = lambda found: np.mean(waves(np.linspace(*found.ends, 20_000)) > 1)  # noqa: E731
+    waves = lambda mu: np.where(abs(mu - 0.4) < 0.2, 0.0, 0.7 + 0.301 * np.sin(2 * np.pi * 57.3 * mu))
+    wrong = lambda found: np.mean(waves(np.linspace(*found.ends, 20_000)) > 1)
     assert wrong(known(waves, monkeypatch=monkeypatch)) == 0
     # Control: a first look alone.
-    monkeypatch.setattr(intervals, "CLOSER", 0)
-    monkeypatch.setattr(intervals, "AUDITS", 0)
+    monkeypatch.setattr(robustness, "REFINEMENTS", 0)
+    monkeypatch.setattr(robustness, "MAX_AUDITS", 0)
     assert wrong(known(waves, monkeypatch=monkeypatch)) > 0.005
 
 
@@ -147,7 +147,7 @@ def test_probability_is_that_of_the_draws(robust):
     assert robust.probability == np.mean(robust.sampled_P_d >= 51.0)
     assert 0 < robust.probability < 1
     assert robust.probability_low < robust.probability < robust.probability_high
-    made = problem_again(robust)
+    made = problem_from_result(robust)
     again = made._replace(scattering=made.scattering._replace(places=robust.sampled))
     P_d = judge_designs(again, robust.best[None], quiet).P_d.reshape(2, -1).min(axis=0)
     np.testing.assert_array_equal(P_d, robust.sampled_P_d)
@@ -167,31 +167,32 @@ def test_a_robust_tuning_comes_back_from_its_file(robust, tmp_path):
     assert repr(back) == repr(robust)
     assert back.scatters == robust.scatters == {"shroud.gap": (5e-6, False), "blades.m[1]": (0.05, True), "drive.F_0": (0.2, True)}  # fmt: skip  # noqa: E501
     assert str(back.robust) == str(robust.robust)
-    again, was = (judge_designs(problem_again(one), robust.best[None], quiet).P_d for one in (back, robust))
+    again, was = (judge_designs(problem_from_result(one), robust.best[None], quiet).P_d for one in (back, robust))
     np.testing.assert_array_equal(again, was)
     assert len(back.plot().axes) == 2 + 2 + 1  # paths and scores, two numbers, and the scatter
     assert robust.conditions == {"drive.F_0": [40.0, 60.0]}
 
 
 def test_a_tuning_without_scatter_has_nothing_of_it():
-    assert wanted_of(False, None, None, 1024, 32) is None
-    assert scattering_of({}, {}, 16, 0) is None
+    assert robustness_request(False, None, None, 1024, 32) is None
+    assert scattering_of({}, 16, 0) is None
 
 
 @pytest.mark.parametrize(
     ("asked", "told"),
     [
-        ({"spread": {"shroud.gap": 20.0}}, "such as 0.2 for 20 %"),
-        ({"tolerance": {"shroud.gap": 0.0}}, "positive half width"),
-        ({"tolerance": {"shroud.gap": 1e-6}, "spread": {"shroud.gap": 0.1}}, "both a tolerance and a spread"),
-        ({"tolerance": {"friction.mu": 0.6}}, "at an end of its scatter"),
-        ({"spread": {"shroud.gap[0]": 0.1}}, "gap"),
-        ({"spread": {"drive.M_0": 0.1}}, "of which no share scatters"),
-        ({"tolerance": {"blades.m": 0.01}, "spread": {"blades.m[1]": 0.1}}, "partly the same number"),
+        ({"scatters": {"shroud.gap": "2000%"}}, "below 100 %"),
+        ({"scatters": {"shroud.gap": "wide"}}, "not 'wide'"),
+        ({"scatters": {"shroud.gap": (1e-6, 2e-6)}}, "`scatters` must be"),
+        ({"scatters": {"shroud.gap": 0.0}}, "positive half width"),
+        ({"scatters": {"friction.mu": 0.6}}, "at an end of its scatter"),
+        ({"scatters": {"shroud.gap[0]": "10%"}}, "gap"),
+        ({"scatters": {"drive.M_0": "10%"}}, "a share of 0 does not scatter"),
+        ({"scatters": {"blades.m": 0.01, "blades.m[1]": "10%"}}, "partly the same number"),
         ({"at_least": 30.0}, "say what scatters"),
         ({"loss": 0.0}, "`loss` must be positive"),
-        ({"loss": 1.0, "samples": 1}, "samples"),
-        ({"tolerance": {"shroud.gap": 1e-6}, "draws": 0}, "draws"),
+        ({"loss": 1.0, "check_draws": 1}, "check_draws"),
+        ({"scatters": {"shroud.gap": 1e-6}, "draws": 0}, "draws"),
     ],
 )
 def test_wrong_requests_are_told(asked, told):

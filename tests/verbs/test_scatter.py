@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.results.effects import effects, step_of
+from jaxshroud.motion.effects import effect_step, effects
 from jaxshroud.scene.vary import numbers_that_count
 
 SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
-SHORT = {"n_periods": 4, "transient": 16, "steps_per_period": 100}
+SHORT = {"n_periods": 4, "transient": 16, "method": js.RungeKutta(steps=100)}
 OVER = {"shroud.gap": (1e-5, 3e-5), "friction.mu": (0.2, 0.4)}
 
 
 @pytest.fixture(scope="module")
 def found():
-    return js.scatter(SCENE, OVER, at_least=30.0, samples=16, **SHORT)
+    return js.scatter(SCENE, OVER, at_least=30.0, draws=16, **SHORT)
 
 
 def test_draws_are_the_sweep_of_their_numbers(found):
@@ -24,6 +24,23 @@ def test_draws_are_the_sweep_of_their_numbers(found):
     assert found.probability_low <= found.probability <= found.probability_high
     ends = np.array(list(OVER.values()))
     assert np.all((found.drawn >= ends[:, 0]) & (found.drawn <= ends[:, 1]))
+
+
+def test_a_draw_has_the_least_P_d_of_its_conditions(tmp_path):
+    conditions = {"drive.F_0": [30.0, 60.0]}
+    # The scene's own F_0 counts for nothing but as what a scattering one is compared with.
+    worst = js.scatter(js.vary(SCENE, "drive.F_0", 90.0), OVER, conditions=conditions, at_least=30.0, draws=4, **SHORT)
+    alone = [js.scatter(js.vary(SCENE, "drive.F_0", F), OVER, draws=4, **SHORT) for F in conditions["drive.F_0"]]
+    np.testing.assert_array_equal(worst.P_d, np.minimum(*(one.P_d for one in alone)))
+    assert not np.array_equal(worst.P_d, alone[1].P_d)  # control: no condition is the worst of every draw for free
+    assert worst.N_max == max(one.N_max for one in alone)
+    assert worst.runs == 2 * alone[0].runs
+    worst.save(tmp_path / "scatter.nc")
+    assert js.open(tmp_path / "scatter.nc").conditions == conditions
+    spread = {"drive.F_0": (81.0, 99.0)}  # 10 % about 90
+    moved = js.scatter(js.vary(SCENE, "drive.F_0", 90.0), spread, conditions={"drive.F_0": [30.0]}, draws=4, **SHORT)
+    about = js.scatter(SCENE, {"drive.F_0": (27.0, 33.0)}, draws=4, **SHORT)
+    np.testing.assert_allclose(moved.P_d, about.P_d, rtol=1e-9)  # rounding of F_0 over a few periods
 
 
 def test_a_scatter_is_stored_and_drawn(found, tmp_path):
@@ -40,7 +57,7 @@ def test_a_scatter_is_stored_and_drawn(found, tmp_path):
 def test_a_draw_that_stops_counts_as_missed(tmp_path):
     wild = js.vary(SCENE, "initial.x", [1e150, 0.0])
     with pytest.warns(js.LaneWarning):
-        lost = js.scatter(wild, {"initial.v_x": (0.0, 1e200)}, at_least=-1e9, samples=4, **SHORT)
+        lost = js.scatter(wild, {"initial.v_x": (0.0, 1e200)}, at_least=-1e9, draws=4, **SHORT)
     assert lost.stopped > 0
     assert lost.probability < 1
 
@@ -64,7 +81,7 @@ def test_effects_are_per_one_percent_and_sorted():
     assert told[0].change == pytest.approx(2 * np.pi / 180)
     assert told[0].per == "1°"
     assert told[1].change == pytest.approx(-50 * 2e-7)
-    assert step_of("drive.M_0", 0.0) == (1.0, "1 N m")
+    assert effect_step("drive.M_0", 0.0) == (1.0, "1 N m")
 
 
 def test_all_numbers_are_those_of_the_model():
@@ -89,24 +106,25 @@ ORBITS = {
 }
 
 
+@pytest.mark.studies(only=["a block's own inertia"])
 @pytest.mark.full
 @pytest.mark.parametrize(("name", "more"), ORBITS.values(), ids=ORBITS)
 def test_relative_effects_are_those_of_differences(name, more):
-    orbit = js.orbit(js.load(name, more).scene, steps_per_period=400)
-    found = js.gradient(orbit.cycle().scene, "all", at=orbit)
+    orbit = js.orbit(js.load(name, more).scene, method=js.RungeKutta(steps=400))
+    found = js.gradient(orbit.cycle().scene, "all", orbit=orbit)
     assert found.kind == "periodic"
     by = js.differences(orbit, found.wrt, 1e-5)
     for effect in found.effects:
-        step, _ = step_of(effect.key, effect.number)
+        step, _ = effect_step(effect.key, effect.number)
         # Fourth-order differences; what they miss, rounding included, is below a ten thousandth of the largest.
         assert abs(by[effect.key] * step - effect.change) <= 1e-4 * abs(found.effects[0].change)
     # Control: effects of twice the step are told from these.
-    assert abs(2 * by[found.effects[0].key] * step_of(*found.effects[0][:2])[0] / found.effects[0].change - 1) > 0.9
+    assert abs(2 * by[found.effects[0].key] * effect_step(*found.effects[0][:2])[0] / found.effects[0].change - 1) > 0.9
 
 
 @pytest.mark.full
 def test_effects_are_stored_and_drawn(tmp_path):
-    short = {"steps_per_period": 100, "most_periods": 64}
+    short = {"method": js.RungeKutta(steps=100), "most_periods": 64}
     found = js.gradient(SCENE, ["shroud.gap", "contact.gamma"], **short)
     found.save(tmp_path / "g.nc")
     again = js.open(tmp_path / "g.nc")

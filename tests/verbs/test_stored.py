@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import signal
+import uuid
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +16,10 @@ import jaxshroud as js
 from jaxshroud.batch import continuation
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import sweep as sweep_verb
-from jaxshroud.results import unfinished
-from jaxshroud.verbs import stored, stretches
+from jaxshroud.io import unfinished_store
+from jaxshroud.verbs import stored
 
-SHORT = dict(n_periods=2, transient=1, steps_per_period=100)
+SHORT = dict(n_periods=2, transient=1, method=js.RungeKutta(steps=100))
 GAMMA = np.linspace(1.0, 2.0, 200)
 LINE = {"contact.gamma": GAMMA}
 GRID = {"contact.gamma": GAMMA[:10], "drive.F_0": [40.0, 60.0]}
@@ -34,9 +35,9 @@ class Killed(BaseException):
 def small():
     """Blocks of 64 lanes, or of four continued values, each of which is kept."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stretches, "SECONDS", 0.0)
-        patch.setattr(stored, "LEAST", 64)
-        patch.setattr(stored, "STEPS", 4 * 3 * 100)
+        patch.setattr(stored, "STRETCH_SECONDS", 0.0)
+        patch.setattr(stored, "MIN_BLOCK_LANES", 64)
+        patch.setattr(stored, "MAX_BLOCK_STEPS", 4 * 3 * 100)
         yield
 
 
@@ -126,11 +127,11 @@ def test_a_run_killed_anywhere_goes_on_to_the_same_bits(scene, whole, way, tmp_p
 
 
 def test_an_interrupted_store_tells_what_ended_and_goes_on(scene, whole, tmp_path, written):
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    before, sent = signal.signal(signal.SIGINT, signal.default_int_handler), []
 
     def stop(done, total):
-        if done > total / 2 and len(written) > 1:
-            os.kill(os.getpid(), signal.SIGINT)
+        if done > total / 2 and len(written) > 1 and not sent:  # a second one ends at once
+            sent.append(os.kill(os.getpid(), signal.SIGINT))
 
     try:
         with pytest.raises(js.Interrupted) as stopped:
@@ -165,23 +166,96 @@ def flip(path: Path):
     path.write_bytes(content)
 
 
+def swap(path: Path):
+    """Exchange a block's file with the next block's: each is what it was, checksum and all, in the other's place."""
+    other, held = path.with_name(path.name.replace("1", "2")), path.with_name("held")
+    path.rename(held)
+    other.rename(path)
+    held.rename(other)
+
+
+ONE = [(1,)]
 DAMAGES = {
-    "a flipped bit": ("P_d/c/1", flip),
-    "a cut chunk": ("x/c/1/0/0", lambda path: os.truncate(path, 10)),
-    "a lost chunk": ("status/c/1", Path.unlink),
-    "a lost record": ("resume/1.npz", Path.unlink),
-    "a damaged record": ("resume/1.npz", lambda path: os.truncate(path, 100)),
+    "a flipped bit": ("P_d/c/1", flip, ONE),
+    "a cut chunk": ("x/c/1/0/0", lambda path: os.truncate(path, 10), ONE),
+    "a lost chunk": ("status/c/1", Path.unlink, ONE),
+    "swapped chunks": ("P_d/c/1", swap, [(1,), (2,)]),
+    "a lost record": ("resume/1.npz", Path.unlink, ONE),
+    "a damaged record": ("resume/1.npz", lambda path: os.truncate(path, 100), ONE),
+    "an empty record": ("resume/1.npz", np.savez, ONE),
+    "swapped records": ("resume/1.npz", swap, [(1,), (2,)]),
+    # What is not of one block is written again with the first.
+    "a lost description": ("P_d/zarr.json", Path.unlink, [(0,)]),
+    "a damaged description": ("P_d/zarr.json", flip, [(0,)]),
+    "a lost array": ("P_d", shutil.rmtree, [(0,), (1,), (2,), (3,)]),
+    "a lost coordinate": ("gamma", shutil.rmtree, [(0,)]),
+    "a lost record of the whole": ("resume/whole.npz", Path.unlink, [(0,)]),
+    "an empty record of the whole": ("resume/whole.npz", np.savez, [(0,)]),
 }
 
 
-@pytest.mark.full(but=["a flipped bit", "a lost chunk", "a damaged record"])
+@pytest.mark.full(but=["a flipped bit", "swapped chunks", "a damaged record", "an empty record", "a lost description"])
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_damage_is_found_and_computed_again(scene, whole, tmp_path, written, damage):
+def test_damage_is_refused_and_computed_again(scene, whole, tmp_path, written, capsys, damage):
     path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
-    place, done = DAMAGES[damage]
+    place, done, again = DAMAGES[damage]
     done(path / place)
+    with pytest.raises(js.StoreError, match=r"a.zarr: damaged .*; --resume of the same sweep computes it anew$"):
+        js.open(path)
+    for words in (["plot", str(path)], ["convert", str(path), "--out", str(tmp_path / "a.csv")]):
+        assert cli.main(words) == 2
+        told = capsys.readouterr()
+        assert (told.out, told.err.count("\n")) == ("", 1)
     same(run(scene, "independent", path, resume=True), whole["independent"])
-    assert written == [(1,)]
+    assert written == again
+    same(js.open(path), whole["independent"])
+    assert files(path) == files(kept(whole))
+
+
+def files(path):
+    """All that a store consists of."""
+    return {part.relative_to(path): part.read_bytes() for part in path.rglob("*") if part.is_file()}
+
+
+def test_what_is_told_of_all_directions_is_not_lost_in_silence(scene, whole, tmp_path):
+    exact = Path(whole["both"].data.encoding["source"])
+    path = shutil.copytree(exact, tmp_path / "a.zarr")
+    shutil.rmtree(path / "jump")
+    with pytest.raises(js.StoreError, match=r"damaged \(jump/zarr.json is missing"):
+        js.open(path)
+    same(run(scene, "both", path, resume=True), whole["both"])
+    assert files(path) == files(exact)
+
+
+@pytest.mark.parametrize("content", [{}, {"block": "1-0", "number P_d": np.zeros((1, 2))}])
+def test_what_is_not_the_beginning_of_a_block_is_not_taken(scene, whole, tmp_path, content):
+    path = tmp_path / "a.zarr"
+    with pytest.raises(js.Interrupted):
+        run(scene, "forward", path, progress=interrupt_at(0.1))
+    begun = path / "resume" / f"0-0{unfinished_store.BEGUN}"
+    np.savez(begun, **(content and {**np.load(begun), **content}))
+    same(run(scene, "forward", path, resume=True), whole["forward"])
+
+
+def interrupt_at(share):
+    """Progress that ends in Ctrl-C."""
+
+    def stop(done, total):
+        if done > share * total:
+            raise KeyboardInterrupt
+
+    return stop
+
+
+def test_a_store_that_grows_tells_of_what_is_finished(scene, whole, tmp_path):
+    path = tmp_path / "a.zarr"
+    with pytest.raises(js.Interrupted):
+        run(scene, "independent", path, progress=interrupt_at(0.6))
+    part = js.open(path)
+    assert set(part.status) == {js.Status.OK, js.Status.NOT_RUN}
+    (path / "P_d" / "c" / "0").unlink()
+    with pytest.raises(js.StoreError, match="P_d/c/0 is missing or has another checksum"):
+        js.open(path)
 
 
 def test_a_damaged_coordinate_is_written_again(scene, whole, tmp_path):
@@ -340,7 +414,7 @@ def test_only_large_results_are_stores_by_default(words, monkeypatch, tmp_path):
 
 def test_scenes_and_numbers_without_samples_are_stored_too(scene, tmp_path):
     scenes = js.scenes_from({"shroud.gap": [2e-5, 3e-5, 4e-5]}, scene)
-    keeps = dict(samples=False, **SHORT)
+    keeps = dict(keep_samples=False, **SHORT)
     exact = js.sweep(scenes, {"contact.gamma": GAMMA[:50]}, **keeps)
     found = js.sweep(scenes, {"contact.gamma": GAMMA[:50]}, store=tmp_path / "a.zarr", **keeps)
     assert set(found.data.variables) == set(exact.data.variables)
@@ -350,7 +424,7 @@ def test_scenes_and_numbers_without_samples_are_stored_too(scene, tmp_path):
 
 @pytest.mark.parametrize(("long", "told"), [(0, True), (1e9, False)])
 def test_a_long_run_says_first_what_it_will_take(words, capsys, monkeypatch, long, told):
-    monkeypatch.setattr(sweep_verb, "LONG", long)
+    monkeypatch.setattr(sweep_verb, "LONG_RUN_STEPS", long)
     assert cli.main(words) == 0
     line = [line for line in capsys.readouterr().err.splitlines() if line.startswith("200 lanes: some ")]
     assert bool(line) == told
@@ -362,7 +436,7 @@ def test_a_long_run_says_first_what_it_will_take(words, capsys, monkeypatch, lon
 @pytest.mark.full
 @pytest.mark.parametrize("direction", ["forward", "both"])
 def test_a_long_run_in_a_direction_says_so_too(words, capsys, monkeypatch, direction):
-    monkeypatch.setattr(sweep_verb, "LONG", 0)
+    monkeypatch.setattr(sweep_verb, "LONG_RUN_STEPS", 0)
     lanes = 20 * (3 if direction == "both" else 1)
     assert cli.main([*words, "--num", "20", "--direction", direction]) == 0
     assert any(line.startswith(f"{lanes} lanes: some ") for line in capsys.readouterr().err.splitlines())
@@ -385,7 +459,7 @@ def foreign(path, kind):
 def test_what_no_sweep_has_written_stays(scene, tmp_path, kind):
     path = tmp_path / "c3.zarr"
     before = foreign(path, kind)
-    for take in (lambda: run(scene, "independent", path, resume=True), lambda: unfinished.remove(path)):
+    for take in (lambda: run(scene, "independent", path, resume=True), lambda: unfinished_store.remove_store(path)):
         with pytest.raises(js.StoreError, match="stays as it is"):
             take()
         assert {part.relative_to(path): part.is_file() and part.read_bytes() for part in path.rglob("*")} == before
@@ -410,3 +484,46 @@ def test_what_is_kept_belongs_to_a_store(whole, scene, tmp_path, more):
     shutil.copytree(kept(whole), path)
     with pytest.raises(js.StoreError, match=f"{more} was False, is True"):
         run(scene, "independent", path, resume=True, **{more: True})
+
+
+def partial(path):
+    """What Zarr leaves of a file when it is killed before it renames it."""
+    part = path.with_suffix(f".{uuid.uuid4().hex}.partial")
+    part.write_bytes(b"half")
+    return part
+
+
+def test_what_kills_have_left_is_removed_and_nothing_else(whole, scene, tmp_path):
+    path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
+    ours = [partial(path / name) for name in ("zarr.json", "P_d/zarr.json", "P_d/c/1", "x/c/1/0/0", "gamma/c/0")]
+    others = [partial(path / name) for name in ("notes", "P_d/notes", "P_d/c/9", "P_d/0", "resume/0.npz")]
+    others += [path / "P_d" / "c" / name for name in ("1.partial", "1.0123.partial")]
+    for other in others:
+        other.write_text("years of work")
+    same(js.open(path), whole["independent"])  # warnings are errors here
+    same(run(scene, "independent", path, resume=True), whole["independent"])
+    assert not any(part.exists() for part in ours)
+    assert {other.read_text() for other in others} == {"years of work"}
+
+
+@pytest.mark.parametrize("left", ["zarr.{hex}.partial", ".zarr-0a_b1c2d.json"])
+def test_a_kill_while_an_array_is_described_can_be_gone_on_with(whole, scene, tmp_path, left):
+    path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
+    shutil.rmtree(path / "P_d")
+    for folder in (path, path / "P_d"):  # before it was a store
+        folder.mkdir(exist_ok=True)
+        (folder / left.format(hex=uuid.uuid4().hex)).write_text("half")
+        (folder / "zarr.json").unlink(missing_ok=True)
+    same(run(scene, "independent", path, resume=True), whole["independent"])
+    assert files(path) == files(kept(whole))
+
+
+def test_a_store_removed_by_another_process_is_not_written_to(whole, tmp_path, monkeypatch):
+    path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
+
+    def late(*_):  # between the opening of the lock and its being had
+        shutil.rmtree(path)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with pytest.raises(js.StoreError, match="another process is writing"):
+        unfinished_store.remove_store(path)

@@ -7,7 +7,7 @@ import jaxshroud as js
 
 SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
 GAMMAS = [0.5, 2.5, 5.0]
-HOW = {"n_periods": 16, "transient": 32, "steps_per_period": 100}
+HOW = {"n_periods": 16, "transient": 32, "method": js.RungeKutta(steps=100)}
 
 
 @pytest.fixture(scope="module")
@@ -16,7 +16,7 @@ def curve():
 
 
 def test_exponents_are_those_of_the_orbits(curve):
-    orbits = [js.orbit(js.vary(SCENE, "contact.gamma", gamma), steps_per_period=100) for gamma in GAMMAS]
+    orbits = [js.orbit(js.vary(SCENE, "contact.gamma", gamma), method=js.RungeKutta(steps=100)) for gamma in GAMMAS]
     exact = [np.log(np.abs(orbit.multipliers[0])) / orbit.q for orbit in orbits]
     # A pair of complex multipliers turns the tangent: its length swings within the interval.
     assert np.all(np.abs(curve.lyapunov - exact) <= curve.lyapunov_ci + 2e-3)

@@ -9,23 +9,24 @@ import pytest
 import jaxshroud as js
 from jaxshroud import load, power, tune, vary
 from jaxshroud import open as open_result
-from jaxshroud.batch.runs import Plan, run_lanes, starts
+from jaxshroud.batch.runs import Plan, initial_states, run_lanes
 from jaxshroud.march.method import FAST
+from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.tableau import tableau
-from jaxshroud.march.words import TABLEAUS
-from jaxshroud.model.state import start
-from jaxshroud.results.tuned import Judged
+from jaxshroud.model.prepared import initial_state
+from jaxshroud.results.tuned import DesignJudgement
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.parts import Parts
 from jaxshroud.scene.scene import with_parts
-from jaxshroud.verbs import confirm
-from jaxshroud.verbs.climb import PUSH, exact_slopes
-from jaxshroud.verbs.design import Problem, judge_designs
-from jaxshroud.verbs.tune import objective_map, problem_again
+from jaxshroud.verbs import ascent
+from jaxshroud.verbs.ascent import MAX_GROWTH, exact_slopes
+from jaxshroud.verbs.design_problem import Problem, judge_designs
+from jaxshroud.verbs.tune import objective_map, problem_from_result
 
 tune_module = importlib.import_module("jaxshroud.verbs.tune")
 OVER = {"shroud.gap": (5e-6, 2e-4), "contact.gamma": (0.1, 10.0)}
-SHORT = {"scan": 16, "n_starts": 2, "updates": 5, "n_periods": 16, "transient": 32, "steps_per_period": 100}
+SEARCH = js.SearchOptions(scan=16, n_starts=2, updates=5)
+SHORT = {"search": SEARCH, "n_periods": 16, "transient": 32, "method": js.RungeKutta(steps=100)}
 
 
 def quiet(_):
@@ -55,6 +56,10 @@ def test_paths_never_lose(tuned):
     assert tuned.points.shape == (6, 2, 2)
     assert np.all(np.diff(tuned.scores, axis=0) >= 0)
     assert tuned.objective >= tuned.scanned_scores.max()
+    closer = np.concatenate([[tuned.scores[-1].max()], tuned.polished_scores])  # what follows the best path
+    assert np.all(np.diff(closer) >= 0)
+    assert closer[-1] == tuned.objective
+    np.testing.assert_array_equal(tuned.polished[-1], tuned.best)
     for (low, high), value in zip(OVER.values(), tuned.design.values(), strict=True):
         assert low <= value <= high
     assert tuned.periods <= 2 * (16 + 2 * 6 * 7 + 7 * 8 * 2) * 48
@@ -66,7 +71,7 @@ def test_the_objective_is_that_of_single_runs(scene, tuned):
         one = vary(scene, "drive.F_0", F_0)
         for key, value in tuned.design.items():
             one = vary(one, key, value)
-        found.append(power(one, n_periods=512, transient=128, steps_per_period=400).final["P_d"])
+        found.append(power(one, n_periods=512, transient=128, method=js.RungeKutta(steps=400)).final["P_d"])
     assert tuned.checks["four times as long"].objective[0] == pytest.approx(np.mean(found), abs=0.2)
 
 
@@ -74,7 +79,7 @@ def test_exact_slopes_are_those_of_the_objective(scene):
     problem = problem_of(scene, {"drive.F_0": (60.0, 80.0)})
     u = np.array([[0.5, 0.3], [0.3, 0.5]])
     slope, growth = exact_slopes(problem, u, quiet)
-    assert np.all(growth < PUSH)
+    assert np.all(growth < MAX_GROWTH)
     for i in range(2):
         h = 1e-4 * np.eye(2)[i]
         up, down = (judge_designs(problem, problem.values(u + s * h), quiet).P_d for s in (1, -1))
@@ -87,7 +92,7 @@ def test_chaos_is_noticed():
     problem = problem_of(scene, {"drive.F_0": (60.0,)})
     low, high = OVER["contact.gamma"]
     u = np.array([[0.4, np.log(5.5 / low) / np.log(high / low)]])
-    assert exact_slopes(problem, u, quiet)[1].min() > PUSH
+    assert exact_slopes(problem, u, quiet)[1].min() > MAX_GROWTH
 
 
 @pytest.mark.full
@@ -129,7 +134,7 @@ def test_scaled_variables():
 @pytest.mark.full
 def test_three_numbers_need_no_power_of_two(scene):
     over = {**OVER, "friction.mu": (0.1, 0.9)}
-    small = {**SHORT, "scan": 6, "updates": 1, "n_periods": 2, "transient": 2}
+    small = {**SHORT, "search": SEARCH._replace(scan=6, updates=1), "n_periods": 2, "transient": 2}
     assert tune(scene, over, **small).scanned.shape == (6, 3)
 
 
@@ -144,7 +149,8 @@ def test_wrong_requests_are_told(scene):
         tune(scene, {"shroud.gaps": (1.0, 2.0)})
 
 
-TINY = {"scan": 8, "n_starts": 1, "updates": 1, "n_periods": 4, "transient": 4, "steps_per_period": 100}
+TINY_SEARCH = js.SearchOptions(scan=8, n_starts=1, updates=1)
+TINY = {"search": TINY_SEARCH, "n_periods": 4, "transient": 4, "method": js.RungeKutta(steps=100)}
 
 
 def only_x(scene):
@@ -153,7 +159,7 @@ def only_x(scene):
 
 def test_designs_that_stop_do_not_spoil_the_search(scene):
     # Most starts are so far out that the squares of the numbers overflow.
-    found = tune(only_x(scene), {"initial.x[0]": (1e-6, 1e200)}, **{**TINY, "scan": 16, "n_starts": 8, "updates": 2})
+    found = tune(only_x(scene), {"initial.x[0]": (1e-6, 1e200)}, **{**TINY, "search": js.SearchOptions(16, 8, 2)})
     assert np.isneginf(found.scanned_scores).any()
     assert np.all(np.isfinite(found.points))
     assert not np.isnan(found.scores).any()
@@ -163,7 +169,7 @@ def test_designs_that_stop_do_not_spoil_the_search(scene):
 
 def test_an_optimum_at_its_bound_is_told(scene):
     # The stiffer a soft contact, the more vibration it takes out.
-    found = tune(only_x(scene), {"contact.gamma": (0.01, 0.02)}, **{**TINY, "scan": 64})
+    found = tune(only_x(scene), {"contact.gamma": (0.01, 0.02)}, **{**TINY, "search": TINY_SEARCH._replace(scan=64)})
     assert found.at_bounds == {"contact.gamma": "upper"}
     assert found.design["contact.gamma"] == pytest.approx(0.02, rel=1e-3)
     assert tune_module._bound(0.5) == 0
@@ -171,10 +177,10 @@ def test_an_optimum_at_its_bound_is_told(scene):
 
 @pytest.mark.parametrize("name", TABLEAUS)
 def test_no_check_is_coarser_than_the_search(scene, name, monkeypatch):
-    plans, nothing = [], Judged(*[np.zeros(1)] * 7)
-    monkeypatch.setattr(confirm, "judge_designs", lambda problem, *_: plans.append(problem.plan) or nothing)
+    plans, nothing = [], DesignJudgement(*[np.zeros(1)] * 7)
+    monkeypatch.setattr(ascent, "judge_designs", lambda problem, *_: plans.append(problem.plan) or nothing)
     search = Plan(8, 4, 40, 0.0, FAST._replace(tableau=tableau(name), precision="float32"))
-    confirm.checked(problem_of(scene, {})._replace(plan=search), np.array([5e-5, 1.0]), 0)
+    ascent.verify_design(problem_of(scene, {})._replace(plan=search), np.array([5e-5, 1.0]), 0)
     assert plans[0].steps_per_period == 80
     assert plans[0].method.precision == "float64"
     assert all(plan.method.tableau.order >= search.method.tableau.order for plan in plans)
@@ -191,13 +197,14 @@ def test_wrong_limits_are_told(scene):
         tune(scene, {"shroud.gap": (1e-6, float("inf"))})
 
 
+@pytest.mark.full
 def test_penetration_within_steps(scene):
     # Between the ends of steps by the cubic through v and v' there: an error of fourth order. At their ends alone, the
     # control, it is of second order at best.
     scenes = scenes_at(vary(scene, "drive.M_0", 100.0), ["contact.gamma"], np.linspace(0.5, 5, 8)[:, None])
-    log = lambda n, method: run_lanes(scenes, starts(scenes), Plan(0, 1, n, 0.0, method), quiet).last.tally.log  # noqa: E731
+    log = lambda n, method: run_lanes(scenes, initial_states(scenes), Plan(0, 1, n, 0.0, method), quiet).last.tally.log
     true = log(12800, FAST).v_max
-    missed = lambda v: np.abs(v / true - 1).max()  # noqa: E731
+    missed = lambda v: np.abs(v / true - 1).max()
     inside = [missed(log(n, FAST._replace(within=True)).within.v_max) for n in (200, 400)]
     ends = [missed(log(n, FAST).v_max) for n in (200, 400)]
     assert inside[0] < 1e-4 < 1e-3 < ends[0]
@@ -224,16 +231,17 @@ def test_a_tuning_comes_back_from_its_file(scene, tmp_path):
     np.testing.assert_array_equal(again, was)  # the file holds all that was simulated
 
 
+@pytest.mark.full
 def test_a_tuning_starts_where_it_is_told(scene, tmp_path):
     # 1 mm apart at first, and no transient: the first periods count.
     lightly = only_x(scene)
-    over, far = {"shroud.gap": (2e-5, 4e-5)}, start(js.AT_REST._replace(x=jnp.asarray([-1e-3, 0.0])))
+    over, far = {"shroud.gap": (2e-5, 4e-5)}, initial_state(js.AT_REST._replace(x=jnp.asarray([-1e-3, 0.0])))
     small = TINY | {"n_periods": 2, "transient": 0}
     own, given = (tune(lightly, over, state=state, **small) for state in (None, far))
     assert abs(own.objective - given.objective) > 1.0
     given.save(tmp_path / "tuned.nc")
     with pytest.raises(ValueError, match="does not hold the `state`"):
-        problem_again(open_result(tmp_path / "tuned.nc"))
+        problem_from_result(open_result(tmp_path / "tuned.nc"))
 
 
 def test_an_infeasible_tuning_is_an_error_if_asked(scene):

@@ -20,7 +20,7 @@ try:
     import heyoka as hy
     from numba import njit
 except ImportError:  # told by missing()
-    njit = lambda f: f  # noqa: E731
+    njit = lambda f: f
 
 NAME = "heyoka.py, batch Taylor, terminal events"
 SETTINGS = 1e-3, 1e-4, *(a * 10.0**-n for n in range(5, 12) for a in (3, 1)), 1e-12  # tolerances
@@ -58,8 +58,8 @@ def equations(p: Problem) -> tuple[list, list]:
     P = [hy.par[i] for i in range(PARS)]
     sin_alpha, cos_alpha = math.sin(p.alpha), math.cos(p.alpha)
     s1, c1, s2, c2 = hy.sin(th1), hy.cos(th1), hy.sin(th2), hy.cos(th2)
-    face = lambda left, right: P[RIGHT_TIP] * left + P[LEFT_TIP] * right  # noqa: E731
-    tip = lambda left, right: P[LEFT_TIP] * left + P[RIGHT_TIP] * right  # noqa: E731
+    face = lambda left, right: P[RIGHT_TIP] * left + P[LEFT_TIP] * right
+    tip = lambda left, right: P[LEFT_TIP] * left + P[RIGHT_TIP] * right
 
     left = P[LEFT_X] * c1 + P[CORNER_Y] * s1, P[CORNER_Y] * c1 - P[LEFT_X] * s1
     right = P[RIGHT_X] * c2 + P[CORNER_Y] * s2, P[CORNER_Y] * c2 - P[RIGHT_X] * s2

@@ -123,7 +123,7 @@ def rhs(p: Problem, z: tuple, wave: tuple, k: Any, held: Held) -> tuple:
 
 def unfused(f: Callable, one: Any, *args: Any) -> Any:
     """`f(*args)` behind a condition that always holds: XLA:CPU would recompute each stage in every use of it."""
-    never = lambda *_: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(f, *args))  # noqa: E731
+    never = lambda *_: jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(f, *args))
     return lax.cond(one > 0, f, never, *args)
 
 

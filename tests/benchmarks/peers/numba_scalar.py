@@ -85,8 +85,8 @@ def model(p: Problem, gamma: float) -> Model:
     """The scene of one lane."""
     inertia, k = (p.m, p.m, p.I), gamma * p.k_x
     drive = p.F_0 * math.cos(p.beta), p.F_0 * math.sin(p.beta), p.M_0
-    per = lambda values: tuple(float(a / b) for a, b in zip(values, inertia, strict=True))  # noqa: E731
-    blades = lambda f: tuple(a * f(phase) for a in per(drive) for phase in p.phase)  # noqa: E731
+    per = lambda values: tuple(float(a / b) for a, b in zip(values, inertia, strict=True))
+    blades = lambda f: tuple(a * f(phase) for a in per(drive) for phase in p.phase)
     sin_alpha, cos_alpha = math.sin(p.alpha), math.cos(p.alpha)
     block = p.l_oa / 2, p.l_ab * cos_alpha / 2, p.l_ab * sin_alpha / 2, sin_alpha, cos_alpha, p.gap
     own = blades(math.cos), blades(math.sin), per((p.c_x, p.c_y, p.c_T)), per((p.k_x, p.k_y, p.k_T))

@@ -16,7 +16,7 @@ try:
     from numba import njit
     from scipy.integrate import solve_ivp
 except ImportError:  # told by missing()
-    njit = lambda **_: lambda f: f  # noqa: E731
+    njit = lambda **_: lambda f: f
 
 NAME = "SciPy DOP853, terminal events, compiled functions"
 SETTINGS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)  # relative tolerances

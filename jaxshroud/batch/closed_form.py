@@ -1,0 +1,131 @@
+"""Runs of scenes without contact, in closed form and without stepping."""
+
+import math
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, Int
+
+from jaxshroud.batch.periods import Sample, begin_lanes
+from jaxshroud.batch.size_limits import check_memory
+from jaxshroud.batch.states import carried_state
+from jaxshroud.march.method import Choices
+from jaxshroud.march.stability import stiffest
+from jaxshroud.march.tally import ContactPeaks
+from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, sine_versine
+from jaxshroud.model.geometry import gyration
+from jaxshroud.model.linear import free_components, free_motion, free_propagators, steady_amplitudes
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import State, prepared_model
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.scene import PerBlade, Scene
+
+MIN_NODES = 32  # of the Gauss-Legendre rule over a period; there are more for fast oscillations
+MAX_CANCELLATION = 1e8  # a steady response larger than this times the motion leaves it no digits
+# bytes for each lane, period and node at the peak, and number of periods that the rest of a lane counts as
+NODE_BYTES, LANE_PERIODS = 56, 8
+MAX_NODES = 1 << 14  # with these, the fastest motion may not be resolved
+
+
+def nodes_needed(scenes: Scene) -> int:
+    """The number of nodes in a period: exact to rounding, and a power of two so that few programs are compiled."""
+    omega_max, period = stiffest(scenes, 1)
+    cycles = omega_max * period / (2 * math.pi)
+    return min(1 << math.ceil(math.log2(MIN_NODES + 8 * cycles)), MAX_NODES)
+
+
+def free_runs(
+    scenes: Scene, states: State, transient: int, kept: int, phase: float, method: Choices, begin: ArrayLike = 0.0
+):
+    """The samples and the final lanes of scenes (leading axis) without contact; see `runs.Runs`.
+
+    Args:
+        scenes: The scenes.
+        states: The states in which they start.
+        transient: Drive periods before the kept ones.
+        kept: Drive periods kept.
+        phase: The drive phase at which samples are taken [rad].
+        method: Sets the precision and the fields of the result only.
+        begin: The drive phase at which the lanes start [rad], one for all or (lanes,).
+    """
+    dtype, count, nodes = scenes.drive.omega.dtype, len(scenes.drive.omega), nodes_needed(scenes)
+    check_memory("the closed form of this run", count * (kept + LANE_PERIODS) * nodes * NODE_BYTES)
+    turns = jnp.asarray(phase / (2 * math.pi), dtype)
+    begin = jnp.broadcast_to(jnp.asarray(np.asarray(begin) / (2 * math.pi), dtype), count)
+    samples, *end = _closed_form_samples(scenes, states, begin, jnp.full_like(turns, transient), turns, kept, nodes)
+    places = lambda lane: [lane.state, lane.status, lane.tally.log.time_apart]
+    lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
+    zeros: Any = np.zeros(np.shape(samples.power[0]))
+    samples = samples._replace(work=zeros, gross=zeros, dropped=zeros, residual=zeros)
+    if method.forces:
+        samples = samples._replace(forces=ContactPeaks(zeros, zeros), friction=zeros)
+    return jax.tree.map(np.asarray, (samples, lanes))
+
+
+@partial(jax.jit, static_argnames=("kept", "nodes"))
+def _closed_form_samples(scenes: Scene, states: State, begin, transient, turns, kept: int, nodes: int):
+    def one(scene: Scene, state: State, begin):
+        period = scene.drive.period
+        ends = (transient + (turns - begin) + jnp.arange(kept + 1, dtype=turns.dtype)) * period
+        motion = free_motion(scene, state.motion, begin, ends)
+        power, largest = jax.vmap(lambda z: _period_mean_square(scene, z, turns, nodes))(
+            Motion(*(a[:-1] for a in motion))
+        )
+        in_pairs = lambda a: (a[:, 0], a[:, 1])
+        sizes = tuple(in_pairs(largest[..., i]) for i in range(3))
+        sample = Sample(Motion(*(in_pairs(a[1:]) for a in motion)), in_pairs(power), largest=sizes)
+        last = State(Motion(*(a[-1] for a in motion)), state.u_s, state.mode, state.case)
+        status = free_status(scene, motion, jnp.max(largest[..., 2]))
+        sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
+        return sample, carried_state(last, prepared_model(scene)), status, ends[-1] - ends[0]
+
+    return jax.vmap(one)(scenes, states, begin)
+
+
+@jax.jit
+def free_samples(scenes: Scene, first: Motion, turns: Scalar, periods: Array) -> tuple[Motion, Int[Array, " lanes"]]:
+    """The motion of scenes (leading axis) without contact so many `periods` after drive phase `turns`, and its status.
+
+    Fields of the motion have axes (lanes, samples, 2), those of the `first` one (lanes, 2).
+    """
+
+    def one(scene: Scene, first: Motion):
+        motion = free_motion(scene, first, turns, periods * scene.drive.period)
+        return motion, free_status(scene, motion, jnp.max(jnp.abs(motion.theta)))
+
+    return jax.vmap(one)(scenes, first)
+
+
+def free_status(scene: Scene, motion: Motion, turned: Scalar) -> Int[Array, ""]:
+    """The status of a run with the `motion`, fields (n, 2), and the largest angle `turned` of its blocks [rad]."""
+    swing, steady = jnp.stack([motion.x, motion.y, motion.theta]), jnp.abs(jnp.stack(steady_amplitudes(scene)))
+    lost = steady > MAX_CANCELLATION * jnp.max(jnp.abs(swing), axis=1)  # resonance without damping
+    finite = jnp.all(jnp.isfinite(swing**2)) & jnp.isfinite(turned) & ~jnp.any(lost)
+    status = jnp.where(turned > ANGLE_RANGE, Status.ANGLE_OUT_OF_RANGE, Status.OK)
+    return jnp.where(finite, status, Status.NOT_FINITE).astype(jnp.int32)
+
+
+def _period_mean_square(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple[PerBlade, Float[Array, "2 3"]]:
+    """The square displacement averaged over each block and the period from `first` on, and the sizes of x, y and theta.
+
+    The mean squares of x and y are quadratic forms of the state at the start of the period, the same for every period;
+    theta must be evaluated at all nodes. Its size is its maximum there; the size of x and y is the amplitude of a sine
+    of equal mean square.
+
+    Source:
+        Eqs. (22), (23), as in `rhs.mean_square`.
+    """
+    place, weights = np.polynomial.legendre.leggauss(nodes)
+    dtype = scene.drive.omega.dtype
+    weights, start = jnp.asarray(weights / 2, dtype), free_components(scene, first, turns)
+    course, _ = free_propagators(scene, jnp.asarray((place + 1) / 2, dtype) * scene.drive.period)
+    form = jnp.einsum("n,nbik,nbil->bikl", weights, course[:, :, :2], course[:, :, :2])
+    bending = jnp.einsum("bik,bikl,bil->bi", start[:, :2], form, start[:, :2])
+    theta = jnp.einsum("nbk,bk->nb", course[:, :, 2], start[:, 2])
+    _, versine = sine_versine(theta)
+    sizes = jnp.append(jnp.sqrt(2 * bending), jnp.max(jnp.abs(theta), axis=0)[:, None], axis=1)
+    return bending.sum(axis=1) + gyration(scene.shroud) * 2 * (weights @ versine), sizes

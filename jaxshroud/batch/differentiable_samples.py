@@ -1,0 +1,243 @@
+"""Lanes marched from sample to sample, with derivatives, in fused kernels inside JAX's transformations.
+
+The samples of a lane depend on some fifty numbers, so that their Jacobian is some fifty tangents, forward in time.
+`differentiable_samples` computes those of the numbers that are perturbed. What remains is a product with the tangents
+of JAX, which transposes and batches it by itself: reverse mode costs as much as forward mode and stores no history.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from operator import attrgetter
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.custom_batching import custom_vmap
+from jax.custom_derivatives import SymbolicZero
+from jaxtyping import Array, Int
+
+from jaxshroud.batch.periods import LaneSelector, advance, march, whole_tree
+from jaxshroud.batch.tangents import Dual, Flow, begin_flow, dual_flow_constants, dual_lanes, end_flow, flow_constants
+from jaxshroud.batch.xla import (
+    FOR_SERIES,
+    accepts_options,
+    best_mapping,
+    is_traced_call,
+    one_lane,
+    repeated_while,
+    stage_groups,
+    vmapped,
+)
+from jaxshroud.march.carry import EachLane, Lane, running
+from jaxshroud.march.locate import first_order_only
+from jaxshroud.march.method import Choices
+from jaxshroud.march.stepper import stepper_for
+from jaxshroud.model.arithmetic import Scalar
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import Model, State
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import Tree
+
+
+class Schedule(NamedTuple):
+    """How far lanes are run from drive phase 0, and which samples are kept."""
+
+    samples: int
+    every: int  # steps from sample to sample; a divisor of `steps`
+    steps: int  # in a period
+    method: Choices  # `differentiable`
+    most_trials: int | None = None  # of a lane; None: no bound
+    skipped: int = 0  # samples before the first kept one
+
+
+class _LaneMapping(NamedTuple):
+    """How functions of one lane are applied to lanes: without tangents, or with them."""
+
+    over: Callable[[EachLane], EachLane]
+    values: LaneSelector  # selects the values in a tree of lanes
+    unzip: Callable[[Any], Any]  # the elements of a tuple that a function of lanes returned
+    constants: Callable[..., Any]  # of lanes during the march
+
+
+def _unzipped_duals(pair: Dual) -> tuple[Dual, ...]:
+    return tuple(Dual(*each) for each in zip(*pair, strict=True))
+
+
+WITHOUT_TANGENTS, WITH_TANGENTS = (
+    _LaneMapping(whole_tree, whole_tree, whole_tree, flow_constants),
+    _LaneMapping(dual_lanes, attrgetter("value"), _unzipped_duals, dual_flow_constants),
+)
+
+
+def sampled_flow(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:
+    """The samples of lanes, and the number of trials of each lane, which are counted only where they are bounded.
+
+    Args:
+        scenes: Scenes with a leading lane axis, or a `Dual` of these.
+        states: Their initial states, likewise.
+        schedule: How far they are run.
+
+    Returns:
+        A `Flow`, or a `Dual` of one, with axes (lane, sample): the states, the mean square displacements since the
+        previous sample, and the statuses.
+    """
+    mapping = WITH_TANGENTS if isinstance(scenes, Dual) else WITHOUT_TANGENTS
+    first = mapping.over(vmapped)(partial(begin_flow, method=schedule.method), scenes, states)
+    lanes, models, periods = mapping.unzip(first)
+    steps = jnp.full(mapping.values(periods).shape, schedule.steps, jnp.int32)
+    fixed = mapping.constants(models, periods, steps)
+
+    def one(carry, _):
+        lanes, trials = _next_sample(carry[0], carry[1], fixed, schedule, mapping)
+        lanes, flow = mapping.unzip(
+            mapping.over(vmapped)(partial(_sample_lane, schedule=schedule), lanes, models, periods)
+        )
+        return (lanes, trials), flow
+
+    next_kept = skip_samples(one, schedule.skipped)
+    (_, trials), flows = lax.scan(next_kept, (lanes, jnp.zeros_like(steps)), jnp.arange(schedule.samples))
+    return jax.tree.map(lambda a: jnp.moveaxis(a, 0, 1), flows), trials
+
+
+def skip_samples(one: Callable, skipped: int) -> Callable:
+    """A step of a `lax.scan` over a count from 0, which first repeats the step `skipped` times without output."""
+    if not skipped:
+        return one
+
+    def after_skipping(carry, i):
+        empty = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(one, carry, i)[1])
+        return lax.fori_loop(0, jnp.where(i == 0, skipped + 1, 1), lambda _, pair: one(pair[0], i), (carry, empty))
+
+    return after_skipping
+
+
+def _next_sample(lanes: Tree, trials: Int[Array, " lanes"], fixed: Tree, schedule: Schedule, mapping: _LaneMapping):
+    """The lanes at their next sample, and the number of trials so far."""
+    values, method, most = mapping.values, schedule.method, schedule.most_trials
+    each = mapping.over(best_mapping())
+    stop = values(lanes).step + schedule.every
+    fixed = eqx.tree_at(lambda fixed: values(fixed).stop, fixed, stop)
+    if most is None:
+        return march(lanes, fixed, method, each, values), trials
+
+    def once(pair):
+        lanes, trials = pair
+        spent = running(values(lanes), stop) & (trials >= most)
+        status = jnp.where(spent, Status.OUT_OF_TRIALS, values(lanes).status).astype(jnp.int32)
+        lanes = eqx.tree_at(lambda lanes: values(lanes).status, lanes, status)
+        trials = trials + running(values(lanes), stop).astype(jnp.int32)
+        return advance(lanes, fixed, method, each, values), trials
+
+    several = stage_groups(method, values(fixed).model.spring.smooth) is not None
+    return repeated_while(lambda pair: jnp.any(running(values(pair[0]), stop)), once, (lanes, trials), several)
+
+
+def _sample_lane(lane: Lane, model: Model, period: Scalar, schedule: Schedule) -> tuple[Lane, Flow]:
+    """The lane as it continues after a sample, and the sample."""
+    flow = end_flow(lane, model, period * (schedule.every / schedule.steps))
+    places = lambda lane: (lane.tally.integrals, lane.step, lane.status)
+    empty = jax.tree.map(jnp.zeros_like, lane.tally.integrals)
+    step = jnp.where(lane.step == schedule.steps, 0, lane.step)
+    return eqx.tree_at(places, lane, (empty, step, flow.status)), flow
+
+
+def batching_by_lanes(f: Callable[..., Tree]) -> Callable[..., Tree]:
+    """`f` of trees with a leading lane axis, batched such that an axis of `jax.vmap` joins the lane axis."""
+
+    @custom_vmap
+    def call(*args):
+        return f(*args)
+
+    @call.def_vmap
+    def _(size, batched, *args):
+        every = jax.tree.map(lambda a, own: a if own else jnp.broadcast_to(a, (size, *a.shape)), args, tuple(batched))
+        out = call(*jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), every))
+        return jax.tree.map(lambda a: a.reshape(size, -1, *a.shape[1:]), out), jax.tree.map(lambda _: True, out)
+
+    return call
+
+
+def _run_compiled(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:
+    large = (
+        stepper_for(schedule.method).large_kernels
+        and not is_traced_call((scenes, states))
+        and accepts_options(series=True)
+    )
+    return (_run_large if large else _run_plain)(scenes, states, schedule)
+
+
+def _run_samples(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:
+    return batching_by_lanes(lambda scenes, states: sampled_flow(scenes, states, schedule))(scenes, states)
+
+
+def trial_counts(scenes: Scene, states: State, schedule: Schedule) -> Int[Array, " lanes"]:
+    """The number of trials of each lane, at most the bound of the schedule."""
+    return _run_compiled(scenes, states, schedule)[1]
+
+
+def differentiable_samples(scene: Scene, state: State, schedule: Schedule) -> Flow:
+    """The samples (leading axis) of one lane; they and their derivatives are NaN once it has stopped."""
+    samples_of = jax.custom_jvp(
+        lambda scene, state: _first_lane_flow(_run_compiled(one_lane(scene), one_lane(state), schedule)[0])
+    )
+    samples_of.defjvp(
+        lambda primals, tangents: samples_and_tangents(primals, perturbed_only(tangents), schedule), symbolic_zeros=True
+    )
+    return samples_of(scene, state)
+
+
+def perturbed_only(tangents: Tree) -> Tree:
+    """The tangents, with None for those that are known to be zero."""
+    zero = lambda a: isinstance(a, SymbolicZero)
+    return jax.tree.map(lambda a: None if zero(a) else a, tangents, is_leaf=zero)
+
+
+def samples_and_tangents(primals: tuple[Scene, State], tangents: Any, schedule: Schedule) -> tuple[Flow, Flow]:
+    """The samples of one lane, and their tangents along `perturbed_only` tangents of the scene and the state."""
+    leaves, tree = jax.tree.flatten(first_order_only(primals))
+    moving = [a is not None for a in tree.flatten_up_to(tangents)]
+    along = jnp.concatenate([jnp.ravel(a) for a in jax.tree.leaves(tangents)])
+    lanes = jax.tree.map(lambda a: jnp.broadcast_to(a, (len(along), *jnp.shape(a))), tree.unflatten(leaves))
+    units = tree.unflatten(_unit_directions(leaves, moving, len(along)))
+    flows, _ = _run_compiled(*(Dual(*pair) for pair in zip(lanes, units, strict=True)), schedule=schedule)
+    flow, slopes = _first_lane_flow(flows.value), _where_ok(flows.value.status[0], flows.tangent)
+    slope = lambda a, by: None if by is None else jnp.tensordot(along, by, 1)
+    return flow, no_tangents(flow, jax.tree.map(slope, flow, slopes))
+
+
+def no_tangents(values: Tree, tangents: Tree) -> Tree:
+    """The tangents with those of integers, which are None, as JAX requires them."""
+    return jax.tree.map(lambda a, by: np.zeros(a.shape, jax.dtypes.float0) if by is None else by, values, tangents)
+
+
+def _first_lane_flow(flow: Flow) -> Flow:
+    """The samples of the first lane, with NaN where it had stopped."""
+    return _where_ok(flow.status[0], jax.tree.map(lambda a: a[0], flow))
+
+
+def _where_ok(status: Int[Array, " samples"], tree: Tree) -> Tree:
+    """The numbers (..., samples), with NaN where the status is not OK."""
+    real = lambda a: jnp.issubdtype(a.dtype, jnp.floating)
+    return jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan) if real(a) else a, tree)
+
+
+def _unit_directions(leaves: list[Any], moving: list[bool], count: int) -> list[Any]:
+    """The parts, leaf by leaf, of `count` unit directions (leading axis) along the leaves that are `moving`."""
+    units, done = [], 0
+    for leaf, moves in zip(leaves, moving, strict=True):
+        if not jnp.issubdtype(jnp.result_type(leaf), jnp.floating):
+            units.append(None)
+            continue
+        unit = np.zeros((count, jnp.size(leaf)), jnp.result_type(leaf))
+        if moves:
+            unit[done : done + jnp.size(leaf)] = np.eye(jnp.size(leaf))
+            done += jnp.size(leaf)
+        units.append(jnp.asarray(unit.reshape(count, *jnp.shape(leaf))))
+    return units
+
+
+_run_plain = jax.jit(_run_samples, static_argnames="schedule")
+_run_large = jax.jit(_run_samples, static_argnames="schedule", compiler_options=FOR_SERIES)

@@ -1,0 +1,49 @@
+"""Checks of inputs that are known only while a compiled function runs: they set a status instead of raising."""
+
+from functools import reduce
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Int
+
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import State
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.keys import KEYS
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.text import fields_of
+
+
+def require_single_scene(name: str, scene: Scene) -> None:
+    """Raise InputError if the scene has leading axes, which the function `name` accepts under `jax.vmap` only."""
+    shape = jnp.shape(scene.drive.omega)
+    if shape:
+        raise InputError(
+            f"js.{name} takes one scene, but these have leading axes {shape}: "
+            f"map it over them, jax.vmap(js.{name}), or use js.sweep_function."
+        )
+
+
+def admit_start(scene: Scene, state: State) -> tuple[State, Bool[Array, ""]]:
+    """The initial state of a lane, and whether its numbers are valid.
+
+    All numbers of the scene must be in the ranges of their keys, and those of the state finite; else the state is NaN,
+    so that the lane stops at once and all results, derivatives included, are NaN.
+    """
+    ranges = [jnp.all(KEYS[key].range.holds(value)) for key, value in fields_of(scene).items()]
+    starts = [jnp.all(jnp.isfinite(a)) for a in jax.tree.leaves((state.motion, state.u_s))]
+    good = reduce(jnp.logical_and, [*ranges, *starts])
+    x = jnp.where(good, state.motion.x, jnp.nan)
+    return eqx.tree_at(lambda state: state.motion.x, state, x), good
+
+
+def status_if_admitted(status: Int[Array, "..."], good: Bool[Array, "..."]) -> Int[Array, "..."]:
+    """The status of one or many lanes, with BAD_INPUT where the input is invalid."""
+    return jnp.where(good, status, jnp.asarray(Status.BAD_INPUT, status.dtype))
+
+
+def is_traced(tree: object) -> bool:
+    """Whether any number of a tree is known only while a transformed function runs."""
+    return any(isinstance(a, Tracer) for a in jax.tree.leaves(tree))

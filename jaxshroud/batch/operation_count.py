@@ -1,0 +1,60 @@
+"""The number of operations in one trial step of a lane, counted in its program."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxshroud.batch.periods import advance, begin_lanes
+from jaxshroud.batch.xla import one_lane, vmapped
+from jaxshroud.march.carry import Fixed, Lane, time_grid
+from jaxshroud.march.method import Choices
+from jaxshroud.model.prepared import initial_state, prepared_model
+from jaxshroud.scene.scene import Scene
+
+# Primitives that only serve types and transformations, which no machine executes.
+NO_OPERATION = {
+    "stop_gradient",
+    "convert_element_type",
+    "broadcast_in_dim",
+    "reshape",
+    "squeeze",
+    "optimization_barrier",
+}
+
+
+def operations(scene: Scene, method: Choices) -> int:
+    """The arithmetic, comparisons and selections in one trial step of one lane, as XLA receives them."""
+    lanes, fixed = first_trial(scene, method)
+    traced = jax.make_jaxpr(lambda lanes, fixed: advance(lanes, fixed, method, vmapped))(lanes, fixed)
+    return sum(_counted(traced.jaxpr))
+
+
+def lowered_operations(scene: Scene, method: Choices) -> float:
+    """The same number from XLA's own cost analysis: a check."""
+    lowered = jax.jit(lambda lanes, fixed: advance(lanes, fixed, method, vmapped)).lower(*first_trial(scene, method))
+    analysis: Any = lowered.cost_analysis()
+    return float(analysis["flops"] + analysis.get("transcendentals", 0.0))
+
+
+def _counted(jaxpr: Any) -> Iterator[int]:
+    """One for each operation whose result is used."""
+    needed = {id(v) for v in jaxpr.outvars}
+    for eqn in reversed(jaxpr.eqns):
+        if not any(id(v) in needed for v in eqn.outvars):
+            continue
+        needed |= {id(v) for v in eqn.invars}
+        inner = [getattr(v, "jaxpr", v) for v in eqn.params.values() if hasattr(getattr(v, "jaxpr", v), "eqns")]
+        for part in inner:
+            yield from _counted(part)
+        if not inner and eqn.primitive.name not in NO_OPERATION:
+            yield 1
+
+
+def first_trial(scene: Scene, method: Choices) -> tuple[Lane, Fixed]:
+    """The arguments of the first trial step: the lane at its start (leading axis of one), and its constants."""
+    scenes, states, period = one_lane((scene, initial_state(scene.initial), scene.drive.period))
+    stop = jnp.ones((1,), jnp.int32)
+    steps = time_grid(jnp.zeros_like(period), stop.astype(period.dtype), period)
+    return begin_lanes(scenes, states, method), Fixed(jax.vmap(prepared_model)(scenes), steps, stop)

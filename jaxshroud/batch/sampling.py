@@ -1,0 +1,201 @@
+"""Samples of a march at the ends of steps, and of its trials where events are kept too."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Int
+
+from jaxshroud.batch.periods import Clock, advance, march_steps
+from jaxshroud.batch.states import as_arrays, with_zeros
+from jaxshroud.batch.xla import best_mapping, compiled, stage_groups
+from jaxshroud.march.carry import EachLane, Fixed, Lane, running
+from jaxshroud.march.events import place_contact
+from jaxshroud.march.method import Choices
+from jaxshroud.march.stepper import stepper_for
+from jaxshroud.model.arithmetic import Scalar
+from jaxshroud.model.friction import stretch
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import Model, State, prepared_model
+from jaxshroud.scene.scene import Scene
+
+SAMPLES_PER_BLOCK = 1024  # samples per call
+STEPS_PER_BLOCK = 1 << 15  # per call, or a single sample: Ctrl-C is heard in between
+EVENT_TRIALS_PER_CALL = 1024
+
+
+class SampleGrid(NamedTuple):
+    """The time grid of a march, and which of its states are kept besides the first."""
+
+    turns: float  # drive phase at the start [turns]
+    steps: int  # in a period
+    every: int  # steps from sample to sample
+    samples: int  # after the first
+    events: bool  # the states on both sides of every event too; of a single lane
+
+    def clock(self, scenes: Scene) -> Clock:
+        """The time grid in the precision of the scenes."""
+        dtype = scenes.drive.omega.dtype
+        return Clock(jnp.asarray(self.turns, dtype), jnp.int32(self.steps), jnp.asarray(self.steps, dtype))
+
+
+class EventStates(NamedTuple):
+    """The states on both sides of every event of one lane."""
+
+    states: State  # (1, events), with two entries for each event: before and after
+    steps: np.ndarray  # time of the event in steps since the beginning (events,)
+    samples: np.ndarray  # index of the preceding sample (events,)
+
+
+def sampled_state(lane: Lane, scene_model: Model) -> State:
+    """The state of a lane with its slider updated; NaN once the lane has stopped."""
+    return with_slider_updated(lane.state, lane.status, scene_model)
+
+
+def with_slider_updated(state: State, status: Int[Array, ""], scene_model: Model) -> State:
+    """A state with its slider updated; NaN where the status is not OK."""
+    at = place_contact(state.motion, state, scene_model)[2]
+    flows, state = scene_model.spring.flows, with_zeros(state)
+    u_s = state.u_s if flows else at.u - stretch(at.v, at.u, state.u_s, state.mode, scene_model.spring)
+    motion, u_s = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), (as_arrays(state.motion), u_s))
+    return State(motion, u_s, state.mode, state.case)
+
+
+class SampledMarch(NamedTuple):
+    """The result of a march with samples."""
+
+    lanes: Lane  # at the end
+    blocks: list[State]  # the samples (lanes, samples), without the first
+    events: EventStates | None = None  # None unless they are kept
+
+
+def march_by_steps(
+    scenes: Scene, lanes: Lane, grid: SampleGrid, method: Choices, tick: Callable[[int], None]
+) -> SampledMarch:
+    """March lanes (leading axis) with samples at the ends of steps; `tick` gets the number of further samples."""
+    clock, blocks, longest = grid.clock(scenes), [], min(max(STEPS_PER_BLOCK // grid.every, 1), SAMPLES_PER_BLOCK)
+    for done in range(0, grid.samples, longest):
+        n = min(longest, grid.samples - done)
+        kept = np.int32(grid.every), np.int32(n)
+        lanes, block = _block_of_samples(scenes, lanes, clock, *kept, method, best_mapping())
+        blocks.append(jax.tree.map(lambda a, n=n: np.moveaxis(np.asarray(a)[:n], 0, 1), block))
+        tick(n)
+    return SampledMarch(lanes, blocks)
+
+
+@compiled("method", "each")
+def _block_of_samples(
+    scenes: Scene, lanes: Lane, clock: Clock, every, n, method: Choices, each: EachLane
+) -> tuple[Lane, State]:
+    """`n` samples (leading axis, then the lanes), `every` steps apart; the rows beyond are meaningless."""
+    models, period = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
+    grids = clock.grids(period)
+
+    def one_step(_, lanes):
+        return march_steps(lanes, Fixed(models, grids, lanes.step + 1), clock.steps, method, each)[0]
+
+    def one_sample(lanes, i):
+        lanes = lax.fori_loop(0, jnp.where(i < n, every, 0), one_step, lanes)
+        return lanes, jax.vmap(sampled_state)(lanes, models)
+
+    return lax.scan(one_sample, lanes, jnp.arange(SAMPLES_PER_BLOCK, dtype=jnp.int32))
+
+
+def march_by_trials(
+    scenes: Scene, lanes: Lane, grid: SampleGrid, method: Choices, tick: Callable[[int], None]
+) -> SampledMarch:
+    """March a single lane (leading axis) trial by trial, with its events; `tick` gets the number of further samples.
+
+    The steps must end trials, as with a stepper without dense output.
+    """
+    clock, left, done, samples, events = grid.clock(scenes), np.int32(grid.samples * grid.every), 0, [], []
+    while left and int(lanes.status[0]) == Status.OK:
+        (lanes, remaining), trials = _event_trials(scenes, lanes, clock, left, method, best_mapping())
+        trials = jax.tree.map(lambda a: np.moveaxis(np.asarray(a), 0, 1), trials)
+        arrived, fired = trials.arrived[0], np.repeat(trials.fired[0], 2)
+        ends = done + np.cumsum(arrived)  # steps done after each trial
+        wanted = arrived & (ends % grid.every == 0)
+        samples.append(jax.tree.map(lambda a, wanted=wanted: a[:, wanted], trials.after))
+        steps = np.repeat(ends - arrived + trials.steps_into[0], 2)[fired]
+        before = np.repeat((ends - arrived) // grid.every, 2)[fired]
+        events.append(
+            EventStates(
+                jax.tree.map(lambda *a, of=fired: interleaved_sides(*a)[:, of], trials.before, trials.after),
+                steps,
+                before,
+            )
+        )
+        tick(int(wanted.sum()))
+        done, left = int(ends[-1]), remaining
+    missing = grid.samples - sum(block.mode.shape[1] for block in samples)
+    if missing:  # the lane has stopped
+        last = current_states(scenes, lanes)
+        samples.append(jax.tree.map(lambda a: np.repeat(np.asarray(a)[:, None], missing, axis=1), last))
+    return SampledMarch(lanes, samples, concatenated_events(events))
+
+
+def concatenated_events(stretches: list[EventStates]) -> EventStates:
+    """The events of consecutive parts of a run."""
+    return jax.tree.map(lambda *a: np.concatenate(a, axis=-1 if a[0].ndim < 3 else 1), *stretches)
+
+
+def interleaved_sides(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Both sides of trials (lanes, trials, ...), interleaved along the trials."""
+    return np.stack([before, after], axis=2).reshape(len(before), -1, *before.shape[2:])
+
+
+class _SampledTrial(NamedTuple):
+    """A trial that ended a step or at an event."""
+
+    before: State  # at its end, in the mode of the trial
+    after: State
+    steps_into: Scalar  # steps from the beginning of the step to the trial's end
+    fired: Array  # it ended at an event
+    arrived: Array  # it ended a step
+
+
+@compiled("method", "each")
+def _event_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, each: EachLane):
+    """The next trials that ended a step or at an event; those after the last of the steps `left` are idle."""
+    models, period = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
+    grids, groups = clock.grids(period), stage_groups(method, models.spring.smooth) or ()
+    end_of_trial = lambda lanes, fixed: stepper_for(method).trial(lanes, fixed, method, each, groups)
+
+    def one(carry, _):
+        lanes, left = carry
+        fixed = Fixed(models, grids, jnp.where(left > 0, lanes.step + 1, lanes.step))
+        once = lambda lanes: advance(lanes, fixed, method, each)
+        idle = lambda pair: jnp.any(~(event_fired(*pair) | _step_ended(*pair)) & running(pair[1], fixed.stop))
+        before, ahead = lax.while_loop(idle, lambda pair: (pair[1], once(pair[1])), (lanes, once(lanes)))
+        trial = _SampledTrial(
+            jax.vmap(with_slider_updated)(end_of_trial(before, fixed).state, before.status, models),
+            jax.vmap(sampled_state)(ahead, models),
+            before.search.done + before.search.length,
+            event_fired(before, ahead),
+            _step_ended(before, ahead),
+        )
+        around = jnp.where(ahead.step == clock.steps, 0, ahead.step)
+        ahead = eqx.tree_at(lambda lanes: lanes.step, ahead, around)
+        return (ahead, left - trial.arrived[0].astype(left.dtype)), trial
+
+    return lax.scan(one, (lanes, left), None, length=EVENT_TRIALS_PER_CALL)
+
+
+def event_fired(before: Lane, after: Lane) -> Array:
+    """Whether a trial ended at an event: each event changes the mode or the case."""
+    return (after.state.mode != before.state.mode) | (after.state.case != before.state.case)
+
+
+def _step_ended(before: Lane, after: Lane) -> Array:
+    """Whether a step has ended."""
+    return after.step > before.step
+
+
+@jax.jit
+def current_states(scenes: Scene, lanes: Lane) -> State:
+    """The state of each lane with its slider updated; NaN once the lane has stopped."""
+    return jax.vmap(lambda scene, lane: sampled_state(lane, prepared_model(scene)))(scenes, lanes)

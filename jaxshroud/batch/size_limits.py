@@ -1,0 +1,45 @@
+"""The limits of the size of a run, set by counters, time and memory."""
+
+import psutil
+
+from jaxshroud.scene.checks import InputError
+
+MAX_LANE_PERIODS = 10**10  # months on a few cores
+# bytes that a sweep takes at its peak for each lane, and for each of its kept periods
+LANE_BYTES, SAMPLE_BYTES = 4096, 512
+STORED_LANE_BYTES, STORED_SAMPLE_BYTES = 400, 96  # bytes that its results take
+STEP_BYTES = 400  # bytes that `simulate` takes at its peak for each step it stores
+
+
+def check_size(lanes: int, transient: int, kept: int, lanes_held: int | None = None) -> None:
+    """Raise ValueError if a run of so many lanes and drive periods would be too long or too large.
+
+    The samples of `lanes_held` lanes are in memory at once, by default those of all.
+    """
+    periods = lanes * (transient + kept)
+    if periods > MAX_LANE_PERIODS:
+        raise InputError(
+            f"{periods:.3g} lane-periods (lanes x periods) are more than the {MAX_LANE_PERIODS:.0e} that a run may "
+            "have; give fewer periods or values"
+        )
+    check_memory("this run", sweep_memory(lanes, kept, lanes_held))
+
+
+def sweep_memory(lanes: int, kept: int, lanes_held: int | None = None) -> int:
+    """The peak memory of a sweep [bytes], with the samples of `lanes_held` lanes at once, by default of all."""
+    return lanes * LANE_BYTES + (lanes if lanes_held is None else lanes_held) * kept * SAMPLE_BYTES
+
+
+def results_size(lanes: int, kept: int, *, samples: bool) -> int:
+    """The size of the results of a sweep [bytes], with samples or without."""
+    return lanes * (STORED_LANE_BYTES + (kept * STORED_SAMPLE_BYTES if samples else 0))
+
+
+def check_memory(what: str, size: int) -> None:
+    """Raise ValueError unless `size` bytes for `what` are free."""
+    free = psutil.virtual_memory().available
+    if size > free:
+        raise InputError(
+            f"{what} would take some {size / 2**30:.3g} GiB of memory, but {free / 2**30:.3g} GiB are free; "
+            "keep fewer periods, steps or values"
+        )

@@ -1,0 +1,63 @@
+"""The commands that describe scenes and compute no motion: `check`, `explain` and `scenes`."""
+
+import argparse
+from typing import Any
+
+import jaxshroud
+from jaxshroud.cli.terminal import input_errors_at, print_columns, print_table
+from jaxshroud.scene.shipped import aliases, shipped
+
+
+def check_command(options: argparse.Namespace) -> None:
+    """Print the data sheet of a scene."""
+    from jaxshroud.cli.run_options import load_scene
+    from jaxshroud.verbs.check import lines_of, rows_of
+
+    file = load_scene(options)
+    sheet = jaxshroud.check(file.scene)
+    print_columns(file.title or file.name, *rows_of(sheet))
+    print_table("", lines_of(sheet))
+
+
+def explain_command(options: argparse.Namespace) -> None:
+    """Print what the model of a scene consists of."""
+    from jaxshroud.batch.xla import one_lane
+    from jaxshroud.cli.run_options import load_scene, resolve_method
+    from jaxshroud.march.method import FAST, method_of
+
+    file = load_scene(options)
+    method, choice = resolve_method(file, one_lane(file.scene), options, FAST)
+    with input_errors_at(file.name):
+        explanation = jaxshroud.explain(file.scene, method_of("auto", method))
+    print_table(file.title or file.name, _explanation_rows(explanation, choice))
+
+
+def _explanation_rows(explanation: Any, choice: Any) -> dict[str, Any]:
+    from jaxshroud.scene.parts import Parts
+
+    parts = explanation.parts
+    lacks = [f"{n}: {part}" for n, part, full in zip(Parts._fields, parts, Parts(), strict=True) if part != full]
+    share = explanation.operations / explanation.full_operations
+    operations = f"{explanation.operations}, {share:.2f} of the full model"
+    return {
+        "motion": ", ".join(parts.motion),
+        "neighbour": parts.neighbour,
+        "friction": parts.friction,
+        "contact": parts.contact,
+        "not the full model in": "; ".join(lacks) or "nothing",
+        "events looked for": ", ".join(explanation.events) or "none",
+        "numbers carried by a lane": explanation.numbers,
+        "operations in a trial step": "none: closed form" if parts.contact == "none" else operations,
+        "omega_max": f"{explanation.omega_max:.4g} rad/s",
+        **{f"steps per period, {name}": n for name, n in explanation.steps.items()},
+        **({} if choice is None else {"accuracy": choice}),
+        **{f"note {i}": text for i, text in enumerate(explanation.advice, 1)},
+    }
+
+
+def scenes_command(_: argparse.Namespace) -> None:
+    """Print names and titles of the shipped scenes, with the other names of some."""
+    scenes, others = shipped(), {name: other for other, name in aliases().items()}
+    for name, title in scenes.items():
+        also = f" (also {others[name]})" if name in others else ""
+        print(f"{name:<12} {title}{also}")

@@ -1,0 +1,256 @@
+"""The commands of a design: `tune`, `scatter` and `report`."""
+
+import argparse
+import shlex
+import sys
+from typing import Any
+
+import numpy as np
+
+import jaxshroud
+from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.size_limits import check_size
+from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, write_files
+from jaxshroud.cli.run_options import bounds, limits, load_scene, operating_conditions, scatters
+from jaxshroud.cli.terminal import (
+    CommandError,
+    files_written,
+    print_columns,
+    print_table,
+    progress_bar,
+)
+from jaxshroud.io.files import write
+from jaxshroud.io.store import write_json
+from jaxshroud.motion.effects import between
+from jaxshroud.results.scatter import SHARES, Report, Scatter
+from jaxshroud.results.tuned import Tuned
+from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.scene import Scene
+from jaxshroud.verbs.ascent import SearchOptions
+from jaxshroud.verbs.design_problem import design_corners, problem_of
+from jaxshroud.verbs.report import report_request, varied_by
+from jaxshroud.verbs.report_sections import MM_PER_M, Limits
+from jaxshroud.verbs.robust import robustness_request
+from jaxshroud.verbs.scattering import scatter_bounds, scattering_of
+
+MAP_SIDE = 24  # values of each of two keys in the map behind the paths
+MAP_COARSENING = 2  # of the map where numbers scatter: each of its designs takes all draws
+
+
+# Tuning
+
+
+def _tune_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+    return {
+        "over": bounds(file, options.over),
+        "conditions": operating_conditions(file, options),
+        "scatters": scatters(file, options),
+        "search": SearchOptions(options.scan, options.n_starts, options.updates),
+        **limits(file, options),
+    }
+
+
+def _tuning_corners(call: VerbCall) -> Scene:
+    """The scenes at the ends of the bounds; a tuning that cannot be run, or would be too large, is refused."""
+    file, options, arguments = call
+    scattering = scattering_of(arguments["scatters"], options.draws, options.seed)
+    robustness_request(scattering is not None, options.loss, options.at_least, options.check_draws, options.motions)
+    problem = problem_of(file.scene, arguments["over"], arguments["conditions"], scattering)
+    check_size(problem.runs * _map_side(options) ** 2, file.run.transient, file.run.periods)
+    return design_corners(problem)
+
+
+def _map_side(options: argparse.Namespace) -> int:
+    """Values of each of two keys in the map; fewer where numbers scatter."""
+    if options.map is not None:
+        return options.map
+    return MAP_SIDE // (MAP_COARSENING if options.tolerance or options.spread else 1)
+
+
+def _output_tuning(completed: CompletedCall) -> None:
+    from jaxshroud.plotting.pictures import picture
+    from jaxshroud.plotting.style import save_figure
+
+    tuned: Tuned = completed.result
+    dataset_path, summary_path, picture_path, design_path = completed.paths
+    tuned.save(dataset_path)
+    summary = tuned.summary(_objective_map(tuned, _map_side(completed.options)))
+    write_json(summary, summary_path)
+    save_figure(picture("tuned", summary), picture_path)
+    best = load_scene(completed.options, _overrides_of(tuned))
+    write(design_path, best.text().encode())
+    print_table(completed.title, {**_tuning_rows(tuned), "written": files_written()})
+
+
+def _objective_map(tuned: Tuned, side: int) -> dict[str, np.ndarray] | None:
+    """The objective on a grid of that many values a side, where two numbers were tuned."""
+    if len(tuned.keys) != 2 or not side:
+        return None
+    with progress_bar("objective map"):
+        return jaxshroud.objective_map(tuned, side)
+
+
+def _overrides_of(tuned: Tuned) -> list[str]:
+    """A design as overrides of its scene."""
+    return [f"{key}={value!r}" for key, value in tuned.design.items()]
+
+
+def _tuning_rows(tuned: Tuned) -> dict[str, Any]:
+    return {
+        **({} if tuned.feasible else {"infeasible": "the best design found does not keep the limits, or stops"}),
+        **{key: f"{value:.6g}" for key, value in tuned.design.items()},
+        f"{tuned.goal} P_d{' over the draws' if tuned.scatters else ''}": f"{tuned.objective:.4g} %",
+        **{f"  {name}": f"{check.objective[0]:.4g} %" for name, check in tuned.checks.items()},
+        **({"at a bound": tuned.at_bounds} if tuned.at_bounds else {}),
+        **_limit_rows(tuned),
+        **_robustness_rows(tuned),
+        "verdict": "confirmed" if tuned.confirmed else "not confirmed: the simulations differ, or exceed a limit",
+        "periods simulated": tuned.periods,
+    }
+
+
+def _limit_rows(tuned: Tuned) -> dict[str, str]:
+    """The largest force and penetration of any check, or draw, with what is left to their limits."""
+    force = np.nanmax([*tuned.check_force, tuned.scattered_force or 0.0])
+    deepest = np.nanmax([*tuned.check_v_max, tuned.scattered_v_max or 0.0])
+    return {
+        "largest normal force": _margin_text(force, tuned.most_force, "N"),
+        "largest penetration": _margin_text(deepest * MM_PER_M, tuned.most_penetration * MM_PER_M, "mm"),
+    }
+
+
+def _margin_text(value: float, limit: float, unit: str) -> str:
+    if not np.isfinite(limit):
+        return f"{value:.4g} {unit}, no limit"
+    margin = f"{1 - value / limit:.0%} left" if value <= limit else f"{value / limit - 1:.2%} too much"
+    return f"{value:.4g} {unit} of {limit:.4g} {unit}: {margin}"
+
+
+def _robustness_rows(tuned: Tuned) -> dict[str, str]:
+    """Tolerances, the probability of a wanted P_d, and coexisting motions."""
+    if tuned.loss is None:
+        return {}
+    rows = {f"up to {tuned.loss:g} points lost": "each number alone, in the worst condition; in SI units"}
+    for key, interval in tuned.intervals.items():
+        ends = zip((interval.low, interval.high), interval.ended_by, strict=True)
+        text = " to ".join(f"{end:.5g} ({reason})" for end, reason in ends)
+        rows[f"  {key}"] = f"{text}, looked at every {interval.apart:.2g}"
+    if tuned.scatters:
+        low, median = np.nanquantile(tuned.sampled_P_d, (0.05, 0.5))
+        rows["P_d under the scatter"] = f"median {median:.4g} %, one draw in twenty below {low:.4g} %"
+    if tuned.at_least is not None:
+        rows[f"P_d at least {tuned.at_least:g} %"] = f"probability {tuned.chance}"
+    return rows | _motion_rows(tuned)
+
+
+def _motion_rows(tuned: Tuned) -> dict[str, str]:
+    if tuned.motions is None:
+        return {}
+    worst = int(np.nanargmin(tuned.motions_worst)) if np.isfinite(tuned.motions_worst).any() else 0
+    count = ", ".join(map(str, tuned.motions))
+    undecided = tuned.motions_undecided.max()
+    rest = f"; up to {undecided:.0%} of starts undecided" if undecided else ""
+    from_rest, least = tuned.nominal_P_d[worst], tuned.motions_worst[worst]
+    return {"coexisting motions": f"{count}; the worst has a P_d of {least:.4g} % (from rest {from_rest:.4g} %){rest}"}
+
+
+# Scatter
+
+
+def _scatter_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+    spreads = {**bounds(file, options.over), **scatters(file, options)}
+    if not spreads:
+        raise CommandError("nothing scatters: give --over, --tolerance or --spread, e.g. --tolerance shroud.gap=10um")
+    return {"scatters": spreads}
+
+
+def _scatter_corners(call: VerbCall) -> Scene:
+    """The scenes at the ends of the scatter."""
+    scene = call.file.scene
+    return design_corners(problem_of(scene, scatter_bounds(scene, call.arguments["scatters"]), {}))
+
+
+def _output_scatter(completed: CompletedCall) -> None:
+    write_files(completed)
+    scatter: Scatter = completed.result
+    heads = ("number", "low [SI]", "high [SI]", "alone (95 %)", "in all (95 %)")
+    print_columns("shares of the variance of P_d", heads, [_share_cells(scatter, i) for i in range(len(scatter.keys))])
+    at_least = completed.options.at_least is not None
+    rows = {
+        "median of P_d": f"{scatter.median:.4g} %",
+        "nine draws in ten": f"{scatter.likely_low:.4g} to {scatter.likely_high:.4g} %",
+        **({f"P_d at least {scatter.at_least:g} %": f"probability {scatter.chance}"} if at_least else {}),
+        "stopped": f"{scatter.stopped} of {scatter.runs} runs",
+        "written": files_written(),
+    }
+    print_table(completed.title, rows)
+
+
+def _share_cells(scatter: Scatter, i: int) -> list[str]:
+    """A number with its bounds and its shares of the variance, with their intervals."""
+    shares = [[getattr(scatter, f"{name}{end}")[i] for end in ("", "_low", "_high")] for name in SHARES]
+    return [scatter.keys[i], f"{scatter.low[i]:.6g}", f"{scatter.high[i]:.6g}", *(between(*share) for share in shares)]
+
+
+# Report
+
+
+def _tuning_of_report(options: argparse.Namespace) -> Tuned | None:
+    """The tuning of --tune."""
+    return None if options.tune is None else Tuned.load(options.tune / "tune.nc")
+
+
+def _report_overrides(options: argparse.Namespace) -> list[str]:
+    """The design of the tuning."""
+    tuned = _tuning_of_report(options)
+    return [] if tuned is None else _overrides_of(tuned)
+
+
+def _report_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+    if options.out.suffix not in (".html", ".pdf"):
+        raise CommandError(f"{options.out}: a report is .html or .pdf")
+    return {
+        "scatters": {**bounds(file, options.over), **scatters(file, options)},
+        "conditions": operating_conditions(file, options),
+        "at_least": options.at_least,
+        **limits(file, options),
+        "tuned": _tuning_of_report(options),
+        "command": f"jaxshroud {shlex.join(sys.argv[1:])}",
+    }
+
+
+def _scenes_of_report(call: VerbCall) -> Scene:
+    """The design in all its conditions, and the ends of its scatter."""
+    scene, arguments = call.file.scene, call.arguments
+    stated = Limits(**{name: arguments[name] for name in Limits._fields})
+    _, scatter, conditions = report_request(
+        scene, stated, arguments["scatters"], arguments["conditions"], arguments["tuned"]
+    )
+    return varied_by(scene, scatter, conditions)
+
+
+def _call_report(call: VerbCall, progress: Progress) -> Report:
+    """The report of the whole scene file."""
+    return jaxshroud.report(call.file, **call.arguments, progress=progress)
+
+
+def _output_report(completed: CompletedCall) -> None:
+    report: Report = completed.result
+    report.save(completed.options.out)
+    reasons = {f"because {i}": reason for i, reason in enumerate(report.reasons, 1)}
+    print_table(report.title, {"verdict": report.verdict, **reasons, "written": files_written()})
+
+
+tune_command = Computation(prepare=_tune_arguments, scenes=_tuning_corners, output=_output_tuning)
+scatter_command = Computation(
+    prepare=_scatter_arguments,
+    scenes=_scatter_corners,
+    output=_output_scatter,
+)
+report_command = Computation(
+    overrides=_report_overrides,
+    prepare=_report_arguments,
+    scenes=_scenes_of_report,
+    run=_call_report,
+    output=_output_report,
+)

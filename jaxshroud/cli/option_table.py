@@ -1,0 +1,109 @@
+"""The options that several commands have in common. Nothing here is slow to import."""
+
+import argparse
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, get_args
+
+from jaxshroud.cli.arg_types import accuracy, count, number, path, steps
+from jaxshroud.march.method_names import METHODS, Locate
+from jaxshroud.scene.checks import Precision
+
+MAX_SEED = 10**18
+
+
+class Option(NamedTuple):
+    """An option or a positional argument, with the keywords of `argparse`; None leaves argparse's own default."""
+
+    name: str  # a flag, or the name of a positional argument
+    help: str | None = None
+    type: Callable[[str], Any] | None = None
+    default: Any = None
+    metavar: str | None = None
+    choices: Iterable[str] | None = None
+    required: bool | None = None
+    action: str | Callable[..., argparse.Action] | None = None
+    dest: str | None = None
+
+    def add_to(self, parser: argparse.ArgumentParser) -> None:
+        """Let a parser take the option."""
+        keywords = {key: value for key, value in self._asdict().items() if key != "name" and value is not None}
+        parser.add_argument(self.name, **keywords)
+
+
+@dataclass
+class Along:
+    """One axis of a sweep, as the command line describes it."""
+
+    key: str | None = None  # None: that of the scene
+    values: str | None = None
+    start: str | None = None
+    stop: str | None = None
+    num: str | None = None
+
+
+class NewAxis(argparse.Action):
+    """The option that begins a new axis."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        """Begin it."""
+        if namespace.along and namespace.along[0].key is None:
+            parser.error(f"{option_string} {values} comes after what describes it; give it first")
+        namespace.along = [*(namespace.along or []), Along(str(values))]
+
+
+class AxisPart(argparse.Action):
+    """An option that describes the latest axis, or the scene's own."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        """Set a field of the axis."""
+        if namespace.along is None:
+            namespace.along = [Along()]
+        setattr(namespace.along[-1], self.dest.removeprefix("axis_"), str(values))
+
+
+SHARED_OPTIONS = {
+    option.name: option
+    for option in (
+        # Scene and run.
+        Option("scene", "a TOML file or the name of a shipped scene", metavar="SCENE"),
+        Option("--set", "override table.key=value", default=[], metavar="K=V", action="append"),
+        Option("--periods", "periods kept", count(1), metavar="N"),
+        Option("--transient", "periods discarded first", count(0), metavar="N"),
+        # Method of the march.
+        Option("--accuracy", "fast, balanced, reference or a number: chooses all below", accuracy, metavar="A"),
+        Option("--steps-per-period", 'integration steps per drive period, or "auto"', steps, metavar="N"),
+        Option("--tableau", "Runge-Kutta method, rk4 by default; or power series", choices=METHODS),
+        Option("--order", "order of the power series, with --tableau taylor", count(1), metavar="N"),
+        Option("--step-tolerance", "tolerance of the power series, with --tableau taylor", number, metavar="R"),
+        Option("--locate", "how events are located", choices=get_args(Locate)),
+        Option("--precision", "float64 by default", choices=get_args(Precision)),
+        # Design and scatter.
+        Option("--over", "number and its bounds", default=[], metavar="K=LO:HI", action="append"),
+        Option("--range", "operating condition and its values", default=[], metavar="K=A,B,C", action="append"),
+        Option("--tolerance", "number and its half width", default=[], metavar="K=D", action="append"),
+        Option("--spread", "number and its half width in percent", default=[], metavar="K=P%", action="append"),
+        Option("--most-penetration", "limit, e.g. 0.2mm", metavar="LENGTH"),
+        Option("--most-force", "limit of the normal force, e.g. 500N", metavar="FORCE"),
+        Option("--at-least", "P_d [%%] whose probability is computed", number, metavar="P_d"),
+        # Random numbers, and counts.
+        Option("--samples", "rows of draws of the scatter", count(2), metavar="N"),
+        Option("--starts", "random starts", count(1), metavar="N"),
+        Option("--seed", "seed of the random numbers", count(0, MAX_SEED), 0, metavar="N"),
+        Option("--most-periods", "periods after which a motion counts as aperiodic", count(64), metavar="N"),
+        # Results.
+        Option("--title", metavar="TEXT"),
+        Option("--out", None, path, metavar="DIR", required=True),
+        Option("--force", "replace existing results", action="store_true"),
+    )
+}
+SCENE_FLAGS = ("scene", "--set", "--periods")
+METHOD_FLAGS = (
+    *("--accuracy", "--steps-per-period", "--tableau", "--order", "--step-tolerance", "--locate", "--precision"),
+)
+SCATTER_FLAGS = ("--over", "--tolerance", "--spread")
+
+
+def shared_option(name: str, **changes: Any) -> Option:
+    """One of the shared options, changed for a command."""
+    return SHARED_OPTIONS[name]._replace(**changes)

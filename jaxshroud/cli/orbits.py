@@ -1,0 +1,185 @@
+"""The commands that follow or find several motions of a scene: `branch`, `attractors` and `basins`."""
+
+import argparse
+import sys
+from typing import Any
+
+import numpy as np
+
+import jaxshroud
+from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.size_limits import check_size
+from jaxshroud.cli.computation import (
+    CompletedCall,
+    Computation,
+    VerbCall,
+    call_verb,
+    print_result,
+    with_origin,
+    write_files,
+)
+from jaxshroud.cli.terminal import (
+    CommandError,
+    files_written,
+    input_errors_at,
+    print_columns,
+    print_table,
+    progress_bar,
+    refuse_existing,
+)
+from jaxshroud.io.store import write_json
+from jaxshroud.motion.effects import between, with_interval
+from jaxshroud.results.attractors import Attractors
+from jaxshroud.results.branch import Branch
+from jaxshroud.results.sweep import SweepResult
+from jaxshroud.scene.axes import axis
+from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.grids import scenes_at
+from jaxshroud.scene.scene import Scene
+
+BACKGROUND_FILE = "sweep.nc"  # the sweep behind a branch
+NOT_IN_BRANCH_TABLE = ("along", "special", "ends", "scene", "version")  # of its summary
+IN_ATTRACTORS_TABLE = ("starts", "undecided or stopped", "worst", "method", "seconds")
+
+
+# Branch
+
+
+def _branch_overrides(options: argparse.Namespace) -> list[str]:
+    """The value at which a branch begins."""
+    return [] if options.at is None else [f"{options.along}={options.at}"]
+
+
+def _branch_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+    """The ends of the range."""
+    values = _background_values(file, options)
+    if options.num:
+        refuse_existing(options.out / BACKGROUND_FILE, options.force)
+    return {"start": float(values.min()), "stop": float(values.max())}
+
+
+def _background_values(file: SceneFile, options: argparse.Namespace) -> np.ndarray:
+    """The values of the sweep behind, from end to end of the range."""
+    own = next((a.values for a in file.axes if a.key == options.along), None)
+    ends = [options.start, options.stop]
+    if own is not None:
+        ends = [pick(own) if end is None else end for end, pick in zip(ends, (np.min, np.max), strict=True)]
+    if None in ends:
+        raise CommandError(f"--along {options.along}: {file.name} has no range of it; give --start and --stop")
+    return axis(file, options.along, start=ends[0], stop=ends[1], num=max(options.num, 2)).values
+
+
+def _ends_of_branch(call: VerbCall) -> Scene:
+    """The scenes at both ends of the range."""
+    start, stop = call.arguments["start"], call.arguments["stop"]
+    return scenes_at(call.file.scene, [call.options.along], np.array([[start], [stop]]))
+
+
+def _background_sweep(completed: CompletedCall) -> SweepResult | None:
+    """The sweep that is drawn behind a branch, by the same method; it is stored too."""
+    file, options = completed.file, completed.options
+    if not options.num:
+        return None
+    values, run = _background_values(file, options), file.sweep_run
+    with progress_bar("lane-periods") as report, input_errors_at(file.name):
+        check_size(values.size, run.transient, run.periods)
+        sweep = jaxshroud.sweep(
+            file.scene,
+            {options.along: values},
+            n_periods=run.periods,
+            transient=run.transient,
+            method=completed.arguments["method"],
+            progress=report,
+        )
+    with_origin(sweep, file).save(options.out / BACKGROUND_FILE)
+    return sweep
+
+
+def _output_branch(completed: CompletedCall) -> None:
+    from jaxshroud.plotting.style import save_figure
+
+    branch: Branch = completed.result
+    dataset_path, picture_path, summary_path = completed.paths
+    branch.save(dataset_path)
+    save_figure(branch.plot(over=_background_sweep(completed)), picture_path)
+    summary = {**branch.summary(), "seconds": completed.seconds}
+    write_json(summary, summary_path)
+    for line in branch.messages:
+        print(line, file=sys.stderr)
+    for line in branch.doubts:
+        print(f"warning: {line}", file=sys.stderr)
+    _print_special_points(branch, completed.options.along)
+    rows = {name: value for name, value in summary.items() if name not in NOT_IN_BRANCH_TABLE}
+    print_table(completed.title, {**rows, "written": files_written()})
+
+
+def _print_special_points(branch: Branch, key: str) -> None:
+    """Folds, flips and other bifurcations, if there are any."""
+    if not branch.special:
+        return
+    heads = ("kind", key, "finer march away by", "period", "branch", "multiplier")
+    rows = [
+        (
+            point.kind,
+            f"{point.value:.9g}",
+            "-" if point.error is None else f"{point.error:.1g}",
+            str(point.q),
+            str(point.branch),
+            f"{point.multiplier:.6g}",
+        )
+        for point in branch.special
+    ]
+    print_columns("", heads, rows)
+
+
+# Attractors and basins
+
+
+def _basins_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+    """The numbers of the plane, and their ranges."""
+    plane = [name.strip() for name in options.plane.split(",")]
+    return {"plane": plane, "ranges": _plane_ranges(file, plane, options)}
+
+
+def _plane_ranges(file: SceneFile, plane: list[str], options: argparse.Namespace) -> list[tuple[float, float]] | None:
+    """The ranges of --start and --stop, which have a value for each number of the plane."""
+    if options.start is None and options.stop is None:
+        return None
+    ends = [[end.strip() for end in (text or "").split(",")] for text in (options.start, options.stop)]
+    if any(len(end) != len(plane) or "" in end for end in ends):
+        raise CommandError(f"--start and --stop need a value for each of {', '.join(plane)}, e.g. --start=-1mm,-0.5")
+    axes = [
+        axis(file, f"initial.{name.removeprefix('initial.')}", start=start, stop=stop, num=2).values
+        for name, start, stop in zip(plane, *ends, strict=True)
+    ]
+    return [(float(values.min()), float(values.max())) for values in axes]
+
+
+def _call_basins(call: VerbCall, progress: Progress) -> Any:
+    with input_errors_at(f"--plane {call.options.plane}"):
+        return call_verb(call, progress)
+
+
+def _output_attractors(completed: CompletedCall) -> None:
+    attractors: Attractors = completed.result
+    summary = {**attractors.summary(), "seconds": completed.seconds}
+    write_files(completed, summary)
+    heads = ("attractor", "share (95 %)", "P_d [%] +- points", "distance")
+    rows = [
+        (
+            name,
+            between(attractors.share[i], attractors.share_low[i], attractors.share_high[i]),
+            with_interval(attractors.P_d[i], attractors.P_d_ci[i]),
+            f"{attractors.distance[i]:.3g}",
+        )
+        for i, name in enumerate(attractors.names)
+    ]
+    print_columns("", heads, rows)
+    print_result(completed, {name: summary[name] for name in IN_ATTRACTORS_TABLE})
+
+
+branch_command = Computation(
+    overrides=_branch_overrides, prepare=_branch_arguments, scenes=_ends_of_branch, output=_output_branch
+)
+attractors_command = Computation(output=_output_attractors)
+basins_command = Computation(prepare=_basins_arguments, run=_call_basins, output=_output_attractors)

@@ -1,0 +1,166 @@
+"""Options as what verbs take: the scene file with overrides, how it is marched, and numbers with their units."""
+
+import argparse
+import sys
+import warnings
+from collections.abc import Sequence
+from contextlib import contextmanager
+
+from jaxshroud.cli.terminal import CommandError, input_errors_at
+from jaxshroud.io.lane_status import AccuracyWarning
+from jaxshroud.march.method import Choices, Method, RungeKutta, Taylor
+from jaxshroud.march.stability import step_report, stiffest
+from jaxshroud.scene.axes import axis
+from jaxshroud.scene.config import load
+from jaxshroud.scene.file import Axis, SceneFile
+from jaxshroud.scene.scene import Scene
+from jaxshroud.verbs.accuracy import Choice
+from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, choose_method, plan_march, resolve_options
+
+METHOD_OPTIONS = ("tableau", "order", "step_tolerance", "locate", "precision")
+CHOSEN_BY_ACCURACY = ("steps_per_period", *METHOD_OPTIONS)
+
+
+def load_scene(options: argparse.Namespace, overrides: Sequence[str] = ()) -> SceneFile:
+    """The scene file of the options with its overrides, then those of [run], then `overrides`."""
+    run = {name: getattr(options, name, None) for name in ("periods", "steps_per_period", "transient")}
+    of_run = [f"run.{name}={value}" for name, value in run.items() if value is not None]
+    return load(options.scene, [*options.set, *of_run, *overrides])
+
+
+def resolve_march(file: SceneFile, scenes: Scene, options: argparse.Namespace, usual: Choices) -> MarchPlan:
+    """How scenes (leading axis) are marched: refused where it is unstable, with a warning where it is inaccurate.
+
+    Args:
+        file: Where the scenes come from; its [run] counts where the options do not say.
+        scenes: The scenes.
+        options: Of the command line.
+        usual: The method where steps alone are given, with a ledger or without.
+    """
+    with input_errors_at(f"{file.name}: [run]"):
+        march = plan_march(_resolved_options(file, options, usual), scenes, usual)
+    _print_choice(file, scenes, march.choice, options)
+    if march.choice is None and scenes.parts.contact != "none":
+        _print_steps(file, scenes, march)
+    return march
+
+
+def resolve_method(
+    file: SceneFile, scenes: Scene, options: argparse.Namespace, usual: Choices
+) -> tuple[Choices, Choice | None]:
+    """The same without steps, which may be too long."""
+    with input_errors_at(f"{file.name}: [run]"):
+        method, choice = choose_method(_resolved_options(file, options, usual), scenes, usual)
+    _print_choice(file, scenes, choice, options)
+    return method, choice
+
+
+def _resolved_options(file: SceneFile, options: argparse.Namespace, usual: Choices) -> ResolvedOptions:
+    """The options resolved with the file's [run], which has their steps already."""
+    for name in CHOSEN_BY_ACCURACY:
+        if options.accuracy is not None and getattr(options, name) is not None:
+            raise CommandError(f"--accuracy chooses --{name.replace('_', '-')} itself; give one of them")
+    named = any(getattr(options, name) is not None for name in METHOD_OPTIONS)
+    return resolve_options(file, method=_method_of_options(options, usual) if named else options.accuracy)
+
+
+def _method_of_options(options: argparse.Namespace, usual: Choices) -> Method:
+    """The method that the options name, as is usual where they do not say."""
+    numbers = {"order": options.order, "tolerance": options.step_tolerance}
+    numbers = {name: value for name, value in numbers.items() if value is not None}
+    precision = options.precision or usual.precision
+    if options.tableau == "taylor":
+        if options.locate not in (None, "series"):
+            raise CommandError("--locate is of Runge-Kutta methods only; power series locate their events themselves")
+        return Taylor(precision=precision, **numbers)
+    if numbers:
+        raise CommandError(f"--{'order' if 'order' in numbers else 'step-tolerance'} is of --tableau taylor only")
+    return RungeKutta(options.tableau or usual.rk, None, options.locate or usual.locate, precision)
+
+
+def _print_choice(file: SceneFile, scenes: Scene, choice: Choice | None, options: argparse.Namespace) -> None:
+    if choice is not None:
+        print(f"{file.name}: {choice}", file=sys.stderr)
+    elif options.accuracy is not None and scenes.parts.contact == "none":
+        print(f"{file.name}: without contact the motion is in closed form; --accuracy has no choice", file=sys.stderr)
+
+
+def _print_steps(file: SceneFile, scenes: Scene, march: MarchPlan) -> None:
+    if not isinstance(file.run.steps_per_period, int):
+        print(f"steps_per_period = {march.steps}, by the stiffness of the scene", file=sys.stderr)
+        return
+    report = step_report(*stiffest(scenes, 1), march.steps, march.method.tableau)
+    if report:
+        print(f"warning: {file.name}: [run] {report}", file=sys.stderr)
+
+
+@contextmanager
+def accuracy_warnings_printed():
+    """Within, accuracy warnings of verbs are collected, and printed on standard error at the end."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", AccuracyWarning)
+        yield
+    for warning in caught:
+        if issubclass(warning.category, AccuracyWarning):
+            print(f"warning: {warning.message}", file=sys.stderr)
+        else:
+            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+
+
+def bounds(file: SceneFile, texts: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Numbers with their lower and upper bounds [SI], from --over KEY=LOW:HIGH."""
+    return {a.key: (float(a.values[0]), float(a.values[1])) for a in (_bounds_axis(file, text) for text in texts)}
+
+
+def _bounds_axis(file: SceneFile, text: str) -> Axis:
+    key, _, ends = text.partition("=")
+    if ends.count(":") != 1:
+        raise CommandError(f"--over {text}: is not KEY=LOW:HIGH, e.g. --over shroud.gap=5um:200um")
+    return axis(file, key.strip(), ends.split(":"), where=f"--over {key}")
+
+
+def operating_conditions(file: SceneFile, options: argparse.Namespace) -> dict[str, list[float]]:
+    """Operating conditions with their values [SI], from --range KEY=A,B,C."""
+    return {a.key: a.values.tolist() for a in (_range_axis(file, text) for text in options.range)}
+
+
+def _range_axis(file: SceneFile, text: str) -> Axis:
+    key, _, values = text.partition("=")
+    if not values:
+        raise CommandError(f"--range {text}: is not KEY=A,B,C, e.g. --range drive.F_0=20,40,60,80")
+    return axis(file, key.strip(), values, where=f"--range {key}")
+
+
+def limits(file: SceneFile, options: argparse.Namespace) -> dict[str, float]:
+    """The limits of penetration [m] and force [N] by the arguments of verbs; infinity where none is given."""
+    return {
+        "most_penetration": _limit(file, "--most-penetration", "shroud.gap", options.most_penetration),
+        "most_force": _limit(file, "--most-force", "drive.F_0", options.most_force),
+    }
+
+
+def _limit(file: SceneFile, flag: str, key: str, text: str | None) -> float:
+    """A limit with the unit of a key."""
+    if text is None:
+        return float("inf")
+    value = float(axis(file, key, ["0", text], where=f"{flag} {text}").values[1])
+    if not value > 0:
+        raise CommandError(f"{flag} {text}: must be positive")
+    return value
+
+
+def scatters(file: SceneFile, options: argparse.Namespace) -> dict[str, float | str]:
+    """Numbers that scatter: half widths [SI] from --tolerance KEY=WIDTH, shares from --spread KEY=PERCENT."""
+    widths: dict[str, float | str] = {}
+    for text in options.tolerance:
+        key, _, width = (part.strip() for part in text.partition("="))
+        widths[key] = abs(float(axis(file, key, ["0", width], where=f"--tolerance {text}").values[1]))
+    for text in options.spread:
+        key, _, percent = (part.strip() for part in text.partition("="))
+        if key in widths:
+            raise CommandError(f"{key} has both a --tolerance and a --spread; give one of them")
+        try:
+            widths[key] = f"{float(percent.removesuffix('%'))!r}%"
+        except ValueError:
+            raise CommandError(f"--spread {text}: is not KEY=PERCENT, e.g. --spread drive.F_0=20%") from None
+    return widths

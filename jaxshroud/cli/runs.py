@@ -1,0 +1,119 @@
+"""The commands of a single scene and its run: `simulate`, `diagnose`, `power` and `trade`."""
+
+import argparse
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.size_limits import STEP_BYTES, check_memory, check_size
+from jaxshroud.cli.computation import (
+    CompletedCall,
+    Computation,
+    VerbCall,
+    call_with_accuracy_warnings,
+    print_result,
+    write_files,
+)
+from jaxshroud.cli.terminal import CommandError, files_written, input_errors_at, print_columns
+from jaxshroud.io.restart import StoredEnd, stored_end
+from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE
+from jaxshroud.march.tableau import MIN_STEPS
+from jaxshroud.model.modes import Status
+from jaxshroud.motion.effects import with_interval
+from jaxshroud.scene.file import SceneFile
+from jaxshroud.verbs.accuracy import LEVELS
+
+
+def _simulate_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+    """The stored end that the run goes on from, or the start of the scene."""
+    if options.out.suffix != ".nc":
+        raise CommandError(f"{options.out}: a trajectory needs a name that ends in .nc")
+    _check_run_memory(file, options)
+    stored = options.earlier is not None
+    return {"begin": stored_end(options.earlier, file) if stored else StoredEnd(None, 0.0, 0.0, ())}
+
+
+def _check_run_memory(file: SceneFile, options: argparse.Namespace) -> None:
+    """Refuse what would not fit into memory, before anything is compiled."""
+    steps = file.run.steps_per_period
+    least = MIN_STEPS if steps is None or steps == "auto" or options.accuracy else steps
+    with input_errors_at(file.name):
+        check_memory("what is stored of this run", file.run.periods * least // options.every * STEP_BYTES)
+
+
+def _simulate_from_end(call: VerbCall, progress: Progress) -> Any:
+    """Go on from a stored end; what differs from its scene is printed."""
+    arguments = dict(call.arguments)
+    begin: StoredEnd = arguments.pop("begin")
+    if begin.differences:
+        print(f"going on from another scene: {'; '.join(begin.differences)}", file=sys.stderr)
+    arguments |= {"state": begin.state, "turns": begin.turns, "t": begin.t}
+    return call_with_accuracy_warnings(call._replace(arguments=arguments), progress)
+
+
+def _output_run(completed: CompletedCall) -> None:
+    write_files(completed)
+    run = completed.result
+    rows = {
+        "samples": len(run.t),
+        "status": Status(run.status).name,
+        "events": ", ".join(f"{n} {name}" for name, n in run.counters.items() if n) or "none",
+        "energy residual": f"{run.energy_residual:.1e} of the drive's work",
+        "energy dropped": f"{run.energy_dropped:.1e} of the drive's gross work, where flat contact began",
+    }
+    print_result(completed, rows)
+
+
+def _output_diagnosis(completed: CompletedCall) -> None:
+    write_files(completed)
+    from jaxshroud.plotting.plot_diagnosis import diagnosis_rows
+
+    print_result(completed, {**diagnosis_rows(completed.result), "evidence": completed.result.evidence})
+
+
+def _power_arguments(file: SceneFile, options: argparse.Namespace) -> Mapping[str, Any]:
+    """None beyond those of the record, which are checked."""
+    if not options.stable_within > 0:
+        raise CommandError(f"--tolerance must be positive, but is {options.stable_within}")
+    with input_errors_at(file.name):
+        check_size(1, file.run.transient, file.run.periods)
+    return {}
+
+
+def _output_power(completed: CompletedCall) -> None:
+    write_files(completed)
+    final = completed.result.final
+    rows = {
+        "P_d": with_interval(final["P_d"], final["ci"], "%"),
+        "periods": final["n"],
+        "stable": final["stable"],
+        "period number": final["period_number"] or "aperiodic",
+    }
+    print_result(completed, rows)
+    if not final["stable"]:
+        print(f"warning: P_d is not stable after {final['n']} periods; give more with --periods", file=sys.stderr)
+
+
+def _output_trade(completed: CompletedCall) -> None:
+    write_files(completed)
+    heads = ("accuracy of the state", "cheapest setting", "steps", "us / lane / period", "error", "P_d [%]")
+    rows = [(f"{level:.0e}", *_cheapest_cells(completed.result, level)) for level in LEVELS]
+    print_columns(f"{completed.title}: {completed.options.lanes} scenes around it", heads, rows)
+    print(files_written())
+
+
+def _cheapest_cells(trade: Any, level: float) -> tuple[str, ...]:
+    """The cheapest setting that keeps an accuracy, as cells of a table."""
+    best = trade.cheapest(level)
+    if best is None:
+        return ("none reaches it", "", "", "", "")
+    return (best.setting, f"{best.steps:g}", f"{best.cost * 1e6:.3g}", f"{best.error:.1e}", f"{best.P_d:.1e}")
+
+
+simulate_command = Computation(prepare=_simulate_arguments, usual=REFERENCE, run=_simulate_from_end, output=_output_run)
+diagnose_command = Computation(run=call_with_accuracy_warnings, output=_output_diagnosis)
+power_command = Computation(
+    prepare=_power_arguments, usual=FAST_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_power
+)
+trade_command = Computation(usual=None, output=_output_trade)

@@ -1,0 +1,150 @@
+"""The commands of stored results, which simulate nothing: `plot`, `convert` and `animate`."""
+
+import argparse
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from jaxshroud.cli.command_table import COMMANDS
+from jaxshroud.cli.terminal import CommandError, progress_bar, require_free
+from jaxshroud.io.store import read, read_json
+from jaxshroud.scene.checks import Error, InputError, StoreError
+
+DRAWN_JSON = {"power.json", "tune.json", "trade.json"}
+FILES_IN_FOLDERS = (
+    *("sweep.nc", *sorted(DRAWN_JSON), "sweep.zarr"),
+    *(command.files[0] for command in COMMANDS.values() if command.files and not DRAWN_JSON & {*command.files}),
+)
+# The entries that only JSON of that kind has.
+POWER_ENTRIES, TUNING = {"n", "P_d", "P_d_ci", "final"}, {"over", "points", "scores", "map"}
+TRADE, GRADIENT, SUMMARY = {"settings", "horizon"}, {"of", "kind", "level"}, {"lanes", "period numbers"}
+
+
+def plot_command(options: argparse.Namespace) -> None:
+    """Draw a stored result again."""
+    source = _result_in(options.source)
+    picture = options.out or source.with_suffix(f".{options.format or 'png'}")
+    if options.format and picture.suffix[1:].lower() != options.format:
+        raise CommandError(f"{picture}: is named otherwise than --format {options.format}; give one of them")
+    look = _look(options)
+    if options.out is not None:
+        require_free(options.out, options.force)
+    if source.suffix == ".json":
+        if options.kind is not None:
+            raise CommandError(f"{source}: --kind is for stored runs")
+        draw_json(source, read_json(source), picture, look)
+    else:
+        draw_dataset(source, read(source), picture, options.kind, look)
+    print(picture)
+
+
+def _result_in(source: Path) -> Path:
+    """The result of a folder, or the file itself."""
+    if not source.is_dir() or source.suffix == ".zarr":
+        return source
+    for name in reversed(FILES_IN_FOLDERS):  # a branch has its sweep
+        if (source / name).exists():
+            return source / name
+    kinds = " nor ".join((FILES_IN_FOLDERS[0], ", ".join(FILES_IN_FOLDERS[1:])))
+    raise CommandError(f"{source}: holds neither {kinds}; give a result of jaxshroud")
+
+
+def _look(options: argparse.Namespace) -> dict[str, Any]:
+    """The options of a picture that were given."""
+    from jaxshroud.plotting.style import Look
+
+    return {name: value for name in Look._fields if (value := getattr(options, name)) is not None}
+
+
+def draw_dataset(
+    source: Path, ds: xr.Dataset, picture: Path, kind: str | None = None, look: Mapping[str, Any] | None = None
+) -> None:
+    """Draw a sweep, or a trajectory in one of its kinds of pictures."""
+    from jaxshroud.results.base import result_from_dataset
+
+    if kind is not None and "end_turns" not in ds.attrs:
+        kind_text = "a sweep" if isinstance(ds.attrs.get("axes"), str) else "no stored run"
+        raise CommandError(f"{source}: is {kind_text}; --kind is for stored runs")
+    options = {} if kind is None else {"kind": kind}
+    result = result_from_dataset(ds, source)
+    _save(source, lambda: result.plot(**options, **(look or {})), picture)
+
+
+def draw_json(source: Path, data: Any, picture: Path, look: Mapping[str, Any] | None = None) -> None:
+    """Draw a convergence of P_d, a tuning or a trade."""
+    from jaxshroud.plotting.pictures import picture as drawn
+
+    keys = set(data) if isinstance(data, dict) else set()
+    if keys >= GRADIENT and "number" not in keys:
+        raise CommandError(f"{source}: holds derivatives without the numbers' values; run the command again")
+    if keys >= SUMMARY:
+        raise CommandError(f"{source}: is the summary of a sweep; give its folder or its sweep.nc")
+    kinds = (("gradient", GRADIENT), ("power", POWER_ENTRIES), ("tuned", TUNING), ("trade", TRADE))
+    kind = next((kind for kind, needed in kinds if keys >= needed), None)
+    if kind is None:
+        raise StoreError(f"{source}: not a result of jaxshroud; give a power.json, tune.json or trade.json")
+    _save(source, lambda: drawn(kind, data, **(look or {})), picture)
+
+
+@contextmanager
+def damage_reported(source: Path) -> Iterator[None]:
+    """Within, a result is drawn: an unforeseen error means that it is damaged."""
+    with warnings.catch_warnings(action="ignore"):  # matplotlib's warnings of a damaged result do not help
+        try:
+            yield
+        except (Error, OSError, MemoryError):
+            raise
+        except Exception as error:
+            reason = f"lacks {error}" if isinstance(error, KeyError) else f"cannot be drawn ({error})"
+            raise StoreError(f"{source}: the result {reason}; run the command again") from None
+
+
+def _save(source: Path, draw: Callable[[], Any], picture: Path) -> None:
+    from jaxshroud.plotting.style import save_figure
+
+    with damage_reported(source):
+        try:
+            figure = draw()
+        except InputError as error:  # the result has no such picture
+            raise CommandError(f"{source}: {error}") from None
+        try:
+            save_figure(figure, picture)
+        except StoreError:
+            raise
+        except OSError as error:
+            reason = f"cannot be written ({error.strerror or error})"
+            raise StoreError(f"{picture}: {reason}; choose another --out") from None
+        except (ArithmeticError, RuntimeError, TypeError, ValueError) as error:
+            raise CommandError(f"{picture}: {error}") from None
+
+
+def convert_command(options: argparse.Namespace) -> None:
+    """Write a stored result for other programs."""
+    from jaxshroud.io.convert import convert
+
+    if options.source.suffix == ".json":
+        raise CommandError(f"{options.source}: other programs read it as it is; give a .nc")
+    data = read(options.source)
+    if "version" not in data.attrs:
+        raise StoreError(f"{options.source}: not a result of jaxshroud; give a .nc that it has written")
+    require_free(options.out, options.force)
+    convert(data, options.out, options.rows)
+    print(options.out)
+
+
+def animate_command(options: argparse.Namespace) -> None:
+    """Write a stored run as a moving picture."""
+    from jaxshroud.plotting.animation import save_animation
+
+    require_free(options.out, options.force)
+    data = read(options.source)
+    if "end_turns" not in data.attrs:
+        raise CommandError(f"{options.source}: not a run; give a file written by `jaxshroud simulate`")
+    look = {"periods": options.periods, "factor": options.factor, "title": options.title}
+    with progress_bar("frames") as report, damage_reported(options.source):
+        factor = save_animation(data, options.out, **look, progress=report)
+    print(f"{options.out} (motion and gap exaggerated {factor:g}-fold)")

@@ -1,0 +1,1 @@
+"""Labelled datasets, their files and stores."""

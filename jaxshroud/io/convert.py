@@ -1,0 +1,123 @@
+"""Results as tables (CSV) and as MATLAB files, for other programs."""
+
+import io
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from jaxshroud.io.files import write
+from jaxshroud.io.store import write_dataset
+from jaxshroud.scene.checks import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Rows = Literal["lane", "sample"]
+LONGEST_NAME = 63  # characters, in MATLAB
+
+
+def convert(data: "xr.Dataset", path: Path, rows: Rows | None = None) -> None:
+    """Write a result as a file of the kind that the suffix names.
+
+    Args:
+        data: The result.
+        path: The file, which ends in .csv, .mat or .nc.
+        rows: The rows of a table: one for each "lane", or one for each "sample" of each lane; by default lanes where
+            there are many, else samples.
+
+    Raises:
+        ValueError: The suffix is none of these, or the result has no such rows.
+        WriteError: The path cannot be written.
+    """
+    if path.suffix not in WRITERS:
+        raise InputError(f"{path}: must end in {', '.join(WRITERS)}, which says what to write")
+    if rows is not None and path.suffix != ".csv":
+        raise InputError(f"{path}: holds the arrays as they are; rows are those of .csv")
+    WRITERS[path.suffix](data, path, rows)
+
+
+def _csv(data: "xr.Dataset", path: Path, rows: Rows | None) -> None:
+    write(path, table(data, rows).encode())
+
+
+def _mat(data: "xr.Dataset", path: Path, _: Rows | None) -> None:
+    from scipy.io import savemat
+
+    file = io.BytesIO()
+    savemat(file, arrays(data), long_field_names=True, oned_as="column")
+    write(path, file.getvalue())
+
+
+def _nc(data: "xr.Dataset", path: Path, _: Rows | None) -> None:
+    write_dataset(data, path)
+
+
+WRITERS: dict[str, Callable[["xr.Dataset", Path, Rows | None], None]] = {".csv": _csv, ".mat": _mat, ".nc": _nc}
+
+
+def table(data: "xr.Dataset", rows: Rows | None = None) -> str:
+    """All variables with one value per row, as comma-separated text: a header with units, then a line for each row.
+
+    Coordinates come first. A variable with a value for each blade becomes two columns, `x[0]` and `x[1]`.
+    """
+    import xarray as xr
+
+    dims = _row_dims(data, rows)
+    columns = {}
+    for name, variable in data.data_vars.items():
+        if set(variable.dims) <= {*dims, "blade"}:
+            sides = range(variable.sizes["blade"]) if "blade" in variable.dims else (None,)
+            for side in sides:
+                column = variable if side is None else variable.isel(blade=side)
+                columns[_head(str(name), side, column)] = column.variable
+    coords = {name: data.coords[name].variable for name in data.coords if set(data.coords[name].dims) <= set(dims)}
+    if not dims:
+        lines = [*columns], [column.item() for column in columns.values()]
+        return "\n".join(",".join(map(str, line)) for line in lines) + "\n"
+    frame = xr.Dataset(columns, coords).to_dataframe(dim_order=list(dims))
+    frame.index.names = [_head(str(name), None, data[name]) if name in data else name for name in frame.index.names]
+    return frame.to_csv()
+
+
+def _row_dims(data: "xr.Dataset", rows: Rows | None) -> tuple[str, ...]:
+    """The dimensions of the rows."""
+    dims_of = lambda name: tuple(str(dim) for dim in data[name].dims if dim != "blade") if name in data else ()
+    lanes = dims_of("status")
+    samples = dims_of("x") or dims_of("P_d") or max(map(dims_of, data.data_vars), key=len, default=())
+    if rows == "lane" and not lanes:
+        raise InputError("This result has a single lane; its rows are samples.")
+    if rows == "sample" and samples == lanes:
+        raise InputError("This result has no samples; its rows are lanes.")
+    return lanes if rows == "lane" or (rows is None and lanes) else samples
+
+
+def _head(name: str, side: int | None, column: "xr.DataArray") -> str:
+    units = column.attrs.get("units", "")
+    head = name if side is None else f"{name}[{side}]"
+    return f"{head} [{units}]" if units not in ("", "1") else head
+
+
+def arrays(data: "xr.Dataset") -> dict[str, object]:
+    """All arrays under names that MATLAB takes, with `dims`, `units` and `attributes` as structures."""
+    names = {str(name): _identifier(str(name)) for name in data.variables}
+    attributes = {
+        "dims": {names[str(n)]: " ".join(map(str, v.dims)) for n, v in data.variables.items()},
+        "units": {names[str(n)]: v.attrs["units"] for n, v in data.variables.items() if "units" in v.attrs},
+        "attributes": {_identifier(str(n)): _matlab_value(v) for n, v in data.attrs.items()},
+    }
+    return {names[str(n)]: _matlab_value(v.to_numpy()) for n, v in data.variables.items()} | attributes
+
+
+def _matlab_value(value: object) -> object:
+    """`value` as MATLAB holds it: arrays of strings become cells."""
+    array = np.asarray(value)
+    return array.astype(object) if array.ndim and array.dtype.kind in "UO" else value
+
+
+def _identifier(name: str) -> str:
+    """A name that MATLAB takes."""
+    plain = re.sub(r"\W", "_", name, flags=re.ASCII)
+    return (plain if plain[:1].isalpha() else f"n_{plain}")[:LONGEST_NAME]

@@ -1,0 +1,143 @@
+"""Results on disk: NetCDF through xarray, and JSON for summaries. Files appear completely or not at all."""
+
+import json
+import os
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias, overload
+
+import numpy as np
+
+from jaxshroud.batch.size_limits import check_memory
+from jaxshroud.io.block_records import DESCRIPTION_FILE, read_store_record, store_damage
+from jaxshroud.io.files import write
+from jaxshroud.scene.checks import StoreError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+LARGE = 2**30  # bytes
+LONGEST_REASON = 120  # characters of another library's message that an error quotes
+JSONValue: TypeAlias = bool | int | float | str | list["JSONValue"] | dict[str, "JSONValue"] | None
+
+
+def read(path: str | os.PathLike[str], *, checked: bool = True) -> "xr.Dataset":
+    """A stored dataset, loaded completely; of a Zarr store that is `LARGE` arrays are loaded when they are used.
+
+    Args:
+        path: The file or the store.
+        checked: Whether Zarr stores are first compared with their records, which reads every chunk once.
+
+    Raises:
+        StoreError: The file is missing, truncated, damaged or not a result.
+    """
+    import xarray as xr
+
+    if Path(path).suffix == ".zarr":
+        return _read_zarr(Path(path), checked)
+    if Path(path).is_dir():
+        raise StoreError(f"{Path(path)}: is a folder; give the result in it, such as {Path(path) / 'sweep.nc'}")
+    if Path(path).exists() and not Path(path).is_file():
+        raise StoreError(f"{path}: is no regular file; give a result written by jaxshroud")
+    try:
+        with xr.open_dataset(path, engine="h5netcdf", phony_dims="access") as ds:
+            check_memory("it", ds.nbytes)
+            _check_sizes(ds, path)
+            return _checked_texts(ds.load())
+    except FileNotFoundError:
+        raise StoreError(f"{path}: no such file; give a result written by jaxshroud") from None
+    except Exception as error:  # h5py raises many types on damaged files
+        raise StoreError(f"{path}: not a complete result file ({_reason(error)}); run the command again") from None
+
+
+def _read_zarr(path: Path, checked: bool) -> "xr.Dataset":
+    import xarray as xr
+
+    if not (path / DESCRIPTION_FILE).exists():
+        raise StoreError(f"{path}: no such store, or one in which nothing is finished; run the command again")
+    try:
+        if checked and (damage := store_damage(path)):
+            raise ValueError(damage)
+        with warnings.catch_warnings(action="ignore"):  # about other files in the folder
+            ds = xr.open_zarr(path, chunks=None, consolidated=False, zarr_format=3)
+        record = read_store_record(path)
+        ds = ds.drop_vars([name for name in ds.variables if record is None or name not in record.names])
+        ds = ds.assign({name: a.astype(object).astype(str) for name, a in ds.variables.items() if a.dtype.kind == "T"})
+        return _checked_texts(ds.load() if ds.nbytes < LARGE else ds)
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
+        raise StoreError(f"{path}: damaged ({_reason(error)}); --resume of the same sweep computes it anew") from None
+
+
+def _reason(error: Exception) -> str:
+    """The beginning of an error's message, in one line."""
+    return " ".join(str(error).split())[:LONGEST_REASON]
+
+
+def _check_sizes(ds: "xr.Dataset", path: str | os.PathLike[str]) -> None:
+    """Raise ValueError unless each variable has the size of its dimensions, as missing values would be read as 0."""
+    import h5py
+
+    with h5py.File(path) as file:
+        for name, variable in ds.variables.items():
+            phony, stored = any(str(dim).startswith("phony_dim") for dim in variable.dims), file.get(str(name))
+            if phony or (isinstance(stored, h5py.Dataset) and stored.shape != variable.shape):
+                raise ValueError(f"{name} has not the size of its dimensions")
+
+
+def _checked_texts(ds: "xr.Dataset") -> "xr.Dataset":
+    """The dataset itself, after a check that its texts can be shown and written.
+
+    Raises:
+        ValueError: A text is not UTF-8.
+    """
+    attributes = {"its attributes": ds.attrs, **{str(name): v.attrs for name, v in ds.variables.items()}}
+    texts = [(where, [*attrs, *attrs.values()]) for where, attrs in attributes.items()]
+    texts += [(str(name), [name, v.to_numpy() if v.dtype.kind in "OU" else ""]) for name, v in ds.variables.items()]
+    for where, values in texts:
+        try:
+            "".join(str(part) for value in values for part in np.ravel(value)).encode()
+        except UnicodeEncodeError:
+            raise ValueError(f"text that is not UTF-8 in {where!a}") from None
+    return ds
+
+
+def write_dataset(ds: "xr.Dataset", path: Path) -> None:
+    """Write a dataset, completely or not at all; in memory first, as HDF5 does not survive a full disk."""
+    write(path, ds.to_netcdf(engine="h5netcdf"))
+
+
+def write_json(data: Mapping[str, object], path: Path) -> None:
+    """Write JSON, completely or not at all. NaN becomes null."""
+    write(path, (json.dumps(json_values(data), indent=1) + "\n").encode())
+
+
+def read_json(path: Path) -> Any:
+    """A stored summary, as `json.loads` gives it.
+
+    Raises:
+        StoreError: The file is missing or not complete JSON.
+    """
+    try:
+        return json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise StoreError(f"{path}: cannot be read ({error}); run the command again") from None
+
+
+@overload
+def json_values(value: Mapping[str, object]) -> dict[str, JSONValue]: ...
+
+
+@overload
+def json_values(value: object) -> JSONValue: ...
+
+
+def json_values(value: Any) -> JSONValue:
+    """`value` as JSON holds it: arrays and tuples as lists, and None for numbers that are not finite."""
+    if isinstance(value, dict):
+        return {key: json_values(v) for key, v in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [json_values(v) for v in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not np.isfinite(value) else value

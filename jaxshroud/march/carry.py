@@ -1,0 +1,98 @@
+"""The state that a lane carries through the march, its constants, and what an event changes in it."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxshroud.march.events import EventKind, GuardEvaluation, Guards, Transition, any_of, evaluate_guards, transition
+from jaxshroud.march.tally import EnergyJumps, Tally
+from jaxshroud.model.arithmetic import ANGLE_RANGE, Pair, Scalar
+from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.prepared import Model, State
+from jaxshroud.scene.keys import Motion
+
+MAX_EVENTS_PER_STEP = 64  # more is Zeno behaviour: regular scenes have a few per *period*
+NEGLIGIBLE_REST = {8: 1e-12, 4: 1e-6}  # of a step, by the bytes of a number: a shorter rest is dropped
+
+LaneTree = Any  # a tree of arrays with a leading lane axis, or a `Dual` of two
+EachLane = Callable[..., Any]  # (f, *trees) -> `f(*trees)` for every lane, of any number of `LaneTree`s
+PerLane = Float[Array, "..."]  # one number for each lane, or one lane's
+
+
+class TimeGrid(NamedTuple):
+    """Steps of equal length: step i starts at drive phase `start + i * turn` turns."""
+
+    start: Scalar  # drive phase where step 0 starts [turns]
+    turn: Scalar  # advance of the drive phase in a step [turns]
+    h: Scalar  # length of a step [s]
+
+
+def time_grid(start: PerLane, steps: PerLane, period: PerLane) -> TimeGrid:
+    """A grid with `steps` steps in a drive period of `period` seconds; `steps` need not be a whole number."""
+    return TimeGrid(start, 1 / steps, period / steps)
+
+
+class Lane(eqx.Module):
+    """The loop state of one lane."""
+
+    state: State
+    step: Int[Array, ""]  # the clock: integer index of the current step in the period
+    search: Any  # a `Search`, or a `TaylorSearch` for power series
+    guards: Guards | None  # at the start of the trial; None where there are no events
+    tally: Tally
+    status: Int[Array, ""]
+
+    @property
+    def differentiable(self) -> tuple[Any, ...]:
+        """The fields that may have a tangent: those on which later motion or power depends."""
+        return self.state, *self.search.differentiable, self.tally.integrals.power
+
+
+class Fixed(NamedTuple):
+    """The constants of a lane during a march."""
+
+    model: Model
+    grid: TimeGrid
+    stop: Int[Array, "..."]  # the march ends at the start of this step
+
+
+def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
+    """Whether a lane has not arrived at the start of step `stop` and has not failed."""
+    return (lane.step < stop) & (lane.status == Status.OK)
+
+
+class EventChange(NamedTuple):
+    """The change at an event."""
+
+    view: GuardEvaluation
+    transition: Transition
+    onset: Bool[Array, ""]
+    jumps: EnergyJumps  # 0 without an event
+
+
+def event_change(
+    z: Motion, Q: Pair, start: State, fire: Bool[Array, ""], kind: Int[Array, ""], delay: Scalar, fixed: Fixed
+) -> EventChange:
+    """The change of a lane at the motion `z`, where an event of `kind` happens if `fire` is true."""
+    view = evaluate_guards(z, Q, start, fixed.model)
+    change = transition(z, start, view, kind, delay, fixed.grid.h, fixed.model)
+    onset = fire & (kind == EventKind.LIFT) & (start.mode == Mode.APART)
+    jumps = jax.tree.map(lambda a: jnp.where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
+    return EventChange(view, change, onset, jumps)
+
+
+def is_finite(z: Motion) -> Bool[Array, ""]:
+    """Whether all numbers are finite."""
+    return jnp.isfinite(sum(jax.tree.leaves(z)))  # a sum with a number that is not finite is not finite
+
+
+def status_of(z: Motion, lost: Bool[Array, ""], events: Int[Array, ""]) -> Int[Array, ""]:
+    """The status of a lane at the motion `z`, `lost` if that is not finite, after so many `events` in a step."""
+    turned = any_of([lost, *(jnp.abs(theta) > ANGLE_RANGE for theta in jax.tree.leaves(z.theta))])
+    status = jnp.where(events > MAX_EVENTS_PER_STEP, Status.TOO_MANY_EVENTS, Status.OK)
+    status = jnp.where(turned, Status.ANGLE_OUT_OF_RANGE, status)
+    return jnp.where(lost, Status.NOT_FINITE, status).astype(jnp.int32)

@@ -1,0 +1,9 @@
+"""The names of the methods; free of JAX and NumPy, as the command line needs them at start-up."""
+
+from typing import Literal
+
+TABLEAUS = {"rk4": 4, "tsit5": 5, "dop853": 8, "dopri8": 8}  # Runge-Kutta method -> order
+METHODS = (*TABLEAUS, "taylor")
+# "bisection": halve the bracket; "cubic": take the root of the guard's cubic; "none": change the mode at the end of the
+# step (first order, for comparison only); "series": take the root of the guard's power series
+Locate = Literal["bisection", "cubic", "none", "series"]

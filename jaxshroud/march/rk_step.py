@@ -1,0 +1,132 @@
+"""One explicit Runge-Kutta step in a fixed mode."""
+
+import math
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jaxshroud.march.carry import Lane, TimeGrid
+from jaxshroud.march.method import Choices
+from jaxshroud.model.arithmetic import Pair, Scalar, sincos_turns, sine_versine
+from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.rhs import Integrals, StateDerivative, drive_wave, rhs_once
+from jaxshroud.scene.keys import Motion
+
+
+class TrialInterval(NamedTuple):
+    """The time interval of a trial step."""
+
+    turns: Scalar  # drive phase at its start [turns]
+    dturns: Scalar  # advance of the drive phase [turns]
+    h: Scalar  # its length [s]
+
+
+def trial_interval(lane: Lane, grid: TimeGrid) -> TrialInterval:
+    """The time interval of the lane's next trial step."""
+    done = lane.step.astype(lane.search.done.dtype) + lane.search.done
+    length = lane.search.length
+    return TrialInterval(grid.start + done * grid.turn, length * grid.turn, length * grid.h)
+
+
+class Stages(NamedTuple):
+    """The results of the stages of a Runge-Kutta step so far."""
+
+    slopes: tuple[StateDerivative, ...]
+    gain: Integrals | None  # sum of the integrals' rates times the weights b
+
+
+NO_STAGES = Stages((), None)
+
+
+def rk_stages(partial: Stages, stage_count: int, interval: TrialInterval, start: State, model: Model, method: Choices):
+    """The first `stage_count` stages, and the slopes dz/dt in all of them; the mode stays fixed."""
+    tableau, (stage_slopes, gain) = method.rk, partial
+    slopes: list[State] = []
+    waves = _drive_waves(interval, set(tableau.c[len(stage_slopes) : stage_count]), model)
+    for i in range(stage_count):
+        stage = _stage_state(start, interval.h, tableau.a[i][: len(slopes)], slopes, model)
+        if i == len(stage_slopes):
+            slope, rates = rhs_once(waves[tableau.c[i]], stage, model, method.ledger)
+            stage_slopes = (*stage_slopes, slope)
+            gain = _weighted_sum(gain, tableau.b[i], rates)
+        slopes.append(_rates(stage, stage_slopes[i]))
+    return Stages(stage_slopes, gain), slopes
+
+
+def _rates(stage: State, slope: StateDerivative) -> State:
+    """The time derivative of a state."""
+    z = stage.motion
+    return State(Motion(z.v_x, z.v_y, z.v_theta, *slope.acceleration), slope.u_s, None, None)
+
+
+def _weighted_sum(total: Integrals | None, weight: float, rates: Integrals) -> Integrals | None:
+    weighted = jax.tree.map(lambda a: weight * a, rates) if weight else None
+    return weighted if total is None else total if weighted is None else jax.tree.map(jnp.add, total, weighted)
+
+
+class StepEnd(NamedTuple):
+    """The end of a trial step."""
+
+    state: State  # in the mode and case of the step
+    Q: Pair  # the drive's wave
+    gain: Integrals  # of the step
+    slope: tuple[State, Pair, Integrals] | None  # d/dt of all three; None without derivatives
+
+    @property
+    def differentiable(self) -> tuple[Any, ...]:
+        """The fields that may have a tangent."""
+        return self.state, self.Q, self.gain
+
+
+def rk_step(partial: Stages, interval: TrialInterval, start: State, model: Model, method: Choices) -> StepEnd:
+    """One explicit Runge-Kutta step in a fixed mode."""
+    b = method.rk.b
+    (_, gain), slopes = rk_stages(partial, len(b), interval, start, model, method)
+    stage = _stage_state(start, interval.h, b, slopes, model)
+    Q, slope = _drive_waves(interval, {1.0}, model)[1.0], None
+    if method.derivative:
+        rates, of_integrals = rhs_once(Q, stage, model, method.ledger)
+        slope = _rates(stage, rates), _wave_rates(interval, model), of_integrals
+    return StepEnd(stage, Q, jax.tree.map(lambda a: interval.h * a, gain), slope)
+
+
+def _wave_rates(interval: TrialInterval, model: Model) -> Pair:
+    """The time derivative of the drive's wave at the end of the step."""
+    quarter_later = _drive_waves(interval._replace(turns=interval.turns + 0.25), {1.0}, model)[1.0]
+    omega = 2 * math.pi * interval.dturns / jnp.where(interval.h > 0, interval.h, 1.0)
+    return omega * quarter_later[0], omega * quarter_later[1]
+
+
+def _drive_waves(interval: TrialInterval, nodes: set[float], model: Model) -> dict[float, Pair]:
+    """The drive's waves at some nodes of the tableau, by angle addition from the start of the step."""
+    s_0, c_0 = sincos_turns(interval.turns)
+    waves = {}
+    for c, (s, v) in _node_angles(interval.dturns, nodes).items():
+        stage = (s_0 - s_0 * v + c_0 * s, c_0 - c_0 * v - s_0 * s) if c else (s_0, c_0)
+        waves[c] = drive_wave(*stage, model.drive)
+    return waves
+
+
+def _node_angles(dturns: Scalar, nodes: set[float]) -> dict[float, Pair]:
+    """The sine and versine of the drive's phase advance up to the nodes, by double angles where possible."""
+    angles: dict[float, Pair] = {}
+    for c in sorted(nodes):
+        if c / 2 in angles and c:
+            s, v = angles[c / 2]
+            angles[c] = 2 * (s - s * v), 2 * s * s
+        else:
+            angles[c] = sine_versine(2 * math.pi * c * dturns)
+    return angles
+
+
+def _stage_state(start: State, h: Scalar, weights, slopes: Any, model: Model) -> State:
+    """The start + h sum(weights * slopes), number by number."""
+    used = [(w, k) for w, k in zip(weights, slopes, strict=True) if w]
+    if not used:
+        return start
+    weights, slopes = zip(*used, strict=True)
+    add = lambda z, *k: z + h * sum(w * k for w, k in zip(weights, k, strict=True))
+    motion = jax.tree.map(add, start.motion, *(k.motion for k in slopes))
+    u_s = jax.tree.map(add, start.u_s, *(k.u_s for k in slopes)) if model.spring.flows else start.u_s
+    return State(motion, u_s, start.mode, start.case)

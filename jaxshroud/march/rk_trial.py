@@ -1,0 +1,244 @@
+"""A Runge-Kutta trial and its outcome: it is accepted, ends at an event, or is repeated."""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Int
+
+from jaxshroud.march.carry import (
+    NEGLIGIBLE_REST,
+    EachLane,
+    Fixed,
+    Lane,
+    LaneTree,
+    event_change,
+    is_finite,
+    running,
+    status_of,
+)
+from jaxshroud.march.events import (
+    EventKind,
+    any_of,
+    evaluate_guards,
+    event_kinds,
+    first_kind,
+    forces_jump,
+    place_contact,
+)
+from jaxshroud.march.locate import Search, at_event, judge_trial, new_search, select, select_guard
+from jaxshroud.march.method import Choices
+from jaxshroud.march.observables import updated_extrema, updated_peaks
+from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
+from jaxshroud.march.tally import LogUpdates, count_event, displacements_of, new_tally, updated_tally
+from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
+from jaxshroud.model.friction import Slider
+from jaxshroud.model.modes import FLAT, Mode, Status
+from jaxshroud.model.prepared import Model, State
+from jaxshroud.scene.keys import Motion
+
+# Derivatives only. The time of an event moves with the slope of the solution, which differs from that of the step by
+# the error of the method; each repetition raises the power of this error. After two repetitions it was up to 6e-6
+# between nearly parallel faces.
+EVENT_REFINEMENTS = 3
+
+
+def begin_rk(state: State, model: Model, method: Choices) -> Lane:
+    """`Stepper.begin`. The first trial has length zero: it sets the guards."""
+    zero, step = jnp.zeros_like(state.motion.x[0]), jnp.zeros((), jnp.int32)
+    tally = new_tally(state, model, method)
+    guards = evaluate_guards(state.motion, (zero, zero), state, model).guards if model.spring.modal else None
+    search = new_search(zero, zero, jnp.ones((), bool), step, method.locate, method.derivative)
+    return Lane(state, step, search, jax.tree.map(jnp.zeros_like, guards), tally, step)
+
+
+def rk_trials(
+    lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane, stage_groups: tuple[int, ...]
+) -> LaneTree:
+    """`Stepper.trial`: a `StepEnd` of every lane."""
+
+    def group(stage_count: int, lane: Lane, stages: Stages, fixed: Fixed) -> Stages:
+        return rk_stages(stages, stage_count, trial_interval(lane, fixed.grid), lane.state, fixed.model, method)[0]
+
+    def end(lane: Lane, stages: Stages, fixed: Fixed) -> StepEnd:
+        return rk_step(stages, trial_interval(lane, fixed.grid), lane.state, fixed.model, method)
+
+    stages = NO_STAGES
+    for stage_count in stage_groups:
+        stages = each(partial(group, stage_count), lanes, stages, fixed)
+    return each(end, lanes, stages, fixed)
+
+
+def update_after_rk(lanes: LaneTree, ends: LaneTree, fixed: LaneTree, method: Choices, each: EachLane) -> LaneTree:
+    """`Stepper.update`. With derivatives the decision, which has none, is a kernel of its own."""
+
+    def decide(lane: Lane, end: StepEnd, fixed: Fixed) -> Decision:
+        return decide_trial(lane, end, fixed, method)
+
+    def apply(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed) -> Lane:
+        return apply_decision(lane, end, decision, fixed, method)
+
+    if not method.derivative:
+        return each(lambda lane, end, fixed: apply(lane, end, decide(lane, end, fixed), fixed), lanes, ends, fixed)
+    return each(apply, lanes, ends, each(decide, lanes, ends, fixed), fixed)
+
+
+class Decision(NamedTuple):
+    """The decision on a trial step."""
+
+    accept: Bool[Array, ""]
+    fire: Bool[Array, ""]  # accept and change mode
+    refine: Bool[Array, ""]  # an event was found, but is located once more for its derivative
+    kind: Int[Array, ""]  # of the event
+    several: Bool[Array, ""]  # several guards were violated at once
+    move_low: Bool[Array, ""]  # the trial's end is the new lower end of the bracket
+    not_finite: Bool[Array, ""]
+    delay: Scalar  # upper bound of the time since the event [s]
+    search: Search  # if the trial is not accepted
+
+    @property
+    def differentiable(self) -> tuple[Any, ...]:
+        """The fields that may have a tangent: none."""
+        return ()
+
+
+def decide_trial(lane: Lane, end: StepEnd, fixed: Fixed, method: Choices) -> Decision:
+    """Decide on a trial step that ended at `end`. Nothing here has a derivative."""
+    lane, end, fixed = lax.stop_gradient((lane, end, fixed))
+    (model, grid, stop), search = fixed, lane.search
+    active, not_finite, h = running(lane, stop), ~is_finite(end.state.motion), grid.h
+    if not model.spring.modal:
+        no = jnp.zeros_like(active)
+        return Decision(active, no, no, jnp.int32(EventKind.LIFT), no, no, not_finite, jnp.zeros_like(h), search)
+    assert lane.guards is not None
+    _, at, _, _, _, guards = evaluate_guards(end.state.motion, end.Q, _with_slider_of(lane.state, end.state), model)
+    counts = (search.length > 0) | search.recheck
+    violated = {kind: (guards.value[kind] > 0) & counts for kind in event_kinds(guards.value)}
+    kind = first_kind(violated)
+    jumps = forces_jump(kind, lane.state, model)
+    rounding = where(kind == EventKind.TURN, at.turn_rounding, at.rounding)
+    several = _at_least_two(tuple(violated.values()))
+    exact = jumps & ~several & (select_guard(guards.value, kind) <= rounding)
+    outcome = judge_trial(search, lane.guards, guards, violated, jumps, exact, h, method.locate, method.rk.order)
+    refine = jnp.zeros_like(active)
+    if search.refinements is not None:  # derivatives need an event to be located several times
+        refine = outcome.fire & active & (search.refinements < EVENT_REFINEMENTS - 1) & (search.length > 0)
+    return Decision(
+        accept=(outcome.accept | not_finite) & active & ~refine,
+        fire=outcome.fire & active & ~refine,
+        refine=refine,
+        kind=kind,
+        several=several,
+        move_low=active & search.bracketing & ~any_of(violated.values()),
+        not_finite=not_finite,
+        delay=outcome.delay * h,
+        search=select(active & ~refine, outcome.search, search),
+    )
+
+
+def _at_least_two(flags: tuple[Bool[Array, ""], ...]) -> Bool[Array, ""]:
+    none = jnp.zeros_like(flags[0])
+    return any_of([none, *(a & any_of(flags[i + 1 :]) for i, a in enumerate(flags[:-1]))])
+
+
+def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, method: Choices) -> Lane:
+    """The lane after a trial that ended at `end`; unchanged if it has arrived or failed."""
+    (model, grid, stop), search, start = fixed, lane.search, lane.state
+    accept, fire, refine, kind = decision.accept, decision.fire, decision.refine, decision.kind
+    h = trial_interval(lane, grid).h
+    if not model.spring.modal:
+        return _apply_without_events(lane, end, decision, fixed, method)
+    state, Q, gain, _ = end
+    repeated = decision.search._replace(done=search.done)  # which may have a derivative
+    if search.refinements is not None:
+        at_root = _differentiable_event_end(end, lane, kind, fixed)
+        state, Q, gain, length = select(fire | refine, at_root, (state, Q, gain, search.length))
+        refined = repeated._replace(length=length, refinements=search.refinements + 1)
+        search, repeated = search._replace(length=length), select(refine, refined, repeated)
+    z = state.motion
+    view, transition, onset, jumps = event_change(
+        z, Q, _with_slider_of(start, state), fire, kind, decision.delay, fixed
+    )
+    state = select(fire, transition.after, state)
+    guards = select(fire, transition.guards, view.guards)
+    # where guards may have jumped, or several were violated, a guard that still is fires in a trial of length zero
+    jumped = decision.several | (kind == EventKind.TURN) | (kind == EventKind.HEIGHT) | (transition.after.case == FLAT)
+    recheck = fire & jumped & any_of(guards.value[kind] > 0 for kind in event_kinds(guards.value))
+    next_search, step = _next_search(search, lane.step, fire, recheck, method)
+    log_updates = LogUpdates(
+        lambda counters: count_event(counters, transition, fire, search.inside),
+        lambda before: updated_extrema(before, start, z, h, start.mode == Mode.APART, onset, model),
+        lambda before: updated_peaks(before, start, z, h, model),
+    )
+    tally = updated_tally(lane.tally, gain, jumps, h, start.mode, view.at.v, displacements_of(z), log_updates)
+    status = jnp.where(accept, status_of(z, decision.not_finite, next_search.events), Status.OK).astype(jnp.int32)
+    return Lane(
+        select(accept, state, start),
+        jnp.where(accept, step, lane.step),
+        select(accept, next_search, repeated),
+        select(accept | decision.move_low, guards, lane.guards),
+        select(accept, tally, lane.tally),
+        jnp.where(running(lane, stop), status, lane.status),
+    )
+
+
+def _with_slider_of(start: State, end: State) -> State:
+    """The state at the start of the trial, with the slider, or the state of a user law, of its end."""
+    return State(start.motion, end.u_s, start.mode, start.case)
+
+
+def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, method: Choices) -> Lane:
+    """`apply_decision` without events."""
+    (model, grid, stop), accept = fixed, decision.accept
+    z, no, no_jumps = end.state.motion, jnp.zeros_like(accept), jax.tree.map(jnp.zeros_like, lane.tally.jumps)
+    at = place_contact(z, lane.state, model)[2]
+    next_search, step = _next_search(lane.search, lane.step, no, no, method)
+    mode, h = jnp.where(at.v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)), trial_interval(lane, grid).h
+    log_updates = LogUpdates(
+        lambda counters: counters,
+        lambda before: updated_extrema(before, lane.state, z, h, no, no, model),
+        lambda before: updated_peaks(before, lane.state, z, h, model),
+    )
+    tally = updated_tally(lane.tally, end.gain, no_jumps, h, mode, at.v, displacements_of(z), log_updates)
+    status = jnp.where(accept, status_of(z, decision.not_finite, next_search.events), Status.OK).astype(jnp.int32)
+    before = (lane.state, lane.step, lane.search, lane.tally)
+    state, step, search, tally = select(accept, (end.state, step, next_search, tally), before)
+    return Lane(state, step, search, None, tally, jnp.where(running(lane, stop), status, lane.status))
+
+
+def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fixed: Fixed):
+    """The end of a trial where the guard of `kind` vanishes, with derivatives: state, wave, integrals and length."""
+    assert end.slope is not None
+    (model, grid, _), start, length = fixed, lane.state, lane.search.length
+    flowing = lambda state: state.u_s if model.spring.flows else ABSENT
+
+    def guard(z: Motion, Q: Pair, u_s: Slider) -> Scalar:
+        at = _with_slider_of(start, end.state) if is_absent(u_s) else State(start.motion, u_s, start.mode, start.case)
+        return select_guard(evaluate_guards(z, Q, at, model).guards.value, kind)
+
+    slope, Q_rate, _ = lax.stop_gradient(end.slope)
+    at_end, rates = (end.state.motion, end.Q, flowing(end.state)), (slope.motion, Q_rate, flowing(slope))
+    value, rate = jax.jvp(guard, at_end, rates)
+    rate = jnp.where((length > 0) & (rate > 0), rate, jnp.inf)  # a trial of length zero ends at a prescribed time
+    z, Q, gain, length, u_s = at_event(
+        (end.state.motion, end.Q, end.gain, length, flowing(end.state)),
+        (end.slope[0].motion, *end.slope[1:], 1 / grid.h, flowing(end.slope[0])),
+        value,
+        rate,
+    )
+    return State(z, u_s if model.spring.flows else start.u_s, start.mode, start.case), Q, gain, length
+
+
+def _next_search(
+    search: Search, step: Int[Array, ""], fire: Bool[Array, ""], recheck: Bool[Array, ""], method: Choices
+) -> tuple[Search, Int[Array, ""]]:
+    """The search of the next trial, and the clock, after an accepted trial."""
+    done = search.done + search.length
+    complete = done >= 1 - NEGLIGIBLE_REST[done.dtype.itemsize]
+    done = jnp.where(complete, 0.0, done)
+    events = jnp.where(complete, 0, search.events + fire.astype(jnp.int32))
+    after = new_search(done, jnp.where(recheck, 0.0, 1 - done), recheck, events, method.locate, method.derivative)
+    # a trial that ended at the maximum of a guard leaves it there, where the next trial need not look for it
+    return after._replace(probing=search.probing & ~fire & ~complete), step + complete.astype(jnp.int32)

@@ -1,0 +1,199 @@
+"""The tally of a lane: the integrals of its motion, its counts of events and the extremes of its motion so far."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from jaxshroud.march.events import EventKind, Transition, model_events, place_contact
+from jaxshroud.march.method import Choices
+from jaxshroud.model.arithmetic import ABSENT, Absent, Pair, Scalar, is_absent
+from jaxshroud.model.geometry import is_upper
+from jaxshroud.model.modes import FLAT, Mode
+from jaxshroud.model.prepared import Model, State, has_torsion
+from jaxshroud.model.rhs import Integrals, rhs_once
+from jaxshroud.scene.keys import Motion
+
+EventCount = Int[Array, ""] | Absent
+
+
+class Counters(eqx.Module):
+    """The number of events of each sort; absent where the model lacks it."""
+
+    onset_slip: EventCount
+    onset_stick: EventCount
+    separation: EventCount
+    stick_slip: EventCount
+    slip_stick: EventCount
+    switch_14: EventCount
+    switch_23: EventCount
+    switch_12: EventCount
+    switch_34: EventCount
+    flat: EventCount  # onsets of face-to-face contact
+    flat_corner: EventCount  # transitions from face-to-face contact to a corner
+    grazing: EventCount  # onsets that were found inside a step
+
+
+def count_event(
+    counters: Counters, transition: Transition, fired: Bool[Array, ""], inside: Bool[Array, ""]
+) -> Counters:
+    """The `counters` with a transition added where it `fired`; `inside`: at a maximum of the guard within a step."""
+    kind, mode, before = transition.kind, transition.after.mode, transition.before.mode
+    onset = (kind == EventKind.LIFT) & (before == Mode.APART)
+    rub = kind == EventKind.RUB
+    turn, height = kind == EventKind.TURN, kind == EventKind.HEIGHT
+    case, previous = transition.after.case, transition.before.case
+    onset_flat, end_flat = (case == FLAT) & (previous != FLAT), (previous == FLAT) & (turn | height)
+    outer, corners = (case == 1) | (case == 4), ~onset_flat & ~end_flat
+    occurred = dict(
+        onset_slip=onset & (mode != Mode.STICK),
+        onset_stick=onset & (mode == Mode.STICK),
+        separation=(kind == EventKind.LIFT) & (before != Mode.APART),
+        stick_slip=rub & (before == Mode.STICK),
+        slip_stick=rub & (before != Mode.STICK),
+        switch_14=turn & corners & outer,
+        switch_23=turn & corners & ~outer,
+        switch_12=height & corners & is_upper(case),
+        switch_34=height & corners & ~is_upper(case),
+        flat=onset_flat,
+        flat_corner=end_flat,
+        grazing=onset & inside,
+    )
+    counts = ((name, getattr(counters, name), now) for name, now in occurred.items())
+    return Counters(**{name: n + (now & fired).astype(jnp.int32) if not is_absent(n) else n for name, n, now in counts})
+
+
+COUNTED_BY_KIND = {
+    EventKind.TURN: ("switch_14", "switch_23", "switch_12", "switch_34", "flat", "flat_corner"),
+    EventKind.RUB: ("onset_stick", "stick_slip", "slip_stick"),
+}  # counters that a model without events of that kind lacks
+
+
+def no_events(model: Model) -> Counters:
+    """The counters of the events that a model has, at zero."""
+    names, present, zero = Counters.__annotations__, model_events(model), jnp.zeros((), jnp.int32)
+    lacking = {name for kind, counted in COUNTED_BY_KIND.items() if kind not in present for name in counted}
+    lacking = lacking if present else set(names)
+    return Counters(**{name: ABSENT if name in lacking else zero for name in names})
+
+
+class StepExtrema(NamedTuple):
+    """The extremes of a lane so far, by the cubic through the penetration and its rate at the ends of each trial."""
+
+    v_max: Scalar  # largest penetration [m]
+    fastest: Scalar  # largest closing or opening speed [m/s]
+    slowest_onset: Scalar  # closing speed at the gentlest onset [m/s]; infinite if there is none
+    nearest_miss: (
+        Scalar  # least distance at which the corners turned back without touching [m]; infinite if there is none
+    )
+
+
+def initial_extrema(v: Scalar) -> StepExtrema:
+    """The extremes before the first step, which begins with the penetration `v`."""
+    zero = jnp.zeros_like(v)
+    return StepExtrema(v, zero, zero + jnp.inf, zero + jnp.inf)
+
+
+class ContactPeaks(NamedTuple):
+    """The largest contact forces so far [N], on both sides of every event and by cubics inside each trial step.
+
+    The cubic interpolates the values and the rates of the penetration, and of the friction force, at both ends of a
+    trial; its error falls with the fourth power of the step. The friction of smooth contact and the forces of user
+    laws are evaluated at the ends only.
+    """
+
+    N: Scalar
+    F: Scalar
+
+
+Magnitudes = tuple[Pair, Pair, Pair]  # of x, y and theta
+
+
+class Log(eqx.Module):
+    """What has happened to a lane so far."""
+
+    time_apart: Scalar  # [s]
+    time_stick: Scalar  # [s]
+    time_slip: Scalar  # [s]
+    v_max: Scalar  # largest penetration at the start, at the end of a step or at an event [m]
+    largest: Magnitudes  # magnitudes of x, y [m] and theta [rad] at ends of steps and at events
+    counters: Counters
+    within: StepExtrema | None  # None unless it was requested
+    forces: ContactPeaks | None  # None unless it was requested
+
+
+class EnergyJumps(NamedTuple):
+    """The energy that jumps at events."""
+
+    springs: Scalar  # gained by the contact springs [J]
+    dropped: Scalar  # lost where flat contact ended a rocking motion [J]; absent where the blocks do not turn
+
+
+class Tally(eqx.Module):
+    """The integrals and the log of a lane so far."""
+
+    integrals: Integrals
+    jumps: EnergyJumps | None  # None where they are not kept
+    log: Log | None  # None where derivatives are computed
+
+
+def new_tally(state: State, model: Model, method: Choices) -> Tally:
+    """The tally of a lane that starts from `state`."""
+    zero = jnp.zeros_like(state.motion.x[0])
+    none = jax.tree.map(jnp.zeros_like, rhs_once((zero, zero), state, model, method.ledger)[1])
+    jumps = EnergyJumps(zero, zero if has_torsion(model) else ABSENT) if method.ledger else None
+    if method.derivative:
+        return Tally(none, jumps, None)
+    deepest = jnp.maximum(place_contact(state.motion, state, model)[2].v, 0.0)
+    within = initial_extrema(deepest) if method.within else None
+    largest = jax.tree.map(jnp.zeros_like, displacements_of(state.motion))
+    forces = ContactPeaks(zero, zero) if method.forces else None
+    return Tally(none, jumps, Log(zero, zero, zero, deepest, largest, no_events(model), within, forces))
+
+
+class LogUpdates(NamedTuple):
+    """How a trial updates the parts of a log."""
+
+    counts: Callable[[Counters], Counters]
+    within: Callable[[StepExtrema], StepExtrema]
+    forces: Callable[[ContactPeaks], ContactPeaks]
+
+
+def updated_tally(
+    tally: Tally,
+    gain: Integrals,
+    jumps: EnergyJumps | None,
+    h: Scalar,
+    mode,
+    v: Scalar,
+    sizes: Magnitudes,
+    log_updates: LogUpdates,
+) -> Tally:
+    """The tally after `h` seconds in a `mode`, with the penetration `v` and displacements of these `sizes`."""
+    return Tally(
+        jax.tree.map(jnp.add, tally.integrals, gain),
+        None if tally.jumps is None else jax.tree.map(jnp.add, tally.jumps, jumps),
+        None if tally.log is None else _updated_log(tally.log, h, mode, v, sizes, log_updates),
+    )
+
+
+def _updated_log(log: Log, h: Scalar, mode, v: Scalar, sizes: Magnitudes, log_updates: LogUpdates) -> Log:
+    apart, stick = mode == Mode.APART, mode == Mode.STICK
+    return Log(
+        log.time_apart + jnp.where(apart, h, 0.0),
+        log.time_stick + jnp.where(stick, h, 0.0),
+        log.time_slip + jnp.where(apart | stick, 0.0, h),
+        jnp.maximum(log.v_max, jnp.where(apart, 0.0, v)),
+        jax.tree.map(lambda most, now: jnp.maximum(most, jnp.abs(now)), log.largest, sizes),
+        log_updates.counts(log.counters),
+        None if log.within is None else log_updates.within(log.within),
+        None if log.forces is None else log_updates.forces(log.forces),
+    )
+
+
+def displacements_of(z: Motion) -> tuple[Pair, Pair, Pair]:
+    """The displacements x, y and theta."""
+    return z.x, z.y, z.theta

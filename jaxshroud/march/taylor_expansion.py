@@ -1,0 +1,137 @@
+"""The motion of one lane as power series while its mode and case are fixed, and integrals of squares over them."""
+
+import math
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Int
+
+from jaxshroud.march.carry import Fixed, Lane
+from jaxshroud.march.events import EventKind, place_contact, switch_guards
+from jaxshroud.model.arithmetic import Pair, Scalar, is_absent, sincos_turns, where
+from jaxshroud.model.friction import slider_speed, slip_sign
+from jaxshroud.model.geometry import ContactKinematics, Pose, contact_kinematics, contact_rates, pose
+from jaxshroud.model.modes import FLAT, Mode
+from jaxshroud.model.prepared import Model, State, has_torsion
+from jaxshroud.model.rhs import EndTorques, Ledger, drive_wave, end_torques, rhs
+from jaxshroud.model.series import Series, rate_of, truncated
+from jaxshroud.scene.keys import Motion
+
+RADIANS_PER_TURN = 2 * math.pi
+GuardSeries = tuple[EventKind, Any]  # with a `Series`, which stands for a Scalar in the model's equations
+
+
+class TaylorExpansion(NamedTuple):
+    """Power series in the drive phase since the start of a trial [rad]."""
+
+    motion: Motion  # rates are per radian
+    v: Any  # a `Series`, as is the next
+    u: Any
+    guards: list[GuardSeries]  # negative while the mode lasts
+    pose: Pose
+    works: Ledger | None  # their rates per radian, from the motion up to its order, in `unit ** 2` joules
+    case: Int[Array, ""]  # the current case; when apart, that of the position at the start
+    unit: Scalar  # seconds per radian
+
+
+def taylor_expansion(lane: Lane, fixed: Fixed, order: int, ledger: bool) -> TaylorExpansion:
+    """The Taylor expansion of a lane's motion, guards and works.
+
+    The motion is expanded up to an `order`, the accelerations to two orders less, and the guards to one order less.
+    """
+    grid, start = fixed.grid, lane.state
+    unit = grid.h / (RADIANS_PER_TURN * grid.turn)
+    model = per_radian(fixed.model, unit)
+    s, c = sincos_turns(grid.start + (lane.step.astype(unit.dtype) + lane.search.done) * grid.turn)
+    Q = _wave_series(drive_wave(s, c, model.drive), drive_wave(c, -s, model.drive))
+    case = place_contact(start.motion, start, model)[1]
+
+    accelerations: list = []  # filled once they are known as series
+    places = [
+        _displacement_series(getattr(start.motion, name), getattr(start.motion, f"v_{name}"), unit, k, accelerations)
+        for k, name in enumerate(("x", "y", "theta"))
+    ]
+    rates = [tuple(map(rate_of, pair)) for pair in places]
+    now = State(Motion(*places, *rates), start.u_s, start.mode, case)
+    accelerations.extend(rhs(Q, now, model, False)[0].acceleration)
+    # Products have twice the frequency: their integrals need more terms of the truncated motion.
+    truncated_motion = jax.tree.map(lambda a: truncated(a, order), now.motion)
+    works = rhs(Q, State(truncated_motion, start.u_s, start.mode, case), model, ledger)[1].ledger
+
+    q = pose(*places)
+    at = contact_kinematics(q, case, model.block, model.reading)
+    at = at._replace(v=truncated(at.v, order - 1), u=truncated(at.u, order - 1))
+    lift = EventKind.LIFT, jnp.where(start.mode == Mode.APART, 1.0, -1.0) * at.v
+    guards = [lift, *_switch_series(Q, at, now, model, order), *_friction_series(at, now, model)]
+    return TaylorExpansion(now.motion, at.v, at.u, guards, q, works, case, unit)
+
+
+def without_derivatives(expansion: TaylorExpansion) -> TaylorExpansion:
+    """The same numbers without derivatives."""
+
+    def without(a: Any) -> Any:
+        if isinstance(a, Series):
+            return a.of_each(lax.stop_gradient)
+        return a if isinstance(a, EventKind) else lax.stop_gradient(a)
+
+    return jax.tree.map(without, expansion)
+
+
+def per_radian(model: Model, unit: Scalar) -> Model:
+    """The model with time in units of `unit` seconds: masses stay, and forces are in kg m / unit^2."""
+    forces = lambda m: (m.blades.k_x, m.blades.k_y, m.blades.k_T, m.drive.F_x, m.drive.F_y, m.drive.M_0)
+    dampers = lambda m: (m.blades.c_x, m.blades.c_y, m.blades.c_T)
+    springs = lambda m: (m.spring.k, m.spring.k_d)
+    for places, factor in ((forces, unit * unit), (dampers, unit), (springs, unit * unit)):
+        scaled = jax.tree.map(lambda a, factor=factor: a * factor, places(model))
+        model = eqx.tree_at(places, model, scaled, is_leaf=is_absent)
+    return model
+
+
+def _wave_series(wave: Pair, rate: Pair) -> Any:
+    """The series of waves from their values and their derivatives per radian."""
+
+    def of(i: int) -> Series:
+        derivatives = (wave[i], rate[i], -wave[i], -rate[i])
+        return Series(lambda n: derivatives[n % 4] * (1 / math.factorial(n)))
+
+    return of(0), of(1)
+
+
+def _displacement_series(x: Pair, v: Pair, unit: Scalar, k: int, accelerations: list) -> Any:
+    """The series of displacements from their values `x` and speeds `v` and the `k`-th of the accelerations."""
+
+    def of(i: int) -> Series:
+        initial = x[i], v[i] * unit
+        return Series(lambda n: accelerations[k][i][n - 2] * (1 / (n * (n - 1))) if n > 1 else initial[n])
+
+    left, right = (x[i] if is_absent(x[i]) else of(i) for i in (0, 1))
+    return left, right
+
+
+def _switch_series(Q: Pair, at: ContactKinematics, now: State, model: Model, order: int) -> list[GuardSeries]:
+    """The guards of the case, beyond their rounding. When apart they only end a trial: the position sets the case."""
+    if not has_torsion(model):
+        return []
+    leans = EndTorques(*(truncated(a, order - 2) for a in end_torques(now.motion, Q, at, now, model)))
+    turn, height = switch_guards(at._replace(height=truncated(at.height, order - 1)), leans, now.case)
+    # where contact ends, LIFT is first
+    flat, torque = now.case == FLAT, model.spring.k * model.block.l_ab * at.rounding
+    slack = jnp.where(flat, torque, 0.0), jnp.where(flat, torque, at.rounding)
+    return [(EventKind.TURN, turn - slack[0]), (EventKind.HEIGHT, height - slack[1])]
+
+
+def _friction_series(at: ContactKinematics, now: State, model: Model) -> list[GuardSeries]:
+    """The guards of the friction element: one for each direction in stick; slip needs the first only."""
+    spring = model.spring
+    if is_absent(spring.lag):
+        return []
+    apart, stick = now.mode == Mode.APART, now.mode == Mode.STICK
+    w, limit = at.u - now.u_s, spring.lag * at.v + 2 * at.rounding  # stick may begin at its limit
+    rate = contact_rates(at, now.motion, now.case, model.reading)
+    slipping = -slip_sign(now.mode, at.v.dtype) * slider_speed(rate.v, rate.u, now.mode, spring)
+    other = where(apart | (spring.mu <= 0), -1.0, slipping)
+    return [(EventKind.RUB, where(stick, w - limit, other)), (EventKind.RUB, where(stick, -w - limit, -1.0))]

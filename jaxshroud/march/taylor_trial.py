@@ -1,0 +1,309 @@
+"""One trial of the march by power series: as far as the series are accurate, or to the first event.
+
+The motion of the lane is expanded once. The last coefficients bound the length of the trial, and the series give the
+guard that rises first and the motion there: no trial is repeated to locate an event.
+"""
+
+from collections.abc import Callable
+from functools import reduce
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Int
+
+from jaxshroud.march.carry import (
+    NEGLIGIBLE_REST,
+    EachLane,
+    Fixed,
+    Lane,
+    LaneTree,
+    event_change,
+    is_finite,
+    running,
+    status_of,
+)
+from jaxshroud.march.events import FLAT_RETURN, EventKind, any_of
+from jaxshroud.march.locate import at_event, select
+from jaxshroud.march.method import Choices
+from jaxshroud.march.observables import (
+    deepest_penetration,
+    merged_extrema,
+    midpoint_magnitudes,
+    taylor_extrema,
+    taylor_peaks,
+)
+from jaxshroud.march.tally import (
+    ContactPeaks,
+    Counters,
+    EnergyJumps,
+    LogUpdates,
+    Magnitudes,
+    StepExtrema,
+    Tally,
+    count_event,
+    displacements_of,
+    new_tally,
+    updated_tally,
+)
+from jaxshroud.march.taylor_events import (
+    TaylorSearch,
+    TrialEvent,
+    first_event,
+    return_length,
+    select_polynomial,
+    trimmed,
+)
+from jaxshroud.march.taylor_expansion import RADIANS_PER_TURN, TaylorExpansion, taylor_expansion, without_derivatives
+from jaxshroud.march.taylor_integrals import integrated_squares, integrated_works
+from jaxshroud.model.arithmetic import Scalar, is_absent, sincos_turns
+from jaxshroud.model.modes import FLAT, Mode
+from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.rhs import Integrals, drive_wave
+from jaxshroud.model.series import polynomial_value_and_rate
+from jaxshroud.scene.keys import Motion
+
+MAX_TRIAL_ANGLE = 0.5  # [rad] of a trial, so that guards are evaluated often enough
+NEGLIGIBLE_SPEED = 1e-30  # a speed that does not matter [m/rad]
+
+
+class TaylorTrial(NamedTuple):
+    """A trial by power series."""
+
+    motion: Motion
+    gain: Integrals
+    length: Scalar  # in steps
+    kind: Int[Array, ""]  # of the event, or of the guard that ended the trial
+    event: TrialEvent  # its `end` in radians
+    extrema: "TrialExtrema | None"  # None with derivatives
+
+    @property
+    def differentiable(self) -> tuple[Any, ...]:
+        """The fields that may have a tangent."""
+        return self.motion, self.gain, self.length
+
+
+class TrialExtrema(NamedTuple):
+    """The extremes of a trial, for the log."""
+
+    deepest: Scalar  # largest penetration [m]
+    sizes: Magnitudes  # of the displacements halfway
+    within: StepExtrema | None
+    forces: ContactPeaks | None
+
+
+DisplacementSeries = tuple[Any, Any, Any]  # coefficients of x, y and theta, of both blades
+
+
+def begin_taylor(state: State, model: Model, method: Choices) -> Lane:
+    """`Stepper.begin`. The first trial rechecks the guards."""
+    zero, count = jnp.zeros_like(state.motion.x[0]), jnp.zeros((), jnp.int32)
+    yes, tolerance = jnp.ones((), bool), zero + method.taylor.tolerance
+    search = TaylorSearch(zero, zero, yes, count - 1, ~yes, count, count, tolerance)
+    return Lane(state, count, search, None, new_tally(state, model, method), count)
+
+
+def taylor_trials(
+    lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane, stage_groups: tuple[int, ...]
+) -> LaneTree:
+    """`Stepper.trial`: a `TaylorTrial` of every lane."""
+    del stage_groups  # there are none
+    return each(lambda lane, fixed: trial_and_series(lane, fixed, method)[0], lanes, fixed)
+
+
+def update_after_taylor(
+    lanes: LaneTree, trials: LaneTree, fixed: LaneTree, method: Choices, each: EachLane
+) -> LaneTree:
+    """`Stepper.update`."""
+    return each(lambda lane, trial, fixed: lane_after_trial(lane, trial, fixed, method), lanes, trials, fixed)
+
+
+def trial_and_series(lane: Lane, fixed: Fixed, method: Choices) -> tuple[TaylorTrial, DisplacementSeries]:
+    """The next trial of a lane, and its displacements as polynomials in radians from the start."""
+    order = method.taylor.order
+    expansion, step = taylor_expansion(lane, fixed, order, method.ledger), RADIANS_PER_TURN * fixed.grid.turn
+    constants, frozen = (
+        (lax.stop_gradient((lane, fixed)), without_derivatives(expansion))
+        if method.derivative
+        else ((lane, fixed), expansion)
+    )
+    event, kind = _trial_event(frozen, *constants, order)
+    s = jnp.where(event.reject, 0.0, event.end)
+    if method.derivative:
+        s = _differentiable_end(expansion, order, event, s, _remaining_angle(lane, fixed))
+    displacements = jax.tree.map(lambda a: a.coefficients(order), displacements_of(expansion.motion))
+    extrema = None if method.derivative else _trial_extrema(expansion, s, lane, event, kind, fixed, method)
+    gain = Integrals(
+        integrated_squares(expansion, order, s, fixed.model.gyration), integrated_works(expansion, order, s)
+    )
+    return TaylorTrial(
+        motion_after(displacements, expansion.unit, s), gain, s / step, kind, event, extrema
+    ), displacements
+
+
+def _trial_event(expansion: TaylorExpansion, lane: Lane, fixed: Fixed, order: int) -> tuple[TrialEvent, Int[Array, ""]]:
+    """The event that ends the trial, and its kind."""
+    search = lane.search
+    h = jnp.minimum(
+        _accurate_length(expansion, order, search.tolerance, fixed), jnp.maximum(_remaining_angle(lane, fixed), 0.0)
+    )
+    rocking = [g.coefficients(2) for kind, g in expansion.guards if kind in (EventKind.TURN, EventKind.HEIGHT)]
+    # a rocking motion that returns sooner counts as flat contact
+    resolved = jnp.maximum(return_length(rocking, h), FLAT_RETURN * RADIANS_PER_TURN * fixed.grid.turn)
+    h = jnp.minimum(h, resolved)
+    h = jnp.where(search.tries > 0, jnp.minimum(h, search.cap), h)
+    return _first_event_of_kind(expansion, order, h, search)
+
+
+def _remaining_angle(lane: Lane, fixed: Fixed) -> Scalar:
+    """The angle until the march stops [rad]."""
+    turn = fixed.grid.turn
+    return ((fixed.stop - lane.step).astype(turn.dtype) - lane.search.done) * (RADIANS_PER_TURN * turn)
+
+
+def _differentiable_end(expansion: TaylorExpansion, order: int, event: TrialEvent, s: Scalar, rest: Scalar) -> Scalar:
+    """The end of a trial with its derivative: that of the guard's root or of the remaining angle, else none."""
+    guard = select_polynomial(trimmed([g.coefficients(order) for _, g in expansion.guards], s), event.which)
+    size, rate = polynomial_value_and_rate(guard, s)
+    rate = jnp.where(event.fire & (s > 0) & (rate > 0), lax.stop_gradient(rate), jnp.inf)
+    root = at_event(s, jnp.ones_like(s), size, rate)
+    return jnp.where(event.fire | event.probe | (s < rest), root, rest)
+
+
+def _trial_extrema(
+    expansion: TaylorExpansion,
+    s: Scalar,
+    lane: Lane,
+    event: TrialEvent,
+    kind: Int[Array, ""],
+    fixed: Fixed,
+    method: Choices,
+) -> TrialExtrema:
+    order, start = method.taylor.order, lane.state
+    apart = start.mode == Mode.APART
+    onset = apart & event.fire & (kind == EventKind.LIFT)
+    within = taylor_extrema(expansion, order, s, apart, onset) if method.within else None
+    forces = taylor_peaks(expansion, order, s, start, fixed.model.spring) if method.forces else None
+    return TrialExtrema(
+        deepest_penetration(expansion, order, s), midpoint_magnitudes(expansion, order, s), within, forces
+    )
+
+
+def _accurate_length(expansion: TaylorExpansion, order: int, tolerance: Scalar, fixed: Fixed) -> Scalar:
+    """The length at which the last terms of the speeds are `tolerance` times the largest speed [rad]."""
+    largest = lambda n: reduce(jnp.maximum, (jnp.abs(c) for c in _displacement_coefficients(expansion, n, fixed)))
+    speed = reduce(jnp.maximum, map(largest, (1, 2, 3)))
+    allowed = tolerance * speed + NEGLIGIBLE_SPEED
+    lengths = [_power(allowed / (n * largest(n) + NEGLIGIBLE_SPEED), 1 / (n - 1)) for n in (order - 1, order)]
+    return jnp.minimum(jnp.minimum(*lengths), MAX_TRIAL_ANGLE)
+
+
+def _displacement_coefficients(expansion: TaylorExpansion, n: int, fixed: Fixed) -> list[Scalar]:
+    """The coefficients `n` of the displacements [m]; theta counts as the displacement of a corner."""
+    x, y, theta = displacements_of(expansion.motion)
+    lever = fixed.model.block.a_x
+    return [a[n] for a in (*x, *y) if not is_absent(a)] + [lever * a[n] for a in theta if not is_absent(a)]
+
+
+def _power(x: Scalar, exponent: float) -> Scalar:
+    """The power `x ** exponent` of a positive number to a few percent, from the bits of its fourth root in float32."""
+    bits = lax.bitcast_convert_type(jnp.sqrt(jnp.sqrt(x)).astype(jnp.float32), jnp.int32)
+    log = bits.astype(jnp.float32) * (1 / 2**23) - 127.0
+    power = ((log * (4 * exponent) + (127.0 - 0.043)) * 2**23).astype(jnp.int32)
+    return lax.bitcast_convert_type(power, jnp.float32).astype(x.dtype)
+
+
+def _first_event_of_kind(
+    expansion: TaylorExpansion, order: int, h: Scalar, search: TaylorSearch
+) -> tuple[TrialEvent, Int[Array, ""]]:
+    """The first event within `h` radians, and its kind."""
+    kinds = [k for k, _ in expansion.guards]
+    at_start = [(g[0] > 0) & search.recheck & (search.crossed != k) for k, g in expansion.guards]
+    event = first_event([g.coefficients(order) for _, g in expansion.guards], h, search.probing, search.tries)
+    immediately = any_of(at_start)
+    which = event.which
+    for i in reversed(range(len(kinds))):
+        which = jnp.where(at_start[i], jnp.int32(i), which)
+    immediate = TrialEvent(jnp.zeros_like(h), which, immediately, ~immediately, ~immediately, ~immediately)
+    event = select(immediately, immediate, event._replace(which=which))
+    kind = jnp.int32(kinds[-1])
+    for i, k in enumerate(kinds[:-1]):
+        kind = jnp.where(which == i, jnp.int32(k), kind)
+    return event, kind
+
+
+def motion_in_trial(
+    displacements: DisplacementSeries, period: Scalar, steps_per_period: Scalar, steps: Scalar
+) -> Motion:
+    """The motion so many `steps` after the start of a trial, by its series."""
+    return motion_after(displacements, period / RADIANS_PER_TURN, steps * (RADIANS_PER_TURN / steps_per_period))
+
+
+def motion_after(displacements: DisplacementSeries, unit: Scalar, s: Scalar) -> Motion:
+    """The motion after `s` radians of `unit` seconds each."""
+    ends = [[a if is_absent(a) else polynomial_value_and_rate(a, s) for a in pair] for pair in displacements]
+    values = [tuple(a if is_absent(a) else a[0] for a in pair) for pair in ends]
+    speeds = [tuple(a if is_absent(a) else a[1] / unit for a in pair) for pair in ends]
+    return Motion(*values, *speeds)
+
+
+def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed, method: Choices) -> Lane:
+    """The lane after its `trial`; unchanged if it has arrived or failed."""
+    (model, grid, _), start, search, event = fixed, lane.state, lane.search, trial.event
+    assert isinstance(search, TaylorSearch)
+    active, z = running(lane, fixed.stop), trial.motion
+    apart = start.mode == Mode.APART
+    # when apart, a change of the case has no effect
+    fire = event.fire & ~(apart & (trial.kind != EventKind.LIFT)) & active
+    next_search, step = _next_taylor_search(lane, trial, fire, fixed)
+    done = step.astype(grid.turn.dtype) + next_search.done
+    Q = drive_wave(*sincos_turns(grid.start + done * grid.turn), model.drive)
+    h = trial.length * grid.h
+    _, transition, _, jumps = event_change(z, Q, start, fire, trial.kind, h, fixed)
+    tally = _tally_after(lane, trial, jumps, h, lambda counters: count_event(counters, transition, fire, event.inside))
+    status = status_of(z, ~is_finite(z), jnp.maximum(next_search.events, next_search.tries))
+    state = select(fire, transition.after, State(z, start.u_s, start.mode, start.case))
+    # contact may begin flat although one end of the overlap already pulls
+    next_search = next_search._replace(recheck=next_search.recheck | (fire & (transition.after.case == FLAT)))
+    return select(active, Lane(state, step, next_search, None, tally, status), lane)
+
+
+def _tally_after(
+    lane: Lane, trial: TaylorTrial, jumps: EnergyJumps, h: Scalar, counts: Callable[[Counters], Counters]
+) -> Tally:
+    extrema = trial.extrema
+    if extrema is None:
+        return Tally(jax.tree.map(jnp.add, lane.tally.integrals, trial.gain), None, None)
+    log_updates = LogUpdates(
+        counts,
+        lambda before: merged_extrema(before, extrema.within),  # pyright: ignore[reportArgumentType]  # kept where `before` is
+        lambda before: jax.tree.map(jnp.maximum, before, extrema.forces),
+    )
+    sizes = jax.tree.map(lambda a, b: jnp.maximum(a, jnp.abs(b)), extrema.sizes, displacements_of(trial.motion))
+    return updated_tally(lane.tally, trial.gain, jumps, h, lane.state.mode, extrema.deepest, sizes, log_updates)
+
+
+def _next_taylor_search(
+    lane: Lane, trial: TaylorTrial, fire: Bool[Array, ""], fixed: Fixed
+) -> tuple[TaylorSearch, Int[Array, ""]]:
+    """The search of the next trial, and the clock."""
+    search, event = lane.search, trial.event
+    done = search.done + trial.length
+    negligible = NEGLIGIBLE_REST[done.dtype.itemsize]
+    completed = jnp.floor(done + negligible)
+    done, completed = jnp.maximum(done - completed, 0.0), completed.astype(jnp.int32)
+    done = jnp.where(done < negligible, 0.0, done)
+    events = jnp.where(completed > 0, 0, search.events) + event.fire.astype(jnp.int32)
+    moved = (trial.length > 0) | fire
+    next_search = TaylorSearch(
+        done=done,
+        cap=event.end,
+        recheck=fire & ((trial.kind == EventKind.TURN) | (trial.kind == EventKind.HEIGHT)),
+        crossed=trial.kind,
+        probing=event.probe,
+        events=events,
+        tries=jnp.where(moved, 0, search.tries + 1),
+        tolerance=search.tolerance,
+    )
+    return next_search, lane.step + completed

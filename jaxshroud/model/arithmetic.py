@@ -1,0 +1,161 @@
+"""The arithmetic of compiled loops: symbolic zeros, and sine and cosine as short polynomials."""
+
+import math
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+class Formal(ABC):
+    """A stand-in for a number while a function is traced: a symbolic zero or a power series."""
+
+    @staticmethod
+    @abstractmethod
+    def chosen(condition: Any, yes: Any, no: Any) -> Any:
+        """`yes` where the `condition` holds, else `no`; at least one of them is of this class."""
+
+
+class Absent(Formal):
+    """An exact zero that is known while tracing."""
+
+    @staticmethod
+    def chosen(condition: Any, yes: Any, no: Any) -> Any:
+        """`yes` where the `condition` holds, else `no`; at least one of them is absent."""
+        return jnp.where(condition, *(0.0 if is_absent(a) else a for a in (yes, no)))
+
+    def __add__(self, other: Any) -> Any:
+        """The other number."""
+        return other
+
+    def __neg__(self) -> "Absent":
+        """Still absent."""
+        return self
+
+    def __rsub__(self, other: Any) -> Any:
+        """The other number."""
+        return other
+
+    def __sub__(self, other: Any) -> Any:
+        """The negative of the other number."""
+        return -other
+
+    def __mul__(self, other: Any) -> "Absent":
+        """Still absent."""
+        return self
+
+    def __repr__(self) -> str:
+        """The name of the constant."""
+        return "ABSENT"
+
+    __radd__, __rmul__, __truediv__, __pow__, __abs__ = __add__, __mul__, __mul__, __mul__, __neg__
+
+
+if TYPE_CHECKING:
+    Scalar = Float[Array, ""]
+else:
+    Scalar = Float[Array, ""] | Formal  # behaves like a number
+Pair = tuple[Scalar, Scalar]  # one per blade: two flat arrays of lanes are faster than one strided
+ABSENT: Any = Absent()
+jax.tree_util.register_pytree_node(Absent, lambda _: ((), None), lambda *_: ABSENT)
+
+
+def is_absent(value: object) -> bool:
+    """Whether a number is left out."""
+    return isinstance(value, Absent)
+
+
+def where(condition: Any, yes: Any, no: Any) -> Any:
+    """`jnp.where` for numbers that may be absent or series."""
+    if yes is no:
+        return yes
+    formal = [a for a in (yes, no) if isinstance(a, Formal)]
+    kind = max(formal, key=lambda a: not is_absent(a), default=None)
+    return jnp.where(condition, yes, no) if kind is None else kind.chosen(condition, yes, no)
+
+
+def blended(share: Any, yes: Any, no: Any) -> Any:
+    """`yes` or `no` by a truth value, or their mixture with a share of `yes` in [0, 1]."""
+    if yes is no:
+        return yes
+    if jnp.issubdtype(jnp.asarray(share).dtype, jnp.bool_):
+        return where(share, yes, no)
+    return no + share * (yes - no)
+
+
+def filled(tree: Any, like: Any) -> Any:
+    """The `tree` with zeros in place of absent numbers, of the shape and type of `like`."""
+    return jax.tree.map(lambda a: jnp.zeros_like(like) if is_absent(a) else a, tree, is_leaf=is_absent)
+
+
+ANGLE_RANGE = math.pi / 4  # [rad]
+# sin x = x + x^3 S(x^2), 1 - cos x = x^2 / 2 + x^4 V(x^2)
+_SINE = {
+    jnp.dtype("float64"): (
+        -0.16666666666666666,
+        0.00833333333333095,
+        -0.0001984126983676098,
+        2.755731610364807e-06,
+        -2.5051132048565583e-08,
+        1.5918142523743103e-10,
+    ),
+    jnp.dtype("float32"): (-0.16666664667931574, 0.008332748998589587, -0.0001958800886362705),
+}
+_VERSINE = {
+    jnp.dtype("float64"): (
+        -0.041666666666666664,
+        0.0013888888888887398,
+        -2.4801587298767024e-05,
+        2.7557317272338524e-07,
+        -2.0876146381542784e-09,
+        1.1382639780204255e-11,
+    ),
+    jnp.dtype("float32"): (-0.04166666466418916, 0.001388830364336445, -2.454804054345909e-05),
+}
+
+
+def _polynomial(coefficients: tuple[float, ...], x: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The polynomial, with even and odd powers apart, which halves the depth of Horner's rule."""
+    if len(coefficients) == 1:
+        return jnp.full_like(x, coefficients[0])
+    pairs = [c if i + 1 == len(coefficients) else c + coefficients[i + 1] * x for i, c in enumerate(coefficients)][::2]
+    total, square = pairs[-1], x * x
+    for pair in reversed(pairs[:-1]):
+        total = pair + square * total
+    return jnp.asarray(total)
+
+
+@jax.custom_jvp
+def sine_versine(x: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """(sin x, 1 - cos x) for |x| <= pi/4; beyond that range the error grows and callers must check it.
+
+    1 - cos x has no cancellation at small x.
+    """
+    square = x * x
+    sine = x + x * square * _polynomial(_SINE[x.dtype], square)
+    return sine, square * (0.5 + square * _polynomial(_VERSINE[x.dtype], square))
+
+
+@sine_versine.defjvp
+def _sine_versine_jvp(primals, tangents):
+    (x,), (x_dot,) = primals, tangents
+    s, v = sine_versine(x)
+    return (s, v), ((1 - v) * x_dot, s * x_dot)
+
+
+def sincos(x: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """(sin x, cos x) for |x| <= pi/4."""
+    s, v = sine_versine(x)
+    return s, 1 - v
+
+
+def sincos_turns(turns: Scalar) -> tuple[Scalar, Scalar]:
+    """(sin, cos) of `2 pi turns`, exact at any multiple of a quarter turn."""
+    quarter = jnp.round(4 * turns)
+    s, c = sincos((turns - quarter / 4) * (2 * math.pi))
+    quarter = quarter - 4 * jnp.floor(quarter / 4)
+    swap = (quarter == 1) | (quarter == 3)
+    sine, cosine = jnp.where(swap, c, s), jnp.where(swap, s, c)
+    return jnp.where(quarter >= 2, -sine, sine), jnp.where((quarter == 1) | (quarter == 2), -cosine, cosine)

@@ -1,0 +1,122 @@
+"""A scene prepared for stepping, with all that can be computed once per lane, and the state that it steps."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent
+from jaxshroud.model.friction import Springs
+from jaxshroud.model.geometry import (
+    Corners,
+    corners,
+    gyration,
+)
+from jaxshroud.model.linear import steady_amplitudes
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.parts import Parts
+from jaxshroud.scene.scene import Blades, PerBlade, Scene
+
+
+class State(eqx.Module):
+    """The motion and the contact of one lane.
+
+    The fields are scalars in compiled code, and arrays of lanes outside.
+    """
+
+    motion: Motion
+    u_s: Any  # slider of Eq. (2) [m], meaningful in contact only
+    mode: Any  # see `Mode`
+    case: Any  # 1-4 (Sec. 2.3), 5 in flat contact, 0 when apart
+
+
+def initial_state(motion: Motion) -> State:
+    """The state at t = 0: apart. A start with the blocks already overlapping becomes an onset at once."""
+    zero = jnp.zeros((), jnp.int32)
+    return State(motion, jnp.zeros((), motion.x.dtype), zero, zero)
+
+
+def as_pairs(tree: Any) -> Any:
+    """The `tree` with every (2,) array as a pair of scalars: one flat array for each number when lanes are batched."""
+    return jax.tree.map(lambda a: (a[0], a[1]) if jnp.ndim(a) == 1 else a, tree)
+
+
+class Excitation(NamedTuple):
+    """The amplitudes and phases of the drive (Sec. 3.1), resolved in x and y."""
+
+    F_x: PerBlade | Pair  # F_0 cos(beta) [N]
+    F_y: PerBlade | Pair  # F_0 sin(beta) [N]
+    M_0: PerBlade | Pair  # [N m]
+    sin_phase: PerBlade | Pair
+    cos_phase: PerBlade | Pair
+
+
+class Mobility(NamedTuple):
+    """The reciprocal masses, as products are cheaper than quotients; absent where a block cannot move."""
+
+    x: Pair  # 1 / m [1/kg]
+    y: Pair  # [1/kg]
+    theta: Pair  # 1 / I [1/(kg m^2)]
+    share: Scalar  # I_1 / (I_1 + I_2)
+    joint: Scalar  # I_1 I_2 / (I_1 + I_2): inertia against a turn of the blocks towards each other [kg m^2]
+
+
+class Model(eqx.Module):
+    """A scene prepared for stepping: everything that can be computed once per lane."""
+
+    blades: Blades
+    block: Corners
+    spring: Springs
+    drive: Excitation
+    gyration: Scalar  # J_A / A [m^2]
+    mobility: Mobility
+    reading: frozenset[str] = eqx.field(static=True)
+    parts: Parts = eqx.field(static=True)
+
+
+def prepared_model(scene: Scene) -> Model:
+    """The constants of a scene."""
+    d, s = scene.drive, scene.shroud
+    drive = Excitation(d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase))
+    reading = scene.contact.reading
+    constants = scene.blades, corners(s, reading), springs(scene), drive, gyration(s)
+    blades, block, spring, drive, size = as_pairs(constants)
+    if scene.laws is not None:
+        spring = spring._replace(laws=scene.laws)
+    return Model(blades, block, spring, drive, size, _mobility(scene), reading, scene.parts)
+
+
+def _mobility(scene: Scene) -> Mobility:
+    b, has = scene.blades, scene.parts.has
+    of = lambda name, mass: tuple(1 / mass[i] if has(name, i) else ABSENT for i in (0, 1))
+    share = b.I[0] / (b.I[0] + b.I[1]) if scene.parts.neighbour == "blade" else jnp.zeros_like(b.I[0])
+    joint = b.I[1] * share if scene.parts.neighbour == "blade" else b.I[0]
+    return Mobility(of("x", b.m), of("y", b.inertia_y), of("theta", b.I), share, joint)
+
+
+def springs(scene: Scene) -> Springs:
+    """The contact springs of a scene, guarded against 0/0."""
+    k, k_d, mu = scene.k, scene.friction.k_d, scene.friction.mu
+    if scene.parts.contact == "none":
+        return Springs(ABSENT, ABSENT, ABSENT, ABSENT)
+    if scene.parts.contact == "own":
+        return Springs(k, ABSENT, ABSENT, ABSENT)
+    width = ABSENT if scene.contact.width is None else scene.contact.width
+    haste = width if is_absent(width) else _free_speed(scene) / width
+    if scene.parts.friction == "none":
+        return Springs(k, ABSENT, ABSENT, ABSENT, width, haste)
+    has_friction = (k > 0) & (k_d > 0) & (mu > 0)
+    lag = mu * k / jnp.where(has_friction, k_d, 1.0)
+    return Springs(k, k_d, jnp.where(has_friction, mu, 0.0), jnp.where(has_friction, lag, 0.0), width, haste)
+
+
+def _free_speed(scene: Scene) -> Scalar:
+    """The largest approach speed of the free blades, and at least one gap per radian [m/s]."""
+    x = jnp.abs(steady_amplitudes(scene).x)
+    return scene.drive.omega * (x[0] + x[1] + jnp.abs(scene.shroud.gap))
+
+
+def has_torsion(model: Model) -> bool:
+    """Whether the blocks can turn."""
+    return "theta" in model.parts.motion

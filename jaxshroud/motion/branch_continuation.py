@@ -1,0 +1,226 @@
+"""Branches of periodic orbits: followed from point to point both ways, past folds, and on from flips."""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.states import STATE_SIZE
+from jaxshroud.motion.batched_algorithms import Algorithm, run_together
+from jaxshroud.motion.bifurcation import (
+    TEST_FUNCTIONS,
+    ContactSummary,
+    contact_summary,
+    finer_value,
+    grazing_point,
+    special_points,
+)
+from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, corrected_point
+from jaxshroud.motion.period import LARGEST_PERIOD
+from jaxshroud.motion.shooting import closed_orbit
+from jaxshroud.scene.typed import T
+
+FIRST_STEP, MAX_STEP, MIN_STEP = 0.01, 0.1, 1e-6  # arc length, in units of the motion and of the parameter's range
+STEP_GROWTH, EASY_UPDATES = 1.5, 4  # growth of the step after at most so many Newton updates
+MIN_TANGENT_COSINE = 0.9  # smallest cosine between consecutive tangents
+KINK_STEP = 1e-4  # in steps this short the tangent may turn by any angle: the branch has a corner
+# distances beyond a jump of the map at which the branch is sought, of the parameter's range
+JUMP_STEPS = 1e-5, 1e-4, 1e-3, 4e-3
+MAX_JUMP_DISTANCE = 0.1  # largest distance of the orbit beyond a jump from the last one, in units of the motion
+# Special points at which an orbit of period q may become one of period q / 2, and the closing error over half the
+# period that shows it: two branches cross there, where Newton's method stalls.
+HALVING_KINDS, HALF_PERIOD_RESIDUAL = ("fold", "branch point", "corner"), 0.03
+DOUBLING_STEP = 1e-2  # distance from a flip at which the orbit of twice the period is sought, in units of the motion
+SAME_FLIP = 1e-3  # of the parameter's range: distance of flips that count as the two ends of one branch
+
+
+class Arc(NamedTuple):
+    """The points from a first one to the end of a branch, in one direction."""
+
+    points: list[BranchPoint]
+    end: str  # the reason why it ended
+
+
+def continue_branch(problem: ContinuationProblem, first: BranchPoint, max_points: int) -> Algorithm[Arc]:
+    """Continue the branch from a point in the direction of its tangent."""
+    points, here, step = [first], first, FIRST_STEP
+    while len(points) < max_points:
+        there = yield from _next_point(problem, here, step)
+        if there is None:
+            step /= 4
+            if step >= MIN_STEP:
+                continue
+            there = yield from _point_beyond_jump(problem, here)
+            if there is None:
+                return Arc(points, "lost")
+            step = FIRST_STEP
+        if not problem.low <= there.value <= problem.high:
+            edge, end = (problem.low, "start") if there.value < problem.low else (problem.high, "stop")
+            last = yield from _point_at_value(problem, here, there, edge)
+            return Arc(points + ([] if last is None else [last]), end)
+        special = [] if there.kind else (yield from special_points(problem, here, there))
+        for i, point in enumerate(special):
+            if point.kind in HALVING_KINDS and (yield from _closes_in_half_period(problem, point)):
+                return Arc([*points, *special[:i], point._replace(kind="")], "flip")
+        points += [*special, there]
+        if len(points) > 10 and _is_same_point(there, first, step):
+            return Arc([*points, first], "closed")
+        here, step = there, min(step * (STEP_GROWTH if there.updates <= EASY_UPDATES else 1.0), MAX_STEP)
+    return Arc(points, "most points")
+
+
+def _next_point(problem: ContinuationProblem, here: BranchPoint, step: float) -> Algorithm[BranchPoint | None]:
+    """The point one step further; None unless it is so near that it certainly belongs to the branch."""
+    guess = here.y + step * here.tangent
+    there = yield from corrected_point(problem, guess, here.tangent, here.cycle.start, here.cycle.q)
+    if there is None or np.linalg.norm(there.y - guess) > step:
+        return None
+    return there if there.tangent @ here.tangent >= MIN_TANGENT_COSINE or step <= KINK_STEP else None
+
+
+def _point_beyond_jump(problem: ContinuationProblem, here: BranchPoint) -> Algorithm[BranchPoint | None]:
+    """The orbit beyond a jump of the map, if it is near; its kind is "jump"."""
+    for step in JUMP_STEPS:
+        normal = np.eye(STATE_SIZE + 1)[-1] * np.sign(here.tangent[-1])
+        guess = here.y + step * normal
+        there = yield from corrected_point(problem, guess, normal, here.cycle.start, here.cycle.q)
+        if there is not None and np.linalg.norm(there.y - guess) <= MAX_JUMP_DISTANCE:
+            return there._replace(kind="jump")
+    return None
+
+
+def _point_at_value(
+    problem: ContinuationProblem, here: BranchPoint, there: BranchPoint, value: float
+) -> Algorithm[BranchPoint | None]:
+    """The point between two at a value of the parameter."""
+    share = (value - here.value) / (there.value - here.value)
+    y, normal = here.y + share * (there.y - here.y), np.eye(STATE_SIZE + 1)[-1]
+    point = yield from corrected_point(problem, y, normal, here.cycle.start, here.cycle.q)
+    return None if point is None else point._replace(tangent=here.tangent)
+
+
+def _closes_in_half_period(problem: ContinuationProblem, point: BranchPoint) -> Algorithm[bool]:
+    """Whether the orbit closes in half its period: the branch has reached the flip from which it emanates."""
+    q = point.cycle.q
+    if q % 2:
+        return False
+    half = yield from closed_orbit(point.cycle.scene, point.cycle.start, q // 2, problem.aim, max_updates=0)
+    return half.residual <= HALF_PERIOD_RESIDUAL
+
+
+def _is_same_point(a: BranchPoint, b: BranchPoint, step: float) -> bool:
+    return bool(np.linalg.norm(a.y - b.y) < step and a.tangent @ b.tangent > MIN_TANGENT_COSINE)
+
+
+def doubled_branch_point(problem: ContinuationProblem, flip: BranchPoint) -> Algorithm[BranchPoint | None]:
+    """The first point of the period-doubled branch that emanates from a flip."""
+    tangents = flip.cycle.jacobian
+    assert tangents is not None  # points have orbits
+    values, vectors = np.linalg.eig(tangents.by_state * problem.units / problem.units[:, None])
+    flip_direction = np.append(np.real(vectors[:, np.abs(values + 1).argmin()]), 0.0)
+    flip_direction -= (flip_direction @ flip.tangent) * flip.tangent
+    flip_direction /= np.linalg.norm(flip_direction)
+    guess = flip.y + DOUBLING_STEP * flip_direction
+    point = yield from corrected_point(problem, guess, flip_direction, flip.cycle.start, 2 * flip.cycle.q)
+    if point is None or np.linalg.norm(point.y - guess) > 3 * DOUBLING_STEP:
+        return None
+    return point
+
+
+class ContinuedBranch(NamedTuple):
+    """A branch in order of its arc length; the orbit jumps between a point of kind "jump" and the previous one."""
+
+    points: list[BranchPoint]
+    ends: tuple[str, str]
+    touches: list[ContactSummary]
+
+
+def branches_from(
+    problem: ContinuationProblem, first: BranchPoint, max_points: int, doublings: int, progress: Progress | None
+) -> list[ContinuedBranch]:
+    """The branch through a point, and those of twice, four times ... its period that emanate from its flips."""
+    backward = first._replace(tangent=-first.tangent)
+    total = 4 * max_points * first.cycle.q  # periods: about four derivatives for each point
+    arcs = run_together(
+        [continue_branch(problem, first, max_points), continue_branch(problem, backward, max_points)], progress, total
+    )
+    forward_arc, backward_arc = (_unless_failed(arc, Arc([first], "lost")) for arc in arcs)
+    branches = [(_reversed(backward_arc.points) + forward_arc.points[1:], (backward_arc.end, forward_arc.end))]
+    latest = branches
+    for _ in range(doublings):
+        flips = [p for points, _ in latest for p in points if p.kind == "flip" and 2 * p.cycle.q <= LARGEST_PERIOD]
+        latest = _doubled_branches(problem, flips, max_points)
+        branches += latest
+    return _with_grazings(problem, branches)
+
+
+def _doubled_branches(
+    problem: ContinuationProblem, flips: list[BranchPoint], max_points: int
+) -> list[tuple[list[BranchPoint], tuple[str, str]]]:
+    """The branches that emanate from flips; one that joins two flips is continued from both, and kept once."""
+    starts = run_together([doubled_branch_point(problem, flip) for flip in flips])
+    pairs = [(flip, p) for flip, p in zip(flips, starts, strict=True) if isinstance(p, BranchPoint)]
+    arcs = run_together([continue_branch(problem, p, max_points) for _, p in pairs])
+    branches: list[tuple[list[BranchPoint], tuple[str, str]]] = []
+    for (flip, first), arc in zip(pairs, arcs, strict=True):
+        branch = _unless_failed(arc, Arc([first], "lost"))
+        joins = [points[-1].value for points, ends in branches if ends[1] == "flip"]
+        if not any(abs(value - flip.value) <= SAME_FLIP * problem.width for value in joins):
+            branches.append((branch.points, ("flip", branch.end)))
+    return branches
+
+
+def _unless_failed(result: T | Exception, otherwise: T) -> T:
+    """The result, or `otherwise` if an error ended the algorithm."""
+    return otherwise if isinstance(result, Exception) else result
+
+
+def _reversed(points: list[BranchPoint]) -> list[BranchPoint]:
+    """The points in reverse order, with the jumps marked at their other ends."""
+    kinds = [p.kind for p in points]
+    for i in range(1, len(points)):
+        if kinds[i] == "jump":
+            kinds[i], kinds[i - 1] = "", "jump"
+    return [p._replace(kind=kind) for p, kind in zip(points, kinds, strict=True)][::-1]
+
+
+def _with_grazings(
+    problem: ContinuationProblem, branches: list[tuple[list[BranchPoint], tuple[str, str]]]
+) -> list[ContinuedBranch]:
+    """The branches with their grazing points, and the contact summaries of all points."""
+    touches = [_contacts_of_all(contact_summary(p) for p in points) for points, _ in branches]
+    places = [
+        (b, i)
+        for b, (points, _) in enumerate(branches)
+        for i, ((_, there), (a, z)) in enumerate(zip(pairwise(points), pairwise(touches[b]), strict=True), 1)
+        if a.onsets != z.onsets and there.kind != "jump"
+    ]
+    located = run_together([grazing_point(problem, *branches[b][0][i - 1 : i + 1]) for b, i in places])
+    grazings = [(b, i, p) for (b, i), p in zip(places, located, strict=True) if isinstance(p, BranchPoint)]
+    for (b, i, point), touch in zip(
+        grazings[::-1], _contacts_of_all(contact_summary(p) for _, _, p in grazings)[::-1], strict=True
+    ):
+        branches[b][0].insert(i, point)
+        touches[b].insert(i, touch)
+    return [ContinuedBranch(points, ends, touch) for (points, ends), touch in zip(branches, touches, strict=True)]
+
+
+def with_errors(branches: list[ContinuedBranch], fine_problem: ContinuationProblem) -> list[ContinuedBranch]:
+    """The branches with the errors of their bifurcations, by a finer march."""
+    places = [
+        (b, i)
+        for b, branch in enumerate(branches)
+        for i, point in enumerate(branch.points)
+        if point.kind in TEST_FUNCTIONS and 0 < i < len(branch.points) - 1
+    ]
+    values = run_together([finer_value(fine_problem, *branches[b].points[i - 1 : i + 2]) for b, i in places])
+    for (b, i), value in zip(places, values, strict=True):
+        point = branches[b].points[i]
+        error = np.nan if isinstance(value, Exception) else abs(value - point.value)
+        branches[b].points[i] = point._replace(error=error)
+    return branches
+
+
+def _contacts_of_all(algorithms) -> list[ContactSummary]:
+    return [one for one in run_together(list(algorithms)) if not isinstance(one, Exception)]

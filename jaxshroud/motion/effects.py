@@ -1,0 +1,95 @@
+"""Numbers with the digits that their intervals justify, and effects: derivatives per 1 % of each number."""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from jaxshroud.scene.keys import find_key
+
+NEGLIGIBLE_WIDTH = 1e-6  # over the number: a smaller half width is rounding
+EXACT_DIGITS = 6  # digits of an exact number
+PLAIN_POWERS = (-4, 7)  # powers of ten without an exponent
+
+
+def with_interval(value: float, half: float, unit: str = "") -> str:
+    """A number with the half width of its interval: two digits of the width, and as many decimals of the number.
+
+    Args:
+        value: The number.
+        half: Half width of its interval; NaN where it is unknown, 0 where the number is exact.
+        unit: Of both; the half width of a percentage is in percentage points.
+    """
+    is_known = math.isfinite(value) and math.isfinite(half)
+    if not is_known or half <= NEGLIGIBLE_WIDTH * abs(value):
+        text = f"{value:.{EXACT_DIGITS}g}{_with_unit(unit)}"
+        return f"{text} (interval unknown)" if math.isfinite(value) and not is_known else text
+    power, decimals = _power_and_decimals(value, half)
+    number, width = (_fixed(x, power, decimals) for x in (value, half))
+    if unit == "%":
+        return f"{number} % +- {width} percentage points"
+    return f"{number} +- {width}{_with_unit(unit)}"
+
+
+def between(value: float, low: float, high: float) -> str:
+    """A number with the ends of its interval, all with as many decimals as two digits of the half width have."""
+    half = (high - low) / 2
+    if not (math.isfinite(half) and half > 0):
+        return f"{value:.{EXACT_DIGITS}g} ({low:.{EXACT_DIGITS}g} to {high:.{EXACT_DIGITS}g})"
+    power, decimals = _power_and_decimals(value, half)
+    number, *ends = (_fixed(x, power, decimals) for x in (value, low, high))
+    return f"{number} ({' to '.join(ends)})"
+
+
+def _with_unit(unit: str) -> str:
+    return f" {unit}" if unit else ""
+
+
+def _power_and_decimals(value: float, half: float) -> tuple[int, int]:
+    """The common power of ten, and the decimals that two digits of the half width need."""
+    last = math.floor(math.log10(float(f"{half:.1e}"))) - 1
+    largest = math.floor(math.log10(max(abs(value), half)))
+    power = 0 if PLAIN_POWERS[0] <= largest < PLAIN_POWERS[1] else largest
+    return power, power - last
+
+
+def _fixed(number: float, power: int, decimals: int) -> str:
+    digits = f"{round(number / 10.0**power, decimals):.{max(decimals, 0)}f}"
+    return f"{digits}e{power:+03d}" if power else digits
+
+
+class Effect(NamedTuple):
+    """The effect of one number of a scene on P_d [percentage points] or on P [m^4]."""
+
+    key: str
+    number: float  # [SI]
+    per: str  # the change of the number
+    change: float
+    ci: float  # half width of the 95 % interval
+
+    @property
+    def cells(self) -> list[str]:
+        """A row of a table: the key, the value in SI units, its change, and the effect."""
+        return [self.key, f"{self.number:.6g}", self.per, with_interval(self.change, self.ci)]
+
+
+def effect_step(key: str, number: float) -> tuple[float, str]:
+    """The change of a number for which its effect is stated, in SI units and in words.
+
+    It is 1 % of the number; 1 degree for angles; and for a number that is 0 one unit of the pictures.
+    """
+    row, _ = find_key(key)
+    unit, per_si = row.shown
+    if row.unit == "rad":
+        return math.pi / 180, "1°"
+    if number == 0:
+        return 1 / per_si, f"1 {unit}".strip()
+    return abs(number) / 100, "1 %"
+
+
+def effects(value: Mapping[str, float], ci: Mapping[str, float], number: Mapping[str, float]) -> list[Effect]:
+    """The effects of numbers from derivatives in SI units, the largest first and NaN last."""
+    results = []
+    for key, level in number.items():
+        step, per = effect_step(key, level)
+        results.append(Effect(key, level, per, value[key] * step, ci[key] * step))
+    return sorted(results, key=lambda e: -abs(e.change) if math.isfinite(e.change) else math.inf)

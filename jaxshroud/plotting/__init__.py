@@ -1,0 +1,1 @@
+"""Pictures: no JAX, and nothing here simulates."""

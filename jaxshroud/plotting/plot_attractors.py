@@ -1,0 +1,191 @@
+"""Pictures of coexisting attractors and of their basins."""
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+import xarray as xr
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.patches import Patch
+
+from jaxshroud.plotting.page import Page, Panel
+from jaxshroud.plotting.scales import parameter_axis, scale_of, title_of
+from jaxshroud.plotting.style import (
+    BLUE,
+    COLUMN_WIDTH,
+    ORANGE,
+    PINK,
+    QUANTITIES,
+    SKY,
+    STOPPED_STYLE,
+    AnyFigure,
+    Look,
+    Properties,
+    legend_below,
+)
+from jaxshroud.scene.keys import Motion
+
+COLOURS = (BLUE, ORANGE, "#009E73", PINK, SKY, "#D55E00", "#4d4d4d", "#F0E442")
+N_COLOURS = len(COLOURS)  # attractors with a colour of their own; the others share the last
+UNDECIDED_COLOUR = "#c8c8c8"
+
+
+class AttractorsData(Protocol):
+    """The attributes of attractors, each with a row for each attractor; see `results.attractors.Attractors`."""
+
+    data: xr.Dataset
+    kind: np.ndarray
+    share: np.ndarray
+    share_low: np.ndarray
+    share_high: np.ndarray
+    P_d: np.ndarray
+    P_d_ci: np.ndarray
+    P_d_least: np.ndarray
+    P_d_most: np.ndarray
+    motion: Motion
+    path_x: np.ndarray
+    path_v_x: np.ndarray
+    label: np.ndarray  # of each start
+    gap: float
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the attractors."""
+        ...
+
+    @property
+    def worst(self) -> int | None:
+        """The index of the attractor with the smallest P_d."""
+        ...
+
+
+class BasinsData(AttractorsData, Protocol):
+    """The attributes of basins."""
+
+    @property
+    def plane(self) -> tuple[str, str]:
+        """The keys of the two numbers that span the plane."""
+        ...
+
+    @property
+    def at_strobe(self) -> np.ndarray:
+        """The place of each attractor in the plane, (attractors, 2)."""
+        ...
+
+
+def colour(attractor: int) -> str:
+    """The colour of an attractor, by its index."""
+    return COLOURS[min(attractor, N_COLOURS - 1)]
+
+
+def attractors_page(attractors: AttractorsData, look: Look) -> Page[AttractorsData]:
+    """The orbits of coexisting attractors, the shares of starts that lead to them, and their P_d."""
+    nothing = "" if len(attractors.share) else "no attractor was found"
+    size, title = (COLUMN_WIDTH, 4.2), title_of(attractors.data)
+    return Page(attractors, ATTRACTOR_PANELS, title, size, columns=2, finish=_share_rows, nothing=nothing)
+
+
+def _share_rows(figure: AnyFigure, axes: Mapping[str, Axes], attractors: AttractorsData) -> None:
+    """Name the attractors only once, at the left panel of those with a row for each attractor."""
+    axes["P_d"].sharey(axes["shares"])
+    axes["P_d"].tick_params(labelleft=False)
+
+
+def _draw_orbits(panel: Axes, attractors: AttractorsData) -> None:
+    """The path of the left blade, and its place at the strobe."""
+    scale = scale_of(np.asarray(attractors.gap))
+    for i in reversed(range(len(attractors.share))):
+        style: Properties = {"lw": 0.5, "alpha": 0.6} if attractors.kind[i] == 2 else {"lw": 1.0}
+        panel.plot(
+            attractors.path_x[i] * scale.factor,
+            attractors.path_v_x[i],
+            color=colour(i),
+            label=_attractor_name(attractors, i),
+            **style,
+        )
+        panel.plot(
+            attractors.motion.x[i, 0] * scale.factor,
+            attractors.motion.v_x[i, 0],
+            "o",
+            ms=3,
+            color=colour(i),
+            mec="white",
+            mew=0.4,
+        )
+    panel.set(xlabel=scale.label("1"), ylabel="$v_{x1}$ [m/s]")
+
+
+def _attractor_name(attractors: AttractorsData, i: int) -> str:
+    return f"{chr(65 + i) if i < 26 else i}: {attractors.names[i]}"
+
+
+def _set_rows(panel: Axes, attractors: AttractorsData) -> np.ndarray:
+    """Set a row for each attractor, the first on top."""
+    rows = np.arange(len(attractors.share))
+    panel.set(
+        yticks=rows, yticklabels=[_attractor_name(attractors, i) for i in rows.tolist()], ylim=(len(rows) - 0.5, -0.5)
+    )
+    return rows
+
+
+def _draw_shares(panel: Axes, attractors: AttractorsData) -> None:
+    for i in _set_rows(panel, attractors).tolist():
+        errors = [[attractors.share[i] - attractors.share_low[i]], [attractors.share_high[i] - attractors.share[i]]]
+        panel.errorbar([attractors.share[i]], [i], xerr=errors, fmt="o", ms=3, color=colour(i), capsize=2, lw=0.8)
+    panel.set(xlabel="share of starts", xlim=(0, 1))
+
+
+def _draw_attractor_power(panel: Axes, attractors: AttractorsData) -> None:
+    for i in _set_rows(panel, attractors).tolist():
+        style: Properties = {"color": colour(i), "lw": 0.8}
+        low, high = attractors.P_d_least[i] - attractors.P_d_ci[i], attractors.P_d_most[i] + attractors.P_d_ci[i]
+        panel.plot([low, high], [i, i], **style)
+        panel.plot([attractors.P_d[i]], [i], "o", ms=3, mfc=colour(i) if i != attractors.worst else "white", **style)
+    panel.margins(x=0.15)
+    panel.set(xlabel="$P_d$ [%] (worst: hollow)")
+
+
+ATTRACTOR_PANELS = (
+    Panel("orbits", _draw_orbits, 2.3, 2),
+    Panel("shares", _draw_shares),
+    Panel("P_d", _draw_attractor_power),
+)
+
+
+def basins_page(basins: BasinsData, look: Look) -> Page[BasinsData]:
+    """The attractor to which each start of a plane leads."""
+    return Page(basins, BASIN_PANELS, title_of(basins.data), (COLUMN_WIDTH, 3.6), finish=_name_basins)
+
+
+def _draw_basins(panel: Axes, basins: BasinsData) -> None:
+    across, up = (parameter_axis(basins.data[dim]) for dim in basins.data["label"].dims)
+    label = np.minimum(basins.label.T, N_COLOURS - 1)
+    cells = np.ma.masked_less(label, -1)
+    colours = ListedColormap([UNDECIDED_COLOUR, *COLOURS])
+    panel.patch.set(**STOPPED_STYLE)
+    panel.pcolormesh(across.edges, up.edges, cells, cmap=colours, vmin=-1.5, vmax=N_COLOURS - 0.5, rasterized=True)
+    for i, (x, y) in enumerate(basins.at_strobe * _factors(basins)):
+        if across.edges[0] <= x <= across.edges[-1] and up.edges[0] <= y <= up.edges[-1]:
+            panel.plot(x, y, "o", ms=3.5, mfc=colour(i), mec="white", mew=0.8)
+    panel.set(xlabel=across.label, ylabel=up.label)
+
+
+BASIN_PANELS = (Panel("basins", _draw_basins),)
+
+
+def _name_basins(figure: AnyFigure, axes: Mapping[str, Axes], basins: BasinsData) -> None:
+    """Add the legend of the attractors."""
+    count = min(len(basins.share), N_COLOURS)
+    handles: list[Artist] = [Patch(color=colour(i), label=_attractor_name(basins, i)) for i in range(count)]
+    if (basins.label == -1).any():
+        handles.append(Patch(color=UNDECIDED_COLOUR, label="undecided"))
+    if (basins.label == -2).any():
+        handles.append(Patch(label="stopped", **STOPPED_STYLE))
+    legend_below(figure, handles)
+
+
+def _factors(basins: BasinsData) -> list[float]:
+    """The factors from SI units to those of the picture, for both axes."""
+    return [QUANTITIES[key.split("[")[0]][3] for key in basins.plane]

@@ -1,0 +1,213 @@
+"""Pictures of branches of periodic orbits, with unstable orbits dashed and a sweep behind them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from jaxshroud.model.modes import BIFURCATION_KINDS, Status
+from jaxshroud.plotting.page import Page, Panel
+from jaxshroud.plotting.scales import ParameterAxis, parameter_axis, scale_of, title_of
+from jaxshroud.plotting.style import (
+    BLUE,
+    COLUMN_WIDTH,
+    GREY,
+    INK,
+    AnyFigure,
+    BoolArray,
+    Look,
+    PlotArray,
+    Properties,
+    legend_below,
+)
+from jaxshroud.scene.checks import InputError
+
+NEAR_PATH = 0.01  # relative to the size of the branch: an orbit farther from the line of earlier points is another one
+OWN_STARTS = 0.25  # relative to the distance between the starts of one orbit, for orbits whose starts are nearer
+
+
+def retraced(ds: xr.Dataset) -> BoolArray:
+    """Points (n,) of branches whose orbit is an earlier one of the same branch, except the first of successive ones."""
+    is_retraced = np.zeros(ds.sizes["point"], bool)
+    branch, value, x = ds["branch"].to_numpy(), ds["value"].to_numpy(), ds["samples"].to_numpy()[:, :, 0]
+    for number in np.unique(branch):
+        points = np.flatnonzero(branch == number)
+        is_retraced[points] = _retraced_on_branch(value[points], x[points, : int(ds["q"][points[0]])])
+    is_retraced[1:] &= is_retraced[:-1].copy()
+    return is_retraced
+
+
+def _retraced_on_branch(value: PlotArray, x: PlotArray) -> BoolArray:
+    """Retraced points of one branch, from the values of its number (n,) and the samples of its orbits (n, q)."""
+    is_retraced = np.zeros(len(value), bool)
+    size = np.array([np.ptp(value), *[np.ptp(x)] * x.shape[1]])
+    size[size == 0] = 1.0
+    path = np.column_stack([value, x]) / size
+    for turns in range(1, x.shape[1]):
+        later = np.column_stack([value, np.roll(x, turns, axis=1)]) / size
+        reach = np.minimum(NEAR_PATH, OWN_STARTS * np.linalg.norm(later - path, axis=1))
+        for i in range(2, len(value)):
+            is_retraced[i] |= _distance(later[i], path[:i]) < reach[i]
+    return is_retraced
+
+
+def _distance(point: PlotArray, line: PlotArray) -> float:
+    """The distance from a point to a polygonal line."""
+    segments, offsets = np.diff(line, axis=0), point - line[:-1]
+    share = np.clip((offsets * segments).sum(axis=1) / np.maximum((segments * segments).sum(axis=1), 1e-300), 0, 1)
+    return float(np.linalg.norm(offsets - share[:, None] * segments, axis=1).min())
+
+
+# The kind of a special point -> marker, colour.
+MARKERS = {
+    "fold": ("s", "#D55E00"),
+    "flip": ("D", "#009E73"),
+    "Neimark-Sacker": ("*", "#CC79A7"),
+    "branch point": ("P", INK),
+    "corner": ("v", "#E69F00"),
+    "jump": ("|", INK),
+    "grazing": ("o", "white"),
+}
+MARKER_SIZE, SMALL_SIZE = 3.5, 2.2
+LINE_STYLES = {True: "-", False: "--"}
+LINE_LOOK: Properties = {"lw": 0.9, "color": BLUE}
+
+
+class BranchData(NamedTuple):
+    """Branches in the unit of the picture."""
+
+    ds: xr.Dataset  # with `retraced`
+    axis: ParameterAxis
+    sweep: xr.Dataset | None  # along the same number, drawn behind the branches
+
+
+def branch_page(ds: xr.Dataset, look: Look, *, over: xr.Dataset | None = None) -> Page[BranchData]:
+    """Branches over the number along which they were followed.
+
+    Args:
+        ds: The branches.
+        look: The appearance asked for; displacements and the number keep their units.
+        over: A sweep along the same number, which is drawn behind the branches.
+
+    Raises:
+        ValueError: The sweep is along another number.
+    """
+    if over is not None and str(over.attrs.get("axes")) != str(over["status"].dims[-1]):
+        raise InputError("Argument `over` must be a sweep along one number.")
+    content = BranchData(ds.assign(retraced=("point", retraced(ds))), parameter_axis(ds["value"]), over)
+    title = title_of(ds, ("x_1", "P_d"))
+    return Page(content, BRANCH_PANELS, title, (COLUMN_WIDTH, 4.6), shared="x", finish=_finish_branch)
+
+
+def _finish_branch(figure: AnyFigure, axes: Mapping[str, Axes], branches: BranchData) -> None:
+    """Add the legend and the limits of the common axis."""
+    sweep = branches.sweep
+    shown = np.concatenate([branches.axis.values, [] if sweep is None else _sweep_values(sweep)])
+    margin = 0.02 * float(np.ptp(shown)) or 1.0
+    axes["P_d"].set(xlim=(shown.min() - margin, shown.max() + margin))
+    figure.align_ylabels([*axes.values()])
+    legend_below(figure, _branch_handles(branches.ds, sweep))
+
+
+def _sweep_values(sweep: xr.Dataset) -> PlotArray:
+    return parameter_axis(sweep[str(sweep.attrs["axes"])]).values
+
+
+def _stability_runs(ds: xr.Dataset) -> Iterator[tuple[bool, slice]]:
+    """Runs of neighbouring points of one branch with the same stability, each up to the first point of the next run."""
+    branch, stable, kind = (ds[name].to_numpy() for name in ("branch", "stable", "kind"))
+    first, size = 0, len(branch)
+    for i in range(1, size + 1):
+        is_end = i == size or branch[i] != branch[first] or kind[i] == BIFURCATION_KINDS.index("jump")
+        if is_end or stable[i] != stable[i - 1]:
+            yield bool(stable[i - 1]), slice(first, i if is_end else i + 1)
+            first = i
+
+
+def _draw_lines(panel: Axes, ds: xr.Dataset, x: PlotArray, y: PlotArray) -> None:
+    """Draw the curves y (points, any) over x, each orbit once, and mark the special points."""
+    y = np.where(ds["retraced"].to_numpy()[:, None], np.nan, y)
+    for stable, part in _stability_runs(ds):
+        panel.plot(x[part], y[part], LINE_STYLES[stable], **LINE_LOOK)
+    kind = ds["kind"].to_numpy()
+    for name, (marker, color) in MARKERS.items():
+        points = kind == BIFURCATION_KINDS.index(name)
+        edge = {"mec": INK, "mew": 0.5} if marker != "|" else {"mec": color, "mew": 0.6}
+        size = MARKER_SIZE if name != "grazing" else SMALL_SIZE
+        for column in y.T:
+            panel.plot(
+                x[points], column[points], marker, ms=size, mfc=color, zorder=3 if name != "grazing" else 2.5, **edge
+            )
+
+
+def _draw_branch_samples(panel: Axes, branches: BranchData) -> None:
+    ds, (values, _, label), sweep = branches
+    gaps = [one["gap"].to_numpy() for one in (ds, sweep) if one is not None]
+    unit = "mm" if np.ptp(np.concatenate([np.ravel(gap) for gap in gaps])) else None  # common to both
+    scale = scale_of(gaps[0], unit)
+    if sweep is not None:
+        sweep_scale = scale_of(gaps[1], unit)
+        x = (sweep["x"].transpose(sweep.attrs["axes"], "period", "blade").to_numpy()[:, :, 0].T * sweep_scale.factor).T
+        x = np.where(sweep["status"].to_numpy()[:, None] == Status.OK, x, np.nan)
+        repeated = np.broadcast_to(_sweep_values(sweep)[:, None], x.shape)
+        panel.plot(repeated.ravel(), x.ravel(), ".", ms=1.2, mew=0, color=GREY, alpha=0.5, rasterized=True, zorder=1)
+    y = (ds["samples"].to_numpy()[:, :, 0].T * scale.factor).T
+    _draw_lines(panel, ds, values, y)
+    panel.set(xlabel=label, ylabel=scale.label("1"))
+
+
+def _draw_multiplier(panel: Axes, branches: BranchData) -> None:
+    """The magnitude of the largest multiplier, without that of a free slider."""
+    ds, (values, _, label), _ = branches
+    multipliers = ds["multipliers_real"].to_numpy() + 1j * ds["multipliers_imag"].to_numpy()
+    neutral = ds["slider_is_free"].to_numpy()[:, None] & (np.abs(multipliers - 1) < 1e-9)
+    largest = np.where(neutral, 0, np.abs(multipliers)).max(axis=1)
+    panel.axhline(1, color=GREY, lw=0.6)
+    _draw_lines(panel, ds, values, largest[:, None])
+    if largest.max() > 5:
+        panel.set_yscale("log")
+    panel.set(xlabel=label, ylabel=r"largest $|\mu|$")
+
+
+def _draw_branch_power(panel: Axes, branches: BranchData) -> None:
+    ds, (values, _, label), sweep = branches
+    if sweep is not None:
+        P_d = np.where(sweep["status"].to_numpy() == Status.OK, sweep["P_d"].to_numpy(), np.nan)
+        panel.plot(_sweep_values(sweep), P_d, ".", ms=2, mew=0, color=GREY, zorder=1)
+    _draw_lines(panel, ds, values, ds["P_d"].to_numpy()[:, None])
+    panel.set(xlabel=label, ylabel="$P_d$ [%]")
+
+
+BRANCH_PANELS = (
+    Panel("samples", _draw_branch_samples, 3),
+    Panel("multiplier", _draw_multiplier, 1.1),
+    Panel("P_d", _draw_branch_power, 1.5),
+)
+
+
+def _branch_handles(ds: xr.Dataset, sweep: xr.Dataset | None) -> Sequence[Artist]:
+    """Legend entries of what is visible."""
+    visible = ~ds["retraced"].to_numpy()
+    stable, kind = ds["stable"].to_numpy()[visible].astype(bool), ds["kind"].to_numpy()[visible]
+    handles = [
+        Line2D([], [], ls=LINE_STYLES[s], label="stable" if s else "unstable", **LINE_LOOK)
+        for s in (True, False)
+        if s in stable
+    ]
+    for name, (marker, color) in MARKERS.items():
+        if (kind == BIFURCATION_KINDS.index(name)).any():
+            style: Properties = {
+                "ls": "",
+                "ms": MARKER_SIZE if name != "grazing" else SMALL_SIZE,
+                "mfc": color,
+                "mec": INK,
+                "mew": 0.5,
+            }
+            handles.append(Line2D([], [], marker=marker, label=name, **style))
+    if sweep is not None:
+        handles.append(Line2D([], [], ls="", marker=".", ms=3, mew=0, color=GREY, label="sweep"))
+    return handles

@@ -1,0 +1,271 @@
+"""Pictures of sweeps, sized for a journal column."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.patches import Patch, Rectangle
+
+from jaxshroud.io.lane_status import status_name
+from jaxshroud.model.modes import Status
+from jaxshroud.plotting.page import Page, Panel
+from jaxshroud.plotting.plot_directions import directions_page
+from jaxshroud.plotting.scales import (
+    LEAST_SPAN,
+    ParameterAxis,
+    interval_ends,
+    is_visible,
+    legend_above,
+    limit_zoom,
+    parameter_axis,
+    scale_of,
+    title_of,
+)
+from jaxshroud.plotting.style import (
+    BLUE,
+    COLUMN_WIDTH,
+    GREY,
+    INK,
+    ORANGE,
+    PINK,
+    SKY,
+    STOPPED_STYLE,
+    AnyFigure,
+    BoolArray,
+    IntegerArray,
+    Look,
+    PlotArray,
+    Properties,
+    legend_below,
+)
+from jaxshroud.scene.checks import InputError
+
+MOTION_COLOURS = {
+    "period 1": BLUE,
+    "period 2": ORANGE,
+    "period 3": "#009E73",
+    "period 4": PINK,
+    "periods 5–8": SKY,
+    "periods 9–16": "#D55E00",
+    "aperiodic": "#4d4d4d",
+}
+COLOUR_OF_PERIOD = np.array([6, 0, 1, 2, 3, *[4] * 4, *[5] * 8])  # period number -> index in MOTION_COLOURS
+EXPONENT_LABEL = r"exponent $\lambda_1$ [1/T]"  # the largest Lyapunov exponent
+
+
+class Curve(NamedTuple):
+    """A sweep along one axis, with ascending values."""
+
+    ds: xr.Dataset
+    axis: ParameterAxis
+    motion: IntegerArray  # index of each lane's colour in `MOTION_COLOURS`; -1: stopped
+    unit: str | None  # of displacements
+
+
+class Map(NamedTuple):
+    """A sweep along two axes, of which the first is horizontal in the picture."""
+
+    ds: xr.Dataset
+    x: ParameterAxis
+    y: ParameterAxis
+    motion: IntegerArray  # as for `Curve`
+
+
+def sweep_page(ds: xr.Dataset, look: Look) -> Page[Any]:
+    """The page of a sweep along one axis or two.
+
+    Raises:
+        ValueError: The sweep has more axes.
+    """
+    dims = [dim.strip() for dim in str(ds.attrs["axes"]).split(",")]
+    if len(dims) == 1 and "direction" in ds.dims:
+        return directions_page(ds, look)
+    ds = ds.isel(direction=0) if "direction" in ds.dims else ds
+    if len(dims) > 2:
+        raise InputError(f"A sweep along {', '.join(dims)} has no picture; select some of its lanes, or draw them.")
+    ds = ds.sortby(dims).transpose(*dims, "period", "blade", ...)
+    return curve_page(ds, dims[0], look) if len(dims) == 1 else map_page(ds, dims, look)
+
+
+def curve_page(ds: xr.Dataset, dim: str, look: Look) -> Page[Curve]:
+    """Stroboscopic x_1, period number and P_d over the one key of a sweep (Figs. 9, 11, 13 and 16 to 18).
+
+    x_1, if its samples were kept, is drawn relative to the gap, or in mm where gaps differ or one is not positive.
+    Lanes whose status is not OK are marked and never drawn as numbers.
+    """
+    content = Curve(ds, parameter_axis(ds[dim], look), _colour_indices(ds), look.unit)
+    sampled, grows = "x" in ds, "lyapunov" in ds
+    panels = CURVE_PANELS[not sampled : len(CURVE_PANELS) - (not grows)]
+    title = title_of(ds, ("x_1", "P_d") if sampled else ("P_d",))
+    size = COLUMN_WIDTH, 2.1 + 2.3 * sampled + 1.3 * grows
+    nothing = "" if (content.motion >= 0).any() else _no_lane_message(ds)
+    single = [panel for panel in panels if panel.name != "motions"]
+    return Page(content, panels, title, size, shared="x", finish=_finish_curve, nothing=nothing, single=single)
+
+
+def _finish_curve(figure: AnyFigure, axes: Mapping[str, Axes], curve: Curve) -> None:
+    """Add marks of stopped lanes, legends and the limits of the common axis."""
+    axes["P_d"].set(xlim=curve.axis.edges[[0, -1]])
+    labelled = [panel for name, panel in axes.items() if name != "motions"]
+    _mark_stopped_lanes(labelled[0], curve.ds, curve.axis)
+    figure.align_ylabels(labelled)
+    for panel in labelled:
+        legend_above(panel)
+    legend_below(figure, _motion_handles(curve.motion))
+
+
+def map_page(ds: xr.Dataset, dims: list[str], look: Look) -> Page[Map]:
+    """P_d and the period number over the two keys of a sweep, of which the first is horizontal.
+
+    Lanes whose status is not OK are hatched. The lowest twentieth of the P_d values share a colour, so that a few
+    outliers do not flatten the rest.
+    """
+    across, up = dims
+    ds = ds.transpose(up, across, ...)
+    content = Map(ds, parameter_axis(ds[across], look), parameter_axis(ds[up], look), _colour_indices(ds))
+    panels = MAP_PANELS[: 3 if "lyapunov" in ds else 2]
+    size = COLUMN_WIDTH, 7.6 if len(panels) == 3 else 5.2
+    nothing = "" if (content.motion >= 0).any() else _no_lane_message(ds)
+    return Page(content, panels, title_of(ds), size, shared="xy", finish=_finish_map, nothing=nothing)
+
+
+def _finish_map(figure: AnyFigure, axes: Mapping[str, Axes], sweep_map: Map) -> None:
+    """Add the legends."""
+    if (sweep_map.motion < 0).any():
+        stopped = "stopped: " + ",\n".join(_stopped_lanes(sweep_map.ds))
+        axes["P_d"].add_patch(Rectangle((0, 0), 0, 0, label=stopped, **STOPPED_STYLE))
+    legend_above(axes["P_d"])
+    legend_below(figure, _motion_handles(sweep_map.motion))
+
+
+def _draw_power_map(panel: Axes, sweep_map: Map) -> None:
+    """P_d as colours, with a colour bar."""
+    ds, x, y, motion = sweep_map
+    P_d = np.ma.masked_invalid(np.where(motion >= 0, ds["P_d"].to_numpy(), np.nan))
+    floor = np.percentile(P_d.compressed(), 5, method="higher") if P_d.count() else 0.0
+    mesh = panel.pcolormesh(x.edges, y.edges, P_d.clip(min=floor), rasterized=True)
+    panel.patch.set(**STOPPED_STYLE)
+    bar = panel.figure.colorbar(mesh, ax=panel, extend="min" if (P_d < floor).any() else "neither", pad=0.02)
+    bar.set_label("power reduction $P_d$ [%]")
+    panel.set(xlabel=x.label, ylabel=y.label)
+
+
+def _draw_exponent_map(panel: Axes, sweep_map: Map) -> None:
+    """The largest Lyapunov exponent as colours: stable blue, 0 white, chaotic red."""
+    ds, x, y, motion = sweep_map
+    exponent = np.ma.masked_invalid(np.where(motion >= 0, ds["lyapunov"].to_numpy(), np.nan))
+    reach = max(float(np.percentile(np.abs(exponent.compressed()), 95)) if exponent.count() else 0.0, 1e-3)
+    colors: Properties = {"cmap": "RdBu_r", "vmin": -reach, "vmax": reach, "rasterized": True}
+    mesh = panel.pcolormesh(x.edges, y.edges, exponent, **colors)
+    panel.patch.set(**STOPPED_STYLE)
+    panel.figure.colorbar(mesh, ax=panel, extend="both", pad=0.02).set_label(EXPONENT_LABEL)
+    panel.set(xlabel=x.label, ylabel=y.label)
+
+
+def _draw_motion_map(panel: Axes, sweep_map: Map) -> None:
+    """The period number as colours."""
+    _draw_motion_cells(panel, sweep_map.x.edges, sweep_map.y.edges, sweep_map.motion)
+    panel.set(xlabel=sweep_map.x.label, ylabel=sweep_map.y.label)
+
+
+MAP_PANELS = (
+    Panel("P_d", _draw_power_map),
+    Panel("motions", _draw_motion_map),
+    Panel("lyapunov", _draw_exponent_map),
+)
+
+
+def _stopped_lanes(ds: xr.Dataset) -> dict[str, BoolArray]:
+    """The name of each status but OK that occurs -> the lanes that have it."""
+    status = ds["status"].to_numpy()
+    return {status_name(int(code)): status == code for code in np.unique(status) if code != Status.OK}
+
+
+def _no_lane_message(ds: xr.Dataset) -> str:
+    counts = [f"{lanes.sum()} × {name}" for name, lanes in _stopped_lanes(ds).items()]
+    return "\n".join(["no lane finished:", *counts]) if counts else "the sweep is empty"
+
+
+def _colour_indices(ds: xr.Dataset) -> IntegerArray:
+    """The index of each lane's period number in `MOTION_COLOURS`, or -1 where the lane was stopped."""
+    number = np.nan_to_num(ds["period_number"].to_numpy()).astype(int)
+    return np.where(ds["status"].to_numpy() == Status.OK, COLOUR_OF_PERIOD[np.clip(number, 0, 16)], -1)
+
+
+def _motion_handles(motion: IntegerArray) -> list[Artist]:
+    return [Patch(color=c, label=name) for i, (name, c) in enumerate(MOTION_COLOURS.items()) if i in motion]
+
+
+def _mark_stopped_lanes(panel: Axes, ds: xr.Dataset, axis: ParameterAxis) -> None:
+    """Mark each stopped lane at the foot of the panel, with one shape per status."""
+    style: Properties = {"transform": panel.get_xaxis_transform(), "ms": 3, "mew": 0.6, "color": INK}
+    for marker, (name, lanes) in zip("xv^dsP*", _stopped_lanes(ds).items(), strict=False):
+        foot = np.full(lanes.sum(), 0.02)
+        panel.plot(axis.values[lanes], foot, marker, label=f"stopped: {name}", **style)
+
+
+def _draw_curve_samples(panel: Axes, curve: Curve) -> None:
+    """The samples of all lanes, coloured by the period number."""
+    ds, axis, motion, unit = curve
+    scale = scale_of(ds["gap"].to_numpy(), unit)
+    x = (ds["x"].to_numpy()[:, :, 0].T * scale.factor).T
+    values = np.broadcast_to(axis.values[:, None], x.shape)
+    style: Properties = {"ms": 1.5 if motion.size > 100 else 2.5, "mew": 0, "rasterized": True}
+    for i, color in enumerate(MOTION_COLOURS.values()):
+        lanes, alpha = motion == i, float(np.clip(5e4 / max(x.size, 1), 0.2, 1))
+        panel.plot(values[lanes].ravel(), x[lanes].ravel(), ".", color=color, alpha=alpha, **style)
+    panel.set(xlabel=axis.label, ylabel=scale.label("1"))
+    drawn = x[motion >= 0]
+    limit_zoom(panel, drawn, 0.02 * float(np.nanmax(np.abs(drawn), initial=0.0)))
+
+
+def _draw_motion_cells(panel: Axes, x_edges: PlotArray, y_edges: PlotArray, motion: IntegerArray) -> None:
+    """Cells coloured by period number; at stopped lanes the hatched background shows."""
+    panel.patch.set(**STOPPED_STYLE)
+    cells, colors = np.ma.masked_less(motion, 0), ListedColormap(list(MOTION_COLOURS.values()))
+    panel.pcolormesh(x_edges, y_edges, cells, cmap=colors, vmin=-0.5, vmax=6.5, rasterized=True)
+
+
+def _draw_motion_strip(panel: Axes, curve: Curve) -> None:
+    """The period number of each lane as a strip of colours."""
+    _draw_motion_cells(panel, curve.axis.edges, np.array([0.0, 1.0]), curve.motion[None])
+    panel.set(yticks=[])
+
+
+def _draw_exponent(panel: Axes, curve: Curve) -> None:
+    """The largest Lyapunov exponent with its interval; above 0 neighbouring motions separate."""
+    ds, axis, motion, _ = curve
+    mean, ci = (np.where(motion >= 0, ds[key].to_numpy(), np.nan) for key in ("lyapunov", "lyapunov_ci"))
+    mean = np.where(np.isfinite(mean), mean, np.nan)
+    panel.axhline(0, color=GREY, lw=0.6)
+    panel.fill_between(axis.values, *interval_ends(mean, ci), color=PINK, alpha=0.35, lw=0, label="95 % interval")
+    panel.plot(axis.values, mean, color=PINK, lw=0.8, marker="" if motion.size > 100 else ".", ms=3)
+    panel.set(xlabel=axis.label, ylabel=EXPONENT_LABEL)
+
+
+def _draw_curve_power(panel: Axes, curve: Curve) -> None:
+    """P_d with its interval; hollow markers where it is uncertain."""
+    ds, axis, motion, _ = curve
+    P_d, ci = (np.where(motion >= 0, ds[key].to_numpy(), np.nan) for key in ("P_d", "P_d_ci"))
+    certain = (ds["P_d_settled"] == 1) & (ds["settled"] == 1) & (ds["period_number"] > 0)
+    hollow, many = ~certain.to_numpy() & (motion >= 0), motion.size > 100
+    band = "95 % interval" if is_visible(ci, P_d) else None
+    panel.fill_between(axis.values, *interval_ends(P_d, ci), color=BLUE, alpha=0.25, lw=0, label=band)
+    panel.plot(axis.values, P_d, color=BLUE, lw=0.8, marker="" if many else ".", ms=3)
+    if hollow.any():
+        style: Properties = {"ms": 1.8 if many else 2.5, "mfc": "white", "mec": BLUE, "mew": 0.5}
+        panel.plot(axis.values[hollow], P_d[hollow], "o", label="aperiodic or unsettled", **style)
+    panel.set(xlabel=axis.label, ylabel="$P_d$ [%]")
+    limit_zoom(panel, P_d, LEAST_SPAN)
+
+
+CURVE_PANELS = (
+    Panel("samples", _draw_curve_samples, 3),
+    Panel("motions", _draw_motion_strip, 0.2),
+    Panel("P_d", _draw_curve_power, 1.7),
+    Panel("lyapunov", _draw_exponent, 1.5),
+)

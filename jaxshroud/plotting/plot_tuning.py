@@ -1,0 +1,190 @@
+"""Pictures of tunings, and of the robustness of the tuned design."""
+
+from collections.abc import Mapping
+from functools import partial
+from math import ceil
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from jaxshroud.io.scene_numbers import key_label
+from jaxshroud.motion.effects import between
+from jaxshroud.plotting.page import Page, Panel, Summary
+from jaxshroud.plotting.style import (
+    BLUE,
+    GREY,
+    INK,
+    ORANGE,
+    PAGE_WIDTH,
+    PINK,
+    SKY,
+    AnyFigure,
+    Look,
+    PlotArray,
+    Properties,
+    fitting_title,
+    quantity,
+    wrapped,
+)
+
+SHARE_LABEL = "share of draws below"
+MOST_ACROSS = 3  # panels in a row
+INTERVAL_MARGIN = 0.35  # share of the interval's width that is shown on either side
+LOSSES_SHOWN = 3.0  # largest loss shown, relative to the permissible one
+
+
+def robustness_page(data: Summary, look: Look) -> Page[Summary]:
+    """The loss of P_d over each number with its interval, and the scatter of P_d.
+
+    Args:
+        data: A tuning as `tune.json` holds it, with `robust`.
+        look: The appearance asked for.
+    """
+    part = robustness_part(data["robust"])
+    size = PAGE_WIDTH, PAGE_WIDTH * 0.1 + part.size[1]
+    return Page(data, (), fitting_title(str(data["title"]), data["over"]), size, below=part, single=part.panels)
+
+
+def robustness_part(robust: Summary) -> Page[Summary]:
+    """The panels of robustness: one for each number, and one for the scatter."""
+    panels = [Panel(key, partial(_draw_loss, key=key)) for key in robust["intervals"]]
+    panels += [Panel("scatter", _draw_P_d_scatter)] * bool(robust["scatter"])
+    across = min(len(panels), MOST_ACROSS)
+    size = PAGE_WIDTH, PAGE_WIDTH * 0.3 * ceil(len(panels) / MOST_ACROSS)
+    return Page(robust, panels, "", size, columns=across, finish=_explain_losses)
+
+
+def _explain_losses(figure: AnyFigure, axes: Mapping[str, Axes], robust: Summary) -> None:
+    """Add a heading, and labels to the left column."""
+    text = "each number alone; shaded: loss of $P_d$ up to the dashed line in any condition"
+    figure.suptitle(wrapped(text, round(14 * figure.bbox.width / figure.figure.dpi)), x=0.01, ha="left")  # type: ignore[union-attr]
+    for panel in [*axes.values()][:: min(len(axes), MOST_ACROSS)]:
+        if panel.get_ylabel() != SHARE_LABEL:
+            panel.set_ylabel("loss of $P_d$ [points]")
+
+
+def _draw_loss(panel: Axes, robust: Summary, key: str) -> None:
+    interval, loss = robust["intervals"][key], robust["loss"]
+    label, unit = quantity(key)
+    values, losses = (np.array(interval[name], float) for name in ("looked", "loss"))
+    low, high = interval["low"], interval["high"]
+    panel.axvspan(low * unit, high * unit, color=SKY, alpha=0.25, lw=0, zorder=0)
+    panel.axhline(loss, color=ORANGE, ls="--", lw=0.9)
+    panel.plot(values * unit, losses, color=BLUE, lw=0.8, marker="o", ms=1.4)
+    panel.plot(interval["at"] * unit, 0.0, "*", color=ORANGE, mec=INK, mew=0.5, ms=7, clip_on=False, zorder=5)
+    width = (high - low) or (values[-1] - values[0]) or abs(high) or 1.0
+    panel.set_xlim(
+        max(low - INTERVAL_MARGIN * width, values[0] - 0.03 * width) * unit,
+        min(high + INTERVAL_MARGIN * width, values[-1] + 0.03 * width) * unit,
+    )
+    shown = losses[(values >= low) & (values <= high) & np.isfinite(losses)]
+    panel.set_ylim(min(shown.min(initial=0.0) - 0.1 * loss, -0.3 * loss), LOSSES_SHOWN * loss)
+    panel.set_xlabel(label)
+
+
+def _draw_P_d_scatter(panel: Axes, robust: Summary) -> None:
+    P_d = np.sort(np.array(robust["sampled_P_d"], float))
+    panel.step(P_d, (np.arange(P_d.size) + 1) / P_d.size, where="post", color=BLUE, lw=0.9)
+    panel.axvline(min(robust["nominal_P_d"]), color=GREY, lw=0.9, ls=":")
+    if robust.get("at_least") is not None:
+        panel.axvline(robust["at_least"], color=ORANGE, ls="--", lw=0.9)
+        chance = between(*(robust[name] for name in ("probability", "probability_low", "probability_high")))
+        panel.set_title(f"at least {robust['at_least']:g} %:\n{chance}", fontsize=7, color=INK)
+    panel.set(xlabel="worst $P_d$ of a draw [%]", ylabel=SHARE_LABEL, ylim=(0, 1))
+
+
+STEP_LABEL = "update, then round of samples"
+ROUND_DASHES = (0, (2.5, 1.2))  # dashes of the rounds of samples
+
+
+class TuningData(NamedTuple):
+    """A tuning as `tune.json` holds it, with its paths as arrays."""
+
+    data: Summary
+    points: PlotArray  # (updates, starts, keys)
+    scores: PlotArray  # (updates, starts)
+    best: int  # index of the best path
+    rounds: PlotArray  # designs of the rounds of samples, with their scores in the last column
+
+
+def tuning_page(data: Summary, look: Look) -> Page[TuningData]:
+    """The paths of a tuning on the map of its objective, or key by key if it has no map, and the scores of the paths.
+
+    The best path continues as a dashed line through the rounds of samples around its end, to the tuned design. If the
+    tuning has `robust`, the panels of robustness follow below.
+
+    Args:
+        data: A tuning as `tune.json` holds it.
+        look: The appearance asked for.
+    """
+    title = ": ".join(filter(None, (fitting_title(str(data["title"]), data["over"]), f"{data['goal']} of $P_d$")))
+    below = None if data.get("robust") is None else robustness_part(data["robust"])
+    points, scores = np.array(data["points"]), np.array(data["scores"], float)
+    best = int(np.nanargmax(scores[-1]))
+    content = TuningData(data, points, scores, best, _sample_rounds(data, points[-1, best], scores[-1, best]))
+    paths = Panel("designs", _draw_keys if data["map"] is None else _draw_paths)
+    height = PAGE_WIDTH * 0.5 + (0.0 if below is None else below.size[1])
+    return Page(content, (paths, Panel("scores", _draw_scores)), title, (PAGE_WIDTH, height), columns=2, below=below)
+
+
+def _draw_scores(panel: Axes, tuning: TuningData) -> None:
+    """The objective less the penalties along each path."""
+    scores, best, rounds = tuning.scores, tuning.best, tuning.rounds
+    for i in range(scores.shape[1]):
+        panel.plot(scores[:, i], color=BLUE if i == best else GREY, lw=1.2 if i == best else 0.6)
+    if len(rounds) > 1:
+        update = len(scores) - 1 + np.arange(len(rounds))
+        panel.plot(update, rounds[:, -1], color=BLUE, lw=1.2, ls=ROUND_DASHES, label="samples at its end")
+        panel.legend(loc="best", handlelength=1.8)
+    panel.set(xlabel=STEP_LABEL, ylabel="objective less penalties [%]", title="each start; the best in blue")
+
+
+def _sample_rounds(data: Summary, end: PlotArray, score: float) -> PlotArray:
+    """The designs of the rounds of samples after the end of the best path, with their scores in the last column."""
+    first = np.append(end, score)[None]
+    if data.get("polished") is None:  # a tuning that an earlier version wrote
+        return first
+    rounds = np.column_stack([np.array(data["polished"], float), np.array(data["polished_scores"], float)])
+    return np.concatenate([first, rounds])
+
+
+def _draw_paths(panel: Axes, tuning: TuningData) -> None:
+    """All paths on the map of the objective."""
+    data, points, best = tuning.data, tuning.points, tuning.best
+    (x_key, x_ends), (y_key, y_ends) = data["over"].items()
+    (x_label, x_unit), (y_label, y_unit) = quantity(x_key), quantity(y_key)
+    x, y = np.array(data["map"]["first"]) * x_unit, np.array(data["map"]["second"]) * y_unit
+    mesh = panel.pcolormesh(
+        x, y, np.array(data["map"]["objective"], float).T, cmap="viridis", shading="nearest", rasterized=True
+    )
+    panel.figure.colorbar(mesh, ax=panel, label="objective [%]")
+    for i in range(points.shape[1]):
+        path = points[:, i] * [x_unit, y_unit]
+        width, size = (1.4, 3.5) if i == best else (0.7, 2.0)
+        panel.plot(*path.T, color="white", lw=width + 1.2)
+        panel.plot(*path.T, color=INK, lw=width)
+        panel.plot(*path[0], "o", color="white", mec=INK, mew=0.6, ms=size)
+    end = np.array(list(data["design"].values())) * [x_unit, y_unit]
+    panel.plot(*end, "*", color=ORANGE, mec=INK, mew=0.5, ms=9, label="tuned design", clip_on=False, zorder=5)
+    panel.set(xlabel=x_label, ylabel=y_label, xlim=x[[0, -1]], ylim=y[[0, -1]])
+    panel.set_xscale("log" if x_ends[0] > 0 else "linear")
+    panel.set_yscale("log" if y_ends[0] > 0 else "linear")
+    panel.set_title("paths from their starts (circles)")
+    path = tuning.rounds[:, :-1] * [x_unit, y_unit]  # the continuation of the best path
+    panel.plot(*path.T, color="white", lw=2.2)
+    panel.plot(*path.T, color=INK, lw=1.0, ls=ROUND_DASHES)
+
+
+def _draw_keys(panel: Axes, tuning: TuningData) -> None:
+    """The best path and its rounds of samples, each key on a scale from its lower to its upper bound."""
+    data, path, rounds = tuning.data, tuning.points[:, tuning.best], tuning.rounds
+    colors = [BLUE, ORANGE, PINK, SKY, INK, GREY]
+    for i, (key, (low, high)) in enumerate(data["over"].items()):
+        value = np.concatenate([path[:, i], rounds[1:, i]])
+        share = np.log(value / low) / np.log(high / low) if low > 0 else (value - low) / (high - low)
+        style: Properties = {"color": colors[i % len(colors)], "marker": "" if i < len(colors) else ".", "ms": 3}
+        panel.plot(share[: len(path)], label=key_label(key), **style)
+        panel.plot(np.arange(len(path) - 1, len(share)), share[len(path) - 1 :], ls=ROUND_DASHES, **style)
+    panel.set(xlabel=STEP_LABEL, ylabel="place between the bounds", ylim=(-0.02, 1.02), title="the best path")
+    panel.legend(loc="best")

@@ -1,0 +1,132 @@
+"""A stored run prepared for pictures: its finite part in the units of the picture, and its last periods."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from jaxshroud.io.variable import with_events
+from jaxshroud.model.modes import Mode
+from jaxshroud.motion.spectrum import repeats_after
+from jaxshroud.plotting.scales import Scale, scale_of
+from jaxshroud.plotting.style import BoolArray, IntegerArray, PlotArray
+from jaxshroud.scene.checks import InputError
+
+CONTACT = ("N", "F", "v", "u", "contact_point", "mode", "case")
+FEWEST_SAMPLES = 20  # samples of a period in which contact can be seen
+APERIODIC = 4  # drive periods shown of a motion that does not repeat
+
+
+@dataclass(frozen=True)
+class RunData:
+    """A run in the units of the picture."""
+
+    ds: xr.Dataset  # its samples up to the last finite one
+    scale: Scale
+    t: PlotArray  # [drive periods]
+    x: PlotArray  # (n, 2)
+    v: PlotArray  # of the left blade [m/s]
+    mode: IntegerArray
+    settled: BoolArray  # samples after the transient
+    ends: BoolArray  # those of them that are at the end of a period
+    rate: Fraction  # samples per period
+
+    @cached_property
+    def repeats(self) -> int:
+        """The number of drive periods after which the motion repeats; 0 if it does not."""
+        return repeats_after(self.x[self.settled, 0], self.rate)
+
+
+def run_data(ds: xr.Dataset, settled_from: float = 0.5, scale: Scale | None = None) -> RunData | None:
+    """The finite part of a run; None if that is less than two samples.
+
+    Args:
+        ds: A stored run of a single scene. The samples from the first that is not finite are left out.
+        settled_from: The share of the run that counts as its transient.
+        scale: The scale of displacements; by default relative to the gap, or in mm where that is not positive.
+    """
+    not_finite = ~np.isfinite(ds["x"].to_numpy() + ds["v_x"].to_numpy()).all(axis=1)
+    ds = ds.isel(time=slice(0, int(not_finite.argmax()) if not_finite.any() else None))
+    if ds.sizes["time"] < 2:
+        return None
+    scale, steps = scale or scale_of(np.asarray(ds.attrs["gap"])), int(ds.attrs["steps_per_period"])
+    t = _in_periods(ds, ds["time"].to_numpy())
+    settled = t > t[0] + settled_from * (t[-1] - t[0]) + 1e-9  # without the sample that ends the transient
+    ends = settled & (np.rint(t * steps) % steps == 0)
+    x, v = ds["x"].to_numpy() * scale.factor, ds["v_x"].to_numpy()[:, 0]
+    return RunData(ds, scale, t, x, v, ds["mode"].to_numpy(), settled, ends, Fraction(steps, int(ds.attrs["every"])))
+
+
+def _in_periods(ds: xr.Dataset, time: PlotArray) -> PlotArray:
+    """Times in drive periods."""
+    return time * float(ds.attrs["omega"]) / (2 * np.pi)
+
+
+class ContactData(NamedTuple):
+    """The contact over the last drive periods of a run, with both sides of events where they are stored."""
+
+    t: PlotArray  # since these periods began [drive periods]
+    N: PlotArray  # [N]
+    F: PlotArray
+    v: PlotArray  # [m]
+    u: PlotArray
+    contact_point: PlotArray | None
+    mode: IntegerArray
+    case: IntegerArray
+
+    @property
+    def segments(self) -> list[slice]:
+        """The parts of the time in which mode and case stay the same."""
+        changed = (np.diff(self.mode) != 0) | (np.diff(self.case) != 0)
+        ends = [0, *(np.flatnonzero(changed) + 1).tolist(), len(self.t)]
+        return [slice(a, b) for a, b in pairwise(ends)]
+
+    @property
+    def pieces(self) -> list[slice]:
+        """The segments, each extended to the first state of the next one unless both sides of their event are known."""
+        segments, t = self.segments, self.t
+        extended = [s.stop < len(t) and t[s.stop] > t[s.stop - 1] for s in segments]
+        return [slice(s.start, s.stop + extra) for s, extra in zip(segments, extended, strict=True)]
+
+
+def contact_data(run: RunData, periods: int | None = None) -> ContactData:
+    """The contact over the last whole drive periods.
+
+    Args:
+        run: The run.
+        periods: The number of periods; by default that after which the motion repeats, or four.
+
+    Raises:
+        ValueError: The run was stored without forces, has no contact, or has too few samples.
+    """
+    ds = run.ds
+    if "N" not in ds.data_vars:
+        has_no_contact = 'contact = "none"' in str(ds.attrs.get("scene", ""))
+        reason = (
+            "its model has no contact" if has_no_contact else "it was stored by an earlier version; simulate it again"
+        )
+        raise InputError(f"There are no forces in this run: {reason}.")
+    if run.rate < FEWEST_SAMPLES:
+        raise InputError(
+            f"{float(run.rate):.3g} samples of a period are stored, too few to show contact; keep every "
+            f"{max(int(ds.attrs['steps_per_period']) // FEWEST_SAMPLES, 1)}th step at most."
+        )
+    names = [name for name in CONTACT if name in ds.data_vars]
+    states, (begin, end) = with_events(ds, names), _last_periods(run.t, periods or run.repeats or APERIODIC)
+    t = _in_periods(ds, states["time"].to_numpy())
+    shown = (t > begin - 1e-9) & (t < end + 1e-9)
+    values = {name: states[name].to_numpy()[shown] for name in names}
+    if (values["mode"] == Mode.SMOOTH).all():  # smooth contact has a single mode, with and without penetration
+        values["mode"] = np.where(values["v"] < 0, Mode.APART, Mode.SMOOTH)
+    return ContactData(t[shown] - begin, contact_point=values.pop("contact_point", None), **values)
+
+
+def _last_periods(t: PlotArray, periods: int) -> tuple[float, float]:
+    """The beginning and the end of the last whole drive periods, or of the run if it is shorter than one."""
+    end = np.floor(t[-1] + 1e-9)
+    available = int(end - t[0] + 1e-9)
+    return (end - min(periods, available), end) if available else (t[0], t[-1])

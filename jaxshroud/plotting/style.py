@@ -1,0 +1,266 @@
+"""What all pictures share: sizes, style, colours, labels of numbers, titles, and the saving of figures."""
+
+import os
+import re
+from collections.abc import Collection, Iterable, Sequence
+from html import escape, unescape
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NamedTuple, TypedDict
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure, SubFigure
+from numpy.typing import NDArray
+
+from jaxshroud.io.files import write
+from jaxshroud.io.scene_numbers import key_label
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.keys import KEYS, key_parts
+from jaxshroud.scene.title import CHANGE_SEPARATOR, subject_of
+
+GREEK = "alpha|beta|gamma|zeta|theta|phi|omega|tau|mu|sigma"
+SYMBOL = re.compile(rf"(?<![\w\\])(?:({GREEK}|[A-Za-z])_({GREEK}|\w{{1,2}})|({GREEK}))(?!\w)")
+UNIT_POWER = re.compile(r"\b([a-z]+)\^(-?\d)\b")
+DECIMAL = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-]?)0*(\d+)\b")
+KEY = re.compile(rf"\b((?:{'|'.join(sorted({key.partition('.')[0] for key in KEYS}))})\.[A-Za-z]\w*(?:\[\d\])?)")
+KEY_NAMES = {row.parts[1] for row in KEYS.values()}
+OVER, AVERAGED_PERIODS, DIAGRAM_QUANTITIES = " over ", "n", ("x_1", "P_d")  # in titles that announce a diagram
+
+
+def typeset(text: str) -> str:
+    """Text with its symbols, powers of units and powers of ten set as formulas; existing formulas stay unchanged."""
+    parts = text.split("$")
+    for i in range(0, len(parts), 2):
+        plain = SYMBOL.sub(lambda match: f"${_formula(*match.groups())}$", parts[i])
+        plain = UNIT_POWER.sub(r"\1$^{\2}$", plain)
+        parts[i] = DECIMAL.sub(lambda match: rf"${match[1]} \times 10^{{{match[2].strip('+')}{match[3]}}}$", plain)
+    return "$".join(parts)
+
+
+def markup(text: str) -> str:
+    """Text as HTML with formulas as in `typeset`; keys of a scene are set as code."""
+    if text.count("$") % 2:  # no formulas
+        return escape(text)
+    parts = KEY.split(re.sub(r"\b[A-Za-z](?= / \w)", r"$\g<0>$", text))  # every second part is a key
+    parts[::2] = [_as_html(typeset(escape(part))).replace("+-", "&plusmn;") for part in parts[::2]]
+    parts[1::2] = [f"<code>{part}</code>" for part in parts[1::2]]
+    return "".join(parts)
+
+
+def _as_html(text: str) -> str:
+    """Text with formulas as HTML."""
+    parts = text.split("$")
+    for i in range(1, len(parts), 2):
+        formula = re.sub(r"_(\w)", r"_{\1}", parts[i].replace(r"\times", "&times;"))
+        formula = re.sub(r"(?<![\\&\w])([A-Za-z])(?![A-Za-z\d;])|\\([A-Za-z]+)", _letter, formula)
+        parts[i] = re.sub(r"([_^])\{([^{}]*)\}", lambda match: _shifted(*match.groups()), formula)
+    return "".join(parts)
+
+
+def _letter(match: re.Match[str]) -> str:
+    return f"<i>{match[1] or f'&{match[2]};'}</i>"
+
+
+def _shifted(sign: str, text: str) -> str:
+    tag = {"_": "sub", "^": "sup"}[sign]
+    return f"<{tag}>{text.replace('-', '&minus;')}</{tag}>"
+
+
+def unicode_text(text: str) -> str:
+    """Text with Greek letters and subscripts as Unicode characters, for titles without markup."""
+    text = re.sub(rf"(?<!\w)({GREEK})(?![A-Za-z])", lambda match: unescape(f"&{match[1]};"), text)
+    return re.sub(r"(?<=\b\w)_(\d)\b", lambda match: chr(ord("₀") + int(match[1])), text)
+
+
+def wrapped(text: str, width: int) -> str:
+    """Text in lines of about `width` visible characters; formulas are not broken."""
+    lines, length = [""], 0
+    for word in re.findall(r"(?:\$[^$]*\$|[^\s$])+", text):
+        size = len(re.sub(r"\\\w+", "a", word).translate({ord(c): None for c in "${}_^"}))
+        if length and length + 1 + size > width:
+            lines, length = [*lines, ""], 0
+        lines[-1] += f" {word}" if length else word
+        length += size + (length > 0)
+    return "\n".join(lines)
+
+
+def _formula(base: str | None, below: str | None, alone: str | None) -> str:
+    greek = lambda word: rf"\{word}" if re.fullmatch(GREEK, word) else word
+    return greek(alone) if alone else f"{greek(base or '')}_{{{greek(below or '')}}}"
+
+
+def fitting_title(title: str, keys: Iterable[str] = (), shows: Collection[str] = ()) -> str:
+    """The part of a title that holds for a picture: of "Fig. 9: x_1 over gamma, but M_0 = 1 N m" all, some or nothing.
+
+    Args:
+        title: The title of a scene: its origin, what the article's figure shows of it, and the numbers that were
+            changed.
+        keys: The numbers on the axes of the picture.
+        shows: The quantities that it shows over these: "x_1", "P_d".
+
+    Returns:
+        The title without values of numbers that are on an axis, and without what the picture does not show.
+    """
+    varied = {key_parts(key)[1] if key.partition("[")[0] in KEYS else key for key in keys}
+    varied |= {{"k": "gamma", "gamma": "k"}.get(name, name) for name in varied}
+    heading, _, changes = title.partition(CHANGE_SEPARATOR)
+    subject, colon, claim = heading.partition(": ")
+    is_single_point = bool(varied) and "=" in claim and OVER not in claim
+    if not _is_true(subject if colon else heading, varied, shows):
+        heading = ""
+    elif is_single_point or not _is_true(claim, varied, shows):
+        heading = subject_of(heading)
+    fixed = ", ".join(
+        change for change in changes.split(", ") if change.partition(" = ")[0].removeprefix("initial ") not in varied
+    )
+    return CHANGE_SEPARATOR.join(filter(None, (heading, fixed)))
+
+
+def _is_true(text: str, varied: set[str], shows: Collection[str]) -> bool:
+    """Whether the text announces a diagram that is shown over varied numbers, and gives none of these a value."""
+    shown, _, over = text.partition(OVER)
+    over, comma, rest = over.partition(",")
+    announced = _names_in([AVERAGED_PERIODS, *(name for name in KEY_NAMES if len(name) > 1)], over)
+    if announced and not (announced & varied and _names_in(DIAGRAM_QUANTITIES, shown) <= set(shows)):
+        return False
+    return not any(
+        f"{name} =" in text or (len(name) > 1 and _names_in([name], shown + comma + rest)) for name in varied
+    )
+
+
+def _names_in(names: Collection[str], text: str) -> set[str]:
+    return {name for name in names if re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text)}
+
+
+INCH = 25.4  # [mm]
+Properties = dict[str, Any]  # of artists of matplotlib, as keyword arguments
+COLUMN_WIDTH, PAGE_WIDTH = 88 / INCH, 140 / INCH  # one and one and a half columns [inch]
+STYLE: Any = {
+    **dict.fromkeys(("font.size", "axes.titlesize", "figure.titlesize"), 8),
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 7),
+    **dict.fromkeys(("xtick.direction", "ytick.direction"), "in"),
+    **{"axes.titlelocation": "left", "axes.linewidth": 0.6, "hatch.linewidth": 0.4},
+    **{"legend.frameon": False, "legend.handlelength": 1.2, "legend.columnspacing": 1.2},
+    **{"pdf.fonttype": 42, "svg.fonttype": "none"},  # text stays text
+}
+# Key of the scene -> symbol, words, unit, units per SI unit.
+QUANTITIES = {row.name: (row.symbol, row.label, *row.shown) for row in KEYS.values()}
+# Colours after Okabe and Ito, which colour-blind readers tell apart.
+INK, GREY, BLUE, ORANGE, SKY, PINK = "#1a1a1a", "#8c8c8c", "#0072B2", "#E69F00", "#56B4E9", "#CC79A7"
+STOPPED_STYLE: Properties = {
+    "facecolor": "#ededed",
+    "edgecolor": "#9c9c9c",
+    "hatch": "//////",
+}  # of lanes without numbers
+
+LENGTHS = {"m": ("m", 1.0), "mm": ("mm", 1e3), "um": ("µm", 1e6)}  # unit of length -> its symbol, units per metre
+
+PlotArray = NDArray[np.float64]
+IntegerArray = NDArray[np.integer[Any]]
+BoolArray = NDArray[np.bool_]
+AnyFigure = Figure | SubFigure
+
+
+class LookOptions(TypedDict, total=False):
+    """The fields of `Look` as keyword arguments."""
+
+    title: str | None
+    xlabel: str | None
+    unit: str | None
+    width: float | None
+    style: str | os.PathLike[str] | None
+
+
+class Look(NamedTuple):
+    """The appearance of a picture that a user asks for; None leaves a choice to the picture."""
+
+    title: str | None = None  # "" for none
+    xlabel: str | None = None
+    unit: str | None = None  # of displacements and of lengths that are varied: one of `LENGTHS`, or "gap"
+    width: float | None = None  # [mm]
+    style: str | os.PathLike[str] | None = None  # a matplotlib style: a file or a name
+
+    def inches(self, usual: float) -> float:
+        """The width, by default the `usual` one [inch]."""
+        return usual if self.width is None else self.width / INCH
+
+
+DEFAULT_LOOK = Look()
+
+
+class Picture(Figure):
+    """A figure that notebooks show as a picture even without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        return _content(self, "png")
+
+
+def new_figure(title: str, width: float, height: float, look: Look = DEFAULT_LOOK) -> Figure:
+    """An empty figure of `width` by `height` [inch], or of the width that the look asks for."""
+    width, title = look.inches(width), typeset(title if look.title is None else look.title)
+    figure = Picture(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    if title:
+        figure.suptitle(wrapped(title, round(15 * width)))
+    return figure
+
+
+def show_message(figure: Figure, text: str) -> Figure:
+    """The figure, made flat, with a message in place of a picture."""
+    figure.set_figheight(1.5)
+    figure.text(0.5, 0.45, text, ha="center", va="center", color=INK)
+    return figure
+
+
+def legend_below(figure: AnyFigure, handles: Sequence[Artist]) -> None:
+    """Add a legend below the panels, in as many columns as fit."""
+    for columns in range(min(6, len(handles)), 0, -1):
+        legend = figure.legend(handles=list(handles), loc="outside lower center", ncols=columns)
+        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            return
+        legend.remove()
+
+
+def shade(figure: Figure, low: float, high: float) -> None:
+    """Shade the range between two values of x in every panel."""
+    for panel in figure.axes:
+        panel.axvspan(low, high, color=SKY, alpha=0.25, lw=0, zorder=0)
+
+
+def quantity(key: str, look: Look = DEFAULT_LOOK, unit: str = "SI") -> tuple[str, float]:
+    """The axis label of a number of the scene, and its factor from SI units; an unknown key gets the given unit."""
+    stem = key.partition("[")[0]
+    if stem not in QUANTITIES:
+        return f"{key} [{unit}]" if unit else key, 1.0
+    _, _, unit, factor = QUANTITIES[stem]
+    if KEYS[stem].unit == "m" and look.unit in LENGTHS:
+        unit, factor = LENGTHS[look.unit]
+    return f"{key_label(key)} [{unit}]" if unit else key_label(key), float(factor)
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
+    """Write a figure, completely or not at all.
+
+    Args:
+        figure: Any figure.
+        path: The file; its suffix selects the format: .png (200 dpi), .pdf or .svg.
+
+    Raises:
+        ValueError: The suffix is not a format of matplotlib.
+        WriteError: The path cannot be written.
+    """
+    path = Path(path)
+    if not path.suffix:
+        raise InputError(f"{path}: a picture needs a suffix, such as .png, .pdf or .svg.")
+    write(path, _content(figure, path.suffix[1:].lower()))
+
+
+def _content(figure: Figure, form: str) -> bytes:
+    """The content of a file in that format."""
+    content = BytesIO()
+    with mpl.rc_context(STYLE):  # how vector formats write text is decided when they are written
+        figure.savefig(content, format=form, dpi=200)
+    return content.getvalue()

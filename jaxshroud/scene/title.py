@@ -1,0 +1,57 @@
+"""The title of a scene with overrides."""
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from jaxshroud.scene.keys import KEYS
+
+CHANGE_SEPARATOR = ", but "  # between a title and the overrides
+
+Tables = Mapping[str, Mapping[str, object]]
+
+
+def retitled(title: str, now: Tables, before: Tables | None, set_: Collection[tuple[str, str]]) -> str:
+    """The title of a changed scene: its subject and the changes, without the description in the file.
+
+    Args:
+        title: The title in the file, "SUBJECT" or "SUBJECT: DESCRIPTION".
+        now: The physics, in SI units.
+        before: The physics without the changes; None if the file is not a valid scene without them.
+        set_: The tables and keys that were set.
+    """
+    rows = {(table, key): value for table, row in now.items() for key, value in row.items()}
+    if before is None:
+        new = {key: value for key, value in rows.items() if key in set_}
+    else:
+        new = {key: value for key, value in rows.items() if before[key[0]].get(key[1]) != value}
+    if not new:
+        return title
+    changed = {display_name(*key): display_value(*key, value) for key, value in new.items()}
+    heading, _, earlier = title.partition(CHANGE_SEPARATOR)
+    earlier_changes = [change for change in earlier.split(", ") if change and change.partition(" = ")[0] not in changed]
+    return (
+        subject_of(heading)
+        + CHANGE_SEPARATOR
+        + ", ".join([*earlier_changes, *(f"{name} = {value}" for name, value in changed.items())])
+    )
+
+
+def subject_of(title: str) -> str:
+    """The subject of a title, without its description."""
+    subject, colon, _ = title.partition(": ")
+    return f"Scene of {subject}" if colon else subject
+
+
+def display_name(table: str, key: str) -> str:
+    """The name of a number in titles."""
+    return f"initial {key}" if table == "initial" else key
+
+
+def display_value(table: str, key: str, value: Any) -> str:
+    """A value of a scene in the unit of pictures, as text."""
+    row = KEYS.get(f"{table}.{key}")
+    if row is None:
+        return " and ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
+    unit, factor = row.shown
+    values = value if isinstance(value, list | tuple) else [value]
+    return f"{' and '.join(f'{number * factor:.6g}' for number in values)} {unit}".strip()

@@ -1,0 +1,189 @@
+"""The design problem: the numbers to tune, the conditions, and the judgement of designs by simulation."""
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from jaxshroud.batch.runs import Plan, Tick, initial_states, run_lanes
+from jaxshroud.batch.size_limits import check_size
+from jaxshroud.batch.states import in_scene_precision
+from jaxshroud.batch.xla import repeat_lane
+from jaxshroud.march.method import FAST
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import State
+from jaxshroud.motion.averages import averages, stiffnesses
+from jaxshroud.motion.gradient import with_numbers
+from jaxshroud.results.tuned import PENALTY, DesignJudgement
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.grids import scenes_at
+from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.valid import check_values, in_precision
+from jaxshroud.scene.vary import value_of
+from jaxshroud.verbs.scattering import Scattering, check_ends, check_overlap, cube_corners
+
+Goal = Literal["mean", "worst"]
+
+
+class Problem(NamedTuple):
+    """The numbers to tune, the conditions and the limits, and how designs are simulated."""
+
+    scene: Scene
+    over: dict[str, tuple[float, float]]  # key -> bounds
+    conditions: dict[str, tuple[float, ...]]  # key -> values; every combination counts
+    goal: Goal = "mean"
+    most_penetration: float = np.inf  # [m]
+    most_force: float = np.inf  # normal force of the contact [N]
+    plan: Plan = Plan(0, 1, 400, 0.0, FAST)
+    state: State | None = None  # initial state of every run; None: its scene's own
+    scattering: Scattering | None = None  # scatter about a design; every draw counts like a condition
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys of the numbers that vary from run to run: tuned ones, conditions, and those that only scatter."""
+        return (*self.over, *self.conditions, *(self.scattering.others if self.scattering else ()))
+
+    @property
+    def runs(self) -> int:
+        """The number of runs of each design: one per condition and draw, the draws varying fastest."""
+        return len(self.rows) * (self.scattering.size if self.scattering else 1)
+
+    @property
+    def stretch(self) -> np.ndarray:
+        """The derivatives of each run's tuned numbers with respect to those of its design, (runs, tuned keys)."""
+        if self.scattering is None:
+            return np.ones((self.runs, len(self.over)))
+        return np.tile(self.scattering.stretch(self.keys)[:, : len(self.over)], (len(self.rows), 1))
+
+    @property
+    def rows(self) -> np.ndarray:
+        """All combinations of the values of the conditions, (conditions, keys)."""
+        return np.array(list(product(*self.conditions.values())))
+
+    def values(self, u: np.ndarray) -> np.ndarray:
+        """Designs (n, keys) from points of the unit cube: logarithmic between positive bounds, else linear."""
+        low, high = np.array(list(self.over.values())).T
+        with np.errstate(invalid="ignore", divide="ignore"):
+            scaled = low * (high / low) ** u
+        return np.where(low > 0, scaled, low + (high - low) * u)
+
+    def cube(self, designs: np.ndarray) -> np.ndarray:
+        """Points of the unit cube from designs: the inverse of `values`."""
+        low, high = np.array(list(self.over.values())).T
+        with np.errstate(invalid="ignore", divide="ignore"):
+            scaled = np.log(designs / low) / np.log(high / low)
+        return np.where(low > 0, scaled, (designs - low) / (high - low))
+
+    def rates(self, u: np.ndarray) -> np.ndarray:
+        """The derivatives of `values` with respect to `u`, (n, keys)."""
+        low, high = np.array(list(self.over.values())).T
+        with np.errstate(invalid="ignore", divide="ignore"):
+            scaled = self.values(u) * np.log(high / low)
+        return np.where(low > 0, scaled, high - low)
+
+
+def problem_of(
+    scene: Scene,
+    over: Mapping[str, tuple[float, float]],
+    conditions: Mapping[str, Sequence[float]],
+    scattering: Scattering | None = None,
+) -> Problem:
+    """The design problem, without limits; see `tune`.
+
+    Raises:
+        KeyError: The scene has no such number.
+        ValueError: Bounds are not in order, a key is both tuned and a condition, or a number scatters out of its range.
+    """
+    check_bounds(over)
+    shared = set(over) & set(conditions)
+    if shared:
+        raise InputError(f"{sorted(shared)[0]} is both tuned and an operating condition.")
+    condition_values = {key: tuple(float(v) for v in np.ravel(values)) for key, values in conditions.items()}
+    n_scattering = 0 if scattering is None else min(len(scattering.keys), 4)
+    n_corners = math.prod(map(len, condition_values.values())) << (min(len(over), 8) + n_scattering)
+    check_size(n_corners, 0, 1)  # the corners are simulated first
+    if scattering is None:
+        return Problem(with_numbers(scene, [*over, *condition_values]), dict(over), condition_values)
+    check_overlap(scattering, [*over, *condition_values])
+    others = [key for key in scattering.keys if key not in over and key not in condition_values]
+    numbered = with_numbers(scene, [*over, *condition_values, *others])
+    scattering = scattering._replace(others={key: value_of(numbered, key) for key in others})
+    problem = Problem(numbered, dict(over), condition_values, scattering=scattering)
+    _check_scattering(problem)
+    return problem
+
+
+def _check_scattering(problem: Problem) -> None:
+    """Raise an InputError where a number does not scatter, or leaves its range by it, within the bounds of all."""
+    scattering = problem.scattering
+    assert scattering is not None
+    for key, relative in zip(scattering.keys, scattering.relative, strict=True):
+        if relative and scattering.others.get(key) == 0:
+            raise InputError(f"{key} is 0, and a share of 0 does not scatter; give its half width.")
+    extreme = problem._replace(scattering=scattering.at_ends())
+    ends = varied_numbers(extreme, problem.values(cube_corners(len(problem.over))))
+    check_ends(scattering.keys, ends[:, [problem.keys.index(key) for key in scattering.keys]])
+
+
+def check_bounds(over: Mapping[str, tuple[float, float]]) -> None:
+    """Raise an InputError unless there is a number, and the bounds of each are finite, in order and in its range."""
+    if not over:
+        raise InputError("Argument `over` must name at least one number.")
+    for key, (low, high) in over.items():
+        if not -np.inf < low < high < np.inf:
+            raise InputError(f"The bounds of {key} must be finite and in order, but are {low} and {high}.")
+        check_values(find_key(key)[0], np.array([low, high]), f"{key}, at its bounds,")
+
+
+def varied_numbers(problem: Problem, designs: np.ndarray) -> np.ndarray:
+    """The values of the varying numbers in each run of each design, (designs * runs, keys)."""
+    rows, scattering = problem.rows, problem.scattering
+    values = np.concatenate([np.repeat(designs, len(rows), axis=0), np.tile(rows, (len(designs), 1))], axis=1)
+    if scattering is None:
+        return values
+    others = np.tile(list(scattering.others.values()), (len(values), 1))
+    return scattering.of(problem.keys, np.concatenate([values, others], axis=1))
+
+
+def scenes_of(problem: Problem, designs: np.ndarray) -> Scene:
+    """The scenes of every design in every condition, at every draw, (designs * runs,)."""
+    return scenes_at(problem.scene, problem.keys, varied_numbers(problem, designs))
+
+
+def design_corners(problem: Problem) -> Scene:
+    """The extreme scenes of a problem: every combination of bounds, or one bound at a time if there are many."""
+    if problem.scattering is not None:
+        problem = problem._replace(scattering=problem.scattering.at_ends())
+    return scenes_of(problem, problem.values(cube_corners(len(problem.over))))
+
+
+def start_states(problem: Problem, scenes: Scene) -> State:
+    """The initial states of the scenes (leading axis) of a problem."""
+    if problem.state is None:
+        return initial_states(scenes)
+    return repeat_lane(in_scene_precision(problem.state, scenes), len(scenes.drive.omega))
+
+
+def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick) -> DesignJudgement:
+    """Simulate designs (n, keys) in every condition, at every draw."""
+    scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
+    runs = run_lanes(scenes, start_states(problem, scenes), problem.plan, tick)
+    with np.errstate(invalid="ignore", over="ignore"):  # powers of an extreme design overflow
+        repetition, reduction, _ = averages(scenes, runs.samples)
+    shape = len(designs), problem.runs
+    log = runs.last.tally.log
+    v_max = np.asarray((log if log.within is None else log.within).v_max, float)
+    ok = np.asarray(runs.last.status) == Status.OK
+    P_d = np.where(ok & np.isfinite(reduction.P_d), reduction.P_d, -np.inf).reshape(shape)
+    objective = P_d.mean(axis=1) if problem.goal == "mean" else P_d.min(axis=1)
+    with np.errstate(invalid="ignore", over="ignore"):  # a lane that stopped has no penetration
+        N_max = stiffnesses(scenes) * v_max
+        v, force = (a.reshape(shape).max(axis=1) for a in (v_max, N_max))
+        excess = np.maximum(v / problem.most_penetration - 1, 0) + np.maximum(force / problem.most_force - 1, 0)
+    score = np.where(np.isfinite(objective), objective - PENALTY * excess, -np.inf)
+    return DesignJudgement(
+        score, objective, P_d, reduction.ci.reshape(shape), v, force, repetition.number.reshape(shape)
+    )

@@ -1,0 +1,236 @@
+"""The runs of a sweep's lanes, and the numbers that its result holds."""
+
+import math
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from jaxshroud.batch.continuation import SweepHandover, continued_runs, independent_runs
+from jaxshroud.batch.periods import LANES_PER_CALL, Sample
+from jaxshroud.batch.runs import Plan, Runs, Ticker, in_float64, zeno_warning
+from jaxshroud.batch.states import by_blade, final_states
+from jaxshroud.batch.threads import Interrupted
+from jaxshroud.io.scene_numbers import dimension
+from jaxshroud.march.stability import steps_for
+from jaxshroud.march.tally import Counters
+from jaxshroud.model.arithmetic import filled
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import State
+from jaxshroud.motion.averages import averages, relative_drop, relative_residual
+from jaxshroud.motion.lyapunov import ALIGNMENT_PERIODS, largest_exponents, with_phase_shift
+from jaxshroud.motion.period import SETTLED
+from jaxshroud.results.sweep import GAP_ATTRS, SweepResult, sweep_coordinates
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.parts import Direction
+from jaxshroud.scene.scene import Scene
+from jaxshroud.verbs.accuracy import missed_lanes
+from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, in_shape
+
+MAX_LANES_AT_ONCE = 4096  # lanes whose samples are in memory at once where the result does not keep them
+
+
+class Grid(NamedTuple):
+    """The scenes of a sweep: those given, at every value of its axes."""
+
+    resolved: ResolvedOptions
+    lanes: Scene  # one leading axis: the axes of the scenes, then those of the sweep, the last fastest
+    axes: dict[str, np.ndarray]  # key -> values
+    precise: Scene | None = None  # the lanes in float64, for Lyapunov exponents
+    numbers: np.ndarray | None = None  # of the lanes, counted in the whole sweep
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of the lanes' axes."""
+        return (*self.resolved.shape, *(len(values) for values in self.axes.values()))
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """The names of the lanes' axes."""
+        return (*self.resolved.dims, *map(dimension, self.axes))
+
+
+class SweepSettings(NamedTuple):
+    """How the lanes of a sweep are run, and which of their numbers are kept."""
+
+    plan: Plan
+    march: MarchPlan
+    period_tol: float
+    ticker: Ticker
+    keep_samples: bool = True
+    is_part: bool = False  # the lanes are one block of a larger sweep
+
+
+def lane_periods(plan: Plan, lyapunov: bool) -> int:
+    """The number of drive periods for which each lane is run."""
+    return plan.transient + plan.kept + (ALIGNMENT_PERIODS + plan.kept if lyapunov else 0)
+
+
+def run_sweep(
+    grid: Grid,
+    states: State | None,
+    direction: Direction,
+    settings: SweepSettings,
+    handover: SweepHandover | None = None,
+) -> SweepResult:
+    """The result of all lanes in one direction; `handover` is the `relay` of `continued_runs`.
+
+    Raises:
+        Interrupted: Ctrl-C; `done` has the result with the lanes that had ended, None if none had.
+    """
+
+    def result(runs: Runs, exponents: dict[str, np.ndarray]) -> SweepResult:
+        chatter = zeno_warning(grid.lanes, runs, settings.plan)
+        return _sweep_result(grid, _lane_numbers(grid.lanes, runs, settings) | exponents, chatter, settings)
+
+    try:
+        runs = _run_grid(grid, states, direction, settings, handover)
+    except Interrupted as stopped:
+        raise Interrupted(stopped.done and result(stopped.done, {})) from None
+    single = settings.is_part and math.prod(grid.shape) == 1
+    if single:
+        grid, runs = _duplicated(grid, runs)
+    try:
+        swept = result(runs, _exponents(grid, runs, settings))
+    except Interrupted:
+        raise Interrupted(result(runs, {})) from None
+    return SweepResult(swept.data.isel({dimension(next(iter(grid.axes))): slice(1)})) if single else swept
+
+
+def _duplicated(grid: Grid, runs: Runs) -> tuple[Grid, Runs]:
+    """A single lane and its run, each twice: the numbers of a part of a sweep must be rounded like those of many."""
+    double = lambda tree: jax.tree.map(lambda a: np.concatenate([a, a]), tree)
+    key, *others = grid.axes
+    axes = {key: double(grid.axes[key]), **{other: grid.axes[other] for other in others}}
+    lanes, precise, numbers = double((grid.lanes, grid.precise, grid.numbers))
+    return Grid(grid.resolved, lanes, axes, precise, numbers), double(runs)
+
+
+def run_map(grid: Grid, states: State | None, direction: Direction, settings: SweepSettings) -> SweepResult:
+    """The result of independent lanes without their samples, run some thousands at a time.
+
+    Raises:
+        InputError: The direction is not "independent".
+        Interrupted: Ctrl-C.
+    """
+    if direction != "independent":
+        raise InputError("Sweeps forward and backward keep their samples; leave out `keep_samples`.")
+    parts, chatter, count = [], None, math.prod(grid.shape)
+    # A last part of a single lane would be run by another program.
+    size = MAX_LANES_AT_ONCE if count % MAX_LANES_AT_ONCE != 1 else MAX_LANES_AT_ONCE + LANES_PER_CALL
+    for first in range(0, count, size):
+        at = slice(first, first + size)
+        some = (grid.lanes, grid.precise, grid.numbers, states)
+        scenes, precise, lane_numbers, starts = jax.tree.map(lambda a: a[at], some)  # noqa: B023  called at once
+        part = grid._replace(lanes=scenes, precise=precise, numbers=lane_numbers)
+        try:
+            runs = independent_runs(scenes, (len(scenes.drive.omega),), settings.plan, settings.ticker, starts)
+            numbers = _lane_numbers(scenes, runs, settings) | _exponents(part, runs, settings)
+        except Interrupted:
+            raise Interrupted(None) from None
+        chatter = chatter or zeno_warning(scenes, runs, settings.plan)
+        parts.append({name: value for name, value in numbers.items() if name != "motion"})
+    return _sweep_result(grid, jax.tree.map(lambda *a: np.concatenate(a), *parts), chatter, settings)
+
+
+def _run_grid(
+    grid: Grid, states: State | None, direction: Direction, settings: SweepSettings, handover: SweepHandover | None
+) -> Runs:
+    """The runs of all lanes (leading axis) in one direction."""
+    run_for = settings.plan, settings.ticker
+    if direction == "independent":
+        return independent_runs(grid.lanes, (math.prod(grid.shape),), *run_for, states)
+    shape = (
+        math.prod(grid.resolved.shape),
+        *grid.shape[len(grid.resolved.shape) :],
+    )  # scenes, then the axes of the sweep
+    swapped = (shape[1], shape[0], *shape[2:])
+    to_front = lambda tree: jax.tree.map(lambda a: np.moveaxis(np.asarray(a).reshape(*shape, *a.shape[1:]), 1, 0), tree)
+    back = lambda tree: jax.tree.map(lambda a: np.moveaxis(a, 0, 1).reshape(-1, *a.shape[len(shape) :]), tree)
+    try:
+        runs = continued_runs(
+            to_front(grid.lanes), swapped, *run_for, to_front(states), direction=direction, relay=handover
+        )
+        return back(runs)
+    except Interrupted as stopped:
+        raise Interrupted(stopped.done and back(stopped.done)) from None
+
+
+def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, settings: SweepSettings) -> SweepResult:
+    """The result from the numbers of all lanes (leading axis)."""
+    plan, march = settings.plan, settings.march
+    common = {"phase": plan.phase, "period_tol": settings.period_tol, "chatter": chatter, **march.attributes}
+    if march.choice is not None:
+        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.choice)}
+    coords = sweep_coordinates(grid.axes, np.arange(plan.transient + 1, plan.transient + plan.kept + 1))
+    attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
+    more = {name: variable for name, variable in differing.items() if name not in grid.dims}
+    if "gap" not in grid.dims and (grid.axes or "gap" not in more):
+        more["gap"] = (grid.dims, np.asarray(grid.lanes.shroud.gap).reshape(grid.shape), GAP_ATTRS)
+    complete = int(not np.any(numbers["status"] == Status.NOT_RUN))
+    attrs = {**attributes, "axes": ",".join(grid.dims), "complete": complete}
+    values = {**in_shape(numbers, grid.shape), **common}
+    return SweepResult.from_values(values, lanes=grid.dims, coords=coords, attrs=attrs, more=more)
+
+
+def _exponents(grid: Grid, runs: Runs, settings: SweepSettings) -> dict[str, np.ndarray]:
+    """The largest exponent of each lane (leading axis) and its interval, NaN where it stopped; {} if not requested."""
+    scenes = grid.precise
+    if scenes is None:
+        return {}
+    plan, running = settings.plan, np.flatnonzero(runs.last.status == Status.OK)
+    exponent, ci = np.full((2, len(runs.last.status)), np.nan)
+    if len(running):
+        states = jax.tree.map(in_float64, final_states(runs.last.state))
+        lanes, states = jax.tree.map(lambda a: np.asarray(a)[running], (with_phase_shift(scenes, plan.phase), states))
+        steps = plan.steps_per_period
+        if scenes.parts.contact == "none":  # tangents are marched without contact too
+            steps = steps_for(lanes, 1, "auto", plan.method.tableau)
+        method = plan.method._replace(precision="float64")
+        numbers = None if grid.numbers is None else grid.numbers[running]
+        largest = largest_exponents(lanes, states, plan.kept, steps, method, settings.ticker, numbers)
+        exponent[running], ci[running] = largest.exponent, largest.ci
+    return {"lyapunov": exponent, "lyapunov_ci": ci}
+
+
+def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[str, object]:
+    """The variables of the result for lanes (leading axis), without exponents."""
+    runs = jax.tree.map(in_float64, runs)
+    motion = by_blade(runs.samples.motion)
+    (number, settling), power, P_0 = averages(scenes, runs.samples, settings.period_tol)
+    log, before = runs.last.tally.log, runs.before.log
+    spent = [getattr(log, n) - getattr(before, n) for n in ("time_apart", "time_stick", "time_slip")]
+    total = sum(spent)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        times = [t / total for t in spent]
+        residual = relative_residual(runs.samples) if settings.plan.method.ledger else None
+        dropped = relative_drop(runs.samples) if settings.plan.method.ledger else None
+    counts = [filled(of.counters, runs.last.status) for of in (log, before)]
+    counters = {n: np.asarray(getattr(counts[0], n) - getattr(counts[1], n)) for n in Counters.__annotations__}
+    return {
+        "motion": motion,
+        "P": power.P,
+        "P_0": P_0,
+        "P_d": power.P_d,
+        "P_d_ci": power.ci,
+        "P_d_ci_short": power.ci_short,
+        "P_d_settled": power.settled,
+        "P_d_settling": power.settling,
+        "P_d_periods_more": power.periods_more,
+        "period_number": number,
+        "settled": settling.verdict == SETTLED,
+        "settling": settling.verdict,
+        "periods_more": settling.periods_more,
+        "status": runs.last.status,
+        "v_max": log.v_max,
+        **dict(zip(("time_apart", "time_stick", "time_slip"), times, strict=True)),
+        **({} if residual is None else {"energy_residual": residual, "energy_dropped": dropped}),
+        "counters": counters,
+        **({} if runs.samples.forces is None else _force_values(runs.samples)),
+    }
+
+
+def _force_values(samples: Sample) -> dict[str, np.ndarray]:
+    """The largest forces of the kept periods, and the mean work of friction per period, (lanes,)."""
+    N_max, F_max = (a.max(axis=-1) for a in samples.forces)
+    return {"N_max": N_max, "F_max": F_max, "friction_work": samples.friction.mean(axis=-1)}

@@ -1,0 +1,47 @@
+"""Progress where nobody looks at a terminal."""
+
+import threading
+from functools import partial
+
+from jaxshroud.cli import terminal
+from jaxshroud.cli.terminal import LINE_INTERVAL, ProgressLines
+
+
+class Clock:
+    """A clock that only waiting moves, once something was reported; it ends after half a minute."""
+
+    def __init__(self):
+        self.now, self.reported = 100.0, threading.Event()
+
+    def __call__(self):
+        return self.now
+
+    def wait(self, seconds):
+        self.reported.wait()
+        self.now += seconds
+        return self.now > 130
+
+
+def test_a_line_is_written_every_ten_seconds(capsys, monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(terminal, "ProgressLines", partial(ProgressLines, clock=clock, pause=clock.wait))
+    with terminal.progress_bar("lane-periods") as report:
+        report(50, 200)
+        clock.reported.set()
+    told = capsys.readouterr().err.splitlines()
+    assert LINE_INTERVAL == 10.0
+    assert len(told) == 3
+    assert told[1] == "lane-periods: 50 of 200 in 0:00:20, 2.5/s, 0:01:00 left"
+
+
+def test_what_has_not_begun_says_so():
+    clock = Clock()
+    lines = ProgressLines("periods", clock=clock)
+    clock.now += 12
+    assert str(lines) == "periods: none in 0:00:12 (compiling)"
+
+
+def test_a_short_command_writes_none(capsys):
+    with terminal.progress_bar("periods") as report:
+        report(1, 1)
+    assert capsys.readouterr().err == ""

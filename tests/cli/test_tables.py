@@ -1,0 +1,46 @@
+"""The tables of commands and options are of one piece with the verbs and with the modules that run them."""
+
+from collections import Counter
+from importlib import import_module
+from inspect import signature
+
+import pytest
+
+import jaxshroud as js
+from jaxshroud.cli.command_table import COMMANDS
+from jaxshroud.cli.option_table import SHARED_OPTIONS
+
+RUN = {"n_periods", "transient"}  # arguments that the scene's [run] gives
+
+
+def destination(option):
+    """The name under which an option is found."""
+    shared = SHARED_OPTIONS[option] if isinstance(option, str) else option
+    return shared.dest or shared.name.lstrip("-").replace("-", "_")
+
+
+@pytest.mark.parametrize("name", [name for name, command in COMMANDS.items() if command.arguments])
+def test_arguments_are_those_of_the_verb_and_come_from_options(name):
+    command = COMMANDS[name]
+    assert {*command.arguments} <= set(signature(getattr(js, name)).parameters)
+    assert {*command.arguments} - RUN <= {destination(option) for option in command.options}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_is_a_verb_or_has_a_function_of_its_own(name):
+    module = COMMANDS[name].module
+    assert hasattr(import_module(f"jaxshroud.cli.{module}"), f"{name}_command") if module else hasattr(js, name)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_no_option_is_there_twice(name):
+    assert not [option for option, n in Counter(map(destination, COMMANDS[name].options)).items() if n > 1]
+
+
+def test_a_shared_option_is_shared():
+    used = Counter(
+        option if isinstance(option, str) else option.name
+        for command in COMMANDS.values()
+        for option in command.options
+    )
+    assert not [name for name in SHARED_OPTIONS if used[name] < 2]
