@@ -11,14 +11,14 @@ from jaxtyping import Array, Int
 from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.states import carried_state
 from jaxshroud.batch.tangents import direction
-from jaxshroud.model.arithmetic import Scalar, filled
+from jaxshroud.model.arithmetic import Formal, Scalar, filled
 from jaxshroud.model.linear import free_rms_displacement
 from jaxshroud.model.prepared import State, initial_state, prepared_model
 from jaxshroud.model.rhs import drive_wave, rhs
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 
-MovingState = tuple[Motion, Scalar]  # motion and slider
+MovingState = tuple[Motion, Array | Formal]  # motion and slider, with or without an axis of lanes
 
 
 def adaptive_samples(
