@@ -78,7 +78,7 @@ def _function_name(function: Any) -> str:
 
 
 @cache
-def tree_description(structure: jax.tree_util.PyTreeDef) -> str:
+def tree_description(structure: Any) -> str:
     """The structure of a tree as text, the static fields of its nodes included."""
     node = structure.node_data()
     if node is None:

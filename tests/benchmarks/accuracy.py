@@ -48,7 +48,7 @@ TARGETS = ((0.01, 10.0), (20.0, 150.0), (200.0, 1500.0), (2000.0, 1e4))  # gamma
 
 def random_scene(rng: np.random.Generator, gamma: tuple[float, float], families: Families):
     """One scene around Table 1, its variant after Eq. (21), or light blocks, with moments in a range."""
-    name, moments = families[rng.integers(len(families))]
+    name, moments = families[int(rng.integers(len(families)))]
     scene = load(name).scene
     scene = vary(scene, "blades.m_y", scene.blades.inertia_y)  # all of one structure
     scene = vary(scene, "contact.gamma", float(np.exp(rng.uniform(*np.log(gamma)))))
