@@ -18,7 +18,7 @@ from pathlib import Path
 MARK = b"jaxshroud program 1\n"
 DIGEST_BYTES = 32
 ENTRY_NAME = re.compile(r"[0-9a-f]{64}\.program")
-PARTIAL_NAME = re.compile(r"jaxshroud-\w+\.partial")
+UNFINISHED_ENTRY = re.compile(r"jaxshroud-\w+\.partial")
 MAX_BYTES = 1 << 29  # of all entries
 SECONDS_OF_A_PARTIAL = 86400.0  # after which one of a process that was killed is removed
 
@@ -41,7 +41,7 @@ class ProgramStore:
         except OSError as error:
             log.warning("%s: not used (%s); it is compiled anew", path.name, error.strerror or error)
             return None
-        content = _content(raw, key)
+        content = _checked_content(raw, key)
         if content is None:
             log.warning("%s: not used (damaged, or of another version); it is compiled anew", path.name)
             return None
@@ -97,7 +97,7 @@ class ProgramStore:
         for path in self.folder.glob("jaxshroud-*.partial"):
             state = path.lstat()
             old = state.st_mtime < newest - SECONDS_OF_A_PARTIAL
-            if old and PARTIAL_NAME.fullmatch(path.name) and stat.S_ISREG(state.st_mode):
+            if old and UNFINISHED_ENTRY.fullmatch(path.name) and stat.S_ISREG(state.st_mode):
                 path.unlink(missing_ok=True)
 
 
@@ -125,7 +125,7 @@ def _own_file(path: Path) -> bytes:
         return file.read()
 
 
-def _content(raw: bytes, key: str) -> bytes | None:
+def _checked_content(raw: bytes, key: str) -> bytes | None:
     """The content of an entry of that `key`; None unless it is what was written."""
     start = len(MARK)
     digest, body = raw[start : start + DIGEST_BYTES], raw[start + DIGEST_BYTES :]

@@ -209,10 +209,11 @@ def choose(
 def _candidates(lanes: Scene, accuracy: float) -> tuple[list[Setting], bool]:
     """The settings of the table for an accuracy and for better ones, then finer ones; is it the table's first word?"""
     near = PARALLEL if least_tilt(lanes) < PARALLEL_TILT and lanes.parts.has("theta", 0) else TILTED
-    row = _accuracy_table()[near][int(np.searchsorted(STIFFNESS_CLASSES, stiffness_ratio(lanes, 1)))]
-    settings = {float(level): Setting(*setting) for level, setting in row.items()}
+    rows = _accuracy_table()[near][: int(np.searchsorted(STIFFNESS_CLASSES, stiffness_ratio(lanes, 1))) + 1]
+    settings = {float(level): Setting(*setting) for level, setting in rows[-1].items()}
     sufficient = [settings[level] for level in sorted(settings, reverse=True) if level <= accuracy * 1.001]
-    found = sufficient or [settings[min(settings)]]
+    finest = [Setting(*list(row.values())[-1]) for row in rows if row]
+    found = sufficient or finest[-1:]
     found = [setting for pair in zip([found[0], *found], found, strict=False) for setting in _decades(*pair)]
     finer = [found[-1].finer(n) for n in range(1, MAX_FINER_SETTINGS + 1)]
     finer = [setting for setting in finer if setting.finer(1).tolerance < setting.tolerance / 2 or not setting.order]
