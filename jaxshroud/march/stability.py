@@ -235,5 +235,5 @@ def _fastest(scenes: Scene, batch_dims: int) -> _Fastest:
 
 
 @kept()
-def _batched_stiffness(scenes: Scene) -> tuple[_Stiffness, Scalar]:
+def _batched_stiffness(scenes: Scene) -> tuple[Any, Array]:
     return jax.vmap(lambda scene: (_stiffness_of(scene), scene.drive.period))(scenes)

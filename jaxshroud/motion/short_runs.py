@@ -64,7 +64,7 @@ def trajectory_ends(scenes: Scene, steps: int, method: Choices) -> np.ndarray:
     scenes, method = in_precision(scenes, method.precision), method._replace(ledger=True)
     grid = SampleGrid(0.0, steps, steps, HORIZON, events=False)
     samples = trajectories(scenes, initial_states(scenes), grid, method, lambda _: None).samples
-    return motion_rows(samples["motion"])[:, -1].astype(float)
+    return np.concatenate(samples["motion"], axis=-1)[:, -1].astype(float)
 
 
 def motions_at(samples: Sample, period: int) -> np.ndarray:

@@ -65,7 +65,7 @@ def kept(*static: str, **options: Any) -> Callable[[Callable], Callable]:
     def decorate(f: Callable) -> Callable:
         jitted = jax.jit(f, static_argnames=static, **options)
         programs = Programs(f"{f.__module__}.{f.__qualname__} {sorted(static)} {options}", jitted)
-        parameters = signature(f, follow_wrapped=False)
+        parameters = signature(f)
 
         @wraps(f)
         def call(*args: Any, **kwargs: Any) -> Any:

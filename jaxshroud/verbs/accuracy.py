@@ -162,7 +162,7 @@ def choose(
     batch_dims: int,
     accuracy: str | float,
     *,
-    lane_periods: float = math.inf,
+    lane_periods: float | int = math.inf,
     ends: EndStates = end_states,
 ) -> Choice:
     """The setting by which scenes are marched with an accuracy.
@@ -237,7 +237,7 @@ def _may_suffice(finer: Setting, tried: Setting, excess: float) -> bool:
     return not same or finer.tolerance * excess <= SLACK * tried.tolerance or finer.tolerance <= LEAST_TOLERANCE
 
 
-def _affordable_lanes(count: int, lane_periods: float) -> int:
+def _affordable_lanes(count: int, lane_periods: float | int) -> int:
     """On how many of the lanes settings are tried for a run of so many lane-periods; 0: on none."""
     width = 1 if count == 1 else LANES_PER_CALL
     one_trial = 2 * HORIZON * width  # with the finer setting, of the lanes that a call marches

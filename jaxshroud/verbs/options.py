@@ -167,7 +167,7 @@ def choose_method(
     lanes: Scene,
     usual: Choices,
     *,
-    periods: float | None = None,
+    periods: float | int | None = None,
     ends: EndStates | None = None,
 ) -> tuple[Choices, Choice | None]:
     """The method by which lanes (leading axis) are marched, and the choice for an accuracy that it comes from, if any.

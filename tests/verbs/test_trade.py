@@ -12,8 +12,9 @@ from side_by_side import with_parts
 
 import jaxshroud as js
 from jaxshroud import load
+from jaxshroud.march.method import choices
 from jaxshroud.march.stability import stiffest
-from jaxshroud.motion.short_runs import HORIZON, end_states, state_errors
+from jaxshroud.motion.short_runs import HORIZON, end_states, state_errors, trajectory_ends
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.vary import vary
 from jaxshroud.verbs import accuracy, options
@@ -208,6 +209,13 @@ def test_the_table_is_ordered(table1):
         assert list(row) == [f"{at:.0e}" for at in sorted((float(a) for a in row), reverse=True)]
     stiff, soft = (choose(vary(table1, "contact.gamma", g), 0, "fast") for g in (1e3, 1.0))
     assert stiff.steps > 4 * soft.steps
+
+
+@pytest.mark.parametrize("method", [js.RungeKutta(steps=200), js.Taylor(12, 1e-8, steps=200)])
+def test_both_ways_to_the_horizon_agree(table1, method):
+    lanes = scenes_at(table1, ["contact.gamma"], GAMMA[:2])
+    ends = (way(lanes, 200, choices(method)) for way in (end_states, trajectory_ends))
+    np.testing.assert_allclose(*ends, rtol=1e-12, atol=1e-15)
 
 
 def test_the_choice_takes_a_tenth_of_the_run_and_few_programs(table1):
