@@ -79,7 +79,10 @@ def _final_text(P_d: float, ci: float | None, n: int, settled: bool, period_numb
 
 
 DIAGNOSIS_WIDTH, ROW_HEIGHT = 180 / 25.4, 46 / 25.4  # [inch]
+LEAST_PAGE = 130 / 25.4  # of three panels side by side; a narrower page has two [inch]
 COLUMNS_OF = {"history": 3, "ribbon": 2}  # columns of the panels that span several
+NARROW_COLUMNS_OF = {"history": 2, "summary": 2}
+EVIDENCE_LETTERS = 19  # in a line of the title, per inch
 MOST_EXPONENTS = 6  # exponents shown at most
 FEW_PERIODS = 8  # averages over fewer periods may be outside the axis of P_d
 SMALL_PRINT: Any = {"font.size": 7, "axes.titlesize": 7.5, "axes.labelsize": 7, "legend.fontsize": 6.5}
@@ -135,14 +138,19 @@ def diagnosis_page(diagnosis: DiagnosisResult, look: Look) -> Page[DiagnosisData
     """Motion, contact, P_d, energy, stability and a summary, without the panels that the model has no data for."""
     content = DiagnosisData(diagnosis, run_data(diagnosis.data, 0.0))
     panels = [panel for panel in DIAGNOSIS_PANELS if _is_shown(panel.name, content)]
-    page = Page(content, panels, "", (DIAGNOSIS_WIDTH, 0.0), columns=3, finish=_finish_diagnosis)
+    if look.inches(DIAGNOSIS_WIDTH) < LEAST_PAGE:
+        columns, panels = 2, [panel._replace(columns=NARROW_COLUMNS_OF.get(panel.name, 1)) for panel in panels]
+    else:
+        columns = 3
+    page = Page(content, panels, "", (DIAGNOSIS_WIDTH, 0.0), columns=columns, finish=_finish_diagnosis)
     size = DIAGNOSIS_WIDTH, ROW_HEIGHT * len(page.rows) + 0.75
     return replace(page, size=size, set_ticks=False, rc=SMALL_PRINT)
 
 
 def _finish_diagnosis(figure: AnyFigure, axes: Mapping[str, Axes], content: DiagnosisData) -> None:
     """Add the title with the evidence, and the legend of the contact states."""
-    title = f"{title_of(content.diagnosis.data)}\n{fill(content.diagnosis.evidence, 135)}".strip()
+    letters = round(EVIDENCE_LETTERS * figure.bbox.width / figure.dpi)
+    title = f"{title_of(content.diagnosis.data)}\n{fill(content.diagnosis.evidence, letters)}".strip()
     figure.suptitle(title, ha="left", x=0.01, fontsize=7.5)
     if "ribbon" in axes and content.run is not None:
         legend_below(figure, contact_handles(content.run))
