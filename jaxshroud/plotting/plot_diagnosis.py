@@ -23,6 +23,7 @@ from jaxshroud.plotting.style import (
     ORANGE,
     PINK,
     SKY,
+    TIGHT_LEGEND,
     AnyFigure,
     Look,
     PlotArray,
@@ -188,7 +189,7 @@ def _of_run(panel: Panel[RunData]) -> Panel[DiagnosisData]:
         assert content.run is not None  # else the panel is not shown
         panel.draw(axes, content.run)
         if panel.name == "history":
-            axes.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2, ncols=5)
+            axes.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2, ncols=5, **TIGHT_LEGEND)
 
     return Panel(panel.name, draw, columns=COLUMNS_OF.get(panel.name, 1))
 
@@ -213,10 +214,10 @@ def _draw_energy(panel: Axes, content: DiagnosisData) -> None:
     powers, colors = diagnosis.powers, {"drive": INK, "viscous": SKY, "friction": ORANGE}
     panel.barh(list(powers), list(powers.values()), color=[colors[name] for name in powers], height=0.6)
     panel.invert_yaxis()
-    panel.margins(x=0.3)
+    panel.margins(x=0.4)  # room for the numbers
     for i, value in enumerate(powers.values()):
         panel.annotate(f"{value:.3g} W", (value, i), (2, 0), textcoords="offset points", va="center", fontsize=6.5)
-    panel.set(xlabel="mean power [W]", title=f"energy; residual {abs(diagnosis.energy_residual):.0e} of the drive's")
+    panel.set(xlabel="mean power [W]", title=f"energy; residual {abs(diagnosis.energy_residual):.0e}")
 
 
 def _draw_stability(panel: Axes, content: DiagnosisData) -> None:

@@ -24,6 +24,7 @@ from jaxshroud.plotting.style import (
     PAGE_WIDTH,
     PINK,
     SKY,
+    TIGHT_LEGEND,
     AnyFigure,
     IntegerArray,
     Look,
@@ -126,7 +127,7 @@ def draw_forces(panel: Axes, run: RunData) -> None:
     low, high = axis_limits(np.concatenate([contact.N, contact.F, -mu * contact.N if mu else contact.F]))
     panel.set(xlabel=TIME_LABEL, ylabel="force [N]", title="contact forces", xlim=_time_limits(contact))
     panel.set(ylim=(low, high + 0.15 * (high - low)))  # room for the legend
-    panel.legend(loc="upper right", ncols=3, handlelength=1.0, handletextpad=0.4, columnspacing=0.8)
+    panel.legend(loc="upper right", ncols=3, **TIGHT_LEGEND)
 
 
 TIME_LABEL, PHASE_LABEL = "time $t/T$", "time within a period $t/T$"

@@ -53,6 +53,7 @@ def _draw_error(panel: Axes, data: Summary, name: str) -> None:
     panel.xaxis.set_minor_formatter(NullFormatter())
     if name != "period" and rows:
         panel.set(yscale="log")
+        panel.margins(y=0.1)
     if name == "gradient" and max((row[name] for row in rows), default=0) > WORTHLESS:
         panel.set_ylim(top=WORTHLESS)
     if not rows:

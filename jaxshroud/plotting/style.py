@@ -101,9 +101,10 @@ def fit_title(panel: Axes) -> None:
     if not text:
         return
     title = panel.set_title(text, loc=location)
-    share = TITLE_ROOM * panel.get_window_extent().width / title.get_window_extent().width
-    if share < 1:
-        title.set_text(wrapped(text, int(share * _visible_length(text))))
+    room, letters = TITLE_ROOM * panel.get_window_extent().width, _visible_length(text)
+    while title.get_window_extent().width > room and letters > FEWEST_LETTERS:
+        letters -= 1
+        title.set_text(wrapped(text, letters))
 
 
 def _formula(base: str | None, below: str | None, alone: str | None) -> str:
@@ -155,6 +156,7 @@ def _names_in(names: Collection[str], text: str) -> set[str]:
 
 
 INCH = 25.4  # [mm]
+FEWEST_LETTERS = 8  # of a line of a title
 TITLE_ROOM = 0.9  # of the width that a panel has before the figure is laid out, which takes some of it for labels
 Properties = dict[str, Any]  # of artists of matplotlib, as keyword arguments
 COLUMN_WIDTH, PAGE_WIDTH = 88 / INCH, 140 / INCH  # one and one and a half columns [inch]
@@ -180,6 +182,8 @@ STOPPED_STYLE: Properties = {
 }  # of lanes without numbers
 
 LENGTHS = {"m": ("m", 1.0), "mm": ("mm", 1e3), "um": ("µm", 1e6)}  # unit of length -> its symbol, units per metre
+
+TIGHT_LEGEND: Properties = {"handlelength": 1.0, "handletextpad": 0.4, "columnspacing": 0.8}  # inside a small panel
 
 PlotArray = NDArray[np.float64]
 IntegerArray = NDArray[np.integer[Any]]

@@ -4,6 +4,7 @@ from itertools import combinations
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
@@ -20,6 +21,10 @@ def complaints(figure: Figure) -> list[str]:
         legend = axes.get_legend()
         if legend is not None and not _spans(axes.get_window_extent(), legend.get_window_extent()):
             told.append(f"wider than its axes: legend of {[_name(text) for text in legend.get_texts()]}")
+    for legend in figure.findobj(Legend):
+        own = {id(text) for text in legend.get_texts()}
+        box = legend.get_window_extent()
+        told += [f"below a legend: {_name(text)}" for text, at in shown if id(text) not in own and _touch(box, at)]
     for (one, box), (other, other_box) in combinations(shown, 2):
         if _touch(box, other_box):
             told.append(f"touch: {_name(one)} and {_name(other)}")
@@ -37,9 +42,8 @@ def _unseen_tick_labels(axes: Axes) -> list[Text]:
     labels: list[Text] = []
     for axis in (axes.xaxis, axes.yaxis):
         low, high = sorted(axis.get_view_interval())
-        reach = 1e-9 * (high - low)
         for tick in [*axis.get_major_ticks(), *axis.get_minor_ticks()]:
-            if not (axes.axison and low - reach <= tick.get_loc() <= high + reach):
+            if not (axes.axison and low - 1e-9 * abs(low) <= tick.get_loc() <= high + 1e-9 * abs(high)):
                 labels += [tick.label1, tick.label2]
         if not axes.axison:
             labels += [axis.label, axis.offsetText]
