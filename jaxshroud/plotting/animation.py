@@ -154,9 +154,9 @@ class _Film:
         (self.point,) = panel.plot([], [], "o", ms=6, mec="white", mew=0.5, zorder=4)
         style: Properties = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.012, "zorder": 3}
         self.arrows = panel.quiver(*np.zeros((4, 4)), color=[INK, INK, BLUE, BLUE], **style)
-        self.caption = panel.text(0, 1.02, "", va="bottom", transform=panel.transAxes)
-        note = f"motion and gap × {factor:g}"
-        panel.text(1, 1.02, note, va="bottom", ha="right", color=DARK, transform=panel.transAxes)
+        above: Properties = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom"}
+        panel.annotate(f"motion and gap × {factor:g}", (0, 1), (0, 2), color=DARK, **above)
+        self.caption = panel.annotate("", (0, 1), (0, 14), **above)
         panel.set(xlim=(left, right), ylim=(low, high), aspect="equal")
         panel.set_axis_off()
         self.cursor = self._draw_curves(curves)

@@ -130,7 +130,7 @@ def draw_forces(panel: Axes, run: RunData) -> None:
     panel.legend(loc="upper right", ncols=3, **TIGHT_LEGEND)
 
 
-TIME_LABEL, PHASE_LABEL = "time $t/T$", "time within a period $t/T$"
+TIME_LABEL, PHASE_LABEL = "time $t/T$", "time in a period $t/T$"
 CONTACT_PANELS = (
     Panel("forces", draw_forces),
     Panel("ribbon", draw_ribbon),

@@ -148,8 +148,8 @@ def tuning_page(data: Summary, look: Look) -> Page[TuningData]:
     points, scores = np.array(data["points"]), np.array(data["scores"], float)
     best = int(np.nanargmax(scores[-1]))
     content = TuningData(data, points, scores, best, _sample_rounds(data, points[-1, best], scores[-1, best]))
-    paths = Panel("designs", _draw_keys if data["map"] is None else _draw_paths, 1.8)
-    size = COLUMN_WIDTH, 4.2 + (0.0 if below is None else below.size[1])
+    paths = Panel("designs", _draw_keys if data["map"] is None else _draw_paths, 3.6)
+    size = COLUMN_WIDTH, 4.9 + (0.0 if below is None else below.size[1])
     return Page(content, (paths, Panel("scores", _draw_scores)), title, size, finish=_name_paths, below=below)
 
 
@@ -175,7 +175,7 @@ def _draw_scores(panel: Axes, tuning: TuningData) -> None:
     if len(rounds) > 1:
         update = len(scores) - 1 + np.arange(len(rounds))
         panel.plot(update, rounds[:, -1], color=BLUE, lw=1.2, ls=ROUND_DASHES)
-    panel.set(xlabel=STEP_LABEL if len(rounds) > 1 else "update", ylabel="objective\nless penalties [%]")
+    panel.set(xlabel=STEP_LABEL if len(rounds) > 1 else "update", ylabel="score [%]")
     panel.margins(x=0.01)
     panel.xaxis.set_major_locator(MaxNLocator(integer=True))
 
@@ -198,7 +198,7 @@ def _draw_paths(panel: Axes, tuning: TuningData) -> None:
     mesh = panel.pcolormesh(
         x, y, np.array(data["map"]["objective"], float).T, cmap="viridis", shading="nearest", rasterized=True
     )
-    panel.figure.colorbar(mesh, ax=panel, label="objective [%]")
+    panel.figure.colorbar(mesh, ax=panel, label="objective [%]", location="top", aspect=40, pad=0.02)
     for i in range(points.shape[1]):
         path = points[:, i] * [x_unit, y_unit]
         width, size = (1.4, 3.5) if i == best else (0.7, 2.0)

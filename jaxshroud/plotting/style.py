@@ -157,7 +157,7 @@ def _names_in(names: Collection[str], text: str) -> set[str]:
 
 INCH = 25.4  # [mm]
 FEWEST_LETTERS = 8  # of a line of a title
-TITLE_ROOM = 0.9  # of the width that a panel has before the figure is laid out, which takes some of it for labels
+TITLE_ROOM = 0.85  # of the width that a panel has before the figure is laid out, which takes some of it for labels
 Properties = dict[str, Any]  # of artists of matplotlib, as keyword arguments
 COLUMN_WIDTH, PAGE_WIDTH = 88 / INCH, 140 / INCH  # one and one and a half columns [inch]
 STYLE: Any = {
@@ -183,7 +183,7 @@ STOPPED_STYLE: Properties = {
 
 LENGTHS = {"m": ("m", 1.0), "mm": ("mm", 1e3), "um": ("µm", 1e6)}  # unit of length -> its symbol, units per metre
 
-TIGHT_LEGEND: Properties = {"handlelength": 1.0, "handletextpad": 0.4, "columnspacing": 0.8}  # inside a small panel
+TIGHT_LEGEND: Properties = {"handlelength": 0.8, "handletextpad": 0.3, "columnspacing": 0.6, "borderaxespad": 0.1}
 
 PlotArray = NDArray[np.float64]
 IntegerArray = NDArray[np.integer[Any]]
