@@ -120,7 +120,7 @@ def _strobe_style(i: int, count: int) -> Properties:
 
 
 def _strobe_handle() -> Line2D:
-    return Line2D([], [], color=DARK, label="at the strobe", **(STROBE_STYLE | {"ms": 4}))
+    return Line2D([], [], color=DARK, label="at the strobe", **STROBE_STYLE)
 
 
 def _attractor_name(attractors: AttractorsData, i: int) -> str:

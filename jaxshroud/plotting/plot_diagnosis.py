@@ -30,6 +30,8 @@ from jaxshroud.plotting.style import (
     Properties,
     fitting_title,
     legend_below,
+    typeset,
+    wrapped,
 )
 from jaxshroud.scene.checks import InputError
 
@@ -83,6 +85,7 @@ DIAGNOSIS_WIDTH, ROW_HEIGHT = 180 / 25.4, 46 / 25.4  # [inch]
 LEAST_PAGE = 130 / 25.4  # of three panels side by side; a narrower page has two [inch]
 COLUMNS_OF = {"history": 3, "ribbon": 2}  # columns of the panels that span several
 NARROW_COLUMNS_OF = {"history": 2, "summary": 2}
+NAMES_AT, VALUES_AT = -0.15, 0.38  # places of the columns of the summary, relative to the width of its panel
 EVIDENCE_LETTERS = 19  # in a line of the title, per inch
 MOST_EXPONENTS = 6  # exponents shown at most
 FEW_PERIODS = 8  # averages over fewer periods may be outside the axis of P_d
@@ -151,7 +154,8 @@ def diagnosis_page(diagnosis: DiagnosisResult, look: Look) -> Page[DiagnosisData
 def _finish_diagnosis(figure: AnyFigure, axes: Mapping[str, Axes], content: DiagnosisData) -> None:
     """Add the title with the evidence, and the legend of the contact states."""
     letters = round(EVIDENCE_LETTERS * figure.bbox.width / figure.dpi)
-    title = f"{title_of(content.diagnosis.data)}\n{fill(content.diagnosis.evidence, letters)}".strip()
+    title = wrapped(typeset(title_of(content.diagnosis.data)), letters)
+    title = f"{title}\n{fill(content.diagnosis.evidence, letters)}".strip()
     figure.suptitle(title, ha="left", x=0.01, fontsize=7.5)
     if "ribbon" in axes and content.run is not None:
         legend_below(figure, contact_handles(content.run))
@@ -189,7 +193,7 @@ def _of_run(panel: Panel[RunData]) -> Panel[DiagnosisData]:
         assert content.run is not None  # else the panel is not shown
         panel.draw(axes, content.run)
         if panel.name == "history":
-            axes.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2, ncols=5, **TIGHT_LEGEND)
+            axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=5, **TIGHT_LEGEND)
 
     return Panel(panel.name, draw, columns=COLUMNS_OF.get(panel.name, 1))
 
@@ -243,8 +247,8 @@ def _draw_summary(panel: Axes, content: DiagnosisData) -> None:
     panel.set(title="summary")
     style: Properties = {"va": "top", "transform": panel.transAxes, "fontsize": 6.5, "in_layout": False}
     for i, (name, value) in enumerate(diagnosis_rows(content.diagnosis).items()):
-        panel.text(0, 0.97 - 0.095 * i, name.replace("P_d", "$P_d$"), **style)
-        panel.text(0.52, 0.97 - 0.095 * i, value, **style)
+        panel.text(NAMES_AT, 0.97 - 0.095 * i, name.replace("P_d", "$P_d$"), **style)
+        panel.text(VALUES_AT, 0.97 - 0.095 * i, value.replace("percentage points", "points"), **style)
 
 
 def diagnosis_rows(result: object) -> dict[str, str]:

@@ -204,7 +204,8 @@ def _draw_paths(panel: Axes, tuning: TuningData) -> None:
         width, size = (1.4, 3.5) if i == best else (0.7, 2.0)
         panel.plot(*path.T, color="white", lw=width + 1.2)
         panel.plot(*path.T, color=INK, lw=width)
-        panel.plot(*path[0], **(START_STYLE | {"ms": size, "ls": ""}))
+        start: Properties = {**START_STYLE, "ms": size, "ls": ""}
+        panel.plot(*path[0], **start)
     end = np.array(list(data["design"].values())) * [x_unit, y_unit]
     panel.plot(*end, **DESIGN_STYLE)
     panel.set(xlabel=x_label, ylabel=y_label, xlim=x[[0, -1]], ylim=y[[0, -1]])

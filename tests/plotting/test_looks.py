@@ -88,6 +88,21 @@ def branch():
     return branch_of(samples, gamma, kind=kind)
 
 
+def diagnosis():
+    """A diagnosis of a run in contact, with all its panels."""
+    n = np.arange(1, 65)
+    numbers = {"periods": 652, "period_number": 1, "status": 0, "K": 0.01, "largest_force": 102.4, "n": n}
+    exponents = {"exponents": np.full(6, -0.26), "exponents_ci": np.full(6, 0.002), "has_multipliers": True}
+    powers = {"P_d": 40 + 1 / n, "P_d_ci": 8 / np.sqrt(n), "P_d_settled": True, "energy_residual": 3e-6}
+    times = {"time_apart": 0.563, "time_stick": 0.144, "time_slip": 0.293, "multipliers": np.exp(1j * n[:6]) / 2}
+    means = {"powers": {"drive": 2.09, "viscous": 0.803, "friction": 1.29}}
+    evidence = (
+        "samples return after 1 to 4e-15 of their size, and an orbit closes to 3e-15, stable, largest multiplier 0.5"
+    )
+    told = {"data": two_rows(), "verdict": "period 1", "evidence": f"period 1: {evidence} (periods 301 to 364)"}
+    return SimpleNamespace(**numbers, **exponents, **powers, **times, **means, **told)
+
+
 def two_rows():
     """A run whose motion repeats after two periods."""
     ds = run()
@@ -108,6 +123,7 @@ PICTURES = {
     "branch": lambda **look: picture("branch", branch(), **look),
     "attractors": lambda **look: picture("attractors", attractors((0.5, 0.3, 0.2)), **look),
     "basins": lambda **look: picture("basins", basins(), **look),
+    "diagnosis": lambda **look: picture("diagnosis", diagnosis(), **look),
     "trade": lambda **look: picture("trade", trade(), **look),
     "tuned": lambda **look: picture("tuned", tuning(map=GRID, robust=robust()), **look),
     "tuned keys": lambda **look: picture("tuned", tuning(), **look),
