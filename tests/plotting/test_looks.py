@@ -132,6 +132,7 @@ PICTURES = {
 }
 
 
+@pytest.mark.full(but=[f"{name}-90" for name in PICTURES])
 @pytest.mark.parametrize("width", [None, 90])
 @pytest.mark.parametrize("name", PICTURES)
 def test_no_text_is_cut_covered_or_wider_than_its_panel(name, width):
