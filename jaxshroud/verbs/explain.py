@@ -95,7 +95,7 @@ def _advice(scene: Scene) -> Iterator[str]:
         yield 'the contact has no stiffness: [parts] contact = "none" gives the motion in closed form'
     if parts.contact != "none" and _never_touches(free, scene.shroud):
         yield 'the gap exceeds the steady free motion: after transients, [parts] contact = "none" may be all it takes'
-    if parts.motion == MOTIONS[2] and not np.any(scene.drive.M_0) and touches:
+    if parts.motion == MOTIONS[2] and not np.any(np.asarray(scene.drive.M_0)) and touches:
         yield 'M_0 is 0: the blocks are turned by contact only; compare with [parts] motion = ["x", "y"]'
 
 

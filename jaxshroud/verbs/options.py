@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.input_status import is_traced
@@ -280,7 +279,7 @@ def names_of(shape: tuple[int, ...], dims: Sequence[str] | None) -> tuple[str, .
 
 def flatten_lanes(tree: Tree, axes: int) -> Tree:
     """A tree of arrays with its leading axes joined into one, or with a new one where it has none."""
-    return jax.tree.map(lambda a: jnp.asarray(a).reshape(-1, *np.shape(a)[axes:]), tree)
+    return jax.tree.map(lambda a: np.reshape(np.asarray(a), (-1, *np.shape(a)[axes:])), tree)
 
 
 def in_shape(values: Any, shape: tuple[int, ...]) -> Any:

@@ -42,7 +42,8 @@ CASES = {
     "plot": Case("plot run.nc", 2.5),
     "power": Case("power fig09_best --force --out power", 4.5),
     "sweep": Case(
-        "sweep fig09_best --along contact.gamma --start 0 --stop 8 --num 64 --periods 64 --transient 0 --force --out sweep",
+        "sweep fig09_best --along contact.gamma --start 0 --stop 8 --num 64 --periods 64 --transient 0 "
+        "--force --out sweep",
         4.5,
     ),
     "diagnose": Case("diagnose fig09_best --force --out diagnose", 10.0),
@@ -50,8 +51,8 @@ CASES = {
 MORE_CASES = {
     "gradient": Case("gradient fig10b --wrt shroud.gap,contact.gamma --force --out gradient.json"),
     "tune": Case(
-        "tune table1 --set drive.M_0=10 --over shroud.gap=5um:200um --scan 16 --starts 2 --updates 4 --motions 0 --map 0 "
-        "--periods 16 --transient 16 --force --out tune"
+        "tune table1 --set drive.M_0=10 --over shroud.gap=5um:200um --scan 16 --starts 2 --updates 4 --motions 0 "
+        "--map 0 --periods 16 --transient 16 --force --out tune"
     ),
     "attractors": Case("attractors fig10b --starts 16 --force --out attractors"),
     "basins": Case("basins fig10b --num 8 --force --out basins"),

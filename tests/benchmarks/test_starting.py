@@ -26,5 +26,5 @@ def test_the_table_has_every_command_of_both_checkouts(cold, tmp_path, capsys):
 
 def test_a_command_that_fails_gives_no_figures(tmp_path):
     (tmp_path / "jaxshroud.py").write_text("raise SystemExit('broken')")
-    with pytest.raises(RuntimeError, match="scenes of .* ended with 1: broken"):
+    with pytest.raises(RuntimeError, match=r"scenes of .* ended with 1: broken"):
         start.main(["--rounds", "1", "--against", str(tmp_path), "scenes"], tmp_path / "a")
