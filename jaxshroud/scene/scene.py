@@ -1,7 +1,7 @@
 """The scene: blades, shroud, contact, friction, drive and the initial motion."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -24,10 +24,10 @@ def per_blade(value: Any) -> Any:
     if not are_numbers(value):
         return value  # refused later, with its name
     if isinstance(value, int | float):
-        return _from_numpy([value, value])
+        return _from_numpy(np.full(2, value, float))
     if isinstance(value, tuple | list):
         if all(isinstance(v, int | float) for v in value):
-            return _from_numpy(value)
+            return _from_numpy(np.array(value, float))
         return jnp.stack([jnp.asarray(v, dtype=float) for v in value], axis=-1)
     value = jnp.asarray(value, dtype=float)
     return jnp.broadcast_to(value, (2,)) if value.ndim == 0 else value
@@ -37,12 +37,12 @@ def scalar(value: Any) -> Any:
     """The `value` as a float array, so that changing it never recompiles."""
     if not are_numbers(value):
         return value
-    return _from_numpy(value) if isinstance(value, int | float) else jnp.asarray(value, dtype=float)
+    return _from_numpy(np.array(value, float)) if isinstance(value, int | float) else jnp.asarray(value, dtype=float)
 
 
-def _from_numpy(value: float | Sequence[float]) -> Array:
-    """A JAX array of plain numbers, by NumPy, so that nothing is compiled."""
-    return jnp.asarray(np.array(value, float), dtype=float)
+def _from_numpy(value: np.ndarray) -> Array:
+    """The JAX array of plain numbers that come by NumPy, so that nothing is compiled."""
+    return jnp.asarray(value, dtype=float)
 
 
 def _motion_per_blade(motion: Any) -> Any:

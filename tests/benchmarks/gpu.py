@@ -73,10 +73,8 @@ def _ways(scenes: Any, words: str, periods: int) -> dict[str, Callable[[], np.nd
         steps, method = SERIES_STEPS, Choices(TaylorOptions(int(number), TOLERANCE), "series", False)
     else:
         steps, method = int(number), Choices(tableau(name), "cubic", False)
-    plan, at_once = (
-        Plan(0, periods, steps, 0.0, method),
-        prepare_scenes(scenes, method, len(scenes.drive.omega), periods),
-    )
+    plan = Plan(0, periods, steps, 0.0, method)
+    at_once = prepare_scenes(scenes, method, len(scenes.drive.omega), periods)
     in_chunks = lambda: motions(run_lanes(scenes, initial_states(scenes), plan, lambda _: None).last)
     return {"in chunks": in_chunks, "in one call": lambda: at_once(steps)}
 
