@@ -27,10 +27,11 @@ BASE = "import jax"
 
 
 class Case(NamedTuple):
-    """The words of a command, and its budget: warm, in times `import jax` by the clock; None where none is set."""
+    """The words of a command, and its budgets by the clock; None where none is set."""
 
     words: str
-    budget: float | None = None
+    budget: float | None = None  # warm, in times `import jax`
+    cold: float | None = None  # over the time of the other checkout
 
 
 CASES = {
@@ -38,7 +39,7 @@ CASES = {
     "scenes": Case("scenes"),
     "check": Case("check fig09_best", 2.2),
     "explain": Case("explain fig09_best", 3.0),
-    "simulate": Case("simulate fig09_best --periods 20 --force --out run.nc", 3.5),
+    "simulate": Case("simulate fig09_best --periods 20 --force --out run.nc", 3.5, cold=0.7),
     "plot": Case("plot run.nc", 2.5),
     "power": Case("power fig09_best --force --out power", 4.5),
     "sweep": Case(
@@ -48,26 +49,32 @@ CASES = {
     ),
     "diagnose": Case("diagnose fig09_best --force --out diagnose", 10.0),
 }
+FIRST = {"first": Case("sweep fig09_best --force --out first", cold=0.75)}  # the first command of README
 MORE_CASES = {
-    "gradient": Case("gradient fig10b --wrt shroud.gap,contact.gamma --force --out gradient.json"),
+    "gradient": Case("gradient fig10b --wrt shroud.gap,contact.gamma --force --out gradient.json", 8.0),
     "tune": Case(
         "tune table1 --set drive.M_0=10 --over shroud.gap=5um:200um --scan 16 --starts 2 --updates 4 --motions 0 "
-        "--map 0 --periods 16 --transient 16 --force --out tune"
+        "--map 0 --periods 16 --transient 16 --force --out tune",
+        12.0,
     ),
-    "attractors": Case("attractors fig10b --starts 16 --force --out attractors"),
-    "basins": Case("basins fig10b --num 8 --force --out basins"),
+    "attractors": Case("attractors fig10b --starts 16 --force --out attractors", 11.0),
+    "basins": Case("basins fig10b --num 8 --force --out basins", 13.0),
     "branch": Case(
         "branch fig09 --set drive.M_0=0.1 --along contact.gamma --start 0.1 --stop 4 --num 0 --most-points 20 "
-        "--force --out branch"
+        "--force --out branch",
+        14.0,
     ),
     "report": Case(
         "report fig09_best --tolerance shroud.gap=10um --at-least 35 --samples 16 --starts 8 --periods 32 "
-        "--transient 32 --force --out report.html"
+        "--transient 32 --force --out report.html",
+        40.0,
     ),
     "scatter": Case(
-        "scatter fig09_best --tolerance shroud.gap=10um --samples 16 --periods 32 --transient 32 --force --out scatter"
+        "scatter fig09_best --tolerance shroud.gap=10um --samples 16 --periods 32 --transient 32 --force --out scatter",
+        8.0,
     ),
 }
+ALL_CASES = CASES | FIRST | MORE_CASES
 
 
 class Checkout(NamedTuple):
@@ -78,7 +85,7 @@ class Checkout(NamedTuple):
 
     def seconds(self, name: str, cold: bool) -> tuple[float, float]:
         """Elapsed time and processor time [s] of a command, or of `import jax`."""
-        code = ["-c", BASE] if name == BASE else ["-m", "jaxshroud", *(CASES | MORE_CASES)[name].words.split()]
+        code = ["-c", BASE] if name == BASE else ["-m", "jaxshroud", *ALL_CASES[name].words.split()]
         with tempfile.TemporaryDirectory() as empty:
             kept = {key: value for key, value in os.environ.items() if key not in HIDDEN}
             places = {"PYTHONPATH": str(self.source), "XDG_CACHE_HOME": empty if cold else str(self.folder / "cache")}
@@ -117,15 +124,21 @@ def measured(names: list[str], rounds: int, cold: bool, sources: dict[str, Path]
 def print_measured(found: dict[str, dict], cold: bool) -> None:
     """A line for each command: times, ratios to `import jax`, its budget, and ratios to the other checkout."""
     here, other = found["here"], found.get("against")
-    heads = ("elapsed", "processor", f"/ {BASE}", "budget", *(("/ other's", "processor") if other else ()))
+    heads = ("elapsed", "processor", f"/ {BASE}", *(("/ other's", "processor") if other else ()), "budget")
     print(f"{'':<12}" + "".join(f"{head:>14}" for head in heads))
     for name, times in here.items():
-        case = (CASES | MORE_CASES).get(name, Case(""))
-        ratio = times["elapsed"] / here[BASE]["elapsed"]
-        budget = "" if cold or case.budget is None else f"{case.budget:.1f}{'' if ratio <= case.budget else ' (over)'}"
-        cells = [f"{times['elapsed']:.2f}", f"{times['processor']:.2f}", f"{ratio:.2f}", budget]
-        cells += [f"{times[kind] / other[name][kind]:.2f}" for kind in ("elapsed", "processor")] if other else []
+        case, ratios = ALL_CASES.get(name, Case("")), [times["elapsed"] / here[BASE]["elapsed"]]
+        ratios += [times[kind] / other[name][kind] for kind in times] if other else []
+        cells = [*(f"{value:.2f}" for value in (*times.values(), *ratios)), budget_text(case, cold, ratios)]
         print(f"{name:<12}" + "".join(f"{cell:>14}" for cell in cells))
+
+
+def budget_text(case: Case, cold: bool, ratios: list[float]) -> str:
+    """The budget of a case, and whether it is exceeded by its ratios: to `import jax`, and to the other checkout."""
+    budget, held_against = (case.cold, ratios[1:]) if cold else (case.budget, ratios)
+    if budget is None or not held_against:
+        return ""
+    return f"{budget:g}{'' if held_against[0] <= budget else ' (over)'}"
 
 
 def main(words: list[str] | None = None, results: Path = RESULTS) -> None:
@@ -137,7 +150,7 @@ def main(words: list[str] | None = None, results: Path = RESULTS) -> None:
     parser.add_argument("--cold", action="store_true", help="an empty cache for every process")
     parser.add_argument("--against", type=Path, metavar="CHECKOUT", help="another checkout, run in turn with this one")
     options = parser.parse_args(words)
-    names = options.names or [*CASES, *(MORE_CASES if options.all else ())]
+    names = options.names or [*CASES, *(FIRST if options.cold else ()), *(MORE_CASES if options.all else ())]
     sources = {"here": HERE} | ({"against": options.against.resolve()} if options.against else {})
     found = measured([BASE, *names], options.rounds, options.cold, sources)
     print_measured(found, options.cold)

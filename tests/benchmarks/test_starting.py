@@ -28,3 +28,12 @@ def test_a_command_that_fails_gives_no_figures(tmp_path):
     (tmp_path / "jaxshroud.py").write_text("raise SystemExit('broken')")
     with pytest.raises(RuntimeError, match=r"scenes of .* ended with 1: broken"):
         start.main(["--rounds", "1", "--against", str(tmp_path), "scenes"], tmp_path / "a")
+
+
+def test_a_budget_is_held_against_the_ratio_that_it_is_of():
+    case = start.Case("", 3.0, cold=0.7)
+    assert start.budget_text(case, False, [2.9]) == "3"
+    assert start.budget_text(case, False, [3.1, 0.5]) == "3 (over)"
+    assert start.budget_text(case, True, [9.0, 0.6]) == "0.7"
+    assert start.budget_text(case, True, [9.0, 0.8]) == "0.7 (over)"
+    assert start.budget_text(case, True, [9.0]) == start.budget_text(start.Case(""), False, [9.0]) == ""
