@@ -104,6 +104,12 @@ def test_a_run_is_written_without_what_it_does_not_use(tmp_path):
     assert not packages & {"matplotlib", "diffrax", "optax", "scipy.stats", "scipy.linalg", *LEFT_OUT}
 
 
+@pytest.mark.parametrize("verb", ["tune", "report", "scatter"])
+def test_what_draws_random_numbers_is_not_imported_before_it_draws(verb):
+    code = f"import sys, jaxshroud; jaxshroud.{verb}; print(*sys.modules)"
+    assert not {"scipy.stats", "dask", "pint"} & set(started(code).split())
+
+
 @pytest.mark.parametrize("words", ["check table1", "explain table1"])
 def test_what_computes_no_motion_imports_nothing_that_writes(words):
     status, packages = imported(*words.split())
