@@ -29,7 +29,7 @@ def packages_left_out() -> Iterator[None]:
         yield
     finally:
         for name in missing:
-            del sys.modules[name]
+            sys.modules.pop(name, None)
 
 
 def _is_left_out() -> bool:
