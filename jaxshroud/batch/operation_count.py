@@ -1,7 +1,8 @@
 """The number of operations in one trial step of a lane, counted in its program."""
 
 from collections.abc import Iterator
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,16 +25,24 @@ NO_OPERATION = {
 }
 
 
-def operations(scene: Scene, method: Choices) -> int:
-    """The arithmetic, comparisons and selections in one trial step of one lane, as XLA receives them."""
-    lanes, fixed = first_trial(scene, method)
+class TrialSize(NamedTuple):
+    """The size of one trial step of one lane."""
+
+    numbers: int  # that a lane carries through the march
+    operations: int  # arithmetic, comparisons and selections, as XLA receives them
+
+
+def trial_size(scene: Scene, method: Choices) -> TrialSize:
+    """The size of a trial step; nothing is computed."""
+    lanes, fixed = _shapes_of_trial(scene, method)
     traced = jax.make_jaxpr(lambda lanes, fixed: advance(lanes, fixed, method, vmapped))(lanes, fixed)
-    return sum(_counted(traced.jaxpr))
+    return TrialSize(len(jax.tree.leaves(lanes)), sum(_counted(traced.jaxpr)))
 
 
 def lowered_operations(scene: Scene, method: Choices) -> float:
-    """The same number from XLA's own cost analysis: a check."""
-    lowered = jax.jit(lambda lanes, fixed: advance(lanes, fixed, method, vmapped)).lower(*first_trial(scene, method))
+    """The number of operations from XLA's own cost analysis: a check."""
+    trial = jax.jit(lambda lanes, fixed: advance(lanes, fixed, method, vmapped))
+    lowered = trial.lower(*_shapes_of_trial(scene, method))
     analysis: Any = lowered.cost_analysis()
     return float(analysis["flops"] + analysis.get("transcendentals", 0.0))
 
@@ -52,7 +61,12 @@ def _counted(jaxpr: Any) -> Iterator[int]:
             yield 1
 
 
-def first_trial(scene: Scene, method: Choices) -> tuple[Lane, Fixed]:
+def _shapes_of_trial(scene: Scene, method: Choices) -> tuple[Any, Any]:
+    """The shapes of the arguments of a trial step."""
+    return jax.eval_shape(partial(_first_trial, method=method), scene)
+
+
+def _first_trial(scene: Scene, method: Choices) -> tuple[Lane, Fixed]:
     """The arguments of the first trial step: the lane at its start (leading axis of one), and its constants."""
     scenes, states, period = one_lane((scene, initial_state(scene.initial), scene.drive.period))
     stop = jnp.ones((1,), jnp.int32)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.closed_form import free_runs
+from jaxshroud.batch.input_status import is_traced
 from jaxshroud.batch.periods import (
     LANES_PER_CALL,
     PERIODS_PER_CALL,
@@ -29,7 +30,7 @@ from jaxshroud.march.tableau import Tableau, TaylorOptions
 from jaxshroud.march.tally import Counters
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import State, initial_state
+from jaxshroud.model.prepared import State
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
@@ -38,8 +39,10 @@ Progress = Callable[[int, int], None]  # called with the lane-periods done so fa
 
 
 def initial_states(scenes: Scene) -> State:
-    """The initial state of each scene."""
-    return jax.vmap(lambda scene: initial_state(scene.initial))(scenes)
+    """The initial state of each scene (leading axis), which lets nothing be compiled."""
+    like = jnp if is_traced(scenes) else np
+    motion, nothing = scenes.initial, like.zeros_like(scenes.drive.omega, np.int32)
+    return State(motion, like.zeros_like(scenes.drive.omega, motion.x.dtype), nothing, nothing)
 
 
 @dataclass(frozen=True)
@@ -176,7 +179,7 @@ def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, tick: Tick) -
         lanes = select_lanes(arrived, lanes, led_in)
     lanes, _ = _run_blocks(scenes, lanes, plan.transient, plan, tick, keep=False)
     # long sums lose digits in float32
-    lanes = eqx.tree_at(_mode_times, lanes, jax.tree.map(jnp.zeros_like, _mode_times(lanes)))
+    lanes = eqx.tree_at(_mode_times, lanes, jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), _mode_times(lanes)))
     before = lanes.tally
     lanes, samples = _run_blocks(scenes, lanes, plan.kept, plan, tick, keep=True)
     return jax.tree.map(np.asarray, Runs(samples, before, lanes))

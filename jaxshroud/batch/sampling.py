@@ -114,7 +114,7 @@ def march_by_trials(
     The steps must end trials, as with a stepper without dense output.
     """
     clock, left, done, samples, events = grid.clock(scenes), np.int32(grid.samples * grid.every), 0, [], []
-    while left and int(lanes.status[0]) == Status.OK:
+    while left and int(np.asarray(lanes.status)[0]) == Status.OK:
         (lanes, remaining), trials = _event_trials(scenes, lanes, clock, left, method, best_mapping())
         trials = jax.tree.map(lambda a: np.moveaxis(np.asarray(a), 0, 1), trials)
         arrived, fired = trials.arrived[0], np.repeat(trials.fired[0], 2)

@@ -74,7 +74,8 @@ def in_scene_precision(state: State, scene: Scene) -> State:
 
 def to_vector(state: State) -> np.ndarray:
     """States (motions as arrays (..., 2) or as pairs) as rows (..., 13)."""
-    pairs = [a if isinstance(a, tuple) else (a[..., 0], a[..., 1]) for a in state.motion]
+    halves = lambda a: (np.asarray(a)[..., 0], np.asarray(a)[..., 1])
+    pairs = [a if isinstance(a, tuple) else halves(a) for a in state.motion]
     return np.stack([np.asarray(a) for pair in pairs for a in pair] + [np.asarray(state.u_s)], axis=-1)
 
 

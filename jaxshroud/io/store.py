@@ -12,6 +12,7 @@ import numpy as np
 from jaxshroud.batch.size_limits import check_memory
 from jaxshroud.io.block_records import DESCRIPTION_FILE, read_store_record, store_damage
 from jaxshroud.io.files import write
+from jaxshroud.io.left_out import packages_left_out
 from jaxshroud.scene.checks import StoreError
 
 if TYPE_CHECKING:
@@ -104,7 +105,9 @@ def _checked_texts(ds: "xr.Dataset") -> "xr.Dataset":
 
 def write_dataset(ds: "xr.Dataset", path: Path) -> None:
     """Write a dataset, completely or not at all; in memory first, as HDF5 does not survive a full disk."""
-    write(path, ds.to_netcdf(engine="h5netcdf"))
+    with packages_left_out():
+        content = ds.to_netcdf(engine="h5netcdf")
+    write(path, content)
 
 
 def write_json(data: Mapping[str, object], path: Path) -> None:

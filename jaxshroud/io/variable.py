@@ -212,7 +212,7 @@ def jax_lane_arrays(tree: Tree, lane: tuple[int, ...]) -> Tree:
     import jax
     import jax.numpy as jnp
 
-    return jax.tree.map(jnp.asarray, lane_arrays(tree, lane))
+    return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)), lane_arrays(tree, lane))
 
 
 def lanes_in_words(lanes: np.ndarray, failed: int) -> str:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 
@@ -87,7 +88,8 @@ def blended(share: Any, yes: Any, no: Any) -> Any:
 
 def filled(tree: Any, like: Any) -> Any:
     """The `tree` with zeros in place of absent numbers, of the shape and type of `like`."""
-    return jax.tree.map(lambda a: jnp.zeros_like(like) if is_absent(a) else a, tree, is_leaf=is_absent)
+    zeros = np.zeros_like if isinstance(like, np.ndarray) else jnp.zeros_like
+    return jax.tree.map(lambda a: zeros(like) if is_absent(a) else a, tree, is_leaf=is_absent)
 
 
 ANGLE_RANGE = math.pi / 4  # [rad]

@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.runs import Plan, Tick
@@ -98,7 +97,7 @@ def mean_exponents(rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def energy_units(scene: Scene) -> np.ndarray:
     """Displacements, rates and a slider position (..., 13) of equal energy, in which tangents hardly oscillate."""
     b = scene.blades
-    soft = [1 / jnp.sqrt(a) for a in (b.k_x, b.k_y, b.k_T, b.m, b.inertia_y, b.I)]
+    soft = [1 / np.sqrt(np.asarray(a)) for a in (b.k_x, b.k_y, b.k_T, b.m, b.inertia_y, b.I)]
     return np.concatenate([np.asarray(a, float) for a in (*soft, soft[0][..., :1])], axis=-1)
 
 

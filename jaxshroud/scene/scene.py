@@ -24,16 +24,25 @@ def per_blade(value: Any) -> Any:
     if not are_numbers(value):
         return value  # refused later, with its name
     if isinstance(value, int | float):
-        return jnp.asarray(np.full(2, value), dtype=float)  # by NumPy, so that nothing is compiled
+        return _from_numpy(np.full(2, value, float))
     if isinstance(value, tuple | list):
-        return jnp.stack([jnp.asarray(v, dtype=float) for v in value], axis=-1) if value else np.zeros(0)
+        if all(isinstance(v, int | float) for v in value):
+            return _from_numpy(np.array(value, float))
+        return jnp.stack([jnp.asarray(v, dtype=float) for v in value], axis=-1)
     value = jnp.asarray(value, dtype=float)
     return jnp.broadcast_to(value, (2,)) if value.ndim == 0 else value
 
 
 def scalar(value: Any) -> Any:
     """The `value` as a float array, so that changing it never recompiles."""
-    return jnp.asarray(value, dtype=float) if are_numbers(value) else value
+    if not are_numbers(value):
+        return value
+    return _from_numpy(np.array(value, float)) if isinstance(value, int | float) else jnp.asarray(value, dtype=float)
+
+
+def _from_numpy(value: np.ndarray) -> Array:
+    """The JAX array of plain numbers that come by NumPy, so that nothing is compiled."""
+    return jnp.asarray(value, dtype=float)
 
 
 def _motion_per_blade(motion: Any) -> Any:

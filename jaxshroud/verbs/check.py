@@ -9,8 +9,9 @@ import numpy as np
 
 from jaxshroud.march.stability import steps_for, stiffest
 from jaxshroud.march.tableau import RK4
+from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import gyration
-from jaxshroud.model.linear import steady_amplitudes
+from jaxshroud.model.linear import Amplitudes, steady_amplitudes
 from jaxshroud.motion.averages import half_diagonal
 from jaxshroud.results.base import PlainResult
 from jaxshroud.scene.file import SceneFile
@@ -77,15 +78,14 @@ def check(scene: Scene | SceneFile) -> DataSheet:
     scene = one_scene("check", scene)
     arrays = jax.tree.map(np.asarray, scene)
     b, d, s = arrays.blades, arrays.drive, arrays.shroud
-    free = jax.tree.map(np.asarray, steady_amplitudes(scene))
+    free, k, gyration_of_block, lever = jax.tree.map(np.asarray, _free_blades(scene))
     loads = {"x": d.F_0 * np.cos(d.beta), "y": d.F_0 * np.sin(d.beta), "theta": d.M_0}
     oscillators = {"x": (b.m, b.c_x, b.k_x), "y": (b.inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}
     coordinates = {
         name: _coordinate(*oscillators[name], np.abs(loads[name]), np.abs(getattr(free, name)))
         for name in scene.parts.motion
     }
-    block = b.m * float(gyration(scene.shroud))
-    corner = float(half_diagonal(scene.shroud)) * np.abs(free.theta)
+    corner = lever * np.abs(free.theta)
     towards = (free.x[0] - free.x[1]) * np.sin(s.alpha) - (free.y[0] - free.y[1]) * np.cos(s.alpha)
     sheet = DataSheet(
         coordinates=coordinates,
@@ -93,13 +93,19 @@ def check(scene: Scene | SceneFile) -> DataSheet:
         gap=float(s.gap),
         approach=float(abs(towards) / np.sin(s.alpha)),
         corner=_float_pair(corner),
-        inertia=_float_pair(b.I / block),
-        gamma=float(scene.k / b.k_x[0]),
+        inertia=_float_pair(b.I / (b.m * gyration_of_block)),
+        gamma=float(k / b.k_x[0]),
         omega_max=stiffest(scene, 0)[0],
         steps=steps_for(scene, 0, "auto", RK4),
         doubts=(),
     )
     return replace(sheet, doubts=tuple(_sheet_doubts(sheet, scene)))
+
+
+@jax.jit
+def _free_blades(scene: Scene) -> tuple[Amplitudes, Scalar, Scalar, Scalar]:
+    """The amplitudes of the free blades, the contact's stiffness, a block's gyration and half its diagonal."""
+    return steady_amplitudes(scene), scene.k, gyration(scene.shroud), half_diagonal(scene.shroud)
 
 
 def _coordinate(m: np.ndarray, c: np.ndarray, k: np.ndarray, load: np.ndarray, amplitude: np.ndarray) -> Coordinate:

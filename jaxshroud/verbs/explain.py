@@ -6,16 +6,17 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from jaxshroud.batch.operation_count import first_trial, operations
+from jaxshroud.batch.operation_count import TrialSize, trial_size
 from jaxshroud.march.events import EventKind, model_events
-from jaxshroud.march.method import FAST, Method, choices
-from jaxshroud.march.stability import largest_frequency, step_limits, steps_for
-from jaxshroud.model.linear import steady_amplitudes
+from jaxshroud.march.method import FAST, Choices, Method, choices
+from jaxshroud.march.stability import step_limits, steps_for, stiffest
+from jaxshroud.model.arithmetic import Scalar
+from jaxshroud.model.linear import Amplitudes, steady_amplitudes
 from jaxshroud.model.prepared import prepared_model
 from jaxshroud.results.base import PlainResult
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.parts import MOTIONS, Parts
-from jaxshroud.scene.scene import Scene, with_parts
+from jaxshroud.scene.scene import Scene, Shroud, with_parts
 from jaxshroud.scene.typed import typed
 from jaxshroud.verbs.lanes import one_scene
 
@@ -59,21 +60,28 @@ def explain(scene: Scene | SceneFile, method: Method | None = None) -> Explanati
     """
     scene, method_choices = one_scene("explain", scene), FAST if method is None else choices(method)
     closed = scene.parts.contact == "none"
-    full = with_parts(scene, Parts())
-    lane = first_trial(scene, method_choices)[0]
-    omega_max, period = float(largest_frequency(scene)), float(scene.drive.period)
+    size, full_size = _trial_sizes(scene, method_choices)
+    omega_max, period = stiffest(scene, 0)
     limits = dict(zip(("stable", "accurate"), step_limits(method_choices.tableau), strict=True))
     steps = {name: int(np.ceil(omega_max * period / limit)) for name, limit in limits.items() if limit < np.inf}
     return Explanation(
         parts=scene.parts,
-        numbers=0 if closed else len(jax.tree.leaves(lane)),
-        events=tuple(EVENTS[kind] for kind in model_events(prepared_model(scene))),
-        operations=0 if closed else operations(scene, method_choices),
-        full_operations=operations(full, method_choices),
+        numbers=size.numbers,
+        events=tuple(EVENTS[kind] for kind in model_events(jax.eval_shape(prepared_model, scene))),
+        operations=size.operations,
+        full_operations=full_size.operations,
         omega_max=omega_max,
         steps={} if closed else steps | {"auto": steps_for(scene, 0, "auto", method_choices.tableau)},
         advice=tuple(_advice(scene)),
     )
+
+
+def _trial_sizes(scene: Scene, method: Choices) -> tuple[TrialSize, TrialSize]:
+    """The sizes of a trial step of the scene, 0 in closed form, and of the full model."""
+    full = trial_size(with_parts(scene, Parts()), method)
+    if scene.parts.contact == "none":
+        return TrialSize(0, 0), full
+    return full if scene.parts == Parts() else trial_size(scene, method), full
 
 
 def _advice(scene: Scene) -> Iterator[str]:
@@ -82,17 +90,23 @@ def _advice(scene: Scene) -> Iterator[str]:
     touches = parts.contact == "spring"
     if touches and parts.friction == "bilinear" and (float(friction.mu) == 0 or float(friction.k_d) == 0):
         yield 'mu or k_d is 0: [parts] friction = "none" gives the same motion for less'
-    if touches and float(scene.k) == 0:
+    free, k = jax.tree.map(np.asarray, _free_motion(scene))
+    if touches and k == 0:
         yield 'the contact has no stiffness: [parts] contact = "none" gives the motion in closed form'
-    if parts.contact != "none" and _never_touches(scene):
+    if parts.contact != "none" and _never_touches(free, scene.shroud):
         yield 'the gap exceeds the steady free motion: after transients, [parts] contact = "none" may be all it takes'
-    if parts.motion == MOTIONS[2] and not np.any(scene.drive.M_0) and touches:
+    if parts.motion == MOTIONS[2] and not np.any(np.asarray(scene.drive.M_0)) and touches:
         yield 'M_0 is 0: the blocks are turned by contact only; compare with [parts] motion = ["x", "y"]'
 
 
-def _never_touches(scene: Scene) -> bool:
+@jax.jit
+def _free_motion(scene: Scene) -> tuple[Amplitudes, Scalar]:
+    """The amplitudes of the free blades, and the stiffness of the contact [N/m]."""
+    return steady_amplitudes(scene), scene.k
+
+
+def _never_touches(free: Amplitudes, s: Shroud) -> bool:
     """Whether the corners stay apart in steady free motion, by the sum of all amplitudes."""
-    free, s = steady_amplitudes(scene), scene.shroud
     x, y, theta = (float(np.sum(np.abs(a))) for a in free)
     sine = float(np.sin(s.alpha))
     return float(s.gap) * sine > x + y + theta * float(np.hypot(s.l_oa, s.l_ab))

@@ -78,7 +78,7 @@ class ResolvedOptions(NamedTuple):
             raise InputError(f"Argument `state` has leading axes {shape}, but the scenes have {self.shape}.")
         flat = flatten_lanes(precise, len(shape))
         lanes_per_state = len(lanes.drive.omega) // max(len(flat.u_s), 1)
-        return jax.tree.map(lambda a: np.repeat(a, lanes_per_state, axis=0), flat)
+        return jax.tree.map(lambda a: np.repeat(np.asarray(a), lanes_per_state, axis=0), flat)
 
     def provenance(self, transient: int, steps: int) -> tuple[dict[str, str], dict[str, LaneVariable]]:
         """The attributes that say which scene a result is of, and the numbers in which its scenes differ."""
@@ -295,7 +295,8 @@ def names_of(shape: tuple[int, ...], dims: Sequence[str] | None) -> tuple[str, .
 
 def flatten_lanes(tree: Tree, axes: int) -> Tree:
     """A tree of arrays with its leading axes joined into one, or with a new one where it has none."""
-    return jax.tree.map(lambda a: jnp.asarray(a).reshape(-1, *np.shape(a)[axes:]), tree)
+    reshaped = lambda a: np.reshape(np.asarray(a), (-1, *np.shape(a)[axes:]))  # by NumPy: nothing is compiled
+    return jax.tree.map(lambda a: jnp.asarray(reshaped(a)), tree)
 
 
 def in_shape(values: Any, shape: tuple[int, ...]) -> Any:

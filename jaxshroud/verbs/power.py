@@ -15,10 +15,10 @@ from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.states import final_states
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import FAST_WITH_LEDGER, Method
-from jaxshroud.model.linear import area, power_reduction
+from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.averages import Reduction, averages, relative_residual
+from jaxshroud.motion.averages import Reduction, averages, closed_forms, relative_residual
 from jaxshroud.motion.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
 from jaxshroud.motion.short_runs import end_states
 from jaxshroud.motion.statistics import confidence_interval
@@ -71,7 +71,7 @@ def _summaries(
     """The summaries of lanes (leading axis) after their latest periods; `was`: converged in the previous test."""
     joined = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
     orbit, reduction, P_0 = averages(scenes, joined, period_tol)
-    A = np.asarray(jax.vmap(area)(scenes.shroud), float)
+    A = closed_forms(scenes)[0].astype(float)
     series = power_reduction(A[:, None] * joined.power[0], P_0[:, :1])
     residual = np.full(len(A), np.nan) if joined.residual is None else relative_residual(joined)
     summaries = []

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
-from scipy.stats import qmc
 
 from jaxshroud.motion.gradient import with_numbers
 from jaxshroud.results.attractors import share_interval
@@ -133,6 +132,8 @@ def scattering_of(scatters: Mapping[str, Spread], draws: int, seed: int) -> Scat
     widths = half_widths(scatters)
     if not widths:
         return None
+    from scipy.stats import qmc
+
     sobol = qmc.Sobol(len(widths), rng=np.random.default_rng([seed, 1]))
     places = 2 * sobol.random_base2((draws - 1).bit_length()) - 1
     sizes, relative = (np.array(column) for column in zip(*widths.values(), strict=True))

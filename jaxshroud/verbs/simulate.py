@@ -156,7 +156,7 @@ class _EnergyCheck(NamedTuple):
 def _energy_check(scenes: Scene, marched: Trajectories) -> _EnergyCheck:
     """The energy balance and the status of marched lanes (leading axis)."""
     last, (before, after) = marched.last, marched.energies
-    tally, missing = jax.tree.map(jnp.asarray, last.tally), np.full(len(before), np.nan)
+    tally, missing = last.tally, np.full(len(before), np.nan)
     with np.errstate(invalid="ignore"):  # of energies that overflowed
         gained = after - before
     finite = np.isfinite(sum(np.asarray(a, float) for a in jax.tree.leaves((tally.integrals, gained))))
@@ -164,9 +164,9 @@ def _energy_check(scenes: Scene, marched: Trajectories) -> _EnergyCheck:
     gain, jumps = tally.integrals.ledger, tally.jumps
     if gain is None or jumps is None:
         return _EnergyCheck(missing, missing, status)
-    residual = np.asarray(energy_residual(gain, jumps, jnp.asarray(gained)))
+    residual = np.asarray(energy_residual(*jax.tree.map(jnp.asarray, (gain, jumps, gained))))
     if scenes.laws is not None:
-        astray = is_unbalanced(jnp.asarray(residual), gain.gross, jnp.asarray(before), jnp.asarray(after))
+        astray = is_unbalanced(*map(jnp.asarray, (residual, gain.gross, before, after)))
         status = np.where((status == Status.OK) & np.asarray(astray), Status.UNBALANCED, status)
     dropped = np.asarray(filled(jumps.dropped, gain.gross)) / np.where(gain.gross > 0, gain.gross, 1.0)
     return _EnergyCheck(residual / np.where(gain.drive == 0, 1.0, np.abs(gain.drive)), dropped, status)

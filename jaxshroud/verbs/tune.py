@@ -7,7 +7,6 @@ import json
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.stats import qmc
 
 from jaxshroud.batch.runs import Plan, Progress, Ticker
 from jaxshroud.batch.size_limits import check_size
@@ -157,6 +156,8 @@ def _search(
     problem: Problem, counts: tuple[int, int, int], seed: int, robust_request: RobustnessRequest | None, ticker: Ticker
 ) -> Tuned:
     """Scan, climb, sample around the best design, and simulate the winner again."""
+    from scipy.stats import qmc
+
     (scan, n_starts, updates), size = counts, len(problem.over)
     cube = qmc.Sobol(size, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(scan))))[:scan]
     scanned = judge_designs(problem, problem.values(cube), ticker)

@@ -96,8 +96,13 @@ def prepare(
     p: Problem, method: Choices, chunk: int = LANES_PER_CALL, periods: int = PERIODS
 ) -> Callable[[int], np.ndarray]:
     """A function of the steps per period that gives the final motions."""
-    scenes = in_precision(scenes_of(p), method.precision)
-    pieces = [jax.tree.map(lambda a, i=i: a[i : i + chunk], scenes) for i in range(0, len(p.gamma), chunk)]
+    return prepare_scenes(scenes_of(p), method, chunk, periods)
+
+
+def prepare_scenes(scenes: Scene, method: Choices, chunk: int, periods: int) -> Callable[[int], np.ndarray]:
+    """The same for scenes (leading axis)."""
+    scenes = in_precision(scenes, method.precision)
+    pieces = [jax.tree.map(lambda a, i=i: a[i : i + chunk], scenes) for i in range(0, len(scenes.drive.omega), chunk)]
     begun = [begin_lanes(piece, initial_states(piece), method) for piece in pieces]
 
     def march(steps: int) -> np.ndarray:

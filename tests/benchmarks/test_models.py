@@ -11,7 +11,7 @@ import pytest
 
 from jaxshroud import load
 from jaxshroud.batch.closed_form import free_runs
-from jaxshroud.batch.operation_count import operations
+from jaxshroud.batch.operation_count import trial_size
 from jaxshroud.batch.periods import PERIODS_PER_CALL, begin_lanes, run_block
 from jaxshroud.batch.runs import Plan, initial_states
 from jaxshroud.batch.xla import best_mapping
@@ -59,12 +59,13 @@ def test_cost_of_models():
             began = time.perf_counter()
             run()
             seconds[name].append(time.perf_counter() - began)
-    whole = operations(table1, FAST)
+    operations_of = lambda name: trial_size(model_of(table1, MODELS[name]), FAST).operations
+    whole = operations_of("full")
     rows = {
         name: {
             "ratio": float(np.median(np.divide(times, seconds["full"]))),
             "us per lane and period": float(np.median(times)) / len(GAMMA) / PERIODS * 1e6,
-            "operations": None if name == "closed form" else operations(model_of(table1, MODELS[name]), FAST) / whole,
+            "operations": None if name == "closed form" else operations_of(name) / whole,
         }
         for name, times in seconds.items()
     }

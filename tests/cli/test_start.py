@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+LEFT_OUT = {"dask", "distributed", "pint", "cftime"}  # that xarray would look for
 HEAVY = {"jax", "numpy", "pydantic", "matplotlib", "pandas", "xarray", "rich", "scipy", "pint"}
 # The console script; then its exit status and all that it has imported.
 COMMAND = """
@@ -70,7 +71,7 @@ def test_a_stored_run_is_drawn_without_jax(stored):
     assert status == 0
     assert stored.with_suffix(".png").stat().st_size > 10_000
     assert {"xarray", "matplotlib"} <= packages
-    assert not packages & {"jax", "jaxlib", "equinox", "diffrax", "pydantic", "matplotlib.pyplot", "rich"}
+    assert not packages & {"jax", "jaxlib", "equinox", "diffrax", "pydantic", "matplotlib.pyplot", "rich", *LEFT_OUT}
 
 
 def test_a_stored_convergence_is_drawn_without_jax(tmp_path):
@@ -90,6 +91,63 @@ def test_a_simulation_imports_what_it_needs():
     assert status == 2
     assert "jax" in packages
     assert not packages & {"matplotlib", "diffrax", "optax", "scipy.stats", "pint"}
+
+
+FREE = ["simulate", "table1", "--set", 'parts.motion=["x"]', "--set", 'parts.contact="none"', "--periods", "1"]
+
+
+def test_a_run_is_written_without_what_it_does_not_use(tmp_path):
+    status, packages = imported(*FREE, "--out", tmp_path / "run.nc")
+    assert status == 0
+    assert xr.load_dataset(tmp_path / "run.nc").sizes["time"] > 1
+    assert "xarray" in packages
+    assert not packages & {"matplotlib", "diffrax", "optax", "scipy.stats", "scipy.linalg", *LEFT_OUT}
+
+
+@pytest.mark.parametrize("verb", ["tune", "report", "scatter"])
+def test_what_draws_random_numbers_is_not_imported_before_it_draws(verb):
+    code = f"import sys, jaxshroud; jaxshroud.{verb}; print(*sys.modules)"
+    assert not {"scipy.stats", "dask", "pint"} & set(started(code).split())
+
+
+@pytest.mark.parametrize("words", ["check table1", "explain table1"])
+def test_what_computes_no_motion_imports_nothing_that_writes(words):
+    status, packages = imported(*words.split())
+    assert status == 0
+    assert not packages & {"xarray", "pandas", "h5py", "matplotlib", "diffrax", "scipy", *LEFT_OUT}
+
+
+AFTER_A_COMMAND = """
+import sys
+from jaxshroud_command import main
+assert main() == 0
+import dask.array, distributed, pint
+assert dask.array.ones(3).sum().compute() == 3
+from jaxshroud.scene.units import to_si
+print(to_si("m", "1 inch"))
+"""
+
+
+def test_what_a_command_leaves_out_can_still_be_imported(tmp_path):
+    assert started(AFTER_A_COMMAND, *FREE, "--out", tmp_path / "run.nc").splitlines()[-1] == "0.0254"
+
+
+IN_A_NOTEBOOK = """
+import numpy as np
+import xarray as xr
+import jaxshroud as js
+from jaxshroud.io.store import read, write_dataset
+data = xr.Dataset({"a": ("x", np.ones(4))}).chunk({"x": 2})
+from pathlib import Path
+write_dataset(data, Path("data.nc"))
+assert data["a"].chunks == ((2, 2),)
+print(float(read("data.nc")["a"].sum()))
+"""
+
+
+def test_a_notebook_keeps_dask(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert started(IN_A_NOTEBOOK).strip() == "4.0"
 
 
 def test_the_package_is_imported_without_jax():
