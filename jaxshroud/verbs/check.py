@@ -13,6 +13,7 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import Amplitudes, steady_amplitudes
 from jaxshroud.motion.averages import half_diagonal
+from jaxshroud.programs.kept import kept
 from jaxshroud.results.base import PlainResult
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
@@ -102,7 +103,7 @@ def check(scene: Scene | SceneFile) -> DataSheet:
     return replace(sheet, doubts=tuple(_sheet_doubts(sheet, scene)))
 
 
-@jax.jit
+@kept()
 def _free_blades(scene: Scene) -> tuple[Amplitudes, Scalar, Scalar, Scalar]:
     """The amplitudes of the free blades, the contact's stiffness, a block's gyration and half its diagonal."""
     return steady_amplitudes(scene), scene.k, gyration(scene.shroud), half_diagonal(scene.shroud)

@@ -13,6 +13,7 @@ from jaxshroud.march.stability import step_limits, steps_for, stiffest
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.linear import Amplitudes, steady_amplitudes
 from jaxshroud.model.prepared import prepared_model
+from jaxshroud.programs.kept import kept
 from jaxshroud.results.base import PlainResult
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.parts import MOTIONS, Parts
@@ -99,7 +100,7 @@ def _advice(scene: Scene) -> Iterator[str]:
         yield 'M_0 is 0: the blocks are turned by contact only; compare with [parts] motion = ["x", "y"]'
 
 
-@jax.jit
+@kept()
 def _free_motion(scene: Scene) -> tuple[Amplitudes, Scalar]:
     """The amplitudes of the free blades, and the stiffness of the contact [N/m]."""
     return steady_amplitudes(scene), scene.k
