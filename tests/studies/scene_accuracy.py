@@ -1,0 +1,210 @@
+"""What became of P_d and period numbers as shipped scenes came to say an accuracy instead of 400 steps?
+
+    python tests/studies/scene_accuracy.py
+
+Every shipped scene that says an accuracy, over its own sweep or alone, from rest, with its own transient and periods:
+"before" by RK4 at 400 steps, "after" by the method that the accuracy chooses for all of its lanes. Two runs of a lane
+agree where their period numbers do and their P_d differ by at most 0.02 percentage points or 1.5 times the interval of
+the difference (of 95 % intervals, 0.3 % are further apart by chance). Lanes that change are those that do not agree.
+
+Which is right is judged by Dormand-Prince 8 with cubic location, a method of another kind than either:
+
+- where one of them is periodic, at 6,400 steps over the same span, twice: with the forces of the scene, and with forces
+  larger by 2^-50. Where these two agree, they say what is reached from rest, and a run is right that agrees with them.
+  Where they do not, that is decided by roundings, and no run is right or wrong ("roundings");
+- where neither is, by a statistic: P_d of 2,000 periods at 200 steps, and its interval.
+
+Of these lanes it is also told how many of the motions before and after are motions of the scene: Dormand-Prince 8 at
+400 steps goes on from their ends, drops 32 periods, and its next 64 agree. Then motions coexist, and the start from
+rest leads to either; else a run shows what is not there.
+"""
+
+import json
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+
+jax.config.update("jax_enable_x64", True)
+
+import jaxshroud as js  # noqa: E402
+from jaxshroud.batch.runs import Plan, initial_states, run_lanes  # noqa: E402
+from jaxshroud.batch.states import final_states  # noqa: E402
+from jaxshroud.march.method import Method, choices  # noqa: E402
+from jaxshroud.model.prepared import State  # noqa: E402
+from jaxshroud.motion.averages import averages  # noqa: E402
+
+NEAR, DOUBTS, NUDGE = 0.02, 1.5, 2.0**-50
+BEFORE, FINE = js.RungeKutta(steps=400), js.RungeKutta("dopri8", steps=6400)
+LONG, GOING_ON = FINE.replace(steps=200), FINE.replace(steps=400)
+LONG_KEPT, SETTLING, CHECKED = 2000, 32, 64
+VERDICTS = ("before", "after", "both", "neither", "roundings")
+EVERY = 4  # of the lanes of sweeps that list no values
+
+
+class Found(NamedTuple):
+    """What came of lanes."""
+
+    status: np.ndarray
+    number: np.ndarray  # of drive periods; 0: aperiodic
+    P_d: np.ndarray
+    ci: np.ndarray
+    end: State
+
+    def at(self, lanes: np.ndarray) -> "Found":
+        """Some of the lanes."""
+        return jax.tree.map(lambda a: np.asarray(a)[lanes], self)
+
+
+def shipped() -> list[str]:
+    """The scenes that say an accuracy."""
+    return [name for name in js.shipped() if js.load(name).run.accuracy is not None]
+
+
+def lanes_of(file: js.SceneFile) -> js.Scene:
+    """The scenes of a file's sweep, or its own, with a leading axis."""
+    if not file.axes:
+        return js.stack_scenes([file.scene])
+    (axis,) = file.axes
+    return js.scenes_from({axis.key: axis.values}, file.scene)
+
+
+def some_of(file: js.SceneFile, every: int) -> np.ndarray:
+    """The numbers of the lanes that are looked at."""
+    count = len(file.axes[0].values) if file.axes else 1
+    return np.arange(0, count, every if count > every * 4 else 1)
+
+
+def marched(scenes: js.Scene, method: Method, transient: int, kept: int, states: State | None = None) -> Found:
+    """All lanes, from rest or from states."""
+    plan = Plan(transient, kept, method.steps, 0.0, choices(method))  # type: ignore[arg-type]  # numbers, here
+    runs = run_lanes(scenes, initial_states(scenes) if states is None else states, plan, lambda _: None)
+    orbit, power, _ = averages(scenes, runs.samples)
+    return Found(np.asarray(runs.last.status), orbit.number, power.P_d, power.ci, final_states(runs.last.state))
+
+
+def agree(a: Found, b: Found) -> np.ndarray:
+    """Whether two runs of each lane agree."""
+    near = np.abs(a.P_d - b.P_d) <= np.maximum(NEAR, DOUBTS * np.hypot(a.ci, b.ci))
+    return (a.number == b.number) & near
+
+
+def nudged(scenes: js.Scene) -> js.Scene:
+    """The same with larger forces, by a few roundings."""
+    forces = lambda s: (s.drive.F_0, s.drive.M_0)
+    return eqx.tree_at(forces, scenes, replace_fn=lambda a: np.asarray(a) * (1 + NUDGE))
+
+
+def judged(scenes: js.Scene, before: Found, after: Found, transient: int, kept: int) -> list[dict[str, Any]]:
+    """The verdict on each lane that changes, in the order of `lanes_that_change`."""
+    aperiodic = (before.number == 0) & (after.number == 0)
+    rows: list[dict[str, Any]] = [{} for _ in aperiodic]
+    for kind in (False, True):
+        at = np.flatnonzero(aperiodic == kind)
+        if len(at) == 0:
+            continue
+        some, pair = jax.tree.map(lambda a, at=at: np.asarray(a)[at], scenes), (before.at(at), after.at(at))
+        if kind:
+            told, known = marched(some, LONG, transient, LONG_KEPT), np.ones(len(at), bool)
+        else:
+            both = marched(jax.tree.map(_one_after_the_other, some, nudged(some)), FINE, transient, kept)
+            told, again = both.at(np.arange(len(at))), both.at(np.arange(len(at), 2 * len(at)))
+            known = agree(told, again)
+        right = np.stack([agree(one, told) for one in pair])
+        there = np.stack([agree(one, marched(some, GOING_ON, SETTLING, CHECKED, one.end)) for one in pair])
+        for i, lane in enumerate(at):
+            rows[lane] = {
+                "by": "statistic" if kind else "run",
+                "right": _verdict(*right[:, i]) if known[i] else "roundings",
+                "reference": _numbers(told, i),
+                "motions of the scene": dict(zip(("before", "after"), there[:, i].tolist(), strict=True)),
+            }
+    return rows
+
+
+def _one_after_the_other(a: Any, b: Any) -> np.ndarray:
+    return np.concatenate([np.asarray(a), np.asarray(b)])
+
+
+def _verdict(before: bool, after: bool) -> str:
+    return "both" if before and after else "before" if before else "after" if after else "neither"
+
+
+def _numbers(found: Found, lane: int) -> dict[str, float]:
+    values = {"P_d": round(float(found.P_d[lane]), 4), "ci": float(f"{found.ci[lane]:.2g}")}
+    return {"period number": int(found.number[lane]), **values}
+
+
+def compared(name: str, every: int = EVERY) -> dict[str, Any]:
+    """One scene before and after, with the lanes that change."""
+    file = js.load(name)
+    every_lane, numbers = lanes_of(file), some_of(file, every)
+    how = js.method_for(every_lane, file.run.accuracy)  # type: ignore[arg-type]  # is there, see `shipped`
+    scenes = jax.tree.map(lambda a: np.asarray(a)[numbers], every_lane)
+    span = file.run.transient, file.sweep_run.periods
+    (before, spent), (after, spent_after) = (_timed(scenes, method, *span) for method in (BEFORE, how))
+    ok = (before.status == 0) & (after.status == 0)
+    change = np.flatnonzero(ok & ~agree(before, after))
+    some = jax.tree.map(lambda a: np.asarray(a)[change], scenes)
+    rows = judged(some, before.at(change), after.at(change), *span) if len(change) else []
+    along = file.axes[0] if file.axes else None
+    each = [
+        {
+            **({} if along is None else {along.key: float(along.values[numbers[lane]])}),
+            "before": _numbers(before, lane),
+            "after": _numbers(after, lane),
+            **row,
+        }
+        for lane, row in zip(change, rows, strict=True)
+    ]
+    best = [int(np.nanargmax(found.P_d)) for found in (before, after)]
+    same = ok & agree(before, after) & (before.number > 0)
+    return {
+        "method": str(how),
+        "lanes": len(numbers),
+        "stopped": int((~ok).sum()),
+        "CPU seconds": [round(spent, 1), round(spent_after, 1)],
+        "periodic": [int((found.number[ok] > 0).sum()) for found in (before, after)],
+        "same orbit, P_d apart by at most": float(f"{np.abs(before.P_d - after.P_d)[same].max(initial=0.0):.2g}"),
+        "least P_d": [round(float(np.nanmin(found.P_d)), 3) for found in (before, after)],
+        "largest P_d": [round(float(found.P_d[i]), 3) for found, i in zip((before, after), best, strict=True)],
+        "mean P_d": [round(float(np.nanmean(found.P_d)), 3) for found in (before, after)],
+        "change": len(each),
+        "right": {verdict: sum(row["right"] == verdict for row in each) for verdict in VERDICTS},
+        "each": each,
+    }
+
+
+def _timed(scenes: js.Scene, method: Method, transient: int, kept: int) -> tuple[Found, float]:
+    """The lanes, and the processor time of the march with what has to be compiled."""
+    start = time.process_time()
+    return marched(scenes, method, transient, kept), time.process_time() - start
+
+
+def table(found: dict[str, dict[str, Any]]) -> str:
+    """The scenes as a table of Markdown."""
+    heads = ["scene", "lanes", "periodic", "mean P_d", "change", *VERDICTS]
+    pair = lambda a, b: f"{a}, {b}"
+    rows = [
+        [f"`{name}`", one["lanes"], pair(*one["periodic"]), pair(*one["mean P_d"]), one["change"], *one["right"].values()]
+        for name, one in found.items()
+    ]
+    return "\n".join(f"| {' | '.join(map(str, row))} |" for row in [heads, ["---"] * len(heads), *rows])
+
+
+def main() -> None:
+    """All scenes."""
+    found = {}
+    for name in shipped():
+        found[name] = compared(name)
+        print(name, json.dumps({key: value for key, value in found[name].items() if key != "each"}), flush=True)
+    out = {"command": "python tests/studies/scene_accuracy.py", "version": js.__version__, "every": EVERY, **found}
+    Path(__file__).with_suffix(".json").write_text(json.dumps(out, indent=1) + "\n", "utf-8")
+    print(table(found))
+
+
+if __name__ == "__main__":
+    main()
