@@ -9,9 +9,9 @@ the difference (of 95 % intervals, 0.3 % are further apart by chance). Lanes tha
 
 Which is right is judged by Dormand-Prince 8 with cubic location, a method of another kind than either:
 
-- where one of them is periodic, at 6,400 steps over the same span, twice: with the forces of the scene, and with forces
-  larger by 2^-50. Where these two agree, they say what is reached from rest, and a run is right that agrees with them.
-  Where they do not, that is decided by roundings, and no run is right or wrong ("roundings");
+- where one of them is periodic, at 6,400 steps over the same span. A run is right that agrees with that, if eight
+  copies do, with forces larger by 1 to 8 times 2^-50 and 400 steps. Else what is reached from rest is decided by less
+  than any run can know, and none is right or wrong ("roundings");
 - where neither is, by a statistic: P_d of 2,000 periods at 200 steps, and its interval.
 
 Of these lanes it is also told how many of the motions before and after are motions of the scene: Dormand-Prince 8 at
@@ -33,16 +33,17 @@ jax.config.update("jax_enable_x64", True)
 import jaxshroud as js  # noqa: E402
 from jaxshroud.batch.runs import Plan, initial_states, run_lanes  # noqa: E402
 from jaxshroud.batch.states import final_states  # noqa: E402
-from jaxshroud.march.method import Method, choices  # noqa: E402
+from jaxshroud.march.method import FAST, Method, choices  # noqa: E402
 from jaxshroud.model.prepared import State  # noqa: E402
 from jaxshroud.motion.averages import averages  # noqa: E402
+from jaxshroud.verbs.options import plan_march, resolve_options  # noqa: E402
 
 NEAR, DOUBTS, NUDGE = 0.02, 1.5, 2.0**-50
 BEFORE, FINE = js.RungeKutta(steps=400), js.RungeKutta("dopri8", steps=6400)
-LONG, GOING_ON = FINE.replace(steps=200), FINE.replace(steps=400)
-LONG_KEPT, SETTLING, CHECKED = 2000, 32, 64
+LONG, COARSE = FINE.replace(steps=200), FINE.replace(steps=400)
+LONG_KEPT, SETTLING, CHECKED, COPIES = 2000, 32, 64, 8
 VERDICTS = ("before", "after", "both", "neither", "roundings")
-EVERY = 4  # of the lanes of sweeps that list no values
+EVERY = 1  # of the lanes of sweeps that list no values; more for a sample
 
 
 class Found(NamedTuple):
@@ -92,10 +93,14 @@ def agree(a: Found, b: Found) -> np.ndarray:
     return (a.number == b.number) & near
 
 
-def nudged(scenes: js.Scene) -> js.Scene:
-    """The same with larger forces, by a few roundings."""
-    forces = lambda s: (s.drive.F_0, s.drive.M_0)
-    return eqx.tree_at(forces, scenes, replace_fn=lambda a: np.asarray(a) * (1 + NUDGE))
+def copies_agree(scenes: js.Scene, told: Found, transient: int, kept: int) -> np.ndarray:
+    """Whether all copies of each lane, with forces that are some roundings larger, agree with what is told of it."""
+    forces, lanes = lambda s: (s.drive.F_0, s.drive.M_0), np.tile(np.arange(len(told.number)), COPIES)
+    larger = 1 + NUDGE * np.repeat(np.arange(1, COPIES + 1), len(told.number))
+    copies = jax.tree.map(lambda a: np.asarray(a)[lanes], scenes)
+    copies = eqx.tree_at(forces, copies, replace_fn=lambda a: (a.T * larger).T)
+    same = agree(marched(copies, COARSE, transient, kept), told.at(lanes))
+    return same.reshape(COPIES, -1).all(axis=0)
 
 
 def judged(scenes: js.Scene, before: Found, after: Found, transient: int, kept: int) -> list[dict[str, Any]]:
@@ -110,11 +115,10 @@ def judged(scenes: js.Scene, before: Found, after: Found, transient: int, kept: 
         if kind:
             told, known = marched(some, LONG, transient, LONG_KEPT), np.ones(len(at), bool)
         else:
-            both = marched(jax.tree.map(_one_after_the_other, some, nudged(some)), FINE, transient, kept)
-            told, again = both.at(np.arange(len(at))), both.at(np.arange(len(at), 2 * len(at)))
-            known = agree(told, again)
+            told = marched(some, FINE, transient, kept)
+            known = copies_agree(some, told, transient, kept)
         right = np.stack([agree(one, told) for one in pair])
-        there = np.stack([agree(one, marched(some, GOING_ON, SETTLING, CHECKED, one.end)) for one in pair])
+        there = np.stack([agree(one, marched(some, COARSE, SETTLING, CHECKED, one.end)) for one in pair])
         for i, lane in enumerate(at):
             rows[lane] = {
                 "by": "statistic" if kind else "run",
@@ -123,10 +127,6 @@ def judged(scenes: js.Scene, before: Found, after: Found, transient: int, kept: 
                 "motions of the scene": dict(zip(("before", "after"), there[:, i].tolist(), strict=True)),
             }
     return rows
-
-
-def _one_after_the_other(a: Any, b: Any) -> np.ndarray:
-    return np.concatenate([np.asarray(a), np.asarray(b)])
 
 
 def _verdict(before: bool, after: bool) -> str:
@@ -142,7 +142,7 @@ def compared(name: str, every: int = EVERY) -> dict[str, Any]:
     """One scene before and after, with the lanes that change."""
     file = js.load(name)
     every_lane, numbers = lanes_of(file), some_of(file, every)
-    how = js.method_for(every_lane, file.run.accuracy)  # type: ignore[arg-type]  # is there, see `shipped`
+    how = plan_march(resolve_options(file, of_sweep=True), every_lane, FAST).as_method  # as `sweep` does
     scenes = jax.tree.map(lambda a: np.asarray(a)[numbers], every_lane)
     span = file.run.transient, file.sweep_run.periods
     (before, spent), (after, spent_after) = (_timed(scenes, method, *span) for method in (BEFORE, how))
