@@ -9,9 +9,10 @@ the difference (of 95 % intervals, 0.3 % are further apart by chance). Lanes tha
 
 Which is right is judged by Dormand-Prince 8 with cubic location, a method of another kind than either:
 
-- where one of them is periodic, at 6,400 steps over the same span. A run is right that agrees with that, if eight
-  copies do, with forces larger by 1 to 8 times 2^-50 and 400 steps. Else what is reached from rest is decided by less
-  than any run can know, and none is right or wrong ("roundings");
+- where one of them is periodic, at 6,400 steps over the same span. A run is right that agrees with that, if sixteen
+  copies do, with forces larger by 1 to 8 times 2^-50: eight by Dormand-Prince 8 at 400 steps, eight by power series to
+  1e-14, as errors of either kind may all lie on one side of a boundary. Else what is reached from rest is decided by
+  less than any run can know, and none is right or wrong ("roundings");
 - where neither is, by a statistic: P_d of 2,000 periods at 200 steps, and its interval.
 
 Of these lanes it is also told how many of the motions before and after are motions of the scene: Dormand-Prince 8 at
@@ -20,7 +21,6 @@ rest leads to either; else a run shows what is not there.
 """
 
 import json
-import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,6 +41,7 @@ from jaxshroud.verbs.options import plan_march, resolve_options  # noqa: E402
 NEAR, DOUBTS, NUDGE = 0.02, 1.5, 2.0**-50
 BEFORE, FINE = js.RungeKutta(steps=400), js.RungeKutta("dopri8", steps=6400)
 LONG, COARSE = FINE.replace(steps=200), FINE.replace(steps=400)
+SERIES = js.Taylor(order=16, tolerance=1e-14, steps=100)
 LONG_KEPT, SETTLING, CHECKED, COPIES = 2000, 32, 64, 8
 VERDICTS = ("before", "after", "both", "neither", "roundings")
 EVERY = 1  # of the lanes of sweeps that list no values; more for a sample
@@ -99,29 +100,36 @@ def copies_agree(scenes: js.Scene, told: Found, transient: int, kept: int) -> np
     larger = 1 + NUDGE * np.repeat(np.arange(1, COPIES + 1), len(told.number))
     copies = jax.tree.map(lambda a: np.asarray(a)[lanes], scenes)
     copies = eqx.tree_at(forces, copies, replace_fn=lambda a: (a.T * larger).T)
-    same = agree(marched(copies, COARSE, transient, kept), told.at(lanes))
-    return same.reshape(COPIES, -1).all(axis=0)
+    same = [agree(marched(copies, method, transient, kept), told.at(lanes)) for method in (COARSE, SERIES)]
+    return np.asarray(np.reshape(same, (2 * COPIES, -1)).all(axis=0))
+
+
+def told_by_run(scenes: js.Scene, transient: int, kept: int) -> tuple[Found, np.ndarray]:
+    """What the same span by small steps tells, and of which lanes it is known."""
+    told = marched(scenes, FINE, transient, kept)
+    return told, copies_agree(scenes, told, transient, kept)
+
+
+def told_by_statistic(scenes: js.Scene, transient: int, _: int) -> tuple[Found, np.ndarray]:
+    """What a long run tells of aperiodic lanes."""
+    told = marched(scenes, LONG, transient, LONG_KEPT)
+    return told, np.ones(len(told.number), bool)
 
 
 def judged(scenes: js.Scene, before: Found, after: Found, transient: int, kept: int) -> list[dict[str, Any]]:
-    """The verdict on each lane that changes, in the order of `lanes_that_change`."""
+    """The verdict on each of the lanes that change."""
     aperiodic = (before.number == 0) & (after.number == 0)
     rows: list[dict[str, Any]] = [{} for _ in aperiodic]
-    for kind in (False, True):
-        at = np.flatnonzero(aperiodic == kind)
+    for judge, at in ((told_by_run, np.flatnonzero(~aperiodic)), (told_by_statistic, np.flatnonzero(aperiodic))):
         if len(at) == 0:
             continue
         some, pair = jax.tree.map(lambda a, at=at: np.asarray(a)[at], scenes), (before.at(at), after.at(at))
-        if kind:
-            told, known = marched(some, LONG, transient, LONG_KEPT), np.ones(len(at), bool)
-        else:
-            told = marched(some, FINE, transient, kept)
-            known = copies_agree(some, told, transient, kept)
+        told, known = judge(some, transient, kept)
         right = np.stack([agree(one, told) for one in pair])
         there = np.stack([agree(one, marched(some, COARSE, SETTLING, CHECKED, one.end)) for one in pair])
         for i, lane in enumerate(at):
             rows[lane] = {
-                "by": "statistic" if kind else "run",
+                "by": judge.__name__.removeprefix("told_by_"),
                 "right": _verdict(*right[:, i]) if known[i] else "roundings",
                 "reference": _numbers(told, i),
                 "motions of the scene": dict(zip(("before", "after"), there[:, i].tolist(), strict=True)),
@@ -133,7 +141,7 @@ def _verdict(before: bool, after: bool) -> str:
     return "both" if before and after else "before" if before else "after" if after else "neither"
 
 
-def _numbers(found: Found, lane: int) -> dict[str, float]:
+def _numbers(found: Found, lane: int | np.integer) -> dict[str, float]:
     values = {"P_d": round(float(found.P_d[lane]), 4), "ci": float(f"{found.ci[lane]:.2g}")}
     return {"period number": int(found.number[lane]), **values}
 
@@ -145,52 +153,42 @@ def compared(name: str, every: int = EVERY) -> dict[str, Any]:
     how = plan_march(resolve_options(file, of_sweep=True), every_lane, FAST).as_method  # as `sweep` does
     scenes = jax.tree.map(lambda a: np.asarray(a)[numbers], every_lane)
     span = file.run.transient, file.sweep_run.periods
-    (before, spent), (after, spent_after) = (_timed(scenes, method, *span) for method in (BEFORE, how))
+    before, after = (marched(scenes, method, *span) for method in (BEFORE, how))
     ok = (before.status == 0) & (after.status == 0)
     change = np.flatnonzero(ok & ~agree(before, after))
     some = jax.tree.map(lambda a: np.asarray(a)[change], scenes)
     rows = judged(some, before.at(change), after.at(change), *span) if len(change) else []
-    along = file.axes[0] if file.axes else None
-    each = [
-        {
-            **({} if along is None else {along.key: float(along.values[numbers[lane]])}),
-            "before": _numbers(before, lane),
-            "after": _numbers(after, lane),
-            **row,
-        }
-        for lane, row in zip(change, rows, strict=True)
-    ]
-    best = [int(np.nanargmax(found.P_d)) for found in (before, after)]
-    same = ok & agree(before, after) & (before.number > 0)
+    where = [{axis.key: float(axis.values[numbers[lane]]) for axis in file.axes} for lane in change]
+    pairs = [{"before": _numbers(before, lane), "after": _numbers(after, lane)} for lane in change]
     return {
         "method": str(how),
         "lanes": len(numbers),
         "stopped": int((~ok).sum()),
-        "CPU seconds": [round(spent, 1), round(spent_after, 1)],
-        "periodic": [int((found.number[ok] > 0).sum()) for found in (before, after)],
-        "same orbit, P_d apart by at most": float(f"{np.abs(before.P_d - after.P_d)[same].max(initial=0.0):.2g}"),
-        "least P_d": [round(float(np.nanmin(found.P_d)), 3) for found in (before, after)],
-        "largest P_d": [round(float(found.P_d[i]), 3) for found, i in zip((before, after), best, strict=True)],
-        "mean P_d": [round(float(np.nanmean(found.P_d)), 3) for found in (before, after)],
-        "change": len(each),
-        "right": {verdict: sum(row["right"] == verdict for row in each) for verdict in VERDICTS},
-        "each": each,
+        **_summary(before.at(ok), after.at(ok)),
+        "change": len(change),
+        "right": {verdict: sum(row["right"] == verdict for row in rows) for verdict in VERDICTS},
+        "each": [{**place, **pair, **row} for place, pair, row in zip(where, pairs, rows, strict=True)],
     }
 
 
-def _timed(scenes: js.Scene, method: Method, transient: int, kept: int) -> tuple[Found, float]:
-    """The lanes, and the processor time of the march with what has to be compiled."""
-    start = time.process_time()
-    return marched(scenes, method, transient, kept), time.process_time() - start
+def _summary(before: Found, after: Found) -> dict[str, Any]:
+    """Lanes that ended in both, in a few pairs of numbers."""
+    both, same = (before, after), agree(before, after) & (before.number > 0)
+    apart = np.abs(before.P_d - after.P_d)[same].max(initial=0.0)
+    of_P_d = {"least": np.min, "largest": np.max, "mean": np.mean}
+    return {
+        "periodic": [int((one.number > 0).sum()) for one in both],
+        "same orbit, P_d apart by at most": float(f"{apart:.2g}"),
+        **{f"{word} P_d": [round(float(of(one.P_d)), 3) for one in both] for word, of in of_P_d.items()},
+    }
 
 
 def table(found: dict[str, dict[str, Any]]) -> str:
     """The scenes as a table of Markdown."""
     heads = ["scene", "lanes", "periodic", "mean P_d", "change", *VERDICTS]
-    pair = lambda a, b: f"{a}, {b}"
+    pairs = lambda one: [f"{one[name][0]}, {one[name][1]}" for name in ("periodic", "mean P_d")]
     rows = [
-        [f"`{name}`", one["lanes"], pair(*one["periodic"]), pair(*one["mean P_d"]), one["change"], *one["right"].values()]
-        for name, one in found.items()
+        [f"`{name}`", one["lanes"], *pairs(one), one["change"], *one["right"].values()] for name, one in found.items()
     ]
     return "\n".join(f"| {' | '.join(map(str, row))} |" for row in [heads, ["---"] * len(heads), *rows])
 
