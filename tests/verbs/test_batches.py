@@ -104,7 +104,8 @@ def test_an_accuracy_and_steps_of_a_file_replace_each_other():
 def test_an_accuracy_of_a_file_is_of_located_contact():
     words = ["parts.contact=smooth", "contact.width=5um", 'parts.motion=["x"]', "run.periods=1"]
     run = js.simulate(js.load("fig09_best", words))
-    assert (run.accuracy, run.method.split()[0]) == (None, "rk4")
+    assert run.accuracy is None
+    assert run.method.startswith("rk4")
     with pytest.raises(InputError, match="not for smooth contact"):  # control: who asks for one is told
         js.simulate(js.load("fig09_best", words), method="balanced")
 
