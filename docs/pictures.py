@@ -113,7 +113,7 @@ def orbit(path: Path) -> None:
 
     scene = js.load("fig09_best", ["contact.gamma=4"]).scene
     found = js.orbit(scene)
-    run = js.simulate(scene, found.start, n_periods=found.q + 1)
+    run = js.simulate(scene, found.start, n_periods=found.q + 1, method=found.method.replace(steps=400))
     run.plot(kind="phase", settled_from=0, width=90).savefig(path, dpi=200)
 
 
