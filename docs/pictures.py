@@ -84,7 +84,7 @@ def gradient(path: Path) -> None:
     import numpy as np
     from matplotlib.figure import Figure
 
-    from jaxshroud.plotting.style import STYLE
+    from jaxshroud.plotting.style import INK, ORANGE, STYLE
 
     jax.config.update("jax_enable_x64", True)
     import jaxshroud as js
@@ -93,15 +93,17 @@ def gradient(path: Path) -> None:
     gaps, at = np.linspace(1e-5, 2e-4, 96), np.linspace(2e-5, 1.8e-4, 6)
     curve = js.sweep(scene, {"shroud.gap": gaps}, n_periods=64, transient=200)
     slopes = js.gradient(js.scenes_from({"shroud.gap": at}, scene), ["shroud.gap"])
+    here, rise = slopes.orbit.P_d, slopes.value["shroud.gap"]
+    look = {"color": ORANGE, "lw": 1.6, "marker": "o", "markevery": [1], "ms": 4, "mec": INK, "mew": 0.6}
     with mpl.rc_context(STYLE):
         figure = Figure((90 / 25.4, 65 / 25.4), layout="constrained")
         axes = figure.subplots()
         curve.plot(axes, panel="P_d", unit="um")
-    here, rise = slopes.orbit.P_d, slopes.value["shroud.gap"]
-    for x, y, m in zip(at, here, rise, strict=True):
-        near = np.array([x - 1.2e-5, x + 1.2e-5])
-        axes.plot(1e6 * near, y + m * (near - x), color="#E69F00", linewidth=1.6)
-    figure.savefig(path, dpi=200)
+        for x, y, m in zip(at, here, rise, strict=True):
+            near = x + 1.2e-5 * np.array([-1, 0, 1])
+            (slope,) = axes.plot(1e6 * near, y + m * (near - x), **look)
+        axes.legend([axes.lines[0], slope], ["sweep", "slope by gradient"], loc="lower left")
+        figure.savefig(path, dpi=200)
 
 
 def orbit(path: Path) -> None:

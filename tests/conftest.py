@@ -27,7 +27,15 @@ with install_import_hook(COMPUTING, "beartype.beartype"):
     for found in pkgutil.walk_packages(jaxshroud.__path__, "jaxshroud."):  # else imported later, without the checks
         if not found.name.endswith("__main__"):
             importlib.import_module(found.name)
+    from jaxshroud.programs.kept import keep_programs
     from jaxshroud.scene.config import load
+
+
+@pytest.fixture(autouse=True)
+def no_kept_programs():
+    """Commands load programs without tracing them; what a test calls afterwards is traced, whatever it has patched."""
+    yield
+    keep_programs(None)
 
 
 def pytest_addoption(parser):

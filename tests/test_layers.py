@@ -10,7 +10,7 @@ import jaxshroud
 
 ROOT = Path(jaxshroud.__file__).parent
 # A module imports from its own folder and from those before it.
-FOLDERS = ["", "scene", "model", "march", "batch", "motion", "io", "plotting", "results", "verbs", "cli"]
+FOLDERS = ["", "programs", "scene", "model", "march", "batch", "motion", "io", "plotting", "results", "verbs", "cli"]
 EDGES = ("io", "plotting", "results", "cli", "scene")
 FOR_EDGES_ONLY = {
     "pydantic",

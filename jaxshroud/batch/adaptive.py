@@ -1,7 +1,5 @@
 """Lanes marched by diffrax's adaptive solvers, for scenes without located events."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +13,7 @@ from jaxshroud.model.arithmetic import Formal, Scalar, filled
 from jaxshroud.model.linear import free_rms_displacement
 from jaxshroud.model.prepared import State, initial_state, prepared_model
 from jaxshroud.model.rhs import drive_wave, rhs
+from jaxshroud.programs.kept import kept
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 
@@ -51,7 +50,7 @@ def _start(scene: Scene) -> MovingState:
     return first.motion, first.u_s
 
 
-@partial(jax.jit, static_argnames="solver")
+@kept("solver")
 def _one_period(
     scenes: Scene, moving: MovingState, rtol: float | Scalar, solver: str
 ) -> tuple[MovingState, Sample, Int[Array, " lanes"]]:

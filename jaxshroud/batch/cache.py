@@ -6,7 +6,8 @@ from pathlib import Path
 import jax
 from jax.experimental.compilation_cache import compilation_cache
 
-from jaxshroud.scene.checks import WriteError
+from jaxshroud.programs.kept import keep_programs
+from jaxshroud.scene.checks import InputError, WriteError
 from jaxshroud.scene.typed import typed
 
 
@@ -15,7 +16,13 @@ def cache_compilations(folder: str | os.PathLike[str] | None = None) -> Path:
     """Keep all compiled programs on disk, so that later processes read what was compiled once.
 
     Commands do this by themselves; in Python this call does. A program is identified by what it computes, not by the
-    numbers that it is given.
+    numbers that it is given. On a CPU, the programs of this package are loaded without being traced again: they are
+    identified by the package's sources, the versions of what it is built on, the options of JAX and the processor, and
+    kept in the folder `programs` within, which must be the user's own, with mode 700. An entry holds code, so its
+    checksum is compared before it is used. That finds damage, not malice by somebody with the user's own rights.
+    Programs with a user's own laws are traced in each process.
+
+    With JAXSHROUD_CACHE=off in the environment nothing is kept.
 
     Args:
         folder: Where to keep them; versions of JAX and kinds of processors may share it. By default the folder that JAX
@@ -26,6 +33,7 @@ def cache_compilations(folder: str | os.PathLike[str] | None = None) -> Path:
 
     Raises:
         OSError: The folder cannot be written.
+        ValueError: JAXSHROUD_CACHE is neither "on" nor "off".
 
     Example:
         >>> import jaxshroud as js
@@ -33,8 +41,13 @@ def cache_compilations(folder: str | os.PathLike[str] | None = None) -> Path:
         'jaxshroud'
     """
     place = folder or cache_folder() or _user_folder()
-    if "://" not in str(place):  # as JAX names remote storage
+    if not _wanted():
+        keep_programs(None)
+        return Path(place)
+    remote = "://" in str(place)  # as JAX names remote storage
+    if not remote:
         _make_folder(Path(place))
+    keep_programs(None if remote else Path(place))
     jax.config.update("jax_compilation_cache_dir", str(place))
     if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
@@ -45,6 +58,14 @@ def cache_compilations(folder: str | os.PathLike[str] | None = None) -> Path:
 def cache_folder() -> str | None:
     """The folder in which JAX keeps compiled programs; None if it does not."""
     return jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _wanted() -> bool:
+    """Whether the environment lets programs be kept."""
+    word = os.environ.get("JAXSHROUD_CACHE") or "on"
+    if word not in ("on", "off"):
+        raise InputError(f"JAXSHROUD_CACHE must be on or off, but is {word!r}")
+    return word == "on"
 
 
 def _user_folder() -> Path:

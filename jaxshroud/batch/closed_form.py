@@ -1,7 +1,6 @@
 """Runs of scenes without contact, in closed form and without stepping."""
 
 import math
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -21,6 +20,7 @@ from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import free_components, free_motion, free_propagators, steady_amplitudes
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State, prepared_model
+from jaxshroud.programs.kept import kept
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import PerBlade, Scene
 
@@ -66,11 +66,11 @@ def free_runs(
     return jax.tree.map(np.asarray, (samples, lanes))
 
 
-@partial(jax.jit, static_argnames=("kept", "nodes"))
-def _closed_form_samples(scenes: Scene, states: State, begin, transient, turns, kept: int, nodes: int):
+@kept("periods", "nodes")
+def _closed_form_samples(scenes: Scene, states: State, begin, transient, turns, periods: int, nodes: int):
     def one(scene: Scene, state: State, begin):
         period = scene.drive.period
-        ends = (transient + (turns - begin) + jnp.arange(kept + 1, dtype=turns.dtype)) * period
+        ends = (transient + (turns - begin) + jnp.arange(periods + 1, dtype=turns.dtype)) * period
         motion = free_motion(scene, state.motion, begin, ends)
         power, largest = jax.vmap(lambda z: _period_mean_square(scene, z, turns, nodes))(
             Motion(*(a[:-1] for a in motion))
@@ -86,7 +86,7 @@ def _closed_form_samples(scenes: Scene, states: State, begin, transient, turns, 
     return jax.vmap(one)(scenes, states, begin)
 
 
-@jax.jit
+@kept()
 def free_samples(scenes: Scene, first: Motion, turns: Scalar, periods: Array) -> tuple[Motion, Int[Array, " lanes"]]:
     """The motion of scenes (leading axis) without contact so many `periods` after drive phase `turns`, and its status.
 

@@ -1,7 +1,6 @@
 """Samples of a march inside its trials, at any time, where the stepper has dense output."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -30,6 +29,7 @@ from jaxshroud.march.stepper import DenseOutput, stepper_for
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State, prepared_model
+from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene
 
 DENSE_TRIALS_PER_CALL = 256
@@ -135,7 +135,7 @@ def _states_at(
     return jax.tree.map(lambda *a: np.concatenate(a, axis=1)[:, :count], *blocks)
 
 
-@partial(jax.jit, static_argnames="dense")
+@kept("dense")
 def _interpolated(scenes: Scene, trials: DenseTrial, index, at, per_period: Scalar, dense: DenseOutput) -> State:
     def one_lane(scene: Scene, trials: DenseTrial, index, at) -> State:
         model = prepared_model(scene)

@@ -25,7 +25,6 @@ from jaxshroud.batch.xla import (
     FOR_SERIES,
     accepts_options,
     best_mapping,
-    is_traced_call,
     one_lane,
     repeated_while,
     stage_groups,
@@ -38,6 +37,7 @@ from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State
+from jaxshroud.programs.kept import is_traced_call, kept
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
@@ -239,5 +239,5 @@ def _unit_directions(leaves: list[Any], moving: list[bool], count: int) -> list[
     return units
 
 
-_run_plain = jax.jit(_run_samples, static_argnames="schedule")
-_run_large = jax.jit(_run_samples, static_argnames="schedule", compiler_options=FOR_SERIES)
+_run_plain = kept("schedule")(_run_samples)
+_run_large = kept("schedule", compiler_options=FOR_SERIES)(_run_samples)

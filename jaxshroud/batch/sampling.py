@@ -21,6 +21,7 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.friction import stretch
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
+from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene
 
 SAMPLES_PER_BLOCK = 1024  # samples per call
@@ -195,7 +196,7 @@ def _step_ended(before: Lane, after: Lane) -> Array:
     return after.step > before.step
 
 
-@jax.jit
+@kept()
 def current_states(scenes: Scene, lanes: Lane) -> State:
     """The state of each lane with its slider updated; NaN once the lane has stopped."""
     return jax.vmap(lambda scene, lane: sampled_state(lane, prepared_model(scene)))(scenes, lanes)

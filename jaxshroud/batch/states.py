@@ -12,6 +12,7 @@ from jaxshroud.model.friction import Springs
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
 from jaxshroud.model.rhs import drive_wave
+from jaxshroud.programs.kept import kept
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 
@@ -102,7 +103,7 @@ def sampled_contact_forces(scenes: Scene, states: State, turns: np.ndarray) -> C
     return jax.tree.map(lambda *a: np.concatenate(a, axis=1)[:, :count], *blocks)
 
 
-@jax.jit
+@kept()
 def _forces_of_block(scenes: Scene, states: State, turns) -> ContactForces:
     def one_lane(scene: Scene, states: State) -> ContactForces:
         model = prepared_model(scene)

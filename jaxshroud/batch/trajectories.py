@@ -1,6 +1,5 @@
 """Trajectories: the samples, the events and the energies of many lanes marched through their start-up."""
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -19,6 +18,7 @@ from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import is_absent
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import State, prepared_model
+from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene
 
 
@@ -69,7 +69,7 @@ def _sampled_march(scenes: Scene, lanes: Lane, grid: SampleGrid, method: Choices
     return (march_by_trials if grid.events else march_by_steps)(scenes, lanes, grid, method, tick)
 
 
-@partial(jax.jit, static_argnames="method")
+@kept("method")
 def _begin_sampled(scenes: Scene, states: State, method: Choices) -> tuple[Lane, State]:
     """The lanes at their start, and their states there as samples."""
     lanes = begin_lanes(scenes, states, method)
@@ -88,7 +88,7 @@ def _values(scenes: Scene, states: State, turns: np.ndarray) -> dict[str, Any]:
     }
 
 
-@jax.jit
+@kept()
 def stored_energies(scenes: Scene, lanes: Lane) -> Float[Array, " lanes"]:
     """The kinetic energies, and the energies of the springs, of lanes (leading axis) [J]."""
     return jax.vmap(lambda scene, lane: total_energy(lane.state, prepared_model(scene)))(scenes, lanes)

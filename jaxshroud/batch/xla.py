@@ -13,7 +13,7 @@ therefore split: see `stage_groups`.
 
 import warnings
 from collections.abc import Callable
-from functools import cache, partial, wraps
+from functools import cache, wraps
 from inspect import signature
 from typing import Any
 
@@ -21,7 +21,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.core import Tracer
 from jax.extend.core import jaxpr_as_fun
 from jaxtyping import Array
 
@@ -29,6 +28,7 @@ from jaxshroud.march.carry import EachLane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import StageGroups, stepper_for
 from jaxshroud.model.arithmetic import Scalar
+from jaxshroud.programs.kept import is_traced_call, kept
 from jaxshroud.scene.typed import Tree
 
 WIDE_VECTORS = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
@@ -50,14 +50,14 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
     """A decorator: compile with `WIDE_VECTORS`, or without where XLA refuses it; `static` names arguments as in jit.
 
     If the stepper of the argument `method` has large kernels, `FOR_SERIES` is used, with one program for all
-    tolerances. The function has the attributes `widest` and `large`: the jitted functions with either set of options.
+    tolerances. The function has the attributes `widest` and `large`: those with either set of options, see `kept`.
     """
 
     def decorate(f: Callable) -> Callable:
         plain = jax.jit(f, static_argnames=static)
-        widest = jax.jit(f, static_argnames=static, compiler_options=WIDE_VECTORS)
+        widest = kept(*static, compiler_options=WIDE_VECTORS)(f)
 
-        @partial(jax.jit, static_argnames=static, compiler_options=FOR_SERIES)
+        @kept(*static, compiler_options=FOR_SERIES)
         @wraps(f)
         def large(*, tolerance: Scalar, method: Choices, **given: Any) -> Any:
             return f(**given, method=method.with_tolerance(tolerance))
@@ -77,11 +77,6 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
         return call
 
     return decorate
-
-
-def is_traced_call(given: Any) -> bool:
-    """Whether a call is traced as part of another program, whose options count."""
-    return any(isinstance(a, Tracer) for a in jax.tree.leaves(given))
 
 
 @cache

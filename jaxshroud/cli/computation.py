@@ -126,6 +126,8 @@ class Computation:
     scenes: Callable[[VerbCall], Scene] = lambda call: one_lane(call.file.scene)
     # The method where steps alone are given; None: of a verb without a method.
     usual: Choices | None = FAST
+    # How methods are tried for an accuracy, see `choose_method`.
+    trials: Callable[[VerbCall], Mapping[str, Any]] = lambda call: {}
     run: Callable[[VerbCall, Progress], Any] = call_verb
     output: Callable[[CompletedCall], None] = write_and_print
 
@@ -145,7 +147,7 @@ class Computation:
             return call
         with input_errors_at(call.file.name):
             scenes = self.scenes(call)
-        march = resolve_march(call.file, scenes, call.options, self.usual)
+        march = resolve_march(call.file, scenes, call.options, self.usual, **self.trials(call))
         return call._replace(arguments={**call.arguments, "method": march.as_method})
 
 

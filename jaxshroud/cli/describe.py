@@ -33,6 +33,7 @@ def explain_command(options: argparse.Namespace) -> None:
 
 
 def _explanation_rows(explanation: Any, choice: Any) -> dict[str, Any]:
+    from jaxshroud.programs.kept import where_kept
     from jaxshroud.scene.parts import Parts
 
     parts = explanation.parts
@@ -50,7 +51,8 @@ def _explanation_rows(explanation: Any, choice: Any) -> dict[str, Any]:
         "operations in a trial step": "none: closed form" if parts.contact == "none" else operations,
         "omega_max": f"{explanation.omega_max:.4g} rad/s",
         **{f"steps per period, {name}": n for name, n in explanation.steps.items()},
-        **({} if choice is None else {"accuracy": choice}),
+        **({} if choice is None else {"accuracy": f"{choice}, before it is tried on the lanes of a run"}),
+        "compiled programs": where_kept(),
         **{f"note {i}": text for i, text in enumerate(explanation.advice, 1)},
     }
 

@@ -5,6 +5,7 @@ import sys
 import warnings
 from collections.abc import Sequence
 from contextlib import contextmanager
+from typing import Any
 
 from jaxshroud.cli.terminal import CommandError, input_errors_at
 from jaxshroud.io.lane_status import AccuracyWarning
@@ -28,7 +29,9 @@ def load_scene(options: argparse.Namespace, overrides: Sequence[str] = ()) -> Sc
     return load(options.scene, [*options.set, *of_run, *overrides])
 
 
-def resolve_march(file: SceneFile, scenes: Scene, options: argparse.Namespace, usual: Choices) -> MarchPlan:
+def resolve_march(
+    file: SceneFile, scenes: Scene, options: argparse.Namespace, usual: Choices, **trials: Any
+) -> MarchPlan:
     """How scenes (leading axis) are marched: refused where it is unstable, with a warning where it is inaccurate.
 
     Args:
@@ -36,9 +39,10 @@ def resolve_march(file: SceneFile, scenes: Scene, options: argparse.Namespace, u
         scenes: The scenes.
         options: Of the command line.
         usual: The method where steps alone are given, with a ledger or without.
+        trials: How methods are tried, see `choose_method`.
     """
     with input_errors_at(f"{file.name}: [run]"):
-        march = plan_march(_resolved_options(file, options, usual), scenes, usual)
+        march = plan_march(_resolved_options(file, options, usual), scenes, usual, **trials)
     _print_choice(file, scenes, march.choice, options)
     if march.choice is None and scenes.parts.contact != "none":
         _print_steps(file, scenes, march)
@@ -48,9 +52,9 @@ def resolve_march(file: SceneFile, scenes: Scene, options: argparse.Namespace, u
 def resolve_method(
     file: SceneFile, scenes: Scene, options: argparse.Namespace, usual: Choices
 ) -> tuple[Choices, Choice | None]:
-    """The same without steps, which may be too long."""
+    """The same without steps, which may be too long, and by the word of the table where it has one."""
     with input_errors_at(f"{file.name}: [run]"):
-        method, choice = choose_method(_resolved_options(file, options, usual), scenes, usual)
+        method, choice = choose_method(_resolved_options(file, options, usual), scenes, usual, periods=0)
     _print_choice(file, scenes, choice, options)
     return method, choice
 

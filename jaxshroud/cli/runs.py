@@ -21,6 +21,7 @@ from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE
 from jaxshroud.march.tableau import MIN_STEPS
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.effects import with_interval
+from jaxshroud.motion.short_runs import trajectory_ends
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.verbs.accuracy import LEVELS
 
@@ -111,7 +112,13 @@ def _cheapest_cells(trade: Any, level: float) -> tuple[str, ...]:
     return (best.setting, f"{best.steps:g}", f"{best.cost * 1e6:.3g}", f"{best.error:.1e}", f"{best.P_d:.1e}")
 
 
-simulate_command = Computation(prepare=_simulate_arguments, usual=REFERENCE, run=_simulate_from_end, output=_output_run)
+simulate_command = Computation(
+    prepare=_simulate_arguments,
+    usual=REFERENCE,
+    trials=lambda call: {"periods": call.arguments["n_periods"], "ends": trajectory_ends},
+    run=_simulate_from_end,
+    output=_output_run,
+)
 diagnose_command = Computation(run=call_with_accuracy_warnings, output=_output_diagnosis)
 power_command = Computation(
     prepare=_power_arguments, usual=FAST_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_power

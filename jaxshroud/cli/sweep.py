@@ -89,7 +89,8 @@ def sweep_command(options: argparse.Namespace) -> None:
     with input_errors_at(file.name):
         check_size(request.lanes, file.sweep_run.transient, file.sweep_run.periods, request.lanes_held)
     scenes = _scenes_of_lanes(file)
-    march = resolve_march(file, scenes, options, FAST_WITH_LEDGER if options.ledger else FAST)
+    periods = file.sweep_run.transient + file.sweep_run.periods
+    march = resolve_march(file, scenes, options, FAST_WITH_LEDGER if options.ledger else FAST, periods=periods)
     _print_projection_of_long_run(request, scenes, march)
     result = _sweep(request, march)
     _write(request, result)

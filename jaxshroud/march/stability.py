@@ -16,6 +16,7 @@ from jaxshroud.model.arithmetic import Scalar, filled
 from jaxshroud.model.geometry import Corners, contact_kinematics, corners, pose
 from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.model.prepared import springs
+from jaxshroud.programs.kept import kept
 from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
@@ -233,7 +234,6 @@ def _fastest(scenes: Scene, batch_dims: int) -> _Fastest:
     return _Fastest(*_frequencies(stiffness, np), np.asarray(period), stiffness.relaxation)
 
 
-@jax.jit
-@jax.vmap
-def _batched_stiffness(scene: Scene) -> tuple[_Stiffness, Scalar]:
-    return _stiffness_of(scene), scene.drive.period
+@kept()
+def _batched_stiffness(scenes: Scene) -> tuple[Any, Array]:
+    return jax.vmap(lambda scene: (_stiffness_of(scene), scene.drive.period))(scenes)

@@ -5,13 +5,14 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from numpy.typing import NDArray
 
 from jaxshroud.batch.periods import LANES_PER_CALL, Sample
 from jaxshroud.batch.threads import in_chunks
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import corners
-from jaxshroud.model.linear import area, free_power, power_reduction
+from jaxshroud.model.linear import area, free_power, power_reduction, steady_amplitudes
 from jaxshroud.motion.period import (
     PERIOD_TOLERANCE,
     SETTLED,
@@ -21,6 +22,7 @@ from jaxshroud.motion.period import (
     series_settling,
 )
 from jaxshroud.motion.statistics import MIN_CORRELATION_TIMES, confidence_interval, correlation_times
+from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import FloatArray
 
@@ -105,7 +107,7 @@ def closed_forms(scenes: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return in_chunks(chunk, count, 1 if count == 1 else LANES_PER_CALL)
 
 
-@jax.jit
+@kept()
 def _closed_forms(scenes: Scene):
     return jax.vmap(lambda scene: (area(scene.shroud), free_power(scene), half_diagonal(scene.shroud)))(scenes)
 
@@ -115,7 +117,7 @@ def stiffnesses(scenes: Scene) -> np.ndarray:
     return np.asarray(_stiffnesses(scenes), float)
 
 
-@jax.jit
+@kept()
 def _stiffnesses(scenes: Scene):
     return jax.vmap(lambda scene: scene.k)(scenes)
 
@@ -124,6 +126,25 @@ def half_diagonal(shroud: Shroud) -> Scalar:
     """Half the longer diagonal of a block [m]: the displacement of its corners per radian."""
     block = corners(shroud)
     return jnp.hypot(block.a_x, block.h_y)
+
+
+def least_tilt(scenes: Scene) -> float:
+    """The smallest tilt of the faces of the lanes (leading axis).
+
+    The tilt is the free amplitude of the corners by torsion over that of the blocks by bending. Where it is small, the
+    faces are nearly parallel, and the case switches dozens of times in a period.
+    """
+    return float(np.min(np.asarray(_tilts(scenes))))
+
+
+@kept()
+def _tilts(scenes: Scene) -> Array:
+    def tilt(scene: Scene) -> Array:
+        free = steady_amplitudes(scene)
+        by_bending = jnp.sqrt(jnp.abs(free.x) ** 2 + jnp.abs(free.y) ** 2)
+        return jnp.max(jnp.abs(free.theta)) * half_diagonal(scene.shroud) / jnp.max(by_bending)
+
+    return jax.vmap(tilt)(scenes)
 
 
 def displacements(samples: Sample) -> np.ndarray:

@@ -5,7 +5,6 @@ derivative at a point; what exists is the derivative of an average over a stated
 """
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Literal, NamedTuple
 
 import jax
@@ -21,6 +20,7 @@ from jaxshroud.motion.averages import averages
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import moved_start, powers_of_nearby_orbits
+from jaxshroud.programs.kept import kept
 from jaxshroud.scene.checks import InputError, KeyNameError, NumericalError
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.scene import Scene
@@ -132,12 +132,12 @@ def _quantity(of: Quantity, scene: Scene, power):
     return P if of == "P" else power_reduction(P, free_power(scene)[0])
 
 
-@partial(jax.jit, static_argnames="of")
+@kept("of")
 def _quantities(of: Quantity, scenes: Scene, power):
     return jax.vmap(lambda scene, power: _quantity(of, scene, power))(scenes, power)
 
 
-@partial(jax.jit, static_argnames="of")
+@kept("of")
 def directional_derivatives(scenes: Scene, power, directions: Scene, power_directions, of: Quantity):
     """The derivatives of `of` along directions of scenes and mean square displacements, all with a leading axis."""
     return jax.vmap(lambda *point_and_direction: _directional_derivative(of, *point_and_direction))(

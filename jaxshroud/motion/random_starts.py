@@ -9,6 +9,7 @@ from jaxshroud.march.events import place_contact
 from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.model.prepared import State, initial_state, prepared_model
 from jaxshroud.motion.averages import half_diagonal
+from jaxshroud.programs.kept import kept
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 
@@ -54,7 +55,7 @@ def _overlap(scene: Scene, motions: Motion):
     return _overlaps(scene, motions)
 
 
-@jax.jit
+@kept()
 def _overlaps(scene: Scene, motions: Motion):
     model = prepared_model(scene)
 

@@ -7,8 +7,10 @@ import numpy as np
 
 from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.runs import Plan, initial_states, run_lanes
+from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.states import motion_rows
 from jaxshroud.batch.tangents import Dual, as_differentiable, direction, run_flow, without_direction
+from jaxshroud.batch.trajectories import trajectories
 from jaxshroud.march.method import Choices
 from jaxshroud.model.linear import free_rms_displacement
 from jaxshroud.scene.scene import Scene, with_parts
@@ -50,11 +52,19 @@ def _soft(scene: Scene, width: float) -> Scene:
     return with_parts(scene, scene.parts._replace(contact="smooth"), width * free_rms_displacement(scene))
 
 
-def end_states(scenes: Scene, steps: int, method: Choices) -> np.ndarray:
+def end_states(scenes: Scene, steps: int, method: Choices, *, ledger: bool = False) -> np.ndarray:
     """The motions (lanes, 12) at the horizon from the scenes' own starts; NaN where a lane has stopped."""
-    scenes = in_precision(scenes, method.precision)
+    scenes, method = in_precision(scenes, method.precision), method._replace(ledger=ledger)
     runs = run_lanes(scenes, initial_states(scenes), Plan(HORIZON - 1, 1, steps, 0.0, method), lambda _: None)
     return motions_at(runs.samples, 0)
+
+
+def trajectory_ends(scenes: Scene, steps: int, method: Choices) -> np.ndarray:
+    """The same by the compiled programs of `trajectories`, with a ledger."""
+    scenes, method = in_precision(scenes, method.precision), method._replace(ledger=True)
+    grid = SampleGrid(0.0, steps, steps, HORIZON, events=False)
+    samples = trajectories(scenes, initial_states(scenes), grid, method, lambda _: None).samples
+    return np.concatenate(samples["motion"], axis=-1)[:, -1].astype(float)
 
 
 def motions_at(samples: Sample, period: int) -> np.ndarray:

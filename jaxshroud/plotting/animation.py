@@ -13,20 +13,36 @@ import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 from jaxshroud.io.files import write
 from jaxshroud.model.modes import Mode
-from jaxshroud.plotting.plot_run import CASE_STYLES, MODE_STYLES
+from jaxshroud.plotting.plot_run import CASE_STYLES, MODE_STYLES, PER_MILLI, TIME_LABEL
 from jaxshroud.plotting.run_data import FEWEST_SAMPLES, RunData, run_data
 from jaxshroud.plotting.scales import title_of
-from jaxshroud.plotting.style import BLUE, COLUMN_WIDTH, GREY, INK, STYLE, PlotArray, Properties, new_figure
+from jaxshroud.plotting.style import (
+    BLUE,
+    COLUMN_WIDTH,
+    DARK,
+    GREY,
+    INK,
+    ORANGE,
+    STYLE,
+    PlotArray,
+    Properties,
+    new_figure,
+)
 from jaxshroud.scene.checks import InputError
 
 FRAMES_PER_PERIOD = 60  # of a period
 PER_SECOND, DPI = 20, 150
-SWING, ARROW = 0.15, 0.5  # lengths relative to the face: the largest motion, and the arrow of the largest force
+SWING, ARROW = 0.15, 0.8  # lengths relative to the face: the largest motion, and the arrow of the largest force
+FRAME_MARGIN = 0.02  # around what is shown, relative to its width
+CURVES_HEIGHT = 1.3  # of the curves below the blocks, with all labels [inch]
+BLOCK_FILLS = "#c9dfee", "#e3e3e3"  # of the left and the right block
 NICE_FACTORS = (1, 2, 5)
 Writers = {".gif": PillowWriter, ".mp4": FFMpegWriter}
 
@@ -87,6 +103,7 @@ def save_animation(
     factor = factor or _fitting_factor(frames, blocks)
     with mpl.rc_context(STYLE), tempfile.TemporaryDirectory() as folder:
         film = _Film(frames, blocks, factor, title_of(ds) if title is None else title)
+        film.fix_layout()
         writer, temporary = Writers[path.suffix](fps=PER_SECOND), Path(folder, path.name)
         with writer.saving(film.figure, str(temporary), DPI):
             for i in range(frames.sizes["time"]):
@@ -123,43 +140,81 @@ def _fitting_factor(frames: xr.Dataset, blocks: Blocks) -> float:
 
 
 class _Film:
-    """A figure that shows one frame after the other."""
+    """A figure that shows one frame after the other: the blocks, and below them the forces or displacements so far."""
 
     def __init__(self, frames: xr.Dataset, blocks: Blocks, factor: float, title: str):
         self.frames, self.blocks, self.factor = frames, blocks, factor
-        self.figure: Figure = new_figure(title, COLUMN_WIDTH, 2.2)
-        panel = self.figure.subplots()
-        self.shapes = [Polygon(blocks.outline, fc="#e8e8e8", ec=INK, lw=0.8) for _ in (0, 1)]
+        left, right, low, high = self._limits
+        height = (high - low) / (right - left) * COLUMN_WIDTH
+        self.figure: Figure = new_figure(title, COLUMN_WIDTH, height + CURVES_HEIGHT)
+        panel, curves = self.figure.subplots(2, height_ratios=[height, CURVES_HEIGHT - 0.4])
+        self.shapes = [Polygon(blocks.outline, fc=fill, ec=INK, lw=0.8) for fill in BLOCK_FILLS]
         for shape in self.shapes:
             panel.add_patch(shape)
-        (self.point,) = panel.plot([], [], "o", ms=4, mew=0, zorder=4)
-        style: Properties = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.006, "zorder": 3}
+        (self.point,) = panel.plot([], [], "o", ms=6, mec="white", mew=0.5, zorder=4)
+        style: Properties = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.012, "zorder": 3}
         self.arrows = panel.quiver(*np.zeros((4, 4)), color=[INK, INK, BLUE, BLUE], **style)
-        self.caption = panel.text(0.5, 0.03, "", ha="center", transform=panel.transAxes)
-        panel.text(0.02, 0.95, f"motion and gap × {factor:g}", va="top", color=GREY, transform=panel.transAxes)
-        panel.text(0.98, 0.95, self._force_note, va="top", ha="right", color=GREY, transform=panel.transAxes)
-        edge, h = 1.25 * blocks.l_oa, blocks.l_ab * 0.95
-        panel.set(xlim=(-0.8 * edge, 0.8 * edge + blocks.l_oa), ylim=(-h, h), aspect="equal")
+        above: Properties = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "bottom"}
+        panel.annotate(f"motion and gap × {factor:g}", (0, 1), (0, 2), color=DARK, **above)
+        self.caption = panel.annotate("", (0, 1), (0, 14), **above)
+        panel.set(xlim=(left, right), ylim=(low, high), aspect="equal")
         panel.set_axis_off()
+        self.cursor = self._draw_curves(curves)
 
     @property
     def _largest_force(self) -> float:
         return float(np.nanmax(np.abs(self.frames["N"]), initial=0.0)) if "N" in self.frames else 0.0
 
     @property
-    def _force_note(self) -> str:
-        return f"$N$ black, $F$ blue; $N$ up to {self._largest_force:.3g} N" if self._largest_force else ""
+    def _limits(self) -> tuple[float, float, float, float]:
+        """The left, right, lower and upper end of what the blocks and the arrows reach in any frame, with a margin."""
+        points = []
+        for i in range(self.frames.sizes["time"]):
+            frame = self.frames.isel(time=i)
+            points += [self._corners(frame, blade) for blade in (0, 1)]
+            if self._touches(frame):
+                place, forces = self._forces(frame)
+                points.append(place + forces)
+        (left, low), (right, high) = (end(np.concatenate(points), axis=0) for end in (np.min, np.max))
+        margin = FRAME_MARGIN * (right - left)
+        return left - margin, right + margin, low - margin, high + margin
+
+    def _draw_curves(self, panel: Axes) -> Line2D:
+        """Draw the forces, or without contact the displacements, over the periods shown; the line of the present."""
+        t = self.frames["periods"].to_numpy()
+        if self._largest_force:
+            curves = {"$N$": (self.frames["N"], INK), "$F$": (self.frames["F"], BLUE)}
+            label = "force [N]"
+        else:
+            x = PER_MILLI * self.frames["x"]
+            curves = {"$x_1$": (x[:, 0], INK), "$x_2$": (x[:, 1], GREY)}
+            label = "$x$ [mm]"
+        for name, (values, color) in curves.items():
+            panel.plot(t, values, color=color, lw=0.9, label=name)
+        panel.set(xlabel=TIME_LABEL, ylabel=label, xlim=t[[0, -1]])
+        panel.legend(loc="upper right", ncols=2)
+        return panel.axvline(t[0], color=ORANGE, lw=1.2)
+
+    def fix_layout(self) -> None:
+        """Lay out the first frame, and keep the places for the others."""
+        self.show(0)
+        self.figure.draw_without_rendering()
+        self.figure.set_layout_engine("none")
 
     def show(self, i: int) -> None:
         """Show frame `i`."""
         frame = self.frames.isel(time=i)
         for blade, shape in enumerate(self.shapes):
             shape.set_xy(self._corners(frame, blade))
-        touching = int(frame["mode"]) != Mode.APART and self._largest_force > 0
+        touching = self._touches(frame)
         self._draw_forces(frame, touching)
         mode = MODE_STYLES[Mode(int(frame["mode"]))][0] if touching else "apart"
         case = f", {CASE_STYLES[int(frame['case'])][0]}" if touching and int(frame["case"]) in CASE_STYLES else ""
         self.caption.set_text(f"$t/T$ = {float(frame['periods']):.2f}   {mode}{case}")
+        self.cursor.set_xdata([float(frame["periods"])] * 2)
+
+    def _touches(self, frame: xr.Dataset) -> bool:
+        return int(frame["mode"]) != Mode.APART and self._largest_force > 0
 
     def _corners(self, frame: xr.Dataset, blade: int) -> PlotArray:
         """The corners of a block in a frame."""
@@ -169,18 +224,24 @@ class _Film:
         rest = [blade * (self.blocks.l_oa + self.factor * self.blocks.gap), 0.0]
         return self.blocks.outline @ np.array([[c, -s], [s, c]]) + shift + rest
 
-    def _draw_forces(self, frame: xr.Dataset, touching: bool) -> None:
-        """Draw the forces on both blocks at the contact point on the left block's face."""
-        place = float(frame["contact_point"]) if touching and "contact_point" in frame else 0.0
+    def _forces(self, frame: xr.Dataset) -> tuple[PlotArray, PlotArray]:
+        """The contact point on the left block's face, and the arrows (4, 2) of the forces on both blocks there."""
+        place = float(frame["contact_point"]) if "contact_point" in frame else 0.0
         a, b = self._corners(frame, 0)[:2]
         tangent = (a - b) / np.linalg.norm(a - b)
         normal = np.array([tangent[1], -tangent[0]])
-        point = (a + b) / 2 + place * tangent
-        scale = ARROW * self.blocks.l_ab / (self._largest_force or 1.0) * touching
-        N, F = (scale * float(frame[name]) if touching else 0.0 for name in ("N", "F"))
-        forces = np.array([-N * normal, N * normal, -F * tangent, F * tangent])
+        scale = ARROW * self.blocks.l_ab / self._largest_force
+        N, F = (scale * float(frame[name]) for name in ("N", "F"))
+        return (a + b) / 2 + place * tangent, np.array([-N * normal, N * normal, -F * tangent, F * tangent])
+
+    def _draw_forces(self, frame: xr.Dataset, touching: bool) -> None:
+        """Draw the forces on both blocks where they touch."""
         self.arrows.set_visible(touching)
+        self.point.set_visible(touching)
+        if not touching:
+            return
+        point, forces = self._forces(frame)
         self.arrows.set_offsets(np.tile(point, (4, 1)))
         self.arrows.set_UVC(*forces.T)
-        self.point.set_data(*([[v] for v in point] if touching else ([], [])))
-        self.point.set_color(MODE_STYLES[Mode(int(frame["mode"]))][1] if touching else GREY)
+        self.point.set_data(*[[v] for v in point])
+        self.point.set_color(MODE_STYLES[Mode(int(frame["mode"]))][1])

@@ -21,7 +21,7 @@ from jaxshroud.plotting.plot_sweep import sweep_page
 from jaxshroud.plotting.plot_trade import trade_page
 from jaxshroud.plotting.plot_tuning import robustness_page, tuning_page
 from jaxshroud.plotting.scales import figure_of
-from jaxshroud.plotting.style import STYLE, Look, new_figure, show_message, typeset
+from jaxshroud.plotting.style import STYLE, Look, fit_title, new_figure, show_message, typeset
 from jaxshroud.scene.checks import InputError
 
 # Kind of a result -> the function that makes its page from its content, the look and options of its own.
@@ -71,8 +71,10 @@ def picture(
             return show_message(figure, page.nothing)
         page.draw_on(figure)
         _set_xlabel(figure.axes, look)
-        for axes in figure.axes if page.set_ticks else ():
-            set_ticks(axes)
+        for axes in figure.axes:
+            fit_title(axes)
+            if page.set_ticks:
+                set_ticks(axes)
     return figure
 
 

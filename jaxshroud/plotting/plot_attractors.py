@@ -8,17 +8,18 @@ import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from jaxshroud.plotting.page import Page, Panel
 from jaxshroud.plotting.scales import parameter_axis, scale_of, title_of
 from jaxshroud.plotting.style import (
-    BLUE,
+    COLOURS,
     COLUMN_WIDTH,
-    ORANGE,
-    PINK,
+    DARK,
+    GREY,
+    PALE,
     QUANTITIES,
-    SKY,
     STOPPED_STYLE,
     AnyFigure,
     Look,
@@ -27,9 +28,11 @@ from jaxshroud.plotting.style import (
 )
 from jaxshroud.scene.keys import Motion
 
-COLOURS = (BLUE, ORANGE, "#009E73", PINK, SKY, "#D55E00", "#4d4d4d", "#F0E442")
 N_COLOURS = len(COLOURS)  # attractors with a colour of their own; the others share the last
-UNDECIDED_COLOUR = "#c8c8c8"
+NARROWEST, WIDENING = 0.8, 0.7  # width of the line of the last orbit, and what each earlier one is wider [pt]
+CHAOS_WIDTH = 0.4  # of the line of an aperiodic attractor, which crosses itself
+SMALLEST, GROWTH = 3.0, 1.8  # size of the mark of the last attractor, and what each earlier one is larger [pt]
+STROBE_STYLE: Properties = {"marker": "o", "ls": "", "mec": "white", "mew": 0.5, "ms": SMALLEST}
 
 
 class AttractorsData(Protocol):
@@ -80,6 +83,11 @@ def colour(attractor: int) -> str:
     return COLOURS[min(attractor, N_COLOURS - 1)]
 
 
+def _nested(i: int, count: int, least: float, more: float) -> float:
+    """The size of mark or line `i` of `count`, so that each is seen below the later ones."""
+    return least + more * (min(count, N_COLOURS) - 1 - min(i, N_COLOURS - 1))
+
+
 def attractors_page(attractors: AttractorsData, look: Look) -> Page[AttractorsData]:
     """The orbits of coexisting attractors, the shares of starts that lead to them, and their P_d."""
     nothing = "" if len(attractors.share) else "no attractor was found"
@@ -88,33 +96,31 @@ def attractors_page(attractors: AttractorsData, look: Look) -> Page[AttractorsDa
 
 
 def _share_rows(figure: AnyFigure, axes: Mapping[str, Axes], attractors: AttractorsData) -> None:
-    """Name the attractors only once, at the left panel of those with a row for each attractor."""
+    """Name the attractors only once, at the left panel of those with a row for each attractor; explain the marks."""
     axes["P_d"].sharey(axes["shares"])
     axes["P_d"].tick_params(labelleft=False)
+    legend_below(figure, [Line2D([], [], color=GREY, label="orbit", lw=1.5), _strobe_handle()])
 
 
 def _draw_orbits(panel: Axes, attractors: AttractorsData) -> None:
-    """The path of the left blade, and its place at the strobe."""
-    scale = scale_of(np.asarray(attractors.gap))
-    for i in reversed(range(len(attractors.share))):
-        style: Properties = {"lw": 0.5, "alpha": 0.6} if attractors.kind[i] == 2 else {"lw": 1.0}
-        panel.plot(
-            attractors.path_x[i] * scale.factor,
-            attractors.path_v_x[i],
-            color=colour(i),
-            label=_attractor_name(attractors, i),
-            **style,
-        )
-        panel.plot(
-            attractors.motion.x[i, 0] * scale.factor,
-            attractors.motion.v_x[i, 0],
-            "o",
-            ms=3,
-            color=colour(i),
-            mec="white",
-            mew=0.4,
-        )
+    """The path of the left blade, and its place at the strobe; the more frequent are drawn wider, below the others."""
+    scale, count = scale_of(np.asarray(attractors.gap)), len(attractors.share)
+    for i in range(count):
+        x, name = attractors.path_x[i] * scale.factor, _attractor_name(attractors, i)
+        is_aperiodic = attractors.kind[i] == 2
+        width = CHAOS_WIDTH if is_aperiodic else _nested(i, count, NARROWEST, WIDENING)
+        panel.plot(x, attractors.path_v_x[i], color=colour(i), label=name, lw=width, zorder=2 - 0.5 * is_aperiodic)
+        at = attractors.motion.x[i, 0] * scale.factor, attractors.motion.v_x[i, 0]
+        panel.plot(*at, color=colour(i), **_strobe_style(i, count))
     panel.set(xlabel=scale.label("1"), ylabel="$v_{x1}$ [m/s]")
+
+
+def _strobe_style(i: int, count: int) -> Properties:
+    return STROBE_STYLE | {"ms": _nested(i, count, SMALLEST, GROWTH), "zorder": 3}
+
+
+def _strobe_handle() -> Line2D:
+    return Line2D([], [], color=DARK, label="at the strobe", **STROBE_STYLE)
 
 
 def _attractor_name(attractors: AttractorsData, i: int) -> str:
@@ -134,7 +140,7 @@ def _draw_shares(panel: Axes, attractors: AttractorsData) -> None:
     for i in _set_rows(panel, attractors).tolist():
         errors = [[attractors.share[i] - attractors.share_low[i]], [attractors.share_high[i] - attractors.share[i]]]
         panel.errorbar([attractors.share[i]], [i], xerr=errors, fmt="o", ms=3, color=colour(i), capsize=2, lw=0.8)
-    panel.set(xlabel="share of starts", xlim=(0, 1))
+    panel.set(xlabel="share of starts", xlim=SHARE_LIMITS)
 
 
 def _draw_attractor_power(panel: Axes, attractors: AttractorsData) -> None:
@@ -147,6 +153,7 @@ def _draw_attractor_power(panel: Axes, attractors: AttractorsData) -> None:
     panel.set(xlabel="$P_d$ [%] (worst: hollow)")
 
 
+SHARE_LIMITS = -0.04, 1.04  # a mark at 0 or 1 is whole
 ATTRACTOR_PANELS = (
     Panel("orbits", _draw_orbits, 2.3, 2),
     Panel("shares", _draw_shares),
@@ -163,13 +170,12 @@ def _draw_basins(panel: Axes, basins: BasinsData) -> None:
     across, up = (parameter_axis(basins.data[dim]) for dim in basins.data["label"].dims)
     label = np.minimum(basins.label.T, N_COLOURS - 1)
     cells = np.ma.masked_less(label, -1)
-    colours = ListedColormap([UNDECIDED_COLOUR, *COLOURS])
+    colours = ListedColormap([PALE, *COLOURS])
     panel.patch.set(**STOPPED_STYLE)
     panel.pcolormesh(across.edges, up.edges, cells, cmap=colours, vmin=-1.5, vmax=N_COLOURS - 0.5, rasterized=True)
-    for i, (x, y) in enumerate(basins.at_strobe * _factors(basins)):
-        if across.edges[0] <= x <= across.edges[-1] and up.edges[0] <= y <= up.edges[-1]:
-            panel.plot(x, y, "o", ms=3.5, mfc=colour(i), mec="white", mew=0.8)
-    panel.set(xlabel=across.label, ylabel=up.label)
+    panel.set(xlabel=across.label, ylabel=up.label, xlim=across.edges[[0, -1]], ylim=up.edges[[0, -1]])
+    for i, at in _places_inside(panel, basins):
+        panel.plot(*at, color=colour(i), clip_on=False, **_strobe_style(i, len(basins.share)))
 
 
 BASIN_PANELS = (Panel("basins", _draw_basins),)
@@ -180,10 +186,19 @@ def _name_basins(figure: AnyFigure, axes: Mapping[str, Axes], basins: BasinsData
     count = min(len(basins.share), N_COLOURS)
     handles: list[Artist] = [Patch(color=colour(i), label=_attractor_name(basins, i)) for i in range(count)]
     if (basins.label == -1).any():
-        handles.append(Patch(color=UNDECIDED_COLOUR, label="undecided"))
+        handles.append(Patch(color=PALE, label="undecided"))
     if (basins.label == -2).any():
         handles.append(Patch(label="stopped", **STOPPED_STYLE))
+    if _places_inside(axes["basins"], basins):
+        handles.append(_strobe_handle())
     legend_below(figure, handles)
+
+
+def _places_inside(panel: Axes, basins: BasinsData) -> list[tuple[int, np.ndarray]]:
+    """The attractors whose place at the strobe is inside the panel, with this place."""
+    places = basins.at_strobe * _factors(basins)
+    (left, right), (foot, top) = panel.get_xlim(), panel.get_ylim()
+    return [(i, place) for i, place in enumerate(places) if left <= place[0] <= right and foot <= place[1] <= top]
 
 
 def _factors(basins: BasinsData) -> list[float]:

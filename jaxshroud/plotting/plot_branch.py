@@ -15,8 +15,12 @@ from jaxshroud.plotting.scales import ParameterAxis, parameter_axis, scale_of, t
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,
+    GREEN,
     GREY,
     INK,
+    ORANGE,
+    PINK,
+    RED,
     AnyFigure,
     BoolArray,
     Look,
@@ -64,11 +68,11 @@ def _distance(point: PlotArray, line: PlotArray) -> float:
 
 # The kind of a special point -> marker, colour.
 MARKERS = {
-    "fold": ("s", "#D55E00"),
-    "flip": ("D", "#009E73"),
-    "Neimark-Sacker": ("*", "#CC79A7"),
+    "fold": ("s", RED),
+    "flip": ("D", GREEN),
+    "Neimark-Sacker": ("*", PINK),
     "branch point": ("P", INK),
-    "corner": ("v", "#E69F00"),
+    "corner": ("v", ORANGE),
     "jump": ("|", INK),
     "grazing": ("o", "white"),
 }

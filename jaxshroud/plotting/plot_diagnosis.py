@@ -23,12 +23,15 @@ from jaxshroud.plotting.style import (
     ORANGE,
     PINK,
     SKY,
+    TIGHT_LEGEND,
     AnyFigure,
     Look,
     PlotArray,
     Properties,
     fitting_title,
     legend_below,
+    typeset,
+    wrapped,
 )
 from jaxshroud.scene.checks import InputError
 
@@ -79,7 +82,11 @@ def _final_text(P_d: float, ci: float | None, n: int, settled: bool, period_numb
 
 
 DIAGNOSIS_WIDTH, ROW_HEIGHT = 180 / 25.4, 46 / 25.4  # [inch]
+LEAST_PAGE = 130 / 25.4  # of three panels side by side; a narrower page has two [inch]
 COLUMNS_OF = {"history": 3, "ribbon": 2}  # columns of the panels that span several
+NARROW_COLUMNS_OF = {"history": 2, "summary": 2}
+NAMES_AT, VALUES_AT = -0.15, 0.38  # places of the columns of the summary, relative to the width of its panel
+EVIDENCE_LETTERS = 19  # in a line of the title, per inch
 MOST_EXPONENTS = 6  # exponents shown at most
 FEW_PERIODS = 8  # averages over fewer periods may be outside the axis of P_d
 SMALL_PRINT: Any = {"font.size": 7, "axes.titlesize": 7.5, "axes.labelsize": 7, "legend.fontsize": 6.5}
@@ -135,14 +142,20 @@ def diagnosis_page(diagnosis: DiagnosisResult, look: Look) -> Page[DiagnosisData
     """Motion, contact, P_d, energy, stability and a summary, without the panels that the model has no data for."""
     content = DiagnosisData(diagnosis, run_data(diagnosis.data, 0.0))
     panels = [panel for panel in DIAGNOSIS_PANELS if _is_shown(panel.name, content)]
-    page = Page(content, panels, "", (DIAGNOSIS_WIDTH, 0.0), columns=3, finish=_finish_diagnosis)
+    if look.inches(DIAGNOSIS_WIDTH) < LEAST_PAGE:
+        columns, panels = 2, [panel._replace(columns=NARROW_COLUMNS_OF.get(panel.name, 1)) for panel in panels]
+    else:
+        columns = 3
+    page = Page(content, panels, "", (DIAGNOSIS_WIDTH, 0.0), columns=columns, finish=_finish_diagnosis)
     size = DIAGNOSIS_WIDTH, ROW_HEIGHT * len(page.rows) + 0.75
     return replace(page, size=size, set_ticks=False, rc=SMALL_PRINT)
 
 
 def _finish_diagnosis(figure: AnyFigure, axes: Mapping[str, Axes], content: DiagnosisData) -> None:
     """Add the title with the evidence, and the legend of the contact states."""
-    title = f"{title_of(content.diagnosis.data)}\n{fill(content.diagnosis.evidence, 135)}".strip()
+    letters = round(EVIDENCE_LETTERS * figure.bbox.width / figure.dpi)
+    title = wrapped(typeset(title_of(content.diagnosis.data)), letters)
+    title = f"{title}\n{fill(content.diagnosis.evidence, letters)}".strip()
     figure.suptitle(title, ha="left", x=0.01, fontsize=7.5)
     if "ribbon" in axes and content.run is not None:
         legend_below(figure, contact_handles(content.run))
@@ -180,7 +193,7 @@ def _of_run(panel: Panel[RunData]) -> Panel[DiagnosisData]:
         assert content.run is not None  # else the panel is not shown
         panel.draw(axes, content.run)
         if panel.name == "history":
-            axes.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2, ncols=5)
+            axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=5, **TIGHT_LEGEND)
 
     return Panel(panel.name, draw, columns=COLUMNS_OF.get(panel.name, 1))
 
@@ -205,10 +218,10 @@ def _draw_energy(panel: Axes, content: DiagnosisData) -> None:
     powers, colors = diagnosis.powers, {"drive": INK, "viscous": SKY, "friction": ORANGE}
     panel.barh(list(powers), list(powers.values()), color=[colors[name] for name in powers], height=0.6)
     panel.invert_yaxis()
-    panel.margins(x=0.3)
+    panel.margins(x=0.4)  # room for the numbers
     for i, value in enumerate(powers.values()):
         panel.annotate(f"{value:.3g} W", (value, i), (2, 0), textcoords="offset points", va="center", fontsize=6.5)
-    panel.set(xlabel="mean power [W]", title=f"energy; residual {abs(diagnosis.energy_residual):.0e} of the drive's")
+    panel.set(xlabel="mean power [W]", title=f"energy; residual {abs(diagnosis.energy_residual):.0e}")
 
 
 def _draw_stability(panel: Axes, content: DiagnosisData) -> None:
@@ -234,8 +247,8 @@ def _draw_summary(panel: Axes, content: DiagnosisData) -> None:
     panel.set(title="summary")
     style: Properties = {"va": "top", "transform": panel.transAxes, "fontsize": 6.5, "in_layout": False}
     for i, (name, value) in enumerate(diagnosis_rows(content.diagnosis).items()):
-        panel.text(0, 0.97 - 0.095 * i, name.replace("P_d", "$P_d$"), **style)
-        panel.text(0.52, 0.97 - 0.095 * i, value, **style)
+        panel.text(NAMES_AT, 0.97 - 0.095 * i, name.replace("P_d", "$P_d$"), **style)
+        panel.text(VALUES_AT, 0.97 - 0.095 * i, value.replace("percentage points", "points"), **style)
 
 
 def diagnosis_rows(result: object) -> dict[str, str]:

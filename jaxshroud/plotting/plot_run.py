@@ -24,6 +24,7 @@ from jaxshroud.plotting.style import (
     PAGE_WIDTH,
     PINK,
     SKY,
+    TIGHT_LEGEND,
     AnyFigure,
     IntegerArray,
     Look,
@@ -56,7 +57,7 @@ def draw_ribbon(panel: Axes, run: RunData) -> None:
     for row in range(rows):
         _draw_period(panel, contact, row, rows - 1 - row)
     panel.set(xlim=(0, min(contact.t[-1], 1)), ylim=(0, rows), xlabel=PHASE_LABEL)
-    panel.set(title="contact state and case" if rows == 1 else "contact state, and case below it")
+    panel.set(title="state and case" if rows == 1 else "state, case below")
     places, names = ([0.2, 0.675], ["case", "state"]) if rows == 1 else (np.arange(rows) + 0.5, np.arange(rows, 0, -1))
     panel.set_yticks(places, names)
     panel.set(ylabel="" if rows == 1 else "period")
@@ -126,10 +127,10 @@ def draw_forces(panel: Axes, run: RunData) -> None:
     low, high = axis_limits(np.concatenate([contact.N, contact.F, -mu * contact.N if mu else contact.F]))
     panel.set(xlabel=TIME_LABEL, ylabel="force [N]", title="contact forces", xlim=_time_limits(contact))
     panel.set(ylim=(low, high + 0.15 * (high - low)))  # room for the legend
-    panel.legend(loc="upper right", ncols=3)
+    panel.legend(loc="upper right", ncols=3, **TIGHT_LEGEND)
 
 
-TIME_LABEL, PHASE_LABEL = "time $t/T$", "time within a period $t/T$"
+TIME_LABEL, PHASE_LABEL = "time $t/T$", "time in a period $t/T$"
 CONTACT_PANELS = (
     Panel("forces", draw_forces),
     Panel("ribbon", draw_ribbon),
@@ -253,12 +254,9 @@ def draw_poincare(panel: Axes, run: RunData) -> None:
     (x, v), few = (run.x[:, 0], run.v), run.ends.sum() < 200
     panel.plot(x[run.ends], v[run.ends], "o", color=INK, ms=2.2 if few else 0.9, mew=0, rasterized=True)
     lengths = [axis_limits(a[run.ends], np.ptp(a[run.settled]) / 4) for a in (x, v)]
-    panel.set(title=f"Poincaré points of {_period_count(run.ends.sum())}", xlim=lengths[0], ylim=lengths[1])
+    points = int(run.ends.sum())
+    panel.set(title=f"{points} Poincaré point{'s' if points != 1 else ''}", xlim=lengths[0], ylim=lengths[1])
     panel.set(xlabel=run.scale.label("1"), ylabel="$v_{x1}$ [m/s]")
-
-
-def _period_count(periods: int) -> str:
-    return f"{periods} period{'s' if periods != 1 else ''}"
 
 
 def draw_spectrum(panel: Axes, run: RunData) -> None:

@@ -28,10 +28,14 @@ from jaxshroud.plotting.scales import (
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,
+    DARK,
+    GREEN,
     GREY,
     INK,
     ORANGE,
+    PALE,
     PINK,
+    RED,
     SKY,
     STOPPED_STYLE,
     AnyFigure,
@@ -47,12 +51,14 @@ from jaxshroud.scene.checks import InputError
 MOTION_COLOURS = {
     "period 1": BLUE,
     "period 2": ORANGE,
-    "period 3": "#009E73",
+    "period 3": GREEN,
     "period 4": PINK,
     "periods 5–8": SKY,
-    "periods 9–16": "#D55E00",
-    "aperiodic": "#4d4d4d",
+    "periods 9–16": RED,
+    "aperiodic": DARK,
+    "unsettled": PALE,
 }
+UNSETTLED_COLOUR = list(MOTION_COLOURS).index("unsettled")  # of lanes without a period number, whose transient may last
 COLOUR_OF_PERIOD = np.array([6, 0, 1, 2, 3, *[4] * 4, *[5] * 8])  # period number -> index in MOTION_COLOURS
 EXPONENT_LABEL = r"exponent $\lambda_1$ [1/T]"  # the largest Lyapunov exponent
 
@@ -191,9 +197,11 @@ def _no_lane_message(ds: xr.Dataset) -> str:
 
 
 def _colour_indices(ds: xr.Dataset) -> IntegerArray:
-    """The index of each lane's period number in `MOTION_COLOURS`, or -1 where the lane was stopped."""
+    """The index of each lane's motion in `MOTION_COLOURS`, or -1 where the lane was stopped."""
     number = np.nan_to_num(ds["period_number"].to_numpy()).astype(int)
-    return np.where(ds["status"].to_numpy() == Status.OK, COLOUR_OF_PERIOD[np.clip(number, 0, 16)], -1)
+    indices = COLOUR_OF_PERIOD[np.clip(number, 0, 16)]
+    indices = np.where((number == 0) & (ds["settled"].to_numpy() != 1), UNSETTLED_COLOUR, indices)
+    return np.where(ds["status"].to_numpy() == Status.OK, indices, -1)
 
 
 def _motion_handles(motion: IntegerArray) -> list[Artist]:
@@ -227,7 +235,7 @@ def _draw_motion_cells(panel: Axes, x_edges: PlotArray, y_edges: PlotArray, moti
     """Cells coloured by period number; at stopped lanes the hatched background shows."""
     panel.patch.set(**STOPPED_STYLE)
     cells, colors = np.ma.masked_less(motion, 0), ListedColormap(list(MOTION_COLOURS.values()))
-    panel.pcolormesh(x_edges, y_edges, cells, cmap=colors, vmin=-0.5, vmax=6.5, rasterized=True)
+    panel.pcolormesh(x_edges, y_edges, cells, cmap=colors, vmin=-0.5, vmax=len(MOTION_COLOURS) - 0.5, rasterized=True)
 
 
 def _draw_motion_strip(panel: Axes, curve: Curve) -> None:
@@ -248,17 +256,19 @@ def _draw_exponent(panel: Axes, curve: Curve) -> None:
 
 
 def _draw_curve_power(panel: Axes, curve: Curve) -> None:
-    """P_d with its interval; hollow markers where it is uncertain."""
+    """P_d with its interval; hollow markers where the motion is aperiodic or anything is not settled."""
     ds, axis, motion, _ = curve
     P_d, ci = (np.where(motion >= 0, ds[key].to_numpy(), np.nan) for key in ("P_d", "P_d_ci"))
-    certain = (ds["P_d_settled"] == 1) & (ds["settled"] == 1) & (ds["period_number"] > 0)
-    hollow, many = ~certain.to_numpy() & (motion >= 0), motion.size > 100
+    settled = ((ds["P_d_settled"] == 1) & (ds["settled"] == 1)).to_numpy()
+    aperiodic, many = settled & (ds["period_number"] == 0).to_numpy(), motion.size > 100
     band = "95 % interval" if is_visible(ci, P_d) else None
     panel.fill_between(axis.values, *interval_ends(P_d, ci), color=BLUE, alpha=0.25, lw=0, label=band)
     panel.plot(axis.values, P_d, color=BLUE, lw=0.8, marker="" if many else ".", ms=3)
-    if hollow.any():
-        style: Properties = {"ms": 1.8 if many else 2.5, "mfc": "white", "mec": BLUE, "mew": 0.5}
-        panel.plot(axis.values[hollow], P_d[hollow], "o", label="aperiodic or unsettled", **style)
+    for name, marker, lanes in (("aperiodic", "o", aperiodic), ("unsettled", "D", ~settled)):
+        hollow = lanes & (motion >= 0)
+        style: Properties = {"ms": 1.8 if many else 2.5, "mfc": "white", "mec": MOTION_COLOURS[name], "mew": 0.5}
+        if hollow.any():
+            panel.plot(axis.values[hollow], P_d[hollow], marker, label=name, **style)
     panel.set(xlabel=axis.label, ylabel="$P_d$ [%]")
     limit_zoom(panel, P_d, LEAST_SPAN)
 

@@ -6,17 +6,21 @@ from math import ceil
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from jaxshroud.io.scene_numbers import key_label
 from jaxshroud.motion.effects import between
 from jaxshroud.plotting.page import Page, Panel, Summary
 from jaxshroud.plotting.style import (
     BLUE,
+    COLUMN_WIDTH,
     GREY,
     INK,
     ORANGE,
-    PAGE_WIDTH,
     PINK,
     SKY,
     AnyFigure,
@@ -24,12 +28,13 @@ from jaxshroud.plotting.style import (
     PlotArray,
     Properties,
     fitting_title,
+    legend_below,
     quantity,
-    wrapped,
 )
 
 SHARE_LABEL = "share of draws below"
-MOST_ACROSS = 3  # panels in a row
+ACROSS, ROBUST_HEIGHT = 2, 1.5  # panels in a row, and the height of a row [inch]
+FEW_LOSSES = 40  # values of a number that are joined by a line; more are dots, as their losses jump between motions
 INTERVAL_MARGIN = 0.35  # share of the interval's width that is shown on either side
 LOSSES_SHOWN = 3.0  # largest loss shown, relative to the permissible one
 
@@ -42,26 +47,32 @@ def robustness_page(data: Summary, look: Look) -> Page[Summary]:
         look: The appearance asked for.
     """
     part = robustness_part(data["robust"])
-    size = PAGE_WIDTH, PAGE_WIDTH * 0.1 + part.size[1]
+    size = COLUMN_WIDTH, 0.3 + part.size[1]
     return Page(data, (), fitting_title(str(data["title"]), data["over"]), size, below=part, single=part.panels)
 
 
 def robustness_part(robust: Summary) -> Page[Summary]:
-    """The panels of robustness: one for each number, and one for the scatter."""
+    """The panels of robustness: one for each number, and one for the scatter; the last fills its row."""
     panels = [Panel(key, partial(_draw_loss, key=key)) for key in robust["intervals"]]
     panels += [Panel("scatter", _draw_P_d_scatter)] * bool(robust["scatter"])
-    across = min(len(panels), MOST_ACROSS)
-    size = PAGE_WIDTH, PAGE_WIDTH * 0.3 * ceil(len(panels) / MOST_ACROSS)
+    across, rows = min(len(panels), ACROSS), ceil(len(panels) / ACROSS)
+    panels[-1] = panels[-1]._replace(columns=across * rows - len(panels) + 1)
+    size = COLUMN_WIDTH, 0.6 + ROBUST_HEIGHT * rows
     return Page(robust, panels, "", size, columns=across, finish=_explain_losses)
 
 
 def _explain_losses(figure: AnyFigure, axes: Mapping[str, Axes], robust: Summary) -> None:
-    """Add a heading, and labels to the left column."""
-    text = "each number alone; shaded: loss of $P_d$ up to the dashed line in any condition"
-    figure.suptitle(wrapped(text, round(14 * figure.bbox.width / figure.figure.dpi)), x=0.01, ha="left")  # type: ignore[union-attr]
-    for panel in [*axes.values()][:: min(len(axes), MOST_ACROSS)]:
+    """Add a heading and a legend, and labels to the left column."""
+    figure.suptitle("each number alone, worst condition")
+    for panel in [*axes.values()][::ACROSS]:
         if panel.get_ylabel() != SHARE_LABEL:
             panel.set_ylabel("loss of $P_d$ [points]")
+    losses: list[Artist] = [
+        Line2D([], [], color=ORANGE, ls="--", lw=0.9, label="permissible loss"),
+        Patch(color=SKY, alpha=0.25, label="within it"),
+    ]
+    nominal = axes["scatter"].get_legend_handles_labels()[0] if "scatter" in axes else []
+    legend_below(figure, [DESIGN_MARK, *losses, *nominal])
 
 
 def _draw_loss(panel: Axes, robust: Summary, key: str) -> None:
@@ -71,13 +82,15 @@ def _draw_loss(panel: Axes, robust: Summary, key: str) -> None:
     low, high = interval["low"], interval["high"]
     panel.axvspan(low * unit, high * unit, color=SKY, alpha=0.25, lw=0, zorder=0)
     panel.axhline(loss, color=ORANGE, ls="--", lw=0.9)
-    panel.plot(values * unit, losses, color=BLUE, lw=0.8, marker="o", ms=1.4)
-    panel.plot(interval["at"] * unit, 0.0, "*", color=ORANGE, mec=INK, mew=0.5, ms=7, clip_on=False, zorder=5)
+    panel.plot(interval["at"] * unit, 0.0, **DESIGN_STYLE)
     width = (high - low) or (values[-1] - values[0]) or abs(high) or 1.0
     panel.set_xlim(
         max(low - INTERVAL_MARGIN * width, values[0] - 0.03 * width) * unit,
         min(high + INTERVAL_MARGIN * width, values[-1] + 0.03 * width) * unit,
     )
+    begin, end = panel.get_xlim()
+    few = np.count_nonzero((values * unit >= begin) & (values * unit <= end)) <= FEW_LOSSES
+    panel.plot(values * unit, losses, ".", color=BLUE, ls="-" if few else "", lw=0.8, ms=3 if few else 1.5, mew=0)
     shown = losses[(values >= low) & (values <= high) & np.isfinite(losses)]
     panel.set_ylim(min(shown.min(initial=0.0) - 0.1 * loss, -0.3 * loss), LOSSES_SHOWN * loss)
     panel.set_xlabel(label)
@@ -86,15 +99,27 @@ def _draw_loss(panel: Axes, robust: Summary, key: str) -> None:
 def _draw_P_d_scatter(panel: Axes, robust: Summary) -> None:
     P_d = np.sort(np.array(robust["sampled_P_d"], float))
     panel.step(P_d, (np.arange(P_d.size) + 1) / P_d.size, where="post", color=BLUE, lw=0.9)
-    panel.axvline(min(robust["nominal_P_d"]), color=GREY, lw=0.9, ls=":")
+    panel.axvline(min(robust["nominal_P_d"]), color=INK, lw=0.9, ls=":", label="design without scatter")
     if robust.get("at_least") is not None:
         panel.axvline(robust["at_least"], color=ORANGE, ls="--", lw=0.9)
         chance = between(*(robust[name] for name in ("probability", "probability_low", "probability_high")))
-        panel.set_title(f"at least {robust['at_least']:g} %:\n{chance}", fontsize=7, color=INK)
+        panel.set_title(f"at least {robust['at_least']:g} % (dashed): {chance}")
     panel.set(xlabel="worst $P_d$ of a draw [%]", ylabel=SHARE_LABEL, ylim=(0, 1))
 
 
+DESIGN_STYLE: Properties = {
+    "marker": "*",
+    "color": ORANGE,
+    "ls": "",
+    "mec": INK,
+    "mew": 0.5,
+    "ms": 8,
+    "clip_on": False,
+    "zorder": 5,
+}
+DESIGN_MARK = Line2D([], [], label="tuned design", **DESIGN_STYLE)
 STEP_LABEL = "update, then round of samples"
+START_STYLE: Properties = {"marker": "o", "color": INK, "lw": 1.0, "mfc": "white", "mec": INK, "mew": 0.6, "ms": 3.5}
 ROUND_DASHES = (0, (2.5, 1.2))  # dashes of the rounds of samples
 
 
@@ -123,9 +148,23 @@ def tuning_page(data: Summary, look: Look) -> Page[TuningData]:
     points, scores = np.array(data["points"]), np.array(data["scores"], float)
     best = int(np.nanargmax(scores[-1]))
     content = TuningData(data, points, scores, best, _sample_rounds(data, points[-1, best], scores[-1, best]))
-    paths = Panel("designs", _draw_keys if data["map"] is None else _draw_paths)
-    height = PAGE_WIDTH * 0.5 + (0.0 if below is None else below.size[1])
-    return Page(content, (paths, Panel("scores", _draw_scores)), title, (PAGE_WIDTH, height), columns=2, below=below)
+    paths = Panel("designs", _draw_keys if data["map"] is None else _draw_paths, 3.6)
+    size = COLUMN_WIDTH, 4.9 + (0.0 if below is None else below.size[1])
+    return Page(content, (paths, Panel("scores", _draw_scores)), title, size, finish=_name_paths, below=below)
+
+
+def _name_paths(figure: AnyFigure, axes: Mapping[str, Axes], tuning: TuningData) -> None:
+    """Add the legend of the paths."""
+    best: Properties = {"color": BLUE, "lw": 1.2}
+    handles: list[Artist] = []
+    if tuning.data["map"] is not None:
+        handles = [Line2D([], [], label="start and path", **START_STYLE), DESIGN_MARK]
+    handles.append(Line2D([], [], label="score of the best path", **best))
+    if len(tuning.rounds) > 1:
+        handles.append(Line2D([], [], ls=ROUND_DASHES, label="samples at its end", **best))
+    if tuning.scores.shape[1] > 1:
+        handles.append(Line2D([], [], color=GREY, lw=0.6, label="other paths"))
+    legend_below(figure, handles)
 
 
 def _draw_scores(panel: Axes, tuning: TuningData) -> None:
@@ -135,9 +174,10 @@ def _draw_scores(panel: Axes, tuning: TuningData) -> None:
         panel.plot(scores[:, i], color=BLUE if i == best else GREY, lw=1.2 if i == best else 0.6)
     if len(rounds) > 1:
         update = len(scores) - 1 + np.arange(len(rounds))
-        panel.plot(update, rounds[:, -1], color=BLUE, lw=1.2, ls=ROUND_DASHES, label="samples at its end")
-        panel.legend(loc="best", handlelength=1.8)
-    panel.set(xlabel=STEP_LABEL, ylabel="objective less penalties [%]", title="each start; the best in blue")
+        panel.plot(update, rounds[:, -1], color=BLUE, lw=1.2, ls=ROUND_DASHES)
+    panel.set(xlabel=STEP_LABEL if len(rounds) > 1 else "update", ylabel="score [%]")
+    panel.margins(x=0.01)
+    panel.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _sample_rounds(data: Summary, end: PlotArray, score: float) -> PlotArray:
@@ -158,19 +198,19 @@ def _draw_paths(panel: Axes, tuning: TuningData) -> None:
     mesh = panel.pcolormesh(
         x, y, np.array(data["map"]["objective"], float).T, cmap="viridis", shading="nearest", rasterized=True
     )
-    panel.figure.colorbar(mesh, ax=panel, label="objective [%]")
+    panel.figure.colorbar(mesh, ax=panel, label="objective [%]", location="top", aspect=40, pad=0.02)
     for i in range(points.shape[1]):
         path = points[:, i] * [x_unit, y_unit]
         width, size = (1.4, 3.5) if i == best else (0.7, 2.0)
         panel.plot(*path.T, color="white", lw=width + 1.2)
         panel.plot(*path.T, color=INK, lw=width)
-        panel.plot(*path[0], "o", color="white", mec=INK, mew=0.6, ms=size)
+        start: Properties = {**START_STYLE, "ms": size, "ls": ""}
+        panel.plot(*path[0], **start)
     end = np.array(list(data["design"].values())) * [x_unit, y_unit]
-    panel.plot(*end, "*", color=ORANGE, mec=INK, mew=0.5, ms=9, label="tuned design", clip_on=False, zorder=5)
+    panel.plot(*end, **DESIGN_STYLE)
     panel.set(xlabel=x_label, ylabel=y_label, xlim=x[[0, -1]], ylim=y[[0, -1]])
     panel.set_xscale("log" if x_ends[0] > 0 else "linear")
     panel.set_yscale("log" if y_ends[0] > 0 else "linear")
-    panel.set_title("paths from their starts (circles)")
     path = tuning.rounds[:, :-1] * [x_unit, y_unit]  # the continuation of the best path
     panel.plot(*path.T, color="white", lw=2.2)
     panel.plot(*path.T, color=INK, lw=1.0, ls=ROUND_DASHES)

@@ -91,8 +91,10 @@ def legend_above(panel: Axes) -> None:
     """Add a legend above a panel, if it has entries."""
     handles = panel.get_legend_handles_labels()[0]
     style: Properties = {"bbox_to_anchor": (0, 1), "borderpad": 0.2, "borderaxespad": 0}
-    if handles:
-        panel.legend(handles=handles, loc="lower left", ncols=2 if len(handles) == 2 else 1, **style)
+    for columns in range(min(len(handles), 3), 0, -1):
+        legend = panel.legend(handles=handles, loc="lower left", ncols=columns, **style)
+        if legend.get_window_extent().width <= panel.get_window_extent().width:
+            return
 
 
 def figure_of(ax: Axes) -> Figure:

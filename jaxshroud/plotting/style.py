@@ -5,12 +5,14 @@ import re
 from collections.abc import Collection, Iterable, Sequence
 from html import escape, unescape
 from io import BytesIO
+from math import ceil
 from pathlib import Path
 from typing import Any, NamedTuple, TypedDict
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 from numpy.typing import NDArray
@@ -79,12 +81,30 @@ def wrapped(text: str, width: int) -> str:
     """Text in lines of about `width` visible characters; formulas are not broken."""
     lines, length = [""], 0
     for word in re.findall(r"(?:\$[^$]*\$|[^\s$])+", text):
-        size = len(re.sub(r"\\\w+", "a", word).translate({ord(c): None for c in "${}_^"}))
+        size = _visible_length(word)
         if length and length + 1 + size > width:
             lines, length = [*lines, ""], 0
         lines[-1] += f" {word}" if length else word
         length += size + (length > 0)
     return "\n".join(lines)
+
+
+def _visible_length(text: str) -> int:
+    """The number of characters of a text with formulas that take place."""
+    return len(re.sub(r"\\\w+", "a", text).translate({ord(c): None for c in "${}_^"}))
+
+
+def fit_title(panel: Axes) -> None:
+    """Break the title of a panel that is not laid out yet where it would be wider than the panel."""
+    location = mpl.rcParams["axes.titlelocation"]
+    text = panel.get_title(loc=location)
+    if not text:
+        return
+    title = panel.set_title(text, loc=location)
+    room, letters = TITLE_ROOM * panel.get_window_extent().width, _visible_length(text)
+    while title.get_window_extent().width > room and letters > FEWEST_LETTERS:
+        letters -= 1
+        title.set_text(wrapped(text, letters))
 
 
 def _formula(base: str | None, below: str | None, alone: str | None) -> str:
@@ -136,12 +156,15 @@ def _names_in(names: Collection[str], text: str) -> set[str]:
 
 
 INCH = 25.4  # [mm]
+FEWEST_LETTERS = 8  # of a line of a title
+TITLE_ROOM = 0.85  # of the width that a panel has before the figure is laid out, which takes some of it for labels
 Properties = dict[str, Any]  # of artists of matplotlib, as keyword arguments
 COLUMN_WIDTH, PAGE_WIDTH = 88 / INCH, 140 / INCH  # one and one and a half columns [inch]
 STYLE: Any = {
     **dict.fromkeys(("font.size", "axes.titlesize", "figure.titlesize"), 8),
     **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 7),
     **dict.fromkeys(("xtick.direction", "ytick.direction"), "in"),
+    "xtick.major.pad": 5,  # keeps the first label clear of that of the y axis
     **{"axes.titlelocation": "left", "axes.linewidth": 0.6, "hatch.linewidth": 0.4},
     **{"legend.frameon": False, "legend.handlelength": 1.2, "legend.columnspacing": 1.2},
     **{"pdf.fonttype": 42, "svg.fonttype": "none"},  # text stays text
@@ -150,6 +173,8 @@ STYLE: Any = {
 QUANTITIES = {row.name: (row.symbol, row.label, *row.shown) for row in KEYS.values()}
 # Colours after Okabe and Ito, which colour-blind readers tell apart.
 INK, GREY, BLUE, ORANGE, SKY, PINK = "#1a1a1a", "#8c8c8c", "#0072B2", "#E69F00", "#56B4E9", "#CC79A7"
+GREEN, RED, YELLOW, DARK, PALE = "#009E73", "#D55E00", "#F0E442", "#4d4d4d", "#b8b8b8"  # pale: not settled
+COLOURS = (BLUE, ORANGE, GREEN, PINK, SKY, RED, DARK, YELLOW)  # of what has no colour of its own
 STOPPED_STYLE: Properties = {
     "facecolor": "#ededed",
     "edgecolor": "#9c9c9c",
@@ -157,6 +182,8 @@ STOPPED_STYLE: Properties = {
 }  # of lanes without numbers
 
 LENGTHS = {"m": ("m", 1.0), "mm": ("mm", 1e3), "um": ("µm", 1e6)}  # unit of length -> its symbol, units per metre
+
+TIGHT_LEGEND: Properties = {"handlelength": 0.8, "handletextpad": 0.3, "columnspacing": 0.6, "borderaxespad": 0.1}
 
 PlotArray = NDArray[np.float64]
 IntegerArray = NDArray[np.integer[Any]]
@@ -215,9 +242,13 @@ def show_message(figure: Figure, text: str) -> Figure:
     return figure
 
 
+MOST_COLUMNS = 6  # of a legend
+
+
 def legend_below(figure: AnyFigure, handles: Sequence[Artist]) -> None:
-    """Add a legend below the panels, in as many columns as fit."""
-    for columns in range(min(6, len(handles)), 0, -1):
+    """Add a legend below the panels, in as few rows as fit, and these alike."""
+    for rows in range(max(ceil(len(handles) / MOST_COLUMNS), 1), len(handles) + 1):
+        columns = ceil(len(handles) / rows)
         legend = figure.legend(handles=list(handles), loc="outside lower center", ncols=columns)
         if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
             return

@@ -1,13 +1,13 @@
 """Batches of scenes, with leading axes: on a grid of values, from a table, or from a list."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.programs.kept import kept
 from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import find_key
@@ -29,7 +29,7 @@ def grid_of_scenes(scene: Scene, axes: Mapping[str, np.ndarray]) -> Scene:
     return _grid(scene, tuple(axes), [jnp.asarray(v) for v in axes.values()])
 
 
-@partial(jax.jit, static_argnames="keys")
+@kept("keys")
 def _grid(scene: Scene, keys: tuple[str, ...], values: list) -> Scene:
     build = lambda *values: varied(scene, keys, values)
     for i in reversed(range(len(keys))):
@@ -49,7 +49,7 @@ def scenes_at(scene: Scene, keys: Sequence[str], values: np.ndarray) -> Scene:
     return _scenes_at(scene, tuple(keys), jnp.asarray(values, scene.drive.omega.dtype))
 
 
-@partial(jax.jit, static_argnames="keys")
+@kept("keys")
 def _scenes_at(scene: Scene, keys: tuple[str, ...], rows) -> Scene:
     return jax.vmap(lambda row: varied(scene, keys, row))(rows)
 

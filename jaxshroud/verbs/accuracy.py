@@ -3,6 +3,7 @@
 import json
 import math
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,12 +13,22 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.march.method import Choices
 from jaxshroud.march.method_names import Locate
 from jaxshroud.march.stability import stiffest, stiffness_ratio
 from jaxshroud.march.tableau import MIN_STEPS, TOLERANCE_RANGE, TaylorOptions, tableau
-from jaxshroud.motion.short_runs import ShortRuns, end_states, gap_slopes, run_from_start, softened, state_errors
+from jaxshroud.motion.averages import least_tilt
+from jaxshroud.motion.short_runs import (
+    HORIZON,
+    ShortRuns,
+    end_states,
+    gap_slopes,
+    run_from_start,
+    softened,
+    state_errors,
+)
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene
 
@@ -90,7 +101,13 @@ MAX_PROBED_LANES = 256  # on which a setting is tried before it is chosen
 PROMISED_SHARE = 0.95  # of the lanes, for which an accuracy is promised
 MAX_FINER_SETTINGS = 3  # tried beyond those of the table, each with half the step or a tenth of the tolerance
 ERROR_MARGIN = 3.0  # an estimated error is one draw: where motions multiply errors, another may be larger by this
-MAX_TOLERANCE_RATIO = 1e3  # between tolerances that are tried one after the other
+MAX_SHARE = 0.1  # of the work of a run, for the choice of its method
+EXPECTED_TRIALS = 2
+SLACK = 3.0  # in the proportion of errors to tolerances
+LEAST_TOLERANCE = 1e-14  # which is tried in any case
+PARALLEL_TILT = 0.1  # see `least_tilt`
+TILTED, PARALLEL = 0, 1  # places in the table
+EndStates = Callable[[Scene, int, Choices], np.ndarray]
 FORCE_PERTURBATION = 2.0**-50  # relative
 ACCEPTABLE_RATIO = 2.0  # to the smallest error, if no error is small enough: the first such setting is taken
 
@@ -120,8 +137,8 @@ class Choice:
 
 
 @cache
-def _accuracy_table() -> list[dict[str, list]]:
-    """For each class of stiffness: the levels that can be promised, each with the fields of a `Setting`."""
+def _accuracy_table() -> list[list[dict[str, list]]]:
+    """For tilted and for nearly parallel faces, and each class of stiffness: the promised levels, with settings."""
     return json.loads((Path(__file__).parent / "accuracy.json").read_text("utf-8"))
 
 
@@ -140,17 +157,28 @@ def accuracy_level(accuracy: str | float) -> float:
     return value
 
 
-def choose(scenes: Scene, batch_dims: int, accuracy: str | float) -> Choice:
+def choose(
+    scenes: Scene,
+    batch_dims: int,
+    accuracy: str | float,
+    *,
+    lane_periods: float | int = math.inf,
+    ends: EndStates = end_states,
+) -> Choice:
     """The setting by which scenes are marched with an accuracy.
 
-    The table says which setting is enough for scenes of such a stiffness. How much the motion itself multiplies errors,
-    at impacts and between nearly parallel faces, differs from scene to scene. Each setting is therefore tried on the
-    given scenes over three periods against a finer one, and the next is tried if its error is too large.
+    The table says which setting is enough for scenes of such a stiffness and tilt. How much the motion itself
+    multiplies errors, at impacts and between nearly parallel faces, differs from scene to scene. Each setting is
+    therefore tried on some of the given scenes over three periods against a finer one, and a finer one is tried if its
+    error is too large. Trials take at most `MAX_SHARE` of the run that the choice is for. For a run too short for one,
+    the word of the table counts, if it has one: who runs it compares the run itself, see `missed_lanes`.
 
     Args:
         scenes: One scene, or many with leading axes: the stiffest one determines the step.
         batch_dims: The number of leading axes.
         accuracy: "fast", "balanced", "reference" or a number; see `NAMED`.
+        lane_periods: Of the run that the choice is for.
+        ends: Marches lanes to the horizon; best by the programs that the run needs.
 
     Returns:
         The cheapest setting that is accurate enough, promised; else about the best one, not promised.
@@ -160,44 +188,69 @@ def choose(scenes: Scene, batch_dims: int, accuracy: str | float) -> Choice:
     """
     level = accuracy_level(accuracy)
     lanes = jax.tree.map(lambda a: np.reshape(a, (-1, *np.shape(a)[batch_dims:])), scenes)
-    probe, frequency_and_period, choices = _probe(lanes), stiffest(lanes, 1), []
-    for setting in _candidates(lanes, level):
+    frequency_and_period, choices = stiffest(lanes, 1), []
+    candidates, in_table = _candidates(lanes, level)
+    probed = _affordable_lanes(len(lanes.drive.omega), lane_periods)
+    if in_table and not probed:
+        return Choice(level, candidates[0], candidates[0].steps(*frequency_and_period), True)
+    probe = _probe(lanes, max(probed, 1))
+    while candidates:
+        setting, *candidates = candidates
         steps = setting.steps(*frequency_and_period)
-        error = ERROR_MARGIN * _promised_error(estimated_errors(probe, setting, steps))
+        error = ERROR_MARGIN * _promised_error(estimated_errors(probe, setting, steps, ends))
         choices.append(Choice(level, setting, steps, error <= level, error))
         if choices[-1].promised:
             return choices[-1]
+        candidates = [finer for finer in candidates if _may_suffice(finer, setting, error / level)]
     smallest = min(choice.reached for choice in choices)
     return next(choice for choice in choices if choice.reached <= ACCEPTABLE_RATIO * smallest)
 
 
-def _candidates(lanes: Scene, accuracy: float) -> list[Setting]:
-    """The settings of the table for an accuracy, then those for better accuracies, then finer ones than these."""
-    row = _accuracy_table()[int(np.searchsorted(STIFFNESS_CLASSES, stiffness_ratio(lanes, 1)))]
-    settings = {float(level): Setting(*setting) for level, setting in row.items()}
-    sufficient = [settings[level] for level in sorted(settings, reverse=True) if level <= accuracy * 1.001] or [
-        settings[min(settings)]
-    ]
-    sufficient = [
-        setting for pair in zip([sufficient[0], *sufficient], sufficient, strict=False) for setting in _between(*pair)
-    ]
-    finer = [sufficient[-1].finer(n) for n in range(1, MAX_FINER_SETTINGS + 1)]
+def _candidates(lanes: Scene, accuracy: float) -> tuple[list[Setting], bool]:
+    """The settings of the table for an accuracy and for better ones, then finer ones; is it the table's first word?"""
+    near = PARALLEL if least_tilt(lanes) < PARALLEL_TILT and lanes.parts.has("theta", 0) else TILTED
+    rows = _accuracy_table()[near][: int(np.searchsorted(STIFFNESS_CLASSES, stiffness_ratio(lanes, 1))) + 1]
+    settings = {float(level): Setting(*setting) for level, setting in rows[-1].items()}
+    sufficient = [settings[level] for level in sorted(settings, reverse=True) if level <= accuracy * 1.001]
+    finest = [Setting(*list(row.values())[-1]) for row in rows if row]
+    found = sufficient or finest[-1:]
+    found = [setting for pair in zip([found[0], *found], found, strict=False) for setting in _decades(*pair)]
+    finer = [found[-1].finer(n) for n in range(1, MAX_FINER_SETTINGS + 1)]
     finer = [setting for setting in finer if setting.finer(1).tolerance < setting.tolerance / 2 or not setting.order]
-    return list(dict.fromkeys([*sufficient, *finer]))
+    return list(dict.fromkeys([*found, *finer])), bool(sufficient)
 
 
-def _between(coarse: Setting, fine: Setting) -> list[Setting]:
-    """The finer of two settings; before it, if their tolerances are far apart, its order with one halfway between."""
-    if not (coarse.order and fine.order) or fine.tolerance * MAX_TOLERANCE_RATIO >= coarse.tolerance:
+def _decades(coarse: Setting, fine: Setting) -> list[Setting]:
+    """The finer of two settings; before it, if both are series, its order with the decades of tolerance between."""
+    if not (coarse.order and fine.order):
         return [fine]
-    halfway = 10.0 ** round(math.log10(coarse.tolerance * fine.tolerance) / 2)
-    return [fine._replace(tolerance=halfway), fine]  # one program: a tolerance compiles nothing
+    first, last = round(math.log10(coarse.tolerance)), round(math.log10(fine.tolerance))
+    return [*(fine._replace(tolerance=10.0**n) for n in range(first - 1, last, -1)), fine]
 
 
-def _probe(lanes: Scene) -> Scene:
-    """At most `MAX_PROBED_LANES` of the lanes, evenly spread."""
+def _may_suffice(finer: Setting, tried: Setting, excess: float) -> bool:
+    """Whether a setting may be fine enough where the one that was tried errs by a factor `excess` too much.
+
+    The errors of power series of one order are about proportional to their tolerance.
+    """
+    same = finer.order == tried.order != 0
+    return not same or finer.tolerance * excess <= SLACK * tried.tolerance or finer.tolerance <= LEAST_TOLERANCE
+
+
+def _affordable_lanes(count: int, lane_periods: float | int) -> int:
+    """On how many of the lanes settings are tried for a run of so many lane-periods; 0: on none."""
+    width = 1 if count == 1 else LANES_PER_CALL
+    one_trial = 2 * HORIZON * width  # with the finer setting, of the lanes that a call marches
+    if MAX_SHARE * lane_periods < one_trial:
+        return 0
+    chunks = max(min(MAX_SHARE * lane_periods / (EXPECTED_TRIALS * one_trial), MAX_PROBED_LANES // width), 1)
+    return min(count, int(chunks) * width)
+
+
+def _probe(lanes: Scene, most: int) -> Scene:
+    """At most so many of the lanes, evenly spread."""
     count = len(lanes.drive.omega)
-    some = np.unique(np.linspace(0, count - 1, min(count, MAX_PROBED_LANES)).astype(int))
+    some = np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
     return jax.tree.map(lambda a: np.asarray(a)[some], lanes)
 
 
@@ -207,24 +260,25 @@ def _promised_error(errors: np.ndarray) -> float:
     return float(np.quantile(finite, PROMISED_SHARE, method="higher")) if len(finite) else 0.0
 
 
-def estimated_errors(scenes: Scene, setting: Setting, steps: int) -> np.ndarray:
+def estimated_errors(scenes: Scene, setting: Setting, steps: int, ends: EndStates = end_states) -> np.ndarray:
     """The error of each lane (leading axis) by comparison with a finer march in float64; NaN where it stops.
 
-    The finer march is driven by forces that are a few roundings larger, so that the growth of roundings counts too.
+    Both march to the horizon by `ends`. The finer march is driven by forces that are a few roundings larger, so that
+    the growth of roundings counts too.
     """
     finer, loads = setting.finer(1).exact.method, lambda scenes: (scenes.drive.F_0, scenes.drive.M_0)
     perturbed = eqx.tree_at(loads, scenes, replace_fn=lambda a: np.asarray(a) * (1 + FORCE_PERTURBATION))
-    return state_errors(end_states(scenes, steps, setting.method), end_states(perturbed, 2 * steps, finer))
+    return state_errors(ends(scenes, steps, setting.method), ends(perturbed, 2 * steps, finer))
 
 
-def missed_lanes(scenes: Scene, choice: Choice) -> np.ndarray:
+def missed_lanes(scenes: Scene, choice: Choice, ends: EndStates = end_states) -> np.ndarray:
     """Whether each lane (leading axis) misses the accuracy, by its estimated error after three periods.
 
     An estimate is one draw of an error: a lane that misses by a factor of two or more is nearly always marked; one that
     misses by less, or only later, may not be.
     """
     flat = jax.tree.map(np.asarray, scenes)
-    return ~(estimated_errors(flat, choice.setting, choice.steps) <= choice.accuracy)
+    return ~(estimated_errors(flat, choice.setting, choice.steps, ends) <= choice.accuracy)
 
 
 def warn_missed(missed: np.ndarray, choice: Choice) -> None:

@@ -1,6 +1,8 @@
 """The arguments that all verbs share: the argument, else the [run] of the scene file, else the default."""
 
+import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -15,6 +17,7 @@ from jaxshroud.march.method import FAST, Choices, Method, RungeKutta, StepCount,
 from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.prepared import State
+from jaxshroud.motion.short_runs import end_states
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import KEYS
@@ -22,7 +25,7 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import numbers_of, text_of
 from jaxshroud.scene.typed import Tree, typed
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.accuracy import Choice, accuracy_level, choose
+from jaxshroud.verbs.accuracy import Choice, EndStates, accuracy_level, choose
 
 N_PERIODS = 64  # kept periods, unless the argument or the scene file says otherwise
 LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
@@ -177,13 +180,22 @@ def _method_options(
     return (method.steps, method, None) if method.choice is None else (None, None, method.choice)
 
 
-def choose_method(resolved: ResolvedOptions, lanes: Scene, usual: Choices) -> tuple[Choices, Choice | None]:
+def choose_method(
+    resolved: ResolvedOptions,
+    lanes: Scene,
+    usual: Choices,
+    *,
+    periods: float | int | None = None,
+    ends: EndStates | None = None,
+) -> tuple[Choices, Choice | None]:
     """The method by which lanes (leading axis) are marched, and the choice for an accuracy that it comes from, if any.
 
     Args:
         resolved: The resolved arguments.
         lanes: The scenes.
         usual: The method where only steps are given, with or without a ledger.
+        periods: Of the run of each lane; by default those of the arguments.
+        ends: How lanes are marched to try a method; by default by the programs of `run_lanes`.
 
     Raises:
         InputError: An accuracy is requested for smooth contact or for own laws.
@@ -194,20 +206,23 @@ def choose_method(resolved: ResolvedOptions, lanes: Scene, usual: Choices) -> tu
         raise InputError(f"An accuracy can be had for located contact, not for {kind}; give js.RungeKutta(steps=...).")
     accuracy = resolved.choosing_accuracy
     if accuracy is not None:
-        choice = accuracy if isinstance(accuracy, Choice) else choose(lanes, 1, accuracy)
+        periods = resolved.transient + resolved.n_periods if periods is None else periods
+        ends = ends or partial(end_states, ledger=usual.ledger)
+        work = len(lanes.drive.omega) * periods
+        choice = accuracy if isinstance(accuracy, Choice) else choose(lanes, 1, accuracy, lane_periods=work, ends=ends)
         return choice.method._replace(ledger=usual.ledger), choice
     ledger = usual.ledger or contact == "own"  # the energy balance is the only check of a user's own law
     return (usual._replace(ledger=ledger) if resolved.method is None else choices(resolved.method, ledger=ledger)), None
 
 
-def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices) -> MarchPlan:
+def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials: Any) -> MarchPlan:
     """The plan by which lanes (leading axis) are marched, from the arguments of `choose_method`.
 
     Raises:
         InputError: See `choose_method`.
         ValueError: The march would be unstable, or JAX has no float64.
     """
-    method, choice = choose_method(resolved, lanes, usual)
+    method, choice = choose_method(resolved, lanes, usual, **trials)
     if choice is not None and choice is not resolved.accuracy:
         return MarchPlan(choice.steps, method, choice)
     steps = choice.steps if choice is not None else "auto" if resolved.steps is None else resolved.steps
@@ -250,7 +265,7 @@ def method_for(scenes: Scene, accuracy: str | float = ACCURACY) -> Method:
         float64
     """
     resolved = resolve_options(scenes, method=accuracy)
-    return plan_march(resolved, resolved.lanes, FAST).as_method
+    return plan_march(resolved, resolved.lanes, FAST, periods=math.inf).as_method
 
 
 def refuse_traced(tree: object) -> None:

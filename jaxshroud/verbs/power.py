@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -19,6 +20,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import Reduction, averages, relative_residual
 from jaxshroud.motion.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
+from jaxshroud.motion.short_runs import end_states
 from jaxshroud.motion.statistics import confidence_interval
 from jaxshroud.results.power import PowerResult
 from jaxshroud.scene.checks import InputError, tolerance_argument
@@ -199,7 +201,7 @@ def power(
     result = _power_result(resolved, summaries, march, chatter)
     warn_failures(result.status, chatter, throw=throw)
     if march.choice is not None:
-        warn_missed(missed_lanes(lanes, march.choice), march.choice)
+        warn_missed(missed_lanes(lanes, march.choice, partial(end_states, ledger=True)), march.choice)
     return result
 
 

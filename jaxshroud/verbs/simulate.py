@@ -20,6 +20,7 @@ from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Ledger
+from jaxshroud.motion.short_runs import trajectory_ends
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.file import SceneFile
@@ -88,7 +89,7 @@ def simulate(
     if events and (resolved.shape or resolved.scene.parts.contact != "spring"):
         raise InputError("Argument `events` keeps those of one scene with located contact; simulate it alone.")
     lanes = resolved.lanes
-    march = plan_march(resolved, lanes, REFERENCE)
+    march = plan_march(resolved, lanes, REFERENCE, periods=resolved.n_periods, ends=trajectory_ends)
     scenes = in_precision(lanes, march.method.precision)
     count = resolved.n_periods * march.steps // every
     check_memory("what is stored of this run", len(scenes.drive.omega) * count * STEP_BYTES)
@@ -109,7 +110,7 @@ def simulate(
     result = _trajectory(resolved, in_shape(columns, resolved.shape), common)
     warn_failures(result.status, chatter, throw=throw)
     if march.choice is not None:
-        warn_missed(missed_lanes(lanes, march.choice), march.choice)
+        warn_missed(missed_lanes(lanes, march.choice, trajectory_ends), march.choice)
     return result
 
 

@@ -231,10 +231,29 @@ def test_axis_labels(key, units, label, scale):
 def test_unsure_powers_are_hollow():
     ds = gamma_sweep(40)
     panel = drawn(picture("sweep", ds)).axes[2]
-    unsure = (ds["period_number"] == 0) | (ds["settled"] == 0)
-    assert 0 < unsure.sum() < 40
-    np.testing.assert_array_equal(panel.lines[1].get_xdata(), ds["gamma"][unsure])
-    assert panel.lines[1].get_markerfacecolor() == "white"
+    unsettled = ds["settled"] == 0
+    aperiodic = (ds["period_number"] == 0) & ~unsettled
+    marks = {line.get_label(): line for line in panel.lines[1:]}
+    assert list(marks) == ["aperiodic", "unsettled"]
+    for name, lanes in (("aperiodic", aperiodic), ("unsettled", unsettled)):
+        assert 0 < lanes.sum() < 40
+        np.testing.assert_array_equal(marks[name].get_xdata(), ds["gamma"][lanes])
+        assert marks[name].get_markerfacecolor() == "white"
+    assert marks["aperiodic"].get_marker() != marks["unsettled"].get_marker()
+
+
+def test_unsettled_lanes_are_not_called_aperiodic():
+    ds = gamma_sweep(9)
+    ds["period_number"][:] = 0
+    ds["settled"][:] = [1, 1, 1, 1, 1, 0, 0, 0, 0]
+    samples, strip, _ = drawn(figure := picture("sweep", ds)).axes
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["aperiodic", "unsettled"]
+    edge = float(ds["gamma"][4])
+    colours = {line.get_color(): line.get_xdata() for line in samples.lines if line.get_xdata().size}
+    assert colours[MOTION_COLOURS["aperiodic"]].max() == edge < colours[MOTION_COLOURS["unsettled"]].min()
+    assert len(np.unique(strip.collections[0].get_facecolors(), axis=0)) == 2
+    ds["period_number"][:] = 1  # a period number that was found is shown
+    assert [text.get_text() for text in picture("sweep", ds).legends[0].get_texts()] == ["period 1"]
 
 
 def test_odd_sweeps_draw():
@@ -307,7 +326,7 @@ def test_contact_is_shaded_where_the_mode_says():
 def test_samples_that_miss_the_periods_ends():
     # Every third of 100 steps: each third period's end is stored.
     figure = drawn(picture("trajectory", run(lambda tau: 1e-4 * np.sin(tau), every=3)))
-    assert figure.axes[2].get_title(loc="left") == "Poincaré points of 10 periods"
+    assert figure.axes[2].get_title(loc="left") == "10 Poincaré points"
     assert [text.get_text() for text in figure.axes[3].texts] == ["$f_e$"]
 
 

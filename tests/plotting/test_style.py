@@ -153,9 +153,9 @@ def test_what_has_settled_is_not_magnified():
     assert np.ptp(samples.get_ylim()) >= 0.01 * np.abs(samples.get_ylim()).max()
 
 
-def test_one_period_is_one_period():
+def test_one_point_is_one_point():
     figure = drawn(picture("trajectory", run(2)))
-    assert figure.axes[2].get_title(loc="left") == "Poincaré points of 1 period"
+    assert figure.axes[2].get_title(loc="left") == "1 Poincaré point"
 
 
 def test_results_take_the_same_words():

@@ -9,37 +9,32 @@ from matplotlib.figure import Figure
 from reading_scenes import FIG16, FIG17, FIG18, LOST, SI, Reading, columns, readings
 from reading_verdict import Found, hits_of
 
-SMALL: dict[Any, Any] = {
-    "font.size": 7,
-    "axes.titlesize": 7,
-    "axes.linewidth": 0.6,
-    "lines.linewidth": 1.0,
-    "legend.frameon": False,
-}
-WIDTH = 90 / 25.4  # of a column [in]
-DARK, LIGHT, MARK = "#1f4e79", "#9db8d2", "#c0392b"
+from jaxshroud.plotting.style import BLUE, RED, SKY, STYLE
+
+SMALL: dict[Any, Any] = STYLE | {"font.size": 7, "lines.linewidth": 1.0}
+WIDTH, DPI = 90 / 25.4, 200  # of a column [in], and the dots that notebooks show it with
 
 
 def picture(found: Found, told: dict[str, Any]) -> Figure:
     """Labels met by all readings against scrambled labels, and the trends of the plausible readings."""
     with plt.rc_context(SMALL):
         figure, axes = plt.subplot_mosaic(
-            [["eight"] * 3, ["gamma", "gap", "force"]], figsize=(WIDTH, 1.05 * WIDTH), layout="constrained"
+            [["eight"] * 3, ["gamma", "gap", "force"]], figsize=(WIDTH, 1.05 * WIDTH), dpi=DPI, layout="constrained"
         )
         _labels(axes["eight"], found, told)
         over = {
             "gamma": (FIG16, "gamma", 1.0, r"$\gamma$"),
-            "gap": (FIG17[LOST.index((2.6, 60.0))], "gap", 1e3, r"$\Delta$ / mm"),
-            "force": (FIG18, "F_0", 1.0, r"$F_0$ / N"),
+            "gap": (FIG17[LOST.index((2.6, 60.0))], "gap", 1e3, r"$\Delta$ [mm]"),
+            "force": (FIG18, "F_0", 1.0, r"$F_0$ [N]"),
         }
         for name, (points, field, scale, label) in over.items():
             x = np.array([scale * getattr(point, field) for point in points])
             _curves(axes[name], x, found.P_d[:, columns(points)])
             axes[name].set_xlabel(label)
         axes["gap"].set_xscale("log")
-        axes["gamma"].set_ylabel(r"$P_\mathrm{d}$ / %")
-        axes["gap"].annotate(r"$M_0 \leq 1$ N m", (0.05, 10), xycoords=("axes fraction", "data"), color=DARK)
-        axes["gap"].annotate(r"$M_0 = 100$ N m", (0.05, -95), xycoords=("axes fraction", "data"), color=MARK)
+        axes["gamma"].set_ylabel(r"$P_d$ [%]")
+        axes["gap"].annotate(r"$M_0 \leq 1$ N m", (0.05, 10), xycoords=("axes fraction", "data"), color=BLUE)
+        axes["gap"].annotate(r"$M_0 = 100$ N m", (0.05, -95), xycoords=("axes fraction", "data"), color=RED)
         for letter, ax in zip("abcd", axes.values(), strict=True):
             ax.annotate(f"({letter})", (0, 1), (2, -2), "axes fraction", "offset points", va="top")
         for name in ("gap", "force"):
@@ -50,15 +45,15 @@ def picture(found: Found, told: dict[str, Any]) -> Figure:
 def _labels(ax: Axes, found: Found, told: dict[str, Any]) -> None:
     eight = hits_of(found).chosen_by[:, 0, 0]
     counts = np.bincount(eight, minlength=9)
-    ax.bar(np.arange(9), counts, color=LIGHT, width=0.8)
+    ax.bar(np.arange(9), counts, color=SKY, width=0.8)
     for n, count in enumerate(counts):
         if count:
             ax.annotate(str(count), (n, 1.1 * count), ha="center", va="bottom", fontsize=6)
     null = told["null"]["choice"]
-    ax.axvspan(null["scrambled"]["50 %"] - 0.5, null["scrambled"]["95 %"] + 0.5, color=MARK, alpha=0.12, lw=0)
+    ax.axvspan(null["scrambled"]["50 %"] - 0.5, null["scrambled"]["95 %"] + 0.5, color=RED, alpha=0.12, lw=0)
     right = null["scrambled"]["95 %"] + 0.6
     ax.annotate(
-        "best reading,\nscrambled labels", (right, 0.96), xycoords=("data", "axes fraction"), va="top", color=MARK
+        "best reading\nwith scrambled\nlabels", (right, 0.96), xycoords=("data", "axes fraction"), va="top", color=RED
     )
     ax.annotate(
         "guess", (told["guess"]["of 8"], 5 * counts[told["guess"]["of 8"]]), (0, 18), textcoords="offset points",
@@ -74,7 +69,7 @@ def _labels(ax: Axes, found: Found, told: dict[str, Any]) -> None:
 
 
 def _curves(ax: Axes, x: np.ndarray, P_d: np.ndarray) -> None:
-    for colour, rows in ((DARK, _plausible()), (MARK, _printed())):
+    for colour, rows in ((BLUE, _plausible()), (RED, _printed())):
         every = P_d[rows]
         ax.fill_between(x, np.nanmin(every, axis=0), np.nanmax(every, axis=0), color=colour, alpha=0.2, lw=0)
         ax.plot(x, every[0], color=colour, marker=".", ms=3)

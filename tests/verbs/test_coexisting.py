@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from scipy.stats import binomtest
 
 import jaxshroud as js
 from jaxshroud.motion.random_starts import _overlaps, random_starts, start_range
+from jaxshroud.plotting.style import PALE
 from jaxshroud.results.attractors import share_interval
 
 STEPS = {"method": js.RungeKutta(steps=100)}
@@ -77,7 +79,7 @@ def test_a_long_transient_is_no_motion_of_its_own(tmp_path):
     assert (plane.label == -1).all()
     (panel, *_) = plane.plot().axes
     grey = panel.collections[0].to_rgba(panel.collections[0].get_array())
-    np.testing.assert_allclose(grey[..., :3], 200 / 255, atol=0.01)  # all of it
+    assert {to_hex(cell) for cell in grey.reshape(-1, 4)} == {PALE}  # all of it
     assert not panel.lines  # no marker
 
 

@@ -1,5 +1,6 @@
 """Accuracy against cost: measured settings, and those that are chosen for an accuracy."""
 
+import itertools
 import sys
 from pathlib import Path
 
@@ -11,13 +12,16 @@ from side_by_side import with_parts
 
 import jaxshroud as js
 from jaxshroud import load
+from jaxshroud.march.method import choices
 from jaxshroud.march.stability import stiffest
-from jaxshroud.motion.short_runs import end_states, state_errors
+from jaxshroud.motion.short_runs import HORIZON, end_states, state_errors, trajectory_ends
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.vary import vary
 from jaxshroud.verbs import accuracy, options
 from jaxshroud.verbs.accuracy import (
+    PARALLEL,
     STIFFNESS_CLASSES,
+    TILTED,
     Choice,
     Setting,
     accuracy_level,
@@ -27,9 +31,9 @@ from jaxshroud.verbs.accuracy import (
 from jaxshroud.verbs.trade import REFERENCE_SETTING, Adaptive, ClosedForm, measure_settings, neighbourhood
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from accuracy import TARGETS, in_class, random_scene  # type: ignore[attr-defined]
+from accuracy import in_class  # type: ignore[attr-defined]
 
-LIGHT = len(STIFFNESS_CLASSES)  # after all classes of stiffness
+CLASSES = list(itertools.product((TILTED, PARALLEL), range(len(STIFFNESS_CLASSES))))
 GAMMA = np.linspace(0.05, 8, 64)[:, None]
 
 FEW = (
@@ -127,15 +131,12 @@ def test_other_accuracies_are_refused(asked):
         accuracy_level(asked)
 
 
-@pytest.mark.studies(only=["0", "2"])  # studies/promises.py judges many more
+@pytest.mark.studies(only=["0-0", "0-2"])  # studies/promises.py judges many more
 @pytest.mark.full
-@pytest.mark.parametrize("index", [*range(len(STIFFNESS_CLASSES)), LIGHT])
-def test_promised_accuracies_are_kept_on_unseen_scenes(index):
-    # Five scenes of each class that the table has not seen, and eight lanes around each; light ones have the blocks'
-    # own inertia and small moments, of which the table knows nothing.
-    rng = np.random.default_rng(77 + index)
-    light = [random_scene(rng, TARGETS[0], ["table1_light"]) for _ in range(5)]
-    scenes = light if index == LIGHT else in_class(rng, index, 5)
+@pytest.mark.parametrize(("tilt", "index"), CLASSES)
+def test_promised_accuracies_are_kept_on_unseen_scenes(tilt, index):
+    # Five scenes of each class that the table has not seen, and eight lanes around each.
+    scenes = in_class(np.random.default_rng(77 + len(STIFFNESS_CLASSES) * tilt + index), tilt, index, 5)
     lanes = jax.tree.map(lambda *a: jnp.concatenate(a), *(neighbourhood(s, 8) for s in scenes))
     turn = stiffest(lanes, 1)
     exact = end_states(lanes, REFERENCE_SETTING._replace(product=0.08).steps(*turn), REFERENCE_SETTING.method)
@@ -163,8 +164,8 @@ def test_growth_of_errors_is_taken_into_account():
     assert not reference.promised
     assert 1e-10 < reference.reached < 1e-5
     assert f"{reference.reached:.0e} is the best for 95 % of runs" in str(reference)
-    by_table = accuracy._candidates(lanes, 1e-6)[0]  # control
-    assert missed(Choice(1e-6, by_table, by_table.steps(*stiffest(lanes, 1)), True)) > 0.1
+    tilted = accuracy.Setting(*accuracy._accuracy_table()[TILTED][0]["1e-06"])  # control: enough for tilted faces
+    assert missed(Choice(1e-6, tilted, tilted.steps(*stiffest(lanes, 1)), True)) > 0.1
 
 
 def test_a_promise_that_is_broken_is_found(table1):
@@ -176,7 +177,7 @@ def test_a_promise_that_is_broken_is_found(table1):
 
 def test_who_asks_for_an_accuracy_in_python_is_warned_of_lanes_that_miss_it(table1, monkeypatch):
     wrong = Choice(1e-8, Setting("rk4", "cubic", "float64", 1.0), 100, True)
-    monkeypatch.setattr(options, "choose", lambda *_: wrong)
+    monkeypatch.setattr(options, "choose", lambda *_, **__: wrong)
     with pytest.warns(js.AccuracyWarning, match="1 of 1 runs miss the accuracy of 1e-08"):
         js.simulate(table1, n_periods=1, method=1e-8)
     with pytest.warns(js.AccuracyWarning, match="1 of 1"):
@@ -187,7 +188,9 @@ def test_who_asks_for_an_accuracy_in_python_is_warned_of_lanes_that_miss_it(tabl
 
 def test_the_least_accuracy_is_had_in_float64():
     # Between nearly parallel faces float32 errs by some per cent: the table does not have it.
-    assert {setting[2] for row in accuracy._accuracy_table() for setting in row.values()} == {"float64"}
+    assert {setting[2] for row in itertools.chain(*accuracy._accuracy_table()) for setting in row.values()} == {
+        "float64"
+    }
     scene = load("table1_light").scene
     found = js.sweep(scene, {"shroud.gap": [2e-5, 3e-5]}, n_periods=3, transient=0, method=1e-2)
     assert not found.inaccurate.any()
@@ -202,7 +205,36 @@ def test_positions_and_rates_are_judged_each_by_their_own_largest():
 
 @pytest.mark.full
 def test_the_table_is_ordered(table1):
-    for row in accuracy._accuracy_table():
+    for row in itertools.chain(*accuracy._accuracy_table()):
         assert list(row) == [f"{at:.0e}" for at in sorted((float(a) for a in row), reverse=True)]
     stiff, soft = (choose(vary(table1, "contact.gamma", g), 0, "fast") for g in (1e3, 1.0))
     assert stiff.steps > 4 * soft.steps
+
+
+@pytest.mark.parametrize("method", [js.RungeKutta(steps=200), js.Taylor(12, 1e-8, steps=200)])
+def test_both_ways_to_the_horizon_agree(table1, method):
+    lanes = scenes_at(table1, ["contact.gamma"], GAMMA[:2])
+    ends = (way(lanes, 200, choices(method)) for way in (end_states, trajectory_ends))
+    np.testing.assert_allclose(*ends, rtol=1e-12, atol=1e-15)
+
+
+def test_the_choice_takes_a_tenth_of_the_run_and_few_programs(table1):
+    tried = []
+
+    def ends(scenes, steps, method):
+        tried.append((len(scenes.drive.omega), method.with_tolerance()))
+        return end_states(scenes, steps, method)
+
+    lanes = scenes_at(table1, ["contact.gamma"], GAMMA)
+    choose(lanes, 1, "balanced", lane_periods=64 * 5, ends=ends)
+    assert not tried  # the word of the table: the run itself is compared
+    for periods in (60, 300):
+        tried.clear()
+        choice = choose(lanes, 1, "balanced", lane_periods=64 * periods, ends=ends)
+        assert choice.promised
+        assert sum(count for count, _ in tried) * HORIZON <= 0.1 * 64 * periods
+    assert len({method for _, method in tried}) == 1  # a setting and the finer one are one program
+    # Control: without a bound all lanes are tried.
+    tried.clear()
+    choose(scenes_at(table1, ["contact.gamma"], np.tile(GAMMA, (4, 1))), 1, "balanced", ends=ends)
+    assert tried[0][0] == accuracy.MAX_PROBED_LANES

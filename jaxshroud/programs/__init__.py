@@ -1,0 +1,1 @@
+"""Compiled programs that later processes load instead of tracing them."""

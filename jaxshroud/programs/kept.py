@@ -1,0 +1,203 @@
+"""Functions compiled by `jax.jit` whose programs are kept on disk: a later process loads them and traces nothing.
+
+JAX's own cache of compiled programs is asked only after a function has been traced, which takes longer than all the
+rest. Here a program is found by what it depends on, see `key`.
+"""
+
+import pickle
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import wraps
+from inspect import signature
+from pathlib import Path
+from typing import Any
+
+import jax
+from jax.core import Tracer
+from jax.experimental import serialize_executable
+from jax.experimental.compilation_cache import compilation_cache
+
+from jaxshroud.programs import key as keys
+from jaxshroud.programs.store import ProgramStore, log, own_folder
+
+_WITHOUT_JAX_CACHE = threading.Lock()
+_FOR_DEBUGGING = ("jax_disable_jit", "jax_debug_nans", "jax_debug_infs", "jax_check_tracer_leaks", "jax_no_tracing")
+_store: ProgramStore | None = None
+Program = Callable[..., Any]
+
+
+def keep_programs(folder: Path | None) -> None:
+    """Keep programs in the folder `programs` within `folder` from now on, if that is safe; None: nowhere."""
+    global _store
+    place = folder and folder / "programs"
+    _store = ProgramStore(place) if place is not None and own_folder(place) else None
+
+
+def program_store() -> ProgramStore | None:
+    """Where programs are kept; None: nowhere."""
+    return _store
+
+
+def where_kept() -> str:
+    """Where programs are kept, and how many there are, in words."""
+    if _store is None:
+        return "not kept"
+    sizes = [size for _, size, _ in _store.entries()]
+    return f"{len(sizes)} in {_store.folder}, {sum(sizes) / 1e6:.1f} MB"
+
+
+def is_traced_call(given: Any) -> bool:
+    """Whether a call is traced as part of another program, whose options count."""
+    return any(isinstance(a, Tracer) for a in jax.tree.leaves(given))
+
+
+def kept(*static: str, **options: Any) -> Callable[[Callable], Callable]:
+    """A decorator like `jax.jit`, with programs that are kept where `keep_programs` says.
+
+    Args:
+        static: The names of static arguments.
+        options: Further arguments of `jax.jit`.
+
+    The function has the attributes `jitted`, the function that `jax.jit` makes of it, and `programs`.
+    """
+
+    def decorate(f: Callable) -> Callable:
+        jitted = jax.jit(f, static_argnames=static, **options)
+        programs = Programs(f"{f.__module__}.{f.__qualname__} {sorted(static)} {options}", jitted)
+        parameters = signature(f)
+
+        @wraps(f)
+        def call(*args: Any, **kwargs: Any) -> Any:
+            if _store is None or is_traced_call((args, kwargs)):
+                return jitted(*args, **kwargs)
+            given = parameters.bind(*args, **kwargs).arguments if args else dict(kwargs)
+            fixed = {name: given.pop(name) for name in static if name in given}
+            return programs.run(fixed, given)
+
+        call.jitted, call.programs = jitted, programs  # pyright: ignore[reportAttributeAccessIssue]
+        return call
+
+    return decorate
+
+
+class Programs:
+    """The programs of one function, by their static arguments and the types of the others."""
+
+    def __init__(self, name: str, jitted: Any):
+        self.name, self.jitted = name, jitted
+        self.found: dict[Any, Program | None] = {}  # None: left to JAX
+        self.unproven: set[Any] = set()  # loaded, and not run yet
+        self.lock = threading.Lock()
+
+    def __len__(self) -> int:
+        """The number of programs in this process."""
+        return sum(program is not None for program in self.found.values()) + self.jitted._cache_size()
+
+    def run(self, fixed: dict[str, Any], given: dict[str, Any]) -> Any:
+        """The results for static arguments that are `fixed`, and the others."""
+        leaves, structure = jax.tree.flatten(given)
+        if not all(map(_is_here, leaves)):
+            return self.jitted(**fixed, **given)
+        call = (tuple(fixed.items()), structure, tuple(map(jax.typeof, leaves)), keys.settings())
+        if call not in self.found:
+            with self.lock:  # threads that need the same program wait for it
+                if call not in self.found:
+                    self.found[call] = self._load_or_compile(call, fixed, given)
+        program = self.found[call]
+        if program is None:
+            return self.jitted(**fixed, **given)
+        return self._first_run(call, program, fixed, given) if call in self.unproven else program(**given)
+
+    def _first_run(self, call: Any, program: Program, fixed: dict[str, Any], given: dict[str, Any]) -> Any:
+        """The results of a loaded program: what it lacks is found only when it is run."""
+        try:
+            results = jax.block_until_ready(program(**given))
+        except jax.errors.JaxRuntimeError as error:
+            _warn_unusable(error)
+            self.found[call] = None
+            results = self.jitted(**fixed, **given)
+        self.unproven.discard(call)
+        return results
+
+    def _load_or_compile(self, call: Any, fixed: dict[str, Any], given: dict[str, Any]) -> Program | None:
+        key = self._key(fixed, given)
+        if key is None or _store is None:
+            return None
+        content = _store.read(key)
+        program = None if content is None else _loaded(content, given)
+        if program is None:
+            return self._compiled(key, fixed, given)
+        self.unproven.add(call)
+        return program
+
+    def _key(self, fixed: dict[str, Any], given: dict[str, Any]) -> str | None:
+        """What the program depends on; None if that is not known, or programs are not to be kept."""
+        known = self.name.startswith("jaxshroud.")  # its sources are part of the key
+        if not known or jax.default_backend() != "cpu" or any(getattr(jax.config, name) for name in _FOR_DEBUGGING):
+            return None
+        around = keys.surroundings()
+        try:
+            structure = keys.tree_description(jax.tree.structure(given))
+            types = [f"{jax.typeof(a)} {jax.typeof(a).weak_type}" for a in jax.tree.leaves(given)]
+            parts = [self.name, keys.description(fixed), structure, *types, str(keys.settings())]
+        except keys.UnknownPartError as unknown:
+            log.debug("%s: not kept, as it depends on %s", self.name, unknown)
+            return None
+        return None if around is None else "\n".join([*parts, around])
+
+    def _compiled(self, key: str, fixed: dict[str, Any], given: dict[str, Any]) -> Program:
+        """The program, compiled, and kept if that is possible."""
+        lowered = self.jitted.lower(**fixed, **given)
+        with _without_jax_cache():
+            program = lowered.compile()
+        try:
+            content = _serialized(program)
+        except Exception as error:  # of whatever type JAX may raise for what it cannot serialise
+            log.info("%s: not kept (%s)", self.name, error)
+            return program
+        if _store is not None and keys.source_hash() is not None:
+            _store.write(key, content)
+        return program
+
+
+def _is_here(leaf: Any) -> bool:
+    """Whether a value is on the first device alone, or on none."""
+    return not isinstance(leaf, jax.Array) or leaf.devices() == {jax.devices()[0]}
+
+
+def _serialized(program: Any) -> bytes:
+    """A program, and the tree of its results with numbers for leaves: structures of trees cannot be stored."""
+    executable, _, structure = serialize_executable.serialize(program)
+    return pickle.dumps((executable, jax.tree.unflatten(structure, range(structure.num_leaves))))
+
+
+def _loaded(content: bytes, given: dict[str, Any]) -> Program | None:
+    """The program of an entry that is what was written; None if this machine cannot load or run it."""
+    try:
+        executable, results = pickle.loads(content)
+        arguments = jax.tree.structure(((), given))
+        return serialize_executable.deserialize_and_load(
+            executable, arguments, jax.tree.structure(results), execution_devices=jax.devices()[:1]
+        )
+    except Exception as error:  # of whatever type JAX may raise for a program of another machine
+        _warn_unusable(error)
+        return None
+
+
+def _warn_unusable(error: Exception) -> None:
+    log.warning("a compiled program is not used (%s); it is compiled anew", " ".join(str(error).split())[:200])
+
+
+@contextmanager
+def _without_jax_cache() -> Iterator[None]:
+    """JAX's own cache is not asked: a program that comes from it cannot be serialised again."""
+    with _WITHOUT_JAX_CACHE:
+        before = jax.config.jax_enable_compilation_cache  # pyright: ignore[reportAttributeAccessIssue]
+        jax.config.update("jax_enable_compilation_cache", False)
+        compilation_cache.reset_cache()
+        try:
+            yield
+        finally:
+            jax.config.update("jax_enable_compilation_cache", before)
+            compilation_cache.reset_cache()

@@ -1,0 +1,144 @@
+"""Files of compiled programs in a folder of the user's own.
+
+An entry holds code, as any compiled program does. So the folder must belong to the user, who alone may enter it, and
+be no link; the same goes for the files. A checksum is compared before anything of an entry is interpreted. It finds
+damage, not malice: whoever can write with the user's own rights is not kept out.
+"""
+
+import hashlib
+import logging
+import os
+import re
+import stat
+import tempfile
+import zlib
+from contextlib import suppress
+from pathlib import Path
+
+MARK = b"jaxshroud program 1\n"
+DIGEST_BYTES = 32
+ENTRY_NAME = re.compile(r"[0-9a-f]{64}\.program")
+UNFINISHED_ENTRY = re.compile(r"jaxshroud-\w+\.partial")
+MAX_BYTES = 1 << 29  # of all entries
+SECONDS_OF_A_PARTIAL = 86400.0  # after which one of a process that was killed is removed
+
+log = logging.getLogger("jaxshroud.programs")
+
+
+class ProgramStore:
+    """Programs by what they depend on; every failure is a miss."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    def read(self, key: str) -> bytes | None:
+        """The content kept under a `key`; None if there is none, or it is damaged or not the user's own."""
+        path = self._path(key)
+        try:
+            raw = _own_file(path)
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            log.warning("%s: not used (%s); it is compiled anew", path.name, error.strerror or error)
+            return None
+        content = _checked_content(raw, key)
+        if content is None:
+            log.warning("%s: not used (damaged, or of another version); it is compiled anew", path.name)
+            return None
+        with suppress(OSError):
+            os.utime(path)  # the least recently used is removed first
+        return content
+
+    def write(self, key: str, content: bytes) -> None:
+        """Keep `content` under a `key`, completely or not at all."""
+        body = _key_digest(key) + zlib.compress(content, 1)
+        partial = None
+        try:
+            handle, partial = tempfile.mkstemp(prefix="jaxshroud-", suffix=".partial", dir=self.folder)
+            with os.fdopen(handle, "wb") as file:
+                file.write(MARK + hashlib.sha256(body).digest() + body)
+            os.replace(partial, self._path(key))
+            partial = None
+            self._prune()
+        except OSError as error:
+            log.warning("a compiled program is not kept in %s (%s)", self.folder, error.strerror or error)
+        finally:
+            if partial is not None:
+                with suppress(OSError):
+                    os.remove(partial)
+
+    def remove(self, key: str) -> None:
+        """Remove an entry that cannot be used."""
+        with suppress(OSError):
+            self._path(key).unlink()
+
+    def entries(self) -> list[tuple[float, int, Path]]:
+        """When each entry was last used, its bytes, and its path; the least recently used first."""
+        found = []
+        for path in self.folder.iterdir():
+            with suppress(OSError):
+                state = path.lstat()
+                if ENTRY_NAME.fullmatch(path.name) and stat.S_ISREG(state.st_mode) and state.st_uid == os.getuid():
+                    found.append((state.st_mtime, state.st_size, path))
+        return sorted(found)
+
+    def _path(self, key: str) -> Path:
+        return self.folder / f"{_key_digest(key).hex()}.program"
+
+    def _prune(self) -> None:
+        """Remove the least recently used beyond `MAX_BYTES`, and what killed processes left."""
+        entries = self.entries()
+        excess = sum(size for _, size, _ in entries) - MAX_BYTES
+        newest = entries[-1][0] if entries else 0.0
+        for _, size, path in entries:
+            if excess > 0 and _has_mark(path):
+                path.unlink(missing_ok=True)
+                excess -= size
+        for path in self.folder.glob("jaxshroud-*.partial"):
+            state = path.lstat()
+            old = state.st_mtime < newest - SECONDS_OF_A_PARTIAL
+            if old and UNFINISHED_ENTRY.fullmatch(path.name) and stat.S_ISREG(state.st_mode):
+                path.unlink(missing_ok=True)
+
+
+def own_folder(folder: Path) -> bool:
+    """Make a folder unless it exists; whether it is the user's own, which nobody else may enter, and no link."""
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        state = folder.lstat()
+    except OSError as error:
+        log.info("%s: not used (%s)", folder, error.strerror or error)
+        return False
+    good = stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid() and stat.S_IMODE(state.st_mode) == 0o700
+    if not good:
+        log.warning("%s: not used for compiled programs: it must be a folder of your own with mode 700", folder)
+    return good
+
+
+def _own_file(path: Path) -> bytes:
+    """The bytes of a file of the user's own; OSError if it is a link or of others."""
+    handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    with os.fdopen(handle, "rb") as file:
+        state = os.fstat(handle)
+        if not stat.S_ISREG(state.st_mode) or state.st_uid != os.getuid() or state.st_mode & 0o022:
+            raise OSError("not a file of your own")
+        return file.read()
+
+
+def _checked_content(raw: bytes, key: str) -> bytes | None:
+    """The content of an entry of that `key`; None unless it is what was written."""
+    start = len(MARK)
+    digest, body = raw[start : start + DIGEST_BYTES], raw[start + DIGEST_BYTES :]
+    if raw[:start] != MARK or hashlib.sha256(body).digest() != digest or body[:DIGEST_BYTES] != _key_digest(key):
+        return None
+    return zlib.decompress(body[DIGEST_BYTES:])
+
+
+def _has_mark(path: Path) -> bool:
+    with suppress(OSError), path.open("rb") as file:
+        return file.read(len(MARK)) == MARK
+    return False
+
+
+def _key_digest(key: str) -> bytes:
+    return hashlib.sha256(key.encode()).digest()
