@@ -91,8 +91,8 @@ def gradient(path: Path) -> None:
 
     scene = js.load("fig09_best", ["contact.gamma=4"]).scene
     gaps, at = np.linspace(1e-5, 2e-4, 96), np.linspace(2e-5, 1.8e-4, 6)
-    curve = js.sweep(scene, {"shroud.gap": gaps}, n_periods=64, transient=200, method=js.RungeKutta(steps=400))
-    slopes = js.gradient(js.scenes_from({"shroud.gap": at}, scene), ["shroud.gap"], method=js.RungeKutta(steps=400))
+    curve = js.sweep(scene, {"shroud.gap": gaps}, n_periods=64, transient=200)
+    slopes = js.gradient(js.scenes_from({"shroud.gap": at}, scene), ["shroud.gap"])
     here, rise = slopes.orbit.P_d, slopes.value["shroud.gap"]
     look = {"color": ORANGE, "lw": 1.6, "marker": "o", "markevery": [1], "ms": 4, "mec": INK, "mew": 0.6}
     with mpl.rc_context(STYLE):
@@ -114,8 +114,8 @@ def orbit(path: Path) -> None:
     import jaxshroud as js
 
     scene = js.load("fig09_best", ["contact.gamma=4"]).scene
-    found = js.orbit(scene, method=js.RungeKutta(steps=400))
-    run = js.simulate(scene, found.start, n_periods=found.q + 1, method=js.RungeKutta(steps=400))
+    found = js.orbit(scene)
+    run = js.simulate(scene, found.start, n_periods=found.q + 1, method=found.method.replace(steps=400))
     run.plot(kind="phase", settled_from=0, width=90).savefig(path, dpi=200)
 
 

@@ -1,23 +1,42 @@
-"""Every shipped scene runs, at reduced size."""
+"""Every shipped scene runs as it says, at reduced size."""
 
 import pytest
 
-from jaxshroud import Status, load, shipped, simulate
+from jaxshroud import Status, load, method_for, scenes_from, shipped, simulate
 from jaxshroud.march.method import RungeKutta
 from jaxshroud.march.stability import ACCURACY_LIMIT, largest_frequency
+
+PRINTED = [name for name in shipped() if not name.endswith("_best") and name != "table1_light"]
+OTHERS = [name for name in shipped() if name not in PRINTED]
+
+
+def test_scenes_as_printed_say_steps_and_the_others_an_accuracy():
+    for name in shipped():
+        run = load(name).run
+        assert (run.steps_per_period, run.accuracy) == ((400, None) if name in PRINTED else (None, "balanced")), name
 
 
 @pytest.mark.parametrize("name", list(shipped()))
 def test_shipped_scene_runs(name):
     file = load(name)
     # An onset happens within the first period of every shipped scene, so its whole program runs.
-    run = simulate(file.scene, n_periods=2, method=RungeKutta(steps=file.run.steps_per_period))
+    run = simulate(file, n_periods=2, method=file.run.accuracy or RungeKutta(steps=file.run.steps_per_period))
     assert run.status == Status.OK
     assert abs(run.energy_residual) < 1e-3
 
 
-@pytest.mark.parametrize("name", list(shipped()))
+@pytest.mark.parametrize("name", PRINTED)
 def test_shipped_steps_are_accurate(name):
     file = load(name)
     h = float(file.scene.drive.period) / file.run.steps_per_period
     assert float(largest_frequency(file.scene)) * h <= ACCURACY_LIMIT
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", OTHERS)
+def test_shipped_accuracies_are_promised(name):
+    file = load(name)
+    lanes = scenes_from({axis.key: axis.values for axis in file.axes}, file.scene) if file.axes else file.scene
+    choice = method_for(lanes, file.run.accuracy).choice
+    assert choice.promised
+    assert choice.accuracy == 1e-6

@@ -11,11 +11,13 @@ from jaxshroud.scene.schema import TABLE_MODELS
 
 OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+)(?:\[([01])\])?\s*=\s*(\S.*?)\s*")
 PER_BLADE_KEYS = {row.name for row in KEYS.values() if row.pair}
-# Setting the left key drops the right ones, which give the same quantity.
+# Setting the left key drops the right ones, which say the same.
 EXCLUSIVE_KEYS = {
     ("contact", "k"): [("contact", "gamma")],
     ("contact", "gamma"): [("contact", "k")],
     ("run", "periods"): [("sweep", "keep")],
+    ("run", "steps_per_period"): [("run", "accuracy")],
+    ("run", "accuracy"): [("run", "steps_per_period")],
     ("sweep", "values"): [("sweep", "start"), ("sweep", "stop"), ("sweep", "num")],
     **{("sweep", key): [("sweep", "values")] for key in ("start", "stop", "num")},
 }

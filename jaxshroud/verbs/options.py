@@ -55,6 +55,14 @@ class ResolvedOptions(NamedTuple):
         return (self.method or RungeKutta()).replace(steps=self.steps)
 
     @property
+    def choosing_accuracy(self) -> str | float | Choice | None:
+        """The accuracy that chooses the method: the one given, else the default; None where nothing is chosen."""
+        if self.scene.parts.contact != "spring":
+            return None
+        is_silent = self.accuracy is None and self.method is None and self.steps is None
+        return ACCURACY if is_silent else self.accuracy
+
+    @property
     def lanes(self) -> Scene:
         """The scenes with one leading axis."""
         return flatten_lanes(self.scene, len(self.shape))
@@ -82,13 +90,20 @@ class ResolvedOptions(NamedTuple):
 
     def provenance(self, transient: int, steps: int) -> tuple[dict[str, str], dict[str, LaneVariable]]:
         """The attributes that say which scene a result is of, and the numbers in which its scenes differ."""
-        run = {"periods": self.n_periods, "transient": transient, "steps_per_period": self.steps or steps}
+        run = {"periods": self.n_periods, "transient": transient, **self._march_entry(steps)}
         if self.file is None:
             first = jax.tree.map(lambda a: np.asarray(a)[0], self.lanes)
             attributes = {"title": "", "scene": text_of(first, run)}
         else:
             attributes = {"title": self.file.title, "scene": self.file.text(run), "source": self.file.name}
         return attributes, scene_differences(self.scene, self.shape, self.dims)
+
+    def _march_entry(self, steps: int) -> dict[str, StepCount | float]:
+        """The entry of [run] that says how it was marched."""
+        accuracy = self.choosing_accuracy
+        if accuracy is None:
+            return {"steps_per_period": self.steps or steps}
+        return {"accuracy": accuracy.accuracy if isinstance(accuracy, Choice) else accuracy_level(accuracy)}
 
 
 class MarchPlan(NamedTuple):
@@ -121,6 +136,8 @@ def resolve_options(
 ) -> ResolvedOptions:
     """Resolve the arguments that all verbs share: the argument, else the file's [run], else the default.
 
+    An accuracy of the file is one of located contact: contact of another kind is marched by "auto" steps.
+
     Args:
         scene: A scene, scenes with leading axes, or a scene file.
         n_periods: Drive periods kept.
@@ -136,16 +153,17 @@ def resolve_options(
     file = scene if isinstance(scene, SceneFile) else None
     run = None if file is None else file.sweep_run if of_sweep else file.run
     steps, explicit, accuracy = _method_options(method)
+    scenes = scene.scene if isinstance(scene, SceneFile) else scene
     if run is not None:
         n_periods = run.periods if n_periods is None else n_periods
         transient = run.transient if transient is None else transient
         if accuracy is None and steps is None:
-            steps, accuracy = run.steps_per_period, run.accuracy if explicit is None else None
+            chooses = explicit is None and scenes.parts.contact == "spring"
+            steps, accuracy = run.steps_per_period, run.accuracy if chooses else None
     n_periods = N_PERIODS if n_periods is None else n_periods
     transient = DEFAULT_TRANSIENT if transient is None else transient
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
-    scenes = scene.scene if isinstance(scene, SceneFile) else scene
     shape = leading_axes(scenes)
     return ResolvedOptions(scenes, shape, names_of(shape, dims), file, n_periods, transient, steps, explicit, accuracy)
 
@@ -182,13 +200,12 @@ def choose_method(
     Raises:
         InputError: An accuracy is requested for smooth contact or for own laws.
     """
-    contact, accuracy = lanes.parts.contact, resolved.accuracy
-    if accuracy is not None and contact in ("smooth", "own"):
+    contact = lanes.parts.contact
+    if resolved.accuracy is not None and contact in ("smooth", "own"):
         kind = "smooth contact" if contact == "smooth" else "own laws"
         raise InputError(f"An accuracy can be had for located contact, not for {kind}; give js.RungeKutta(steps=...).")
-    if accuracy is None and resolved.steps is None and resolved.method is None and contact == "spring":
-        accuracy = ACCURACY
-    if accuracy is not None and contact == "spring":
+    accuracy = resolved.choosing_accuracy
+    if accuracy is not None:
         periods = resolved.transient + resolved.n_periods if periods is None else periods
         ends = ends or partial(end_states, ledger=usual.ledger)
         work = len(lanes.drive.omega) * periods

@@ -8,6 +8,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.scene.checks import InputError, NumericalError
+from jaxshroud.scene.config import parse
 
 GAMMA = [1.0, 2.5, 4.0]
 SHORT = {"method": js.RungeKutta(steps=200)}
@@ -84,7 +85,29 @@ def test_the_argument_counts_then_the_file_then_the_default():
     assert quiet.period.tolist() == [65]  # nothing said: the start-up is no part of an average
     assert quiet.accuracy.startswith("accuracy 1e-06")
     with pytest.raises(js.SceneError, match="keep one of them"):
-        js.load("table1", ["run.accuracy=fast"])
+        parse(file.text().replace("[run]", '[run]\naccuracy = "fast"'), "both")
+
+
+def test_an_accuracy_and_steps_of_a_file_replace_each_other():
+    file = js.load("fig09_best", ['parts.motion=["x"]', "run.periods=1", "run.transient=1"])
+    chosen, steps = js.simulate(file), js.simulate(file, method=js.RungeKutta(steps=150))
+    assert chosen.accuracy.startswith("accuracy 1e-06")
+    assert steps.accuracy is None
+    assert parse(chosen.data.attrs["scene"], "stored").run.accuracy == 1e-6
+    assert parse(steps.data.attrs["scene"], "stored").run.steps_per_period == 150
+    for words, run in ((["run.steps_per_period=150"], (150, None)), (["run.accuracy=1e-4"], (None, 1e-4))):
+        for name in ("fig09_best", "table1"):
+            told = js.load(name, words).run
+            assert (told.steps_per_period, told.accuracy) == run
+
+
+def test_an_accuracy_of_a_file_is_of_located_contact():
+    words = ["parts.contact=smooth", "contact.width=5um", 'parts.motion=["x"]', "run.periods=1"]
+    run = js.simulate(js.load("fig09_best", words))
+    assert run.accuracy is None
+    assert run.method.startswith("rk4")
+    with pytest.raises(InputError, match="not for smooth contact"):  # control: who asks for one is told
+        js.simulate(js.load("fig09_best", words), method="balanced")
 
 
 def test_the_sweep_of_a_file_needs_no_more_words():
