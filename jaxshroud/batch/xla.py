@@ -85,7 +85,7 @@ def accepts_options(series: bool = False) -> bool:
     options = FOR_SERIES if series else WIDE_VECTORS
     try:
         with jax.ensure_compile_time_eval():
-            kept(compiler_options=options)(_doubled)(np.zeros(()))
+            kept(compiler_options=options)(lambda a: a + a)(np.zeros(()))
     except Exception as error:  # of whatever type a future XLA may raise
         warn_slower(
             f"XLA refuses {options} ({error}): vector registers may be narrower, and power series compile slowly"
@@ -189,7 +189,7 @@ def best_mapping() -> EachLane:
     try:
         with jax.ensure_compile_time_eval():
             lanes = np.linspace(-2.0, 2.0, 16), np.arange(16, dtype=np.int32), np.arange(16) % 3 == 0
-            got, right = _probed_mappings(lanes)
+            got, right = kept()(lambda lanes: (fused(_probe_function, lanes), vmapped(_probe_function, lanes)))(lanes)
             close = jax.tree.map(lambda a, b: np.allclose(a, b, rtol=1e-4, atol=1e-4), got, right)
     except Exception as error:  # of whatever type a future XLA may raise
         warn_slower(f"one kernel for all results of a trial step cannot be compiled ({error})")
@@ -198,15 +198,6 @@ def best_mapping() -> EachLane:
         warn_slower("one kernel for all results of a trial step computes other numbers")
         return vmapped
     return fused
-
-
-def _doubled(a):
-    return a + a
-
-
-@kept()
-def _probed_mappings(lanes: Any) -> Any:
-    return fused(_probe_function, lanes), vmapped(_probe_function, lanes)
 
 
 def _probe_function(lane: Any) -> dict[str, Any]:

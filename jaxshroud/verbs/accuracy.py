@@ -71,7 +71,8 @@ class Setting(NamedTuple):
 
     def steps(self, omega_max: float, period: float) -> int:
         """The steps per period for a scene with that largest frequency."""
-        return max(int(np.ceil(omega_max * period / self.product)), MIN_STEPS)
+        least = MIN_SERIES_STEPS if self.order else MIN_STEPS
+        return max(int(np.ceil(omega_max * period / self.product)), least)
 
     def run(self, scenes: Scene, periods: int) -> ShortRuns:
         """March lanes (leading axis) from the initial states of their scenes."""
@@ -98,6 +99,7 @@ def by_series(order: int, tolerance: float, product: float = 1.0) -> Setting:
 NAMED = {"fast": 1e-3, "balanced": 1e-6, "reference": 1e-10}
 STIFFNESS_CLASSES = (1.5, 4.0, 12.0, np.inf)  # upper bounds of omega_max over the largest frequency without contact
 MAX_PROBED_LANES = 256  # on which a setting is tried before it is chosen
+MIN_SERIES_STEPS = 200  # per period; they cost power series nothing, and trajectories are sampled at them
 PROMISED_SHARE = 0.95  # of the lanes, for which an accuracy is promised
 MAX_FINER_SETTINGS = 3  # tried beyond those of the table, each with half the step or a tenth of the tolerance
 ERROR_MARGIN = 3.0  # an estimated error is one draw: where motions multiply errors, another may be larger by this
@@ -170,14 +172,13 @@ def choose(
     The table says which setting is enough for scenes of such a stiffness and tilt. How much the motion itself
     multiplies errors, at impacts and between nearly parallel faces, differs from scene to scene. Each setting is
     therefore tried on some of the given scenes over three periods against a finer one, and a finer one is tried if its
-    error is too large. Trials take at most `MAX_SHARE` of the run that the choice is for. For a run too short for one,
-    the word of the table counts, if it has one: who runs it compares the run itself, see `missed_lanes`.
+    error is too large. Trials take at most `MAX_SHARE` of the run that the choice is for, or a chunk of lanes.
 
     Args:
         scenes: One scene, or many with leading axes: the stiffest one determines the step.
         batch_dims: The number of leading axes.
         accuracy: "fast", "balanced", "reference" or a number; see `NAMED`.
-        lane_periods: Of the run that the choice is for.
+        lane_periods: Of the run that the choice is for; 0: the word of the table counts, if it has one.
         ends: Marches lanes to the horizon; best by the programs that the run needs.
 
     Returns:
@@ -190,10 +191,9 @@ def choose(
     lanes = jax.tree.map(lambda a: np.reshape(a, (-1, *np.shape(a)[batch_dims:])), scenes)
     frequency_and_period, choices = stiffest(lanes, 1), []
     candidates, in_table = _candidates(lanes, level)
-    probed = _affordable_lanes(len(lanes.drive.omega), lane_periods)
-    if in_table and not probed:
+    if in_table and not lane_periods:
         return Choice(level, candidates[0], candidates[0].steps(*frequency_and_period), True)
-    probe = _probe(lanes, max(probed, 1))
+    probe = _probe(lanes, _affordable_lanes(len(lanes.drive.omega), lane_periods))
     while candidates:
         setting, *candidates = candidates
         steps = setting.steps(*frequency_and_period)
@@ -238,13 +238,11 @@ def _may_suffice(finer: Setting, tried: Setting, excess: float) -> bool:
 
 
 def _affordable_lanes(count: int, lane_periods: float | int) -> int:
-    """On how many of the lanes settings are tried for a run of so many lane-periods; 0: on none."""
+    """On how many of the lanes settings are tried for a run of so many lane-periods: at least on a chunk."""
     width = 1 if count == 1 else LANES_PER_CALL
-    one_trial = 2 * HORIZON * width  # with the finer setting, of the lanes that a call marches
-    if MAX_SHARE * lane_periods < one_trial:
-        return 0
-    chunks = max(min(MAX_SHARE * lane_periods / (EXPECTED_TRIALS * one_trial), MAX_PROBED_LANES // width), 1)
-    return min(count, int(chunks) * width)
+    trial = 2 * HORIZON * width  # with the finer setting, of the lanes that a call marches
+    chunks = min(MAX_SHARE * lane_periods / (EXPECTED_TRIALS * trial), MAX_PROBED_LANES // width)
+    return min(count, max(int(chunks), 1) * width)
 
 
 def _probe(lanes: Scene, most: int) -> Scene:

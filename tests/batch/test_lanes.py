@@ -8,7 +8,7 @@ from side_by_side import EXACT, with_parts
 
 from jaxshroud import sweep, vary
 from jaxshroud.batch import xla
-from jaxshroud.batch.periods import advance, begin_lanes, run_block
+from jaxshroud.batch.periods import advance, begin_lanes
 from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.xla import best_mapping, fused, vmapped
 from jaxshroud.march.carry import Fixed, time_grid
@@ -104,35 +104,43 @@ def test_fused_and_plain_trials_agree(table1, name, motion):
     jax.tree.map(close, got.state.motion, expected.state.motion)
 
 
-def test_one_compilation_serves_all_sizes(table1):
-    sweep(table1, {"contact.gamma": [1.0, 2.0]}, n_periods=2, method=RungeKutta(steps=100), transient=0)
-    before = run_block.widest._cache_size()
-    sweep(table1, {"shroud.gap": np.linspace(1e-5, 1e-4, 70)}, n_periods=3, transient=1, method=RungeKutta(steps=120))
-    assert run_block.widest._cache_size() == before
-
-
-def test_other_values_compile_nothing(table1):
-    # Every program that XLA compiles counts, the smallest too; a number of lanes that no other test has is the control.
-    compiled = []
-    heard = lambda event, *_, **about: compiled.append(about) if "backend_compile" in event else None
+@pytest.fixture
+def compiled():
+    """The names of the programs that XLA compiles, the smallest too."""
+    names = []
+    heard = lambda event, *_, **about: names.append(about.get("fun_name")) if "backend_compile" in event else None
     jax.monitoring.register_event_duration_secs_listener(heard)
+    yield names
+    jax.monitoring.unregister_event_duration_listener(heard)
+
+
+def test_one_compilation_serves_all_sizes(table1, compiled):
+    sweep(table1, {"contact.gamma": [1.0, 2.0]}, n_periods=2, method=RungeKutta(steps=100), transient=0)
+    compiled.clear()
+    sweep(table1, {"shroud.gap": np.linspace(1e-5, 1e-4, 70)}, n_periods=3, transient=1, method=RungeKutta(steps=120))
+    assert "jit(run_block)" not in compiled
+    # Control: another method is another program.
+    sweep(table1, {"contact.gamma": [1.0, 2.0]}, n_periods=2, method=RungeKutta("rk4", 100, "bisection"), transient=0)
+    assert "jit(run_block)" in compiled
+
+
+def test_other_values_compile_nothing(table1, compiled):
+    # A number of lanes that no other test has is the control.
     how = {"n_periods": 2, "transient": 1, "method": RungeKutta(steps=100)}
-    try:
-        for gap, gammas, nothing in ((2e-5, [1.0, 2.0], None), (3e-5, [1.5, 2.5], True), (3e-5, [1.5] * 37, False)):
-            compiled.clear()
-            sweep(vary(table1, "shroud.gap", gap), {"contact.gamma": gammas}, **how)
-            assert nothing is None or (not compiled) == nothing, compiled
-    finally:
-        jax.monitoring.unregister_event_duration_listener(heard)
+    for gap, gammas, nothing in ((2e-5, [1.0, 2.0], None), (3e-5, [1.5, 2.5], True), (3e-5, [1.5] * 37, False)):
+        compiled.clear()
+        sweep(vary(table1, "shroud.gap", gap), {"contact.gamma": gammas}, **how)
+        assert nothing is None or (not compiled) == nothing, compiled
 
 
 @pytest.mark.full
-def test_one_compilation_serves_all_tolerances(table1):
+def test_one_compilation_serves_all_tolerances(table1, compiled):
     def run(tolerance):
         method = Taylor(order=4, tolerance=tolerance)
         return sweep(table1, {"shroud.gap": [1e-5, 2e-5]}, n_periods=1, transient=0, method=method)
 
-    coarse, before = run(1e-1), run_block.large._cache_size()
+    coarse = run(1e-1)
+    compiled.clear()
     fine = run(1e-6)
-    assert run_block.large._cache_size() == before
+    assert not [name for name in compiled if "large" in name or "run_block" in name]
     assert np.max(np.abs(fine.motion.x - coarse.motion.x)) > 1e-6 * np.max(np.abs(fine.motion.x))  # control: it counts

@@ -332,7 +332,7 @@ def power(scene: js.Scene, how: Method, most_periods: int, transient: int) -> di
         n_periods=most_periods,
         transient=transient,
         method=how.replace(steps=200),
-        tolerance=1e-6,
+        stable_within=1e-6,
         period_tol=1e-3,
     )
     return came.final

@@ -12,6 +12,7 @@ from side_by_side import with_parts
 
 import jaxshroud as js
 from jaxshroud import load
+from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.march.method import choices
 from jaxshroud.march.stability import stiffest
 from jaxshroud.motion.short_runs import HORIZON, end_states, state_errors, trajectory_ends
@@ -225,16 +226,16 @@ def test_the_choice_takes_a_tenth_of_the_run_and_few_programs(table1):
         tried.append((len(scenes.drive.omega), method.with_tolerance()))
         return end_states(scenes, steps, method)
 
-    lanes = scenes_at(table1, ["contact.gamma"], GAMMA)
-    choose(lanes, 1, "balanced", lane_periods=64 * 5, ends=ends)
-    assert not tried  # the word of the table: the run itself is compared
-    for periods in (60, 300):
+    lanes = scenes_at(table1, ["contact.gamma"], np.tile(GAMMA, (4, 1)))
+    for periods, most in ((5, LANES_PER_CALL), (60, 2 * LANES_PER_CALL), (300, accuracy.MAX_PROBED_LANES)):
         tried.clear()
-        choice = choose(lanes, 1, "balanced", lane_periods=64 * periods, ends=ends)
-        assert choice.promised
-        assert sum(count for count, _ in tried) * HORIZON <= 0.1 * 64 * periods
+        assert choose(lanes, 1, "balanced", lane_periods=len(GAMMA) * 4 * periods, ends=ends).promised
+        work = sum(count for count, _ in tried) * HORIZON
+        assert work <= max(0.1 * len(GAMMA) * 4 * periods, 2 * LANES_PER_CALL * HORIZON)  # a chunk, if the run is short
+        assert tried[0][0] <= most
     assert len({method for _, method in tried}) == 1  # a setting and the finer one are one program
-    # Control: without a bound all lanes are tried.
     tried.clear()
-    choose(scenes_at(table1, ["contact.gamma"], np.tile(GAMMA, (4, 1))), 1, "balanced", ends=ends)
+    choose(lanes, 1, "balanced", lane_periods=0, ends=ends)
+    assert not tried  # the word of the table
+    choose(lanes, 1, "balanced", ends=ends)
     assert tried[0][0] == accuracy.MAX_PROBED_LANES
