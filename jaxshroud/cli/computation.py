@@ -99,6 +99,7 @@ def write_files(completed: CompletedCall, summary: dict[str, Any] | None = None)
 
             figure = figure or completed.result.plot()
             save_figure(figure, path)
+            figure.set_layout_engine("none")  # other formats keep the layout, which takes as long as drawing
 
 
 def print_result(completed: CompletedCall, rows: Mapping[str, Any]) -> None:
