@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 from jax.core import Tracer
 from jax.experimental import serialize_executable
 from jax.experimental.compilation_cache import compilation_cache
@@ -69,7 +70,7 @@ def kept(*static: str, **options: Any) -> Callable[[Callable], Callable]:
 
         @wraps(f)
         def call(*args: Any, **kwargs: Any) -> Any:
-            if _store is None or is_traced_call((args, kwargs)):
+            if _store is None:
                 return jitted(*args, **kwargs)
             given = parameters.bind(*args, **kwargs).arguments if args else dict(kwargs)
             fixed = {name: given.pop(name) for name in static if name in given}
@@ -97,7 +98,7 @@ class Programs:
     def run(self, fixed: dict[str, Any], given: dict[str, Any]) -> Any:
         """The results for static arguments that are `fixed`, and the others."""
         leaves, structure = jax.tree.flatten(given)
-        if not all(map(_is_here, leaves)):
+        if not all(map(_is_here, leaves)):  # traced as part of another program, or elsewhere
             return self.jitted(**fixed, **given)
         call = (tuple(fixed.items()), structure, tuple(map(jax.typeof, leaves)), keys.settings())
         if call not in self.found:
@@ -162,8 +163,10 @@ class Programs:
 
 
 def _is_here(leaf: Any) -> bool:
-    """Whether a value is on the first device alone, or on none."""
-    return not isinstance(leaf, jax.Array) or leaf.devices() == {jax.devices()[0]}
+    """Whether a value is known, and on the first device alone or on none."""
+    if isinstance(leaf, np.ndarray):
+        return True
+    return not isinstance(leaf, Tracer) and (not isinstance(leaf, jax.Array) or leaf.devices() == {jax.devices()[0]})
 
 
 def _serialized(program: Any) -> bytes:

@@ -101,9 +101,14 @@ def surroundings() -> str | None:
 
 def settings() -> tuple:
     """The options of JAX and XLA of the moment that tracing and compilation see."""
-    options = [name for name in sorted(jax.config.values) if not any(word in name for word in WITHOUT_INFLUENCE)]
-    values = tuple((name, str(getattr(jax.config, name, None))) for name in options)
-    return (*values, os.environ.get("XLA_FLAGS", ""), jax.device_count(), jax.default_backend())
+    values = (getattr(jax.config, name, None) for name in _influential_options())
+    plain = (value if isinstance(value, bool | int | float | str | type(None)) else str(value) for value in values)
+    return (*plain, os.environ.get("XLA_FLAGS", ""), jax.device_count(), jax.default_backend())
+
+
+@cache
+def _influential_options() -> list[str]:
+    return [name for name in sorted(jax.config.values) if not any(word in name for word in WITHOUT_INFLUENCE)]
 
 
 def source_hash() -> str | None:
