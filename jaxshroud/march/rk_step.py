@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from jaxshroud.march.carry import Lane, TimeGrid
 from jaxshroud.march.method import Choices
-from jaxshroud.model.arithmetic import Pair, Scalar, sincos_turns, sine_versine
+from jaxshroud.model.arithmetic import Pair, Scalar, sincos_turns, sine_versine, where
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Integrals, StateDerivative, drive_wave, rhs_once
 from jaxshroud.scene.keys import Motion
@@ -94,7 +94,7 @@ def rk_step(partial: Stages, interval: TrialInterval, start: State, model: Model
 def _wave_rates(interval: TrialInterval, model: Model) -> Pair:
     """The time derivative of the drive's wave at the end of the step."""
     quarter_later = _drive_waves(interval._replace(turns=interval.turns + 0.25), {1.0}, model)[1.0]
-    omega = 2 * math.pi * interval.dturns / jnp.where(interval.h > 0, interval.h, 1.0)
+    omega = 2 * math.pi * interval.dturns / where(interval.h > 0, interval.h, 1.0)
     return omega * quarter_later[0], omega * quarter_later[1]
 
 

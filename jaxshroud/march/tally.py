@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.events import EventKind, Transition, model_events, place_contact
 from jaxshroud.march.method import Choices
-from jaxshroud.model.arithmetic import ABSENT, Absent, Pair, Scalar, is_absent
+from jaxshroud.model.arithmetic import ABSENT, Absent, Pair, Scalar, is_absent, where
 from jaxshroud.model.geometry import is_upper
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
@@ -183,10 +183,10 @@ def updated_tally(
 def _updated_log(log: Log, h: Scalar, mode, v: Scalar, sizes: Magnitudes, log_updates: LogUpdates) -> Log:
     apart, stick = mode == Mode.APART, mode == Mode.STICK
     return Log(
-        log.time_apart + jnp.where(apart, h, 0.0),
-        log.time_stick + jnp.where(stick, h, 0.0),
-        log.time_slip + jnp.where(apart | stick, 0.0, h),
-        jnp.maximum(log.v_max, jnp.where(apart, 0.0, v)),
+        log.time_apart + where(apart, h, 0.0),
+        log.time_stick + where(stick, h, 0.0),
+        log.time_slip + where(apart | stick, 0.0, h),
+        jnp.maximum(log.v_max, where(apart, 0.0, v)),
         jax.tree.map(lambda most, now: jnp.maximum(most, jnp.abs(now)), log.largest, sizes),
         log_updates.counts(log.counters),
         None if log.within is None else log_updates.within(log.within),
