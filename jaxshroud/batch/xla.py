@@ -11,8 +11,10 @@ results. With more than some 120 arguments or results it no longer uses vector r
 therefore split: see `stage_groups`.
 """
 
+import gc
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache, wraps
 from inspect import signature
 from typing import Any
@@ -113,6 +115,19 @@ def vmapped(f: Callable, *args: Any) -> Any:
     return lax.optimization_barrier(jax.vmap(f)(*args))
 
 
+@contextmanager
+def _no_garbage_collected() -> Iterator[None]:
+    """Leave garbage for later: tracing makes many objects that stay, and the collector looks at all others each time."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
+
+
+@_no_garbage_collected()
 def fused(f: Callable, *args: Any) -> Any:
     """Apply `f` to every lane in one kernel; by `jax.vmap` where `f` computes arrays, as user laws may."""
     leaves, tree = jax.tree.flatten(args)
