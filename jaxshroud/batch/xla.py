@@ -117,7 +117,7 @@ def vmapped(f: Callable, *args: Any) -> Any:
 
 @contextmanager
 def _no_garbage_collected() -> Iterator[None]:
-    """Leave garbage for later: tracing makes many objects that stay, and the collector looks at all others each time."""
+    """Leave garbage for later: tracing makes many objects that stay, and each collection looks at all there are."""
     collects = gc.isenabled()
     gc.disable()
     try:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.events import EventKind, Guards, Violated, any_of, event_kinds
 from jaxshroud.march.method_names import Locate
-from jaxshroud.model.arithmetic import Scalar, is_absent, where
+from jaxshroud.model.arithmetic import Scalar, is_absent, traced_once, where
 from jaxshroud.scene.typed import Tree
 
 CUBIC_TRIALS = 5  # in one bracket; after these, every other trial bisects it
@@ -96,6 +96,7 @@ class HermiteCubic(NamedTuple):
         return self.m_0, 3 * rise - 2 * self.m_0 - self.m_1, self.m_0 + self.m_1 - 2 * rise
 
     @property
+    @traced_once
     def interior_maximum(self) -> tuple[Scalar, Scalar]:
         """The place of a positive maximum inside, and the curvature there; 1 and 0 if there is none.
 
@@ -256,6 +257,7 @@ def select_guard(four, kind: Int[Array, ""]) -> Scalar:
     return chosen
 
 
+@traced_once
 def cubic_root(cubic: HermiteCubic) -> Scalar:
     """The root of a cubic, negative at 0 and positive at 1, by Newton steps from the root of the straight line."""
     a, b, c = cubic.coefficients

@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.events import any_of
 from jaxshroud.march.locate import HermiteCubic, cubic_root, select
-from jaxshroud.model.arithmetic import Scalar, filled, is_absent, where
+from jaxshroud.model.arithmetic import Scalar, filled, is_absent, times, traced_once, where
 from jaxshroud.model.series import polynomial_value, polynomial_value_and_rate
 
 TRIAL_PARTS = 2  # of a trial, at whose ends the guards are evaluated
@@ -121,10 +121,11 @@ def first_event(guards: list[Coefficients], h: Scalar, probed: Bool[Array, ""], 
 
 def fourth_derivative_bound(guard: Coefficients, s: Scalar) -> Scalar:
     """A bound of the fourth derivative of a guard up to `s`, divided by 24."""
-    sizes = tuple(math.comb(n, 4) * jnp.abs(c) for n, c in enumerate(guard) if n >= 4)
+    sizes = tuple(times(math.comb(n, 4), jnp.abs(c)) for n, c in enumerate(guard) if n >= 4)
     return polynomial_value(sizes, s) if sizes else jnp.zeros_like(s)
 
 
+@traced_once
 def may_rise(start: tuple, end: tuple, width: Scalar, bound: Scalar) -> Bool[Array, ""]:
     """Whether a guard that is not above zero at the ends of an interval may be above zero in between.
 
@@ -188,6 +189,7 @@ def _first_crossing(guards: list[Coefficients], h: Scalar, width: Scalar, probed
     return found, estimate, at_ends
 
 
+@traced_once
 def _crossing_in_part(start: tuple, end: tuple, width: Scalar, probed: Bool[Array, ""]):
     """Whether a guard rises in a part, whether by a maximum inside, at which share of the part, and its cubic."""
     g_0, g_1 = jnp.minimum(start[0], 0.0), end[0]  # a guard that has just been crossed may begin above zero

@@ -13,6 +13,8 @@ from jax import lax
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+traced_once = partial(jax.jit, inline=True)  # a decorator of functions of numbers that are called several times
+
 
 class Formal(ABC):
     """A stand-in for a number while a function is traced: a symbolic zero or a power series."""
@@ -166,7 +168,7 @@ def _polynomial(coefficients: tuple[float, ...], x: Float[Array, "..."]) -> Floa
     return jnp.asarray(total)
 
 
-@partial(jax.jit, inline=True)  # traced once
+@traced_once
 def sine_versine(x: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """(sin x, 1 - cos x) for |x| <= pi/4; beyond that range the error grows and callers must check it.
 
