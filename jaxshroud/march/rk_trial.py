@@ -33,7 +33,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import updated_extrema, updated_peaks
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
 from jaxshroud.march.tally import LogUpdates, count_event, displacements_of, new_tally, updated_tally
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
+from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where, zeros_for
 from jaxshroud.model.friction import Slider
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
@@ -49,9 +49,11 @@ def begin_rk(state: State, model: Model, method: Choices) -> Lane:
     """`Stepper.begin`. The first trial has length zero: it sets the guards."""
     zero, step = jnp.zeros_like(state.motion.x[0]), jnp.zeros((), jnp.int32)
     tally = new_tally(state, model, method)
-    guards = evaluate_guards(state.motion, (zero, zero), state, model).guards if model.spring.modal else None
+    guards = None
+    if model.spring.modal:
+        guards = zeros_for(evaluate_guards, state.motion, (zero, zero), state, model).guards
     search = new_search(zero, zero, jnp.ones((), bool), step, method.locate, method.derivative)
-    return Lane(state, step, search, jax.tree.map(jnp.zeros_like, guards), tally, step)
+    return Lane(state, step, search, guards, tally, step)
 
 
 def rk_trials(

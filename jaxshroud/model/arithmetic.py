@@ -131,6 +131,11 @@ def filled(tree: Any, like: Any) -> Any:
     return jax.tree.map(lambda a: jnp.zeros_like(like) if is_absent(a) else a, tree, is_leaf=is_absent)
 
 
+def zeros_for(f: Callable[..., Any], *args: Any) -> Any:
+    """Zeros of the shapes and types of `f(*args)`, of which nothing is computed."""
+    return jax.tree.map(jnp.zeros_like, jax.eval_shape(f, *args))
+
+
 ANGLE_RANGE = math.pi / 4  # [rad]
 # sin x = x + x^3 S(x^2), 1 - cos x = x^2 / 2 + x^4 V(x^2)
 _SINE = {
