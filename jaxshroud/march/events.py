@@ -27,14 +27,14 @@ of the blocks therefore counts only beyond that error.
 
 from collections.abc import Iterable
 from enum import IntEnum
-from functools import reduce
+from functools import partial, reduce
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, traced_once, where
+from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
 from jaxshroud.model.friction import Springs, contact_energy, slider_speed, slip_sign, stretch
 from jaxshroud.model.geometry import (
     Case,
@@ -105,7 +105,7 @@ class GuardEvaluation(NamedTuple):
     guards: Guards
 
 
-@traced_once
+@partial(jax.jit, inline=True)
 def evaluate_guards(z: Motion, Q: Pair, state: State, model: Model) -> GuardEvaluation:
     """The contact kinematics and the guards of the motion `z` in the mode of `state`; `Q` is the drive's wave."""
     q, case, at = place_contact(z, state, model)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, traced_once, where
+from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
 from jaxshroud.model.contact import Load, contact_load, sprung_load
 from jaxshroud.model.friction import Slider, Springs, friction_force, normal_force, slider_speed, smooth_slider_rate
 from jaxshroud.model.geometry import (
@@ -202,7 +202,7 @@ def rhs(Q: Pair, now: State, model: Model, ledger: bool) -> tuple[StateDerivativ
     return StateDerivative(a, u_s), Integrals(mean_square(q, model.gyration), lost)
 
 
-rhs_once = traced_once(rhs, static_argnames="ledger")  # for all stages
+rhs_once = jax.jit(rhs, static_argnames="ledger", inline=True)  # traced once for all stages
 
 
 def stored_energy(z: Motion, model: Model) -> Scalar:
