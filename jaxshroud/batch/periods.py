@@ -15,7 +15,7 @@ from jaxshroud.march.carry import EachLane, Fixed, Lane, LaneTree, TimeGrid, run
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import energy_residual, is_unbalanced, total_energy
 from jaxshroud.march.stepper import StageGroups, alone, begin_lane, stepper_for
-from jaxshroud.model.arithmetic import Pair, filled, is_absent
+from jaxshroud.model.arithmetic import Pair, filled, is_absent, traced_once
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
 from jaxshroud.scene.keys import Motion
@@ -149,6 +149,7 @@ def _with_empty_tally(lanes: Lane) -> Lane:
     return eqx.tree_at(places, lanes, jax.tree.map(jnp.zeros_like, places(lanes)), is_leaf=lambda a: a is None)
 
 
+@traced_once
 def _total_energies(lanes: Lane, models: Model) -> Float[Array, " lanes"]:
     return jax.vmap(lambda lane, m: total_energy(lane.state, m))(lanes, models)
 

@@ -11,8 +11,10 @@ results. With more than some 120 arguments or results it no longer uses vector r
 therefore split: see `stage_groups`.
 """
 
+import gc
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache, wraps
 from inspect import signature
 from typing import Any
@@ -21,7 +23,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.extend.core import jaxpr_as_fun
 from jaxtyping import Array
 
 from jaxshroud.march.carry import EachLane
@@ -116,21 +117,36 @@ def vmapped(f: Callable, *args: Any) -> Any:
     return lax.optimization_barrier(jax.vmap(f)(*args))
 
 
+@contextmanager
+def _no_garbage_collected() -> Iterator[None]:
+    """Leave garbage for later: tracing makes many objects that stay, and each collection looks at all there are."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
+
+
+@_no_garbage_collected()
 def fused(f: Callable, *args: Any) -> Any:
     """Apply `f` to every lane in one kernel; by `jax.vmap` where `f` computes arrays, as user laws may."""
     leaves, tree = jax.tree.flatten(args)
     scalars = [jax.ShapeDtypeStruct(a.shape[1:], a.dtype) for a in leaves]
-    jaxpr, shape = jax.make_jaxpr(lambda *a: f(*tree.unflatten(a)), return_shape=True)(*scalars)
+    one = jax.jit(lambda *a: f(*tree.unflatten(a)), inline=True)  # traced here, once, and inlined in the kernel
+    traced = one.trace(*scalars)
+    jaxpr, out_tree = traced.jaxpr, jax.tree.structure(traced.out_info)
     if not _is_scalar_program(jaxpr.jaxpr):
         return vmapped(f, *args)
     if not jaxpr.out_avals:
-        return jax.tree.unflatten(jax.tree.structure(shape), [])
+        return jax.tree.unflatten(out_tree, [])
     used = _used_arguments(jaxpr.jaxpr)
     operands, results = _operands_for_results([leaves[i] for i in used], [a.dtype for a in jaxpr.out_avals])
-    kernel = _reducer(jaxpr_as_fun(jaxpr), scalars, used, results)
+    kernel = _reducer(one, scalars, used, results)
     zeros = tuple(jnp.zeros((), a.dtype) for a in operands)
     out = lax.reduce_window(operands, zeros, kernel, (1,), (1,), "VALID")
-    return jax.tree.unflatten(jax.tree.structure(shape), [out[i] for i in results])
+    return jax.tree.unflatten(out_tree, [out[i] for i in results])
 
 
 def _is_scalar_program(jaxpr) -> bool:
@@ -174,7 +190,7 @@ def _reducer(one: Callable, scalars: list, used: list[int], places: list[int]) -
         for i, value in zip(used, lane, strict=False):
             arguments[i] = value
         results = list(lane)  # places without a result pass their operand through
-        for place, value in zip(places, one(*arguments), strict=True):
+        for place, value in zip(places, jax.tree.leaves(one(*arguments)), strict=True):
             results[place] = value
         return tuple(results)
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.march.events import EventKind, GuardEvaluation, Guards, Transition, any_of, evaluate_guards, transition
 from jaxshroud.march.tally import EnergyJumps, Tally
-from jaxshroud.model.arithmetic import ANGLE_RANGE, Pair, Scalar
+from jaxshroud.model.arithmetic import ANGLE_RANGE, Pair, Scalar, where
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.scene.keys import Motion
@@ -81,7 +81,7 @@ def event_change(
     view = evaluate_guards(z, Q, start, fixed.model)
     change = transition(z, start, view, kind, delay, fixed.grid.h, fixed.model)
     onset = fire & (kind == EventKind.LIFT) & (start.mode == Mode.APART)
-    jumps = jax.tree.map(lambda a: jnp.where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
+    jumps = jax.tree.map(lambda a: where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
     return EventChange(view, change, onset, jumps)
 
 
@@ -93,6 +93,6 @@ def is_finite(z: Motion) -> Bool[Array, ""]:
 def status_of(z: Motion, lost: Bool[Array, ""], events: Int[Array, ""]) -> Int[Array, ""]:
     """The status of a lane at the motion `z`, `lost` if that is not finite, after so many `events` in a step."""
     turned = any_of([lost, *(jnp.abs(theta) > ANGLE_RANGE for theta in jax.tree.leaves(z.theta))])
-    status = jnp.where(events > MAX_EVENTS_PER_STEP, Status.TOO_MANY_EVENTS, Status.OK)
-    status = jnp.where(turned, Status.ANGLE_OUT_OF_RANGE, status)
-    return jnp.where(lost, Status.NOT_FINITE, status).astype(jnp.int32)
+    status = where(events > MAX_EVENTS_PER_STEP, Status.TOO_MANY_EVENTS, Status.OK)
+    status = where(turned, Status.ANGLE_OUT_OF_RANGE, status)
+    return where(lost, Status.NOT_FINITE, status).astype(jnp.int32)

@@ -125,7 +125,7 @@ def place_contact(z: Motion, state: State, model: Model) -> tuple[Pose, Any, Con
 def _case_at_pose(q: Pose, state: State, model: Model) -> Int[Array, ""]:
     if not has_torsion(model):
         return jnp.int32(1)  # without rotation all corners move alike
-    return jnp.where(state.mode == Mode.APART, natural_case(q, model.block), state.case)
+    return where(state.mode == Mode.APART, natural_case(q, model.block), state.case)
 
 
 def guard_values(
@@ -137,8 +137,8 @@ def guard_values(
     if is_absent(at.turn):
         values, rates = [*values, ABSENT, ABSENT], [*rates, ABSENT, ABSENT]
     else:
-        idle = lambda g: jnp.where(apart, -1.0, g)
-        still = lambda g: jnp.where(apart | flat, 0.0, g)
+        idle = lambda g: where(apart, -1.0, g)
+        still = lambda g: where(apart | flat, 0.0, g)
         values += map(idle, switch_guards(at, torques, case))
         turn, height = switch_signs(case)
         rates += [still(turn * rate.turn), still(height * rate.height)]
@@ -150,18 +150,18 @@ def _lift_guard(
     at: ContactKinematics, rate: ContactRates, apart: Bool[Array, ""], spring: Springs
 ) -> tuple[Scalar, Scalar]:
     """The value and the rate of the guard LIFT: v when apart, -v in contact. User laws must push as well."""
-    lift = jnp.where(apart, 1.0, -1.0)
+    lift = where(apart, 1.0, -1.0)
     if is_absent(spring.laws):
         return lift * at.v, lift * rate.v
     push = spring.laws.push(jnp.maximum(at.v, 0.0), rate.v) / spring.k  # a length, as v is
-    sign = jnp.where((at.v > 0) & (push <= 0), -1.0, 1.0)  # apart although the corners overlap
-    in_contact = -jnp.minimum(at.v, push), jnp.where(push < at.v, 0.0, -rate.v)
-    return jnp.where(apart, sign * at.v, in_contact[0]), jnp.where(apart, sign * rate.v, in_contact[1])
+    sign = where((at.v > 0) & (push <= 0), -1.0, 1.0)  # apart although the corners overlap
+    in_contact = -jnp.minimum(at.v, push), where(push < at.v, 0.0, -rate.v)
+    return where(apart, sign * at.v, in_contact[0]), where(apart, sign * rate.v, in_contact[1])
 
 
 def switch_signs(case: Case) -> tuple[Scalar, Scalar]:
     """The signs that theta_1 - theta_2 and the height take when they leave a case."""
-    return jnp.where(is_upper(case), -1.0, 1.0), jnp.where(is_upper(case) == tip_is_left(case), 1.0, -1.0)
+    return where(is_upper(case), -1.0, 1.0), where(is_upper(case) == tip_is_left(case), 1.0, -1.0)
 
 
 def switch_guards(at: ContactKinematics, torques: EndTorques, case: Case) -> tuple[Scalar, Scalar]:
@@ -187,9 +187,9 @@ def _friction_guard(
     in_stick = jnp.abs(w) - spring.lag * at.v - 2 * at.rounding, jnp.sign(w) * rate.u - spring.lag * rate.v
     in_slip = -sigma * slider_speed(rate.v, rate.u, state.mode, spring)
     return (
-        jnp.where(stick, in_stick[0], jnp.where(rubs & ~apart, in_slip, -1.0)),
-        jnp.where(stick, in_stick[1], 0.0),
-        jnp.where(stick | apart | ~rubs, 0.0, -sigma * (at.u - sigma * spring.lag * at.v)),
+        where(stick, in_stick[0], where(rubs & ~apart, in_slip, -1.0)),
+        where(stick, in_stick[1], 0.0),
+        where(stick | apart | ~rubs, 0.0, -sigma * (at.u - sigma * spring.lag * at.v)),
     )
 
 
@@ -203,7 +203,7 @@ def first_kind(violated: Violated) -> Int[Array, ""]:
     *others, last = violated
     kind = jnp.asarray(last, jnp.int32)
     for k in reversed(others):
-        kind = jnp.where(violated[k], jnp.int32(k), kind)
+        kind = where(violated[k], jnp.int32(k), kind)
     return kind
 
 
@@ -234,28 +234,28 @@ def transition(
     case = _next_case(state, view, kind, h, model) if has_torsion(model) else view.case
     becomes_flat = (case == FLAT) & (state.case != FLAT)
     if has_torsion(model):
-        z = jax.tree.map(lambda parallel, own: jnp.where(becomes_flat, parallel, own), _as_parallel(z, model), z)
+        z = jax.tree.map(lambda parallel, own: where(becomes_flat, parallel, own), _as_parallel(z, model), z)
     new = contact_kinematics(view.q, case, model.block, model.reading)
 
-    mode = jnp.where(
+    mode = where(
         kind == EventKind.LIFT,
-        jnp.where(state.mode == Mode.APART, _onset_mode(view, delay, spring), jnp.int32(Mode.APART)),
-        jnp.where(kind == EventKind.RUB, _mode_after_rub(at, state, spring), state.mode),
+        where(state.mode == Mode.APART, _onset_mode(view, delay, spring), jnp.int32(Mode.APART)),
+        where(kind == EventKind.RUB, _mode_after_rub(at, state, spring), state.mode),
     )
     w = stretch(at.v, at.u, state.u_s, state.mode, spring)
     u_s = ABSENT
     if not is_absent(spring.laws) and not is_absent(state.u_s):
         in_contact = (state.mode != Mode.APART) & (mode != Mode.APART)
-        u_s = jnp.where(in_contact, state.u_s, spring.laws.z)
+        u_s = where(in_contact, state.u_s, spring.laws.z)
     elif not is_absent(state.u_s):
-        u_s = jnp.where(state.mode == Mode.APART, _slider_at_onset(view, delay), new.u - w)
-    after = State(z, u_s, mode, jnp.where(mode == Mode.APART, 0, case).astype(jnp.int32))
+        u_s = where(state.mode == Mode.APART, _slider_at_onset(view, delay), new.u - w)
+    after = State(z, u_s, mode, where(mode == Mode.APART, 0, case).astype(jnp.int32))
     guards = guard_values(new, contact_rates(new, z, case, model.reading), view.torques, after, case, spring)
     energy = contact_energy(new.v, stretch(new.v, new.u, u_s, mode, spring), mode, spring)
     energy = energy - contact_energy(at.v, w, state.mode, spring)
     dropped = ABSENT
     if has_torsion(model):
-        dropped = jnp.where(becomes_flat, stored_energy(unprojected, model) - stored_energy(z, model), 0.0)
+        dropped = where(becomes_flat, stored_energy(unprojected, model) - stored_energy(z, model), 0.0)
     return Transition(after, guards, energy, dropped, kind, state)
 
 
@@ -267,12 +267,12 @@ def _as_parallel(z: Motion, model: Model) -> Motion:
 def _next_case(state: State, view: GuardEvaluation, kind: Int[Array, ""], h: Scalar, model: Model) -> Int[Array, ""]:
     """The case after an event of `kind`."""
     now, turn = view.case, kind == EventKind.TURN
-    neighbour = jnp.where(turn, 5 - now, now + jnp.where(tip_is_left(now), 1, -1))
-    corner = jnp.where(now == FLAT, corner_case(~turn, view.at.height), neighbour)
-    case = jnp.where(turn | (kind == EventKind.HEIGHT), corner, now)
+    neighbour = where(turn, 5 - now, now + where(tip_is_left(now), 1, -1))
+    corner = where(now == FLAT, corner_case(~turn, view.at.height), neighbour)
+    case = where(turn | (kind == EventKind.HEIGHT), corner, now)
     touches = (kind == EventKind.LIFT) & (state.mode == Mode.APART)
     level = touches & (view.at.turn == 0) & (view.rate.turn == 0)
-    return jnp.where(level | (turn & (now != FLAT) & _returns_soon(view, h, model)), FLAT, case)
+    return where(level | (turn & (now != FLAT) & _returns_soon(view, h, model)), FLAT, case)
 
 
 def _returns_soon(view: GuardEvaluation, h: Scalar, model: Model) -> Bool[Array, ""]:
@@ -292,19 +292,19 @@ def _onset_mode(view: GuardEvaluation, delay: Scalar, spring: Springs) -> Int[Ar
         return jnp.int32(Mode.SLIP_PLUS)
     in_overlap = (delay == 0) & (view.at.v > view.at.rounding)
     slips = ((jnp.abs(rate.u) > spring.lag * rate.v) & ~in_overlap) | (spring.mu == 0)
-    sliding = jnp.where(rate.u < 0, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
-    return jnp.where(slips, sliding, jnp.int32(Mode.STICK))
+    sliding = where(rate.u < 0, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
+    return where(slips, sliding, jnp.int32(Mode.STICK))
 
 
 def _mode_after_rub(at: ContactKinematics, state: State, spring: Springs) -> Int[Array, ""]:
     if is_absent(spring.lag):
         return state.mode
-    sliding = jnp.where(at.u < state.u_s, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
-    return jnp.where(state.mode == Mode.STICK, sliding, jnp.int32(Mode.STICK))
+    sliding = where(at.u < state.u_s, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
+    return where(state.mode == Mode.STICK, sliding, jnp.int32(Mode.STICK))
 
 
 def _slider_at_onset(view: GuardEvaluation, delay: Scalar) -> Scalar:
     """The slide u where v = 0, extrapolated back from the located time by the remaining penetration."""
     v, rate = view.at.v, view.rate
     closing = rate.v > 0
-    return view.at.u - rate.u * jnp.where(closing, jnp.minimum(v / jnp.where(closing, rate.v, 1.0), delay), 0.0)
+    return view.at.u - rate.u * where(closing, jnp.minimum(v / where(closing, rate.v, 1.0), delay), 0.0)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.events import EventKind, Guards, Violated, any_of, event_kinds
 from jaxshroud.march.method_names import Locate
-from jaxshroud.model.arithmetic import Scalar, is_absent
+from jaxshroud.model.arithmetic import Scalar, is_absent, traced_once, where
 from jaxshroud.scene.typed import Tree
 
 CUBIC_TRIALS = 5  # in one bracket; after these, every other trial bisects it
@@ -64,7 +64,7 @@ def new_search(
 
 def select(condition: Bool[Array, ""], yes, no):
     """`yes` where `condition`, else `no`, leaf by leaf."""
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+    return jax.tree.map(lambda a, b: where(condition, a, b), yes, no)
 
 
 class LocationDecision(NamedTuple):
@@ -96,6 +96,7 @@ class HermiteCubic(NamedTuple):
         return self.m_0, 3 * rise - 2 * self.m_0 - self.m_1, self.m_0 + self.m_1 - 2 * rise
 
     @property
+    @traced_once
     def interior_maximum(self) -> tuple[Scalar, Scalar]:
         """The place of a positive maximum inside, and the curvature there; 1 and 0 if there is none.
 
@@ -105,11 +106,11 @@ class HermiteCubic(NamedTuple):
         square = b * b - 3 * a * c
         root = jnp.sqrt(jnp.maximum(square, 0.0))
         # a quotient without cancellation
-        num, den = jnp.where(b > 0, -(b + root), a), jnp.where(b > 0, 3 * c, root - b)
+        num, den = where(b > 0, -(b + root), a), where(b > 0, 3 * c, root - b)
         inside = (square > 0) & (num * den > 0) & (jnp.abs(num) < jnp.abs(den))
-        s = jnp.where(inside, num / jnp.where(inside, den, 1.0), 1.0)
+        s = where(inside, num / where(inside, den, 1.0), 1.0)
         positive = inside & (self(s) > 0)
-        return jnp.where(positive, s, 1.0), jnp.where(positive, 2 * root, 0.0)
+        return where(positive, s, 1.0), where(positive, 2 * root, 0.0)
 
 
 def _guard_cubic(value: tuple, rate: tuple, slip_path: tuple | None, h: Scalar) -> HermiteCubic:
@@ -121,14 +122,14 @@ def _guard_cubic(value: tuple, rate: tuple, slip_path: tuple | None, h: Scalar) 
     """
     g_0, g_1 = value
     secant, unknown = g_1 - g_0, (rate[0] == 0) & (rate[1] == 0)
-    m_0, m_1 = (jnp.where(unknown, secant, m * h) for m in rate)
+    m_0, m_1 = (where(unknown, secant, m * h) for m in rate)
     if slip_path is None:
         return HermiteCubic(g_0, g_1, m_0, m_1)
     length = slip_path[1] - slip_path[0]
-    excess = 6 * length / jnp.where(h > 0, h, 1.0) - 3 * (g_0 + g_1)
+    excess = 6 * length / where(h > 0, h, 1.0) - 3 * (g_0 + g_1)
     rounding = jnp.finfo(h.dtype).eps * (jnp.abs(slip_path[0]) + jnp.abs(slip_path[1]))
     parabola = (slip_path[0] != 0) & (slip_path[1] != 0) & (h > 0) & (jnp.abs(length) > 1000 * rounding)
-    m_0, m_1 = jnp.where(parabola, secant + excess, m_0), jnp.where(parabola, secant - excess, m_1)
+    m_0, m_1 = where(parabola, secant + excess, m_0), where(parabola, secant - excess, m_1)
     return HermiteCubic(g_0, g_1, m_0, m_1)
 
 
@@ -145,7 +146,7 @@ def first_interior_maximum(start: Guards, end: Guards, h: Scalar) -> Scalar:
     for kind in event_kinds(start.value):
         ends = (start.value[kind], end.value[kind]), (start.rate[kind], end.rate[kind])
         cubic = _guard_cubic(*ends, (start.slip_path, end.slip_path) if kind == EventKind.RUB else None, h)
-        first = jnp.where(cubic.g_0 <= 0, jnp.minimum(first, cubic.interior_maximum[0]), first)
+        first = where(cubic.g_0 <= 0, jnp.minimum(first, cubic.interior_maximum[0]), first)
     return first
 
 
@@ -160,7 +161,7 @@ def event_tolerance(jumps: Bool[Array, ""], locate: Locate, order: int, derivati
     single = dtype != jnp.float64
     coarse = (10 if single else 20) if locate == "bisection" else 10 if single else 10 + order
     coarse = (16 if single else 36) if derivative else coarse
-    return jnp.where(jumps, 2.0 ** -(16 if single else 48), 2.0**-coarse).astype(dtype)
+    return where(jumps, 2.0 ** -(16 if single else 48), 2.0**-coarse).astype(dtype)
 
 
 def judge_trial(
@@ -191,8 +192,8 @@ def judge_trial(
     if locate == "none":
         return LocationDecision(jnp.ones_like(hit), hit, search.length, search)
     bracketing = search.bracketing | hit
-    high = jnp.where(hit, search.length, search.high)
-    below = jnp.where(search.bracketing & ~hit, search.length, search.low)
+    high = where(hit, search.length, search.high)
+    below = where(search.bracketing & ~hit, search.length, search.low)
     top = first_interior_maximum(low, end, search.length * h)
     probes = ~bracketing & ~search.probing & (top < 1)
     derivative = search.refinements is not None
@@ -203,12 +204,12 @@ def judge_trial(
         now = select(hit | ~search.bracketing, low, end)
         next_end, delay = _next_trial_end(target, now, below, high, h, tolerance)
         halve = (target.tries > CUBIC_TRIALS) & (target.tries % 2 == 0)
-        next_end = jnp.where(halve, (below + high) / 2, next_end)
+        next_end = where(halve, (below + high) / 2, next_end)
     else:
         target, delay, next_end = None, high - below, (below + high) / 2
     fire = hit & ((delay <= tolerance) | exact)
     after = search._replace(
-        length=jnp.where(probes, top * search.length, jnp.where(high - below <= finest, high, next_end)),
+        length=where(probes, top * search.length, where(high - below <= finest, high, next_end)),
         low=below,
         high=high,
         bracketing=bracketing,
@@ -232,7 +233,7 @@ def _crossed_target(search: Search, low: Guards, end: Guards, violated: Violated
         largest = select(earlier, share, largest)
         new = Target(jnp.int32(kind), above, end.rate[kind], _slip_path_of(end, kind), old.tries)
         chosen = select(earlier, new, chosen)
-    return chosen._replace(tries=jnp.where(hit | search.bracketing, old.tries + 1, 0))
+    return chosen._replace(tries=where(hit | search.bracketing, old.tries + 1, 0))
 
 
 def _next_trial_end(target: Target, low: Guards, below: Scalar, high: Scalar, h: Scalar, tolerance: Scalar):
@@ -240,10 +241,10 @@ def _next_trial_end(target: Target, low: Guards, below: Scalar, high: Scalar, h:
     of_target, width = lambda four: select_guard(four, target.kind), high - below
     path = jnp.zeros_like(width)
     if not is_absent(low.slip_path):
-        path = jnp.where(target.kind == EventKind.RUB, low.slip_path, 0.0)
+        path = where(target.kind == EventKind.RUB, low.slip_path, 0.0)
     values, rates = (of_target(low.value), target.value), (of_target(low.rate), target.rate)
     cubic = _guard_cubic(values, rates, (path, target.slip_path), width * h)
-    delay = jnp.where(cubic.m_1 > 0, jnp.minimum(cubic.g_1 / jnp.where(cubic.m_1 > 0, cubic.m_1, 1.0), 1.0), 1.0)
+    delay = where(cubic.m_1 > 0, jnp.minimum(cubic.g_1 / where(cubic.m_1 > 0, cubic.m_1, 1.0), 1.0), 1.0)
     return jnp.minimum(below + width * cubic_root(cubic) + tolerance / 2, high), delay * width
 
 
@@ -252,20 +253,21 @@ def select_guard(four, kind: Int[Array, ""]) -> Scalar:
     first, *others = event_kinds(four)
     chosen = four[first]
     for k in others:
-        chosen = jnp.where(kind == k, four[k], chosen)
+        chosen = where(kind == k, four[k], chosen)
     return chosen
 
 
+@traced_once
 def cubic_root(cubic: HermiteCubic) -> Scalar:
     """The root of a cubic, negative at 0 and positive at 1, by Newton steps from the root of the straight line."""
     a, b, c = cubic.coefficients
     rise = jnp.maximum(cubic.g_1 - cubic.g_0, jnp.finfo(cubic.g_1.dtype).tiny)
     secant = jnp.clip(-cubic.g_0 / rise, 0.0, 1.0)
     rises = a + secant * (2 * b + secant * 3 * c) > rise / 8
-    s = jnp.where(rises, secant, 1.0)  # the root of a guard that starts at zero and first falls is far from the start
+    s = where(rises, secant, 1.0)  # the root of a guard that starts at zero and first falls is far from the start
     for _ in range(3):
         slope = a + s * (2 * b + s * 3 * c)
-        s = jnp.clip(s - cubic(s) / jnp.where(slope > rise / 8, slope, rise), 0.0, 1.0)
+        s = jnp.clip(s - cubic(s) / where(slope > rise / 8, slope, rise), 0.0, 1.0)
     return s
 
 

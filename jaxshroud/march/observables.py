@@ -44,8 +44,8 @@ def contact_forces(Q: Pair, state: State, model: Model) -> ContactForces:
     if has_torsion(model):
         place = _tip_position(at, case, model.block.l_ab)
         if model.spring.modal:
-            place = jnp.where(case == FLAT, _flat_contact_position(Q, at, state, model), place)
-        point = jnp.where(state.mode == Mode.APART, jnp.nan, place)
+            place = where(case == FLAT, _flat_contact_position(Q, at, state, model), place)
+        point = where(state.mode == Mode.APART, jnp.nan, place)
     return ContactForces(N, F, at.v, at.u, point)
 
 
@@ -65,10 +65,10 @@ def _flat_contact_position(Q: Pair, at: ContactKinematics, state: State, model: 
     The torque on theta_1 - theta_2 is linear along the overlap, whose ends are the corners d and a, or b and c.
     """
     l_ab, torque, along = model.block.l_ab, end_torques(state.motion, Q, at, state, model), _offset_along_face(at)
-    low = -l_ab / 2 - jnp.where(at.height > 0, 0.0, along)
-    high = l_ab / 2 - jnp.where(at.height > 0, along, 0.0)
+    low = -l_ab / 2 - where(at.height > 0, 0.0, along)
+    high = l_ab / 2 - where(at.height > 0, along, 0.0)
     apart = torque.lower - torque.upper
-    return low + (high - low) * (torque.lower / jnp.where(apart == 0, 1.0, apart))
+    return low + (high - low) * (torque.lower / where(apart == 0, 1.0, apart))
 
 
 def total_energy(state: State, model: Model) -> Scalar:
@@ -97,7 +97,7 @@ def cubic_maximum(cubic: HermiteCubic) -> tuple[Scalar, Bool[Array, ""]]:
     square = b * b - 3 * a * c
     down = jnp.sqrt(jnp.maximum(square, 0.0)) - b  # the maximum is the root a / down of the derivative
     there = (square > 0) & (down != 0)
-    s = a / jnp.where(there, down, 1.0)
+    s = a / where(there, down, 1.0)
     return s, there & (s > 0) & (s <= 1)
 
 
@@ -105,8 +105,8 @@ def steepest_slope(cubic: HermiteCubic) -> Scalar:
     """The magnitude of the slope of a cubic at its inflection; 0 if that is outside the interval."""
     a, b, c = cubic.coefficients
     bends = c != 0
-    at = -b / jnp.where(bends, 3 * c, 1.0)
-    return jnp.where(bends & (at > 0) & (at < 1), jnp.abs(a + b * at), 0.0)
+    at = -b / where(bends, 3 * c, 1.0)
+    return where(bends & (at > 0) & (at < 1), jnp.abs(a + b * at), 0.0)
 
 
 def updated_extrema(
@@ -123,15 +123,15 @@ def updated_extrema(
     cubic = HermiteCubic(v_0, v_1, rate_0 * h, rate_1 * h)
     s, inside = cubic_maximum(cubic)
     top = cubic(s)
-    deepest = jnp.where(inside, jnp.maximum(top, v_1), v_1)
+    deepest = where(inside, jnp.maximum(top, v_1), v_1)
     missed = apart & inside & (top < 0)
-    between = steepest_slope(cubic) / jnp.where(h > 0, h, jnp.inf)
+    between = steepest_slope(cubic) / where(h > 0, h, jnp.inf)
     fastest = jnp.maximum(between, jnp.maximum(jnp.abs(rate_0), jnp.abs(rate_1)))
     return StepExtrema(
-        jnp.where(apart, before.v_max, jnp.maximum(before.v_max, deepest)),
+        where(apart, before.v_max, jnp.maximum(before.v_max, deepest)),
         jnp.maximum(before.fastest, fastest),
-        jnp.where(onset, jnp.minimum(before.slowest_onset, rate_1), before.slowest_onset),
-        jnp.where(missed, jnp.minimum(before.nearest_miss, -top), before.nearest_miss),
+        where(onset, jnp.minimum(before.slowest_onset, rate_1), before.slowest_onset),
+        where(missed, jnp.minimum(before.nearest_miss, -top), before.nearest_miss),
     )
 
 
@@ -165,7 +165,7 @@ def updated_peaks(before: ContactPeaks, state: State, z: Motion, h: Scalar, mode
             ends = jnp.maximum(
                 ends, _cubic_peak(HermiteCubic(sign * a.F, sign * b.F, sign * a.F_rate * h, sign * b.F_rate * h))
             )
-    return ContactPeaks(N, jnp.maximum(before.F, jnp.where(_apart(state), 0.0, ends)))
+    return ContactPeaks(N, jnp.maximum(before.F, where(_apart(state), 0.0, ends)))
 
 
 def _apart(state: State) -> Bool[Array, ""]:
@@ -175,7 +175,7 @@ def _apart(state: State) -> Bool[Array, ""]:
 def _cubic_peak(cubic: HermiteCubic) -> Scalar:
     """The largest value of a cubic on its interval."""
     s, inside = cubic_maximum(cubic)
-    return jnp.maximum(jnp.maximum(cubic.g_0, cubic.g_1), jnp.where(inside, cubic(s), cubic.g_1))
+    return jnp.maximum(jnp.maximum(cubic.g_0, cubic.g_1), where(inside, cubic(s), cubic.g_1))
 
 
 def _end_forces(z: Motion, state: State, model: Model) -> _EndForces:
@@ -185,7 +185,7 @@ def _end_forces(z: Motion, state: State, model: Model) -> _EndForces:
     if spring.flows:
         return _EndForces(at.v, rate.v, N, F, ABSENT)
     slipping = spring.mu * (slip_sign(state.mode, at.v.dtype) * spring.k * rate.v)
-    F_rate = F if is_absent(F) else jnp.where(state.mode == Mode.STICK, spring.k_d * rate.u, slipping)
+    F_rate = F if is_absent(F) else where(state.mode == Mode.STICK, spring.k_d * rate.u, slipping)
     return _EndForces(at.v, rate.v, N, F, F_rate)
 
 
@@ -194,7 +194,7 @@ def deepest_penetration(expansion: TaylorExpansion, order: int, s: Scalar) -> Sc
     v = expansion.v.coefficients(order - 1)
     end, rate = polynomial_value_and_rate(v, s)
     top, inside = cubic_maximum(HermiteCubic(v[0], end, v[1] * s, rate * s))
-    return jnp.where(inside, jnp.maximum(end, polynomial_value(v, top * s)), end)
+    return where(inside, jnp.maximum(end, polynomial_value(v, top * s)), end)
 
 
 def midpoint_magnitudes(expansion: TaylorExpansion, order: int, s: Scalar) -> Magnitudes:
@@ -212,7 +212,7 @@ def taylor_peaks(expansion: TaylorExpansion, order: int, s: Scalar, state: State
         return ContactPeaks(N, jnp.zeros_like(N))
     w = (expansion.u - state.u_s).coefficients(order - 1)
     stuck = spring.k_d * jnp.maximum(_polynomial_maximum(w, s), _polynomial_maximum(_negated(w), s))
-    return ContactPeaks(N, jnp.where(state.mode == Mode.STICK, stuck, spring.mu * N))
+    return ContactPeaks(N, where(state.mode == Mode.STICK, stuck, spring.mu * N))
 
 
 def taylor_extrema(
@@ -223,11 +223,11 @@ def taylor_extrema(
     rate, end = _derivative(v), polynomial_value_and_rate(v, s)[1] / unit
     missed = jnp.full_like(end, jnp.inf)
     for there, top in _polynomial_crests(v, s):
-        missed = jnp.where(there & apart & (top < 0), jnp.minimum(missed, -top), missed)
+        missed = where(there & apart & (top < 0), jnp.minimum(missed, -top), missed)
     return StepExtrema(
-        v_max=jnp.where(apart, 0.0, _polynomial_maximum(v, s)),
+        v_max=where(apart, 0.0, _polynomial_maximum(v, s)),
         fastest=jnp.maximum(_polynomial_maximum(rate, s), _polynomial_maximum(_negated(rate), s)) / unit,
-        slowest_onset=jnp.where(onset, end, jnp.inf),
+        slowest_onset=where(onset, end, jnp.inf),
         nearest_miss=missed,
     )
 
@@ -242,7 +242,7 @@ def _polynomial_maximum(c: Coefficients, s: Scalar) -> Scalar:
     """The largest value of a polynomial within `s`."""
     best = jnp.maximum(c[0], polynomial_value(c, s))
     for there, top in _polynomial_crests(c, s):
-        best = jnp.where(there, jnp.maximum(best, top), best)
+        best = where(there, jnp.maximum(best, top), best)
     return best
 
 
@@ -255,7 +255,7 @@ def _polynomial_crests(c: Coefficients, s: Scalar) -> Iterator[tuple[Bool[Array,
         top, there = cubic_maximum(HermiteCubic(g_0, g_1, m_0 * width, m_1 * width))
         at = low + top * width
         slope, bend = polynomial_value_and_rate(_derivative(c), at)
-        at = jnp.where(bend < 0, jnp.clip(at - slope / jnp.where(bend < 0, bend, -1.0), low, low + width), at)
+        at = where(bend < 0, jnp.clip(at - slope / where(bend < 0, bend, -1.0), low, low + width), at)
         yield there, polynomial_value(c, at)
 
 

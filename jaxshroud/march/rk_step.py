@@ -1,6 +1,7 @@
 """One explicit Runge-Kutta step in a fixed mode."""
 
 import math
+from functools import reduce
 from typing import Any, NamedTuple
 
 import jax
@@ -8,7 +9,7 @@ import jax.numpy as jnp
 
 from jaxshroud.march.carry import Lane, TimeGrid
 from jaxshroud.march.method import Choices
-from jaxshroud.model.arithmetic import Pair, Scalar, sincos_turns, sine_versine
+from jaxshroud.model.arithmetic import Pair, Scalar, plus, sincos_turns, sine_versine, times, where
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Integrals, StateDerivative, drive_wave, rhs_once
 from jaxshroud.scene.keys import Motion
@@ -94,7 +95,7 @@ def rk_step(partial: Stages, interval: TrialInterval, start: State, model: Model
 def _wave_rates(interval: TrialInterval, model: Model) -> Pair:
     """The time derivative of the drive's wave at the end of the step."""
     quarter_later = _drive_waves(interval._replace(turns=interval.turns + 0.25), {1.0}, model)[1.0]
-    omega = 2 * math.pi * interval.dturns / jnp.where(interval.h > 0, interval.h, 1.0)
+    omega = 2 * math.pi * interval.dturns / where(interval.h > 0, interval.h, 1.0)
     return omega * quarter_later[0], omega * quarter_later[1]
 
 
@@ -126,7 +127,7 @@ def _stage_state(start: State, h: Scalar, weights, slopes: Any, model: Model) ->
     if not used:
         return start
     weights, slopes = zip(*used, strict=True)
-    add = lambda z, *k: z + h * sum(w * k for w, k in zip(weights, k, strict=True))
+    add = lambda z, *k: plus(z, times(h, reduce(plus, map(times, weights, k), 0)))
     motion = jax.tree.map(add, start.motion, *(k.motion for k in slopes))
     u_s = jax.tree.map(add, start.u_s, *(k.u_s for k in slopes)) if model.spring.flows else start.u_s
     return State(motion, u_s, start.mode, start.case)

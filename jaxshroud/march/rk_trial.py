@@ -33,7 +33,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import updated_extrema, updated_peaks
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
 from jaxshroud.march.tally import LogUpdates, count_event, displacements_of, new_tally, updated_tally
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
+from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where, zeros_for
 from jaxshroud.model.friction import Slider
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
@@ -49,9 +49,11 @@ def begin_rk(state: State, model: Model, method: Choices) -> Lane:
     """`Stepper.begin`. The first trial has length zero: it sets the guards."""
     zero, step = jnp.zeros_like(state.motion.x[0]), jnp.zeros((), jnp.int32)
     tally = new_tally(state, model, method)
-    guards = evaluate_guards(state.motion, (zero, zero), state, model).guards if model.spring.modal else None
+    guards = None
+    if model.spring.modal:
+        guards = zeros_for(evaluate_guards, state.motion, (zero, zero), state, model).guards
     search = new_search(zero, zero, jnp.ones((), bool), step, method.locate, method.derivative)
-    return Lane(state, step, search, jax.tree.map(jnp.zeros_like, guards), tally, step)
+    return Lane(state, step, search, guards, tally, step)
 
 
 def rk_trials(
@@ -173,14 +175,14 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, m
         lambda before: updated_peaks(before, start, z, h, model),
     )
     tally = updated_tally(lane.tally, gain, jumps, h, start.mode, view.at.v, displacements_of(z), log_updates)
-    status = jnp.where(accept, status_of(z, decision.not_finite, next_search.events), Status.OK).astype(jnp.int32)
+    status = where(accept, status_of(z, decision.not_finite, next_search.events), Status.OK).astype(jnp.int32)
     return Lane(
         select(accept, state, start),
-        jnp.where(accept, step, lane.step),
+        where(accept, step, lane.step),
         select(accept, next_search, repeated),
         select(accept | decision.move_low, guards, lane.guards),
         select(accept, tally, lane.tally),
-        jnp.where(running(lane, stop), status, lane.status),
+        where(running(lane, stop), status, lane.status),
     )
 
 
@@ -195,17 +197,17 @@ def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: F
     z, no, no_jumps = end.state.motion, jnp.zeros_like(accept), jax.tree.map(jnp.zeros_like, lane.tally.jumps)
     at = place_contact(z, lane.state, model)[2]
     next_search, step = _next_search(lane.search, lane.step, no, no, method)
-    mode, h = jnp.where(at.v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)), trial_interval(lane, grid).h
+    mode, h = where(at.v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)), trial_interval(lane, grid).h
     log_updates = LogUpdates(
         lambda counters: counters,
         lambda before: updated_extrema(before, lane.state, z, h, no, no, model),
         lambda before: updated_peaks(before, lane.state, z, h, model),
     )
     tally = updated_tally(lane.tally, end.gain, no_jumps, h, mode, at.v, displacements_of(z), log_updates)
-    status = jnp.where(accept, status_of(z, decision.not_finite, next_search.events), Status.OK).astype(jnp.int32)
+    status = where(accept, status_of(z, decision.not_finite, next_search.events), Status.OK).astype(jnp.int32)
     before = (lane.state, lane.step, lane.search, lane.tally)
     state, step, search, tally = select(accept, (end.state, step, next_search, tally), before)
-    return Lane(state, step, search, None, tally, jnp.where(running(lane, stop), status, lane.status))
+    return Lane(state, step, search, None, tally, where(running(lane, stop), status, lane.status))
 
 
 def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fixed: Fixed):
@@ -221,7 +223,7 @@ def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fi
     slope, Q_rate, _ = lax.stop_gradient(end.slope)
     at_end, rates = (end.state.motion, end.Q, flowing(end.state)), (slope.motion, Q_rate, flowing(slope))
     value, rate = jax.jvp(guard, at_end, rates)
-    rate = jnp.where((length > 0) & (rate > 0), rate, jnp.inf)  # a trial of length zero ends at a prescribed time
+    rate = where((length > 0) & (rate > 0), rate, jnp.inf)  # a trial of length zero ends at a prescribed time
     z, Q, gain, length, u_s = at_event(
         (end.state.motion, end.Q, end.gain, length, flowing(end.state)),
         (end.slope[0].motion, *end.slope[1:], 1 / grid.h, flowing(end.slope[0])),
@@ -237,8 +239,8 @@ def _next_search(
     """The search of the next trial, and the clock, after an accepted trial."""
     done = search.done + search.length
     complete = done >= 1 - NEGLIGIBLE_REST[done.dtype.itemsize]
-    done = jnp.where(complete, 0.0, done)
-    events = jnp.where(complete, 0, search.events + fire.astype(jnp.int32))
-    after = new_search(done, jnp.where(recheck, 0.0, 1 - done), recheck, events, method.locate, method.derivative)
+    done = where(complete, 0.0, done)
+    events = where(complete, 0, search.events + fire.astype(jnp.int32))
+    after = new_search(done, where(recheck, 0.0, 1 - done), recheck, events, method.locate, method.derivative)
     # a trial that ended at the maximum of a guard leaves it there, where the next trial need not look for it
     return after._replace(probing=search.probing & ~fire & ~complete), step + complete.astype(jnp.int32)

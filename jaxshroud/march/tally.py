@@ -1,6 +1,7 @@
 """The tally of a lane: the integrals of its motion, its counts of events and the extremes of its motion so far."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -10,11 +11,11 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.events import EventKind, Transition, model_events, place_contact
 from jaxshroud.march.method import Choices
-from jaxshroud.model.arithmetic import ABSENT, Absent, Pair, Scalar, is_absent
+from jaxshroud.model.arithmetic import ABSENT, Absent, Pair, Scalar, is_absent, where, zeros_for
 from jaxshroud.model.geometry import is_upper
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import Integrals, rhs_once
+from jaxshroud.model.rhs import Integrals, rhs
 from jaxshroud.scene.keys import Motion
 
 EventCount = Int[Array, ""] | Absent
@@ -143,7 +144,7 @@ class Tally(eqx.Module):
 def new_tally(state: State, model: Model, method: Choices) -> Tally:
     """The tally of a lane that starts from `state`."""
     zero = jnp.zeros_like(state.motion.x[0])
-    none = jax.tree.map(jnp.zeros_like, rhs_once((zero, zero), state, model, method.ledger)[1])
+    _, none = zeros_for(partial(rhs, ledger=method.ledger), (zero, zero), state, model)
     jumps = EnergyJumps(zero, zero if has_torsion(model) else ABSENT) if method.ledger else None
     if method.derivative:
         return Tally(none, jumps, None)
@@ -183,10 +184,10 @@ def updated_tally(
 def _updated_log(log: Log, h: Scalar, mode, v: Scalar, sizes: Magnitudes, log_updates: LogUpdates) -> Log:
     apart, stick = mode == Mode.APART, mode == Mode.STICK
     return Log(
-        log.time_apart + jnp.where(apart, h, 0.0),
-        log.time_stick + jnp.where(stick, h, 0.0),
-        log.time_slip + jnp.where(apart | stick, 0.0, h),
-        jnp.maximum(log.v_max, jnp.where(apart, 0.0, v)),
+        log.time_apart + where(apart, h, 0.0),
+        log.time_stick + where(stick, h, 0.0),
+        log.time_slip + where(apart | stick, 0.0, h),
+        jnp.maximum(log.v_max, where(apart, 0.0, v)),
         jax.tree.map(lambda most, now: jnp.maximum(most, jnp.abs(now)), log.largest, sizes),
         log_updates.counts(log.counters),
         None if log.within is None else log_updates.within(log.within),

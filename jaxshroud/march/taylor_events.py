@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.events import any_of
 from jaxshroud.march.locate import HermiteCubic, cubic_root, select
-from jaxshroud.model.arithmetic import Scalar, filled, is_absent
+from jaxshroud.model.arithmetic import Scalar, filled, is_absent, times, traced_once, where
 from jaxshroud.model.series import polynomial_value, polynomial_value_and_rate
 
 TRIAL_PARTS = 2  # of a trial, at whose ends the guards are evaluated
@@ -95,7 +95,7 @@ def first_event(guards: list[Coefficients], h: Scalar, probed: Bool[Array, ""], 
     unclear = found & (other_above | ~converged) & (tries < MAX_ROOT_TRIES)
 
     in_first = found & (estimate.low == 0)
-    end, part = jnp.where(found, s, h), jnp.where(in_first, s, width)
+    end, part = where(found, s, h), where(in_first, s, width)
     at_part, at_end = select(in_first, at_root, middle), select(found, at_root, last)
     first_unsure = any_of(
         may_rise(a, b, part, fourth_derivative_bound(g, part)) for g, a, b in zip(guards, start, at_part, strict=True)
@@ -108,9 +108,9 @@ def first_event(guards: list[Coefficients], h: Scalar, probed: Bool[Array, ""], 
     reject = unclear | first_unsure
     shorter = second_unsure & ~reject
     whole = ~reject & ~shorter
-    stop = jnp.where(found, jnp.minimum(s + EVENT_OVERSHOOT[size] * h, h), h)
+    stop = where(found, jnp.minimum(s + EVENT_OVERSHOOT[size] * h, h), h)
     return TrialEvent(
-        end=jnp.where(shorter, part, jnp.where(first_unsure & ~unclear, part / 2, stop)),
+        end=where(shorter, part, where(first_unsure & ~unclear, part / 2, stop)),
         which=estimate.which,
         fire=found & ~missed & whole,
         probe=found & missed & whole,
@@ -121,10 +121,11 @@ def first_event(guards: list[Coefficients], h: Scalar, probed: Bool[Array, ""], 
 
 def fourth_derivative_bound(guard: Coefficients, s: Scalar) -> Scalar:
     """A bound of the fourth derivative of a guard up to `s`, divided by 24."""
-    sizes = tuple(math.comb(n, 4) * jnp.abs(c) for n, c in enumerate(guard) if n >= 4)
+    sizes = tuple(times(math.comb(n, 4), jnp.abs(c)) for n, c in enumerate(guard) if n >= 4)
     return polynomial_value(sizes, s) if sizes else jnp.zeros_like(s)
 
 
+@traced_once
 def may_rise(start: tuple, end: tuple, width: Scalar, bound: Scalar) -> Bool[Array, ""]:
     """Whether a guard that is not above zero at the ends of an interval may be above zero in between.
 
@@ -156,9 +157,9 @@ def return_length(guards: list[Coefficients], longest: Scalar) -> Scalar:
     for guard in trimmed(guards, longest):
         g, rate, curvature = (*guard, jnp.zeros_like(longest))[:3]
         bends = curvature > 0
-        twice = jnp.where(bends, 2 * curvature, 1.0)
+        twice = where(bends, 2 * curvature, 1.0)
         back = (jnp.sqrt(jnp.maximum(rate * rate - 2 * twice * jnp.minimum(g, 0.0), 0.0)) - rate) / twice
-        longest = jnp.where(bends, jnp.minimum(longest, RETURN_FACTOR * back), longest)
+        longest = where(bends, jnp.minimum(longest, RETURN_FACTOR * back), longest)
     return longest
 
 
@@ -188,13 +189,14 @@ def _first_crossing(guards: list[Coefficients], h: Scalar, width: Scalar, probed
     return found, estimate, at_ends
 
 
+@traced_once
 def _crossing_in_part(start: tuple, end: tuple, width: Scalar, probed: Bool[Array, ""]):
     """Whether a guard rises in a part, whether by a maximum inside, at which share of the part, and its cubic."""
     g_0, g_1 = jnp.minimum(start[0], 0.0), end[0]  # a guard that has just been crossed may begin above zero
     rise = HermiteCubic(g_0, g_1, start[1] * width, end[1] * width)
     top, curvature = rise.interior_maximum  # by the end it may still be above zero
     at_maximum = (curvature > 0) & ~probed
-    share = jnp.where(at_maximum, top, -g_0 / jnp.where(g_1 > 0, g_1 - g_0, 1.0))
+    share = where(at_maximum, top, -g_0 / where(g_1 > 0, g_1 - g_0, 1.0))
     return at_maximum | (g_1 > 0), at_maximum, share, rise
 
 
@@ -204,28 +206,26 @@ def _refined_root(chosen: Coefficients, estimate: _RootEstimate, width: Scalar):
     From a maximum the search starts on its rising side, at the root of the parabola through the maximum.
     """
     low, high, rise = estimate.low, estimate.low + width, estimate.rise
-    s = jnp.where(estimate.at_maximum, estimate.at, low + width * cubic_root(rise))
+    s = where(estimate.at_maximum, estimate.at, low + width * cubic_root(rise))
     g, rate = polynomial_value_and_rate(chosen, s)
     missed = estimate.at_maximum & (g <= 0)
-    curvature = jnp.where(estimate.at_maximum, rise.interior_maximum[1] / jnp.where(width > 0, width * width, 1.0), 1.0)
-    back = (jnp.sqrt(jnp.maximum(rate * rate + 2 * curvature * g, 0.0)) - rate) / jnp.where(
-        curvature > 0, curvature, 1.0
-    )
-    step = jnp.where(estimate.at_maximum, back, _root_step(g, rate))
+    curvature = where(estimate.at_maximum, rise.interior_maximum[1] / where(width > 0, width * width, 1.0), 1.0)
+    back = (jnp.sqrt(jnp.maximum(rate * rate + 2 * curvature * g, 0.0)) - rate) / where(curvature > 0, curvature, 1.0)
+    step = where(estimate.at_maximum, back, _root_step(g, rate))
     for _ in range(ROOT_UPDATES):
-        low, high = jnp.where(g > 0, low, s), jnp.where(g > 0, s, high)
-        s = jnp.where(missed, s, _bracketed_step(s, step, low, high))
+        low, high = where(g > 0, low, s), where(g > 0, s, high)
+        s = where(missed, s, _bracketed_step(s, step, low, high))
         g, rate = polynomial_value_and_rate(chosen, s)
         step = _root_step(g, rate)
-    return jnp.where(missed, s, _bracketed_step(s, step, low, high)), missed, step
+    return where(missed, s, _bracketed_step(s, step, low, high)), missed, step
 
 
 def _bracketed_step(s: Scalar, step: Scalar, low: Scalar, high: Scalar) -> Scalar:
-    return jnp.where(step < jnp.inf, jnp.clip(s - step, low, high), (low + high) / 2)
+    return where(step < jnp.inf, jnp.clip(s - step, low, high), (low + high) / 2)
 
 
 def _root_step(g: Scalar, rate: Scalar) -> Scalar:
-    return jnp.where(rate > 0, g / jnp.where(rate > 0, rate, 1.0), jnp.inf)
+    return where(rate > 0, g / where(rate > 0, rate, 1.0), jnp.inf)
 
 
 def select_polynomial(guards: list, which: Int[Array, ""]) -> tuple:
@@ -234,5 +234,5 @@ def select_polynomial(guards: list, which: Int[Array, ""]) -> tuple:
     for k, longest in enumerate(chosen):
         for i, guard in enumerate(guards):
             own = guard[k] if k < len(guard) else jnp.zeros_like(longest)
-            chosen[k] = jnp.where(which == i, own, chosen[k])
+            chosen[k] = where(which == i, own, chosen[k])
     return tuple(chosen)

@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Int
 
@@ -64,7 +63,7 @@ def taylor_expansion(lane: Lane, fixed: Fixed, order: int, ledger: bool) -> Tayl
     q = pose(*places)
     at = contact_kinematics(q, case, model.block, model.reading)
     at = at._replace(v=truncated(at.v, order - 1), u=truncated(at.u, order - 1))
-    lift = EventKind.LIFT, jnp.where(start.mode == Mode.APART, 1.0, -1.0) * at.v
+    lift = EventKind.LIFT, where(start.mode == Mode.APART, 1.0, -1.0) * at.v
     guards = [lift, *_switch_series(Q, at, now, model, order), *_friction_series(at, now, model)]
     return TaylorExpansion(now.motion, at.v, at.u, guards, q, works, case, unit)
 
@@ -120,7 +119,7 @@ def _switch_series(Q: Pair, at: ContactKinematics, now: State, model: Model, ord
     turn, height = switch_guards(at._replace(height=truncated(at.height, order - 1)), leans, now.case)
     # where contact ends, LIFT is first
     flat, torque = now.case == FLAT, model.spring.k * model.block.l_ab * at.rounding
-    slack = jnp.where(flat, torque, 0.0), jnp.where(flat, torque, at.rounding)
+    slack = where(flat, torque, 0.0), where(flat, torque, at.rounding)
     return [(EventKind.TURN, turn - slack[0]), (EventKind.HEIGHT, height - slack[1])]
 
 

@@ -11,7 +11,7 @@ from numpy.polynomial.legendre import Legendre
 
 from jaxshroud.march.tableau import TOLERANCE_RANGE
 from jaxshroud.march.taylor_expansion import TaylorExpansion
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent
+from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
 from jaxshroud.model.rhs import Ledger, mean_square
 from jaxshroud.model.series import Series, polynomial_value
 
@@ -23,7 +23,7 @@ def integrated_squares(expansion: TaylorExpansion, order: int, s: Scalar, gyrati
     """The mean squares of the displacements, integrated over `s` radians."""
     pose, total = expansion.pose, (ABSENT, ABSENT)
     at = lambda a, t: a if is_absent(a) else polynomial_value(a.coefficients(order), s * t) if t else a[0]
-    mean = lambda a: a if is_absent(a) else polynomial_value(_integrated(a, order), s) / jnp.where(s > 0, s, 1.0)
+    mean = lambda a: a if is_absent(a) else polynomial_value(_integrated(a, order), s) / where(s > 0, s, 1.0)
     versine = tuple(map(mean, pose.versine))  # which enters linearly
     for t, weight in zip(*lobatto_rule_for(order), strict=True):
         x, y = (tuple(at(a, t) for a in pair) for pair in (pose.x, pose.y))

@@ -57,7 +57,7 @@ from jaxshroud.march.taylor_events import (
 )
 from jaxshroud.march.taylor_expansion import RADIANS_PER_TURN, TaylorExpansion, taylor_expansion, without_derivatives
 from jaxshroud.march.taylor_integrals import integrated_squares, integrated_works
-from jaxshroud.model.arithmetic import Scalar, is_absent, sincos_turns
+from jaxshroud.model.arithmetic import Scalar, is_absent, sincos_turns, where
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Integrals, drive_wave
@@ -129,7 +129,7 @@ def trial_and_series(lane: Lane, fixed: Fixed, method: Choices) -> tuple[TaylorT
         else ((lane, fixed), expansion)
     )
     event, kind = _trial_event(frozen, *constants, order)
-    s = jnp.where(event.reject, 0.0, event.end)
+    s = where(event.reject, 0.0, event.end)
     if method.derivative:
         s = _differentiable_end(expansion, order, event, s, _remaining_angle(lane, fixed))
     displacements = jax.tree.map(lambda a: a.coefficients(order), displacements_of(expansion.motion))
@@ -152,7 +152,7 @@ def _trial_event(expansion: TaylorExpansion, lane: Lane, fixed: Fixed, order: in
     # a rocking motion that returns sooner counts as flat contact
     resolved = jnp.maximum(return_length(rocking, h), FLAT_RETURN * RADIANS_PER_TURN * fixed.grid.turn)
     h = jnp.minimum(h, resolved)
-    h = jnp.where(search.tries > 0, jnp.minimum(h, search.cap), h)
+    h = where(search.tries > 0, jnp.minimum(h, search.cap), h)
     return _first_event_of_kind(expansion, order, h, search)
 
 
@@ -166,9 +166,9 @@ def _differentiable_end(expansion: TaylorExpansion, order: int, event: TrialEven
     """The end of a trial with its derivative: that of the guard's root or of the remaining angle, else none."""
     guard = select_polynomial(trimmed([g.coefficients(order) for _, g in expansion.guards], s), event.which)
     size, rate = polynomial_value_and_rate(guard, s)
-    rate = jnp.where(event.fire & (s > 0) & (rate > 0), lax.stop_gradient(rate), jnp.inf)
+    rate = where(event.fire & (s > 0) & (rate > 0), lax.stop_gradient(rate), jnp.inf)
     root = at_event(s, jnp.ones_like(s), size, rate)
-    return jnp.where(event.fire | event.probe | (s < rest), root, rest)
+    return where(event.fire | event.probe | (s < rest), root, rest)
 
 
 def _trial_extrema(
@@ -224,12 +224,12 @@ def _first_event_of_kind(
     immediately = any_of(at_start)
     which = event.which
     for i in reversed(range(len(kinds))):
-        which = jnp.where(at_start[i], jnp.int32(i), which)
+        which = where(at_start[i], jnp.int32(i), which)
     immediate = TrialEvent(jnp.zeros_like(h), which, immediately, ~immediately, ~immediately, ~immediately)
     event = select(immediately, immediate, event._replace(which=which))
     kind = jnp.int32(kinds[-1])
     for i, k in enumerate(kinds[:-1]):
-        kind = jnp.where(which == i, jnp.int32(k), kind)
+        kind = where(which == i, jnp.int32(k), kind)
     return event, kind
 
 
@@ -293,8 +293,8 @@ def _next_taylor_search(
     negligible = NEGLIGIBLE_REST[done.dtype.itemsize]
     completed = jnp.floor(done + negligible)
     done, completed = jnp.maximum(done - completed, 0.0), completed.astype(jnp.int32)
-    done = jnp.where(done < negligible, 0.0, done)
-    events = jnp.where(completed > 0, 0, search.events) + event.fire.astype(jnp.int32)
+    done = where(done < negligible, 0.0, done)
+    events = where(completed > 0, 0, search.events) + event.fire.astype(jnp.int32)
     moved = (trial.length > 0) | fire
     next_search = TaylorSearch(
         done=done,
@@ -303,7 +303,7 @@ def _next_taylor_search(
         crossed=trial.kind,
         probing=event.probe,
         events=events,
-        tries=jnp.where(moved, 0, search.tries + 1),
+        tries=where(moved, 0, search.tries + 1),
         tolerance=search.tolerance,
     )
     return next_search, lane.step + completed

@@ -106,11 +106,11 @@ def _smooth_positive_part(v: Scalar, width: Scalar) -> Scalar:
 def contact_energy(v: Scalar, w: Slider, mode: Int[Array, ""], spring: Springs) -> Scalar:
     """The energy stored in both contact springs, k v^2/2 + k_d w^2/2 [J], or in user laws."""
     if not is_absent(spring.laws):
-        return jnp.where(mode == Mode.APART, 0.0, spring.laws.energy(jnp.maximum(v, 0.0), w))
+        return where(mode == Mode.APART, 0.0, spring.laws.energy(jnp.maximum(v, 0.0), w))
     if spring.smooth:
         root = _smooth_abs(v, spring.width)
         pressed = v * (v + root) + spring.width**2 * jnp.log((v + root) / spring.width)
         return (spring.k * pressed / 2 + spring.k_d * w * w) / 2
     if is_absent(spring.k):
         return jnp.zeros_like(v)
-    return jnp.where(mode == Mode.APART, 0.0, (spring.k * v * v + spring.k_d * w * w) / 2)
+    return where(mode == Mode.APART, 0.0, (spring.k * v * v + spring.k_d * w * w) / 2)

@@ -17,14 +17,13 @@ Where contact at either corner would turn the blocks back, the faces stay parall
 not treat this limit of a relay; here it is case 5, `FLAT`, with the geometry of case 4.
 """
 
-import operator
 from functools import reduce
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.model.arithmetic import Pair, Scalar, blended, is_absent, sine_versine
+from jaxshroud.model.arithmetic import Pair, Scalar, blended, is_absent, plus, sine_versine, where
 from jaxshroud.model.series import Series, rate_of, sine_versine_of
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Shroud
@@ -169,7 +168,7 @@ def contact_kinematics(q: Pose, case: Case, block: Corners, reading: frozenset[s
 
 def _rounding(terms: tuple[Scalar, ...]) -> Scalar:
     """Four roundings of every term of a sum."""
-    size = reduce(operator.add, map(abs, terms))
+    size = reduce(plus, map(abs, terms))
     return size if is_absent(size) else 4 * float(jnp.finfo(size.dtype).eps) * size
 
 
@@ -224,10 +223,10 @@ def _smooth_step(x: Scalar, width: Scalar) -> Scalar:
 def natural_case(q: Pose, block: Corners) -> Int[Array, ""]:
     """The case that Sec. 2.3 assigns to a position: 1-4 from the signs of theta_1 - theta_2 and of the height."""
     upper = q.theta[0] - q.theta[1] > 0
-    return corner_case(upper, contact_kinematics(q, jnp.where(upper, 1, 3), block, frozenset()).height)
+    return corner_case(upper, contact_kinematics(q, where(upper, 1, 3), block, frozenset()).height)
 
 
 def corner_case(upper: Bool[Array, ""], height: Scalar) -> Int[Array, ""]:
     """The case of the upper or the lower corners at a height difference."""
-    left_tip = jnp.where(upper, height < 0, height > 0)
-    return jnp.where(upper, jnp.where(left_tip, 1, 2), jnp.where(left_tip, 3, 4)).astype(jnp.int32)
+    left_tip = where(upper, height < 0, height > 0)
+    return where(upper, where(left_tip, 1, 2), where(left_tip, 3, 4)).astype(jnp.int32)

@@ -125,11 +125,11 @@ def law_forces(at: ContactKinematics, z: Motion, state: State, case: Case, model
 
 def _own_law_forces(at: ContactKinematics, rate: ContactRates, state: State, spring: Springs) -> LawForces:
     touches = state.mode != Mode.APART
-    N = jnp.where(touches, jnp.maximum(spring.laws.push(jnp.maximum(at.v, 0.0), rate.v), 0.0), 0.0)
+    N = where(touches, jnp.maximum(spring.laws.push(jnp.maximum(at.v, 0.0), rate.v), 0.0), 0.0)
     if is_absent(state.u_s):
         return LawForces(N, ABSENT, ABSENT)
     F, z_t = spring.laws.rub(state.u_s, rate.u, N)
-    return LawForces(N, jnp.where(touches, F, 0.0), jnp.where(touches, z_t, jnp.zeros_like(z_t)))
+    return LawForces(N, where(touches, F, 0.0), where(touches, z_t, jnp.zeros_like(z_t)))
 
 
 def _dissipated_power(
@@ -139,9 +139,9 @@ def _dissipated_power(
     spring, rate = model.spring, contact_rates(at, z, case, model.reading)
     if is_absent(spring.laws):
         return forces.F * (forces.u_s if spring.smooth else slider_speed(rate.v, rate.u, state.mode, spring))
-    v, v_t = jnp.maximum(at.v, 0.0), jnp.where(at.v > 0, rate.v, 0.0)
+    v, v_t = jnp.maximum(at.v, 0.0), where(at.v > 0, rate.v, 0.0)
     stored = spring.laws.stored_power(v, state.u_s, v_t, forces.u_s)
-    return jnp.where(state.mode == Mode.APART, 0.0, forces.N * rate.v + forces.F * rate.u - stored)
+    return where(state.mode == Mode.APART, 0.0, forces.N * rate.v + forces.F * rate.u - stored)
 
 
 def _forces_and_load(

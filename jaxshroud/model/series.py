@@ -9,11 +9,12 @@ As in M. D. McIlroy, "Squinting at power series" (1990), but unrolled while a fu
 """
 
 from collections.abc import Callable
+from functools import reduce
 from typing import Any
 
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ABSENT, Formal, is_absent, where
+from jaxshroud.model.arithmetic import ABSENT, Formal, is_absent, minus, plus, times, where
 
 
 class Series(Formal):
@@ -44,7 +45,7 @@ class Series(Formal):
     @property
     def rate(self) -> "Series":
         """The derivative."""
-        return Series(lambda n: (n + 1) * self[n + 1])
+        return Series(lambda n: times(n + 1, self[n + 1]))
 
     def __neg__(self) -> "Series":
         """The negative."""
@@ -55,14 +56,14 @@ class Series(Formal):
         if is_absent(other):
             return self
         other = as_series(other)
-        return Series(lambda n: self[n] + other[n])
+        return Series(lambda n: plus(self[n], other[n]))
 
     def __sub__(self, other: Any) -> Any:
         """The difference."""
         if is_absent(other):
             return self
         other = as_series(other)
-        return Series(lambda n: self[n] - other[n])
+        return Series(lambda n: minus(self[n], other[n]))
 
     def __rsub__(self, other: Any) -> "Series":
         """The difference."""
@@ -74,7 +75,7 @@ class Series(Formal):
             return other
         if isinstance(other, Series):
             return Series(lambda n: _square(self, n) if other is self else _product(self, other, n))
-        return Series(lambda n: other * self[n])
+        return Series(lambda n: times(other, self[n]))
 
     def __pow__(self, power: int) -> "Series":
         """The square."""
@@ -87,7 +88,7 @@ class Series(Formal):
             return (1 / other) * self
         inverse = 1 / other[0]
         quotient = Series(
-            lambda n: (self[n] - chained_sum([other[k] * quotient[n - k] for k in range(1, n + 1)])) * inverse
+            lambda n: (self[n] - chained_sum([times(other[k], quotient[n - k]) for k in range(1, n + 1)])) * inverse
         )
         return quotient
 
@@ -127,26 +128,27 @@ def chained_sum(terms: list) -> Any:
     """The sum of terms in two chains, which halves the latency."""
     present = [t for t in terms if not is_absent(t)]
     chains = [present[i::2] for i in (0, 1)]
-    sums = [sum(chain[1:], chain[0]) for chain in chains if chain]
-    return sum(sums[1:], sums[0]) if sums else ABSENT
+    sums = [reduce(plus, chain) for chain in chains if chain]
+    return reduce(plus, sums) if sums else ABSENT
 
 
 def _product(a: Series, b: Series, n: int) -> Any:
     """Coefficient `n` of a product; the latest coefficients are added last."""
-    inner = chained_sum([a[k] * b[n - k] for k in range(1, n)])
-    return inner + (a[0] * b[n] + a[n] * b[0] if n else a[0] * b[0])
+    inner = chained_sum([times(a[k], b[n - k]) for k in range(1, n)])
+    outer = times(a[0], b[n])
+    return plus(inner, plus(outer, times(a[n], b[0])) if n else outer)
 
 
 def _square(a: Series, n: int) -> Any:
-    half = chained_sum([a[k] * a[n - k] for k in range((n + 1) // 2)])
-    return half + half + (ABSENT if n % 2 else a[n // 2] * a[n // 2])
+    half = chained_sum([times(a[k], a[n - k]) for k in range((n + 1) // 2)])
+    return plus(plus(half, half), ABSENT if n % 2 else times(a[n // 2], a[n // 2]))
 
 
 def sine_versine_of(angle: Series, start: tuple) -> tuple[Any, Any]:
     """The series of (sin x, 1 - cos x) of an `angle`, from their values at the `start`: s' = c x', (1 - c)' = s x'."""
     rate = angle.rate
-    sine = Series(lambda n: _product(rate, cosine, n - 1) * (1 / n) if n else start[0])
-    versine = Series(lambda n: _product(rate, sine, n - 1) * (1 / n) if n else start[1])
+    sine = Series(lambda n: times(_product(rate, cosine, n - 1), 1 / n) if n else start[0])
+    versine = Series(lambda n: times(_product(rate, sine, n - 1), 1 / n) if n else start[1])
     cosine = 1 - versine
     return sine, versine
 
@@ -155,7 +157,7 @@ def polynomial_value(coefficients: tuple, x: Any) -> Any:
     """The value of a polynomial."""
     value = coefficients[-1]
     for c in reversed(coefficients[:-1]):
-        value = value * x + c
+        value = plus(times(value, x), c)
     return value
 
 
@@ -163,6 +165,6 @@ def polynomial_value_and_rate(coefficients: tuple, x: Any) -> tuple[Any, Any]:
     """The value and the derivative of a polynomial."""
     value, rate = coefficients[-1], ABSENT
     for c in reversed(coefficients[:-1]):
-        rate = rate * x + value
-        value = value * x + c
+        rate = plus(times(rate, x), value)
+        value = plus(times(value, x), c)
     return value, jnp.zeros_like(x) + rate
