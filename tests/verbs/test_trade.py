@@ -26,6 +26,7 @@ from jaxshroud.verbs.accuracy import (
     Choice,
     Setting,
     accuracy_level,
+    by_series,
     choose,
     missed_lanes,
 )
@@ -140,12 +141,15 @@ def test_promised_accuracies_are_kept_on_unseen_scenes(tilt, index):
     scenes = in_class(np.random.default_rng(77 + len(STIFFNESS_CLASSES) * tilt + index), tilt, index, 5)
     lanes = jax.tree.map(lambda *a: jnp.concatenate(a), *(neighbourhood(s, 8) for s in scenes))
     turn = stiffest(lanes, 1)
-    exact = end_states(lanes, REFERENCE_SETTING._replace(product=0.08).steps(*turn), REFERENCE_SETTING.method)
+    judges = (REFERENCE_SETTING._replace(product=0.08), by_series(16, 1e-15, 0.25))  # of two kinds
+    exact = [end_states(lanes, judge.steps(*turn), judge.method) for judge in judges]
+    apart = state_errors(*exact)  # between nearly parallel faces Dormand-Prince 8 errs by up to 1e-7
     promised = [choice for a in (1e-2, 1e-3, 1e-6, 1e-9) if (choice := choose(lanes, 1, a)).promised]
     assert promised
     for choice in promised:
-        error = state_errors(end_states(lanes, choice.steps, choice.method), exact)
-        missed = ~(error <= choice.accuracy)
+        got = end_states(lanes, choice.steps, choice.method)
+        error = np.minimum(*(state_errors(got, one) for one in exact))
+        missed = ~((error <= choice.accuracy) & (apart <= max(choice.accuracy, 1e-6)))
         assert np.mean(missed) <= 0.05, str(choice)
         assert np.all(missed_lanes(lanes, choice)[error > 2 * choice.accuracy])  # and these carry a warning
 
@@ -209,7 +213,8 @@ def test_the_table_is_ordered(table1):
     for row in itertools.chain(*accuracy._accuracy_table()):
         assert list(row) == [f"{at:.0e}" for at in sorted((float(a) for a in row), reverse=True)]
     stiff, soft = (choose(vary(table1, "contact.gamma", g), 0, "fast") for g in (1e3, 1.0))
-    assert stiff.steps > 4 * soft.steps
+    assert stiff.steps > 2 * soft.steps  # of which no choice has less than 200
+    assert stiff.setting.tolerance <= soft.setting.tolerance / 1e3
 
 
 @pytest.mark.parametrize("method", [js.RungeKutta(steps=200), js.Taylor(12, 1e-8, steps=200)])
