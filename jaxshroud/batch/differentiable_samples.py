@@ -37,7 +37,7 @@ from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.programs.kept import is_traced_call, kept
+from jaxshroud.programs.kept import is_traced, kept
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
@@ -162,9 +162,7 @@ def batching_by_lanes(f: Callable[..., Tree]) -> Callable[..., Tree]:
 
 def _run_compiled(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:
     large = (
-        stepper_for(schedule.method).large_kernels
-        and not is_traced_call((scenes, states))
-        and accepts_options(series=True)
+        stepper_for(schedule.method).large_kernels and not is_traced((scenes, states)) and accepts_options(series=True)
     )
     return (_run_large if large else _run_plain)(scenes, states, schedule)
 

@@ -5,7 +5,6 @@ from functools import reduce
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.core import Tracer
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.model.modes import Status
@@ -42,8 +41,3 @@ def admit_start(scene: Scene, state: State) -> tuple[State, Bool[Array, ""]]:
 def status_if_admitted(status: Int[Array, "..."], good: Bool[Array, "..."]) -> Int[Array, "..."]:
     """The status of one or many lanes, with BAD_INPUT where the input is invalid."""
     return jnp.where(good, status, jnp.asarray(Status.BAD_INPUT, status.dtype))
-
-
-def is_traced(tree: object) -> bool:
-    """Whether any number of a tree is known only while a transformed function runs."""
-    return any(isinstance(a, Tracer) for a in jax.tree.leaves(tree))

@@ -14,7 +14,6 @@ from jaxtyping import Array, Float, Int, PyTree
 from jaxshroud.batch.differentiable_samples import Schedule, differentiable_samples, trial_counts
 from jaxshroud.batch.input_status import (
     admit_start,
-    is_traced,
     require_single_scene,
     status_if_admitted,
 )
@@ -28,6 +27,7 @@ from jaxshroud.model.arithmetic import Scalar, filled, sincos_turns
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, initial_state, prepared_model
 from jaxshroud.model.rhs import drive_wave
+from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.checks import MAX_COUNT, InputError, count_argument
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import typed

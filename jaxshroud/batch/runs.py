@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.closed_form import free_runs
-from jaxshroud.batch.input_status import is_traced
 from jaxshroud.batch.periods import (
     LANES_PER_CALL,
     PERIODS_PER_CALL,
@@ -31,6 +30,7 @@ from jaxshroud.march.tally import Counters
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
+from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 

@@ -29,7 +29,7 @@ from jaxshroud.march.carry import EachLane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import StageGroups, stepper_for
 from jaxshroud.model.arithmetic import Scalar
-from jaxshroud.programs.kept import is_traced_call, kept
+from jaxshroud.programs.kept import is_traced, kept
 from jaxshroud.scene.typed import Tree
 
 WIDE_VECTORS = {"xla_cpu_prefer_vector_width": 512}  # the widest registers, where the CPU has them
@@ -68,7 +68,7 @@ def compiled(*static: str) -> Callable[[Callable], Callable]:
             given = signature(f).bind(*args, **kwargs).arguments
             method: Choices | None = given.get("method")
             has_large = method is not None and stepper_for(method).large_kernels
-            if is_traced_call((args, kwargs)) or not accepts_options(has_large):
+            if is_traced((args, kwargs)) or not accepts_options(has_large):
                 return plain(*args, **kwargs)
             if method is None or not has_large:
                 return widest(*args, **kwargs)
@@ -102,7 +102,7 @@ def warn_slower(reason: str) -> None:
 
 def one_lane(tree: Tree) -> Tree:
     """A tree of arrays with a leading axis of one lane."""
-    if is_traced_call(tree):
+    if is_traced(tree):
         return jax.tree.map(lambda a: jnp.asarray(a)[None], tree)
     return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[None]), tree)
 

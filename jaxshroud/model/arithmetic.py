@@ -14,7 +14,7 @@ from jax import lax
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from jaxshroud.programs.kept import is_traced_call
+from jaxshroud.programs.kept import is_traced
 
 
 def traced_once(f: Callable[..., Any]) -> Callable[..., Any]:
@@ -23,7 +23,7 @@ def traced_once(f: Callable[..., Any]) -> Callable[..., Any]:
 
     @wraps(f)
     def call(*args: Any) -> Any:
-        return (inlined if is_traced_call(args) else f)(*args)
+        return (inlined if is_traced(args) else f)(*args)
 
     return call
 

@@ -48,9 +48,9 @@ def where_kept() -> str:
     return f"{len(sizes)} in {_store.folder}, {sum(sizes) / 1e6:.1f} MB"
 
 
-def is_traced_call(given: Any) -> bool:
-    """Whether a call is traced as part of another program, whose options count."""
-    return any(isinstance(a, Tracer) for a in jax.tree.leaves(given))
+def is_traced(tree: object) -> bool:
+    """Whether any number of a tree is known only while a transformed function runs."""
+    return any(isinstance(a, Tracer) for a in jax.tree.leaves(tree))
 
 
 def kept(*static: str, **options: Any) -> Callable[[Callable], Callable]:

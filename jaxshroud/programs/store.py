@@ -67,11 +67,6 @@ class ProgramStore:
                 with suppress(OSError):
                     os.remove(partial)
 
-    def remove(self, key: str) -> None:
-        """Remove an entry that cannot be used."""
-        with suppress(OSError):
-            self._path(key).unlink()
-
     def entries(self) -> list[tuple[float, int, Path]]:
         """When each entry was last used, its bytes, and its path; the least recently used first."""
         found = []

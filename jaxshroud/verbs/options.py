@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.input_status import is_traced
 from jaxshroud.batch.runs import initial_states, stepping_method
 from jaxshroud.io.scene_numbers import scene_differences
 from jaxshroud.io.variable import jax_lane_arrays
@@ -18,6 +17,7 @@ from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.short_runs import end_states
+from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import KEYS

@@ -253,7 +253,7 @@ def outcome(name: str, target: Target, argument: str, word: str) -> Outcome:
     value, hint = WRONG[word], target.hint(argument)
     allowed = _allows(hint, value)
     given = {key: a for key, a in target.right.items() if a is not inspect.Parameter.empty} | {argument: value}
-    began = patch.object(xla, "is_traced_call", side_effect=Began) if target.long else nullcontext()
+    began = patch.object(xla, "is_traced", side_effect=Began) if target.long else nullcontext()
     ended, told = "accepted", ""
     with began, warnings.catch_warnings():
         warnings.simplefilter("ignore")
