@@ -12,7 +12,7 @@ from jaxshroud.batch.tangents import direction
 from jaxshroud.model.arithmetic import Formal, Scalar, filled
 from jaxshroud.model.linear import free_rms_displacement
 from jaxshroud.model.prepared import State, initial_state, prepared_model
-from jaxshroud.model.rhs import drive_wave, rhs
+from jaxshroud.model.rhs import Recorded, drive_wave, rhs
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
@@ -67,7 +67,7 @@ def _lane_period(scene: Scene, moving: MovingState, rtol: float | Scalar, solver
     def field(t, y, _):
         z, u_s, _ = y
         Q = drive_wave(jnp.sin(omega * t), jnp.cos(omega * t), model.drive)
-        slope, rates = rhs(Q, State(z, u_s, first.mode, first.case), model, False)
+        slope, rates = rhs(Q, State(z, u_s, first.mode, first.case), model, Recorded())
         return Motion(z.v_x, z.v_y, z.v_theta, *slope.acceleration), slope.u_s, rates.power
 
     no_power = jax.tree.map(jnp.zeros_like, field(0.0, (*moving, None), None)[2])

@@ -15,6 +15,7 @@ from jaxshroud.march.carry import EachLane, Fixed, Lane, LaneTree, TimeGrid, run
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import energy_residual, is_unbalanced, total_energy
 from jaxshroud.march.stepper import StageGroups, alone, begin_lane, stepper_for
+from jaxshroud.march.tally import Tally, log_of_new_period
 from jaxshroud.model.arithmetic import Pair, filled, is_absent, traced_once
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
@@ -95,7 +96,11 @@ class Sample(NamedTuple):
     residual: Any = None  # of the energy balance [J]
     largest: Any = None  # magnitudes of x, y [m] and theta [rad], three pairs; None if not logged
     forces: Any = None  # largest contact forces [N]; None unless requested
-    friction: Any = None  # work of friction [J]; None unless requested
+    friction: Any = None  # work of friction [J]; None unless requested, as are all that follow
+    loads: Any = None  # `ContactLoads` of the period
+    impacts: Any = None  # `Impacts` of the period
+    moments: Any = None  # `Moments` over the period
+    extent: Any = None  # `DisplacementRange` of the period
 
 
 class Clock(NamedTuple):
@@ -129,12 +134,14 @@ def _run_period(lanes: Lane, active, models: Model, periods, clock: Clock, metho
         if not is_absent(models.spring.laws):  # the printed reading never balances, and other laws need no such check
             astray = is_unbalanced(residual, gain.ledger.gross, stored_before, energies)
     power = filled(gain.power, periods)
-    log, forces, friction = lanes.tally.log, None, None
-    largest = None if log is None else filled(log.largest, periods)
+    log, logged = lanes.tally.log, {}
+    if log is not None:
+        logged = {"largest": log.largest, "forces": log.forces, "impacts": log.impacts, "extent": log.extent}
     if log is not None and log.forces is not None and gain.ledger is not None:
-        forces, friction = filled((log.forces, gain.ledger.friction), periods)
+        logged |= {"friction": gain.ledger.friction}
+    integrated = {"loads": gain.loads, "moments": gain.moments}
     power = power[0] / periods, power[1] / periods
-    sample = Sample(with_zeros(lanes.state).motion, power, *works, largest=largest, forces=forces, friction=friction)
+    sample = Sample(with_zeros(lanes.state).motion, power, *works, **filled(logged | integrated, periods))
     overflowed = ~jnp.isfinite(sum(jax.tree.leaves(sample), energies))
     fault = jnp.where(overflowed, Status.NOT_FINITE, jnp.where(astray, Status.UNBALANCED, Status.OK))
     status = jnp.where(lanes.status == Status.OK, fault, lanes.status).astype(lanes.status.dtype)
@@ -144,9 +151,10 @@ def _run_period(lanes: Lane, active, models: Model, periods, clock: Clock, metho
 
 def _with_empty_tally(lanes: Lane) -> Lane:
     """The lanes with the sums of a sample reset: in float32, late periods would lose digits in a long sum."""
-    log = lambda lane, name: lane.tally.log and getattr(lane.tally.log, name)
-    places = lambda lane: (lane.tally.integrals, lane.tally.jumps, log(lane, "largest"), log(lane, "forces"))
-    return eqx.tree_at(places, lanes, jax.tree.map(jnp.zeros_like, places(lanes)), is_leaf=lambda a: a is None)
+    tally = lanes.tally
+    integrals, jumps = jax.tree.map(jnp.zeros_like, (tally.integrals, tally.jumps))
+    log = None if tally.log is None else log_of_new_period(tally.log, lanes.state.motion)
+    return eqx.tree_at(lambda lane: lane.tally, lanes, Tally(integrals, jumps, log))
 
 
 @traced_once

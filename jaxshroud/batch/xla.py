@@ -236,7 +236,7 @@ def stage_groups(method: Choices, smooth: bool) -> StageGroups | None:
         return ()
     size = len(method.rk.b)
     if size <= STAGES_WITH_EVENTS and not method.derivative:
-        return None
+        return () if method.has_long_tally else None
     at_once = DUAL_STAGES if method.derivative else STAGES_AT_ONCE
     at_once = int(at_once * SMOOTH_STAGE_SHARE) if smooth else at_once
     return tuple(range(at_once, size, at_once))

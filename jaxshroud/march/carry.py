@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.march.events import EventKind, GuardEvaluation, Guards, Transition, any_of, evaluate_guards, transition
+from jaxshroud.march.method import Choices
 from jaxshroud.march.tally import EnergyJumps, Tally
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Pair, Scalar, where
 from jaxshroud.model.modes import Mode, Status
@@ -65,12 +66,25 @@ def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
     return (lane.step < stop) & (lane.status == Status.OK)
 
 
+def updated_lanes(update: Callable[..., Lane], method: Choices, each: EachLane, *args: LaneTree) -> LaneTree:
+    """`update(*args)` for every lane; the sums and extremes of a long tally in a kernel of their own.
+
+    A kernel with all of them would have more arguments than vector registers serve.
+    """
+    if not method.has_long_tally:
+        return each(update, *args)
+    sums = lambda lane: (lane.tally.integrals, lane.tally.log.impacts, lane.tally.log.extent)
+    others = each(lambda *args: eqx.tree_at(sums, update(*args), (None,) * 3, is_leaf=lambda a: a is None), *args)
+    return eqx.tree_at(sums, others, each(lambda *args: sums(update(*args)), *args), is_leaf=lambda a: a is None)
+
+
 class EventChange(NamedTuple):
     """The change at an event."""
 
     view: GuardEvaluation
     transition: Transition
     onset: Bool[Array, ""]
+    separation: Bool[Array, ""]
     jumps: EnergyJumps  # 0 without an event
 
 
@@ -80,9 +94,9 @@ def event_change(
     """The change of a lane at the motion `z`, where an event of `kind` happens if `fire` is true."""
     view = evaluate_guards(z, Q, start, fixed.model)
     change = transition(z, start, view, kind, delay, fixed.grid.h, fixed.model)
-    onset = fire & (kind == EventKind.LIFT) & (start.mode == Mode.APART)
+    lift, apart = fire & (kind == EventKind.LIFT), start.mode == Mode.APART
     jumps = jax.tree.map(lambda a: where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
-    return EventChange(view, change, onset, jumps)
+    return EventChange(view, change, lift & apart, lift & ~apart, jumps)
 
 
 def is_finite(z: Motion) -> Bool[Array, ""]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxshroud.march.method_names import TABLEAUS, Locate
 from jaxshroud.march.tableau import DEFAULT_TOLERANCE, RK4, Tableau, TaylorOptions, named_taylor, tableau
+from jaxshroud.model.rhs import Recorded
 from jaxshroud.scene.checks import InputError, Precision, checked, count_argument, type_argument, word_argument
 
 
@@ -48,11 +49,22 @@ class Choices(NamedTuple):
     precision: Precision = "float64"
     derivative: bool = False  # the times of events are differentiable, at the cost of further trials for each
     within: bool = False  # log the extremes inside the steps too
-    forces: bool = False  # log the largest contact forces
+    forces: bool = False  # log the largest contact forces, the loads and the impacts
+    amplitudes: bool = False  # log the extremes of the displacements and integrate their moments
 
     def __check_init__(self):
         locator_for(self.tableau, self.locate)
         word_argument("precision", self.precision, Precision)
+
+    @property
+    def recorded(self) -> Recorded:
+        """The integrals that are computed beside the power."""
+        return Recorded(self.ledger, self.amplitudes, self.forces)
+
+    @property
+    def has_long_tally(self) -> bool:
+        """Whether the tally is kept in a kernel of its own."""
+        return (self.forces or self.amplitudes) and not self.derivative
 
     @property
     def taylor(self) -> TaylorOptions:

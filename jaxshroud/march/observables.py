@@ -1,15 +1,17 @@
 """Observables of a state: forces and energy, and their extremes inside the steps."""
 
 from collections.abc import Iterator
+from functools import reduce
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from jaxshroud.march.carry import PerLane
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.locate import HermiteCubic
-from jaxshroud.march.tally import ContactPeaks, EnergyJumps, Magnitudes, StepExtrema, displacements_of
+from jaxshroud.march.tally import ContactPeaks, EnergyJumps, DisplacementRange, Impacts, StepExtrema, displacements_of
 from jaxshroud.march.taylor_events import TRIAL_PARTS, Coefficients
 from jaxshroud.march.taylor_expansion import TaylorExpansion
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, blended, is_absent, where
@@ -17,7 +19,7 @@ from jaxshroud.model.friction import Springs, contact_energy, normal_force, slip
 from jaxshroud.model.geometry import Case, ContactKinematics, contact_rates, is_upper, tip_is_left
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import Ledger, end_torques, law_forces, stored_energy
+from jaxshroud.model.rhs import Displacements, Ledger, end_torques, law_forces, stored_energy
 from jaxshroud.model.series import polynomial_value, polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 
@@ -168,6 +170,65 @@ def updated_peaks(before: ContactPeaks, state: State, z: Motion, h: Scalar, mode
     return ContactPeaks(N, jnp.maximum(before.F, where(_apart(state), 0.0, ends)))
 
 
+def closing_speed(z: Motion, state: State, model: Model) -> Scalar:
+    """The rate of the penetration at the motion `z` [m/s]."""
+    return _penetration(z, state, model)[1]
+
+
+def updated_impacts(
+    before: Impacts, impulse: Scalar, speed: Scalar, onset: Bool[Array, ""], separation: Bool[Array, ""]
+) -> Impacts:
+    """The impacts after a trial with an `impulse` that ends at a closing `speed`, perhaps in an event."""
+    now = before.now + impulse
+    return Impacts(
+        where(onset, jnp.maximum(before.approach, speed), before.approach),
+        before.approach_sum + where(onset, speed, 0.0),
+        where(separation, jnp.maximum(before.impulse, now), before.impulse),
+        where(separation, 0.0, now),
+    )
+
+
+def updated_range(before: DisplacementRange, start: Motion, z: Motion, h: Scalar) -> DisplacementRange:
+    """The range of the displacements after a trial step of `h` seconds from the motion `start` to `z`."""
+    rates = lambda z: (z.v_x, z.v_y, z.v_theta)
+
+    def within(a: Scalar, b: Scalar, rate_a: Scalar, rate_b: Scalar) -> _Interval:
+        cubic = HermiteCubic(a, b, rate_a * h, rate_b * h)
+        s, turns = _turning_point(cubic)
+        return _interval(a, b, where(turns, cubic(s), b))
+
+    ends = displacements_of(start), displacements_of(z), rates(start), rates(z)
+    return merged_range(before, _range_of(jax.tree.map(within, *ends)))
+
+
+class _Interval(NamedTuple):
+    highest: Scalar
+    lowest: Scalar
+
+
+def _interval(*values: Scalar) -> _Interval:
+    return _Interval(reduce(jnp.maximum, values), reduce(jnp.minimum, values))
+
+
+def _range_of(intervals: Any) -> DisplacementRange:
+    """The range from the interval of each displacement."""
+    end = lambda i: jax.tree.map(lambda a: a[i], intervals, is_leaf=lambda a: isinstance(a, _Interval))
+    return DisplacementRange(end(0), end(1))
+
+
+def _turning_point(cubic: HermiteCubic) -> tuple[Scalar, Bool[Array, ""]]:
+    """The place where a cubic turns once, and whether it does."""
+    up = where(cubic.m_0 > 0, 1.0, -1.0)
+    s, inside = cubic_maximum(HermiteCubic(*(up * a for a in cubic)))
+    return s, inside & (cubic.m_0 * cubic.m_1 < 0)
+
+
+def merged_range(a: DisplacementRange, b: DisplacementRange) -> DisplacementRange:
+    """The range of two intervals of time taken together."""
+    highest = jax.tree.map(jnp.maximum, a.highest, b.highest)
+    return DisplacementRange(highest, jax.tree.map(jnp.minimum, a.lowest, b.lowest))
+
+
 def _apart(state: State) -> Bool[Array, ""]:
     return state.mode == Mode.APART
 
@@ -197,12 +258,39 @@ def deepest_penetration(expansion: TaylorExpansion, order: int, s: Scalar) -> Sc
     return where(inside, jnp.maximum(end, polynomial_value(v, top * s)), end)
 
 
-def midpoint_magnitudes(expansion: TaylorExpansion, order: int, s: Scalar) -> Magnitudes:
+def closing_speed_after(expansion: TaylorExpansion, order: int, s: Scalar) -> Scalar:
+    """The rate of the penetration after `s` radians [m/s]."""
+    return polynomial_value_and_rate(expansion.v.coefficients(order - 1), s)[1] / expansion.unit
+
+
+def midpoint_magnitudes(expansion: TaylorExpansion, order: int, s: Scalar) -> Displacements:
     """The magnitudes of the displacements in the middle of `s` radians."""
     # a node of the power's quadrature
     size = lambda a: a if is_absent(a) else jnp.abs(polynomial_value(a.coefficients(order), s * 0.5))
     x, y, theta = (tuple(map(size, pair)) for pair in displacements_of(expansion.motion))
     return x, y, theta  # pyright: ignore[reportReturnType]
+
+
+def taylor_range(expansion: TaylorExpansion, order: int, s: Scalar) -> DisplacementRange:
+    """The range of the displacements within `s` radians."""
+    within = lambda a: a if is_absent(a) else _polynomial_interval(a.coefficients(order), s)
+    return _range_of(tuple(tuple(map(within, pair)) for pair in displacements_of(expansion.motion)))
+
+
+def _polynomial_interval(c: Coefficients, s: Scalar) -> _Interval:
+    """The interval of a polynomial's values within `s`; in each part it turns once at most."""
+    width, values = s / TRIAL_PARTS, [c[0]]
+    end = c[0], c[1]
+    for part in range(TRIAL_PARTS):
+        low, start = part * width, end
+        end = polynomial_value_and_rate(c, low + width)
+        cubic = HermiteCubic(start[0], end[0], start[1] * width, end[1] * width)
+        at, turns = _turning_point(cubic)
+        at = low + at * width
+        slope, bend = polynomial_value_and_rate(_derivative(c), at)
+        at = jnp.clip(at - slope / where(turns & (bend != 0), bend, jnp.inf), low, low + width)
+        values += [end[0], where(turns, polynomial_value(c, at), end[0])]
+    return _interval(*values)
 
 
 def taylor_peaks(expansion: TaylorExpansion, order: int, s: Scalar, state: State, spring: Springs) -> ContactPeaks:
@@ -220,7 +308,7 @@ def taylor_extrema(
 ) -> StepExtrema:
     """The extremes within `s` radians, at whose end there may be an `onset`."""
     v, unit = expansion.v.coefficients(order - 1), expansion.unit
-    rate, end = _derivative(v), polynomial_value_and_rate(v, s)[1] / unit
+    rate, end = _derivative(v), closing_speed_after(expansion, order, s)
     missed = jnp.full_like(end, jnp.inf)
     for there, top in _polynomial_crests(v, s):
         missed = where(there & apart & (top < 0), jnp.minimum(missed, -top), missed)

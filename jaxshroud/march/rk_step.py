@@ -48,7 +48,7 @@ def rk_stages(partial: Stages, stage_count: int, interval: TrialInterval, start:
     for i in range(stage_count):
         stage = _stage_state(start, interval.h, tableau.a[i][: len(slopes)], slopes, model)
         if i == len(stage_slopes):
-            slope, rates = rhs_once(waves[tableau.c[i]], stage, model, method.ledger)
+            slope, rates = rhs_once(waves[tableau.c[i]], stage, model, method.recorded)
             stage_slopes = (*stage_slopes, slope)
             gain = _weighted_sum(gain, tableau.b[i], rates)
         slopes.append(_rates(stage, stage_slopes[i]))
@@ -87,7 +87,7 @@ def rk_step(partial: Stages, interval: TrialInterval, start: State, model: Model
     stage = _stage_state(start, interval.h, b, slopes, model)
     Q, slope = _drive_waves(interval, {1.0}, model)[1.0], None
     if method.derivative:
-        rates, of_integrals = rhs_once(Q, stage, model, method.ledger)
+        rates, of_integrals = rhs_once(Q, stage, model, method.recorded)
         slope = _rates(stage, rates), _wave_rates(interval, model), of_integrals
     return StepEnd(stage, Q, jax.tree.map(lambda a: interval.h * a, gain), slope)
 

@@ -18,6 +18,7 @@ from jaxshroud.march.carry import (
     is_finite,
     running,
     status_of,
+    updated_lanes,
 )
 from jaxshroud.march.events import (
     EventKind,
@@ -30,7 +31,7 @@ from jaxshroud.march.events import (
 )
 from jaxshroud.march.locate import Search, at_event, judge_trial, new_search, select, select_guard
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import updated_extrema, updated_peaks
+from jaxshroud.march.observables import closing_speed, updated_extrema, updated_impacts, updated_peaks, updated_range
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
 from jaxshroud.march.tally import LogUpdates, count_event, displacements_of, new_tally, updated_tally
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where, zeros_for
@@ -74,7 +75,7 @@ def rk_trials(
 
 
 def update_after_rk(lanes: LaneTree, ends: LaneTree, fixed: LaneTree, method: Choices, each: EachLane) -> LaneTree:
-    """`Stepper.update`. With derivatives the decision, which has none, is a kernel of its own."""
+    """`Stepper.update`. With derivatives the decision, which has none, is a kernel of its own; so it is by long tallies."""
 
     def decide(lane: Lane, end: StepEnd, fixed: Fixed) -> Decision:
         return decide_trial(lane, end, fixed, method)
@@ -82,9 +83,9 @@ def update_after_rk(lanes: LaneTree, ends: LaneTree, fixed: LaneTree, method: Ch
     def apply(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed) -> Lane:
         return apply_decision(lane, end, decision, fixed, method)
 
-    if not method.derivative:
+    if not method.derivative and not method.has_long_tally:
         return each(lambda lane, end, fixed: apply(lane, end, decide(lane, end, fixed), fixed), lanes, ends, fixed)
-    return each(apply, lanes, ends, each(decide, lanes, ends, fixed), fixed)
+    return updated_lanes(apply, method, each, lanes, ends, each(decide, lanes, ends, fixed), fixed)
 
 
 class Decision(NamedTuple):
@@ -160,7 +161,7 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, m
         refined = repeated._replace(length=length, refinements=search.refinements + 1)
         search, repeated = search._replace(length=length), select(refine, refined, repeated)
     z = state.motion
-    view, transition, onset, jumps = event_change(
+    view, transition, onset, separation, jumps = event_change(
         z, Q, _with_slider_of(start, state), fire, kind, decision.delay, fixed
     )
     state = select(fire, transition.after, state)
@@ -173,6 +174,8 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, m
         lambda counters: count_event(counters, transition, fire, search.inside),
         lambda before: updated_extrema(before, start, z, h, start.mode == Mode.APART, onset, model),
         lambda before: updated_peaks(before, start, z, h, model),
+        lambda before: updated_impacts(before, gain.loads.N, closing_speed(z, start, model), onset, separation),
+        lambda before: updated_range(before, start.motion, z, h),
     )
     tally = updated_tally(lane.tally, gain, jumps, h, start.mode, view.at.v, displacements_of(z), log_updates)
     status = where(accept, status_of(z, decision.not_finite, next_search.events), Status.OK).astype(jnp.int32)
@@ -202,6 +205,8 @@ def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: F
         lambda counters: counters,
         lambda before: updated_extrema(before, lane.state, z, h, no, no, model),
         lambda before: updated_peaks(before, lane.state, z, h, model),
+        lambda before: before,
+        lambda before: updated_range(before, lane.state.motion, z, h),
     )
     tally = updated_tally(lane.tally, end.gain, no_jumps, h, mode, at.v, displacements_of(z), log_updates)
     status = where(accept, status_of(z, decision.not_finite, next_search.events), Status.OK).astype(jnp.int32)

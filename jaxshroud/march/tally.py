@@ -15,7 +15,7 @@ from jaxshroud.model.arithmetic import ABSENT, Absent, Pair, Scalar, is_absent, 
 from jaxshroud.model.geometry import is_upper
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import Integrals, rhs
+from jaxshroud.model.rhs import Displacements, Integrals, rhs
 from jaxshroud.scene.keys import Motion
 
 EventCount = Int[Array, ""] | Absent
@@ -110,7 +110,23 @@ class ContactPeaks(NamedTuple):
     F: Scalar
 
 
-Magnitudes = tuple[Pair, Pair, Pair]  # of x, y and theta
+class DisplacementRange(NamedTuple):
+    """The largest and the smallest values of the displacements x, y [m] and theta [rad] so far, between steps too.
+
+    A Runge-Kutta step is searched by the cubic through the displacement and its rate at both ends.
+    """
+
+    highest: Displacements
+    lowest: Displacements
+
+
+class Impacts(NamedTuple):
+    """The impacts so far: contacts that begin from a gap, each of which ends where the faces separate."""
+
+    approach: Scalar  # largest closing speed at an onset [m/s]
+    approach_sum: Scalar  # of these speeds [m/s]
+    impulse: Scalar  # largest impulse of the normal force in one contact [N s]
+    now: Scalar  # impulse of the current contact [N s]
 
 
 class Log(eqx.Module):
@@ -120,10 +136,12 @@ class Log(eqx.Module):
     time_stick: Scalar  # [s]
     time_slip: Scalar  # [s]
     v_max: Scalar  # largest penetration at the start, at the end of a step or at an event [m]
-    largest: Magnitudes  # magnitudes of x, y [m] and theta [rad] at ends of steps and at events
+    largest: Displacements  # magnitudes of x, y [m] and theta [rad] at ends of steps and at events
     counters: Counters
     within: StepExtrema | None  # None unless it was requested
-    forces: ContactPeaks | None  # None unless it was requested
+    forces: ContactPeaks | None  # None unless it was requested, as are the next two
+    impacts: Impacts | None
+    extent: DisplacementRange | None
 
 
 class EnergyJumps(NamedTuple):
@@ -144,7 +162,7 @@ class Tally(eqx.Module):
 def new_tally(state: State, model: Model, method: Choices) -> Tally:
     """The tally of a lane that starts from `state`."""
     zero = jnp.zeros_like(state.motion.x[0])
-    _, none = zeros_for(partial(rhs, ledger=method.ledger), (zero, zero), state, model)
+    _, none = zeros_for(partial(rhs, recorded=method.recorded), (zero, zero), state, model)
     jumps = EnergyJumps(zero, zero if has_torsion(model) else ABSENT) if method.ledger else None
     if method.derivative:
         return Tally(none, jumps, None)
@@ -152,7 +170,11 @@ def new_tally(state: State, model: Model, method: Choices) -> Tally:
     within = initial_extrema(deepest) if method.within else None
     largest = jax.tree.map(jnp.zeros_like, displacements_of(state.motion))
     forces = ContactPeaks(zero, zero) if method.forces else None
-    return Tally(none, jumps, Log(zero, zero, zero, deepest, largest, no_events(model), within, forces))
+    impacts = Impacts(zero, zero, zero, zero) if method.forces else None
+    at_start = displacements_of(state.motion)
+    extent = DisplacementRange(at_start, at_start) if method.amplitudes else None
+    log = Log(zero, zero, zero, deepest, largest, no_events(model), within, forces, impacts, extent)
+    return Tally(none, jumps, log)
 
 
 class LogUpdates(NamedTuple):
@@ -161,6 +183,8 @@ class LogUpdates(NamedTuple):
     counts: Callable[[Counters], Counters]
     within: Callable[[StepExtrema], StepExtrema]
     forces: Callable[[ContactPeaks], ContactPeaks]
+    impacts: Callable[[Impacts], Impacts]
+    extent: Callable[[DisplacementRange], DisplacementRange]
 
 
 def updated_tally(
@@ -170,7 +194,7 @@ def updated_tally(
     h: Scalar,
     mode,
     v: Scalar,
-    sizes: Magnitudes,
+    sizes: Displacements,
     log_updates: LogUpdates,
 ) -> Tally:
     """The tally after `h` seconds in a `mode`, with the penetration `v` and displacements of these `sizes`."""
@@ -181,7 +205,7 @@ def updated_tally(
     )
 
 
-def _updated_log(log: Log, h: Scalar, mode, v: Scalar, sizes: Magnitudes, log_updates: LogUpdates) -> Log:
+def _updated_log(log: Log, h: Scalar, mode, v: Scalar, sizes: Displacements, log_updates: LogUpdates) -> Log:
     apart, stick = mode == Mode.APART, mode == Mode.STICK
     return Log(
         log.time_apart + where(apart, h, 0.0),
@@ -192,7 +216,19 @@ def _updated_log(log: Log, h: Scalar, mode, v: Scalar, sizes: Magnitudes, log_up
         log_updates.counts(log.counters),
         None if log.within is None else log_updates.within(log.within),
         None if log.forces is None else log_updates.forces(log.forces),
+        None if log.impacts is None else log_updates.impacts(log.impacts),
+        None if log.extent is None else log_updates.extent(log.extent),
     )
+
+
+def log_of_new_period(log: Log, z: Motion) -> Log:
+    """The log with what is told of each period reset, at the motion `z`; the impulse of the current contact goes on."""
+    largest, forces, impacts = jax.tree.map(jnp.zeros_like, (log.largest, log.forces, log.impacts))
+    if log.impacts is not None:
+        impacts = impacts._replace(now=log.impacts.now)
+    extent = None if log.extent is None else DisplacementRange(displacements_of(z), displacements_of(z))
+    places = lambda log: (log.largest, log.forces, log.impacts, log.extent)
+    return eqx.tree_at(places, log, (largest, forces, impacts, extent), is_leaf=lambda a: a is None)
 
 
 def displacements_of(z: Motion) -> tuple[Pair, Pair, Pair]:

@@ -15,7 +15,7 @@ from jaxshroud.model.friction import slider_speed, slip_sign
 from jaxshroud.model.geometry import ContactKinematics, Pose, contact_kinematics, contact_rates, pose
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import EndTorques, Ledger, drive_wave, end_torques, rhs
+from jaxshroud.model.rhs import EndTorques, Ledger, Recorded, drive_wave, end_torques, rhs
 from jaxshroud.model.series import Series, rate_of, truncated
 from jaxshroud.scene.keys import Motion
 
@@ -55,10 +55,10 @@ def taylor_expansion(lane: Lane, fixed: Fixed, order: int, ledger: bool) -> Tayl
     ]
     rates = [tuple(map(rate_of, pair)) for pair in places]
     now = State(Motion(*places, *rates), start.u_s, start.mode, case)
-    accelerations.extend(rhs(Q, now, model, False)[0].acceleration)
+    accelerations.extend(rhs(Q, now, model, Recorded())[0].acceleration)
     # Products have twice the frequency: their integrals need more terms of the truncated motion.
     truncated_motion = jax.tree.map(lambda a: truncated(a, order), now.motion)
-    works = rhs(Q, State(truncated_motion, start.u_s, start.mode, case), model, ledger)[1].ledger
+    works = rhs(Q, State(truncated_motion, start.u_s, start.mode, case), model, Recorded(ledger))[1].ledger
 
     q = pose(*places)
     at = contact_kinematics(q, case, model.block, model.reading)

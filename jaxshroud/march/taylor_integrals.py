@@ -12,7 +12,10 @@ from numpy.polynomial.legendre import Legendre
 from jaxshroud.march.tableau import TOLERANCE_RANGE
 from jaxshroud.march.taylor_expansion import TaylorExpansion
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
-from jaxshroud.model.rhs import Ledger, mean_square
+from jaxshroud.model.friction import Springs, normal_force, slider_speed
+from jaxshroud.model.modes import Mode
+from jaxshroud.model.prepared import State
+from jaxshroud.model.rhs import ContactLoads, Ledger, Moments, mean_square
 from jaxshroud.model.series import Series, polynomial_value
 
 EXTRA_WORK_TERMS = 4  # further terms of the works: without them the error of squares is 100 times the tolerance
@@ -44,6 +47,35 @@ def integrated_works(expansion: TaylorExpansion, order: int, s: Scalar) -> Ledge
     gross = jnp.abs(half) + jnp.abs(drive - half)
     joules = 1 / (expansion.unit * expansion.unit)
     return Ledger(*(a * joules for a in (drive, gross, viscous, friction)))
+
+
+def integrated_moments(expansion: TaylorExpansion, order: int, s: Scalar) -> Moments:
+    """The moments of the displacements over `s` radians."""
+    z, unit = expansion.motion, expansion.unit
+    each = lambda f: tuple(tuple(a if is_absent(a) else f(a) * unit for a in pair) for pair in (z.x, z.y, z.theta))
+    return Moments(
+        each(lambda a: polynomial_value(_integrated(a, order), s)),
+        each(lambda a: _integrated_square(a.coefficients(order), order, s)),
+    )  # pyright: ignore[reportArgumentType]
+
+
+def _integrated_square(coefficients: tuple[Scalar, ...], order: int, s: Scalar) -> Scalar:
+    rule = zip(*lobatto_rule_for(order), strict=True)
+    return s * sum(w * polynomial_value(coefficients, s * t) ** 2 for t, w in rule)
+
+
+def integrated_loads(
+    expansion: TaylorExpansion, order: int, s: Scalar, state: State, spring: Springs
+) -> ContactLoads:
+    """The loads over `s` radians; in slip the slider never turns, so that its path is the distance of its ends."""
+    impulse = polynomial_value(_integrated(expansion.v, order - 1), s) * expansion.unit
+    N = normal_force(impulse, state.mode, spring)
+    if is_absent(spring.lag):
+        return ContactLoads(N, ABSENT, ABSENT)
+    gained = lambda a: polynomial_value(a.coefficients(order - 1), s) - a[0]
+    moved = slider_speed(gained(expansion.v), gained(expansion.u), state.mode, spring)
+    slips = (state.mode == Mode.SLIP_PLUS) | (state.mode == Mode.SLIP_MINUS)
+    return ContactLoads(N, where(slips, N, 0.0), jnp.abs(moved))
 
 
 def _integrated(rate: Series, terms: int) -> tuple[Scalar, ...]:

@@ -4,7 +4,6 @@ The motion of the lane is expanded once. The last coefficients bound the length 
 guard that rises first and the motion there: no trial is repeated to locate an event.
 """
 
-from collections.abc import Callable
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -16,6 +15,7 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.march.carry import (
     NEGLIGIBLE_REST,
     EachLane,
+    EventChange,
     Fixed,
     Lane,
     LaneTree,
@@ -23,23 +23,26 @@ from jaxshroud.march.carry import (
     is_finite,
     running,
     status_of,
+    updated_lanes,
 )
 from jaxshroud.march.events import FLAT_RETURN, EventKind, any_of
 from jaxshroud.march.locate import at_event, select
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import (
+    closing_speed_after,
     deepest_penetration,
     merged_extrema,
+    merged_range,
     midpoint_magnitudes,
     taylor_extrema,
     taylor_peaks,
+    taylor_range,
+    updated_impacts,
 )
 from jaxshroud.march.tally import (
     ContactPeaks,
-    Counters,
-    EnergyJumps,
+    DisplacementRange,
     LogUpdates,
-    Magnitudes,
     StepExtrema,
     Tally,
     count_event,
@@ -56,11 +59,11 @@ from jaxshroud.march.taylor_events import (
     trimmed,
 )
 from jaxshroud.march.taylor_expansion import RADIANS_PER_TURN, TaylorExpansion, taylor_expansion, without_derivatives
-from jaxshroud.march.taylor_integrals import integrated_squares, integrated_works
+from jaxshroud.march.taylor_integrals import integrated_loads, integrated_moments, integrated_squares, integrated_works
 from jaxshroud.model.arithmetic import Scalar, is_absent, sincos_turns, where
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.model.rhs import Integrals, drive_wave
+from jaxshroud.model.rhs import Displacements, Integrals, drive_wave
 from jaxshroud.model.series import polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 
@@ -88,9 +91,11 @@ class TrialExtrema(NamedTuple):
     """The extremes of a trial, for the log."""
 
     deepest: Scalar  # largest penetration [m]
-    sizes: Magnitudes  # of the displacements halfway
+    sizes: Displacements  # of the displacements halfway
     within: StepExtrema | None
     forces: ContactPeaks | None
+    extent: DisplacementRange | None
+    closing: Scalar | None  # closing speed at the end [m/s]; None unless impacts are logged
 
 
 DisplacementSeries = tuple[Any, Any, Any]  # coefficients of x, y and theta, of both blades
@@ -116,7 +121,8 @@ def update_after_taylor(
     lanes: LaneTree, trials: LaneTree, fixed: LaneTree, method: Choices, each: EachLane
 ) -> LaneTree:
     """`Stepper.update`."""
-    return each(lambda lane, trial, fixed: lane_after_trial(lane, trial, fixed, method), lanes, trials, fixed)
+    update = lambda lane, trial, fixed: lane_after_trial(lane, trial, fixed, method)
+    return updated_lanes(update, method, each, lanes, trials, fixed)
 
 
 def trial_and_series(lane: Lane, fixed: Fixed, method: Choices) -> tuple[TaylorTrial, DisplacementSeries]:
@@ -135,7 +141,10 @@ def trial_and_series(lane: Lane, fixed: Fixed, method: Choices) -> tuple[TaylorT
     displacements = jax.tree.map(lambda a: a.coefficients(order), displacements_of(expansion.motion))
     extrema = None if method.derivative else _trial_extrema(expansion, s, lane, event, kind, fixed, method)
     gain = Integrals(
-        integrated_squares(expansion, order, s, fixed.model.gyration), integrated_works(expansion, order, s)
+        integrated_squares(expansion, order, s, fixed.model.gyration),
+        integrated_works(expansion, order, s),
+        integrated_moments(expansion, order, s) if method.amplitudes else None,
+        integrated_loads(expansion, order, s, lane.state, fixed.model.spring) if method.forces else None,
     )
     return TaylorTrial(
         motion_after(displacements, expansion.unit, s), gain, s / step, kind, event, extrema
@@ -186,7 +195,12 @@ def _trial_extrema(
     within = taylor_extrema(expansion, order, s, apart, onset) if method.within else None
     forces = taylor_peaks(expansion, order, s, start, fixed.model.spring) if method.forces else None
     return TrialExtrema(
-        deepest_penetration(expansion, order, s), midpoint_magnitudes(expansion, order, s), within, forces
+        deepest_penetration(expansion, order, s),
+        midpoint_magnitudes(expansion, order, s),
+        within,
+        forces,
+        taylor_range(expansion, order, s) if method.amplitudes else None,
+        closing_speed_after(expansion, order, s) if method.forces else None,
     )
 
 
@@ -260,8 +274,9 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed, method: Choic
     done = step.astype(grid.turn.dtype) + next_search.done
     Q = drive_wave(*sincos_turns(grid.start + done * grid.turn), model.drive)
     h = trial.length * grid.h
-    _, transition, _, jumps = event_change(z, Q, start, fire, trial.kind, h, fixed)
-    tally = _tally_after(lane, trial, jumps, h, lambda counters: count_event(counters, transition, fire, event.inside))
+    change = event_change(z, Q, start, fire, trial.kind, h, fixed)
+    transition = change.transition
+    tally = _tally_after(lane, trial, change, h, fire)
     status = status_of(z, ~is_finite(z), jnp.maximum(next_search.events, next_search.tries))
     state = select(fire, transition.after, State(z, start.u_s, start.mode, start.case))
     # contact may begin flat although one end of the overlap already pulls
@@ -269,19 +284,21 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed, method: Choic
     return select(active, Lane(state, step, next_search, None, tally, status), lane)
 
 
-def _tally_after(
-    lane: Lane, trial: TaylorTrial, jumps: EnergyJumps, h: Scalar, counts: Callable[[Counters], Counters]
-) -> Tally:
+def _tally_after(lane: Lane, trial: TaylorTrial, change: EventChange, h: Scalar, fire: Bool[Array, ""]) -> Tally:
     extrema = trial.extrema
     if extrema is None:
         return Tally(jax.tree.map(jnp.add, lane.tally.integrals, trial.gain), None, None)
     log_updates = LogUpdates(
-        counts,
+        lambda counters: count_event(counters, change.transition, fire, trial.event.inside),
         lambda before: merged_extrema(before, extrema.within),  # pyright: ignore[reportArgumentType]  # kept where `before` is
         lambda before: jax.tree.map(jnp.maximum, before, extrema.forces),
+        lambda before: updated_impacts(
+            before, trial.gain.loads.N, extrema.closing, change.onset, change.separation
+        ),
+        lambda before: merged_range(before, extrema.extent),
     )
     sizes = jax.tree.map(lambda a, b: jnp.maximum(a, jnp.abs(b)), extrema.sizes, displacements_of(trial.motion))
-    return updated_tally(lane.tally, trial.gain, jumps, h, lane.state.mode, extrema.deepest, sizes, log_updates)
+    return updated_tally(lane.tally, trial.gain, change.jumps, h, lane.state.mode, extrema.deepest, sizes, log_updates)
 
 
 def _next_taylor_search(

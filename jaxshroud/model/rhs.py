@@ -43,11 +43,39 @@ class Ledger(NamedTuple):
     friction: Scalar  # lost in the sliding contact [J]
 
 
+Displacements = tuple[Pair, Pair, Pair]  # a number for each of x, y and theta
+
+
+class Moments(NamedTuple):
+    """The displacements x, y and theta, and their squares, integrated in time."""
+
+    first: Displacements  # [m s], [rad s]
+    second: Displacements  # [m^2 s], [rad^2 s]
+
+
+class ContactLoads(NamedTuple):
+    """What wears the faces, integrated in time."""
+
+    N: Scalar  # impulse of the normal force [N s]
+    N_slip: Scalar  # the part of it while the faces slip [N s]; 0 for smooth contact and user laws
+    slip: Scalar  # path of the slider [m]; 0 for user laws
+
+
+class Recorded(NamedTuple):
+    """Which integrals are computed beside the power."""
+
+    ledger: bool = False
+    moments: bool = False
+    loads: bool = False
+
+
 class Integrals(NamedTuple):
     """The integrals in time that are computed with the motion, to the order of the integrator."""
 
     power: Pair  # mean square displacement over the block, Eq. (23) divided by its area [m^2 s]
-    ledger: Ledger | None  # None where it is not kept
+    ledger: Ledger | None  # None where it is not kept, as are the next two
+    moments: Moments | None = None
+    loads: ContactLoads | None = None
 
 
 def drive_wave(s: Scalar, c: Scalar, drive: Excitation) -> Pair:
@@ -184,25 +212,46 @@ class StateDerivative(NamedTuple):
     u_s: Slider
 
 
-def rhs(Q: Pair, now: State, model: Model, ledger: bool) -> tuple[StateDerivative, Integrals]:
-    """The accelerations by Eq. (1) and the rates of the integrals while the mode and the case are fixed.
+def displacement_moments(z: Motion) -> Moments:
+    """The rates of the moments."""
+    first = (z.x, z.y, z.theta)
+    return Moments(first, jax.tree.map(lambda a: a * a, first))
 
-    `Q` is the `drive_wave` at that time; without a `ledger` the rates of the works are left out.
+
+def _load_rates(
+    at: ContactKinematics, z: Motion, forces: LawForces, state: State, case: Case, model: Model
+) -> ContactLoads:
+    """The rates of the loads."""
+    spring, slips = model.spring, (state.mode == Mode.SLIP_PLUS) | (state.mode == Mode.SLIP_MINUS)
+    if not is_absent(spring.laws) or is_absent(spring.lag):
+        return ContactLoads(forces.N, ABSENT, ABSENT)
+    rate = contact_rates(at, z, case, model.reading)
+    speed = forces.u_s if spring.smooth else slider_speed(rate.v, rate.u, state.mode, spring)
+    return ContactLoads(forces.N, ABSENT if spring.smooth else where(slips, forces.N, ABSENT), abs(speed))
+
+
+def rhs(Q: Pair, now: State, model: Model, recorded: Recorded) -> tuple[StateDerivative, Integrals]:
+    """The accelerations by Eq. (1) and the rates of the `recorded` integrals while the mode and the case are fixed.
+
+    `Q` is the `drive_wave` at that time.
     """
     z, spring = now.motion, model.spring
     q = pose(z.x, z.y, z.theta)
     case = blended_case(q, model.block, spring.width) if spring.smooth and has_torsion(model) else now.case
     at = contact_kinematics(q, case, model.block, model.reading)
     N, F, u_s, load = _forces_and_load(at, z, now, case, model)
-    lost = works(z, Q, _dissipated_power(at, z, LawForces(N, F, u_s), now, case, model), model) if ledger else None
+    parts = at, z, LawForces(N, F, u_s), now, case, model
+    lost = works(z, Q, _dissipated_power(*parts), model) if recorded.ledger else None
+    moments = displacement_moments(z) if recorded.moments else None
+    loads = _load_rates(*parts) if recorded.loads else None
     a = accelerations(z, Q, load, model)
     if has_torsion(model) and spring.modal:
         theta = jax.tree.map(lambda mean, own: where(case == FLAT, mean, own), parallel_mean(a.theta, model), a.theta)
         a = a._replace(theta=theta)
-    return StateDerivative(a, u_s), Integrals(mean_square(q, model.gyration), lost)
+    return StateDerivative(a, u_s), Integrals(mean_square(q, model.gyration), lost, moments, loads)
 
 
-rhs_once = jax.jit(rhs, static_argnames="ledger", inline=True)  # traced once for all stages
+rhs_once = jax.jit(rhs, static_argnames="recorded", inline=True)  # traced once for all stages
 
 
 def stored_energy(z: Motion, model: Model) -> Scalar:
