@@ -9,17 +9,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
+from jaxshroud.batch.free_extent import free_extent
 from jaxshroud.batch.periods import Sample, begin_lanes
 from jaxshroud.batch.size_limits import check_memory
 from jaxshroud.batch.states import carried_state
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
-from jaxshroud.march.tally import ContactPeaks
+from jaxshroud.march.tally import ContactPeaks, Impacts
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, sine_versine
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import free_components, free_motion, free_propagators, steady_amplitudes
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State, prepared_model
+from jaxshroud.model.rhs import ContactLoads
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import PerBlade, Scene
@@ -56,32 +58,39 @@ def free_runs(
     check_memory("the closed form of this run", count * (kept + LANE_PERIODS) * nodes * NODE_BYTES)
     turns = jnp.asarray(phase / (2 * math.pi), dtype)
     begin = jnp.broadcast_to(jnp.asarray(np.asarray(begin) / (2 * math.pi), dtype), count)
-    samples, *end = _closed_form_samples(scenes, states, begin, jnp.full_like(turns, transient), turns, kept, nodes)
+    samples, *end = _closed_form_samples(
+        scenes, states, begin, jnp.full_like(turns, transient), turns, kept, nodes, method.amplitudes
+    )
     places = lambda lane: [lane.state, lane.status, lane.tally.log.time_apart]
     lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
     zeros: Any = np.zeros(np.shape(samples.power[0]))
     samples = samples._replace(work=zeros, gross=zeros, dropped=zeros, residual=zeros)
     if method.forces:
-        samples = samples._replace(forces=ContactPeaks(zeros, zeros), friction=zeros)
+        loads, impacts = ContactLoads(*[zeros] * 4), Impacts(*[zeros] * 5)
+        samples = samples._replace(forces=ContactPeaks(zeros, zeros), friction=zeros, loads=loads, impacts=impacts)
     return jax.tree.map(np.asarray, (samples, lanes))
 
 
-@kept("periods", "nodes")
-def _closed_form_samples(scenes: Scene, states: State, begin, transient, turns, periods: int, nodes: int):
+@kept("periods", "nodes", "amplitudes")
+def _closed_form_samples(
+    scenes: Scene, states: State, begin, transient, turns, periods: int, nodes: int, amplitudes: bool
+):
     def one(scene: Scene, state: State, begin):
         period = scene.drive.period
-        ends = (transient + (turns - begin) + jnp.arange(periods + 1, dtype=turns.dtype)) * period
-        motion = free_motion(scene, state.motion, begin, ends)
-        power, largest = jax.vmap(lambda z: _period_mean_square(scene, z, turns, nodes))(
-            Motion(*(a[:-1] for a in motion))
-        )
+        times = (transient + (turns - begin) + jnp.arange(periods + 1, dtype=turns.dtype)) * period
+        motion = free_motion(scene, state.motion, begin, times)
+        starts = Motion(*(a[:-1] for a in motion))
+        power, largest = jax.vmap(lambda z: _period_mean_square(scene, z, turns, nodes))(starts)
+        each_extent = jax.vmap(lambda z: free_extent(scene, z, turns, nodes))
+        moments, extent = each_extent(starts) if amplitudes else (None, None)
         in_pairs = lambda a: (a[:, 0], a[:, 1])
         sizes = tuple(in_pairs(largest[..., i]) for i in range(3))
-        sample = Sample(Motion(*(in_pairs(a[1:]) for a in motion)), in_pairs(power), largest=sizes)
+        ends = Motion(*(in_pairs(a[1:]) for a in motion))
+        sample = Sample(ends, in_pairs(power), largest=sizes, moments=moments, extent=extent)
         last = State(Motion(*(a[-1] for a in motion)), state.u_s, state.mode, state.case)
         status = free_status(scene, motion, jnp.max(largest[..., 2]))
         sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
-        return sample, carried_state(last, prepared_model(scene)), status, ends[-1] - ends[0]
+        return sample, carried_state(last, prepared_model(scene)), status, times[-1] - times[0]
 
     return jax.vmap(one)(scenes, states, begin)
 

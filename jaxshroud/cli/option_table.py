@@ -78,6 +78,8 @@ SHARED_OPTIONS = {
         Option("--step-tolerance", "tolerance of the power series, with --tableau taylor", number, metavar="R"),
         Option("--locate", "how events are located", choices=get_args(Locate)),
         Option("--precision", "float64 by default", choices=get_args(Precision)),
+        Option("--forces", "keep contact forces, slip, wear and impacts", action="store_true"),
+        Option("--amplitudes", "keep amplitudes of x, y and theta: mean, RMS and peak", action="store_true"),
         # Design and scatter.
         Option("--over", "number and its bounds", default=[], metavar="K=LO:HI", action="append"),
         Option("--range", "operating condition and its values", default=[], metavar="K=A,B,C", action="append"),

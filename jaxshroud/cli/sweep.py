@@ -248,6 +248,7 @@ def _sweep(request: SweepRequest, march: MarchPlan) -> SweepResult:
                 ledger=options.ledger,
                 lyapunov=options.lyapunov,
                 forces=options.forces,
+                amplitudes=options.amplitudes,
                 keep_samples=not options.no_samples,
                 progress=report,
                 method=march.as_method,

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool
 from jaxshroud.march.carry import PerLane
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.locate import HermiteCubic
-from jaxshroud.march.tally import ContactPeaks, EnergyJumps, DisplacementRange, Impacts, StepExtrema, displacements_of
+from jaxshroud.march.tally import ContactPeaks, DisplacementRange, EnergyJumps, Impacts, StepExtrema, displacements_of
 from jaxshroud.march.taylor_events import TRIAL_PARTS, Coefficients
 from jaxshroud.march.taylor_expansion import TaylorExpansion
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, blended, is_absent, where
@@ -181,6 +181,7 @@ def updated_impacts(
     """The impacts after a trial with an `impulse` that ends at a closing `speed`, perhaps in an event."""
     now = before.now + impulse
     return Impacts(
+        before.number + where(onset, 1.0, 0.0),
         where(onset, jnp.maximum(before.approach, speed), before.approach),
         before.approach_sum + where(onset, speed, 0.0),
         where(separation, jnp.maximum(before.impulse, now), before.impulse),

@@ -123,6 +123,7 @@ class DisplacementRange(NamedTuple):
 class Impacts(NamedTuple):
     """The impacts so far: contacts that begin from a gap, each of which ends where the faces separate."""
 
+    number: Scalar
     approach: Scalar  # largest closing speed at an onset [m/s]
     approach_sum: Scalar  # of these speeds [m/s]
     impulse: Scalar  # largest impulse of the normal force in one contact [N s]
@@ -170,7 +171,7 @@ def new_tally(state: State, model: Model, method: Choices) -> Tally:
     within = initial_extrema(deepest) if method.within else None
     largest = jax.tree.map(jnp.zeros_like, displacements_of(state.motion))
     forces = ContactPeaks(zero, zero) if method.forces else None
-    impacts = Impacts(zero, zero, zero, zero) if method.forces else None
+    impacts = Impacts(*[zero] * 5) if method.forces else None
     at_start = displacements_of(state.motion)
     extent = DisplacementRange(at_start, at_start) if method.amplitudes else None
     log = Log(zero, zero, zero, deepest, largest, no_events(model), within, forces, impacts, extent)

@@ -64,18 +64,16 @@ def _integrated_square(coefficients: tuple[Scalar, ...], order: int, s: Scalar) 
     return s * sum(w * polynomial_value(coefficients, s * t) ** 2 for t, w in rule)
 
 
-def integrated_loads(
-    expansion: TaylorExpansion, order: int, s: Scalar, state: State, spring: Springs
-) -> ContactLoads:
+def integrated_loads(expansion: TaylorExpansion, order: int, s: Scalar, state: State, spring: Springs) -> ContactLoads:
     """The loads over `s` radians; in slip the slider never turns, so that its path is the distance of its ends."""
     impulse = polynomial_value(_integrated(expansion.v, order - 1), s) * expansion.unit
     N = normal_force(impulse, state.mode, spring)
     if is_absent(spring.lag):
-        return ContactLoads(N, ABSENT, ABSENT)
+        return ContactLoads(N, ABSENT, ABSENT, ABSENT)
     gained = lambda a: polynomial_value(a.coefficients(order - 1), s) - a[0]
     moved = slider_speed(gained(expansion.v), gained(expansion.u), state.mode, spring)
     slips = (state.mode == Mode.SLIP_PLUS) | (state.mode == Mode.SLIP_MINUS)
-    return ContactLoads(N, where(slips, N, 0.0), jnp.abs(moved))
+    return ContactLoads(N, where(slips, N, 0.0), where(slips, s * expansion.unit, 0.0), jnp.abs(moved))
 
 
 def _integrated(rate: Series, terms: int) -> tuple[Scalar, ...]:

@@ -58,6 +58,7 @@ class ContactLoads(NamedTuple):
 
     N: Scalar  # impulse of the normal force [N s]
     N_slip: Scalar  # the part of it while the faces slip [N s]; 0 for smooth contact and user laws
+    time_slip: Scalar  # [s]; 0 for smooth contact and user laws
     slip: Scalar  # path of the slider [m]; 0 for user laws
 
 
@@ -224,10 +225,11 @@ def _load_rates(
     """The rates of the loads."""
     spring, slips = model.spring, (state.mode == Mode.SLIP_PLUS) | (state.mode == Mode.SLIP_MINUS)
     if not is_absent(spring.laws) or is_absent(spring.lag):
-        return ContactLoads(forces.N, ABSENT, ABSENT)
+        return ContactLoads(forces.N, ABSENT, ABSENT, ABSENT)
     rate = contact_rates(at, z, case, model.reading)
     speed = forces.u_s if spring.smooth else slider_speed(rate.v, rate.u, state.mode, spring)
-    return ContactLoads(forces.N, ABSENT if spring.smooth else where(slips, forces.N, ABSENT), abs(speed))
+    N_slip, time_slip = (ABSENT, ABSENT) if spring.smooth else (where(slips, a, 0.0) for a in (forces.N, 1.0))
+    return ContactLoads(forces.N, N_slip, time_slip, abs(speed))
 
 
 def rhs(Q: Pair, now: State, model: Model, recorded: Recorded) -> tuple[StateDerivative, Integrals]:

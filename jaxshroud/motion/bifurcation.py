@@ -9,6 +9,7 @@ from jaxshroud.batch.runs import Plan, Runs, run_lanes
 from jaxshroud.batch.states import motion_rows
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.model.arithmetic import filled
+from jaxshroud.motion.amplitudes import amplitude_values
 from jaxshroud.motion.batched_algorithms import Algorithm, Periods
 from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, corrected_point
 from jaxshroud.motion.orbit import PeriodicOrbit
@@ -143,19 +144,23 @@ class ContactSummary(NamedTuple):
     slowest: float  # closing speed at the gentlest onset [m/s]; infinite without contact
     miss: float  # least distance of the corners at a near miss [m]; infinite if there is none
     samples: np.ndarray  # (q, 12) motion at the end of each of its periods
+    amplitudes: dict[str, np.ndarray]  # (2,) each
 
 
 def contact_summary(point: BranchPoint) -> Algorithm[ContactSummary]:
     """The contacts of the orbit of a point."""
     cycle = point.cycle
-    method = cycle.method._replace(ledger=False, within=True)
+    method = cycle.method._replace(ledger=False, within=True, amplitudes=True)
     plan = Plan(0, cycle.q, cycle.steps_per_period, 0.0, method)
     runs: Runs = yield Periods(cycle.scene, cycle.start, plan)
     log = runs.last.tally.log
     counters = filled(log.counters, log.time_apart)
     onsets = int(counters.onset_slip[0] + counters.onset_stick[0])
     slowest, miss = (float(a[0]) for a in log.within[2:])
-    return ContactSummary(onsets, slowest, miss, motion_rows(runs.samples.motion)[0])
+    amplitudes = amplitude_values(one_lane(cycle.scene), runs.samples, np.array([cycle.q]))
+    return ContactSummary(
+        onsets, slowest, miss, motion_rows(runs.samples.motion)[0], {name: a[0] for name, a in amplitudes.items()}
+    )
 
 
 def grazing_point(problem: ContinuationProblem, here: BranchPoint, there: BranchPoint) -> Algorithm[BranchPoint | None]:

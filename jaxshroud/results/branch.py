@@ -10,6 +10,7 @@ from jaxshroud.io.scene_numbers import key_attrs
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Variable
 from jaxshroud.model.modes import BIFURCATION_KINDS
+from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Result
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.typed import typed
@@ -48,7 +49,7 @@ class Special(NamedTuple):
     error: float | None = None  # of the value, by a finer march; None if that found no such point or was not made
 
 
-class Branch(Result):
+class Branch(WithAmplitudes, Result):
     """Branches of periodic orbits, point by point in order of arc length, one branch after the other.
 
     The `kind` of a point is 0 for a regular one, else its index in `BIFURCATION_KINDS`: a fold, a flip, a
@@ -228,6 +229,7 @@ def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> d
     numbers = {n: getattr(cycle, n) for n in ("q", "P", "P_d", "multipliers", "residual", "conditioning", "status")}
     return {
         **numbers,
+        **touch.amplitudes,
         "value": point.value,
         "value_error": point.error,
         "branch": number,

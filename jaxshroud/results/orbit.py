@@ -1,6 +1,6 @@
 """Periodic orbits with their Floquet multipliers, as found by shooting."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar, Unpack
 
 import numpy as np
@@ -17,6 +17,7 @@ from jaxshroud.io.variable import (
     lanes_in_shape,
     lanes_in_words,
 )
+from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Labels, Result
 from jaxshroud.scene.checks import InputError
 
@@ -44,7 +45,7 @@ ORBIT_FLAGS = (
 ORBIT_NUMBERS = ("q", "P_d", "residual", "conditioning", "doubt", "updates", "periods", "status")
 
 
-class Orbit(Result):
+class Orbit(WithAmplitudes, Result):
     """Periodic orbits, or for lanes without one the reason.
 
     Arrays start with the axes of the scenes. A single scene has no leading axes, and a plain number for every quantity
@@ -89,13 +90,18 @@ class Orbit(Result):
 
     @classmethod
     def of_cycles(
-        cls, cycles: "Sequence[PeriodicOrbit]", shape: tuple[int, ...] = (), **labels: Unpack[Labels]
+        cls,
+        cycles: "Sequence[PeriodicOrbit]",
+        shape: tuple[int, ...] = (),
+        amplitudes: Mapping[str, np.ndarray] | None = None,
+        **labels: Unpack[Labels],
     ) -> "Orbit":
         """The result from the orbit of each lane.
 
         Args:
             cycles: The orbits.
             shape: The leading axes of the result.
+            amplitudes: The values of `WithAmplitudes`, (lanes, 2) each.
             labels: Further arguments of `from_values`.
         """
         import jax
@@ -103,6 +109,7 @@ class Orbit(Result):
         rows = [_orbit_row(cycle) for cycle in cycles]
         values = {name: lanes_in_shape([row[name] for row in rows], shape) for name in rows[0]}
         first = cycles[0]
+        values |= {name: lanes_in_shape(a, shape) for name, a in (amplitudes or {}).items()}
         values |= {"method": str(first.method), "steps_per_period": first.steps_per_period}
         result = cls.from_values(values, coords=COORDS, **labels)
         result.scenes = jax.tree.map(lambda *a: lanes_in_shape(a, shape), *(cycle.scene for cycle in cycles))

@@ -8,6 +8,7 @@ from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Variable
 from jaxshroud.motion.effects import with_interval
+from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
 
@@ -19,7 +20,7 @@ class FinalNumber(Variable):
         super().__init__(long_name, units, kind=kind, stored=np.int8 if kind is bool else None, alone=True)
 
 
-class PowerResult(Result):
+class PowerResult(WithAmplitudes, WithLoads, Result):
     """P_d of the left blade against the number of averaged periods.
 
     Arrays start with the axes of the scenes. The curves of lanes with fewer points are filled up with n = 0 and NaN.

@@ -13,6 +13,7 @@ from jaxshroud.io.variable import Attribute, CountsVariable, MotionVariable, Var
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, find_jumps, motions_differ
 from jaxshroud.motion.period import UNKNOWN_IF_SETTLED
+from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads
 from jaxshroud.results.base import Result
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
@@ -28,7 +29,7 @@ VALUES_AT_ONCE = 4096  # of the axis, whose samples are in memory together
 UNSETTLED = 0  # verdict of `settling`: the transient is not over
 
 
-class SweepResult(Result):
+class SweepResult(WithAmplitudes, WithLoads, Result):
     """The stroboscopic samples and the statistics of a sweep.
 
     Arrays start with the axes of the scenes, followed by one dimension per axis of the sweep. Samples have a dimension
@@ -68,9 +69,6 @@ class SweepResult(Result):
     energy_dropped = Variable(
         "largest energy dropped in a period by beginnings of flat contact, over the drive's gross work", "1"
     )
-    N_max = Variable("largest normal force of contact", "N")
-    F_max = Variable("largest magnitude of the friction force", "N")
-    friction_work = Variable("work that friction takes in a drive period, on average", "J")
     counters = CountsVariable("events in the kept periods")
     phase = Attribute(name="drive_phase")  # of the samples [rad]
     period_tol = Attribute()  # of the period number
@@ -128,6 +126,7 @@ class SweepResult(Result):
                 **({} if positive is None else {"positive exponents": positive}),
                 **_largest(ok, {"largest energy residual": residual, "largest energy dropped": dropped}),
                 **_force_numbers(self, ok),
+                **_amplitude_numbers(self, ok),
                 "method": f"{self.method}, {self.steps_per_period} steps a period",
                 **self.source,
             }
@@ -151,8 +150,18 @@ def _force_numbers(result: SweepResult, ok: np.ndarray) -> dict[str, float]:
         "largest normal force [N]": result.N_max,
         "largest friction force [N]": result.F_max,
         "largest work of friction per period [J]": result.friction_work,
+        "largest slip per period [m]": result.slip,
+        "largest closing speed of an impact [m/s]": result.approach_max,
+        "largest impulse of a contact [N s]": result.impulse_max,
     }
     return _largest(ok, forces)
+
+
+def _amplitude_numbers(result: SweepResult, ok: np.ndarray) -> dict[str, float]:
+    """The largest amplitudes of all lanes, if they were kept."""
+    peaks = {"x [m]": result.x_peak, "y [m]": result.y_peak, "theta [rad]": result.theta_peak}
+    of_either = {f"largest amplitude of {name}": None if a is None else a.max(axis=-1) for name, a in peaks.items()}
+    return _largest(ok, of_either)
 
 
 def _largest(ok: np.ndarray, quantities: Mapping[str, np.ndarray | None]) -> dict[str, float]:

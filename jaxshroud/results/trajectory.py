@@ -18,6 +18,7 @@ from jaxshroud.io.variable import (
     with_events,
 )
 from jaxshroud.model.modes import Mode
+from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
@@ -69,7 +70,7 @@ class RunEvents(Variable["Trajectory | None"]):
         return Trajectory(states.assign_coords(time=times).drop_vars("t"))
 
 
-class Trajectory(Result):
+class Trajectory(WithAmplitudes, Result):
     """The samples of one run or of many, the initial state first.
 
     Arrays start with the axes of the scenes, and those of `motion` end with the blade. A single scene has no leading

@@ -2,14 +2,16 @@
 
 from collections.abc import Sequence
 
+import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.runs import Plan, Progress, run_lanes
 from jaxshroud.batch.states import STATE_SIZE
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import Method
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
+from jaxshroud.motion.amplitudes import amplitude_values
 from jaxshroud.motion.batched_algorithms import run_together
 from jaxshroud.motion.lyapunov import MAX_ALIGNMENT_PERIODS, Exponents, lyapunov_exponents
 from jaxshroud.motion.orbit import PeriodicOrbit, no_orbit
@@ -30,6 +32,7 @@ def orbit(
     q: int | None = None,
     most_periods: int = 1024,
     tolerance: float | None = None,
+    amplitudes: bool = False,
     method: Method | str | float | None = None,
     state: State | None = None,
     progress: Progress | None = None,
@@ -49,6 +52,7 @@ def orbit(
         most_periods: Drive periods after which the search ends if the motion has not repeated.
         tolerance: Closing error at which Newton's method ends, relative to the largest value of each quantity; by
             default 1e-11 in float64 and 1e-7 in float32.
+        amplitudes: March each orbit once more, for the amplitudes of x, y and theta.
         method: How to march: a method, or the accuracy that chooses one; see `method_for`.
         state: Where to start, at drive phase 0: one state for all lanes, or one for each; by default `scene.initial`,
             apart.
@@ -89,13 +93,25 @@ def orbit(
     march = lanes.march
     tolerance = CLOSING_TOLERANCE[march.method.precision] if tolerance is None else tolerance
     shooting = ShootingOptions(march.steps, tolerance, march.method)
-    result_of = lambda cycles: Orbit.of_cycles(cycles, lanes.shape, **lanes.labels)
+    result_of = lambda cycles, kept=None: Orbit.of_cycles(cycles, lanes.shape, kept, **lanes.labels)
     try:
         starts = lanes.with_states(lanes.scenes, state)
-        orbits = result_of(cycles_of(starts, q, most_periods, shooting, progress, throw or not lanes.shape))
+        cycles = cycles_of(starts, q, most_periods, shooting, progress, throw or not lanes.shape)
+        orbits = result_of(cycles, orbit_amplitudes(cycles) if amplitudes else None)
     except Interrupted as stopped:
         raise Interrupted(stopped.done and result_of(stopped.done)) from None
     return warn_failed(orbits, throw)
+
+
+def orbit_amplitudes(cycles: Sequence[PeriodicOrbit]) -> dict[str, np.ndarray]:
+    """The values of `WithAmplitudes` of orbits, (lanes, 2) each; NaN where there is none."""
+    scenes, states = jax.tree.map(lambda *a: np.stack(a), *((cycle.scene, cycle.start) for cycle in cycles))
+    numbers, first = np.array([cycle.q for cycle in cycles]), cycles[0]
+    method = first.method._replace(amplitudes=True)
+    plan = Plan(0, max(int(numbers.max()), 1), first.steps_per_period, 0.0, method)
+    runs = run_lanes(scenes, states, plan, lambda _: None)
+    values = amplitude_values(scenes, runs.samples, numbers)
+    return {name: np.where(numbers[:, None] > 0, a, np.nan) for name, a in values.items()}
 
 
 def cycles_of(

@@ -18,6 +18,7 @@ from jaxshroud.march.method import FAST_WITH_LEDGER, Method
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
+from jaxshroud.motion.amplitudes import amplitude_values, load_values
 from jaxshroud.motion.averages import Reduction, averages, closed_forms, relative_residual
 from jaxshroud.motion.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
 from jaxshroud.motion.short_runs import end_states
@@ -54,9 +55,10 @@ class LaneSummary(NamedTuple):
     series: np.ndarray  # P_d of each period [%]
     converged: bool  # in the latest test
     status: int
+    more: dict[str, np.ndarray]  # amplitudes and loads, where they are kept
 
 
-NOT_FINAL = ("series", "converged", "status")
+NOT_FINAL = ("series", "converged", "status", "more")
 
 
 def is_converged(reduction: Reduction, change: np.ndarray | float, tolerance: float) -> NDArray[np.bool_] | np.bool_:
@@ -74,10 +76,11 @@ def _summaries(
     A = closed_forms(scenes)[0].astype(float)
     series = power_reduction(A[:, None] * joined.power[0], P_0[:, :1])
     residual = np.full(len(A), np.nan) if joined.residual is None else relative_residual(joined)
-    summaries = []
+    summaries, kept = [], amplitude_values(scenes, joined, orbit.number) | load_values(scenes, joined)
     for i in range(len(A)):
-        lane_orbit, lane_reduction = jax.tree.map(lambda a, i=i: a[i], (orbit, reduction))
-        run = _LaneRun(lane_orbit, lane_reduction, P_0[i], series[i], float(residual[i]), int(status[i]), bool(was[i]))
+        lane_orbit, lane_reduction, more = jax.tree.map(lambda a, i=i: a[i], (orbit, reduction, kept))
+        flags = int(status[i]), bool(was[i])
+        run = _LaneRun(lane_orbit, lane_reduction, P_0[i], series[i], float(residual[i]), *flags, more)
         summaries.append(_lane_summary(run, tolerance))
     return summaries
 
@@ -92,6 +95,7 @@ class _LaneRun(NamedTuple):
     residual: float
     status: int
     was_converged: bool
+    more: dict[str, np.ndarray]
 
 
 def _lane_summary(run: _LaneRun, tolerance: float) -> LaneSummary:
@@ -119,6 +123,7 @@ def _lane_summary(run: _LaneRun, tolerance: float) -> LaneSummary:
         series=series,
         converged=converged,
         status=run.status,
+        more=run.more,
     )
 
 
@@ -136,6 +141,8 @@ def power(
     scene: Scene | SceneFile,
     *,
     stable_within: float = 0.1,
+    forces: bool = False,
+    amplitudes: bool = False,
     period_tol: float = PERIOD_TOLERANCE,
     n_periods: int | None = None,
     transient: int | None = None,
@@ -154,6 +161,8 @@ def power(
             at most this [percentage points]: at once where P_d has settled on an orbit, else over at least 30
             correlation times and in two tests in succession, the second after twice as many periods. (Stopping at the
             first interval that is short enough would select those that are too short.)
+        forces: Keep contact forces, slip, normal load and impacts too, see `sweep`.
+        amplitudes: Keep amplitudes too, see `sweep`.
         period_tol: Tolerance of the period number, see `periodicity`.
         n_periods: Drive periods kept at most, even if P_d is not stable yet; by default 64.
         transient: Drive periods run and discarded first; by default 64.
@@ -194,6 +203,7 @@ def power(
         raise InputError(f"Argument `stable_within` must be positive, but is {stable_within}.")
     tolerance_argument("period_tol", period_tol)
     march = plan_march(resolved, lanes, FAST_WITH_LEDGER)
+    march = march._replace(method=march.method._replace(forces=forces, amplitudes=amplitudes))
     scenes = in_precision(lanes, march.method.precision)
     summaries, chatter = _run_longer(
         resolved, scenes, resolved.states(state, scenes), march, stable_within, period_tol, progress
@@ -261,6 +271,7 @@ def _power_result(
     }
     final = {f"final_{name}": column for name, column in columns.items()}
     lanes = {"n": n, "P_d": P_d, "P_d_ci": ci, "status": np.array([one.status for one in summaries]), **final}
+    lanes |= {name: np.stack([one.more[name] for one in summaries]) for name in summaries[0].more}
     attributes, differing = resolved.provenance(resolved.transient, march.steps)
     values = {**in_shape(lanes, resolved.shape), "chatter": chatter, **march.attributes}
     coords = {"blade": [0, 1]}

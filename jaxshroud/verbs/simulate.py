@@ -20,6 +20,7 @@ from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Ledger
+from jaxshroud.motion.amplitudes import sampled_amplitudes
 from jaxshroud.motion.short_runs import trajectory_ends
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.checks import InputError, count_argument
@@ -66,7 +67,8 @@ def simulate(
     Returns:
         The initial state and then every `every`-th of `n_periods * steps_per_period` steps, start-up included, with the
         contact forces `N` and `F` [N], `v`, `u` and `contact_point` [m]. A model without contact has none of these, a
-        model whose blocks do not turn has no `contact_point`, and without friction `F` is 0.
+        model whose blocks do not turn has no `contact_point`, and without friction `F` is 0. Amplitudes are those of the
+        second half of the run, from the cubics between samples.
 
     Raises:
         ValueError: A count is not a positive integer, the samples would not fit into memory, or `events` is set for
@@ -106,6 +108,10 @@ def simulate(
     common = {"turns": after, "every": every, "chatter": chatter, **march.attributes}
     if at_events is not None:
         values["events"] = {**at_events, "t": t + at_events["t"] * step_length}
+    seconds = step_length[:, 0] * every
+    if len(index) > 1:
+        half = max(resolved.n_periods // 2, 1)
+        values |= sampled_amplitudes(scenes, values["motion"], seconds, min(half, index[-1] / march.steps))
     columns = {"omega": scenes.drive.omega, "gap": scenes.shroud.gap, **values, "t": t + index * step_length}
     result = _trajectory(resolved, in_shape(columns, resolved.shape), common)
     warn_failures(result.status, chatter, throw=throw)

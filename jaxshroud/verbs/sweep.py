@@ -42,6 +42,7 @@ def sweep(
     ledger: bool = False,
     lyapunov: bool = False,
     forces: bool = False,
+    amplitudes: bool = False,
     keep_samples: bool = True,
     store: str | os.PathLike[str] | None = None,
     resume: bool = False,
@@ -73,7 +74,10 @@ def sweep(
         forces: Keep the largest contact forces and the work of friction of every lane, and its energy balance with
             them. Forces are taken on both sides of every event, and inside each step from cubics through the values and
             rates at its ends, so that the part of a maximum that is missed falls as the fourth power of the step; the
-            friction of smooth contact is taken at the ends of steps only.
+            friction of smooth contact is taken at the ends of steps only. With them come the loads that wear the faces
+            (slip, normal load, impacts).
+        amplitudes: Keep the mean of x, y and theta of both blades, their root mean square about it, and their amplitude
+            (largest distance from the mean), at a third more time.
         keep_samples: Keep the samples of each lane. Without them memory is bounded: for maps of many lanes.
         store: The folder (.zarr) of a Zarr store, to which the result is written block by block: for more lanes than
             fit in memory, and for runs that may be killed. The result is read from there.
@@ -137,6 +141,8 @@ def sweep(
     march = plan_march(grid.resolved, grid.lanes, FAST._replace(ledger=ledger))
     if forces:
         march = march._replace(method=march.method._replace(ledger=True, forces=True))
+    if amplitudes:
+        march = march._replace(method=march.method._replace(amplitudes=True))
     grid = grid._replace(
         precise=in_precision(grid.lanes, "float64") if lyapunov else None,
         lanes=in_precision(grid.lanes, march.method.precision),

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.continuation import SweepHandover, continued_runs, independent_runs
-from jaxshroud.batch.periods import LANES_PER_CALL, Sample
+from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.runs import Plan, Runs, Ticker, in_float64, zeno_warning
 from jaxshroud.batch.states import by_blade, final_states
 from jaxshroud.batch.threads import Interrupted
@@ -17,6 +17,7 @@ from jaxshroud.march.tally import Counters
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
+from jaxshroud.motion.amplitudes import amplitude_values, load_values
 from jaxshroud.motion.averages import averages, relative_drop, relative_residual
 from jaxshroud.motion.lyapunov import ALIGNMENT_PERIODS, largest_exponents, with_phase_shift
 from jaxshroud.motion.period import SETTLED
@@ -226,11 +227,6 @@ def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[st
         **dict(zip(("time_apart", "time_stick", "time_slip"), times, strict=True)),
         **({} if residual is None else {"energy_residual": residual, "energy_dropped": dropped}),
         "counters": counters,
-        **({} if runs.samples.forces is None else _force_values(runs.samples)),
+        **load_values(scenes, runs.samples),
+        **amplitude_values(scenes, runs.samples, number),
     }
-
-
-def _force_values(samples: Sample) -> dict[str, np.ndarray]:
-    """The largest forces of the kept periods, and the mean work of friction per period, (lanes,)."""
-    N_max, F_max = (a.max(axis=-1) for a in samples.forces)
-    return {"N_max": N_max, "F_max": F_max, "friction_work": samples.friction.mean(axis=-1)}

@@ -1,0 +1,137 @@
+"""The amplitudes of motions and the loads of contact over the kept periods, from the samples of their march."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxshroud.batch.periods import LANES_PER_CALL, Sample
+from jaxshroud.batch.threads import in_chunks
+from jaxshroud.model.linear import steady_amplitudes
+from jaxshroud.programs.kept import kept
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.scene import Scene
+
+DISPLACEMENT_NAMES = ("x", "y", "theta")
+
+
+def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str, np.ndarray]:
+    """The values of `WithAmplitudes` by their names, (lanes, 2) each; nothing unless they were kept.
+
+    Args:
+        scenes: The scenes (leading axis).
+        samples: The kept periods, (lanes, periods).
+        number: The period number of each lane, 0 if aperiodic: whole orbits are averaged, the latest ones.
+    """
+    if samples.moments is None or samples.extent is None:
+        return {}
+    counted, time = _counted_periods(samples, number), math.tau / np.asarray(scenes.drive.omega, float)
+    shares = (counted / counted.sum(axis=-1, keepdims=True) / time[:, None])[:, None]
+    mean, square = ([np.sum(shares * np.stack(pair, axis=1), axis=-1) for pair in moment] for moment in samples.moments)
+    highest = [_largest_of(np.stack(pair, axis=1), counted) for pair in samples.extent.highest]
+    lowest = [-_largest_of(-np.stack(pair, axis=1), counted) for pair in samples.extent.lowest]
+    values = {}
+    for i, (name, free) in enumerate(zip(DISPLACEMENT_NAMES, free_amplitudes(scenes), strict=True)):
+        values[f"{name}_mean"] = mean[i]
+        values[f"{name}_rms"] = np.sqrt(np.maximum(square[i] - mean[i] ** 2, 0.0))
+        values[f"{name}_peak"] = np.maximum(highest[i] - mean[i], mean[i] - lowest[i])
+        values[f"{name}_free"] = free
+    return values
+
+
+def _counted_periods(samples: Sample, number: np.ndarray) -> np.ndarray:
+    """Which periods count, (lanes, periods): the latest whole orbits."""
+    n, q = np.shape(samples.power[0])[1], np.maximum(number, 1)
+    return np.arange(n) >= (n - n // q * q)[:, None]
+
+
+def _largest_of(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
+    """The largest of values (lanes, 2, periods) over the periods that count."""
+    return np.where(counted[:, None], values, -np.inf).max(axis=-1)
+
+
+def free_amplitudes(scenes: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The amplitudes of x, y and theta without contact, (lanes, 2) each."""
+    count = len(scenes.drive.omega)
+    chunk = lambda _, lanes: _free_amplitudes(jax.tree.map(lambda a: np.asarray(a)[lanes], scenes))
+    x, y, theta = in_chunks(chunk, count, 1 if count == 1 else LANES_PER_CALL)
+    return np.asarray(x, float), np.asarray(y, float), np.asarray(theta, float)
+
+
+@kept()
+def _free_amplitudes(scenes: Scene):
+    return jax.vmap(lambda scene: tuple(jnp.abs(a) for a in steady_amplitudes(scene)))(scenes)
+
+
+def load_values(scenes: Scene, samples: Sample) -> dict[str, np.ndarray]:
+    """The values of `WithLoads` by their names, (lanes,) each; nothing unless they were kept.
+
+    Args:
+        scenes: The scenes (leading axis).
+        samples: The kept periods, (lanes, periods).
+    """
+    if samples.forces is None:
+        return {}
+    period = math.tau / np.asarray(scenes.drive.omega, float)
+    N, N_slip, time_slip, slip = (np.mean(a, axis=-1) for a in samples.loads)
+    impacts = samples.impacts.number.mean(axis=-1)
+    own, mu = scenes.parts.contact == "own", np.asarray(scenes.friction.mu, float)
+    work = samples.friction.mean(axis=-1)
+    N_max, F_max = (a.max(axis=-1) for a in samples.forces)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return {
+            "N_max": N_max,
+            "F_max": F_max,
+            "N_mean": N / period,
+            "N_slip": N_slip / time_slip,
+            "friction_work": work,
+            "slip": np.full_like(slip, np.nan) if own else slip,
+            "archard": np.full_like(work, np.nan) if own else work / mu,
+            "impacts": impacts,
+            "approach_max": samples.impacts.approach.max(axis=-1),
+            "approach_mean": samples.impacts.approach_sum.mean(axis=-1) / impacts,
+            "impulse_max": samples.impacts.impulse.max(axis=-1),
+            "impulse_mean": N / impacts,
+        }
+
+
+def sampled_amplitudes(scenes: Scene, motion: Motion, interval: np.ndarray, periods: float) -> dict[str, np.ndarray]:
+    """The values of `WithAmplitudes` of sampled runs over their last `periods` drive periods.
+
+    Between samples the motion is the cubic through the displacements and their rates.
+
+    Args:
+        scenes: The scenes (leading axis).
+        motion: The samples, fields (lanes, samples, 2).
+        interval: Of the samples [s], (lanes,).
+        periods: Drive periods.
+    """
+    values, h = {}, interval[:, None, None]
+    first = -1 - round(periods * math.tau / float(scenes.drive.omega[0]) / float(interval[0]))
+    for name, free in zip(DISPLACEMENT_NAMES, free_amplitudes(scenes), strict=True):
+        q, rate = (np.asarray(getattr(motion, n), float)[:, first:] for n in (name, f"v_{name}"))
+        mean = _hermite_mean(q, rate, h)
+        highest, lowest = _hermite_largest(q, rate * h), -_hermite_largest(-q, -rate * h)
+        values[f"{name}_mean"] = mean
+        values[f"{name}_rms"] = np.sqrt(np.maximum(_hermite_mean(q**2, 2 * q * rate, h) - mean**2, 0.0))
+        values[f"{name}_peak"] = np.maximum(highest - mean, mean - lowest)
+        values[f"{name}_free"] = free
+    return values
+
+
+def _hermite_mean(q: np.ndarray, rate: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """The mean of the cubics through samples (lanes, n, 2) and their rates at intervals `h`."""
+    intervals = q.shape[1] - 1
+    trapezoid = q.mean(axis=1) * (intervals + 1) - (q[:, 0] + q[:, -1]) / 2
+    return (trapezoid + h[:, 0] / 12 * (rate[:, 0] - rate[:, -1])) / intervals
+
+
+def _hermite_largest(q: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """The largest value of the cubics through samples (lanes, n, 2) with these slopes per interval."""
+    (g_0, g_1), (m_0, m_1) = ((a[:, :-1], a[:, 1:]) for a in (q, slope))
+    b, c = 3 * (g_1 - g_0) - 2 * m_0 - m_1, m_0 + m_1 - 2 * (g_1 - g_0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        s = m_0 / (np.sqrt(b * b - 3 * m_0 * c) - b)
+    top = g_0 + s * (m_0 + s * (b + s * c))
+    return np.maximum(q.max(axis=1), np.where((s > 0) & (s < 1), top, -np.inf).max(axis=1))

@@ -1,0 +1,41 @@
+"""The amplitudes of motions and the loads of contact, as results hold them."""
+
+from jaxshroud.io.variable import Variable
+
+MEAN, RMS = "mean of {}", "root mean square of {} about its mean"
+PEAK = "amplitude of {}: its largest distance from its mean, between steps too"
+FREE = "amplitude of {} without contact, closed form"
+
+
+class WithAmplitudes:
+    """Amplitudes of x, y and theta of both blades over the kept periods, in results that were asked for them."""
+
+    x_mean = Variable(MEAN.format("x"), "m", ("blade",))
+    x_rms = Variable(RMS.format("x"), "m", ("blade",))
+    x_peak = Variable(PEAK.format("x"), "m", ("blade",))
+    x_free = Variable(FREE.format("x"), "m", ("blade",))
+    y_mean = Variable(MEAN.format("y"), "m", ("blade",))
+    y_rms = Variable(RMS.format("y"), "m", ("blade",))
+    y_peak = Variable(PEAK.format("y"), "m", ("blade",))
+    y_free = Variable(FREE.format("y"), "m", ("blade",))
+    theta_mean = Variable(MEAN.format("theta"), "rad", ("blade",))
+    theta_rms = Variable(RMS.format("theta"), "rad", ("blade",))
+    theta_peak = Variable(PEAK.format("theta"), "rad", ("blade",))
+    theta_free = Variable(FREE.format("theta"), "rad", ("blade",))
+
+
+class WithLoads:
+    """The loads of contact over the kept periods, in results that were asked for forces."""
+
+    N_max = Variable("largest normal force of contact", "N")
+    F_max = Variable("largest magnitude of the friction force", "N")
+    N_mean = Variable("mean normal force, the time apart included", "N")
+    N_slip = Variable("mean normal force while the faces slip; NaN if they do not", "N")
+    friction_work = Variable("work that friction takes in a drive period, on average", "J")
+    slip = Variable("path of the slider on the face in a drive period, on average; NaN for own laws", "m")
+    archard = Variable("integral of N |u_s'| over a drive period, on average: friction work / mu", "J")
+    impacts = Variable("contacts that begin from a gap in a drive period, on average", "1")
+    approach_max = Variable("largest closing speed of an impact; 0 without any", "m s-1")
+    approach_mean = Variable("mean closing speed of impacts; NaN without any", "m s-1")
+    impulse_max = Variable("largest impulse of the normal force in one contact; 0 if none ends", "N s")
+    impulse_mean = Variable("mean impulse of the normal force of an impact; NaN without any", "N s")
