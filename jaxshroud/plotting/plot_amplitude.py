@@ -19,6 +19,7 @@ from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,
     GREEN,
+    GREY,
     INK,
     LENGTHS,
     ORANGE,

@@ -25,7 +25,7 @@ from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.sweep import sweep
 
 RESPONSES = tuple(f"{name}_{kind}" for name in DISPLACEMENT_NAMES for kind in ("peak", "rms"))
-MAX_TRIED_PLACES = 8  # at which an orbit to begin with is sought
+MAX_TRIED_PLACES = 4  # at which an orbit to begin with is sought
 FREE_VALUES, FREE_ZOOMS = 2001, 4  # values at which the free amplitude is looked at, and how often more closely
 
 
@@ -136,11 +136,10 @@ def _member(
 
 
 def _places(swept: SweepResult, values: np.ndarray, own: float) -> list[float]:
-    """Where the branch may begin: values at which the sweep from rest has settled on an orbit, the shortest first."""
+    """Where the branch may begin: values at which the sweep from rest has an orbit, settled and short ones first."""
     lanes = swept.data.sel(direction="independent")
     number, settled = lanes["period_number"].to_numpy(), lanes["settled"].to_numpy() == 1
-    candidates = np.flatnonzero((number > 0) & settled)
-    order = sorted(candidates.tolist(), key=lambda i: (number[i], abs(values[i] - own)))
+    order = sorted(range(len(values)), key=lambda i: (number[i] == 0, not settled[i], number[i], abs(values[i] - own)))
     return [float(values[i]) for i in order[:MAX_TRIED_PLACES]]
 
 
