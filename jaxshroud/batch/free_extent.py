@@ -51,13 +51,13 @@ def free_extent(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple
     q = free_course(scene, first, turns, t).displacement
     inner = q[1:-1]
     moments = Moments(*(_in_pairs(jnp.einsum("n,nbi->bi", weights, a)) for a in (inner, inner**2)))
-    highest = _refined(scene, first, turns, t, q, jnp.argmax(q, axis=0))
-    lowest = _refined(scene, first, turns, t, q, jnp.argmin(q, axis=0))
+    highest = _at_turn(scene, first, turns, t, q, jnp.argmax(q, axis=0))
+    lowest = _at_turn(scene, first, turns, t, q, jnp.argmin(q, axis=0))
     highest, lowest = jnp.maximum(highest, jnp.max(q, axis=0)), jnp.minimum(lowest, jnp.min(q, axis=0))
     return moments, DisplacementRange(_in_pairs(highest), _in_pairs(lowest))
 
 
-def _refined(
+def _at_turn(
     scene: Scene,
     first: Motion,
     turns: Scalar,

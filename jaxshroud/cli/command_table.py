@@ -12,10 +12,10 @@ from jaxshroud.cli.option_table import (
     Option,
     shared_option,
 )
+from jaxshroud.march.method_names import RESPONSES
 
 # Pictures of a run: pages of panels and single panels.
 RUN_KINDS = ("motion", "forces", "all", "history", "phase", "poincare", "spectrum", "ribbon", "loop", "path")
-RESPONSES = tuple(f"{q}_{kind}" for q in ("x", "y", "theta") for kind in ("peak", "rms"))
 SWEEP_KINDS = ("amplitude",)  # of a sweep, beside its own picture
 PICTURE_KINDS = (*RUN_KINDS, *SWEEP_KINDS)
 UNITS = ("mm", "um", "m", "gap")

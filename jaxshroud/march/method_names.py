@@ -1,4 +1,4 @@
-"""The names of the methods; free of JAX and NumPy, as the command line needs them at start-up."""
+"""The words that commands and verbs take: methods, ways to locate events, and amplitudes."""
 
 from typing import Literal
 
@@ -7,3 +7,4 @@ METHODS = (*TABLEAUS, "taylor")
 # "bisection": halve the bracket; "cubic": take the root of the guard's cubic; "none": change the mode at the end of the
 # step (first order, for comparison only); "series": take the root of the guard's power series
 Locate = Literal["bisection", "cubic", "none", "series"]
+RESPONSES = tuple(f"{q}_{kind}" for q in ("x", "y", "theta") for kind in ("peak", "rms"))  # amplitudes over a number

@@ -19,7 +19,7 @@ from jaxshroud.model.friction import Springs, contact_energy, normal_force, slip
 from jaxshroud.model.geometry import Case, ContactKinematics, contact_rates, is_upper, tip_is_left
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import Displacements, Ledger, end_torques, law_forces, stored_energy
+from jaxshroud.model.rhs import ContactLoads, Displacements, Ledger, end_torques, law_forces, stored_energy
 from jaxshroud.model.series import polynomial_value, polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 
@@ -176,10 +176,16 @@ def closing_speed(z: Motion, state: State, model: Model) -> Scalar:
 
 
 def updated_impacts(
-    before: Impacts, impulse: Scalar, speed: Scalar, onset: Bool[Array, ""], separation: Bool[Array, ""]
+    before: Impacts,
+    loads: ContactLoads | None,
+    speed: Scalar | None,
+    onset: Bool[Array, ""],
+    separation: Bool[Array, ""],
 ) -> Impacts:
-    """The impacts after a trial with an `impulse` that ends at a closing `speed`, perhaps in an event."""
-    now = before.now + impulse
+    """The impacts after a trial with these `loads` that ends at a closing `speed`, perhaps in an event."""
+    assert loads is not None  # it is kept with impacts, as is the speed
+    assert speed is not None
+    now = before.now + loads.N
     return Impacts(
         before.number + where(onset, 1.0, 0.0),
         where(onset, jnp.maximum(before.approach, speed), before.approach),
@@ -193,27 +199,27 @@ def updated_range(before: DisplacementRange, start: Motion, z: Motion, h: Scalar
     """The range of the displacements after a trial step of `h` seconds from the motion `start` to `z`."""
     rates = lambda z: (z.v_x, z.v_y, z.v_theta)
 
-    def within(a: Scalar, b: Scalar, rate_a: Scalar, rate_b: Scalar) -> _Interval:
+    def within(a: Scalar, b: Scalar, rate_a: Scalar, rate_b: Scalar) -> _Extent:
         cubic = HermiteCubic(a, b, rate_a * h, rate_b * h)
         s, turns = _turning_point(cubic)
-        return _interval(a, b, where(turns, cubic(s), b))
+        return _extent_of(a, b, where(turns, cubic(s), b))
 
     ends = displacements_of(start), displacements_of(z), rates(start), rates(z)
     return merged_range(before, _range_of(jax.tree.map(within, *ends)))
 
 
-class _Interval(NamedTuple):
+class _Extent(NamedTuple):
     highest: Scalar
     lowest: Scalar
 
 
-def _interval(*values: Scalar) -> _Interval:
-    return _Interval(reduce(jnp.maximum, values), reduce(jnp.minimum, values))
+def _extent_of(*values: Scalar) -> _Extent:
+    return _Extent(reduce(jnp.maximum, values), reduce(jnp.minimum, values))
 
 
 def _range_of(intervals: Any) -> DisplacementRange:
     """The range from the interval of each displacement."""
-    end = lambda i: jax.tree.map(lambda a: a[i], intervals, is_leaf=lambda a: isinstance(a, _Interval))
+    end = lambda i: jax.tree.map(lambda a: a[i], intervals, is_leaf=lambda a: isinstance(a, _Extent))
     return DisplacementRange(end(0), end(1))
 
 
@@ -274,11 +280,11 @@ def midpoint_magnitudes(expansion: TaylorExpansion, order: int, s: Scalar) -> Di
 
 def taylor_range(expansion: TaylorExpansion, order: int, s: Scalar) -> DisplacementRange:
     """The range of the displacements within `s` radians."""
-    within = lambda a: a if is_absent(a) else _polynomial_interval(a.coefficients(order), s)
+    within = lambda a: a if is_absent(a) else _polynomial_extent_of(a.coefficients(order), s)
     return _range_of(tuple(tuple(map(within, pair)) for pair in displacements_of(expansion.motion)))
 
 
-def _polynomial_interval(c: Coefficients, s: Scalar) -> _Interval:
+def _polynomial_extent_of(c: Coefficients, s: Scalar) -> _Extent:
     """The interval of a polynomial's values within `s`; in each part it turns once at most."""
     width, values = s / TRIAL_PARTS, [c[0]]
     end = c[0], c[1]
@@ -291,7 +297,7 @@ def _polynomial_interval(c: Coefficients, s: Scalar) -> _Interval:
         slope, bend = polynomial_value_and_rate(_derivative(c), at)
         at = jnp.clip(at - slope / where(turns & (bend != 0), bend, jnp.inf), low, low + width)
         values += [end[0], where(turns, polynomial_value(c, at), end[0])]
-    return _interval(*values)
+    return _extent_of(*values)
 
 
 def taylor_peaks(expansion: TaylorExpansion, order: int, s: Scalar, state: State, spring: Springs) -> ContactPeaks:

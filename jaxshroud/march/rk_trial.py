@@ -174,7 +174,7 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, m
         lambda counters: count_event(counters, transition, fire, search.inside),
         lambda before: updated_extrema(before, start, z, h, start.mode == Mode.APART, onset, model),
         lambda before: updated_peaks(before, start, z, h, model),
-        lambda before: updated_impacts(before, gain.loads.N, closing_speed(z, start, model), onset, separation),
+        lambda before: updated_impacts(before, gain.loads, closing_speed(z, start, model), onset, separation),
         lambda before: updated_range(before, start.motion, z, h),
     )
     tally = updated_tally(lane.tally, gain, jumps, h, start.mode, view.at.v, displacements_of(z), log_updates)

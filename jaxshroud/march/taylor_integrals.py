@@ -53,10 +53,9 @@ def integrated_moments(expansion: TaylorExpansion, order: int, s: Scalar) -> Mom
     """The moments of the displacements over `s` radians."""
     z, unit = expansion.motion, expansion.unit
     each = lambda f: tuple(tuple(a if is_absent(a) else f(a) * unit for a in pair) for pair in (z.x, z.y, z.theta))
-    return Moments(
-        each(lambda a: polynomial_value(_integrated(a, order), s)),
-        each(lambda a: _integrated_square(a.coefficients(order), order, s)),
-    )  # pyright: ignore[reportArgumentType]
+    first = each(lambda a: polynomial_value(_integrated(a, order), s))
+    second = each(lambda a: _integrated_square(a.coefficients(order), order, s))
+    return Moments(first, second)  # pyright: ignore[reportArgumentType]
 
 
 def _integrated_square(coefficients: tuple[Scalar, ...], order: int, s: Scalar) -> Scalar:

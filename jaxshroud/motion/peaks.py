@@ -78,7 +78,7 @@ def _maximum(
         s = _vertex([one[:2] for one in nearest])
         if not places[0] < s < places[2] or abs(s - nearest[0][0]) <= PLACED * (places[2] - places[0]):
             break
-        guess = _interpolated([(one[0], one[2].y) for one in nearest], s)
+        guess = _parabola_at([(one[0], one[2].y) for one in nearest], s)
         start = nearest[0][2].cycle
         point = yield from corrected_point(problem, guess, normal, start.start, start.q)
         if point is None:
@@ -96,7 +96,7 @@ def _vertex(points: Sequence[tuple[float, float]]) -> float:
     return b - ((b - a) * right - (b - c) * left) / (2 * (right - left)) if right != left else math.nan
 
 
-def _interpolated(points: Sequence[tuple[float, np.ndarray]], s: float) -> np.ndarray:
+def _parabola_at(points: Sequence[tuple[float, np.ndarray]], s: float) -> np.ndarray:
     """The value at `s` of the parabola through three vectors."""
     total = np.zeros_like(points[0][1])
     for k, (s_k, y) in enumerate(points):

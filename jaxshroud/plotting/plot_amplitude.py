@@ -59,7 +59,7 @@ def amplitude_unit(of: str, largest: float, look: Look) -> AmplitudeUnit:
     return AmplitudeUnit(factor, f"{label} [{text}]")
 
 
-class Amplitudes(NamedTuple):
+class AmplitudeContent(NamedTuple):
     """The amplitudes of a sweep along one number."""
 
     ds: xr.Dataset
@@ -67,7 +67,7 @@ class Amplitudes(NamedTuple):
     look: Look
 
 
-def amplitude_page(ds: xr.Dataset, look: Look) -> Page[Amplitudes]:
+def amplitude_page(ds: xr.Dataset, look: Look) -> Page[AmplitudeContent]:
     """The amplitudes of the left blade's x, y and theta over the number of a sweep, with the free ones dashed.
 
     Raises:
@@ -77,16 +77,16 @@ def amplitude_page(ds: xr.Dataset, look: Look) -> Page[Amplitudes]:
         raise InputError("This sweep has no amplitudes; run it again with --amplitudes.")
     dim = str(ds.attrs["axes"])
     if "," in dim:
-        raise InputError("Amplitudes are drawn over one number; this sweep is along two.")
+        raise InputError("AmplitudeContent are drawn over one number; this sweep is along two.")
     ds = ds.sortby(dim)
     names = [name for name in COORDINATES if float(np.nanmax(ds[f"{name}_peak"].to_numpy(), initial=0.0)) > 0]
     panels = [Panel(name, lambda panel, shown, name=name: _draw_amplitude(panel, shown, name)) for name in names or "x"]
-    content = Amplitudes(ds, parameter_axis(ds[dim], look), look)
+    content = AmplitudeContent(ds, parameter_axis(ds[dim], look), look)
     size = COLUMN_WIDTH, 0.7 + 1.6 * len(panels)
     return Page(content, panels, title_of(ds), size, shared="x", finish=_finish_amplitudes)
 
 
-def _draw_amplitude(panel: Axes, shown: Amplitudes, name: str) -> None:
+def _draw_amplitude(panel: Axes, shown: AmplitudeContent, name: str) -> None:
     ds, axis, look = shown
     left = ds.isel(blade=0)
     levels = left[f"{name}_peak"].to_numpy()
@@ -96,10 +96,10 @@ def _draw_amplitude(panel: Axes, shown: Amplitudes, name: str) -> None:
     free = free.isel(direction=0) if "direction" in free.dims else free
     panel.plot(axis.values, free.to_numpy() * unit.factor, **FREE_LOOK)
     panel.set(xlabel=axis.label, ylabel=unit.label)
-    panel.set_ylim(*_limits(levels * unit.factor, free.to_numpy() * unit.factor))
+    panel.set_ylim(*_amplitude_limits(levels * unit.factor, free.to_numpy() * unit.factor))
 
 
-def _limits(levels: PlotArray, free: PlotArray) -> tuple[float, float]:
+def _amplitude_limits(levels: PlotArray, free: PlotArray) -> tuple[float, float]:
     """An axis from 0 that shows all amplitudes, and the free ones where these are not many times larger."""
     top, most = float(np.nanmax(levels, initial=0.0)), float(np.nanmax(free, initial=0.0))
     return 0.0, 1.06 * (max(top, most) if most < 4 * top else 1.6 * top) or 1.0
@@ -116,7 +116,7 @@ def _draw_directions(panel: Axes, ds: xr.Dataset, values: PlotArray, name: str, 
         panel.plot(values, level, marker=marker, ms=size, mew=0, color=color, **line)
 
 
-def _finish_amplitudes(figure: AnyFigure, axes: Mapping[str, Axes], shown: Amplitudes) -> None:
+def _finish_amplitudes(figure: AnyFigure, axes: Mapping[str, Axes], shown: AmplitudeContent) -> None:
     panels = [*axes.values()]
     panels[-1].set(xlim=shown.axis.edges[[0, -1]])
     figure.align_ylabels(panels)
@@ -167,7 +167,7 @@ def response_page(ds: xr.Dataset, look: Look) -> Page[ResponseContent]:
 
 def _draw_response(panel: Axes, shown: ResponseContent) -> None:
     ds, axis, factor = shown.ds, shown.axis, shown.unit.factor
-    levels, name = [], shown.of.split("_")[0]
+    levels, free, name = [], np.zeros(0), shown.of.split("_")[0]
     share = 1.0 if shown.of.endswith("peak") else np.sqrt(0.5)
     for i, points in enumerate(shown.points):
         member = ds.isel(member=i, blade=0)
@@ -183,7 +183,7 @@ def _draw_response(panel: Axes, shown: ResponseContent) -> None:
         panel.plot(places[order], tops[order], ":", color=INK, lw=0.7, zorder=2)
     panel.plot(places, tops, "^", ms=3.5, mfc="white", mec=INK, mew=0.6, zorder=4)
     every = np.concatenate([*levels, tops])
-    panel.set(xlabel=axis.label, ylabel=shown.unit.label, ylim=_limits(every, free))
+    panel.set(xlabel=axis.label, ylabel=shown.unit.label, ylim=_amplitude_limits(every, free))
 
 
 def _dim_of(ds: xr.Dataset, of: str) -> str:

@@ -109,7 +109,7 @@ class Orbit(WithAmplitudes, Result):
         rows = [_orbit_row(cycle) for cycle in cycles]
         values = {name: lanes_in_shape([row[name] for row in rows], shape) for name in rows[0]}
         first = cycles[0]
-        values |= {name: lanes_in_shape(a, shape) for name, a in (amplitudes or {}).items()}
+        values |= {name: lanes_in_shape([*a], shape) for name, a in (amplitudes or {}).items()}
         values |= {"method": str(first.method), "steps_per_period": first.steps_per_period}
         result = cls.from_values(values, coords=COORDS, **labels)
         result.scenes = jax.tree.map(lambda *a: lanes_in_shape(a, shape), *(cycle.scene for cycle in cycles))

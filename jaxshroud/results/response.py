@@ -123,10 +123,12 @@ class Response(Result):
 
         `shift` is the relative distance of its value from that of the peak without contact.
         """
-        names = ("member", "value", "amplitude", "q", "stable", "low", "high", "zeta")
+        names: tuple[str, ...] = ("member", "value", "amplitude", "q", "stable", "low", "high", "zeta")
         columns = [getattr(self, f"peak_{name}") for name in names]
         reasons = str(self.data.attrs["peak_reasons"]).split("; ")
-        rows = [dict(zip(names, row, strict=True)) for row in zip(*(a.tolist() for a in columns), strict=True)]
+        rows: list[dict[str, Any]] = [
+            dict(zip(names, row, strict=True)) for row in zip(*(a.tolist() for a in columns), strict=True)
+        ]
         for row, reason in zip(rows, reasons, strict=False):
             row["shift"] = row["value"] / float(self.free_value[row["member"]]) - 1
             row["reason"] = reason

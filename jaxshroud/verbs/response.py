@@ -7,6 +7,7 @@ from jaxtyping import ArrayLike
 
 from jaxshroud.batch.runs import Progress
 from jaxshroud.march.method import Method
+from jaxshroud.march.method_names import RESPONSES
 from jaxshroud.motion.amplitudes import DISPLACEMENT_NAMES, free_amplitudes
 from jaxshroud.motion.gradient import with_numbers
 from jaxshroud.motion.peaks import branch_peaks
@@ -24,7 +25,6 @@ from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.sweep import sweep
 
-RESPONSES = tuple(f"{name}_{kind}" for name in DISPLACEMENT_NAMES for kind in ("peak", "rms"))
 MAX_TRIED_PLACES = 4  # at which an orbit to begin with is sought
 FREE_VALUES, FREE_ZOOMS = 2001, 4  # values at which the free amplitude is looked at, and how often more closely
 
@@ -147,10 +147,10 @@ def _free_peak(scene: Scene, along: str, low: float, high: float, of: str) -> tu
     """Where an amplitude without contact is largest in a range, and that amplitude."""
     name, kind = of.split("_")
     share = 1.0 if kind == "peak" else np.sqrt(0.5)
-    numbered, ends = with_numbers(scene, [along]), (low, high)
+    numbered, values, level = with_numbers(scene, [along]), np.array([low, high]), 0.0
     for _ in range(FREE_ZOOMS):
-        values = np.linspace(*ends, FREE_VALUES)
+        values = np.linspace(values[0], values[-1], FREE_VALUES)
         levels = free_amplitudes(scenes_at(numbered, [along], values[:, None]))[DISPLACEMENT_NAMES.index(name)][:, 0]
         top = int(levels.argmax())
-        ends = float(values[max(top - 1, 0)]), float(values[min(top + 1, FREE_VALUES - 1)])
-    return float(values[top]), float(levels[top] * share)
+        values, level = values[max(top - 1, 0) : top + 2], float(levels[top])
+    return float(values[len(values) // 2]), level * share
