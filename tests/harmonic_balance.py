@@ -7,10 +7,11 @@ time). It shares no line with the package; torsion is left out, so that penetrat
 
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from scipy.optimize import root
 
-SAMPLES = 1024  # in a period, of the contact forces
+SAMPLES = 1000  # in a period, of the contact forces
 PUSH = 1e-7  # of the largest coefficient, of differences
 
 
@@ -28,8 +29,8 @@ class Oscillator(NamedTuple):
     contact: tuple[float, float, float]  # k, k_d, mu
 
 
-class Response(NamedTuple):
-    """A periodic motion: coefficients of 1, cos and sin of each harmonic, and samples over a period."""
+class PeriodicResponse(NamedTuple):
+    """A periodic motion: coefficients of 1, cos, sin, cos 2, sin 2, ..., and samples over a period."""
 
     coefficients: np.ndarray  # (coordinates, 1 + 2 harmonics)
     q: np.ndarray  # (coordinates, samples)
@@ -37,17 +38,21 @@ class Response(NamedTuple):
 
 def oscillator(scene) -> Oscillator:
     """The numbers of a scene without torsion."""
-    blades = range(2 if scene.parts.neighbour == "blade" else 1)
-    part = [(name, i) for name in scene.parts.motion for i in blades]
-    b, d, alpha, sides = scene.blades, scene.drive, float(scene.shroud.alpha), (1.0, -1.0)
-    of_blades = {"m_x": b.m, "m_y": b.inertia_y, "c_x": b.c_x, "c_y": b.c_y, "k_x": b.k_x, "k_y": b.k_y}
-    m, c, k = (np.array([float(of_blades[f"{letter}_{name}"][i]) for name, i in part]) for letter in "mck")
-    turned = {"x": np.cos(d.beta), "y": np.sin(d.beta)}
-    drive = np.array([complex(-1j * d.F_0[i] * turned[name][i] * np.exp(1j * d.phase[i])) for name, i in part])
-    across, along = {"x": np.sin(alpha), "y": -np.cos(alpha)}, {"x": np.cos(alpha), "y": np.sin(alpha)}
-    v_q, u_q = (np.array([sides[i] * face[name] for name, i in part]) for face in (across, along))
-    springs = float(scene.k), float(scene.friction.k_d), float(scene.friction.mu)
-    return Oscillator(m, c, k, drive, float(d.omega), v_q, u_q, -float(scene.shroud.gap) * np.sin(alpha), springs)
+    b, d, face, friction = jax.tree.map(np.asarray, (scene.blades, scene.drive, scene.shroud, scene.friction))
+    moving = [(way, i) for way in scene.parts.motion for i in range(2 if scene.parts.neighbour == "blade" else 1)]
+    of_each = lambda x, y: np.array([{"x": x, "y": y}[way][i] for way, i in moving])
+    left_less_right, wave = np.array([1.0, -1.0]), -1j * d.F_0 * np.exp(1j * d.phase)
+    return Oscillator(
+        m=of_each(b.m, b.inertia_y),
+        c=of_each(b.c_x, b.c_y),
+        k=of_each(b.k_x, b.k_y),
+        drive=of_each(wave * np.cos(d.beta), wave * np.sin(d.beta)),
+        omega=float(d.omega),
+        v_q=of_each(left_less_right * np.sin(face.alpha), -left_less_right * np.cos(face.alpha)),
+        u_q=of_each(left_less_right * np.cos(face.alpha), left_less_right * np.sin(face.alpha)),
+        v_0=float(-face.gap * np.sin(face.alpha)),
+        contact=(float(scene.k), float(friction.k_d), float(friction.mu)),
+    )
 
 
 def contact_forces(v: np.ndarray, u: np.ndarray, contact: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -69,23 +74,23 @@ def contact_forces(v: np.ndarray, u: np.ndarray, contact: tuple[float, float, fl
 
 
 class Balance(NamedTuple):
-    """The equations of so many harmonics and a mean, for sets of coefficients in one row or many."""
+    """The equations of so many harmonics and a mean, for one set of coefficients or a leading axis of them."""
 
     system: Oscillator
-    basis: np.ndarray  # (1 + 2 harmonics, samples): 1, cosines and sines
-    order: np.ndarray  # of the harmonic of each coefficient
+    order: np.ndarray  # (1 + 2 harmonics,): 0, 1, 1, 2, 2, ... of 1, cos and sin of each harmonic
+    basis: np.ndarray  # (1 + 2 harmonics, samples)
 
-    def stiffness(self, X: np.ndarray) -> np.ndarray:
-        """What the blades alone take of coefficients (..., coordinates, 1 + 2 harmonics)."""
-        system, turning = self.system, self.order * self.system.omega
-        half = len(self.order) // 2
-        rate = np.concatenate([0 * X[..., :1], X[..., half + 1 :], -X[..., 1 : half + 1]], axis=-1) * turning
-        return (system.k[:, None] - system.m[:, None] * turning**2) * X + system.c[:, None] * rate
+    def linear_forces(self, X: np.ndarray) -> np.ndarray:
+        """Coefficients of m q'' + c q' + k q."""
+        turning, rate = self.order * self.system.omega, np.zeros_like(X)
+        rate[..., 1::2], rate[..., 2::2] = X[..., 2::2], -X[..., 1::2]
+        m, c, k = (one[:, None] for one in self.system[:3])
+        return (k - m * turning**2) * X + c * turning * rate
 
     def drive(self) -> np.ndarray:
         """Coefficients of the drive."""
         found = np.zeros((len(self.system.m), len(self.order)))
-        found[:, 1], found[:, len(self.order) // 2 + 1] = self.system.drive.real, -self.system.drive.imag
+        found[:, 1], found[:, 2] = self.system.drive.real, -self.system.drive.imag
         return found
 
     def contact(self, X: np.ndarray) -> np.ndarray:
@@ -97,9 +102,9 @@ class Balance(NamedTuple):
         return np.moveaxis(forces, 0, -1) @ (self.basis.T * weights)
 
     def residual(self, rows: np.ndarray) -> np.ndarray:
-        """What is left of the equations."""
+        """What is left of the equations at coefficients in one row, or in many."""
         X = rows.reshape(*rows.shape[:-1], len(self.system.m), len(self.order))
-        return (self.stiffness(X) + self.contact(X) - self.drive()).reshape(rows.shape)
+        return (self.linear_forces(X) + self.contact(X) - self.drive()).reshape(rows.shape)
 
     def slopes(self, row: np.ndarray) -> np.ndarray:
         """The derivative of the residual, by differences of all coefficients at once."""
@@ -107,20 +112,25 @@ class Balance(NamedTuple):
         return (self.residual(row + push * np.eye(row.size)) - self.residual(row)).T / push
 
 
-def balanced(system: Oscillator, harmonics: int, guess: np.ndarray | None = None, samples: int = SAMPLES) -> Response:
-    """The response with so many harmonics; Newton's method starts from a guess, or as if nothing touched."""
-    one = np.arange(1, harmonics + 1)
-    phase = 2 * np.pi / samples * np.outer(one, np.arange(samples))
-    basis = np.concatenate([np.ones((1, samples)), np.cos(phase), np.sin(phase)])
-    equations = Balance(system, basis, np.concatenate([[0], one, one]))
+def balanced(
+    system: Oscillator, harmonics: int, guess: np.ndarray | None = None, samples: int = SAMPLES
+) -> PeriodicResponse:
+    """The response with so many harmonics; Newton's method starts from that with fewer, or as if nothing touched.
+
+    Raises:
+        ArithmeticError: Newton's method has found none.
+    """
+    order = (np.arange(2 * harmonics + 1) + 1) // 2
+    phase = 2 * np.pi / samples * np.outer(order, np.arange(samples))
+    basis = np.where(np.arange(len(order))[:, None] % 2 == 0, np.sin(phase), np.cos(phase))
+    basis[0] = 1.0
     if guess is None:
         free = system.drive / (system.k - system.m * system.omega**2 + 1j * system.omega * system.c)
         guess = np.stack([0 * free.real, free.real, -free.imag], axis=-1)
-    known = (guess.shape[-1] - 1) // 2
-    start = np.zeros((len(system.m), len(basis)))
-    start[:, : known + 1], start[:, harmonics + 1 : harmonics + known + 1] = guess[:, : known + 1], guess[:, known + 1 :]
+    equations, start = Balance(system, order, basis), np.zeros((len(system.m), len(order)))
+    start[:, : guess.shape[-1]] = guess
     found = root(equations.residual, start.ravel(), jac=equations.slopes, options={"xtol": 1e-12})
     if np.max(np.abs(found.fun)) > 1e-8 * np.max(np.abs(system.drive)):
         raise ArithmeticError(f"{harmonics} harmonics: {found.message}")
     X = found.x.reshape(start.shape)
-    return Response(X, X @ basis)
+    return PeriodicResponse(X, X @ basis)
