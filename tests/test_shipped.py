@@ -6,7 +6,7 @@ from jaxshroud import Status, load, method_for, scenes_from, shipped, simulate
 from jaxshroud.march.method import RungeKutta
 from jaxshroud.march.stability import ACCURACY_LIMIT, largest_frequency
 
-PRINTED = [name for name in shipped() if not name.endswith("_best") and name != "table1_light"]
+PRINTED = [name for name in shipped() if not name.endswith("_best") and name not in ("table1_light", "engine_order")]
 OTHERS = [name for name in shipped() if name not in PRINTED]
 
 

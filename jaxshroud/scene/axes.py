@@ -6,10 +6,11 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from jaxshroud.scene.checks import MAX_VALUES
+from jaxshroud.scene.derived_inputs import check_known
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.keys import Key, find_key
 from jaxshroud.scene.messages import fail, problem_text, toml_text
-from jaxshroud.scene.overrides import literal
+from jaxshroud.scene.overrides import check_is_no_speed, literal
 from jaxshroud.scene.schema import SweepTable, number_type
 
 
@@ -41,6 +42,7 @@ def axis(
     """
     where = where or f"--along {key}"
     row, _ = find_key(key, where)
+    check_known(key, scene_file.given, where)
     if row.name == "contact.width" and scene_file.tables["parts"]["contact"] != "smooth":
         fail(where, 'the scene\'s contact is not smooth and has no width; add [parts] contact = "smooth"')
     ends = [start, stop, num]
@@ -48,6 +50,8 @@ def axis(
         fail(where, "needs either values, or start, stop and num")
     given = [start, stop] if values is None else _value_list(values)
     _same_units(where, given)
+    for value in given:
+        check_is_no_speed(where, row.name, value, scene_file.given.get("drive.engine_order"))
     points = _values_in_range(where, row, [literal(v) if isinstance(v, str) else v for v in given])
     size = len(points) if num is None else num
     if size < 2 or len(set(points)) < 2:

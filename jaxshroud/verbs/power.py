@@ -25,7 +25,7 @@ from jaxshroud.motion.statistics import confidence_interval
 from jaxshroud.results.power import PowerResult
 from jaxshroud.scene.checks import InputError, tolerance_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import missed_lanes, warn_missed
@@ -194,7 +194,7 @@ def power(
         raise InputError(f"Argument `stable_within` must be positive, but is {stable_within}.")
     tolerance_argument("period_tol", period_tol)
     march = plan_march(resolved, lanes, FAST_WITH_LEDGER)
-    scenes = in_precision(lanes, march.method.precision)
+    scenes = in_precision(without_given(lanes), march.method.precision)
     summaries, chatter = _run_longer(
         resolved, scenes, resolved.states(state, scenes), march, stable_within, period_tol, progress
     )

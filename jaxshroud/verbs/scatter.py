@@ -13,7 +13,6 @@ from jaxshroud.march.method import Method
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import stiffnesses
-from jaxshroud.motion.gradient import with_numbers
 from jaxshroud.motion.statistics import saltelli_rows, variance_indices
 from jaxshroud.results.scatter import Scatter
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument
@@ -21,7 +20,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.scene.vary import value_of
+from jaxshroud.scene.vary import value_of, with_numbers
 from jaxshroud.verbs.design_problem import check_bounds
 from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
