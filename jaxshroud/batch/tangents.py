@@ -37,7 +37,9 @@ from jaxshroud.model.friction import stretch
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State, has_torsion, prepared_model
 from jaxshroud.model.rhs import parallel_mean
-from jaxshroud.scene.numbers import moved
+from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, worked_out
+from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.numbers import given_of, numbers_of
 from jaxshroud.scene.scene import Scene, without_given
 
 LANES_PER_FLOW = (16, 64)  # for few and for many lanes: a loop of fewer does not amortise its dispatch
@@ -269,7 +271,7 @@ class TangentProblem(NamedTuple):
         """The scenes and the states of its lanes."""
         lanes, state, scene = self.lanes, in_scene_precision(self.state, self.scene), without_given(self.scene)
         still = [jax.tree.map(np.zeros_like, scene)] * (lanes - len(self.directions))
-        along = jax.tree.map(lambda *a: np.stack(a), *still, *map(without_given, self.directions))
+        along = jax.tree.map(lambda *a: np.stack(a), *still, *self.directions)
         unit = np.zeros((lanes, STATE_SIZE), scene.drive.omega.dtype)
         unit[: self.by_start] = np.eye(STATE_SIZE)[: self.by_start]
         shift = from_vector(unit, None, None)
@@ -316,6 +318,20 @@ def tangents(
 
 
 def direction(scene: Scene, key: str) -> Scene:
-    """The derivative of scenes by one of their own numbers or inputs, or by one of both blades together."""
-    zero = np.zeros((), scene.drive.omega.dtype)
-    return jax.jvp(lambda more: moved(scene, key, more), (zero,), (np.ones_like(zero),))[1]
+    """The derivative of scenes by one of their own numbers or inputs, or by that of both blades together.
+
+    Numbers that are worked out from it move with it. What the scenes are given by is left out.
+    """
+    (row, blade), numbers, given = find_key(key), numbers_of(scene), given_of(scene)
+    holder = given if row.name in DERIVED_BY_KEY else numbers
+    old = holder[row.name]
+    unit = np.broadcast_to(np.ones(()) if blade is None else np.eye(2)[blade], old.shape).astype(old.dtype)
+
+    def dependent(value: Any) -> dict[str, Any]:
+        parts = ({**part, row.name: value} if part is holder else part for part in (numbers, given))
+        return worked_out(*parts, {row.name})
+
+    rates = jax.jvp(dependent, (old,), (unit,))[1] if given else {}
+    rates |= {} if holder is given else {row.name: unit}
+    places = lambda s: [getattr(getattr(s, table), name) for table, name in (name.split(".") for name in rates)]
+    return eqx.tree_at(places, jax.tree.map(np.zeros_like, without_given(scene)), list(rates.values()))

@@ -89,7 +89,7 @@ def orbit_gradient(orbit: PeriodicOrbit, wrt: Sequence[str], of: Quantity = "P_d
     )
     shift = moved_start(tangents.by_state, by_numbers.by_parameter, orbit.slider_is_free)
     power_by = by_numbers.power_by_parameter + tangents.power_by_state @ shift
-    repeated = repeat_lane((scene, tangents.power), len(wrt))
+    repeated = repeat_lane((without_given(scene), tangents.power), len(wrt))
     slope = directional_derivatives(*repeated, stacked(directions), power_by.T, of)
     level = orbit.P_d if of == "P_d" else float(orbit.P[0])
     zeros = np.zeros(len(wrt))

@@ -9,7 +9,6 @@ import numpy as np
 
 from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.derived_inputs import consistent
-from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.replacing import renamed_numbers, replace_numbers
 from jaxshroud.scene.scene import Scene
 
@@ -60,13 +59,6 @@ def replaced(scene: Scene, values: Mapping[str, Any]) -> Scene:
     else:
         numbers, given, values = (_on_host(part) for part in (numbers, given, values))
     return _with_leaves(scene, numbers, *replace_numbers(numbers, given, values, lanes))
-
-
-def moved(scene: Scene, key: str, more: Any) -> Scene:
-    """The scene with `more` added to one of its own numbers or inputs, for both blades if the key names neither."""
-    row, blade = find_key(key)
-    old = {**fields_of(scene), **inputs_of(scene)}[row.name]
-    return replaced(scene, {key: (old if blade is None else old[..., blade]) + more})
 
 
 def expressed_by(scene: Scene, values: Mapping[str, Any]) -> Scene:

@@ -117,7 +117,7 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarra
     scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
     n_lanes = len(u) * rows * len(keys)
     per_key = lambda tree: jax.tree.map(lambda a: np.repeat(np.asarray(a), len(keys), axis=0), tree)
-    key_directions = [without_given(direction(scenes, key)) for key in keys]
+    key_directions = [direction(scenes, key) for key in keys]
     scenes = without_given(scenes)
     rate = (np.repeat(rates, rows, axis=0) * np.tile(problem.stretch, (len(u), 1))).ravel()
     directions = jax.tree.map(lambda *a: np.stack(a, axis=1).reshape(-1, *a[0].shape[1:]), *key_directions)

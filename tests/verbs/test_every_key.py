@@ -1,0 +1,183 @@
+"""Every way to give a number is a key, along every verb: each gives, bit for bit, the scenes of overrides."""
+
+import argparse
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+import xarray as xr
+
+import jaxshroud as js
+from jaxshroud.batch.tangents import direction
+from jaxshroud.cli.option_table import Along
+from jaxshroud.cli.run_options import bounds, operating_conditions, scatters
+from jaxshroud.cli.sweep import with_axes
+from jaxshroud.io.scene_numbers import dimension, key_attrs, scene_text_of_lane, scenes_from_dataset
+from jaxshroud.motion.branch import ContinuationProblem
+from jaxshroud.scene.checks import KeyNameError
+from jaxshroud.scene.config import load, parse
+from jaxshroud.scene.grids import grid_of_scenes
+from jaxshroud.scene.keys import ALL_KEYS
+from jaxshroud.scene.numbers import numbers_of
+from jaxshroud.scene.vary import with_numbers
+from jaxshroud.verbs.design_problem import Problem, problem_of, scenes_of
+from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.scattering import scatter_bounds, scattering_of
+
+SMOOTH = ("parts.contact=smooth", "contact.width=1 um")
+FILES = {  # a scene as a designer has it, with different blades, and one of plain numbers
+    "given": ("engine_order", ("blades.f_x=[95, 97]", "blades.zeta_y=[0.003, 0.004]", *SMOOTH)),
+    "plain": ("table1", SMOOTH),
+}
+SPEED = ("drive.speed", "drive.engine_order")  # which need each other
+CASES = [(name, key) for name in FILES for key in ALL_KEYS if not (name == "plain" and key in SPEED)]
+every_key = pytest.mark.parametrize(("name", "key"), CASES, ids=lambda word: word)
+
+
+@cache
+def file_of(name, *overrides):
+    """One of the files, with overrides."""
+    scene, own = FILES[name]
+    return load(scene, [*own, *overrides])
+
+
+@cache
+def two_values(name, key):
+    """Two values of a number that are not round, the smaller first."""
+    level = float(np.mean(own_values(file_of(name).scene, key))) or 0.01
+    return tuple(sorted((level * 1.0371, level * 1.0917)))
+
+
+def own_values(scene, key):
+    """A number of a scene, or those of both blades."""
+    numbered = with_numbers(scene, [key])
+    blades = [f"{key}[0]", f"{key}[1]"] if ALL_KEYS[key].pair else [key]
+    return [js.value_of(numbered, one) for one in blades]
+
+
+def overridden(name, key, value):
+    """The scene of an override: what all others are compared with."""
+    return file_of(name, f"{key}={value!r}").scene
+
+
+def lane(scenes, *at):
+    return jax.tree.map(lambda a: np.asarray(a)[at], scenes)
+
+
+def assert_same(got, want):
+    """The same numbers, given in the same way, bit for bit."""
+    assert jax.tree.structure(got) == jax.tree.structure(want)
+    for a, b in zip(jax.tree.leaves(got), jax.tree.leaves(want), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def assert_same_numbers(got, want):
+    """The same numbers, bit for bit, however they are given."""
+    got, want = numbers_of(got), numbers_of(want)
+    assert got.keys() == want.keys()
+    for key, value in want.items():
+        np.testing.assert_array_equal(got[key], value, err_msg=key)
+
+
+@every_key
+def test_vary_and_sweeps_and_tables(name, key):
+    scene, values = file_of(name).scene, two_values(name, key)
+    wanted = [overridden(name, key, value) for value in values]
+    grid = grid_of_scenes(scene, {key: np.array(values)})
+    table = js.scenes_from({key: list(values)}, file_of(name))
+    for i, (value, want) in enumerate(zip(values, wanted, strict=True)):
+        one = js.vary(scene, key, value)
+        assert_same(one, want)
+        assert set(own_values(one, key)) == {value}
+        assert_same(lane(grid, i), want)
+        assert_same(lane(table, i), want)
+
+
+@every_key
+def test_designs_conditions_and_branches(name, key):
+    scene, (low, high) = file_of(name).scene, two_values(name, key)
+    other = "friction.mu" if key != "friction.mu" else "shroud.gap"
+    tuned = problem_of(scene, {key: (low, high)}, {})
+    conditions = problem_of(scene, {other: (0.1, 0.2)}, {key: (low, high)})
+    along = ContinuationProblem(with_numbers(scene, [key]), key, low, high, None, None)
+    designs = scenes_of(tuned, np.array([[low], [high]]))
+    in_conditions = scenes_of(conditions, np.array([[js.value_of(scene, other)]]))
+    for i, value in enumerate((low, high)):
+        want = overridden(name, key, value)
+        assert_same_numbers(lane(designs, i), want)
+        assert_same_numbers(lane(in_conditions, i), want)
+        assert_same_numbers(along.at(value), want)
+
+
+@every_key
+def test_numbers_that_scatter(name, key):
+    scene, level = file_of(name).scene, np.unique(own_values(file_of(name).scene, key))
+    if len(level) > 1:  # a number that differs between the blades scatters for one blade
+        with pytest.raises(KeyNameError, match="differs between the blades"):
+            scatter_bounds(scene, {key: 1e-9})
+        return
+    low, high = scatter_bounds(scene, {key: 1e-9})[key]
+    assert low <= level[0] <= high
+    scattering = scattering_of({key: 1e-9}, 1, 0)._replace(others={key: level[0]})
+    draws = scenes_of(Problem(with_numbers(scene, [key]), {}, {}, scattering=scattering), np.zeros((1, 0)))
+    drawn = float(scattering.of([key], level[None])[0, 0])
+    assert_same_numbers(lane(draws, 0), overridden(name, key, drawn))
+
+
+@pytest.mark.parametrize("key", list(ALL_KEYS))
+def test_options_of_commands_take_every_key_with_units(key):
+    # The values of a file: what [drive] speed = "1300 rpm" gives, --along, --over, --range and --tolerance give.
+    file, row = file_of("given"), ALL_KEYS[key]
+    unit = {"blades.zeta_x": "%", "drive.speed": "rpm", "drive.f": "kHz", "shroud.alpha": "deg"}.get(key, row.unit)
+    low, high = f"3 {unit}".strip(), f"4 {unit}".strip()
+    wanted = [js.value_of(overridden("given", key, end), f"{key}[0]" if row.pair else key) for end in (low, high)]
+    ends = {key: tuple(wanted)}
+    assert bounds(file, [f"{key}={low}:{high}"]) == ends
+    assert operating_conditions(file, argparse.Namespace(range=[f"{key}={low},{high}"])) == {key: list(ends[key])}
+    options = argparse.Namespace(along=[Along(key, start=low, stop=high, num="2")], direction=None)
+    (axis,) = with_axes(file, options).axes
+    assert (axis.key, tuple(axis.values)) == (key, ends[key])
+    (table,) = parse(f'{file.text()}\n[sweep]\nalong = "{key}"\nvalues = ["{low}", "{high}"]', "own").axes
+    assert (table.key, tuple(table.values)) == (key, ends[key])
+    width = argparse.Namespace(tolerance=[f"{key}={high}"], spread=[])
+    assert scatters(file, width) == {key: wanted[1]}
+
+
+@pytest.mark.parametrize("key", list(ALL_KEYS))
+def test_a_lane_of_a_stored_result_is_the_scene_of_an_override(key):
+    value = two_values("given", key)[1]
+    axis = xr.Variable((), value, key_attrs(key))
+    data = xr.Dataset(coords={dimension(key): axis}, attrs={"scene": file_of("given").text()})
+    assert_same(parse(scene_text_of_lane(data), "stored").scene, overridden("given", key, value))
+
+
+@pytest.mark.parametrize("key", list(ALL_KEYS))
+def test_scenes_of_many_lanes_are_stored_and_read(key):
+    # Rows that differ in one number, and in all that is worked out from it, come back bit for bit.
+    scenes = js.scenes_from({key: list(two_values("given", key))}, file_of("given"))
+    attrs, more = resolve_options(scenes).provenance(1, 100)
+    again = scenes_from_dataset(xr.Dataset(more, attrs=attrs), (2,), "float64")
+    assert list(more) == [dimension(key)]
+    assert_same(again, scenes)
+
+
+@pytest.mark.parametrize("key", list(ALL_KEYS))
+def test_tangents_are_those_of_overrides(key):
+    # Central differences of quadratic formulas, square roots and products: exact to 1e-9 where a step of 1e-4 is 1e-8.
+    scene = with_numbers(file_of("given").scene, [f"{key}[1]" if ALL_KEYS[key].pair else key])
+    level, along = own_values(scene, key)[-1], f"{key}[1]" if ALL_KEYS[key].pair else key
+    step = 1e-4 * (abs(level) or 1.0)
+    ends = [numbers_of(js.vary(scene, along, level + sign * step)) for sign in (1, -1)]
+    got = numbers_of(direction(scene, along))
+    for name, slope in got.items():
+        difference = (ends[0][name] - ends[1][name]) / (2 * step)
+        np.testing.assert_allclose(slope, difference, rtol=1e-6, atol=1e-9 * np.abs(ends[0][name]).max() / step)
+    # Control: a number that others are worked out from moves these too.
+    moves = [name for name, slope in got.items() if np.any(slope)]
+    assert (len(moves) > 1) == (key in MOVES_OTHERS)
+
+
+MOVES_OTHERS = {"blades.m", "blades.I", "shroud.l_oa", "shroud.l_ab", "blades.f_x", "blades.f_y", "blades.f_T"} | {
+    f"blades.{name}" for name in ("k_x", "k_y", "k_T", "m_y")
+}
