@@ -328,8 +328,9 @@ def direction(scene: Scene, key: str) -> Scene:
     unit = np.broadcast_to(np.ones(()) if blade is None else np.eye(2)[blade], old.shape).astype(old.dtype)
 
     def dependent(value: Any) -> dict[str, Any]:
-        parts = ({**part, row.name: value} if part is holder else part for part in (numbers, given))
-        return worked_out(*parts, {row.name})
+        if holder is given:
+            return worked_out(numbers, {**given, row.name: value}, {row.name})
+        return worked_out({**numbers, row.name: value}, given, {row.name})
 
     rates = jax.jvp(dependent, (old,), (unit,))[1] if given else {}
     rates |= {} if holder is given else {row.name: unit}

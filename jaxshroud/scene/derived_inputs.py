@@ -15,7 +15,7 @@ remembers what it was given by, so that a number that changes takes with it thos
 """
 
 import math
-from collections.abc import Callable, Collection, Container, Mapping
+from collections.abc import Callable, Collection, Container, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -136,12 +136,13 @@ def same_quantity(key: str, other: str) -> bool:
     return blade_a is None or blade_b is None or blade_a == blade_b
 
 
-def check_independent(keys: list[str]) -> None:
-    """Raise a KeyNameError where two keys are one number of a scene."""
-    for i, key in enumerate(keys):
-        for other in keys[:i]:
-            if key != other and same_quantity(other, key):
-                raise KeyNameError(f"{other} and {key} are one number; name one of them")
+def check_independent(keys: Sequence[str]) -> None:
+    """Raise a KeyNameError where two keys are different names of one number of a scene."""
+    names = [find_key(key)[0].name for key in keys]
+    for i, name in enumerate(names):
+        for other in names[:i]:
+            if name != other and same_quantity(other, name):
+                raise KeyNameError(f"{other} and {name} are one number; name one of them")
 
 
 def check_known(key: str, given: Collection[str], where: str = "") -> None:

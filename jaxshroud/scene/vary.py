@@ -83,7 +83,7 @@ def with_numbers(scene: Scene, keys: Sequence[str]) -> Scene:
     Raises:
         KeyNameError: There is no such number, or two keys are one.
     """
-    check_independent(list(keys))
+    check_independent(keys)
     names = dict.fromkeys(find_key(key)[0].name for key in keys)
     return expressed_by(scene, {name: np.asarray(_named_number(scene, name)) for name in names})
 
