@@ -83,8 +83,8 @@ def _slope_text(gradient: Gradient, effect: Effect) -> str:
     if gradient.of == "P_d":
         change = with_interval(effect.change, effect.ci, "percentage points")
         return f"{with_interval(*slope, f'% per {unit}')}; {change} per {effect.per}"
-    share = (100 * size / gradient.level for size in (effect.change, effect.ci))
-    return f"{with_interval(*slope, f'm^4 per {unit}')}; {with_interval(*share, '% of P')} per {effect.per}"
+    share, ci = (100 * size / gradient.level for size in (effect.change, effect.ci))
+    return f"{with_interval(*slope, f'm^4 per {unit}')}; {with_interval(share, ci, '% of P')} per {effect.per}"
 
 
 def _print_effects(gradient: Gradient) -> None:

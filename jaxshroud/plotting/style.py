@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from jaxshroud.io.files import write
 from jaxshroud.io.scene_numbers import key_label
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.derived_inputs import alternative_keys
 from jaxshroud.scene.keys import ALL_KEYS, key_parts
 from jaxshroud.scene.title import CHANGE_SEPARATOR, subject_of
 
@@ -126,6 +127,7 @@ def fitting_title(title: str, keys: Iterable[str] = (), shows: Collection[str] =
     """
     varied = {key_parts(key)[1] if key.partition("[")[0] in ALL_KEYS else key for key in keys}
     varied |= {{"k": "gamma", "gamma": "k"}.get(name, name) for name in varied}
+    varied |= {other.split(".")[1] for key in keys for other in alternative_keys(key.partition("[")[0])}
     heading, _, changes = title.partition(CHANGE_SEPARATOR)
     subject, colon, claim = heading.partition(": ")
     is_single_point = bool(varied) and "=" in claim and OVER not in claim
