@@ -3,7 +3,9 @@
 import argparse
 from functools import cache
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
@@ -15,6 +17,7 @@ from jaxshroud.cli.run_options import bounds, operating_conditions, scatters
 from jaxshroud.cli.sweep import with_axes
 from jaxshroud.io.scene_numbers import dimension, key_attrs, scene_text_of_lane, scenes_from_dataset
 from jaxshroud.motion.branch import ContinuationProblem
+from jaxshroud.motion.effects import flat_text
 from jaxshroud.scene.checks import KeyNameError
 from jaxshroud.scene.config import load, parse
 from jaxshroud.scene.grids import grid_of_scenes
@@ -181,3 +184,52 @@ def test_tangents_are_those_of_overrides(key):
 MOVES_OTHERS = {"blades.m", "blades.I", "shroud.l_oa", "shroud.l_ab", "blades.f_x", "blades.f_y", "blades.f_T"} | {
     f"blades.{name}" for name in ("k_x", "k_y", "k_T", "m_y")
 }
+
+
+@pytest.mark.parametrize("given", ["1300 rpm", "20 turn/s", "8e3 revolutions_per_minute"])
+def test_a_speed_of_rotation_is_no_frequency_of_a_drive_with_an_engine_order(given):
+    file, told = file_of("given"), "is a speed of rotation, but omega is .* engine order 4; name drive.speed"
+    options = argparse.Namespace(along=[Along("drive.omega", start=given, stop="1600 rpm", num="3")], direction=None)
+    for ask in (
+        lambda: file_of("given", f"drive.omega={given}"),
+        lambda: with_axes(file, options),
+        lambda: bounds(file, [f"drive.omega={given}:9e4 rpm"]),
+        lambda: operating_conditions(file, argparse.Namespace(range=[f"drive.omega={given},9e4 rpm"])),
+        lambda: scatters(file, argparse.Namespace(tolerance=[f"drive.omega={given}"], spread=[])),
+    ):
+        with pytest.raises(InputError, match=told):
+            ask()
+    # Control: without an engine order it is a circular frequency, and with one rad/s are.
+    assert bounds(file_of("plain"), [f"drive.omega={given}:9e4 rpm"])
+    assert bounds(file, ["drive.omega=500 rad/s:600 rad/s"]) == {"drive.omega": (500.0, 600.0)}
+
+
+def test_what_a_scene_does_not_have_is_told_with_the_cure():
+    scene = file_of("plain").scene
+    for ask in (lambda: js.vary(scene, "drive.speed", 1.0), lambda: with_numbers(scene, ["drive.speed"])):
+        with pytest.raises(KeyNameError, match="gives no drive.engine_order, .* in its file or with --set, or name dr"):
+            ask()
+    with pytest.raises(KeyNameError, match="does not give blades.f_x; name it for both blades, or blades.k_x"):
+        js.vary(scene, "blades.f_x[0]", 90.0)
+    with pytest.raises(KeyNameError, match="drive.speed and drive.omega are one number"):
+        with_numbers(file_of("given").scene, ["drive.speed", "drive.omega"])
+
+
+def test_numbers_that_were_replaced_by_other_means_are_no_longer_given():
+    scene = eqx.tree_at(lambda s: s.blades.k_x, file_of("given").scene, jnp.array([4e4, 5e4]))
+    np.testing.assert_array_equal(js.vary(scene, "blades.m", 0.2).blades.k_x, [4e4, 5e4])
+    assert js.value_of(scene, "blades.k_x[0]") == 4e4
+
+
+def test_all_numbers_that_count_are_those_given():
+    counted = numbers_that_count(file_of("given").scene)
+    assert {"drive.speed", "blades.f_T", "blades.zeta_x", "blades.f_x[0]"} <= set(counted)
+    assert not {"drive.omega", "blades.I", "blades.k_T", "blades.c_x", "drive.engine_order"} & set(counted)
+
+
+def test_flat_is_said():
+    # Noise of a standard deviation of 0.5 in intervals of +- 1 is a constant; a slope of ten intervals is none.
+    values, half = np.random.default_rng(0).normal(0.0, 0.5, 400), np.ones(400)
+    assert "cannot be told from a constant" in flat_text(values, half)
+    assert flat_text(values + np.linspace(0.0, 10.0, 400), half) == ""
+    assert flat_text(np.array([np.nan, 1.0]), half[:2]) == ""
