@@ -18,12 +18,12 @@ from jaxshroud.cli.sweep import with_axes
 from jaxshroud.io.scene_numbers import dimension, key_attrs, scene_text_of_lane, scenes_from_dataset
 from jaxshroud.motion.branch import ContinuationProblem
 from jaxshroud.motion.effects import flat_text
-from jaxshroud.scene.checks import KeyNameError
+from jaxshroud.scene.checks import InputError, KeyNameError
 from jaxshroud.scene.config import load, parse
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.keys import ALL_KEYS
 from jaxshroud.scene.numbers import numbers_of
-from jaxshroud.scene.vary import with_numbers
+from jaxshroud.scene.vary import numbers_that_count, with_numbers
 from jaxshroud.verbs.design_problem import Problem, problem_of, scenes_of
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.scattering import scatter_bounds, scattering_of
@@ -207,11 +207,13 @@ def test_a_speed_of_rotation_is_no_frequency_of_a_drive_with_an_engine_order(giv
 def test_what_a_scene_does_not_have_is_told_with_the_cure():
     scene = file_of("plain").scene
     for ask in (lambda: js.vary(scene, "drive.speed", 1.0), lambda: with_numbers(scene, ["drive.speed"])):
-        with pytest.raises(KeyNameError, match="gives no drive.engine_order, .* in its file or with --set, or name dr"):
+        with pytest.raises(
+            KeyNameError, match=r"gives no drive\.engine_order, .* in its file or with --set, or name dr"
+        ):
             ask()
-    with pytest.raises(KeyNameError, match="does not give blades.f_x; name it for both blades, or blades.k_x"):
+    with pytest.raises(KeyNameError, match=r"does not give blades\.f_x; name it for both blades, or blades\.k_x"):
         js.vary(scene, "blades.f_x[0]", 90.0)
-    with pytest.raises(KeyNameError, match="drive.speed and drive.omega are one number"):
+    with pytest.raises(KeyNameError, match=r"drive\.speed and drive\.omega are one number"):
         with_numbers(file_of("given").scene, ["drive.speed", "drive.omega"])
 
 
@@ -233,3 +235,21 @@ def test_flat_is_said():
     assert "cannot be told from a constant" in flat_text(values, half)
     assert flat_text(values + np.linspace(0.0, 10.0, 400), half) == ""
     assert flat_text(np.array([np.nan, 1.0]), half[:2]) == ""
+
+
+def test_a_sweep_over_the_speed_is_the_runs_of_overrides(tmp_path):
+    # One march: each lane is what an override gives, stored and opened it keeps its key, and its picture is in rpm.
+    small = ('parts.motion=["x"]', "parts.friction=none", "blades.zeta_x=0.2")
+    file, how = load("engine_order", small), {"n_periods": 2, "transient": 1, "method": js.RungeKutta(steps=100)}
+    speeds = [140.0, 150.0]
+    js.sweep(file, {"drive.speed": speeds}, **how).save(tmp_path / "sweep.nc")
+    curve = js.open(tmp_path / "sweep.nc")
+    assert curve.data["speed"].attrs["units"] == "rad s-1"
+    for i, speed in enumerate(speeds):
+        alone = js.sweep(
+            js.scenes_from({"friction.mu": [0.25]}, load("engine_order", [*small, f"drive.speed={speed}"])), **how
+        )
+        assert curve.P_d[i] == alone.P_d[0]
+        assert js.value_of(parse(curve.lane(i).scene, "lane").scene, "drive.speed") == speed
+    picture = curve.plot()
+    assert any("rpm" in panel.get_xlabel() for panel in picture.axes)
