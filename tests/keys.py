@@ -23,7 +23,14 @@ MORE = """
 
 A file may give frequencies, damping ratios and speeds instead, from which these numbers are worked out
 (formulas: `jaxshroud/scene/derived_inputs.py`), and `I = "block"` for the moment of inertia of the block
-itself. Two keys for one quantity are an error. `--along` and `jaxshroud.vary` know the numbers above only.
+itself. Two keys for one quantity are an error. These are keys like all others: `--set`, `--along`, `--over`, `--range`,
+`--wrt`, `--tolerance` and `jaxshroud.vary` take them, and `--along K` gives for each value, bit for bit, what
+`--set K=value` gives. A scene remembers what it is given by: where `blades.m` changes, a scene that is given by `f_x`
+and `zeta_x` keeps these, and `k_x` and `c_x` follow. Numbers that are replaced in Python without `vary` are simply
+numbers: the inputs that no longer give them do not count.
+
+A speed needs an engine order. For `drive.omega` of a scene with an engine order, `"1300 rpm"` is an error: name
+`drive.speed`.
 
 | key | symbol | unit | range | per blade | default | example | |
 |---|---|---|---|---|---|---|---|

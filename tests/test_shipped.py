@@ -6,7 +6,10 @@ from jaxshroud import Status, load, method_for, scenes_from, shipped, simulate
 from jaxshroud.march.method import RungeKutta
 from jaxshroud.march.stability import ACCURACY_LIMIT, largest_frequency
 
-OTHERS = [name for name in shipped() if name.endswith("_best")] + ["table1_light", "griffin", "dry_friction_2dof"]
+OTHERS = [
+    *(name for name in shipped() if name.endswith("_best")),
+    *("table1_light", "griffin", "dry_friction_2dof", "engine_order"),
+]
 PRINTED = [name for name in shipped() if name not in OTHERS]
 
 

@@ -15,7 +15,7 @@ from jaxshroud.model.prepared import State, initial_state, prepared_model
 from jaxshroud.model.rhs import Recorded, drive_wave, rhs
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 
 MovingState = tuple[Motion, Array | Formal]  # motion and slider, with or without an axis of lanes
 
@@ -41,7 +41,7 @@ def adaptive_samples(
 def adaptive_gap_slopes(scenes: Scene, periods: int, solver: str, rtol: float) -> np.ndarray:
     """The derivative of each lane's mean power with respect to the gap, (lanes,)."""
     power = lambda scenes: adaptive_samples(scenes, periods, solver, rtol)[0].power[0].mean(axis=1)
-    return np.asarray(jax.jvp(power, (scenes,), (direction(scenes, "shroud.gap"),))[1])
+    return np.asarray(jax.jvp(power, (without_given(scenes),), (direction(scenes, "shroud.gap"),))[1])
 
 
 def _start(scene: Scene) -> MovingState:

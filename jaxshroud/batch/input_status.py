@@ -10,9 +10,9 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.keys import KEYS
+from jaxshroud.scene.keys import ALL_KEYS
+from jaxshroud.scene.numbers import fields_of, inputs_of
 from jaxshroud.scene.scene import Scene
-from jaxshroud.scene.text import fields_of
 
 
 def require_single_scene(name: str, scene: Scene) -> None:
@@ -31,7 +31,8 @@ def admit_start(scene: Scene, state: State) -> tuple[State, Bool[Array, ""]]:
     All numbers of the scene must be in the ranges of their keys, and those of the state finite; else the state is NaN,
     so that the lane stops at once and all results, derivatives included, are NaN.
     """
-    ranges = [jnp.all(KEYS[key].range.holds(value)) for key, value in fields_of(scene).items()]
+    numbers = {**fields_of(scene), **inputs_of(scene)}
+    ranges = [jnp.all(ALL_KEYS[key].range.holds(value)) for key, value in numbers.items()]
     starts = [jnp.all(jnp.isfinite(a)) for a in jax.tree.leaves((state.motion, state.u_s))]
     good = reduce(jnp.logical_and, [*ranges, *starts])
     x = jnp.where(good, state.motion.x, jnp.nan)

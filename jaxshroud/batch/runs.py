@@ -31,7 +31,7 @@ from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.programs.kept import is_traced
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import Tree
 
 Tick = Callable[[int], None]  # called with the number of lane-periods done
@@ -115,7 +115,7 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: n
     Raises:
         Interrupted: On Ctrl-C; `done` has the lanes that had ended, and the others with status NOT_RUN.
     """
-    lanes = len(scenes.drive.omega)
+    lanes, scenes = len(scenes.drive.omega), without_given(scenes)
     arrived = np.zeros(lanes, bool) if arrived is None else arrived
     if scenes.parts.contact == "none":
         begin = np.where(arrived, plan.phase, 0.0)

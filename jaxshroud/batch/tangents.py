@@ -37,8 +37,10 @@ from jaxshroud.model.friction import stretch
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State, has_torsion, prepared_model
 from jaxshroud.model.rhs import parallel_mean
-from jaxshroud.scene.keys import key_parts
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, worked_out
+from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.numbers import given_of, numbers_of
+from jaxshroud.scene.scene import Scene, without_given
 
 LANES_PER_FLOW = (16, 64)  # for few and for many lanes: a loop of fewer does not amortise its dispatch
 
@@ -267,13 +269,13 @@ class TangentProblem(NamedTuple):
     @property
     def duals(self) -> tuple[Dual, Dual]:
         """The scenes and the states of its lanes."""
-        lanes, state = self.lanes, in_scene_precision(self.state, self.scene)
-        still = [jax.tree.map(np.zeros_like, self.scene)] * (lanes - len(self.directions))
+        lanes, state, scene = self.lanes, in_scene_precision(self.state, self.scene), without_given(self.scene)
+        still = [jax.tree.map(np.zeros_like, scene)] * (lanes - len(self.directions))
         along = jax.tree.map(lambda *a: np.stack(a), *still, *self.directions)
-        unit = np.zeros((lanes, STATE_SIZE), self.scene.drive.omega.dtype)
+        unit = np.zeros((lanes, STATE_SIZE), scene.drive.omega.dtype)
         unit[: self.by_start] = np.eye(STATE_SIZE)[: self.by_start]
         shift = from_vector(unit, None, None)
-        return Dual(repeat_lane(self.scene, lanes), along), Dual(repeat_lane(state, lanes), shift)
+        return Dual(repeat_lane(scene, lanes), along), Dual(repeat_lane(state, lanes), shift)
 
     def tangents(self, flows: Dual) -> Tangents:
         """The tangents from the flow of its lanes."""
@@ -316,8 +318,21 @@ def tangents(
 
 
 def direction(scene: Scene, key: str) -> Scene:
-    """The derivative of a scene by one of its own numbers, or by one that both blades share."""
-    table, name, blade = key_parts(key)
-    place = lambda s: getattr(getattr(s, table), name)
-    unit = np.ones_like(place(scene)) if blade is None else np.eye(2)[blade]
-    return eqx.tree_at(place, jax.tree.map(np.zeros_like, scene), unit)
+    """The derivative of scenes by one of their own numbers or inputs, or by that of both blades together.
+
+    Numbers that are worked out from it move with it. What the scenes are given by is left out.
+    """
+    (row, blade), numbers, given = find_key(key), numbers_of(scene), given_of(scene)
+    holder = given if row.name in DERIVED_BY_KEY else numbers
+    old = holder[row.name]
+    unit = np.broadcast_to(np.ones(()) if blade is None else np.eye(2)[blade], old.shape).astype(old.dtype)
+
+    def dependent(value: Any) -> dict[str, Any]:
+        if holder is given:
+            return worked_out(numbers, {**given, row.name: value}, {row.name})
+        return worked_out({**numbers, row.name: value}, given, {row.name})
+
+    rates = jax.jvp(dependent, (old,), (unit,))[1] if given else {}
+    rates |= {} if holder is given else {row.name: unit}
+    places = lambda s: [getattr(getattr(s, table), name) for table, name in (name.split(".") for name in rates)]
+    return eqx.tree_at(places, jax.tree.map(np.zeros_like, without_given(scene)), list(rates.values()))

@@ -25,7 +25,9 @@ from jaxshroud.motion.effects import between
 from jaxshroud.results.scatter import SHARES, Report, Scatter
 from jaxshroud.results.tuned import Tuned
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.title import display_value
 from jaxshroud.verbs.ascent import SearchOptions
 from jaxshroud.verbs.design_problem import design_corners, problem_of
 from jaxshroud.verbs.report import report_request, varied_by
@@ -98,10 +100,11 @@ def _overrides_of(tuned: Tuned) -> list[str]:
 def _tuning_rows(tuned: Tuned) -> dict[str, Any]:
     return {
         **({} if tuned.feasible else {"infeasible": "the best design found does not keep the limits, or stops"}),
-        **{key: f"{value:.6g}" for key, value in tuned.design.items()},
+        **{key: display_value(*find_key(key)[0].parts, value) for key, value in tuned.design.items()},
         f"{tuned.goal} P_d{' over the draws' if tuned.scatters else ''}": f"{tuned.objective:.4g} %",
         **{f"  {name}": f"{check.objective[0]:.4g} %" for name, check in tuned.checks.items()},
         **({"at a bound": tuned.at_bounds} if tuned.at_bounds else {}),
+        **({"flat": tuned.flat} if tuned.flat else {}),
         **_limit_rows(tuned),
         **_robustness_rows(tuned),
         "verdict": "confirmed" if tuned.confirmed else "not confirmed: the simulations differ, or exceed a limit",
@@ -179,6 +182,7 @@ def _output_scatter(completed: CompletedCall) -> None:
     rows = {
         "median of P_d": f"{scatter.median:.4g} %",
         "nine draws in ten": f"{scatter.likely_low:.4g} to {scatter.likely_high:.4g} %",
+        **({"flat": scatter.flat} if scatter.flat else {}),
         **({f"P_d at least {scatter.at_least:g} %": f"probability {scatter.chance}"} if at_least else {}),
         "stopped": f"{scatter.stopped} of {scatter.runs} runs",
         "written": files_written(),

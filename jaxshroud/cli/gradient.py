@@ -17,9 +17,10 @@ from jaxshroud.cli.terminal import (
 )
 from jaxshroud.io.store import write_json
 from jaxshroud.motion.bifurcation import grazing_margins
-from jaxshroud.motion.effects import with_interval
+from jaxshroud.motion.effects import Effect, with_interval
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.keys import find_key
 from jaxshroud.verbs.gradient import differences
 
 CHECK_STEPS = (1e-4, 3e-5, 1e-5)  # relative
@@ -56,7 +57,7 @@ def _output_gradient(completed: CompletedCall) -> None:
 
 
 def _gradient_rows(gradient: Gradient, with_slopes: bool) -> dict[str, Any]:
-    slopes = {f"d{gradient.of}/d {key}": with_interval(v, gradient.ci[key]) for key, v in gradient.value.items()}
+    slopes = {f"d{gradient.of}/d {effect.key}": _slope_text(gradient, effect) for effect in gradient.effects}
     rows = {
         "kind": gradient.kind,
         gradient.of: with_interval(gradient.level, gradient.level_ci, "%" if gradient.of == "P_d" else "m^4"),
@@ -73,6 +74,17 @@ def _gradient_rows(gradient: Gradient, with_slopes: bool) -> dict[str, Any]:
         "conditioning": f"{gradient.conditioning:.3g}",
         "periods simulated": gradient.orbit.periods,
     }
+
+
+def _slope_text(gradient: Gradient, effect: Effect) -> str:
+    """A derivative with its unit, and what it is by percent: of an angle by degree."""
+    unit = find_key(effect.key)[0].unit or "1"
+    slope = gradient.value[effect.key], gradient.ci[effect.key]
+    if gradient.of == "P_d":
+        change = with_interval(effect.change, effect.ci, "percentage points")
+        return f"{with_interval(*slope, f'% per {unit}')}; {change} per {effect.per}"
+    share, ci = (100 * size / gradient.level for size in (effect.change, effect.ci))
+    return f"{with_interval(*slope, f'm^4 per {unit}')}; {with_interval(share, ci, '% of P')} per {effect.per}"
 
 
 def _print_effects(gradient: Gradient) -> None:

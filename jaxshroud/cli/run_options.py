@@ -11,7 +11,7 @@ from jaxshroud.cli.terminal import CommandError, input_errors_at
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.march.method import Choices, Method, RungeKutta, Taylor
 from jaxshroud.march.stability import step_report, stiffest
-from jaxshroud.scene.axes import axis
+from jaxshroud.scene.axes import axis, size_in_si
 from jaxshroud.scene.config import load
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.scene import Scene
@@ -147,7 +147,7 @@ def _limit(file: SceneFile, flag: str, key: str, text: str | None) -> float:
     """A limit with the unit of a key."""
     if text is None:
         return float("inf")
-    value = float(axis(file, key, ["0", text], where=f"{flag} {text}").values[1])
+    value = size_in_si(file, key, text, f"{flag} {text}")
     if not value > 0:
         raise CommandError(f"{flag} {text}: must be positive")
     return value
@@ -158,7 +158,7 @@ def scatters(file: SceneFile, options: argparse.Namespace) -> dict[str, float | 
     widths: dict[str, float | str] = {}
     for text in options.tolerance:
         key, _, width = (part.strip() for part in text.partition("="))
-        widths[key] = abs(float(axis(file, key, ["0", width], where=f"--tolerance {text}").values[1]))
+        widths[key] = abs(size_in_si(file, key, width, f"--tolerance {text}"))
     for text in options.spread:
         key, _, percent = (part.strip() for part in text.partition("="))
         if key in widths:

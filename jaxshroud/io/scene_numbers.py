@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxshroud.scene.keys import Motion, find_key, key_parts
+from jaxshroud.scene.keys import Motion, find_key
+from jaxshroud.scene.replacing import replaced_tables
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,28 +39,22 @@ def scene_text_of_lane(data: "xr.Dataset") -> str:
     """The scene of a dataset that holds one lane of many, as TOML: the first lane's with the numbers of this one."""
     import tomli_w
 
-    scene = tomllib.loads(data.attrs["scene"])
-    for variable in data.variables.values():
-        if "key" not in variable.attrs or set(variable.dims) - {"blade"}:
-            continue
-        table, name, blade = key_parts(variable.attrs["key"])
-        value = variable.to_numpy().tolist()
-        if blade is not None:
-            pair = np.broadcast_to(scene[table][name], 2).tolist()
-            value = [value if i == blade else pair[i] for i in (0, 1)]
-        scene[table].pop({"k": "gamma", "gamma": "k"}.get(name, ""), None)
-        scene[table][name] = value
-    return tomli_w.dumps(scene)
+    from jaxshroud.scene.config import parse
+
+    variables = [v for v in data.variables.values() if "key" in v.attrs and not set(v.dims) - {"blade"}]
+    file = parse(data.attrs["scene"], "the scene of this result")
+    tables = replaced_tables(file.tables, file.given, {v.attrs["key"]: v.to_numpy() for v in variables})
+    return tomli_w.dumps({**tomllib.loads(data.attrs["scene"]), **tables})
 
 
 def scene_differences(
     scenes: "Scene", shape: tuple[int, ...], lanes: tuple[str, ...]
 ) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]:
-    """The numbers that are not the same in all scenes (leading axes of `shape`), as xarray takes variables."""
-    from jaxshroud.scene.text import numbers_of
+    """The numbers that are not given alike in all scenes (leading axes of `shape`), as xarray takes variables."""
+    from jaxshroud.scene.text import given_numbers_of
 
     variables = {}
-    for key, values in numbers_of(scenes).items() if shape else ():
+    for key, values in given_numbers_of(scenes).items() if shape else ():
         if np.any(values != values[(0,) * len(shape)]):
             dims = (*lanes, "blade") if values.ndim > len(shape) else lanes
             variables[dimension(key)] = (dims, values, key_attrs(key))
@@ -68,18 +63,13 @@ def scene_differences(
 
 def scenes_from_dataset(data: "xr.Dataset", shape: tuple[int, ...], precision: "Precision") -> "Scene":
     """The scenes (leading axes of `shape`) of a dataset, from its first scene and the numbers that differ."""
-    import equinox as eqx
     import jax
     import jax.numpy as jnp
 
     from jaxshroud.scene.config import parse
+    from jaxshroud.scene.numbers import replaced
     from jaxshroud.scene.valid import in_precision
 
     first = in_precision(parse(data.attrs["scene"], "the scene of this result").scene, precision)
     scenes = jax.tree.map(lambda a: jnp.broadcast_to(a, (*shape, *a.shape)), first)
-    for variable in data.variables.values():
-        if "key" in variable.attrs:
-            table, name = variable.attrs["key"].split(".")
-            number = lambda s, table=table, name=name: getattr(getattr(s, table), name)
-            scenes = eqx.tree_at(number, scenes, jnp.asarray(variable.to_numpy(), precision))
-    return scenes
+    return replaced(scenes, {v.attrs["key"]: v.to_numpy() for v in data.variables.values() if "key" in v.attrs})

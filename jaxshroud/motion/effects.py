@@ -4,10 +4,13 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import numpy as np
+
 from jaxshroud.scene.keys import find_key
 
 NEGLIGIBLE_WIDTH = 1e-6  # over the number: a smaller half width is rounding
 EXACT_DIGITS = 6  # digits of an exact number
+FLAT_QUANTILES = (0.05, 0.95)  # between which P_d moves: single windows do not count
 PLAIN_POWERS = (-4, 7)  # powers of ten without an exponent
 
 
@@ -55,6 +58,24 @@ def _power_and_decimals(value: float, half: float) -> tuple[int, int]:
 def _fixed(number: float, power: int, decimals: int) -> str:
     digits = f"{round(number / 10.0**power, decimals):.{max(decimals, 0)}f}"
     return f"{digits}e{power:+03d}" if power else digits
+
+
+def flat_text(values: np.ndarray, half_widths: np.ndarray) -> str:
+    """What to say of P_d that moves less than its intervals do over the range asked for; empty where it moves more.
+
+    Args:
+        values: P_d at any number of places [percent]; those that are not finite do not count.
+        half_widths: Of their 95 % intervals.
+    """
+    known = np.isfinite(values) & np.isfinite(half_widths)
+    if known.sum() < 2:
+        return ""
+    low, high = np.quantile(values[known], FLAT_QUANTILES)
+    width = float(np.sqrt(np.mean(half_widths[known] ** 2)))
+    if high - low > 2 * width:
+        return ""
+    moves = f"nine values of P_d in ten are within {high - low:.2g} percentage points"
+    return f"{moves}, less than the intervals of +- {width:.2g}: over this range it cannot be told from a constant"
 
 
 class Effect(NamedTuple):

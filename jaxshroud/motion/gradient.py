@@ -21,11 +21,11 @@ from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import moved_start, powers_of_nearby_orbits
 from jaxshroud.programs.kept import kept
-from jaxshroud.scene.checks import InputError, KeyNameError, NumericalError
+from jaxshroud.scene.checks import InputError, NumericalError
 from jaxshroud.scene.grids import scenes_at
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.scene.vary import level_of, offsets, value_of, vary
+from jaxshroud.scene.vary import level_of, offsets, with_numbers
 
 Quantity = Literal["P_d", "P"]
 STRUCTURED_FACTOR = (
@@ -46,22 +46,6 @@ class PowerGradient(NamedTuple):
     conditioning: float  # condition of the orbit: its displacement per perturbation of the map; NaN if smoothed
     sigma: float  # relative width of the neighbourhood; 0 on an orbit
     flags: tuple[str, ...]  # those of the orbit; "structured": not smooth; "lanes stopped"; "no width": a number is 0
-
-
-def with_numbers(scene: Scene, keys: Sequence[str]) -> Scene:
-    """The scene expressed such that each of the `keys` is one of its own numbers (`gamma` or `k`, `m_y` or `m`).
-
-    Raises:
-        InputError: There is no key.
-        KeyNameError: There is no such number, or both `contact.k` and `contact.gamma` are given.
-    """
-    if {"contact.k", "contact.gamma"} <= set(keys):
-        raise KeyNameError("contact.k and contact.gamma are one number; name one of them")
-    for key in keys:
-        if key.split("[")[0] in ("contact.k", "contact.gamma", "blades.m_y"):
-            for name in offsets(scene, key):
-                scene = vary(scene, name, value_of(scene, name))
-    return scene
 
 
 def scenes_around(scene: Scene, keys: Sequence[str], levels: np.ndarray) -> Scene:
@@ -105,7 +89,7 @@ def orbit_gradient(orbit: PeriodicOrbit, wrt: Sequence[str], of: Quantity = "P_d
     )
     shift = moved_start(tangents.by_state, by_numbers.by_parameter, orbit.slider_is_free)
     power_by = by_numbers.power_by_parameter + tangents.power_by_state @ shift
-    repeated = repeat_lane((scene, tangents.power), len(wrt))
+    repeated = repeat_lane((without_given(scene), tangents.power), len(wrt))
     slope = directional_derivatives(*repeated, stacked(directions), power_by.T, of)
     level = orbit.P_d if of == "P_d" else float(orbit.P[0])
     zeros = np.zeros(len(wrt))
@@ -212,7 +196,7 @@ def _with_nan_elsewhere(values: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 def _sampled_levels(scene: Scene, wrt: Sequence[str], values: np.ndarray, of: Quantity, plan: Plan):
     """At each row of parameter values: `of`, its interval's half width, the period number, and whether it is OK."""
-    scenes = in_precision(scenes_around(scene, wrt, values), plan.method.precision)
+    scenes = in_precision(without_given(scenes_around(scene, wrt, values)), plan.method.precision)
     runs = run_lanes(scenes, initial_states(scenes), plan, lambda _: None)
     motion, power, P_0 = averages(scenes, runs.samples)
     share = P_0[:, 0] / 100

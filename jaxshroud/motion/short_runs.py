@@ -13,7 +13,7 @@ from jaxshroud.batch.tangents import Dual, as_differentiable, direction, run_flo
 from jaxshroud.batch.trajectories import trajectories
 from jaxshroud.march.method import Choices
 from jaxshroud.model.linear import free_rms_displacement
-from jaxshroud.scene.scene import Scene, with_parts
+from jaxshroud.scene.scene import Scene, with_parts, without_given
 from jaxshroud.scene.valid import in_precision
 
 HORIZON = 3  # periods after which states are compared: chaos has hardly multiplied errors yet
@@ -38,7 +38,7 @@ def gap_slopes(scenes: Scene, steps: int, method: Choices) -> np.ndarray | None:
     """The derivative of each lane's power over the horizon with respect to the gap; None if the method has none."""
     if method.locate == "none" or method.precision == "float32":
         return None
-    dual = Dual(scenes, direction(scenes, "shroud.gap"))
+    dual = Dual(without_given(scenes), direction(scenes, "shroud.gap"))
     flow = run_flow(dual, without_direction(initial_states(scenes)), HORIZON, steps, as_differentiable(method))
     return np.asarray(flow.tangent.power[0])
 

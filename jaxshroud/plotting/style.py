@@ -20,15 +20,16 @@ from numpy.typing import NDArray
 from jaxshroud.io.files import write
 from jaxshroud.io.scene_numbers import key_label
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.keys import KEYS, key_parts
+from jaxshroud.scene.derived_inputs import alternative_keys
+from jaxshroud.scene.keys import ALL_KEYS, key_parts
 from jaxshroud.scene.title import CHANGE_SEPARATOR, subject_of
 
 GREEK = "alpha|beta|gamma|zeta|theta|phi|omega|tau|mu|sigma"
 SYMBOL = re.compile(rf"(?<![\w\\])(?:({GREEK}|[A-Za-z])_({GREEK}|\w{{1,2}})|({GREEK}))(?!\w)")
 UNIT_POWER = re.compile(r"\b([a-z]+)\^(-?\d)\b")
 DECIMAL = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-]?)0*(\d+)\b")
-KEY = re.compile(rf"\b((?:{'|'.join(sorted({key.partition('.')[0] for key in KEYS}))})\.[A-Za-z]\w*(?:\[\d\])?)")
-KEY_NAMES = {row.parts[1] for row in KEYS.values()}
+KEY = re.compile(rf"\b((?:{'|'.join(sorted({key.partition('.')[0] for key in ALL_KEYS}))})\.[A-Za-z]\w*(?:\[\d\])?)")
+KEY_NAMES = {row.parts[1] for row in ALL_KEYS.values()}
 OVER, AVERAGED_PERIODS, DIAGRAM_QUANTITIES = " over ", "n", ("x_1", "P_d")  # in titles that announce a diagram
 
 
@@ -124,8 +125,9 @@ def fitting_title(title: str, keys: Iterable[str] = (), shows: Collection[str] =
     Returns:
         The title without values of numbers that are on an axis, and without what the picture does not show.
     """
-    varied = {key_parts(key)[1] if key.partition("[")[0] in KEYS else key for key in keys}
+    varied = {key_parts(key)[1] if key.partition("[")[0] in ALL_KEYS else key for key in keys}
     varied |= {{"k": "gamma", "gamma": "k"}.get(name, name) for name in varied}
+    varied |= {other.split(".")[1] for key in keys for other in alternative_keys(key.partition("[")[0])}
     heading, _, changes = title.partition(CHANGE_SEPARATOR)
     subject, colon, claim = heading.partition(": ")
     is_single_point = bool(varied) and "=" in claim and OVER not in claim
@@ -170,7 +172,7 @@ STYLE: Any = {
     **{"pdf.fonttype": 42, "svg.fonttype": "none"},  # text stays text
 }
 # Key of the scene -> symbol, words, unit, units per SI unit.
-QUANTITIES = {row.name: (row.symbol, row.label, *row.shown) for row in KEYS.values()}
+QUANTITIES = {row.name: (row.symbol, row.label, *row.shown) for row in ALL_KEYS.values()}
 # Colours after Okabe and Ito, which colour-blind readers tell apart.
 INK, GREY, BLUE, ORANGE, SKY, PINK = "#1a1a1a", "#8c8c8c", "#0072B2", "#E69F00", "#56B4E9", "#CC79A7"
 GREEN, RED, YELLOW, DARK, PALE = "#009E73", "#D55E00", "#F0E442", "#4d4d4d", "#b8b8b8"  # pale: not settled
@@ -267,7 +269,7 @@ def quantity(key: str, look: Look = DEFAULT_LOOK, unit: str = "SI") -> tuple[str
     if stem not in QUANTITIES:
         return f"{key} [{unit}]" if unit else key, 1.0
     _, _, unit, factor = QUANTITIES[stem]
-    if KEYS[stem].unit == "m" and look.unit in LENGTHS:
+    if ALL_KEYS[stem].unit == "m" and look.unit in LENGTHS:
         unit, factor = LENGTHS[look.unit]
     return f"{key_label(key)} [{unit}]" if unit else key_label(key), float(factor)
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
-from jaxshroud.motion.effects import between
+from jaxshroud.motion.effects import between, flat_text
 from jaxshroud.plotting.documents import Section, save_document
 from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.base import Result
@@ -33,6 +33,7 @@ class Scatter(Result):
     high = Variable("upper bound of each number, in SI units", None, ("key",))
     drawn = Variable("the numbers of each draw, in SI units", None, ("draw", "key"))
     P_d = Variable("vibration-power reduction of each draw", "percent", ("draw",))
+    P_d_ci = Variable("half width of its 95 % interval", "percent", ("draw",))
     status = Variable("how the march of each draw ended", None, ("draw",), stored=np.int8, more=FLAGS)
     first = Variable("share of the variance that a number has alone", "1", ("key",))
     first_low = Variable("lower end of its 95 % interval", "1", ("key",))
@@ -66,6 +67,11 @@ class Scatter(Result):
         return json.loads(self.conditions_json or "{}")
 
     @property
+    def flat(self) -> str:
+        """What to say where P_d moves less than its intervals over the scatter; else, and in old files, empty."""
+        return "" if self.P_d_ci is None else flat_text(self.P_d, self.P_d_ci)
+
+    @property
     def chance(self) -> str:
         """The probability that `at_least` is met, and its 95 % interval, as text."""
         return between(self.probability, self.probability_low, self.probability_high)
@@ -85,7 +91,7 @@ class Scatter(Result):
             | {f"{name}_95": [getattr(self, f"{name}_{end}")[i] for end in ("low", "high")] for name in SHARES}
             for i, key in enumerate(self.keys)
         }
-        numbers = {name: getattr(self, name) for name in names}
+        numbers = {name: getattr(self, name) for name in names} | ({"flat": self.flat} if self.flat else {})
         return json_values({**numbers, "over": shares, "method": str(self.method), **self.source})
 
     def __repr__(self) -> str:

@@ -11,6 +11,7 @@ from jaxshroud.io.scene_numbers import dimension, key_attrs
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, CountsVariable, MotionVariable, Variable
 from jaxshroud.model.modes import Status
+from jaxshroud.motion.effects import flat_text
 from jaxshroud.motion.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, find_jumps, motions_differ
 from jaxshroud.motion.period import UNKNOWN_IF_SETTLED
 from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads
@@ -102,6 +103,11 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
         """Whether all lanes were run; False only in the result of an interrupted sweep."""
         return not np.any(self.status == Status.NOT_RUN)
 
+    @property
+    def flat(self) -> str:
+        """What to say where P_d moves less than its intervals over the range asked for; else empty."""
+        return flat_text(np.where(self.status == Status.OK, self.P_d, np.nan), self.P_d_ci)
+
     def summary(self) -> dict[str, JSONValue]:
         """The sweep in a few numbers, as `summary.json` holds them."""
         ok, residual, dropped = self.status == Status.OK, self.energy_residual, self.energy_dropped
@@ -123,6 +129,7 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
                 "unsettled": int((~self.settled & ok).sum()),
                 **_settling_numbers(self, ok),
                 "largest P_d": best,
+                **({"flat": self.flat} if self.flat else {}),
                 **({} if positive is None else {"positive exponents": positive}),
                 **_largest(ok, {"largest energy residual": residual, "largest energy dropped": dropped}),
                 **_force_numbers(self, ok),

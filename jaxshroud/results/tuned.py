@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
-from jaxshroud.motion.effects import between
+from jaxshroud.motion.effects import between, flat_text
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.typed import typed
@@ -89,6 +89,7 @@ class Tuned(Result):
     polished_scores = Variable("objective less the penalties of these", "percent", ("round",))
     scanned = Variable("designs of the scan", None, ("scan", "key"))
     scanned_scores = Variable("objective less the penalties of the scan", "percent", ("scan",))
+    scanned_ci = Variable("half width of the 95 % interval of the scan's objectives", "percent", ("scan",))
     periods = Attribute(int)  # drive periods simulated in total, each tangent counted as one more run
     confirmed = Variable(
         "all checks agree with the search and one another, and keep the limits", alone=True, kind=bool, stored=np.int8
@@ -178,6 +179,11 @@ class Tuned(Result):
         return {key: names[side] for key, side in zip(self.keys, self.bound.tolist(), strict=True) if side}
 
     @property
+    def flat(self) -> str:
+        """What to say where the scan's scores move less than their intervals; else, and in old files, empty."""
+        return "" if self.scanned_ci is None else flat_text(self.scanned_scores, self.scanned_ci)
+
+    @property
     def checks(self) -> dict[str, DesignJudgement]:
         """The best design simulated again in other ways."""
         names = map(str, self.data["check"].to_numpy())
@@ -246,6 +252,7 @@ class Tuned(Result):
                 **{name: getattr(self, name) for name in (*outcome, *request)},
                 "method": str(self.method),
                 "steps_per_period": self.steps_per_period,
+                **({"flat": self.flat} if self.flat else {}),
                 **({} if self.robust is None else {"robust": self.robust}),
                 "checks": {name: judgement._asdict() for name, judgement in self.checks.items()},
                 "map": drawn,

@@ -6,10 +6,11 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from jaxshroud.scene.checks import MAX_VALUES
+from jaxshroud.scene.derived_inputs import check_known
 from jaxshroud.scene.file import Axis, SceneFile
-from jaxshroud.scene.keys import Key, find_key
+from jaxshroud.scene.keys import ANY, Key, find_key
 from jaxshroud.scene.messages import fail, problem_text, toml_text
-from jaxshroud.scene.overrides import literal
+from jaxshroud.scene.overrides import check_is_no_speed, literal
 from jaxshroud.scene.schema import SweepTable, number_type
 
 
@@ -40,7 +41,7 @@ def axis(
         SceneError: A value is out of its range, or fewer than two differ.
     """
     where = where or f"--along {key}"
-    row, _ = find_key(key, where)
+    row = _known_row(scene_file, key, where)
     if row.name == "contact.width" and scene_file.tables["parts"]["contact"] != "smooth":
         fail(where, 'the scene\'s contact is not smooth and has no width; add [parts] contact = "smooth"')
     ends = [start, stop, num]
@@ -48,7 +49,7 @@ def axis(
         fail(where, "needs either values, or start, stop and num")
     given = [start, stop] if values is None else _value_list(values)
     _same_units(where, given)
-    points = _values_in_range(where, row, [literal(v) if isinstance(v, str) else v for v in given])
+    points = _values_in_range(where, scene_file, row, given)
     size = len(points) if num is None else num
     if size < 2 or len(set(points)) < 2:
         count = max(0, min(size, len(set(points))))
@@ -57,6 +58,12 @@ def axis(
         fail(where, f"num must be at most {MAX_VALUES}")
     grid = points if values is not None else np.linspace(points[0], points[1], size)
     return Axis(key, np.asarray(grid, np.float64))
+
+
+def size_in_si(scene_file: SceneFile, key: str, text: str, where: str) -> float:
+    """A size in the unit of a key, such as the half width of its scatter: as for `axis`, but in any range."""
+    (size,) = _values_in_range(where, scene_file, _known_row(scene_file, key, where)._replace(range=ANY), [text])
+    return size
 
 
 def axes(scene_file: SceneFile, sweep: SweepTable, where: str) -> tuple[Axis, ...]:
@@ -68,8 +75,18 @@ def axes(scene_file: SceneFile, sweep: SweepTable, where: str) -> tuple[Axis, ..
     )
 
 
-def _values_in_range(where: str, row: Key, values: list[Any]) -> list[float]:
-    """The `values` in SI units, checked against the range of a number."""
+def _known_row(scene_file: SceneFile, key: str, where: str) -> Key:
+    """The row of a key, which the scene has."""
+    row, _ = find_key(key, where)
+    check_known(key, scene_file.given, where)
+    return row
+
+
+def _values_in_range(where: str, scene_file: SceneFile, row: Key, given: list[Any]) -> list[float]:
+    """The given values in SI units, checked against the range of a number."""
+    for value in given:
+        check_is_no_speed(where, row.name, value, scene_file.given.get("drive.engine_order"))
+    values = [literal(v) if isinstance(v, str) else v for v in given]
     if any(isinstance(v, list | dict) or v is None for v in values):
         fail(where, f"{toml_text(values)} must be one number per value")
     adapter, points = TypeAdapter(number_type(row)), []

@@ -12,10 +12,10 @@ from pydantic import ValidationError
 
 from jaxshroud.scene.axes import axes, axis
 from jaxshroud.scene.checks import SceneError, did_you_mean, hint
-from jaxshroud.scene.derived_inputs import resolve_derived_inputs
 from jaxshroud.scene.file import Axis, SceneFile, table_values
 from jaxshroud.scene.messages import fail, first_problem
 from jaxshroud.scene.overrides import override
+from jaxshroud.scene.resolve_inputs import resolve_derived_inputs
 from jaxshroud.scene.schema import PHYSICS_TABLES, SCENE_FILE_TYPE, TABLE_MODELS
 from jaxshroud.scene.shipped import aliases, shipped, shipped_paths
 from jaxshroud.scene.title import retitled
@@ -71,7 +71,7 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -
     """The scene file of a TOML document, which is changed in place."""
     original = copy.deepcopy(document) if overrides else {}
     overridden = {override(document, text) for text in overrides}
-    resolve_derived_inputs(document, name, overridden)
+    given = resolve_derived_inputs(document, name, overridden)
     try:
         file: Any = SCENE_FILE_TYPE.validate_python(document)
     except ValidationError as error:
@@ -79,10 +79,10 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -
         by_override = (table, key) in overridden or (table not in TABLE_MODELS and table in dict(overridden))
         fail("--set" if by_override else name, message, kind)
     tables = {table: table_values(getattr(file, table)) for table in PHYSICS_TABLES}
-    title = file.title
+    loaded = SceneFile(name, file.title, tables, file.run, given=given)
     if overrides:
-        title = retitled(title or Path(name).name, tables, _physics_of(original, name), overridden)
-    loaded = SceneFile(name, title, tables, file.run)
+        title = file.title or Path(name).name
+        loaded = replace(loaded, title=retitled(title, loaded.given_tables, _physics_of(original, name), overridden))
     if file.sweep is None:
         return loaded
     place = f"{'--set' if 'sweep' in dict(overridden) else name}: [sweep]"
@@ -90,8 +90,8 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -
 
 
 def _physics_of(document: dict[str, Any], name: str) -> dict[str, Any] | None:
-    """The physics of a TOML document as plain numbers; None if it is not a valid scene."""
+    """The physics of a TOML document as it is given; None if it is not a valid scene."""
     try:
-        return _scene_file(document, name, ()).tables  # type: ignore[return-value]
+        return _scene_file(document, name, ()).given_tables
     except SceneError:
         return None

@@ -1,6 +1,6 @@
-"""Derived inputs: frequencies, damping ratios and speeds, converted to the numbers of a scene.
+"""Derived inputs: frequencies, damping ratios and speeds, and the formulas from them to the numbers of a scene.
 
-| a file gives            | instead of     | by                                              |
+| a scene is given by     | instead of     | by                                              |
 |-------------------------|----------------|-------------------------------------------------|
 | `blades.f_x`, `f_y`     | `k_x`, `k_y`   | k = m (2 pi f)^2                                |
 | `blades.f_T`            | `k_T`          | k_T = I (2 pi f_T)^2                            |
@@ -10,58 +10,109 @@
 | `drive.f`               | `omega`        | omega = 2 pi f                                  |
 | `drive.engine_order` and `drive.speed` | `omega` | omega = order times speed               |
 
-Two keys for one quantity are an error, as with `gamma` and `k`. Sweeps and results only have the numbers of the scene.
+Two keys for one quantity are an error, as with `gamma` and `k`. A model only sees the numbers that result; a scene
+remembers what it was given by, so that a number that changes takes with it those that are worked out from it.
 """
 
 import math
-from collections.abc import Callable, Collection
-from functools import cache
+from collections.abc import Callable, Collection, Container, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from pydantic import TypeAdapter, ValidationError
+import numpy as np
 
-from jaxshroud.scene.keys import INPUT_KEYS, KEYS, Key
-from jaxshroud.scene.messages import fail, problem_text, toml_text
-from jaxshroud.scene.schema import number_type
+from jaxshroud.scene.checks import KeyNameError
+from jaxshroud.scene.keys import ALL_KEYS, KEYS, Key, find_key
 
-Document = dict[str, Any]
-Values = tuple[float, ...]  # one per blade, or one for the scene
+BLOCK = "block"  # what a file gives as moment of inertia to have that of the block
+Numbers = Mapping[str, Any]  # key -> array, or None for what a word gives
 
 
 class DerivedInput(NamedTuple):
     """An alternative way to give a number of a scene."""
 
-    keys: tuple[Key, ...]  # the keys of a file, all of which are needed
-    number: Key  # the number of the scene
-    needs: tuple[str, ...]  # further numbers of the scene
-    formula: Callable[..., float]  # a function of the keys and then of the further numbers
+    keys: tuple[Key, ...]  # all of which are needed; none: a word in place of the number
+    number: Key
+    needs: tuple[Key, ...]  # further numbers of the scene
+    formula: Callable[..., Any]  # a function of the keys and then of the further numbers
+    inverse: Callable[..., Any] | None = None  # the key from the number and the further ones, if they determine it
+
+    @property
+    def marks(self) -> tuple[str, ...]:
+        """The keys that are given where this input counts."""
+        return tuple(row.name for row in self.keys) or (self.number.name,)
+
+    def counts(self, given: Container[str]) -> bool:
+        """Whether the number is given in this way."""
+        return all(name in given for name in self.marks)
+
+    def needed(self, numbers: Container[str]) -> list[str]:
+        """The keys of the further numbers, of which `blades.m` stands for a `blades.m_y` that is not there."""
+        names = [row.name for row in self.needs]
+        return ["blades.m" if name == "blades.m_y" and name not in numbers else name for name in names]
+
+    def value(self, numbers: Numbers, given: Numbers) -> Any:
+        """The number: arrays as the numbers are, (..., 2) for a number per blade."""
+        inputs = [given[row.name] for row in self.keys]
+        return self.formula(*self._beside_blades(self.keys, inputs), *self._further(numbers))
+
+    def given_value(self, numbers: Numbers) -> Any:
+        """The only key, from the number; None if that does not determine it."""
+        return self.inverse and self.inverse(numbers[self.number.name], *self._further(numbers))
+
+    def _further(self, numbers: Numbers) -> list[Any]:
+        return self._beside_blades(self.needs, [numbers[name] for name in self.needed(numbers)])
+
+    def _beside_blades(self, rows: tuple[Key, ...], values: list[Any]) -> list[Any]:
+        """Values that broadcast against numbers per blade, if this is one."""
+        return [v[..., None] if self.number.pair and not row.pair else v for row, v in zip(rows, values, strict=True)]
 
 
-def _stiffness_from_frequency(f: float, mass: float) -> float:
-    return mass * (math.tau * f) ** 2
+def _stiffness_from_frequency(f: Any, mass: Any) -> Any:
+    omega = math.tau * f
+    return mass * (omega * omega)
 
 
-def _damping_from_ratio(zeta: float, k: float, mass: float) -> float:
-    return 2 * zeta * math.sqrt(k * mass)
+def _frequency_from_stiffness(k: Any, mass: Any) -> Any:
+    return _square_root(k / mass) / math.tau
+
+
+def _damping_from_ratio(zeta: Any, k: Any, mass: Any) -> Any:
+    return 2.0 * zeta * _square_root(k * mass)
+
+
+def _ratio_from_damping(c: Any, k: Any, mass: Any) -> Any:
+    return c / (2.0 * _square_root(k * mass))
+
+
+def _inertia_of_block(m: Any, l_oa: Any, l_ab: Any) -> Any:
+    return m * (l_oa * l_oa + l_ab * l_ab) / 12.0
+
+
+def _square_root(a: Any) -> Any:
+    """The square root of an array of NumPy or JAX."""
+    return a.__array_namespace__().sqrt(a)
 
 
 def _modal_inputs(name: str, mass: str) -> tuple[DerivedInput, DerivedInput]:
     k, c = f"blades.k_{name}", f"blades.c_{name}"
-    return _derived_input([f"blades.f_{name}"], k, (mass,), _stiffness_from_frequency), _derived_input(
-        [f"blades.zeta_{name}"], c, (k, mass), _damping_from_ratio
+    return (
+        _derived_input([f"blades.f_{name}"], k, [mass], _stiffness_from_frequency, _frequency_from_stiffness),
+        _derived_input([f"blades.zeta_{name}"], c, [k, mass], _damping_from_ratio, _ratio_from_damping),
     )
 
 
-def _derived_input(keys: list[str], number: str, needs: tuple[str, ...], formula: Callable[..., float]) -> DerivedInput:
-    return DerivedInput(tuple(row for row in INPUT_KEYS if row.name in keys), KEYS[number], needs, formula)
+def _derived_input(keys: list[str], number: str, needs: list[str], *formulas: Callable[..., Any]) -> DerivedInput:
+    rows = (tuple(ALL_KEYS[name] for name in names) for names in (keys, needs))
+    return DerivedInput(next(rows), KEYS[number], next(rows), *formulas)
 
 
 DERIVED_INPUTS = (  # in the order of their evaluation
+    _derived_input([], "blades.I", ["blades.m", "shroud.l_oa", "shroud.l_ab"], _inertia_of_block),
     *_modal_inputs("x", "blades.m"),
     *_modal_inputs("y", "blades.m_y"),
     *_modal_inputs("T", "blades.I"),
-    _derived_input(["drive.f"], "drive.omega", (), lambda f: math.tau * f),
-    _derived_input(["drive.engine_order", "drive.speed"], "drive.omega", (), lambda order, speed: order * speed),
+    _derived_input(["drive.f"], "drive.omega", [], lambda f: math.tau * f, lambda omega: omega / math.tau),
+    _derived_input(["drive.engine_order", "drive.speed"], "drive.omega", [], lambda order, speed: order * speed),
 )
 DERIVED_BY_KEY = {key.name: derived for derived in DERIVED_INPUTS for key in derived.keys}
 
@@ -70,98 +121,86 @@ def alternative_keys(key: str) -> list[str]:
     """The keys that give the same quantity as `key`."""
     derived = DERIVED_BY_KEY.get(key)
     number = key if derived is None else derived.number.name
-    if number not in {derived.number.name for derived in DERIVED_INPUTS}:
-        return []
     inputs = [derived for derived in DERIVED_INPUTS if derived.number.name == number]
     groups = [[number], *([row.name for row in derived.keys] for derived in inputs)]
     return [name for names in groups if key not in names for name in names]
 
 
-def resolve_derived_inputs(document: Document, name: str, overridden: Collection[tuple[str, str]] = ()) -> None:
-    """Replace derived inputs by the numbers of the scene, in place.
+def same_quantity(key: str, other: str) -> bool:
+    """Whether two keys name, or give, one number of the scene or parts of it, and are not those of different blades."""
+    (a, blade_a), (b, blade_b) = ((row.name, blade) for row, blade in map(find_key, (key, other)))
+    if {a, b} <= {"contact.k", "contact.gamma"}:
+        return True
+    if a != b:
+        return b in alternative_keys(a)
+    return blade_a is None or blade_b is None or blade_a == blade_b
 
-    Args:
-        document: The document of a scene file.
-        name: The name of the file in messages.
-        overridden: The tables and keys that were overridden, for which messages name `--set`.
 
-    Raises:
-        SceneError: Two keys give one number, or a value is invalid.
+def check_independent(keys: Sequence[str]) -> None:
+    """Raise a KeyNameError where two keys are different names of one number of a scene."""
+    names = [find_key(key)[0].name for key in keys]
+    for i, name in enumerate(names):
+        for other in names[:i]:
+            if name != other and same_quantity(other, name):
+                raise KeyNameError(f"{other} and {name} are one number; name one of them")
+
+
+def check_known(key: str, given: Collection[str], where: str = "") -> None:
+    """Raise a KeyNameError, which begins with `where`, unless a scene that is `given` so has what a key needs.
+
+    These are the engine order for a speed, and the frequency of the other blade for that of one.
     """
-    _resolve_block_inertia(document)
-    for derived in DERIVED_INPUTS:
-        names = [key.parts[1] for key in derived.keys]
-        table, number = derived.number.parts
-        rows = document.get(table)
-        if not isinstance(rows, dict) or not any(key in rows for key in names):
-            continue
-        where = "--set" if any((table, key) in overridden for key in names) else name
-        missing = [key for key in names if key not in rows]
-        if missing:
-            fail(
-                where,
-                f"[{table}] lacks `{missing[0]}`, which `{names[0] if missing[0] != names[0] else names[1]}` needs",
-            )
-        if number in rows:
-            fail(where, f"[{table}] gives both `{names[0]}` and `{number}`; keep one of them")
-        given = [_given_values(where, key, rows[key.parts[1]]) for key in derived.keys]
-        needed = [_required_values(document, name) for name in derived.needs]
-        for key in names:
-            del rows[key]
-        rows[number] = _scene_value(derived, [*given, *needed])
-
-
-def _scene_value(derived: DerivedInput, values: list[Values | None]) -> Any:
-    """The number as in a file; an example where a value is missing or invalid, which is reported later."""
-    if any(v is None for v in values):
-        return derived.number.example
-    given = [v for v in values if v is not None]
-    blades = range(max(map(len, given)))
-    numbers = [derived.formula(*(v[min(i, len(v) - 1)] for v in given)) for i in blades]
-    return numbers if derived.number.pair else numbers[0]
-
-
-@cache
-def _adapter(key: Key):
-    return TypeAdapter(number_type(key, key.pair))
-
-
-def _given_values(where: str, key: Key, value: Any) -> Values:
-    """The given value in SI units, one per blade."""
-    try:
-        values = _adapter(key).validate_python(value)
-    except ValidationError as error:
-        table, name = key.parts
-        about = f"e.g. {name} = {toml_text(key.example)} ({key.about})"
-        fail(where, f"[{table}] {name} = {toml_text(value)} {problem_text(error.errors()[0])}, {about}")
-    return values if isinstance(values, tuple) else (values,)
-
-
-def _required_values(document: Document, name: str) -> Values | None:
-    """A number on which others depend, one per blade; None where it is missing or invalid."""
-    key = KEYS[name]
-    table, entry = key.parts
-    rows = document.get(table)
-    if entry == "m_y" and isinstance(rows, dict) and rows.get("m_y") is None:
-        key, entry = KEYS["blades.m"], "m"
-    try:
-        values = _adapter(key).validate_python(rows.get(entry) if isinstance(rows, dict) else None)
-    except ValidationError:
-        return None
-    return values if isinstance(values, tuple) else (values,)
-
-
-def _resolve_block_inertia(document: Document) -> None:
-    """Replace `I = "block"` by the moment of inertia of the block."""
-    rows = document.get("blades")
-    if not isinstance(rows, dict) or not isinstance(rows.get("I"), str) or rows["I"].strip() != "block":
+    row, blade = find_key(key, where)
+    derived = DERIVED_BY_KEY.get(row.name)
+    if derived is None:
         return
-    m, sides = (
-        _required_values(document, "blades.m"),
-        [_required_values(document, f"shroud.{side}") for side in ("l_oa", "l_ab")],
-    )
-    lengths = [side[0] for side in sides if side is not None]
-    if m is None or len(lengths) < len(sides):
-        rows["I"] = KEYS["blades.I"].example  # missing or invalid values are reported later
-    else:
-        rows["I"] = [mass * sum(side**2 for side in lengths) / 12 for mass in m]
+    where = f"{where}: " if where else ""
+    if missing := [name for name in derived.marks if name not in (*given, row.name)]:
+        both = " and ".join(derived.marks)
+        raise KeyNameError(
+            f"{where}the scene gives no {missing[0]}, which {row.name} needs; give {both} in its file or with --set, "
+            f"or name {derived.number.name}"
+        )
+    if blade is not None and row.name not in given:
+        raise KeyNameError(
+            f"{where}the scene does not give {row.name}; name it for both blades, or {derived.number.name}[{blade}]"
+        )
+
+
+def in_given_form(numbers: Numbers, given: Numbers) -> dict[str, Any]:
+    """What a scene is given by: its numbers without those that are worked out, and the inputs; None for a word."""
+    derived = {one.number.name for one in DERIVED_INPUTS if one.counts(given)}
+    return {key: value for key, value in numbers.items() if key not in derived} | dict(given)
+
+
+def in_tables(numbers: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Values by table and name, as a scene is given, from its numbers and its inputs."""
+    tables: dict[str, dict[str, Any]] = {key.partition(".")[0]: {} for key in numbers}
+    for key, value in in_given_form(numbers, given).items():
+        table, name = key.split(".")
+        tables[table][name] = BLOCK if value is None else value
+    return tables
+
+
+def worked_out(numbers: Numbers, given: Numbers, changed: set[str]) -> dict[str, Any]:
+    """The numbers that are worked out from others of which some have `changed`, in turn."""
+    numbers, results = dict(numbers), {}
+    for derived in DERIVED_INPUTS:
+        depends_on = {*derived.marks, *derived.needed(numbers)}
+        if derived.counts(given) and depends_on & (changed | set(results)):
+            results[derived.number.name] = numbers[derived.number.name] = derived.value(numbers, given)
+    return results
+
+
+def consistent(numbers: Numbers, given: Numbers) -> dict[str, Any]:
+    """The inputs that give the numbers, to rounding: others were replaced in the scene without `vary`."""
+    kept = dict(given)
+    for derived in DERIVED_INPUTS:
+        if not derived.counts(given):
+            continue
+        number = np.asarray(numbers[derived.number.name])
+        rounding = 64 * float(np.finfo(number.dtype).eps)
+        if not np.allclose(derived.value(numbers, given), number, rtol=rounding, atol=0.0, equal_nan=True):
+            for name in derived.marks:
+                kept.pop(name, None)
+    return kept

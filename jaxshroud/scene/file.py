@@ -1,14 +1,14 @@
 """A loaded scene file: the physics as plain numbers, the run and the sweep."""
 
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tomli_w
 
+from jaxshroud.scene.derived_inputs import in_tables, same_quantity
 from jaxshroud.scene.messages import fail
 from jaxshroud.scene.parts import Direction, reading_text
 from jaxshroud.scene.schema import RunTable, Table
@@ -36,25 +36,29 @@ class SceneFile:
 
     name: str
     title: str
-    tables: Mapping[str, Mapping[str, Any]]  # the physics as plain SI numbers, as written by `text`
+    tables: Mapping[str, Mapping[str, Any]]  # the physics as plain SI numbers
     run: RunTable
     axes: tuple[Axis, ...] = ()
     direction: Direction = "independent"
     keep: int | None = None  # periods kept in a sweep, if different from `run.periods`
+    given: Mapping[str, Any] = field(default_factory=dict)  # inputs by their keys, from which numbers were worked out
 
     def __post_init__(self):
-        stems = [re.sub(r"\[.\]", "", "contact.k" if a.key == "contact.gamma" else a.key) for a in self.axes]
-        alike = len(stems) == 2 and stems[0] == stems[1] and {a.key[-3:] for a in self.axes} != {"[0]", "[1]"}
-        if alike or len(stems) > 2:
-            names = ", ".join(a.key for a in self.axes)
-            fail(self.name, f"[sweep] along: {names} is no grid; give one or two independent keys")
+        keys = [a.key for a in self.axes]
+        if len(keys) > 2 or (len(keys) == 2 and same_quantity(*keys)):
+            fail(self.name, f"[sweep] along: {', '.join(keys)} is no grid; give one or two independent keys")
 
     @cached_property
     def scene(self) -> "jaxshroud.scene.scene.Scene":
         """The scene, built at the first access, in the precision that JAX has then."""
         from jaxshroud.scene.scene import scene_of
 
-        return scene_of(self.tables)
+        return scene_of(self.tables, self.given)
+
+    @property
+    def given_tables(self) -> dict[str, dict[str, Any]]:
+        """The physics as it is given, in SI units, as written by `text`."""
+        return in_tables({f"{t}.{n}": v for t, row in self.tables.items() for n, v in row.items()}, self.given)
 
     @property
     def sweep_run(self) -> RunTable:
@@ -68,7 +72,7 @@ class SceneFile:
         Args:
             run: The run to write instead of its own [run].
         """
-        tables = {"title": self.title, **self.tables, "run": run or self.run.model_dump(exclude_none=True)}
+        tables = {"title": self.title, **self.given_tables, "run": run or self.run.model_dump(exclude_none=True)}
         if self.axes:
             tables["sweep"] = _sweep_table(self)
         return tomli_w.dumps(tables)

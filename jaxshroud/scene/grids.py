@@ -1,24 +1,25 @@
 """Batches of scenes, with leading axes: on a grid of values, from a table, or from a list."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.programs.kept import kept
-from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
+from jaxshroud.programs.kept import is_traced
+from jaxshroud.scene.checks import InputError, SceneError
+from jaxshroud.scene.derived_inputs import check_independent
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.numbers import replaced
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import short_repr, typed
 from jaxshroud.scene.valid import check_values
-from jaxshroud.scene.vary import vary
 
 
 def grid_of_scenes(scene: Scene, axes: Mapping[str, np.ndarray]) -> Scene:
-    """Scenes with one leading axis for each axis of a grid.
+    """Scenes with the leading axes of the given ones, and then one for each axis of a grid.
 
     Raises:
         KeyNameError: There is no such number.
@@ -26,32 +27,29 @@ def grid_of_scenes(scene: Scene, axes: Mapping[str, np.ndarray]) -> Scene:
     """
     for key, values in axes.items():
         check_values(find_key(key)[0], np.asarray(values), key)
-    return _grid(scene, tuple(axes), [jnp.asarray(v) for v in axes.values()])
-
-
-@kept("keys")
-def _grid(scene: Scene, keys: tuple[str, ...], values: list) -> Scene:
-    build = lambda *values: varied(scene, keys, values)
-    for i in reversed(range(len(keys))):
-        build = jax.vmap(build, in_axes=[0 if j == i else None for j in range(len(keys))])
-    return build(*values)
-
-
-def varied(scene: Scene, keys: Iterable[str], values: Iterable[Any]) -> Scene:
-    """The `scene` with several numbers replaced."""
-    for key, value in zip(keys, values, strict=True):
-        scene = vary(scene, key, value)
-    return scene
+    return _with_axes(scene, dict(zip(axes, np.ix_(*axes.values()), strict=True)), tuple(map(len, axes.values())))
 
 
 def scenes_at(scene: Scene, keys: Sequence[str], values: np.ndarray) -> Scene:
     """Scenes (leading axis) with the numbers `keys` set to each row of `values` (n, keys)."""
-    return _scenes_at(scene, tuple(keys), jnp.asarray(values, scene.drive.omega.dtype))
+    return _with_axes(scene, dict(zip(keys, np.asarray(values).T, strict=True)), (len(values),))
 
 
-@kept("keys")
-def _scenes_at(scene: Scene, keys: tuple[str, ...], rows) -> Scene:
-    return jax.vmap(lambda row: varied(scene, keys, row))(rows)
+def _with_axes(scene: Scene, values: Mapping[str, np.ndarray], shape: tuple[int, ...]) -> Scene:
+    """Scenes with leading axes of `shape` after their own, and numbers replaced; values broadcast with `shape`."""
+    like = jnp if is_traced(scene) else np  # by NumPy nothing is compiled
+    own = np.shape(scene.drive.omega)
+    lanes = (*own, *shape)
+    beside = jax.tree.map(lambda a: like.reshape(a, (*own, *(1 for _ in shape), *np.shape(a)[len(own) :])), scene)
+    varied = replaced(beside, {key: _per_number(key, column, len(own)) for key, column in values.items()})
+    return jax.tree.map(lambda a: jnp.asarray(like.broadcast_to(a, (*lanes, *np.shape(a)[len(lanes) :]))), varied)
+
+
+def _per_number(key: str, values: np.ndarray, own_axes: int) -> np.ndarray:
+    """Values with an axis for each of the scenes' own, and one of the blades for a number of both."""
+    row, blade = find_key(key)
+    values = values.reshape(*(1 for _ in range(own_axes)), *values.shape)
+    return values[..., None] if row.pair and blade is None else values
 
 
 @typed
@@ -90,8 +88,7 @@ def scenes_from(table: object, base: Scene | SceneFile) -> Scene:
     if not sizes or len(set(sizes.values())) > 1 or 0 in sizes.values():
         lengths = ", ".join(f"{key}: {n}" for key, n in sizes.items()) or "no column"
         raise SceneError(f"a table needs columns of one length and at least one row, but has {lengths}")
-    if {"contact.k", "contact.gamma"} <= set(keys):
-        raise KeyNameError("contact.k and contact.gamma are one number; name one of them")
+    check_independent(list(keys))
     scene = base.scene if isinstance(base, SceneFile) else base
     return scenes_at(scene, keys, np.stack(list(columns.values()), axis=-1))
 

@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections import ChainMap
 from types import EllipsisType
 from typing import Any, NamedTuple
 
@@ -76,17 +77,19 @@ class Key(NamedTuple):
     @property
     def shown(self) -> tuple[str, float]:
         """The unit in pictures, and its number per SI unit."""
-        return DISPLAY_UNITS.get(self.unit, (self.unit, 1.0))
+        return DISPLAY_UNITS.get(self.name) or DISPLAY_UNITS.get(self.unit, (self.unit, 1.0))
 
 
 ANY, POSITIVE, FROM_0 = Range("any"), Range("> 0", 0.0, open=True), Range(">= 0", 0.0)
 FACE = Range("> 0, <= pi/2", 0.0, open=True, maximum=math.pi / 2)
-DISPLAY_UNITS = {  # SI unit -> unit in pictures, and its number per SI unit
+DISPLAY_UNITS = {  # SI unit, or key -> unit in pictures, and its number per SI unit
     "rad": ("°", 180 / math.pi),
     "m": ("mm", 1e3),
     "kg": ("g", 1e3),
     "kg m^2": ("g m²", 1e3),
     "N/m": ("kN/m", 1e-3),
+    "drive.speed": ("rpm", 30 / math.pi),
+    **{f"blades.zeta_{name}": ("%", 100.0) for name in ("x", "y", "T")},
 }
 
 
@@ -158,7 +161,7 @@ SCENE_KEYS = (
     ),
 )
 KEYS = {row.name: row for row in SCENE_KEYS}
-INPUT_KEYS = (  # inputs of files only, from which `derived_inputs` computes numbers of the scene
+INPUT_KEYS = (  # other ways to give numbers of the scene, which `derived_inputs` works out
     blade_key("blades.f_x", "Hz", POSITIVE, "f_x", "natural frequency", "178 Hz", "natural frequency in x, for k_x"),
     blade_key("blades.f_y", "Hz", POSITIVE, "f_y", "natural frequency", "975 Hz", "natural frequency in y, for k_y"),
     blade_key("blades.f_T", "Hz", POSITIVE, "f_T", "natural frequency", "144 Hz", "torsion frequency, for k_T"),
@@ -169,6 +172,9 @@ INPUT_KEYS = (  # inputs of files only, from which `derived_inputs` computes num
     scene_key("drive.engine_order", "", POSITIVE, "e", "engine order", 6.0, "drive periods in a revolution, for omega"),
     scene_key("drive.speed", "rad/s", POSITIVE, r"\Omega", "speed", "853 rpm", "speed of the rotor, for omega"),
 )
+
+
+ALL_KEYS = ChainMap({row.name: row for row in INPUT_KEYS}, KEYS)
 
 
 def keys_of_table(table: str) -> list[Key]:
@@ -189,18 +195,14 @@ def find_key(key: str, where: str = "") -> tuple[Key, int | None]:
     match = KEY_PATTERN.fullmatch(key)
     name, blade = (match["name"], match["blade"]) if match else (key, None)
     where = f"{where}: " if where else ""
-    if name not in KEYS:
+    if name not in ALL_KEYS:
         key = " ".join(key.split())
-        derived = next((row for row in INPUT_KEYS if row.name == name), None)
-        if derived is not None:
-            number = f"{derived.parts[0]}.{derived.about.rpartition(' ')[2]}"
-            raise KeyNameError(f"{where}{name} is a way to give {number} in files; name that instead")
-        candidates = [candidate for candidate in KEYS if candidate.endswith(f".{key}")]
-        cure = f"; did you mean `{candidates[0]}`?" if candidates else hint(key, list(KEYS))
+        candidates = [candidate for candidate in ALL_KEYS if candidate.endswith(f".{key}")]
+        cure = f"; did you mean `{candidates[0]}`?" if candidates else hint(key, list(ALL_KEYS))
         raise KeyNameError(f"{where}the scene has no number `{key}`{cure}")
-    if blade is not None and not KEYS[name].pair:
+    if blade is not None and not ALL_KEYS[name].pair:
         raise KeyNameError(f"{where}{name} is one number, not one per blade; drop the [{blade}]")
-    return KEYS[name], None if blade is None else int(blade)
+    return ALL_KEYS[name], None if blade is None else int(blade)
 
 
 def key_parts(key: str) -> tuple[str, str, int | None]:

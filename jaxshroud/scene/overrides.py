@@ -8,6 +8,7 @@ from jaxshroud.scene.derived_inputs import alternative_keys
 from jaxshroud.scene.keys import KEYS
 from jaxshroud.scene.messages import fail, toml_text
 from jaxshroud.scene.schema import TABLE_MODELS
+from jaxshroud.scene.units import is_speed_of_rotation
 
 OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+)(?:\[([01])\])?\s*=\s*(\S.*?)\s*")
 PER_BLADE_KEYS = {row.name for row in KEYS.values() if row.pair}
@@ -37,6 +38,17 @@ def literal(text: str) -> Any:
     return [literal(t.strip()) for t in text.split(",")] if "," in text and text[0] != "[" else text
 
 
+def check_is_no_speed(where: str, key: str, value: Any, engine_order: Any) -> None:
+    """Refuse a speed of rotation for the circular frequency of a drive whose scene has an engine order."""
+    if key == "drive.omega" and engine_order is not None and is_speed_of_rotation(value):
+        order = f"{engine_order:g}" if isinstance(engine_order, int | float) else engine_order
+        fail(
+            where,
+            f"{toml_text(value)} is a speed of rotation, but omega is the frequency of a drive with engine order "
+            f"{order}; name drive.speed, or give omega in rad/s",
+        )
+
+
 def override(document: dict[str, Any], text: str) -> tuple[str, str]:
     """Set one key of the `document` in place; its table and name are returned."""
     match = OVERRIDE.fullmatch(text)
@@ -61,6 +73,7 @@ def override(document: dict[str, Any], text: str) -> tuple[str, str]:
         if old is None or len(pair) != 2:
             return "", ""  # an error of the file, which is reported later
         value = [value if i == int(blade) else v for i, v in enumerate(pair)]
+    check_is_no_speed("--set", f"{table}.{name}", value, rows.get("engine_order"))
     rows[name] = value
     alternatives = [tuple(key.split(".")) for key in alternative_keys(f"{table}.{name}")]
     for rival_table, rival_key in [*EXCLUSIVE_KEYS.get((table, name), []), *alternatives]:

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxshroud.scene.checks import InputError, type_argument
-from jaxshroud.scene.keys import AT_REST, Motion
+from jaxshroud.scene.keys import ALL_KEYS, AT_REST, Motion
 from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, with_checked_shapes
 from jaxshroud.scene.parts import Parts, misprints
 from jaxshroud.scene.typed import are_numbers, typed
-from jaxshroud.scene.valid import check_numbers
+from jaxshroud.scene.valid import check_number, check_numbers
 
 PerBlade = Float[Array, "... 2"]  # left blade first
 
@@ -48,6 +48,14 @@ def _from_numpy(value: np.ndarray) -> Array:
 def _motion_per_blade(motion: Any) -> Any:
     """A motion with one number per blade in each field."""
     return Motion(*map(per_blade, motion)) if isinstance(motion, Motion) else motion
+
+
+def _given(inputs: Mapping[str, Any]) -> dict[str, Any]:
+    """Inputs as arrays, like numbers of a scene."""
+    return {
+        key: None if value is None else per_blade(value) if ALL_KEYS[key].pair else scalar(value)
+        for key, value in inputs.items()
+    }
 
 
 def _reading(value: Any) -> Any:
@@ -145,7 +153,11 @@ TABLE_CLASSES = {"blades": Blades, "shroud": Shroud, "contact": Contact, "fricti
 
 
 class Scene(eqx.Module):
-    """One physical set-up in SI units. Every number is an array leaf, so that scenes batch with `jax.vmap`."""
+    """One physical set-up in SI units. Every number is an array leaf, so that scenes batch with `jax.vmap`.
+
+    A scene may be `given` by frequencies, damping ratios or speeds, from which some of its numbers were worked out, see
+    `jaxshroud.scene.derived_inputs`. Only `vary` and what varies numbers look at them; a model does not.
+    """
 
     blades: Blades
     shroud: Shroud
@@ -155,6 +167,7 @@ class Scene(eqx.Module):
     initial: Motion = eqx.field(converter=_motion_per_blade, default=AT_REST)
     parts: Parts = eqx.field(static=True, default=Parts())
     laws: Laws | None = None  # user laws of contact and friction
+    given: dict[str, Any] = eqx.field(converter=_given, default_factory=dict)  # inputs by their keys
 
     def __check_init__(self):
         for name, kind in {**TABLE_CLASSES, "initial": Motion, "parts": Parts}.items():
@@ -168,6 +181,9 @@ class Scene(eqx.Module):
         if self.parts.contact == "own" and self.contact.reading:
             raise InputError("Own laws have no misprints: the scene's `reading` must be consistent.")
         check_numbers("initial", self.initial)
+        for key, value in self.given.items():
+            if value is not None:
+                check_number(ALL_KEYS[key], value)
 
     @property
     def k(self) -> Number:
@@ -178,8 +194,8 @@ class Scene(eqx.Module):
         return self.contact.gamma * self.blades.k_x[0]
 
 
-def scene_of(tables: Mapping[str, Mapping[str, Any]]) -> Scene:
-    """The scene from tables of plain SI numbers, as in a file."""
+def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) -> Scene:
+    """The scene from tables of plain SI numbers, as in a file, and the inputs from which some were worked out."""
     parts = tables["parts"]
     return Scene(
         Blades(**tables["blades"]),
@@ -189,14 +205,20 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]]) -> Scene:
         Drive(**tables["drive"]),
         Motion(**tables["initial"]),
         Parts(**{**parts, "motion": tuple(parts["motion"])}),
+        given=given,  # pyright: ignore[reportArgumentType]
     )
+
+
+def without_given(scene: Scene) -> Scene:
+    """The numbers of a scene alone, which are all that its motion depends on: one program marches all scenes."""
+    return eqx.tree_at(lambda s: s.given, scene, {}, is_leaf=lambda part: isinstance(part, dict))
 
 
 def with_parts(scene: Scene, parts: Parts, width: ArrayLike | None = None) -> Scene:
     """The `scene` with other model parts; smooth contact requires a `width` [m]."""
     c = scene.contact
     contact = Contact(c.k, c.gamma, c.reading, width)  # pyright: ignore[reportArgumentType]
-    return Scene(scene.blades, scene.shroud, contact, scene.friction, scene.drive, scene.initial, parts)
+    return _with_contact(scene, contact, parts)
 
 
 @typed
@@ -226,4 +248,9 @@ def with_laws(scene: Scene, normal: NormalLaw, friction: FrictionLaw | None = No
     """
     contact = Contact(scene.contact.k, scene.contact.gamma, scene.contact.reading)
     parts, laws = scene.parts._replace(contact="own"), with_checked_shapes(Laws(normal, friction, z))
-    return Scene(scene.blades, scene.shroud, contact, scene.friction, scene.drive, scene.initial, parts, laws)
+    return _with_contact(scene, contact, parts, laws)
+
+
+def _with_contact(scene: Scene, contact: Contact, parts: Parts, laws: Laws | None = None) -> Scene:
+    s = scene
+    return Scene(s.blades, s.shroud, contact, s.friction, s.drive, s.initial, parts, laws, s.given)

@@ -7,32 +7,22 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from jaxshroud.scene.derived_inputs import in_given_form, in_tables
+from jaxshroud.scene.numbers import given_of, numbers_of
 from jaxshroud.scene.parts import reading_text
+from jaxshroud.scene.replacing import plain_numbers
 from jaxshroud.scene.scene import Scene
 
-TABLE_NAMES = ("blades", "shroud", "contact", "friction", "drive", "initial")
 
-
-def fields_of(scene: Scene) -> dict[str, Any]:
-    """All numbers of a scene, or of many (leading axes), by their keys: arrays of NumPy or JAX, in SI units."""
-    tables = {table: getattr(scene, table) for table in TABLE_NAMES}
-    fields = {table: part._asdict() if table == "initial" else vars(part) for table, part in tables.items()}
-    named = {f"{table}.{name}": value for table, part in fields.items() for name, value in part.items()}
-    return {key: value for key, value in named.items() if hasattr(value, "shape")}
-
-
-def numbers_of(scene: Scene) -> dict[str, np.ndarray]:
-    """All numbers of a scene by their keys, as NumPy arrays in SI units."""
-    return {key: np.asarray(value) for key, value in fields_of(scene).items()}
+def given_numbers_of(scene: Scene) -> dict[str, np.ndarray]:
+    """What a scene, or many (leading axes), is given by: numbers by their keys, as NumPy arrays in SI units."""
+    given = in_given_form(numbers_of(scene), given_of(scene))
+    return {key: np.asarray(value) for key, value in given.items() if value is not None}
 
 
 def tables_of(scene: Scene) -> dict[str, dict[str, Any]]:
-    """One scene as plain numbers by table and key, with one number for equal blades."""
-    tables: dict[str, dict[str, Any]] = {table: {} for table in TABLE_NAMES}
-    for key, value in numbers_of(scene).items():
-        table, name = key.split(".")
-        is_equal = value.ndim == 0 or value[0] == value[1]
-        tables[table][name] = float(value.ravel()[0]) if is_equal else value.tolist()
+    """One scene as it is given, in plain numbers by table and key, with one number for equal blades."""
+    tables = in_tables(plain_numbers(numbers_of(scene)), plain_numbers(given_of(scene)))
     tables["contact"]["reading"] = reading_text(scene.contact.reading)
     return {**tables, "parts": {**scene.parts._asdict(), "motion": list(scene.parts.motion)}}
 

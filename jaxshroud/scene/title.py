@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from jaxshroud.scene.keys import KEYS
+from jaxshroud.scene.keys import ALL_KEYS
 
 CHANGE_SEPARATOR = ", but "  # between a title and the overrides
 
@@ -49,7 +49,7 @@ def display_name(table: str, key: str) -> str:
 
 def display_value(table: str, key: str, value: Any) -> str:
     """A value of a scene in the unit of pictures, as text."""
-    row = KEYS.get(f"{table}.{key}")
+    row = ALL_KEYS.get(f"{table}.{key}")
     if row is None:
         return " and ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
     unit, factor = row.shown

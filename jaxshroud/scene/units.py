@@ -51,6 +51,18 @@ def _parsed_unit(text: str) -> Any:
     return units
 
 
+def is_speed_of_rotation(value: Any) -> bool:
+    """Whether it is a string with revolutions in its unit, such as "1300 rpm"."""
+    match = QUANTITY.fullmatch(value) if isinstance(value, str) else None
+    if match is None or not match[2]:
+        return False
+    try:
+        unit = str(_parsed_unit(match[2]))
+    except ValueError:
+        return False  # an unknown unit, which is reported where it is converted
+    return "revolution" in unit or "turn" in unit
+
+
 def to_si(unit: str, value: Any) -> Any:
     """The `value` with every string in it converted to the SI `unit`; numbers are unchanged."""
     if isinstance(value, list | tuple):

@@ -3,61 +3,89 @@
 from collections.abc import Sequence
 from typing import Any
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.scene.checks import KeyNameError, SceneError
-from jaxshroud.scene.keys import KEYS, key_parts
-from jaxshroud.scene.scene import Contact, Scene
+from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, DERIVED_INPUTS, check_independent, check_known
+from jaxshroud.scene.keys import ALL_KEYS, KEYS, find_key, key_parts
+from jaxshroud.scene.numbers import expressed_by, fields_of, given_of, numbers_of, replaced
+from jaxshroud.scene.replacing import NO_WIDTH
+from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_number
 
 NUMERIC_KEYS = tuple(KEYS)
 
 
-def _named_number(scene: Scene, key: str) -> Any:
-    """The number or numbers with a key, for both blades."""
-    table, name, _ = key_parts(key)
-    number = scene.blades.inertia_y if name == "m_y" else getattr(getattr(scene, table), name)
-    if name == "width" and number is None:
-        raise KeyNameError("The scene's contact is not smooth: it has no width.")
-    return number
+def _named_number(scene: Scene, name: str) -> Any:
+    """The number or numbers with the name of a key, for both blades.
+
+    Raises:
+        KeyNameError: The scene has no such number.
+    """
+    if name in DERIVED_BY_KEY:
+        return _input_of(scene, name)
+    if name == "contact.width" and scene.contact.width is None:
+        raise KeyNameError(NO_WIDTH)
+    if name == "contact.k":
+        return scene.k
+    if name == "contact.gamma":
+        return scene.k / scene.blades.k_x[..., 0]
+    return fields_of(scene).get(name, scene.blades.m)  # for a mass in y that is not there
+
+
+def _input_of(scene: Scene, name: str) -> Any:
+    """An input: the given one, else that by which the number would have been given.
+
+    Raises:
+        KeyNameError: The number does not determine it.
+    """
+    derived, given = DERIVED_BY_KEY[name], given_of(scene)
+    if derived.counts(given):
+        return given[name]
+    check_known(name, given)
+    return derived.given_value(numbers_of(scene))
 
 
 @typed
 def vary(scene: Scene, key: str, value: ArrayLike | Sequence[ArrayLike]) -> Scene:
-    """The `scene` with one number replaced.
+    """The `scene` with one number replaced, and with it those that are worked out from it.
 
     Args:
         scene: The scene to start from.
-        key: `table.name`, or `table.name[0]`, `table.name[1]` for one blade only.
+        key: `table.name`, or `table.name[0]`, `table.name[1]` for one blade only: a number of the scene, or another way
+            to give one, such as `drive.speed` for a scene with an engine order, or `blades.f_x`.
         value: The new value in SI units; a scalar or, for a per-blade key, one value per blade.
 
     Returns:
-        A new scene. Setting `contact.k` drops `contact.gamma`, and vice versa.
+        A new scene, as if its file gave this value: `contact.k` drops `contact.gamma` and vice versa, `blades.f_x`
+        drops `blades.k_x`; and a scene that is given by frequencies keeps these where its masses change.
 
     Raises:
-        KeyNameError: There is no such number.
+        KeyNameError: There is no such number, or the scene has no engine order for a speed.
         SceneError: The value is out of its range; traced values are not checked.
     """
-    (table, name, blade), old = key_parts(key), _named_number(scene, key)
-    value = jnp.asarray(value, dtype=float) if isinstance(value, tuple | list) else value
-    check_number(KEYS[f"{table}.{name}"], value)
-    if blade is not None:
-        value = old.at[blade].set(value)
-    if name in ("k", "gamma"):
-        other = {"k": "gamma", "gamma": "k"}[name]
-        contact = Contact(**{name: value, other: None}, reading=scene.contact.reading, width=scene.contact.width)
-        precise = jax.tree.map(lambda a: a.astype(scene.blades.k_x.dtype), contact)
-        return eqx.tree_at(lambda s: s.contact, scene, precise)
-    new = jnp.asarray(value, dtype=old.dtype)
-    if np.broadcast_shapes(new.shape, old.shape) != old.shape:
-        raise SceneError(f"{key} has the shape {old.shape}, but its value has {new.shape}; see js.scenes_from")
-    new = jnp.broadcast_to(new, old.shape)
-    return eqx.tree_at(lambda s: getattr(getattr(s, table), name), scene, new, is_leaf=lambda x: x is None)
+    row, blade = find_key(key)
+    number: Any = jnp.asarray(value, dtype=float) if isinstance(value, tuple | list) else value
+    check_number(row, number)
+    lanes, own = np.shape(scene.drive.omega), np.shape(number)
+    shape = (*lanes, 2) if row.pair and blade is None else lanes
+    if np.broadcast_shapes(own, shape) != shape:
+        raise SceneError(f"{key} has the shape {shape}, but its value has {own}; see js.scenes_from")
+    return replaced(scene, {key: number})
+
+
+def with_numbers(scene: Scene, keys: Sequence[str]) -> Scene:
+    """The scene expressed such that each of the `keys` is one of its own numbers (`gamma` or `k`, `f_x` or `k_x`).
+
+    Raises:
+        KeyNameError: There is no such number, or two keys are one.
+    """
+    check_independent(keys)
+    names = dict.fromkeys(find_key(key)[0].name for key in keys)
+    return expressed_by(scene, {name: np.asarray(_named_number(scene, name)) for name in names})
 
 
 @typed
@@ -88,21 +116,18 @@ def offsets(scene: Scene, key: str) -> dict[str, float]:
 
 def _blade_values(scene: Scene, key: str) -> list[float]:
     """The number with a key, or one for each blade."""
-    number = _named_number(scene, key)
-    if key == "contact.k":
-        number = scene.k
-    if key == "contact.gamma":
-        number = scene.k / scene.blades.k_x[0]
-    return [float(v) for v in jnp.atleast_1d(number)]
+    return [float(v) for v in np.atleast_1d(np.asarray(_named_number(scene, find_key(key)[0].name)))]
 
 
 def numbers_that_count(scene: Scene) -> tuple[str, ...]:
     """The keys of all numbers on which the settled motion of a scene may depend.
 
-    Left out are the initial motion, numbers without effect in the scene's parts, and the phase of the left blade, which
-    only sets the origin of time. Numbers that differ between the blades have one key each.
+    Left out are the initial motion, numbers without effect in the scene's parts, the phase of the left blade, which
+    only sets the origin of time, and an engine order, which acts as the speed does. Inputs stand for the numbers that
+    are worked out from them. Numbers that differ between the blades have one key each.
     """
     parts, keys = scene.parts, []
+    derived = {one.number.name: one for one in DERIVED_INPUTS if one.counts(given_of(scene))}
     unused = _UNUSED["initial"] | {"contact.k" if scene.contact.k is None else "contact.gamma", "drive.phase"}
     unused |= set() if "y" in parts.motion else _UNUSED["y"]
     unused |= set() if "theta" in parts.motion else _UNUSED["theta"]
@@ -110,9 +135,12 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
     unused |= set() if parts.contact == "smooth" else {"contact.width"}
     unused |= set() if parts.friction != "none" else _UNUSED["friction"]
     unused |= set() if parts.contact != "none" else _UNUSED["contact"] | _UNUSED["friction"]
-    for key in (key for key in KEYS if key not in unused):
+    for number in (key for key in KEYS if key not in unused):
+        if number in derived and not derived[number].keys:
+            continue
+        key = derived[number].keys[-1].name if number in derived else number
         pair = np.asarray(_named_number(scene, key))
-        differ = KEYS[key].pair and bool(np.any(pair[..., :1] != pair))
+        differ = ALL_KEYS[key].pair and bool(np.any(pair[..., :1] != pair))
         rigid = parts.neighbour == "rigid"
         keys += [f"{key}[0]", *([] if rigid else [f"{key}[1]"])] if differ else [key]
     return (*keys, *([] if parts.neighbour == "rigid" else ["drive.phase[1]"]))

@@ -14,7 +14,7 @@ from jaxshroud.motion.gradient import directional_derivatives
 from jaxshroud.results.tuned import DesignJudgement
 from jaxshroud.scene.checks import count_argument
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.design_problem import Problem, Tick, judge_designs, scenes_of, start_states
 
@@ -117,9 +117,10 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarra
     scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
     n_lanes = len(u) * rows * len(keys)
     per_key = lambda tree: jax.tree.map(lambda a: np.repeat(np.asarray(a), len(keys), axis=0), tree)
-    key_directions = [direction(jax.tree.map(lambda a: a[0], scenes), key) for key in keys]
+    key_directions = [direction(scenes, key) for key in keys]
+    scenes = without_given(scenes)
     rate = (np.repeat(rates, rows, axis=0) * np.tile(problem.stretch, (len(u), 1))).ravel()
-    directions = jax.tree.map(lambda *a: np.tile(np.stack(a), (len(u) * rows, *[1] * np.ndim(a[0]))), *key_directions)
+    directions = jax.tree.map(lambda *a: np.stack(a, axis=1).reshape(-1, *a[0].shape[1:]), *key_directions)
     directions = jax.tree.map(lambda a: (a * rate.reshape(-1, *[1] * (a.ndim - 1))).astype(a.dtype), directions)
     scene, state = Dual(per_key(scenes), directions), without_direction(per_key(start_states(problem, scenes)))
     method, steps = as_differentiable(plan.method), plan.steps_per_period

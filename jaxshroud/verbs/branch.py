@@ -16,7 +16,6 @@ from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import run_alone
 from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, continuation_problem, first_point
 from jaxshroud.motion.branch_continuation import ContinuedBranch, branches_from, with_errors
-from jaxshroud.motion.gradient import with_numbers
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions, closed_orbit, settled_orbit
 from jaxshroud.results.branch import Branch
@@ -26,7 +25,7 @@ from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.scene.vary import value_of
+from jaxshroud.scene.vary import value_of, with_numbers
 from jaxshroud.verbs.lanes import one_scene, with_tangents
 from jaxshroud.verbs.options import resolve_options
 

@@ -15,14 +15,13 @@ from jaxshroud.march.method import FAST
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import averages, stiffnesses
-from jaxshroud.motion.gradient import with_numbers
 from jaxshroud.results.tuned import PENALTY, DesignJudgement
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import find_key
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import check_values, in_precision
-from jaxshroud.scene.vary import value_of
+from jaxshroud.scene.vary import value_of, with_numbers
 from jaxshroud.verbs.scattering import Scattering, check_ends, check_overlap, cube_corners
 
 Goal = Literal["mean", "worst"]
@@ -169,7 +168,7 @@ def start_states(problem: Problem, scenes: Scene) -> State:
 
 def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick) -> DesignJudgement:
     """Simulate designs (n, keys) in every condition, at every draw."""
-    scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
+    scenes = in_precision(without_given(scenes_of(problem, designs)), problem.plan.method.precision)
     runs = run_lanes(scenes, start_states(problem, scenes), problem.plan, tick)
     with np.errstate(invalid="ignore", over="ignore"):  # powers of an extreme design overflow
         repetition, reduction, _ = averages(scenes, runs.samples)

@@ -18,7 +18,6 @@ from jaxshroud.motion.gradient import (
     differences_on,
     gradient_of,
     orbit_gradient,
-    with_numbers,
 )
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions
@@ -28,7 +27,7 @@ from jaxshroud.scene.checks import InputError, count_argument, positive_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.scene.vary import level_of, numbers_that_count
+from jaxshroud.scene.vary import level_of, numbers_that_count, with_numbers
 from jaxshroud.verbs.lanes import RequestedLanes, results_of_all, warn_failed, with_tangents
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.orbit import cycles_of

@@ -21,7 +21,7 @@ from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import KEYS
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.text import numbers_of, text_of
 from jaxshroud.scene.typed import Tree, typed
 from jaxshroud.scene.valid import in_precision
@@ -204,7 +204,7 @@ def choose_method(
     if resolved.accuracy is not None and contact in ("smooth", "own"):
         kind = "smooth contact" if contact == "smooth" else "own laws"
         raise InputError(f"An accuracy can be had for located contact, not for {kind}; give js.RungeKutta(steps=...).")
-    accuracy = resolved.choosing_accuracy
+    accuracy, lanes = resolved.choosing_accuracy, without_given(lanes)
     if accuracy is not None:
         periods = resolved.transient + resolved.n_periods if periods is None else periods
         ends = ends or partial(end_states, ledger=usual.ledger)
@@ -226,7 +226,8 @@ def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials
     if choice is not None and choice is not resolved.accuracy:
         return MarchPlan(choice.steps, method, choice)
     steps = choice.steps if choice is not None else "auto" if resolved.steps is None else resolved.steps
-    lanes = in_precision(lanes, method.precision)  # the method was not chosen for these lanes: is it stable here?
+    # the method was not chosen for these lanes: is it stable here?
+    lanes = in_precision(without_given(lanes), method.precision)
     return MarchPlan(steps_for(lanes, 1, steps, stepping_method(lanes, method)), method, choice)
 
 

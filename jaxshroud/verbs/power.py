@@ -26,7 +26,7 @@ from jaxshroud.motion.statistics import confidence_interval
 from jaxshroud.results.power import PowerResult
 from jaxshroud.scene.checks import InputError, tolerance_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import missed_lanes, warn_missed
@@ -204,7 +204,7 @@ def power(
     tolerance_argument("period_tol", period_tol)
     march = plan_march(resolved, lanes, FAST_WITH_LEDGER)
     march = march._replace(method=march.method._replace(forces=forces, amplitudes=amplitudes))
-    scenes = in_precision(lanes, march.method.precision)
+    scenes = in_precision(without_given(lanes), march.method.precision)
     summaries, chatter = _run_longer(
         resolved, scenes, resolved.states(state, scenes), march, stable_within, period_tol, progress
     )

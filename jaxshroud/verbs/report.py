@@ -15,7 +15,6 @@ from jaxshroud.march.method import FAST, Method, method_of
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import closed_forms
-from jaxshroud.motion.gradient import with_numbers
 from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.scatter import Report
 from jaxshroud.results.sweep import SweepResult
@@ -28,7 +27,7 @@ from jaxshroud.scene.parts import SINGLE_DIRECTIONS
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T, typed
 from jaxshroud.scene.valid import check_values
-from jaxshroud.scene.vary import value_of
+from jaxshroud.scene.vary import value_of, with_numbers
 from jaxshroud.verbs.ascent import verify_design
 from jaxshroud.verbs.attractors import attractors
 from jaxshroud.verbs.check import check

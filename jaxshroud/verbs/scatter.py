@@ -13,7 +13,6 @@ from jaxshroud.march.method import Method
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import stiffnesses
-from jaxshroud.motion.gradient import with_numbers
 from jaxshroud.motion.statistics import saltelli_rows, variance_indices
 from jaxshroud.results.scatter import Scatter
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument
@@ -21,7 +20,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.scene.vary import value_of
+from jaxshroud.scene.vary import value_of, with_numbers
 from jaxshroud.verbs.design_problem import check_bounds
 from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
@@ -108,10 +107,13 @@ def scatter(
         progress=progress,
         throw=throw,
     )
-    P_d, status = (a.reshape(per_draw, *rows.shape[:2]) for a in (np.asarray(run.P_d, float), run.status))
+    reshaped = lambda a: np.asarray(a).reshape(per_draw, *rows.shape[:2])
+    P_d, P_d_ci, status = reshaped(run.P_d).astype(float), reshaped(run.P_d_ci).astype(float), reshaped(run.status)
+    P_d_ci = np.take_along_axis(P_d_ci, np.argmin(P_d, axis=0)[None], axis=0)[0]  # of the least
     stopped, status = int(np.sum(status != Status.OK)), status.max(axis=0)
     P_d = np.where(status == Status.OK, P_d.min(axis=0), np.nan)
     values = _statistics(P_d, at_least) | variance_indices(_with_mean(P_d), seed)._asdict()
+    values |= {"P_d_ci": np.ravel(P_d_ci[:2])}
     values |= {"low": ends[:, 0], "high": ends[:, 1], "drawn": np.concatenate(rows[:2]), "status": np.ravel(status[:2])}
     values |= {"v_max": np.nanmax(run.v_max, initial=0), "N_max": np.nanmax(stiffnesses(scenes) * run.v_max, initial=0)}
     values |= {"conditions_json": json.dumps({key: at.tolist() for key, at in condition_values.items()})}

@@ -5,7 +5,6 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from jaxshroud.motion.gradient import with_numbers
 from jaxshroud.results.attractors import share_interval
 from jaxshroud.results.tuned import HalfWidth
 from jaxshroud.scene.checks import InputError, count_argument
@@ -13,7 +12,7 @@ from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import is_number
 from jaxshroud.scene.valid import check_values
-from jaxshroud.scene.vary import value_of
+from jaxshroud.scene.vary import value_of, with_numbers
 
 Spread = float | str | tuple[float, float]  # half width [SI], or as a share such as "20%"; or lower and upper bound
 

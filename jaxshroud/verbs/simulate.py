@@ -25,7 +25,7 @@ from jaxshroud.motion.short_runs import trajectory_ends
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import missed_lanes, warn_missed
@@ -92,7 +92,7 @@ def simulate(
         raise InputError("Argument `events` keeps those of one scene with located contact; simulate it alone.")
     lanes = resolved.lanes
     march = plan_march(resolved, lanes, REFERENCE, periods=resolved.n_periods, ends=trajectory_ends)
-    scenes = in_precision(lanes, march.method.precision)
+    scenes = in_precision(without_given(lanes), march.method.precision)
     count = resolved.n_periods * march.steps // every
     check_memory("what is stored of this run", len(scenes.drive.omega) * count * STEP_BYTES)
     states = resolved.states(state, scenes)

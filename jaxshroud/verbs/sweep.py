@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
@@ -22,7 +21,7 @@ from jaxshroud.scene.checks import InputError, StoreError, tolerance_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import warn_missed
@@ -138,6 +137,7 @@ def sweep(
     path = _store_path(store, resume)
     lanes_in_memory = None if keep_samples and path is None else min(lanes, MAX_LANES_AT_ONCE)
     check_size(lanes, resolved.transient, resolved.n_periods, lanes_in_memory)
+    grid = grid._replace(lanes=without_given(grid.lanes))
     march = plan_march(grid.resolved, grid.lanes, FAST._replace(ledger=ledger))
     if forces:
         march = march._replace(method=march.method._replace(ledger=True, forces=True))
@@ -217,8 +217,5 @@ def _grid_of(
         raise InputError("Argument `along` must name one or two keys, each with at least one value.")
     if direction not in (None, "independent") and not axes:
         raise InputError(f"Argument `direction` = {direction!r} needs `along`: it follows the values of its first key.")
-    build = grid_of_scenes
-    for _ in resolved.shape:
-        build = jax.vmap(build, in_axes=(0, None))
-    scenes = build(resolved.scene, axes) if axes else resolved.scene
+    scenes = grid_of_scenes(resolved.scene, axes) if axes else resolved.scene
     return Grid(resolved, flatten_lanes(scenes, len(resolved.shape) + len(axes)), axes), direction or "independent"

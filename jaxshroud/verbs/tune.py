@@ -183,6 +183,7 @@ def _search(
         "polished_scores": polished_scores,
         "scanned": problem.values(cube),
         "scanned_scores": scanned.score,
+        "scanned_ci": _objective_ci(problem, scanned),
         "periods": periods,
         "confirmed": checks_agree(judgement, checks),
         "feasible": judgement.keeps()[0] and all(checks[name].keeps(LIMIT_MARGIN)[0] for name in SAME_START_CHECKS),
@@ -191,6 +192,13 @@ def _search(
     robust_values, coords = robustness(problem, design, robust_request, ticker) if robust_request else ({}, {})
     coords = {"key": list(problem.over), "check": list(checks), "end": ["lower", "upper"], **coords}
     return _tuned_result(problem, {**values, **robust_values}, coords)
+
+
+def _objective_ci(problem: Problem, judgement: DesignJudgement) -> np.ndarray:
+    """Half widths of the intervals of objectives (n,): of the mean of independent runs, or of the least."""
+    if problem.goal == "mean":
+        return np.sqrt(np.sum(judgement.ci**2, axis=1)) / judgement.ci.shape[1]
+    return np.take_along_axis(judgement.ci, np.argmin(judgement.P_d, axis=1)[:, None], axis=1)[:, 0]
 
 
 def _tuned_result(problem: Problem, values: dict[str, object], coords: dict[str, object]) -> Tuned:

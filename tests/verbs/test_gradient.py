@@ -9,7 +9,8 @@ import jaxshroud as js
 from jaxshroud import load, sweep
 from jaxshroud.batch.runs import Plan
 from jaxshroud.march.method import FAST
-from jaxshroud.motion.gradient import scenes_around, smoothed_gradient, with_numbers
+from jaxshroud.motion.gradient import scenes_around, smoothed_gradient
+from jaxshroud.scene.vary import with_numbers
 from jaxshroud.verbs.gradient import on_orbit
 
 PLAN = Plan(16, 32, 200, 0.0, FAST)
