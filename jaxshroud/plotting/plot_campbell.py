@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 
 from jaxshroud.plotting.page import Page, Panel
 from jaxshroud.plotting.style import (
@@ -24,15 +25,15 @@ from jaxshroud.plotting.style import (
 from jaxshroud.scene.units import RPM
 
 APART: Properties = {"color": BLUE, "ls": "-", "lw": 1.1}
-TOUCHING: Properties = {"color": ORANGE, "ls": (0, (4, 2)), "lw": 1.1}
-DOTS = {"apart": 4.5, "stuck": 2.6, "sliding": 2.6}  # sizes: where both have one frequency, both are seen
+IN_CONTACT: Properties = {"color": ORANGE, "ls": (0, (4, 2)), "lw": 1.1}
+CROSSING_SIZES = {"apart": 4.5, "stuck": 2.6, "sliding": 2.6}  # sizes: where both have one frequency, both are seen
 FACES = ("stuck", "sliding")  # faces on each other: sliding ones are shown where the model has no friction
 HEADROOM = 1.06  # of the axis of frequencies over what it has to show
 NEAR = 2.5  # times what engine orders reach: families below that are shown, crossed or not
-SMALL: Properties = {"textcoords": "offset points", "fontsize": 6, "color": INK}
-NAME: Properties = {**SMALL, "xycoords": ("axes fraction", "data"), "xytext": (7, 1.5), "zorder": 4}
-NAME |= {"bbox": {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.3}}
-NUMBER: Properties = {**SMALL, "xycoords": "axes fraction", "annotation_clip": False}
+SMALL_NOTE: Properties = {"textcoords": "offset points", "fontsize": 6, "color": INK}
+FAMILY_NAME: Properties = {**SMALL_NOTE, "xycoords": ("axes fraction", "data"), "xytext": (7, 1.5), "zorder": 2.5}
+FAMILY_NAME |= {"path_effects": [withStroke(linewidth=1.5, foreground="white")]}
+ORDER_NUMBER: Properties = {**SMALL_NOTE, "xycoords": "axes fraction", "annotation_clip": False}
 AT_RIGHT: Properties = {"xytext": (2, 0), "ha": "left", "va": "center"}
 AT_TOP: Properties = {"xytext": (0, 1), "ha": "center", "va": "bottom"}
 NUMBER_ROOM = 0.035  # of the length of an axis, between the numbers of engine orders
@@ -55,7 +56,7 @@ def campbell_page(ds: xr.Dataset, look: Look) -> Page[CampbellData]:
         look: The appearance asked for.
     """
     touching = [name for name in FACES if name in ds["contact"].to_numpy()]
-    content = CampbellData(ds, {"apart": APART, **{name: TOUCHING for name in touching[:1]}}, _top(ds))
+    content = CampbellData(ds, {"apart": APART, **{name: IN_CONTACT for name in touching[:1]}}, _top(ds))
     title = fitting_title(str(ds.attrs.get("title", "")), ["drive.omega"])
     return Page(content, CAMPBELL_PANELS, title, (COLUMN_WIDTH, 3.6), finish=_add_campbell_legend)
 
@@ -79,7 +80,7 @@ def _draw_frequencies(panel: Axes, data: CampbellData) -> None:
         speeds = families["crossing_speed"].to_numpy() * RPM
         family, order = np.nonzero((speeds >= start) & (speeds <= stop))
         at = speeds[family, order], families["frequency"].to_numpy()[family]
-        panel.plot(*at, "o", ms=DOTS[contact], mew=0, color=style["color"], zorder=3)
+        panel.plot(*at, "o", ms=CROSSING_SIZES[contact], mew=0, color=style["color"], zorder=3)
         _name_families(panel, families, labelled, data.top)
 
 
@@ -89,7 +90,7 @@ def _name_families(panel: Axes, families: xr.Dataset, labelled: list[float], top
         if frequency > top or any(abs(frequency - other) < LABEL_ROOM * top for other in labelled):
             continue
         labelled.append(frequency)
-        panel.annotate(str(name).replace(", either blade", ""), (0, frequency), **NAME)
+        panel.annotate(str(name).replace(", either blade", ""), (0, frequency), **FAMILY_NAME)
 
 
 def _draw_orders(panel: Axes, data: CampbellData) -> None:
@@ -106,7 +107,7 @@ def _draw_orders(panel: Axes, data: CampbellData) -> None:
         place = (end - start) / (stop - start), end * per_speed / data.top
         if all(max(abs(place[0] - x), abs(place[1] - y)) > NUMBER_ROOM for x, y in ends):
             ends.append(place)
-            panel.annotate(f"{order:g}", place, **(AT_RIGHT if end == stop else AT_TOP), **NUMBER)
+            panel.annotate(f"{order:g}", place, **(AT_RIGHT if end == stop else AT_TOP), **ORDER_NUMBER)
 
 
 CAMPBELL_PANELS = (Panel("frequency", _draw_frequencies),)

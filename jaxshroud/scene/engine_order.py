@@ -5,5 +5,6 @@ from jaxshroud.scene.scene import Scene
 
 
 def engine_order_of(scene: Scene | SceneFile) -> float | None:
-    """The engine order that a scene tells; None where it only tells the frequency of the drive."""
-    return scene.tables["drive"].get("engine_order") if isinstance(scene, SceneFile) else None
+    """The engine order by which a scene is given; None where only the frequency of its drive is known."""
+    order = getattr(scene, "given", {}).get("drive.engine_order")
+    return None if order is None else float(order)

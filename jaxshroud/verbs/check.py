@@ -70,7 +70,7 @@ def check(
     own_order = engine_order_of(scene)
     scene = one_scene("check", scene)
     arrays = jax.tree.map(np.asarray, scene)
-    free, k, gyration_of_block, lever, gradients = jax.tree.map(np.asarray, _closed_forms(scene))
+    free, k, gyration_of_block, lever, gradients = jax.tree.map(np.asarray, _free_and_touching(scene))
     b, d, s = arrays.blades, arrays.drive, arrays.shroud
     across, along = _relative_motion(free, float(s.alpha))
     modes = modes_of(arrays, float(k), gradients)
@@ -80,7 +80,7 @@ def check(
     stop = _end_of_range(modes, float(d.omega), speed) if stop is None else stop
     _check_range(start, stop)
     sheet = DataSheet(
-        coordinates=_coordinates(arrays, free),
+        coordinates=_free_coordinates(arrays, free),
         drive=float(d.omega) / RAD_PER_CYCLE,
         gap=float(s.gap),
         approach=across / math.sin(s.alpha),
@@ -104,7 +104,7 @@ def check(
 
 
 @kept()
-def _closed_forms(scene: Scene) -> tuple[Amplitudes, Scalar, Scalar, Scalar, tuple[Float[Array, "6"], ...]]:
+def _free_and_touching(scene: Scene) -> tuple[Amplitudes, Scalar, Scalar, Scalar, tuple[Float[Array, "6"], ...]]:
     """The amplitudes of the free blades, the contact's stiffness, a block's gyration, half its diagonal, and gradients.
 
     These are dv/dq and du/dq where the upper corners meet: there is no gap between them.
@@ -144,7 +144,7 @@ def _check_range(start: float, stop: float) -> None:
         raise InputError(f"The speeds from `start` to `stop` must be a range from 0 on, but are {start:g} to {stop:g}.")
 
 
-def _coordinates(arrays: Scene, free: Amplitudes) -> dict[str, Coordinate]:
+def _free_coordinates(arrays: Scene, free: Amplitudes) -> dict[str, Coordinate]:
     b, d = arrays.blades, arrays.drive
     loads = {"x": d.F_0 * np.cos(d.beta), "y": d.F_0 * np.sin(d.beta), "theta": d.M_0}
     oscillators = {"x": (b.m, b.c_x, b.k_x), "y": (b.inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}

@@ -20,6 +20,7 @@ MAX_ANGLE = np.radians(10.0)  # of a free block; the springs of torsion are line
 MIN_MARGIN = (
     0.05  # of the drive from a natural frequency: computed frequencies of blades are seldom closer to true ones
 )
+SAME_FREQUENCY = 1e-6  # relative difference of frequencies below which a mode in contact is one of free blades
 LEAST_DRIVEN = 1e-3  # share of the drive below which a mode is not excited
 
 
@@ -72,8 +73,8 @@ def _resonance_doubts(sheet: DataSheet) -> Iterator[str]:
         [mode for mode in sheet.modes if mode.contact == contact and mode.driven > LEAST_DRIVEN]
         for contact in ("apart", "stuck")
     )
-    free = {round(mode.frequency, 9) for mode in apart}
-    for modes in (apart, [mode for mode in stuck if round(mode.frequency, 9) not in free]):
+    is_free = lambda mode: any(np.isclose(mode.frequency, other.frequency, SAME_FREQUENCY, 0) for other in apart)
+    for modes in (apart, [mode for mode in stuck if not is_free(mode)]):
         yield from _resonance_doubt(sheet.drive, modes)
 
 
@@ -93,7 +94,7 @@ def _resonance_doubt(drive: float, modes: Sequence[NaturalMode]) -> Iterator[str
 def _contact_doubts(sheet: DataSheet, face: float) -> Iterator[str]:
     gap = abs(sheet.gap)
     if gap and sheet.approach > MAX_APPROACH_GAPS * gap:
-        meaning = "impacts are hard, and the gap hardly matters"
+        meaning = "impacts are hard, and last as without a gap"
         yield f"the free faces approach by {sheet.approach / gap:.0f} gaps: {meaning}; check the unit of shroud.gap"
     if sheet.slide > MAX_SLIDE_FACES * face:
         slid = f"{sheet.slide * 1e3:.3g} mm, {sheet.slide / face:.2g} of their length"

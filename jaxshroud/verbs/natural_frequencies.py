@@ -1,5 +1,6 @@
 """The natural modes of the blades of a scene, apart and in contact, with what an engineer calls them."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ ONE_BLADE = 0.95  # share of a mode's kinetic energy in one blade, beyond which 
 ALIKE = 1e-9  # relative difference below which the frequencies of both blades are one
 
 
-def modes_of(arrays: Scene, k: float, gradients: tuple[FloatArray, FloatArray]) -> tuple[NaturalMode, ...]:
+def modes_of(arrays: Scene, k: float, gradients: Sequence[np.ndarray]) -> tuple[NaturalMode, ...]:
     """All natural modes: those of the free blades, then those of each state of contact, the lowest first.
 
     Args:
@@ -28,8 +29,8 @@ def modes_of(arrays: Scene, k: float, gradients: tuple[FloatArray, FloatArray]) 
         damping=np.concatenate([b.c_x, b.c_y, b.c_T]).astype(float),
         stiffness=np.concatenate([b.k_x, b.k_y, b.k_T]).astype(float),
         moves=np.array([has(name, i) for name in COORDINATES for i in (0, 1)]),
-        v_q=gradients[0],
-        u_q=gradients[1],
+        v_q=np.asarray(gradients[0], float),
+        u_q=np.asarray(gradients[1], float),
         k=k,
         k_d=float(arrays.friction.k_d),
     )
