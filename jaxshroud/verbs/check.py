@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -67,21 +68,15 @@ def check(
         >>> [(mode.name, round(mode.frequency, 2)) for mode in sheet.modes if mode.contact == "apart"][:2]
         [('torsion, either blade', 143.51), ('bending along x, either blade', 177.94)]
     """
-    own_order = engine_order_of(scene)
     scene = one_scene("check", scene)
     arrays = jax.tree.map(np.asarray, scene)
     free, k, gyration_of_block, lever, gradients = jax.tree.map(np.asarray, _free_and_touching(scene))
-    b, d, s = arrays.blades, arrays.drive, arrays.shroud
+    b, s = arrays.blades, arrays.shroud
     across, along = _relative_motion(free, float(s.alpha))
     modes = modes_of(arrays, float(k), gradients)
-    orders = _checked_orders(engine_orders, own_order)
-    drive_order = own_order or orders[0]
-    speed = float(d.omega) / drive_order
-    stop = _end_of_range(modes, float(d.omega), speed) if stop is None else stop
-    _check_range(start, stop)
     sheet = DataSheet(
         coordinates=_free_coordinates(arrays, free),
-        drive=float(d.omega) / RAD_PER_CYCLE,
+        drive=float(arrays.drive.omega) / RAD_PER_CYCLE,
         gap=float(s.gap),
         approach=across / math.sin(s.alpha),
         corner=_float_pair(lever * np.abs(free.theta)),
@@ -92,15 +87,28 @@ def check(
         doubts=(),
         slide=along,
         modes=modes,
-        drive_order=drive_order,
-        is_own_order=own_order is not None,
-        engine_orders=tuple(sorted(orders)),
-        speed=speed,
-        start=float(start),
-        stop=float(stop),
-        crossings=crossings_between(modes, sorted(orders), speed, start, stop),
+        **_over_speed(scene, modes, engine_orders, start, stop),
     )
     return replace(sheet, doubts=tuple(doubts_of(sheet, scene)))
+
+
+def _over_speed(
+    scene: Scene, modes: Sequence[NaturalMode], given: Sequence[float | int] | None, start: float, stop: float | None
+) -> dict[str, Any]:
+    """The fields of the data sheet on engine orders, from the arguments of `check`."""
+    own, omega = engine_order_of(scene), float(scene.drive.omega)
+    orders = _checked_orders(given, own)
+    drive_order = own or orders[0]
+    speed = omega / drive_order
+    stop = _end_of_range(modes, omega, speed) if stop is None else float(stop)
+    if not 0 <= start < stop < math.inf:
+        raise InputError(f"The speeds from `start` to `stop` must be a range from 0 on, but are {start:g} to {stop:g}.")
+    orders = tuple(sorted(orders))
+    return {
+        **{"drive_order": drive_order, "is_own_order": own is not None, "engine_orders": orders},
+        **{"speed": speed, "start": float(start), "stop": stop},
+        "crossings": crossings_between(modes, orders, speed, start, stop),
+    }
 
 
 @kept()
@@ -109,8 +117,8 @@ def _free_and_touching(scene: Scene) -> tuple[Amplitudes, Scalar, Scalar, Scalar
 
     These are dv/dq and du/dq where the upper corners meet: there is no gap between them.
     """
-    touching = corners(scene.shroud, scene.contact.reading)._replace(gap=jax.numpy.zeros_like(scene.shroud.gap))
-    gradients = contact_gradients(UPPER_CORNERS, touching, jax.numpy.concatenate([scene.blades.m] * 3))
+    touching = corners(scene.shroud, scene.contact.reading)._replace(gap=jnp.zeros_like(scene.shroud.gap))
+    gradients = contact_gradients(UPPER_CORNERS, touching, jnp.concatenate([scene.blades.m] * 3))
     return steady_amplitudes(scene), scene.k, gyration(scene.shroud), half_diagonal(scene.shroud), gradients
 
 
@@ -137,11 +145,6 @@ def _end_of_range(modes: Sequence[NaturalMode], omega: float, speed: float) -> f
     """The speed [rad/s] up to which crossings are told."""
     lowest = {mode.contact: mode.frequency for mode in reversed(modes)}
     return speed * max(SPEED_RANGE, BEYOND_LOWEST * RAD_PER_CYCLE * max(lowest.values()) / omega)
-
-
-def _check_range(start: float, stop: float) -> None:
-    if not 0 <= start < stop < math.inf:
-        raise InputError(f"The speeds from `start` to `stop` must be a range from 0 on, but are {start:g} to {stop:g}.")
 
 
 def _free_coordinates(arrays: Scene, free: Amplitudes) -> dict[str, Coordinate]:

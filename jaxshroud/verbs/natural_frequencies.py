@@ -35,13 +35,13 @@ def modes_of(arrays: Scene, k: float, gradients: Sequence[np.ndarray]) -> tuple[
         k_d=float(arrays.friction.k_d),
     )
     load = np.concatenate([d.F_0 * np.cos(d.beta), d.F_0 * np.sin(d.beta), d.M_0]) * np.exp(1j * np.tile(d.phase, 3))
-    found = [mode for contact in _contacts_of(arrays) for mode in _modes_in(pair, contact, load * pair.moves)]
+    found = [mode for contact in _contacts_of(arrays, k) for mode in _modes_in(pair, contact, load * pair.moves)]
     return tuple(found)
 
 
-def _contacts_of(scene: Scene) -> list[NaturalContact]:
+def _contacts_of(scene: Scene, k: float) -> list[NaturalContact]:
     """The states of contact that the model of a scene has."""
-    if scene.parts.contact == "none":
+    if scene.parts.contact == "none" or k == 0:
         return ["apart"]
     if not _has_friction(scene):
         return ["apart", "sliding"]
@@ -51,7 +51,7 @@ def _contacts_of(scene: Scene) -> list[NaturalContact]:
 def _has_friction(scene: Scene) -> bool:
     if scene.laws is not None:
         return scene.laws.friction is not None
-    return scene.parts.friction != "none" and bool(scene.friction.mu > 0)
+    return scene.parts.friction != "none" and bool(scene.friction.mu > 0) and bool(scene.friction.k_d > 0)
 
 
 def _modes_in(pair: LinearPair, contact: NaturalContact, load: np.ndarray) -> list[NaturalMode]:

@@ -58,6 +58,8 @@ def test_beside_a_rigid_block_a_blade_has_the_contact_once():
         ([], ["apart", "sliding", "stuck", "corner"]),
         ([IN_PLANE], ["apart", "sliding", "stuck"]),
         (["friction.mu=0"], ["apart", "sliding"]),
+        (["friction.k_d=0"], ["apart", "sliding"]),
+        (["contact.k=0"], ["apart"]),  # nothing presses, so that nothing rubs
         (["parts.friction=none"], ["apart", "sliding"]),
         (["parts.contact=none"], ["apart"]),
     ],
