@@ -16,6 +16,7 @@ SCENE = "fig09_best"
 TWO = "table1 --set drive.M_0=0.1 --set drive.omega=545"  # motions coexist there
 # Picture -> commands of its page, and what the last of them draws.
 COMMANDS = {
+    "check.png": (["check fig09_best --engine-orders 1..6 --stop 6000rpm --out sheet"], "sheet/check.png"),
     "simulate.png": ([f"simulate {SCENE} --periods 20 --out run.nc", "plot run.nc --width 90mm"], "run.png"),
     "sweep.png": (
         [f"sweep {SCENE} --along contact.gamma --start 0.5 --stop 8 --num 500 --out gamma"],

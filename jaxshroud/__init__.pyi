@@ -32,6 +32,10 @@ from .results.attractors import Basins as Basins
 from .results.base import Result as Result
 from .results.base import open as open
 from .results.branch import Branch as Branch
+from .results.campbell import Campbell as Campbell
+from .results.campbell import Crossing as Crossing
+from .results.campbell import NaturalMode as NaturalMode
+from .results.data_sheet import DataSheet as DataSheet
 from .results.diagnosis import Diagnosis as Diagnosis
 from .results.diagnosis import Lyapunov as Lyapunov
 from .results.gradient import Gradient as Gradient
@@ -83,7 +87,6 @@ from .verbs.ascent import SearchOptions as SearchOptions
 from .verbs.attractors import attractors as attractors
 from .verbs.attractors import basins as basins
 from .verbs.branch import branch as branch
-from .verbs.check import DataSheet as DataSheet
 from .verbs.check import check as check
 from .verbs.diagnose import diagnose as diagnose
 from .verbs.explain import Explanation as Explanation

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -52,6 +53,23 @@ def width(text: str) -> float:
     if not LEAST_WIDTH <= value <= MOST_WIDTH:
         raise argparse.ArgumentTypeError(f"must be from {LEAST_WIDTH} to {MOST_WIDTH} mm, but is {text!r}")
     return value
+
+
+def speed(text: str) -> float:
+    """A speed of the rotor [rad/s], from one with its unit."""
+    from jaxshroud.scene.units import to_si
+
+    try:
+        return to_si("rad/s", text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} {error}; give e.g. 1450rpm") from None
+
+
+def engine_orders(text: str) -> list[float]:
+    """Positive numbers between commas, or A..B for all whole numbers from A to B."""
+    if ends := re.fullmatch(r"(\d{1,3})\.\.(\d{1,3})", text):
+        return [float(order) for order in range(int(ends[1]), int(ends[2]) + 1)]
+    return [positive(part) for part in text.split(",")]
 
 
 def path(text: str) -> Path:

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from jaxshroud.cli.arg_types import count, number, path, positive, width
+from jaxshroud.cli.arg_types import count, engine_orders, number, path, positive, speed, width
 from jaxshroud.cli.option_table import (
     METHOD_FLAGS,
     SCATTER_FLAGS,
@@ -316,9 +316,23 @@ COMMANDS = {
         module="describe",
     ),
     "check": Command(
-        "Print a scene's data sheet: frequencies, damping ratios, amplitudes against the gap, and what is doubtful.",
+        "Print a scene's data sheet: natural frequencies, engine orders, amplitudes against the gap, and doubts.",
         "jaxshroud check table1",
-        (*SCENE_FLAGS, "--force"),
+        (
+            *SCENE_FLAGS,
+            Option(
+                "--engine-orders",
+                "orders whose crossings with natural frequencies are told; by default the scene's own and 1 to 6",
+                engine_orders,
+                metavar="A,B,C",
+            ),
+            Option("--start", "where the range of speeds begins, e.g. 500rpm", speed, 0.0, metavar="SPEED"),
+            Option("--stop", "where it ends", speed, metavar="SPEED"),
+            shared_option("--out", help="write the data sheet and the Campbell diagram there", required=None),
+            "--force",
+        ),
+        arguments=("engine_orders", "start", "stop"),
+        files=("check.nc", "check.json", "check.png"),
         module="describe",
     ),
     "plot": Command(

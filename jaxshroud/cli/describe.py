@@ -1,22 +1,40 @@
 """The commands that describe scenes and compute no motion: `check`, `explain` and `scenes`."""
 
 import argparse
+import time
 from typing import Any
 
 import jaxshroud
-from jaxshroud.cli.terminal import input_errors_at, print_columns, print_table
+from jaxshroud.cli.command_table import COMMANDS
+from jaxshroud.cli.terminal import files_written, input_errors_at, make_directory, print_columns, print_table
 from jaxshroud.scene.shipped import aliases, shipped
 
 
 def check_command(options: argparse.Namespace) -> None:
-    """Print the data sheet of a scene."""
+    """Print the data sheet of a scene; with --out, write it, and draw its Campbell diagram."""
     from jaxshroud.cli.run_options import load_scene
-    from jaxshroud.verbs.check import lines_of, rows_of
+    from jaxshroud.verbs.sheet_tables import crossing_rows, lines_of, mode_rows, rows_of
 
-    file = load_scene(options)
-    sheet = jaxshroud.check(file.scene)
+    start, file, command = time.perf_counter(), load_scene(options), COMMANDS["check"]
+    if options.out is not None:
+        make_directory(options.out, command.files, options.force)
+    with input_errors_at(file.name):
+        sheet = jaxshroud.check(file, **{name: getattr(options, name) for name in command.arguments})
     print_columns(file.title or file.name, *rows_of(sheet))
-    print_table("", lines_of(sheet))
+    print_columns("", *mode_rows(sheet))
+    print_columns("", *crossing_rows(sheet))
+    lines = lines_of(sheet)
+    if options.out is not None:
+        _write_sheet(sheet, file, options, start)
+        lines["written"] = files_written()
+    print_table("", lines)
+
+
+def _write_sheet(sheet: Any, file: Any, options: argparse.Namespace, start: float) -> None:
+    from jaxshroud.cli.computation import CompletedCall, with_origin, write_files
+
+    campbell = with_origin(sheet.campbell, file)
+    write_files(CompletedCall(file, options, {}, campbell, start), {**campbell.origin, **sheet.summary()})
 
 
 def explain_command(options: argparse.Namespace) -> None:

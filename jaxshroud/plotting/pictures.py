@@ -15,6 +15,7 @@ from jaxshroud.plotting.page import Page
 from jaxshroud.plotting.plot_amplitude import amplitude_page, response_page
 from jaxshroud.plotting.plot_attractors import attractors_page, basins_page
 from jaxshroud.plotting.plot_branch import branch_page
+from jaxshroud.plotting.plot_campbell import campbell_page
 from jaxshroud.plotting.plot_diagnosis import diagnosis_page, power_page
 from jaxshroud.plotting.plot_run import run_page
 from jaxshroud.plotting.plot_sensitivity import gradient_page, scatter_page
@@ -41,6 +42,7 @@ PAGES: dict[str, Callable[..., Page]] = {
     "tuned": tuning_page,
     "robustness": robustness_page,
     "trade": trade_page,
+    "campbell": campbell_page,
 }
 FEWEST_TICKS = 3
 

@@ -1,6 +1,7 @@
 """Conversion of strings with units, such as "0.022 mm", to numbers in SI."""
 
 import functools
+import math
 import re
 from decimal import Decimal
 from typing import Any
@@ -23,6 +24,7 @@ QUANTITY_NAMES = {
     "N m/rad": "a torsion stiffness",
     "N m s/rad": "a torsion damping",
 }
+RPM = 30 / math.pi  # revolutions per minute, per rad/s
 # SI unit and unit -> factor, as in pint, whose import takes half a second.
 COMMON_FACTORS = {
     ("m", "mm"): Decimal("1e-3"),

@@ -1,73 +1,63 @@
-"""The data sheet of a scene: its numbers in an engineer's terms, and doubts about them."""
+"""The data sheet of a scene: its numbers in an engineer's terms, natural frequencies, engine orders, and doubts."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from jaxshroud.march.stability import steps_for, stiffest
+from jaxshroud.march.stability import contact_gradients, steps_for, stiffest
 from jaxshroud.march.tableau import RK4
 from jaxshroud.model.arithmetic import Scalar
-from jaxshroud.model.geometry import gyration
+from jaxshroud.model.geometry import corners, gyration
 from jaxshroud.model.linear import Amplitudes, steady_amplitudes
 from jaxshroud.motion.averages import half_diagonal
 from jaxshroud.programs.kept import kept
-from jaxshroud.results.base import PlainResult
+from jaxshroud.results.campbell import NaturalMode, crossings_between
+from jaxshroud.results.data_sheet import Coordinate, DataSheet
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.engine_order import engine_order_of
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
+from jaxshroud.verbs.doubts import doubts_of
 from jaxshroud.verbs.lanes import one_scene
+from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_of
 
-RAD_PER_CYCLE = 2 * np.pi
-# Beyond these values the numbers of a scene are doubtful.
-MAX_CORNER_GAPS = 10.0  # displacement of a free block's corner by its moment alone, over the gap
-MAX_APPROACH_GAPS = 200.0  # approach of the free blades, over the gap
-MAX_INERTIA_RATIO = 10.0  # inertia over that of a uniform block of the same mass
-OVERDAMPED = 1.0  # damping ratio
-MOTION_NAMES = {"x": "bending along x", "y": "bending along y", "theta": "torsion"}
-
-
-@dataclass(frozen=True)
-class Coordinate:
-    """One coordinate of the two free blades; pairs, left blade first."""
-
-    frequency: tuple[float, float]  # natural, undamped [Hz]
-    zeta: tuple[float, float]  # damping ratio
-    static: tuple[float, float]  # displacement under the drive's amplitude as a static load [m or rad]
-    amplitude: tuple[float, float]  # steady, at the drive's frequency [m or rad]
-    resonant: tuple[float, float]  # steady, at the undamped natural frequency [m or rad]; inf without damping
-
-
-@dataclass(frozen=True)
-class DataSheet(PlainResult):
-    """The numbers of a scene in an engineer's terms."""
-
-    coordinates: dict[str, Coordinate]  # those of x, y and theta that the model has
-    drive: float  # frequency [Hz]
-    gap: float  # [m]
-    approach: float  # displacement of the free blades' contact faces towards each other, without rotation [m]
-    corner: tuple[float, float]  # displacement of the free blocks' corners by rotation [m]
-    inertia: tuple[float, float]  # over that of a uniform block of that mass and size
-    gamma: float  # k / k_x of the left blade
-    omega_max: float  # largest frequency with contact and friction springs engaged [rad/s]
-    steps: int  # per period, "auto", by RK4
-    doubts: tuple[str, ...]  # numbers that should be checked
+UPPER_CORNERS = 1  # the case whose corners are looked at
+USUAL_ORDERS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)  # that are shown beside the scene's own
+MAX_ORDERS = 100
+SPEED_RANGE = 1.5  # the end of the range of speeds over the scene's own speed
+BEYOND_LOWEST = 1.1  # the least it is over the speed at which the drive meets the lowest mode, apart and in contact
 
 
 @typed
-def check(scene: Scene | SceneFile) -> DataSheet:
-    """The data sheet of a scene: frequencies, ratios, amplitudes against the gap, and doubts.
+def check(
+    scene: Scene | SceneFile,
+    *,
+    engine_orders: Sequence[float | int] | None = None,
+    start: float | int = 0.0,
+    stop: float | int | None = None,
+) -> DataSheet:
+    """The data sheet of a scene: frequencies, ratios, amplitudes against the gap, engine orders, and doubts.
 
     Args:
         scene: One scene, or a scene file.
+        engine_orders: Engine orders whose crossings with natural frequencies are told; by default the scene's own and
+            1 to 6. Where the scene tells only the frequency of its drive, its own is the first one, by default 1.
+        start: Where the range of speeds begins [rad/s].
+        stop: Where it ends; by default beyond the scene's own speed and the lowest natural frequencies.
 
     Returns:
-        The data sheet. Its amplitudes are those of the free blades, in closed form, which contact is to reduce.
+        The data sheet. Its amplitudes are those of the free blades, in closed form, which contact is to reduce. Its
+        natural frequencies do not depend on the speed: there is no centrifugal stiffening.
 
     Raises:
-        ValueError: There are many scenes.
+        ValueError: There are many scenes, or the engine orders or the range of speeds are none.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -75,41 +65,100 @@ def check(scene: Scene | SceneFile) -> DataSheet:
         >>> sheet = js.check(js.load("table1"))
         >>> round(sheet.drive, 2), round(sheet.coordinates["x"].zeta[0], 4)
         (85.31, 0.02)
+        >>> [(mode.name, round(mode.frequency, 2)) for mode in sheet.modes if mode.contact == "apart"][:2]
+        [('torsion, either blade', 143.51), ('bending along x, either blade', 177.94)]
     """
     scene = one_scene("check", scene)
     arrays = jax.tree.map(np.asarray, scene)
-    b, d, s = arrays.blades, arrays.drive, arrays.shroud
-    free, k, gyration_of_block, lever = jax.tree.map(np.asarray, _free_blades(scene))
-    loads = {"x": d.F_0 * np.cos(d.beta), "y": d.F_0 * np.sin(d.beta), "theta": d.M_0}
-    oscillators = {"x": (b.m, b.c_x, b.k_x), "y": (b.inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}
-    coordinates = {
-        name: _coordinate(*oscillators[name], np.abs(loads[name]), np.abs(getattr(free, name)))
-        for name in scene.parts.motion
-    }
-    corner = lever * np.abs(free.theta)
-    towards = (free.x[0] - free.x[1]) * np.sin(s.alpha) - (free.y[0] - free.y[1]) * np.cos(s.alpha)
+    free, k, gyration_of_block, lever, gradients = jax.tree.map(np.asarray, _free_and_touching(scene))
+    b, s = arrays.blades, arrays.shroud
+    across, along = _relative_motion(free, float(s.alpha))
+    modes = modes_of(arrays, float(k), gradients)
     sheet = DataSheet(
-        coordinates=coordinates,
-        drive=float(d.omega) / RAD_PER_CYCLE,
+        coordinates=_free_coordinates(arrays, free),
+        drive=float(arrays.drive.omega) / RAD_PER_CYCLE,
         gap=float(s.gap),
-        approach=float(abs(towards) / np.sin(s.alpha)),
-        corner=_float_pair(corner),
+        approach=across / math.sin(s.alpha),
+        corner=_float_pair(lever * np.abs(free.theta)),
         inertia=_float_pair(b.I / (b.m * gyration_of_block)),
         gamma=float(k / b.k_x[0]),
         omega_max=stiffest(scene, 0)[0],
         steps=steps_for(scene, 0, "auto", RK4),
         doubts=(),
+        slide=along,
+        modes=modes,
+        **_over_speed(scene, modes, engine_orders, start, stop),
     )
-    return replace(sheet, doubts=tuple(_sheet_doubts(sheet, scene)))
+    return replace(sheet, doubts=tuple(doubts_of(sheet, scene)))
+
+
+def _over_speed(
+    scene: Scene, modes: Sequence[NaturalMode], given: Sequence[float | int] | None, start: float, stop: float | None
+) -> dict[str, Any]:
+    """The fields of the data sheet on engine orders, from the arguments of `check`."""
+    own, omega = engine_order_of(scene), float(scene.drive.omega)
+    orders = _checked_orders(given, own)
+    drive_order = own or orders[0]
+    speed = omega / drive_order
+    stop = _end_of_range(modes, omega, speed) if stop is None else float(stop)
+    if not 0 <= start < stop < math.inf:
+        raise InputError(f"The speeds from `start` to `stop` must be a range from 0 on, but are {start:g} to {stop:g}.")
+    orders = tuple(sorted(orders))
+    return {
+        **{"drive_order": drive_order, "is_own_order": own is not None, "engine_orders": orders},
+        **{"speed": speed, "start": float(start), "stop": stop},
+        "crossings": crossings_between(modes, orders, speed, start, stop),
+    }
 
 
 @kept()
-def _free_blades(scene: Scene) -> tuple[Amplitudes, Scalar, Scalar, Scalar]:
-    """The amplitudes of the free blades, the contact's stiffness, a block's gyration and half its diagonal."""
-    return steady_amplitudes(scene), scene.k, gyration(scene.shroud), half_diagonal(scene.shroud)
+def _free_and_touching(scene: Scene) -> tuple[Amplitudes, Scalar, Scalar, Scalar, tuple[Float[Array, "6"], ...]]:
+    """The amplitudes of the free blades, the contact's stiffness, a block's gyration, half its diagonal, and gradients.
+
+    These are dv/dq and du/dq where the upper corners meet: there is no gap between them.
+    """
+    touching = corners(scene.shroud, scene.contact.reading)._replace(gap=jnp.zeros_like(scene.shroud.gap))
+    gradients = contact_gradients(UPPER_CORNERS, touching, jnp.concatenate([scene.blades.m] * 3))
+    return steady_amplitudes(scene), scene.k, gyration(scene.shroud), half_diagonal(scene.shroud), gradients
 
 
-def _coordinate(m: np.ndarray, c: np.ndarray, k: np.ndarray, load: np.ndarray, amplitude: np.ndarray) -> Coordinate:
+def _relative_motion(free: Amplitudes, alpha: float) -> tuple[float, float]:
+    """The amplitudes of the free faces' motion across and along each other, without rotation [m]."""
+    x, y = free.x[0] - free.x[1], free.y[0] - free.y[1]
+    across, along = x * math.sin(alpha) - y * math.cos(alpha), x * math.cos(alpha) + y * math.sin(alpha)
+    return float(abs(across)), float(abs(along))
+
+
+def _checked_orders(given: Sequence[float | int] | None, own: float | None) -> list[float]:
+    """The engine orders to show, each once; the scene's own is among them."""
+    if given is None:
+        given = (1.0,) if own is None else USUAL_ORDERS
+    orders = list(dict.fromkeys(map(float, [*given, *([] if own is None else [own])])))
+    if not orders or not all(0 < order < math.inf for order in orders):
+        raise InputError(f"Argument `engine_orders` must be positive numbers, e.g. [1, 2, 4], but is {[*given]}.")
+    if len(orders) > MAX_ORDERS:
+        raise InputError(f"Argument `engine_orders` must be at most {MAX_ORDERS} numbers, but there are {len(orders)}.")
+    return orders
+
+
+def _end_of_range(modes: Sequence[NaturalMode], omega: float, speed: float) -> float:
+    """The speed [rad/s] up to which crossings are told."""
+    lowest = {mode.contact: mode.frequency for mode in reversed(modes)}
+    return speed * max(SPEED_RANGE, BEYOND_LOWEST * RAD_PER_CYCLE * max(lowest.values()) / omega)
+
+
+def _free_coordinates(arrays: Scene, free: Amplitudes) -> dict[str, Coordinate]:
+    b, d = arrays.blades, arrays.drive
+    loads = {"x": d.F_0 * np.cos(d.beta), "y": d.F_0 * np.sin(d.beta), "theta": d.M_0}
+    oscillators = {"x": (b.m, b.c_x, b.k_x), "y": (b.inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}
+    return {
+        name: _coordinate(oscillators[name], np.abs(loads[name]), np.abs(getattr(free, name)))
+        for name in arrays.parts.motion
+    }
+
+
+def _coordinate(oscillator: tuple[Any, Any, Any], load: np.ndarray, amplitude: np.ndarray) -> Coordinate:
+    m, c, k = oscillator
     with np.errstate(divide="ignore", invalid="ignore"):
         resonant = np.where(load > 0, load / (c * np.sqrt(k / m)), 0.0)
     numbers = np.sqrt(k / m) / RAD_PER_CYCLE, c / (2 * np.sqrt(k * m)), load / k, amplitude, resonant
@@ -118,80 +167,3 @@ def _coordinate(m: np.ndarray, c: np.ndarray, k: np.ndarray, load: np.ndarray, a
 
 def _float_pair(pair: np.ndarray) -> tuple[float, float]:
     return float(pair[0]), float(pair[1])
-
-
-def _sheet_doubts(sheet: DataSheet, scene: Scene) -> Iterator[str]:
-    """The numbers that are unlike those of a blade, or unlikely to be intended."""
-    gap, touches = abs(sheet.gap), scene.parts.contact != "none"
-    corner, inertia = max(sheet.corner), max(sheet.inertia, key=lambda ratio: abs(np.log(ratio)))
-    if "theta" in sheet.coordinates and touches and gap and corner > MAX_CORNER_GAPS * gap:
-        turned = f"{corner * 1e3:.3g} mm, {corner / gap:.0f} gaps"
-        yield f"M_0 turns a free block's corners by {turned}: check the unit of drive.M_0"
-    if "theta" in sheet.coordinates and not 1 / MAX_INERTIA_RATIO < inertia < MAX_INERTIA_RATIO:
-        ratio = f"{inertia:.3g} times that of a uniform block of its mass and sides"
-        yield f'I is {ratio}; I = "block" in a file gives that'
-    for name, coordinate in sheet.coordinates.items():
-        if name != "theta" and max(coordinate.amplitude) > float(scene.shroud.l_oa):
-            reach = f"{max(coordinate.amplitude) * 1e3:.3g} mm"
-            yield f"{MOTION_NAMES[name]}: a free block moves by {reach}, more than its own side"
-        elif name != "theta" and float(scene.shroud.l_oa) < max(coordinate.resonant) < np.inf:
-            swing = f"{max(coordinate.resonant) * 1e3:.3g} mm at resonance"
-            text = f"a free block moves by {swing}, more than its own side: check F_0 and the damping"
-            yield f"{MOTION_NAMES[name]}: {text}"
-        if max(coordinate.zeta) >= OVERDAMPED:
-            yield f"{MOTION_NAMES[name]} is overdamped, zeta = {max(coordinate.zeta):.3g}: it creeps instead of ringing"
-        if min(coordinate.zeta) == 0:
-            yield f"{MOTION_NAMES[name]} has no damping: its transients never end"
-    if touches and gap and sheet.approach > MAX_APPROACH_GAPS * gap:
-        yield f"the free blades approach each other by {sheet.approach / gap:.0f} gaps: check the unit of shroud.gap"
-    if touches and sheet.gap > sheet.approach + sum(sheet.corner):
-        yield "the free blades do not come near enough to touch: contact, if any, comes from the start alone"
-
-
-HEADS = ["", "natural [Hz]", "over the drive's", "zeta", "static", "free at drive", "at resonance", "free over gap"]
-
-
-def rows_of(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
-    """The head and the rows of a table of all coordinates of both free blades."""
-    return HEADS, [
-        [f"{MOTION_NAMES[name]}, {side}", *_table_row(sheet, name, coordinate, i)]
-        for name, coordinate in sheet.coordinates.items()
-        for i, side in enumerate(("left", "right"))
-    ]
-
-
-def lines_of(sheet: DataSheet) -> dict[str, str]:
-    """All other lines of the data sheet, by name."""
-    approach = (
-        f"{sheet.approach * 1e3:.4g} mm by translation, {_pair_text(sheet.corner, 1e3)} mm by rotation at corners"
-    )
-    lines = {
-        "drive": f"{sheet.drive:.5g} Hz",
-        "gap": f"{sheet.gap * 1e3:.4g} mm; the free blades approach by {approach}",
-        "inertia": f"{_pair_text(sheet.inertia)} times that of a uniform block",
-        "contact": f"gamma = k / k_x = {sheet.gamma:.4g}",
-        "stiffest motion": f"{sheet.omega_max / math.tau:.5g} Hz; {sheet.steps} steps a period (auto, rk4)",
-        **{f"doubtful {i}": text for i, text in enumerate(sheet.doubts, 1)},
-    }
-    return lines if sheet.doubts else {**lines, "doubtful": "nothing"}
-
-
-def _table_row(sheet: DataSheet, name: str, coordinate: Coordinate, i: int) -> list[str]:
-    unit, scale = ("deg", math.degrees(1)) if name == "theta" else ("mm", 1e3)
-    lengths = [
-        f"{values[i] * scale:.4g} {unit}" for values in (coordinate.static, coordinate.amplitude, coordinate.resonant)
-    ]
-    displacement = sheet.corner[i] if name == "theta" else coordinate.amplitude[i]
-    gaps = f"{displacement / abs(sheet.gap):.3g}" if sheet.gap else "-"
-    return [
-        f"{coordinate.frequency[i]:.5g}",
-        f"{coordinate.frequency[i] / sheet.drive:.4g}",
-        f"{coordinate.zeta[i]:.4g}",
-        *lengths,
-        gaps,
-    ]
-
-
-def _pair_text(values: tuple[float, float], scale: float = 1.0) -> str:
-    left, right = (f"{value * scale:.3g}" for value in values)
-    return left if left == right else f"{left} and {right}"

@@ -10,11 +10,12 @@ from jaxshroud.motion.effects import between, with_interval
 from jaxshroud.plotting.documents import Section
 from jaxshroud.plotting.style import shade
 from jaxshroud.results.attractors import Attractors
+from jaxshroud.results.data_sheet import DataSheet
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.scatter import Scatter
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import DesignJudgement, Tuned
-from jaxshroud.verbs.check import DataSheet, lines_of, rows_of
+from jaxshroud.verbs.sheet_tables import lines_of, rows_of
 from jaxshroud.version import __version__
 
 MM_PER_M = 1e3

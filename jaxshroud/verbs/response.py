@@ -9,7 +9,6 @@ from jaxshroud.batch.runs import Progress
 from jaxshroud.march.method import Method
 from jaxshroud.march.method_names import RESPONSES
 from jaxshroud.motion.amplitudes import DISPLACEMENT_NAMES, free_amplitudes
-from jaxshroud.motion.gradient import with_numbers
 from jaxshroud.motion.peaks import branch_peaks
 from jaxshroud.results.branch import Branch
 from jaxshroud.results.response import Member, Response
@@ -19,7 +18,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.scene.vary import value_of, vary
+from jaxshroud.scene.vary import value_of, vary, with_numbers
 from jaxshroud.verbs.branch import BranchStart, continued, range_of
 from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.options import resolve_options

@@ -81,6 +81,15 @@ def test_a_stored_convergence_is_drawn_without_jax(tmp_path):
     assert not packages & {"jax", "jaxlib", "equinox", "diffrax", "pydantic", "rich"}
 
 
+def test_a_data_sheet_is_drawn_without_jax(tmp_path):
+    sheet = tmp_path / "sheet"
+    assert imported("check", "table1", "--set", 'parts.motion=["x"]', "--out", sheet)[0] == 0
+    status, packages = imported("plot", sheet, "--out", tmp_path / "again.png")
+    assert status == 0
+    assert (tmp_path / "again.png").stat().st_size > 10_000
+    assert not packages & {"jax", "jaxlib", "equinox", "diffrax", "pydantic", "rich"}
+
+
 def test_a_simulation_imports_what_it_needs():
     # Control: JAX is seen. A scene of another name ends the command where it would begin to compute.
     status, packages = imported("simulate", "nothing", "--out", "a.nc")

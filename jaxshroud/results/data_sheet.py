@@ -1,0 +1,53 @@
+"""The data sheet of a scene: its numbers in an engineer's terms, as `check` returns them."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from jaxshroud.results.base import PlainResult
+
+if TYPE_CHECKING:
+    from jaxshroud.results.campbell import Campbell, Crossing, NaturalMode
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One coordinate of the two free blades; pairs, left blade first."""
+
+    frequency: tuple[float, float]  # natural, undamped [Hz]
+    zeta: tuple[float, float]  # damping ratio
+    static: tuple[float, float]  # displacement under the drive's amplitude as a static load [m or rad]
+    amplitude: tuple[float, float]  # steady, at the drive's frequency [m or rad]
+    resonant: tuple[float, float]  # steady, at the undamped natural frequency [m or rad]; inf without damping
+
+
+@dataclass(frozen=True)
+class DataSheet(PlainResult):
+    """The numbers of a scene in an engineer's terms."""
+
+    coordinates: dict[str, Coordinate]  # those of x, y and theta that the model has
+    drive: float  # frequency [Hz]
+    gap: float  # [m]
+    approach: float  # displacement of the free blades' contact faces towards each other, without rotation [m]
+    corner: tuple[float, float]  # displacement of the free blocks' corners by rotation [m]
+    inertia: tuple[float, float]  # over that of a uniform block of that mass and size
+    gamma: float  # k / k_x of the left blade
+    omega_max: float  # largest frequency with contact and friction springs engaged [rad/s]
+    steps: int  # per period, "auto", by RK4
+    doubts: tuple[str, ...]  # numbers that should be checked
+    slide: float = 0.0  # displacement of the free blades' contact faces along each other, without rotation [m]
+    modes: "tuple[NaturalMode, ...]" = ()  # apart and in contact, without centrifugal stiffening
+    drive_order: float = 1.0  # engine order of the drive: the scene's own, or else the first of those asked for
+    is_own_order: bool = False  # whether it is the scene's own
+    engine_orders: tuple[float, ...] = ()  # those of the crossings
+    speed: float = 0.0  # at which the drive has its frequency, by `drive_order` [rad/s]
+    start: float = 0.0  # of the range of speeds [rad/s]
+    stop: float = 0.0
+    crossings: "tuple[Crossing, ...]" = ()  # of engine orders with natural frequencies in that range
+
+    @property
+    def campbell(self) -> "Campbell":
+        """The natural frequencies and the engine orders over speed, as a dataset with a picture."""
+        from jaxshroud.results.campbell import Campbell
+
+        attributes = {name: getattr(self, name) for name in ("speed", "drive_order", "start", "stop")}
+        return Campbell.of_modes(self.modes, self.engine_orders, attributes)

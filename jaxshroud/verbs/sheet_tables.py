@@ -1,0 +1,111 @@
+"""A data sheet in words and tables."""
+
+import math
+from collections.abc import Sequence
+
+from jaxshroud.results.campbell import MOTION_NAMES, Crossing
+from jaxshroud.results.data_sheet import Coordinate, DataSheet
+from jaxshroud.scene.units import RPM
+
+COORDINATE_HEADS = ["", "natural [Hz]", "over the drive's", "zeta"]
+COORDINATE_HEADS += ["static", "free at drive", "at resonance", "free over gap"]
+CONTACT_NAMES = {  # of natural modes
+    "apart": "apart",
+    "sliding": "faces sliding",
+    "stuck": "faces stuck",
+    "corner": "stuck at corners",
+}
+SHOWN_CONTACTS = ("apart", "stuck")  # whose crossings are printed; all are in files
+
+
+def rows_of(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
+    """The head and the rows of a table of all coordinates of both free blades."""
+    return COORDINATE_HEADS, [
+        [f"{MOTION_NAMES[name]}, {side}", *_table_row(sheet, name, coordinate, i)]
+        for name, coordinate in sheet.coordinates.items()
+        for i, side in enumerate(("left", "right"))
+    ]
+
+
+def mode_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
+    """The head and the rows of a table of the natural modes, apart and in contact."""
+    heads = ["natural modes", "contact", "[Hz]", "over the drive's", "zeta", "x, y, theta [%]", "driven [%]"]
+    return heads, [
+        [
+            mode.name,
+            CONTACT_NAMES[mode.contact],
+            f"{mode.frequency:.5g}",
+            f"{mode.frequency / sheet.drive:.4g}",
+            f"{mode.zeta:.3g}",
+            ", ".join(f"{100 * share:.0f}" for share in mode.energy),
+            f"{100 * mode.driven:.1f}",
+        ]
+        for mode in sheet.modes
+    ]
+
+
+def crossing_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
+    """The head and the rows of a table of the speeds at which engine orders meet natural frequencies.
+
+    A mode on which contact does not work has the frequency of free blades, and shares their row.
+    """
+    has_stuck = any(mode.contact == "stuck" for mode in sheet.modes)
+    alike: dict[tuple[str, float, str], list[Crossing]] = {}
+    for crossing in sheet.crossings:
+        if crossing.contact in (SHOWN_CONTACTS if has_stuck else CONTACT_NAMES):
+            motion, speed = crossing.mode.partition(",")[0], f"{crossing.speed * RPM:.5g}"
+            alike.setdefault((speed, crossing.engine_order, motion), []).append(crossing)
+    heads = ["crossings", "contact", "engine order", "speed [rpm]", "margin [%]"]
+    return heads, [_crossing_row(speed, crossings) for (speed, _, _), crossings in alike.items()]
+
+
+def lines_of(sheet: DataSheet) -> dict[str, str]:
+    """All other lines of the data sheet, by name."""
+    approach = (
+        f"{sheet.approach * 1e3:.4g} mm by translation, {_pair_text(sheet.corner, 1e3)} mm by rotation at corners"
+    )
+    lines = {
+        "drive": f"{sheet.drive:.5g} Hz",
+        "speed": _speed_text(sheet),
+        "gap": f"{sheet.gap * 1e3:.4g} mm; the free blades approach by {approach}",
+        "inertia": f"{_pair_text(sheet.inertia)} times that of a uniform block",
+        "contact": f"gamma = k / k_x = {sheet.gamma:.4g}",
+        "stiffest motion": f"{sheet.omega_max / math.tau:.5g} Hz; {sheet.steps} steps a period (auto, rk4)",
+        **{f"doubtful {i}": text for i, text in enumerate(sheet.doubts, 1)},
+    }
+    return lines if sheet.doubts else {**lines, "doubtful": "nothing"}
+
+
+def _crossing_row(speed: str, crossings: Sequence[Crossing]) -> list[str]:
+    """The row of modes that an engine order meets at one speed: that of free blades gives its name."""
+    first, *_ = sorted(crossings, key=lambda crossing: crossing.contact)
+    contacts = dict.fromkeys(CONTACT_NAMES[crossing.contact] for crossing in (first, *crossings))
+    return [first.mode, ", ".join(contacts), f"{first.engine_order:g}", speed, f"{first.margin:+.1f}"]
+
+
+def _speed_text(sheet: DataSheet) -> str:
+    known = "" if sheet.is_own_order else ", taken as the scene tells none"
+    span = f"crossings from {sheet.start * RPM:.5g} to {sheet.stop * RPM:.5g} rpm"
+    at_order = f"engine order {sheet.drive_order:g}{known}"
+    return f"{sheet.speed * RPM:.5g} rpm at {at_order}; {span}, without centrifugal stiffening"
+
+
+def _table_row(sheet: DataSheet, name: str, coordinate: Coordinate, i: int) -> list[str]:
+    unit, scale = ("deg", math.degrees(1)) if name == "theta" else ("mm", 1e3)
+    lengths = [
+        f"{values[i] * scale:.4g} {unit}" for values in (coordinate.static, coordinate.amplitude, coordinate.resonant)
+    ]
+    displacement = sheet.corner[i] if name == "theta" else coordinate.amplitude[i]
+    gaps = f"{displacement / abs(sheet.gap):.3g}" if sheet.gap else "-"
+    return [
+        f"{coordinate.frequency[i]:.5g}",
+        f"{coordinate.frequency[i] / sheet.drive:.4g}",
+        f"{coordinate.zeta[i]:.4g}",
+        *lengths,
+        gaps,
+    ]
+
+
+def _pair_text(values: tuple[float, float], scale: float = 1.0) -> str:
+    left, right = (f"{value * scale:.3g}" for value in values)
+    return left if left == right else f"{left} and {right}"

@@ -1,0 +1,107 @@
+"""Campbell diagrams: what they show."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.colors import to_hex
+from test_plot import drawn, texts
+
+from jaxshroud.plotting.pictures import picture
+from jaxshroud.plotting.style import BLUE, INK, ORANGE
+from jaxshroud.results.campbell import Campbell, NaturalMode
+
+RPM = 2 * np.pi / 60  # rad/s
+
+
+def mode(contact, motion, blades, frequency):
+    """A mode whose shares do not matter."""
+    return NaturalMode(contact, motion, blades, frequency, 0.01, (1.0, 0.0, 0.0), 0.5)
+
+
+MODES = (
+    mode("apart", "x", "either", 95.0),
+    mode("apart", "y", "either", 900.0),
+    mode("stuck", "x", "in phase", 95.0),
+    mode("stuck", "x", "out of phase", 160.0),
+    mode("corner", "x", "out of phase", 120.0),
+)
+
+
+def campbell(modes=MODES, orders=(2.0, 4.0, 8.0), start=0.0, stop=2000.0):
+    """A diagram at 1,450 rpm, where order 4 has the drive's frequency."""
+    speeds = {"speed": 1450 * RPM, "start": start * RPM, "stop": stop * RPM}
+    return Campbell.of_modes(modes, orders, {**speeds, "drive_order": 4.0})
+
+
+def axes_of(**options):
+    """The only axes of the picture, drawn."""
+    figure = picture("campbell", campbell(**options).data)
+    drawn(figure)
+    (axes,) = figure.axes
+    return axes
+
+
+def dots(axes, color):
+    """The speeds [rpm] and the frequencies [Hz] of the dots of one colour."""
+    (line,) = (one for one in axes.lines if one.get_marker() == "o" and to_hex(one.get_color()) == color.lower())
+    return np.column_stack(line.get_data())
+
+
+def test_dots_are_where_engine_orders_meet_natural_frequencies():
+    axes = axes_of()
+    expected = [(60 * 95 / order, 95) for order in (4, 8)]  # order 2 meets it at 2,850 rpm only
+    np.testing.assert_allclose(sorted(map(tuple, dots(axes, BLUE))), sorted(expected))
+    expected += [(60 * 160 / 8, 160)]  # order 4 at 2,400 rpm
+    np.testing.assert_allclose(sorted(map(tuple, dots(axes, ORANGE))), sorted(expected))
+
+
+def test_lines_of_engine_orders_rise_by_their_order():
+    lines = [line for line in axes_of().lines if line.get_marker() != "o"]
+    rays = [line for line in lines if np.ptp(line.get_xdata()) and np.ptp(line.get_ydata())]
+    slopes = {round(60 * np.ptp(line.get_ydata()) / np.ptp(line.get_xdata()), 9): line for line in rays}
+    assert sorted(slopes) == [2, 4, 8]
+    assert [order for order, line in slopes.items() if line.get_color() == INK] == [4]  # the drive's
+
+
+def test_names_are_those_of_what_is_shown():
+    told = texts(axes_of().figure)
+    for words in ("bending along x", "bending along x, out of phase", "speed [rpm]", "order 4, the drive's", "8"):
+        assert words in told
+    assert "bending along x, in phase" not in told  # its line is that of free blades
+    assert "bending along y" not in told  # beyond 2.5 times what the orders reach
+
+
+@pytest.mark.parametrize("start", [0.0, 1400.0])
+def test_a_range_of_speeds_is_the_axis(start):
+    axes = axes_of(start=start)
+    assert axes.get_xlim() == pytest.approx((start, 2000))
+    at = np.concatenate([dots(axes, BLUE), dots(axes, ORANGE)])[:, 0]
+    assert ((at >= start) & (at <= 2000)).all()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"modes": MODES[:2]},  # without contact
+        {"modes": (*MODES[:2], mode("sliding", "x", "out of phase", 150.0))},  # without friction
+        {"orders": (4.0,)},
+        {"orders": (4.0, 36.0, 0.5)},
+        {"stop": 1.0},  # no crossing at all
+        {"orders": tuple(np.arange(1.0, 101.0))},
+    ],
+)
+def test_few_and_many_lines_are_drawn(options):
+    legend = axes_of(**options).figure.legends[0]
+    contacts = [text.get_text() for text in legend.get_texts()][:2]
+    touching = {one.contact for one in options.get("modes", MODES)} - {"apart", "corner"}
+    assert contacts[0] == "apart"
+    assert set(contacts[1:]) >= touching
+
+
+def test_a_stored_diagram_is_that_of_the_result(tmp_path):
+    result = campbell()
+    result.save(tmp_path / "check.nc")
+    again = Campbell.load(tmp_path / "check.nc")
+    xr.testing.assert_identical(again.data, result.data)
+    assert again.plot(width=180).get_figwidth() == pytest.approx(180 / 25.4)
+    assert len(again.plot(panel="frequency").axes) == 1
