@@ -55,6 +55,10 @@ COMMANDS = {
         ["branch fig09 --set drive.M_0=0.1 --along contact.gamma --start 0.1 --stop 4 --out branch"],
         "branch/branch.png",
     ),
+    "response.png": (
+        ["response engine_order --along drive.speed --start '1200 rpm' --stop '1700 rpm' --num 100 --out response"],
+        "response/response.png",
+    ),
     "attractors.png": (
         [f"attractors {TWO} --starts 128 --out attractors"],
         "attractors/attractors.png",

@@ -34,7 +34,7 @@ from jaxshroud.plotting.style import (
 )
 from jaxshroud.scene.checks import InputError
 
-COORDINATES = {"x": "x_1", "y": "y_1", "theta": r"\theta_1"}
+DISPLACEMENT_SYMBOLS = {"x": "x_1", "y": "y_1", "theta": r"\theta_1"}
 KINDS = {"peak": "amplitude of", "rms": "RMS of", "mean": "mean of"}
 FREE_LOOK: Properties = {"color": GREY, "lw": 0.8, "ls": (0, (1.2, 1.2))}
 MEMBER_COLOURS = (BLUE, ORANGE, GREEN, PINK, RED, SKY)
@@ -51,7 +51,7 @@ class AmplitudeUnit(NamedTuple):
 def amplitude_unit(of: str, largest: float, look: Look) -> AmplitudeUnit:
     """The unit for an amplitude such as "x_peak", by its largest value or as the look says."""
     name, kind = of.split("_")
-    label = f"{KINDS[kind]} ${COORDINATES[name]}$"
+    label = f"{KINDS[kind]} ${DISPLACEMENT_SYMBOLS[name]}$"
     if name == "theta":
         return AmplitudeUnit(180 / np.pi, f"{label} [°]")
     unit = look.unit if look.unit in LENGTHS else "mm" if largest >= 1e-4 else "um"
@@ -79,7 +79,7 @@ def amplitude_page(ds: xr.Dataset, look: Look) -> Page[AmplitudeContent]:
     if "," in dim:
         raise InputError("AmplitudeContent are drawn over one number; this sweep is along two.")
     ds = ds.sortby(dim)
-    names = [name for name in COORDINATES if float(np.nanmax(ds[f"{name}_peak"].to_numpy(), initial=0.0)) > 0]
+    names = [name for name in DISPLACEMENT_SYMBOLS if float(np.nanmax(ds[f"{name}_peak"].to_numpy(), initial=0.0)) > 0]
     panels = [Panel(name, lambda panel, shown, name=name: _draw_amplitude(panel, shown, name)) for name in names or "x"]
     content = AmplitudeContent(ds, parameter_axis(ds[dim], look), look)
     size = COLUMN_WIDTH, 0.7 + 1.6 * len(panels)
