@@ -111,7 +111,7 @@ def end_torques(z: Motion, Q: Pair, at: ContactKinematics, state: State, model: 
     """
     if not has_torsion(model):
         return EndTorques(ABSENT, ABSENT)
-    return end_torques_under(_loaded(at, z, state, state.case, model), z, Q, at, state, model)
+    return end_torques_under(_loaded_contact(at, z, state, state.case, model), z, Q, at, state, model)
 
 
 def end_torques_under(
@@ -158,7 +158,7 @@ def _dissipated_power(
     return where(state.mode == Mode.APART, 0.0, forces.N * rate.v + forces.F * rate.u - stored)
 
 
-def _loaded(at: ContactKinematics, z: Motion, state: State, case: Case, model: Model) -> LoadedContact:
+def _loaded_contact(at: ContactKinematics, z: Motion, state: State, case: Case, model: Model) -> LoadedContact:
     forces = law_forces(at, z, state, case, model)
     N, F = forces.N, forces.F
     if isinstance(at.v, Series) and model.spring.modal and has_torsion(model) and not model.reading:
@@ -212,7 +212,7 @@ def placement(now: State, model: Model) -> Placement:
     q = pose(z.x, z.y, z.theta)
     case = blended_case(q, model.block, spring.width) if spring.smooth and has_torsion(model) else now.case
     at = contact_kinematics(q, case, model.block, model.reading)
-    return Placement(q, case, at, _loaded(at, z, now, case, model))
+    return Placement(q, case, at, _loaded_contact(at, z, now, case, model))
 
 
 def rhs(Q: Pair, now: State, model: Model, ledger: bool) -> tuple[StateDerivative, Integrals]:
