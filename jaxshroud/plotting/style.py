@@ -15,6 +15,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.rcsetup import cycler
 from numpy.typing import NDArray
 
 from jaxshroud.io.files import write
@@ -171,7 +172,7 @@ STYLE: Any = {
     "xtick.major.pad": 5,  # keeps the first label clear of that of the y axis
     **{"axes.titlelocation": "left", "axes.linewidth": 0.6, "hatch.linewidth": 0.4},
     **{"legend.frameon": False, "legend.handlelength": 1.2, "legend.columnspacing": 1.2},
-    "axes.prop_cycle": mpl.cycler(color=COLOURS),
+    "axes.prop_cycle": cycler(color=COLOURS),
     **{"pdf.fonttype": 42, "svg.fonttype": "none"},  # text stays text
 }
 # Key of the scene -> symbol, words, unit, units per SI unit.
