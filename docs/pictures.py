@@ -68,7 +68,10 @@ COMMANDS = {
         "basins/basins.png",
     ),
     "lyapunov.png": (
-        ["sweep table1 --along contact.gamma --start 0.5 --stop 8 --num 100 --lyapunov --out exponents"],
+        [
+            "sweep table1 --along contact.gamma --start 0.5 --stop 8 --num 100 --lyapunov --out exponents",
+            'plot exponents --title "Table 1 with the gap and the force of Fig. 10b"',
+        ],
         "exponents/sweep.png",
     ),
     "plot.png": (

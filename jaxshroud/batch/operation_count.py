@@ -12,6 +12,7 @@ from jaxshroud.batch.xla import one_lane, vmapped
 from jaxshroud.march.carry import Fixed, Lane, time_grid
 from jaxshroud.march.method import Choices
 from jaxshroud.model.prepared import initial_state, prepared_model
+from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene
 
 # Primitives that only serve types and transformations, which no machine executes.
@@ -33,7 +34,14 @@ class TrialSize(NamedTuple):
 
 
 def trial_size(scene: Scene, method: Choices) -> TrialSize:
-    """The size of a trial step; nothing is computed."""
+    """The size of a trial step, which is not executed."""
+    numbers, operations = map(int, _trial_size(scene, method))
+    return TrialSize(numbers, operations)
+
+
+@kept("method")
+def _trial_size(scene: Scene, method: Choices) -> TrialSize:
+    """The same as constants of a program: those of a kept one are read, not counted."""
     lanes, fixed = _shapes_of_trial(scene, method)
     traced = jax.make_jaxpr(lambda lanes, fixed: advance(lanes, fixed, method, vmapped))(lanes, fixed)
     return TrialSize(len(jax.tree.leaves(lanes)), sum(_counted(traced.jaxpr)))

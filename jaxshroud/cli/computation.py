@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jaxshroud
 from jaxshroud.batch.runs import Progress
 from jaxshroud.batch.xla import one_lane
+from jaxshroud.cli.background_import import DATASETS, PICTURES, imported_meanwhile
 from jaxshroud.cli.command_table import COMMANDS
 from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march
 from jaxshroud.cli.terminal import (
@@ -148,7 +149,9 @@ class Computation:
             return call
         with input_errors_at(call.file.name):
             scenes = self.scenes(call)
-        march = resolve_march(call.file, scenes, call.options, self.usual, **self.trials(call))
+        pictures = PICTURES if any(path.suffix == ".png" for path in output_paths(call.options)) else ()
+        with imported_meanwhile((*DATASETS, *pictures)):
+            march = resolve_march(call.file, scenes, call.options, self.usual, **self.trials(call))
         return call._replace(arguments={**call.arguments, "method": march.as_method})
 
 

@@ -5,14 +5,15 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any
 
 from jaxshroud.cli.command_table import COMMANDS, SWEEP_KINDS
 from jaxshroud.cli.terminal import CommandError, progress_bar, require_free
 from jaxshroud.io.store import read, read_json
 from jaxshroud.scene.checks import Error, InputError, StoreError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 DRAWN_JSON = {"power.json", "tune.json", "trade.json"}
 FILES_IN_FOLDERS = (
@@ -61,7 +62,7 @@ def _look(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def draw_dataset(
-    source: Path, ds: xr.Dataset, picture: Path, kind: str | None = None, look: Mapping[str, Any] | None = None
+    source: Path, ds: "xr.Dataset", picture: Path, kind: str | None = None, look: Mapping[str, Any] | None = None
 ) -> None:
     """Draw a sweep, or a trajectory in one of its kinds of pictures."""
     from jaxshroud.results.base import result_from_dataset

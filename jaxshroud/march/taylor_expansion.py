@@ -12,10 +12,20 @@ from jaxshroud.march.carry import Fixed, Lane
 from jaxshroud.march.events import EventKind, place_contact, switch_guards
 from jaxshroud.model.arithmetic import Pair, Scalar, is_absent, sincos_turns, where
 from jaxshroud.model.friction import slider_speed, slip_sign
-from jaxshroud.model.geometry import ContactKinematics, Pose, contact_kinematics, contact_rates, pose
+from jaxshroud.model.geometry import ContactKinematics, Pose, contact_rates
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import EndTorques, Ledger, Recorded, drive_wave, end_torques, rhs
+from jaxshroud.model.rhs import (
+    EndTorques,
+    Ledger,
+    Placement,
+    Recorded,
+    drive_wave,
+    end_torques_under,
+    placement,
+    rhs,
+    rhs_at,
+)
 from jaxshroud.model.series import Series, rate_of, truncated
 from jaxshroud.scene.keys import Motion
 
@@ -55,17 +65,16 @@ def taylor_expansion(lane: Lane, fixed: Fixed, order: int, ledger: bool) -> Tayl
     ]
     rates = [tuple(map(rate_of, pair)) for pair in places]
     now = State(Motion(*places, *rates), start.u_s, start.mode, case)
-    accelerations.extend(rhs(Q, now, model, Recorded())[0].acceleration)
+    place = placement(now, model)
+    accelerations.extend(rhs_at(place, Q, now, model, Recorded())[0].acceleration)
     # Products have twice the frequency: their integrals need more terms of the truncated motion.
     truncated_motion = jax.tree.map(lambda a: truncated(a, order), now.motion)
     works = rhs(Q, State(truncated_motion, start.u_s, start.mode, case), model, Recorded(ledger))[1].ledger
 
-    q = pose(*places)
-    at = contact_kinematics(q, case, model.block, model.reading)
-    at = at._replace(v=truncated(at.v, order - 1), u=truncated(at.u, order - 1))
+    at = place.at._replace(v=truncated(place.at.v, order - 1), u=truncated(place.at.u, order - 1))
     lift = EventKind.LIFT, where(start.mode == Mode.APART, 1.0, -1.0) * at.v
-    guards = [lift, *_switch_series(Q, at, now, model, order), *_friction_series(at, now, model)]
-    return TaylorExpansion(now.motion, at.v, at.u, guards, q, works, case, unit)
+    guards = [lift, *_switch_series(Q, place, now, model, order), *_friction_series(at, now, model)]
+    return TaylorExpansion(now.motion, at.v, at.u, guards, place.pose, works, case, unit)
 
 
 def without_derivatives(expansion: TaylorExpansion) -> TaylorExpansion:
@@ -111,11 +120,12 @@ def _displacement_series(x: Pair, v: Pair, unit: Scalar, k: int, accelerations: 
     return left, right
 
 
-def _switch_series(Q: Pair, at: ContactKinematics, now: State, model: Model, order: int) -> list[GuardSeries]:
+def _switch_series(Q: Pair, place: Placement, now: State, model: Model, order: int) -> list[GuardSeries]:
     """The guards of the case, beyond their rounding. When apart they only end a trial: the position sets the case."""
     if not has_torsion(model):
         return []
-    leans = EndTorques(*(truncated(a, order - 2) for a in end_torques(now.motion, Q, at, now, model)))
+    at, torques = place.at, end_torques_under(place.loaded, now.motion, Q, place.at, now, model)
+    leans = EndTorques(*(truncated(a, order - 2) for a in torques))
     turn, height = switch_guards(at._replace(height=truncated(at.height, order - 1)), leans, now.case)
     # where contact ends, LIFT is first
     flat, torque = now.case == FLAT, model.spring.k * model.block.l_ab * at.rounding

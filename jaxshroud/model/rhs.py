@@ -106,6 +106,21 @@ def parallel_mean(pair: Pair, model: Model) -> Pair:
     return mean, pair[1] if is_absent(pair[1]) else mean
 
 
+class LawForces(NamedTuple):
+    """The forces by the laws of contact."""
+
+    N: Scalar  # [N]
+    F: Scalar  # [N]
+    u_s: Slider  # rate of the slider, where it is integrated with the motion
+
+
+class LoadedContact(NamedTuple):
+    """The forces of contact, and what they are to the blocks."""
+
+    forces: LawForces
+    load: Load
+
+
 class EndTorques(NamedTuple):
     """The torques on theta_1 - theta_2 of parallel blocks with contact at either end of the faces' overlap.
 
@@ -125,21 +140,20 @@ def end_torques(z: Motion, Q: Pair, at: ContactKinematics, state: State, model: 
     """
     if not has_torsion(model):
         return EndTorques(ABSENT, ABSENT)
-    N, F, _, load = _forces_and_load(at, z, state, state.case, model)
+    return end_torques_under(_loaded_contact(at, z, state, state.case, model), z, Q, at, state, model)
+
+
+def end_torques_under(
+    loaded: LoadedContact, z: Motion, Q: Pair, at: ContactKinematics, state: State, model: Model
+) -> EndTorques:
+    """`end_torques` of blocks that turn where the forces are known already."""
+    (N, F, _), load = loaded
     left, right = accelerations(z, Q, load, model).theta
     k = _contact_stiffness(state, model)
     along, corner = N * model.block.l_ab, (F - k * at.u) * at.v if isinstance(at.v, Series) else F * at.v - N * at.u
     shift = where(is_upper(state.case), along, ABSENT) - where(tip_is_left(state.case), corner, ABSENT)
     at_d, higher = model.mobility.joint * (left - right) + shift, at.height > 0
     return EndTorques(at_d + where(higher, corner, ABSENT), at_d - along + where(higher, ABSENT, corner))
-
-
-class LawForces(NamedTuple):
-    """The forces by the laws of contact."""
-
-    N: Scalar  # [N]
-    F: Scalar  # [N]
-    u_s: Slider  # rate of the slider, where it is integrated with the motion
 
 
 def law_forces(at: ContactKinematics, z: Motion, state: State, case: Case, model: Model) -> LawForces:
@@ -173,13 +187,12 @@ def _dissipated_power(
     return where(state.mode == Mode.APART, 0.0, forces.N * rate.v + forces.F * rate.u - stored)
 
 
-def _forces_and_load(
-    at: ContactKinematics, z: Motion, state: State, case: Case, model: Model
-) -> tuple[Scalar, Scalar, Slider, Load]:
-    N, F, u_s = law_forces(at, z, state, case, model)
+def _loaded_contact(at: ContactKinematics, z: Motion, state: State, case: Case, model: Model) -> LoadedContact:
+    forces = law_forces(at, z, state, case, model)
+    N, F = forces.N, forces.F
     if isinstance(at.v, Series) and model.spring.modal and has_torsion(model) and not model.reading:
-        return N, F, u_s, sprung_load(at, _contact_stiffness(state, model), N, F, case, model.block)
-    return N, F, u_s, contact_load(at, N, F, case, model.block, model.reading)
+        return LoadedContact(forces, sprung_load(at, _contact_stiffness(state, model), N, F, case, model.block))
+    return LoadedContact(forces, contact_load(at, N, F, case, model.block, model.reading))
 
 
 def _contact_stiffness(state: State, model: Model) -> Scalar:
@@ -213,6 +226,24 @@ class StateDerivative(NamedTuple):
     u_s: Slider
 
 
+class Placement(NamedTuple):
+    """The position of the blocks against each other, and what it makes of contact."""
+
+    pose: Pose
+    case: Case
+    at: ContactKinematics
+    loaded: LoadedContact
+
+
+def placement(now: State, model: Model) -> Placement:
+    """The position of both blocks, and the kinematics and the forces of their contact in the current case."""
+    z, spring = now.motion, model.spring
+    q = pose(z.x, z.y, z.theta)
+    case = blended_case(q, model.block, spring.width) if spring.smooth and has_torsion(model) else now.case
+    at = contact_kinematics(q, case, model.block, model.reading)
+    return Placement(q, case, at, _loaded_contact(at, z, now, case, model))
+
+
 def displacement_moments(z: Motion) -> Moments:
     """The rates of the moments."""
     first = (z.x, z.y, z.theta)
@@ -237,20 +268,23 @@ def rhs(Q: Pair, now: State, model: Model, recorded: Recorded) -> tuple[StateDer
 
     `Q` is the `drive_wave` at that time.
     """
-    z, spring = now.motion, model.spring
-    q = pose(z.x, z.y, z.theta)
-    case = blended_case(q, model.block, spring.width) if spring.smooth and has_torsion(model) else now.case
-    at = contact_kinematics(q, case, model.block, model.reading)
-    N, F, u_s, load = _forces_and_load(at, z, now, case, model)
-    parts = at, z, LawForces(N, F, u_s), now, case, model
+    return rhs_at(placement(now, model), Q, now, model, recorded)
+
+
+def rhs_at(
+    place: Placement, Q: Pair, now: State, model: Model, recorded: Recorded
+) -> tuple[StateDerivative, Integrals]:
+    """`rhs` where the position is known already."""
+    (q, case, at, (forces, load)), z = place, now.motion
+    parts = at, z, forces, now, case, model
     lost = works(z, Q, _dissipated_power(*parts), model) if recorded.ledger else None
     moments = displacement_moments(z) if recorded.moments else None
     loads = _load_rates(*parts) if recorded.loads else None
     a = accelerations(z, Q, load, model)
-    if has_torsion(model) and spring.modal:
+    if has_torsion(model) and model.spring.modal:
         theta = jax.tree.map(lambda mean, own: where(case == FLAT, mean, own), parallel_mean(a.theta, model), a.theta)
         a = a._replace(theta=theta)
-    return StateDerivative(a, u_s), Integrals(mean_square(q, model.gyration), lost, moments, loads)
+    return StateDerivative(a, forces.u_s), Integrals(mean_square(q, model.gyration), lost, moments, loads)
 
 
 rhs_once = jax.jit(rhs, static_argnames="recorded", inline=True)  # traced once for all stages

@@ -308,11 +308,12 @@ def _draw_lines_of_spectrum(panel: Axes, run: RunData) -> None:
         x = x[x.size - int(n_periods // q * q * rate) :]
     f, a = amplitude_spectrum(x, rate, "rectangular" if q or n_periods < 3 else "hann")
     top = a[1:].max()
-    if q:
-        panel.vlines(f[1:], 1e-9 * top, a[1:], color=BLUE, lw=0.8)
-    else:
-        panel.plot(f[1:], a[1:], color=BLUE, lw=0.5)
     reach = float(np.clip(f[a > 1e-3 * top].max(), 3, 6)) + 0.25
+    shown = (f > 0) & (f < 1.1 * reach)  # the others would take long to draw
+    if q:
+        panel.vlines(f[shown], 1e-9 * top, a[shown], color=BLUE, lw=0.8)
+    else:
+        panel.plot(f[shown], a[shown], color=BLUE, lw=0.5)
     panel.set(yscale="log", xlim=(0, reach), ylim=(1e-4 * top, 20 * top))
     _write_lines(panel, [line for line in label_lines(f, a, q) if line[0] < reach], f, a, reach / 30)
 

@@ -15,6 +15,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.rcsetup import cycler
 from numpy.typing import NDArray
 
 from jaxshroud.io.files import write
@@ -162,6 +163,10 @@ FEWEST_LETTERS = 8  # of a line of a title
 TITLE_ROOM = 0.85  # of the width that a panel has before the figure is laid out, which takes some of it for labels
 Properties = dict[str, Any]  # of artists of matplotlib, as keyword arguments
 COLUMN_WIDTH, PAGE_WIDTH = 88 / INCH, 140 / INCH  # one and one and a half columns [inch]
+# Colours after Okabe and Ito, which colour-blind readers tell apart.
+INK, GREY, BLUE, ORANGE, SKY, PINK = "#1a1a1a", "#8c8c8c", "#0072B2", "#E69F00", "#56B4E9", "#CC79A7"
+GREEN, RED, YELLOW, DARK, PALE = "#009E73", "#D55E00", "#F0E442", "#4d4d4d", "#b8b8b8"  # pale: not settled
+COLOURS = (BLUE, ORANGE, GREEN, PINK, SKY, RED, DARK, YELLOW)  # of what has no colour of its own
 STYLE: Any = {
     **dict.fromkeys(("font.size", "axes.titlesize", "figure.titlesize"), 8),
     **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 7),
@@ -169,14 +174,11 @@ STYLE: Any = {
     "xtick.major.pad": 5,  # keeps the first label clear of that of the y axis
     **{"axes.titlelocation": "left", "axes.linewidth": 0.6, "hatch.linewidth": 0.4},
     **{"legend.frameon": False, "legend.handlelength": 1.2, "legend.columnspacing": 1.2},
+    "axes.prop_cycle": cycler(color=COLOURS),
     **{"pdf.fonttype": 42, "svg.fonttype": "none"},  # text stays text
 }
 # Key of the scene -> symbol, words, unit, units per SI unit.
 QUANTITIES = {row.name: (row.symbol, row.label, *row.shown) for row in ALL_KEYS.values()}
-# Colours after Okabe and Ito, which colour-blind readers tell apart.
-INK, GREY, BLUE, ORANGE, SKY, PINK = "#1a1a1a", "#8c8c8c", "#0072B2", "#E69F00", "#56B4E9", "#CC79A7"
-GREEN, RED, YELLOW, DARK, PALE = "#009E73", "#D55E00", "#F0E442", "#4d4d4d", "#b8b8b8"  # pale: not settled
-COLOURS = (BLUE, ORANGE, GREEN, PINK, SKY, RED, DARK, YELLOW)  # of what has no colour of its own
 STOPPED_STYLE: Properties = {
     "facecolor": "#ededed",
     "edgecolor": "#9c9c9c",
