@@ -92,11 +92,13 @@ def load_values(scenes: Scene, samples: Sample) -> dict[str, np.ndarray]:
             "approach_max": samples.impacts.approach.max(axis=-1),
             "approach_mean": samples.impacts.approach_sum.mean(axis=-1) / impacts,
             "impulse_max": samples.impacts.impulse.max(axis=-1),
-            "impulse_mean": N / impacts,
+            "impulse_mean": np.where(impacts > 0, N / impacts, np.nan),
         }
 
 
-def sampled_amplitudes(scenes: Scene, motion: Motion, interval: np.ndarray, periods: float) -> dict[str, np.ndarray]:
+def sampled_amplitudes(
+    scenes: Scene, motion: Motion, interval: np.ndarray, periods: float | int
+) -> dict[str, np.ndarray]:
     """The values of `WithAmplitudes` of sampled runs over their last `periods` drive periods.
 
     Between samples the motion is the cubic through the displacements and their rates.
