@@ -24,7 +24,7 @@ from jaxshroud.motion.amplitudes import cubic_mean
 from jaxshroud.scene.scene import Scene
 
 APERIODIC_PERIODS = 16  # over which the first harmonic of an aperiodic motion is taken
-NEGLIGIBLE_FORCE = 1e-9  # of contact, over that of the drive: rounding
+NEGLIGIBLE_FORCE = 1e-6  # of contact, over that of the drive: the error of samples
 
 PerCoordinate = Float[np.ndarray, "2 3"]  # blades; x, y and theta
 Harmonic = Complex[np.ndarray, "2 3"]
