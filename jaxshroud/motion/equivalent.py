@@ -23,7 +23,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.motion.amplitudes import cubic_mean
 from jaxshroud.scene.scene import Scene
 
-APERIODIC_PERIODS = 16  # over which the first harmonic of an aperiodic motion is taken
+HARMONIC_PERIODS = 16  # over which the first harmonic of an aperiodic motion is taken
 NEGLIGIBLE_FORCE = 1e-6  # of contact, over that of the drive: the error of samples
 
 PerCoordinate = Float[np.ndarray, "2 3"]  # blades; x, y and theta
@@ -65,7 +65,7 @@ def equivalent_values(
     Args:
         scenes: The scenes (leading axis).
         states: The states on the settled motions, at drive phase 0.
-        number: The period number of each lane, 0 if aperiodic: the harmonic is that of `APERIODIC_PERIODS`.
+        number: The period number of each lane, 0 if aperiodic: the harmonic is that of `HARMONIC_PERIODS`.
         P_0: The mean square displacement of the left block without contact (lanes,) [m^2].
         steps: Steps in a period.
         method: The options of the march.
@@ -73,7 +73,7 @@ def equivalent_values(
     names = ("k_n", "k_t", "c_n", "c_t", "zeta_n", "zeta_t", "P_d_stiffness")
     found = np.full((len(number), len(names)), np.nan)
     if scenes.parts.contact != "none" and "y" in scenes.parts.motion:
-        periods = np.where(number > 0, number, APERIODIC_PERIODS)
+        periods = np.where(number > 0, number, HARMONIC_PERIODS)
         grid = SampleGrid(0.0, steps, 1, int(periods.max()) * steps, events=False)
         rows = sampled_motions(scenes, states, grid, method._replace(forces=False, amplitudes=False))
         for i, n in enumerate(periods.tolist()):

@@ -41,7 +41,7 @@ def sentences_of(result: Any) -> str:
     share = 100 * result.loss_friction / lost
     words = f"Of the drive's work {share:.3g} % is lost in friction, {100 - share:.3g} % in the dampers."
     if not np.isfinite(result.P_d_stiffness):
-        return f"{words} No equivalent of contact: {_reason(result)}."
+        return f"{words} No equivalent of contact: {_unknown_because(result)}."
     along = [_direction(name, getattr(result, f"k_{a}"), getattr(result, f"zeta_{a}")) for name, a in DIRECTIONS]
     alone = f"that stiffness alone would give P_d = {result.P_d_stiffness:.4g} %"
     return f"{words} In the first harmonic contact acts as {' and '.join(along)}; {alone}."
@@ -55,7 +55,7 @@ def _direction(name: str, stiffness: float, ratio: float) -> str:
     return f"{stiffness:.4g} N/m with {damping} along the {name} of the faces"
 
 
-def _reason(result: Any) -> str:
+def _unknown_because(result: Any) -> str:
     """Why the first harmonic gives no equivalent."""
     if not result.final["settling"]:
         return "the motion has not settled"

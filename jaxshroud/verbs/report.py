@@ -36,6 +36,7 @@ from jaxshroud.verbs.design_problem import Problem, design_corners, judge_design
 from jaxshroud.verbs.gradient import gradient
 from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, plan_march, resolve_options
+from jaxshroud.verbs.power import power
 from jaxshroud.verbs.report_sections import Limits, ReportData, sections_of, worst_of
 from jaxshroud.verbs.report_verdict import report_verdict
 from jaxshroud.verbs.scatter import check_at_least, draw_rows, scatter
@@ -242,7 +243,7 @@ def _report_data(
     """
     draws, starts, seed = counts
     design, rows = problem.scene, problem.rows
-    ticker = Ticker(5 + bool(scatters) + len(rows), progress)
+    ticker = Ticker(6 + bool(scatters) + len(rows), progress)
 
     def done(part: T) -> T:
         ticker(1)
@@ -276,6 +277,7 @@ def _report_data(
         checks=checks,
         runs=runs,
         over_gap=over_gap,
+        power=done(power(worst, **run_options)),
         spread=spread,
         slopes=slopes,
         motions=motions,
