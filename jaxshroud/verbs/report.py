@@ -210,15 +210,14 @@ def report(
     check_size(len(SINGLE_DIRECTIONS) * GAPS, resolved.transient, resolved.n_periods)
     march = plan_march(resolved, varied_by(design, bounds, conditions), FAST)
     problem = _problem(design, conditions, limits)
-    data = _report_data(problem, resolved, march, limits, bounds, (draws, starts, seed), progress)
-    data = data._replace(tuned=tuned)
+    counts = draws, starts, seed
+    data = _report_data(problem, resolved, march, limits, bounds, counts, progress)._replace(tuned=tuned)
     verdict, reasons = report_verdict(data)
     provenance, _ = resolved.provenance(resolved.transient, march.steps)
     title = str(provenance.get("title") or "A design").partition(":")[0]
     sections = sections_of(data, verdict, reasons, str(provenance["scene"]), command)
-    run, motions = data.runs.lane(data.worst), data.motions[data.worst]
-    results = run, data.over_gap, data.spread, data.slopes, motions, tuple(data.motions)
-    return Report(title, verdict, reasons, *results, sections)
+    results = data.runs.lane(data.worst), data.over_gap, data.spread, data.slopes
+    return Report(title, verdict, reasons, *results, data.motions[data.worst], tuple(data.motions), sections)
 
 
 def _problem(design: Scene, conditions: Conditions, limits: Limits) -> Problem:
