@@ -64,10 +64,11 @@ def free_runs(
     places = lambda lane: [lane.state, lane.status, lane.tally.log.time_apart]
     lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
     zeros: Any = np.zeros(np.shape(samples.power[0]))
-    samples = samples._replace(work=zeros, gross=zeros, dropped=zeros, residual=zeros)
+    works = dict.fromkeys(("work", "gross", "dropped", "residual", "friction", "viscous"), zeros)
+    samples = samples._replace(**works)
     if method.forces:
         loads, impacts = ContactLoads(*[zeros] * 4), Impacts(*[zeros] * 5)
-        samples = samples._replace(forces=ContactPeaks(zeros, zeros), friction=zeros, loads=loads, impacts=impacts)
+        samples = samples._replace(forces=ContactPeaks(zeros, zeros), loads=loads, impacts=impacts)
     return jax.tree.map(np.asarray, (samples, lanes))
 
 

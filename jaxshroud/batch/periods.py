@@ -95,8 +95,9 @@ class Sample(NamedTuple):
     dropped: Any = None  # energy of the rocking motion that flat contact ended [J]
     residual: Any = None  # of the energy balance [J]
     largest: Any = None  # magnitudes of x, y [m] and theta [rad], three pairs; None if not logged
-    forces: Any = None  # largest contact forces [N]; None unless requested
-    friction: Any = None  # work of friction [J]; None unless requested, as are all that follow
+    friction: Any = None  # lost in the sliding contact [J]; None without a ledger, as is the next
+    viscous: Any = None  # lost in the dampers [J]
+    forces: Any = None  # largest contact forces [N]; None unless requested, as are all that follow
     loads: Any = None  # `ContactLoads` of the period
     impacts: Any = None  # `Impacts` of the period
     moments: Any = None  # `Moments` over the period
@@ -137,8 +138,8 @@ def _run_period(lanes: Lane, active, models: Model, periods, clock: Clock, metho
     log, logged = lanes.tally.log, {}
     if log is not None:
         logged = {"largest": log.largest, "forces": log.forces, "impacts": log.impacts, "extent": log.extent}
-    if log is not None and log.forces is not None and gain.ledger is not None:
-        logged |= {"friction": gain.ledger.friction}
+    if gain.ledger is not None:
+        logged |= {"friction": gain.ledger.friction, "viscous": gain.ledger.viscous}
     integrated = {"loads": gain.loads, "moments": gain.moments}
     power = power[0] / periods, power[1] / periods
     sample = Sample(with_zeros(lanes.state).motion, power, *works, **filled(logged | integrated, periods))

@@ -92,6 +92,7 @@ def _output_power(completed: CompletedCall) -> None:
         "period number": final["period_number"] or "aperiodic",
     }
     print_result(completed, rows)
+    print(completed.result.mechanism)
     if not final["stable"]:
         print(f"warning: P_d is not stable after {final['n']} periods; give more with --periods", file=sys.stderr)
 

@@ -8,7 +8,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxshroud.march.events import EventKind, GuardEvaluation, Guards, Transition, any_of, evaluate_guards, transition
+from jaxshroud.march.events import (
+    EventKind,
+    GuardEvaluation,
+    Guards,
+    Transition,
+    any_of,
+    evaluate_guards,
+    starts_in_overlap,
+    transition,
+)
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tally import EnergyJumps, Tally
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Pair, Scalar, where
@@ -84,6 +93,7 @@ class EventChange(NamedTuple):
     view: GuardEvaluation
     transition: Transition
     onset: Bool[Array, ""]
+    impact: Bool[Array, ""]  # an onset from a gap
     separation: Bool[Array, ""]
     jumps: EnergyJumps  # 0 without an event
 
@@ -96,7 +106,8 @@ def event_change(
     change = transition(z, start, view, kind, delay, fixed.grid.h, fixed.model)
     lift, apart = fire & (kind == EventKind.LIFT), start.mode == Mode.APART
     jumps = jax.tree.map(lambda a: where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
-    return EventChange(view, change, lift & apart, lift & ~apart, jumps)
+    onset = lift & apart
+    return EventChange(view, change, onset, onset & ~starts_in_overlap(view, delay), lift & ~apart, jumps)
 
 
 def is_finite(z: Motion) -> Bool[Array, ""]:

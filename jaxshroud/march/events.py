@@ -290,10 +290,14 @@ def _onset_mode(view: GuardEvaluation, delay: Scalar, spring: Springs) -> Int[Ar
     rate = view.rate
     if is_absent(spring.lag):
         return jnp.int32(Mode.SLIP_PLUS)
-    in_overlap = (delay == 0) & (view.at.v > view.at.rounding)
-    slips = ((jnp.abs(rate.u) > spring.lag * rate.v) & ~in_overlap) | (spring.mu == 0)
+    slips = ((jnp.abs(rate.u) > spring.lag * rate.v) & ~starts_in_overlap(view, delay)) | (spring.mu == 0)
     sliding = where(rate.u < 0, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
     return where(slips, sliding, jnp.int32(Mode.STICK))
+
+
+def starts_in_overlap(view: GuardEvaluation, delay: Scalar) -> Bool[Array, ""]:
+    """Whether an onset is that of blocks which start pressed together, rather than one from a gap."""
+    return (delay == 0) & (view.at.v > view.at.rounding)
 
 
 def _mode_after_rub(at: ContactKinematics, state: State, spring: Springs) -> Int[Array, ""]:

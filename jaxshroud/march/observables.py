@@ -179,7 +179,7 @@ def updated_impacts(
     before: Impacts,
     loads: ContactLoads | None,
     speed: Scalar | None,
-    onset: Bool[Array, ""],
+    impact: Bool[Array, ""],
     separation: Bool[Array, ""],
 ) -> Impacts:
     """The impacts after a trial with these `loads` that ends at a closing `speed`, perhaps in an event."""
@@ -187,9 +187,9 @@ def updated_impacts(
     assert speed is not None
     now = before.now + loads.N
     return Impacts(
-        before.number + where(onset, 1.0, 0.0),
-        where(onset, jnp.maximum(before.approach, speed), before.approach),
-        before.approach_sum + where(onset, speed, 0.0),
+        before.number + where(impact, 1.0, 0.0),
+        where(impact, jnp.maximum(before.approach, speed), before.approach),
+        before.approach_sum + where(impact, speed, 0.0),
         where(separation, jnp.maximum(before.impulse, now), before.impulse),
         where(separation, 0.0, now),
     )

@@ -161,7 +161,7 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, m
         refined = repeated._replace(length=length, refinements=search.refinements + 1)
         search, repeated = search._replace(length=length), select(refine, refined, repeated)
     z = state.motion
-    view, transition, onset, separation, jumps = event_change(
+    view, transition, onset, impact, separation, jumps = event_change(
         z, Q, _with_slider_of(start, state), fire, kind, decision.delay, fixed
     )
     state = select(fire, transition.after, state)
@@ -174,7 +174,7 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, m
         lambda counters: count_event(counters, transition, fire, search.inside),
         lambda before: updated_extrema(before, start, z, h, start.mode == Mode.APART, onset, model),
         lambda before: updated_peaks(before, start, z, h, model),
-        lambda before: updated_impacts(before, gain.loads, closing_speed(z, start, model), onset, separation),
+        lambda before: updated_impacts(before, gain.loads, closing_speed(z, start, model), impact, separation),
         lambda before: updated_range(before, start.motion, z, h),
     )
     tally = updated_tally(lane.tally, gain, jumps, h, start.mode, view.at.v, displacements_of(z), log_updates)

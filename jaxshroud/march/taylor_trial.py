@@ -292,7 +292,7 @@ def _tally_after(lane: Lane, trial: TaylorTrial, change: EventChange, h: Scalar,
         lambda counters: count_event(counters, change.transition, fire, trial.event.inside),
         lambda before: merged_extrema(before, extrema.within),  # pyright: ignore[reportArgumentType]  # kept where `before` is
         lambda before: jax.tree.map(jnp.maximum, before, extrema.forces),
-        lambda before: updated_impacts(before, trial.gain.loads, extrema.closing, change.onset, change.separation),
+        lambda before: updated_impacts(before, trial.gain.loads, extrema.closing, change.impact, change.separation),
         lambda before: merged_range(before, extrema.extent),  # pyright: ignore[reportArgumentType]  # kept where `before` is
     )
     sizes = jax.tree.map(lambda a, b: jnp.maximum(a, jnp.abs(b)), extrema.sizes, displacements_of(trial.motion))

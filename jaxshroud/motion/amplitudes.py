@@ -92,11 +92,13 @@ def load_values(scenes: Scene, samples: Sample) -> dict[str, np.ndarray]:
             "approach_max": samples.impacts.approach.max(axis=-1),
             "approach_mean": samples.impacts.approach_sum.mean(axis=-1) / impacts,
             "impulse_max": samples.impacts.impulse.max(axis=-1),
-            "impulse_mean": N / impacts,
+            "impulse_mean": np.where(impacts > 0, N / impacts, np.nan),
         }
 
 
-def sampled_amplitudes(scenes: Scene, motion: Motion, interval: np.ndarray, periods: float) -> dict[str, np.ndarray]:
+def sampled_amplitudes(
+    scenes: Scene, motion: Motion, interval: np.ndarray, periods: float | int
+) -> dict[str, np.ndarray]:
     """The values of `WithAmplitudes` of sampled runs over their last `periods` drive periods.
 
     Between samples the motion is the cubic through the displacements and their rates.
@@ -111,17 +113,17 @@ def sampled_amplitudes(scenes: Scene, motion: Motion, interval: np.ndarray, peri
     first = -1 - round(periods * math.tau / float(scenes.drive.omega[0]) / float(interval[0]))
     for name, free in zip(DISPLACEMENT_NAMES, free_amplitudes(scenes), strict=True):
         q, rate = (np.asarray(getattr(motion, n), float)[:, first:] for n in (name, f"v_{name}"))
-        mean = _hermite_mean(q, rate, h)
+        mean = cubic_mean(q, rate, h)
         highest, lowest = _hermite_largest(q, rate * h), -_hermite_largest(-q, -rate * h)
         values[f"{name}_mean"] = mean
-        values[f"{name}_rms"] = np.sqrt(np.maximum(_hermite_mean(q**2, 2 * q * rate, h) - mean**2, 0.0))
+        values[f"{name}_rms"] = np.sqrt(np.maximum(cubic_mean(q**2, 2 * q * rate, h) - mean**2, 0.0))
         values[f"{name}_peak"] = np.maximum(highest - mean, mean - lowest)
         values[f"{name}_free"] = free
     return values
 
 
-def _hermite_mean(q: np.ndarray, rate: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """The mean of the cubics through samples (lanes, n, 2) and their rates at intervals `h`."""
+def cubic_mean(q: np.ndarray, rate: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """The mean over time of the cubics through samples (lanes, n, ...) and their rates at intervals `h`."""
     intervals = q.shape[1] - 1
     trapezoid = q.mean(axis=1) * (intervals + 1) - (q[:, 0] + q[:, -1]) / 2
     return (trapezoid + h[:, 0] / 12 * (rate[:, 0] - rate[:, -1])) / intervals

@@ -10,6 +10,7 @@ from jaxshroud.io.variable import Variable
 from jaxshroud.motion.effects import with_interval
 from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads
 from jaxshroud.results.base import Result
+from jaxshroud.results.equivalent import WithEquivalent, sentences_of
 from jaxshroud.scene.checks import InputError
 
 
@@ -20,7 +21,7 @@ class FinalNumber(Variable):
         super().__init__(long_name, units, kind=kind, stored=np.int8 if kind is bool else None, alone=True)
 
 
-class PowerResult(WithAmplitudes, WithLoads, Result):
+class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
     """P_d of the left blade against the number of averaged periods.
 
     Arrays start with the axes of the scenes. The curves of lanes with fewer points are filled up with n = 0 and NaN.
@@ -62,9 +63,18 @@ class PowerResult(WithAmplitudes, WithLoads, Result):
             values |= {name: values[name].tolist() for name in ("P", "P_0")}
         return {**values, "status": self.status, "method": self.method, "chatter": self.chatter}
 
+    @property
+    def mechanism(self) -> str:
+        """What contact does to the vibration of a single scene, in words with numbers."""
+        return sentences_of(self)
+
     def summary(self) -> dict[str, JSONValue]:
         """The curve and the final answer in plain numbers, as `power.json` holds them."""
-        return json_values({**self.origin, "n": self.n, "P_d": self.P_d, "P_d_ci": self.P_d_ci, "final": self.final})
+        numbers = {"n": self.n, "P_d": self.P_d, "P_d_ci": self.P_d_ci, "final": self.final}
+        equivalent = {
+            name: getattr(self, name) for name, one in vars(WithEquivalent).items() if isinstance(one, Variable)
+        }
+        return json_values({**self.origin, **numbers, "equivalent": equivalent})
 
     def _picture_content(self) -> dict[str, object]:
         if np.ndim(self.status):

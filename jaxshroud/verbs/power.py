@@ -20,6 +20,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.amplitudes import amplitude_values, load_values
 from jaxshroud.motion.averages import Reduction, averages, closed_forms, relative_residual
+from jaxshroud.motion.equivalent import equivalent_values
 from jaxshroud.motion.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
 from jaxshroud.motion.short_runs import end_states
 from jaxshroud.motion.statistics import confidence_interval
@@ -58,6 +59,7 @@ class LaneSummary(NamedTuple):
     more: dict[str, np.ndarray]  # amplitudes and loads, where they are kept
 
 
+WORKS = {"work_drive": "work", "loss_viscous": "viscous", "loss_friction": "friction"}  # variable -> of samples
 NOT_FINAL = ("series", "converged", "status", "more")
 
 
@@ -76,7 +78,9 @@ def _summaries(
     A = closed_forms(scenes)[0].astype(float)
     series = power_reduction(A[:, None] * joined.power[0], P_0[:, :1])
     residual = np.full(len(A), np.nan) if joined.residual is None else relative_residual(joined)
-    summaries, kept = [], amplitude_values(scenes, joined, orbit.number) | load_values(scenes, joined)
+    kept = amplitude_values(scenes, joined, orbit.number) | load_values(scenes, joined)
+    kept |= {name: np.mean(getattr(joined, sample), axis=-1) for name, sample in WORKS.items()}
+    summaries = []
     for i in range(len(A)):
         lane_orbit, lane_reduction, more = jax.tree.map(lambda a, i=i: a[i], (orbit, reduction, kept))
         flags = int(status[i]), bool(was[i])
@@ -205,9 +209,10 @@ def power(
     march = plan_march(resolved, lanes, FAST_WITH_LEDGER)
     march = march._replace(method=march.method._replace(forces=forces, amplitudes=amplitudes))
     scenes = in_precision(without_given(lanes), march.method.precision)
-    summaries, chatter = _run_longer(
+    summaries, ends, chatter = _run_longer(
         resolved, scenes, resolved.states(state, scenes), march, stable_within, period_tol, progress
     )
+    summaries = _with_equivalents(scenes, ends, summaries, march)
     result = _power_result(resolved, summaries, march, chatter)
     warn_failures(result.status, chatter, throw=throw)
     if march.choice is not None:
@@ -223,11 +228,12 @@ def _run_longer(
     tolerance: float,
     period_tol: float,
     progress: Progress | None,
-) -> tuple[list[LaneSummary], str | None]:
-    """The summary of each lane (leading axis), and the report on events that alternate, if any."""
+) -> tuple[list[LaneSummary], State, str | None]:
+    """The summary and the last state of each lane (leading axis), and the report on events that alternate, if any."""
     count, transient, done = len(scenes.drive.omega), resolved.transient, 0
     ticker = Ticker(count * (resolved.transient + resolved.n_periods), progress)
     summaries: dict[int, LaneSummary] = {}
+    ends: dict[int, State] = {}
     running, samples, chatter = np.arange(count), [], None
     while done < resolved.n_periods and len(running):
         n = min(max(FIRST_PERIODS, done), resolved.n_periods - done)  # doubles the number of periods
@@ -238,13 +244,28 @@ def _run_longer(
         was_converged = np.array([i in summaries and summaries[i].converged for i in running.tolist()])
         latest = _summaries(scenes, samples, runs.last.status, period_tol, tolerance, was_converged)
         summaries |= zip(running.tolist(), latest, strict=True)
+        last = final_states(runs.last.state)
+        ends |= {lane: jax.tree.map(lambda a, i=i: np.asarray(a)[i], last) for i, lane in enumerate(running.tolist())}
         unfinished = np.array([summary.status == Status.OK and not summary.stable for summary in latest])
-        remaining = (scenes, final_states(runs.last.state), samples, running)
+        remaining = (scenes, last, samples, running)
         scenes, state, samples, running = jax.tree.map(
             lambda a, unfinished=unfinished: np.asarray(a)[unfinished], remaining
         )
         transient, done = 0, done + n
-    return [summaries[i] for i in range(count)], chatter
+    states = jax.tree.map(lambda *a: np.stack(a), *(ends[i] for i in range(count)))
+    return [summaries[i] for i in range(count)], states, chatter
+
+
+def _with_equivalents(
+    scenes: Scene, states: State, summaries: list[LaneSummary], march: MarchPlan
+) -> list[LaneSummary]:
+    """The summaries with the equivalents of contact; NaN where the motion has not settled."""
+    number, settling = (np.array([getattr(one, name) for one in summaries]) for name in ("period_number", "settling"))
+    P_0 = np.array([one.P_0[0] for one in summaries]) / closed_forms(scenes)[0].astype(float)
+    values = equivalent_values(scenes, states, number, P_0, march.steps, march.method)
+    known = (settling != NOT_SETTLED) & np.array([one.status == Status.OK for one in summaries])
+    values = {name: np.where(known, a, np.nan) for name, a in values.items()}
+    return [one._replace(more=one.more | {name: a[i] for name, a in values.items()}) for i, one in enumerate(summaries)]
 
 
 def _run_remaining(scenes: Scene, state: State, plan: Plan, ticker: Ticker, of_many: bool) -> Runs:

@@ -35,6 +35,7 @@ from jaxshroud.verbs.design_problem import Problem, design_corners, judge_design
 from jaxshroud.verbs.gradient import gradient
 from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, plan_march, resolve_options
+from jaxshroud.verbs.power import power
 from jaxshroud.verbs.report_sections import Limits, ReportData, sections_of, worst_of
 from jaxshroud.verbs.report_verdict import report_verdict
 from jaxshroud.verbs.scatter import check_at_least, draw_rows, scatter
@@ -208,15 +209,14 @@ def report(
     check_size(len(SINGLE_DIRECTIONS) * GAPS, resolved.transient, resolved.n_periods)
     march = plan_march(resolved, varied_by(design, bounds, conditions), FAST)
     problem = _problem(design, conditions, limits)
-    data = _report_data(problem, resolved, march, limits, bounds, (draws, starts, seed), progress)
-    data = data._replace(tuned=tuned)
+    counts = draws, starts, seed
+    data = _report_data(problem, resolved, march, limits, bounds, counts, progress)._replace(tuned=tuned)
     verdict, reasons = report_verdict(data)
     provenance, _ = resolved.provenance(resolved.transient, march.steps)
     title = str(provenance.get("title") or "A design").partition(":")[0]
     sections = sections_of(data, verdict, reasons, str(provenance["scene"]), command)
-    run, motions = data.runs.lane(data.worst), data.motions[data.worst]
-    results = run, data.over_gap, data.spread, data.slopes, motions, tuple(data.motions)
-    return Report(title, verdict, reasons, *results, sections)
+    results = data.runs.lane(data.worst), data.over_gap, data.spread, data.slopes
+    return Report(title, verdict, reasons, *results, data.motions[data.worst], tuple(data.motions), sections)
 
 
 def _problem(design: Scene, conditions: Conditions, limits: Limits) -> Problem:
@@ -241,7 +241,7 @@ def _report_data(
     """
     draws, starts, seed = counts
     design, rows = problem.scene, problem.rows
-    ticker = Ticker(5 + bool(scatters) + len(rows), progress)
+    ticker = Ticker(6 + bool(scatters) + len(rows), progress)
 
     def done(part: T) -> T:
         ticker(1)
@@ -275,6 +275,7 @@ def _report_data(
         checks=checks,
         runs=runs,
         over_gap=over_gap,
+        power=done(power(worst, **run_options)),
         spread=spread,
         slopes=slopes,
         motions=motions,

@@ -12,6 +12,7 @@ from jaxshroud.plotting.style import shade
 from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.data_sheet import DataSheet
 from jaxshroud.results.gradient import Gradient
+from jaxshroud.results.power import PowerResult
 from jaxshroud.results.scatter import Scatter
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import DesignJudgement, Tuned
@@ -45,6 +46,7 @@ class ReportData(NamedTuple):
     motions: Sequence[Attractors]  # one for each condition
     on_motions: Sequence[SweepResult | None]  # runs on these motions, one for each condition; None without a motion
     tuned: Tuned | None = None  # where the design comes from
+    power: PowerResult | None = None  # of the worst condition
 
     @property
     def worst(self) -> int:
@@ -96,6 +98,7 @@ def sections_of(data: ReportData, verdict: str, reasons: Sequence[str], text: st
         Section("Verdict", [f"{verdict}: {'; '.join(reasons)}."], _limits(data)),
         _sheet(data),
         _conditions(data),
+        _mechanism_section(data),
         _gap(data),
         _scatter(data),
         _tolerances_section(data),
@@ -163,6 +166,13 @@ def _conditions(data: ReportData) -> Section | None:
         table.append([*(f"{value:.6g}" for value in row), *cells, force])
     words = f"All combinations, in SI units. The worst is {data.where(data.worst)}; forces are of the kept periods."
     return Section("Operating conditions", [words], table)
+
+
+def _mechanism_section(data: ReportData) -> Section | None:
+    if data.power is None:
+        return None
+    P_d = f"P_d is {with_interval(data.power.final['P_d'], data.power.final['ci'], '%')}."
+    return Section("Damping or detuning", [*_one_condition(data), P_d, data.power.mechanism])
 
 
 def _gap(data: ReportData) -> Section:

@@ -1,0 +1,62 @@
+"""What contact does to the vibration, as results hold and tell it: losses, and equivalents of the first harmonic."""
+
+from typing import Any
+
+import numpy as np
+
+from jaxshroud.io.variable import Variable
+
+STIFFNESS = "first-harmonic equivalent stiffness of contact along the {} of the faces; NaN if unknown"
+DAMPING = "first-harmonic equivalent damping of contact along the {} of the faces; NaN if unknown"
+RATIO = "damping ratio that it adds to the relative motion along the {} of the faces; NaN if unknown"
+
+
+class LaneNumber(Variable):
+    """A number of each lane: a plain number for a single scene."""
+
+    def __init__(self, long_name: str, units: str):
+        super().__init__(long_name, units, kind=float, alone=True)
+
+
+class WithEquivalent:
+    """Where the drive's work goes, and the spring and damper to which contact amounts in the first harmonic."""
+
+    work_drive = LaneNumber("work of the drive in a period, on average", "J")
+    loss_viscous = LaneNumber("lost in the dampers in a period, on average", "J")
+    loss_friction = LaneNumber("lost in friction in a period, on average", "J")
+    k_n = LaneNumber(STIFFNESS.format("normal"), "N m-1")
+    k_t = LaneNumber(STIFFNESS.format("tangent"), "N m-1")
+    c_n = LaneNumber(DAMPING.format("normal"), "N s m-1")
+    c_t = LaneNumber(DAMPING.format("tangent"), "N s m-1")
+    zeta_n = LaneNumber(RATIO.format("normal"), "1")
+    zeta_t = LaneNumber(RATIO.format("tangent"), "1")
+    P_d_stiffness = LaneNumber("P_d of the linear blades with the equivalent stiffness alone", "percent")
+
+
+def sentences_of(result: Any) -> str:
+    """What contact of one scene does, in words with numbers."""
+    lost = result.loss_friction + result.loss_viscous
+    if not lost > 0:
+        return "The losses are unknown." if np.isnan(lost) else "Nothing is lost."
+    share = 100 * result.loss_friction / lost
+    words = f"Of the drive's work {share:.3g} % is lost in friction, {100 - share:.3g} % in the dampers."
+    if not np.isfinite(result.P_d_stiffness):
+        return f"{words} No equivalent of contact: {_unknown_because(result)}."
+    along = [_direction(name, getattr(result, f"k_{a}"), getattr(result, f"zeta_{a}")) for name, a in DIRECTIONS]
+    alone = f"that stiffness alone would give P_d = {result.P_d_stiffness:.4g} %"
+    return f"{words} In the first harmonic contact acts as {' and '.join(along)}; {alone}."
+
+
+DIRECTIONS = (("normal", "n"), ("tangent", "t"))
+
+
+def _direction(name: str, stiffness: float, ratio: float) -> str:
+    damping = f"a damping ratio of {100 * ratio:.3g} %" if np.isfinite(ratio) else "a damping of unknown ratio"
+    return f"{stiffness:.4g} N/m with {damping} along the {name} of the faces"
+
+
+def _unknown_because(result: Any) -> str:
+    """Why the first harmonic gives no equivalent."""
+    if not result.final["settling"]:
+        return "the motion has not settled"
+    return "it takes contact, and blades that move along x and y"

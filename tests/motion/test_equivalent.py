@@ -1,0 +1,93 @@
+"""The equivalent stiffness and damping of contact, against the element's closed form and by what they give back."""
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.batch.xla import one_lane
+from jaxshroud.motion.equivalent import (
+    equivalent_contact,
+    first_harmonics,
+    joined_displacements,
+    linear_blades,
+)
+from jaxshroud.results.equivalent import sentences_of
+
+PLANE = ['parts.motion=["x", "y"]']
+SERIES = js.Taylor(order=12, tolerance=1e-12, steps=200)
+# A face almost along x, pressed by N = 1 whatever x does, and a mass so heavy for its drive that x is a sine.
+ELEMENT = [
+    *('parts.motion=["x", "y"]', "parts.neighbour=rigid", "shroud.alpha=1e-4", "shroud.gap=-1e5", "contact.k=0.1"),
+    *("friction.k_d=1", "friction.mu=1", "blades.m=1", "blades.k_x=400", "blades.c_x=40", "blades.k_y=1e4"),
+    *("blades.c_y=200", "drive.omega=40", "drive.beta=0", "drive.M_0=0", "drive.phase=[0, 0]"),
+]
+
+
+@pytest.mark.parametrize("F_0", [3000.0, 8000.0])
+def test_an_elastic_friction_element_has_its_closed_form(F_0):
+    scene = js.load("table1", [*ELEMENT, f"drive.F_0={F_0}"]).scene
+    found = js.power(scene, n_periods=4, transient=64, amplitudes=True, method=SERIES)
+    A, limit = float(found.x_peak[0]), 1.0  # its stretch at the limit: mu N / k_d
+    angle = np.arccos(1 - 2 * limit / A)
+    # The third harmonic of the force moves the mass by 1e-5 of A, and N varies by 1e-5.
+    assert found.k_t == pytest.approx((angle - np.sin(2 * angle) / 2) / np.pi, rel=1e-4)
+    assert found.c_t * 40 == pytest.approx(4 * limit * (A - limit) / (np.pi * A**2), rel=1e-4)
+    assert found.zeta_t == pytest.approx(found.c_t / 2 / np.sqrt(400 + found.k_t), rel=1e-6)
+    # Controls: a stuck spring is far too stiff, a slider without a spring damps too much.
+    assert found.k_t < 0.9
+    assert found.c_t * 40 < 0.9 * 4 * limit / (np.pi * A)
+
+
+@pytest.fixture(scope="module", params=["contact.gamma=2.5", "contact.gamma=0.3"])
+def sampled(request):
+    """The linear blades of a scene whose blocks do not turn, with samples of its motion, steps and contact."""
+    scene, steps = js.load("fig09_best", [*PLANE, request.param]).scene, 400
+    start = js.simulate(scene, n_periods=32, every=steps, method=js.RungeKutta(steps=steps)).last
+    run = js.simulate(scene, start, n_periods=2, method=js.RungeKutta(steps=steps))
+    rows = np.concatenate(run.motion, axis=-1)
+    blades = linear_blades(one_lane(scene), 0)
+    return blades, first_harmonics(rows, steps, blades.omega), equivalent_contact(blades, rows, steps)
+
+
+def test_blades_joined_by_the_equivalents_move_as_the_first_harmonic(sampled):
+    # By definition of the equivalents, up to what the motion gains over its two periods, which is not closed.
+    blades, motion, contact = sampled
+    dynamic = contact.stiffness + 1j * blades.omega * contact.damping
+    gained = blades.m * motion.acceleration + blades.c * motion.rate + blades.k * motion.q
+    drive = np.where(blades.moves, blades.drive + blades.dynamic_stiffness * motion.q - gained, 0.0)
+    joined = joined_displacements(blades._replace(drive=drive), dynamic)
+    size = np.abs(motion.q).max()
+    # Both blocks feel opposite forces to the order of the samples, 1e-7 of the drive.
+    np.testing.assert_allclose(joined, motion.q[:, :2], rtol=0, atol=1e-5 * size)
+    # Control: without the damping it is another motion.
+    undamped = joined_displacements(blades._replace(drive=drive), contact.stiffness)
+    assert np.abs(undamped - motion.q[:, :2]).max() > 1e-2 * size
+
+
+SHORT = {"n_periods": 8, "transient": 32, "method": js.RungeKutta(steps=400)}
+
+
+def test_losses_are_the_work_of_the_drive():
+    found = js.power(js.load("fig09_best", [*PLANE, "contact.gamma=0.3"]).scene, **SHORT)
+    stored = found.work_drive - found.loss_viscous - found.loss_friction
+    # What is stored at the ends differs little from period to period, and not at all on an orbit.
+    assert abs(stored) < 0.05 * found.work_drive
+    assert found.loss_friction > 0.1 * found.work_drive
+    share = 100 * found.loss_friction / (found.loss_friction + found.loss_viscous)
+    assert found.mechanism.startswith(f"Of the drive's work {share:.3g} % is lost in friction")
+    assert f"P_d = {found.P_d_stiffness:.4g} %" in found.mechanism
+    assert sentences_of(found) == found.mechanism
+
+
+def test_blades_that_do_not_touch_have_no_stiffness():
+    found = js.power(js.load("fig09_best", [*PLANE, "shroud.gap=1"]).scene, **SHORT | {"transient": 400})
+    assert found.k_n == found.k_t == found.c_n == found.c_t == 0
+    assert found.P_d_stiffness == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize("parts", ['parts.motion=["x"]', "parts.contact=none"])
+def test_where_there_is_no_equivalent_the_reason_is_given(parts):
+    found = js.power(js.load("fig09_best", [parts]).scene, **SHORT)
+    assert np.isnan(found.k_n)
+    assert np.isnan(found.P_d_stiffness)
+    assert "it takes contact" in found.mechanism or found.mechanism == "Nothing is lost."
