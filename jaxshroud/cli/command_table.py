@@ -130,14 +130,14 @@ COMMANDS = {
         files=("lyapunov.nc", "summary.json"),
     ),
     "gradient": Command(
-        "Derivatives of P_d with respect to numbers of a scene.",
+        "Derivatives of P_d, or of an amplitude, with respect to numbers of a scene.",
         "jaxshroud gradient fig10b --wrt shroud.gap,contact.gamma --check --out gradient.json",
         (
             *SIMULATION,
             shared_option("--transient", help="periods discarded first, where smoothed"),
             Option("--wrt", "numbers of the scene, e.g. shroud.gap; all: every one", metavar="K1,K2", required=True),
             Option("--relative", "print and draw the effect of 1 percent more of each number", action="store_true"),
-            Option("--of", "quantity to differentiate", choices=("P_d", "P"), default="P_d"),
+            "--of",
             Option("--sigma", "relative width of the smoothing, in chaos", number, 0.01),
             Option("--pairs", "pairs of samples, in chaos", count(2), 128, metavar="N"),
             shared_option("--seed", help="seed of the samples"),

@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from typing import Any
+from typing import Any, cast
 
 from jaxshroud.batch.runs import Progress
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_verb
@@ -20,6 +20,7 @@ from jaxshroud.motion.bifurcation import grazing_margins
 from jaxshroud.motion.effects import with_interval
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.quantities import Quantity, unit_of
 from jaxshroud.verbs.gradient import differences
 
 CHECK_STEPS = (1e-4, 3e-5, 1e-5)  # relative
@@ -59,7 +60,7 @@ def _gradient_rows(gradient: Gradient, with_slopes: bool) -> dict[str, Any]:
     slopes = {f"d{gradient.of}/d {key}": with_interval(v, gradient.ci[key]) for key, v in gradient.value.items()}
     rows = {
         "kind": gradient.kind,
-        gradient.of: with_interval(gradient.level, gradient.level_ci, "%" if gradient.of == "P_d" else "m^4"),
+        gradient.of: with_interval(gradient.level, gradient.level_ci, unit_of(gradient.of)),
         **(slopes if with_slopes else {}),
         "flags": ", ".join(gradient.flags) or "none",
     }
@@ -77,7 +78,7 @@ def _gradient_rows(gradient: Gradient, with_slopes: bool) -> dict[str, Any]:
 
 def _print_effects(gradient: Gradient) -> None:
     """Print what 1 percent of each number changes."""
-    unit = "percentage points" if gradient.of == "P_d" else "m^4"
+    unit = "percentage points" if gradient.of == "P_d" else unit_of(gradient.of)
     heads = ["key", "value [SI]", "more by", f"changes {gradient.of} by [{unit}]"]
     print_columns("what matters", heads, [effect.cells for effect in gradient.effects])
 
@@ -121,7 +122,7 @@ def _differences_by_key(gradient: Gradient) -> dict[str, list[float]]:
     slopes: list[dict[str, float]] = []
     with progress_bar("differences") as report:
         for step in CHECK_STEPS:
-            slopes.append(differences(gradient.orbit, list(gradient.value), step, "P" if gradient.of == "P" else "P_d"))
+            slopes.append(differences(gradient.orbit, list(gradient.value), step, cast(Quantity, gradient.of)))
             report(len(slopes), len(CHECK_STEPS))
     return {key: [of_step[key] for of_step in slopes] for key in gradient.value}
 
