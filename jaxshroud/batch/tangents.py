@@ -232,15 +232,15 @@ def _run_in_parts(
     """`flow_with_tangents` in parts that are short enough for an interruption to take effect soon."""
     omega = scenes.value.drive.omega
     longest = periods_at_once(len(omega), steps, method)
-    counts = jnp.int32(steps)
+    counts, lengths = jnp.int32(steps), None
     if turns is not None:
-        counts, turns = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
+        counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
     whole, done = None, 0
     while whole is None or done < n:
         check()
         now = min(longest, n - done)
         part = jax.tree.map(
-            np.asarray, flow_with_tangents(scenes, states, jnp.int32(now), counts, turns, method, best_mapping())
+            np.asarray, flow_with_tangents(scenes, states, jnp.int32(now), counts, lengths, method, best_mapping())
         )
         whole = part if whole is None else _concatenated_flow(whole, part, now / (done + now))
         states, done = end_as_start(part), done + now

@@ -90,7 +90,7 @@ def turning_points(q: np.ndarray, rate: np.ndarray, period: float, steps: int) -
     """The turning points of samples (n,) with their rates, by cubics; of a displacement at rest its start."""
     (q_0, q_1), (m_0, m_1) = (q[:-1], q[1:]), (rate[:-1] * period / steps, rate[1:] * period / steps)
     places = np.flatnonzero((m_0 * m_1 <= 0) & (m_0 != m_1) & (m_1 != 0))
-    cubic = HermiteCubic(*(a[places] for a in (q_0, q_1, m_0, m_1)))
+    cubic = HermiteCubic(*(a[places] for a in (q_0, q_1, m_0, m_1)))  # pyright: ignore[reportArgumentType]
     s = cubic.m_0 / (cubic.m_0 - cubic.m_1)
     columns = (places + s) / steps, cubic(s), places / steps, rate[places]
     return [Extreme(*map(float, row)) for row in zip(*columns, strict=True)] or [Extreme(1.0, float(q[0]), 0.0, 0.0)]
@@ -100,14 +100,19 @@ def _tangents_at(
     extreme: Extreme, orbit: PeriodicOrbit, amplitude: Amplitude, problem: TangentProblem
 ) -> Algorithm[Tangents]:
     """The flow to an extreme with its tangents; the place is found by the secants of the rate."""
-    method = orbit.method._replace(amplitudes=True)
     (turns, _, last, last_rate), rate_index = extreme, 2 * (len(DISPLACEMENTS) + amplitude.row)
+    at = yield _flow_to(turns, orbit, problem)
     for _ in range(MAX_SECANTS):
-        place = turns % orbit.q or float(orbit.q)  # the start and the end of an orbit are one place
-        at = yield Derivatives(problem, 1, orbit.steps_per_period, method, place)
         rate = float(at.vector[rate_index])
         step = -rate * (turns - last) / (rate - last_rate) if rate != last_rate else 0.0
         if abs(step) <= PHASE_TOLERANCE:
             break
         last, last_rate, turns = turns, rate, turns + step
+        at = yield _flow_to(turns, orbit, problem)
     return at
+
+
+def _flow_to(turns: float, orbit: PeriodicOrbit, problem: TangentProblem) -> Derivatives:
+    """The request for the flow over so many drive periods; the start and the end of an orbit are one place."""
+    method = orbit.method._replace(amplitudes=True)
+    return Derivatives(problem, 1, orbit.steps_per_period, method, turns % orbit.q or float(orbit.q))

@@ -19,8 +19,8 @@ from jaxshroud.model.linear import area, free_power, power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.amplitude_slopes import AmplitudeSlope, amplitude_slope
 from jaxshroud.motion.amplitudes import amplitude_values
-from jaxshroud.motion.averages import averages
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, stacked
+from jaxshroud.motion.levels import levels_of
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import moved_start, nearby_orbits
 from jaxshroud.programs.kept import kept
@@ -235,14 +235,7 @@ def _sampled_levels(scene: Scene, wrt: Sequence[str], values: np.ndarray, of: Qu
     scenes = in_precision(scenes_around(scene, wrt, values), plan.method.precision)
     plan = replace(plan, method=plan.method._replace(amplitudes=amplitude_of(of) is not None))
     runs = run_lanes(scenes, initial_states(scenes), plan, lambda _: None)
-    motion, power, P_0 = averages(scenes, runs.samples)
-    if of == "P_d":
-        level, noise = power.P_d, power.ci
-    elif of == "P":
-        level, noise = power.P[:, 0], power.ci * P_0[:, 0] / 100
-    else:
-        level, noise = amplitude_values(scenes, runs.samples, motion.number)[of][:, 0], np.full(len(values), np.nan)
-    return level, noise, motion.number, runs.last.status == Status.OK
+    return *levels_of(of, scenes, runs.samples), runs.last.status == Status.OK
 
 
 def _least_squares(xi: np.ndarray, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

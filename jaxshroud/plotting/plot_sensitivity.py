@@ -24,9 +24,13 @@ from jaxshroud.plotting.style import (
     legend_below,
 )
 from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.quantities import QUANTITIES, quantity_symbol, unit_of
 
 MOST_BARS = 24
-OUTPUTS = {"P_d": ("$P_d$", "percentage points"), "P": ("$P$", "m$^4$")}  # symbol, unit
+OUTPUTS = {of: (quantity_symbol(of), unit_of(of)) for of in QUANTITIES} | {
+    "P_d": ("$P_d$", "percentage points"),
+    "P": ("$P$", "m$^4$"),
+}  # symbol, unit
 
 
 class Bars(NamedTuple):
@@ -99,14 +103,15 @@ def scatter_page(ds: xr.Dataset, look: Look) -> Page[xr.Dataset]:
 
 def _draw_draws(panel: Axes, ds: xr.Dataset) -> None:
     """The share of draws below each P_d."""
-    P_d = np.sort(ds["P_d"].to_numpy())
-    panel.step(P_d, (np.arange(P_d.size) + 1) / P_d.size, where="post", color=BLUE, label="draws")
+    of = ds.attrs.get("of", "P_d")
+    level = np.sort(ds["P_d" if of == "P_d" else "level"].to_numpy())
+    panel.step(level, (np.arange(level.size) + 1) / level.size, where="post", color=BLUE, label="draws")
     at_least = ds.attrs.get("at_least")
     if at_least is not None:
         low, high = ds.attrs["probability_low"], ds.attrs["probability_high"]
         chance = f"at least {at_least:g} %: {ds.attrs['probability']:.0%} ({low:.0%} to {high:.0%})"
         panel.axvline(at_least, color=ORANGE, ls="--", lw=0.9, label=chance)
-    panel.set(xlabel="$P_d$ [%]", ylabel="share of draws below", ylim=(0, 1))
+    panel.set(xlabel=f"{quantity_symbol(of)} [{unit_of(of)}]", ylabel="share of draws below", ylim=(0, 1))
 
 
 def _draw_variance_shares(panel: Axes, ds: xr.Dataset) -> None:
@@ -120,7 +125,8 @@ def _draw_variance_shares(panel: Axes, ds: xr.Dataset) -> None:
     keys = [find_key(str(key))[0] for key in ds["key"].to_numpy()]
     panel.set_yticks(rows, [f"{row.label} ${row.symbol}$" for row in keys])
     panel.tick_params(axis="y", length=0, which="both")
-    panel.set(xlabel="share of the variance of $P_d$", ylim=(len(rows) - 0.5, -0.5), xlim=(0, 1))
+    of = quantity_symbol(ds.attrs.get("of", "P_d"))
+    panel.set(xlabel=f"share of the variance of {of}", ylim=(len(rows) - 0.5, -0.5), xlim=(0, 1))
 
 
 def _add_scatter_legend(figure: AnyFigure, axes: Mapping[str, Axes], ds: xr.Dataset) -> None:

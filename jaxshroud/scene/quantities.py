@@ -7,12 +7,20 @@ from jaxshroud.scene.parts import Parts
 
 Measure = Literal["mean", "rms", "peak"]
 Power = Literal["P_d", "P"]
-Quantity = (
-    Power
-    | Literal["x_mean", "x_rms", "x_peak", "y_mean", "y_rms", "y_peak"]
-    | Literal["theta_mean", "theta_rms", "theta_peak"]
-)
-QUANTITIES = tuple(word for part in get_args(Quantity) for word in get_args(part))
+Quantity = Literal[
+    "P_d",
+    "P",
+    "x_mean",
+    "x_rms",
+    "x_peak",
+    "y_mean",
+    "y_rms",
+    "y_peak",
+    "theta_mean",
+    "theta_rms",
+    "theta_peak",
+]
+QUANTITIES = get_args(Quantity)
 DISPLACEMENTS = ("x", "y", "theta")
 POWER_UNITS = {"P_d": "%", "P": "m^4"}
 
@@ -43,6 +51,15 @@ def unit_of(of: str) -> str:
     return POWER_UNITS[of] if amplitude is None else "rad" if amplitude.displacement == "theta" else "m"
 
 
+def quantity_symbol(of: str) -> str:
+    """The symbol of a quantity, as pictures show it."""
+    amplitude = amplitude_of(of)
+    if amplitude is None:
+        return f"${of}$"
+    letter = r"\theta" if amplitude.displacement == "theta" else amplitude.displacement
+    return rf"${letter}_\mathrm{{{amplitude.measure}}}$"
+
+
 def check_quantity(of: str, parts: Parts) -> None:
     """Raise an InputError unless `of` is a quantity of scenes with these parts."""
     word_argument("of", of, QUANTITIES)
@@ -52,3 +69,9 @@ def check_quantity(of: str, parts: Parts) -> None:
             f"`of` is {of}, but the blades of this scene do not move in {amplitude.displacement}; "
             f"its `parts.motion` is {list(parts.motion)}."
         )
+
+
+def check_only_P_d(name: str, value: object, of: str) -> None:
+    """Raise an InputError where an argument that is about P_d is given with another quantity."""
+    if value is not None and of != "P_d":
+        raise InputError(f"Argument `{name}` is a P_d, and says nothing about {of}; leave it out.")
