@@ -12,7 +12,7 @@ import numpy as np
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.tangents import TangentProblem, Tangents
 from jaxshroud.batch.trajectories import trajectories
-from jaxshroud.march.locate import HermiteCubic
+from jaxshroud.motion.amplitudes import hermite_coefficients
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import moved_start
@@ -88,11 +88,11 @@ def farthest_extremes(orbit: PeriodicOrbit, amplitude: Amplitude, mean: float) -
 
 def turning_points(q: np.ndarray, rate: np.ndarray, period: float, steps: int) -> list[Extreme]:
     """The turning points of samples (n,) with their rates, by cubics; of a displacement at rest its start."""
-    (q_0, q_1), (m_0, m_1) = (q[:-1], q[1:]), (rate[:-1] * period / steps, rate[1:] * period / steps)
-    places = np.flatnonzero((m_0 * m_1 <= 0) & (m_0 != m_1) & (m_1 != 0))
-    cubic = HermiteCubic(*(a[places] for a in (q_0, q_1, m_0, m_1)))  # pyright: ignore[reportArgumentType]
-    s = cubic.m_0 / (cubic.m_0 - cubic.m_1)
-    columns = (places + s) / steps, cubic(s), places / steps, rate[places]
+    slope = rate * (period / steps)  # per interval
+    places = np.flatnonzero((slope[:-1] * slope[1:] <= 0) & (slope[:-1] != slope[1:]) & (slope[1:] != 0))
+    q_0, q_1, m_0, m_1 = q[places], q[places + 1], slope[places], slope[places + 1]
+    s, (b, c) = m_0 / (m_0 - m_1), hermite_coefficients(q_0, q_1, m_0, m_1)
+    columns = (places + s) / steps, q_0 + s * (m_0 + s * (b + s * c)), places / steps, rate[places]
     return [Extreme(*map(float, row)) for row in zip(*columns, strict=True)] or [Extreme(1.0, float(q[0]), 0.0, 0.0)]
 
 
