@@ -67,7 +67,7 @@ def _explain_losses(figure: AnyFigure, axes: Mapping[str, Axes], robust: Summary
     figure.suptitle("each number alone, worst condition")
     for panel in [*axes.values()][::ACROSS]:
         if panel.get_ylabel() != SHARE_LABEL:
-            panel.set_ylabel(f"loss of {_reduction_symbol(robust)} [points]")
+            panel.set_ylabel("loss of $P_d$ [points]" if "of" not in robust else "loss [points]")
     losses: list[Artist] = [
         Line2D([], [], color=ORANGE, ls="--", lw=0.9, label="permissible loss"),
         Patch(color=SKY, alpha=0.25, label="within it"),

@@ -194,7 +194,7 @@ def test_draws_of_an_amplitude_are_the_sweep_of_their_numbers(tmp_path):
     assert repr(js.open(tmp_path / "scatter.nc")) == repr(found)
     assert " m, nine in ten" in repr(found)
     assert found.summary()["of"] == "x_peak"
-    assert found.plot().axes[0].get_xlabel() == r"$x_\mathrm{peak}$ [m]"
+    assert found.plot().axes[0].get_xlabel() == r"$x_\mathrm{peak}$ [mm]"
 
 
 @pytest.mark.parametrize("verb", [js.scatter, js.tune])
