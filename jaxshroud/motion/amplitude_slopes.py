@@ -62,10 +62,10 @@ def amplitude_slope(orbit: PeriodicOrbit, amplitude: Amplitude, problem: Tangent
         side = 1.0 if extreme.value > mean else -1.0
         moved = (at.by_parameter + at.by_state @ shift)[2 * amplitude.row]
         found.append((side * (at.vector[2 * amplitude.row] - mean), side * (moved - mean_by)))
-    return _largest(found)
+    return _largest_peak(found)
 
 
-def _largest(found: list[tuple[float, np.ndarray]]) -> AmplitudeSlope:
+def _largest_peak(found: list[tuple[float, np.ndarray]]) -> AmplitudeSlope:
     """The largest of some extremes, flagged where another is as large and moves differently."""
     level, slope = max(found, key=lambda pair: pair[0])
     tied = [other for value, other in found if value >= level * (1 - TIE)]

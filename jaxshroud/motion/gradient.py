@@ -130,7 +130,7 @@ def differences_on(orbit: PeriodicOrbit, wrt: Sequence[str], step: float, of: Qu
     steps = [step * (abs(value) or 1) for value in values]
     parts = [scenes_around(scene, [key], v + h * offsets) for key, v, h in zip(wrt, values, steps, strict=True)]
     scenes = jax.tree.map(lambda *a: np.concatenate(a), *parts)
-    level = np.asarray(_levels_nearby(orbit, scenes, of), float).reshape(len(wrt), 4)
+    level = _levels_nearby(orbit, scenes, of).astype(float).reshape(len(wrt), 4)
     slope = level @ np.array([1, -8, 8, -1]) / (12 * np.array(steps))
     return dict(zip(wrt, slope.tolist(), strict=True))
 
@@ -139,7 +139,7 @@ def _levels_nearby(orbit: PeriodicOrbit, scenes: Scene, of: Quantity) -> np.ndar
     """The quantity `of` on the orbits of scenes (leading axis) near that of `orbit`; NaN where one does not close."""
     starts, power = nearby_orbits(orbit, scenes)
     if amplitude_of(of) is None:
-        return _quantities(cast(Power, of), scenes, power)
+        return np.asarray(_quantities(cast(Power, of), scenes, power))
     plan = Plan(0, orbit.q, orbit.steps_per_period, 0.0, orbit.method._replace(amplitudes=True))
     runs = run_lanes(scenes, starts, plan, lambda _: None)
     values = amplitude_values(scenes, runs.samples, np.full(len(power), orbit.q))[of][:, 0]

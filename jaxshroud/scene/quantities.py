@@ -20,7 +20,7 @@ Quantity = Literal[
     "theta_rms",
     "theta_peak",
 ]
-QUANTITIES = get_args(Quantity)
+QUANTITY_WORDS = get_args(Quantity)
 DISPLACEMENTS = ("x", "y", "theta")
 POWER_UNITS = {"P_d": "%", "P": "m^4"}
 
@@ -62,7 +62,7 @@ def quantity_symbol(of: str) -> str:
 
 def check_quantity(of: str, parts: Parts) -> None:
     """Raise an InputError unless `of` is a quantity of scenes with these parts."""
-    word_argument("of", of, QUANTITIES)
+    word_argument("of", of, QUANTITY_WORDS)
     amplitude = amplitude_of(of)
     if amplitude is not None and not parts.has(amplitude.displacement, 0):
         raise InputError(
