@@ -36,7 +36,7 @@ from jaxshroud.model.arithmetic import Pair, Scalar, filled, is_absent
 from jaxshroud.model.friction import stretch
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State, has_torsion, prepared_model
-from jaxshroud.model.rhs import parallel_mean
+from jaxshroud.model.rhs import Moments, parallel_mean
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, worked_out
 from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.numbers import given_of, numbers_of
@@ -107,6 +107,15 @@ class Flow(NamedTuple):
     status: Int[Array, "..."]
 
 
+class FlowWithMoments(NamedTuple):
+    """The result of some drive periods, of any length."""
+
+    state: State  # as of a `Flow`, and so are the next two
+    power: Pair
+    status: Int[Array, "..."]
+    moments: Moments | None  # averaged over time; None unless the method has `amplitudes`
+
+
 def canonical(state: State, scene_model: Model) -> State:
     """The state with the numbers that its mode determines: the slider in slip and when apart, and one angle if flat.
 
@@ -138,16 +147,27 @@ def end_flow(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
     return Flow(with_zeros(canonical(lane.state, scene_model)), (left / time, right / time), status)
 
 
-def flow_constants(models: Model, periods: PerLane, steps: Int[Array, " lanes"]) -> Fixed:
-    """The constants of lanes that run one drive period of `steps` steps from phase 0."""
-    count = steps.astype(periods.dtype)
+def end_flow_with_moments(lane: Lane, scene_model: Model, time: Scalar) -> FlowWithMoments:
+    """`end_flow`, with the moments where they are kept."""
+    moments = jax.tree.map(lambda a: a / time, filled(lane.tally.integrals.moments, time))
+    return FlowWithMoments(*end_flow(lane, scene_model, time), moments)
+
+
+def flow_constants(models: Model, periods: PerLane, steps: Int[Array, " lanes"], turns: PerLane | None = None) -> Fixed:
+    """The constants of lanes that run `turns` drive periods, by default one, in `steps` steps from phase 0."""
+    count = _steps_per_period(steps, periods, turns)
     return Fixed(models, time_grid(jnp.zeros_like(count), count, periods), steps)
 
 
-def dual_flow_constants(models: Dual, periods: Dual, steps: Int[Array, " lanes"]) -> Dual:
+def _steps_per_period(steps: Int[Array, " lanes"], periods: PerLane, turns: PerLane | None) -> PerLane:
+    count = steps.astype(periods.dtype)
+    return count if turns is None else count / turns
+
+
+def dual_flow_constants(models: Dual, periods: Dual, steps: Int[Array, " lanes"], turns: PerLane | None = None) -> Dual:
     """The constants of the flow with tangents."""
-    fixed = flow_constants(models.value, periods.value, steps)
-    count = steps.astype(periods.value.dtype)
+    fixed = flow_constants(models.value, periods.value, steps, turns)
+    count = _steps_per_period(steps, periods.value, turns)
     still = jax.tree.map(lambda _: None, fixed)
     along = still._replace(model=models.tangent, grid=still.grid._replace(h=periods.tangent / count))
     return Dual(fixed, along)
@@ -155,28 +175,35 @@ def dual_flow_constants(models: Dual, periods: Dual, steps: Int[Array, " lanes"]
 
 @compiled("method", "each")
 def flow_with_tangents(
-    scenes: Dual, states: Dual, n: Int[Array, ""], steps: Int[Array, ""], method: Choices, each: EachLane
+    scenes: Dual,
+    states: Dual,
+    n: Int[Array, ""],
+    steps: Int[Array, "..."],
+    turns: PerLane | None,
+    method: Choices,
+    each: EachLane,
 ) -> Dual:
-    """Run `n` drive periods from drive phase 0, with tangents.
+    """Run `n` drive periods from drive phase 0, with tangents, or in each lane a number of its own.
 
     Args:
         scenes: Scenes with a leading lane axis, and one direction for each lane.
         states: The initial states, with the same axis, and one direction for each.
         n: Periods to run.
-        steps: Runge-Kutta steps in one period.
+        steps: Runge-Kutta steps in one period, or in `turns`.
+        turns: The drive periods of each lane, of any length, in the place of a period; its tangent is at that phase.
         method: The options of the march, `as_differentiable`: else the derivatives lack the contributions of events.
         each: How a function of one lane is applied to all.
 
     Returns:
-        A `Flow` with leading lane axis and its tangent.
+        A `FlowWithMoments` with leading lane axis and its tangent.
     """
     first = dual_lanes(vmapped)(lambda scene, state: begin_flow(scene, state, method), scenes, states)
     lanes, models, periods = (Dual(a, b) for a, b in zip(*first, strict=True))
-    fixed = dual_flow_constants(models, periods, jnp.full_like(lanes.value.step, 1) * steps)
+    fixed = dual_flow_constants(models, periods, jnp.full_like(lanes.value.step, 1) * steps, turns)
     one_period = lambda _, lanes: march_steps(lanes, fixed, steps, method, dual_lanes(each), attrgetter("value"))[0]
     lanes = lax.fori_loop(0, n, one_period, lanes)
-    times = jax.tree.map(lambda a: n.astype(a.dtype) * a, periods)
-    return dual_lanes(vmapped)(end_flow, lanes, models, times)
+    times = jax.tree.map(lambda a: n.astype(a.dtype) * (a if turns is None else turns * a), periods)
+    return dual_lanes(vmapped)(end_flow_with_moments, lanes, models, times)
 
 
 def as_differentiable(method: Choices) -> Choices:
@@ -184,27 +211,38 @@ def as_differentiable(method: Choices) -> Choices:
     return method._replace(derivative=True, ledger=False, within=False, forces=False)
 
 
-def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices) -> Dual:
-    """`flow_with_tangents` of any number of lanes, in chunks that share one compiled function; NumPy arrays."""
+def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, turns: np.ndarray | None = None) -> Dual:
+    """`flow_with_tangents` of any number of lanes, in chunks that share one compiled function; NumPy arrays.
+
+    With `turns` (lanes,) they run as many drive periods each, of any length, `n` times; `steps` are those of a period.
+    """
     lanes = len(scenes.value.drive.omega)
     width = LANES_PER_FLOW[lanes > LANES_PER_FLOW[0] * 2]
+    if turns is None and method.amplitudes:  # one program for both
+        turns = np.ones(lanes)
 
     def run(check: Check, at: np.ndarray) -> Dual:
-        scene, state = jax.tree.map(lambda a: np.asarray(a)[at], (scenes, states))
-        return _run_in_parts(scene, state, n, steps, method, check)
+        scene, state, lengths = jax.tree.map(lambda a: np.asarray(a)[at], (scenes, states, turns))
+        return _run_in_parts(scene, state, n, steps, lengths, method, check)
 
     return in_chunks(run, lanes, width)
 
 
-def _run_in_parts(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, check: Check) -> Dual:
+def _run_in_parts(
+    scenes: Dual, states: Dual, n: int, steps: int, turns: np.ndarray | None, method: Choices, check: Check
+) -> Dual:
     """`flow_with_tangents` in parts that are short enough for an interruption to take effect soon."""
-    longest = periods_at_once(len(scenes.value.drive.omega), steps, method)
+    omega = scenes.value.drive.omega
+    longest = periods_at_once(len(omega), steps, method)
+    counts, lengths = jnp.int32(steps), None
+    if turns is not None:
+        counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
     whole, done = None, 0
     while whole is None or done < n:
         check()
         now = min(longest, n - done)
         part = jax.tree.map(
-            np.asarray, flow_with_tangents(scenes, states, jnp.int32(now), jnp.int32(steps), method, best_mapping())
+            np.asarray, flow_with_tangents(scenes, states, jnp.int32(now), counts, lengths, method, best_mapping())
         )
         whole = part if whole is None else _concatenated_flow(whole, part, now / (done + now))
         states, done = end_as_start(part), done + now
@@ -214,9 +252,11 @@ def _run_in_parts(scenes: Dual, states: Dual, n: int, steps: int, method: Choice
 def _concatenated_flow(first: Dual, then: Dual, weight: float) -> Dual:
     """Two consecutive flows as one; the second has the share `weight` of their time."""
     mean = lambda a, b: a + np.asarray(weight, a.dtype) * (b - a)
-    power = jax.tree.map(mean, *([flow.power for flow in both] for both in (first, then)))
+    integrals = lambda both: [(flow.power, flow.moments) for flow in both]
+    value, tangent = jax.tree.map(mean, integrals(first), integrals(then))
     status = np.where(first.value.status == Status.OK, then.value.status, first.value.status)
-    return Dual(then.value._replace(power=power[0], status=status), then.tangent._replace(power=power[1]))
+    with_means = lambda flow, means: flow._replace(power=means[0], moments=means[1])
+    return Dual(with_means(then.value, value)._replace(status=status), with_means(then.tangent, tangent))
 
 
 def without_direction(states: State) -> Dual:
@@ -227,7 +267,7 @@ def without_direction(states: State) -> Dual:
 
 def end_as_start(end: Dual) -> Dual:
     """The states at the end of a flow, as initial states of the next."""
-    (state, _, _), (tangent, _, _) = end
+    state, tangent = end.value.state, end.tangent.state
     moved = State(by_blade(tangent.motion), tangent.u_s, None, None)
     return Dual(State(by_blade(state.motion), state.u_s, state.mode, state.case), moved)
 
@@ -246,6 +286,10 @@ class Tangents(NamedTuple):
     power_by_state: np.ndarray  # (2, 13)
     by_parameter: np.ndarray  # (13, parameters)
     power_by_parameter: np.ndarray  # (2, parameters)
+    # The left blade's means over time of x, y, theta and of their squares; None unless the method has `amplitudes`.
+    moments: np.ndarray | None = None  # (2, 3)
+    moments_by_state: np.ndarray | None = None  # (2, 3, 13)
+    moments_by_parameter: np.ndarray | None = None  # (2, 3, parameters)
 
 
 class TangentProblem(NamedTuple):
@@ -283,10 +327,20 @@ class TangentProblem(NamedTuple):
         by, count = to_vector(slope.state), self.by_start
         power, power_by = np.stack([a[0] for a in value.power]), np.stack(slope.power)
         parts = by[:count].T, power_by[:, :count], by[count:].T, power_by[:, count:]
+        if value.moments is not None:
+            moments, moments_by = (np.array([[q[0] for q in m] for m in a.moments]) for a in (value, slope))
+            parts = *parts, moments[..., 0], moments_by[..., :count], moments_by[..., count:]
         return Tangents(end, to_vector(end), power, int(value.status[0]), *parts)
 
 
-def batched_tangents(problems: Sequence[TangentProblem], *, n: int, steps: int, method: Choices) -> list[Tangents]:
+def batched_tangents(
+    problems: Sequence[TangentProblem],
+    *,
+    n: int,
+    steps: int,
+    method: Choices,
+    turns: Sequence[float] | None = None,
+) -> list[Tangents]:
     """The flows over `n` periods from drive phase 0 with all tangents, as one batch of lanes.
 
     Args:
@@ -294,9 +348,11 @@ def batched_tangents(problems: Sequence[TangentProblem], *, n: int, steps: int, 
         n: Drive periods.
         steps: Runge-Kutta steps in one period.
         method: The options of the march, `as_differentiable`.
+        turns: Drive periods of each problem, of any length, in the place of one.
     """
     scenes, states = jax.tree.map(lambda *a: np.concatenate(a), *(problem.duals for problem in problems))
-    flows = run_flow(scenes, states, n, steps, method)
+    lengths = None if turns is None else np.repeat(turns, [problem.lanes for problem in problems])
+    flows = run_flow(scenes, states, n, steps, method, lengths)
     ends = np.cumsum([problem.lanes for problem in problems])
     part = lambda end, lanes: jax.tree.map(lambda a: a[end - lanes : end], flows)
     return [problem.tangents(part(end, problem.lanes)) for problem, end in zip(problems, ends, strict=True)]

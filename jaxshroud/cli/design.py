@@ -26,6 +26,7 @@ from jaxshroud.results.scatter import SHARES, Report, Scatter
 from jaxshroud.results.tuned import Tuned
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.quantities import unit_of
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
 from jaxshroud.verbs.ascent import SearchOptions
@@ -98,11 +99,12 @@ def _overrides_of(tuned: Tuned) -> list[str]:
 
 
 def _tuning_rows(tuned: Tuned) -> dict[str, Any]:
+    goal = f"{tuned.goal} {tuned.quantity}{' over the draws' if tuned.scatters else ''}"
     return {
         **({} if tuned.feasible else {"infeasible": "the best design found does not keep the limits, or stops"}),
         **{key: display_value(*find_key(key)[0].parts, value) for key, value in tuned.design.items()},
-        f"{tuned.goal} P_d{' over the draws' if tuned.scatters else ''}": f"{tuned.objective:.4g} %",
-        **{f"  {name}": f"{check.objective[0]:.4g} %" for name, check in tuned.checks.items()},
+        goal: _level_text(tuned, tuned.objective),
+        **{f"  {name}": _level_text(tuned, check.objective[0]) for name, check in tuned.checks.items()},
         **({"at a bound": tuned.at_bounds} if tuned.at_bounds else {}),
         **({"flat": tuned.flat} if tuned.flat else {}),
         **_limit_rows(tuned),
@@ -110,6 +112,11 @@ def _tuning_rows(tuned: Tuned) -> dict[str, Any]:
         "verdict": "confirmed" if tuned.confirmed else "not confirmed: the simulations differ, or exceed a limit",
         "periods simulated": tuned.periods,
     }
+
+
+def _level_text(tuned: Tuned, reduction: float) -> str:
+    """The size of the tuned quantity at a reduction, with its unit."""
+    return f"{float(tuned.levels(reduction)):.4g} {unit_of(tuned.quantity)}"
 
 
 def _limit_rows(tuned: Tuned) -> dict[str, str]:
@@ -139,8 +146,9 @@ def _robustness_rows(tuned: Tuned) -> dict[str, str]:
         text = " to ".join(f"{end:.5g} ({reason})" for end, reason in ends)
         rows[f"  {key}"] = f"{text}, looked at every {interval.apart:.2g}"
     if tuned.scatters:
-        low, median = np.nanquantile(tuned.sampled_P_d, (0.05, 0.5))
-        rows["P_d under the scatter"] = f"median {median:.4g} %, one draw in twenty below {low:.4g} %"
+        low, median = (_level_text(tuned, end) for end in np.nanquantile(tuned.sampled_P_d, (0.05, 0.5)))
+        worse = "below" if tuned.quantity == "P_d" else "above"
+        rows[f"{tuned.quantity} under the scatter"] = f"median {median}, one draw in twenty {worse} {low}"
     if tuned.at_least is not None:
         rows[f"P_d at least {tuned.at_least:g} %"] = f"probability {tuned.chance}"
     return rows | _motion_rows(tuned)
@@ -177,11 +185,12 @@ def _output_scatter(completed: CompletedCall) -> None:
     write_files(completed)
     scatter: Scatter = completed.result
     heads = ("number", "low [SI]", "high [SI]", "alone (95 %)", "in all (95 %)")
-    print_columns("shares of the variance of P_d", heads, [_share_cells(scatter, i) for i in range(len(scatter.keys))])
-    at_least = completed.options.at_least is not None
+    shares = [_share_cells(scatter, i) for i in range(len(scatter.keys))]
+    print_columns(f"shares of the variance of {scatter.quantity}", heads, shares)
+    at_least, unit = completed.options.at_least is not None, unit_of(scatter.quantity)
     rows = {
-        "median of P_d": f"{scatter.median:.4g} %",
-        "nine draws in ten": f"{scatter.likely_low:.4g} to {scatter.likely_high:.4g} %",
+        f"median of {scatter.quantity}": f"{scatter.median:.4g} {unit}",
+        "nine draws in ten": f"{scatter.likely_low:.4g} to {scatter.likely_high:.4g} {unit}",
         **({"flat": scatter.flat} if scatter.flat else {}),
         **({f"P_d at least {scatter.at_least:g} %": f"probability {scatter.chance}"} if at_least else {}),
         "stopped": f"{scatter.stopped} of {scatter.runs} runs",

@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from typing import Any
+from typing import Any, cast
 
 from jaxshroud.batch.runs import Progress
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_verb
@@ -21,6 +21,7 @@ from jaxshroud.motion.effects import Effect, with_interval
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.quantities import Quantity, unit_of
 from jaxshroud.verbs.gradient import differences
 
 CHECK_STEPS = (1e-4, 3e-5, 1e-5)  # relative
@@ -60,7 +61,7 @@ def _gradient_rows(gradient: Gradient, with_slopes: bool) -> dict[str, Any]:
     slopes = {f"d{gradient.of}/d {effect.key}": _slope_text(gradient, effect) for effect in gradient.effects}
     rows = {
         "kind": gradient.kind,
-        gradient.of: with_interval(gradient.level, gradient.level_ci, "%" if gradient.of == "P_d" else "m^4"),
+        gradient.of: with_interval(gradient.level, gradient.level_ci, unit_of(gradient.of)),
         **(slopes if with_slopes else {}),
         "flags": ", ".join(gradient.flags) or "none",
     }
@@ -84,12 +85,13 @@ def _slope_text(gradient: Gradient, effect: Effect) -> str:
         change = with_interval(effect.change, effect.ci, "percentage points")
         return f"{with_interval(*slope, f'% per {unit}')}; {change} per {effect.per}"
     share, ci = (100 * size / gradient.level for size in (effect.change, effect.ci))
-    return f"{with_interval(*slope, f'm^4 per {unit}')}; {with_interval(share, ci, '% of P')} per {effect.per}"
+    in_units = with_interval(*slope, f"{unit_of(gradient.of)} per {unit}")
+    return f"{in_units}; {with_interval(share, ci, f'% of {gradient.of}')} per {effect.per}"
 
 
 def _print_effects(gradient: Gradient) -> None:
     """Print what 1 percent of each number changes."""
-    unit = "percentage points" if gradient.of == "P_d" else "m^4"
+    unit = "percentage points" if gradient.of == "P_d" else unit_of(gradient.of)
     heads = ["key", "value [SI]", "more by", f"changes {gradient.of} by [{unit}]"]
     print_columns("what matters", heads, [effect.cells for effect in gradient.effects])
 
@@ -133,7 +135,7 @@ def _differences_by_key(gradient: Gradient) -> dict[str, list[float]]:
     slopes: list[dict[str, float]] = []
     with progress_bar("differences") as report:
         for step in CHECK_STEPS:
-            slopes.append(differences(gradient.orbit, list(gradient.value), step, "P" if gradient.of == "P" else "P_d"))
+            slopes.append(differences(gradient.orbit, list(gradient.value), step, cast(Quantity, gradient.of)))
             report(len(slopes), len(CHECK_STEPS))
     return {key: [of_step[key] for of_step in slopes] for key in gradient.value}
 

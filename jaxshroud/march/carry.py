@@ -58,8 +58,10 @@ class Lane(eqx.Module):
 
     @property
     def differentiable(self) -> tuple[Any, ...]:
-        """The fields that may have a tangent: those on which later motion or power depends."""
-        return self.state, *self.search.differentiable, self.tally.integrals.power
+        """The fields that may have a tangent: those on which later motion, power or moments depend."""
+        integrals = self.tally.integrals
+        moments = () if integrals.moments is None else (integrals.moments,)
+        return self.state, *self.search.differentiable, integrals.power, *moments
 
 
 class Fixed(NamedTuple):

@@ -129,10 +129,17 @@ def cubic_mean(q: np.ndarray, rate: np.ndarray, h: np.ndarray) -> np.ndarray:
     return (trapezoid + h[:, 0] / 12 * (rate[:, 0] - rate[:, -1])) / intervals
 
 
+def hermite_coefficients(
+    g_0: np.ndarray, g_1: np.ndarray, m_0: np.ndarray, m_1: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The coefficients of s^2 and s^3 of cubics on [0, 1] with values `g` and slopes `m` at the ends."""
+    return 3 * (g_1 - g_0) - 2 * m_0 - m_1, m_0 + m_1 - 2 * (g_1 - g_0)
+
+
 def _hermite_largest(q: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """The largest value of the cubics through samples (lanes, n, 2) with these slopes per interval."""
     (g_0, g_1), (m_0, m_1) = ((a[:, :-1], a[:, 1:]) for a in (q, slope))
-    b, c = 3 * (g_1 - g_0) - 2 * m_0 - m_1, m_0 + m_1 - 2 * (g_1 - g_0)
+    b, c = hermite_coefficients(g_0, g_1, m_0, m_1)
     with np.errstate(invalid="ignore", divide="ignore"):
         s = m_0 / (np.sqrt(b * b - 3 * m_0 * c) - b)
     top = g_0 + s * (m_0 + s * (b + s * c))

@@ -50,17 +50,18 @@ class Periods(NamedTuple):
 
 
 class Derivatives(NamedTuple):
-    """A request for tangents over `n` periods from drive phase 0; the answer is `Tangents`."""
+    """A request for tangents over `n` periods from drive phase 0, or over `turns` periods; the answer is `Tangents`."""
 
     course: TangentProblem
     n: int
     steps: int
     method: Choices
+    turns: float | None = None  # of any length, in the place of one period
 
     @property
     def alike(self) -> Hashable:
         """The key of requests that can be computed as one batch."""
-        return self.n, self.steps, self.method
+        return self.n, self.steps, self.method, self.turns is None
 
     @property
     def periods(self) -> int:
@@ -70,8 +71,10 @@ class Derivatives(NamedTuple):
     @staticmethod
     def answers(requests: "Sequence[Derivatives]") -> list[Tangents]:
         """The answers to the requests."""
-        _, n, steps, method = requests[0]
-        return batched_tangents([one.course for one in requests], n=n, steps=steps, method=as_differentiable(method))
+        _, n, steps, method, _ = requests[0]
+        problems, lengths = [one.course for one in requests], [one.turns for one in requests if one.turns is not None]
+        method = as_differentiable(method)
+        return batched_tangents(problems, n=n, steps=steps, method=method, turns=lengths or None)
 
 
 Request = Periods | Derivatives

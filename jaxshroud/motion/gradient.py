@@ -1,11 +1,12 @@
-"""The derivatives of the vibration-power reduction, of the kind that the motion permits.
+"""The derivatives of the vibration-power reduction, or of an amplitude, of the kind that the motion permits.
 
-On a periodic orbit P_d has an exact derivative. In chaos P_d has windows and jumps as a function of a parameter, and no
+On a periodic orbit P_d has an exact derivative. In chaos it has windows and jumps as a function of a parameter, and no
 derivative at a point; what exists is the derivative of an average over a stated width.
 """
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from dataclasses import replace
+from typing import Literal, NamedTuple, cast
 
 import jax
 import numpy as np
@@ -16,18 +17,20 @@ from jaxshroud.batch.tangents import TangentProblem, direction
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.model.linear import area, free_power, power_reduction
 from jaxshroud.model.modes import Status
-from jaxshroud.motion.averages import averages
+from jaxshroud.motion.amplitude_slopes import AmplitudeSlope, amplitude_slope
+from jaxshroud.motion.amplitudes import amplitude_values
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, stacked
+from jaxshroud.motion.levels import levels_of
 from jaxshroud.motion.orbit import PeriodicOrbit
-from jaxshroud.motion.shooting import moved_start, powers_of_nearby_orbits
+from jaxshroud.motion.shooting import moved_start, nearby_orbits
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.checks import InputError, NumericalError
 from jaxshroud.scene.grids import scenes_at
+from jaxshroud.scene.quantities import Power, Quantity, amplitude_of
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.scene.vary import level_of, offsets, with_numbers
 
-Quantity = Literal["P_d", "P"]
 STRUCTURED_FACTOR = (
     3.0  # largest scatter of P_d about a straight line in a smooth neighbourhood, in times its own noise,
 )
@@ -35,17 +38,18 @@ STRUCTURED_SHARE = 0.1  # or as a share of its total scatter, whichever is large
 
 
 class PowerGradient(NamedTuple):
-    """The derivatives of P_d or P of one scene with respect to some of its numbers."""
+    """The derivatives of a quantity of one scene with respect to some of its numbers."""
 
     kind: Literal["none", "periodic", "smoothed"]
     value: np.ndarray  # (keys,)
     ci: np.ndarray  # (keys,) half width of the 95 % interval; 0 where the derivative is exact
-    level: float  # the value of P_d or P on the orbit, or its average over the neighbourhood
+    level: float  # the value of the quantity on the orbit, or its average over the neighbourhood
     level_ci: float
     orbit: PeriodicOrbit
     conditioning: float  # condition of the orbit: its displacement per perturbation of the map; NaN if smoothed
     sigma: float  # relative width of the neighbourhood; 0 on an orbit
-    flags: tuple[str, ...]  # those of the orbit; "structured": not smooth; "lanes stopped"; "no width": a number is 0
+    # Those of the orbit; "structured": not smooth; "lanes stopped"; "no width": a number is 0; "two peaks": one-sided.
+    flags: tuple[str, ...]
 
 
 def scenes_around(scene: Scene, keys: Sequence[str], levels: np.ndarray) -> Scene:
@@ -81,21 +85,26 @@ def gradient_of(
 
 def orbit_gradient(orbit: PeriodicOrbit, wrt: Sequence[str], of: Quantity = "P_d") -> Algorithm[PowerGradient]:
     """The exact gradient on a periodic orbit, by the implicit function theorem."""
-    scene, tangents = with_numbers(orbit.scene, wrt), orbit.jacobian
+    scene, amplitude = with_numbers(orbit.scene, wrt), amplitude_of(of)
+    problem = TangentProblem(scene, orbit.start, [direction(scene, key) for key in wrt])
+    if amplitude is None:
+        level, slope, flags = yield from _power_slope(orbit, problem._replace(by_state=False), cast(Power, of))
+    else:
+        level, slope, flags = yield from amplitude_slope(orbit, amplitude, problem)
+    slope, zeros, flags = np.asarray(slope, float), np.zeros(len(wrt)), (*orbit.flags, *flags)
+    return PowerGradient("periodic", slope, zeros, level, 0.0, orbit, orbit.conditioning, 0.0, flags)
+
+
+def _power_slope(orbit: PeriodicOrbit, problem: TangentProblem, of: Power) -> Algorithm[AmplitudeSlope]:
+    """The derivatives of a power along the directions of a problem."""
+    tangents, directions = orbit.jacobian, problem.directions
     assert tangents is not None  # there is an orbit
-    directions = [direction(scene, key) for key in wrt]
-    by_numbers = yield Derivatives(
-        TangentProblem(scene, orbit.start, directions, False), orbit.q, orbit.steps_per_period, orbit.method
-    )
+    by_numbers = yield Derivatives(problem, orbit.q, orbit.steps_per_period, orbit.method)
     shift = moved_start(tangents.by_state, by_numbers.by_parameter, orbit.slider_is_free)
     power_by = by_numbers.power_by_parameter + tangents.power_by_state @ shift
-    repeated = repeat_lane((without_given(scene), tangents.power), len(wrt))
+    repeated = repeat_lane((without_given(problem.scene), tangents.power), len(directions))
     slope = directional_derivatives(*repeated, stacked(directions), power_by.T, of)
-    level = orbit.P_d if of == "P_d" else float(orbit.P[0])
-    zeros = np.zeros(len(wrt))
-    return PowerGradient(
-        "periodic", np.asarray(slope, float), zeros, level, 0.0, orbit, orbit.conditioning, 0.0, orbit.flags
-    )
+    return AmplitudeSlope(orbit.P_d if of == "P_d" else float(orbit.P[0]), slope)
 
 
 def differences_on(orbit: PeriodicOrbit, wrt: Sequence[str], step: float, of: Quantity = "P_d") -> dict[str, float]:
@@ -105,31 +114,42 @@ def differences_on(orbit: PeriodicOrbit, wrt: Sequence[str], step: float, of: Qu
     steps = [step * (abs(value) or 1) for value in values]
     parts = [scenes_around(scene, [key], v + h * offsets) for key, v, h in zip(wrt, values, steps, strict=True)]
     scenes = jax.tree.map(lambda *a: np.concatenate(a), *parts)
-    level = np.asarray(_quantities(of, scenes, powers_of_nearby_orbits(orbit, scenes)), float).reshape(len(wrt), 4)
+    level = _levels_nearby(orbit, scenes, of).astype(float).reshape(len(wrt), 4)
     slope = level @ np.array([1, -8, 8, -1]) / (12 * np.array(steps))
     return dict(zip(wrt, slope.tolist(), strict=True))
 
 
-def _quantity(of: Quantity, scene: Scene, power):
+def _levels_nearby(orbit: PeriodicOrbit, scenes: Scene, of: Quantity) -> np.ndarray:
+    """The quantity `of` on the orbits of scenes (leading axis) near that of `orbit`; NaN where one does not close."""
+    starts, power = nearby_orbits(orbit, scenes)
+    if amplitude_of(of) is None:
+        return np.asarray(_quantities(cast(Power, of), scenes, power))
+    plan = Plan(0, orbit.q, orbit.steps_per_period, 0.0, orbit.method._replace(amplitudes=True))
+    runs = run_lanes(scenes, starts, plan, lambda _: None)
+    values = amplitude_values(scenes, runs.samples, np.full(len(power), orbit.q))[of][:, 0]
+    return np.where(np.isfinite(power[:, 0]), values, np.nan)
+
+
+def _quantity(of: Power, scene: Scene, power):
     """The quantity `of` from the mean square displacement of the left blade."""
     P = area(scene.shroud) * power[0]
     return P if of == "P" else power_reduction(P, free_power(scene)[0])
 
 
 @kept("of")
-def _quantities(of: Quantity, scenes: Scene, power):
+def _quantities(of: Power, scenes: Scene, power):
     return jax.vmap(lambda scene, power: _quantity(of, scene, power))(scenes, power)
 
 
 @kept("of")
-def directional_derivatives(scenes: Scene, power, directions: Scene, power_directions, of: Quantity):
+def directional_derivatives(scenes: Scene, power, directions: Scene, power_directions, of: Power):
     """The derivatives of `of` along directions of scenes and mean square displacements, all with a leading axis."""
     return jax.vmap(lambda *point_and_direction: _directional_derivative(of, *point_and_direction))(
         scenes, power, directions, power_directions
     )
 
 
-def _directional_derivative(of: Quantity, scene: Scene, power, direction: Scene, power_direction):
+def _directional_derivative(of: Power, scene: Scene, power, direction: Scene, power_direction):
     quantity = lambda scene, power: _quantity(of, scene, power)
     return jax.jvp(quantity, (scene, power), (direction, power_direction))[1]
 
@@ -197,11 +217,9 @@ def _with_nan_elsewhere(values: np.ndarray, places: np.ndarray) -> np.ndarray:
 def _sampled_levels(scene: Scene, wrt: Sequence[str], values: np.ndarray, of: Quantity, plan: Plan):
     """At each row of parameter values: `of`, its interval's half width, the period number, and whether it is OK."""
     scenes = in_precision(without_given(scenes_around(scene, wrt, values)), plan.method.precision)
+    plan = replace(plan, method=plan.method._replace(amplitudes=amplitude_of(of) is not None))
     runs = run_lanes(scenes, initial_states(scenes), plan, lambda _: None)
-    motion, power, P_0 = averages(scenes, runs.samples)
-    share = P_0[:, 0] / 100
-    level, noise = (power.P_d, power.ci) if of == "P_d" else (power.P[:, 0], power.ci * share)
-    return level, noise, motion.number, runs.last.status == Status.OK
+    return *levels_of(of, scenes, runs.samples), runs.last.status == Status.OK
 
 
 def _least_squares(xi: np.ndarray, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

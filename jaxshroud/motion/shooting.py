@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from numpy.typing import DTypeLike
 
-from jaxshroud.batch.runs import Plan
+from jaxshroud.batch.runs import Plan, select_lanes
 from jaxshroud.batch.states import STATE_SIZE, final_states, from_vector, motion_rows, to_vector
 from jaxshroud.batch.tangents import Dual, TangentProblem, as_differentiable, run_flow, without_direction
 from jaxshroud.batch.xla import repeat_lane
@@ -182,14 +182,14 @@ def moved_start(M: np.ndarray, shift: np.ndarray, free: bool) -> np.ndarray:
     return shifted
 
 
-def powers_of_nearby_orbits(orbit: PeriodicOrbit, scenes: Scene) -> np.ndarray:
-    """The mean square displacements (lanes, 2) on the orbits of scenes (leading axis) very near that of `orbit`.
+def nearby_orbits(orbit: PeriodicOrbit, scenes: Scene) -> tuple[State, np.ndarray]:
+    """The starts, and the mean square displacements (lanes, 2), of the orbits of scenes very near that of `orbit`.
 
     All orbits are closed at once, by Newton's method with the Jacobian of the given orbit; NaN where it fails.
     """
     assert orbit.jacobian is not None  # there is an orbit
     lanes, sizes = len(scenes.drive.omega), state_scales(orbit.scene, orbit.start)
-    states = repeat_lane(orbit.start, lanes)
+    states = starts = repeat_lane(orbit.start, lanes)
     no_change, method = jax.tree.map(np.zeros_like, scenes), as_differentiable(orbit.method)
     power, smallest = np.full((lanes, 2), np.nan), np.full(lanes, np.inf)
     for _ in range(MAX_NEWTON_UPDATES):
@@ -200,11 +200,13 @@ def powers_of_nearby_orbits(orbit: PeriodicOrbit, scenes: Scene) -> np.ndarray:
         miss = np.max(np.abs(end - z) / sizes, axis=1)
         improved = miss < smallest
         power[improved], smallest[improved] = np.stack(flows.power, axis=-1)[improved], miss[improved]
+        starts = select_lanes(improved, states, starts)
         if not improved.any():
             break
         step = moved_start(orbit.jacobian.by_state, (end - z).T, orbit.slider_is_free).T
         states = from_vector(z + step, flows.state.mode, flows.state.case)
-    return np.where((smallest <= FOLLOWED_TOLERANCE[orbit.method.precision])[:, None], power, np.nan)
+    closed = smallest <= FOLLOWED_TOLERANCE[orbit.method.precision]
+    return starts, np.where(closed[:, None], power, np.nan)
 
 
 def _first_lane(tree: Tree) -> Tree:

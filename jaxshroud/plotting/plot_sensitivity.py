@@ -24,15 +24,17 @@ from jaxshroud.plotting.style import (
     legend_below,
 )
 from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.quantities import quantity_symbol, unit_of
 
 MOST_BARS = 24
-OUTPUTS = {"P_d": ("$P_d$", "percentage points"), "P": ("$P$", "m$^4$")}  # symbol, unit
+EFFECT_UNITS = {"%": ("percentage points", 1.0), "m^4": ("m$^4$", 1.0), "m": ("µm", 1e6), "rad": ("mrad", 1e3)}
+DRAW_UNITS = {"m^4": ("m$^4$", 1.0), "m": ("mm", 1e3)}  # unit -> as pictures show it, and how many of these it is
 
 
 class Bars(NamedTuple):
     """The effects that a tornado chart shows."""
 
-    of: str  # the quantity that they change: one of `OUTPUTS`
+    of: str  # the quantity that they change, a `Quantity`
     effects: list[Effect]
     left_out: int  # number of smaller effects that are not shown
 
@@ -54,17 +56,17 @@ def gradient_page(data: Summary, look: Look) -> Page[Bars]:
 
 def _draw_bars(panel: Axes, bars: Bars) -> None:
     shown, rows = bars.effects, np.arange(len(bars.effects))
-    change = np.array([e.change for e in shown])
+    unit, per_si = EFFECT_UNITS[unit_of(bars.of)]
+    change = np.array([e.change for e in shown]) * per_si
     panel.barh(rows, change, color=np.where(change > 0, BLUE, ORANGE), height=0.7)
-    ci = np.array([e.ci for e in shown])
+    ci = np.array([e.ci for e in shown]) * per_si
     if ci.any():
         panel.errorbar(change, rows, xerr=ci, fmt="none", ecolor=INK, elinewidth=0.8, capsize=1.5)
     panel.axvline(0.0, color=INK, lw=0.7)
     panel.set_yticks(rows, [_effect_label(e) for e in shown])
     panel.tick_params(axis="y", length=0, which="both")
-    symbol, unit = OUTPUTS[bars.of]
     more = f", {bars.left_out} smaller ones left out" if bars.left_out else ""
-    panel.set(xlabel=f"{symbol} per 1 % more [{unit}]{more}", ylim=(len(shown) - 0.4, -0.6))
+    panel.set(xlabel=f"{quantity_symbol(bars.of)} per 1 % more [{unit}]{more}", ylim=(len(shown) - 0.4, -0.6))
 
 
 GRADIENT_PANELS = (Panel("effects", _draw_bars),)
@@ -99,14 +101,16 @@ def scatter_page(ds: xr.Dataset, look: Look) -> Page[xr.Dataset]:
 
 def _draw_draws(panel: Axes, ds: xr.Dataset) -> None:
     """The share of draws below each P_d."""
-    P_d = np.sort(ds["P_d"].to_numpy())
-    panel.step(P_d, (np.arange(P_d.size) + 1) / P_d.size, where="post", color=BLUE, label="draws")
+    of = ds.attrs.get("of", "P_d")
+    unit, per_si = DRAW_UNITS.get(unit_of(of), (unit_of(of), 1.0))
+    level = np.sort(ds["P_d" if of == "P_d" else "level"].to_numpy()) * per_si
+    panel.step(level, (np.arange(level.size) + 1) / level.size, where="post", color=BLUE, label="draws")
     at_least = ds.attrs.get("at_least")
     if at_least is not None:
         low, high = ds.attrs["probability_low"], ds.attrs["probability_high"]
         chance = f"at least {at_least:g} %: {ds.attrs['probability']:.0%} ({low:.0%} to {high:.0%})"
         panel.axvline(at_least, color=ORANGE, ls="--", lw=0.9, label=chance)
-    panel.set(xlabel="$P_d$ [%]", ylabel="share of draws below", ylim=(0, 1))
+    panel.set(xlabel=f"{quantity_symbol(of)} [{unit}]", ylabel="share of draws below", ylim=(0, 1))
 
 
 def _draw_variance_shares(panel: Axes, ds: xr.Dataset) -> None:
@@ -120,7 +124,8 @@ def _draw_variance_shares(panel: Axes, ds: xr.Dataset) -> None:
     keys = [find_key(str(key))[0] for key in ds["key"].to_numpy()]
     panel.set_yticks(rows, [f"{row.label} ${row.symbol}$" for row in keys])
     panel.tick_params(axis="y", length=0, which="both")
-    panel.set(xlabel="share of the variance of $P_d$", ylim=(len(rows) - 0.5, -0.5), xlim=(0, 1))
+    of = quantity_symbol(ds.attrs.get("of", "P_d"))
+    panel.set(xlabel=f"share of the variance of {of}", ylim=(len(rows) - 0.5, -0.5), xlim=(0, 1))
 
 
 def _add_scatter_legend(figure: AnyFigure, axes: Mapping[str, Axes], ds: xr.Dataset) -> None:

@@ -31,6 +31,7 @@ from jaxshroud.plotting.style import (
     legend_below,
     quantity,
 )
+from jaxshroud.scene.quantities import quantity_symbol
 
 SHARE_LABEL = "share of draws below"
 ACROSS, ROBUST_HEIGHT = 2, 1.5  # panels in a row, and the height of a row [inch]
@@ -66,13 +67,19 @@ def _explain_losses(figure: AnyFigure, axes: Mapping[str, Axes], robust: Summary
     figure.suptitle("each number alone, worst condition")
     for panel in [*axes.values()][::ACROSS]:
         if panel.get_ylabel() != SHARE_LABEL:
-            panel.set_ylabel("loss of $P_d$ [points]")
+            panel.set_ylabel("loss of $P_d$ [points]" if "of" not in robust else "loss [points]")
     losses: list[Artist] = [
         Line2D([], [], color=ORANGE, ls="--", lw=0.9, label="permissible loss"),
         Patch(color=SKY, alpha=0.25, label="within it"),
     ]
     nominal = axes["scatter"].get_legend_handles_labels()[0] if "scatter" in axes else []
     legend_below(figure, [DESIGN_MARK, *losses, *nominal])
+
+
+def _reduction_symbol(robust: Summary) -> str:
+    """What is lost: P_d, or the reduction of another quantity."""
+    of = str(robust.get("of", "P_d"))
+    return quantity_symbol(of) if of == "P_d" else f"reduction of {quantity_symbol(of)}"
 
 
 def _draw_loss(panel: Axes, robust: Summary, key: str) -> None:
@@ -104,7 +111,7 @@ def _draw_P_d_scatter(panel: Axes, robust: Summary) -> None:
         panel.axvline(robust["at_least"], color=ORANGE, ls="--", lw=0.9)
         chance = between(*(robust[name] for name in ("probability", "probability_low", "probability_high")))
         panel.set_title(f"at least {robust['at_least']:g} % (dashed): {chance}")
-    panel.set(xlabel="worst $P_d$ of a draw [%]", ylabel=SHARE_LABEL, ylim=(0, 1))
+    panel.set(xlabel=f"worst {_reduction_symbol(robust)} of a draw [%]", ylabel=SHARE_LABEL, ylim=(0, 1))
 
 
 DESIGN_STYLE: Properties = {
@@ -143,7 +150,8 @@ def tuning_page(data: Summary, look: Look) -> Page[TuningData]:
         data: A tuning as `tune.json` holds it.
         look: The appearance asked for.
     """
-    title = ": ".join(filter(None, (fitting_title(str(data["title"]), data["over"]), f"{data['goal']} of $P_d$")))
+    symbol = quantity_symbol(str(data.get("of", "P_d")))
+    title = ": ".join(filter(None, (fitting_title(str(data["title"]), data["over"]), f"{data['goal']} of {symbol}")))
     below = None if data.get("robust") is None else robustness_part(data["robust"])
     points, scores = np.array(data["points"]), np.array(data["scores"], float)
     best = int(np.nanargmax(scores[-1]))

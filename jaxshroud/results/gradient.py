@@ -1,4 +1,4 @@
-"""The derivatives of P_d, or of the power, with respect to numbers of a scene."""
+"""The derivatives of P_d, of the power, or of an amplitude, with respect to numbers of a scene."""
 
 from collections.abc import Hashable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Unpack
@@ -11,6 +11,7 @@ from jaxshroud.motion.effects import Effect, effects, with_interval
 from jaxshroud.results.base import Labels, Result
 from jaxshroud.results.orbit import ORBIT_FLAGS, Orbit
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.quantities import unit_of
 
 if TYPE_CHECKING:
     from jaxshroud.motion.gradient import PowerGradient
@@ -25,7 +26,8 @@ class Gradient(Result):
 
     Arrays start with the axes of the scenes; a single scene has none, and plain numbers. `flags` are those of the
     orbit, "structured" where the neighbourhood is not smooth, "lanes stopped" where some of its samples stopped, "no
-    width" where a number is 0 and has no relative neighbourhood, and "failed" where there is nothing to differentiate.
+    width" where a number is 0 and has no relative neighbourhood, "two peaks" where an amplitude has a derivative on
+    either side, and "failed" where there is nothing to differentiate.
     """
 
     stored_as = "gradient"
@@ -40,7 +42,7 @@ class Gradient(Result):
     sigma = Variable("relative width of the neighbourhood; 0 on an orbit", "1", alone=True)
     flags = FlagsVariable(
         "what to know before relying on the derivative",
-        (*ORBIT_FLAGS, "structured", "lanes stopped", "no width"),
+        (*ORBIT_FLAGS, "structured", "lanes stopped", "no width", "two peaks"),
         "flag",
     )
     number_of_kind = Variable(
@@ -167,7 +169,7 @@ class Gradient(Result):
         return int(np.sum(np.equal(self.number_of_kind, 0)))
 
     def __repr__(self) -> str:
-        unit = "%" if self.of == "P_d" else "m^4"
+        unit = unit_of(self.of)
         if np.ndim(self.level):
             kinds = ", ".join(f"{np.sum(self.kind == kind)} {kind}" for kind in GRADIENT_KINDS[1:])
             subject = f"of {self.of} with respect to {', '.join(self.wrt)}"

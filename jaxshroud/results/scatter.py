@@ -16,6 +16,7 @@ from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.base import Result
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.sweep import SweepResult
+from jaxshroud.scene.quantities import unit_of
 from jaxshroud.scene.typed import typed
 
 SHARES = ("first", "total")  # shares of the variance: Sobol indices of first and of total order
@@ -34,6 +35,7 @@ class Scatter(Result):
     drawn = Variable("the numbers of each draw, in SI units", None, ("draw", "key"))
     P_d = Variable("vibration-power reduction of each draw", "percent", ("draw",))
     P_d_ci = Variable("half width of its 95 % interval", "percent", ("draw",))
+    level = Variable("another quantity, `of`, of each draw, in SI units; the statistics are of it", None, ("draw",))
     status = Variable("how the march of each draw ended", None, ("draw",), stored=np.int8, more=FLAGS)
     first = Variable("share of the variance that a number has alone", "1", ("key",))
     first_low = Variable("lower end of its 95 % interval", "1", ("key",))
@@ -41,7 +43,8 @@ class Scatter(Result):
     total = Variable("share of the variance that is gone where a number does not scatter", "1", ("key",))
     total_low = Variable("lower end of its 95 % interval", "1", ("key",))
     total_high = Variable("upper end of its 95 % interval", "1", ("key",))
-    mean = Attribute()  # of P_d [percent]
+    of = Attribute(str)  # whose statistics and shares these are: P_d [percent], or `level` [SI]
+    mean = Attribute()
     median = Attribute()
     likely_low = Attribute()  # 5 % of the draws are below
     likely_high = Attribute()  # 5 % of the draws are above
@@ -62,6 +65,11 @@ class Scatter(Result):
         return tuple(map(str, self.data["key"].to_numpy()))
 
     @property
+    def quantity(self) -> str:
+        """What scatters, `of`; P_d in files of versions that knew nothing else."""
+        return self.of or "P_d"
+
+    @property
     def conditions(self) -> dict[str, list[float]]:
         """The operating conditions, key -> values; P_d of a draw is the smallest of all combinations."""
         return json.loads(self.conditions_json or "{}")
@@ -69,7 +77,7 @@ class Scatter(Result):
     @property
     def flat(self) -> str:
         """What to say where P_d moves less than its intervals over the scatter; else, and in old files, empty."""
-        return "" if self.P_d_ci is None else flat_text(self.P_d, self.P_d_ci)
+        return "" if self.P_d_ci is None or self.quantity != "P_d" else flat_text(self.P_d, self.P_d_ci)
 
     @property
     def chance(self) -> str:
@@ -91,17 +99,18 @@ class Scatter(Result):
             | {f"{name}_95": [getattr(self, f"{name}_{end}")[i] for end in ("low", "high")] for name in SHARES}
             for i, key in enumerate(self.keys)
         }
+        names += [] if self.quantity == "P_d" else ["of"]
         numbers = {name: getattr(self, name) for name in names} | ({"flat": self.flat} if self.flat else {})
         return json_values({**numbers, "over": shares, "method": str(self.method), **self.source})
 
     def __repr__(self) -> str:
-        requirement = ""
+        requirement, unit = "", unit_of(self.quantity)
         if self.at_least is not None:
             requirement = f"; at least {self.at_least:g} % with probability {self.chance}"
         shares = ", ".join(f"{key} {share:.2g}" for key, share in zip(self.keys, self.total, strict=True))
         return (
-            f"Scatter of P_d over {len(self.P_d)} draws: {self.median:.4g} %, nine in ten between "
-            f"{self.likely_low:.4g} and {self.likely_high:.4g} %{requirement}; total shares: {shares}; "
+            f"Scatter of {self.quantity} over {len(self.P_d)} draws: {self.median:.4g} {unit}, nine in ten between "
+            f"{self.likely_low:.4g} and {self.likely_high:.4g} {unit}{requirement}; total shares: {shares}; "
             f"{self.stopped} of {self.runs} runs stopped; {self.method}, {self.steps_per_period} steps a period"
         )
 

@@ -11,6 +11,7 @@ from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.motion.effects import between, flat_text
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.quantities import unit_of
 from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
@@ -98,6 +99,8 @@ class Tuned(Result):
         "from the scene's own start it runs to its end and keeps the limits", alone=True, kind=bool, stored=np.int8
     )
     goal = Attribute(str)  # "mean" or "worst" of P_d over the conditions
+    of = Attribute(str)  # what is tuned; if not "P_d", its reduction below `free` in percent is called P_d here
+    free = Attribute()  # the size of `of` at a reduction of 0; NaN for P_d
     start = Attribute(str)  # of every run: "scene", or "given" by an argument, which files do not hold
     most_penetration = Attribute()  # [m]
     most_force = Attribute()  # [N]
@@ -168,6 +171,20 @@ class Tuned(Result):
         return {key: (low, high) for key, (low, high) in zip(self.keys, self.ends.tolist(), strict=True)}
 
     @property
+    def quantity(self) -> str:
+        """What is tuned, `of`; P_d in files of versions that tuned nothing else."""
+        return self.of or "P_d"
+
+    def levels(self, reduction: Any) -> Any:
+        """The size of `of`, in SI units (P_d in percent), at reductions in percent."""
+        return reduction if self.quantity == "P_d" else self.free * (1 - np.asarray(reduction) / 100)
+
+    @property
+    def level(self) -> float:
+        """The mean, or the worst value, of `of` over the conditions in the best design."""
+        return float(self.levels(self.objective))
+
+    @property
     def conditions(self) -> dict[str, list[float]]:
         """The operating conditions, key -> values; the design has to do in every combination."""
         return json.loads(self.conditions_json)
@@ -235,8 +252,9 @@ class Tuned(Result):
             for (key, interval), values, losses in tried
         }
         scatter = {key: {"half_width": half, "relative": relative} for key, (half, relative) in self.scatters.items()}
-        draws = {} if self.places is None else {"draws": len(self.places), "samples": len(self.sampled)}
-        return {**{name: getattr(self, name) for name in names}, "intervals": intervals, "scatter": scatter, **draws}
+        more = {} if self.places is None else {"draws": len(self.places), "samples": len(self.sampled)}
+        more |= {} if self.quantity == "P_d" else {"of": self.of}
+        return {**{name: getattr(self, name) for name in names}, "intervals": intervals, "scatter": scatter, **more}
 
     def summary(self, drawn: Mapping[str, object] | None = None) -> dict[str, JSONValue]:
         """The design, its checks and its search in plain numbers, as `tune.json` holds them.
@@ -246,10 +264,12 @@ class Tuned(Result):
         """
         outcome = ("feasible", "design", "objective", "at_bounds", "confirmed", "periods")
         request = ("over", "conditions", "goal", "most_penetration", "most_force")
+        tuned = {} if self.quantity == "P_d" else {name: getattr(self, name) for name in ("of", "free", "level")}
         search = (*SEARCH, "exact", "scanned", "scanned_scores")
         return json_values(
             {
                 **{name: getattr(self, name) for name in (*outcome, *request)},
+                **tuned,
                 "method": str(self.method),
                 "steps_per_period": self.steps_per_period,
                 **({"flat": self.flat} if self.flat else {}),
@@ -290,6 +310,7 @@ class Tuned(Result):
 
         names = (*SEARCH, "goal", "over", "design")
         content = {name: getattr(self, name) for name in names} | {"map": drawn, "robust": self.robust}
+        content["of"] = self.quantity
         content["title"] = self.data.attrs.get("title") or "tuning"
         if panel == "robust" and self.robust is not None:
             return picture("robustness", content, ax, **options)
@@ -297,8 +318,9 @@ class Tuned(Result):
 
     def __repr__(self) -> str:
         design = ", ".join(f"{key} = {value:.6g}" for key, value in self.design.items())
+        level = f"{self.goal} {self.quantity} {self.level:.4g} {unit_of(self.quantity)}"
         return (
-            f"Tuned: {design}; {self.goal} P_d {self.objective:.4g} % over {self.check_P_d.shape[1]} conditions, "
+            f"Tuned: {design}; {level} over {self.check_P_d.shape[1]} conditions, "
             f"{'' if self.confirmed else 'not '}confirmed; {self.periods} periods simulated{self._robust_in_words}"
         )
 

@@ -1,6 +1,6 @@
 """The search for the best design: paths from the best points of a scan, and independent checks of the winner."""
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +14,7 @@ from jaxshroud.motion.gradient import directional_derivatives
 from jaxshroud.results.tuned import DesignJudgement
 from jaxshroud.scene.checks import count_argument
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.quantities import Power, amplitude_of
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.design_problem import Problem, Tick, judge_designs, scenes_of, start_states
@@ -99,6 +100,9 @@ def polish_design(
 
 def _slope(problem: Problem, u: np.ndarray, judged: DesignJudgement, tick: Tick) -> tuple[np.ndarray, np.ndarray]:
     """Slopes of the score at points `u` (n, keys) of the cube, (n, keys), and whether they are exact, (n,)."""
+    if problem.of.endswith("_peak"):  # the time of the peak is not known
+        slope = _wide_slopes(problem, u, tick)
+        return np.where(np.isfinite(slope), slope, 0.0), np.zeros(len(u), bool)
     by_run, growth = exact_slopes(problem, u, tick)
     slope = by_run.mean(axis=1) if problem.goal == "mean" else by_run[np.arange(len(u)), judged.P_d.argmin(axis=1)]
     is_exact = (
@@ -111,7 +115,10 @@ def _slope(problem: Problem, u: np.ndarray, judged: DesignJudgement, tick: Tick)
 
 
 def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarray, np.ndarray]:
-    """The derivatives of P_d, and the growth of a change in the state, both (n, runs, keys), per side of the cube."""
+    """The derivatives of P_d, and the growth of a change in the state, both (n, runs, keys), per side of the cube.
+
+    For another quantity than P_d they are those of `Problem.reduction`; peaks have none.
+    """
     plan, keys, rows = problem.plan, list(problem.over), problem.runs
     designs, rates = problem.values(u), problem.rates(u)
     scenes = in_precision(scenes_of(problem, designs), problem.plan.method.precision)
@@ -129,11 +136,24 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarra
     end = run_flow(scene, state, plan.kept, steps, method)
     tick(n_lanes * (plan.transient + plan.kept))
     value, tangent = end
-    power, by_tangent = np.stack(value.power, axis=-1), np.stack(tangent.power, axis=-1)
-    slope = np.asarray(directional_derivatives(scene.value, power, directions, by_tangent, "P_d"), float)
+    slope = _reduction_slopes(problem, scene, end)
     growth = np.abs(to_vector(tangent.state)).max(axis=1) / np.abs(to_vector(value.state)).max(axis=1)
     shape = len(u), rows, len(keys)
     return slope.reshape(shape), np.where(np.isfinite(growth), growth, np.inf).reshape(shape)
+
+
+def _reduction_slopes(problem: Problem, scene: Dual, end: Dual) -> np.ndarray:
+    """The derivative of `Problem.reduction` of each lane at the end of its flow."""
+    amplitude = amplitude_of(problem.of)
+    if amplitude is None:
+        power, by_tangent = (np.stack(flow.power, axis=-1) for flow in end)
+        of = cast(Power, problem.of)
+        slope = np.asarray(directional_derivatives(scene.value, power, scene.tangent, by_tangent, of), float)
+        return slope if of == "P_d" else -100 * slope / problem.free
+    (mean, square), (mean_by, square_by) = ([m[amplitude.row][0] for m in flow.moments] for flow in end)
+    with np.errstate(invalid="ignore", divide="ignore"):  # a blade that stands still
+        rms_by = (square_by - 2 * mean * mean_by) / (2 * np.sqrt(np.maximum(square - mean**2, 0.0)))
+    return -100 * (np.sign(mean) * mean_by if amplitude.measure == "mean" else rms_by) / problem.free
 
 
 def _wide_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> np.ndarray:

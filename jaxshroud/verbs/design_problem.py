@@ -14,11 +14,13 @@ from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import FAST
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.averages import averages, stiffnesses
+from jaxshroud.motion.averages import stiffnesses
+from jaxshroud.motion.levels import free_level, levels_of
 from jaxshroud.results.tuned import PENALTY, DesignJudgement
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.quantities import Quantity, check_quantity
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import check_values, in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
@@ -39,6 +41,12 @@ class Problem(NamedTuple):
     plan: Plan = Plan(0, 1, 400, 0.0, FAST)
     state: State | None = None  # initial state of every run; None: its scene's own
     scattering: Scattering | None = None  # scatter about a design; every draw counts like a condition
+    of: Quantity = "P_d"
+    free: float = np.nan  # what `of` is compared with, see `free_level`; NaN for P_d
+
+    def reduction(self, level: np.ndarray) -> np.ndarray:
+        """What a design gains [percentage points]: P_d itself, or how far another quantity is below its free level."""
+        return level if self.of == "P_d" else 100 * (1 - np.abs(level) / self.free)
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -89,6 +97,7 @@ def problem_of(
     over: Mapping[str, tuple[float, float]],
     conditions: Mapping[str, Sequence[float]],
     scattering: Scattering | None = None,
+    of: Quantity = "P_d",
 ) -> Problem:
     """The design problem, without limits; see `tune`.
 
@@ -97,6 +106,8 @@ def problem_of(
         ValueError: Bounds are not in order, a key is both tuned and a condition, or a number scatters out of its range.
     """
     check_bounds(over)
+    check_quantity(of, scene.parts)
+    free = np.nan if of == "P_d" else free_level(of, scene)
     shared = set(over) & set(conditions)
     if shared:
         raise InputError(f"{sorted(shared)[0]} is both tuned and an operating condition.")
@@ -105,12 +116,12 @@ def problem_of(
     n_corners = math.prod(map(len, condition_values.values())) << (min(len(over), 8) + n_scattering)
     check_size(n_corners, 0, 1)  # the corners are simulated first
     if scattering is None:
-        return Problem(with_numbers(scene, [*over, *condition_values]), dict(over), condition_values)
+        return Problem(with_numbers(scene, [*over, *condition_values]), dict(over), condition_values, of=of, free=free)
     check_overlap(scattering, [*over, *condition_values])
     others = [key for key in scattering.keys if key not in over and key not in condition_values]
     numbered = with_numbers(scene, [*over, *condition_values, *others])
     scattering = scattering._replace(others={key: value_of(numbered, key) for key in others})
-    problem = Problem(numbered, dict(over), condition_values, scattering=scattering)
+    problem = Problem(numbered, dict(over), condition_values, scattering=scattering, of=of, free=free)
     _check_scattering(problem)
     return problem
 
@@ -170,19 +181,19 @@ def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick) -> DesignJu
     """Simulate designs (n, keys) in every condition, at every draw."""
     scenes = in_precision(without_given(scenes_of(problem, designs)), problem.plan.method.precision)
     runs = run_lanes(scenes, start_states(problem, scenes), problem.plan, tick)
-    with np.errstate(invalid="ignore", over="ignore"):  # powers of an extreme design overflow
-        repetition, reduction, _ = averages(scenes, runs.samples)
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # powers of an extreme design overflow
+        level, ci, number = levels_of(problem.of, scenes, runs.samples)
+        reduction = problem.reduction(level)
     shape = len(designs), problem.runs
     log = runs.last.tally.log
     v_max = np.asarray((log if log.within is None else log.within).v_max, float)
     ok = np.asarray(runs.last.status) == Status.OK
-    P_d = np.where(ok & np.isfinite(reduction.P_d), reduction.P_d, -np.inf).reshape(shape)
+    P_d = np.where(ok & np.isfinite(reduction), reduction, -np.inf).reshape(shape)
     objective = P_d.mean(axis=1) if problem.goal == "mean" else P_d.min(axis=1)
     with np.errstate(invalid="ignore", over="ignore"):  # a lane that stopped has no penetration
         N_max = stiffnesses(scenes) * v_max
         v, force = (a.reshape(shape).max(axis=1) for a in (v_max, N_max))
         excess = np.maximum(v / problem.most_penetration - 1, 0) + np.maximum(force / problem.most_force - 1, 0)
     score = np.where(np.isfinite(objective), objective - PENALTY * excess, -np.inf)
-    return DesignJudgement(
-        score, objective, P_d, reduction.ci.reshape(shape), v, force, repetition.number.reshape(shape)
-    )
+    ci = (ci if problem.of == "P_d" else 100 * ci / problem.free).reshape(shape)
+    return DesignJudgement(score, objective, P_d, ci, v, force, number.reshape(shape))

@@ -13,7 +13,6 @@ from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import run_alone, run_together
 from jaxshroud.motion.gradient import (
     PowerGradient,
-    Quantity,
     Smoothing,
     differences_on,
     gradient_of,
@@ -23,8 +22,9 @@ from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.orbit import Orbit
-from jaxshroud.scene.checks import InputError, count_argument, positive_argument, seed_argument, word_argument
+from jaxshroud.scene.checks import InputError, count_argument, positive_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.quantities import Quantity, check_quantity
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import level_of, numbers_that_count, with_numbers
@@ -52,7 +52,7 @@ def gradient(
     throw: bool = False,
     dims: Sequence[str] | None = None,
 ) -> Gradient:
-    """Gradient of the left blade's P_d, or of P, with respect to numbers of the scene.
+    """Gradient of the left blade's P_d, of P, or of an amplitude, with respect to numbers of the scene.
 
     Where the scene settles on a periodic orbit, the gradient is exact, by the implicit function theorem. Elsewhere it
     is the gradient of the average over a normal distribution of the parameters around their values, with an interval.
@@ -62,7 +62,8 @@ def gradient(
             counts where an argument is not given.
         wrt: Keys as for `vary`; without a blade's index both blades change together, by the same amount even where
             they differ. "all": every number on which the motion may depend; see `Gradient.effects`.
-        of: The quantity to differentiate.
+        of: The quantity to differentiate: "P_d", "P", or an amplitude of the left blade as `sweep` keeps them:
+            "x_mean", "x_rms", "x_peak", and those of y and theta.
         orbit: The orbit or orbits, if they are known already; their method is then the default.
         sigma: Standard deviation of the distribution, relative to the value of each parameter.
         pairs: Antithetic pairs of samples; all samples start from the scene's initial state.
@@ -78,12 +79,14 @@ def gradient(
         dims: Names of the leading axes; by default `lane`.
 
     Returns:
-        The derivatives and their quality. A lane without one has NaN and a flag; the others are not affected.
+        The derivatives and their quality. A lane without one has NaN and a flag; the others are not affected. Where two
+        extremes are as far from the mean, to 1e-6, and move differently, the derivative of a peak is that of one of
+        them, with the flag "two peaks".
 
     Raises:
         KeyError: The scene has no such number.
-        ValueError: There is no such `of`, a count is too small, `sigma` is not positive, or a smoothed derivative is
-            requested with respect to a number that is 0.
+        ValueError: There is no such `of`, the blades do not move in its coordinate, a count is too small, `sigma` is
+            not positive, or a smoothed derivative is requested with respect to a number that is 0.
         NumericalError: With `throw`, or for a single scene: the march stops in this scene or in nearly all of its
             neighbourhood.
         LinAlgError: With `throw`, or for a single scene: the equations of the orbit cannot be solved.
@@ -113,6 +116,7 @@ def gradient(
     )
     if isinstance(wrt, str):
         wrt = numbers_that_count(resolved.scene) if wrt == "all" else (wrt,)
+    check_quantity(of, resolved.scene.parts)
     if not len(wrt):
         raise InputError("Argument `wrt` must name at least one number of the scene.")
     numbered = [with_numbers(one, wrt) for one in resolved.scenes]
@@ -159,8 +163,8 @@ def on_orbit(found: Orbit, wrt: Sequence[str], of: Quantity = "P_d") -> Gradient
     Raises:
         ValueError: There is no such `of`.
     """
-    word_argument("of", of, Quantity)
     cycle = found.cycle()
+    check_quantity(of, cycle.scene.parts)
     numbers = [[level_of(cycle.scene, key) for key in wrt]]
     return Gradient.of_slopes([run_alone(orbit_gradient(cycle, wrt, of))], wrt, of, found, numbers)
 
@@ -191,4 +195,6 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Quantity = "P
         True
     """
     positive_argument("step", step)
-    return differences_on(found.cycle(), wrt, step, of)
+    cycle = found.cycle()
+    check_quantity(of, cycle.scene.parts)
+    return differences_on(cycle, wrt, step, of)

@@ -130,7 +130,8 @@ def _limits(data: ReportData) -> list[list[str]]:
         required = "-" if limit is None or not np.isfinite(limit) else f"{side} {limit:g} {unit}"
         table.append([name, f"{value:.5g} {unit}", required])
     if data.conditions:
-        tuned = ", which was tuned" if data.tuned is not None and data.tuned.goal == "mean" else ""
+        its_mean = data.tuned is not None and (data.tuned.quantity, data.tuned.goal) == ("P_d", "mean")
+        tuned = ", which was tuned" if its_mean else ""
         table.append([f"P_d, mean of the conditions{tuned}", f"{judged.P_d[0].mean():.5g} %", "-"])
     table.append(["largest friction force", f"{data.friction:.5g} N", "-"])
     table.append([f"work of friction per period{_at_worst(data)}", f"{float(run.friction_work):.5g} J", "-"])
@@ -225,9 +226,9 @@ def _tolerances_section(data: ReportData) -> Section | None:
     for key, interval in tuned.intervals.items():
         ends = (f"{end:.6g} ({why})" for end, why in zip((interval.low, interval.high), interval.ended_by, strict=True))
         table.append([key, f"{interval.at:.6g}", *ends, f"{interval.apart:.2g}"])
-    words = (
-        f"From the tuning: values of each number alone with which no condition loses more than {tuned.loss:g} points."
-    )
+    of = "" if tuned.quantity == "P_d" else f" of the reduction of {tuned.quantity}"
+    lost = f"{tuned.loss:g} points{of}"
+    words = f"From the tuning: values of each number alone with which no condition loses more than {lost}."
     note = "An interval ends by a loss, a limit or a run that stops, or at the bound of the search."
     conditions = ", ".join(f"{key} = {values}" for key, values in tuned.conditions.items())
     paragraphs = [f"The tuning's conditions: {conditions}."] if conditions else []

@@ -18,6 +18,7 @@ from jaxshroud.results.scatter import Scatter
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
+from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d, check_quantity
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, with_numbers
@@ -36,6 +37,7 @@ def scatter(
     scatters: Mapping[str, Spread],
     *,
     conditions: Mapping[str, Sequence[float]] | None = None,
+    of: Quantity = "P_d",
     at_least: float | None = None,
     draws: int = 256,
     seed: int = 0,
@@ -46,7 +48,7 @@ def scatter(
     progress: Progress | None = None,
     throw: bool = False,
 ) -> Scatter:
-    """The distribution of P_d where numbers scatter uniformly and independently, and the sources of its variance.
+    """The distribution of P_d, or of `of`, where numbers scatter uniformly and independently, and whence its variance.
 
     The motion need not be smooth or periodic: where motions jump or are chaotic, gradients say little, but the
     distribution is still meaningful.
@@ -56,9 +58,10 @@ def scatter(
         scatters: Keys as for `vary`, each with a half width about the scene's value (a number in SI units, or a share
             such as "20%"), or with its lower and upper bound in SI units.
         conditions: Operating conditions: keys with their values in SI units. Every draw is run in all combinations, and
-            its P_d is the least of them. A condition that scatters does so about each of its values, in proportion to
-            its value in the scene.
-        at_least: P_d [percent] whose probability is computed.
+            its P_d is the least of them, another quantity the largest. A condition that scatters does so about each of
+            its values, in proportion to its value in the scene.
+        of: "P_d", "P", or an amplitude of the left blade, "x_peak" or another of `gradient`.
+        at_least: P_d [percent] whose probability is computed; of P_d only.
         draws: Rows of each of the two sample matrices, rounded up to a power of 2; there are (2 + keys) times as many
             runs in every condition.
         seed: Seed of the draws.
@@ -70,10 +73,10 @@ def scatter(
         throw: Raise where a lane stops before its end, rather than warn.
 
     Returns:
-        P_d of the draws, its quantiles, the probability, the largest normal force of any run, and for each number its
-        share of the variance alone (`first`) and including its interactions (`total`), with 95 % intervals, whose
-        estimated ends may lie outside 0 to 1. Draws that stopped count as missing `at_least`, and as the mean of all
-        others in the shares.
+        P_d of the draws, and `level` where `of` is another quantity, the quantiles, the probability, the largest normal
+        force of any run, and for each number its share of the variance alone (`first`) and including its interactions
+        (`total`), with 95 % intervals, whose estimated ends may lie outside 0 to 1. Draws that stopped count as missing
+        `at_least`, and as the mean of all others in the shares.
 
     Raises:
         KeyError: The scene has no such number.
@@ -93,6 +96,8 @@ def scatter(
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     condition_values = {key: np.ravel(values).astype(float) for key, values in (conditions or {}).items()}
     per_draw = math.prod(map(len, condition_values.values()))
+    check_quantity(of, nominal.parts)
+    check_only_P_d("at_least", at_least, of)
     bounds = scatter_bounds(nominal, scatters)
     rows = draw_rows(nominal, bounds, at_least, draws, seed, resolved, per_draw)
     lanes, ends = rows.shape[0] * rows.shape[1] * per_draw, np.array(list(bounds.values()), float)
@@ -103,6 +108,7 @@ def scatter(
         transient=resolved.transient,
         method=resolved.as_argument,
         state=state,
+        amplitudes=amplitude_of(of) is not None,
         keep_samples=False,
         progress=progress,
         throw=throw,
@@ -112,8 +118,13 @@ def scatter(
     P_d_ci = np.take_along_axis(P_d_ci, np.argmin(P_d, axis=0)[None], axis=0)[0]  # of the least
     stopped, status = int(np.sum(status != Status.OK)), status.max(axis=0)
     P_d = np.where(status == Status.OK, P_d.min(axis=0), np.nan)
-    values = _statistics(P_d, at_least) | variance_indices(_with_mean(P_d), seed)._asdict()
-    values |= {"P_d_ci": np.ravel(P_d_ci[:2])}
+    values: dict[str, object] = {"P_d": np.ravel(P_d[:2]), "P_d_ci": np.ravel(P_d_ci[:2]), "of": of}
+    level = P_d
+    if of != "P_d":
+        every = np.asarray(getattr(run, of), float)[..., 0].reshape(per_draw, *rows.shape[:2])
+        level = np.where(status == Status.OK, every.max(axis=0), np.nan)
+        values |= {"level": np.ravel(level[:2])}
+    values |= _statistics(level, at_least) | variance_indices(_with_mean(level), seed)._asdict()
     values |= {"low": ends[:, 0], "high": ends[:, 1], "drawn": np.concatenate(rows[:2]), "status": np.ravel(status[:2])}
     values |= {"v_max": np.nanmax(run.v_max, initial=0), "N_max": np.nanmax(stiffnesses(scenes) * run.v_max, initial=0)}
     values |= {"conditions_json": json.dumps({key: at.tolist() for key, at in condition_values.items()})}
@@ -181,19 +192,19 @@ def _ratio_to_scene(scene: Scene, key: str, value: float | None) -> float:
     return value / nominal
 
 
-def _with_mean(P_d: np.ndarray) -> np.ndarray:
-    """P_d, with the mean of the others where a run stopped."""
-    finite = np.isfinite(P_d)
-    return np.where(finite, P_d, P_d[finite].mean() if finite.any() else 0.0)
+def _with_mean(level: np.ndarray) -> np.ndarray:
+    """The quantity, with the mean of the others where a run stopped."""
+    finite = np.isfinite(level)
+    return np.where(finite, level, level[finite].mean() if finite.any() else 0.0)
 
 
-def _statistics(P_d: np.ndarray, at_least: float | None) -> dict[str, object]:
+def _statistics(level: np.ndarray, at_least: float | None) -> dict[str, object]:
     """The statistics of the independent draws, which are the first two rows."""
-    independent = np.ravel(P_d[:2])
+    independent = np.ravel(level[:2])
     finite = independent[np.isfinite(independent)]
     low, middle, high = np.quantile(finite, QUANTILES) if finite.size else (np.nan,) * 3
-    statistics = {"P_d": independent, "mean": finite.mean() if finite.size else np.nan}
-    statistics |= {"median": middle, "likely_low": low, "likely_high": high}
+    mean = finite.mean() if finite.size else np.nan
+    statistics: dict[str, object] = {"mean": mean, "median": middle, "likely_low": low, "likely_high": high}
     if at_least is None:
         return statistics
     return {**statistics, **probability_values(independent, at_least)}

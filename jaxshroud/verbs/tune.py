@@ -5,6 +5,7 @@ A coarse scan chooses starts; from each of them Adam climbs in variables scaled 
 
 import json
 from collections.abc import Mapping, Sequence
+from typing import cast
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from jaxshroud.results.tuned import DesignJudgement, Tuned
 from jaxshroud.scene.checks import InputError, NumericalError, seed_argument
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.typed import typed
@@ -50,6 +52,7 @@ def tune(
     *,
     conditions: Mapping[str, Sequence[float]] | None = None,
     goal: Goal = "mean",
+    of: Quantity = "P_d",
     most_penetration: float = np.inf,
     most_force: float = np.inf,
     scatters: Mapping[str, float | str] | None = None,
@@ -67,7 +70,7 @@ def tune(
     progress: Progress | None = None,
     throw: bool = False,
 ) -> Tuned:
-    """Find the numbers of a scene that maximise P_d of the left blade.
+    """Find the numbers of a scene that maximise P_d of the left blade, or minimise another quantity.
 
     Where numbers scatter, the robust design is found: every condition is simulated at the same fixed draws, which all
     count like conditions, for the mean, for the worst case and for the limits. A number that scatters may be tuned, a
@@ -77,18 +80,23 @@ def tune(
         scene: One scene, or a scene file, whose [run] counts where an argument is not given.
         over: Keys as for `vary`, each with its bounds in SI units.
         conditions: Operating conditions: keys with their values in SI units; every combination is simulated.
-        goal: "mean": the mean of P_d over the conditions; "worst": its least value.
+        goal: "mean": the mean of P_d over the conditions; "worst": its least value. Likewise for the reduction of
+            another quantity, whose worst value is the largest.
+        of: "P_d", or what is to be small: "P", or an amplitude of the left blade, "x_peak" or another of `gradient`
+            (of a mean its magnitude). It is judged by its reduction in percent below `Tuned.free`, a constant: P_0 of
+            the scene, or its RMS displacement without contact. This reduction is then meant by P_d everywhere;
+            `Tuned.level` is the quantity itself. Slopes of peaks are taken across a neighbourhood.
         most_penetration: Largest allowed penetration in every condition, transients included [m].
         most_force: Largest allowed normal force of the contact, likewise [N].
         scatters: Keys of numbers that scatter uniformly, with half widths: a number in SI units, or a share of the
             number itself such as "20%".
-        at_least: P_d [percent] whose probability under the scatter is computed.
+        at_least: P_d [percent] whose probability under the scatter is computed; of P_d only.
         loss: Percentage points of P_d that may be lost in any condition. If it is given, or if numbers scatter (then it
             is 1 by default), the interval of each number that keeps this loss is found, the others fixed.
         draws: Draws of the search, rounded up to a power of 2: each costs as much as a condition.
         check_draws: Independent draws behind the probability.
         motions: Random starts in each condition from which coexisting motions of the best design are found, if
-            robustness is computed; 0: none.
+            robustness is computed; 0: none, as for other quantities than P_d.
         search: How many designs are simulated, and how far the best of them are improved.
         seed: Seed of the scan, of the draws, and of the initial states from which the winner is checked.
         n_periods: Drive periods kept; by default 64.
@@ -122,11 +130,14 @@ def tune(
         if not limit > 0:
             raise InputError(f"Argument `{name}` must be positive, but is {limit}.")
     scattering = scattering_of(scatters or {}, draws, seed)
+    check_only_P_d("at_least", at_least, of)
+    motions = motions if of == "P_d" else 0
     robust_request = robustness_request(scattering is not None, loss, at_least, check_draws, motions, seed)
-    problem = problem_of(nominal, over, conditions or {}, scattering)
+    problem = problem_of(nominal, over, conditions or {}, scattering, of)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     march = with_tangents(resolved, design_corners(problem))
-    choices = march.method._replace(within=bool(min(most_penetration, most_force) < np.inf))
+    within = bool(min(most_penetration, most_force) < np.inf)
+    choices = march.method._replace(within=within, amplitudes=amplitude_of(of) is not None)
     plan = Plan(resolved.transient, resolved.n_periods, march.steps, 0.0, choices)
     limits = {"most_penetration": most_penetration, "most_force": most_force}
     problem = problem._replace(goal=goal, **limits, plan=plan, state=state)
@@ -204,7 +215,7 @@ def _objective_ci(problem: Problem, judgement: DesignJudgement) -> np.ndarray:
 def _tuned_result(problem: Problem, values: dict[str, object], coords: dict[str, object]) -> Tuned:
     """The result, which holds its design problem."""
     plan = problem.plan
-    request = {name: getattr(problem, name) for name in ("goal", "most_penetration", "most_force")}
+    request = {name: getattr(problem, name) for name in ("goal", "of", "free", "most_penetration", "most_force")}
     request |= {
         "conditions_json": json.dumps(problem.conditions),
         "start": "scene" if problem.state is None else "given",
@@ -229,13 +240,13 @@ def problem_from_result(tuned: Tuned) -> Problem:
         raise InputError("A stored tuning does not hold the `state` from which its runs started; tune again.")
     file = parse(tuned.scene, "the stored scene")
     within = bool(min(tuned.most_penetration, tuned.most_force) < np.inf)
-    method = named_choices(tuned.method)._replace(within=within)
+    method = named_choices(tuned.method)._replace(within=within, amplitudes=amplitude_of(tuned.quantity) is not None)
     limits = {"most_penetration": tuned.most_penetration, "most_force": tuned.most_force}
     scattering = None
     if tuned.places is not None:
         scattering = Scattering(tuple(tuned.scatters), tuned.half_width, tuned.relative, tuned.places)
     plan = Plan(file.run.transient, file.run.periods, tuned.steps_per_period, 0.0, method)
-    problem = problem_of(file.scene, tuned.over, tuned.conditions, scattering)
+    problem = problem_of(file.scene, tuned.over, tuned.conditions, scattering, cast(Quantity, tuned.quantity))
     return problem._replace(goal=tuned.goal, **limits, plan=plan)
 
 

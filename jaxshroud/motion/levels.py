@@ -1,0 +1,43 @@
+"""The quantities of `Quantity` over the kept periods of runs."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxshroud.batch.periods import Sample
+from jaxshroud.model.linear import free_power, free_rms_displacement
+from jaxshroud.motion.amplitudes import amplitude_values
+from jaxshroud.motion.averages import averages, half_diagonal
+from jaxshroud.scene.quantities import Quantity, amplitude_of
+from jaxshroud.scene.scene import Scene
+
+
+class Levels(NamedTuple):
+    """A quantity of many lanes."""
+
+    value: np.ndarray  # (lanes,)
+    ci: np.ndarray  # (lanes,) half width of its 95 % interval; NaN for amplitudes
+    number: np.ndarray  # (lanes,) period number, 0: aperiodic
+
+
+def levels_of(of: Quantity, scenes: Scene, samples: Sample) -> Levels:
+    """The quantity `of` of scenes (leading axis) from their samples, with moments and extent for an amplitude."""
+    motion, power, P_0 = averages(scenes, samples)
+    if of == "P_d":
+        return Levels(power.P_d, power.ci, motion.number)
+    if of == "P":
+        return Levels(power.P[:, 0], power.ci * P_0[:, 0] / 100, motion.number)
+    value = amplitude_values(scenes, samples, motion.number)[of][:, 0]
+    return Levels(value, np.full_like(value, np.nan), motion.number)
+
+
+def free_level(of: Quantity, scene: Scene) -> float:
+    """What a quantity other than P_d is compared with: P_0, or the RMS displacement of the left block without contact.
+
+    Angles are compared with that displacement over half the longer diagonal of a block [rad].
+    """
+    amplitude = amplitude_of(of)
+    if amplitude is None:
+        return float(free_power(scene)[0])
+    lever = float(half_diagonal(scene.shroud)) if amplitude.displacement == "theta" else 1.0
+    return float(free_rms_displacement(scene)) / lever

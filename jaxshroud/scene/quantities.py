@@ -1,0 +1,77 @@
+"""The quantities of a motion that are differentiated, tuned and scattered: powers, and amplitudes of the left blade."""
+
+from typing import Literal, NamedTuple, get_args
+
+from jaxshroud.scene.checks import InputError, word_argument
+from jaxshroud.scene.parts import Parts
+
+Measure = Literal["mean", "rms", "peak"]
+Power = Literal["P_d", "P"]
+Quantity = Literal[
+    "P_d",
+    "P",
+    "x_mean",
+    "x_rms",
+    "x_peak",
+    "y_mean",
+    "y_rms",
+    "y_peak",
+    "theta_mean",
+    "theta_rms",
+    "theta_peak",
+]
+QUANTITY_WORDS = get_args(Quantity)
+DISPLACEMENTS = ("x", "y", "theta")
+POWER_UNITS = {"P_d": "%", "P": "m^4"}
+
+
+class Amplitude(NamedTuple):
+    """An amplitude of the left blade, see `WithAmplitudes`."""
+
+    displacement: str  # one of `DISPLACEMENTS`
+    measure: Measure
+
+    @property
+    def row(self) -> int:
+        """The place of the displacement in `DISPLACEMENTS`."""
+        return DISPLACEMENTS.index(self.displacement)
+
+
+def amplitude_of(of: str) -> Amplitude | None:
+    """The amplitude that a quantity is; None for a power."""
+    if of in POWER_UNITS:
+        return None
+    displacement, measure = of.split("_")
+    return Amplitude(displacement, measure)  # pyright: ignore[reportArgumentType]  # `of` is a `Quantity`
+
+
+def unit_of(of: str) -> str:
+    """The unit of a quantity."""
+    amplitude = amplitude_of(of)
+    return POWER_UNITS[of] if amplitude is None else "rad" if amplitude.displacement == "theta" else "m"
+
+
+def quantity_symbol(of: str) -> str:
+    """The symbol of a quantity, as pictures show it."""
+    amplitude = amplitude_of(of)
+    if amplitude is None:
+        return f"${of}$"
+    letter = r"\theta" if amplitude.displacement == "theta" else amplitude.displacement
+    return rf"${letter}_\mathrm{{{amplitude.measure}}}$"
+
+
+def check_quantity(of: str, parts: Parts) -> None:
+    """Raise an InputError unless `of` is a quantity of scenes with these parts."""
+    word_argument("of", of, QUANTITY_WORDS)
+    amplitude = amplitude_of(of)
+    if amplitude is not None and not parts.has(amplitude.displacement, 0):
+        raise InputError(
+            f"`of` is {of}, but the blades of this scene do not move in {amplitude.displacement}; "
+            f"its `parts.motion` is {list(parts.motion)}."
+        )
+
+
+def check_only_P_d(name: str, value: object, of: str) -> None:
+    """Raise an InputError where an argument that is about P_d is given with another quantity."""
+    if value is not None and of != "P_d":
+        raise InputError(f"Argument `{name}` is a P_d, and says nothing about {of}; leave it out.")
