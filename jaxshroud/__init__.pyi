@@ -34,6 +34,8 @@ from .results.base import open as open
 from .results.branch import Branch as Branch
 from .results.diagnosis import Diagnosis as Diagnosis
 from .results.diagnosis import Lyapunov as Lyapunov
+from .results.fit import Fit as Fit
+from .results.fit import FittedNumber as FittedNumber
 from .results.gradient import Gradient as Gradient
 from .results.orbit import Orbit as Orbit
 from .results.power import PowerResult as PowerResult
@@ -87,6 +89,7 @@ from .verbs.check import check as check
 from .verbs.diagnose import diagnose as diagnose
 from .verbs.explain import Explanation as Explanation
 from .verbs.explain import explain as explain
+from .verbs.fit import fit as fit
 from .verbs.gradient import differences as differences
 from .verbs.gradient import gradient as gradient
 from .verbs.options import method_for as method_for

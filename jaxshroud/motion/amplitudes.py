@@ -111,27 +111,26 @@ def sampled_amplitudes(scenes: Scene, motion: Motion, interval: np.ndarray, peri
     first = -1 - round(periods * math.tau / float(scenes.drive.omega[0]) / float(interval[0]))
     for name, free in zip(DISPLACEMENT_NAMES, free_amplitudes(scenes), strict=True):
         q, rate = (np.asarray(getattr(motion, n), float)[:, first:] for n in (name, f"v_{name}"))
-        mean = _hermite_mean(q, rate, h)
-        highest, lowest = _hermite_largest(q, rate * h), -_hermite_largest(-q, -rate * h)
+        mean = hermite_mean(q, rate, h)
+        highest, lowest = hermite_largest(q, rate * h), -hermite_largest(-q, -rate * h)
         values[f"{name}_mean"] = mean
-        values[f"{name}_rms"] = np.sqrt(np.maximum(_hermite_mean(q**2, 2 * q * rate, h) - mean**2, 0.0))
+        values[f"{name}_rms"] = np.sqrt(np.maximum(hermite_mean(q**2, 2 * q * rate, h) - mean**2, 0.0))
         values[f"{name}_peak"] = np.maximum(highest - mean, mean - lowest)
         values[f"{name}_free"] = free
     return values
 
 
-def _hermite_mean(q: np.ndarray, rate: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """The mean of the cubics through samples (lanes, n, 2) and their rates at intervals `h`."""
+def hermite_mean(q, rate, h):
+    """The mean of the cubics through samples (lanes, n, columns) and their rates at intervals `h` (lanes, 1, 1)."""
     intervals = q.shape[1] - 1
     trapezoid = q.mean(axis=1) * (intervals + 1) - (q[:, 0] + q[:, -1]) / 2
     return (trapezoid + h[:, 0] / 12 * (rate[:, 0] - rate[:, -1])) / intervals
 
 
-def _hermite_largest(q: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """The largest value of the cubics through samples (lanes, n, 2) with these slopes per interval."""
+def hermite_largest(q, slope):
+    """The largest value of the cubics through samples (lanes, n, columns) with these slopes per interval."""
     (g_0, g_1), (m_0, m_1) = ((a[:, :-1], a[:, 1:]) for a in (q, slope))
     b, c = 3 * (g_1 - g_0) - 2 * m_0 - m_1, m_0 + m_1 - 2 * (g_1 - g_0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        s = m_0 / (np.sqrt(b * b - 3 * m_0 * c) - b)
+    s = m_0 / (jnp.sqrt(b * b - 3 * m_0 * c) - b)
     top = g_0 + s * (m_0 + s * (b + s * c))
-    return np.maximum(q.max(axis=1), np.where((s > 0) & (s < 1), top, -np.inf).max(axis=1))
+    return jnp.maximum(q.max(axis=1), jnp.where((s > 0) & (s < 1), top, -jnp.inf).max(axis=1))
