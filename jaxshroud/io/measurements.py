@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -29,11 +29,7 @@ RESPONSE = {
 CHANNELS = HISTORY | RESPONSE
 
 
-class _Column(NamedTuple):
-    """A column in SI units."""
-
-    header: str
-    values: np.ndarray
+Columns = Mapping[str, np.ndarray]  # in SI units, by name
 
 
 def read_measurements(path: str | os.PathLike[str]) -> Measurements:
@@ -56,8 +52,10 @@ def read_measurements(path: str | os.PathLike[str]) -> Measurements:
     for n, *row in table:
         if len(row) != len(headers):
             raise InputError(f"{path}: line {n} has {len(row)} cells, but the header has {len(headers)}")
-    if repeated := [header for i, header in enumerate(headers) if header in headers[:i]]:
-        raise InputError(f"{path}: column {repeated[0].strip()} is there twice")
+    for i, header in enumerate(headers):
+        name, *_ = _name_and_unit(header, str(path))
+        if header in headers[:i]:
+            raise InputError(f"{path}: {name} is there twice")
     columns = {
         header: [_number(cell, n, header, path) for (n, *_), cell in zip(table, cells, strict=True)]
         for header, cells in zip(headers, list(zip(*(row[1:] for row in table), strict=True)), strict=True)
@@ -90,43 +88,50 @@ def measurements_from(table: Mapping[str, Any], where: str = "the measurements")
         InputError: A column is unknown, has no unit or a wrong one, or holds what cannot be measured; or the axis is
             missing, or there are two.
     """
-    columns = dict(_column(str(header), values, where) for header, values in table.items())
-    if len({column.values.size for column in columns.values()}) > 1:
+    pairs = [_column(str(header), values, where) for header, values in table.items()]
+    columns = dict(pairs)
+    if len(columns) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise InputError(f"{where}: {next(name for name in names if names.count(name) > 1)} is there twice")
+    if len({column.size for column in columns.values()}) > 1:
         raise InputError(f"{where}: the columns differ in length")
     is_history = _is_history(columns, where)
-    at = columns["t"].values if is_history else _frequencies(columns, where)
+    at = columns["t"] if is_history else _frequencies(columns, where)
     channels = [CHANNELS[name] for name in columns if name in CHANNELS]
     _check_channels(channels, is_history, columns, where)
     _check_axis(at, is_history, where)
-    values = np.stack([columns[channel.name].values for channel in channels], axis=1)
+    values = np.stack([columns[channel.name] for channel in channels], axis=1)
     kind = "history" if is_history else "response"
     return Measurements(kind, at, tuple(channels), values, _sigma(columns, channels, where))
 
 
-def _column(header: str, values: Any, where: str) -> tuple[str, _Column]:
-    """The name of a column, and its values in SI units."""
+def _name_and_unit(header: str, where: str) -> tuple[str, str, str]:
+    """The name of a column, its unit, and the SI unit that belongs to the name."""
     match = HEADER.fullmatch(header)
-    name = match["name"] if match else header
-    known = AXIS_UNITS | {channel: _unit(channel) for channel in CHANNELS}
+    name = match["name"] if match else header.strip()
     stem = name.removesuffix(SIGMA) if name.removesuffix(SIGMA) in CHANNELS else name
+    known = AXIS_UNITS | {channel: KEYS[f"initial.{CHANNELS[channel].place}"].unit for channel in CHANNELS}
     if match is None or stem not in known:
-        raise InputError(f"{where}: column {header.strip()!r} is unknown{hint(name, list(known))}")
+        cure = "; separate columns by commas" if ";" in header or "\t" in header else hint(name, list(known))
+        raise InputError(f"{where}: column {header.strip()!r} is unknown{cure}")
     unit = known[stem]
     if match["unit"] is None and unit:
         raise InputError(f"{where}: column {name} has no unit; write e.g. `{name} [{_EXAMPLES.get(unit, unit)}]`")
-    numbers = _finite(values, header, where)
+    return name, match["unit"] or "", unit
+
+
+def _column(header: str, values: Any, where: str) -> tuple[str, np.ndarray]:
+    """The name of a column, and its values in SI units."""
+    name, given, unit = _name_and_unit(header, where)
     try:
-        return name, _Column(header, numbers * to_si(unit, f"1 {match['unit'] or ''}"))
+        return name, _finite(values, header, where) * to_si(unit, f"1 {given}")
+    except InputError:
+        raise
     except ValueError as error:
         raise InputError(f"{where}: column {header.strip()}: its unit {error}") from None
 
 
 _EXAMPLES = {"m": "mm", "rad": "deg"}
-
-
-def _unit(channel: str) -> str:
-    """The SI unit of a channel."""
-    return KEYS[f"initial.{CHANNELS[channel].place}"].unit
 
 
 def _finite(values: Any, header: str, where: str) -> np.ndarray:
@@ -139,7 +144,7 @@ def _finite(values: Any, header: str, where: str) -> np.ndarray:
     return numbers
 
 
-def _is_history(columns: Mapping[str, _Column], where: str) -> bool:
+def _is_history(columns: Columns, where: str) -> bool:
     """Whether the measurements are a time history; else they are a frequency response."""
     axes = [name for name in ("t", "omega", "f", "speed") if name in columns]
     if not axes:
@@ -153,16 +158,16 @@ def _is_history(columns: Mapping[str, _Column], where: str) -> bool:
     return axes == ["t"]
 
 
-def _frequencies(columns: Mapping[str, _Column], where: str) -> np.ndarray:
+def _frequencies(columns: Columns, where: str) -> np.ndarray:
     """The circular frequencies of the drive [rad/s]."""
     if "f" in columns:
-        return math.tau * columns["f"].values
+        return math.tau * columns["f"]
     if "speed" in columns:
-        return columns["speed"].values * columns["engine_order"].values
-    return columns["omega"].values
+        return columns["speed"] * columns["engine_order"]
+    return columns["omega"]
 
 
-def _check_channels(channels: list[Channel], is_history: bool, columns: Mapping[str, _Column], where: str) -> None:
+def _check_channels(channels: list[Channel], is_history: bool, columns: Columns, where: str) -> None:
     own, kind = (HISTORY, "time history") if is_history else (RESPONSE, "frequency response")
     example = "x_left [mm]" if is_history else "x_rms_left [mm]"
     if wrong := [channel.name for channel in channels if channel.name not in own]:
@@ -182,7 +187,7 @@ def _check_axis(at: np.ndarray, is_history: bool, where: str) -> None:
         raise InputError(f"{where}: the frequencies of the drive must be positive")
 
 
-def _sigma(columns: Mapping[str, _Column], channels: list[Channel], where: str) -> np.ndarray | None:
+def _sigma(columns: Columns, channels: list[Channel], where: str) -> np.ndarray | None:
     """The standard deviations of the noise, (n, channels); None where they are not known."""
     names = [channel.name + SIGMA for channel in channels]
     known = [name for name in names if name in columns]
@@ -192,7 +197,7 @@ def _sigma(columns: Mapping[str, _Column], channels: list[Channel], where: str) 
         raise InputError(
             f"{where}: {known[0]} is there, but {missing[0]} is not; give the noise of all channels or none"
         )
-    sigma = np.stack([columns[name].values for name in names], axis=1)
+    sigma = np.stack([columns[name] for name in names], axis=1)
     if not (sigma > 0).all():
         raise InputError(f"{where}: the noise of each value must be positive")
     return sigma

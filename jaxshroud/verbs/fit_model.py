@@ -1,7 +1,5 @@
 """What a scene says of measurements at points of the unit cube of its fitted numbers, with exact derivatives."""
 
-from typing import Protocol
-
 import jax
 import numpy as np
 
@@ -18,20 +16,6 @@ from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.design_problem import Problem, scenes_of
 
 
-class FitModel(Protocol):
-    """The model of measurements: values (points, n, channels), and their slopes in the unit cube (..., keys)."""
-
-    steps: int  # samples in a period
-
-    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values and slopes."""
-        ...
-
-    def curve(self, u: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """What is drawn of the model at one point: places (n,) and values (n, channels)."""
-        ...
-
-
 class HistoryModel:
     """The model of a time history: the march from the scene's initial motion."""
 
@@ -41,7 +25,7 @@ class HistoryModel:
         self.schedule = history_schedule(float(data.at[-1]), shortest_period, steps, as_differentiable(method))
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements at the measured times."""
+        """Displacements at the measured times (points, n, channels), and slopes in the unit cube (..., keys)."""
         values, slopes = self._at(points, self.data)
         return values, slopes * self.problem.rates(points)[:, None, None, :]
 
@@ -67,7 +51,7 @@ class ResponseModel:
         self.latest: dict[int, State] = {}  # by frequencies
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Amplitudes at the measured frequencies."""
+        """Amplitudes at the measured frequencies (points, n, channels), and slopes in the unit cube (..., keys)."""
         orbits = self._orbits(points)
         values, slopes = orbit_amplitudes_by(orbits, tuple(self.problem.over), self.data.channels)
         by_point = lambda a: a.reshape(len(points), -1, *a.shape[1:])
@@ -89,3 +73,6 @@ class ResponseModel:
         if len(points) == 1:
             self.latest |= {i: orbit.start for i, orbit in enumerate(orbits) if orbit is not None and orbit.sound}
         return orbits
+
+
+FitModel = HistoryModel | ResponseModel
