@@ -39,6 +39,7 @@ from .results.fit import FittedNumber as FittedNumber
 from .results.gradient import Gradient as Gradient
 from .results.orbit import Orbit as Orbit
 from .results.power import PowerResult as PowerResult
+from .results.response import Response as Response
 from .results.scatter import Report as Report
 from .results.scatter import Scatter as Scatter
 from .results.sweep import SweepResult as SweepResult
@@ -97,6 +98,7 @@ from .verbs.orbit import lyapunov as lyapunov
 from .verbs.orbit import orbit as orbit
 from .verbs.power import power as power
 from .verbs.report import report as report
+from .verbs.response import response as response
 from .verbs.scatter import scatter as scatter
 from .verbs.simulate import simulate as simulate
 from .verbs.sweep import sweep as sweep

@@ -153,7 +153,7 @@ def _with_empty_tally(lanes: Lane) -> Lane:
     """The lanes with the sums of a sample reset: in float32, late periods would lose digits in a long sum."""
     tally = lanes.tally
     integrals, jumps = jax.tree.map(jnp.zeros_like, (tally.integrals, tally.jumps))
-    log = None if tally.log is None else log_of_new_period(tally.log, lanes.state.motion)
+    log = None if tally.log is None else jax.vmap(log_of_new_period)(tally.log, lanes.state.motion)
     return eqx.tree_at(lambda lane: lane.tally, lanes, Tally(integrals, jumps, log))
 
 

@@ -15,6 +15,9 @@ from jaxshroud.cli.option_table import (
 
 # Pictures of a run: pages of panels and single panels.
 RUN_KINDS = ("motion", "forces", "all", "history", "phase", "poincare", "spectrum", "ribbon", "loop", "path")
+RESPONSES = tuple(f"{q}_{kind}" for q in ("x", "y", "theta") for kind in ("peak", "rms"))
+SWEEP_KINDS = ("amplitude",)  # of a sweep, beside its own picture
+PICTURE_KINDS = (*RUN_KINDS, *SWEEP_KINDS)
 UNITS = ("mm", "um", "m", "gap")
 DEFAULT_SPREAD = 2.0  # of random starts
 MAX_MAP_SIDE = 1000  # values of each of two keys in the map behind the paths of a tuning
@@ -255,6 +258,26 @@ COMMANDS = {
         unit="drive periods",
         module="orbits",
     ),
+    "response": Command(
+        "Frequency response: an amplitude over a number, swept both ways and followed as a branch, with its peaks.",
+        'jaxshroud response engine_order --along drive.speed --start "1200 rpm" --stop "1700 rpm" --out response',
+        (
+            *SIMULATION,
+            shared_option("--transient", help="periods discarded first in the sweeps"),
+            Option("--along", "number of the scene; by default the drive frequency", metavar="KEY"),
+            Option("--start", "where its range begins; by default as the scene sweeps it", metavar="A"),
+            Option("--stop", "where its range ends", metavar="B"),
+            Option("--num", "values of the sweeps", count(2), 200, metavar="N"),
+            Option("--of", "amplitude whose peaks are sought; by default x_peak", choices=RESPONSES, metavar="Q"),
+            Option("--over", "second number and its values: a family", metavar="K=A,B,C"),
+            Option("--at", "where the branch begins; by default the scene's own value", metavar="VALUE"),
+            Option("--most-points", "points of a branch in one direction, at most", count(2), 400, metavar="N"),
+            "--out",
+        ),
+        arguments=("n_periods", "transient", "num", "most_points"),
+        files=("response.nc", "response.png", "summary.json"),
+        module="response",
+    ),
     "attractors": Command(
         "Find the motions that coexist in a scene, from random starts, with their shares and P_d.",
         "jaxshroud attractors fig10b --starts 256 --out attractors",
@@ -324,7 +347,7 @@ COMMANDS = {
         "jaxshroud plot fig09",
         (
             Option("source", type=path, metavar="DIR|FILE"),
-            Option("--kind", "picture of a run; by default its motion", choices=RUN_KINDS),
+            Option("--kind", "picture of a run, by default its motion; or of a sweep", choices=PICTURE_KINDS),
             shared_option("--title", help='in place of the result\'s own; "" for none'),
             Option("--xlabel", metavar="TEXT"),
             Option("--unit", "unit of displacements and swept lengths; gap: x divided by the gap", choices=UNITS),

@@ -9,7 +9,7 @@ from typing import Any
 
 import xarray as xr
 
-from jaxshroud.cli.command_table import COMMANDS
+from jaxshroud.cli.command_table import COMMANDS, SWEEP_KINDS
 from jaxshroud.cli.terminal import CommandError, progress_bar, require_free
 from jaxshroud.io.store import read, read_json
 from jaxshroud.scene.checks import Error, InputError, StoreError
@@ -66,6 +66,11 @@ def draw_dataset(
     """Draw a sweep, or a trajectory in one of its kinds of pictures."""
     from jaxshroud.results.base import result_from_dataset
 
+    if kind in SWEEP_KINDS and isinstance(ds.attrs.get("axes"), str):
+        from jaxshroud.plotting.pictures import picture as drawn
+
+        _save(source, lambda: drawn(kind, ds, **(look or {})), picture)
+        return
     if kind is not None and "end_turns" not in ds.attrs:
         kind_text = "a sweep" if isinstance(ds.attrs.get("axes"), str) else "no stored run"
         raise CommandError(f"{source}: is {kind_text}; --kind is for stored runs")

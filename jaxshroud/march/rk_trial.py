@@ -75,7 +75,7 @@ def rk_trials(
 
 
 def update_after_rk(lanes: LaneTree, ends: LaneTree, fixed: LaneTree, method: Choices, each: EachLane) -> LaneTree:
-    """`Stepper.update`. With derivatives the decision, which has none, is a kernel of its own; so it is by long tallies."""
+    """`Stepper.update`. With derivatives, and with long tallies, the decision is a kernel of its own."""
 
     def decide(lane: Lane, end: StepEnd, fixed: Fixed) -> Decision:
         return decide_trial(lane, end, fixed, method)

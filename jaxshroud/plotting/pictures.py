@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, LogLocator, MaxNLocator
 
 from jaxshroud.plotting.page import Page
+from jaxshroud.plotting.plot_amplitude import amplitude_page, response_page
 from jaxshroud.plotting.plot_attractors import attractors_page, basins_page
 from jaxshroud.plotting.plot_branch import branch_page
 from jaxshroud.plotting.plot_diagnosis import diagnosis_page, power_page
@@ -29,6 +30,8 @@ from jaxshroud.scene.checks import InputError
 PAGES: dict[str, Callable[..., Page]] = {
     "trajectory": run_page,
     "sweep": sweep_page,
+    "amplitude": amplitude_page,
+    "response": response_page,
     "power": power_page,
     "diagnosis": diagnosis_page,
     "branch": branch_page,

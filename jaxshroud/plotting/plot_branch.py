@@ -121,7 +121,7 @@ def _sweep_values(sweep: xr.Dataset) -> PlotArray:
     return parameter_axis(sweep[str(sweep.attrs["axes"])]).values
 
 
-def _stability_runs(ds: xr.Dataset) -> Iterator[tuple[bool, slice]]:
+def stability_runs(ds: xr.Dataset) -> Iterator[tuple[bool, slice]]:
     """Runs of neighbouring points of one branch with the same stability, each up to the first point of the next run."""
     branch, stable, kind = (ds[name].to_numpy() for name in ("branch", "stable", "kind"))
     first, size = 0, len(branch)
@@ -135,7 +135,7 @@ def _stability_runs(ds: xr.Dataset) -> Iterator[tuple[bool, slice]]:
 def _draw_lines(panel: Axes, ds: xr.Dataset, x: PlotArray, y: PlotArray) -> None:
     """Draw the curves y (points, any) over x, each orbit once, and mark the special points."""
     y = np.where(ds["retraced"].to_numpy()[:, None], np.nan, y)
-    for stable, part in _stability_runs(ds):
+    for stable, part in stability_runs(ds):
         panel.plot(x[part], y[part], LINE_STYLES[stable], **LINE_LOOK)
     kind = ds["kind"].to_numpy()
     for name, (marker, color) in MARKERS.items():

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from jaxshroud.march.method import Method
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import run_alone
 from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, continuation_problem, first_point
-from jaxshroud.motion.branch_continuation import branches_from, with_errors
+from jaxshroud.motion.branch_continuation import ContinuedBranch, branches_from, with_errors
 from jaxshroud.motion.gradient import with_numbers
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions, closed_orbit, settled_orbit
@@ -91,9 +92,47 @@ def branch(
     """
     for name, count, least in (("most_points", most_points, 2), ("doublings", doublings, 0)):
         count_argument(name, count, least)
+    low, high = range_of(scene, along, start, stop)
+    begin = BranchStart(at, q, state, most_periods)
+    found = continued(scene, along, (low, high), begin, most_points, doublings, method, progress)
+    result = Branch.of_branches(found.branches, along, (low, high), found.attributes)
+    if result.doubts:
+        warnings.warn("; ".join(result.doubts), AccuracyWarning, stacklevel=3)
+    return result
+
+
+class BranchStart(NamedTuple):
+    """Where the first orbit of a branch is sought; see `branch`."""
+
+    at: float | None = None
+    q: int | None = None
+    state: State | None = None
+    most_periods: int = 1024
+
+
+class FoundBranches(NamedTuple):
+    """The branches of a scene with the problem that they solve, and the attributes of their result."""
+
+    problem: ContinuationProblem
+    branches: list[ContinuedBranch]
+    attributes: dict[str, object]
+
+
+def continued(
+    scene: Scene | SceneFile,
+    along: str,
+    ends: tuple[float, float],
+    begin: BranchStart,
+    most_points: int,
+    doublings: int,
+    method: Method | str | float | None,
+    progress: Progress | None,
+) -> FoundBranches:
+    """The branches of a scene; the arguments and the errors are those of `branch`."""
+    at, q, state, most_periods = begin
     if q is not None and state is None:
         raise InputError("Argument `q` needs a `state` close to the orbit.")
-    low, high = _range(scene, along, start, stop)
+    low, high = ends
     numbered = with_numbers(one_scene("branch", scene), [along])
     value = value_of(numbered, along) if at is None else float(at)
     if not low <= value <= high:
@@ -111,13 +150,10 @@ def branch(
     except Interrupted:
         raise Interrupted(None) from None
     provenance, _ = resolved.provenance(resolved.transient, march.steps)
-    result = Branch.of_branches(branches, along, (low, high), {**provenance, **march.attributes})
-    if result.doubts:
-        warnings.warn("; ".join(result.doubts), AccuracyWarning, stacklevel=3)
-    return result
+    return FoundBranches(problem, branches, {**provenance, **march.attributes})
 
 
-def _range(scene: Scene | SceneFile, along: str, start: float | None, stop: float | None) -> tuple[float, float]:
+def range_of(scene: Scene | SceneFile, along: str, start: float | None, stop: float | None) -> tuple[float, float]:
     """The ends of the number's range: those given, else those of the file's [sweep].
 
     Raises:

@@ -67,8 +67,8 @@ def simulate(
     Returns:
         The initial state and then every `every`-th of `n_periods * steps_per_period` steps, start-up included, with the
         contact forces `N` and `F` [N], `v`, `u` and `contact_point` [m]. A model without contact has none of these, a
-        model whose blocks do not turn has no `contact_point`, and without friction `F` is 0. Amplitudes are those of the
-        second half of the run, from the cubics between samples.
+        model whose blocks do not turn has no `contact_point`, and without friction `F` is 0. Amplitudes are those of
+        the second half of the run, from the cubics between samples.
 
     Raises:
         ValueError: A count is not a positive integer, the samples would not fit into memory, or `events` is set for
@@ -111,7 +111,7 @@ def simulate(
     seconds = step_length[:, 0] * every
     if len(index) > 1:
         half = max(resolved.n_periods // 2, 1)
-        values |= sampled_amplitudes(scenes, values["motion"], seconds, min(half, index[-1] / march.steps))
+        values |= sampled_amplitudes(scenes, values["motion"], seconds, float(min(half, index[-1] / march.steps)))
     columns = {"omega": scenes.drive.omega, "gap": scenes.shroud.gap, **values, "t": t + index * step_length}
     result = _trajectory(resolved, in_shape(columns, resolved.shape), common)
     warn_failures(result.status, chatter, throw=throw)

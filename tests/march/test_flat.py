@@ -16,7 +16,7 @@ from jaxshroud.march.tally import Counters
 from jaxshroud.model.friction import normal_force
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import State, as_pairs, prepared_model
-from jaxshroud.model.rhs import rhs
+from jaxshroud.model.rhs import Recorded, rhs
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.vary import vary
@@ -210,7 +210,7 @@ def with_case(held: State, case: int) -> State:
 
 def torque_in(held: State, Q, case: int, ready) -> float:
     """Reduced inertia times the acceleration of theta_1 - theta_2 in contact at a corner, by Eq. (1)."""
-    left, right = rhs(Q, with_case(held, case), ready, False)[0].acceleration.theta
+    left, right = rhs(Q, with_case(held, case), ready, Recorded())[0].acceleration.theta
     return float(ready.mobility.joint * (left - right))
 
 

@@ -1,0 +1,248 @@
+"""Pictures of amplitudes: of sweeps, and of responses with their branches and peaks."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from jaxshroud.io.response_data import points_of_member
+from jaxshroud.model.modes import Status
+from jaxshroud.plotting.page import Page, Panel
+from jaxshroud.plotting.plot_branch import LINE_STYLES, retraced, stability_runs
+from jaxshroud.plotting.plot_directions import DIRECTION_STYLES
+from jaxshroud.plotting.scales import ParameterAxis, parameter_axis, title_of
+from jaxshroud.plotting.style import (
+    BLUE,
+    COLUMN_WIDTH,
+    GREEN,
+    GREY,
+    INK,
+    LENGTHS,
+    ORANGE,
+    PINK,
+    RED,
+    SKY,
+    AnyFigure,
+    Look,
+    PlotArray,
+    Properties,
+    legend_below,
+)
+from jaxshroud.scene.checks import InputError
+
+COORDINATES = {"x": "x_1", "y": "y_1", "theta": r"\theta_1"}
+KINDS = {"peak": "amplitude of", "rms": "RMS of", "mean": "mean of"}
+FREE_LOOK: Properties = {"color": GREY, "lw": 0.8, "ls": (0, (1.2, 1.2))}
+MEMBER_COLOURS = (BLUE, ORANGE, GREEN, PINK, RED, SKY)
+MAX_IN_LEGEND = 8  # members of a family
+
+
+class AmplitudeUnit(NamedTuple):
+    """The unit of an amplitude in a picture."""
+
+    factor: float
+    label: str
+
+
+def amplitude_unit(of: str, largest: float, look: Look) -> AmplitudeUnit:
+    """The unit for an amplitude such as "x_peak", by its largest value or as the look says."""
+    name, kind = of.split("_")
+    label = f"{KINDS[kind]} ${COORDINATES[name]}$"
+    if name == "theta":
+        return AmplitudeUnit(180 / np.pi, f"{label} [°]")
+    unit = look.unit if look.unit in LENGTHS else "mm" if largest >= 1e-4 else "um"
+    text, factor = LENGTHS[unit]
+    return AmplitudeUnit(factor, f"{label} [{text}]")
+
+
+class Amplitudes(NamedTuple):
+    """The amplitudes of a sweep along one number."""
+
+    ds: xr.Dataset
+    axis: ParameterAxis
+    look: Look
+
+
+def amplitude_page(ds: xr.Dataset, look: Look) -> Page[Amplitudes]:
+    """The amplitudes of the left blade's x, y and theta over the number of a sweep, with the free ones dashed.
+
+    Raises:
+        ValueError: The sweep has no amplitudes, or more than one axis.
+    """
+    if "x_peak" not in ds:
+        raise InputError("This sweep has no amplitudes; run it again with --amplitudes.")
+    dim = str(ds.attrs["axes"])
+    if "," in dim:
+        raise InputError("Amplitudes are drawn over one number; this sweep is along two.")
+    ds = ds.sortby(dim)
+    names = [name for name in COORDINATES if float(np.nanmax(ds[f"{name}_peak"].to_numpy(), initial=0.0)) > 0]
+    panels = [Panel(name, lambda panel, shown, name=name: _draw_amplitude(panel, shown, name)) for name in names or "x"]
+    content = Amplitudes(ds, parameter_axis(ds[dim], look), look)
+    size = COLUMN_WIDTH, 0.7 + 1.6 * len(panels)
+    return Page(content, panels, title_of(ds), size, shared="x", finish=_finish_amplitudes)
+
+
+def _draw_amplitude(panel: Axes, shown: Amplitudes, name: str) -> None:
+    ds, axis, look = shown
+    left = ds.isel(blade=0)
+    levels = left[f"{name}_peak"].to_numpy()
+    unit = amplitude_unit(f"{name}_peak", float(np.nanmax(levels, initial=0.0)), look)
+    _draw_directions(panel, left, axis.values, f"{name}_peak", unit)
+    free = left[f"{name}_free"]
+    free = free.isel(direction=0) if "direction" in free.dims else free
+    panel.plot(axis.values, free.to_numpy() * unit.factor, **FREE_LOOK)
+    panel.set(xlabel=axis.label, ylabel=unit.label)
+    panel.set_ylim(*_limits(levels * unit.factor, free.to_numpy() * unit.factor))
+
+
+def _limits(levels: PlotArray, free: PlotArray) -> tuple[float, float]:
+    """An axis from 0 that shows all amplitudes, and the free ones where these are not many times larger."""
+    top, most = float(np.nanmax(levels, initial=0.0)), float(np.nanmax(free, initial=0.0))
+    return 0.0, 1.06 * (max(top, most) if most < 4 * top else 1.6 * top) or 1.0
+
+
+def _draw_directions(panel: Axes, ds: xr.Dataset, values: PlotArray, name: str, unit: AmplitudeUnit) -> None:
+    """The amplitude of each lane, in all directions of the sweep."""
+    ways = list(DIRECTION_STYLES) if "direction" in ds.dims else [None]
+    for way in ways:
+        lanes = ds if way is None else ds.sel(direction=way)
+        level = np.where(lanes["status"].to_numpy() == Status.OK, lanes[name].to_numpy(), np.nan) * unit.factor
+        _, color, marker, size = DIRECTION_STYLES[way] if way else ("", BLUE, "o", 2.0)
+        line: Properties = {"lw": 0.8, "ls": "-"} if way is None else {"lw": 0, "ls": ""}
+        panel.plot(values, level, marker=marker, ms=size, mew=0, color=color, **line)
+
+
+def _finish_amplitudes(figure: AnyFigure, axes: Mapping[str, Axes], shown: Amplitudes) -> None:
+    panels = [*axes.values()]
+    panels[-1].set(xlim=shown.axis.edges[[0, -1]])
+    figure.align_ylabels(panels)
+    legend_below(figure, [*_direction_entries(shown.ds), Line2D([], [], label="without contact", **FREE_LOOK)])
+
+
+def _direction_entries(ds: xr.Dataset) -> list[Artist]:
+    if "direction" not in ds.dims:
+        return [Line2D([], [], color=BLUE, lw=0.8, marker="o", ms=2, label="with contact")]
+    return [
+        Line2D([], [], ls="", marker=marker, ms=size + 1.5, mew=0, color=color, label=label)
+        for label, color, marker, size in DIRECTION_STYLES.values()
+    ]
+
+
+class ResponseContent(NamedTuple):
+    """A response: sweeps of all members, the points of their branches, and the peaks."""
+
+    ds: xr.Dataset
+    axis: ParameterAxis
+    points: list[xr.Dataset | None]  # of each member's branches
+    of: str
+    unit: AmplitudeUnit
+    labels: list[str]  # of members; empty where there is only one
+
+
+def response_page(ds: xr.Dataset, look: Look) -> Page[ResponseContent]:
+    """An amplitude and P_d over the number of a response."""
+    of = str(ds.attrs["of"])
+    points = [points_of_member(ds, i) for i in range(ds.sizes["member"])]
+    largest = float(np.nanmax(ds[of].isel(blade=0).to_numpy(), initial=0.0))
+    labels = []
+    if ds.attrs.get("over"):
+        coordinate = next(a for a in ds.coords.values() if a.attrs.get("key") == ds.attrs["over"])
+        member_axis = parameter_axis(coordinate, look)
+        labels = [f"{member_axis.label.partition(' [')[0].rpartition(' ')[2]} = {v:.4g}" for v in member_axis.values]
+    content = ResponseContent(
+        ds,
+        parameter_axis(ds[_dim_of(ds, of)], look),
+        [None if one is None else one.assign(retraced=("point", retraced(one))) for one in points],
+        of,
+        amplitude_unit(of, largest, look),
+        labels,
+    )
+    size = COLUMN_WIDTH, 4.6
+    return Page(content, RESPONSE_PANELS, title_of(ds), size, shared="x", finish=_finish_response)
+
+
+def _draw_response(panel: Axes, shown: ResponseContent) -> None:
+    ds, axis, factor = shown.ds, shown.axis, shown.unit.factor
+    levels, name = [], shown.of.split("_")[0]
+    share = 1.0 if shown.of.endswith("peak") else np.sqrt(0.5)
+    for i, points in enumerate(shown.points):
+        member = ds.isel(member=i, blade=0)
+        levels.append(member[shown.of].to_numpy().ravel() * factor)
+        _draw_member(panel, shown, i, member[shown.of] * factor, points, None if points is None else points[shown.of])
+        free = member[f"{name}_free"].isel(direction=0).to_numpy() * factor * share
+        panel.plot(axis.values, free, zorder=1, **FREE_LOOK)
+    scale = axis.values / ds[_dim_of(ds, shown.of)].to_numpy()
+    ratio = float(np.nanmedian(scale)) if np.isfinite(scale).any() else 1.0
+    places, tops = ds["peak_value"].to_numpy() * ratio, ds["peak_amplitude"].to_numpy() * factor
+    if shown.labels and len(places) > 1:
+        order = np.argsort(ds["peak_member"].to_numpy(), kind="stable")
+        panel.plot(places[order], tops[order], ":", color=INK, lw=0.7, zorder=2)
+    panel.plot(places, tops, "^", ms=3.5, mfc="white", mec=INK, mew=0.6, zorder=4)
+    every = np.concatenate([*levels, tops])
+    panel.set(xlabel=axis.label, ylabel=shown.unit.label, ylim=_limits(every, free))
+
+
+def _dim_of(ds: xr.Dataset, of: str) -> str:
+    return next(str(d) for d in ds[of].dims if d not in ("member", "direction", "blade"))
+
+
+def _draw_member(
+    panel: Axes, shown: ResponseContent, i: int, levels: xr.DataArray, points: xr.Dataset | None, along_branch
+) -> None:
+    """The sweeps of a member as points, and its branches as lines."""
+    values, several = shown.axis.values, bool(shown.labels)
+    status = shown.ds["status"].isel(member=i)
+    for way, (_, color, marker, size) in DIRECTION_STYLES.items():
+        ok = np.where(status.sel(direction=way).to_numpy() == Status.OK, levels.sel(direction=way).to_numpy(), np.nan)
+        color = MEMBER_COLOURS[i % len(MEMBER_COLOURS)] if several else color
+        panel.plot(values, ok, marker, ms=size, mew=0, color=color, alpha=0.6, zorder=2, rasterized=True)
+    if points is None or along_branch is None:
+        return
+    at = parameter_axis(points["value"].assign_attrs(key=shown.ds.attrs["along"])).values
+    level = along_branch.isel(blade=0) if "blade" in along_branch.dims else along_branch
+    factor = 1.0 if level.name == "P_d" else shown.unit.factor
+    y = np.where(points["retraced"].to_numpy(), np.nan, level.to_numpy() * factor)
+    color = MEMBER_COLOURS[i % len(MEMBER_COLOURS)] if several else INK
+    for stable, part in stability_runs(points):
+        panel.plot(at[part], y[part], LINE_STYLES[stable], lw=0.9, color=color, zorder=3)
+
+
+def _draw_response_power(panel: Axes, shown: ResponseContent) -> None:
+    for i, points in enumerate(shown.points):
+        P_d = shown.ds["P_d"].isel(member=i)
+        _draw_member(panel, shown, i, P_d, points, None if points is None else points["P_d"])
+    panel.set(xlabel=shown.axis.label, ylabel="$P_d$ [%]")
+
+
+RESPONSE_PANELS = (Panel("amplitude", _draw_response, 2.2), Panel("P_d", _draw_response_power, 1.2))
+
+
+def _finish_response(figure: AnyFigure, axes: Mapping[str, Axes], shown: ResponseContent) -> None:
+    panels = [*axes.values()]
+    panels[-1].set(xlim=shown.axis.edges[[0, -1]])
+    figure.align_ylabels(panels)
+    legend_below(figure, _response_handles(shown))
+
+
+def _response_handles(shown: ResponseContent) -> list[Artist]:
+    """Legend entries of what is visible."""
+    handles: list[Artist] = []
+    if shown.labels:
+        shades = [MEMBER_COLOURS[i % len(MEMBER_COLOURS)] for i in range(len(shown.labels))]
+        rows = list(zip(shown.labels, shades, strict=True))[:MAX_IN_LEGEND]
+        handles += [Line2D([], [], color=color, lw=0.9, label=label) for label, color in rows]
+    else:
+        handles += _direction_entries(shown.ds)
+    stable = np.concatenate([[True], *(p["stable"].to_numpy() for p in shown.points if p is not None)])
+    color = INK
+    if any(p is not None for p in shown.points):
+        handles += [Line2D([], [], ls="-", lw=0.9, color=color, label="stable orbit")]
+    if not stable.all():
+        handles += [Line2D([], [], ls="--", lw=0.9, color=color, label="unstable")]
+    if shown.ds.sizes.get("peak", 0):
+        handles += [Line2D([], [], ls="", marker="^", ms=3.5, mfc="white", mec=INK, mew=0.6, label="peak")]
+    return [*handles, Line2D([], [], label="without contact", **FREE_LOOK)]

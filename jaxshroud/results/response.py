@@ -1,0 +1,195 @@
+"""The response of a scene over one of its numbers: sweeps both ways, branches of orbits, and peaks."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+
+import numpy as np
+
+from jaxshroud.io.lane_status import FLAGS
+from jaxshroud.io.response_data import (
+    BETWEEN_MEMBERS,
+    BRANCH_ENDS,
+    BRANCH_PREFIX,
+    MEMBER,
+    joined_points,
+    points_of_member,
+)
+from jaxshroud.io.scene_numbers import dimension, key_attrs
+from jaxshroud.io.store import JSONValue, json_values
+from jaxshroud.io.variable import Attribute, Variable
+from jaxshroud.results.base import Result
+from jaxshroud.results.branch import Branch
+from jaxshroud.results.sweep import SweepResult
+from jaxshroud.scene.typed import typed
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from jaxshroud.motion.peaks import Peak
+    from jaxshroud.plotting.style import LookOptions
+
+
+class Member(NamedTuple):
+    """The response at one value of the second number, or the whole response where there is none."""
+
+    sweep: SweepResult
+    branch: Branch | None  # None where no periodic orbit was found
+    peaks: "Sequence[Peak]"
+    free: tuple[float, float]  # of the peak without contact: value of the first number, amplitude
+    reason: str  # why there is no branch; empty if there is one
+
+
+class Response(Result):
+    """An amplitude over one number of a scene: sweeps in both directions and from rest, branches, and peaks.
+
+    Arrays of sweeps start with `member`, one for each value of the second number (one where there is none), followed by
+    `direction` and the first number. The peaks of all members have the dimension `peak`.
+    """
+
+    stored_as = "response"
+
+    status = Variable("", stored=np.int8, kind=np.int32, more=FLAGS)
+    peak_member = Variable("the member that a peak belongs to")
+    peak_value = Variable("where the peak is: value of the first number")
+    peak_amplitude = Variable("amplitude at the peak")
+    peak_q = Variable("period number at the peak")
+    peak_stable = Variable("the orbit at the peak is stable", stored=np.int8, kind=bool)
+    peak_low = Variable("where the amplitude is 1/sqrt(2) of the peak, below it; NaN if there is no such place")
+    peak_high = Variable("where the amplitude is 1/sqrt(2) of the peak, above it; NaN if there is no such place")
+    peak_zeta = Variable("damping ratio that the width means, half the width over the value; NaN without a width", "1")
+    free_value = Variable("where the peak without contact is: value of the first number", dims=(MEMBER,))
+    free_amplitude = Variable("amplitude of the peak without contact", dims=(MEMBER,))
+    along = Attribute(str)
+    over = Attribute(str)
+    of = Attribute(str)
+
+    @classmethod
+    def of_members(
+        cls, members: Sequence[Member], along: str, of: str, over: Mapping[str, np.ndarray], attrs: Mapping[str, object]
+    ) -> "Response":
+        """The result from its members.
+
+        Args:
+            members: One for each value of the second number.
+            along: The first number.
+            of: The amplitude whose peaks were found.
+            over: The second number with its values; empty if there is none.
+            attrs: The attributes of the dataset.
+        """
+        import xarray as xr
+
+        sweeps = xr.concat([m.sweep.data for m in members], MEMBER, combine_attrs="drop", data_vars="all")
+        rows = [(i, peak) for i, member in enumerate(members) for peak in member.peaks]
+        data = sweeps.assign(_peak_variables(rows, along, of))
+        data = data.assign(
+            free_value=(MEMBER, [m.free[0] for m in members]), free_amplitude=(MEMBER, [m.free[1] for m in members])
+        )
+        data = data.merge(joined_points([None if m.branch is None else m.branch.data for m in members]))
+        for key, values in over.items():
+            data = data.assign_coords({dimension(key): (MEMBER, values, key_attrs(key))})
+        words = {
+            "along": along,
+            "over": next(iter(over), ""),
+            "of": of,
+            "peak_reasons": "; ".join(peak.reason for _, peak in rows),
+            "branch_reasons": "; ".join(m.reason for m in members),
+            BRANCH_ENDS: BETWEEN_MEMBERS.join(m.branch.ends_of_branches if m.branch else "" for m in members),
+        }
+        marched = {n: members[0].sweep.data.attrs[n] for n in MARCH_ATTRS if n in members[0].sweep.data.attrs}
+        data.attrs = {**attrs, **marched, **words, "kind": cls.stored_as}
+        return cls(data)
+
+    @property
+    def values(self) -> np.ndarray:
+        """The values of the first number in the sweeps, in SI units."""
+        return self.data[dimension(self.along)].to_numpy()
+
+    def sweep(self, member: int = 0) -> SweepResult:
+        """The sweep of a member."""
+        data = self.data.isel({MEMBER: member})
+        own = [name for name in data.data_vars if not str(name).startswith((BRANCH_PREFIX, "peak_", "free_"))]
+        attrs = {"axes": dimension(self.along), "complete": 1, "kind": SweepResult.stored_as}
+        return SweepResult(data[own].drop_vars([BRANCH_PREFIX + "point"], errors="ignore").assign_attrs(attrs))
+
+    def branch(self, member: int = 0) -> Branch | None:
+        """The branches of a member; None where no periodic orbit was found to begin with."""
+        points = points_of_member(self.data, member)
+        return None if points is None else Branch(points)
+
+    @property
+    def peaks(self) -> list[dict[str, Any]]:
+        """Each peak as a dictionary: member, value, amplitude, q, stable, low, high, zeta, shift and reason.
+
+        `shift` is the relative distance of its value from that of the peak without contact.
+        """
+        names = ("member", "value", "amplitude", "q", "stable", "low", "high", "zeta")
+        columns = [getattr(self, f"peak_{name}") for name in names]
+        reasons = str(self.data.attrs["peak_reasons"]).split("; ")
+        rows = [dict(zip(names, row, strict=True)) for row in zip(*(a.tolist() for a in columns), strict=True)]
+        for row, reason in zip(rows, reasons, strict=False):
+            row["shift"] = row["value"] / float(self.free_value[row["member"]]) - 1
+            row["reason"] = reason
+        return rows
+
+    @property
+    def messages(self) -> list[str]:
+        """What is missing, and why."""
+        reasons = str(self.data.attrs["branch_reasons"]).split("; ")
+        return [*super().messages, *(f"no branch: {reason}" for reason in reasons if reason)]
+
+    def summary(self) -> dict[str, JSONValue]:
+        """The peaks with and without contact, the jumps and the statuses, as `summary.json` holds them."""
+        free = [
+            {"value": float(v), "amplitude": float(a)}
+            for v, a in zip(self.free_value, self.free_amplitude, strict=True)
+        ]
+        numbers = {"along": self.along, "over": self.over, "of": self.of, "peaks": self.peaks, "without contact": free}
+        return json_values({**numbers, "status": self.ended, **self.source})
+
+    @typed
+    def plot(self, ax: "Axes | None" = None, *, panel: str | None = None, **options: "Unpack[LookOptions]") -> "Figure":
+        """The amplitude over the number: sweeps as points, branches as lines, the free response dashed, and P_d.
+
+        Args:
+            ax: Draw one panel there, by default the first.
+            panel: Draw only this panel: "amplitude" or "P_d".
+            options: The options of `Result.plot`.
+
+        Raises:
+            ValueError: There is no such panel.
+        """
+        from jaxshroud.plotting.pictures import picture
+
+        return picture("response", self.data, ax, panel, **options)
+
+    def __repr__(self) -> str:
+        tallest = max(self.peaks, key=lambda row: row["amplitude"], default=None)
+        top = "no peak" if tallest is None else f"largest {tallest['amplitude']:.4g} at {tallest['value']:.6g}"
+        members = self.data.sizes[MEMBER]
+        return f"Response of {self.of} along {self.along}: {members} member{'s' * (members > 1)}, {top}; {self.ended}"
+
+
+MARCH_ATTRS = ("method", "steps_per_period", "accuracy", "drive_phase", "period_tol", "title", "scene", "source")
+
+
+def _peak_variables(rows: Sequence[tuple[int, "Peak"]], along: str, of: str) -> dict[str, Any]:
+    """The variables of all peaks."""
+    field = lambda name: np.array([getattr(peak, name) for _, peak in rows])
+    place = {"key": along, "units": key_attrs(along)["units"]}
+    unit = {"units": "rad" if of.startswith("theta") else "m"}
+    low, high, value = (field(name).astype(float) for name in ("low", "high", "value"))
+    columns = {
+        "member": (np.array([i for i, _ in rows], int), {}),
+        "value": (value, place),
+        "amplitude": (field("amplitude").astype(float), unit),
+        "q": (field("q").astype(int), {}),
+        "stable": (field("stable").astype(np.int8), {}),
+        "low": (low, place),
+        "high": (high, place),
+        "zeta": ((high - low) / (2 * value), {"units": "1"}),
+    }
+    return {
+        f"peak_{name}": ("peak", a, Response.variables[f"peak_{name}"].attributes | attrs)
+        for name, (a, attrs) in columns.items()
+    }

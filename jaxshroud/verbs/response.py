@@ -1,0 +1,156 @@
+"""The response of a scene over one of its numbers, e.g. its frequency response: sweeps, branches and peaks."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import ArrayLike
+
+from jaxshroud.batch.runs import Progress
+from jaxshroud.march.method import Method
+from jaxshroud.motion.amplitudes import DISPLACEMENT_NAMES, free_amplitudes
+from jaxshroud.motion.gradient import with_numbers
+from jaxshroud.motion.peaks import branch_peaks
+from jaxshroud.results.branch import Branch
+from jaxshroud.results.response import Member, Response
+from jaxshroud.results.sweep import SweepResult
+from jaxshroud.scene.checks import InputError, NumericalError, count_argument, word_argument
+from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.grids import scenes_at
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import typed
+from jaxshroud.scene.vary import value_of, vary
+from jaxshroud.verbs.branch import BranchStart, continued, range_of
+from jaxshroud.verbs.lanes import one_scene
+from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.sweep import sweep
+
+RESPONSES = tuple(f"{name}_{kind}" for name in DISPLACEMENT_NAMES for kind in ("peak", "rms"))
+MAX_TRIED_PLACES = 4  # at which an orbit to begin with is sought
+FREE_VALUES, FREE_ZOOMS = 2001, 4  # values at which the free amplitude is looked at, and how often more closely
+
+
+@typed
+def response(
+    scene: Scene | SceneFile,
+    along: str = "drive.omega",
+    start: float | None = None,
+    stop: float | None = None,
+    *,
+    num: int = 200,
+    of: str = "x_peak",
+    over: Mapping[str, ArrayLike | Sequence[float]] | None = None,
+    at: float | None = None,
+    most_points: int = 400,
+    doublings: int = 0,
+    n_periods: int | None = None,
+    transient: int | None = None,
+    method: Method | str | float | None = None,
+    progress: Progress | None = None,
+) -> Response:
+    """An amplitude over one number of a scene, by default over the drive frequency.
+
+    The scene is swept forward, backward and from rest, and the orbit that it settles on is followed along the number,
+    past folds, stable or not. Along that branch the peaks of the amplitude are placed, with their width at half power.
+
+    Args:
+        scene: One scene, or a scene file, whose [run] and [sweep] count where an argument is not given.
+        along: The number, as for `vary`, e.g. "drive.omega" or "drive.speed".
+        start: One end of its range, in SI units.
+        stop: The other end.
+        num: Values of the sweeps.
+        of: The amplitude of the left blade whose peaks are sought: "x_peak", "x_rms", "y_peak" and so on.
+        over: A second number with its values: a family of responses.
+        at: The value at which the branch begins; by default where the sweep from rest has settled on an
+            orbit, as near to the scene's own value as there is one.
+        most_points: Largest number of points of a branch in one direction.
+        doublings: How many times in succession orbits of twice the period are followed from flips.
+        n_periods: Drive periods kept of each value of the sweeps; by default 64.
+        transient: Drive periods run and discarded first; by default 64.
+        method: How to march: a method, or the accuracy that chooses one; see `method_for`.
+        progress: Called with (lane-periods done, lane-periods in all) of each part.
+
+    Returns:
+        The sweeps, the branches where there is a periodic orbit to begin with, and the peaks. Branches that are not
+        connected to the one followed are not found, but the sweeps may show their motions.
+
+    Raises:
+        KeyError: The scene has no such number.
+        ValueError: The range is empty, a count is too small, or there is no such amplitude.
+        Interrupted: Ctrl-C.
+
+    Source:
+        At half power the amplitude is 1 / sqrt(2) of its peak; the width there over twice the frequency of the peak is
+        the damping ratio of a lightly damped linear oscillator.
+
+    Example:
+        >>> import jax; jax.config.update("jax_enable_x64", True)
+        >>> import jaxshroud as js
+        >>> scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).scene
+        >>> short = dict(num=4, n_periods=4, transient=4, method=js.RungeKutta(steps=100))
+        >>> js.response(scene, "contact.gamma", 2.0, 3.0, **short).status.shape
+        (1, 3, 4)
+    """
+    count_argument("num", num, 2)
+    word_argument("of", of, RESPONSES)
+    low, high = range_of(scene, along, start, stop)
+    family = {} if over is None else {key: np.atleast_1d(np.asarray(values, float)) for key, values in over.items()}
+    if len(family) > 1 or along in family:
+        raise InputError("Argument `over` must be one number, and another one than `along`.")
+    plain = one_scene("response", scene)
+    changes = [(key, float(v)) for key, values in family.items() for v in values] or [None]
+    scenes = [plain if change is None else vary(with_numbers(plain, [change[0]]), *change) for change in changes]
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, of_sweep=True)
+    run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": resolved.as_argument}
+    values = np.linspace(low, high, num)
+    members = [_member(one, along, values, of, at, (most_points, doublings), run, progress) for one in scenes]
+    attributes, _ = resolved.provenance(resolved.transient, int(members[0].sweep.steps_per_period))
+    return Response.of_members(members, along, of, family, attributes)
+
+
+def _member(
+    scene: Scene,
+    along: str,
+    values: np.ndarray,
+    of: str,
+    at: float | None,
+    sizes: tuple[int, int],
+    run: dict,
+    progress: Progress | None,
+) -> Member:
+    """The response of one scene."""
+    low, high = float(values[0]), float(values[-1])
+    swept = sweep(scene, {along: values}, direction="both", amplitudes=True, progress=progress, **run)
+    free = _free_peak(scene, along, low, high, of)
+    own, reason = value_of(with_numbers(scene, [along]), along), "no lane from rest settles on a periodic orbit"
+    for place in _places(swept, values, own) if at is None else [at]:
+        try:
+            found = continued(
+                scene, along, (low, high), BranchStart(place), *sizes, method=run["method"], progress=progress
+            )
+        except NumericalError as error:
+            reason = str(error)
+            continue
+        branch = Branch.of_branches(found.branches, along, (low, high), found.attributes)
+        return Member(swept, branch, branch_peaks(found.problem, found.branches, of), free, "")
+    return Member(swept, None, [], free, reason)
+
+
+def _places(swept: SweepResult, values: np.ndarray, own: float) -> list[float]:
+    """Where the branch may begin: values at which the sweep from rest has an orbit, settled and short ones first."""
+    lanes = swept.data.sel(direction="independent")
+    number, settled = lanes["period_number"].to_numpy(), lanes["settled"].to_numpy() == 1
+    order = sorted(range(len(values)), key=lambda i: (number[i] == 0, not settled[i], number[i], abs(values[i] - own)))
+    return [float(values[i]) for i in order[:MAX_TRIED_PLACES]]
+
+
+def _free_peak(scene: Scene, along: str, low: float, high: float, of: str) -> tuple[float, float]:
+    """Where an amplitude without contact is largest in a range, and that amplitude."""
+    name, kind = of.split("_")
+    share = 1.0 if kind == "peak" else np.sqrt(0.5)
+    numbered, ends = with_numbers(scene, [along]), (low, high)
+    for _ in range(FREE_ZOOMS):
+        values = np.linspace(*ends, FREE_VALUES)
+        levels = free_amplitudes(scenes_at(numbered, [along], values[:, None]))[DISPLACEMENT_NAMES.index(name)][:, 0]
+        top = int(levels.argmax())
+        ends = float(values[max(top - 1, 0)]), float(values[min(top + 1, FREE_VALUES - 1)])
+    return float(values[top]), float(levels[top] * share)

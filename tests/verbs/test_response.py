@@ -1,0 +1,82 @@
+"""Frequency responses: peaks against closed forms and fine sweeps, half-power widths, and what is refused."""
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.scene.checks import InputError
+
+ONE = ['parts.motion=["x"]', 'parts.neighbour="rigid"', "drive.M_0=0"]
+SERIES = js.Taylor(order=10, tolerance=1e-10, steps=200)
+SHORT = {"n_periods": 8, "transient": 40, "method": SERIES}
+
+
+@pytest.fixture(scope="module")
+def touching():
+    """A blade against a rigid neighbour, heavily damped: one smooth peak that contact has shifted."""
+    sets = [*ONE, "blades.c_x=25", "contact.gamma=0.5", "friction.mu=0.3", "shroud.gap=-0.2mm"]
+    scene = js.load("table1", sets).scene
+    return scene, js.response(scene, "drive.omega", 900.0, 2200.0, num=12, **SHORT)
+
+
+def test_a_peak_without_contact_has_the_place_and_the_width_of_the_closed_form():
+    scene = js.load("table1", [*ONE, "blades.c_x=7", "shroud.gap=1m"]).scene
+    found = js.response(scene, "drive.omega", 900.0, 1400.0, num=3, n_periods=2, transient=60, method=SERIES)
+    ((peak,), free) = found.peaks, float(found.free_amplitude[0])
+    k, m, c = (float(np.ravel(a)[0]) for a in (scene.blades.k_x, scene.blades.m, scene.blades.c_x))
+    zeta, omega = c / (2 * np.sqrt(k * m)), np.sqrt(k / m)
+    assert peak["value"] == pytest.approx(omega * np.sqrt(1 - 2 * zeta**2), rel=1e-5)  # flat at its top
+    assert peak["amplitude"] == pytest.approx(free, rel=1e-9)
+    roots = np.sqrt(1 - 2 * zeta**2 + np.array([-1, 1]) * 2 * zeta * np.sqrt(1 - zeta**2))  # of amplitude peak / sqrt 2
+    assert (peak["low"], peak["high"]) == pytest.approx(omega * roots, rel=1e-7)
+    assert peak["zeta"] == pytest.approx(zeta, rel=zeta)  # the half-power rule itself is of first order
+    # Control: the width at half of the amplitude, not of the power, would be sqrt(3) times as large.
+    assert abs(peak["zeta"] * np.sqrt(3) / zeta - 1) > 0.5
+
+
+@pytest.mark.full
+def test_a_peak_is_that_of_a_fine_sweep(touching):
+    scene, found = touching
+    tallest = max(found.peaks, key=lambda peak: peak["amplitude"])
+    near = np.linspace(tallest["value"] * 0.99, tallest["value"] * 1.01, 41)
+    fine = js.sweep(scene, {"drive.omega": near}, amplitudes=True, keep_samples=False, **SHORT | {"transient": 100})
+    levels = fine.x_peak[:, 0]
+    assert tallest["amplitude"] == pytest.approx(levels.max(), rel=1e-4)
+    assert abs(tallest["value"] - near[levels.argmax()]) <= near[1] - near[0]
+    # Control: the largest lane of the coarse sweep misses it.
+    coarse = np.nanmax(found.sweep().x_peak[..., 0])
+    assert coarse < tallest["amplitude"] * (1 - 1e-3)
+
+
+@pytest.mark.full
+def test_a_response_is_stored_and_drawn_again(touching, tmp_path):
+    _, found = touching
+    found.save(tmp_path / "response.nc")
+    again = js.open(tmp_path / "response.nc")
+    assert again.peaks == found.peaks
+    assert again.summary() == found.summary()
+    assert again.branch().special == found.branch().special
+    np.testing.assert_array_equal(again.sweep().x_peak, found.sweep().x_peak)
+    assert len(again.plot().axes) == 2
+
+
+@pytest.mark.full
+def test_a_family_has_a_branch_and_a_peak_for_each_member():
+    scene = js.load("table1", [*ONE, "blades.c_x=7", "shroud.gap=1m"]).scene
+    short = {"num": 3, "n_periods": 2, "transient": 60, "method": SERIES}
+    found = js.response(scene, "drive.omega", 900.0, 1400.0, over={"blades.c_x": [7.0, 14.0]}, **short)
+    assert [peak["member"] for peak in found.peaks] == [0, 1]
+    assert found.peaks[0]["amplitude"] == pytest.approx(2 * found.peaks[1]["amplitude"], rel=0.02)
+    assert {found.branch(i).value[0] for i in (0, 1)} == {900.0}
+
+
+def test_wrong_responses_are_refused_in_one_line():
+    scene = js.load("table1", ONE).scene
+    for arguments, words in (
+        ({"start": 2.0, "stop": 2.0}, "range"),
+        ({"start": 1.0, "stop": 2.0, "of": "x"}, "of"),
+        ({"start": 1.0, "stop": 2.0, "over": {"drive.omega": [1.0]}}, "another one"),
+        ({"start": 1.0, "stop": 2.0, "num": 1}, "num"),
+    ):
+        with pytest.raises((InputError, ValueError), match=words):
+            js.response(scene, "drive.omega", **arguments)
