@@ -96,7 +96,9 @@ def load_values(scenes: Scene, samples: Sample) -> dict[str, np.ndarray]:
         }
 
 
-def sampled_amplitudes(scenes: Scene, motion: Motion, interval: np.ndarray, periods: float) -> dict[str, np.ndarray]:
+def sampled_amplitudes(
+    scenes: Scene, motion: Motion, interval: np.ndarray, periods: float | int
+) -> dict[str, np.ndarray]:
     """The values of `WithAmplitudes` of sampled runs over their last `periods` drive periods.
 
     Between samples the motion is the cubic through the displacements and their rates.

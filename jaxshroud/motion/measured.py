@@ -85,7 +85,7 @@ def predicted_history(scenes: Scene, keys: tuple[str, ...], data: Measurements, 
     duals = along_each(scenes, keys)
     motions = sampled_motions(duals, start_duals(duals), schedule)
     omega = duals.value.drive.omega, duals.tangent.drive.omega
-    values, slopes = _at_times(motions, *omega, data.at, float(schedule.steps))
+    values, slopes = _at_times(motions, *omega, data.at.astype(motions.place.dtype), float(schedule.steps))
     return _predicted(np.asarray(values), np.asarray(slopes), data, len(keys))
 
 
@@ -102,9 +102,10 @@ def _at_times(motions: SampledMotions, omega, omega_by, t, per_period):
 
     def one_lane(place, rate, omega):
         turns = t * omega / math.tau * per_period
-        i = jnp.clip(jnp.floor(turns).astype(jnp.int32), 0, len(place) - 2)
+        before = jnp.clip(jnp.floor(turns), 0.0, len(place) - 2.0)
+        i = before.astype(jnp.int32)
         h = math.tau / omega / per_period
-        return _between_samples(place[i], place[i + 1], h * rate[i], h * rate[i + 1], (turns - i)[:, None])
+        return _between_samples(place[i], place[i + 1], h * rate[i], h * rate[i + 1], (turns - before)[:, None])
 
     def with_tangent(place, rate, place_by, rate_by, omega, omega_by):
         return jax.jvp(one_lane, (place, rate, omega), (place_by, rate_by, omega_by))

@@ -139,7 +139,7 @@ def fit_problem(nominal: Scene, data: Measurements, over: Mapping[str, tuple[flo
         return problem_of(nominal, over, {})
     if "drive.omega" in over:
         raise InputError("drive.omega is given by the frequency response; it cannot be fitted.")
-    return problem_of(nominal, over, {"drive.omega": data.at})
+    return problem_of(nominal, over, {"drive.omega": data.at.tolist()})
 
 
 def fit_corners(problem: Problem) -> Scene:

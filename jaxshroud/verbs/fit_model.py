@@ -1,10 +1,10 @@
 """What a scene says of measurements at points of the unit cube of its fitted numbers, with exact derivatives."""
 
-import jax
 import numpy as np
 
 from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.tangents import as_differentiable
+from jaxshroud.io.variable import jax_lane_arrays
 from jaxshroud.march.method import Choices
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import run_together
@@ -65,7 +65,7 @@ class ResponseModel:
     def _orbits(self, points: np.ndarray) -> list[PeriodicOrbit | None]:
         scenes = in_precision(scenes_of(self.problem, self.problem.values(points)), self.aim.method.precision)
         count, first = len(self.data.at), initial_states(scenes)
-        lane = lambda tree, i: jax.tree.map(lambda a: np.asarray(a)[i], tree)
+        lane = lambda tree, i: jax_lane_arrays(tree, (i,))
         lanes = range(len(points) * count)
         starts = [self.latest.get(i % count, lane(first, i)) for i in lanes]
         searches = [settled_orbit(lane(scenes, i), starts[i], self.most_periods, self.aim) for i in lanes]

@@ -78,7 +78,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
 def test_a_profile_ends_where_chi2_says():
     # Of one wide number; the other is eliminated in closed form, as values are linear in it.
     data = measured(decay, (0.5, 0.5), 0.15, np.random.default_rng(3), known=True)
-    found, ends, notes = found_in(decay, data)
+    found, ends, _ = found_in(decay, data)
     assert ends[1].by == "profile"
 
     def chi2(rate):
@@ -109,7 +109,7 @@ def test_a_number_without_influence_is_named():
 
 
 def test_a_truth_outside_the_bounds_is_named():
-    _, ends, notes = found_in(line, measured(line, (0.5, 1.5), 0.01, np.random.default_rng(6)))
+    _, _, notes = found_in(line, measured(line, (0.5, 1.5), 0.01, np.random.default_rng(6)))
     assert any("b ends at its bound" in note for note in notes)
     assert any("neighbouring residuals are alike" in note for note in notes)  # of a line that does not fit
 

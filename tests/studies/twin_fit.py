@@ -1,9 +1,10 @@
 """A twin experiment of `fit`: python tests/studies/twin_fit.py [DRAWS].
 
 Friction stiffness, friction coefficient, gap, contact stiffness and damping are to be found from x and y of both blades
-over six periods from rest, measured 16 times a period with noise of 1 % of each signal's root mean square. Each draw has
-noise of its own. What is measured is computed by dopri8 with bisection, at 800 steps a period; what is fitted is marched
-by RK4. Nobody tells the fit how large the noise is, nor more of the numbers than bounds of 0.4 and 2.5 times their values.
+over six periods from rest, measured 16 times a period with noise of 1 % of each signal's root mean square. Each draw
+has noise of its own. What is measured is computed by dopri8 with bisection, at 800 steps a period; what is fitted is
+marched by RK4. Nobody tells the fit how large the noise is, nor more of the numbers than bounds of 0.4 and 2.5 times
+their values.
 
 A draw counts as recovered where the joint 95 % region of all five numbers holds the truth: p F(p, n - p) of their
 quadratic form. By chance it does so in 19 of 20 draws. Each number's own interval is counted too, 100 of them.
