@@ -15,6 +15,8 @@ from jaxshroud.verbs.fit import fit_corners, fit_problem
 
 
 def _fit_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+    """The measurements, which are looked at before anything is written, and the bounds."""
+    read_measurements(options.measurements)
     return {"measurements": options.measurements, "over": bounds(file, options.over)}
 
 

@@ -5,7 +5,9 @@ from functools import partial
 
 import numpy as np
 import xarray as xr
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from jaxshroud.plotting.page import Page, Panel
 from jaxshroud.plotting.style import (
@@ -78,7 +80,7 @@ def _draw_quantity(panel: Axes, ds: xr.Dataset, name: str, look: Look) -> None:
         filled = color if style == "-" else "none"
         marks: Properties = {"ls": "", "marker": marker, "ms": 2.4, "mew": 0.5, "mec": color, "mfc": filled}
         panel.plot(factor * ds["at"], scale * ds["measured"][:, i], label=words, **marks)
-        panel.plot(factor * ds["curve_at"], scale * ds["curve"][:, i], color=INK, ls=style, lw=0.7, label="fit")
+        panel.plot(factor * ds["curve_at"], scale * ds["curve"][:, i], color=color, ls=style, lw=0.7, label="fit")
         measures.append(measure)
     symbol = r"$\theta$" if name == "theta" else f"${name}$"
     panel.set(xlabel=label, ylabel=f"{'amplitude of ' if any(measures) else ''}{symbol} [{unit}]")
@@ -98,8 +100,10 @@ def _draw_residuals(panel: Axes, ds: xr.Dataset) -> None:
 
 def _add_legend(figure: AnyFigure, axes: Mapping[str, Axes], ds: xr.Dataset) -> None:
     figure.align_ylabels([*axes.values()])
-    handles = {}
+    shown: dict[str, Artist] = {"fit": Line2D([], [], color=INK, lw=0.7)}
     for panel in axes.values():
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
-            handles.setdefault(label, handle)
-    legend_below(figure, [*handles.values()])
+            shown.setdefault(label, handle)
+    line = shown.pop("fit")
+    line.set_label("fit")
+    legend_below(figure, [*shown.values(), line])

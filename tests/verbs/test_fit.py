@@ -143,3 +143,50 @@ def test_what_cannot_be_fitted_is_told_in_one_line(table, over, told):
     with pytest.raises(js.InputError, match=told) as error:
         js.fit(SCENE, table, over, method=HOW)
     assert "\n" not in str(error.value)
+
+
+ASKED = ["--steps-per-period", str(STEPS), "--over", "blades.c_x=20:80", "--scan", "2", "--starts", "1"]
+SCENE_WORDS = ["table1", "--set", 'parts.motion=["x"]', "--set", "blades.c_x=30", "--set", "drive.F_0=60"]
+
+
+@pytest.fixture
+def measured(tmp_path):
+    """The file of a history of the scene."""
+    table = history(SCENE, noise=0.02)
+    rows = [",".join(map(repr, row)) for row in np.stack([*table.values()], axis=1).tolist()]
+    (tmp_path / "measured.csv").write_text("\n".join([",".join(table), *rows]) + "\n", "utf-8")
+    return tmp_path / "measured.csv"
+
+
+def test_the_command_writes_the_fit_and_the_scene_that_it_found(measured, tmp_path, capsys):
+    out = tmp_path / "fit"
+    assert cli.main(["fit", *SCENE_WORDS, str(measured), *ASKED, "--out", str(out)]) == 0
+    assert "blades.c_x" in capsys.readouterr().out
+    assert {path.name for path in out.iterdir()} == {"fit.nc", "fit.png", "summary.json", "best.toml"}
+    found = js.open(out / "fit.nc")
+    assert js.value_of(js.load(out / "best.toml").scene, "blades.c_x") == found.value["blades.c_x"]
+    assert (
+        json.loads((out / "summary.json").read_text("utf-8"))["over"]["blades.c_x"]["value"]
+        == found.value["blades.c_x"]
+    )
+    assert found.numbers["blades.c_x"].holds(40.0)
+    assert cli.main(["plot", str(out / "fit.nc"), "--out", str(tmp_path / "again.png")]) == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "told"),
+    [
+        (lambda text: text.replace("[mm]", "[kg]", 1), ASKED, "is a mass, but a length is needed"),
+        (lambda text: text + "1e6,nan,1\n", ASKED, "'nan' is no finite number"),
+        (lambda text: "\n".join(text.splitlines()[:1]), ASKED, "has no data"),
+        (lambda text: text, [*ASKED, "--over", "blades.k_x=-1:1e5"], "must be greater than 0"),
+        (lambda text: text, [*ASKED, "--over", "shroud.gap=1kg:2kg"], "is a mass, but a length is needed"),
+        (lambda text: text.replace("x_right", "theta_right"), ASKED, "theta_right is measured, but does not move"),
+    ],
+)
+def test_wrong_input_of_the_command_is_one_line(change, words, told, measured, tmp_path, capsys):
+    measured.write_text(change(measured.read_text("utf-8")), "utf-8")
+    assert cli.main(["fit", *SCENE_WORDS, str(measured), *words, "--out", str(tmp_path / "fit")]) == 2
+    error = capsys.readouterr().err.strip()
+    assert told in error
+    assert len(error.splitlines()) == 1
