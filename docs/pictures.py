@@ -128,7 +128,7 @@ def fit(path: Path) -> None:
     import jaxshroud as js
 
     scene, rng = js.load("fig09_best").scene, np.random.default_rng(0)
-    run = js.simulate(scene, n_periods=4, every=16, method=js.RungeKutta("dopri8", steps=800))
+    run = js.simulate(scene, n_periods=4, every=32, method=js.RungeKutta("dopri8", steps=800))
     x, theta = run.motion.x, run.motion.theta
     signals = {"x_left [m]": x[:, 0], "x_right [m]": x[:, 1], "theta_left [rad]": theta[:, 0]}
     noisy = {name: q + 0.03 * np.std(q) * rng.standard_normal(q.shape) for name, q in signals.items()}

@@ -26,6 +26,7 @@ RESPONSE = {
     for place, measure, blade in product(DISPLACEMENT_NAMES, MEASURES, range(len(BLADES)))
     for channel in [Channel(place, blade, measure)]
 }
+UNIT_EXAMPLES = {"m": "mm", "rad": "deg"}  # of an SI unit
 CHANNELS = HISTORY | RESPONSE
 
 
@@ -88,7 +89,7 @@ def measurements_from(table: Mapping[str, Any], where: str = "the measurements")
         InputError: A column is unknown, has no unit or a wrong one, or holds what cannot be measured; or the axis is
             missing, or there are two.
     """
-    pairs = [_column(str(header), values, where) for header, values in table.items()]
+    pairs = [_si_column(str(header), values, where) for header, values in table.items()]
     columns = dict(pairs)
     if len(columns) < len(pairs):
         names = [name for name, _ in pairs]
@@ -96,7 +97,7 @@ def measurements_from(table: Mapping[str, Any], where: str = "the measurements")
     if len({column.size for column in columns.values()}) > 1:
         raise InputError(f"{where}: the columns differ in length")
     is_history = _is_history(columns, where)
-    at = columns["t"] if is_history else _frequencies(columns, where)
+    at = columns["t"] if is_history else _drive_frequencies(columns, where)
     channels = [CHANNELS[name] for name in columns if name in CHANNELS]
     _check_channels(channels, is_history, columns, where)
     _check_axis(at, is_history, where)
@@ -116,11 +117,11 @@ def _name_and_unit(header: str, where: str) -> tuple[str, str, str]:
         raise InputError(f"{where}: column {header.strip()!r} is unknown{cure}")
     unit = known[stem]
     if match["unit"] is None and unit:
-        raise InputError(f"{where}: column {name} has no unit; write e.g. `{name} [{_EXAMPLES.get(unit, unit)}]`")
+        raise InputError(f"{where}: column {name} has no unit; write e.g. `{name} [{UNIT_EXAMPLES.get(unit, unit)}]`")
     return name, match["unit"] or "", unit
 
 
-def _column(header: str, values: Any, where: str) -> tuple[str, np.ndarray]:
+def _si_column(header: str, values: Any, where: str) -> tuple[str, np.ndarray]:
     """The name of a column, and its values in SI units."""
     name, given, unit = _name_and_unit(header, where)
     try:
@@ -129,9 +130,6 @@ def _column(header: str, values: Any, where: str) -> tuple[str, np.ndarray]:
         raise
     except ValueError as error:
         raise InputError(f"{where}: column {header.strip()}: its unit {error}") from None
-
-
-_EXAMPLES = {"m": "mm", "rad": "deg"}
 
 
 def _finite(values: Any, header: str, where: str) -> np.ndarray:
@@ -158,7 +156,7 @@ def _is_history(columns: Columns, where: str) -> bool:
     return axes == ["t"]
 
 
-def _frequencies(columns: Columns, where: str) -> np.ndarray:
+def _drive_frequencies(columns: Columns, where: str) -> np.ndarray:
     """The circular frequencies of the drive [rad/s]."""
     if "f" in columns:
         return math.tau * columns["f"]

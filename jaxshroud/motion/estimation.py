@@ -14,7 +14,7 @@ TOLERANCE = 1e-9  # of the cost, of the step and of the slope at which a descent
 FEWEST_NOISE = 1e-9  # least noise of a channel, over the root mean square of its values
 SAME_NOISE = 0.01  # relative change of the noise at which weights are settled
 MOST_REWEIGHTINGS = 5
-FLAT = 0.1  # half width of an interval, over the range of its number, from which it is found by profile
+WIDE_INTERVAL = 0.1  # half width of an interval, over the range of its number, from which it is found by profile
 CONFOUNDED = 0.99  # correlation from which two numbers cannot be told from one another
 NO_INFLUENCE = 1.0  # change of all data over their noise that a number makes across its range
 NONLINEAR = 0.3  # relative departure from the linear model at the ends of intervals from which profiles are taken
@@ -88,7 +88,7 @@ def descend(misfit: Misfit, start: np.ndarray, free: Sequence[int]) -> Minimum:
     found = least_squares(
         lambda part: misfit.at(whole(part))[0],
         start[free],
-        lambda part: misfit.at(whole(part))[1][:, free],
+        lambda part: misfit.at(whole(part))[1][:, free],  # pyright: ignore[reportArgumentType]
         bounds=(0.0, 1.0),
         **dict.fromkeys(("ftol", "xtol", "gtol"), TOLERANCE),
         max_nfev=MOST_EVALUATIONS,
@@ -96,7 +96,7 @@ def descend(misfit: Misfit, start: np.ndarray, free: Sequence[int]) -> Minimum:
     return Minimum(whole(found.x), 2 * float(found.cost))
 
 
-class Interval(NamedTuple):
+class NumberInterval(NamedTuple):
     """The 95 % interval of one number, in the unit cube."""
 
     low: float
@@ -194,24 +194,24 @@ def linear_departure(found: Estimate) -> float:
     return float(np.max(np.linalg.norm(moved - linear, axis=1) / size))
 
 
-def intervals(found: Estimate, departure: float) -> list[Interval]:
+def intervals(found: Estimate, departure: float) -> list[NumberInterval]:
     """The 95 % intervals: of the linear model, or by profile where that is wide, confounded or has a `departure`."""
     half = found.quantile * np.sqrt(np.diag(found.covariance))
     others = np.abs(found.correlation - np.eye(len(half)))
     at_bound = (found.u <= PROFILE_TOLERANCE) | (found.u >= 1 - PROFILE_TOLERANCE)
-    profiled = (departure > NONLINEAR) | (half > FLAT) | (others.max(axis=1) > CONFOUNDED) | at_bound
+    profiled = (departure > NONLINEAR) | (half > WIDE_INTERVAL) | (others.max(axis=1) > CONFOUNDED) | at_bound
     return [
         _profile(found, i, float(half[i]))
         if profiled[i]
-        else Interval(float(found.u[i] - half[i]), float(found.u[i] + half[i]), "jacobian")
+        else NumberInterval(float(found.u[i] - half[i]), float(found.u[i] + half[i]), "jacobian")
         for i in range(len(half))
     ]
 
 
-def _profile(found: Estimate, i: int, half: float) -> Interval:
+def _profile(found: Estimate, i: int, half: float) -> NumberInterval:
     """The values of a number for which chi^2, the others fitted anew, stays below that of 95 %."""
     (low, low_open), (high, high_open) = (_profile_end(found, i, side * min(half, WIDEST_STEP)) for side in (-1, 1))
-    return Interval(low, high, "profile", (low_open, high_open))
+    return NumberInterval(low, high, "profile", (low_open, high_open))
 
 
 def _profile_end(found: Estimate, i: int, step: float) -> tuple[float, bool]:

@@ -11,18 +11,20 @@ from jaxshroud.motion.estimation import (
     NONLINEAR,
     PROFILE_TOLERANCE,
     Estimate,
-    Interval,
+    NumberInterval,
     lag_correlation,
     random_limit,
 )
 
-GROWTH = 1e3  # of derivatives from the first half of a history to the second, from which its end is in doubt
+SENSITIVITY_GROWTH = (
+    1e3  # of derivatives from the first half of a history to the second, from which its end is in doubt
+)
 BENT = "the model is not linear within the intervals, which are found by profile"
 ILL_FIT = 4.0  # standard deviations of chi^2 above its expectation
 
 
 def findings(
-    found: Estimate, keys: Sequence[str], ends: Sequence[Interval], departure: float, is_history: bool
+    found: Estimate, keys: Sequence[str], ends: Sequence[NumberInterval], departure: float, is_history: bool
 ) -> list[str]:
     """What should be known before the numbers are used; empty where all are determined by the data.
 
@@ -43,7 +45,7 @@ def findings(
     ]
 
 
-def _undetermined(found: Estimate, keys: Sequence[str], ends: Sequence[Interval]) -> list[str]:
+def _undetermined(found: Estimate, keys: Sequence[str], ends: Sequence[NumberInterval]) -> list[str]:
     said = []
     for key, interval, influence, u in zip(keys, ends, found.influence, found.u, strict=True):
         if influence < NO_INFLUENCE:
@@ -58,7 +60,7 @@ def _undetermined(found: Estimate, keys: Sequence[str], ends: Sequence[Interval]
 
 
 def _confounded(found: Estimate, keys: Sequence[str]) -> list[str]:
-    known = np.flatnonzero(found.influence >= NO_INFLUENCE)
+    known = np.flatnonzero(found.influence >= NO_INFLUENCE).tolist()
     pairs = [(i, j) for i in known for j in known if i < j]
     of = {(i, j): float(found.correlation[i, j]) for i, j in pairs}
     return [
@@ -93,6 +95,6 @@ def _doubts_of_residuals(found: Estimate) -> list[str]:
 def _growing(found: Estimate) -> list[str]:
     rows = np.linalg.norm(found.jacobian.reshape(len(found.misfit.data.values), -1), axis=1)
     first, second = (float(np.max(part, initial=0.0)) for part in np.array_split(rows, 2))
-    if second <= GROWTH * first:
+    if second <= SENSITIVITY_GROWTH * first:
         return []
     return [f"derivatives grow {second / max(first, 1e-300):.1e}-fold along the record, as in chaos: use less of it"]

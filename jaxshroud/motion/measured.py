@@ -35,7 +35,7 @@ class Channel(NamedTuple):
         return "_".join(filter(None, (self.place, self.measure, BLADES[self.blade])))
 
     @property
-    def index(self) -> int:
+    def column(self) -> int:
         """Its place among x, y and theta, left before right."""
         return 2 * DISPLACEMENT_NAMES.index(self.place) + self.blade
 
@@ -91,7 +91,7 @@ def predicted_history(scenes: Scene, keys: tuple[str, ...], data: Measurements, 
 
 def _predicted(values: np.ndarray, slopes: np.ndarray, data: Measurements, keys: int) -> Predicted:
     """Values and slopes (points * keys, n, 6) by points and channels."""
-    columns = [channel.index for channel in data.channels]
+    columns = [channel.column for channel in data.channels]
     by_point = lambda a: a[..., columns].reshape(-1, keys, *a.shape[1:-1], len(columns))
     return Predicted(by_point(values)[:, 0], np.moveaxis(by_point(slopes), 1, -1))
 

@@ -42,7 +42,7 @@ def orbit_amplitudes_by(
     for i, orbit in enumerate(orbits):
         if orbit is not None and orbit.sound:
             alike[orbit.q].append((i, orbit))
-    places = [MEASURES.index(channel.measure) for channel in channels], [channel.index for channel in channels]
+    places = [MEASURES.index(channel.measure) for channel in channels], [channel.column for channel in channels]
     for group in alike.values():
         numbers, sound = (list(part) for part in zip(*group, strict=True))
         of_all, by_all = _amplitudes_of_alike(sound, keys)
@@ -57,8 +57,8 @@ def _amplitudes_of_alike(orbits: Sequence[PeriodicOrbit], keys: Sequence[str]) -
     schedule = Schedule(first.q * steps, 1, steps, as_differentiable(first.method))
     directions = [direction(first.scene, key) for key in keys]
     problems = [TangentProblem(orbit.scene, orbit.start, directions) for orbit in orbits]
-    duals = jax.tree.map(lambda *a: np.concatenate(a), *(problem.duals for problem in problems))
-    motions = sampled_motions(*duals, schedule)
+    scenes, states = jax.tree.map(lambda *a: np.concatenate(a), *(problem.duals for problem in problems))
+    motions = sampled_motions(scenes, states, schedule)
     by_orbit = jax.tree.map(lambda a: a.reshape(len(orbits), STATE_SIZE + len(keys), *a.shape[1:]), motions)
     moved = [_moved_along(orbit, jax.tree.map(lambda a, i=i: a[i], by_orbit)) for i, orbit in enumerate(orbits)]
     interval = [math.tau / float(orbit.scene.drive.omega) / steps for orbit in orbits]

@@ -7,7 +7,6 @@ import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
 
 from jaxshroud.plotting.page import Page, Panel
 from jaxshroud.plotting.style import (
@@ -24,7 +23,7 @@ from jaxshroud.plotting.style import (
     legend_below,
 )
 
-SIDES = {"left": (BLUE, "o"), "right": (ORANGE, "s")}  # blade -> colour and mark
+SIDE_MARKS = {"left": (BLUE, "o"), "right": (ORANGE, "s")}  # blade -> colour and mark
 MEASURE_STYLES = {"": "-", "rms": "-", "peak": "--"}
 MEASURE_WORDS = {"": "", "rms": "RMS ", "peak": "peak "}
 MILLISECONDS = 1e3
@@ -45,7 +44,7 @@ def fit_page(ds: xr.Dataset, look: Look) -> Page[xr.Dataset]:
     return Page(ds, [*panels, Panel("residuals", _draw_residuals, 0.6)], title, size, shared="x", finish=_add_legend)
 
 
-def _axis(ds: xr.Dataset) -> tuple[str, float]:
+def _place_axis(ds: xr.Dataset) -> tuple[str, float]:
     """The label of the x axis, and its factor from SI units."""
     return ("time [ms]", MILLISECONDS) if ds.attrs["data_kind"] == "history" else (r"$\omega$ [rad/s]", 1.0)
 
@@ -70,17 +69,17 @@ def _words(channel: str) -> tuple[str, str]:
 
 def _draw_quantity(panel: Axes, ds: xr.Dataset, name: str, look: Look) -> None:
     """The measured values of one quantity, and the fit."""
-    (label, factor), (unit, scale) = _axis(ds), _unit(ds, name, look)
+    (label, factor), (unit, scale) = _place_axis(ds), _unit(ds, name, look)
     measures = []
     for i in _columns(ds, name):
         measure, side = _words(str(ds["channel"].to_numpy()[i]))
-        color, marker = SIDES[side]
+        color, marker = SIDE_MARKS[side]
         style = MEASURE_STYLES[measure]
         words = f"{side}, {MEASURE_WORDS[measure]}measured"
         filled = color if style == "-" else "none"
         marks: Properties = {"ls": "", "marker": marker, "ms": 2.4, "mew": 0.5, "mec": color, "mfc": filled}
         panel.plot(factor * ds["at"], scale * ds["measured"][:, i], label=words, **marks)
-        panel.plot(factor * ds["curve_at"], scale * ds["curve"][:, i], color=color, ls=style, lw=0.7, label="fit")
+        panel.plot(factor * ds["curve_at"], scale * ds["curve"][:, i], color=INK, ls=style, lw=0.7, label="fit")
         measures.append(measure)
     symbol = r"$\theta$" if name == "theta" else f"${name}$"
     panel.set(xlabel=label, ylabel=f"{'amplitude of ' if any(measures) else ''}{symbol} [{unit}]")
@@ -88,11 +87,11 @@ def _draw_quantity(panel: Axes, ds: xr.Dataset, name: str, look: Look) -> None:
 
 def _draw_residuals(panel: Axes, ds: xr.Dataset) -> None:
     """What is left over of every channel, over its noise."""
-    label, factor = _axis(ds)
+    label, factor = _place_axis(ds)
     panel.axhspan(-LIMITS_SHOWN, LIMITS_SHOWN, color=GREY, alpha=0.2, lw=0)
     left = ((ds["measured"] - ds["fitted"]) / ds["sigma"]).to_numpy()
     for i, channel in enumerate(ds["channel"].to_numpy()):
-        color, marker = SIDES[_words(str(channel))[1]]
+        color, marker = SIDE_MARKS[_words(str(channel))[1]]
         panel.plot(factor * ds["at"], left[:, i], ls="", marker=marker, ms=1.8, mew=0, color=color)
     panel.set(xlabel=label, ylabel="residual\nover noise")
     panel.set_ylim(*(np.array([-1, 1]) * max(3.2, 1.1 * float(np.nanmax(np.abs(left), initial=0.0)))))
@@ -100,10 +99,8 @@ def _draw_residuals(panel: Axes, ds: xr.Dataset) -> None:
 
 def _add_legend(figure: AnyFigure, axes: Mapping[str, Axes], ds: xr.Dataset) -> None:
     figure.align_ylabels([*axes.values()])
-    shown: dict[str, Artist] = {"fit": Line2D([], [], color=INK, lw=0.7)}
+    shown: dict[str, Artist] = {}
     for panel in axes.values():
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             shown.setdefault(label, handle)
-    line = shown.pop("fit")
-    line.set_label("fit")
-    legend_below(figure, [*shown.values(), line])
+    legend_below(figure, sorted(shown.values(), key=lambda handle: handle.get_label() == "fit"))

@@ -14,9 +14,10 @@ from jaxshroud.io.measurements import measurements_from, read_measurements
 from jaxshroud.march.method import Method
 from jaxshroud.march.stability import stiffest
 from jaxshroud.motion.estimation import (
+    MOST_EVALUATIONS,
     Data,
     Estimate,
-    Interval,
+    NumberInterval,
     estimate,
     intervals,
     linear_departure,
@@ -35,7 +36,6 @@ from jaxshroud.verbs.lanes import one_scene, with_tangents
 from jaxshroud.verbs.options import MarchPlan, resolve_options
 
 CURVE_POINTS = 1000  # of the fitted history that is drawn
-MOST_PARTIAL = 60  # evaluations per start that progress counts with
 
 
 @typed
@@ -109,7 +109,7 @@ def fit(
     march = with_tangents(resolved, fit_corners(problem))
     model = _model_of(problem, data, march, most_periods)
     points = _first_points(problem, scan, seed)
-    report = _Counted(model, len(points) + starts * MOST_PARTIAL, progress)
+    report = _Counted(model, len(points) + starts * MOST_EVALUATIONS, progress)
     found = estimate(report, _weighted(data), points, min(starts, len(points)))
     departure = linear_departure(found)
     ends = intervals(found, departure)
@@ -205,7 +205,7 @@ def _result(
     data: Measurements,
     model: FitModel,
     found: Estimate,
-    ends: Sequence[Interval],
+    ends: Sequence[NumberInterval],
     settings: Mapping[str, object],
     attrs: Mapping[str, object],
 ) -> Fit:

@@ -21,8 +21,8 @@ class HistoryModel:
 
     def __init__(self, problem: Problem, data: Measurements, steps: int, method: Choices, shortest_period: float):
         self.problem, self.data, self.steps = problem, data, steps
-        self.precision = method.precision
-        self.schedule = history_schedule(float(data.at[-1]), shortest_period, steps, as_differentiable(method))
+        self.method = as_differentiable(method)
+        self.schedule = history_schedule(float(data.at[-1]), shortest_period, steps, self.method)
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Displacements at the measured times (points, n, channels), and slopes in the unit cube (..., keys)."""
@@ -35,7 +35,7 @@ class HistoryModel:
         return t, self._at(u[None], self.data._replace(at=t)).values[0]
 
     def _at(self, points: np.ndarray, data: Measurements) -> Predicted:
-        scenes = in_precision(scenes_of(self.problem, self.problem.values(points)), self.precision)
+        scenes = in_precision(scenes_of(self.problem, self.problem.values(points)), self.method.precision)
         return predicted_history(scenes, tuple(self.problem.over), data, self.schedule)
 
 
@@ -67,7 +67,7 @@ class ResponseModel:
         count, first = len(self.data.at), initial_states(scenes)
         lane = lambda tree, i: jax_lane_arrays(tree, (i,))
         lanes = range(len(points) * count)
-        starts = [self.latest.get(i % count, lane(first, i)) for i in lanes]
+        starts = [self.latest[i % count] if i % count in self.latest else lane(first, i) for i in lanes]
         searches = [settled_orbit(lane(scenes, i), starts[i], self.most_periods, self.aim) for i in lanes]
         orbits = [orbit if isinstance(orbit, PeriodicOrbit) else None for orbit in run_together(searches)]
         if len(points) == 1:

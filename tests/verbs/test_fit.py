@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
+from jaxshroud.cli import commands as cli
 from jaxshroud.io.measurements import measurements_from
 from jaxshroud.verbs.fit import fit_problem
 from jaxshroud.verbs.fit_model import HistoryModel, ResponseModel
