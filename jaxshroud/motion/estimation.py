@@ -32,6 +32,14 @@ class Data(NamedTuple):
     sigma_is_known: bool
 
 
+class Residuals(NamedTuple):
+    """Residuals over the noise, of points (leading axis) or of one."""
+
+    values: np.ndarray  # (n * c,)
+    jacobian: np.ndarray  # (n * c, keys)
+    known: np.ndarray  # (n * c,) whether the model says something
+
+
 class Misfit:
     """The weighted residuals of one problem and their Jacobian, which are computed together.
 
@@ -40,23 +48,23 @@ class Misfit:
 
     def __init__(self, predict: Predict, data: Data):
         self.predict, self.data, self.evaluations = predict, data, 0
-        self._latest: tuple[bytes, np.ndarray, np.ndarray] | None = None
+        self._latest: tuple[bytes, Residuals] | None = None
 
-    def of_points(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (points, n * c) and Jacobians (points, n * c, keys)."""
+    def of_points(self, points: np.ndarray) -> "Residuals":
+        """The residuals of points, and their Jacobians."""
         values, slopes = self.predict(points)
         known = np.isfinite(values) & np.isfinite(slopes).all(axis=-1)
         residuals = np.where(known, values - self.data.values, self.data.values) / self.data.sigma
         slopes = np.where(known[..., None], slopes, 0.0) / self.data.sigma[..., None]
         self.evaluations += len(points)
-        return residuals.reshape(len(points), -1), slopes.reshape(len(points), -1, points.shape[1])
+        rows = lambda a: a.reshape(len(points), -1, *a.shape[3:])
+        return Residuals(rows(residuals), rows(slopes), rows(known))
 
-    def at(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals and Jacobian at one point."""
+    def at(self, u: np.ndarray) -> "Residuals":
+        """Those of one point."""
         if self._latest is None or self._latest[0] != u.tobytes():
-            residuals, slopes = self.of_points(u[None])
-            self._latest = u.tobytes(), residuals[0], slopes[0]
-        return self._latest[1:]
+            self._latest = u.tobytes(), Residuals(*(a[0] for a in self.of_points(u[None])))
+        return self._latest[1]
 
     def with_sigma(self, sigma: np.ndarray) -> "Misfit":
         """The same with another noise."""
@@ -78,7 +86,7 @@ def descend(misfit: Misfit, start: np.ndarray, free: Sequence[int]) -> Minimum:
 
     free = list(free)
     if not free:
-        return Minimum(start, float(np.sum(misfit.at(start)[0] ** 2)))
+        return Minimum(start, float(np.sum(misfit.at(start).values ** 2)))
 
     def whole(part: np.ndarray) -> np.ndarray:
         u = np.array(start)
@@ -86,9 +94,9 @@ def descend(misfit: Misfit, start: np.ndarray, free: Sequence[int]) -> Minimum:
         return u
 
     found = least_squares(
-        lambda part: misfit.at(whole(part))[0],
+        lambda part: misfit.at(whole(part)).values,
         start[free],
-        lambda part: misfit.at(whole(part))[1][:, free],  # pyright: ignore[reportArgumentType]
+        lambda part: misfit.at(whole(part)).jacobian[:, free],  # pyright: ignore[reportArgumentType]
         bounds=(0.0, 1.0),
         **dict.fromkeys(("ftol", "xtol", "gtol"), TOLERANCE),
         max_nfev=MOST_EVALUATIONS,
@@ -114,6 +122,7 @@ class Estimate(NamedTuple):
     misfit: Misfit
     residuals: np.ndarray  # (n * c,) over the noise
     jacobian: np.ndarray  # (n * c, keys)
+    known: np.ndarray  # (n * c,) whether the fitted model says something
     minima: list[Minimum]  # of all starts, the best first
 
     @property
@@ -151,18 +160,18 @@ def estimate(predict: Predict, data: Data, points: np.ndarray, n_starts: int) ->
         NumericalError: The model says nothing of the data at any of the points.
     """
     misfit = Misfit(predict, data)
-    residuals, slopes = misfit.of_points(points)
-    if not slopes.any():
+    first = misfit.of_points(points)
+    if not first.known.any():
         raise NumericalError("The model says nothing of the data at any start: its runs stop, or find no orbit.")
-    best_first = np.argsort(np.sum(residuals**2, axis=1), kind="stable")[:n_starts]
+    best_first = np.argsort(np.sum(first.values**2, axis=1), kind="stable")[:n_starts]
     every = range(points.shape[1])
     minima = sorted((descend(misfit, points[i], every) for i in best_first), key=lambda found: found.chi2)
     best = minima[0]
     if not data.sigma_is_known:
         misfit, best = _reweighted(misfit, best)
-        minima = [best, *(m._replace(chi2=float(np.sum(misfit.at(m.u)[0] ** 2))) for m in minima[1:])]
-    residuals, jacobian = misfit.at(best.u)
-    return Estimate(best.u, best.chi2, residuals.size - len(every), misfit, residuals, jacobian, minima)
+        minima = [best, *(m._replace(chi2=float(np.sum(misfit.at(m.u).values ** 2))) for m in minima[1:])]
+    freedom = data.values.size - len(every)
+    return Estimate(best.u, best.chi2, freedom, misfit, *misfit.at(best.u), minima)
 
 
 def _reweighted(misfit: Misfit, best: Minimum) -> tuple[Misfit, Minimum]:
@@ -171,7 +180,7 @@ def _reweighted(misfit: Misfit, best: Minimum) -> tuple[Misfit, Minimum]:
     spared = data.values.size / (data.values.size - len(best.u))
     least = FEWEST_NOISE * np.sqrt(np.mean(data.values**2, axis=0))
     for _ in range(MOST_REWEIGHTINGS):
-        residuals = misfit.at(best.u)[0].reshape(data.values.shape) * misfit.data.sigma
+        residuals = misfit.at(best.u).values.reshape(data.values.shape) * misfit.data.sigma
         noise = np.maximum(np.sqrt(spared * np.mean(residuals**2, axis=0)), least)
         change = np.max(np.abs(noise / misfit.data.sigma[0] - 1))
         misfit = misfit.with_sigma(np.broadcast_to(noise, data.values.shape))
@@ -179,7 +188,7 @@ def _reweighted(misfit: Misfit, best: Minimum) -> tuple[Misfit, Minimum]:
             best = descend(misfit, best.u, every)
         else:
             break
-    return misfit, Minimum(best.u, float(np.sum(misfit.at(best.u)[0] ** 2)))
+    return misfit, Minimum(best.u, float(np.sum(misfit.at(best.u).values ** 2)))
 
 
 def linear_departure(found: Estimate) -> float:
@@ -188,7 +197,7 @@ def linear_departure(found: Estimate) -> float:
     steps = found.quantile * np.sqrt(np.maximum(values, 0))[:, None] * axes.T
     steps = np.stack([steps, -steps], axis=1).reshape(-1, len(values))
     points = np.clip(found.u + steps, 0, 1)
-    moved = found.misfit.of_points(points)[0] - found.residuals
+    moved = found.misfit.of_points(points).values - found.residuals
     linear = (points - found.u) @ found.jacobian.T
     size = np.maximum(np.linalg.norm(linear, axis=1), found.quantile * 1e-3)
     return float(np.max(np.linalg.norm(moved - linear, axis=1) / size))

@@ -39,6 +39,7 @@ def findings(
         *_undetermined(found, keys, ends),
         *_confounded(found, keys),
         *_other_minima(found),
+        *_silence(found),
         *_doubts_of_residuals(found),
         *([BENT] if departure > NONLINEAR else []),
         *(_growing(found) if is_history else []),
@@ -75,6 +76,15 @@ def _other_minima(found: Estimate) -> list[str]:
     far = [m for m in found.minima[1:] if np.max(np.abs(m.u - found.u)[felt], initial=0.0) > APART]
     alike = [m for m in far if m.chi2 < found.chi2 + found.quantile**2]
     return [f"{len(alike)} of the starts end elsewhere and fit as well: there is more than one answer"] if alike else []
+
+
+def _silence(found: Estimate) -> list[str]:
+    silent = int(np.sum(~found.known))
+    if not silent:
+        return []
+    return [
+        f"of {silent} of {found.known.size} values the fitted scene says nothing: it stops, or finds no orbit there"
+    ]
 
 
 def _doubts_of_residuals(found: Estimate) -> list[str]:

@@ -120,6 +120,17 @@ def test_noise_that_is_stated_too_small_is_named():
     assert any(note.startswith("the residuals are 5") or note.startswith("the residuals are 4.") for note in notes)
 
 
+def test_derivatives_that_grow_along_a_record_are_named():
+    def grows(points):
+        """Values and slopes of u_0 + 1e-6 u_1 exp(20 t)."""
+        rise = np.broadcast_to(1e-6 * np.exp(20 * TIMES), (len(points), len(TIMES)))
+        values, slopes = points[:, :1] + points[:, 1:] * rise, np.stack([np.full_like(rise, 1e-6), rise], -1)
+        return values[..., None], slopes[:, :, None]
+
+    _, _, notes = found_in(grows, measured(grows, (0.5, 0.5), 0.01, np.random.default_rng(10), known=True))
+    assert any("as in chaos" in note for note in notes)
+
+
 def test_each_channel_has_its_own_noise():
     both = lambda points: tuple(np.concatenate([a, a * 1e-3], axis=2) for a in line(points))
     rng, exact = np.random.default_rng(8), both(np.array([(0.4, 0.5)]))[0][0]
@@ -133,8 +144,12 @@ def test_each_channel_has_its_own_noise():
 
 def test_where_the_model_says_nothing_a_descent_turns_back():
     half = lambda points: tuple(np.where(points[:, 1] < 0.7, a.T, np.nan).T for a in line(points))
-    found, _, _ = found_in(half, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(9)))
+    found, _, notes = found_in(half, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(9)))
     assert abs(found.u[1] - 0.5) < 0.05
+    assert notes == []
+    later = lambda points: (np.where(TIMES[:, None] < 0.9, line(points)[0], np.nan), line(points)[1])
+    _, _, notes = found_in(later, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(9)))
+    assert "of 4 of 40 values the fitted scene says nothing: it stops, or finds no orbit there" in notes
     nowhere = lambda points: tuple(a * np.nan for a in line(points))
     with pytest.raises(js.NumericalError, match="says nothing of the data"):
         estimate(nowhere, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(9)), STARTS, 2)

@@ -114,6 +114,17 @@ def test_numbers_that_cannot_be_told_apart_are_named():
     assert told.numbers["drive.F_0"].high < 1.01 * told.numbers["drive.F_0"].low
 
 
+def test_friction_that_always_sticks_is_not_measured():
+    stuck = js.vary(SCENE, "friction.mu", 50.0)
+    over = {"friction.mu": (20.0, 80.0), "blades.c_x": (20.0, 80.0)}
+    found = js.fit(stuck, history(stuck, noise=0.01), over, scan=4, starts=1, method=HOW)
+    assert found.notes == ("the data do not depend on friction.mu here",)
+    assert (found.numbers["friction.mu"].low, found.numbers["friction.mu"].high) == pytest.approx((20.0, 80.0))
+    assert found.numbers["blades.c_x"].holds(40.0)
+    alone = js.fit(stuck, history(stuck, noise=0.01), {"friction.mu": (20.0, 80.0)}, scan=4, starts=1, method=HOW)
+    assert alone.notes == found.notes
+
+
 def test_a_fit_is_stored_and_drawn(tmp_path):
     found = js.fit(SCENE, history(SCENE, noise=0.02), {"blades.c_x": (20.0, 80.0)}, scan=2, starts=1, method=HOW)
     found.save(tmp_path / "fit.nc")
@@ -182,7 +193,7 @@ def test_the_command_writes_the_fit_and_the_scene_that_it_found(measured, tmp_pa
         (lambda text: "\n".join(text.splitlines()[:1]), ASKED, "has no data"),
         (lambda text: text, [*ASKED, "--over", "blades.k_x=-1:1e5"], "must be greater than 0"),
         (lambda text: text, [*ASKED, "--over", "shroud.gap=1kg:2kg"], "is a mass, but a length is needed"),
-        (lambda text: text.replace("x_right", "theta_right"), ASKED, "theta_right is measured, but does not move"),
+        (lambda text: text.replace("x_right", "y_right"), ASKED, "y_right is measured, but does not move"),
     ],
 )
 def test_wrong_input_of_the_command_is_one_line(change, words, told, measured, tmp_path, capsys):
