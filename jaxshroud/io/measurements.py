@@ -18,6 +18,8 @@ from jaxshroud.scene.keys import KEYS
 from jaxshroud.scene.units import to_si
 
 HEADER = re.compile(r"\s*(?P<name>\w+)\s*(\[\s*(?P<unit>[^\[\]]*?)\s*\])?\s*")
+LARGEST = 1e30  # number that is taken for measured
+LEAST_NOISE = 1e-12  # over the largest value of a channel: that of rounding
 SIGMA = "_sigma"  # after the name of a channel
 AXIS_UNITS = {"t": "s", "omega": "rad/s", "f": "Hz", "speed": "rad/s", "engine_order": ""}
 HISTORY = {Channel(place, blade).name: Channel(place, blade) for place in DISPLACEMENT_NAMES for blade in (0, 1)}
@@ -46,7 +48,11 @@ def read_measurements(path: str | os.PathLike[str]) -> Measurements:
         raise InputError(f"{path}: no such file; give a CSV file with a header such as `t [s],x_left [mm]`") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as text ({error})") from None
-    rows = [(n, *row) for (n, _), row in zip(lines, csv.reader(line for _, line in lines), strict=True)]
+    reader = csv.reader(line for _, line in lines)
+    try:
+        rows = [(lines[reader.line_num - 1][0], *row) for row in reader]
+    except csv.Error as error:
+        raise InputError(f"{path}: is no table of cells that commas separate ({error})") from None
     if len(rows) < 2:
         raise InputError(f"{path}: has no data; it needs a header such as `t [s],x_left [mm]` and rows of numbers")
     (_, *headers), *table = rows
@@ -118,18 +124,17 @@ def _name_and_unit(header: str, where: str) -> tuple[str, str, str]:
     unit = known[stem]
     if match["unit"] is None and unit:
         raise InputError(f"{where}: column {name} has no unit; write e.g. `{name} [{UNIT_EXAMPLES.get(unit, unit)}]`")
-    return name, match["unit"] or "", unit
+    return name, "" if match["unit"] in (None, "1", "-") else match["unit"], unit
 
 
 def _si_column(header: str, values: Any, where: str) -> tuple[str, np.ndarray]:
     """The name of a column, and its values in SI units."""
     name, given, unit = _name_and_unit(header, where)
     try:
-        return name, _finite(values, header, where) * to_si(unit, f"1 {given}")
-    except InputError:
-        raise
+        factor = to_si(unit, f"1 {given}")
     except ValueError as error:
         raise InputError(f"{where}: column {header.strip()}: its unit {error}") from None
+    return name, _finite(values, header, where) * factor
 
 
 def _finite(values: Any, header: str, where: str) -> np.ndarray:
@@ -137,8 +142,8 @@ def _finite(values: Any, header: str, where: str) -> np.ndarray:
         numbers = np.asarray(values, float)
     except (TypeError, ValueError):
         numbers = np.array(np.nan)
-    if numbers.ndim != 1 or not numbers.size or not np.isfinite(numbers).all():
-        raise InputError(f"{where}: column {header.strip()} must be one finite number per row")
+    if numbers.ndim != 1 or not numbers.size or not (np.abs(numbers) < LARGEST).all():
+        raise InputError(f"{where}: column {header.strip()} must be one finite number per row, below {LARGEST:g}")
     return numbers
 
 
@@ -196,6 +201,7 @@ def _sigma(columns: Columns, channels: list[Channel], where: str) -> np.ndarray 
             f"{where}: {known[0]} is there, but {missing[0]} is not; give the noise of all channels or none"
         )
     sigma = np.stack([columns[name] for name in names], axis=1)
-    if not (sigma > 0).all():
-        raise InputError(f"{where}: the noise of each value must be positive")
+    largest = np.array([np.abs(columns[channel.name]).max() for channel in channels])
+    if not ((sigma > 0) & (sigma > LEAST_NOISE * largest)).all():
+        raise InputError(f"{where}: the noise of each value must be positive, and more than rounding")
     return sigma

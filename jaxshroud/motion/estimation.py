@@ -123,7 +123,7 @@ class Estimate(NamedTuple):
     residuals: np.ndarray  # (n * c,) over the noise
     jacobian: np.ndarray  # (n * c, keys)
     known: np.ndarray  # (n * c,) whether the fitted model says something
-    minima: list[Minimum]  # of all starts, the best first
+    minima: list[Minimum]  # of all starts, that of the fit first
 
     @property
     def covariance(self) -> np.ndarray:

@@ -54,6 +54,11 @@ class Measurements(NamedTuple):
         """The names of the channels."""
         return tuple(channel.name for channel in self.channels)
 
+    @property
+    def sizes(self) -> np.ndarray:
+        """The root mean square of each channel."""
+        return np.sqrt(np.mean(self.values**2, axis=0))
+
 
 class Predicted(NamedTuple):
     """What the model says of measurements at several points; NaN where it says nothing."""

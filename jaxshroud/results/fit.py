@@ -45,7 +45,7 @@ class Fit(Result):
     sigma = Variable("standard deviation of the noise, given or estimated", None, ("row", "channel"))
     curve_at = Variable("places of the curve that is drawn, as `at`", None, ("point",))
     curve = Variable("the fitted scene at these places", None, ("point", "channel"))
-    minima = Variable("chi^2 where each start ended, the best first", None, ("start",))
+    minima = Variable("chi^2 where each start ended, that of the fit first", None, ("start",))
     chi2 = Attribute()  # sum of squares of residuals over their noise
     freedom = Attribute(int)  # values less numbers
     evaluations = Attribute(int)  # of the model with its derivatives

@@ -96,11 +96,8 @@ def fit(
         5.0
     """
     nominal = one_scene("fit", scene)
-    data = (
-        read_measurements(measurements)
-        if isinstance(measurements, str | os.PathLike)
-        else measurements_from(measurements)
-    )
+    is_file = isinstance(measurements, str | os.PathLike)
+    data = read_measurements(measurements) if is_file else measurements_from(measurements)
     for name, count in {"scan": scan, "starts": starts, "most_periods": most_periods}.items():
         count_argument(name, count, 1)
     seed_argument(seed)
@@ -132,7 +129,7 @@ def fit_problem(nominal: Scene, data: Measurements, over: Mapping[str, tuple[flo
         raise InputError(
             f"{data.values.size} values cannot determine {len(over)} numbers and their intervals; measure more."
         )
-    still = [name for name, column in zip(data.names, data.values.T, strict=True) if not column.any()]
+    still = [name for name, size in zip(data.names, data.sizes, strict=True) if not size > 0]
     if data.sigma is None and still:
         raise InputError(f"{still[0]} is 0 throughout, which says nothing of its noise; leave it out.")
     if data.kind == "history":
@@ -164,9 +161,8 @@ def _first_points(problem: Problem, scan: int, seed: int) -> np.ndarray:
     from scipy.stats import qmc
 
     own = problem.cube(np.array([[_own_value(problem, key) for key in problem.over]]))
-    drawn = qmc.Sobol(len(problem.over), rng=np.random.default_rng(seed)).random_base2(math.ceil(math.log2(scan)))[
-        :scan
-    ]
+    sequence = qmc.Sobol(len(problem.over), rng=np.random.default_rng(seed))
+    drawn = sequence.random_base2(math.ceil(math.log2(scan)))[:scan]
     return np.concatenate([own, drawn]) if np.all((own >= 0) & (own <= 1)) else drawn
 
 
@@ -182,8 +178,7 @@ def _weighted(data: Measurements) -> Data:
     """The data with their noise, or with the size of each channel where that is unknown."""
     if data.sigma is not None:
         return Data(data.values, data.sigma, True)
-    size = np.sqrt(np.mean(data.values**2, axis=0))
-    return Data(data.values, np.broadcast_to(size, data.values.shape), False)
+    return Data(data.values, np.broadcast_to(data.sizes, data.values.shape), False)
 
 
 class _Counted:
@@ -211,10 +206,10 @@ def _result(
 ) -> Fit:
     """The result in SI units."""
     place = lambda i, u: float(problem.values(np.where(np.arange(len(found.u)) == i, u, found.u)[None])[0, i])
-    fitted = model(found.u[None])[0][0]
+    of_data = found.misfit.data
+    fitted = np.where(found.known, np.ravel(of_data.values) + found.residuals * np.ravel(of_data.sigma), np.nan)
     curve_at, curve = model.curve(found.u, CURVE_POINTS)
     low, high = np.array(list(problem.over.values())).T
-    of_data = found.misfit.data
     values = {
         "best": problem.values(found.u[None])[0],
         "low": [place(i, interval.low) for i, interval in enumerate(ends)],
@@ -225,7 +220,7 @@ def _result(
         "correlation": found.correlation,
         "at": data.at,
         "measured": data.values,
-        "fitted": fitted,
+        "fitted": fitted.reshape(of_data.values.shape),
         "sigma": of_data.sigma,
         "curve_at": curve_at,
         "curve": curve,

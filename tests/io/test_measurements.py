@@ -73,6 +73,12 @@ def test_a_frequency_may_be_given_in_three_ways(axis):
         ("t [s],x_left [mm],x_right_sigma [mm]\n0,1,1\n", "x_right_sigma has no column x_right"),
         ("t [s],x_left [mm],y_left [mm],x_left_sigma [mm]\n0,1,1,1\n", "y_left_sigma is not; give the noise of all"),
         ("t [s],x_left [mm],x_left_sigma [mm]\n0,1,0\n", "the noise of each value must be positive"),
+        ("t [s],x_left [mm],x_left_sigma [mm]\n0,1,1e-300\n", "must be positive, and more than rounding"),
+        ("t [s],x_left [mm]\n0,1e200\n", "one finite number per row, below 1e+30"),
+        ('t [s],x_left [mm]\n0,"1\n2"\n', "is no finite number"),
+        ("t [],x_left [mm]\n0,1\n", "its unit is a pure number, but a time is needed"),
+        ("t [3 s],x_left [mm]\n0,1\n", "t [3 s]: its unit is not a number with a unit"),
+        ("t [s],\n0,\n", "column '' is unknown"),
         ("t [s];x_left [mm]\n0;1\n", "is unknown; separate columns by commas"),
     ],
 )
