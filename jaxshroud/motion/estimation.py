@@ -80,7 +80,7 @@ class Minimum(NamedTuple):
     chi2: float
 
 
-def descend(misfit: Misfit, start: np.ndarray, free: Sequence[int]) -> Minimum:
+def descend(misfit: Misfit, start: np.ndarray, free: Sequence[int], tolerance: float = TOLERANCE) -> Minimum:
     """The minimum of chi^2 from a start, in the `free` numbers, within the cube."""
     from scipy.optimize import least_squares
 
@@ -98,7 +98,7 @@ def descend(misfit: Misfit, start: np.ndarray, free: Sequence[int]) -> Minimum:
         start[free],
         lambda part: misfit.at(whole(part)).jacobian[:, free],  # pyright: ignore[reportArgumentType]
         bounds=(0.0, 1.0),
-        **dict.fromkeys(("ftol", "xtol", "gtol"), TOLERANCE),
+        **dict.fromkeys(("ftol", "xtol", "gtol"), tolerance),
         max_nfev=MOST_EVALUATIONS,
     )
     return Minimum(whole(found.x), 2 * float(found.cost))
@@ -243,13 +243,15 @@ class _ProfileExcess:
 
     def __init__(self, found: Estimate, i: int):
         self.found, self.i, self.best = found, i, {float(found.u[i]): Minimum(found.u, found.chi2)}
+        # A thousandth of the limit is enough of chi^2.
+        self.tolerance = float(np.clip(1e-3 * found.quantile**2 / max(found.chi2, 1.0), TOLERANCE, 1e-4))
 
     def __call__(self, value: float) -> float:
         if value not in self.best:
             others = [j for j in range(len(self.found.u)) if j != self.i]
             start = np.array(self.best[min(self.best, key=lambda known: abs(known - value))].u)
             start[self.i] = value
-            self.best[value] = descend(self.found.misfit, start, others)
+            self.best[value] = descend(self.found.misfit, start, others, self.tolerance)
         return self.best[value].chi2 - self.found.chi2 - self.found.quantile**2
 
 
