@@ -42,7 +42,7 @@ CURVE_POINTS = 1000  # of the fitted history that is drawn
 def fit(
     scene: Scene | SceneFile,
     measurements: str | os.PathLike[str] | Mapping[str, Any],
-    over: Mapping[str, tuple[float, float]],
+    over: Mapping[str, tuple[float | int, float | int]],
     *,
     scan: int = 64,
     starts: int = 4,
@@ -101,7 +101,7 @@ def fit(
     for name, count in {"scan": scan, "starts": starts, "most_periods": most_periods}.items():
         count_argument(name, count, 1)
     seed_argument(seed)
-    problem = fit_problem(nominal, data, over)
+    problem = fit_problem(nominal, data, {key: (float(low), float(high)) for key, (low, high) in over.items()})
     resolved = resolve_options(scene, method=method)
     march = with_tangents(resolved, fit_corners(problem))
     model = _model_of(problem, data, march, most_periods)
