@@ -127,6 +127,24 @@ def orbit(path: Path) -> None:
     run.plot(kind="phase", settled_from=0, width=90).savefig(path, dpi=200)
 
 
+def fit(path: Path) -> None:
+    """Friction, gap and stiffness of contact from noisy displacements of a scene that is known."""
+    import jax
+    import numpy as np
+
+    jax.config.update("jax_enable_x64", True)
+    import jaxshroud as js
+
+    scene, rng = js.load("fig09_best").scene, np.random.default_rng(0)
+    run = js.simulate(scene, n_periods=4, every=32, method=js.RungeKutta("dopri8", steps=800))
+    x, theta = run.motion.x, run.motion.theta
+    signals = {"x_left [m]": x[:, 0], "x_right [m]": x[:, 1], "theta_left [rad]": theta[:, 0]}
+    noisy = {name: q + 0.03 * np.std(q) * rng.standard_normal(q.shape) for name, q in signals.items()}
+    over = {"friction.mu": (0.1, 1.0), "shroud.gap": (5e-6, 6e-5), "contact.gamma": (0.5, 6.0)}
+    found = js.fit(scene, {"t [s]": run.t, **noisy}, over, scan=16, starts=2, method=js.RungeKutta(steps=400))
+    found.plot(width=90).savefig(path, dpi=200)
+
+
 def drawn(commands: list[str], last: str, to: Path) -> None:
     """Run commands in an empty folder and keep what the last of them draws."""
     from jaxshroud.cli import commands as cli
@@ -140,7 +158,7 @@ def drawn(commands: list[str], last: str, to: Path) -> None:
 
 def main() -> None:
     """Draw the pictures named, by default all."""
-    drawers = {"gradient.png": gradient, "orbit.png": orbit}
+    drawers = {"gradient.png": gradient, "fit.png": fit, "orbit.png": orbit}
     for name in sys.argv[1:] or [*COMMANDS, *drawers]:
         if name in drawers:
             drawers[name](PICTURES / name)

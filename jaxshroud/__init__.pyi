@@ -38,6 +38,8 @@ from .results.campbell import NaturalMode as NaturalMode
 from .results.data_sheet import DataSheet as DataSheet
 from .results.diagnosis import Diagnosis as Diagnosis
 from .results.diagnosis import Lyapunov as Lyapunov
+from .results.fit import Fit as Fit
+from .results.fit import FittedNumber as FittedNumber
 from .results.gradient import Gradient as Gradient
 from .results.orbit import Orbit as Orbit
 from .results.power import PowerResult as PowerResult
@@ -91,6 +93,7 @@ from .verbs.check import check as check
 from .verbs.diagnose import diagnose as diagnose
 from .verbs.explain import Explanation as Explanation
 from .verbs.explain import explain as explain
+from .verbs.fit import fit as fit
 from .verbs.gradient import differences as differences
 from .verbs.gradient import gradient as gradient
 from .verbs.options import method_for as method_for

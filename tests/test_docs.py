@@ -41,6 +41,7 @@ SMALLER = {
     "lyapunov": [*SETTLED, *STEPS, "--periods", "4", "--transient", "4"],
     "gradient": [*SETTLED, *STEPS],
     "tune": [*SMALL, "--periods", "2", "--transient", "2", *STEPS, "--draws", "2", "--samples", "4", "--motions", "2"],
+    "fit": [*SMALL, *STEPS, "--scan", "2", "--starts", "1"],
     "scatter": [*SMALL, "--samples", "4", "--periods", "2", "--transient", "2", *STEPS],
     "report": [*SETTLED, *STEPS, "--periods", "4", "--transient", "16", "--samples", "4", "--starts", "4"],
     "branch": [*SETTLED, *STEPS, "--num", "3", "--start", "2", "--stop", "2.2", "--at", "2.1"],
@@ -49,6 +50,7 @@ SMALLER = {
     "basins": [*SETTLED, *STEPS, "--num", "3"],
     "trade": [*SMALL, "--set", "parts.friction=none", "--lanes", "8", "--periods", "4", "--transient", "4"],
 }
+MEASURED = "t [ms],x_left [mm],x_right [mm]\n1,0.01,-0.01\n2,0.04,-0.05\n3,0.09,-0.08\n4,0.12,-0.13\n"
 SCAN = ["--scan", "4", "--starts", "1", "--updates", "1", "--map", "2"]
 
 
@@ -114,6 +116,7 @@ def test_the_start_page_has_the_command_that_installs():
 def small(monkeypatch, tmp_path):
     """Scenes of the smallest model, few periods, and a folder to write to."""
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "measured.csv").write_text(MEASURED, "utf-8")
     monkeypatch.setattr(trade, "SETTINGS", {contact: ways[:2] for contact, ways in trade.SETTINGS.items()})
     monkeypatch.setattr(options, "N_PERIODS", 4)
     monkeypatch.setattr(options, "ACCURACY", None)  # RK4, whose programs other tests compile too

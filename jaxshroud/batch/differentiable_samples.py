@@ -171,6 +171,11 @@ def _run_samples(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int
     return batching_by_lanes(lambda scenes, states: sampled_flow(scenes, states, schedule))(scenes, states)
 
 
+def samples_with_tangents(scenes: Dual, states: Dual, schedule: Schedule) -> Dual:
+    """The samples of lanes, a `Flow` with axes (lane, sample), with the tangent of each lane along its direction."""
+    return _run_compiled(scenes, states, schedule)[0]
+
+
 def trial_counts(scenes: Scene, states: State, schedule: Schedule) -> Int[Array, " lanes"]:
     """The number of trials of each lane, at most the bound of the schedule."""
     return _run_compiled(scenes, states, schedule)[1]

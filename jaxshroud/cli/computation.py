@@ -88,9 +88,9 @@ def call_with_accuracy_warnings(call: VerbCall, progress: Progress) -> Any:
 
 
 def write_files(completed: CompletedCall, summary: dict[str, Any] | None = None) -> None:
-    """Write a result: `.nc` the result itself, `.json` its summary, anything else its picture."""
+    """Write a result: `.nc` the result itself, `.json` its summary, a scene not here, anything else its picture."""
     figure = None
-    for path in completed.paths:
+    for path in (path for path in completed.paths if path.suffix != ".toml"):
         if path.suffix == ".nc":
             completed.result.save(path)
         elif path.suffix == ".json":

@@ -1,6 +1,7 @@
 """The amplitudes of motions and the loads of contact over the kept periods, from the samples of their march."""
 
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -114,7 +115,7 @@ def sampled_amplitudes(
     for name, free in zip(DISPLACEMENT_NAMES, free_amplitudes(scenes), strict=True):
         q, rate = (np.asarray(getattr(motion, n), float)[:, first:] for n in (name, f"v_{name}"))
         mean = cubic_mean(q, rate, h)
-        highest, lowest = _hermite_largest(q, rate * h), -_hermite_largest(-q, -rate * h)
+        highest, lowest = hermite_largest(q, rate * h), -hermite_largest(-q, -rate * h)
         values[f"{name}_mean"] = mean
         values[f"{name}_rms"] = np.sqrt(np.maximum(cubic_mean(q**2, 2 * q * rate, h) - mean**2, 0.0))
         values[f"{name}_peak"] = np.maximum(highest - mean, mean - lowest)
@@ -122,25 +123,24 @@ def sampled_amplitudes(
     return values
 
 
-def cubic_mean(q: np.ndarray, rate: np.ndarray, h: np.ndarray) -> np.ndarray:
+def cubic_mean(q: Any, rate: Any, h: Any) -> Any:
     """The mean over time of the cubics through samples (lanes, n, ...) and their rates at intervals `h`."""
     intervals = q.shape[1] - 1
     trapezoid = q.mean(axis=1) * (intervals + 1) - (q[:, 0] + q[:, -1]) / 2
     return (trapezoid + h[:, 0] / 12 * (rate[:, 0] - rate[:, -1])) / intervals
 
 
-def hermite_coefficients(
-    g_0: np.ndarray, g_1: np.ndarray, m_0: np.ndarray, m_1: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def hermite_coefficients(g_0: Any, g_1: Any, m_0: Any, m_1: Any) -> tuple[Any, Any]:
     """The coefficients of s^2 and s^3 of cubics on [0, 1] with values `g` and slopes `m` at the ends."""
     return 3 * (g_1 - g_0) - 2 * m_0 - m_1, m_0 + m_1 - 2 * (g_1 - g_0)
 
 
-def _hermite_largest(q: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """The largest value of the cubics through samples (lanes, n, 2) with these slopes per interval."""
+def hermite_largest(q: Any, slope: Any) -> Any:
+    """The largest value of the cubics through samples (lanes, n, columns) with these slopes per interval."""
+    like: Any = np if isinstance(q, np.ndarray) else jnp
     (g_0, g_1), (m_0, m_1) = ((a[:, :-1], a[:, 1:]) for a in (q, slope))
     b, c = hermite_coefficients(g_0, g_1, m_0, m_1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        s = m_0 / (np.sqrt(b * b - 3 * m_0 * c) - b)
+        s = m_0 / (like.sqrt(b * b - 3 * m_0 * c) - b)
     top = g_0 + s * (m_0 + s * (b + s * c))
-    return np.maximum(q.max(axis=1), np.where((s > 0) & (s < 1), top, -np.inf).max(axis=1))
+    return like.maximum(q.max(axis=1), like.where((s > 0) & (s < 1), top, -np.inf).max(axis=1))

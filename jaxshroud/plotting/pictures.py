@@ -17,6 +17,7 @@ from jaxshroud.plotting.plot_attractors import attractors_page, basins_page
 from jaxshroud.plotting.plot_branch import branch_page
 from jaxshroud.plotting.plot_campbell import campbell_page
 from jaxshroud.plotting.plot_diagnosis import diagnosis_page, power_page
+from jaxshroud.plotting.plot_fit import fit_page
 from jaxshroud.plotting.plot_run import run_page
 from jaxshroud.plotting.plot_sensitivity import gradient_page, scatter_page
 from jaxshroud.plotting.plot_sweep import sweep_page
@@ -39,6 +40,7 @@ PAGES: dict[str, Callable[..., Page]] = {
     "basins": basins_page,
     "gradient": gradient_page,
     "scatter": scatter_page,
+    "fit": fit_page,
     "tuned": tuning_page,
     "robustness": robustness_page,
     "trade": trade_page,

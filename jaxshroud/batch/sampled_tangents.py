@@ -1,0 +1,70 @@
+"""Sampled motions of any number of lanes with one tangent each, outside JAX's transformations."""
+
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from jaxshroud.batch.differentiable_samples import Schedule, samples_with_tangents
+from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.size_limits import check_memory
+from jaxshroud.batch.states import by_blade, to_vector
+from jaxshroud.batch.tangents import Dual
+from jaxshroud.batch.threads import Check, in_chunks
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import State
+
+LANES_PER_CHUNK = 16  # that share one compiled function
+SAMPLE_NUMBERS = 32  # of a sample and its tangent
+
+
+class SampledMotions(NamedTuple):
+    """Displacements and their rates at samples, the start included; NaN once a lane has stopped."""
+
+    place: np.ndarray  # (lanes, 1 + samples, 6): x, y, theta, left before right [m, rad]
+    rate: np.ndarray  # their rates
+    place_by: np.ndarray  # tangents of the same
+    rate_by: np.ndarray
+    end_by: np.ndarray  # (lanes, 13) tangent of the state at the end
+
+
+def sampled_motions(scenes: Dual, states: Dual, schedule: Schedule) -> SampledMotions:
+    """The sampled motions of lanes from their states, with tangents along the direction of each lane.
+
+    Args:
+        scenes: Scenes with a leading lane axis, and one direction for each lane.
+        states: The initial states and their directions, likewise.
+        schedule: How far they are run.
+
+    Raises:
+        InputError: The samples would not fit into memory.
+    """
+    lanes = len(scenes.value.drive.omega)
+    check_memory("what is sampled of the motions", lanes * schedule.samples * SAMPLE_NUMBERS * 8)
+
+    def run(check: Check, at: np.ndarray) -> SampledMotions:
+        check()
+        scene, state = jax.tree.map(lambda a: np.asarray(a)[at], (scenes, states))
+        return _sampled_chunk(scene, state, schedule)
+
+    return in_chunks(run, lanes, LANES_PER_CHUNK)
+
+
+def _sampled_chunk(scenes: Dual, states: Dual, schedule: Schedule) -> SampledMotions:
+    value, slope = samples_with_tangents(scenes, states, schedule)
+    stopped = (np.asarray(value.status) != Status.OK)[..., None]
+    first = np.concatenate([*states.value.motion], axis=-1), np.concatenate([*states.tangent.motion], axis=-1)
+    rows = [np.concatenate([*by_blade(flow.state.motion)], axis=-1) for flow in (value, slope)]
+    rows = [np.where(stopped, np.nan, row) for row in rows]
+    (place, rate), (place_by, rate_by) = (
+        np.split(np.concatenate([start[:, None], row], axis=1), 2, axis=-1)
+        for start, row in zip(first, rows, strict=True)
+    )
+    last = jax.tree.map(lambda a: np.asarray(a)[:, -1], slope.state)
+    return SampledMotions(place, rate, place_by, rate_by, to_vector(last))
+
+
+def start_duals(scenes: Dual) -> Dual:
+    """The initial states of scenes with directions, with the directions of their numbers `initial`."""
+    moved = initial_states(scenes.tangent)
+    return Dual(initial_states(scenes.value), State(moved.motion, moved.u_s, None, None))

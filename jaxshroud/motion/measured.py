@@ -1,0 +1,134 @@
+"""Measured motions, and the same quantities of the model with their exact derivatives."""
+
+import math
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxshroud.batch.differentiable_samples import Schedule
+from jaxshroud.batch.sampled_tangents import SampledMotions, sampled_motions, start_duals
+from jaxshroud.batch.tangents import Dual, direction
+from jaxshroud.march.method import Choices
+from jaxshroud.motion.amplitudes import DISPLACEMENT_NAMES
+from jaxshroud.programs.kept import kept
+from jaxshroud.scene.scene import Scene
+
+BLADES = ("left", "right")
+MEASURES = ("rms", "peak")  # of a frequency response: about the mean
+Kind = Literal["history", "response"]
+# Largest omega h between samples: the error of the cubic, (omega h)^4 / 384, is then 4e-6 of the fastest oscillation.
+INTERPOLATION_ANGLE = 0.2
+
+
+class Channel(NamedTuple):
+    """One measured quantity."""
+
+    place: str  # x, y or theta
+    blade: int
+    measure: str = ""  # of a response: one of `MEASURES`
+
+    @property
+    def name(self) -> str:
+        """The name of its column: `x_left`, or `x_rms_left` of a response."""
+        return "_".join(filter(None, (self.place, self.measure, BLADES[self.blade])))
+
+    @property
+    def column(self) -> int:
+        """Its place among x, y and theta, left before right."""
+        return 2 * DISPLACEMENT_NAMES.index(self.place) + self.blade
+
+
+class Measurements(NamedTuple):
+    """A time history of displacements, or a frequency response, in SI units."""
+
+    kind: Kind
+    at: np.ndarray  # (n,) time since drive phase 0 [s], or circular frequency of the drive [rad/s]
+    channels: tuple[Channel, ...]
+    values: np.ndarray  # (n, channels) [m, rad]
+    sigma: np.ndarray | None = None  # (n, channels) standard deviations of the noise; None: unknown
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the channels."""
+        return tuple(channel.name for channel in self.channels)
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """The root mean square of each channel."""
+        return np.sqrt(np.mean(self.values**2, axis=0))
+
+
+class Predicted(NamedTuple):
+    """What the model says of measurements at several points; NaN where it says nothing."""
+
+    values: np.ndarray  # (points, n, channels)
+    slopes: np.ndarray  # (points, n, channels, keys) derivatives by the numbers of a point
+
+
+def along_each(scenes: Scene, keys: tuple[str, ...]) -> Dual:
+    """Scenes (leading axis), each repeated once for each key, with the derivative by that number."""
+    count = len(scenes.drive.omega)
+    first = jax.tree.map(lambda a: np.asarray(a)[0], scenes)
+    directions = jax.tree.map(lambda *a: np.stack(a), *(direction(first, key) for key in keys))
+    repeated = jax.tree.map(lambda a: np.repeat(np.asarray(a), len(keys), axis=0), scenes)
+    return Dual(repeated, jax.tree.map(lambda a: np.concatenate([a] * count), directions))
+
+
+def predicted_history(scenes: Scene, keys: tuple[str, ...], data: Measurements, schedule: Schedule) -> Predicted:
+    """The displacements of scenes (leading axis) from their initial motion at the measured times, with derivatives.
+
+    Between samples the motion is the cubic through the displacements and their rates.
+
+    Args:
+        scenes: One scene for each point.
+        keys: The numbers by which to differentiate.
+        data: The measured times and channels.
+        schedule: A sample in every step; up to the last measured time.
+    """
+    duals = along_each(scenes, keys)
+    motions = sampled_motions(duals, start_duals(duals), schedule)
+    omega = duals.value.drive.omega, duals.tangent.drive.omega
+    values, slopes = _at_times(motions, *omega, data.at.astype(motions.place.dtype), float(schedule.steps))
+    return _predicted(np.asarray(values), np.asarray(slopes), data, len(keys))
+
+
+def _predicted(values: np.ndarray, slopes: np.ndarray, data: Measurements, keys: int) -> Predicted:
+    """Values and slopes (points * keys, n, 6) by points and channels."""
+    columns = [channel.column for channel in data.channels]
+    by_point = lambda a: a[..., columns].reshape(-1, keys, *a.shape[1:-1], len(columns))
+    return Predicted(by_point(values)[:, 0], np.moveaxis(by_point(slopes), 1, -1))
+
+
+@kept()
+def _at_times(motions: SampledMotions, omega, omega_by, t, per_period):
+    """The displacements of lanes at times (n,), and their derivatives: (lanes, n, 6) each."""
+
+    def one_lane(place, rate, omega):
+        turns = t * omega / math.tau * per_period
+        before = jnp.clip(jnp.floor(turns), 0.0, len(place) - 2.0)
+        i = before.astype(jnp.int32)
+        h = math.tau / omega / per_period
+        return _between_samples(place[i], place[i + 1], h * rate[i], h * rate[i + 1], (turns - before)[:, None])
+
+    def with_tangent(place, rate, place_by, rate_by, omega, omega_by):
+        return jax.jvp(one_lane, (place, rate, omega), (place_by, rate_by, omega_by))
+
+    return jax.vmap(with_tangent)(*motions[:4], omega, omega_by)
+
+
+def _between_samples(q_0, q_1, m_0, m_1, s):
+    """The cubic with values `q` and slopes `m` at its ends, at the share `s` of the interval."""
+    rise = q_1 - q_0
+    return q_0 + s * (m_0 + s * (3 * rise - 2 * m_0 - m_1 + s * (m_0 + m_1 - 2 * rise)))
+
+
+def steps_between_samples(omega_max: float, period: float, march_steps: int) -> int:
+    """The samples in a period: the steps of the march, or more where the cubic between them would be inaccurate."""
+    return max(march_steps, math.ceil(omega_max * period / INTERPOLATION_ANGLE))
+
+
+def history_schedule(last: float, shortest_period: float, steps: int, method: Choices) -> Schedule:
+    """The schedule that reaches a time in every scene, whose drive periods are not shorter than the shortest."""
+    return Schedule(math.ceil(last / shortest_period * steps) + 1, 1, steps, method)

@@ -1,0 +1,236 @@
+"""Numbers of a scene from measurements, by least squares with exact derivatives."""
+
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxshroud.batch.runs import Progress
+from jaxshroud.io.measurements import measurements_from, read_measurements
+from jaxshroud.march.method import Method
+from jaxshroud.march.stability import stiffest
+from jaxshroud.motion.estimation import (
+    MOST_EVALUATIONS,
+    Data,
+    Estimate,
+    NumberInterval,
+    estimate,
+    intervals,
+    linear_departure,
+)
+from jaxshroud.motion.identifiability import findings
+from jaxshroud.motion.measured import Measurements, steps_between_samples
+from jaxshroud.results.fit import Fit
+from jaxshroud.scene.checks import InputError, count_argument, seed_argument
+from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import typed
+from jaxshroud.scene.vary import value_of
+from jaxshroud.verbs.design_problem import Problem, design_corners, problem_of
+from jaxshroud.verbs.fit_model import FitModel, HistoryModel, ResponseModel
+from jaxshroud.verbs.lanes import one_scene, with_tangents
+from jaxshroud.verbs.options import MarchPlan, resolve_options
+
+CURVE_POINTS = 1000  # of the fitted history that is drawn
+
+
+@typed
+def fit(
+    scene: Scene | SceneFile,
+    measurements: str | os.PathLike[str] | Mapping[str, Any],
+    over: Mapping[str, tuple[float | int, float | int]],
+    *,
+    scan: int = 64,
+    starts: int = 4,
+    most_periods: int = 512,
+    seed: int = 0,
+    method: Method | str | float | None = None,
+    progress: Progress | None = None,
+) -> Fit:
+    """Find the numbers of a scene with which it moves as was measured, their 95 % intervals, and what stays unknown.
+
+    A time history starts from the scene's initial motion at drive phase 0, where `t` is 0; it may be recorded from
+    later on. A frequency response is that of the motion on which the scene settles at each frequency.
+
+    Args:
+        scene: One scene, or a scene file, whose [run] counts where an argument is not given.
+        measurements: A CSV file or a table of columns by headers `name [unit]`: `t [s]` and displacements,
+            `x_left [mm]`, `theta_right [deg]`, ...; or `omega [rad/s]`, `f [Hz]`, or `speed [rpm]` with `engine_order`,
+            and amplitudes about the mean, `x_rms_left [um]`, `x_peak_right [um]`, ... Columns `x_left_sigma [mm]`, ...
+            give the standard deviation of the noise of each value; without them that of each channel is estimated from
+            what is left over.
+        over: Keys as for `vary`, each with its bounds in SI units.
+        scan: Points within the bounds that are tried first, besides the scene itself.
+        starts: The best of them from which least squares begin.
+        most_periods: Drive periods after which a motion that has not repeated is treated as aperiodic, in a response.
+        seed: Seed of the points.
+        method: How to march: a method, or the accuracy that chooses one; see `method_for`.
+        progress: Called with (evaluations of the model done, evaluations at most) now and then.
+
+    Returns:
+        The best fit, with intervals and `notes` on what the data do not determine.
+
+    Raises:
+        KeyNameError: The scene has no such number.
+        InputError: The measurements are not such a table, their channels do not move in the scene, they are fewer than
+            the numbers, bounds are not in order or out of range, or JAX has no float64.
+        NumericalError: No start runs to its end, or none finds an orbit.
+
+    Source:
+        scipy.optimize.least_squares (trust region reflective) in scaled numbers, with the tangents of the march; on
+        orbits by the implicit function theorem. Intervals are those of the fit made linear (Student's t where the noise
+        is estimated), or the profile of chi^2 where they are wide, confounded or not linear.
+
+    Example:
+        >>> import jax; jax.config.update("jax_enable_x64", True)
+        >>> import jaxshroud as js, numpy as np
+        >>> scene = js.load("table1", ['parts.motion=["x"]', 'parts.contact="none"']).scene
+        >>> run = js.simulate(js.vary(scene, "blades.c_x", 5.0), n_periods=2, method=js.RungeKutta(steps=100))
+        >>> table = {"t [s]": run.t[::10], "x_left [m]": run.motion.x[::10, 0]}
+        >>> found = js.fit(scene, table, {"blades.c_x": (1.0, 20.0)}, scan=4, starts=1, method=js.RungeKutta(steps=100))
+        >>> round(found.value["blades.c_x"], 3)
+        5.0
+    """
+    nominal = one_scene("fit", scene)
+    is_file = isinstance(measurements, str | os.PathLike)
+    data = read_measurements(measurements) if is_file else measurements_from(measurements)
+    for name, count in {"scan": scan, "starts": starts, "most_periods": most_periods}.items():
+        count_argument(name, count, 1)
+    seed_argument(seed)
+    problem = fit_problem(nominal, data, {key: (float(low), float(high)) for key, (low, high) in over.items()})
+    resolved = resolve_options(scene, method=method)
+    march = with_tangents(resolved, fit_corners(problem))
+    model = _model_of(problem, data, march, most_periods)
+    points = _first_points(problem, scan, seed)
+    report = _Counted(model, len(points) + starts * MOST_EVALUATIONS, progress)
+    found = estimate(report, _weighted(data), points, min(starts, len(points)))
+    departure = linear_departure(found)
+    ends = intervals(found, departure)
+    notes = findings(found, tuple(over), ends, departure, data.kind == "history")
+    attrs, _ = resolved.provenance(resolved.transient, march.steps)
+    settings = {"steps_per_period": model.steps, "method": str(march.method), "seed": seed, "data_kind": data.kind}
+    return _result(problem, data, model, found, ends, {**settings, "notes_json": json.dumps(notes)}, attrs)
+
+
+def fit_problem(nominal: Scene, data: Measurements, over: Mapping[str, tuple[float, float]]) -> Problem:
+    """The numbers to fit with their bounds, and the frequencies of a response as conditions.
+
+    Raises:
+        InputError: See `fit`.
+    """
+    for channel in data.channels:
+        if not nominal.parts.has(channel.place, channel.blade):
+            raise InputError(f"{channel.name} is measured, but does not move in the scene's [parts].")
+    if data.values.size <= len(over):
+        raise InputError(
+            f"{data.values.size} values cannot determine {len(over)} numbers and their intervals; measure more."
+        )
+    still = [name for name, size in zip(data.names, data.sizes, strict=True) if not size > 0]
+    if data.sigma is None and still:
+        raise InputError(f"{still[0]} is 0 throughout, which says nothing of its noise; leave it out.")
+    if data.kind == "history":
+        return problem_of(nominal, over, {})
+    if "drive.omega" in over:
+        raise InputError("drive.omega is given by the frequency response; it cannot be fitted.")
+    return problem_of(nominal, over, {"drive.omega": data.at.tolist()})
+
+
+def fit_corners(problem: Problem) -> Scene:
+    """The scenes at the ends of the bounds, at the ends of the frequencies."""
+    ends = {key: (min(values), max(values)) for key, values in problem.conditions.items()}
+    return design_corners(problem._replace(conditions=ends))
+
+
+def _model_of(problem: Problem, data: Measurements, march: MarchPlan, most_periods: int) -> FitModel:
+    """The model of the measurements."""
+    corners = fit_corners(problem)
+    omega_max, _ = stiffest(corners, 1)
+    slowest, fastest = (float(f(np.asarray(corners.drive.omega))) for f in (np.min, np.max))
+    steps = steps_between_samples(omega_max, math.tau / slowest, march.steps)
+    if data.kind == "history":
+        return HistoryModel(problem, data, steps, march.method, math.tau / fastest)
+    return ResponseModel(problem, data, steps, march.method, most_periods)
+
+
+def _first_points(problem: Problem, scan: int, seed: int) -> np.ndarray:
+    """Points of the unit cube that are tried first: that of the scene, if it is within the bounds, and Sobol points."""
+    from scipy.stats import qmc
+
+    own = problem.cube(np.array([[_own_value(problem, key) for key in problem.over]]))
+    sequence = qmc.Sobol(len(problem.over), rng=np.random.default_rng(seed))
+    drawn = sequence.random_base2(math.ceil(math.log2(scan)))[:scan]
+    return np.concatenate([own, drawn]) if np.all((own >= 0) & (own <= 1)) else drawn
+
+
+def _own_value(problem: Problem, key: str) -> float:
+    """The scene's number, or NaN where the blades differ."""
+    try:
+        return value_of(problem.scene, key)
+    except InputError:
+        return math.nan
+
+
+def _weighted(data: Measurements) -> Data:
+    """The data with their noise, or with the size of each channel where that is unknown."""
+    if data.sigma is not None:
+        return Data(data.values, data.sigma, True)
+    return Data(data.values, np.broadcast_to(data.sizes, data.values.shape), False)
+
+
+class _Counted:
+    """A model whose evaluations are counted and reported."""
+
+    def __init__(self, model: FitModel, most: int, progress: Progress | None):
+        self.model, self.done, self.most, self.progress = model, 0, most, progress
+
+    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        predicted = self.model(points)
+        self.done += len(points)
+        if self.progress is not None:
+            self.progress(min(self.done, self.most), self.most)
+        return predicted
+
+
+def _result(
+    problem: Problem,
+    data: Measurements,
+    model: FitModel,
+    found: Estimate,
+    ends: Sequence[NumberInterval],
+    settings: Mapping[str, object],
+    attrs: Mapping[str, object],
+) -> Fit:
+    """The result in SI units."""
+    place = lambda i, u: float(problem.values(np.where(np.arange(len(found.u)) == i, u, found.u)[None])[0, i])
+    of_data = found.misfit.data
+    fitted = np.where(found.known, np.ravel(of_data.values) + found.residuals * np.ravel(of_data.sigma), np.nan)
+    curve_at, curve = model.curve(found.u, CURVE_POINTS)
+    low, high = np.array(list(problem.over.values())).T
+    values = {
+        "best": problem.values(found.u[None])[0],
+        "low": [place(i, interval.low) for i, interval in enumerate(ends)],
+        "high": [place(i, interval.high) for i, interval in enumerate(ends)],
+        "by_profile": [interval.by == "profile" for interval in ends],
+        "bound_low": low,
+        "bound_high": high,
+        "correlation": found.correlation,
+        "at": data.at,
+        "measured": data.values,
+        "fitted": fitted.reshape(of_data.values.shape),
+        "sigma": of_data.sigma,
+        "curve_at": curve_at,
+        "curve": curve,
+        "minima": [minimum.chi2 for minimum in found.minima],
+        "chi2": found.chi2,
+        "freedom": found.freedom,
+        "evaluations": found.misfit.evaluations,
+        "sigma_is_known": int(of_data.sigma_is_known),
+        **settings,
+    }
+    keys = list(problem.over)
+    coords = {"key": keys, "other": keys, "channel": list(data.names)}
+    return Fit.from_values(jax.tree.map(np.asarray, values), coords=coords, attrs=attrs)

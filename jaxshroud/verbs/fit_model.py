@@ -1,0 +1,78 @@
+"""What a scene says of measurements at points of the unit cube of its fitted numbers, with exact derivatives."""
+
+import numpy as np
+
+from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.tangents import as_differentiable
+from jaxshroud.io.variable import jax_lane_arrays
+from jaxshroud.march.method import Choices
+from jaxshroud.model.prepared import State
+from jaxshroud.motion.batched_algorithms import run_together
+from jaxshroud.motion.measured import Measurements, Predicted, history_schedule, predicted_history
+from jaxshroud.motion.measured_response import orbit_amplitudes_by
+from jaxshroud.motion.orbit import PeriodicOrbit
+from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions, settled_orbit
+from jaxshroud.scene.valid import in_precision
+from jaxshroud.verbs.design_problem import Problem, scenes_of
+
+
+class HistoryModel:
+    """The model of a time history: the march from the scene's initial motion."""
+
+    def __init__(self, problem: Problem, data: Measurements, steps: int, method: Choices, shortest_period: float):
+        self.problem, self.data, self.steps = problem, data, steps
+        self.method = as_differentiable(method)
+        self.schedule = history_schedule(float(data.at[-1]), shortest_period, steps, self.method)
+
+    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements at the measured times (points, n, channels), and slopes in the unit cube (..., keys)."""
+        values, slopes = self._at(points, self.data)
+        return values, slopes * self.problem.rates(points)[:, None, None, :]
+
+    def curve(self, u: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """The motion from the start to the last measured time."""
+        t = np.linspace(0.0, self.data.at[-1], count)
+        return t, self._at(u[None], self.data._replace(at=t)).values[0]
+
+    def _at(self, points: np.ndarray, data: Measurements) -> Predicted:
+        scenes = in_precision(scenes_of(self.problem, self.problem.values(points)), self.method.precision)
+        return predicted_history(scenes, tuple(self.problem.over), data, self.schedule)
+
+
+class ResponseModel:
+    """The model of a frequency response: amplitudes on the orbits on which the scene settles.
+
+    Each orbit is sought from that of the latest point at the same frequency, first from the scene's initial motion.
+    """
+
+    def __init__(self, problem: Problem, data: Measurements, steps: int, method: Choices, most_periods: int):
+        self.problem, self.data, self.steps, self.most_periods = problem, data, steps, most_periods
+        self.aim = ShootingOptions(steps, CLOSING_TOLERANCE[method.precision], method)
+        self.latest: dict[int, State] = {}  # by frequencies
+
+    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Amplitudes at the measured frequencies (points, n, channels), and slopes in the unit cube (..., keys)."""
+        orbits = self._orbits(points)
+        values, slopes = orbit_amplitudes_by(orbits, tuple(self.problem.over), self.data.channels)
+        by_point = lambda a: a.reshape(len(points), -1, *a.shape[1:])
+        return by_point(values), by_point(slopes) * self.problem.rates(points)[:, None, None, :]
+
+    def curve(self, u: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """The amplitudes at the measured frequencies, in order."""
+        order = np.argsort(self.data.at, kind="stable")
+        return self.data.at[order], self(u[None])[0][0][order]
+
+    def _orbits(self, points: np.ndarray) -> list[PeriodicOrbit | None]:
+        scenes = in_precision(scenes_of(self.problem, self.problem.values(points)), self.aim.method.precision)
+        count, first = len(self.data.at), initial_states(scenes)
+        lane = lambda tree, i: jax_lane_arrays(tree, (i,))
+        lanes = range(len(points) * count)
+        starts = [self.latest[i % count] if i % count in self.latest else lane(first, i) for i in lanes]
+        searches = [settled_orbit(lane(scenes, i), starts[i], self.most_periods, self.aim) for i in lanes]
+        orbits = [orbit if isinstance(orbit, PeriodicOrbit) else None for orbit in run_together(searches)]
+        if len(points) == 1:
+            self.latest |= {i: orbit.start for i, orbit in enumerate(orbits) if orbit is not None and orbit.sound}
+        return orbits
+
+
+FitModel = HistoryModel | ResponseModel

@@ -1,0 +1,112 @@
+"""Measurements from CSV files: units become SI, and whatever is wrong is one line that names the place."""
+
+import math
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.io.measurements import measurements_from, read_measurements
+
+HISTORY = "t [ms],x_left [mm],theta_right [deg]\n0,1,90\n# a comment\n\n2,-3,45\n"
+
+
+def written(tmp_path, text):
+    path = tmp_path / "data.csv"
+    path.write_text(text, "utf-8")
+    return path
+
+
+def test_a_history_is_in_si_units(tmp_path):
+    data = read_measurements(written(tmp_path, "\ufeff" + HISTORY))
+    assert (data.kind, data.names) == ("history", ("x_left", "theta_right"))
+    np.testing.assert_allclose(data.at, [0, 2e-3], rtol=1e-15)
+    np.testing.assert_allclose(data.values, [[1e-3, math.pi / 2], [-3e-3, math.pi / 4]], rtol=1e-15)
+    assert data.sigma is None
+
+
+@pytest.mark.parametrize(
+    "axis",
+    [
+        {"omega [rad/s]": [536.0, 600.0]},
+        {"f [kHz]": [0.536 / math.tau, 0.6 / math.tau]},
+        {"speed [rpm]": [536 * 30 / math.pi / 4, 600 * 30 / math.pi / 4], "engine_order": [4, 4]},
+    ],
+    ids=lambda axis: next(iter(axis)),
+)
+def test_a_frequency_may_be_given_in_three_ways(axis):
+    data = measurements_from({**axis, "x_rms_left [um]": [1.0, 2.0], "x_rms_left_sigma [nm]": [10.0, 10.0]})
+    assert data.kind == "response"
+    np.testing.assert_allclose(data.at, [536.0, 600.0], rtol=1e-12)
+    np.testing.assert_allclose(data.values, [[1e-6], [2e-6]], rtol=1e-15)
+    np.testing.assert_allclose(data.sigma, 1e-8, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "has no data"),
+        ("t [s],x_left [mm]\n", "has no data"),
+        ("t [s],x_lift [mm]\n0,1\n", "'x_lift [mm]' is unknown; did you mean `x_left`?"),
+        ("t [s],x_left\n0,1\n", "x_left has no unit; write e.g. `x_left [mm]`"),
+        ("t,x_left [mm]\n0,1\n", "t has no unit; write e.g. `t [s]`"),
+        ("t [s],x_left [kg]\n0,1\n", "x_left [kg]: its unit is a mass, but a length is needed"),
+        ("t [s],x_left [furlung]\n0,1\n", "has an unknown unit `furlung`"),
+        ("f [rad/s],x_rms_left [mm]\n1,1\n", "is a circular frequency, but a frequency is needed"),
+        ("omega [Hz],x_rms_left [mm]\n1,1\n", "is a frequency, but a circular frequency is needed"),
+        ("t [s],x_left [mm]\n0,nan\n", "line 2, column x_left [mm]: 'nan' is no finite number"),
+        ("t [s],x_left [mm]\n0,1\n1,\n", "line 3, column x_left [mm]: '' is no finite number"),
+        ("t [s],x_left [mm]\n0,1e999\n", "is no finite number"),
+        ("t [s],x_left [mm]\n0,1\n1,2,3\n", "line 3 has 3 cells, but the header has 2"),
+        ("t [s],t [s],x_left [mm]\n0,0,1\n", "t is there twice"),
+        ("t [s],t [ms],x_left [mm]\n0,0,1\n", "t is there twice"),
+        ("t [s],x_left [mm]\n0,1\n0,1\n", "t must grow from row to row, but row 2 has 0 s"),
+        ("t [s],x_left [mm]\n-1,1\n0,1\n", "t begins before 0"),
+        ("x_left [mm]\n1\n", "has neither a time nor a frequency"),
+        ("t [s],f [Hz],x_left [mm]\n0,1,1\n", "has both t and f"),
+        ("speed [rpm],x_rms_left [mm]\n1,1\n", "speed and engine_order give the drive's frequency together"),
+        ("t [s],x_rms_left [mm]\n0,1\n", "x_rms_left is no channel of a time history; give e.g. `x_left [mm]`"),
+        ("f [Hz],x_left [mm]\n1,1\n", "x_left is no channel of a frequency response"),
+        ("f [Hz],x_rms_left [mm]\n-1,1\n", "frequencies of the drive must be positive"),
+        ("t [s]\n0\n", "measures nothing"),
+        ("t [s],x_left_sigma [mm]\n0,1\n", "measures nothing"),
+        ("t [s],x_left [mm],x_right_sigma [mm]\n0,1,1\n", "x_right_sigma has no column x_right"),
+        ("t [s],x_left [mm],y_left [mm],x_left_sigma [mm]\n0,1,1,1\n", "y_left_sigma is not; give the noise of all"),
+        ("t [s],x_left [mm],x_left_sigma [mm]\n0,1,0\n", "the noise of each value must be positive"),
+        ("t [s],x_left [mm],x_left_sigma [mm]\n0,1,1e-300\n", "must be positive, and more than rounding"),
+        ("t [s],x_left [mm]\n0,1e200\n", "one finite number per row, below 1e+30"),
+        ('t [s],x_left [mm]\n0,"1\n2"\n', "is no finite number"),
+        ("t [],x_left [mm]\n0,1\n", "its unit is a pure number, but a time is needed"),
+        ("t [3 s],x_left [mm]\n0,1\n", "t [3 s]: its unit is not a number with a unit"),
+        ("t [s],\n0,\n", "column '' is unknown"),
+        ("t [s];x_left [mm]\n0;1\n", "is unknown; separate columns by commas"),
+    ],
+)
+def test_what_is_wrong_is_named_in_one_line(tmp_path, text, told):
+    path = written(tmp_path, text)
+    with pytest.raises(js.InputError) as error:
+        read_measurements(path)
+    assert told in str(error.value)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_files_that_cannot_be_read_are_named(tmp_path):
+    with pytest.raises(js.InputError, match="no such file"):
+        read_measurements(tmp_path / "none.csv")
+    with pytest.raises(js.InputError, match="cannot be read as text"):
+        read_measurements(tmp_path)
+    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(js.InputError, match="cannot be read as text"):
+        read_measurements(tmp_path / "binary.csv")
+
+
+@pytest.mark.parametrize("values", [["a"], [[1.0]], [math.nan], []])
+def test_a_table_holds_finite_numbers(values):
+    with pytest.raises(js.InputError, match="one finite number per row"):
+        measurements_from({"t [s]": values, "x_left [m]": [1.0]})
+
+
+def test_the_columns_of_a_table_have_one_length():
+    with pytest.raises(js.InputError, match="differ in length"):
+        measurements_from({"t [s]": [0.0, 1.0], "x_left [m]": [1.0]})

@@ -1,0 +1,204 @@
+"""Fits to measurements: exact slopes, numbers that are found again, and what cannot be fitted, in one line."""
+
+import json
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.cli import commands as cli
+from jaxshroud.io.measurements import measurements_from
+from jaxshroud.verbs.fit import fit_problem
+from jaxshroud.verbs.fit_model import HistoryModel, ResponseModel
+from jaxshroud.verbs.lanes import with_tangents
+from jaxshroud.verbs.options import resolve_options
+
+STEPS = 200
+HOW = js.RungeKutta(steps=STEPS)
+SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
+FREE = js.load("table1", ['parts.motion=["x"]', "shroud.gap=1", "drive.F_0=60"]).scene
+OVER = {"contact.gamma": (1.0, 6.0), "shroud.gap": (1e-5, 6e-5), "blades.c_x": (20.0, 80.0)}
+PERIODS = 3
+
+
+def history(scene, every=10, noise=0.0, seed=0):
+    """What is measured of x of both blades, at times between the steps of the march."""
+    run = js.simulate(scene, n_periods=PERIODS, every=every, method=js.RungeKutta("rk4", steps=7 * STEPS))
+    size = noise * np.sqrt(np.mean(run.motion.x**2)) * np.random.default_rng(seed).standard_normal(run.motion.x.shape)
+    x = 1e3 * (run.motion.x + size)
+    return {"t [ms]": 1e3 * run.t, "x_left [mm]": x[:, 0], "x_right [mm]": x[:, 1]}
+
+
+def choices_of(scene):
+    resolved = resolve_options(scene, method=HOW)
+    return with_tangents(resolved, resolved.lanes).method
+
+
+def quotients(model, u, step):
+    """Fourth-order central differences of a model's values along each number of the cube."""
+    offsets, weights = np.array([-2, -1, 1, 2]), np.array([1, -8, 8, -1]) / 12 / step
+    rows = [u + step * offset * unit for unit in np.eye(len(u)) for offset in offsets]
+    values = np.concatenate([model(row[None])[0] for row in rows])
+    return np.einsum("koin,o->ink", values.reshape(len(u), 4, *values.shape[1:]), weights)
+
+
+def error(found, exact):
+    """The largest error of slopes, over the largest slope of each number."""
+    return np.max(np.abs(found - exact) / np.max(np.abs(exact), axis=(0, 1)))
+
+
+def test_slopes_of_a_history_are_those_of_its_values():
+    over = {**OVER, "drive.omega": (400.0, 700.0), "initial.x[0]": (-1e-5, 1e-5), "friction.mu": (0.2, 0.6)}
+    data = measurements_from(history(SCENE, every=97))
+    problem = fit_problem(SCENE, data, over)
+    model = HistoryModel(problem, data, STEPS, choices_of(SCENE), 2 * np.pi / 700)
+    u = np.full(len(over), 0.45)
+    slopes = model(u[None])[1][0]
+    exact = quotients(model, u, 1e-4)
+    # Differences of a motion with events, whose second derivatives jump: some 1e-6 of the slopes are left.
+    assert error(slopes, exact) < 1e-5
+    assert error(model(u[None] + 0.02)[1][0], exact) > 1e-2  # control: slopes a fiftieth of the range away
+
+
+def response(scene, omegas, measures=("rms", "peak")):
+    """Amplitudes of the left blade on the orbits of a scene, by the verb that measures them from its own march."""
+    found = js.orbit(js.scenes_from({"drive.omega": omegas}, scene), method=js.RungeKutta(steps=STEPS), amplitudes=True)
+    of = {"rms": found.x_rms, "peak": found.x_peak}
+    return {"omega [rad/s]": omegas, **{f"x_{name}_left [mm]": 1e3 * of[name][:, 0] for name in measures}}
+
+
+OMEGAS = [480.0, 536.0, 620.0]
+
+
+def test_slopes_of_a_response_are_those_of_orbits():
+    data = measurements_from(response(SCENE, OMEGAS))
+    problem = fit_problem(SCENE, data, OVER)
+    model = ResponseModel(problem, data, STEPS, choices_of(SCENE), 512)
+    u = problem.cube(np.array([[2.5, 2.2e-5, 40.0]]))[0]
+    values, slopes = (a[0] for a in model(u[None]))
+    # The same from moments and extremes kept in the march; between samples the cubic errs by some 1e-6.
+    np.testing.assert_allclose(values, data.values, rtol=1e-5)
+    exact = quotients(model, u, 1e-4)
+    assert error(slopes, exact) < 1e-5
+    assert error(model(u[None] + 0.02)[1][0], exact) > 1e-2  # control
+
+
+def test_numbers_are_found_again_in_a_history():
+    # Without noise what is left is the error of the march, RK4 at 200 steps against 1400: 1e-5 in these numbers.
+    truth = {"contact.gamma": 2.5, "shroud.gap": 2.2e-5, "blades.c_x": 40.0}
+    found = js.fit(SCENE, history(SCENE), OVER, scan=16, starts=2, method=HOW)
+    np.testing.assert_allclose(list(found.value.values()), list(truth.values()), rtol=1e-3)
+    noisy = js.fit(SCENE, history(SCENE, noise=0.02), OVER, scan=16, starts=2, method=HOW)
+    assert all(abs(noisy.value[key] / value - 1) > 1e-4 for key, value in truth.items())  # control: noise tells
+    assert noisy.failed == 0
+    assert not noisy.sigma_is_known
+
+
+def test_numbers_are_found_again_in_a_response():
+    over = {"contact.gamma": (1.0, 6.0), "blades.c_x": (20.0, 80.0)}
+    found = js.fit(SCENE, response(SCENE, OMEGAS), over, scan=4, starts=1, method=HOW)
+    np.testing.assert_allclose(list(found.value.values()), [2.5, 40.0], rtol=1e-3)  # as above
+    assert found.data_kind == "response"
+
+
+def test_numbers_that_cannot_be_told_apart_are_named():
+    # Of a force in the direction beta, motion in x alone feels F_0 cos(beta).
+    over = {"drive.F_0": (30.0, 90.0), "drive.beta": (0.1, 1.2)}
+    found = js.fit(FREE, history(FREE, noise=0.01), over, scan=8, starts=1, method=HOW)
+    assert "drive.F_0 cannot be told from drive.beta here (correlation +1.0000)" in found.notes
+    assert {number.by for number in found.numbers.values()} == {"profile"}
+    assert found.numbers["drive.F_0"].high > 1.5 * found.numbers["drive.F_0"].low
+    told = js.fit(FREE, history(FREE, noise=0.01), {"drive.F_0": (30.0, 90.0)}, scan=8, starts=1, method=HOW)
+    assert not told.notes  # control: the direction is known
+    assert told.numbers["drive.F_0"].by == "jacobian"
+    assert told.numbers["drive.F_0"].high < 1.01 * told.numbers["drive.F_0"].low
+
+
+def test_friction_that_always_sticks_is_not_measured():
+    stuck = js.vary(SCENE, "friction.mu", 50.0)
+    over = {"friction.mu": (20.0, 80.0), "blades.c_x": (20.0, 80.0)}
+    found = js.fit(stuck, history(stuck, noise=0.01), over, scan=4, starts=1, method=HOW)
+    assert found.notes == ("the data do not depend on friction.mu here",)
+    assert (found.numbers["friction.mu"].low, found.numbers["friction.mu"].high) == pytest.approx((20.0, 80.0))
+    assert found.numbers["blades.c_x"].holds(40.0)
+    alone = js.fit(stuck, history(stuck, noise=0.01), {"friction.mu": (20.0, 80.0)}, scan=4, starts=1, method=HOW)
+    assert alone.notes == found.notes
+
+
+def test_a_fit_is_stored_and_drawn(tmp_path):
+    found = js.fit(SCENE, history(SCENE, noise=0.02), {"blades.c_x": (20.0, 80.0)}, scan=2, starts=1, method=HOW)
+    found.save(tmp_path / "fit.nc")
+    again = js.open(tmp_path / "fit.nc")
+    assert isinstance(again, js.Fit)
+    assert again.numbers == found.numbers
+    assert again.summary() == found.summary()
+    assert repr(again) == repr(found)
+    assert [len(again.plot().axes), len(again.plot(panel="residuals").axes)] == [2, 1]
+    json.dumps(found.summary(), allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("table", "over", "told"),
+    [
+        ({"t [s]": [0.0], "x_left [m]": [1.0]}, OVER, "1 values cannot determine 3 numbers"),
+        ({"t [s]": [0.0, 1.0], "y_left [m]": [1.0, 1.0]}, OVER, "y_left is measured, but does not move"),
+        ({"t [s]": [0.0, 1.0], "x_left [m]": [0.0, 0.0]}, {"friction.mu": (0.1, 1.0)}, "x_left is 0 throughout"),
+        ({"t [s]": [0.0, 1.0], "x_left [m]": [1.0, 0.0]}, {"friction.mu": (-1.0, 1.0)}, "friction.mu, at its bounds"),
+        ({"t [s]": [0.0, 1.0], "x_left [m]": [1.0, 0.0]}, {"friction.mu": (1.0, 0.5)}, "in order"),
+        ({"t [s]": [0.0, 1.0], "x_left [m]": [1.0, 0.0]}, {"friction.nu": (0.1, 0.5)}, "no number `friction.nu`"),
+        ({"t [s]": [0.0, 1.0], "x_left [m]": [1.0, 0.0]}, {}, "at least one number"),
+        ({"f [Hz]": [80.0, 90.0], "x_rms_left [m]": [1.0, 1.0]}, {"drive.omega": (5e2, 6e2)}, "cannot be fitted"),
+        ({"t [s]": [0.0, 1e9], "x_left [m]": [1.0, 0.0]}, {"friction.mu": (0.1, 1.0)}, "GiB"),
+    ],
+)
+def test_what_cannot_be_fitted_is_told_in_one_line(table, over, told):
+    with pytest.raises(js.InputError, match=told) as error:
+        js.fit(SCENE, table, over, method=HOW)
+    assert "\n" not in str(error.value)
+
+
+ASKED = ["--steps-per-period", str(STEPS), "--over", "blades.c_x=20:80", "--scan", "2", "--starts", "1"]
+SCENE_WORDS = ["table1", "--set", 'parts.motion=["x"]', "--set", "blades.c_x=30", "--set", "drive.F_0=60"]
+
+
+@pytest.fixture
+def measured(tmp_path):
+    """The file of a history of the scene."""
+    table = history(SCENE, noise=0.02)
+    rows = [",".join(map(repr, row)) for row in np.stack([*table.values()], axis=1).tolist()]
+    (tmp_path / "measured.csv").write_text("\n".join([",".join(table), *rows]) + "\n", "utf-8")
+    return tmp_path / "measured.csv"
+
+
+def test_the_command_writes_the_fit_and_the_scene_that_it_found(measured, tmp_path, capsys):
+    out = tmp_path / "fit"
+    assert cli.main(["fit", *SCENE_WORDS, str(measured), *ASKED, "--out", str(out)]) == 0
+    assert "blades.c_x" in capsys.readouterr().out
+    assert {path.name for path in out.iterdir()} == {"fit.nc", "fit.png", "summary.json", "best.toml"}
+    found = js.open(out / "fit.nc")
+    assert js.value_of(js.load(out / "best.toml").scene, "blades.c_x") == found.value["blades.c_x"]
+    assert (
+        json.loads((out / "summary.json").read_text("utf-8"))["over"]["blades.c_x"]["value"]
+        == found.value["blades.c_x"]
+    )
+    assert found.numbers["blades.c_x"].holds(40.0)
+    assert cli.main(["plot", str(out / "fit.nc"), "--out", str(tmp_path / "again.png")]) == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "told"),
+    [
+        (lambda text: text.replace("[mm]", "[kg]", 1), ASKED, "is a mass, but a length is needed"),
+        (lambda text: text + "1e6,nan,1\n", ASKED, "'nan' is no finite number"),
+        (lambda text: "\n".join(text.splitlines()[:1]), ASKED, "has no data"),
+        (lambda text: text, [*ASKED, "--over", "blades.k_x=-1:1e5"], "must be greater than 0"),
+        (lambda text: text, [*ASKED, "--over", "shroud.gap=1kg:2kg"], "is a mass, but a length is needed"),
+        (lambda text: text.replace("x_right", "y_right"), ASKED, "y_right is measured, but does not move"),
+    ],
+)
+def test_wrong_input_of_the_command_is_one_line(change, words, told, measured, tmp_path, capsys):
+    measured.write_text(change(measured.read_text("utf-8")), "utf-8")
+    assert cli.main(["fit", *SCENE_WORDS, str(measured), *words, "--out", str(tmp_path / "fit")]) == 2
+    error = capsys.readouterr().err.strip()
+    assert told in error
+    assert len(error.splitlines()) == 1
