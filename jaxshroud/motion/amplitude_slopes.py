@@ -17,6 +17,7 @@ from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import moved_start
 from jaxshroud.scene.quantities import DISPLACEMENTS, Amplitude
+from jaxshroud.scene.scene import without_given
 
 LEAST_SAMPLES = 256  # of a drive period, between which an extreme is looked for
 CLOSE = 1e-4  # relative distance within which an extreme may be the largest: above the error of the samples' cubics
