@@ -106,6 +106,9 @@ def checked_designs(table: object, base: Scene, faults: dict[int, str] | None = 
         SceneError: See `read_designs`; or no row is right.
     """
     designs = read_designs(table, base, faults)
+    for head in designs.heads:
+        if head.partition("[")[0].strip() in (ROW, *DesignTable.variables):
+            raise SceneError(f"column `{head}` is one that the table appends; remove it, or rename it")
     if designs.right.size and base.parts.contact != "none":
         followed = lanes_that_auto_steps_follow(designs.scenes(base))
         designs = designs.marked(designs.right[~followed], "the design is too stiff, or too slow, to be followed")
@@ -116,32 +119,30 @@ def checked_designs(table: object, base: Scene, faults: dict[int, str] | None = 
 
 def _table_of(designs: Designs, swept: SweepResult, by: str) -> DesignTable:
     """The result of all rows from the sweep of those that are right."""
-    count = len(designs.reasons)
-    found = {name: getattr(swept, name, None) for name in DesignTable.variables}
-    per_row = {name: a for name, a in found.items() if np.shape(a)[:1] == designs.right.shape}
-    status = np.full(count, Status.BAD_INPUT)
-    status[designs.right] = swept.status
-    ok = swept.status == Status.OK
-    stable = ok & swept.P_d_settled & (swept.P_d_ci <= STABLE_WITHIN) & ~swept.P_d_ci_short
-    own = {"stable": stable, "n": np.where(ok, len(swept.period), 0), "verdict": np.array(_verdict_words(swept))}
-    values = {name: _beside_wrong(a, designs.right, count) for name, a in (per_row | own).items()}
-    values |= {"status": status, "reason": np.array(designs.reasons), "cells": designs.cells, "by": by}
-    values |= {name: getattr(swept, name) for name in ("method", "steps_per_period", "accuracy", "chatter")}
-    values["verdict"][values["verdict"] == ""] = "not run"
-    if by not in values:
-        raise InputError(
-            f"Argument `by` = {by!r}: the scene has no contact, and so no loads; rank by P_d or an amplitude."
-        )
-    values["rank"] = _ranks(values[by], by, status == Status.OK)
+    count, right = len(designs.reasons), designs.right
+    found: dict[str, Any] = {name: getattr(swept, name, None) for name in DesignTable.variables}
+    per_row = {name: a for name, a in found.items() if a is not None and np.shape(a)[:1] == right.shape}
+    values: dict[str, Any] = {name: _beside_wrong(a, right, count) for name, a in (per_row | _judged(swept)).items()}
+    values["status"][np.setdiff1d(np.arange(count), right)] = Status.BAD_INPUT
+    values["rank"] = _ranks(values[by], by, values["status"] == Status.OK)
+    values |= {"reason": np.array(designs.reasons), "cells": designs.cells, "by": by}
+    values |= {name: found[name] for name in ("method", "steps_per_period", "accuracy", "chatter")}
     coords = {ROW: np.arange(1, count + 1), "column": list(designs.heads), "blade": [0, 1]}
     origin = {name: swept.data.attrs[name] for name in ("title", "scene") if name in swept.data.attrs}
     return DesignTable.from_values(values, lanes=(ROW,), coords=coords, attrs=origin)
 
 
+def _judged(swept: SweepResult) -> dict[str, np.ndarray]:
+    """What is said of each lane beyond the numbers of the sweep."""
+    ok = swept.status == Status.OK
+    stable = ok & swept.P_d_settled & (swept.P_d_ci <= STABLE_WITHIN) & ~swept.P_d_ci_short
+    return {"stable": stable, "n": np.where(ok, len(swept.period), 0), "verdict": np.array(_verdict_words(swept))}
+
+
 def _beside_wrong(values: np.ndarray, right: np.ndarray, count: int) -> np.ndarray:
-    """Values of the rows that are right among those of all: NaN, 0 or an empty text for the others."""
-    dtype = "<U32" if values.dtype.kind == "U" else values.dtype
-    full = np.full((count, *values.shape[1:]), np.nan if values.dtype.kind == "f" else np.zeros((), dtype), dtype)
+    """Values of the rows that are right among those of all: NaN, 0 or "not run" for the others."""
+    fill, dtype = {"f": (np.nan, values.dtype), "U": ("not run", "<U32")}.get(values.dtype.kind, (0, values.dtype))
+    full = np.full((count, *values.shape[1:]), fill, dtype)
     full[right] = values
     return full
 
