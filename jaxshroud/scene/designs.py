@@ -15,6 +15,7 @@ from jaxshroud.scene.messages import toml_text
 from jaxshroud.scene.numbers import inputs_of
 from jaxshroud.scene.overrides import check_is_no_speed
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import short_repr
 from jaxshroud.scene.units import QUANTITY, to_si
 
 HEAD = re.compile(r"(?P<key>[^\s\[\]]+(?:\[[01]\])?)\s*(?:\[(?P<unit>[^\[\]]*)\])?")
@@ -126,11 +127,15 @@ def _full_head(head: str, column: Any) -> str:
 
 def _texts(column: Any) -> list[str]:
     """The cells of a column as texts; what is missing is empty."""
-    shape = np.shape(column)
-    if len(shape) != 1:
-        raise SceneError(f"a column of a table needs one value for each row, but one has the shape {shape}")
-    cells = column if isinstance(column, Sequence) else np.asarray(column).tolist()
-    return ["" if cell is None or cell != cell else str(cell).strip() for cell in cells]
+    cells = column if isinstance(column, list | tuple) else np.asarray(column)
+    if isinstance(cells, np.ndarray) and cells.ndim != 1:
+        raise SceneError(f"a column of a table needs one value for each row, but one is {short_repr(column)}")
+    return ["" if _is_missing(cell) else str(cell).strip() for cell in cells]
+
+
+def _is_missing(cell: Any) -> bool:
+    """Whether it is None, NaN, or what pandas has in place of them."""
+    return cell is None or (not isinstance(cell, str) and str(cell) in ("nan", "NaT", "<NA>"))
 
 
 def _key_columns(heads: Sequence[str], scene: Scene) -> list[KeyColumn]:

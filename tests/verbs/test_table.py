@@ -7,6 +7,7 @@ import xarray as xr
 
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
+from jaxshroud.cli import table as command
 from jaxshroud.io.csv_columns import read_csv
 from jaxshroud.verbs.table import checked_designs
 
@@ -79,6 +80,12 @@ def test_a_frame_a_dataset_and_a_mapping_give_the_same_designs(scene):
     assert checked_designs(dataset.drop_attrs(), scene).values[0, 0] == 10.0
 
 
+def test_what_frames_have_in_place_of_a_number_is_an_empty_cell(scene):
+    frame = pd.DataFrame({"friction.mu": pd.array([0.3, None, 0.5], "Float64"), "shroud.gap": [1e-5, 2e-5, np.nan]})
+    designs = checked_designs(frame, scene)
+    assert designs.reasons == ("", "friction.mu is empty", "shroud.gap is empty")
+
+
 def test_a_table_is_the_same_after_a_round_through_files(found, tmp_path):
     found.save(tmp_path / "t.nc")
     stored = js.open(tmp_path / "t.nc")
@@ -104,7 +111,9 @@ def test_the_command_writes_a_ranked_table_and_keeps_cells_as_they_were(tmp_path
     monkeypatch.chdir(tmp_path)
     (tmp_path / "d.csv").write_text("part no,drive.speed [rpm],friction.mu\n007,1300,0.30\n008,1400,0.20\n009,x,0.2\n")
     words = ["--scene", "engine_order", "--set", 'parts.motion=["x"]', "--periods", "4", "--transient", "4"]
+    monkeypatch.setattr(command, "LONG_TABLE_STEPS", 0)
     assert cli.main(["table", "d.csv", *words, "--steps-per-period", "100", "--out", "r.csv"]) == 0, capsys.readouterr()
+    assert "2 lanes: some" in capsys.readouterr().err
     read = pd.read_csv("r.csv", dtype=str)
     assert sorted(read["part no"]) == ["007", "008", "009"]
     assert sorted(read["friction.mu"]) == ["0.2", "0.20", "0.30"]
@@ -142,7 +151,7 @@ REFUSED = {  # what is wrong as a whole -> the file, and what the line must say
     "two names of a number": (b"contact.k,contact.gamma\n1,2\n", "give one number"),
     "both and one blade": (b"blades.m,blades.m[0]\n1,2\n", "give one number"),
     "a speed without order": (b"drive.speed [rpm]\n1300\n", "drive.engine_order"),
-    "a width of sharp contact": (b"contact.width [um]\n1\n", "width"),
+    "a width of sharp contact": (b"contact.width [um]\n1\n", "contact is not smooth"),
     "no head": (b"friction.mu,\n0.3,a\n", "has no head"),
     "an appended column": (b"friction.mu,P_d [percent]\n0.3,1\n", "appends"),
     "a ranked table": (b"row,rank,friction.mu\n1,1,0.3\n", "appends"),
@@ -211,7 +220,16 @@ def test_a_row_too_stiff_to_be_followed_is_marked_and_does_not_slow_the_others(c
 
 
 def test_what_cannot_be_a_table_is_refused(scene, tmp_path, capsys):
-    for table in (None, 3, "designs.csv", {}, {"friction.mu": []}, {"friction.mu": [[1, 2]]}, [1, 2]):
+    for table in (
+        None,
+        3,
+        "designs.csv",
+        {},
+        {"friction.mu": []},
+        {"friction.mu": [[1, 2]]},
+        {"friction.mu": "0.3"},
+        [1, 2],
+    ):
         with pytest.raises(js.InputError):
             js.table(scene, table)
     with pytest.raises(js.InputError, match="columns of one length"):
