@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxshroud.batch.runs import Progress
 from jaxshroud.io.lane_status import LaneWarning, warn_failures
+from jaxshroud.io.variable import Attribute
 from jaxshroud.march.method import Method
 from jaxshroud.march.method_names import RANKED_BY
 from jaxshroud.march.stability import lanes_that_auto_steps_follow
@@ -106,8 +107,9 @@ def checked_designs(table: object, base: Scene, faults: dict[int, str] | None = 
         SceneError: See `read_designs`; or no row is right.
     """
     designs = read_designs(table, base, faults)
+    appended = {name for name, variable in DesignTable.variables.items() if not isinstance(variable, Attribute)}
     for head in designs.heads:
-        if head.partition("[")[0].strip() in (ROW, *DesignTable.variables):
+        if head.partition("[")[0].strip() in {ROW, *appended}:
             raise SceneError(f"column `{head}` is one that the table appends; remove it, or rename it")
     if designs.right.size and base.parts.contact != "none":
         followed = lanes_that_auto_steps_follow(designs.scenes(base))
