@@ -156,4 +156,4 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
 
     def __repr__(self) -> str:
         statuses = ", ".join(f"{n} {name}" for name, n in count_by_status(self.status).items())
-        return f"DesignTable of {len(self.rank)} rows ranked by {self.by}: {statuses}; {self.method}"
+        return f"DesignTable of {np.size(self.rank)} rows ranked by {self.by}: {statuses}; {self.method}"
