@@ -47,6 +47,7 @@ from .results.response import Response as Response
 from .results.scatter import Report as Report
 from .results.scatter import Scatter as Scatter
 from .results.sweep import SweepResult as SweepResult
+from .results.table import DesignTable as DesignTable
 from .results.trade import MeasuredSetting as MeasuredSetting
 from .results.trade import Trade as Trade
 from .results.trajectory import Trajectory as Trajectory
@@ -105,6 +106,7 @@ from .verbs.response import response as response
 from .verbs.scatter import scatter as scatter
 from .verbs.simulate import simulate as simulate
 from .verbs.sweep import sweep as sweep
+from .verbs.table import table as table
 from .verbs.trade import trade as trade
 from .verbs.tune import objective_map as objective_map
 from .verbs.tune import tune as tune

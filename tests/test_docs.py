@@ -34,6 +34,7 @@ STEPS = ["--steps-per-period", "100"]
 SMALLER = {
     "simulate": [*SMALL, "--periods", "2", *STEPS],
     "sweep": [*SMALL, "--periods", "2", "--transient", "1"],
+    "table": [*SMALL, "--periods", "4", "--transient", "4", *STEPS],
     "power": [*SMALL, "--periods", "4", "--transient", "1", *STEPS],
     "diagnose": [*SETTLED, *STEPS],
     "animate": ["--periods", "1"],
@@ -114,9 +115,10 @@ def test_the_start_page_has_the_command_that_installs():
 
 @pytest.fixture
 def small(monkeypatch, tmp_path):
-    """Scenes of the smallest model, few periods, and a folder to write to."""
+    """Scenes of the smallest model, few periods, and a folder to write to, with the table of designs of its page."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "measured.csv").write_text(MEASURED, "utf-8")
+    (tmp_path / "designs.csv").write_text(*blocks(DOCS / "verbs" / "table.md", "csv"))
     monkeypatch.setattr(trade, "SETTINGS", {contact: ways[:2] for contact, ways in trade.SETTINGS.items()})
     monkeypatch.setattr(options, "N_PERIODS", 4)
     monkeypatch.setattr(options, "ACCURACY", None)  # RK4, whose programs other tests compile too

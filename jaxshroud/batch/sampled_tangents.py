@@ -28,7 +28,7 @@ class SampledMotions(NamedTuple):
     end_by: np.ndarray  # (lanes, 13) tangent of the state at the end
 
 
-def sampled_motions(scenes: Dual, states: Dual, schedule: Schedule) -> SampledMotions:
+def motions_with_tangents(scenes: Dual, states: Dual, schedule: Schedule) -> SampledMotions:
     """The sampled motions of lanes from their states, with tangents along the direction of each lane.
 
     Args:

@@ -12,7 +12,7 @@ from jaxshroud.cli.option_table import (
     Option,
     shared_option,
 )
-from jaxshroud.march.method_names import RESPONSES
+from jaxshroud.march.method_names import RANKED_BY, RESPONSES
 
 # Pictures of a run: pages of panels and single panels.
 RUN_KINDS = ("motion", "forces", "all", "history", "phase", "poincare", "spectrum", "ribbon", "loop", "path")
@@ -83,6 +83,22 @@ COMMANDS = {
             "--out",
         ),
         module="sweep",
+    ),
+    "table": Command(
+        "Compute the designs of a CSV table, a row for each, and rank them.",
+        "jaxshroud table designs.csv --scene fig09_best --out ranked.csv",
+        (
+            Option("designs", "CSV: a key and unit heads each column, e.g. shroud.gap [mm]", path, metavar="FILE.csv"),
+            Option("--scene", "what no column gives; by default table1", default="table1", metavar="SCENE"),
+            *SCENE_FLAGS[1:],
+            *METHOD_FLAGS,
+            "--force",
+            "--transient",
+            Option("--by", "number to rank by; by default the largest P_d", choices=RANKED_BY, default="P_d"),
+            shared_option("--out", help="ranked table; or .nc", metavar="FILE.csv"),
+        ),
+        arguments=("n_periods", "transient", "by"),
+        module="table",
     ),
     "diagnose": Command(
         "Say what kind of motion a scene settles on, and why, on one page.",

@@ -130,6 +130,7 @@ class Computation:
     usual: Choices | None = FAST
     # How methods are tried for an accuracy, see `choose_method`.
     trials: Callable[[VerbCall], Mapping[str, Any]] = lambda call: {}
+    announce: Callable[[VerbCall], None] = lambda call: None  # what is said before the run
     run: Callable[[VerbCall, Progress], Any] = call_verb
     output: Callable[[CompletedCall], None] = write_and_print
 
@@ -140,6 +141,7 @@ class Computation:
         arguments = {**_plain_arguments(command.arguments, file, options), **self.prepare(file, options)}
         _claim_output(options)
         call = self._with_method(VerbCall(file, options, arguments))
+        self.announce(call)
         with progress_bar(command.unit) as report, input_errors_at(file.name):
             result = self.run(call, report)
         self.output(CompletedCall(*call, result, start))

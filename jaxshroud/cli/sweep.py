@@ -2,11 +2,9 @@
 
 import argparse
 import math
-import sys
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import timedelta
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -15,12 +13,13 @@ import numpy as np
 
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.runs import Plan, projected_seconds
-from jaxshroud.batch.size_limits import check_size, results_size, sweep_memory
+from jaxshroud.batch.size_limits import check_size, results_size
 from jaxshroud.batch.threads import Interrupted, cores
 from jaxshroud.cli.arg_types import count
 from jaxshroud.cli.background_import import DATASETS, PICTURES, imported_meanwhile
 from jaxshroud.cli.computation import with_origin
 from jaxshroud.cli.option_table import Along
+from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection
 from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march
 from jaxshroud.cli.stored_results import draw_dataset
 from jaxshroud.cli.terminal import (
@@ -51,11 +50,9 @@ from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.options import MarchPlan
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE, sweep
 
-LONG_RUN_STEPS = 10**9  # steps of all lanes together, which take minutes
 LANES_PER_LONE_LANE = 16  # a lane that runs alone takes as long as this many lanes of a chunk
 RESUME_ADVICE = "; the same command with --resume goes on"
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
-GIB = 2**30  # bytes
 
 
 class SweepRequest(NamedTuple):
@@ -205,20 +202,19 @@ def _print_projection_of_long_run(request: SweepRequest, scenes: Scene, march: M
 
 def _print_projection(request: SweepRequest, scenes: Scene, plan: Plan) -> None:
     cpu, wall = _projected_times(request, scenes, plan)
-    samples = not request.options.no_samples
-    wall_text = f", {wall} h on {cores()} core{'s' * (cores() > 1)}" if request.options.scheduler is None else ""
-    memory = sweep_memory(request.lanes, plan.kept, request.lanes_held) / GIB
-    size = results_size(request.lanes, plan.kept, samples=samples) / GIB
-    place = "" if request.store is None else f" in {request.store}"
-    print(
-        f"{request.lanes} lanes: some {cpu} h of processor time{wall_text}, {memory:.3g} GiB of memory, "
-        f"{size:.3g} GiB of results{place}",
-        file=sys.stderr,
+    print_projection(
+        request.lanes,
+        plan.kept,
+        cpu,
+        wall if request.options.scheduler is None else None,
+        lanes_held=request.lanes_held,
+        samples=not request.options.no_samples,
+        place="" if request.store is None else f" in {request.store}",
     )
 
 
-def _projected_times(request: SweepRequest, scenes: Scene, plan: Plan) -> tuple[timedelta, timedelta]:
-    """Processor time and wall time of a run, from short trials."""
+def _projected_times(request: SweepRequest, scenes: Scene, plan: Plan) -> tuple[float, float]:
+    """Processor time and wall time of a run [s], from short trials."""
     direction, row_lanes = request.file.direction, request.row_lanes
     at_once = lambda way: None if way == "independent" else row_lanes
     directions = SINGLE_DIRECTIONS if direction == "both" else (direction,)
@@ -228,8 +224,7 @@ def _projected_times(request: SweepRequest, scenes: Scene, plan: Plan) -> tuple[
             seconds[lanes] = projected_seconds(scenes, plan, beside=lanes, progress=report)
     cpu = [seconds[at_once(way)] for way in directions]
     busy = [min(cores(), cores() if way == "independent" else -(-row_lanes // LANES_PER_CALL)) for way in directions]
-    wall = sum(each / n for each, n in zip(cpu, busy, strict=True))
-    return timedelta(seconds=round(sum(cpu))), timedelta(seconds=round(wall))
+    return sum(cpu), sum(each / n for each, n in zip(cpu, busy, strict=True))
 
 
 # Computation and results

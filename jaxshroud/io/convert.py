@@ -40,7 +40,7 @@ def convert(data: "xr.Dataset", path: Path, rows: Rows | None = None) -> None:
 
 
 def _csv(data: "xr.Dataset", path: Path, rows: Rows | None) -> None:
-    write(path, table(data, rows).encode())
+    write(path, csv_text(data, rows).encode())
 
 
 def _mat(data: "xr.Dataset", path: Path, _: Rows | None) -> None:
@@ -58,7 +58,7 @@ def _nc(data: "xr.Dataset", path: Path, _: Rows | None) -> None:
 WRITERS: dict[str, Callable[["xr.Dataset", Path, Rows | None], None]] = {".csv": _csv, ".mat": _mat, ".nc": _nc}
 
 
-def table(data: "xr.Dataset", rows: Rows | None = None) -> str:
+def csv_text(data: "xr.Dataset", rows: Rows | None = None) -> str:
     """All variables with one value per row, as comma-separated text: a header with units, then a line for each row.
 
     Coordinates come first. A variable with a value for each blade becomes two columns, `x[0]` and `x[1]`.
@@ -72,13 +72,15 @@ def table(data: "xr.Dataset", rows: Rows | None = None) -> str:
             sides = range(variable.sizes["blade"]) if "blade" in variable.dims else (None,)
             for side in sides:
                 column = variable if side is None else variable.isel(blade=side)
-                columns[_head(str(name), side, column)] = column.variable
+                columns[column_head(str(name), side, column)] = column.variable
     coords = {name: data.coords[name].variable for name in data.coords if set(data.coords[name].dims) <= set(dims)}
     if not dims:
         lines = [*columns], [column.item() for column in columns.values()]
         return "\n".join(",".join(map(str, line)) for line in lines) + "\n"
     frame = xr.Dataset(columns, coords).to_dataframe(dim_order=list(dims))
-    frame.index.names = [_head(str(name), None, data[name]) if name in data else name for name in frame.index.names]
+    frame.index.names = [
+        column_head(str(name), None, data[name]) if name in data else name for name in frame.index.names
+    ]
     return frame.to_csv()
 
 
@@ -94,7 +96,8 @@ def _row_dims(data: "xr.Dataset", rows: Rows | None) -> tuple[str, ...]:
     return lanes if rows == "lane" or (rows is None and lanes) else samples
 
 
-def _head(name: str, side: int | None, column: "xr.DataArray") -> str:
+def column_head(name: str, side: int | None, column: "xr.DataArray") -> str:
+    """The head of a column: the name of a variable, the blade if there are two, and the unit."""
     units = column.attrs.get("units", "")
     head = name if side is None else f"{name}[{side}]"
     return f"{head} [{units}]" if units not in ("", "1") else head

@@ -1,4 +1,4 @@
-"""The words that commands and verbs take: methods, ways to locate events, and amplitudes."""
+"""The words that commands and verbs take: methods, ways to locate events, amplitudes and loads."""
 
 from typing import Literal
 
@@ -8,3 +8,5 @@ METHODS = (*TABLEAUS, "taylor")
 # step (first order, for comparison only); "series": take the root of the guard's power series
 Locate = Literal["bisection", "cubic", "none", "series"]
 RESPONSES = tuple(f"{q}_{kind}" for q in ("x", "y", "theta") for kind in ("peak", "rms"))  # amplitudes over a number
+LOADS = ("v_max", "N_max", "F_max", "friction_work", "slip", "archard", "impacts", "approach_max", "impulse_max")
+RANKED_BY = ("P_d", *RESPONSES, *LOADS)  # P_d: the largest is first; others: the smallest

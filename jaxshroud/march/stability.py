@@ -190,15 +190,31 @@ def _check_relaxation(of: "_Fastest", steps: int) -> None:
 
 
 def _auto_steps(of: "_Fastest", method: Tableau | TaylorOptions) -> int:
-    most, least = AUTO_STEP_ANGLES[method.auto_steps_like]
-    product = np.clip(1.25 * most * of.own / of.omega_max, least, most)
-    need = float(np.max(np.maximum(of.omega_max / product, of.relaxation / AUTO_RELAXATION_STEPS) * of.period))
+    need = float(np.max(_needed_steps(of, method)))
     if not need < MAX_AUTO_STEPS:
         raise StepTooLongError(
             f'steps_per_period = "auto" would be {need:.3g}: the drive is too slow, or a spring or damper too stiff, '
             f"to follow a period with at most {MAX_AUTO_STEPS:.0e} steps"
         )
     return max(math.ceil(need), MIN_AUTO_STEPS)
+
+
+def _needed_steps(of: "_Fastest", method: Tableau | TaylorOptions) -> np.ndarray:
+    """The steps per period that each lane needs."""
+    most, least = AUTO_STEP_ANGLES[method.auto_steps_like]
+    product = np.clip(1.25 * most * of.own / of.omega_max, least, most)
+    return np.maximum(of.omega_max / product, of.relaxation / AUTO_RELAXATION_STEPS) * of.period
+
+
+def lanes_that_auto_steps_follow(scenes: Scene) -> np.ndarray:
+    """Whether "auto" steps of RK4 follow each lane (leading axis): others have numbers too large, or are too stiff."""
+    stiffness, period = jax.tree.map(np.asarray, _batched_stiffness(scenes))
+    finite = np.isfinite(stiffness.squares).all(axis=(-3, -2, -1)) & np.isfinite(period)
+    lanes = np.flatnonzero(finite)
+    chosen = jax.tree.map(lambda a: a[lanes], stiffness)
+    of = _Fastest(*_frequencies(chosen, np), period[lanes], chosen.relaxation)
+    finite[lanes] = _needed_steps(of, RK4) < MAX_AUTO_STEPS
+    return finite
 
 
 def stiffest(scenes: Scene, batch_dims: int) -> tuple[float, float]:

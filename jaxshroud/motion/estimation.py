@@ -19,7 +19,7 @@ CONFOUNDED = 0.99  # correlation from which two numbers cannot be told from one 
 NO_INFLUENCE = 1.0  # change of all data over their noise that a number makes across its range
 NONLINEAR = 0.3  # relative departure from the linear model at the ends of intervals from which profiles are taken
 PROFILE_TOLERANCE = 1e-3  # of the ends of profiles, over the range
-APART = 0.02  # distance of two minima over the range
+APART_MINIMA = 0.02  # distance of two minima over the range
 WIDEST_STEP = 0.25  # of the search for the end of a profile, over the range
 LEVEL = 0.95
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.differentiable_samples import Schedule
-from jaxshroud.batch.sampled_tangents import SampledMotions, sampled_motions, start_duals
+from jaxshroud.batch.sampled_tangents import SampledMotions, motions_with_tangents, start_duals
 from jaxshroud.batch.tangents import Dual, direction
 from jaxshroud.march.method import Choices
 from jaxshroud.motion.amplitudes import DISPLACEMENT_NAMES
@@ -88,7 +88,7 @@ def predicted_history(scenes: Scene, keys: tuple[str, ...], data: Measurements, 
         schedule: A sample in every step; up to the last measured time.
     """
     duals = along_each(scenes, keys)
-    motions = sampled_motions(duals, start_duals(duals), schedule)
+    motions = motions_with_tangents(duals, start_duals(duals), schedule)
     omega = duals.value.drive.omega, duals.tangent.drive.omega
     values, slopes = _at_times(motions, *omega, data.at.astype(motions.place.dtype), float(schedule.steps))
     return _predicted(np.asarray(values), np.asarray(slopes), data, len(keys))

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.differentiable_samples import Schedule
-from jaxshroud.batch.sampled_tangents import SampledMotions, sampled_motions
+from jaxshroud.batch.sampled_tangents import SampledMotions, motions_with_tangents
 from jaxshroud.batch.states import STATE_SIZE
 from jaxshroud.batch.tangents import TangentProblem, as_differentiable, direction
 from jaxshroud.motion.amplitudes import cubic_mean, hermite_largest
@@ -58,7 +58,7 @@ def _amplitudes_of_alike(orbits: Sequence[PeriodicOrbit], keys: Sequence[str]) -
     directions = [direction(first.scene, key) for key in keys]
     problems = [TangentProblem(orbit.scene, orbit.start, directions) for orbit in orbits]
     scenes, states = jax.tree.map(lambda *a: np.concatenate(a), *(problem.duals for problem in problems))
-    motions = sampled_motions(scenes, states, schedule)
+    motions = motions_with_tangents(scenes, states, schedule)
     by_orbit = jax.tree.map(lambda a: a.reshape(len(orbits), STATE_SIZE + len(keys), *a.shape[1:]), motions)
     moved = [_moved_along(orbit, jax.tree.map(lambda a, i=i: a[i], by_orbit)) for i, orbit in enumerate(orbits)]
     interval = [math.tau / float(orbit.scene.drive.omega) / steps for orbit in orbits]

@@ -75,22 +75,31 @@ def scenes_from(table: object, base: Scene | SceneFile) -> Scene:
         >>> scenes.shroud.gap.shape, scenes.blades.m.shape
         ((2,), (2, 2))
     """
-    rows: Any = table
-    try:
-        keys = getattr(getattr(rows, "dtype", None), "names", None) or [str(key) for key in rows]
-        values = {key: rows[key] for key in keys}
-    except (TypeError, IndexError, KeyError):
-        raise SceneError(
-            f"a table needs columns that are called by keys of a scene, but is {short_repr(table)}"
-        ) from None
+    values = columns_of(table)
     columns = {key: _column(key, column) for key, column in values.items()}
     sizes = {key: column.size for key, column in columns.items()}
     if not sizes or len(set(sizes.values())) > 1 or 0 in sizes.values():
         lengths = ", ".join(f"{key}: {n}" for key, n in sizes.items()) or "no column"
         raise SceneError(f"a table needs columns of one length and at least one row, but has {lengths}")
-    check_independent(list(keys))
+    check_independent(list(columns))
     scene = base.scene if isinstance(base, SceneFile) else base
-    return scenes_at(scene, keys, np.stack(list(columns.values()), axis=-1))
+    return scenes_at(scene, list(columns), np.stack(list(columns.values()), axis=-1))
+
+
+def columns_of(table: object) -> dict[str, Any]:
+    """The columns of a table by their heads: of a mapping, a pandas DataFrame, a structured array or an xarray Dataset.
+
+    Raises:
+        SceneError: It is none of these.
+    """
+    rows: Any = table
+    try:
+        keys = getattr(getattr(rows, "dtype", None), "names", None) or [str(key) for key in rows]
+        return {key: rows[key] for key in keys}
+    except (TypeError, IndexError, KeyError):
+        raise SceneError(
+            f"a table needs columns that are called by keys of a scene, but is {short_repr(table)}"
+        ) from None
 
 
 def _column(key: str, values: Any) -> np.ndarray:

@@ -1,0 +1,69 @@
+"""The command `table`."""
+
+import argparse
+from typing import Any
+
+from jaxshroud.batch.runs import Plan, projected_seconds
+from jaxshroud.batch.threads import cores
+from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_with_accuracy_warnings, print_result
+from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection
+from jaxshroud.cli.terminal import CommandError, input_errors_at, progress_bar
+from jaxshroud.io.csv_columns import read_csv
+from jaxshroud.march.method import FAST
+from jaxshroud.results.base import ORIGIN
+from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.valid import in_precision
+from jaxshroud.verbs.options import plan_march, resolve_options
+from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE
+from jaxshroud.verbs.table import checked_designs
+
+SHOWN_REASONS = 5  # rows whose faults are printed
+LONG_TABLE_STEPS = LONG_RUN_STEPS // 10  # with loads and amplitudes, in all lanes together
+
+
+def _table_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
+    """The designs of the table."""
+    if options.out.suffix not in (".csv", ".nc"):
+        raise CommandError(f"--out {options.out}: must end in .csv, the ranked table, or in .nc")
+    table = read_csv(options.designs)
+    with input_errors_at(str(options.designs)):
+        return {"designs": checked_designs(table.columns, file.scene, table.faults)}
+
+
+def _scenes_of_designs(call: VerbCall) -> Scene:
+    return call.arguments["designs"].scenes(call.file.scene)
+
+
+def _print_projection_of_long_table(call: VerbCall) -> None:
+    """Print what a long table will take."""
+    scenes = without_given(_scenes_of_designs(call))
+    march = plan_march(resolve_options(call.file, method=call.arguments["method"]), scenes, FAST)
+    method = march.method._replace(ledger=True, forces=True, amplitudes=True)
+    plan = Plan(call.arguments["transient"], call.arguments["n_periods"], march.steps, 0.0, method)
+    lanes = len(scenes.drive.omega)
+    if lanes * (plan.transient + plan.kept) * plan.steps_per_period <= LONG_TABLE_STEPS:
+        return
+    with progress_bar("lane-periods of a trial") as report:
+        seconds = projected_seconds(in_precision(scenes, method.precision), plan, progress=report)
+    print_projection(lanes, plan.kept, seconds, seconds / cores(), lanes_held=min(lanes, MAX_LANES_AT_ONCE))
+
+
+def _output_table(completed: CompletedCall) -> None:
+    result = completed.result
+    result.save(completed.options.out)
+    rows = {name: value for name, value in result.summary().items() if name not in ORIGIN}
+    for line in result.wrong[:SHOWN_REASONS]:
+        rows[line.partition(":")[0]] = line.partition(": ")[2]
+    if len(result.wrong) > SHOWN_REASONS:
+        rows["further wrong rows"] = len(result.wrong) - SHOWN_REASONS
+    print_result(completed, {**rows, "seconds": completed.seconds})
+
+
+table_command = Computation(
+    prepare=_table_arguments,
+    scenes=_scenes_of_designs,
+    announce=_print_projection_of_long_table,
+    run=call_with_accuracy_warnings,
+    output=_output_table,
+)
