@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxshroud.motion.amplitudes import DISPLACEMENT_NAMES
-from jaxshroud.motion.measured import BLADES, MEASURES, Channel, Measurements
 from jaxshroud.scene.checks import InputError, hint
 from jaxshroud.scene.keys import KEYS
+from jaxshroud.scene.measurements import BLADES, MEASURES, Channel, Measurements
+from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.units import to_si
 
 HEADER = re.compile(r"\s*(?P<name>\w+)\s*(\[\s*(?P<unit>[^\[\]]*?)\s*\])?\s*")
@@ -22,10 +22,10 @@ LARGEST = 1e30  # number that is taken for measured
 LEAST_NOISE = 1e-12  # over the largest value of a channel: that of rounding
 SIGMA = "_sigma"  # after the name of a channel
 AXIS_UNITS = {"t": "s", "omega": "rad/s", "f": "Hz", "speed": "rad/s", "engine_order": ""}
-HISTORY = {Channel(place, blade).name: Channel(place, blade) for place in DISPLACEMENT_NAMES for blade in (0, 1)}
+HISTORY = {Channel(place, blade).name: Channel(place, blade) for place in DISPLACEMENTS for blade in (0, 1)}
 RESPONSE = {
     channel.name: channel
-    for place, measure, blade in product(DISPLACEMENT_NAMES, MEASURES, range(len(BLADES)))
+    for place, measure, blade in product(DISPLACEMENTS, MEASURES, range(len(BLADES)))
     for channel in [Channel(place, blade, measure)]
 }
 UNIT_EXAMPLES = {"m": "mm", "rad": "deg"}  # of an SI unit

@@ -12,9 +12,8 @@ from jaxshroud.batch.threads import in_chunks
 from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.scene import Scene
-
-DISPLACEMENT_NAMES = ("x", "y", "theta")
 
 
 def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str, np.ndarray]:
@@ -33,7 +32,7 @@ def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict
     highest = [_largest_of(np.stack(pair, axis=1), counted) for pair in samples.extent.highest]
     lowest = [-_largest_of(-np.stack(pair, axis=1), counted) for pair in samples.extent.lowest]
     values = {}
-    for i, (name, free) in enumerate(zip(DISPLACEMENT_NAMES, free_amplitudes(scenes), strict=True)):
+    for i, (name, free) in enumerate(zip(DISPLACEMENTS, free_amplitudes(scenes), strict=True)):
         values[f"{name}_mean"] = mean[i]
         values[f"{name}_rms"] = np.sqrt(np.maximum(square[i] - mean[i] ** 2, 0.0))
         values[f"{name}_peak"] = np.maximum(highest[i] - mean[i], mean[i] - lowest[i])
@@ -112,7 +111,7 @@ def sampled_amplitudes(
     """
     values, h = {}, interval[:, None, None]
     first = -1 - round(periods * math.tau / float(scenes.drive.omega[0]) / float(interval[0]))
-    for name, free in zip(DISPLACEMENT_NAMES, free_amplitudes(scenes), strict=True):
+    for name, free in zip(DISPLACEMENTS, free_amplitudes(scenes), strict=True):
         q, rate = (np.asarray(getattr(motion, n), float)[:, first:] for n in (name, f"v_{name}"))
         mean = cubic_mean(q, rate, h)
         highest, lowest = hermite_largest(q, rate * h), -hermite_largest(-q, -rate * h)

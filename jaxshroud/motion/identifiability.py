@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxshroud.motion.estimation import (
-    APART,
+    APART_MINIMA,
     CONFOUNDED,
     NO_INFLUENCE,
     NONLINEAR,
@@ -73,7 +73,7 @@ def _confounded(found: Estimate, keys: Sequence[str]) -> list[str]:
 
 def _other_minima(found: Estimate) -> list[str]:
     felt = found.influence >= NO_INFLUENCE
-    far = [m for m in found.minima[1:] if np.max(np.abs(m.u - found.u)[felt], initial=0.0) > APART]
+    far = [m for m in found.minima[1:] if np.max(np.abs(m.u - found.u)[felt], initial=0.0) > APART_MINIMA]
     alike = [m for m in far if m.chi2 < found.chi2 + found.quantile**2]
     return [f"{len(alike)} of the starts end elsewhere and fit as well: there is more than one answer"] if alike else []
 

@@ -1,7 +1,7 @@
 """Measured motions, and the same quantities of the model with their exact derivatives."""
 
 import math
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,53 +11,12 @@ from jaxshroud.batch.differentiable_samples import Schedule
 from jaxshroud.batch.sampled_tangents import SampledMotions, motions_with_tangents, start_duals
 from jaxshroud.batch.tangents import Dual, direction
 from jaxshroud.march.method import Choices
-from jaxshroud.motion.amplitudes import DISPLACEMENT_NAMES
 from jaxshroud.programs.kept import kept
+from jaxshroud.scene.measurements import Measurements
 from jaxshroud.scene.scene import Scene
 
-BLADES = ("left", "right")
-MEASURES = ("rms", "peak")  # of a frequency response: about the mean
-Kind = Literal["history", "response"]
 # Largest omega h between samples: the error of the cubic, (omega h)^4 / 384, is then 4e-6 of the fastest oscillation.
 INTERPOLATION_ANGLE = 0.2
-
-
-class Channel(NamedTuple):
-    """One measured quantity."""
-
-    place: str  # x, y or theta
-    blade: int
-    measure: str = ""  # of a response: one of `MEASURES`
-
-    @property
-    def name(self) -> str:
-        """The name of its column: `x_left`, or `x_rms_left` of a response."""
-        return "_".join(filter(None, (self.place, self.measure, BLADES[self.blade])))
-
-    @property
-    def column(self) -> int:
-        """Its place among x, y and theta, left before right."""
-        return 2 * DISPLACEMENT_NAMES.index(self.place) + self.blade
-
-
-class Measurements(NamedTuple):
-    """A time history of displacements, or a frequency response, in SI units."""
-
-    kind: Kind
-    at: np.ndarray  # (n,) time since drive phase 0 [s], or circular frequency of the drive [rad/s]
-    channels: tuple[Channel, ...]
-    values: np.ndarray  # (n, channels) [m, rad]
-    sigma: np.ndarray | None = None  # (n, channels) standard deviations of the noise; None: unknown
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the channels."""
-        return tuple(channel.name for channel in self.channels)
-
-    @property
-    def sizes(self) -> np.ndarray:
-        """The root mean square of each channel."""
-        return np.sqrt(np.mean(self.values**2, axis=0))
 
 
 class Predicted(NamedTuple):

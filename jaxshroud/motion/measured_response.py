@@ -17,10 +17,10 @@ from jaxshroud.batch.sampled_tangents import SampledMotions, motions_with_tangen
 from jaxshroud.batch.states import STATE_SIZE
 from jaxshroud.batch.tangents import TangentProblem, as_differentiable, direction
 from jaxshroud.motion.amplitudes import cubic_mean, hermite_largest
-from jaxshroud.motion.measured import MEASURES, Channel
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import moved_start
 from jaxshroud.programs.kept import kept
+from jaxshroud.scene.measurements import MEASURES, Channel
 
 
 def orbit_amplitudes_by(

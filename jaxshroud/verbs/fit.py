@@ -23,10 +23,11 @@ from jaxshroud.motion.estimation import (
     linear_departure,
 )
 from jaxshroud.motion.identifiability import findings
-from jaxshroud.motion.measured import Measurements, steps_between_samples
+from jaxshroud.motion.measured import steps_between_samples
 from jaxshroud.results.fit import Fit
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.measurements import Measurements
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of

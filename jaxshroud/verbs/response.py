@@ -8,7 +8,7 @@ from jaxtyping import ArrayLike
 from jaxshroud.batch.runs import Progress
 from jaxshroud.march.method import Method
 from jaxshroud.march.method_names import RESPONSES
-from jaxshroud.motion.amplitudes import DISPLACEMENT_NAMES, free_amplitudes
+from jaxshroud.motion.amplitudes import free_amplitudes
 from jaxshroud.motion.peaks import branch_peaks
 from jaxshroud.results.branch import Branch
 from jaxshroud.results.response import Member, Response
@@ -16,6 +16,7 @@ from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import InputError, NumericalError, count_argument, word_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
+from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, vary, with_numbers
@@ -149,7 +150,7 @@ def _free_peak(scene: Scene, along: str, low: float, high: float, of: str) -> tu
     numbered, values, level = with_numbers(scene, [along]), np.array([low, high]), 0.0
     for _ in range(FREE_ZOOMS):
         values = np.linspace(values[0], values[-1], FREE_VALUES)
-        levels = free_amplitudes(scenes_at(numbered, [along], values[:, None]))[DISPLACEMENT_NAMES.index(name)][:, 0]
+        levels = free_amplitudes(scenes_at(numbered, [along], values[:, None]))[DISPLACEMENTS.index(name)][:, 0]
         top = int(levels.argmax())
         values, level = values[max(top - 1, 0) : top + 2], float(levels[top])
     return float(values[len(values) // 2]), level * share
