@@ -56,7 +56,10 @@ COMMANDS = {
         "branch/branch.png",
     ),
     "response.png": (
-        ["response engine_order --along drive.speed --start '1200 rpm' --stop '1700 rpm' --num 100 --out response"],
+        [
+            "response engine_order --set 'parts.motion=[\"x\"]' --along drive.speed --start '1200 rpm' "
+            "--stop '1700 rpm' --num 100 --out response"
+        ],
         "response/response.png",
     ),
     "attractors.png": (
