@@ -115,8 +115,10 @@ def sampled_amplitudes(
         q, rate = (np.asarray(getattr(motion, n), float)[:, first:] for n in (name, f"v_{name}"))
         mean = cubic_mean(q, rate, h)
         highest, lowest = hermite_largest(q, rate * h), -hermite_largest(-q, -rate * h)
+        with np.errstate(invalid="ignore", over="ignore"):  # of a motion that has overflowed
+            square = cubic_mean(q**2, 2 * q * rate, h) - mean**2
         values[f"{name}_mean"] = mean
-        values[f"{name}_rms"] = np.sqrt(np.maximum(cubic_mean(q**2, 2 * q * rate, h) - mean**2, 0.0))
+        values[f"{name}_rms"] = np.sqrt(np.maximum(square, 0.0))
         values[f"{name}_peak"] = np.maximum(highest - mean, mean - lowest)
         values[f"{name}_free"] = free
     return values
@@ -139,7 +141,7 @@ def hermite_largest(q: Any, slope: Any) -> Any:
     like: Any = np if isinstance(q, np.ndarray) else jnp
     (g_0, g_1), (m_0, m_1) = ((a[:, :-1], a[:, 1:]) for a in (q, slope))
     b, c = hermite_coefficients(g_0, g_1, m_0, m_1)
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         s = m_0 / (like.sqrt(b * b - 3 * m_0 * c) - b)
     top = g_0 + s * (m_0 + s * (b + s * c))
     return like.maximum(q.max(axis=1), like.where((s > 0) & (s < 1), top, -np.inf).max(axis=1))

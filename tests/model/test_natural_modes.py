@@ -7,7 +7,7 @@ import pytest
 
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import State, prepared_model
-from jaxshroud.model.rhs import rhs
+from jaxshroud.model.rhs import Recorded, rhs
 from jaxshroud.scene.config import load
 from jaxshroud.scene.keys import Motion
 from jaxshroud.verbs.check import check
@@ -83,7 +83,7 @@ def jacobian(scene, case):
     @jax.jit
     def accelerations(z):
         motion = Motion(*((z[i], z[i + 1]) for i in range(0, 12, 2)))
-        rates, _ = rhs((zero, zero), State(motion, zero, *codes), model, False)
+        rates, _ = rhs((zero, zero), State(motion, zero, *codes), model, Recorded())
         return jnp.stack([rate for pair in rates.acceleration for rate in pair])
 
     steps = np.eye(12) * 1e-6

@@ -41,7 +41,6 @@ import json
 import jax
 jax.config.update("jax_enable_x64", True)
 import jaxshroud as js
-from jaxshroud.verbs.gradient import on_orbit
 
 scene = js.load("table1").scene
 orbit = None
@@ -64,7 +63,7 @@ tries = {
     "direction": lambda: js.sweep(scene, {"contact.gamma": [1.0, 2.0]}, n_periods=1, direction="Forward"),
     "of": lambda: js.gradient(scene, ["shroud.gap"], of=lambda run: run),
     "differences": lambda: js.differences(orbit, ["shroud.gap"], 1e-3, of="Pd"),
-    "on_orbit": lambda: on_orbit(orbit, ["shroud.gap"], "p_d"),
+    "no quantity": lambda: js.gradient(scene, ["shroud.gap"], of="p_d"),
     "goal": lambda: js.tune(scene, {"shroud.gap": (1e-5, 1e-4)}, goal="wrst"),
     "reading": lambda: js.Contact(None, 2.5, "lever"),
     "part": lambda: js.Scene(scene.blades, "x", scene.contact, scene.friction, scene.drive),
@@ -109,7 +108,7 @@ def told():
         "direction": "did you mean `forward`?",
         "of": "`of` cannot be <function",
         "differences": "`found` must be an Orbit, but is None.",
-        "on_orbit": "did you mean `P_d`?",
+        "no quantity": "did you mean `P_d`?",
         "goal": "did you mean `worst`?",
         "reading": "did you mean `levers`?",
         "part": "`shroud` must be a Shroud, e.g. that of another scene, scene.shroud, but is 'x'",
