@@ -1,10 +1,12 @@
-"""Float64, strict promotion and run-time type checks for every test; what runs, and on how many processes."""
+"""Float64 and strict promotion for every test, and run-time type checks; what runs, and on how many processes."""
 
 import importlib
 import os
 import pkgutil
 import shutil
+import sys
 import tempfile
+from contextlib import nullcontext
 
 import jax
 import psutil
@@ -20,8 +22,11 @@ if MADE:  # what is compiled once serves all processes of this run: workers, com
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
+# Checking types is a third of the time of tracing: the long runs, of tests and studies, do without. Workers inherit this.
+TYPES = "JAXSHROUD_CHECK_TYPES"
+CHECKED = os.environ.setdefault(TYPES, "0" if {"--full", "--studies"} & {*sys.argv} else "1") == "1"
 COMPUTING = [f"jaxshroud.{folder}" for folder in ("scene", "model", "march", "batch", "motion", "verbs")]
-with install_import_hook(COMPUTING, "beartype.beartype"):
+with install_import_hook(COMPUTING, "beartype.beartype") if CHECKED else nullcontext():
     import jaxshroud
 
     for found in pkgutil.walk_packages(jaxshroud.__path__, "jaxshroud."):  # else imported later, without the checks
