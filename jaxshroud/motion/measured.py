@@ -13,7 +13,7 @@ from jaxshroud.batch.tangents import Dual, direction
 from jaxshroud.march.method import Choices
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.measurements import Measurements
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 
 # Largest omega h between samples: the error of the cubic, (omega h)^4 / 384, is then 4e-6 of the fastest oscillation.
 INTERPOLATION_ANGLE = 0.2
@@ -31,7 +31,7 @@ def along_each(scenes: Scene, keys: tuple[str, ...]) -> Dual:
     count = len(scenes.drive.omega)
     first = jax.tree.map(lambda a: np.asarray(a)[0], scenes)
     directions = jax.tree.map(lambda *a: np.stack(a), *(direction(first, key) for key in keys))
-    repeated = jax.tree.map(lambda a: np.repeat(np.asarray(a), len(keys), axis=0), scenes)
+    repeated = jax.tree.map(lambda a: np.repeat(np.asarray(a), len(keys), axis=0), without_given(scenes))
     return Dual(repeated, jax.tree.map(lambda a: np.concatenate([a] * count), directions))
 
 

@@ -50,7 +50,7 @@ def display_name(table: str, key: str) -> str:
 def display_value(table: str, key: str, value: Any) -> str:
     """A value of a scene in the unit of pictures, as text."""
     row = ALL_KEYS.get(f"{table}.{key}")
-    if row is None:
+    if row is None or isinstance(value, str):  # a choice, or a number given by a word as "block"
         return " and ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
     unit, factor = row.shown
     values = value if isinstance(value, list | tuple) else [value]

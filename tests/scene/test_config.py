@@ -440,6 +440,10 @@ def test_shipped_scenes(name, tmp_path):
         np.testing.assert_array_equal(one.values, other.values)
 
 
+def test_a_title_tells_what_is_given_by_a_word():
+    assert load("table1", ['blades.I="block"', 'drive.M_0="0.5 N m"']).title.endswith("I = block, M_0 = 0.5 N m")
+
+
 def test_every_figure_is_shipped():
     figures = "09 10a 10b 10c 10d 11 12a 12b 12c 12d 13 14a 14b 14c 14d 15a 15b 16 17 18"
     best = "09 10 11 12 13 14 15a 15b 16 17 18"

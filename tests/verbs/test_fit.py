@@ -8,6 +8,7 @@ import pytest
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
 from jaxshroud.io.measurements import measurements_from
+from jaxshroud.scene.scene import without_given
 from jaxshroud.verbs.fit import fit_problem
 from jaxshroud.verbs.fit_model import HistoryModel, ResponseModel
 from jaxshroud.verbs.lanes import with_tangents
@@ -18,6 +19,7 @@ HOW = js.RungeKutta(steps=STEPS)
 SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
 FREE = js.load("table1", ['parts.motion=["x"]', "shroud.gap=1", "drive.F_0=60"]).scene
 OVER = {"contact.gamma": (1.0, 6.0), "shroud.gap": (1e-5, 6e-5), "blades.c_x": (20.0, 80.0)}
+OVER_MU = {"friction.mu": (0.1, 1.0)}
 PERIODS = 3
 
 
@@ -68,6 +70,21 @@ def response(scene, omegas, measures=("rms", "peak")):
 
 
 OMEGAS = [480.0, 536.0, 620.0]
+
+
+def test_a_scene_given_by_frequencies_is_fitted_like_one_of_numbers():
+    given = js.load("engine_order", ['parts.motion=["x"]']).scene
+    run = js.simulate(given, n_periods=1, every=20, method=HOW)
+    data = measurements_from({"t [s]": run.t, "x_left [m]": run.motion.x[:, 0]})
+    models = [
+        HistoryModel(
+            fit_problem(scene, data, OVER_MU), data, STEPS, choices_of(scene), 2 * np.pi / float(scene.drive.omega)
+        )
+        for scene in (given, without_given(given))
+    ]
+    u = np.array([[0.4]])
+    for of_given, of_numbers in zip(*(model(u) for model in models), strict=True):
+        np.testing.assert_array_equal(of_given, of_numbers)
 
 
 def test_slopes_of_a_response_are_those_of_orbits():
