@@ -131,6 +131,7 @@ def test_plot_does_not_simulate(stored, swept, monkeypatch, capsys):
         assert picture.stat().st_mtime_ns > before
 
 
+@pytest.mark.full
 def test_pictures_of_a_stored_run(stored, swept, tmp_path, capsys):
     for words in (["--kind", "all", "--width", "90mm"], ["--kind", "loop", "--unit", "um", "--title", ""]):
         out = tmp_path / f"{words[1]}.svg"

@@ -397,6 +397,7 @@ def test_a_guard_that_rises_twice_between_two_looks_is_not_passed_over():
     np.testing.assert_allclose(met.end, first, rtol=1e-12)
 
 
+@pytest.mark.full
 def test_a_double_crossing_inside_a_long_trial_is_met():
     # The faces switch forth and back within a trial of order 16: passed over, the state is 3.4e-4 off after two
     # periods, at any number of steps and with an energy residual of 1e-14. Dormand-Prince 8 and order 12 agree to 2e-9.

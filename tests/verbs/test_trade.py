@@ -217,6 +217,7 @@ def test_the_table_is_ordered(table1):
     assert stiff.setting.tolerance <= soft.setting.tolerance / 1e3
 
 
+@pytest.mark.full(but=["method0"])
 @pytest.mark.parametrize("method", [js.RungeKutta(steps=200), js.Taylor(12, 1e-8, steps=200)])
 def test_both_ways_to_the_horizon_agree(table1, method):
     lanes = scenes_at(table1, ["contact.gamma"], GAMMA[:2])
