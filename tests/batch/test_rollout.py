@@ -51,7 +51,7 @@ def slopes_of(scene, numbers, periods, steps, method=PLAIN):
     return quotients(jax.jit(jax.vmap(f)), numbers), tangents
 
 
-@pytest.mark.studies(only=["flat"])  # studies/slopes.py
+@pytest.mark.studies(only=["flat", "cases"])  # studies/slopes.py
 @pytest.mark.full(but=["x"])
 @pytest.mark.parametrize(
     ("options", "motion", "periods", "steps", "kinds"),
