@@ -111,7 +111,7 @@ StepCount = int | Literal["auto"]
 
 def steps_argument(steps: Any) -> StepCount | None:
     """Steps as they were given; InputError unless they are a whole number, "auto" or None."""
-    if steps in (None, "auto") and not isinstance(steps, np.ndarray):
+    if steps is None or (isinstance(steps, str) and steps == "auto"):
         return steps
     if not isinstance(steps, int | np.integer) or isinstance(steps, bool):
         raise InputError(f'Argument `steps` must be a whole number or "auto", but is {steps!r}.')

@@ -69,7 +69,7 @@ def _document(text: str, name: str) -> dict[str, Any]:
 
 def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -> SceneFile:
     """The scene file of a TOML document, which is changed in place."""
-    original = copy.deepcopy(document) if overrides else {}
+    original = copy.deepcopy(document) if len(overrides) else {}
     overridden = {override(document, text) for text in overrides}
     given = resolve_derived_inputs(document, name, overridden)
     try:
@@ -80,7 +80,7 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -
         fail("--set" if by_override else name, message, kind)
     tables = {table: table_values(getattr(file, table)) for table in PHYSICS_TABLES}
     loaded = SceneFile(name, file.title, tables, file.run, given=given)
-    if overrides:
+    if len(overrides):
         title = file.title or Path(name).name
         loaded = replace(loaded, title=retitled(title, loaded.given_tables, _physics_of(original, name), overridden))
     if file.sweep is None:

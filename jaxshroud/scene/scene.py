@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxshroud.scene.checks import InputError, type_argument
+from jaxshroud.scene.checks import InputError, type_argument, word_argument
 from jaxshroud.scene.keys import ALL_KEYS, AT_REST, Motion
 from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, with_checked_shapes
 from jaxshroud.scene.parts import Parts, misprints
@@ -52,6 +52,9 @@ def _motion_per_blade(motion: Any) -> Any:
 
 def _given(inputs: Mapping[str, Any]) -> dict[str, Any]:
     """Inputs as arrays, like numbers of a scene."""
+    type_argument("given", inputs, Mapping, '{"drive.speed": 150.0}')
+    for key in inputs:
+        word_argument("given", key, ALL_KEYS)
     return {
         key: None if value is None else per_blade(value) if ALL_KEYS[key].pair else scalar(value)
         for key, value in inputs.items()
