@@ -1,0 +1,173 @@
+"""Rows of blades through time: whole drive periods and samples of many lanes, in compiled functions.
+
+Outside, arrays have the axis of lanes first, as everywhere; inside the compiled functions the lanes are last, see
+`model.row`.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+from jaxshroud.batch.periods import Clock
+from jaxshroud.batch.xla import compiled
+from jaxshroud.march.carry import EachLane, Fixed, running
+from jaxshroud.march.events import place_contact
+from jaxshroud.march.method import Choices
+from jaxshroud.march.row_trial import RowLane, begin_row, row_trial
+from jaxshroud.model.arithmetic import ABSENT, filled, is_absent
+from jaxshroud.model.friction import contact_energy, stretch
+from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.row import RowModel, over, pair_states, prepared_row, stored_energies
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import Tree
+
+
+def lanes_last(tree: Tree) -> Tree:
+    """A tree of arrays (lanes, ...) with the lanes last."""
+    return jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), tree)
+
+
+def lanes_first(tree: Tree) -> Tree:
+    """A tree of arrays (..., lanes) with the lanes first."""
+    return jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), tree)
+
+
+def _models(scenes: Scene) -> tuple[RowModel, Float[Array, " lanes"]]:
+    """The constants of rows, lanes last, and their drive periods."""
+    models = lanes_last(jax.vmap(prepared_row)(scenes))
+    return models, scenes.drive.period
+
+
+@compiled("method", "each")
+def begin_rows(scenes: Scene, states: State, method: Choices, each: EachLane) -> RowLane:
+    """The rows at their start from `states`, whose motion is (lanes, N), and whose contact is (lanes, E)."""
+    models, _ = _models(scenes)
+    return lanes_first(begin_row(_carried(lanes_last(states), models), models, method, each))
+
+
+def _carried(state: State, model: RowModel) -> State:
+    """A user's state in the form that compiled loops carry."""
+    moves = lambda name: name.removeprefix("v_") in model.parts.motion
+    motion = Motion(*(a if moves(name) else ABSENT for name, a in zip(Motion._fields, state.motion, strict=True)))
+    spring = model.interfaces.spring
+    mode = jnp.full_like(state.mode, Mode.SMOOTH) if spring.smooth else state.mode
+    return State(motion, ABSENT if is_absent(spring.lag) else state.u_s, mode, state.case)
+
+
+def _march(lanes: RowLane, fixed: Fixed, method: Choices, each: EachLane) -> RowLane:
+    """Run every row to the start of step `stop`, or until its status is not OK."""
+    going = lambda lanes: jnp.any(running(lanes, fixed.stop))
+    return lax.while_loop(going, lambda lanes: row_trial(lanes, fixed, method, each), lanes)
+
+
+class RowSample(NamedTuple):
+    """One period of one row: the state at its end and its integrals; NaN once the row has stopped."""
+
+    state: State
+    power: Any  # mean square displacement of each block over the period [m^2]
+    drive: Any  # work on each blade [J]; None without a ledger, as are the next four
+    gross: Any  # integral of the magnitude of its power [J]
+    viscous: Any  # lost in the dampers of each blade [J]
+    friction: Any  # lost in sliding at each interface [J]
+    residual: Any  # of the energy balance [J]
+    largest: Any  # magnitudes of x, y [m] and theta [rad]
+    loads: Any = None  # `ContactLoads` of each interface; None unless requested, as is the next
+    moments: Any = None  # `Moments` of each blade
+
+
+def _stored(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
+    """The energy stored in blades and contact springs [J]."""
+
+    def of_contact(pair: State, model: Model) -> Any:
+        at = place_contact(pair.motion, pair, model)[2]
+        w = stretch(at.v, at.u, pair.u_s, pair.mode, model.spring)
+        return contact_energy(at.v, w, pair.mode, model.spring)
+
+    springs = over(each, of_contact, pair_states(state, model.closed), model.interfaces)
+    return jnp.sum(stored_energies(state.motion, model, each), axis=0) + jnp.sum(springs, axis=0)
+
+
+def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, each: EachLane) -> State:
+    """A state with its sliders updated and zeros for what is absent; NaN where the status is not OK."""
+
+    def slider(pair: State, model: Model) -> Any:
+        at = place_contact(pair.motion, pair, model)[2]
+        return at.u - stretch(at.v, at.u, pair.u_s, pair.mode, model.spring)
+
+    u_s = (
+        state.u_s
+        if model.interfaces.spring.flows
+        else over(each, slider, pair_states(state, model.closed), model.interfaces)
+    )
+    motion, u_s = filled(state.motion, state.motion.x), filled(u_s, jnp.zeros(state.mode.shape, state.motion.x.dtype))
+    motion, u_s = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), (motion, u_s))
+    return State(motion, u_s, state.mode, state.case)
+
+
+def _run_period(lanes: RowLane, active, model: RowModel, period, clock: Clock, method: Choices, each: EachLane):
+    zero = lambda tree: jax.tree.map(jnp.zeros_like, tree)
+    tally = lanes.tally
+    tally = tally._replace(
+        integrals=zero(tally.integrals),
+        springs=zero(tally.springs),
+        dropped=zero(tally.dropped),
+        log=tally.log._replace(largest=zero(tally.log.largest)),
+    )
+    lanes = eqx.tree_at(lambda lane: lane.tally, lanes, tally)
+    before = _stored(lanes.state, model, each)
+    stops = jnp.where(active, clock.steps, 0)
+    lanes = _march(lanes, Fixed(model, clock.grids(period), stops), method, each)
+    arrived = lanes.step == clock.steps
+    lanes = eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(arrived, 0, lanes.step))
+    gain, tally = lanes.tally.integrals, lanes.tally
+    works: tuple[Any, ...] = (None,) * 5
+    after = _stored(lanes.state, model, each)
+    if gain.ledger is not None:
+        total = lambda a: jnp.sum(a, axis=0)
+        g = gain.ledger
+        friction = filled(g.friction, tally.springs)
+        residual = (
+            total(g.drive)
+            + total(tally.springs)
+            - tally.dropped
+            - total(g.viscous)
+            - total(friction)
+            - (after - before)
+        )
+        works = g.drive, g.gross, g.viscous, friction, residual
+    state = updated_slider(lanes.state, lanes.status, model, each)
+    largest = filled(tally.log.largest, state.motion.x)
+    sample = RowSample(state, gain.power / period, *works, largest, gain.loads, gain.moments)
+    overflowed = ~jnp.isfinite(sum(jnp.sum(a, axis=0) if a.ndim > 1 else a for a in jax.tree.leaves(sample)) + after)
+    fault = (lanes.status == Status.OK) & overflowed
+    lanes = eqx.tree_at(
+        lambda lane: lane.status, lanes, jnp.where(fault, Status.NOT_FINITE, lanes.status).astype(jnp.int32)
+    )
+    real = lambda a: jnp.issubdtype(a.dtype, jnp.floating)
+    return lanes, jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan) if real(a) else a, sample)
+
+
+@compiled("method", "block", "each")
+def run_row_block(
+    scenes: Scene, lanes: RowLane, clock: Clock, n: Int[Array, ""], method: Choices, block: int, each: EachLane
+) -> tuple[RowLane, RowSample]:
+    """Run up to `block` periods of every row: `batch.periods.run_block` for rows.
+
+    Returns:
+        The rows at the end, and samples with axes (period, lane, ...).
+    """
+    model, period = _models(scenes)
+
+    def one(lanes, i):
+        on = (i < n) & (lanes.status == Status.OK)
+        lanes, sample = _run_period(lanes, on, model, period, clock, method, each)
+        return lanes, lanes_first(sample)
+
+    lanes, samples = lax.scan(one, lanes_last(lanes), jnp.arange(block, dtype=jnp.int32))
+    return lanes_first(lanes), samples
