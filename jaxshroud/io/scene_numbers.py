@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxshroud.scene.keys import ALL_KEYS, Key, Motion, find_key, parse_key
+from jaxshroud.scene.keys import ALL_KEYS, Key, Motion, parse_key
 from jaxshroud.scene.measurements import BLADES
 from jaxshroud.scene.replacing import replaced_tables
 
@@ -21,7 +21,7 @@ def dimension(key: str, in_row: bool = False) -> str:
 
     One blade is `_left` or `_right`, and in a row, as one interface, its number: `k_x_17`.
     """
-    number, index = _parsed_key(key)
+    number, index = parse_key(key)
     table, stem = number.parts
     stem = f"{table}_{stem}" if stem in Motion._fields or stem in ("period", "blade") else stem
     if index is None:
@@ -33,19 +33,14 @@ def _is_of_row(number: Key, index: int, in_row: bool) -> bool:
     return in_row or number.per_interface or index >= len(BLADES)
 
 
-def _parsed_key(key: str) -> tuple[Key, int | None]:
-    """The number that a key names in any scene, and its index."""
-    return parse_key(key) or find_key(key)
-
-
 def key_attrs(key: str, in_row: bool = False) -> dict[str, str]:
     """The attributes of the variable that holds a number of scenes."""
-    return {"key": key, "units": _parsed_key(key)[0].netcdf, "long_name": key_label(key, in_row)}
+    return {"key": key, "units": parse_key(key)[0].netcdf, "long_name": key_label(key, in_row)}
 
 
 def key_label(key: str, in_row: bool = False) -> str:
     """The description of a scene's number with its symbol, as axes show it."""
-    number, index = _parsed_key(key)
+    number, index = parse_key(key)
     return f"{number.label}{_place_of(number, index, in_row)} ${number.symbol}$"
 
 

@@ -157,7 +157,7 @@ def alternative_keys(key: str, row: RowSize | None = None) -> list[str]:
 
 def same_quantity(key: str, other: str, row: RowSize | None = None) -> bool:
     """Whether two keys name, or give, one number of the scene or parts of it, and are not those of different blades."""
-    (a, index_a), (b, index_b) = ((number.name, index) for number, index in (_parsed(key), _parsed(other)))
+    (a, index_a), (b, index_b) = ((number.name, index) for number, index in (parse_key(key), parse_key(other)))
     if {a, b} <= {"contact.k", "contact.gamma"}:
         return True
     if a != b:
@@ -165,13 +165,9 @@ def same_quantity(key: str, other: str, row: RowSize | None = None) -> bool:
     return index_a is None or index_b is None or index_a == index_b
 
 
-def _parsed(key: str) -> tuple[Key, int | None]:
-    return parse_key(key) or find_key(key)
-
-
 def check_independent(keys: Sequence[str], row: RowSize | None = None) -> None:
     """Raise a KeyNameError where two keys are different names of one number of a scene."""
-    names = [_parsed(key)[0].name for key in keys]
+    names = [parse_key(key)[0].name for key in keys]
     for i, name in enumerate(names):
         for other in names[:i]:
             if name != other and same_quantity(other, name, row):

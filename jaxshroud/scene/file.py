@@ -47,7 +47,7 @@ class SceneFile:
 
     def __post_init__(self):
         keys = [a.key for a in self.axes]
-        if len(keys) > 2 or (len(keys) == 2 and same_quantity(*keys, self.row_size)):
+        if len(keys) > 2 or (len(keys) == 2 and same_quantity(keys[0], keys[1], self.row_size)):
             fail(self.name, f"[sweep] along: {', '.join(keys)} is no grid; give one or two independent keys")
 
     @cached_property

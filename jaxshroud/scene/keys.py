@@ -242,14 +242,14 @@ def key_in(key: Key, row: RowSize | None) -> Key:
     return key._replace(range=ANY_WHOLE if row.closed else ANY)
 
 
-def parse_key(key: str) -> tuple[Key, int | None] | None:
-    """The number that a key names in any scene, and the index of its blade or interface (None: all, or the only one).
+def parse_key(key: str, where: str = "", row: RowSize | None = None) -> tuple[Key, int | None]:
+    """The number that a key names in some scene, and the index of its blade or interface, whatever that is.
 
-    None where there is no such number.
+    The arguments, and what is raised, are those of `find_key`; the row says which keys a message suggests.
     """
     match = KEY_PATTERN.fullmatch(key)
     if match is None or match["name"] not in ALL_KEYS:
-        return None
+        raise _unknown_key(key, where, row)
     return ALL_KEYS[match["name"]], None if match["index"] is None else int(match["index"])
 
 
@@ -265,32 +265,30 @@ def find_key(key: str, where: str = "", row: RowSize | None = None) -> tuple[Key
     Raises:
         KeyNameError: There is no such number.
     """
-    where, parsed = f"{where}: " if where else "", parse_key(key)
-    if parsed is None or not _may_be_named(*parsed, row):
-        raise KeyNameError(f"{where}{_unknown_key(key, row)}")
-    number, index = parsed
+    number, index = parse_key(key, where, row)
+    if row is None and (number.name in ROW_KEYS or index not in (None, 0, 1)):
+        raise _unknown_key(key, where, row)
     if index is None:
         return key_in(number, row), None
     shape = number_shape(number, row)
     if not shape:
-        raise KeyNameError(f"{where}{number.name} is one number, not one per blade; drop the [{index}]")
+        raise KeyNameError(f"{_place(where)}{number.name} is one number, not one per blade; drop the [{index}]")
     if index >= shape[0]:
         kind = "interfaces" if number.per_interface else "blades"
-        raise KeyNameError(f"{where}{key}: the row has {shape[0]} {kind}, from [0] to [{shape[0] - 1}]")
+        raise KeyNameError(f"{_place(where)}{key}: the row has {shape[0]} {kind}, from [0] to [{shape[0] - 1}]")
     return key_in(number, row), index
 
 
-def _may_be_named(number: Key, index: int | None, row: RowSize | None) -> bool:
-    """Whether some scene with a row, or of the pair, has what a key names."""
-    return row is not None or (number.name not in ROW_KEYS and index in (None, 0, 1))
-
-
-def _unknown_key(key: str, row: RowSize | None) -> str:
-    """The message for a key that names no number."""
+def _unknown_key(key: str, where: str, row: RowSize | None) -> KeyNameError:
+    """The error for a key that names no number."""
     key, known = " ".join(key.split()), [name for name in ALL_KEYS if row is not None or name not in ROW_KEYS]
     candidates = [candidate for candidate in known if candidate.endswith(f".{key}")]
     cure = f"; did you mean `{candidates[0]}`?" if candidates else hint(key, known)
-    return f"the scene has no number `{key}`{cure}"
+    return KeyNameError(f"{_place(where)}the scene has no number `{key}`{cure}")
+
+
+def _place(where: str) -> str:
+    return f"{where}: " if where else ""
 
 
 def key_parts(key: str, row: RowSize | None = None) -> tuple[str, str, int | None]:

@@ -312,6 +312,5 @@ def scene_file_type(row: RowSize | None) -> Any:
         "row": (RowTable | None, None),
     }
     file: Any = create_model("File", __base__=Table, **fields)
-    return TypeAdapter(
-        Annotated[file, AfterValidator(_smooth_has_a_width), AfterValidator(_row_has_no_words_of_the_pair)]
-    )
+    checked: Any = Annotated[file, AfterValidator(_smooth_has_a_width), AfterValidator(_row_has_no_words_of_the_pair)]
+    return TypeAdapter(checked)

@@ -24,9 +24,8 @@ def retitled(title: str, now: Tables, before: Tables | None, set_: Collection[tu
     if before is None:
         new = {key: value for key, value in rows.items() if key in set_}
     else:
-        new = {
-            key: value for key, value in rows.items() if before.get(key[0], {}).get(key[1], _default_of(*key)) != value
-        }
+        old = lambda table, key: before.get(table, {}).get(key, _default_of(table, key))
+        new = {key: value for key, value in rows.items() if old(*key) != value}
     if not new:
         return title
     changed = {display_name(*key): display_value(*key, value) for key, value in new.items()}

@@ -25,7 +25,9 @@ def check_numbers(table: str, holder: object) -> None:
     Numbers per blade must be of equally many blades; how many there are, only the scene knows.
     """
     numbers = [(key, getattr(holder, name)) for name, key in KEYS_BY_TABLE[table]]
-    given = [(key, value) for key, value in numbers if value is not None or key.name not in OPTIONAL_KEYS]
+    given: list[tuple[Key, Any]] = [
+        (key, value) for key, value in numbers if value is not None or key.name not in OPTIONAL_KEYS
+    ]
     for key, value in given:
         _check_is_number(key, value)
     per_blade = [(key, value) for key, value in given if key.pair]
