@@ -73,7 +73,7 @@ def vary(scene: Scene, key: str, value: ArrayLike | Sequence[ArrayLike]) -> Scen
     """
     named, index = find_key(key, row=scene.row_size)
     number: Any = jnp.asarray(value, dtype=float) if isinstance(value, tuple | list) else value
-    check_number(named, number, scene.row_size)
+    check_number(named if index is None else named._replace(pair=False, per_interface=False), number, scene.row_size)
     lanes, own = np.shape(scene.drive.omega), np.shape(number)
     shape = (*lanes, *number_shape(named, scene.row_size)) if index is None else lanes
     if np.broadcast_shapes(own, shape) != shape:
