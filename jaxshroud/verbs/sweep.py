@@ -128,7 +128,10 @@ def sweep(
         dims=dims,
         of_sweep=True,
         verb="sweep",
+        rows=True,
     )
+    if resolved.scene.row is not None:
+        _check_of_row(resolved, lyapunov=lyapunov, forces=forces)
     if not 0 <= phase < 2 * np.pi:
         raise InputError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     tolerance_argument("period_tol", period_tol)
@@ -166,6 +169,15 @@ def sweep(
     if march.choice is not None:
         warn_missed(result.inaccurate, march.choice)
     return result
+
+
+def _check_of_row(resolved: ResolvedOptions, **asked: bool) -> None:
+    """Raise an InputError where a row of blades is asked for what it does not have yet."""
+    if resolved.scene.parts.contact == "none":
+        raise InputError("A row without contact is many single blades: simulate one of them as a pair.")
+    for name, value in asked.items():
+        if value:
+            raise InputError(f"Argument `{name}` does not know rows of blades yet.")
 
 
 def _in_all_directions(run_direction: Callable[[Direction], SweepResult]) -> SweepResult:
