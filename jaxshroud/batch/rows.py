@@ -18,8 +18,9 @@ from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, Fixed, running
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_trial import RowLane, begin_row, row_trial, tally_of_new_period
-from jaxshroud.model.arithmetic import ABSENT, filled, is_absent
+from jaxshroud.march.observables import ContactForces
+from jaxshroud.march.row_trial import RowLane, begin_row, row_contact_forces, row_trial, tally_of_new_period
+from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
 from jaxshroud.model.friction import contact_energy, stretch
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import Model, State
@@ -189,3 +190,88 @@ def as_samples(row: RowSample) -> Sample:
         moments=each_blade(row.moments),
         extent=each_blade(row.extent),
     )
+
+
+class RowSamples(NamedTuple):
+    """States of rows at instants, with the contact forces: motion (..., N), contact (..., E)."""
+
+    state: State
+    forces: ContactForces
+
+
+@compiled("method", "block", "each")
+def _row_samples(
+    scenes: Scene, lanes: RowLane, clock: Clock, at: tuple[Any, Any], method: Choices, block: int, each: EachLane
+) -> tuple[RowLane, RowSamples]:
+    """`at[1]` samples (leading axis, then the lanes), `at[0]` steps apart; the rows beyond are meaningless."""
+    (model, period), (every, n) = _models(scenes), at
+    grids = clock.grids(period)
+
+    def one_sample(lanes, i):
+        wanted = jnp.where(i < n, every, 0)
+        lanes = _march(lanes, Fixed(model, grids, lanes.step + wanted), method, each)
+        turns = grids.start + lanes.step.astype(period.dtype) * grids.turn
+        lanes = eqx.tree_at(lambda lane: lane.step, lanes, lanes.step % clock.steps)
+        return lanes, lanes_first(_sampled(lanes, turns, model, each))
+
+    lanes, samples = lax.scan(one_sample, lanes_last(lanes), jnp.arange(block, dtype=jnp.int32))
+    return lanes_first(lanes), samples
+
+
+def _sampled(lanes: RowLane, turns: Float[Array, " lanes"], model: RowModel, each: EachLane) -> RowSamples:
+    forces = row_contact_forces(lanes.state, each(sincos_turns, turns), model, each)
+    zero = jnp.zeros(lanes.state.mode.shape, turns.dtype)
+    lost = lanes.status != Status.OK
+    point = forces.contact_point
+    forces = filled(forces._replace(contact_point=ABSENT), zero)._replace(contact_point=point)
+    return RowSamples(
+        updated_slider(lanes.state, lanes.status, model, each),
+        jax.tree.map(lambda a: jnp.where(lost, jnp.nan, a), forces),
+    )
+
+
+@compiled("each")
+def _first_sample(scenes: Scene, lanes: RowLane, start: Any, each: EachLane) -> RowSamples:
+    model, period = _models(scenes)
+    return lanes_first(_sampled(lanes_last(lanes), jnp.broadcast_to(start, period.shape), model, each))
+
+
+@compiled("each")
+def stored_energies_of_rows(scenes: Scene, lanes: RowLane, each: EachLane) -> Float[Array, " lanes"]:
+    """The energies stored in blades and contact springs of rows (leading axis) [J]."""
+    return _stored(lanes_last(lanes).state, _models(scenes)[0], each)
+
+
+ROW_SAMPLES_PER_CALL = 256
+
+
+def march_row_samples(
+    scenes: Scene, states: State, clock: Clock, every: int, count: int, method: Choices, tick: Any
+) -> tuple[RowSamples, RowLane, tuple[np.ndarray, np.ndarray]]:
+    """March rows (leading axis) and keep samples.
+
+    Args:
+        scenes: The scenes.
+        states: The states in which they start.
+        clock: The time grid.
+        every: Steps from sample to sample.
+        count: Samples after the first.
+        method: The options of the march.
+        tick: Called with the number of further samples.
+
+    Returns:
+        Samples (lanes, 1 + count, ...), the rows at the end, and the stored energies before and after [J].
+    """
+    each, host = best_mapping(), lambda tree: jax.tree.map(np.asarray, tree)
+    lanes = begin_rows(scenes, states, method)
+    before = np.asarray(stored_energies_of_rows(scenes, lanes, each))
+    blocks = [jax.tree.map(lambda a: a[None], host(_first_sample(scenes, lanes, clock.start, each)))]
+    for done in range(0, count, ROW_SAMPLES_PER_CALL):
+        n = min(ROW_SAMPLES_PER_CALL, count - done)
+        at = jnp.int32(every), jnp.int32(n)
+        lanes, block = _row_samples(scenes, lanes, clock, at, method, ROW_SAMPLES_PER_CALL, each)
+        blocks.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
+        tick(n)
+    samples = jax.tree.map(lambda *a: np.moveaxis(np.concatenate(a), 0, 1), *blocks)
+    energies = before, np.asarray(stored_energies_of_rows(scenes, lanes, each))
+    return samples, host(lanes), energies

@@ -37,10 +37,11 @@ from jaxshroud.march.locate import (
 )
 from jaxshroud.march.method import Choices
 from jaxshroud.march.method_names import Locate
-from jaxshroud.march.observables import updated_range
+from jaxshroud.march.observables import ContactForces, contact_forces_at, updated_range
 from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_interval, row_step
 from jaxshroud.march.tally import Counters, DisplacementRange, count_event, displacements_of, no_events
 from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Scalar, is_absent, where
+from jaxshroud.model.geometry import ContactKinematics
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import EndTorques, Integrals, Recorded, law_forces, torques_along_face
@@ -171,11 +172,26 @@ def _torques(state: State, wave: Any, model: RowModel, each: Each) -> tuple[OfIn
 def _interface_view(torque: Scalar, state: State, model: Model) -> GuardEvaluation:
     """The kinematics and the guards of one interface under the relative torque of its corner."""
     placed = place_contact(state.motion, state, model)
-    torques = EndTorques(ABSENT, ABSENT)
-    if not is_absent(torque):
-        forces = law_forces(placed[2], state.motion, state, state.case, model)
-        torques = torques_along_face(torque, forces, placed[2], state, model)
-    return guards_at(placed, state.motion, torques, state, model)
+    return guards_at(placed, state.motion, _end_torques(torque, placed[2], state, model), state, model)
+
+
+def _end_torques(torque: Scalar, at: ContactKinematics, state: State, model: Model) -> EndTorques:
+    """The torques at both ends of the faces' overlap from the relative torque of the corner."""
+    if is_absent(torque):
+        return EndTorques(ABSENT, ABSENT)
+    forces = law_forces(at, state.motion, state, state.case, model)
+    return torques_along_face(torque, forces, at, state, model)
+
+
+def row_contact_forces(state: State, wave: Any, model: RowModel, each: Each) -> ContactForces:
+    """The contact forces at each interface in a state, at (sin, cos) of omega t."""
+    torque, _ = _torques(state, wave, model, each)
+
+    def at_interface(torque: Scalar, state: State, model: Model) -> ContactForces:
+        placed = place_contact(state.motion, state, model)
+        return contact_forces_at(placed, _end_torques(torque, placed[2], state, model), state, model)
+
+    return over(each, at_interface, torque, pair_states(state, model.closed), model.interfaces)
 
 
 def _evaluate(state: State, wave: Any, model: RowModel, each: Each) -> tuple[OfInterfaces, Guards]:

@@ -305,6 +305,15 @@ def refuse_row(what: str, scene: Scene | SceneFile) -> None:
         raise InputError(f"{where}{f'`{what}`' if what else 'this verb'} does not know rows of blades yet.")
 
 
+def check_row(scene: Scene, **asked: bool) -> None:
+    """Raise an InputError where a row of blades lacks contact, or an argument asks for what rows do not have yet."""
+    if scene.parts.contact == "none":
+        raise InputError("A row without contact is many single blades: simulate one of them as a pair.")
+    for name, value in asked.items():
+        if value:
+            raise InputError(f"Argument `{name}` does not know rows of blades yet.")
+
+
 def refuse_traced(tree: object) -> None:
     """Raise an InputError if scenes or values are traced: verbs run outside JAX's transformations."""
     if is_traced(tree):

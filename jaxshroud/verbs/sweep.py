@@ -25,7 +25,14 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import warn_missed
-from jaxshroud.verbs.options import ResolvedOptions, flatten_lanes, plan_march, refuse_traced, resolve_options
+from jaxshroud.verbs.options import (
+    ResolvedOptions,
+    check_row,
+    flatten_lanes,
+    plan_march,
+    refuse_traced,
+    resolve_options,
+)
 from jaxshroud.verbs.stored import SweepTask, store_sweep
 from jaxshroud.verbs.sweep_run import MAX_LANES_AT_ONCE, Grid, SweepSettings, lane_periods, run_map, run_sweep
 
@@ -131,7 +138,7 @@ def sweep(
         rows=True,
     )
     if resolved.scene.row is not None:
-        _check_of_row(resolved, lyapunov=lyapunov, forces=forces)
+        check_row(resolved.scene, lyapunov=lyapunov, forces=forces)
     if not 0 <= phase < 2 * np.pi:
         raise InputError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     tolerance_argument("period_tol", period_tol)
@@ -169,15 +176,6 @@ def sweep(
     if march.choice is not None:
         warn_missed(result.inaccurate, march.choice)
     return result
-
-
-def _check_of_row(resolved: ResolvedOptions, **asked: bool) -> None:
-    """Raise an InputError where a row of blades is asked for what it does not have yet."""
-    if resolved.scene.parts.contact == "none":
-        raise InputError("A row without contact is many single blades: simulate one of them as a pair.")
-    for name, value in asked.items():
-        if value:
-            raise InputError(f"Argument `{name}` does not know rows of blades yet.")
 
 
 def _in_all_directions(run_direction: Callable[[Direction], SweepResult]) -> SweepResult:
