@@ -198,15 +198,18 @@ def _settling_numbers(result: SweepResult, ok: np.ndarray) -> dict[str, float]:
     }
 
 
-def sweep_coordinates(axes: Mapping[str, np.ndarray], period: np.ndarray) -> dict[str, object]:
+def sweep_coordinates(axes: Mapping[str, np.ndarray], period: np.ndarray, row: int | None = None) -> dict[str, object]:
     """The coordinates of a sweep as xarray takes them.
 
     Args:
         axes: Key -> values of each axis.
         period: The number of each kept period, counted from t = 0.
+        row: The number of blades of a row; None: the pair.
     """
-    swept = {dimension(key): (dimension(key), values, key_attrs(key)) for key, values in axes.items()}
-    return {**swept, "period": ("period", period, {"long_name": "drive periods since t = 0"}), "blade": [0, 1]}
+    in_row, blades = row is not None, range(row or 2)
+    dims = {key: dimension(key, in_row) for key in axes}
+    swept = {dims[key]: (dims[key], values, key_attrs(key, in_row)) for key, values in axes.items()}
+    return {**swept, "period": ("period", period, {"long_name": "drive periods since t = 0"}), "blade": blades}
 
 
 def overlay_directions(results: Mapping[str, SweepResult]) -> SweepResult:

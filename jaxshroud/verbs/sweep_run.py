@@ -49,7 +49,8 @@ class Grid(NamedTuple):
     @property
     def dims(self) -> tuple[str, ...]:
         """The names of the lanes' axes."""
-        return (*self.resolved.dims, *map(dimension, self.axes))
+        in_row = self.lanes.row is not None
+        return (*self.resolved.dims, *(dimension(key, in_row) for key in self.axes))
 
 
 class SweepSettings(NamedTuple):
@@ -164,11 +165,18 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
     common = {"phase": plan.phase, "period_tol": settings.period_tol, "chatter": chatter, **march.attributes}
     if march.choice is not None:
         numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.choice)}
-    coords = sweep_coordinates(grid.axes, np.arange(plan.transient + 1, plan.transient + plan.kept + 1))
+    row = grid.lanes.row
+    periods = np.arange(plan.transient + 1, plan.transient + plan.kept + 1)
+    coords = sweep_coordinates(grid.axes, periods, None if row is None else row.blades)
     attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
     more = {name: variable for name, variable in differing.items() if name not in grid.dims}
     if "gap" not in grid.dims and (grid.axes or "gap" not in more):
-        more["gap"] = (grid.dims, np.asarray(grid.lanes.shroud.gap).reshape(grid.shape), GAP_ATTRS)
+        gap = np.asarray(grid.lanes.shroud.gap)
+        more["gap"] = (
+            (*grid.dims, "interface")[: len(grid.shape) + gap.ndim - 1],
+            gap.reshape(*grid.shape, *gap.shape[1:]),
+            GAP_ATTRS,
+        )
     complete = int(not np.any(numbers["status"] == Status.NOT_RUN))
     attrs = {**attributes, "axes": ",".join(grid.dims), "complete": complete}
     values = {**in_shape(numbers, grid.shape), **common}
