@@ -80,6 +80,7 @@ from .scene.scene import Blades as Blades
 from .scene.scene import Contact as Contact
 from .scene.scene import Drive as Drive
 from .scene.scene import Friction as Friction
+from .scene.scene import Row as Row
 from .scene.scene import Scene as Scene
 from .scene.scene import Shroud as Shroud
 from .scene.scene import with_laws as with_laws

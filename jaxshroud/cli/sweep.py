@@ -42,7 +42,7 @@ from jaxshroud.scene.axes import axis
 from jaxshroud.scene.checks import MAX_VALUES
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.keys import parse_key
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
@@ -299,6 +299,6 @@ def _best_row(summary: Mapping[str, Any]) -> dict[str, str]:
         return {}
     P_d, ci, *values = summary["largest P_d"].values()
     keys = list(summary["largest P_d"])[2:]
-    shown = [display_value(*find_key(key)[0].parts, value) for key, value in zip(keys, values, strict=True)]
+    shown = [display_value(*parse_key(key)[0].parts, value) for key, value in zip(keys, values, strict=True)]
     place = ", ".join(f"{key} = {text}" for key, text in zip(keys, shown, strict=True))
     return {"largest P_d": f"{with_interval(P_d, ci, '%')}, at {place}"}

@@ -22,14 +22,14 @@ from jaxshroud.io.files import write
 from jaxshroud.io.scene_numbers import key_label
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.derived_inputs import alternative_keys
-from jaxshroud.scene.keys import ALL_KEYS, key_parts
+from jaxshroud.scene.keys import ALL_KEYS, parse_key
 from jaxshroud.scene.title import CHANGE_SEPARATOR, subject_of
 
 GREEK = "alpha|beta|gamma|zeta|theta|phi|omega|tau|mu|sigma"
 SYMBOL = re.compile(rf"(?<![\w\\])(?:({GREEK}|[A-Za-z])_({GREEK}|\w{{1,2}})|({GREEK}))(?!\w)")
 UNIT_POWER = re.compile(r"\b([a-z]+)\^(-?\d)\b")
 DECIMAL = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-]?)0*(\d+)\b")
-KEY = re.compile(rf"\b((?:{'|'.join(sorted({key.partition('.')[0] for key in ALL_KEYS}))})\.[A-Za-z]\w*(?:\[\d\])?)")
+KEY = re.compile(rf"\b((?:{'|'.join(sorted({key.partition('.')[0] for key in ALL_KEYS}))})\.[A-Za-z]\w*(?:\[\d+\])?)")
 KEY_NAMES = {row.parts[1] for row in ALL_KEYS.values()}
 OVER, AVERAGED_PERIODS, DIAGRAM_QUANTITIES = " over ", "n", ("x_1", "P_d")  # in titles that announce a diagram
 
@@ -126,7 +126,7 @@ def fitting_title(title: str, keys: Iterable[str] = (), shows: Collection[str] =
     Returns:
         The title without values of numbers that are on an axis, and without what the picture does not show.
     """
-    varied = {key_parts(key)[1] if key.partition("[")[0] in ALL_KEYS else key for key in keys}
+    varied = {parse_key(key)[0].parts[1] if key.partition("[")[0] in ALL_KEYS else key for key in keys}
     varied |= {{"k": "gamma", "gamma": "k"}.get(name, name) for name in varied}
     varied |= {other.split(".")[1] for key in keys for other in alternative_keys(key.partition("[")[0])}
     heading, _, changes = title.partition(CHANGE_SEPARATOR)

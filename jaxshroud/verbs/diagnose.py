@@ -72,7 +72,7 @@ def diagnose(
         'period 1'
     """
     one_scene("diagnose", scene)
-    lanes = request_lanes(scene, transient=transient, method=method)
+    lanes = request_lanes(scene, transient=transient, method=method, verb="diagnose")
     march = lanes.march._replace(method=lanes.march.method._replace(ledger=True))
     ((precise, initial),) = lanes.with_states(lanes.scenes, state)
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)

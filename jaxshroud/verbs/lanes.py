@@ -20,7 +20,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, plan_march, refuse_traced, resolve_options
+from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, plan_march, refuse_row, refuse_traced, resolve_options
 
 R = TypeVar("R", bound=Result)
 
@@ -61,9 +61,10 @@ def request_lanes(
     transient: int | None = None,
     method: Method | str | float | None = None,
     dims: Sequence[str] | None = None,
+    verb: str,
 ) -> RequestedLanes:
     """The lanes of a scene, and their march with tangents, from the arguments of `resolve_options`."""
-    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, dims=dims)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, dims=dims, verb=verb)
     return RequestedLanes(resolved, with_tangents(resolved, resolved.lanes))
 
 
@@ -119,12 +120,15 @@ def warn_failed(result: R, throw: bool) -> R:
     return result
 
 
-def one_scene(verb: str, scene: Scene | SceneFile) -> Scene:
+def one_scene(verb: str, scene: Scene | SceneFile, rows: bool = False) -> Scene:
     """The single scene that a verb takes.
 
     Raises:
-        InputError: There are many scenes, or they are traced.
+        InputError: There are many scenes, they are traced, or the scene has a row of blades and the verb knows no
+            `rows`.
     """
+    if not rows:
+        refuse_row(verb, scene)
     scene = scene.scene if isinstance(scene, SceneFile) else scene
     refuse_traced(scene)
     shape = np.shape(scene.drive.omega)

@@ -20,7 +20,7 @@ from jaxshroud.motion.short_runs import end_states
 from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.keys import KEYS
+from jaxshroud.scene.keys import ALL_KEYS, number_shape
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.text import numbers_of, text_of
 from jaxshroud.scene.typed import Tree, typed
@@ -133,6 +133,8 @@ def resolve_options(
     method: Method | str | float | None = None,
     dims: Sequence[str] | None = None,
     of_sweep: bool = False,
+    verb: str = "",
+    rows: bool = False,
 ) -> ResolvedOptions:
     """Resolve the arguments that all verbs share: the argument, else the file's [run], else the default.
 
@@ -145,11 +147,16 @@ def resolve_options(
         method: How to march: a method, or the accuracy that chooses one.
         dims: Names of the leading axes.
         of_sweep: Take the kept periods from the file's [sweep] keep instead of its [run] periods.
+        verb: The verb that is asked, for messages.
+        rows: The verb knows rows of blades.
 
     Raises:
-        InputError: Leading axes disagree, or `dims` names a different number of them.
+        InputError: Leading axes disagree, `dims` names a different number of them, or the scene has a row of blades
+            and the verb knows none.
         ValueError: A count is too small.
     """
+    if not rows:
+        refuse_row(verb, scene)
     file = scene if isinstance(scene, SceneFile) else None
     run = None if file is None else file.sweep_run if of_sweep else file.run
     steps, explicit, accuracy = _method_options(method)
@@ -265,8 +272,16 @@ def method_for(scenes: Scene, accuracy: str | float = ACCURACY) -> Method:
         >>> print(js.method_for(js.load("table1", ['parts.motion=["x"]']).scene, 1e-3).precision)
         float64
     """
-    resolved = resolve_options(scenes, method=accuracy)
+    resolved = resolve_options(scenes, method=accuracy, verb="method_for")
     return plan_march(resolved, resolved.lanes, FAST, periods=math.inf).as_method
+
+
+def refuse_row(what: str, scene: Scene | SceneFile) -> None:
+    """Raise an InputError if the scene has a row of blades, of which `what`, a verb, does not know yet."""
+    row = scene.row_size if isinstance(scene, SceneFile) else scene.row
+    if row is not None:
+        where = f"{scene.name}: " if isinstance(scene, SceneFile) else ""
+        raise InputError(f"{where}{f'`{what}`' if what else 'this verb'} does not know rows of blades yet.")
 
 
 def refuse_traced(tree: object) -> None:
@@ -285,7 +300,8 @@ def leading_axes(scene: Scene) -> tuple[int, ...]:
         InputError: The numbers disagree in their leading axes.
     """
     refuse_traced(scene)
-    shapes = {key: a.shape[: a.ndim - KEYS[key].pair] for key, a in numbers_of(scene).items()}
+    ranks = {key: len(number_shape(ALL_KEYS[key], scene.row_size)) for key in numbers_of(scene)}
+    shapes = {key: a.shape[: a.ndim - ranks[key]] for key, a in numbers_of(scene).items()}
     first_keys: dict[tuple[int, ...], str] = {}
     for key, shape in shapes.items():
         first_keys.setdefault(shape, key)

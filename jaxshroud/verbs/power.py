@@ -200,6 +200,7 @@ def power(
         transient=transient,
         method=method,
         dims=dims,
+        verb="power",
     )
     lanes = resolved.lanes
     check_size(len(lanes.drive.omega), resolved.transient, resolved.n_periods)

@@ -87,7 +87,7 @@ def simulate(
         ((201,), (201, 2), 0)
     """
     count_argument("every", every, 1)
-    resolved = resolve_options(scene, n_periods=n_periods, method=method, dims=dims)
+    resolved = resolve_options(scene, n_periods=n_periods, method=method, dims=dims, verb="simulate")
     if events and (resolved.shape or resolved.scene.parts.contact != "spring"):
         raise InputError("Argument `events` keeps those of one scene with located contact; simulate it alone.")
     lanes = resolved.lanes

@@ -127,6 +127,7 @@ def sweep(
         method=method,
         dims=dims,
         of_sweep=True,
+        verb="sweep",
     )
     if not 0 <= phase < 2 * np.pi:
         raise InputError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
