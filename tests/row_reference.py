@@ -9,6 +9,7 @@ A state is x, y and theta of all blades, followed by their rates: six blocks of 
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -185,15 +186,9 @@ class RowRun:
             if solver.status == "failed" or not np.all(np.isfinite(solver.y)):
                 return False
             dense = solver.dense_output()
-            found = []
-            for j, interface in enumerate(self.interfaces):
-                at = lambda t, j=j: dense(t)[self.rows[j]]
-                interface.place(solver.t_old, at(solver.t_old))
-                event = interface.first_event(at, solver.t_old, solver.t)
-                if event is not None:
-                    found.append((*event, j))
-            if found:
-                t, kind, j = min(found)
+            found = self.first_event(dense, solver.t_old, solver.t)
+            if found is not None:
+                t, kind, j = found
                 self.t, self.y = t, dense(t)
                 probe = dense(min(t + 1e-3 * solver.step_size, solver.t))[self.rows[j]]
                 self.interfaces[j].place(t, self.y[self.rows[j]])
@@ -203,6 +198,17 @@ class RowRun:
             for interface in self.interfaces:
                 interface.handled = set()
         return True
+
+    def first_event(self, dense: Callable, start: float, end: float) -> tuple[float, str, int] | None:
+        """The instant, the kind and the interface of the earliest event in one accepted step."""
+        found = []
+        for j, interface in enumerate(self.interfaces):
+            at = lambda t, j=j: dense(t)[self.rows[j]]
+            interface.place(start, at(start))
+            event = interface.first_event(at, start, end)
+            if event is not None:
+                found.append((*event, j))
+        return min(found, default=None)
 
     def inspect(self, finite: bool) -> None:
         """Refuse runs that are lost, whose events accumulate, or whose blocks turn too far."""
@@ -243,6 +249,24 @@ def nudged(p: RowParameters, by: float = 1e-12) -> RowParameters:
     return dataclasses.replace(p, initial=tuple((np.array(p.initial) + by * scale * signs).tolist()))
 
 
+def table1_row(blades: int, closed: bool, engine_order: int = 0, **changes: Any) -> RowParameters:
+    """Alike blades of Table 1 with a hundredth of its I and M_0 0.3, gap 22 um, F_0 60, gamma 2.5.
+
+    What is changed is one number for all blades or interfaces, or a list of them; `initial` is (6, N).
+    """
+    base, interfaces = reference.table1(I=2.46e-5, M_0=0.3), blades if closed else blades - 1
+    shape: dict[str, Any] = {name: getattr(base, name) for name in ("omega", "alpha", "l_oa", "l_ab")}
+    phase = 2 * math.pi * engine_order * np.arange(blades) / blades
+    each: dict[str, Any] = {name: getattr(base, name)[0] for name in BLADE} | {"phase": phase, "mistuning": 0.0}
+    contact: dict[str, Any] = {name: getattr(base, name) for name in INTERFACE}
+    filled = {}
+    for numbers, size in ((each, blades), (contact, interfaces)):
+        for name, value in numbers.items():
+            filled[name] = tuple(np.broadcast_to(changes.pop(name, value), size).astype(float).tolist())
+    initial = tuple(np.broadcast_to(changes.pop("initial", 0.0), (6, blades)).astype(float).ravel().tolist())
+    return RowParameters(**filled, **(shape | changes), closed=closed, initial=initial)
+
+
 def _log(rng: np.random.Generator, low: float, high: float) -> float:
     return math.exp(rng.uniform(math.log(low), math.log(high)))
 
@@ -264,7 +288,7 @@ def random_row(rng: np.random.Generator, blades: int, closed: bool, parallel: bo
         drawn = {name: tuple(b[name] for b in each) for name in BLADE}
         shape = {"omega": omega, "alpha": rng.uniform(0.6, 1.4), "l_oa": _log(rng, 0.03, 0.1)}
         shape |= {"l_ab": _log(rng, 0.02, 0.06)}
-    contact = {"gap": tuple(rng.uniform(-2e-5, 2e-4, interfaces).tolist())}
+    contact = {"gap": tuple(rng.uniform(1e-5 if parallel else -2e-5, 2e-4, interfaces).tolist())}
     for name, low, high in (("k", 3e4, 1e6), ("k_d", 1e5, 3e6), ("mu", 0.05, 0.8)):
         contact[name] = tuple(_log(rng, low, high) for _ in range(interfaces))
     mistuning = tuple(rng.normal(0.0, 0.03, n).tolist())
