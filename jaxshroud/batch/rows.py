@@ -9,19 +9,22 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.periods import Clock
-from jaxshroud.batch.xla import compiled
+from jaxshroud.batch.periods import PERIODS_PER_CALL, Clock, Sample
+from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, Fixed, running
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_trial import RowLane, begin_row, row_trial
-from jaxshroud.model.arithmetic import ABSENT, filled, is_absent
+from jaxshroud.march.observables import ContactForces
+from jaxshroud.march.row_trial import RowLane, begin_row, row_contact_forces, row_trial, tally_of_new_period
+from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
 from jaxshroud.model.friction import contact_energy, stretch
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.rhs import Ledger
 from jaxshroud.model.row import RowModel, over, pair_states, prepared_row, stored_energies
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
@@ -44,9 +47,13 @@ def _models(scenes: Scene) -> tuple[RowModel, Float[Array, " lanes"]]:
     return models, scenes.drive.period
 
 
-@compiled("method", "each")
-def begin_rows(scenes: Scene, states: State, method: Choices, each: EachLane) -> RowLane:
+def begin_rows(scenes: Scene, states: State, method: Choices) -> RowLane:
     """The rows at their start from `states`, whose motion is (lanes, N), and whose contact is (lanes, E)."""
+    return _begin_rows(scenes, states, method, best_mapping())
+
+
+@compiled("method", "each")
+def _begin_rows(scenes: Scene, states: State, method: Choices, each: EachLane) -> RowLane:
     models, _ = _models(scenes)
     return lanes_first(begin_row(_carried(lanes_last(states), models), models, method, each))
 
@@ -67,18 +74,19 @@ def _march(lanes: RowLane, fixed: Fixed, method: Choices, each: EachLane) -> Row
 
 
 class RowSample(NamedTuple):
-    """One period of one row: the state at its end and its integrals; NaN once the row has stopped."""
+    """One period of one row: the motion at its end and its integrals; NaN once the row has stopped."""
 
-    state: State
+    motion: Motion
     power: Any  # mean square displacement of each block over the period [m^2]
-    drive: Any  # work on each blade [J]; None without a ledger, as are the next four
+    drive: Any  # work on each blade [J]; None without a ledger, as are the next five
     gross: Any  # integral of the magnitude of its power [J]
     viscous: Any  # lost in the dampers of each blade [J]
     friction: Any  # lost in sliding at each interface [J]
+    dropped: Any  # energy of the rocking motion that flat contact ended [J]
     residual: Any  # of the energy balance [J]
     largest: Any  # magnitudes of x, y [m] and theta [rad]
-    loads: Any = None  # `ContactLoads` of each interface; None unless requested, as is the next
-    moments: Any = None  # `Moments` of each blade
+    moments: Any  # `Moments` of each blade; None unless requested, as is the next
+    extent: Any  # `DisplacementRange` of each blade
 
 
 def _stored(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
@@ -111,46 +119,32 @@ def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, 
 
 
 def _run_period(lanes: RowLane, active, model: RowModel, period, clock: Clock, method: Choices, each: EachLane):
-    zero = lambda tree: jax.tree.map(jnp.zeros_like, tree)
-    tally = lanes.tally
-    tally = tally._replace(
-        integrals=zero(tally.integrals),
-        springs=zero(tally.springs),
-        dropped=zero(tally.dropped),
-        log=tally.log._replace(largest=zero(tally.log.largest)),
-    )
-    lanes = eqx.tree_at(lambda lane: lane.tally, lanes, tally)
+    lanes = eqx.tree_at(lambda lane: lane.tally, lanes, tally_of_new_period(lanes.tally, lanes.state.motion))
     before = _stored(lanes.state, model, each)
     stops = jnp.where(active, clock.steps, 0)
     lanes = _march(lanes, Fixed(model, clock.grids(period), stops), method, each)
     arrived = lanes.step == clock.steps
     lanes = eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(arrived, 0, lanes.step))
-    gain, tally = lanes.tally.integrals, lanes.tally
-    works: tuple[Any, ...] = (None,) * 5
-    after = _stored(lanes.state, model, each)
+    tally, gain, log = lanes.tally, lanes.tally.integrals, lanes.tally.log
+    gained = _stored(lanes.state, model, each) - before
+    works: tuple[Any, ...] = (None,) * 6
     if gain.ledger is not None:
+        drive, gross, viscous, friction = filled_parts(gain.ledger, tally.springs)
         total = lambda a: jnp.sum(a, axis=0)
-        g = gain.ledger
-        friction = filled(g.friction, tally.springs)
-        residual = (
-            total(g.drive)
-            + total(tally.springs)
-            - tally.dropped
-            - total(g.viscous)
-            - total(friction)
-            - (after - before)
-        )
-        works = g.drive, g.gross, g.viscous, friction, residual
-    state = updated_slider(lanes.state, lanes.status, model, each)
-    largest = filled(tally.log.largest, state.motion.x)
-    sample = RowSample(state, gain.power / period, *works, largest, gain.loads, gain.moments)
-    overflowed = ~jnp.isfinite(sum(jnp.sum(a, axis=0) if a.ndim > 1 else a for a in jax.tree.leaves(sample)) + after)
-    fault = (lanes.status == Status.OK) & overflowed
-    lanes = eqx.tree_at(
-        lambda lane: lane.status, lanes, jnp.where(fault, Status.NOT_FINITE, lanes.status).astype(jnp.int32)
-    )
-    real = lambda a: jnp.issubdtype(a.dtype, jnp.floating)
-    return lanes, jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan) if real(a) else a, sample)
+        lost = tally.dropped + total(viscous) + total(friction)
+        works = drive, gross, viscous, friction, tally.dropped, total(drive) + total(tally.springs) - lost - gained
+    motion, largest, moments, extent = filled((lanes.state.motion, log.largest, gain.moments, log.extent), gain.power)
+    sample = RowSample(motion, gain.power / period, *works, largest, moments, extent)
+    sums = (jnp.sum(jnp.atleast_2d(a), axis=0) for a in jax.tree.leaves(sample))
+    overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(sum(sums, gained))
+    status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
+    lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
+    return lanes, jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
+
+
+def filled_parts(ledger: Ledger, at_interfaces: Array) -> tuple[Any, ...]:
+    """The works of a ledger, with zeros where there is no friction."""
+    return ledger.drive, ledger.gross, ledger.viscous, filled(ledger.friction, at_interfaces)
 
 
 @compiled("method", "block", "each")
@@ -171,3 +165,113 @@ def run_row_block(
 
     lanes, samples = lax.scan(one, lanes_last(lanes), jnp.arange(block, dtype=jnp.int32))
     return lanes_first(lanes), samples
+
+
+def run_row_periods(scenes: Scene, lanes: RowLane, clock: Clock, n: int, method: Choices) -> tuple[RowLane, Sample]:
+    """Run `n` periods of rows (leading axis): the rows at the end, and samples (periods, lanes) with more rows."""
+    lanes, sample = run_row_block(scenes, lanes, clock, jnp.int32(n), method, PERIODS_PER_CALL, best_mapping())
+    return lanes, as_samples(jax.tree.map(np.asarray, sample))
+
+
+def as_samples(row: RowSample) -> Sample:
+    """The samples of rows, (periods, lanes, blades), in the form of those of pairs: a number for each blade."""
+    each_blade = lambda tree: jax.tree.map(lambda a: tuple(np.moveaxis(a, -1, 0)), tree)
+    total = lambda a: None if a is None else a.sum(axis=-1)
+    return Sample(
+        motion=each_blade(row.motion),
+        power=each_blade(row.power),
+        work=total(row.drive),
+        gross=total(row.gross),
+        dropped=row.dropped,
+        residual=row.residual,
+        largest=each_blade(row.largest),
+        friction=total(row.friction),
+        viscous=total(row.viscous),
+        moments=each_blade(row.moments),
+        extent=each_blade(row.extent),
+    )
+
+
+class RowSamples(NamedTuple):
+    """States of rows at instants, with the contact forces: motion (..., N), contact (..., E)."""
+
+    state: State
+    forces: ContactForces
+
+
+@compiled("method", "block", "each")
+def _row_samples(
+    scenes: Scene, lanes: RowLane, clock: Clock, at: tuple[Any, Any], method: Choices, block: int, each: EachLane
+) -> tuple[RowLane, RowSamples]:
+    """`at[1]` samples (leading axis, then the lanes), `at[0]` steps apart; the rows beyond are meaningless."""
+    (model, period), (every, n) = _models(scenes), at
+    grids = clock.grids(period)
+
+    def one_sample(lanes, i):
+        wanted = jnp.where(i < n, every, 0)
+        lanes = _march(lanes, Fixed(model, grids, lanes.step + wanted), method, each)
+        turns = grids.start + lanes.step.astype(period.dtype) * grids.turn
+        lanes = eqx.tree_at(lambda lane: lane.step, lanes, lanes.step % clock.steps)
+        return lanes, lanes_first(_sampled(lanes, turns, model, each))
+
+    lanes, samples = lax.scan(one_sample, lanes_last(lanes), jnp.arange(block, dtype=jnp.int32))
+    return lanes_first(lanes), samples
+
+
+def _sampled(lanes: RowLane, turns: Float[Array, " lanes"], model: RowModel, each: EachLane) -> RowSamples:
+    forces = row_contact_forces(lanes.state, each(sincos_turns, turns), model, each)
+    zero = jnp.zeros(lanes.state.mode.shape, turns.dtype)
+    lost = lanes.status != Status.OK
+    point = forces.contact_point
+    forces = filled(forces._replace(contact_point=ABSENT), zero)._replace(contact_point=point)
+    return RowSamples(
+        updated_slider(lanes.state, lanes.status, model, each),
+        jax.tree.map(lambda a: jnp.where(lost, jnp.nan, a), forces),
+    )
+
+
+@compiled("each")
+def _first_sample(scenes: Scene, lanes: RowLane, start: Any, each: EachLane) -> RowSamples:
+    model, period = _models(scenes)
+    return lanes_first(_sampled(lanes_last(lanes), jnp.broadcast_to(start, period.shape), model, each))
+
+
+@compiled("each")
+def stored_energies_of_rows(scenes: Scene, lanes: RowLane, each: EachLane) -> Float[Array, " lanes"]:
+    """The energies stored in blades and contact springs of rows (leading axis) [J]."""
+    return _stored(lanes_last(lanes).state, _models(scenes)[0], each)
+
+
+ROW_SAMPLES_PER_CALL = 256
+
+
+def march_row_samples(
+    scenes: Scene, states: State, clock: Clock, every: int, count: int, method: Choices, tick: Any
+) -> tuple[RowSamples, RowLane, tuple[np.ndarray, np.ndarray]]:
+    """March rows (leading axis) and keep samples.
+
+    Args:
+        scenes: The scenes.
+        states: The states in which they start.
+        clock: The time grid.
+        every: Steps from sample to sample.
+        count: Samples after the first.
+        method: The options of the march.
+        tick: Called with the number of further samples.
+
+    Returns:
+        Samples (lanes, 1 + count, ...), the rows at the end, and the stored energies before and after [J].
+    """
+    each, host = best_mapping(), lambda tree: jax.tree.map(np.asarray, tree)
+    lanes = begin_rows(scenes, states, method)
+    before = np.asarray(stored_energies_of_rows(scenes, lanes, each))
+    blocks = [jax.tree.map(lambda a: a[None], host(_first_sample(scenes, lanes, clock.start, each)))]
+    for done in range(0, count, ROW_SAMPLES_PER_CALL):
+        n = min(ROW_SAMPLES_PER_CALL, count - done)
+        at = jnp.int32(every), jnp.int32(n)
+        lanes, block = _row_samples(scenes, lanes, clock, at, method, ROW_SAMPLES_PER_CALL, each)
+        blocks.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
+        tick(n)
+    samples = jax.tree.map(lambda *a: np.moveaxis(np.concatenate(a), 0, 1), *blocks)
+    energies = before, np.asarray(stored_energies_of_rows(scenes, lanes, each))
+    return samples, host(lanes), energies

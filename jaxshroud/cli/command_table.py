@@ -50,6 +50,7 @@ COMMANDS = {
         ),
         arguments=("n_periods", "every", "events"),
         unit="samples",
+        rows=True,
         module="runs",
     ),
     "sweep": Command(
@@ -83,6 +84,7 @@ COMMANDS = {
             "--amplitudes",
             "--out",
         ),
+        rows=True,
         module="sweep",
     ),
     "table": Command(

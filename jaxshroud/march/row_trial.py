@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.carry import MAX_EVENTS_PER_STEP, NEGLIGIBLE_REST, Fixed, change_at, running
+from jaxshroud.march.carry import MAX_EVENTS_PER_STEP, NEGLIGIBLE_REST, Fixed, TimeGrid, change_at, running
 from jaxshroud.march.events import (
     EventKind,
     GuardEvaluation,
@@ -37,9 +37,11 @@ from jaxshroud.march.locate import (
 )
 from jaxshroud.march.method import Choices
 from jaxshroud.march.method_names import Locate
+from jaxshroud.march.observables import ContactForces, contact_forces_at, updated_range
 from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_interval, row_step
-from jaxshroud.march.tally import Counters, count_event, no_events
+from jaxshroud.march.tally import Counters, DisplacementRange, count_event, displacements_of, no_events
 from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Scalar, is_absent, where
+from jaxshroud.model.geometry import ContactKinematics
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import EndTorques, Integrals, Recorded, law_forces, torques_along_face
@@ -58,6 +60,7 @@ from jaxshroud.model.row import (
     relative_torques,
     stored_energies,
 )
+from jaxshroud.scene.keys import Motion
 
 ONLY_FORCES = Recorded()
 
@@ -93,6 +96,7 @@ class RowLog(NamedTuple):
     v_max: OfInterfaces  # largest penetration at ends of trials [m]
     largest: tuple[Any, Any, Any]  # magnitudes of x, y [m] and theta [rad] at ends of trials, (N, lanes) each
     counters: Counters
+    extent: DisplacementRange | None  # of each blade; None unless it was requested
 
 
 class RowTally(NamedTuple):
@@ -121,32 +125,31 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Row
     count, no, at = jnp.zeros(lanes.shape, jnp.int32), jnp.zeros(lanes.shape, bool), jnp.zeros(shape, lanes.dtype)
     target = RowTarget(count, Target(count, lanes, lanes, lanes, count)) if method.locate == "cubic" else None
     search = RowSearch(lanes, lanes, lanes, lanes, no, no, no, ~no, count, target)
-    zero_step = row_interval(count, lanes, lanes, _no_grid(lanes))
+    zero_step = row_interval(count, lanes, lanes, TimeGrid(lanes, lanes, lanes))
     nothing = jax.eval_shape(lambda: row_step(zero_step, state, _clusters_of(state, model), model, method, each).gain)
     guards = None
     if model.interfaces.spring.modal:
         evaluated = jax.eval_shape(lambda: _evaluate(state, (lanes, lanes), model, each)[1])
         guards = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), evaluated)
     counters = jax.tree.map(lambda a: jnp.zeros(shape, a.dtype), no_events(model.interfaces))
-    largest = jax.tree.map(jnp.zeros_like, _displacements(state))
+    largest = jax.tree.map(jnp.zeros_like, displacements_of(state.motion))
+    extent = (
+        DisplacementRange(displacements_of(state.motion), displacements_of(state.motion)) if method.amplitudes else None
+    )
     tally = RowTally(
         jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), nothing),
         at,
         lanes,
-        RowLog(at, at, at, at, largest, counters),
+        RowLog(at, at, at, at, largest, counters, extent),
     )
     return RowLane(state, count, search, guards, tally, count)
 
 
-def _no_grid(lanes: OfLanes) -> Any:
-    from jaxshroud.march.carry import TimeGrid
-
-    return TimeGrid(lanes, lanes, lanes)
-
-
-def _displacements(state: State) -> tuple[Any, Any, Any]:
-    z = state.motion
-    return z.x, z.y, z.theta
+def tally_of_new_period(tally: RowTally, z: Motion) -> RowTally:
+    """The tally with what is told of each period reset, at the motion `z`."""
+    zeros, log = jax.tree.map(jnp.zeros_like, tally), tally.log
+    extent = None if log.extent is None else DisplacementRange(displacements_of(z), displacements_of(z))
+    return zeros._replace(log=log._replace(largest=zeros.log.largest, extent=extent))
 
 
 def _clusters_of(state: State, model: RowModel) -> Cluster | None:
@@ -169,11 +172,26 @@ def _torques(state: State, wave: Any, model: RowModel, each: Each) -> tuple[OfIn
 def _interface_view(torque: Scalar, state: State, model: Model) -> GuardEvaluation:
     """The kinematics and the guards of one interface under the relative torque of its corner."""
     placed = place_contact(state.motion, state, model)
-    torques = EndTorques(ABSENT, ABSENT)
-    if not is_absent(torque):
-        forces = law_forces(placed[2], state.motion, state, state.case, model)
-        torques = torques_along_face(torque, forces, placed[2], state, model)
-    return guards_at(placed, state.motion, torques, state, model)
+    return guards_at(placed, state.motion, _end_torques(torque, placed[2], state, model), state, model)
+
+
+def _end_torques(torque: Scalar, at: ContactKinematics, state: State, model: Model) -> EndTorques:
+    """The torques at both ends of the faces' overlap from the relative torque of the corner."""
+    if is_absent(torque):
+        return EndTorques(ABSENT, ABSENT)
+    forces = law_forces(at, state.motion, state, state.case, model)
+    return torques_along_face(torque, forces, at, state, model)
+
+
+def row_contact_forces(state: State, wave: Any, model: RowModel, each: Each) -> ContactForces:
+    """The contact forces at each interface in a state, at (sin, cos) of omega t."""
+    torque, _ = _torques(state, wave, model, each)
+
+    def at_interface(torque: Scalar, state: State, model: Model) -> ContactForces:
+        placed = place_contact(state.motion, state, model)
+        return contact_forces_at(placed, _end_torques(torque, placed[2], state, model), state, model)
+
+    return over(each, at_interface, torque, pair_states(state, model.closed), model.interfaces)
 
 
 def _evaluate(state: State, wave: Any, model: RowModel, each: Each) -> tuple[OfInterfaces, Guards]:
@@ -392,7 +410,7 @@ def row_trial(lane: RowLane, fixed: Fixed, method: Choices, each: Each) -> RowLa
     violated = any_of([jnp.any(guards.value[kind] > 0, axis=0) for kind in event_kinds(guards.value)])
     jumped = jnp.any(change.jumped, axis=0) | (jnp.sum(fires, axis=0) > 1)
     next_search, step = _next_search(search, lane.step, fire, fire & jumped & violated, method)
-    tally = _updated_tally(lane.tally, end.gain, interval.h, start, after, change, dropped)
+    tally = _updated_tally(lane.tally, end.gain, interval.h, start, after, change, dropped, each)
     limit = MAX_EVENTS_PER_STEP * len(outcome.hit)
     status = jnp.where(accept, _status(after, not_finite, next_search.events > limit), Status.OK).astype(jnp.int32)
     chosen = lambda yes, no: jax.tree.map(lambda a, b: jnp.where(accept, a, b), yes, no)
@@ -451,9 +469,19 @@ def _next_search(search: RowSearch, step: Any, fire: Any, recheck: Any, method: 
 
 
 def _updated_tally(
-    tally: RowTally, gain: Integrals, h: OfLanes, start: State, after: State, change: InterfaceChange, dropped: OfLanes
+    tally: RowTally,
+    gain: Integrals,
+    h: OfLanes,
+    start: State,
+    after: State,
+    change: InterfaceChange,
+    dropped: OfLanes,
+    each: Each,
 ) -> RowTally:
     """The tally after an accepted trial of `h` seconds from `start`."""
+    extent = tally.log.extent
+    if extent is not None:
+        extent = over(each, updated_range, extent, start.motion, after.motion, h)
     log, apart, stick = tally.log, start.mode == Mode.APART, start.mode == Mode.STICK
     spent = lambda before, during: before + jnp.where(during, h, 0.0)
     now = RowLog(
@@ -461,8 +489,9 @@ def _updated_tally(
         spent(log.time_stick, stick),
         spent(log.time_slip, ~apart & ~stick),
         jnp.maximum(log.v_max, jnp.where(apart, 0.0, change.v)),
-        jax.tree.map(lambda most, q: jnp.maximum(most, jnp.abs(q)), log.largest, _displacements(after)),
+        jax.tree.map(lambda most, q: jnp.maximum(most, jnp.abs(q)), log.largest, displacements_of(after.motion)),
         change.counters,
+        extent,
     )
     integrals = jax.tree.map(jnp.add, tally.integrals, gain)
     return RowTally(integrals, tally.springs + change.springs, tally.dropped + dropped, now)
@@ -481,7 +510,7 @@ def _without_events(lane: RowLane, end: RowStepEnd, active: Any, h: OfLanes, fix
     counters = lane.tally.log.counters
     change = InterfaceChange(ABSENT, touches, touches, no, no, jnp.zeros_like(v), counters, v)
     seen = State(lane.state.motion, lane.state.u_s, touches, lane.state.case)
-    tally = _updated_tally(lane.tally, end.gain, h, seen, end.state, change, jnp.zeros_like(h))
+    tally = _updated_tally(lane.tally, end.gain, h, seen, end.state, change, jnp.zeros_like(h), each)
     status = _status(end.state, ~_is_finite(end.state), no).astype(jnp.int32)
     after = search._replace(done=jnp.where(complete, 0.0, done), length=jnp.where(complete, 1.0, 1 - done), recheck=no)
     chosen = lambda yes, no: jax.tree.map(lambda a, b: jnp.where(active, a, b), yes, no)

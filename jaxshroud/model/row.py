@@ -79,9 +79,7 @@ def prepared_row(scene: Scene) -> RowModel:
     row, d, has = scene.row, scene.drive, scene.parts.has
     assert row is not None
     pairs = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))
-    stiffness = 1 + row.mistuning
-    of_stiffness = lambda b: (b.k_x, b.k_y, b.k_T)
-    blades = eqx.tree_at(of_stiffness, scene.blades, tuple(stiffness * k for k in of_stiffness(scene.blades)))
+    blades = scene.mistuned_blades
     drive = Excitation(d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase))
     inverse = InverseMasses(
         1 / blades.m,

@@ -260,6 +260,14 @@ class Scene(eqx.Module):
         return self.blades.k_x[..., 0] if self.row is None else self.blades.k_x[..., : self.row.interfaces]
 
     @property
+    def mistuned_blades(self) -> Blades:
+        """The blades with the mistuning of their row."""
+        if self.row is None:
+            return self.blades
+        of, factor = (lambda b: (b.k_x, b.k_y, b.k_T)), 1 + self.row.mistuning
+        return eqx.tree_at(of, self.blades, tuple(factor * k for k in of(self.blades)))
+
+    @property
     def row_size(self) -> RowSize | None:
         """The size of the row; None: the pair."""
         return None if self.row is None else self.row.size

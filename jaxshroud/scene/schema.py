@@ -66,7 +66,7 @@ def numbers_type(number: Key, row: RowSize | None) -> Any:
     if not shape:
         return one
     words = "a pair [left, right]" if row is None else _list_words(number, shape[0])
-    many = Annotated[tuple[(one,) * shape[0]], BeforeValidator(partial(_as_list, shape[0], words))]
+    many = Annotated[tuple[one, ...], BeforeValidator(partial(_as_list, shape[0], words))]
     return Annotated[many, BeforeValidator(partial(to_si, number.unit))]
 
 

@@ -12,9 +12,10 @@ import numpy as np
 from jaxshroud.batch.runs import initial_states, stepping_method
 from jaxshroud.io.scene_numbers import scene_differences
 from jaxshroud.io.variable import jax_lane_arrays
-from jaxshroud.march.method import FAST, Choices, Method, RungeKutta, StepCount, choices, method_of
+from jaxshroud.march.method import FAST, Choices, Method, RungeKutta, StepCount, Taylor, choices, method_of
 from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.stability import steps_for
+from jaxshroud.march.tableau import tableau
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.short_runs import end_states
 from jaxshroud.programs.kept import is_traced
@@ -30,6 +31,7 @@ from jaxshroud.verbs.accuracy import Choice, EndStates, accuracy_level, choose
 N_PERIODS = 64  # kept periods, unless the argument or the scene file says otherwise
 LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
 ACCURACY = "balanced"  # unless either of them gives a method
+COARSE_ACCURACY = 1e-3  # of rows: from here on Tsit5 is cheaper
 
 
 class ResolvedOptions(NamedTuple):
@@ -211,6 +213,8 @@ def choose_method(
     if resolved.accuracy is not None and contact in ("smooth", "own"):
         kind = "smooth contact" if contact == "smooth" else "own laws"
         raise InputError(f"An accuracy can be had for located contact, not for {kind}; give js.RungeKutta(steps=...).")
+    if lanes.row is not None:
+        return _method_for_rows(resolved, usual), None
     accuracy, lanes = resolved.choosing_accuracy, without_given(lanes)
     if accuracy is not None:
         periods = resolved.transient + resolved.n_periods if periods is None else periods
@@ -220,6 +224,23 @@ def choose_method(
         return choice.method._replace(ledger=usual.ledger), choice
     ledger = usual.ledger or contact == "own"  # the energy balance is the only check of a user's own law
     return (usual._replace(ledger=ledger) if resolved.method is None else choices(resolved.method, ledger=ledger)), None
+
+
+def _method_for_rows(resolved: ResolvedOptions, usual: Choices) -> Choices:
+    """The method by which rows are marched: that of an accuracy is Dormand-Prince 8, which is not tried on the lanes.
+
+    Raises:
+        InputError: The method is a power series.
+    """
+    if isinstance(resolved.method, Taylor):
+        raise InputError("A row of blades is marched by Runge-Kutta methods, not by power series; js.RungeKutta().")
+    if resolved.method is not None:
+        return choices(resolved.method, ledger=usual.ledger)
+    accuracy = resolved.choosing_accuracy
+    if accuracy is None or isinstance(accuracy, Choice):
+        return usual
+    coarse = accuracy_level(accuracy) >= COARSE_ACCURACY
+    return usual._replace(tableau=tableau("tsit5" if coarse else "dopri8"), locate="cubic")
 
 
 def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials: Any) -> MarchPlan:
@@ -282,6 +303,15 @@ def refuse_row(what: str, scene: Scene | SceneFile) -> None:
     if row is not None:
         where = f"{scene.name}: " if isinstance(scene, SceneFile) else ""
         raise InputError(f"{where}{f'`{what}`' if what else 'this verb'} does not know rows of blades yet.")
+
+
+def check_row(scene: Scene, **asked: bool) -> None:
+    """Raise an InputError where a row of blades lacks contact, or an argument asks for what rows do not have yet."""
+    if scene.parts.contact == "none":
+        raise InputError("A row without contact is many single blades: simulate one of them as a pair.")
+    for name, value in asked.items():
+        if value:
+            raise InputError(f"Argument `{name}` does not know rows of blades yet.")
 
 
 def refuse_traced(tree: object) -> None:

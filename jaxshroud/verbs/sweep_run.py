@@ -12,8 +12,9 @@ from jaxshroud.batch.runs import Plan, Runs, Ticker, in_float64, zeno_warning
 from jaxshroud.batch.states import by_blade, final_states
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.scene_numbers import dimension
+from jaxshroud.march.row_trial import RowLog
 from jaxshroud.march.stability import steps_for
-from jaxshroud.march.tally import Counters
+from jaxshroud.march.tally import Counters, Log
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -194,12 +195,22 @@ def _exponents(grid: Grid, runs: Runs, settings: SweepSettings) -> dict[str, np.
     return {"lyapunov": exponent, "lyapunov_ci": ci}
 
 
+def _of_all_interfaces(log: Log | RowLog) -> Log | RowLog:
+    """The log of lanes (leading axis), of rows that of all interfaces together."""
+    if isinstance(log, Log):
+        return log
+    total = lambda a: a.sum(axis=-1)
+    times = total(log.time_apart), total(log.time_stick), total(log.time_slip)
+    counters = jax.tree.map(total, log.counters)
+    return RowLog(*times, log.v_max.max(axis=-1), log.largest, counters, log.extent)
+
+
 def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[str, object]:
     """The variables of the result for lanes (leading axis), without exponents."""
     runs = jax.tree.map(in_float64, runs)
     motion = by_blade(runs.samples.motion)
     (number, settling), power, P_0 = averages(scenes, runs.samples, settings.period_tol)
-    log, before = runs.last.tally.log, runs.before.log
+    log, before = (_of_all_interfaces(log) for log in (runs.last.tally.log, runs.before.log))
     spent = [getattr(log, n) - getattr(before, n) for n in ("time_apart", "time_stick", "time_slip")]
     total = sum(spent)
     with np.errstate(invalid="ignore", divide="ignore"):
