@@ -250,11 +250,11 @@ def nudged(p: RowParameters, by: float = 1e-12) -> RowParameters:
 
 
 def table1_row(blades: int, closed: bool, engine_order: int = 0, **changes: Any) -> RowParameters:
-    """Alike blades of Table 1 with a hundredth of its I and M_0 0.3, gap 22 um, F_0 60, gamma 2.5.
+    """Alike blades of Table 1 with M_0 3, gap 22 um, F_0 60, gamma 2.5.
 
     What is changed is one number for all blades or interfaces, or a list of them; `initial` is (6, N).
     """
-    base, interfaces = reference.table1(I=2.46e-5, M_0=0.3), blades if closed else blades - 1
+    base, interfaces = reference.table1(M_0=3.0), blades if closed else blades - 1
     shape: dict[str, Any] = {name: getattr(base, name) for name in ("omega", "alpha", "l_oa", "l_ab")}
     phase = 2 * math.pi * engine_order * np.arange(blades) / blades
     each: dict[str, Any] = {name: getattr(base, name)[0] for name in BLADE} | {"phase": phase, "mistuning": 0.0}

@@ -31,7 +31,7 @@ class RowRuns(NamedTuple):
     @property
     def motion(self) -> np.ndarray:
         """States at the ends of the periods, (lanes, periods, 6, N): x, y, theta and their rates."""
-        return np.stack(self.samples.state.motion, axis=2).swapaxes(0, 1)
+        return np.stack(self.samples.motion, axis=2).swapaxes(0, 1)
 
     def counts(self, kind: str) -> np.ndarray:
         """Events of one kind, (lanes, interfaces)."""
@@ -50,7 +50,7 @@ def run_rows(scenes: list[Scene], periods: int, steps: int, method: Choices = EX
     assert batch.row is not None
     none = jnp.zeros((len(scenes) + lacking, batch.row.interfaces))
     contact = none.astype(jnp.int32)
-    lanes = begin_rows(batch, State(batch.initial, none, contact, contact), method, best_mapping())
+    lanes = begin_rows(batch, State(batch.initial, none, contact, contact), method)
     clock = Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)))
     kept: list[Any] = []
     for done in range(0, periods, BLOCK):
@@ -64,7 +64,7 @@ def part_of_period(runs: RowRuns, steps: int, per_period: int) -> np.ndarray:
     """States (lanes, 6, N) so many steps after the end of the runs."""
     clock = Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(per_period)))
     _, block = run_row_block(runs.batch, runs.last, clock, jnp.int32(1), runs.method, BLOCK, best_mapping())
-    return np.stack(block.state.motion, axis=2)[0]
+    return np.stack(block.motion, axis=2)[0]
 
 
 def row_scene_of(p: Any) -> Scene:
