@@ -21,6 +21,7 @@ from scipy.integrate import DOP853
 
 BLADE = ("m", "I", "k_x", "k_y", "k_T", "c_x", "c_y", "c_T", "m_y", "beta", "F_0", "M_0", "phase")
 INTERFACE = ("gap", "k", "k_d", "mu")
+ANGLE_RANGE = math.pi / 4
 Numbers = tuple[float, ...]
 
 
@@ -100,6 +101,10 @@ class Interface(reference._Run):
         if t > self.last * (1 + 1e-14):
             self.handled = set()
         self.t, self.y = t, y
+
+    def tilted(self) -> bool:
+        """Whether a block has turned beyond the angles at which the march ends a run too."""
+        return max(abs(self.y[4]), abs(self.y[5])) > ANGLE_RANGE or super().tilted()
 
     def loads(self, z: list[float]) -> tuple[float, ...]:
         """R_x, R_y on the left block, both moments, and the power lost in sliding."""

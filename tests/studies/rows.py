@@ -29,7 +29,7 @@ from row_runs import EXACT_ROW, row_scene_of, run_rows
 from jaxshroud.model.modes import Status
 from jaxshroud.version import __version__
 
-SEED, PERIODS, STEPS = 7, 3, 400
+SEED, PERIODS, STEPS, FINE = 7, 3, 400, 6400
 NEAR = {"opinions": 1e-8, "pairs": 1e-12, "identities": 1e-11, "energy": 1e-9}  # each in its own measure
 SPRINGS = (1e3, 1e4, 1e5)  # between faces [N m/rad]
 
@@ -47,7 +47,7 @@ def spread(values: list[float], near: float) -> dict[str, Any]:
     return {"rows": len(a), **of, "beyond": int(np.sum(~(a <= near)))}
 
 
-def opinions(places: range = range(len(row_opinions.SIZES)), steps: int = STEPS) -> dict[str, Any]:
+def opinions(places: range = range(len(row_opinions.SIZES)), steps: int = FINE) -> dict[str, Any]:
     """All kept rows of these sizes."""
     off, moved, unequal, flat, late = [], [], 0, 0, []
     for place in places:
