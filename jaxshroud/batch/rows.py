@@ -4,6 +4,7 @@ Outside, arrays have the axis of lanes first, as everywhere; inside the compiled
 `model.row`.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,16 +16,23 @@ from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.periods import PERIODS_PER_CALL, Clock, Sample
 from jaxshroud.batch.xla import best_mapping, compiled
-from jaxshroud.march.carry import EachLane, Fixed, running
+from jaxshroud.march.carry import EachLane
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import ContactForces
-from jaxshroud.march.row_trial import RowLane, begin_row, row_contact_forces, row_trial, tally_of_new_period
+from jaxshroud.march.row_trial import (
+    RowFixed,
+    RowLane,
+    begin_row,
+    row_contact_forces,
+    row_running,
+    row_trial,
+    tally_of_new_period,
+)
 from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
 from jaxshroud.model.friction import contact_energy, stretch
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.model.rhs import Ledger
 from jaxshroud.model.row import RowModel, over, pair_states, prepared_row, stored_energies
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
@@ -67,9 +75,9 @@ def _carried(state: State, model: RowModel) -> State:
     return State(motion, ABSENT if is_absent(spring.lag) else state.u_s, mode, state.case)
 
 
-def _march(lanes: RowLane, fixed: Fixed, method: Choices, each: EachLane) -> RowLane:
+def _march(lanes: RowLane, fixed: RowFixed, method: Choices, each: EachLane) -> RowLane:
     """Run every row to the start of step `stop`, or until its status is not OK."""
-    going = lambda lanes: jnp.any(running(lanes, fixed.stop))
+    going = lambda lanes: jnp.any(row_running(lanes, fixed.stop))
     return lax.while_loop(going, lambda lanes: row_trial(lanes, fixed, method, each), lanes)
 
 
@@ -122,29 +130,26 @@ def _run_period(lanes: RowLane, active, model: RowModel, period, clock: Clock, m
     lanes = eqx.tree_at(lambda lane: lane.tally, lanes, tally_of_new_period(lanes.tally, lanes.state.motion))
     before = _stored(lanes.state, model, each)
     stops = jnp.where(active, clock.steps, 0)
-    lanes = _march(lanes, Fixed(model, clock.grids(period), stops), method, each)
+    lanes = _march(lanes, RowFixed(model, clock.grids(period), stops), method, each)
     arrived = lanes.step == clock.steps
     lanes = eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(arrived, 0, lanes.step))
     tally, gain, log = lanes.tally, lanes.tally.integrals, lanes.tally.log
     gained = _stored(lanes.state, model, each) - before
-    works: tuple[Any, ...] = (None,) * 6
+    works: dict[str, Any] = dict.fromkeys(("drive", "gross", "viscous", "friction", "dropped", "residual"))
     if gain.ledger is not None:
-        drive, gross, viscous, friction = filled_parts(gain.ledger, tally.springs)
-        total = lambda a: jnp.sum(a, axis=0)
-        lost = tally.dropped + total(viscous) + total(friction)
-        works = drive, gross, viscous, friction, tally.dropped, total(drive) + total(tally.springs) - lost - gained
+        total, friction = partial(jnp.sum, axis=0), filled(gain.ledger.friction, tally.springs)
+        lost = tally.dropped + total(gain.ledger.viscous) + total(friction)
+        residual = total(gain.ledger.drive) + total(tally.springs) - lost - gained
+        works = {**gain.ledger._asdict(), "friction": friction, "dropped": tally.dropped, "residual": residual}
     motion, largest, moments, extent = filled((lanes.state.motion, log.largest, gain.moments, log.extent), gain.power)
-    sample = RowSample(motion, gain.power / period, *works, largest, moments, extent)
+    sample = RowSample(
+        motion=motion, power=gain.power / period, **works, largest=largest, moments=moments, extent=extent
+    )
     sums = (jnp.sum(jnp.atleast_2d(a), axis=0) for a in jax.tree.leaves(sample))
     overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(sum(sums, gained))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
     lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
     return lanes, jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
-
-
-def filled_parts(ledger: Ledger, at_interfaces: Array) -> tuple[Any, ...]:
-    """The works of a ledger, with zeros where there is no friction."""
-    return ledger.drive, ledger.gross, ledger.viscous, filled(ledger.friction, at_interfaces)
 
 
 @compiled("method", "block", "each")
@@ -209,7 +214,7 @@ def _row_samples(
 
     def one_sample(lanes, i):
         wanted = jnp.where(i < n, every, 0)
-        lanes = _march(lanes, Fixed(model, grids, lanes.step + wanted), method, each)
+        lanes = _march(lanes, RowFixed(model, grids, lanes.step + wanted), method, each)
         turns = grids.start + lanes.step.astype(period.dtype) * grids.turn
         lanes = eqx.tree_at(lambda lane: lane.step, lanes, lanes.step % clock.steps)
         return lanes, lanes_first(_sampled(lanes, turns, model, each))

@@ -176,7 +176,7 @@ def _unfinished_like(like: Runs) -> Runs:
 def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, tick: Tick) -> Runs:
     scenes, states, arrived = chunk
     begin, run = (begin_lanes, run_periods) if scenes.row is None else (begin_rows, run_row_periods)
-    lanes = begin(scenes, states, plan.method)
+    lanes: Any = begin(scenes, states, plan.method)
     if plan.lead_in is not None and not arrived.all():
         led_in, _ = run(scenes, lanes, plan.lead_in, 1, plan.method)
         lanes = select_lanes(arrived, lanes, led_in)
@@ -203,9 +203,9 @@ def run_periods(scenes: Scene, lanes: Lane, clock: Clock, n: int, method: Choice
     return run_block(scenes, lanes, clock, jnp.int32(n), method, PERIODS_PER_CALL, best_mapping())
 
 
-def _run_blocks(scenes: Scene, lanes: Lane, periods: int, plan: Plan, tick, keep: bool):
+def _run_blocks(scenes: Scene, lanes: Any, periods: int, plan: Plan, tick, keep: bool):
     blocks: list[Sample] = []
-    run = run_periods if scenes.row is None else run_row_periods
+    run: Callable[..., Any] = run_periods if scenes.row is None else run_row_periods
     longest = min(periods_at_once(len(lanes.status), plan.steps_per_period, plan.method), PERIODS_PER_CALL)
     for done in range(0, periods, longest):
         n = min(longest, periods - done)
@@ -254,7 +254,7 @@ def zeno_report(scenes: Scene, last: Lane, period: np.ndarray, clock: Clock, met
     scene, lane = jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[copies]), (scenes, last))
     places = lambda lane: (lane.status, lane.search.events)
     again = eqx.tree_at(places, lane, (jnp.zeros_like(lane.status), jnp.zeros_like(lane.search.events)))
-    after, _ = run_periods(scene, again, clock, 1, method)
+    after: Any = run_periods(scene, again, clock, 1, method)[0]
     counts = [filled(of.tally.log.counters, of.status) for of in (lane, after)]
     more = {n: int(getattr(counts[1], n)[0] - getattr(counts[0], n)[0]) for n in Counters.__annotations__}
     events = ", ".join(f"{n} {name}" for name, n in sorted(more.items(), key=lambda item: -item[1]) if n)

@@ -5,6 +5,8 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from jaxshroud.batch.runs import Progress
 from jaxshroud.batch.size_limits import STEP_BYTES, check_memory, check_size
 from jaxshroud.cli.computation import (
@@ -59,7 +61,7 @@ def _output_run(completed: CompletedCall) -> None:
     rows = {
         "samples": len(run.t),
         "status": Status(run.status).name,
-        "events": ", ".join(f"{n} {name}" for name, n in run.counters.items() if n) or "none",
+        "events": ", ".join(f"{np.sum(n)} {name}" for name, n in run.counters.items() if np.any(n)) or "none",
         "energy residual": f"{run.energy_residual:.1e} of the drive's work",
         "energy dropped": f"{run.energy_dropped:.1e} of the drive's gross work, where flat contact began",
     }

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.carry import MAX_EVENTS_PER_STEP, NEGLIGIBLE_REST, Fixed, TimeGrid, change_at, running
+from jaxshroud.march.carry import MAX_EVENTS_PER_STEP, NEGLIGIBLE_REST, TimeGrid, change_at
 from jaxshroud.march.events import (
     EventKind,
     GuardEvaluation,
@@ -117,6 +117,19 @@ class RowLane(eqx.Module):
     guards: Guards | None  # of each interface at the start of the trial; None where there are no events
     tally: RowTally
     status: Int[Array, " lanes"]
+
+
+class RowFixed(NamedTuple):
+    """The constants of rows during a march."""
+
+    model: RowModel
+    grid: TimeGrid
+    stop: Int[Array, " lanes"]  # the march ends at the start of this step
+
+
+def row_running(lane: RowLane, stop: Int[Array, " lanes"]) -> Bool[Array, " lanes"]:
+    """Which rows have not arrived at the start of step `stop` and have not failed."""
+    return (lane.step < stop) & (lane.status == Status.OK)
 
 
 def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> RowLane:
@@ -353,30 +366,29 @@ def interface_change(
         model = eqx.tree_at(lambda m: m.mobility.joint, model, joint)
     view = _interface_view(torque, start, model)
     change = change_at(view, start.motion, start, fire, kind, delay, h, model)
-    after = select(
-        fire,
-        (change.transition.after.u_s, change.transition.after.mode, change.transition.after.case),
-        (start.u_s, start.mode, start.case),
-    )
-    becomes_flat = fire & (after[2] == FLAT) & (start.case != FLAT)
+    now = change.transition.after
+    u_s, mode, case = select(fire, (now.u_s, now.mode, now.case), (start.u_s, start.mode, start.case))
+    becomes_flat = fire & (case == FLAT) & (start.case != FLAT)
     turned = (kind == EventKind.TURN) | (kind == EventKind.HEIGHT)
     return InterfaceChange(
-        *after,
+        u_s,
+        mode,
+        case,
         becomes_flat,
-        fire & (several | turned | (after[2] == FLAT)),
+        fire & (several | turned | (case == FLAT)),
         change.jumps.springs,
         count_event(counters, change.transition, fire, inside),
         view.at.v,
     )
 
 
-def row_trial(lane: RowLane, fixed: Fixed, method: Choices, each: Each) -> RowLane:
+def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> RowLane:
     """One trial step of every lane that has neither arrived nor failed, and what follows from its end."""
     model, grid, stop = fixed
     cluster = _clusters_of(lane.state, model)
     interval = row_interval(lane.step, lane.search.done, lane.search.length, grid)
     end = row_step(interval, lane.state, cluster, model, method, each)
-    active = running(lane, stop)
+    active = row_running(lane, stop)
     if not model.interfaces.spring.modal:
         return _without_events(lane, end, active, interval.h, fixed, each)
     assert lane.guards is not None
@@ -497,7 +509,7 @@ def _updated_tally(
     return RowTally(integrals, tally.springs + change.springs, tally.dropped + dropped, now)
 
 
-def _without_events(lane: RowLane, end: RowStepEnd, active: Any, h: OfLanes, fixed: Fixed, each: Each) -> RowLane:
+def _without_events(lane: RowLane, end: RowStepEnd, active: Any, h: OfLanes, fixed: RowFixed, each: Each) -> RowLane:
     """The rows after a trial of smooth contact, which every trial that stays finite completes."""
     model, search = fixed.model, lane.search
     no = jnp.zeros_like(active)

@@ -239,9 +239,9 @@ def blade_rates(
 ) -> BladeRates:
     """The rates of one blade; `wave` is (sin, cos) of omega t."""
     Q = wave[0] * d.cos_phase + wave[1] * d.sin_phase
-    a = blade_accelerations(z, Q, R, b, d, inverse)
-    square = blade_mean_square(z.x, z.y, rotation(z.theta)[1], gyration)
-    return BladeRates(*a, square, *(blade_powers(z, Q, b, d) if ledger else ()))
+    x, y, theta = blade_accelerations(z, Q, R, b, d, inverse)
+    drive, viscous = blade_powers(z, Q, b, d) if ledger else (None, None)
+    return BladeRates(x, y, theta, blade_mean_square(z.x, z.y, rotation(z.theta)[1], gyration), drive, viscous)
 
 
 def rates_of_blades(z: Motion, wave: Any, R: BladeForces, model: RowModel, ledger: bool, each: Each) -> BladeRates:
@@ -273,7 +273,7 @@ def row_rhs(
         each, partial(interface_effects, recorded=recorded), pair_states(now, model.closed), model.interfaces
     )
     rates = rates_of_blades(z, wave, blade_forces(effects, model), model, recorded.ledger, each)
-    theta = rates.theta if cluster is None else cluster.mean(rates.theta)
+    theta: Any = rates.theta if cluster is None else cluster.mean(rates.theta)
     ledger = None
     if recorded.ledger:
         ledger = Ledger(rates.drive, jnp.abs(rates.drive), rates.viscous, effects.lost)

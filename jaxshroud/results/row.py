@@ -1,22 +1,24 @@
 """The samples of a simulated row of blades."""
 
+import os
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from jaxshroud.io.lane_status import FLAGS
-from jaxshroud.io.variable import Attribute, CountsVariable, Entry, MotionVariable, Variable
+from jaxshroud.io.variable import Attribute, CountsVariable, Entry, Variable
+from jaxshroud.model.modes import Mode
 from jaxshroud.motion.waves import BladeSpectrum, blade_spectrum, participation_ratio, wave_distance
-from jaxshroud.results.amplitudes import WithAmplitudes
-from jaxshroud.results.base import Result
-from jaxshroud.results.trajectory import CASES, CONTACT_POINT, MODES
+from jaxshroud.results.trajectory import CASES, CONTACT_POINT, MODES, Trajectory
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from jaxshroud.model.prepared import State
     from jaxshroud.plotting.style import LookOptions
 
 AT_INTERFACES = ("time", "interface")
@@ -31,7 +33,7 @@ class InterfaceCounts(CountsVariable):
             yield name, ((*dims, "interface"), array, attributes)
 
 
-class RowTrajectory(WithAmplitudes, Result):
+class RowTrajectory(Trajectory):
     """The samples of one run of a row of blades or of many, the initial state first.
 
     Arrays start with the axes of the scenes. `motion` and amplitudes end with the blade; what is told of contact ends
@@ -40,7 +42,6 @@ class RowTrajectory(WithAmplitudes, Result):
 
     stored_as = "row"
 
-    motion = MotionVariable("NaN after the run has stopped", dims=("time",))
     u_s = Variable("slider of the friction element; NaN when apart", "m", AT_INTERFACES)
     mode = Variable("contact mode", None, AT_INTERFACES, stored=np.int8, kind=np.int32, more=MODES)
     case = Variable(CASES, None, AT_INTERFACES, stored=np.int8, kind=np.int32)
@@ -49,27 +50,24 @@ class RowTrajectory(WithAmplitudes, Result):
     v = Variable("penetration at the corner in contact; when apart, negative: the gap left there", "m", AT_INTERFACES)
     u = Variable("slide of the left block against the right one, up the face", "m", AT_INTERFACES)
     contact_point = Variable(CONTACT_POINT, "m", AT_INTERFACES)
-    status = Variable("how the run ended", alone=True, kind=int, more=FLAGS)
     counters = InterfaceCounts("events", prefix="count_")
     energy_residual = Variable("energy residual of the row over the drive's work", "1", alone=True)
-    energy_dropped = Variable(
-        "energy dropped by beginnings of flat contact, over the drive's gross work", "1", alone=True
-    )
     work_drive = Variable("work of the drive on each blade over the run", "J", ("blade",))
     loss_viscous = Variable("lost in the dampers of each blade over the run", "J", ("blade",))
     loss_friction = Variable("lost in sliding contact at each interface over the run", "J", ("interface",))
     time_apart = Variable("fraction of the time: apart", "1", ("interface",))
     time_stick = Variable("fraction of the time: stick", "1", ("interface",))
     time_slip = Variable("fraction of the time: slip", "1", ("interface",))
-    omega = Variable("circular frequency of the drive", "rad s-1", alone=True)
     closed = Attribute(int)  # whether the last blade touches the first
-    every = Attribute(int)  # steps from one sample to the next
-    turns = Attribute(name="end_turns")  # drive phase of the last sample [turns]
 
     @property
-    def t(self) -> np.ndarray:
-        """The time of each sample [s], (..., time)."""
-        return self.data["t" if "t" in self.data else "time"].to_numpy()
+    def last(self) -> "State":
+        """The state at the last sample, from which a run can go on; the sliders are 0 when apart."""
+        from jaxshroud.model.prepared import State
+
+        mode, u_s = self.mode[..., -1, :], self.u_s[..., -1, :]
+        motion = Motion(*(a[..., -1, :] for a in self.motion))
+        return State(motion, np.where(mode == Mode.APART, 0, u_s).astype(u_s.dtype), mode, self.case[..., -1, :])
 
     @typed
     def spectrum(self, name: str = "x", periods: int = 1) -> BladeSpectrum:
@@ -98,8 +96,16 @@ class RowTrajectory(WithAmplitudes, Result):
     def _samples_per_period(self) -> float:
         return self.steps_per_period / self.every
 
+    def animate(
+        self, path: str | os.PathLike[str], *, periods: int | None = None, factor: float | None = None
+    ) -> float:
+        """Raise an InputError: moving pictures do not know rows of blades yet."""
+        raise InputError("`animate` does not know rows of blades yet.")
+
     @typed
-    def plot(self, ax: "Axes | None" = None, *, panel: str | None = None, **options: "Unpack[LookOptions]") -> "Figure":
+    def plot(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, ax: "Axes | None" = None, *, panel: str | None = None, **options: "Unpack[LookOptions]"
+    ) -> "Figure":
         """The row in time and space: displacements over blades and time, amplitudes, and nodal diameters.
 
         Args:

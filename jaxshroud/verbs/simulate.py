@@ -48,7 +48,7 @@ def simulate(
     progress: Progress | None = None,
     throw: bool = False,
     dims: Sequence[str] | None = None,
-) -> Trajectory | RowTrajectory:
+) -> Trajectory:
     """Integrate Eq. (1), stopping inside a step at every contact change.
 
     Args:
@@ -67,10 +67,10 @@ def simulate(
         dims: Names of the leading axes; by default `lane`.
 
     Returns:
-        Of a row of blades a `RowTrajectory`, of a pair a `Trajectory`: the initial state and then every `every`-th of `n_periods * steps_per_period` steps, start-up included, with the
+        The initial state and then every `every`-th of `n_periods * steps_per_period` steps, start-up included, with the
         contact forces `N` and `F` [N], `v`, `u` and `contact_point` [m]. A model without contact has none of these, a
         model whose blocks do not turn has no `contact_point`, and without friction `F` is 0. Amplitudes are those of
-        the second half of the run, from the cubics between samples.
+        the second half of the run, from the cubics between samples. A row of blades gives a `RowTrajectory`.
 
     Raises:
         ValueError: A count is not a positive integer, the samples would not fit into memory, or `events` is set for
@@ -127,9 +127,7 @@ def simulate(
     return result
 
 
-def _trajectory(
-    resolved: ResolvedOptions, values: dict[str, Any], common: dict[str, Any]
-) -> Trajectory | RowTrajectory:
+def _trajectory(resolved: ResolvedOptions, values: dict[str, Any], common: dict[str, Any]) -> Trajectory:
     """The result from the values of all lanes and those that they share."""
     attributes, numbers = resolved.provenance(0, common["steps_per_period"])
     times = values.pop("t")
