@@ -8,7 +8,8 @@ pytestmark = pytest.mark.studies
 
 def test_chains_of_two_are_the_pair():
     told = rows.pairs(40)
-    assert told["statuses alike"]
+    assert told["all"]["alike statuses"]
+    assert told["rows"] >= 20
     assert told["beyond"] == 0
 
 
