@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.events import EventKind, Transition, model_events, place_contact
 from jaxshroud.march.method import Choices
-from jaxshroud.model.arithmetic import ABSENT, Absent, Pair, Scalar, is_absent, where, zeros_for
+from jaxshroud.model.arithmetic import ABSENT, Absent, Scalar, is_absent, where, zeros_for
 from jaxshroud.model.geometry import is_upper
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
