@@ -38,7 +38,7 @@ def ends_of(rows, periods, steps=STEPS):
 
 def furthest(got, want):
     """The largest difference of states (..., 6, N), over the largest of its kind."""
-    size = np.abs(want).max(axis=-1, keepdims=True)
+    size = np.moveaxis(np.abs(want), -2, 0).reshape(want.shape[-2], -1).max(axis=1)[:, None]
     return float(np.max(np.abs(got - want) / np.where(size > 0, size, 1.0)))
 
 

@@ -109,7 +109,7 @@ def identities(sizes: tuple[int, ...] = (12, 24), periods: int = 5) -> dict[str,
     return {**spread(list(same.values()), NEAR["identities"]), "deviations": found}
 
 
-def energy(count: int = 200, sizes: tuple[tuple[int, bool], ...] = row_opinions.SIZES) -> dict[str, Any]:
+def energy(count: int = 216, sizes: tuple[tuple[int, bool], ...] = row_opinions.SIZES) -> dict[str, Any]:
     """Random rows over ten periods, a third with nearly parallel faces."""
     residuals, ended, flat, each = [], 0, 0, math.ceil(count / len(sizes))
     for size in sizes:
