@@ -72,8 +72,8 @@ class Fixed(NamedTuple):
     stop: Int[Array, "..."]  # the march ends at the start of this step
 
 
-def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
-    """Whether a lane has not arrived at the start of step `stop` and has not failed."""
+def running(lane: Any, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
+    """Whether a lane, or a row, has not arrived at the start of step `stop` and has not failed."""
     return (lane.step < stop) & (lane.status == Status.OK)
 
 

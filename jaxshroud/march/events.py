@@ -70,7 +70,7 @@ class EventKind(IntEnum):
 PerKind = tuple[Scalar, Scalar, Scalar, Scalar]  # one number for each `EventKind`
 
 
-def event_kinds(four: PerKind) -> list[EventKind]:
+def event_kinds(four: tuple[Any, Any, Any, Any]) -> list[EventKind]:
     """The kinds of events for which there is a number."""
     return [kind for kind in EventKind if not is_absent(four[kind])]
 
@@ -200,8 +200,8 @@ def _friction_guard(
     )
 
 
-def any_of(flags: Iterable[Bool[Array, ""]]) -> Bool[Array, ""]:
-    """Whether any of the scalars is true."""
+def any_of(flags: Iterable[Bool[Array, "..."]]) -> Bool[Array, "..."]:
+    """Whether any of the flags is true."""
     return reduce(jnp.logical_or, flags)
 
 

@@ -62,7 +62,7 @@ def new_search(
     return Search(done, length, zero, zero, no, no, no, recheck, events, target, refinements)
 
 
-def select(condition: Bool[Array, ""], yes, no):
+def select(condition: Bool[Array, "..."], yes, no):
     """`yes` where `condition`, else `no`, leaf by leaf."""
     return jax.tree.map(lambda a, b: where(condition, a, b), yes, no)
 

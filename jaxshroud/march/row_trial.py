@@ -40,7 +40,7 @@ from jaxshroud.march.method_names import Locate
 from jaxshroud.march.observables import ContactForces, contact_forces_at, updated_range
 from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_interval, row_step
 from jaxshroud.march.tally import Counters, DisplacementRange, count_event, displacements_of, no_events
-from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Scalar, is_absent, where
+from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Absent, Scalar, is_absent, where
 from jaxshroud.model.geometry import ContactKinematics
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
@@ -170,7 +170,9 @@ def _clusters_of(state: State, model: RowModel) -> Cluster | None:
     return clusters(state.case, model) if model.turns_by_events else None
 
 
-def _torques(state: State, wave: Any, model: RowModel, each: Each) -> tuple[OfInterfaces, OfInterfaces]:
+def _torques(
+    state: State, wave: Any, model: RowModel, each: Each
+) -> tuple[OfInterfaces | Absent, OfInterfaces | Absent]:
     """The relative torque of each interface with contact at the corner of its case, and the inertia against it."""
     if not model.turns_by_events:
         return ABSENT, ABSENT
@@ -207,7 +209,7 @@ def row_contact_forces(state: State, wave: Any, model: RowModel, each: Each) -> 
     return over(each, at_interface, torque, pair_states(state, model.closed), model.interfaces)
 
 
-def _evaluate(state: State, wave: Any, model: RowModel, each: Each) -> tuple[OfInterfaces, Guards]:
+def _evaluate(state: State, wave: Any, model: RowModel, each: Each) -> tuple[OfInterfaces | Absent, Guards]:
     """The relative torques and the guards of a state."""
     torque, _ = _torques(state, wave, model, each)
     guards = lambda torque, state, model: _interface_view(torque, state, model).guards
