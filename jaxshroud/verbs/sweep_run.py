@@ -97,7 +97,7 @@ def run_sweep(
         swept = result(runs, _exponents(grid, runs, settings))
     except Interrupted:
         raise Interrupted(result(runs, {})) from None
-    return SweepResult(swept.data.isel({dimension(next(iter(grid.axes))): slice(1)})) if single else swept
+    return SweepResult(swept.data.isel({grid.dims[len(grid.resolved.dims)]: slice(1)})) if single else swept
 
 
 def _duplicated(grid: Grid, runs: Runs) -> tuple[Grid, Runs]:
@@ -165,9 +165,8 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
     common = {"phase": plan.phase, "period_tol": settings.period_tol, "chatter": chatter, **march.attributes}
     if march.choice is not None:
         numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.choice)}
-    row = grid.lanes.row
     periods = np.arange(plan.transient + 1, plan.transient + plan.kept + 1)
-    coords = sweep_coordinates(grid.axes, periods, None if row is None else row.blades)
+    coords = sweep_coordinates(grid.axes, periods, grid.lanes.row and grid.lanes.row.blades)
     attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
     more = {name: variable for name, variable in differing.items() if name not in grid.dims}
     if "gap" not in grid.dims and (grid.axes or "gap" not in more):
