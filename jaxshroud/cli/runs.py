@@ -120,7 +120,7 @@ simulate_command = Computation(
     run=_simulate_from_end,
     output=_output_run,
 )
-diagnose_command = Computation(run=call_with_accuracy_warnings, output=_output_diagnosis)
+diagnose_command = Computation(usual=FAST_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_diagnosis)
 power_command = Computation(
     prepare=_power_arguments, usual=FAST_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_power
 )
