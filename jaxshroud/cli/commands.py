@@ -10,6 +10,7 @@ import sys
 import warnings
 from argparse import Namespace
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
 
 import jaxshroud
@@ -43,7 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _exit_status(error)
     with interruptible(_leave):  # only now: an import does not survive an exception of Ctrl-C
         try:
-            command(options)
+            with _programs_loaded_ahead(options):
+                command(options)
             sys.stdout.flush()
         except KeyboardInterrupt as interrupt:
             _printed_interruption.append(_interruption_message(*map(str, interrupt.args)))
@@ -78,6 +80,15 @@ def _set_up_jax() -> None:
         cache_compilations()
     except OSError as error:
         print(f"note: {error}; programs are compiled anew in every process", file=sys.stderr)
+
+
+def _programs_loaded_ahead(options: Namespace) -> AbstractContextManager[None]:
+    """A context in which the programs of the last command of this verb and scene are loaded ahead."""
+    if "jax" not in sys.modules:
+        return nullcontext()
+    from jaxshroud.programs.kept import programs_loaded_ahead
+
+    return programs_loaded_ahead(f"{options.verb} {getattr(options, 'scene', '')}")
 
 
 def _exit_status(error: Exception) -> int:

@@ -20,11 +20,13 @@ from jax.experimental import serialize_executable
 from jax.experimental.compilation_cache import compilation_cache
 
 from jaxshroud.programs import key as keys
-from jaxshroud.programs.store import ProgramStore, log, own_folder
+from jaxshroud.programs.ahead import LoadedAhead
+from jaxshroud.programs.store import ProgramStore, entry_name, log, own_folder
 
 _WITHOUT_JAX_CACHE = threading.Lock()
 _FOR_DEBUGGING = ("jax_disable_jit", "jax_debug_nans", "jax_debug_infs", "jax_check_tracer_leaks", "jax_no_tracing")
 _store: ProgramStore | None = None
+_ahead: LoadedAhead | None = None
 Program = Callable[..., Any]
 
 
@@ -38,6 +40,23 @@ def keep_programs(folder: Path | None) -> None:
 def program_store() -> ProgramStore | None:
     """Where programs are kept; None: nowhere."""
     return _store
+
+
+@contextmanager
+def programs_loaded_ahead(label: str) -> Iterator[None]:
+    """Within, the large programs that were used under this label before are loaded before they are asked for."""
+    global _ahead
+    around = keys.surroundings() if _store is not None and jax.default_backend() == "cpu" else None
+    if _store is None or around is None:
+        yield
+        return
+    _ahead = LoadedAhead(_store, f"{label}\n{around}", _loaded_by_name)
+    try:
+        yield
+        _ahead.keep_names()
+    finally:
+        _ahead.close()
+        _ahead = None
 
 
 def where_kept() -> str:
@@ -125,11 +144,14 @@ class Programs:
         key = self._key(fixed, given)
         if key is None or _store is None:
             return None
-        content = _store.read(key)
-        program = None if content is None else _loaded(content, given)
+        name = entry_name(key)
+        program, size = _loaded_before(name, given) or _loaded(_store.read(name), given)
         if program is None:
-            return self._compiled(key, fixed, given)
-        self.unproven.add(call)
+            program, size = self._compiled(name, fixed, given)
+        else:
+            self.unproven.add(call)
+        if _ahead is not None:
+            _ahead.note_use(name, size)
         return program
 
     def _key(self, fixed: dict[str, Any], given: dict[str, Any]) -> str | None:
@@ -147,19 +169,19 @@ class Programs:
             return None
         return None if around is None else "\n".join([*parts, around])
 
-    def _compiled(self, key: str, fixed: dict[str, Any], given: dict[str, Any]) -> Program:
-        """The program, compiled, and kept if that is possible."""
+    def _compiled(self, name: str, fixed: dict[str, Any], given: dict[str, Any]) -> tuple[Program, int]:
+        """The program, compiled, and kept if that is possible; and its size in bytes, 0 if it is not."""
         lowered = self.jitted.lower(**fixed, **given)
         with _without_jax_cache():
             program = lowered.compile()
         try:
-            content = _serialized(program)
+            content = _serialized(program, given)
         except Exception as error:  # of whatever type JAX may raise for what it cannot serialise
             log.info("%s: not kept (%s)", self.name, error)
-            return program
+            return program, 0
         if _store is not None and keys.source_hash() is not None:
-            _store.write(key, content)
-        return program
+            _store.write(name, content)
+        return program, len(content)
 
 
 def _is_here(leaf: Any) -> bool:
@@ -169,23 +191,42 @@ def _is_here(leaf: Any) -> bool:
     return not isinstance(leaf, Tracer) and (not isinstance(leaf, jax.Array) or leaf.devices() == {jax.devices()[0]})
 
 
-def _serialized(program: Any) -> bytes:
-    """A program, and the tree of its results with numbers for leaves: structures of trees cannot be stored."""
-    executable, _, structure = serialize_executable.serialize(program)
-    return pickle.dumps((executable, jax.tree.unflatten(structure, range(structure.num_leaves))))
+def _serialized(program: Any, given: dict[str, Any]) -> bytes:
+    """A program, and the trees of results and arguments with numbers for leaves: structures cannot be stored."""
+    executable, _, results = serialize_executable.serialize(program)
+    numbered = (jax.tree.unflatten(tree, range(tree.num_leaves)) for tree in (results, jax.tree.structure(given)))
+    return pickle.dumps((executable, *numbered))
 
 
-def _loaded(content: bytes, given: dict[str, Any]) -> Program | None:
-    """The program of an entry that is what was written; None if this machine cannot load or run it."""
+def _loaded(content: bytes | None, given: dict[str, Any] | None = None) -> tuple[Program | None, int]:
+    """The program of an entry that is what was written, and its size; None if this machine cannot load or run it.
+
+    Its arguments have the structure of those that are given, by default of those for which it was compiled.
+    """
+    if content is None:
+        return None, 0
     try:
-        executable, results = pickle.loads(content)
-        arguments = jax.tree.structure(((), given))
-        return serialize_executable.deserialize_and_load(
-            executable, arguments, jax.tree.structure(results), execution_devices=jax.devices()[:1]
+        executable, results, arguments = pickle.loads(content)
+        structure = jax.tree.structure(((), arguments if given is None else given))
+        program = serialize_executable.deserialize_and_load(
+            executable, structure, jax.tree.structure(results), execution_devices=jax.devices()[:1]
         )
     except Exception as error:  # of whatever type JAX may raise for a program of another machine
         _warn_unusable(error)
-        return None
+        return None, 0
+    return program, len(content)
+
+
+def _loaded_by_name(name: str) -> tuple[Program | None, int]:
+    """The program of the entry of that name."""
+    return _loaded(None if _store is None else _store.read(name))
+
+
+def _loaded_before(name: str, given: dict[str, Any]) -> tuple[Any, int] | None:
+    """The program of that name and its size, if it was loaded ahead, for arguments of this structure."""
+    program, size = (_ahead and _ahead.take(name)) or (None, 0)
+    fits = program is not None and program.in_tree == jax.tree.structure(((), given))
+    return (program, size) if fits else None
 
 
 def _warn_unusable(error: Exception) -> None:

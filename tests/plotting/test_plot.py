@@ -396,6 +396,17 @@ def test_save(tmp_path, suffix, start):
     assert [found.name for found in tmp_path.iterdir()] == [path.name]
 
 
+def test_files_are_what_matplotlib_writes_with_one_layout_for_all(tmp_path):
+    figure = picture("power", power())
+    paths = [tmp_path / "power.png", tmp_path / "power.svg"]
+    save_figure(figure, *paths)
+    assert figure.get_layout_engine() is not None  # what is added later is laid out too
+    again = picture("power", power())
+    again.savefig(tmp_path / "again.png", dpi=200)
+    assert paths[0].read_bytes() == (tmp_path / "again.png").read_bytes()
+    assert b"<svg" in paths[1].read_bytes()
+
+
 def test_png_has_200_dpi(tmp_path):
     save_figure(picture("power", power()), tmp_path / "power.png")
     header = (tmp_path / "power.png").read_bytes()[16:24]  # width and height, big-endian

@@ -13,10 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxshroud.programs import ahead
 from jaxshroud.programs import kept as module
 from jaxshroud.programs import key as keys
 from jaxshroud.programs import store as store_module
-from jaxshroud.programs.kept import keep_programs, kept, program_store
+from jaxshroud.programs.kept import keep_programs, kept, program_store, programs_loaded_ahead
 
 X = np.linspace(0.0, 1.0, 5)
 
@@ -257,7 +258,7 @@ def test_a_program_that_cannot_run_is_compiled_anew(folder, caplog, monkeypatch)
     def failing(**given):
         raise jax.errors.JaxRuntimeError("NOT_FOUND: Function kernel not found")
 
-    monkeypatch.setattr(module, "_loaded", lambda content, given: failing)
+    monkeypatch.setattr(module, "_loaded", lambda content, given: (failing, len(content)))
     with caplog.at_level(logging.WARNING):
         np.testing.assert_array_equal(new_process()(X), np.sin(X) ** 2)
     assert "NOT_FOUND" in caplog.text
@@ -314,3 +315,63 @@ def test_processes_that_race_for_one_cache(tmp_path):
     assert len(found) == 1
     assert entries(tmp_path / "programs")
     assert not list((tmp_path / "programs").glob("*.partial"))
+
+
+@pytest.fixture
+def loads(folder, monkeypatch):
+    """Whether each program was loaded ahead; all are large enough for that."""
+    monkeypatch.setattr(ahead, "LARGE", 0)
+    found, load = [], module._loaded
+
+    def recorded(content, given=None):
+        found.append(given is None)
+        return load(content, given)
+
+    monkeypatch.setattr(module, "_loaded", recorded)
+    return found
+
+
+def run_under(label: str, run=lambda: new_process()(X)) -> np.ndarray:
+    with programs_loaded_ahead(label):
+        for future in module._ahead.loading.values():  # type: ignore[union-attr]
+            future.result()
+        return run()
+
+
+def test_programs_are_loaded_ahead_where_they_were_used_before(loads):
+    first = run_under("a")
+    loads.clear()
+    for label, are_ahead in (("a", [True]), ("b", [False]), ("b", [True])):
+        np.testing.assert_array_equal(run_under(label), first)
+        assert loads == are_ahead
+        loads.clear()
+
+
+def test_a_program_that_is_not_needed_again_is_not_loaded_ahead(loads):
+    run_under("a")
+    run_under("a", lambda: X)
+    loads.clear()
+    run_under("a")
+    assert loads == [False]
+
+
+@pytest.mark.parametrize("kind", ["damaged", "of no program", "of another program", "no names"])
+def test_a_list_of_programs_that_is_wrong_changes_no_number(folder, loads, kind):
+    first = run_under("a")
+    with programs_loaded_ahead("a"):
+        name = module._ahead.list_name  # type: ignore[union-attr]
+    new_process()(X, power=3)
+    others = [entry.stem for entry in entries(folder) if entry.stem != name]
+    content = {"of no program": "0" * 64, "of another program": "\n".join(others), "no names": "../../etc\n\xff"}
+    if kind == "damaged":
+        (folder / f"{name}.program").write_bytes(b"half")
+    else:
+        program_store().write(name, content[kind].encode("latin-1"))  # type: ignore[union-attr]
+    np.testing.assert_array_equal(run_under("a"), first)
+
+
+def test_a_program_loaded_ahead_for_other_arguments_is_not_used(loads, monkeypatch):
+    first, load = run_under("a"), module._loaded_by_name
+    foreign = jax.jit(lambda y: y + 1).lower(y=X).compile()
+    monkeypatch.setattr(module, "_loaded_by_name", lambda name: (foreign, load(name)[1]))
+    np.testing.assert_array_equal(run_under("a"), first)
