@@ -5,7 +5,8 @@ from contextlib import suppress
 from importlib import import_module
 from threading import Thread
 
-RESULTS = ("xarray", "h5netcdf", "scipy.special")
+DATASETS = ("xarray", "h5netcdf")
+STATISTICS = ("scipy.special",)
 PICTURES = ("jaxshroud.plotting.pictures",)
 PDF_PICTURES = ("matplotlib.backends.backend_pdf",)
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jaxshroud
 from jaxshroud.batch.runs import Progress
 from jaxshroud.batch.xla import one_lane
-from jaxshroud.cli.background_import import PDF_PICTURES, PICTURES, RESULTS, import_in_background
+from jaxshroud.cli.background_import import DATASETS, PDF_PICTURES, PICTURES, STATISTICS, import_in_background
 from jaxshroud.cli.command_table import COMMANDS
 from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march
 from jaxshroud.cli.terminal import (
@@ -130,6 +130,7 @@ class Computation:
     usual: Choices | None = FAST
     # How methods are tried for an accuracy, see `choose_method`.
     trials: Callable[[VerbCall], Mapping[str, Any]] = lambda call: {}
+    imports: Sequence[str] = (*DATASETS, *STATISTICS)  # in the background, beside what draws pictures
     announce: Callable[[VerbCall], None] = lambda call: None  # what is said before the run
     run: Callable[[VerbCall, Progress], Any] = call_verb
     output: Callable[[CompletedCall], None] = write_and_print
@@ -153,7 +154,7 @@ class Computation:
             scenes = self.scenes(call)
         formats = {path.suffix for path in output_paths(call.options)}
         pictures = (*(PICTURES if ".png" in formats else ()), *(PDF_PICTURES if ".pdf" in formats else ()))
-        import_in_background((*RESULTS, *pictures))
+        import_in_background((*self.imports, *pictures))
         march = resolve_march(call.file, scenes, call.options, self.usual, **self.trials(call))
         return call._replace(arguments={**call.arguments, "method": march.as_method})
 

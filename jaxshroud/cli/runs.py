@@ -7,6 +7,7 @@ from typing import Any
 
 from jaxshroud.batch.runs import Progress
 from jaxshroud.batch.size_limits import STEP_BYTES, check_memory, check_size
+from jaxshroud.cli.background_import import DATASETS
 from jaxshroud.cli.computation import (
     CompletedCall,
     Computation,
@@ -117,6 +118,7 @@ simulate_command = Computation(
     prepare=_simulate_arguments,
     usual=REFERENCE,
     trials=lambda call: {"periods": call.arguments["n_periods"], "ends": trajectory_ends},
+    imports=DATASETS,
     run=_simulate_from_end,
     output=_output_run,
 )

@@ -6,7 +6,7 @@ from typing import Any
 
 from jaxshroud.programs.store import ENTRY_NAME, ProgramStore, entry_name
 
-LARGE = 300_000  # bytes of a program, which take some 50 ms to load; XLA rebuilds all that it was compiled from
+LARGE_PROGRAM = 300_000  # bytes of a program, which take some 50 ms to load; XLA rebuilds all that it was compiled from
 
 
 class LoadedAhead:
@@ -29,7 +29,7 @@ class LoadedAhead:
 
     def note_use(self, name: str, size: int) -> None:
         """Take note that a program of so many bytes is used."""
-        if size >= LARGE and name not in self.used:
+        if size >= LARGE_PROGRAM and name not in self.used:
             self.used.append(name)
 
     def keep_names(self) -> None:

@@ -320,7 +320,7 @@ def test_processes_that_race_for_one_cache(tmp_path):
 @pytest.fixture
 def loads(folder, monkeypatch):
     """Whether each program was loaded ahead; all are large enough for that."""
-    monkeypatch.setattr(ahead, "LARGE", 0)
+    monkeypatch.setattr(ahead, "LARGE_PROGRAM", 0)
     found, load = [], module._loaded
 
     def recorded(content, given=None):
