@@ -7,6 +7,7 @@ from typing import Any
 
 from jaxshroud.batch.runs import Progress
 from jaxshroud.batch.size_limits import STEP_BYTES, check_memory, check_size
+from jaxshroud.cli.background_import import DATASETS
 from jaxshroud.cli.computation import (
     CompletedCall,
     Computation,
@@ -117,10 +118,11 @@ simulate_command = Computation(
     prepare=_simulate_arguments,
     usual=REFERENCE,
     trials=lambda call: {"periods": call.arguments["n_periods"], "ends": trajectory_ends},
+    imports=DATASETS,
     run=_simulate_from_end,
     output=_output_run,
 )
-diagnose_command = Computation(run=call_with_accuracy_warnings, output=_output_diagnosis)
+diagnose_command = Computation(usual=FAST_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_diagnosis)
 power_command = Computation(
     prepare=_power_arguments, usual=FAST_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_power
 )

@@ -16,7 +16,7 @@ from jaxshroud.batch.runs import Plan, projected_seconds
 from jaxshroud.batch.size_limits import check_size, results_size
 from jaxshroud.batch.threads import Interrupted, cores
 from jaxshroud.cli.arg_types import count
-from jaxshroud.cli.background_import import DATASETS, PICTURES, imported_meanwhile
+from jaxshroud.cli.background_import import DATASETS, PICTURES, STATISTICS, import_in_background
 from jaxshroud.cli.computation import with_origin
 from jaxshroud.cli.option_table import Along
 from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection
@@ -90,8 +90,8 @@ def sweep_command(options: argparse.Namespace) -> None:
         check_size(request.lanes, file.sweep_run.transient, file.sweep_run.periods, request.lanes_held)
     scenes = _scenes_of_lanes(file)
     periods = file.sweep_run.transient + file.sweep_run.periods
-    with imported_meanwhile((*DATASETS, *PICTURES)):
-        march = resolve_march(file, scenes, options, FAST_WITH_LEDGER if options.ledger else FAST, periods=periods)
+    import_in_background((*DATASETS, *STATISTICS, *PICTURES))
+    march = resolve_march(file, scenes, options, FAST_WITH_LEDGER if options.ledger else FAST, periods=periods)
     _print_projection_of_long_run(request, scenes, march)
     result = _sweep(request, march)
     _write(request, result)
