@@ -19,6 +19,7 @@ def test_scenes_as_printed_say_steps_and_the_others_an_accuracy():
         assert (run.steps_per_period, run.accuracy) == ((400, None) if name in PRINTED else (None, "balanced")), name
 
 
+@pytest.mark.full(but=PRINTED)
 @pytest.mark.parametrize("name", list(shipped()))
 def test_shipped_scene_runs(name):
     file = load(name)
