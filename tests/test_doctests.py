@@ -9,7 +9,7 @@ import pytest
 
 import jaxshroud
 
-LONG = ("jaxshroud.verbs.report",)  # half a minute
+LONG = ("jaxshroud.verbs.report", "jaxshroud.verbs.trade")  # half a minute
 
 
 def with_examples():

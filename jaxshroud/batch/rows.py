@@ -33,7 +33,7 @@ from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
 from jaxshroud.model.friction import contact_energy, stretch
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.model.row import RowModel, over, pair_states, prepared_row, stored_energies
+from jaxshroud.model.row import RowModel, blade_energies, over, pair_states, prepared_row
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
@@ -106,7 +106,7 @@ def _stored(state: State, model: RowModel, each: EachLane) -> Float[Array, " lan
         return contact_energy(at.v, w, pair.mode, model.spring)
 
     springs = over(each, of_contact, pair_states(state, model.closed), model.interfaces)
-    return jnp.sum(stored_energies(state.motion, model, each), axis=0) + jnp.sum(springs, axis=0)
+    return jnp.sum(blade_energies(state.motion, model, each), axis=0) + jnp.sum(springs, axis=0)
 
 
 def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, each: EachLane) -> State:
@@ -126,7 +126,7 @@ def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, 
     return State(motion, u_s, state.mode, state.case)
 
 
-def _run_period(lanes: RowLane, active, model: RowModel, period, clock: Clock, method: Choices, each: EachLane):
+def _run_row_period(lanes: RowLane, active, model: RowModel, period, clock: Clock, method: Choices, each: EachLane):
     lanes = eqx.tree_at(lambda lane: lane.tally, lanes, tally_of_new_period(lanes.tally, lanes.state.motion))
     before = _stored(lanes.state, model, each)
     stops = jnp.where(active, clock.steps, 0)
@@ -165,7 +165,7 @@ def run_row_block(
 
     def one(lanes, i):
         on = (i < n) & (lanes.status == Status.OK)
-        lanes, sample = _run_period(lanes, on, model, period, clock, method, each)
+        lanes, sample = _run_row_period(lanes, on, model, period, clock, method, each)
         return lanes, lanes_first(sample)
 
     lanes, samples = lax.scan(one, lanes_last(lanes), jnp.arange(block, dtype=jnp.int32))

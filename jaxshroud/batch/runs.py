@@ -231,7 +231,7 @@ def in_float64(a) -> np.ndarray:
     return np.asarray(a, float) if np.issubdtype(np.asarray(a).dtype, np.floating) else np.asarray(a)
 
 
-def zeno_report(scenes: Scene, last: Lane, period: np.ndarray, clock: Clock, method: Choices) -> str | None:
+def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, method: Choices) -> str | None:
     """One line on the first lane that stopped with TOO_MANY_EVENTS: which events alternate; None if there is none.
 
     The lane continues from where it stopped until it stops again: the events of that time are those that alternate.

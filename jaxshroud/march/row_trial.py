@@ -50,6 +50,7 @@ from jaxshroud.model.row import (
     Each,
     OfInterfaces,
     RowModel,
+    blade_energies,
     blade_forces,
     clusters,
     interface_effects,
@@ -58,7 +59,6 @@ from jaxshroud.model.row import (
     pair_states,
     rates_of_blades,
     relative_torques,
-    stored_energies,
 )
 from jaxshroud.scene.keys import Motion
 
@@ -423,7 +423,7 @@ def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> Ro
     guards = select(fire, _evaluate(after, end.wave, model, each)[1], outcome.guards)
     violated = any_of([jnp.any(guards.value[kind] > 0, axis=0) for kind in event_kinds(guards.value)])
     jumped = jnp.any(change.jumped, axis=0) | (jnp.sum(fires, axis=0) > 1)
-    next_search, step = _next_search(search, lane.step, fire, fire & jumped & violated, method)
+    next_search, step = _next_row_search(search, lane.step, fire, fire & jumped & violated, method)
     tally = _updated_tally(lane.tally, end.gain, interval.h, start, after, change, dropped, each)
     limit = MAX_EVENTS_PER_STEP * len(outcome.hit)
     status = jnp.where(accept, _status(after, not_finite, next_search.events > limit), Status.OK).astype(jnp.int32)
@@ -450,7 +450,7 @@ def _as_flat(
     z, cluster, now = state.motion, clusters(state.case, model), jnp.any(becomes_flat, axis=0)
     as_one = lambda a: jnp.where(now, cluster.mean(a), a)
     parallel = z._replace(theta=as_one(z.theta), v_theta=as_one(z.v_theta))
-    lost = jnp.sum(stored_energies(z, model, each) - stored_energies(parallel, model, each), axis=0)
+    lost = jnp.sum(blade_energies(z, model, each) - blade_energies(parallel, model, each), axis=0)
     return State(parallel, state.u_s, state.mode, state.case), jnp.where(now, lost, 0.0)
 
 
@@ -468,7 +468,7 @@ def _status(state: State, not_finite: Any, too_many: Any) -> Int[Array, " lanes"
     return jnp.where(not_finite, Status.NOT_FINITE, status)
 
 
-def _next_search(search: RowSearch, step: Any, fire: Any, recheck: Any, method: Choices) -> tuple[RowSearch, Any]:
+def _next_row_search(search: RowSearch, step: Any, fire: Any, recheck: Any, method: Choices) -> tuple[RowSearch, Any]:
     """The search of the next trial, and the clock, after an accepted trial."""
     done = search.done + search.length
     complete = done >= 1 - NEGLIGIBLE_REST[done.dtype.itemsize]

@@ -287,6 +287,6 @@ def row_rhs(
     )
 
 
-def stored_energies(z: Motion, model: RowModel, each: Each) -> OfBlades:
+def blade_energies(z: Motion, model: RowModel, each: Each) -> OfBlades:
     """The kinetic energy and the energy of the springs of each blade [J]."""
     return over(each, twice_blade_energy, z, model.blades) / 2

@@ -2,7 +2,8 @@
 
 import os
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from html import escape, unescape
 from io import BytesIO
 from math import ceil
@@ -177,6 +178,8 @@ STYLE: Any = {
     "axes.prop_cycle": cycler(color=COLOURS),
     **{"pdf.fonttype": 42, "svg.fonttype": "none"},  # text stays text
 }
+NO_LAYOUT: Any = {"figure.autolayout": False, "figure.constrained_layout.use": False}
+DOTS_PER_INCH = 200
 # Key of the scene -> symbol, words, unit, units per SI unit.
 QUANTITIES = {row.name: (row.symbol, row.label, *row.shown) for row in ALL_KEYS.values()}
 STOPPED_STYLE: Properties = {
@@ -276,26 +279,45 @@ def quantity(key: str, look: Look = DEFAULT_LOOK, unit: str = "SI") -> tuple[str
     return f"{key_label(key)} [{unit}]" if unit else key_label(key), float(factor)
 
 
-def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a figure, completely or not at all.
+def save_figure(figure: Figure, *paths: str | os.PathLike[str]) -> None:
+    """Write a figure to files of one or more formats, each completely or not at all.
 
     Args:
         figure: Any figure.
-        path: The file; its suffix selects the format: .png (200 dpi), .pdf or .svg.
+        paths: The files; their suffixes select the formats: .png (200 dpi), .pdf or .svg.
 
     Raises:
-        ValueError: The suffix is not a format of matplotlib.
-        WriteError: The path cannot be written.
+        ValueError: A suffix is not a format of matplotlib.
+        WriteError: A path cannot be written.
     """
-    path = Path(path)
-    if not path.suffix:
-        raise InputError(f"{path}: a picture needs a suffix, such as .png, .pdf or .svg.")
-    write(path, _content(figure, path.suffix[1:].lower()))
+    for path in map(Path, paths):
+        if not path.suffix:
+            raise InputError(f"{path}: a picture needs a suffix, such as .png, .pdf or .svg.")
+    with _laid_out(figure):
+        for path in map(Path, paths):
+            write(path, _content(figure, path.suffix[1:].lower()))
+
+
+@contextmanager
+def _laid_out(figure: Figure) -> Iterator[None]:
+    """Within, the figure keeps one layout: with a layout engine, matplotlib draws every file twice."""
+    engine, dots = figure.get_layout_engine(), figure.dpi
+    with mpl.rc_context(STYLE | NO_LAYOUT):
+        try:
+            if engine is not None:
+                figure.dpi = DOTS_PER_INCH
+                engine.execute(figure)
+                figure.dpi = dots
+                figure.set_layout_engine(None)
+            yield
+        finally:
+            figure.dpi = dots
+            figure.set_layout_engine(engine)
 
 
 def _content(figure: Figure, form: str) -> bytes:
     """The content of a file in that format."""
     content = BytesIO()
     with mpl.rc_context(STYLE):  # how vector formats write text is decided when they are written
-        figure.savefig(content, format=form, dpi=200)
+        figure.savefig(content, format=form, dpi=DOTS_PER_INCH)
     return content.getvalue()

@@ -118,8 +118,7 @@ def gradient(
     if isinstance(wrt, str):
         wrt = numbers_that_count(resolved.scene) if wrt == "all" else (wrt,)
     check_quantity(of, resolved.scene.parts)
-    if not len(wrt):
-        raise InputError("Argument `wrt` must name at least one number of the scene.")
+    _check_names(wrt)
     numbered = [with_numbers(one, wrt) for one in resolved.scenes]
     numbers = [[level_of(one, key) for key in wrt] for one in numbered]
     lanes = RequestedLanes(resolved, with_tangents(resolved, resolved.lanes))
@@ -170,6 +169,11 @@ def on_orbit(found: Orbit, wrt: Sequence[str], of: Quantity = "P_d") -> Gradient
     return Gradient.of_slopes([run_alone(orbit_gradient(cycle, wrt, of))], wrt, of, found, numbers)
 
 
+def _check_names(wrt: Sequence[str]) -> None:
+    if not len(wrt):
+        raise InputError("Argument `wrt` must name at least one number of the scene.")
+
+
 @typed
 def differences(found: Orbit, wrt: Sequence[str], step: float, of: Quantity = "P_d") -> dict[str, float]:
     """Fourth-order central differences of `of` on orbits followed from scene to scene: a check of `gradient`.
@@ -184,7 +188,8 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Quantity = "P
         The derivative with respect to each key; NaN where a neighbouring orbit does not close.
 
     Raises:
-        ValueError: There is no such `of`, the step is not positive, or there are orbits of many scenes.
+        ValueError: There is no such `of`, no number is named, the step is not positive, or there are orbits of many
+            scenes.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -196,6 +201,7 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Quantity = "P
         True
     """
     positive_argument("step", step)
+    _check_names(wrt)
     cycle = found.cycle()
     check_quantity(of, cycle.scene.parts)
     return differences_on(cycle, wrt, step, of)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.lane_status import LaneWarning
 from jaxshroud.io.variable import jax_lane_arrays
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.method import FAST, Choices, Method
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.prepared import State
 from jaxshroud.results.base import Labels, Result
@@ -62,17 +62,21 @@ def request_lanes(
     method: Method | str | float | None = None,
     dims: Sequence[str] | None = None,
     verb: str,
+    usual: Choices = FAST,
 ) -> RequestedLanes:
-    """The lanes of a scene, and their march with tangents, from the arguments of `resolve_options`."""
+    """The lanes of a scene, and their march with tangents, from the arguments of `resolve_options`.
+
+    `usual` is the method where only steps are given, with or without a ledger.
+    """
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, dims=dims, verb=verb)
-    return RequestedLanes(resolved, with_tangents(resolved, resolved.lanes))
+    return RequestedLanes(resolved, with_tangents(resolved, resolved.lanes, usual))
 
 
-def with_tangents(resolved: ResolvedOptions, lanes: Scene) -> MarchPlan:
+def with_tangents(resolved: ResolvedOptions, lanes: Scene, usual: Choices = FAST) -> MarchPlan:
     """The plan by which lanes (leading axis) are marched with tangents: in float64 unless the method says otherwise."""
     if resolved.method is None:
         in_precision(lanes, "float64")  # raises before any method is tried
-    march = plan_march(resolved, lanes, FAST)
+    march = plan_march(resolved, lanes, usual)
     if lanes.parts.contact != "none":
         return march
     steps = "auto" if resolved.steps is None else resolved.steps  # tangents are marched without contact too

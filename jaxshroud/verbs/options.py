@@ -82,7 +82,7 @@ class ResolvedOptions(NamedTuple):
         """
         if state is None:
             return initial_states(lanes)
-        shape = np.shape(state.u_s)
+        shape = np.shape(state.u_s)[: np.ndim(state.u_s) - (lanes.row is not None)]  # less the axis of interfaces
         precise: State = in_precision(state, "float64" if lanes.drive.omega.dtype == float else "float32")
         if shape and shape != self.shape:
             raise InputError(f"Argument `state` has leading axes {shape}, but the scenes have {self.shape}.")

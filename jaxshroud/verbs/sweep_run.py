@@ -16,6 +16,7 @@ from jaxshroud.march.row_trial import RowLog
 from jaxshroud.march.stability import steps_for
 from jaxshroud.march.tally import Counters, Log
 from jaxshroud.model.arithmetic import filled
+from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.amplitudes import amplitude_values, load_values
@@ -245,6 +246,7 @@ def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[st
         **dict(zip(("time_apart", "time_stick", "time_slip"), times, strict=True)),
         **({} if residual is None else {"energy_residual": residual, "energy_dropped": dropped}),
         "counters": counters,
+        **({} if scenes.row is None else {"P_d_worst": power_reduction(power.P, P_0).min(axis=-1)}),
         **load_values(scenes, runs.samples),
         **amplitude_values(scenes, runs.samples, number),
     }

@@ -51,7 +51,7 @@ def slopes_of(scene, numbers, periods, steps, method=PLAIN):
     return quotients(jax.jit(jax.vmap(f)), numbers), tangents
 
 
-@pytest.mark.studies(only=["flat"])  # studies/slopes.py
+@pytest.mark.studies(only=["flat", "cases"])  # studies/slopes.py
 @pytest.mark.full(but=["x"])
 @pytest.mark.parametrize(
     ("options", "motion", "periods", "steps", "kinds"),
@@ -257,6 +257,7 @@ def test_numbers_out_of_their_ranges_are_told_where_nothing_can_be_raised(contac
     assert mapped(3.0).status == Status.OK
 
 
+@pytest.mark.full
 def test_one_bad_lane_of_a_sweep_function_leaves_the_others_alone():
     scene = js.load("table1", ['parts.motion=["x"]']).scene
     run = js.sweep_function(n_periods=1, transient=0, method=js.RungeKutta(steps=100))

@@ -11,6 +11,7 @@ def test_start():
     start.main(["--all"])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("cold", [False, True], ids=["warm", "cold"])
 def test_the_table_has_every_command_of_both_checkouts(cold, tmp_path, capsys):
     words = ["--help", "scenes"]

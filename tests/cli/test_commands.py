@@ -131,6 +131,7 @@ def test_plot_does_not_simulate(stored, swept, monkeypatch, capsys):
         assert picture.stat().st_mtime_ns > before
 
 
+@pytest.mark.full
 def test_pictures_of_a_stored_run(stored, swept, tmp_path, capsys):
     for words in (["--kind", "all", "--width", "90mm"], ["--kind", "loop", "--unit", "um", "--title", ""]):
         out = tmp_path / f"{words[1]}.svg"
@@ -149,7 +150,7 @@ def test_events_and_forces_are_stored_where_asked_for(stored, tmp_path):
     assert {"N", "F", "v", "u", "contact_point"} <= set(ds.data_vars)
     assert "event_t" not in ds
     out, words = tmp_path / "e.nc", ["--steps-per-period", "200", "--periods", "3", "--events"]
-    assert cli.main(["simulate", "fig10d", *words, "--out", str(out)]) == 0
+    assert cli.main(["simulate", "fig10d", *SMALL, *words, "--out", str(out)]) == 0
     both = js_open(out)
     assert len(both.events.t) == 2 * (sum(both.counters.values()) - both.counters["grazing"])
     assert np.all(np.diff(both.events.t) >= 0)

@@ -11,16 +11,28 @@ import xarray as xr
 
 LEFT_OUT = {"dask", "distributed", "pint", "cftime"}  # that xarray would look for
 HEAVY = {"jax", "numpy", "pydantic", "matplotlib", "pandas", "xarray", "rich", "scipy", "pint"}
-# The console script; then its exit status and all that it has imported.
-COMMAND = """
-import sys
+# The console script for one list of words after the other; after each its exit status and all that is imported by then.
+COMMANDS = """
+import json, sys
 from jaxshroud_command import main
-try:
-    status = main()
-except SystemExit as stop:
-    status = stop.code
-print("IMPORTED", status, *sys.modules)
+for words in json.loads(sys.argv[1]):
+    sys.argv[1:] = words
+    try:
+        status = main()
+    except SystemExit as stop:
+        status = stop.code
+    print("IMPORTED", status, *sys.modules)
 """
+# What the commands have left out, which can still be imported.
+LEFT_OUT_AFTERWARDS = """
+import dask.array, distributed, pint
+assert dask.array.ones(3).sum().compute() == 3
+from jaxshroud.scene.units import to_si
+assert to_si("m", "1 inch") == 0.0254
+print("IMPORTED", 0, *sys.modules)
+"""
+FREE = ["simulate", "table1", "--set", 'parts.motion=["x"]', "--set", 'parts.contact="none"', "--periods", "1"]
+SHEET = ["check", "table1", "--set", 'parts.motion=["x"]']
 
 
 def started(code, *words, **environment):
@@ -37,14 +49,15 @@ def started(code, *words, **environment):
     return done.stdout
 
 
-def imported(*words):
-    """Exit status of a command, and the packages it has imported."""
-    _, status, *modules = started(COMMAND, *words).splitlines()[-1].split()
-    return int(status), {name.partition(".")[0] for name in modules} | set(modules)
+def imported(*commands, afterwards=""):
+    """Of each command its exit status, and the packages imported by then: its own, and those of the ones before it."""
+    told = started(COMMANDS + afterwards, json.dumps([[*map(str, words)] for words in commands]))
+    found = [line.split()[1:] for line in told.splitlines() if line.startswith("IMPORTED ")]
+    return [(int(status), {name.partition(".")[0] for name in names} | set(names)) for status, *names in found]
 
 
-@pytest.fixture
-def stored(tmp_path):
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
     """A stored run of a made-up motion."""
     n, every = 401, 4
     t = np.arange(n) * every / 100
@@ -52,93 +65,101 @@ def stored(tmp_path):
     data = {"x": (("time", "blade"), x), "v_x": (("time", "blade"), x * 500), "mode": ("time", (x[:, 0] > 0) * 1)}
     about = {"gap": 2e-5, "omega": 2 * np.pi, "steps_per_period": 100, "every": every, "end_turns": 0.0, "title": "a"}
     ds = xr.Dataset(data, {"time": t, "blade": [0, 1]}, about | {"kind": "trajectory"})
-    ds.to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
-    return tmp_path / "run.nc"
+    path = tmp_path_factory.mktemp("stored") / "run.nc"
+    ds.to_netcdf(path, engine="h5netcdf")
+    return path
 
 
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [("--help", 0), ("--version", 0), ("simulate --help", 0), ("scenes", 0), ("simulat", 2), ("tune table1", 2)],
-)
-def test_words_are_answered_without_what_computes(line, expected):
-    status, packages = imported(*line.split())
-    assert status == expected
-    assert not packages & HEAVY
+@pytest.fixture(scope="module")
+def computed(tmp_path_factory):
+    """Commands that need JAX, in the order of what they may import, and the folder of their files."""
+    out = tmp_path_factory.mktemp("computed")
+    commands = {
+        "simulate nothing": ["simulate", "nothing", "--out", "a.nc"],
+        "check nothing": ["check", "nothing"],
+        "check": ["check", "table1"],
+        "explain": ["explain", "table1"],
+        "simulate": [*FREE, "--out", out / "run.nc"],
+        "check --out": [*SHEET, "--out", out / "sheet"],
+    }
+    told = imported(*commands.values(), afterwards=LEFT_OUT_AFTERWARDS)
+    return dict(zip([*commands, "afterwards"], told, strict=True)), out
 
 
-def test_a_stored_run_is_drawn_without_jax(stored):
-    status, packages = imported("plot", stored)
+@pytest.fixture(scope="module")
+def drawn(stored, computed, tmp_path_factory):
+    """Commands that draw what is stored: a run, a convergence and a data sheet."""
+    power, sheet = tmp_path_factory.mktemp("power"), computed[1] / "sheet"
+    (power / "power.json").write_text(json.dumps({"n": [], "P_d": [], "P_d_ci": [], "final": {}, "title": ""}))
+    told = imported(["plot", stored], ["plot", power], ["plot", sheet, "--out", sheet / "again.png"])
+    return dict(zip(("run", "convergence", "sheet"), told, strict=True))
+
+
+def test_words_are_answered_without_what_computes():
+    expected = {"--help": 0, "--version": 0, "simulate --help": 0, "scenes": 0, "simulat": 2, "tune table1": 2}
+    told = imported(*map(str.split, expected))
+    assert [status for status, _ in told] == [*expected.values()]
+    assert not told[-1][1] & HEAVY
+
+
+def test_a_stored_run_is_drawn_without_jax(stored, drawn):
+    status, packages = drawn["run"]
     assert status == 0
     assert stored.with_suffix(".png").stat().st_size > 10_000
     assert {"xarray", "matplotlib"} <= packages
     assert not packages & {"jax", "jaxlib", "equinox", "diffrax", "pydantic", "matplotlib.pyplot", "rich", *LEFT_OUT}
 
 
-def test_a_stored_convergence_is_drawn_without_jax(tmp_path):
-    (tmp_path / "power.json").write_text(json.dumps({"n": [], "P_d": [], "P_d_ci": [], "final": {}, "title": ""}))
-    status, packages = imported("plot", tmp_path)
+@pytest.mark.parametrize("name", ["convergence", "sheet"])
+def test_what_is_stored_is_drawn_without_jax(drawn, name):
+    status, packages = drawn[name]
     assert status == 0
     assert not packages & {"jax", "jaxlib", "equinox", "diffrax", "pydantic", "rich"}
 
 
-def test_a_data_sheet_is_drawn_without_jax(tmp_path):
-    sheet = tmp_path / "sheet"
-    assert imported("check", "table1", "--set", 'parts.motion=["x"]', "--out", sheet)[0] == 0
-    status, packages = imported("plot", sheet, "--out", tmp_path / "again.png")
-    assert status == 0
-    assert (tmp_path / "again.png").stat().st_size > 10_000
-    assert not packages & {"jax", "jaxlib", "equinox", "diffrax", "pydantic", "rich"}
+def test_a_data_sheet_is_written_and_drawn_again(computed, drawn):
+    commands, out = computed
+    assert commands["check --out"][0] == drawn["sheet"][0] == 0
+    assert (out / "sheet" / "again.png").stat().st_size > 10_000
 
 
-def test_a_simulation_imports_what_it_needs():
+def test_a_simulation_imports_what_it_needs(computed):
     # Control: JAX is seen. A scene of another name ends the command where it would begin to compute.
-    status, packages = imported("simulate", "nothing", "--out", "a.nc")
+    status, packages = computed[0]["simulate nothing"]
     assert status == 2
     assert {"jax", "pydantic"} <= packages
     assert not packages & {"xarray", "matplotlib", "diffrax", "optax", "scipy.stats", "scipy.special", "rich", "pint"}
-    status, packages = imported("check", "nothing")
+    status, packages = computed[0]["check nothing"]
     assert status == 2
     assert "jax" in packages
     assert not packages & {"matplotlib", "diffrax", "optax", "scipy.stats", "pint"}
 
 
-FREE = ["simulate", "table1", "--set", 'parts.motion=["x"]', "--set", 'parts.contact="none"', "--periods", "1"]
-
-
-def test_a_run_is_written_without_what_it_does_not_use(tmp_path):
-    status, packages = imported(*FREE, "--out", tmp_path / "run.nc")
-    assert status == 0
-    assert xr.load_dataset(tmp_path / "run.nc").sizes["time"] > 1
-    assert "xarray" in packages
-    assert not packages & {"matplotlib", "diffrax", "optax", "scipy.stats", "scipy.linalg", *LEFT_OUT}
-
-
-@pytest.mark.parametrize("verb", ["tune", "report", "scatter"])
-def test_what_draws_random_numbers_is_not_imported_before_it_draws(verb):
-    code = f"import sys, jaxshroud; jaxshroud.{verb}; print(*sys.modules)"
-    assert not {"scipy.stats", "dask", "pint"} & set(started(code).split())
-
-
-@pytest.mark.parametrize("words", ["check table1", "explain table1"])
-def test_what_computes_no_motion_imports_nothing_that_writes(words):
-    status, packages = imported(*words.split())
+@pytest.mark.parametrize("name", ["check", "explain"])
+def test_what_computes_no_motion_imports_nothing_that_writes(computed, name):
+    status, packages = computed[0][name]
     assert status == 0
     assert not packages & {"xarray", "pandas", "h5py", "matplotlib", "diffrax", "scipy", *LEFT_OUT}
 
 
-AFTER_A_COMMAND = """
-import sys
-from jaxshroud_command import main
-assert main() == 0
-import dask.array, distributed, pint
-assert dask.array.ones(3).sum().compute() == 3
-from jaxshroud.scene.units import to_si
-print(to_si("m", "1 inch"))
-"""
+def test_a_run_is_written_without_what_it_does_not_use(computed):
+    commands, out = computed
+    status, packages = commands["simulate"]
+    assert status == 0
+    assert xr.load_dataset(out / "run.nc").sizes["time"] > 1
+    assert "xarray" in packages
+    assert not packages & {"matplotlib", "diffrax", "optax", "scipy.stats", "scipy.linalg", *LEFT_OUT}
 
 
-def test_what_a_command_leaves_out_can_still_be_imported(tmp_path):
-    assert started(AFTER_A_COMMAND, *FREE, "--out", tmp_path / "run.nc").splitlines()[-1] == "0.0254"
+def test_what_draws_random_numbers_is_not_imported_before_it_draws():
+    code = "import sys, jaxshroud; jaxshroud.tune, jaxshroud.report, jaxshroud.scatter; print(*sys.modules)"
+    assert not {"scipy.stats", "dask", "pint"} & set(started(code).split())
+
+
+def test_what_commands_leave_out_can_still_be_imported(computed):
+    commands, _ = computed
+    assert commands["afterwards"][1] >= LEFT_OUT - {"cftime"}
+    assert not commands["check --out"][1] & LEFT_OUT
 
 
 IN_A_NOTEBOOK = """
@@ -173,6 +194,7 @@ print(config.jax_enable_x64, config.jax_compilation_cache_dir, config.jax_persis
 """
 
 
+@pytest.mark.full(but=["the cache of its own"])
 @pytest.mark.parametrize(
     ("environment", "expected"),
     [
@@ -180,11 +202,13 @@ print(config.jax_enable_x64, config.jax_compilation_cache_dir, config.jax_persis
         ({"JAX_COMPILATION_CACHE_DIR": "/b"}, "True /b 0.0"),
         ({"JAX_COMPILATION_CACHE_DIR": "/b", "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "2"}, "True /b 2.0"),
     ],
+    ids=["the cache of its own", "a given cache", "a given time"],
 )
 def test_small_programs_are_cached_wherever_the_cache_is(environment, expected):
     assert started(CACHE, **environment).strip() == expected
 
 
+@pytest.mark.full(but=["jaxshroud"])
 @pytest.mark.parametrize("module", ["jaxshroud", "jaxshroud.cli"])
 def test_the_package_runs_as_a_command(module):
     done = subprocess.run([sys.executable, "-m", module, "plot", "nothing"], capture_output=True, text=True)
@@ -195,10 +219,9 @@ def test_the_package_runs_as_a_command(module):
 def test_a_home_that_cannot_be_written_is_one_line(tmp_path):
     (tmp_path / "file").touch()
     home = str(tmp_path / "file" / "home")
-    words = ["simulate", "table1", "--set", 'parts.motion=["x"]', "--set", 'parts.contact="none"', "--periods", "1"]
     code = "import sys; from jaxshroud_command import main; sys.exit(main())"
     done = subprocess.run(
-        [sys.executable, "-c", code, *words, "--out", str(tmp_path / "run.nc")],
+        [sys.executable, "-c", code, *FREE, "--out", str(tmp_path / "run.nc")],
         capture_output=True,
         text=True,
         timeout=600,

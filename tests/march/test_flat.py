@@ -228,6 +228,7 @@ def test_what_flat_contact_drops_is_a_term_of_the_balance():
     assert shares[1] < shares[0] / 4
 
 
+@pytest.mark.full
 def test_chatter_is_told_with_its_cure():
     # The printed levers contradict each other where the cases meet, and flat contact is not in print.
     blade = realistic_blade(2.5)

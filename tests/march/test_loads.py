@@ -50,7 +50,8 @@ def errors(name: str) -> dict[str, np.ndarray]:
     }
 
 
-@pytest.mark.full(but=["rk4", "series"])
+@pytest.mark.studies(only=["dopri8"])
+@pytest.mark.full(but=["rk4"])
 @pytest.mark.parametrize("name", ["rk4", "dopri8", "series"])
 def test_each_period_is_that_of_the_second_opinion(name):
     # Three periods from rest. The opinion reads extremes off parabolas, to 3e-7; RK4 locates events to some 1e-7.

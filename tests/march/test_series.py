@@ -230,6 +230,7 @@ def test_rocking_of_light_blades_is_that_of_the_fine_march(table1):
     assert np.all(error < 1e-4), error
 
 
+@pytest.mark.studies  # studies/series.py
 @pytest.mark.full
 def test_second_opinion():
     parameters, told = opinions.scenes("consistent"), opinions.kept("consistent")
@@ -342,6 +343,7 @@ def test_an_absent_number_stays_absent_beside_series():
     assert (series + ready.mobility.theta[0]) is series
 
 
+@pytest.mark.studies  # studies/missed_events.py
 @pytest.mark.full
 def test_faces_rock_to_the_last_return():
     """As contact ends what pushes rocking faces back fades: by series none of the last returns is missed."""
@@ -397,6 +399,8 @@ def test_a_guard_that_rises_twice_between_two_looks_is_not_passed_over():
     np.testing.assert_allclose(met.end, first, rtol=1e-12)
 
 
+@pytest.mark.studies  # studies/missed_events.py
+@pytest.mark.full
 def test_a_double_crossing_inside_a_long_trial_is_met():
     # The faces switch forth and back within a trial of order 16: passed over, the state is 3.4e-4 off after two
     # periods, at any number of steps and with an energy residual of 1e-14. Dormand-Prince 8 and order 12 agree to 2e-9.

@@ -150,6 +150,7 @@ def test_what_is_absent_is_not_carried(table1, parts):
 COMBINED = ({"motion": ("x",)}, {"neighbour": "rigid"})  # in another one of them
 
 
+@pytest.mark.studies(only=["{'friction': 'none'}"])
 @pytest.mark.full(but=["{'motion': ('x',), 'friction': 'none', 'neighbour': 'rigid'}"])
 @pytest.mark.parametrize("parts", [parts for parts in REDUCED if parts not in COMBINED], ids=str)
 def test_every_verb_runs(table1, parts):

@@ -363,8 +363,6 @@ def test_smooth_contact_has_a_width_for_each_interface():
 def _verbs():
     ring, how = load(RING), {"n_periods": 1, "transient": 1}
     return {
-        "simulate": lambda: js.simulate(ring, n_periods=1),
-        "sweep": lambda: js.sweep(ring.scene, {"shroud.gap[3]": [1e-5]}, **how),
         "power": lambda: js.power(ring, **how),
         "check": lambda: js.check(ring),
         "explain": lambda: js.explain(ring.scene),

@@ -82,7 +82,7 @@ class Target(NamedTuple):
     def hint(self, name: str) -> Any:
         """What an argument is annotated with; what is converted to an array may be what can be one."""
         found = inspect.signature(self.call).parameters[name].annotation
-        array = str(found).startswith("jaxtyping") or "jaxlib" in str(found)
+        array = "Mapping" not in str(found) and ("jaxlib" in str(found) or str(found).startswith("jaxtyping"))
         return Any if isinstance(found, str) or found is inspect.Parameter.empty else Numbers if array else found
 
 
@@ -124,6 +124,7 @@ def _functions() -> dict[str, Target]:
     steps = {"method": js.RungeKutta(steps=100)}
     orbit = js.orbit(one, **steps)
     axis = np.linspace(0.0, 1.0, 64)
+    measured = {"t [s]": [0.0, 1e-3, 2e-3], "x_left [m]": [0.0, 1e-5, 2e-5]}
     own = js.with_laws(one, js.Hertz(4e7))
     return {
         "amplitude_spectrum": Target(js.amplitude_spectrum, {"signal": axis, "samples_per_period": 8}),
@@ -136,6 +137,7 @@ def _functions() -> dict[str, Target]:
         "diagnose": Target(js.diagnose, {"scene": one, **steps}, True),
         "differences": Target(js.differences, {"found": orbit, "wrt": ["shroud.gap"], "step": 1e-3}, True),
         "explain": Target(js.explain, {"scene": one}),
+        "fit": Target(js.fit, {"scene": one, "measurements": measured, "over": ends, **steps}, True),
         "free_power": Target(js.free_power, {"scene": one}),
         "gradient": Target(js.gradient, {"scene": one, "wrt": ["shroud.gap"], **RUN}, True),
         "largest_frequency": Target(js.largest_frequency, {"scene": one}),
@@ -149,6 +151,9 @@ def _functions() -> dict[str, Target]:
         "periodicity": Target(js.periodicity, {"x": axis}),
         "power": Target(js.power, {"scene": one, **RUN}),
         "report": Target(js.report, {"scene": one, **RUN}, True),
+        "response": Target(
+            js.response, {"scene": one, "along": "shroud.gap", "start": 1e-5, "stop": 3e-5, **RUN}, True
+        ),
         "rollout": Target(js.rollout, {"scene": one, **steps}),
         "scatter": Target(js.scatter, {"scene": one, "scatters": ends, **RUN}, True),
         "scenes_from": Target(js.scenes_from, {"table": over, "base": one}),
@@ -160,6 +165,7 @@ def _functions() -> dict[str, Target]:
         "sweep_function()": Target(
             js.sweep_function(1, 0, method=js.RungeKutta(steps=100)), {"scenes": js.stack_scenes([one])}
         ),
+        "table": Target(js.table, {"scene": one, "designs": {"shroud.gap [um]": [10.0, 20.0]}, **RUN}, True),
         "tableau": Target(js.tableau, {"name": "rk4"}),
         "trade": Target(js.trade, {"scene": one}, True),
         "tune": Target(js.tune, {"scene": one, "over": ends, **RUN}, True),

@@ -8,7 +8,7 @@ pytestmark = [pytest.mark.studies, pytest.mark.filterwarnings("ignore::jaxshroud
 
 def test_folds_and_flips_are_where_sweeps_change():
     scenes = branches.drawn(8, branches.SEED, [branches.X_RIGID])
-    *_, found = branches.studied(scenes, 2)
+    *_, found = branches.studied(scenes, 1)
     assert sum(found["compared"].values()) >= 1
     assert found["agree"] == found["compared"]
     assert found["largest closing error of unstable orbits"] <= 1e-9

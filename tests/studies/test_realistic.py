@@ -25,7 +25,8 @@ def test_realistic_blades_end_well(steps):
 
 def test_flat_contact_is_the_limit_of_a_spring_between_the_faces():
     scenes, exact = faces.flat_scenes(60, 12, periods=1)
-    found = np.array([faces.differences(p, state, periods=1) for p, state in zip(scenes[:4], exact, strict=False)])
+    slow = 1  # scene of these, which rocks against stiff springs for a minute of plain Python
+    found = np.array([faces.differences(*one, periods=1) for one in zip(scenes[slow:], exact[slow:], strict=True)])
     known = found[np.isfinite(found).all(axis=1)]
     assert len(known) > 1
     assert np.median(known[:, 0] / known[:, -1]) > 10  # over two decades

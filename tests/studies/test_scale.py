@@ -17,7 +17,7 @@ def numbers(found) -> list[float]:
 
 
 def test_devices_and_workers_find_what_processes_do():
-    found = throughput.measured(128, 1)
+    found = throughput.measured(128, 1, ['parts.motion=["x"]'])
     assert found["same results"]
     for kind in ("lanes per second", "lanes per processor second"):
         assert set(found[kind]) == {*throughput.WAYS, "median ratios"}

@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import psutil
@@ -33,7 +34,7 @@ WAYS = {
 AGAINST = {"two devices": "two processes", "two workers, stored": "two processes, stored"}
 
 
-def child(lanes: int, who: str, part: str, parts: str) -> None:
+def child(lanes: int, overrides: list[str], who: str, part: str, parts: str) -> None:
     """Sweep part of the lanes for every line that comes in, which says where to, and say when it is done."""
     import jax
     import numpy as np
@@ -44,7 +45,7 @@ def child(lanes: int, who: str, part: str, parts: str) -> None:
 
     js.cache_compilations()
     values = np.linspace(0.5, 8.0, lanes)[int(part) :: int(parts)]
-    scene = js.load("table1").scene
+    scene = js.load("table1", overrides).scene
 
     def once(place: str, out: str, **more) -> str:
         kept = {} if place == "memory" else {"store": f"{out}/a.zarr"}
@@ -70,10 +71,11 @@ def child(lanes: int, who: str, part: str, parts: str) -> None:
         serve()
 
 
-def started(lanes: int, words: str) -> subprocess.Popen:
+def started(lanes: int, overrides: Sequence[str], words: str) -> subprocess.Popen:
     """A child."""
     flags = f"{os.environ.get('XLA_FLAGS', '')} {DEVICES if words.startswith('devices') else ''}"
-    command = [sys.executable, __file__, "--lanes", str(lanes), "--child", *words.split()]
+    sets = [word for override in overrides for word in ("--set", override)]
+    command = [sys.executable, __file__, "--lanes", str(lanes), *sets, "--child", *words.split()]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "bufsize": 1}
     return subprocess.Popen(command, env=os.environ | {"XLA_FLAGS": flags.strip()}, **pipes)
 
@@ -96,9 +98,10 @@ def seconds(place: str, children: list[subprocess.Popen]) -> tuple[float, float,
     return time.perf_counter() - began, busy(children) - before, " ".join(word for line in lines for word in line[1:])
 
 
-def measured(lanes: int, rounds: int) -> dict:
-    """Lanes per second of every way and round, and ratios."""
-    every = {words: started(lanes, words) for words in {words: 0 for _, some in WAYS.values() for words in some}}
+def measured(lanes: int, rounds: int, overrides: Sequence[str] = ()) -> dict:
+    """Lanes per second of every way and round, and ratios; of Table 1 with other numbers or parts."""
+    asked = dict.fromkeys(words for _, some in WAYS.values() for words in some)
+    every = {words: started(lanes, overrides, words) for words in asked}
     ways = {way: (place, [every[words] for words in some]) for way, (place, some) in WAYS.items()}
     try:
         for place, children in ways.values():
@@ -125,11 +128,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--lanes", type=int, default=LANES)
     parser.add_argument("--rounds", type=int, default=ROUNDS)
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:
-        return child(options.lanes, *options.child)
-    found = measured(options.lanes, options.rounds)
+        return child(options.lanes, options.set, *options.child)
+    found = measured(options.lanes, options.rounds, options.set)
     Path(__file__).with_suffix(".json").write_text(json.dumps(found, indent=1) + "\n")
     print(json.dumps(found))
 

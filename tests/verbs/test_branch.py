@@ -24,6 +24,7 @@ def special(found, kind):
     return [one for one in found.special if one.kind == kind]
 
 
+@pytest.mark.full
 def test_multipliers_are_on_the_unit_circle_where_they_pass_it(found):
     # The equation is solved to 1e-8 of the multiplier.
     assert sorted(one.value for one in special(found, "fold")) == pytest.approx(FOLDS, rel=1e-6)
@@ -48,18 +49,21 @@ def test_every_located_value_is_told_with_the_error_of_the_march(found):
     assert np.isnan(found.value_error[found.kind == 0]).all()
 
 
+@pytest.mark.full
 def test_stability_changes_at_special_points_only(found):
     for i in np.flatnonzero(np.diff(found.stable.astype(int)) * (np.diff(found.branch) == 0)):
         assert {BIFURCATION_KINDS[found.kind[i]], BIFURCATION_KINDS[found.kind[i + 1]]} & {"fold", "flip"}
     assert (~found.stable).sum() >= 5
 
 
+@pytest.mark.full
 def test_a_fold_is_where_the_branch_turns(found):
     for one in special(found, "fold"):
         before, after = found.value[one.point - 1] - one.value, found.value[one.point + 1] - one.value
         assert before * after > 0  # orbits on one side only
 
 
+@pytest.mark.full
 def test_unstable_orbits_close_as_simulated(found):
     # Shooting closes them to 1e-11; the march without tangents locates events with one trial less, 1e-9 of the motion.
     unstable = np.flatnonzero(~found.stable & (found.q == 1))
@@ -72,6 +76,7 @@ def test_unstable_orbits_close_as_simulated(found):
         assert found.residual[i] <= 1e-9
 
 
+@pytest.mark.full
 def test_the_doubled_branch_begins_in_the_flip(found):
     first = np.flatnonzero(found.branch == 1)[0]
     assert found.q[first] == 2
@@ -81,6 +86,7 @@ def test_the_doubled_branch_begins_in_the_flip(found):
     assert np.abs(np.diff(found.samples[first, :, 0])) > 1e-3 * np.abs(found.samples[first, :, 0]).max()
 
 
+@pytest.mark.full
 def test_grazing_is_at_zero_closing_speed(found):
     grazing = special(found, "grazing")
     assert grazing
@@ -92,12 +98,14 @@ def test_grazing_is_at_zero_closing_speed(found):
         assert gap_left < 1e-5 * np.abs(found.motion.x).max()
 
 
+@pytest.mark.full
 def test_no_point_compiles_anything(found):
     before = len(flow_with_tangents.widest.programs)
     js.branch(SCENE, KEY, 2.9, 3.2, **STEPS)
     assert len(flow_with_tangents.widest.programs) == before
 
 
+@pytest.mark.full
 def test_what_is_saved_is_what_is_opened(found, tmp_path):
     found.save(tmp_path / "branch.nc")
     again = js.open(tmp_path / "branch.nc")

@@ -87,6 +87,7 @@ def test_a_scene_given_by_frequencies_is_fitted_like_one_of_numbers():
         np.testing.assert_array_equal(of_given, of_numbers)
 
 
+@pytest.mark.full
 def test_slopes_of_a_response_are_those_of_orbits():
     data = measurements_from(response(SCENE, OMEGAS))
     problem = fit_problem(SCENE, data, OVER)
@@ -111,6 +112,7 @@ def test_numbers_are_found_again_in_a_history():
     assert not noisy.sigma_is_known
 
 
+@pytest.mark.full
 def test_numbers_are_found_again_in_a_response():
     over = {"contact.gamma": (1.0, 6.0), "blades.c_x": (20.0, 80.0)}
     found = js.fit(SCENE, response(SCENE, OMEGAS), over, scan=4, starts=1, method=HOW)
@@ -118,6 +120,7 @@ def test_numbers_are_found_again_in_a_response():
     assert found.data_kind == "response"
 
 
+@pytest.mark.full
 def test_numbers_that_cannot_be_told_apart_are_named():
     # Of a force in the direction beta, motion in x alone feels F_0 cos(beta).
     over = {"drive.F_0": (30.0, 90.0), "drive.beta": (0.1, 1.2)}

@@ -33,6 +33,9 @@ OTHERWISE = {
 }
 
 
+LONG = pytest.mark.studies(only=["table1, series", "realistic, dopri8"])
+
+
 @pytest.fixture(scope="module", params=[*SCENES, *OTHERWISE])
 def marched(request):
     """A run with its events, and a sweep of the same scene alone, step by step the same."""
@@ -105,7 +108,8 @@ def wear(p: reference.Parameters, ds) -> Wear:
     return Wear(float(worn), float(path), float(ends[pressed].sum()), v_rate[onsets])
 
 
-@pytest.mark.full(but=["table1", "realistic"])
+@LONG
+@pytest.mark.full(but=["table1"])
 def test_the_wear_of_the_faces_is_that_of_the_run(marched):
     p, run, swept = marched
     own, whole = wear(p, run.with_events()), run.with_events()
@@ -135,7 +139,8 @@ def test_blocks_that_start_pressed_together_do_not_collide(table1, method):
     assert got.approach_mean > 0.8 * got.approach_max
 
 
-@pytest.mark.full(but=["table1", "realistic"])
+@LONG
+@pytest.mark.full(but=["table1"])
 def test_the_friction_loop_encloses_the_tallied_work(marched):
     p, run, swept = marched
     area, sprung = enclosed(p, run.with_events())
@@ -146,7 +151,8 @@ def test_the_friction_loop_encloses_the_tallied_work(marched):
     assert abs(np.subtract(*enclosed(p, run.data)) / work - 1) > 1e-5
 
 
-@pytest.mark.full(but=["table1", "realistic"])
+@LONG
+@pytest.mark.full
 def test_samples_are_those_of_a_run_without_events(marched):
     p, run, _ = marched
     plain = simulate(
@@ -161,7 +167,8 @@ def test_samples_are_those_of_a_run_without_events(marched):
     assert len(run.events.t) == 2 * (sum(run.counters.values()) - run.counters["grazing"])
 
 
-@pytest.mark.full(but=["table1", "realistic"])
+@LONG
+@pytest.mark.full(but=["table1"])
 def test_events_change_the_state_and_not_the_place(marched):
     _, run, _ = marched
     before, after = (run.events.data.isel(time=slice(side, None, 2)) for side in (0, 1))
@@ -176,7 +183,8 @@ def test_events_change_the_state_and_not_the_place(marched):
     assert np.all((np.diff(whole["mode"]) == 0)[moved])
 
 
-@pytest.mark.full(but=["table1", "realistic"])
+@LONG
+@pytest.mark.full(but=["table1"])
 def test_the_largest_forces_are_no_less_than_any_state_shows(marched):
     p, run, swept = marched
     states = run.with_events()

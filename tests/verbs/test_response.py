@@ -19,6 +19,7 @@ def touching():
     return scene, js.response(scene, "drive.omega", 900.0, 2200.0, num=12, **SHORT)
 
 
+@pytest.mark.full
 def test_a_peak_without_contact_has_the_place_and_the_width_of_the_closed_form():
     scene = js.load("table1", [*ONE, "blades.c_x=7", "shroud.gap=1m"]).scene
     found = js.response(scene, "drive.omega", 900.0, 1400.0, num=3, n_periods=2, transient=60, method=SERIES)

@@ -133,7 +133,7 @@ def test_other_accuracies_are_refused(asked):
         accuracy_level(asked)
 
 
-@pytest.mark.studies(only=["0-0", "0-2"])  # studies/promises.py judges many more
+@pytest.mark.studies(only=["0-0", "0-2", "0-3"])  # studies/promises.py judges many more
 @pytest.mark.full
 @pytest.mark.parametrize(("tilt", "index"), CLASSES)
 def test_promised_accuracies_are_kept_on_unseen_scenes(tilt, index):
@@ -154,6 +154,7 @@ def test_promised_accuracies_are_kept_on_unseen_scenes(tilt, index):
         assert np.all(missed_lanes(lanes, choice)[error > 2 * choice.accuracy])  # and these carry a warning
 
 
+@pytest.mark.studies  # studies/promises.py
 @pytest.mark.full
 def test_growth_of_errors_is_taken_into_account():
     # Nearly parallel faces, which the table has not seen: what it has for 1e-6 misses it in a third of the lanes.
@@ -217,6 +218,7 @@ def test_the_table_is_ordered(table1):
     assert stiff.setting.tolerance <= soft.setting.tolerance / 1e3
 
 
+@pytest.mark.full(but=["method0"])
 @pytest.mark.parametrize("method", [js.RungeKutta(steps=200), js.Taylor(12, 1e-8, steps=200)])
 def test_both_ways_to_the_horizon_agree(table1, method):
     lanes = scenes_at(table1, ["contact.gamma"], GAMMA[:2])
