@@ -12,6 +12,7 @@ def test_accelerator():
     gpu.main([])
 
 
+@pytest.mark.full
 def test_a_small_run_is_written_and_printed(tmp_path, capsys):
     words = ["--lanes", "2", "--periods", "1", "--rounds", "1", "--methods", "rk4 400"]
     gpu.main(words, tmp_path / "gpu.json")

@@ -221,7 +221,7 @@ def test_a_home_that_cannot_be_written_is_one_line(tmp_path):
     home = str(tmp_path / "file" / "home")
     code = "import sys; from jaxshroud_command import main; sys.exit(main())"
     done = subprocess.run(
-        [sys.executable, "-c", code, *FREE, "--out", str(tmp_path / "run.nc")],
+        [sys.executable, "-c", code, *SHEET],
         capture_output=True,
         text=True,
         timeout=600,

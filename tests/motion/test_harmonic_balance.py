@@ -65,6 +65,7 @@ def test_one_harmonic_is_the_closed_form():
     assert -found.fun == pytest.approx(FORMULA, rel=5e-5)
 
 
+@pytest.mark.full
 def test_griffins_oscillator_is_lower_than_its_one_harmonic_says(griffin):
     # Known to four decimals. Half of the whole width: the turned face moves its middle by 1e-4.
     heights = np.ptp(resample(griffin, FINELY, axis=-1), axis=-1) / 2

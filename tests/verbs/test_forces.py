@@ -129,6 +129,7 @@ def test_the_wear_of_the_faces_is_that_of_the_run(marched):
     assert float(np.nansum(np.abs(np.diff(whole["u_s"].to_numpy())))) > 0
 
 
+@pytest.mark.full(but=["rk4, events by cubic, float64, 400 steps a period"])
 @pytest.mark.parametrize("method", [js.RungeKutta(steps=400), js.Taylor(order=8, tolerance=1e-10)], ids=str)
 def test_blocks_that_start_pressed_together_do_not_collide(table1, method):
     got = sweep(table1, {"shroud.gap": [-2e-4]}, n_periods=1, transient=0, forces=True, method=method)

@@ -192,6 +192,7 @@ def test_who_asks_for_an_accuracy_in_python_is_warned_of_lanes_that_miss_it(tabl
         js.sweep(table1, {"shroud.gap": [2e-5, 3e-5]}, n_periods=4, transient=0, method=1e-8)
 
 
+@pytest.mark.full
 def test_the_least_accuracy_is_had_in_float64():
     # Between nearly parallel faces float32 errs by some per cent: the table does not have it.
     assert {setting[2] for row in itertools.chain(*accuracy._accuracy_table()) for setting in row.values()} == {
