@@ -18,6 +18,10 @@ TWO = "table1 --set drive.M_0=0.1 --set drive.omega=545"  # motions coexist ther
 COMMANDS = {
     "check.png": (["check fig09_best --engine-orders 1..6 --stop 6000rpm --out sheet"], "sheet/check.png"),
     "simulate.png": ([f"simulate {SCENE} --periods 20 --out run.nc", "plot run.nc --width 90mm"], "run.png"),
+    "row.png": (
+        ["simulate row_ring12 --periods 6 --tableau dopri8 --steps-per-period 100 --out ring.nc", "plot ring.nc"],
+        "ring.png",
+    ),
     "sweep.png": (
         [f"sweep {SCENE} --along contact.gamma --start 0.5 --stop 8 --num 500 --out gamma"],
         "gamma/sweep.png",

@@ -44,6 +44,7 @@ from .results.gradient import Gradient as Gradient
 from .results.orbit import Orbit as Orbit
 from .results.power import PowerResult as PowerResult
 from .results.response import Response as Response
+from .results.row import RowTrajectory as RowTrajectory
 from .results.scatter import Report as Report
 from .results.scatter import Scatter as Scatter
 from .results.sweep import SweepResult as SweepResult
@@ -80,6 +81,7 @@ from .scene.scene import Blades as Blades
 from .scene.scene import Contact as Contact
 from .scene.scene import Drive as Drive
 from .scene.scene import Friction as Friction
+from .scene.scene import Row as Row
 from .scene.scene import Scene as Scene
 from .scene.scene import Shroud as Shroud
 from .scene.scene import with_laws as with_laws

@@ -5,7 +5,7 @@
 
 from pathlib import Path
 
-from jaxshroud.scene.keys import INPUT_KEYS, SCENE_KEYS, Key
+from jaxshroud.scene.keys import INPUT_KEYS, MAX_BLADES, MIN_BLADES, ROW_KEYS, SCENE_KEYS, Key
 
 FILE = Path(__file__).parent.parent / "docs" / "keys.md"
 HEAD = """# The numbers of a scene
@@ -13,9 +13,10 @@ HEAD = """# The numbers of a scene
 A file gives a number in its table, `[shroud] gap = "0.022 mm"`, in SI units or as a string with a unit; `--set`,
 `--along` and `jaxshroud.vary` call it by its key, `shroud.gap`. What is there per blade is one number for alike blades
 or a pair `[left, right]`; `blades.m[0]` is the left blade's alone. Exactly one of `contact.k` and `contact.gamma` is
-given.
+given. What is there per interface is one number for the two blades of a pair, which have one interface, and one number
+or a list in a [row of blades](#rows-of-blades).
 
-| key | symbol | unit | range | per blade | default | example | |
+| key | symbol | unit | range | per | default | example | |
 |---|---|---|---|---|---|---|---|
 """
 MORE = """
@@ -32,7 +33,31 @@ numbers: the inputs that no longer give them do not count.
 A speed needs an engine order. For `drive.omega` of a scene with an engine order, `"1300 rpm"` is an error: name
 `drive.speed`.
 
-| key | symbol | unit | range | per blade | default | example | |
+| key | symbol | unit | range | per | default | example | |
+|---|---|---|---|---|---|---|---|
+"""
+ROW = f"""
+## Rows of blades
+
+A table `[row]` makes the scene one of N blades in place of the pair: an open chain, or a ring, whose last blade touches
+the first. Interface j is between blades j and j + 1; a ring has N of them, a chain one less.
+
+| entry of `[row]` | | default | example |
+|---|---|---|---|
+| `blades` | number of blades, {MIN_BLADES} to {MAX_BLADES} | | 12 |
+| `closed` | whether it is a ring | `false` | `true` |
+| `mistuning` | one number, a list, or random with a standard deviation | 0 | `{{sigma = 0.03, seed = 1}}` |
+
+What is there per blade is then one number or a list of N, and what is there per interface one number or a list of as
+many as there are interfaces: `gap = ["20 um", "25 um", ...]`. A key names one of them by its number from 0:
+`blades.k_x[17]`, `shroud.gap[3]`, `row.mistuning[2]`. `gamma` refers to the `k_x` of the blade on the left of its
+interface, without mistuning. Mistuning that was drawn is written as a list into results.
+
+`drive.engine_order` alone sets the phases, $2 \\pi e i / N$ of blade i; with `drive.speed` it sets the frequency too,
+which may as well be given by `omega` or `f`. In a ring it is a whole number, and with a speed it is positive. A `phase`
+beside it is an error. A row has the consistent reading, blades at both ends and the laws of the package.
+
+| key | symbol | unit | range | per | default | example | |
 |---|---|---|---|---|---|---|---|
 """
 FOOT = """
@@ -44,15 +69,16 @@ def line(row: Key) -> str:
     """One number."""
     default = {None: "none", ...: ""}.get(row.default, row.default)
     default = "`blades.m`" if row.name == "blades.m_y" else default
-    unit, pair = row.unit.replace("^2", "²"), "yes" if row.pair else ""
-    cells = [f"`{row.name}`", f"${row.symbol}$", unit, row.range.words, pair]
+    unit, per = row.unit.replace("^2", "²"), "blade" if row.pair else "interface" if row.per_interface else ""
+    cells = [f"`{row.name}`", f"${row.symbol}$", unit, row.range.words, per]
     example = str(row.example).replace("'", '"') if isinstance(row.example, list) else row.example
     return f"| {' | '.join([*cells, str(default), str(example), row.about])} |\n"
 
 
 def page() -> str:
     """The whole page."""
-    return HEAD + "".join(map(line, SCENE_KEYS)) + MORE + "".join(map(line, INPUT_KEYS)) + FOOT
+    tables = {HEAD: SCENE_KEYS, MORE: INPUT_KEYS, ROW: ROW_KEYS.values()}
+    return "".join(head + "".join(map(line, rows)) for head, rows in tables.items()) + FOOT
 
 
 if __name__ == "__main__":

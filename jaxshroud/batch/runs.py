@@ -20,6 +20,7 @@ from jaxshroud.batch.periods import (
     periods_at_once,
     run_block,
 )
+from jaxshroud.batch.rows import begin_rows, run_row_periods
 from jaxshroud.batch.threads import Check, Interrupted, concatenated_lanes, in_chunks
 from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.carry import Lane
@@ -41,8 +42,9 @@ Progress = Callable[[int, int], None]  # called with the lane-periods done so fa
 def initial_states(scenes: Scene) -> State:
     """The initial state of each scene (leading axis), which lets nothing be compiled."""
     like = jnp if is_traced(scenes) else np
-    motion, nothing = scenes.initial, like.zeros_like(scenes.drive.omega, np.int32)
-    return State(motion, like.zeros_like(scenes.drive.omega, motion.x.dtype), nothing, nothing)
+    motion, one = scenes.initial, scenes.drive.omega if scenes.row is None else scenes.friction.mu  # at each interface
+    nothing = like.zeros_like(one, np.int32)
+    return State(motion, like.zeros_like(one, motion.x.dtype), nothing, nothing)
 
 
 @dataclass(frozen=True)
@@ -173,9 +175,10 @@ def _unfinished_like(like: Runs) -> Runs:
 
 def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, tick: Tick) -> Runs:
     scenes, states, arrived = chunk
-    lanes = begin_lanes(scenes, states, plan.method)
+    begin, run = (begin_lanes, run_periods) if scenes.row is None else (begin_rows, run_row_periods)
+    lanes: Any = begin(scenes, states, plan.method)
     if plan.lead_in is not None and not arrived.all():
-        led_in, _ = run_block(scenes, lanes, plan.lead_in, jnp.int32(1), plan.method, PERIODS_PER_CALL, best_mapping())
+        led_in, _ = run(scenes, lanes, plan.lead_in, 1, plan.method)
         lanes = select_lanes(arrived, lanes, led_in)
     lanes, _ = _run_blocks(scenes, lanes, plan.transient, plan, tick, keep=False)
     # long sums lose digits in float32
@@ -195,14 +198,18 @@ def _mode_times(lanes: Any) -> tuple[Any, Any, Any]:
     return log.time_apart, log.time_stick, log.time_slip
 
 
-def _run_blocks(scenes: Scene, lanes: Lane, periods: int, plan: Plan, tick, keep: bool):
+def run_periods(scenes: Scene, lanes: Lane, clock: Clock, n: int, method: Choices) -> tuple[Lane, Sample]:
+    """Run `n` periods of lanes (leading axis): the lanes at the end, and samples (periods, lanes) with more rows."""
+    return run_block(scenes, lanes, clock, jnp.int32(n), method, PERIODS_PER_CALL, best_mapping())
+
+
+def _run_blocks(scenes: Scene, lanes: Any, periods: int, plan: Plan, tick, keep: bool):
     blocks: list[Sample] = []
+    run: Callable[..., Any] = run_periods if scenes.row is None else run_row_periods
     longest = min(periods_at_once(len(lanes.status), plan.steps_per_period, plan.method), PERIODS_PER_CALL)
     for done in range(0, periods, longest):
         n = min(longest, periods - done)
-        lanes, sample = run_block(
-            scenes, lanes, plan.clock, jnp.int32(n), plan.method, PERIODS_PER_CALL, best_mapping()
-        )
+        lanes, sample = run(scenes, lanes, plan.clock, n, plan.method)
         jax.block_until_ready(lanes.status)
         if keep:
             blocks.append(jax.tree.map(lambda a, n=n: in_float64(a)[:n].T, sample))
@@ -224,7 +231,7 @@ def in_float64(a) -> np.ndarray:
     return np.asarray(a, float) if np.issubdtype(np.asarray(a).dtype, np.floating) else np.asarray(a)
 
 
-def zeno_report(scenes: Scene, last: Lane, period: np.ndarray, clock: Clock, method: Choices) -> str | None:
+def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, method: Choices) -> str | None:
     """One line on the first lane that stopped with TOO_MANY_EVENTS: which events alternate; None if there is none.
 
     The lane continues from where it stopped until it stops again: the events of that time are those that alternate.
@@ -239,11 +246,15 @@ def zeno_report(scenes: Scene, last: Lane, period: np.ndarray, clock: Clock, met
     stopped = np.flatnonzero(np.asarray(last.status) == Status.TOO_MANY_EVENTS)
     if not len(stopped):
         return None
+    if scenes.row is not None:
+        return (
+            f"in period {period[stopped[0]]} events of a row follow each other without an end; try more steps a period"
+        )
     copies = np.full(1 if len(period) == 1 else LANES_PER_CALL, stopped[0])  # as many as the compiled program has
     scene, lane = jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[copies]), (scenes, last))
     places = lambda lane: (lane.status, lane.search.events)
     again = eqx.tree_at(places, lane, (jnp.zeros_like(lane.status), jnp.zeros_like(lane.search.events)))
-    after, _ = run_block(scene, again, clock, jnp.int32(1), method, PERIODS_PER_CALL, best_mapping())
+    after: Any = run_periods(scene, again, clock, 1, method)[0]
     counts = [filled(of.tally.log.counters, of.status) for of in (lane, after)]
     more = {n: int(getattr(counts[1], n)[0] - getattr(counts[0], n)[0]) for n in Counters.__annotations__}
     events = ", ".join(f"{n} {name}" for name, n in sorted(more.items(), key=lambda item: -item[1]) if n)

@@ -62,6 +62,9 @@ def motion_rows(motion: Motion) -> np.ndarray:
 
 def final_states(state: State) -> State:
     """The final state of a compiled loop as an initial state for users."""
+    if not isinstance(state.motion.x, tuple):  # of a row
+        x = np.asarray(state.motion.x)
+        return State(filled(state.motion, x), filled(state.u_s, state.mode.astype(x.dtype)), state.mode, state.case)
     state = with_zeros(state)
     return State(by_blade(state.motion), state.u_s, state.mode, state.case)
 

@@ -1,23 +1,19 @@
-"""Imports on a thread of their own, while the caller waits for what needs no Python, such as loading of programs."""
+"""Imports on a thread of their own, while programs are loaded and scenes are marched, which needs little Python."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from threading import Thread
 
 DATASETS = ("xarray", "h5netcdf")
+STATISTICS = ("scipy.special",)
 PICTURES = ("jaxshroud.plotting.pictures",)
+PDF_PICTURES = ("matplotlib.backends.backend_pdf",)
 
 
-@contextmanager
-def imported_meanwhile(modules: Sequence[str]) -> Iterator[None]:
-    """The modules are imported meanwhile, and at the end they are; one that is missing is left to those who need it."""
-    thread = Thread(target=_import_all, args=(modules,))
-    thread.start()
-    try:
-        yield
-    finally:
-        thread.join()
+def import_in_background(modules: Sequence[str]) -> None:
+    """Import modules, if they exist, meanwhile: an import statement of one of them waits until it has been imported."""
+    Thread(target=_import_all, args=(modules,)).start()
 
 
 def _import_all(modules: Sequence[str]) -> None:

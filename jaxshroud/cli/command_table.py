@@ -33,6 +33,7 @@ class Command(NamedTuple):
     arguments: tuple[str, ...] = ()  # of the verb: options of the same name, or n_periods and transient of [run]
     files: tuple[str, ...] = ()  # written into the folder --out; none: --out is the file
     unit: str = "lane-periods"  # of progress
+    rows: bool = False  # whether it knows rows of blades
     module: str = ""  # of `cli` with NAME_command, for a command that has something special
 
 
@@ -49,6 +50,7 @@ COMMANDS = {
         ),
         arguments=("n_periods", "every", "events"),
         unit="samples",
+        rows=True,
         module="runs",
     ),
     "sweep": Command(
@@ -82,6 +84,7 @@ COMMANDS = {
             "--amplitudes",
             "--out",
         ),
+        rows=True,
         module="sweep",
     ),
     "table": Command(

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jaxshroud
 from jaxshroud.batch.runs import Progress
 from jaxshroud.batch.xla import one_lane
-from jaxshroud.cli.background_import import DATASETS, PICTURES, imported_meanwhile
+from jaxshroud.cli.background_import import DATASETS, PDF_PICTURES, PICTURES, STATISTICS, import_in_background
 from jaxshroud.cli.command_table import COMMANDS
 from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march
 from jaxshroud.cli.terminal import (
@@ -89,18 +89,18 @@ def call_with_accuracy_warnings(call: VerbCall, progress: Progress) -> Any:
 
 def write_files(completed: CompletedCall, summary: dict[str, Any] | None = None) -> None:
     """Write a result: `.nc` the result itself, `.json` its summary, a scene not here, anything else its picture."""
-    figure = None
+    pictures = []
     for path in (path for path in completed.paths if path.suffix != ".toml"):
         if path.suffix == ".nc":
             completed.result.save(path)
         elif path.suffix == ".json":
             write_json(completed.result.summary() if summary is None else summary, path)
         else:
-            from jaxshroud.plotting.style import save_figure
+            pictures.append(path)
+    if pictures:
+        from jaxshroud.plotting.style import save_figure
 
-            figure = figure or completed.result.plot()
-            save_figure(figure, path)
-            figure.set_layout_engine("none")  # other formats keep the layout, which takes as long as drawing
+        save_figure(completed.result.plot(), *pictures)
 
 
 def print_result(completed: CompletedCall, rows: Mapping[str, Any]) -> None:
@@ -130,6 +130,7 @@ class Computation:
     usual: Choices | None = FAST
     # How methods are tried for an accuracy, see `choose_method`.
     trials: Callable[[VerbCall], Mapping[str, Any]] = lambda call: {}
+    imports: Sequence[str] = (*DATASETS, *STATISTICS)  # in the background, beside what draws pictures
     announce: Callable[[VerbCall], None] = lambda call: None  # what is said before the run
     run: Callable[[VerbCall, Progress], Any] = call_verb
     output: Callable[[CompletedCall], None] = write_and_print
@@ -151,9 +152,10 @@ class Computation:
             return call
         with input_errors_at(call.file.name):
             scenes = self.scenes(call)
-        pictures = PICTURES if any(path.suffix == ".png" for path in output_paths(call.options)) else ()
-        with imported_meanwhile((*DATASETS, *pictures)):
-            march = resolve_march(call.file, scenes, call.options, self.usual, **self.trials(call))
+        formats = {path.suffix for path in output_paths(call.options)}
+        pictures = (*(PICTURES if ".png" in formats else ()), *(PDF_PICTURES if ".pdf" in formats else ()))
+        import_in_background((*self.imports, *pictures))
+        march = resolve_march(call.file, scenes, call.options, self.usual, **self.trials(call))
         return call._replace(arguments={**call.arguments, "method": march.as_method})
 
 

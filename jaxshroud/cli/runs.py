@@ -5,8 +5,11 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from jaxshroud.batch.runs import Progress
 from jaxshroud.batch.size_limits import STEP_BYTES, check_memory, check_size
+from jaxshroud.cli.background_import import DATASETS
 from jaxshroud.cli.computation import (
     CompletedCall,
     Computation,
@@ -32,6 +35,8 @@ def _simulate_arguments(file: SceneFile, options: argparse.Namespace) -> dict[st
         raise CommandError(f"{options.out}: a trajectory needs a name that ends in .nc")
     _check_run_memory(file, options)
     stored = options.earlier is not None
+    if stored and file.row_size is not None:
+        raise CommandError("--from does not know rows of blades yet; js.simulate(scene, run.last) does")
     return {"begin": stored_end(options.earlier, file) if stored else StoredEnd(None, 0.0, 0.0, ())}
 
 
@@ -59,7 +64,7 @@ def _output_run(completed: CompletedCall) -> None:
     rows = {
         "samples": len(run.t),
         "status": Status(run.status).name,
-        "events": ", ".join(f"{n} {name}" for name, n in run.counters.items() if n) or "none",
+        "events": ", ".join(f"{np.sum(n)} {name}" for name, n in run.counters.items() if np.any(n)) or "none",
         "energy residual": f"{run.energy_residual:.1e} of the drive's work",
         "energy dropped": f"{run.energy_dropped:.1e} of the drive's gross work, where flat contact began",
     }
@@ -117,10 +122,11 @@ simulate_command = Computation(
     prepare=_simulate_arguments,
     usual=REFERENCE,
     trials=lambda call: {"periods": call.arguments["n_periods"], "ends": trajectory_ends},
+    imports=DATASETS,
     run=_simulate_from_end,
     output=_output_run,
 )
-diagnose_command = Computation(run=call_with_accuracy_warnings, output=_output_diagnosis)
+diagnose_command = Computation(usual=FAST_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_diagnosis)
 power_command = Computation(
     prepare=_power_arguments, usual=FAST_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_power
 )

@@ -16,7 +16,7 @@ from jaxshroud.batch.runs import Plan, projected_seconds
 from jaxshroud.batch.size_limits import check_size, results_size
 from jaxshroud.batch.threads import Interrupted, cores
 from jaxshroud.cli.arg_types import count
-from jaxshroud.cli.background_import import DATASETS, PICTURES, imported_meanwhile
+from jaxshroud.cli.background_import import DATASETS, PICTURES, STATISTICS, import_in_background
 from jaxshroud.cli.computation import with_origin
 from jaxshroud.cli.option_table import Along
 from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection
@@ -42,12 +42,12 @@ from jaxshroud.scene.axes import axis
 from jaxshroud.scene.checks import MAX_VALUES
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.keys import parse_key
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.options import MarchPlan
+from jaxshroud.verbs.options import MarchPlan, check_row
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE, sweep
 
 LANES_PER_LONE_LANE = 16  # a lane that runs alone takes as long as this many lanes of a chunk
@@ -84,14 +84,16 @@ def sweep_command(options: argparse.Namespace) -> None:
     """Simulate a scene for many values of its numbers."""
     file = with_axes(load_scene(options), options)
     _check_numbers(options)
+    if file.row_size is not None:
+        check_row(file.scene, lyapunov=options.lyapunov, forces=options.forces)
     start = time.perf_counter()
     request = SweepRequest(file, options, _claim_store(file, options), start)
     with input_errors_at(file.name):
         check_size(request.lanes, file.sweep_run.transient, file.sweep_run.periods, request.lanes_held)
     scenes = _scenes_of_lanes(file)
     periods = file.sweep_run.transient + file.sweep_run.periods
-    with imported_meanwhile((*DATASETS, *PICTURES)):
-        march = resolve_march(file, scenes, options, FAST_WITH_LEDGER if options.ledger else FAST, periods=periods)
+    import_in_background((*DATASETS, *STATISTICS, *PICTURES))
+    march = resolve_march(file, scenes, options, FAST_WITH_LEDGER if options.ledger else FAST, periods=periods)
     _print_projection_of_long_run(request, scenes, march)
     result = _sweep(request, march)
     _write(request, result)
@@ -299,6 +301,6 @@ def _best_row(summary: Mapping[str, Any]) -> dict[str, str]:
         return {}
     P_d, ci, *values = summary["largest P_d"].values()
     keys = list(summary["largest P_d"])[2:]
-    shown = [display_value(*find_key(key)[0].parts, value) for key, value in zip(keys, values, strict=True)]
+    shown = [display_value(*parse_key(key)[0].parts, value) for key, value in zip(keys, values, strict=True)]
     place = ", ".join(f"{key} = {text}" for key, text in zip(keys, shown, strict=True))
     return {"largest P_d": f"{with_interval(P_d, ci, '%')}, at {place}"}

@@ -38,7 +38,7 @@ def _scenes_of_designs(call: VerbCall) -> Scene:
 def _print_projection_of_long_table(call: VerbCall) -> None:
     """Print what a long table will take."""
     scenes = without_given(_scenes_of_designs(call))
-    march = plan_march(resolve_options(call.file, method=call.arguments["method"]), scenes, FAST)
+    march = plan_march(resolve_options(call.file, method=call.arguments["method"], verb="table"), scenes, FAST)
     method = march.method._replace(ledger=True, forces=True, amplitudes=True)
     plan = Plan(call.arguments["transient"], call.arguments["n_periods"], march.steps, 0.0, method)
     lanes = len(scenes.drive.omega)

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxshroud.scene.keys import Motion, find_key
+from jaxshroud.scene.keys import ALL_KEYS, Key, Motion, parse_key
+from jaxshroud.scene.measurements import BLADES
 from jaxshroud.scene.replacing import replaced_tables
 
 if TYPE_CHECKING:
@@ -15,24 +16,41 @@ if TYPE_CHECKING:
     from jaxshroud.scene.scene import Scene
 
 
-def dimension(key: str) -> str:
-    """The name of the dimension along `key`: its last word, or `initial_x` where a variable is called `x`."""
-    table, name = key.split(".")
-    stem, _, blade = name.partition("[")
+def dimension(key: str, in_row: bool = False) -> str:
+    """The name of the dimension along `key`: its last word, or `initial_x` where a variable is called `x`.
+
+    One blade is `_left` or `_right`, and in a row, as one interface, its number: `k_x_17`.
+    """
+    number, index = parse_key(key)
+    table, stem = number.parts
     stem = f"{table}_{stem}" if stem in Motion._fields or stem in ("period", "blade") else stem
-    return stem + {"": "", "0]": "_left", "1]": "_right"}[blade]
+    if index is None:
+        return stem
+    return f"{stem}_{index if _is_of_row(number, index, in_row) else BLADES[index]}"
 
 
-def key_attrs(key: str) -> dict[str, str]:
+def _is_of_row(number: Key, index: int, in_row: bool) -> bool:
+    return in_row or number.per_interface or index >= len(BLADES)
+
+
+def key_attrs(key: str, in_row: bool = False) -> dict[str, str]:
     """The attributes of the variable that holds a number of scenes."""
-    return {"key": key, "units": find_key(key)[0].netcdf, "long_name": key_label(key)}
+    return {"key": key, "units": parse_key(key)[0].netcdf, "long_name": key_label(key, in_row)}
 
 
-def key_label(key: str) -> str:
+def key_label(key: str, in_row: bool = False) -> str:
     """The description of a scene's number with its symbol, as axes show it."""
-    row, blade = find_key(key)
-    side = "" if blade is None else f", {('left', 'right')[blade]} blade"
-    return f"{row.label}{side} ${row.symbol}$"
+    number, index = parse_key(key)
+    return f"{number.label}{_place_of(number, index, in_row)} ${number.symbol}$"
+
+
+def _place_of(number: Key, index: int | None, in_row: bool) -> str:
+    """The blade or interface that a key names, as the end of a description."""
+    if index is None:
+        return ""
+    if _is_of_row(number, index, in_row):
+        return f", {'interface' if number.per_interface else 'blade'} {index}"
+    return f", {BLADES[index]} blade"
 
 
 def scene_text_of_lane(data: "xr.Dataset") -> str:
@@ -41,7 +59,7 @@ def scene_text_of_lane(data: "xr.Dataset") -> str:
 
     from jaxshroud.scene.config import parse
 
-    variables = [v for v in data.variables.values() if "key" in v.attrs and not set(v.dims) - {"blade"}]
+    variables = [v for v in data.variables.values() if "key" in v.attrs and not set(v.dims) - {"blade", "interface"}]
     file = parse(data.attrs["scene"], "the scene of this result")
     tables = replaced_tables(file.tables, file.given, {v.attrs["key"]: v.to_numpy() for v in variables})
     return tomli_w.dumps({**tomllib.loads(data.attrs["scene"]), **tables})
@@ -56,7 +74,8 @@ def scene_differences(
     variables = {}
     for key, values in given_numbers_of(scenes).items() if shape else ():
         if np.any(values != values[(0,) * len(shape)]):
-            dims = (*lanes, "blade") if values.ndim > len(shape) else lanes
+            place = "interface" if ALL_KEYS[key].per_interface else "blade"
+            dims = (*lanes, place) if values.ndim > len(shape) else lanes
             variables[dimension(key)] = (dims, values, key_attrs(key))
     return variables
 

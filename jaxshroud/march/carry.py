@@ -72,8 +72,8 @@ class Fixed(NamedTuple):
     stop: Int[Array, "..."]  # the march ends at the start of this step
 
 
-def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
-    """Whether a lane has not arrived at the start of step `stop` and has not failed."""
+def running(lane: Any, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
+    """Whether a lane, or a row, has not arrived at the start of step `stop` and has not failed."""
     return (lane.step < stop) & (lane.status == Status.OK)
 
 
@@ -104,8 +104,21 @@ def event_change(
     z: Motion, Q: Pair, start: State, fire: Bool[Array, ""], kind: Int[Array, ""], delay: Scalar, fixed: Fixed
 ) -> EventChange:
     """The change of a lane at the motion `z`, where an event of `kind` happens if `fire` is true."""
-    view = evaluate_guards(z, Q, start, fixed.model)
-    change = transition(z, start, view, kind, delay, fixed.grid.h, fixed.model)
+    return change_at(evaluate_guards(z, Q, start, fixed.model), z, start, fire, kind, delay, fixed.grid.h, fixed.model)
+
+
+def change_at(
+    view: GuardEvaluation,
+    z: Motion,
+    start: State,
+    fire: Bool[Array, ""],
+    kind: Int[Array, ""],
+    delay: Scalar,
+    h: Scalar,
+    model: Model,
+) -> EventChange:
+    """`event_change` where the guards are known already, in a step of `h` [s]."""
+    change = transition(z, start, view, kind, delay, h, model)
     lift, apart = fire & (kind == EventKind.LIFT), start.mode == Mode.APART
     jumps = jax.tree.map(lambda a: where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
     onset = lift & apart

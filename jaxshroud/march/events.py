@@ -70,7 +70,7 @@ class EventKind(IntEnum):
 PerKind = tuple[Scalar, Scalar, Scalar, Scalar]  # one number for each `EventKind`
 
 
-def event_kinds(four: PerKind) -> list[EventKind]:
+def event_kinds(four: tuple[Any, Any, Any, Any]) -> list[EventKind]:
     """The kinds of events for which there is a number."""
     return [kind for kind in EventKind if not is_absent(four[kind])]
 
@@ -108,9 +108,16 @@ class GuardEvaluation(NamedTuple):
 @partial(jax.jit, inline=True)
 def evaluate_guards(z: Motion, Q: Pair, state: State, model: Model) -> GuardEvaluation:
     """The contact kinematics and the guards of the motion `z` in the mode of `state`; `Q` is the drive's wave."""
-    q, case, at = place_contact(z, state, model)
+    placed = place_contact(z, state, model)
+    return guards_at(placed, z, end_torques(z, Q, placed[2], state, model), state, model)
+
+
+def guards_at(
+    placed: tuple[Pose, Any, ContactKinematics], z: Motion, torques: EndTorques, state: State, model: Model
+) -> GuardEvaluation:
+    """`evaluate_guards` of placed blocks under known torques."""
+    q, case, at = placed
     rate = contact_rates(at, z, case, model.reading)
-    torques = end_torques(z, Q, at, state, model)
     return GuardEvaluation(q, at, rate, case, torques, guard_values(at, rate, torques, state, case, model.spring))
 
 
@@ -193,8 +200,8 @@ def _friction_guard(
     )
 
 
-def any_of(flags: Iterable[Bool[Array, ""]]) -> Bool[Array, ""]:
-    """Whether any of the scalars is true."""
+def any_of(flags: Iterable[Bool[Array, "..."]]) -> Bool[Array, "..."]:
+    """Whether any of the flags is true."""
     return reduce(jnp.logical_or, flags)
 
 

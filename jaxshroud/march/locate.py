@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.events import EventKind, Guards, Violated, any_of, event_kinds
 from jaxshroud.march.method_names import Locate
-from jaxshroud.model.arithmetic import Scalar, is_absent, traced_once, where
+from jaxshroud.model.arithmetic import Pair, Scalar, is_absent, traced_once, where
 from jaxshroud.scene.typed import Tree
 
 CUBIC_TRIALS = 5  # in one bracket; after these, every other trial bisects it
@@ -62,7 +62,7 @@ def new_search(
     return Search(done, length, zero, zero, no, no, no, recheck, events, target, refinements)
 
 
-def select(condition: Bool[Array, ""], yes, no):
+def select(condition: Bool[Array, "..."], yes, no):
     """`yes` where `condition`, else `no`, leaf by leaf."""
     return jax.tree.map(lambda a, b: where(condition, a, b), yes, no)
 
@@ -113,7 +113,7 @@ class HermiteCubic(NamedTuple):
         return where(positive, s, 1.0), where(positive, 2 * root, 0.0)
 
 
-def _guard_cubic(value: tuple, rate: tuple, slip_path: tuple | None, h: Scalar) -> HermiteCubic:
+def guard_cubic(value: tuple, rate: tuple, slip_path: tuple | None, h: Scalar) -> HermiteCubic:
     """The cubic of a guard from its values, rates and integrals, if any, at both ends of `h` seconds.
 
     The slip guard has no rate but an integral, the path of the slider: its cubic is the parabola with the right mean,
@@ -133,7 +133,8 @@ def _guard_cubic(value: tuple, rate: tuple, slip_path: tuple | None, h: Scalar) 
     return HermiteCubic(g_0, g_1, m_0, m_1)
 
 
-def _slip_path_of(guards: Guards, kind: int) -> Scalar:
+def slip_path_of(guards: Guards, kind: int) -> Scalar:
+    """The path of the slider for the guard of friction, else 0."""
     return guards.slip_path if kind == EventKind.RUB else jnp.zeros_like(guards.value[0])
 
 
@@ -145,7 +146,7 @@ def first_interior_maximum(start: Guards, end: Guards, h: Scalar) -> Scalar:
     first = jnp.ones_like(h)
     for kind in event_kinds(start.value):
         ends = (start.value[kind], end.value[kind]), (start.rate[kind], end.rate[kind])
-        cubic = _guard_cubic(*ends, (start.slip_path, end.slip_path) if kind == EventKind.RUB else None, h)
+        cubic = guard_cubic(*ends, (start.slip_path, end.slip_path) if kind == EventKind.RUB else None, h)
         first = where(cubic.g_0 <= 0, jnp.minimum(first, cubic.interior_maximum[0]), first)
     return first
 
@@ -200,9 +201,9 @@ def judge_trial(
     finest = event_tolerance(jnp.ones_like(hit), locate, order, derivative, high.dtype)
     tolerance = event_tolerance(jumps, locate, order, derivative, high.dtype)
     if locate == "cubic":
-        target = _crossed_target(search, low, end, violated, search.length - search.low, h)
+        target = _crossed_target(search, low, end, violated)
         now = select(hit | ~search.bracketing, low, end)
-        next_end, delay = _next_trial_end(target, now, below, high, h, tolerance)
+        next_end, delay = next_trial_end(target, now, below, high, h, tolerance)
         halve = (target.tries > CUBIC_TRIALS) & (target.tries % 2 == 0)
         next_end = where(halve, (below + high) / 2, next_end)
     else:
@@ -220,32 +221,47 @@ def judge_trial(
     return LocationDecision((~bracketing & ~probes) | fire, fire, delay, after)
 
 
-def _crossed_target(search: Search, low: Guards, end: Guards, violated: Violated, width: Scalar, h: Scalar) -> Target:
+def _crossed_target(search: Search, low: Guards, end: Guards, violated: Violated) -> Target:
     """The guard that was crossed first, by linear interpolation; the previous target if none is violated."""
     old = search.target
     assert old is not None
-    hit = any_of(violated.values())
-    largest, chosen = (jnp.zeros_like(h), jnp.ones_like(h)), old
+    _, chosen = first_crossed(low, end, violated, old)
+    return chosen._replace(tries=where(any_of(violated.values()) | search.bracketing, old.tries + 1, 0))
+
+
+def first_crossed(low: Guards, end: Guards, violated: Violated, otherwise: Target) -> tuple[Pair, Target]:
+    """The guard that was crossed first, by linear interpolation, and its share of the width above zero as a fraction.
+
+    Where none is violated, the share is 0 and the target that is given.
+    """
+    zero = jnp.zeros_like(otherwise.value)
+    largest, chosen = (zero, zero + 1), otherwise
     for kind in violated:
         above = end.value[kind]
-        share = above, above - jnp.minimum(low.value[kind], 0.0)  # of the width above zero: numerator, denominator
+        share = above, above - jnp.minimum(low.value[kind], 0.0)  # numerator, denominator
         earlier = violated[kind] & (share[0] * largest[1] > largest[0] * share[1])
         largest = select(earlier, share, largest)
-        new = Target(jnp.int32(kind), above, end.rate[kind], _slip_path_of(end, kind), old.tries)
+        new = Target(jnp.int32(kind), above, end.rate[kind], slip_path_of(end, kind), otherwise.tries)
         chosen = select(earlier, new, chosen)
-    return chosen._replace(tries=where(hit | search.bracketing, old.tries + 1, 0))
+    return largest, chosen
 
 
-def _next_trial_end(target: Target, low: Guards, below: Scalar, high: Scalar, h: Scalar, tolerance: Scalar):
+def next_trial_end(target: Target, low: Guards, below: Scalar, high: Scalar, h: Scalar, tolerance: Scalar):
     """The end of the next trial, just beyond the target's root, and the delay of the upper end after it, in steps."""
     of_target, width = lambda four: select_guard(four, target.kind), high - below
     path = jnp.zeros_like(width)
     if not is_absent(low.slip_path):
         path = where(target.kind == EventKind.RUB, low.slip_path, 0.0)
     values, rates = (of_target(low.value), target.value), (of_target(low.rate), target.rate)
-    cubic = _guard_cubic(values, rates, (path, target.slip_path), width * h)
+    cubic = guard_cubic(values, rates, (path, target.slip_path), width * h)
     delay = where(cubic.m_1 > 0, jnp.minimum(cubic.g_1 / where(cubic.m_1 > 0, cubic.m_1, 1.0), 1.0), 1.0)
     return jnp.minimum(below + width * cubic_root(cubic) + tolerance / 2, high), delay * width
+
+
+def at_least_two(flags: tuple[Bool[Array, ""], ...]) -> Bool[Array, ""]:
+    """Whether at least two of the scalars are true."""
+    none = jnp.zeros_like(flags[0])
+    return any_of([none, *(a & any_of(flags[i + 1 :]) for i, a in enumerate(flags[:-1]))])
 
 
 def select_guard(four, kind: Int[Array, ""]) -> Scalar:

@@ -16,10 +16,10 @@ from jaxshroud.march.taylor_events import TRIAL_PARTS, Coefficients
 from jaxshroud.march.taylor_expansion import TaylorExpansion
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, blended, is_absent, where
 from jaxshroud.model.friction import Springs, contact_energy, normal_force, slip_sign, stretch
-from jaxshroud.model.geometry import Case, ContactKinematics, contact_rates, is_upper, tip_is_left
+from jaxshroud.model.geometry import Case, ContactKinematics, Pose, contact_rates, is_upper, tip_is_left
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import ContactLoads, Displacements, Ledger, end_torques, law_forces, stored_energy
+from jaxshroud.model.rhs import ContactLoads, Displacements, EndTorques, Ledger, end_torques, law_forces, stored_energy
 from jaxshroud.model.series import polynomial_value, polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 
@@ -39,14 +39,22 @@ class ContactForces(NamedTuple):
 
 def contact_forces(Q: Pair, state: State, model: Model) -> ContactForces:
     """The contact forces in a state; flat contact needs the drive's wave `Q` for the place where it acts."""
-    _, case, at = place_contact(state.motion, state, model)
+    placed = place_contact(state.motion, state, model)
+    return contact_forces_at(placed, end_torques(state.motion, Q, placed[2], state, model), state, model)
+
+
+def contact_forces_at(
+    placed: tuple[Pose, Case, ContactKinematics], torques: EndTorques, state: State, model: Model
+) -> ContactForces:
+    """`contact_forces` of placed blocks under known torques."""
+    _, case, at = placed
     N, F, _ = law_forces(at, state.motion, state, case, model)
     F = where(state.mode == Mode.APART, ABSENT, F)  # no negative zero
     point = ABSENT
     if has_torsion(model):
         place = _tip_position(at, case, model.block.l_ab)
         if model.spring.modal:
-            place = where(case == FLAT, _flat_contact_position(Q, at, state, model), place)
+            place = where(case == FLAT, _flat_contact_position(at, torques, model), place)
         point = where(state.mode == Mode.APART, jnp.nan, place)
     return ContactForces(N, F, at.v, at.u, point)
 
@@ -61,12 +69,12 @@ def _offset_along_face(at: ContactKinematics) -> Scalar:
     return at.offset[0] * at.tangent[0] + at.offset[1] * at.tangent[1]
 
 
-def _flat_contact_position(Q: Pair, at: ContactKinematics, state: State, model: Model) -> Scalar:
+def _flat_contact_position(at: ContactKinematics, torque: EndTorques, model: Model) -> Scalar:
     """The position at which the resultant of flat contact keeps the blocks parallel, between the ends of the overlap.
 
     The torque on theta_1 - theta_2 is linear along the overlap, whose ends are the corners d and a, or b and c.
     """
-    l_ab, torque, along = model.block.l_ab, end_torques(state.motion, Q, at, state, model), _offset_along_face(at)
+    l_ab, along = model.block.l_ab, _offset_along_face(at)
     low = -l_ab / 2 - where(at.height > 0, 0.0, along)
     high = l_ab / 2 - where(at.height > 0, along, 0.0)
     apart = torque.lower - torque.upper

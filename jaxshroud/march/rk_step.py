@@ -100,13 +100,15 @@ def _wave_rates(interval: TrialInterval, model: Model) -> Pair:
 
 
 def _drive_waves(interval: TrialInterval, nodes: set[float], model: Model) -> dict[float, Pair]:
-    """The drive's waves at some nodes of the tableau, by angle addition from the start of the step."""
+    """The drive's waves at some nodes of the tableau."""
+    return {c: drive_wave(*wave, model.drive) for c, wave in waves_at_nodes(interval, nodes).items()}
+
+
+def waves_at_nodes(interval: TrialInterval, nodes: set[float]) -> dict[float, Pair]:
+    """(sin, cos) of the drive's phase at some nodes of the tableau, by angle addition from the start of the step."""
     s_0, c_0 = sincos_turns(interval.turns)
-    waves = {}
-    for c, (s, v) in _node_angles(interval.dturns, nodes).items():
-        stage = (s_0 - s_0 * v + c_0 * s, c_0 - c_0 * v - s_0 * s) if c else (s_0, c_0)
-        waves[c] = drive_wave(*stage, model.drive)
-    return waves
+    advanced = lambda s, v: (s_0 - s_0 * v + c_0 * s, c_0 - c_0 * v - s_0 * s)
+    return {c: advanced(*by) if c else (s_0, c_0) for c, by in _node_angles(interval.dturns, nodes).items()}
 
 
 def _node_angles(dturns: Scalar, nodes: set[float]) -> dict[float, Pair]:

@@ -29,7 +29,7 @@ from jaxshroud.march.events import (
     forces_jump,
     place_contact,
 )
-from jaxshroud.march.locate import Search, at_event, judge_trial, new_search, select, select_guard
+from jaxshroud.march.locate import Search, at_event, at_least_two, judge_trial, new_search, select, select_guard
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import closing_speed, updated_extrema, updated_impacts, updated_peaks, updated_range
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
@@ -122,7 +122,7 @@ def decide_trial(lane: Lane, end: StepEnd, fixed: Fixed, method: Choices) -> Dec
     kind = first_kind(violated)
     jumps = forces_jump(kind, lane.state, model)
     rounding = where(kind == EventKind.TURN, at.turn_rounding, at.rounding)
-    several = _at_least_two(tuple(violated.values()))
+    several = at_least_two(tuple(violated.values()))
     exact = jumps & ~several & (select_guard(guards.value, kind) <= rounding)
     outcome = judge_trial(search, lane.guards, guards, violated, jumps, exact, h, method.locate, method.rk.order)
     refine = jnp.zeros_like(active)
@@ -139,11 +139,6 @@ def decide_trial(lane: Lane, end: StepEnd, fixed: Fixed, method: Choices) -> Dec
         delay=outcome.delay * h,
         search=select(active & ~refine, outcome.search, search),
     )
-
-
-def _at_least_two(flags: tuple[Bool[Array, ""], ...]) -> Bool[Array, ""]:
-    none = jnp.zeros_like(flags[0])
-    return any_of([none, *(a & any_of(flags[i + 1 :]) for i, a in enumerate(flags[:-1]))])
 
 
 def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, method: Choices) -> Lane:

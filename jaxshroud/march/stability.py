@@ -5,6 +5,7 @@ from functools import cache
 from types import ModuleType
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +17,7 @@ from jaxshroud.model.arithmetic import Scalar, filled
 from jaxshroud.model.geometry import Corners, contact_kinematics, corners, pose
 from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.model.prepared import springs
+from jaxshroud.model.row import pair_at
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument
 from jaxshroud.scene.scene import Scene
@@ -245,9 +247,28 @@ def _fastest(scenes: Scene, batch_dims: int) -> _Fastest:
     NumPy computes the eigenvalues: JAX would import scipy.linalg, which takes longer than everything else here.
     """
     flat = lambda a: np.asarray(a).reshape(-1, *np.shape(a)[batch_dims:])
-    stiffness, period = _batched_stiffness(jax.tree.map(flat, scenes))
+    scenes = jax.tree.map(flat, scenes)
+    if scenes.row is not None:
+        scenes = _bounding_pairs(scenes)
+    stiffness, period = _batched_stiffness(scenes)
     stiffness = jax.tree.map(np.asarray, stiffness)
     return _Fastest(*_frequencies(stiffness, np), np.asarray(period), stiffness.relaxation)
+
+
+@kept()
+def _bounding_pairs(rows: Scene) -> Scene:
+    """Pairs (leading axis) at least as stiff as rows: those at every interface, with twice the stiffness of contact.
+
+    A blade between two neighbours is held on both sides, and no blade by more.
+    """
+
+    def pairs(row: Scene) -> Scene:
+        assert row.row is not None
+        at = jax.vmap(lambda j: pair_at(row, j))(jnp.arange(row.row.interfaces))
+        stiffness = lambda s: (s.contact.k, s.friction.k_d)
+        return eqx.tree_at(stiffness, at, tuple(2 * k for k in stiffness(at)))
+
+    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), jax.vmap(pairs)(rows))
 
 
 @kept()

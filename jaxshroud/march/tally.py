@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.events import EventKind, Transition, model_events, place_contact
 from jaxshroud.march.method import Choices
-from jaxshroud.model.arithmetic import ABSENT, Absent, Pair, Scalar, is_absent, where, zeros_for
+from jaxshroud.model.arithmetic import ABSENT, Absent, Scalar, is_absent, where, zeros_for
 from jaxshroud.model.geometry import is_upper
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
@@ -232,6 +232,6 @@ def log_of_new_period(log: Log, z: Motion) -> Log:
     return eqx.tree_at(places, log, (largest, forces, impacts, extent), is_leaf=lambda a: a is None)
 
 
-def displacements_of(z: Motion) -> tuple[Pair, Pair, Pair]:
-    """The displacements x, y and theta."""
+def displacements_of(z: Motion) -> tuple[Any, Any, Any]:
+    """The displacements x, y and theta, of pairs or of rows."""
     return z.x, z.y, z.theta

@@ -76,11 +76,12 @@ class Pose(NamedTuple):
 
 def pose(x: Pair, y: Pair, theta: Pair) -> Pose:
     """The pose of both blocks from their displacements."""
-    (s_1, v_1), (s_2, v_2) = map(_rotation, theta)
+    (s_1, v_1), (s_2, v_2) = map(rotation, theta)
     return Pose(x, y, theta, (s_1, s_2), (1 - v_1, 1 - v_2), (v_1, v_2))
 
 
-def _rotation(theta: Scalar) -> tuple[Scalar, Scalar]:
+def rotation(theta: Scalar) -> tuple[Scalar, Scalar]:
+    """The sine and the versine of an angle."""
     if is_absent(theta):
         return theta, theta
     return sine_versine_of(theta, sine_versine(theta[0])) if isinstance(theta, Series) else sine_versine(theta)

@@ -20,15 +20,16 @@ SWING_POINTS = 128  # points over one drive period: exact to rounding while the 
 class Amplitudes(NamedTuple):
     """Complex amplitudes: the displacement is the imaginary part of `amplitude * exp(i omega t)`."""
 
-    x: Complex[Array, "2"]  # [m]
-    y: Complex[Array, "2"]  # [m]
-    theta: Complex[Array, "2"]  # [rad]
+    x: Complex[Array, "blades"]  # [m]
+    y: Complex[Array, "blades"]  # [m]
+    theta: Complex[Array, "blades"]  # [rad]
 
 
 def steady_amplitudes(scene: Scene) -> Amplitudes:
     """The steady response of the free blades to the drive (Sec. 3.1)."""
-    b, d, omega = scene.blades, scene.drive, scene.drive.omega
-    moves = lambda name: jnp.array([scene.parts.has(name, 0), scene.parts.has(name, 1)])
+    b, d, omega = scene.mistuned_blades, scene.drive, scene.drive.omega
+    has = scene.parts.has
+    moves = lambda name: has(name, 0) if scene.row is not None else jnp.array([has(name, 0), has(name, 1)])
 
     def response(name, load, m, c, k):
         load = jnp.where(moves(name), load, 0.0)
@@ -84,7 +85,7 @@ def power_reduction(P: Any, P_0: Any) -> Any:
 
 def free_oscillations(scene: Scene) -> FreeOscillation:
     """The free oscillations of both blocks in x, y and theta: fields (2, 3)."""
-    b, free = scene.blades, steady_amplitudes(scene)
+    b, free = scene.mistuned_blades, steady_amplitudes(scene)
     stack = lambda *columns: jnp.stack(columns, axis=-1)
     mass = stack(b.m, b.inertia_y, b.I)
     damping = stack(b.c_x, b.c_y, b.c_T) / (2 * mass)

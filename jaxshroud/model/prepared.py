@@ -52,12 +52,18 @@ class Excitation(NamedTuple):
     cos_phase: PerBlade | Pair
 
 
-class Mobility(NamedTuple):
+class InverseMasses(NamedTuple):
     """The reciprocal masses, as products are cheaper than quotients; absent where a block cannot move."""
 
-    x: Pair  # 1 / m [1/kg]
-    y: Pair  # [1/kg]
-    theta: Pair  # 1 / I [1/(kg m^2)]
+    x: Any  # 1 / m [1/kg]: a `Pair`, or one blade's
+    y: Any  # [1/kg]
+    theta: Any  # 1 / I [1/(kg m^2)]
+
+
+class Mobility(NamedTuple):
+    """What both blocks oppose to forces."""
+
+    inverse: InverseMasses  # of `Pair`s
     share: Scalar  # I_1 / (I_1 + I_2)
     joint: Scalar  # I_1 I_2 / (I_1 + I_2): inertia against a turn of the blocks towards each other [kg m^2]
 
@@ -92,7 +98,7 @@ def _mobility(scene: Scene) -> Mobility:
     of = lambda name, mass: tuple(1 / mass[i] if has(name, i) else ABSENT for i in (0, 1))
     share = b.I[0] / (b.I[0] + b.I[1]) if scene.parts.neighbour == "blade" else jnp.zeros_like(b.I[0])
     joint = b.I[1] * share if scene.parts.neighbour == "blade" else b.I[0]
-    return Mobility(of("x", b.m), of("y", b.inertia_y), of("theta", b.I), share, joint)
+    return Mobility(InverseMasses(of("x", b.m), of("y", b.inertia_y), of("theta", b.I)), share, joint)
 
 
 def springs(scene: Scene) -> Springs:

@@ -1,6 +1,6 @@
 """Equation (1): the motion of both blocks while the contact mode and the case are fixed."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,9 +21,10 @@ from jaxshroud.model.geometry import (
     tip_is_left,
 )
 from jaxshroud.model.modes import FLAT, Mode
-from jaxshroud.model.prepared import Excitation, Model, State, has_torsion
+from jaxshroud.model.prepared import Excitation, InverseMasses, Model, State, has_torsion
 from jaxshroud.model.series import Series
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.scene import Blades
 
 
 class Acceleration(NamedTuple):
@@ -85,18 +86,33 @@ def drive_wave(s: Scalar, c: Scalar, drive: Excitation) -> Pair:
     return left, right
 
 
+def of_blade(i: int, *trees: Any) -> tuple[Any, ...]:
+    """The numbers of one blade in each of some trees of pairs."""
+    own = lambda tree: jax.tree.map(lambda pair: pair[i], tree, is_leaf=lambda a: type(a) is tuple)
+    return tuple(map(own, trees))
+
+
+class BladeForces(NamedTuple):
+    """The forces of contact on one blade, or on each of several."""
+
+    x: Any  # [N]
+    y: Any
+    M: Any  # clockwise, about the block's centre [N m]
+
+
+def blade_accelerations(z: Motion, Q: Scalar, R: BladeForces, b: Blades, d: Excitation, inverse: InverseMasses) -> Any:
+    """The accelerations of one blade by Eq. (1), in x, y and theta; all arguments are its own."""
+    a_x = (d.F_x * Q + R.x - b.c_x * z.v_x - b.k_x * z.x) * inverse.x
+    a_y = (d.F_y * Q + R.y - b.c_y * z.v_y - b.k_y * z.y) * inverse.y
+    a_theta = (d.M_0 * Q + R.M - b.c_T * z.v_theta - b.k_T * z.theta) * inverse.theta
+    return a_x, a_y, a_theta
+
+
 def accelerations(z: Motion, Q: Pair, load: Load, model: Model) -> Acceleration:
     """The accelerations by Eq. (1), from the drive's wave `Q` of each blade and the `load` of contact."""
-    b, d, inverse = model.blades, model.drive, model.mobility
-    R_x, R_y = (load.R_x, -load.R_x), (load.R_y, -load.R_y)
-
-    def rates(i: int) -> tuple[Scalar, Scalar, Scalar]:
-        a_x = (d.F_x[i] * Q[i] + R_x[i] - b.c_x[i] * z.v_x[i] - b.k_x[i] * z.x[i]) * inverse.x[i]
-        a_y = (d.F_y[i] * Q[i] + R_y[i] - b.c_y[i] * z.v_y[i] - b.k_y[i] * z.y[i]) * inverse.y[i]
-        a_theta = (d.M_0[i] * Q[i] + load.M[i] - b.c_T[i] * z.v_theta[i] - b.k_T[i] * z.theta[i]) * inverse.theta[i]
-        return a_x, a_y, a_theta
-
-    left, right = rates(0), rates(1)
+    R = BladeForces((load.R_x, -load.R_x), (load.R_y, -load.R_y), load.M)
+    own = z, Q, R, model.blades, model.drive, model.mobility.inverse
+    left, right = (blade_accelerations(*of_blade(i, *own)) for i in (0, 1))
     return Acceleration(*zip(left, right, strict=True))
 
 
@@ -147,12 +163,19 @@ def end_torques_under(
     loaded: LoadedContact, z: Motion, Q: Pair, at: ContactKinematics, state: State, model: Model
 ) -> EndTorques:
     """`end_torques` of blocks that turn where the forces are known already."""
-    (N, F, _), load = loaded
-    left, right = accelerations(z, Q, load, model).theta
+    left, right = accelerations(z, Q, loaded.load, model).theta
+    return torques_along_face(model.mobility.joint * (left - right), loaded.forces, at, state, model)
+
+
+def torques_along_face(
+    torque: Scalar, forces: LawForces, at: ContactKinematics, state: State, model: Model
+) -> EndTorques:
+    """`end_torques` from the `torque` with contact at the corner of the current case."""
+    N, F, _ = forces
     k = _contact_stiffness(state, model)
     along, corner = N * model.block.l_ab, (F - k * at.u) * at.v if isinstance(at.v, Series) else F * at.v - N * at.u
     shift = where(is_upper(state.case), along, ABSENT) - where(tip_is_left(state.case), corner, ABSENT)
-    at_d, higher = model.mobility.joint * (left - right) + shift, at.height > 0
+    at_d, higher = torque + shift, at.height > 0
     return EndTorques(at_d + where(higher, corner, ABSENT), at_d - along + where(higher, ABSENT, corner))
 
 
@@ -200,23 +223,32 @@ def _contact_stiffness(state: State, model: Model) -> Scalar:
     return where(state.mode == Mode.APART, ABSENT, model.spring.k)
 
 
-def mean_square(q: Pose, gyration: Scalar) -> Pair:
-    """The square displacement averaged over each block: x^2 + y^2 + 4 (J_A/A) sin^2(theta/2) [m^2].
+def blade_mean_square(x: Scalar, y: Scalar, versine: Scalar, gyration: Scalar) -> Scalar:
+    """The square displacement averaged over a block: x^2 + y^2 + 4 (J_A/A) sin^2(theta/2) [m^2].
 
     Source:
         Eqs. (22), (23): over a centrally symmetric block the cross terms vanish, so no area quadrature is needed.
     """
-    left, right = (q.x[i] ** 2 + q.y[i] ** 2 + gyration * 2 * q.versine[i] for i in (0, 1))
+    return x**2 + y**2 + gyration * 2 * versine
+
+
+def mean_square(q: Pose, gyration: Scalar) -> Pair:
+    """`blade_mean_square` of both blocks."""
+    left, right = (blade_mean_square(q.x[i], q.y[i], q.versine[i], gyration) for i in (0, 1))
     return left, right
+
+
+def blade_powers(z: Motion, Q: Scalar, b: Blades, d: Excitation) -> tuple[Scalar, Scalar]:
+    """The power of the drive on one blade, and that lost in its dampers [W]; all arguments are its own."""
+    drive = (d.F_x * z.v_x + d.F_y * z.v_y + d.M_0 * z.v_theta) * Q
+    return drive, b.c_x * z.v_x**2 + b.c_y * z.v_y**2 + b.c_T * z.v_theta**2
 
 
 def works(z: Motion, Q: Pair, lost: Scalar, model: Model) -> Ledger:
     """Rates of the works; `lost` is what contact dissipates."""
-    b, d = model.blades, model.drive
-    drive = lambda i: (d.F_x[i] * z.v_x[i] + d.F_y[i] * z.v_y[i] + d.M_0[i] * z.v_theta[i]) * Q[i]
-    viscous = lambda i: b.c_x[i] * z.v_x[i] ** 2 + b.c_y[i] * z.v_y[i] ** 2 + b.c_T[i] * z.v_theta[i] ** 2
-    power = drive(0) + drive(1)
-    return Ledger(power, abs(power), viscous(0) + viscous(1), lost)
+    left, right = (blade_powers(*of_blade(i, z, Q, model.blades, model.drive)) for i in (0, 1))
+    power = left[0] + right[0]
+    return Ledger(power, abs(power), left[1] + right[1], lost)
 
 
 class StateDerivative(NamedTuple):
@@ -271,31 +303,50 @@ def rhs(Q: Pair, now: State, model: Model, recorded: Recorded) -> tuple[StateDer
     return rhs_at(placement(now, model), Q, now, model, recorded)
 
 
+class ContactEffects(NamedTuple):
+    """What contact does to the blocks, and the rates of what is recorded of it."""
+
+    load: Load
+    u_s: Slider  # rate of the slider where it moves without events
+    lost: Scalar | None  # power [W]; None where it is not recorded, as is the next
+    loads: ContactLoads | None
+
+
+def contact_effects(place: Placement, now: State, model: Model, recorded: Recorded) -> ContactEffects:
+    """The effects of contact where the position is known already."""
+    _, case, at, (forces, load) = place
+    parts = at, now.motion, forces, now, case, model
+    lost = _dissipated_power(*parts) if recorded.ledger else None
+    return ContactEffects(load, forces.u_s, lost, _load_rates(*parts) if recorded.loads else None)
+
+
 def rhs_at(
     place: Placement, Q: Pair, now: State, model: Model, recorded: Recorded
 ) -> tuple[StateDerivative, Integrals]:
     """`rhs` where the position is known already."""
-    (q, case, at, (forces, load)), z = place, now.motion
-    parts = at, z, forces, now, case, model
-    lost = works(z, Q, _dissipated_power(*parts), model) if recorded.ledger else None
+    contact, z = contact_effects(place, now, model, recorded), now.motion
+    ledger = None if contact.lost is None else works(z, Q, contact.lost, model)
     moments = displacement_moments(z) if recorded.moments else None
-    loads = _load_rates(*parts) if recorded.loads else None
-    a = accelerations(z, Q, load, model)
+    a = accelerations(z, Q, contact.load, model)
     if has_torsion(model) and model.spring.modal:
-        theta = jax.tree.map(lambda mean, own: where(case == FLAT, mean, own), parallel_mean(a.theta, model), a.theta)
+        theta = jax.tree.map(
+            lambda mean, own: where(now.case == FLAT, mean, own), parallel_mean(a.theta, model), a.theta
+        )
         a = a._replace(theta=theta)
-    return StateDerivative(a, forces.u_s), Integrals(mean_square(q, model.gyration), lost, moments, loads)
+    integrals = Integrals(mean_square(place.pose, model.gyration), ledger, moments, contact.loads)
+    return StateDerivative(a, contact.u_s), integrals
 
 
 rhs_once = jax.jit(rhs, static_argnames="recorded", inline=True)  # traced once for all stages
 
 
+def twice_blade_energy(z: Motion, b: Blades) -> Scalar:
+    """Twice the kinetic energy and the energy of the springs of one blade [J]; all arguments are its own."""
+    kinetic = b.m * z.v_x**2 + b.inertia_y * z.v_y**2 + b.I * z.v_theta**2
+    return kinetic + b.k_x * z.x**2 + b.k_y * z.y**2 + b.k_T * z.theta**2
+
+
 def stored_energy(z: Motion, model: Model) -> Scalar:
     """The kinetic energy and the energy of the blades' springs [J]."""
-    b = model.blades
-
-    def twice(i: int) -> Scalar:
-        kinetic = b.m[i] * z.v_x[i] ** 2 + b.inertia_y[i] * z.v_y[i] ** 2 + b.I[i] * z.v_theta[i] ** 2
-        return kinetic + b.k_x[i] * z.x[i] ** 2 + b.k_y[i] * z.y[i] ** 2 + b.k_T[i] * z.theta[i] ** 2
-
-    return (twice(0) + twice(1)) / 2
+    left, right = (twice_blade_energy(*of_blade(i, z, model.blades)) for i in (0, 1))
+    return (left + right) / 2

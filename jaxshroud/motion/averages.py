@@ -32,7 +32,7 @@ NEGLIGIBLE_DRIFT = 0.01  # percentage points; a smaller drift does not count
 class Reduction(NamedTuple):
     """The power of both blades and the reduction of the left one, for each lane."""
 
-    P: FloatArray  # (..., 2) [m^4]
+    P: FloatArray  # (..., blades) [m^4]
     P_d: FloatArray  # (...) [%]
     ci: FloatArray  # (...) half width of the 95 % interval of P_d [percentage points]
     settled: NDArray[np.bool_]  # (...) P_d is known to have settled
@@ -42,13 +42,14 @@ class Reduction(NamedTuple):
     ci_short: NDArray[np.bool_]  # (...) too few correlation times for the interval to be trusted
 
 
-def reduction(power: FloatArray, P_0: FloatArray, number: NDArray[np.int32]) -> Reduction:
+def reduction(power: FloatArray, P_0: FloatArray, number: NDArray[np.int32], whole_row: bool = False) -> Reduction:
     """The reduction P_d, by the rule of the paper for the number n of averaged periods.
 
     Args:
         power: P of each kept period, (..., n, 2) [m^4], oldest first.
         P_0: Power without contact, (..., 2) [m^4].
         number: Period number of each lane, 0 if aperiodic.
+        whole_row: P_d is that of all blades together, 100 (1 - sum P / sum P_0), rather than that of the left one.
 
     Returns:
         Averages over the largest multiple of the period number within the kept periods, or over all of them where the
@@ -59,22 +60,29 @@ def reduction(power: FloatArray, P_0: FloatArray, number: NDArray[np.int32]) -> 
     power, P_0, number = np.asarray(power), np.asarray(P_0), np.asarray(number)
     lanes = number.shape
     flat = power.reshape(-1, *power.shape[-2:])
-    base = np.broadcast_to(P_0, (*lanes, 2)).reshape(-1, 2)
+    base = np.broadcast_to(P_0, (*lanes, power.shape[-1])).reshape(-1, power.shape[-1])
     groups = [np.flatnonzero(number.ravel() == q) for q in np.unique(number)]
     reductions = [
-        _reduction_of_period(flat[group], base[group], int(q))
+        _reduction_of_period(flat[group], base[group], int(q), whole_row)
         for q, group in zip(np.unique(number), groups, strict=True)
     ]
     order = np.argsort(np.concatenate(groups))
     return Reduction(*(np.concatenate(a)[order].reshape(lanes + a[0].shape[1:]) for a in zip(*reductions, strict=True)))
 
 
-def _reduction_of_period(power: FloatArray, P_0: FloatArray, number: int) -> Reduction:
+def power_series_of(power: FloatArray, P_0: FloatArray, whole_row: bool) -> FloatArray:
+    """P_d of each period (lanes, n) [%], of the left blade or of the whole row."""
+    if whole_row:
+        return power_reduction(power.sum(axis=-1), P_0.sum(axis=-1)[:, None])
+    return power_reduction(power[..., 0], P_0[:, :1])
+
+
+def _reduction_of_period(power: FloatArray, P_0: FloatArray, number: int, whole_row: bool) -> Reduction:
     q = max(number, 1)
     n = power.shape[1] // q * q
     used = power[:, power.shape[1] - n :]
     P = used.mean(axis=1)
-    percent = power_reduction(used[..., 0], P_0[:, :1])  # of each period
+    percent = power_series_of(used, P_0, whole_row)
     settling_result, ci, times = (
         series_settling(percent, number, NEGLIGIBLE_DRIFT),
         confidence_interval(percent, q),
@@ -98,7 +106,7 @@ def relative_drop(samples: Sample) -> np.ndarray:
 
 
 def closed_forms(scenes: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The area, the power without contact and half the diagonal of the blocks, (lanes,), (lanes, 2), (lanes,).
+    """The area, the power without contact and half the diagonal of the blocks, (lanes,), (lanes, blades), (lanes,).
 
     They are computed for as many lanes at a time as are marched, so that batches of any size have the same bits.
     """
@@ -148,13 +156,13 @@ def _tilts(scenes: Scene) -> Array:
 
 
 def displacements(samples: Sample) -> np.ndarray:
-    """The displacements x, y and theta of both blades at the ends of periods, (lanes, n, 6)."""
+    """The displacements x, y and theta of the blades at the ends of periods, (lanes, n, 3 blades)."""
     z = samples.motion
     return np.stack([np.asarray(a, float) for pair in (z.x, z.y, z.theta) for a in pair], axis=-1)
 
 
 def period_maxima(samples: Sample) -> np.ndarray:
-    """The largest magnitude of each of the `displacements` within each period, (lanes, n, 6)."""
+    """The largest magnitude of each of the `displacements` within each period, (lanes, n, 3 blades)."""
     if samples.largest is None:
         return np.abs(displacements(samples))
     return np.stack([np.asarray(a, float) for pair in samples.largest for a in pair], axis=-1)
@@ -169,9 +177,10 @@ def closing_tolerances_of(scenes: Scene, samples: Sample, tolerance: float, prec
 def averages(
     scenes: Scene, samples: Sample, period_tol: float = PERIOD_TOLERANCE
 ) -> tuple[Repetition, Reduction, np.ndarray]:
-    """The period number and the power of lanes (leading axis) over their kept periods, and P_0 (lanes, 2)."""
+    """The period number and the power of lanes (leading axis) over their kept periods, and P_0 (lanes, blades)."""
     A, P_0, lever = (np.asarray(f, float) for f in closed_forms(scenes))
     orbit = repetition(
         displacements(samples), period_maxima(samples).max(axis=-2), lever, period_tol, scenes.drive.omega.dtype
     )
-    return orbit, reduction(A[:, None, None] * np.stack(samples.power, axis=-1), P_0, orbit.number), P_0
+    power = A[:, None, None] * np.stack(samples.power, axis=-1)
+    return orbit, reduction(power, P_0, orbit.number, scenes.row is not None), P_0

@@ -230,8 +230,8 @@ def repetition(
     """The smallest q <= 16 for which the return map of every displacement closes over all kept samples.
 
     Args:
-        samples: x, y [m] and theta [rad] of both blades at the strobe, (..., n, 6), oldest first.
-        sizes: The largest magnitude of each in the kept periods, (..., 6); 0 for those that the model leaves out.
+        samples: x, y [m] and theta [rad] of the blades at the strobe, (..., n, 3 blades), oldest first.
+        sizes: The largest magnitude of each in the kept periods, (..., 3 blades); 0 where the model leaves it out.
         lever: Half the diagonal of a block (...) [m], which converts angles to displacements.
         tolerance: Largest difference that counts as closed, see `closing_tolerances`.
         precision: The floating-point type of the march.
@@ -259,13 +259,13 @@ def _repetition_of(samples: FloatArray, near: FloatArray) -> Repetition:
 
 
 def closing_tolerances(sizes: FloatArray, lever: FloatArray, tolerance: float, precision: DTypeLike) -> FloatArray:
-    """The differences of displacements that count as zero, (..., 6); the arguments are those of `repetition`.
+    """The differences of displacements that count as zero, (..., 3 blades); the arguments are those of `repetition`.
 
     They are `tolerance` times the size of each displacement, or times a millionth of the largest where that is more,
     and at least 100 rounding units of the largest, from which the others are computed.
     """
-    per_metre = np.ones((*np.shape(lever), 6))
-    per_metre[..., 4:] = 1 / np.asarray(lever)[..., None]
+    per_metre = np.ones((*np.shape(lever), np.shape(sizes)[-1]))
+    per_metre[..., np.shape(sizes)[-1] * 2 // 3 :] = 1 / np.asarray(lever)[..., None]
     largest = (sizes / per_metre).max(axis=-1, keepdims=True) * per_metre
     return np.maximum(
         tolerance * np.maximum(sizes, MIN_RELATIVE_SIZE * largest),

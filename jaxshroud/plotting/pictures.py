@@ -18,6 +18,7 @@ from jaxshroud.plotting.plot_branch import branch_page
 from jaxshroud.plotting.plot_campbell import campbell_page
 from jaxshroud.plotting.plot_diagnosis import diagnosis_page, power_page
 from jaxshroud.plotting.plot_fit import fit_page
+from jaxshroud.plotting.plot_row import row_page
 from jaxshroud.plotting.plot_run import run_page
 from jaxshroud.plotting.plot_sensitivity import gradient_page, scatter_page
 from jaxshroud.plotting.plot_sweep import sweep_page
@@ -30,6 +31,7 @@ from jaxshroud.scene.checks import InputError
 # Kind of a result -> the function that makes its page from its content, the look and options of its own.
 PAGES: dict[str, Callable[..., Page]] = {
     "trajectory": run_page,
+    "row": row_page,
     "sweep": sweep_page,
     "amplitude": amplitude_page,
     "response": response_page,

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from jaxshroud.model.modes import Status
 from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.scales import ParameterAxis, parameter_axis, scale_of, title_of
+from jaxshroud.plotting.scales import ParameterAxis, gap_of_lanes, parameter_axis, scale_of, title_of
 from jaxshroud.plotting.style import BLUE, COLUMN_WIDTH, GREY, INK, ORANGE, AnyFigure, Look, legend_below
 
 DIRECTION_STYLES = {  # direction -> label, colour, marker, size
@@ -68,7 +68,7 @@ def _mark_jumps(panel: Axes, directions: Directions) -> None:
 def _draw_direction_samples(panel: Axes, directions: Directions) -> None:
     _mark_jumps(panel, directions)
     ds, (values, _, label), unit = directions
-    scale = scale_of(ds["gap"].to_numpy(), unit)
+    scale = scale_of(gap_of_lanes(ds), unit)
     for direction, (_, color, marker, size) in DIRECTION_STYLES.items():
         lanes = ds.sel(direction=direction).transpose(str(ds.attrs["axes"]), "period", "blade", ...)
         x = (lanes["x"].to_numpy()[:, :, 0].T * scale.factor).T

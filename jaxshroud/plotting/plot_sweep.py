@@ -17,6 +17,7 @@ from jaxshroud.plotting.plot_directions import directions_page
 from jaxshroud.plotting.scales import (
     LEAST_SPAN,
     ParameterAxis,
+    gap_of_lanes,
     interval_ends,
     is_visible,
     legend_above,
@@ -219,7 +220,7 @@ def _mark_stopped_lanes(panel: Axes, ds: xr.Dataset, axis: ParameterAxis) -> Non
 def _draw_curve_samples(panel: Axes, curve: Curve) -> None:
     """The samples of all lanes, coloured by the period number."""
     ds, axis, motion, unit = curve
-    scale = scale_of(ds["gap"].to_numpy(), unit)
+    scale = scale_of(gap_of_lanes(ds), unit)
     x = (ds["x"].to_numpy()[:, :, 0].T * scale.factor).T
     values = np.broadcast_to(axis.values[:, None], x.shape)
     style: Properties = {"ms": 1.5 if motion.size > 100 else 2.5, "mew": 0, "rasterized": True}

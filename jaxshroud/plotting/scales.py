@@ -29,6 +29,15 @@ class Scale(NamedTuple):
         return f"${self.symbol.format(blade)}${self.unit}"
 
 
+def gap_of_lanes(ds: xr.Dataset) -> PlotArray:
+    """The gap of each lane [m]; 0 in a row whose gaps differ, where there is no single one."""
+    gap = ds["gap"]
+    if "interface" in gap.dims:
+        first = gap.isel(interface=0)
+        gap = first.where((gap == first).all("interface"), 0.0)
+    return gap.to_numpy()
+
+
 def scale_of(gap: PlotArray, unit: str | None = None) -> Scale:
     """The scale of displacements for these gaps.
 

@@ -2,7 +2,8 @@
 
 import os
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from html import escape, unescape
 from io import BytesIO
 from math import ceil
@@ -22,14 +23,14 @@ from jaxshroud.io.files import write
 from jaxshroud.io.scene_numbers import key_label
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.derived_inputs import alternative_keys
-from jaxshroud.scene.keys import ALL_KEYS, key_parts
+from jaxshroud.scene.keys import ALL_KEYS, parse_key
 from jaxshroud.scene.title import CHANGE_SEPARATOR, subject_of
 
 GREEK = "alpha|beta|gamma|zeta|theta|phi|omega|tau|mu|sigma"
 SYMBOL = re.compile(rf"(?<![\w\\])(?:({GREEK}|[A-Za-z])_({GREEK}|\w{{1,2}})|({GREEK}))(?!\w)")
 UNIT_POWER = re.compile(r"\b([a-z]+)\^(-?\d)\b")
 DECIMAL = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-]?)0*(\d+)\b")
-KEY = re.compile(rf"\b((?:{'|'.join(sorted({key.partition('.')[0] for key in ALL_KEYS}))})\.[A-Za-z]\w*(?:\[\d\])?)")
+KEY = re.compile(rf"\b((?:{'|'.join(sorted({key.partition('.')[0] for key in ALL_KEYS}))})\.[A-Za-z]\w*(?:\[\d+\])?)")
 KEY_NAMES = {row.parts[1] for row in ALL_KEYS.values()}
 OVER, AVERAGED_PERIODS, DIAGRAM_QUANTITIES = " over ", "n", ("x_1", "P_d")  # in titles that announce a diagram
 
@@ -126,7 +127,7 @@ def fitting_title(title: str, keys: Iterable[str] = (), shows: Collection[str] =
     Returns:
         The title without values of numbers that are on an axis, and without what the picture does not show.
     """
-    varied = {key_parts(key)[1] if key.partition("[")[0] in ALL_KEYS else key for key in keys}
+    varied = {parse_key(key)[0].parts[1] if key.partition("[")[0] in ALL_KEYS else key for key in keys}
     varied |= {{"k": "gamma", "gamma": "k"}.get(name, name) for name in varied}
     varied |= {other.split(".")[1] for key in keys for other in alternative_keys(key.partition("[")[0])}
     heading, _, changes = title.partition(CHANGE_SEPARATOR)
@@ -177,6 +178,8 @@ STYLE: Any = {
     "axes.prop_cycle": cycler(color=COLOURS),
     **{"pdf.fonttype": 42, "svg.fonttype": "none"},  # text stays text
 }
+NO_LAYOUT: Any = {"figure.autolayout": False, "figure.constrained_layout.use": False}
+DOTS_PER_INCH = 200
 # Key of the scene -> symbol, words, unit, units per SI unit.
 QUANTITIES = {row.name: (row.symbol, row.label, *row.shown) for row in ALL_KEYS.values()}
 STOPPED_STYLE: Properties = {
@@ -276,26 +279,45 @@ def quantity(key: str, look: Look = DEFAULT_LOOK, unit: str = "SI") -> tuple[str
     return f"{key_label(key)} [{unit}]" if unit else key_label(key), float(factor)
 
 
-def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a figure, completely or not at all.
+def save_figure(figure: Figure, *paths: str | os.PathLike[str]) -> None:
+    """Write a figure to files of one or more formats, each completely or not at all.
 
     Args:
         figure: Any figure.
-        path: The file; its suffix selects the format: .png (200 dpi), .pdf or .svg.
+        paths: The files; their suffixes select the formats: .png (200 dpi), .pdf or .svg.
 
     Raises:
-        ValueError: The suffix is not a format of matplotlib.
-        WriteError: The path cannot be written.
+        ValueError: A suffix is not a format of matplotlib.
+        WriteError: A path cannot be written.
     """
-    path = Path(path)
-    if not path.suffix:
-        raise InputError(f"{path}: a picture needs a suffix, such as .png, .pdf or .svg.")
-    write(path, _content(figure, path.suffix[1:].lower()))
+    for path in map(Path, paths):
+        if not path.suffix:
+            raise InputError(f"{path}: a picture needs a suffix, such as .png, .pdf or .svg.")
+    with _laid_out(figure):
+        for path in map(Path, paths):
+            write(path, _content(figure, path.suffix[1:].lower()))
+
+
+@contextmanager
+def _laid_out(figure: Figure) -> Iterator[None]:
+    """Within, the figure keeps one layout: with a layout engine, matplotlib draws every file twice."""
+    engine, dots = figure.get_layout_engine(), figure.dpi
+    with mpl.rc_context(STYLE | NO_LAYOUT):
+        try:
+            if engine is not None:
+                figure.dpi = DOTS_PER_INCH
+                engine.execute(figure)
+                figure.dpi = dots
+                figure.set_layout_engine(None)
+            yield
+        finally:
+            figure.dpi = dots
+            figure.set_layout_engine(engine)
 
 
 def _content(figure: Figure, form: str) -> bytes:
     """The content of a file in that format."""
     content = BytesIO()
     with mpl.rc_context(STYLE):  # how vector formats write text is decided when they are written
-        figure.savefig(content, format=form, dpi=200)
+        figure.savefig(content, format=form, dpi=DOTS_PER_INCH)
     return content.getvalue()

@@ -49,7 +49,8 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     )
     P = Variable("average power, Eq. (23)", "m4", ("blade",))
     P_0 = Variable("average power without contact, closed form", "m4", ("blade",))
-    P_d = Variable("vibration-power reduction of the left blade, Eq. (24)", "percent")
+    P_d = Variable("vibration-power reduction of the left blade, Eq. (24), or of all blades of a row", "percent")
+    P_d_worst = Variable("reduction of the blade of a row that gains the least; in rows only", "percent")
     P_d_ci = Variable("half width of the 95 % interval of P_d, batch means", "percent")
     P_d_ci_short = Variable("too few correlation times for P_d_ci", stored=np.int8, kind=bool)
     P_d_settled = Variable("P_d no longer drifts, on evidence", stored=np.int8, kind=bool)
@@ -198,15 +199,18 @@ def _settling_numbers(result: SweepResult, ok: np.ndarray) -> dict[str, float]:
     }
 
 
-def sweep_coordinates(axes: Mapping[str, np.ndarray], period: np.ndarray) -> dict[str, object]:
+def sweep_coordinates(axes: Mapping[str, np.ndarray], period: np.ndarray, row: int | None = None) -> dict[str, object]:
     """The coordinates of a sweep as xarray takes them.
 
     Args:
         axes: Key -> values of each axis.
         period: The number of each kept period, counted from t = 0.
+        row: The number of blades of a row; None: the pair.
     """
-    swept = {dimension(key): (dimension(key), values, key_attrs(key)) for key, values in axes.items()}
-    return {**swept, "period": ("period", period, {"long_name": "drive periods since t = 0"}), "blade": [0, 1]}
+    in_row, blades = row is not None, range(row or 2)
+    dims = {key: dimension(key, in_row) for key in axes}
+    swept = {dims[key]: (dims[key], values, key_attrs(key, in_row)) for key, values in axes.items()}
+    return {**swept, "period": ("period", period, {"long_name": "drive periods since t = 0"}), "blade": blades}
 
 
 def overlay_directions(results: Mapping[str, SweepResult]) -> SweepResult:

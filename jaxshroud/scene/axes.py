@@ -28,7 +28,7 @@ def axis(
 
     Args:
         scene_file: The scene that is swept.
-        key: `table.name`, or `table.name[0]`, `table.name[1]` for one blade only.
+        key: `table.name`, or `table.name[i]` for one blade or interface only.
         values: Numbers in SI or strings with units (a list, an array or "a,b,c"); or else `start`,
             `stop` and `num` for equally spaced ones.
         start: First value.
@@ -77,8 +77,8 @@ def axes(scene_file: SceneFile, sweep: SweepTable, where: str) -> tuple[Axis, ..
 
 def _known_row(scene_file: SceneFile, key: str, where: str) -> Key:
     """The row of a key, which the scene has."""
-    row, _ = find_key(key, where)
-    check_known(key, scene_file.given, where)
+    row, _ = find_key(key, where, scene_file.row_size)
+    check_known(key, scene_file.given, where, scene_file.row_size)
     return row
 
 

@@ -16,7 +16,7 @@ from jaxshroud.scene.file import Axis, SceneFile, table_values
 from jaxshroud.scene.messages import fail, first_problem
 from jaxshroud.scene.overrides import override
 from jaxshroud.scene.resolve_inputs import resolve_derived_inputs
-from jaxshroud.scene.schema import PHYSICS_TABLES, SCENE_FILE_TYPE, TABLE_MODELS
+from jaxshroud.scene.schema import PHYSICS_TABLES, ROW_TYPE, TABLE_MODELS, scene_file_type
 from jaxshroud.scene.shipped import aliases, shipped, shipped_paths
 from jaxshroud.scene.title import retitled
 from jaxshroud.scene.typed import typed
@@ -70,15 +70,14 @@ def _document(text: str, name: str) -> dict[str, Any]:
 def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -> SceneFile:
     """The scene file of a TOML document, which is changed in place."""
     original = copy.deepcopy(document) if len(overrides) else {}
-    overridden = {override(document, text) for text in overrides}
-    given = resolve_derived_inputs(document, name, overridden)
-    try:
-        file: Any = SCENE_FILE_TYPE.validate_python(document)
-    except ValidationError as error:
-        table, key, message, kind = first_problem(error, document)
-        by_override = (table, key) in overridden or (table not in TABLE_MODELS and table in dict(overridden))
-        fail("--set" if by_override else name, message, kind)
-    tables = {table: table_values(getattr(file, table)) for table in PHYSICS_TABLES}
+    of_row_first = sorted(overrides, key=lambda text: not text.lstrip().startswith("row."))  # they size the lists
+    overridden = {override(document, text) for text in of_row_first}
+    row = _validated(ROW_TYPE, document, name, overridden).row
+    size = None if row is None else row.size
+    given = resolve_derived_inputs(document, name, overridden, size)
+    file = _validated(scene_file_type(size), document, name, overridden)
+    physics = PHYSICS_TABLES if row is None else ("row", *PHYSICS_TABLES)
+    tables = {table: table_values(getattr(file, table)) for table in physics}
     loaded = SceneFile(name, file.title, tables, file.run, given=given)
     if len(overrides):
         title = file.title or Path(name).name
@@ -87,6 +86,20 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -
         return loaded
     place = f"{'--set' if 'sweep' in dict(overridden) else name}: [sweep]"
     return replace(loaded, axes=axes(loaded, file.sweep, place), direction=file.sweep.direction, keep=file.sweep.keep)
+
+
+def _validated(kind: Any, document: dict[str, Any], name: str, overridden: set[tuple[str, str]]) -> Any:
+    """The document as a pydantic type has it.
+
+    Raises:
+        SceneError: It is invalid; the message names `--set` where an override is, else the file.
+    """
+    try:
+        return kind.validate_python(document)
+    except ValidationError as error:
+        table, key, message, error_kind = first_problem(error, document)
+        by_override = (table, key) in overridden or (table not in TABLE_MODELS and table in dict(overridden))
+        fail("--set" if by_override else name, message, error_kind)
 
 
 def _physics_of(document: dict[str, Any], name: str) -> dict[str, Any] | None:

@@ -9,6 +9,9 @@
 | `blades.I = "block"`    | a number       | I = m (l_oa^2 + l_ab^2) / 12, that of the block |
 | `drive.f`               | `omega`        | omega = 2 pi f                                  |
 | `drive.engine_order` and `drive.speed` | `omega` | omega = order times speed               |
+| `drive.engine_order` of a row | `phase`  | phase of blade i = 2 pi order i / blades        |
+
+In a row the engine order alone gives the phases, and with a speed the frequency too; `omega` or `f` may be beside it.
 
 Two keys for one quantity are an error, as with `gamma` and `k`. A model only sees the numbers that result; a scene
 remembers what it was given by, so that a number that changes takes with it those that are worked out from it.
@@ -16,12 +19,13 @@ remembers what it was given by, so that a number that changes takes with it thos
 
 import math
 from collections.abc import Callable, Collection, Container, Mapping, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxshroud.scene.checks import KeyNameError
-from jaxshroud.scene.keys import ALL_KEYS, KEYS, Key, find_key
+from jaxshroud.scene.checks import KeyNameError, SceneError
+from jaxshroud.scene.keys import ALL_KEYS, KEYS, Key, RowSize, find_key, parse_key
 
 BLOCK = "block"  # what a file gives as moment of inertia to have that of the block
 Numbers = Mapping[str, Any]  # key -> array, or None for what a word gives
@@ -51,7 +55,7 @@ class DerivedInput(NamedTuple):
         return ["blades.m" if name == "blades.m_y" and name not in numbers else name for name in names]
 
     def value(self, numbers: Numbers, given: Numbers) -> Any:
-        """The number: arrays as the numbers are, (..., 2) for a number per blade."""
+        """The number: arrays as the numbers are, with a last axis for a number per blade."""
         inputs = [given[row.name] for row in self.keys]
         return self.formula(*self._beside_blades(self.keys, inputs), *self._further(numbers))
 
@@ -117,90 +121,126 @@ DERIVED_INPUTS = (  # in the order of their evaluation
 DERIVED_BY_KEY = {key.name: derived for derived in DERIVED_INPUTS for key in derived.keys}
 
 
-def alternative_keys(key: str) -> list[str]:
+@lru_cache(maxsize=16)
+def inputs_in(row: RowSize | None) -> tuple[DerivedInput, ...]:
+    """All derived inputs of scenes with a row, or of the pair, in the order of their evaluation."""
+    if row is None:
+        return DERIVED_INPUTS
+
+    def phases(order: Any) -> Any:
+        return math.tau * order * order.__array_namespace__().arange(row.blades, dtype=order.dtype) / row.blades
+
+    return _derived_input(["drive.engine_order"], "drive.phase", [], phases), *DERIVED_INPUTS
+
+
+@lru_cache(maxsize=16)
+def inputs_by_key(row: RowSize | None) -> Mapping[str, DerivedInput]:
+    """The derived input that a key gives; that of the phases for the engine order of a row."""
+    return {key.name: derived for derived in reversed(inputs_in(row)) for key in derived.keys}
+
+
+def inputs_that_count(given: Numbers, row: RowSize | None) -> dict[str, Any]:
+    """The inputs without those that give nothing, such as a speed without an engine order."""
+    by_key = inputs_by_key(row)
+    return {key: value for key, value in given.items() if key not in by_key or by_key[key].counts(given)}
+
+
+def alternative_keys(key: str, row: RowSize | None = None) -> list[str]:
     """The keys that give the same quantity as `key`."""
-    derived = DERIVED_BY_KEY.get(key)
-    number = key if derived is None else derived.number.name
-    inputs = [derived for derived in DERIVED_INPUTS if derived.number.name == number]
-    groups = [[number], *([row.name for row in derived.keys] for derived in inputs)]
-    return [name for names in groups if key not in names for name in names]
+    by_key = inputs_by_key(row)
+    number = by_key[key].number.name if key in by_key else key
+    inputs = [derived for derived in inputs_in(row) if derived.number.name == number]
+    groups = [[number], *([one.name for one in derived.keys] for derived in inputs)]
+    names = [name for names in groups if key not in names for name in names]
+    return [name for name in names if name not in by_key or by_key[name].number.name == number]
 
 
-def same_quantity(key: str, other: str) -> bool:
+def same_quantity(key: str, other: str, row: RowSize | None = None) -> bool:
     """Whether two keys name, or give, one number of the scene or parts of it, and are not those of different blades."""
-    (a, blade_a), (b, blade_b) = ((row.name, blade) for row, blade in map(find_key, (key, other)))
+    (a, index_a), (b, index_b) = ((number.name, index) for number, index in (parse_key(key), parse_key(other)))
     if {a, b} <= {"contact.k", "contact.gamma"}:
         return True
     if a != b:
-        return b in alternative_keys(a)
-    return blade_a is None or blade_b is None or blade_a == blade_b
+        return b in alternative_keys(a, row)
+    return index_a is None or index_b is None or index_a == index_b
 
 
-def check_independent(keys: Sequence[str]) -> None:
+def check_independent(keys: Sequence[str], row: RowSize | None = None) -> None:
     """Raise a KeyNameError where two keys are different names of one number of a scene."""
-    names = [find_key(key)[0].name for key in keys]
+    names = [parse_key(key)[0].name for key in keys]
     for i, name in enumerate(names):
         for other in names[:i]:
-            if name != other and same_quantity(other, name):
+            if name != other and same_quantity(other, name, row):
                 raise KeyNameError(f"{other} and {name} are one number; name one of them")
 
 
-def check_known(key: str, given: Collection[str], where: str = "") -> None:
+def check_known(key: str, given: Collection[str], where: str = "", row: RowSize | None = None) -> None:
     """Raise a KeyNameError, which begins with `where`, unless a scene that is `given` so has what a key needs.
 
     These are the engine order for a speed, and the frequency of the other blade for that of one.
     """
-    row, blade = find_key(key, where)
-    derived = DERIVED_BY_KEY.get(row.name)
+    number, index = find_key(key, where, row)
+    derived = inputs_by_key(row).get(number.name)
     if derived is None:
         return
     where = f"{where}: " if where else ""
-    if missing := [name for name in derived.marks if name not in (*given, row.name)]:
-        both = " and ".join(derived.marks)
+    if missing := [name for name in derived.marks if name not in (*given, number.name)]:
+        both, name = " and ".join(derived.marks), number.name
         raise KeyNameError(
-            f"{where}the scene gives no {missing[0]}, which {row.name} needs; give {both} in its file or with --set, "
+            f"{where}the scene gives no {missing[0]}, which {name} needs; give {both} in its file or with --set, "
             f"or name {derived.number.name}"
         )
-    if blade is not None and row.name not in given:
+    if index is not None and number.name not in given:
+        blades = "both blades" if row is None else "all blades"
         raise KeyNameError(
-            f"{where}the scene does not give {row.name}; name it for both blades, or {derived.number.name}[{blade}]"
+            f"{where}the scene does not give {number.name}; name it for {blades}, or {derived.number.name}[{index}]"
         )
 
 
-def in_given_form(numbers: Numbers, given: Numbers) -> dict[str, Any]:
+def check_order(given: Numbers, where: str = "") -> None:
+    """Raise a SceneError, which begins with `where`, for an engine order of at most 0 that a speed multiplies."""
+    if "drive.speed" in given and np.any(np.asarray(given["drive.engine_order"]) <= 0):
+        where = f"{where}: " if where else ""
+        raise SceneError(f"{where}drive.engine_order must be greater than 0 where drive.speed gives the frequency")
+
+
+def in_given_form(numbers: Numbers, given: Numbers, row: RowSize | None = None) -> dict[str, Any]:
     """What a scene is given by: its numbers without those that are worked out, and the inputs; None for a word."""
-    derived = {one.number.name for one in DERIVED_INPUTS if one.counts(given)}
+    derived = {one.number.name for one in inputs_in(row) if one.counts(given)}
     return {key: value for key, value in numbers.items() if key not in derived} | dict(given)
 
 
-def in_tables(numbers: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+def in_tables(
+    numbers: Mapping[str, Any], given: Mapping[str, Any], row: RowSize | None = None
+) -> dict[str, dict[str, Any]]:
     """Values by table and name, as a scene is given, from its numbers and its inputs."""
     tables: dict[str, dict[str, Any]] = {key.partition(".")[0]: {} for key in numbers}
-    for key, value in in_given_form(numbers, given).items():
+    for key, value in in_given_form(numbers, given, row).items():
         table, name = key.split(".")
         tables[table][name] = BLOCK if value is None else value
     return tables
 
 
-def worked_out(numbers: Numbers, given: Numbers, changed: set[str]) -> dict[str, Any]:
+def worked_out(numbers: Numbers, given: Numbers, changed: set[str], row: RowSize | None = None) -> dict[str, Any]:
     """The numbers that are worked out from others of which some have `changed`, in turn."""
     numbers, results = dict(numbers), {}
-    for derived in DERIVED_INPUTS:
+    for derived in inputs_in(row):
         depends_on = {*derived.marks, *derived.needed(numbers)}
         if derived.counts(given) and depends_on & (changed | set(results)):
             results[derived.number.name] = numbers[derived.number.name] = derived.value(numbers, given)
     return results
 
 
-def consistent(numbers: Numbers, given: Numbers) -> dict[str, Any]:
+def consistent(numbers: Numbers, given: Numbers, row: RowSize | None = None) -> dict[str, Any]:
     """The inputs that give the numbers, to rounding: others were replaced in the scene without `vary`."""
-    kept = dict(given)
-    for derived in DERIVED_INPUTS:
+    kept, by_key = dict(given), inputs_by_key(row)
+    for derived in inputs_in(row):
         if not derived.counts(given):
             continue
         number = np.asarray(numbers[derived.number.name])
         rounding = 64 * float(np.finfo(number.dtype).eps)
         if not np.allclose(derived.value(numbers, given), number, rtol=rounding, atol=0.0, equal_nan=True):
             for name in derived.marks:
-                kept.pop(name, None)
-    return kept
+                if by_key.get(name, derived) is derived:
+                    kept.pop(name, None)
+    return inputs_that_count(kept, row)

@@ -18,7 +18,7 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import short_repr
 from jaxshroud.scene.units import QUANTITY, to_si
 
-HEAD = re.compile(r"(?P<key>[^\s\[\]]+(?:\[[01]\])?)\s*(?:\[(?P<unit>[^\[\]]*)\])?")
+HEAD = re.compile(r"(?P<key>[^\s\[\]]+(?:\[\d+\])?)\s*(?:\[(?P<unit>[^\[\]]*)\])?")
 KEY_LIKE = re.compile(r"[A-Za-z_]+\.\w+(\[\w*\])?")
 LAST_PARTS = {row.parts[1] for row in ALL_KEYS.values()}
 NO_UNIT = ("", "1", "-")
@@ -121,8 +121,8 @@ def _full_head(head: str, column: Any) -> str:
     unit, match = getattr(column, "attrs", {}).get("units"), HEAD.fullmatch(head)
     if not unit or match is None or match["unit"] is not None or match["key"].partition("[")[0] not in ALL_KEYS:
         return head
-    row, _ = find_key(match["key"])
-    return head if unit == row.netcdf else f"{head} [{unit}]"
+    key = ALL_KEYS[match["key"].partition("[")[0]]
+    return head if unit == key.netcdf else f"{head} [{unit}]"
 
 
 def _texts(column: Any) -> list[str]:
@@ -148,7 +148,7 @@ def _key_columns(heads: Sequence[str], scene: Scene) -> list[KeyColumn]:
     if not columns:
         raise SceneError('no column names a number of the scene; a head is a key and its unit, e.g. "shroud.gap [mm]"')
     for a, b in combinations(columns, 2):
-        if a.key == b.key or same_quantity(a.key, b.key):
+        if a.key == b.key or same_quantity(a.key, b.key, scene.row_size):
             raise SceneError(f"columns `{a.head}` and `{b.head}` give one number; keep one of them")
     return columns
 
@@ -160,8 +160,8 @@ def _key_column(head: str, scene: Scene) -> KeyColumn | None:
     if not KEY_LIKE.match(name) and name.partition("[")[0] not in LAST_PARTS:
         return None
     where = f"column {toml_text(head)}"
-    row, _ = find_key(name, where)
-    check_known(name, inputs_of(scene), where)
+    row, _ = find_key(name, where, scene.row_size)
+    check_known(name, inputs_of(scene), where, scene.row_size)
     unit = (match["unit"] or "").strip() if match else ""
     if unit in NO_UNIT:
         return KeyColumn(head, name, row, "")

@@ -9,8 +9,10 @@ import numpy as np
 import tomli_w
 
 from jaxshroud.scene.derived_inputs import in_tables, same_quantity
+from jaxshroud.scene.keys import RowSize
 from jaxshroud.scene.messages import fail
 from jaxshroud.scene.parts import Direction, reading_text
+from jaxshroud.scene.replacing import row_size_of
 from jaxshroud.scene.schema import RunTable, Table
 from jaxshroud.scene.typed import typed
 
@@ -45,7 +47,7 @@ class SceneFile:
 
     def __post_init__(self):
         keys = [a.key for a in self.axes]
-        if len(keys) > 2 or (len(keys) == 2 and same_quantity(*keys)):
+        if len(keys) > 2 or (len(keys) == 2 and same_quantity(keys[0], keys[1], self.row_size)):
             fail(self.name, f"[sweep] along: {', '.join(keys)} is no grid; give one or two independent keys")
 
     @cached_property
@@ -56,9 +58,15 @@ class SceneFile:
         return scene_of(self.tables, self.given)
 
     @property
+    def row_size(self) -> RowSize | None:
+        """The size of the row; None: the pair."""
+        return row_size_of(self.tables)
+
+    @property
     def given_tables(self) -> dict[str, dict[str, Any]]:
         """The physics as it is given, in SI units, as written by `text`."""
-        return in_tables({f"{t}.{n}": v for t, row in self.tables.items() for n, v in row.items()}, self.given)
+        entries = {f"{t}.{n}": v for t, table in self.tables.items() for n, v in table.items()}
+        return in_tables(entries, self.given, self.row_size)
 
     @property
     def sweep_run(self) -> RunTable:
@@ -93,7 +101,7 @@ def _sweep_table(scene_file: SceneFile) -> dict[str, Any]:
 
 
 def table_values(table: Table) -> dict[str, Any]:
-    """A physics table as TOML values; pairs of equal numbers become one number."""
+    """A physics table as TOML values; lists of equal numbers become one number."""
     values: dict[str, Any] = {}
     for name, value in table:
         if name == "reading":
@@ -101,7 +109,7 @@ def table_values(table: Table) -> dict[str, Any]:
         elif name == "motion":
             values[name] = list(value)
         elif value is not None:
-            values[name] = value[0] if isinstance(value, tuple) and value[0] == value[1] else value
+            values[name] = value[0] if isinstance(value, tuple) and len(set(value)) == 1 else value
     if values.get("m_y", 0) == values.get("m"):
         del values["m_y"]  # so that an override of m in the written file changes both, as in the original
     return values

@@ -11,7 +11,7 @@ from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.checks import InputError, SceneError
 from jaxshroud.scene.derived_inputs import check_independent
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.keys import RowSize, find_key, number_shape
 from jaxshroud.scene.numbers import replaced
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import short_repr, typed
@@ -26,7 +26,7 @@ def grid_of_scenes(scene: Scene, axes: Mapping[str, np.ndarray]) -> Scene:
         SceneError: A value is out of its range.
     """
     for key, values in axes.items():
-        check_values(find_key(key)[0], np.asarray(values), key)
+        check_values(find_key(key, row=scene.row_size)[0], np.asarray(values), key)
     return _with_axes(scene, dict(zip(axes, np.ix_(*axes.values()), strict=True)), tuple(map(len, axes.values())))
 
 
@@ -41,15 +41,16 @@ def _with_axes(scene: Scene, values: Mapping[str, np.ndarray], shape: tuple[int,
     own = np.shape(scene.drive.omega)
     lanes = (*own, *shape)
     beside = jax.tree.map(lambda a: like.reshape(a, (*own, *(1 for _ in shape), *np.shape(a)[len(own) :])), scene)
-    varied = replaced(beside, {key: _per_number(key, column, len(own)) for key, column in values.items()})
+    columns = {key: _per_number(key, column, len(own), scene.row_size) for key, column in values.items()}
+    varied = replaced(beside, columns)
     return jax.tree.map(lambda a: jnp.asarray(like.broadcast_to(a, (*lanes, *np.shape(a)[len(lanes) :]))), varied)
 
 
-def _per_number(key: str, values: np.ndarray, own_axes: int) -> np.ndarray:
-    """Values with an axis for each of the scenes' own, and one of the blades for a number of both."""
-    row, blade = find_key(key)
+def _per_number(key: str, values: np.ndarray, own_axes: int, row: RowSize | None) -> np.ndarray:
+    """Values with an axis for each of the scenes' own, and one of the blades or interfaces for a number of all."""
+    number, index = find_key(key, row=row)
     values = values.reshape(*(1 for _ in range(own_axes)), *values.shape)
-    return values[..., None] if row.pair and blade is None else values
+    return values[..., None] if number_shape(number, row) and index is None else values
 
 
 @typed
@@ -59,7 +60,7 @@ def scenes_from(table: object, base: Scene | SceneFile) -> Scene:
     Args:
         table: A mapping of keys to values (n,), a pandas DataFrame, a structured array or an xarray Dataset. Its
             columns, in SI units, are named by the keys of numbers of a scene, `table.name` or, for one blade,
-            `table.name[0]`, `table.name[1]`.
+            `table.name[0]`, `table.name[1]`; in a row any blade or interface may be named.
         base: The scene of all other numbers and of the parts of the model.
 
     Returns:
@@ -75,14 +76,13 @@ def scenes_from(table: object, base: Scene | SceneFile) -> Scene:
         >>> scenes.shroud.gap.shape, scenes.blades.m.shape
         ((2,), (2, 2))
     """
-    values = columns_of(table)
-    columns = {key: _column(key, column) for key, column in values.items()}
+    scene = base.scene if isinstance(base, SceneFile) else base
+    columns = {key: _column(key, column, scene.row_size) for key, column in columns_of(table).items()}
     sizes = {key: column.size for key, column in columns.items()}
     if not sizes or len(set(sizes.values())) > 1 or 0 in sizes.values():
         lengths = ", ".join(f"{key}: {n}" for key, n in sizes.items()) or "no column"
         raise SceneError(f"a table needs columns of one length and at least one row, but has {lengths}")
-    check_independent(list(columns))
-    scene = base.scene if isinstance(base, SceneFile) else base
+    check_independent(list(columns), scene.row_size)
     return scenes_at(scene, list(columns), np.stack(list(columns.values()), axis=-1))
 
 
@@ -102,16 +102,16 @@ def columns_of(table: object) -> dict[str, Any]:
         ) from None
 
 
-def _column(key: str, values: Any) -> np.ndarray:
+def _column(key: str, values: Any, row: RowSize | None) -> np.ndarray:
     """The values of one number, checked."""
-    row, _ = find_key(key)
+    number, _ = find_key(key, row=row)
     try:
         column = np.asarray(values, float)
     except (TypeError, ValueError):
-        raise SceneError(f"column {key} must hold numbers in SI units ({row.unit or 'a pure number'})") from None
+        raise SceneError(f"column {key} must hold numbers in SI units ({number.unit or 'a pure number'})") from None
     if column.ndim != 1:
         raise SceneError(f"column {key} must be one value per row, but its shape is {column.shape}")
-    check_values(row, column, f"row {{}}: {key}")
+    check_values(number, column, f"row {{}}: {key}")
     return column
 
 

@@ -12,7 +12,8 @@ from jaxshroud.scene.checks import KeyNameError, hint
 class Motion(NamedTuple):
     """The displacements and rates of both blocks, left first; theta is positive clockwise.
 
-    A field is `PerBlade` in a scene or state, a `Pair` in compiled loops, and an array (..., 2) in results.
+    A field is `PerBlade` in a scene or state, a `Pair` in compiled loops, and an array (..., 2) in results. In a row it
+    has one value for each of its blades.
     """
 
     x: Any  # [m]
@@ -24,7 +25,20 @@ class Motion(NamedTuple):
 
 
 AT_REST = Motion(*[(0.0, 0.0)] * 6)
-KEY_PATTERN = re.compile(r"(?P<name>.*?)(\[(?P<blade>[01])\])?")
+KEY_PATTERN = re.compile(r"(?P<name>.*?)(\[(?P<index>0|[1-9]\d{0,3})\])?")
+MIN_BLADES, MAX_BLADES = 2, 512  # of a row
+
+
+class RowSize(NamedTuple):
+    """The size of a row of blades: an open chain, or a ring, whose last blade touches the first."""
+
+    blades: int
+    closed: bool = False
+
+    @property
+    def interfaces(self) -> int:
+        """The number of interfaces; interface j is between blades j and j + 1."""
+        return self.blades if self.closed else self.blades - 1
 
 
 class Range(NamedTuple):
@@ -34,19 +48,28 @@ class Range(NamedTuple):
     minimum: float = -math.inf
     open: bool = False  # whether the minimum itself is excluded
     maximum: float = math.inf
+    whole: bool = False  # whether only whole numbers are in the range
 
     def holds(self, value):
         """Whether a number, or each of an array, is in the range."""
         above = value > self.minimum if self.open else value >= self.minimum
-        return (abs(value) < math.inf) & above & (value <= self.maximum)
+        inside = (abs(value) < math.inf) & above & (value <= self.maximum)
+        return inside & _is_whole(value) if self.whole else inside
 
     def fault(self, value: float) -> str:
         """The message for a number outside the range."""
         if not abs(value) < math.inf:
             return "must be a finite number"
+        if self.whole and not _is_whole(value):
+            return "must be a whole number"
         if value > self.maximum:
             return f"must be less than or equal to {self.maximum}"
         return f"must be greater than {'' if self.open else 'or equal to '}{self.minimum:g}"
+
+
+def _is_whole(value):
+    """Whether a number, or each of an array, is whole."""
+    return value.round() == value if hasattr(value, "round") else float(value).is_integer()
 
 
 class Key(NamedTuple):
@@ -61,6 +84,7 @@ class Key(NamedTuple):
     example: str | float | list[str]  # a value as in a file
     about: str  # meaning
     default: float | EllipsisType | None  # value if a file leaves it out; None: no value; ...: required
+    per_interface: bool = False  # one value per interface of a row; one of the pair
 
     @property
     def parts(self) -> tuple[str, str]:
@@ -81,6 +105,7 @@ class Key(NamedTuple):
 
 
 ANY, POSITIVE, FROM_0 = Range("any"), Range("> 0", 0.0, open=True), Range(">= 0", 0.0)
+ANY_WHOLE = Range("whole", whole=True)
 FACE = Range("> 0, <= pi/2", 0.0, open=True, maximum=math.pi / 2)
 DISPLAY_UNITS = {  # SI unit, or key -> unit in pictures, and its number per SI unit
     "rad": ("°", 180 / math.pi),
@@ -112,6 +137,11 @@ def blade_key(*row: Any, **options: Any) -> Key:
     return scene_key(*row, **options)._replace(pair=True)
 
 
+def interface_key(*row: Any, **options: Any) -> Key:
+    """The key of a number per interface of a row; the arguments are those of `scene_key`."""
+    return scene_key(*row, **options)._replace(per_interface=True)
+
+
 SCENE_KEYS = (
     # name, unit, range, symbol, label of an axis, example, meaning (if different), default (if any)
     blade_key("blades.m", "kg", POSITIVE, "m", "mass", "0.08 kg"),
@@ -128,14 +158,16 @@ SCENE_KEYS = (
     ),
     scene_key("shroud.l_oa", "m", POSITIVE, "l_{oa}", "side of the block", "50 mm", "side along x"),
     scene_key("shroud.l_ab", "m", POSITIVE, "l_{ab}", "contact side", "35 mm", "side along the contact face"),
-    scene_key(
+    interface_key(
         "shroud.gap", "m", ANY, r"\Delta", "initial gap", "0.022 mm", "initial gap along x; negative: interference"
     ),
-    scene_key("contact.k", "N/m", FROM_0, "k", "contact stiffness", "2.5e5 N/m", "impact stiffness", default=None),
-    scene_key("contact.gamma", "", FROM_0, r"\gamma = k/k_x", "stiffness ratio", 2.5, "stiffness ratio k / k_x", None),
-    scene_key("contact.width", "m", POSITIVE, "w", "width of smooth contact", "0.1 um", default=None),
-    scene_key("friction.k_d", "N/m", FROM_0, "k_d", "friction stiffness", "1e6 N/m", "tangential stiffness"),
-    scene_key("friction.mu", "", FROM_0, r"\mu", "friction coefficient", 0.5),
+    interface_key("contact.k", "N/m", FROM_0, "k", "contact stiffness", "2.5e5 N/m", "impact stiffness", default=None),
+    interface_key(
+        "contact.gamma", "", FROM_0, r"\gamma = k/k_x", "stiffness ratio", 2.5, "stiffness ratio k / k_x", None
+    ),
+    interface_key("contact.width", "m", POSITIVE, "w", "width of smooth contact", "0.1 um", default=None),
+    interface_key("friction.k_d", "N/m", FROM_0, "k_d", "friction stiffness", "1e6 N/m", "tangential stiffness"),
+    interface_key("friction.mu", "", FROM_0, r"\mu", "friction coefficient", 0.5),
     scene_key(
         "drive.omega",
         "rad/s",
@@ -173,8 +205,22 @@ INPUT_KEYS = (  # other ways to give numbers of the scene, which `derived_inputs
     scene_key("drive.speed", "rad/s", POSITIVE, r"\Omega", "speed", "853 rpm", "speed of the rotor, for omega"),
 )
 
-
-ALL_KEYS = ChainMap({row.name: row for row in INPUT_KEYS}, KEYS)
+ROW_KEYS = {  # of scenes with a row
+    row.name: row
+    for row in (
+        blade_key(
+            "row.mistuning",
+            "",
+            Range("> -1", -1.0, open=True),
+            r"\delta",
+            "mistuning",
+            0.01,
+            "relative deviation of the stiffnesses k_x, k_y and k_T",
+            0.0,
+        ),
+    )
+}
+ALL_KEYS = ChainMap(ROW_KEYS, {row.name: row for row in INPUT_KEYS}, KEYS)
 
 
 def keys_of_table(table: str) -> list[Key]:
@@ -182,34 +228,74 @@ def keys_of_table(table: str) -> list[Key]:
     return [row for row in KEYS.values() if row.parts[0] == table]
 
 
-def find_key(key: str, where: str = "") -> tuple[Key, int | None]:
-    """The number with a key, and the blade (None: both, or neither).
+def number_shape(key: Key, row: RowSize | None = None) -> tuple[int, ...]:
+    """The shape of a number of a scene with a row, or of the pair: () or the number of its blades or interfaces."""
+    if key.pair:
+        return (2 if row is None else row.blades,)
+    return (row.interfaces,) if key.per_interface and row is not None else ()
 
-    Args:
-        key: `table.name`, or `table.name[0]`, `table.name[1]` for one blade only.
-        where: The place that an error message names first.
 
-    Raises:
-        KeyNameError: There is no such number.
+def key_in(key: Key, row: RowSize | None) -> Key:
+    """A key as in a scene with a row, whose engine order also gives the phases: it may be 0, and is whole in a ring."""
+    if row is None or key.name != "drive.engine_order":
+        return key
+    return key._replace(range=ANY_WHOLE if row.closed else ANY)
+
+
+def parse_key(key: str, where: str = "", row: RowSize | None = None) -> tuple[Key, int | None]:
+    """The number that a key names in some scene, and the index of its blade or interface, whatever that is.
+
+    The arguments, and what is raised, are those of `find_key`; the row says which keys a message suggests.
     """
     match = KEY_PATTERN.fullmatch(key)
-    name, blade = (match["name"], match["blade"]) if match else (key, None)
-    where = f"{where}: " if where else ""
-    if name not in ALL_KEYS:
-        key = " ".join(key.split())
-        candidates = [candidate for candidate in ALL_KEYS if candidate.endswith(f".{key}")]
-        cure = f"; did you mean `{candidates[0]}`?" if candidates else hint(key, list(ALL_KEYS))
-        raise KeyNameError(f"{where}the scene has no number `{key}`{cure}")
-    if blade is not None and not ALL_KEYS[name].pair:
-        raise KeyNameError(f"{where}{name} is one number, not one per blade; drop the [{blade}]")
-    return ALL_KEYS[name], None if blade is None else int(blade)
+    if match is None or match["name"] not in ALL_KEYS:
+        raise _unknown_key(key, where, row)
+    return ALL_KEYS[match["name"]], None if match["index"] is None else int(match["index"])
 
 
-def key_parts(key: str) -> tuple[str, str, int | None]:
-    """The table, the name and the blade (None: both, or neither) of a key.
+def find_key(key: str, where: str = "", row: RowSize | None = None) -> tuple[Key, int | None]:
+    """The number with a key, and the index of its blade or interface (None: all, or the only one).
+
+    Args:
+        key: `table.name`, or `table.name[i]` for blade or interface i alone, from 0: 0 or 1 for a blade of the pair,
+            which has one interface.
+        where: The place that an error message names first.
+        row: The row of the scene; None: the pair.
 
     Raises:
         KeyNameError: There is no such number.
     """
-    row, blade = find_key(key)
-    return *row.parts, blade
+    number, index = parse_key(key, where, row)
+    if row is None and (number.name in ROW_KEYS or index not in (None, 0, 1)):
+        raise _unknown_key(key, where, row)
+    if index is None:
+        return key_in(number, row), None
+    shape = number_shape(number, row)
+    if not shape:
+        raise KeyNameError(f"{_place(where)}{number.name} is one number, not one per blade; drop the [{index}]")
+    if index >= shape[0]:
+        kind = "interfaces" if number.per_interface else "blades"
+        raise KeyNameError(f"{_place(where)}{key}: the row has {shape[0]} {kind}, from [0] to [{shape[0] - 1}]")
+    return key_in(number, row), index
+
+
+def _unknown_key(key: str, where: str, row: RowSize | None) -> KeyNameError:
+    """The error for a key that names no number."""
+    key, known = " ".join(key.split()), [name for name in ALL_KEYS if row is not None or name not in ROW_KEYS]
+    candidates = [candidate for candidate in known if candidate.endswith(f".{key}")]
+    cure = f"; did you mean `{candidates[0]}`?" if candidates else hint(key, known)
+    return KeyNameError(f"{_place(where)}the scene has no number `{key}`{cure}")
+
+
+def _place(where: str) -> str:
+    return f"{where}: " if where else ""
+
+
+def key_parts(key: str, row: RowSize | None = None) -> tuple[str, str, int | None]:
+    """The table, the name and the index (None: all, or the only one) of a key, see `find_key`.
+
+    Raises:
+        KeyNameError: There is no such number.
+    """
+    number, index = find_key(key, row=row)
+    return *number.parts, index

@@ -8,16 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.programs.kept import is_traced
-from jaxshroud.scene.derived_inputs import consistent
+from jaxshroud.scene.derived_inputs import check_order, consistent
 from jaxshroud.scene.replacing import renamed_numbers, replace_numbers
 from jaxshroud.scene.scene import Scene
 
-TABLE_NAMES = ("blades", "shroud", "contact", "friction", "drive", "initial")
+TABLE_NAMES = ("blades", "shroud", "contact", "friction", "drive", "initial", "row")
 
 
 def fields_of(scene: Scene) -> dict[str, Any]:
     """All numbers of a scene, or of many (leading axes), by their keys: arrays of NumPy or JAX, in SI units."""
-    tables = {table: getattr(scene, table) for table in TABLE_NAMES}
+    tables = {table: getattr(scene, table) for table in TABLE_NAMES if getattr(scene, table) is not None}
     fields = {table: part._asdict() if table == "initial" else vars(part) for table, part in tables.items()}
     named = {f"{table}.{name}": value for table, part in fields.items() for name, value in part.items()}
     return {key: value for key, value in named.items() if hasattr(value, "shape")}
@@ -37,7 +37,8 @@ def given_of(scene: Scene) -> dict[str, Any]:
     """The inputs that give numbers of the scene; None for a word. Those of numbers that were replaced do not count."""
     if not scene.given or is_traced((scene.given, fields_of(scene))):
         return scene.given
-    return consistent(numbers_of(scene), {k: None if v is None else np.asarray(v) for k, v in scene.given.items()})
+    given = {k: None if v is None else np.asarray(v) for k, v in scene.given.items()}
+    return consistent(numbers_of(scene), given, scene.row_size)
 
 
 def replaced(scene: Scene, values: Mapping[str, Any]) -> Scene:
@@ -51,6 +52,7 @@ def replaced(scene: Scene, values: Mapping[str, Any]) -> Scene:
 
     Raises:
         KeyNameError: There is no such number, or the scene lacks what a key needs.
+        SceneError: An engine order of at most 0 is to give the frequency with a speed.
     """
     lanes, dtype = np.shape(scene.drive.omega), scene.drive.omega.dtype
     numbers, given = fields_of(scene), given_of(scene)
@@ -58,13 +60,17 @@ def replaced(scene: Scene, values: Mapping[str, Any]) -> Scene:
         values = {key: jnp.asarray(value, dtype) for key, value in values.items()}
     else:
         numbers, given, values = (_on_host(part) for part in (numbers, given, values))
-    return _with_leaves(scene, numbers, *replace_numbers(numbers, given, values, lanes))
+    new, inputs = replace_numbers(numbers, given, values, lanes, scene.row_size)
+    if not is_traced(inputs):
+        check_order(inputs)
+    return _with_leaves(scene, numbers, new, inputs)
 
 
 def expressed_by(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """The same scene, given by these of its numbers or inputs (key -> value), from which nothing is worked out."""
     numbers, given = fields_of(scene), given_of(scene)
-    return _with_leaves(scene, numbers, *renamed_numbers(numbers, given, values, np.shape(scene.drive.omega)))
+    renamed = renamed_numbers(numbers, given, values, np.shape(scene.drive.omega), scene.row_size)
+    return _with_leaves(scene, numbers, *renamed)
 
 
 def _on_host(numbers: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,13 +5,13 @@ import tomllib
 from typing import Any
 
 from jaxshroud.scene.derived_inputs import alternative_keys
-from jaxshroud.scene.keys import KEYS
+from jaxshroud.scene.keys import ALL_KEYS, KEYS, RowSize, find_key, number_shape
 from jaxshroud.scene.messages import fail, toml_text
-from jaxshroud.scene.schema import TABLE_MODELS
+from jaxshroud.scene.replacing import STIFFNESS_KEYS
+from jaxshroud.scene.schema import TABLE_MODELS, RowTable, row_table_of
 from jaxshroud.scene.units import is_speed_of_rotation
 
-OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+)(?:\[([01])\])?\s*=\s*(\S.*?)\s*")
-PER_BLADE_KEYS = {row.name for row in KEYS.values() if row.pair}
+OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*")
 # Setting the left key drops the right ones, which say the same.
 EXCLUSIVE_KEYS = {
     ("contact", "k"): [("contact", "gamma")],
@@ -51,32 +51,60 @@ def check_is_no_speed(where: str, key: str, value: Any, engine_order: Any) -> No
 
 def override(document: dict[str, Any], text: str) -> tuple[str, str]:
     """Set one key of the `document` in place; its table and name are returned."""
-    match = OVERRIDE.fullmatch(text)
-    if match is None:
+    match, row = OVERRIDE.fullmatch(text), row_table_of(document)
+    if match is None or (row is None and match[3] not in (None, "0", "1")):
         fail("--set", f"{toml_text(text)} is not table.key=value, e.g. --set contact.gamma=3")
-    table, name, blade, value = match[1], match[2], match[3], literal(match[4])
+    table, name, value = match[1], match[2], literal(match[4])
     rows = document.setdefault(table, {})
     if not isinstance(rows, dict):
         return "", ""  # an error of the file, which is reported later
-    if blade is not None:
-        if (
-            table in TABLE_MODELS
-            and name in TABLE_MODELS[table].model_fields
-            and f"{table}.{name}" not in PER_BLADE_KEYS
-        ):
-            kind = "one number, " if f"{table}.{name}" in KEYS else ""
-            fail("--set", f"[{match[1]}] {name} is {kind}not one per blade; drop the [{blade}]")
-        old = rows.get(name, rows.get("m") if name == "m_y" else 0.0 if table == "initial" else None)
-        pair = old if isinstance(old, list) else [old, old]
-        if old is None and alternative_keys(f"{table}.{name}"):
-            fail("--set", f"[{table}] {name}[{blade}]: the file does not give `{name}`; set both blades, [left, right]")
-        if old is None or len(pair) != 2:
-            return "", ""  # an error of the file, which is reported later
-        value = [value if i == int(blade) else v for i, v in enumerate(pair)]
+    if match[3] is not None:
+        value = _list_with(rows, table, name, int(match[3]), value, row)
+        if value is None:
+            return "", ""  # likewise
     check_is_no_speed("--set", f"{table}.{name}", value, rows.get("engine_order"))
     rows[name] = value
-    alternatives = [tuple(key.split(".")) for key in alternative_keys(f"{table}.{name}")]
+    alternatives = [tuple(key.split(".")) for key in alternative_keys(f"{table}.{name}", _size_of(row))]
     for rival_table, rival_key in [*EXCLUSIVE_KEYS.get((table, name), []), *alternatives]:
         if isinstance(document.get(rival_table), dict):
             document[rival_table].pop(rival_key, None)
     return table, name
+
+
+def _list_with(
+    rows: dict[str, Any], table: str, name: str, index: int, value: Any, row: RowTable | None
+) -> list[Any] | None:
+    """The list of a table with the value of one blade or interface replaced; None where the file has an error."""
+    size = _list_length(table, name, index, row)
+    old = _old_value(rows, table, name, row)
+    others = [*alternative_keys(f"{table}.{name}", _size_of(row)), STIFFNESS_KEYS.get(f"{table}.{name}")]
+    if old is None and any(others):
+        cure = "set both blades, [left, right]" if row is None else f"set all {size}"
+        fail("--set", f"[{table}] {name}[{index}]: the file does not give `{name}`; {cure}")
+    numbers = old if isinstance(old, list) else [old] * size
+    if old is None or len(numbers) != size:
+        return None
+    return [value if i == index else v for i, v in enumerate(numbers)]
+
+
+def _list_length(table: str, name: str, index: int, row: RowTable | None) -> int:
+    """The number of values of a key, one of which is that with the `index`."""
+    key, is_known = f"{table}.{name}", table in TABLE_MODELS and name in TABLE_MODELS[table].model_fields
+    shape = number_shape(ALL_KEYS[key], _size_of(row)) if key in ALL_KEYS else ()
+    if is_known and not shape:
+        kind = "one number, " if key in KEYS else ""
+        fail("--set", f"[{table}] {name} is {kind}not one per blade; drop the [{index}]")
+    if shape:
+        find_key(f"{key}[{index}]", "--set", _size_of(row))
+    return shape[0] if shape else 2  # of an unknown key, which is reported later
+
+
+def _old_value(rows: dict[str, Any], table: str, name: str, row: RowTable | None) -> Any:
+    """What a table gives for a key, or what stands for it; None where there is nothing."""
+    if row is not None and (table, name) == ("row", "mistuning"):
+        return list(row.mistuning)
+    return rows.get(name, rows.get("m") if name == "m_y" else 0.0 if table == "initial" else None)
+
+
+def _size_of(row: RowTable | None) -> RowSize | None:
+    return None if row is None else row.size

@@ -16,16 +16,21 @@ from jaxshroud.scene.derived_inputs import (
     alternative_keys,
     check_known,
     in_tables,
+    inputs_that_count,
     worked_out,
 )
-from jaxshroud.scene.keys import ALL_KEYS, KEYS, find_key
+from jaxshroud.scene.keys import ALL_KEYS, Key, RowSize, find_key, number_shape
 
 NO_WIDTH = "The scene's contact is not smooth: it has no width."
 STIFFNESS_KEYS = {"contact.k": "contact.gamma", "contact.gamma": "contact.k"}  # each drops the other
 
 
 def replace_numbers(
-    numbers: Numbers, given: Numbers, values: Mapping[str, Any], lanes: tuple[int, ...] = ()
+    numbers: Numbers,
+    given: Numbers,
+    values: Mapping[str, Any],
+    lanes: tuple[int, ...] = (),
+    row: RowSize | None = None,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """The numbers and the inputs of a scene with some replaced.
 
@@ -34,35 +39,47 @@ def replace_numbers(
         given: The inputs by which the scene is given; None for a word.
         values: Key -> array, which broadcasts with the number, or, for one blade, with the blade's.
         lanes: The shape of the leading axes.
+        row: The row of the scene, whose numbers are as many as its blades or interfaces; None: the pair.
 
     Raises:
         KeyNameError: There is no such number, or the scene lacks what a key needs.
     """
-    numbers, given = renamed_numbers(numbers, given, values, lanes)
-    return numbers | worked_out(numbers, given, {find_key(key)[0].name for key in values}), given
+    numbers, given = renamed_numbers(numbers, given, values, lanes, row)
+    return numbers | worked_out(numbers, given, {find_key(key, row=row)[0].name for key in values}, row), given
 
 
 def renamed_numbers(
-    numbers: Numbers, given: Numbers, values: Mapping[str, Any], lanes: tuple[int, ...] = ()
+    numbers: Numbers,
+    given: Numbers,
+    values: Mapping[str, Any],
+    lanes: tuple[int, ...] = (),
+    row: RowSize | None = None,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """The same without anything worked out: other names for what the scene has."""
     numbers, given = dict(numbers), dict(given)
     for key, value in values.items():
-        row, blade = find_key(key)
-        check_known(key, given)
-        if row.name == "contact.width" and row.name not in numbers:
+        number, index = find_key(key, row=row)
+        check_known(key, given, row=row)
+        if number.name == "contact.width" and number.name not in numbers:
             raise KeyNameError(NO_WIDTH)
-        is_input = row.name in DERIVED_BY_KEY
+        is_input = number.name in DERIVED_BY_KEY
         holder, xp = given if is_input else numbers, value.__array_namespace__()
-        if blade is not None:
-            old = holder.get(row.name, numbers["blades.m"])  # for a mass in y that is not there
-            value = xp.where(np.arange(2) == blade, value[..., None], old)
-        for other in (*alternative_keys(row.name), *([] if is_input else [row.name])):
+        own = number_shape(number, row)
+        if index is not None:
+            value = xp.where(np.arange(*own) == index, value[..., None], _all_of(number, index, holder, numbers))
+        for other in (*alternative_keys(number.name, row), *([] if is_input else [number.name])):
             given.pop(other, None)
-        numbers.pop(STIFFNESS_KEYS.get(row.name, ""), None)
-        shape = np.broadcast_shapes(value.shape, (*lanes, 2) if row.pair else lanes)
-        holder[row.name] = xp.broadcast_to(value, shape)
-    return numbers, given
+        numbers.pop(STIFFNESS_KEYS.get(number.name, ""), None)
+        holder[number.name] = xp.broadcast_to(value, np.broadcast_shapes(value.shape, (*lanes, *own)))
+    return numbers, inputs_that_count(given, row)
+
+
+def _all_of(number: Key, index: int, holder: Numbers, numbers: Numbers) -> Any:
+    """A number of all blades or interfaces, of which one is to be replaced."""
+    if number.name in STIFFNESS_KEYS and number.name not in holder:
+        other = STIFFNESS_KEYS[number.name]
+        raise KeyNameError(f"the scene is given by {other}; name {number.name} for all interfaces, or {other}[{index}]")
+    return holder.get(number.name, numbers["blades.m"])  # for a mass in y that is not there
 
 
 def replaced_tables(
@@ -75,16 +92,24 @@ def replaced_tables(
         given: The inputs from which numbers were worked out.
         values: Key -> number or pair in SI units.
     """
-    entries = {f"{table}.{name}": value for table, row in tables.items() for name, value in row.items()}
-    words = {key: value for key, value in entries.items() if key not in KEYS}
-    numbers = {key: _as_array(key, value) for key, value in entries.items() if key in KEYS}
-    inputs = {key: None if value is None else _as_array(key, value) for key, value in given.items()}
-    numbers, inputs = replace_numbers(numbers, inputs, {key: np.asarray(v, float) for key, v in values.items()})
-    return in_tables(words | plain_numbers(numbers), plain_numbers(inputs))
+    row = row_size_of(tables)
+    entries = {f"{table}.{name}": value for table, part in tables.items() for name, value in part.items()}
+    words = {key: value for key, value in entries.items() if key not in ALL_KEYS}
+    numbers = {key: _as_array(key, value, row) for key, value in entries.items() if key in ALL_KEYS}
+    inputs = {key: None if value is None else _as_array(key, value, row) for key, value in given.items()}
+    arrays = {key: np.asarray(v, float) for key, v in values.items()}
+    numbers, inputs = replace_numbers(numbers, inputs, arrays, row=row)
+    return in_tables(words | plain_numbers(numbers), plain_numbers(inputs), row)
 
 
-def _as_array(key: str, value: Any) -> np.ndarray:
-    return np.broadcast_to(np.asarray(value, float), 2 if ALL_KEYS[key].pair else ())
+def row_size_of(tables: Mapping[str, Mapping[str, Any]]) -> RowSize | None:
+    """The size of the row of a scene, from its tables; None: the pair."""
+    row = tables.get("row")
+    return None if row is None else RowSize(row["blades"], row["closed"])
+
+
+def _as_array(key: str, value: Any, row: RowSize | None) -> np.ndarray:
+    return np.broadcast_to(np.asarray(value, float), number_shape(ALL_KEYS[key], row))
 
 
 def plain_numbers(numbers: Numbers) -> dict[str, float | list[float] | None]:

@@ -10,13 +10,23 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
-from jaxshroud.scene.keys import ALL_KEYS, AT_REST, Motion
+from jaxshroud.scene.keys import (
+    ALL_KEYS,
+    AT_REST,
+    MAX_BLADES,
+    MIN_BLADES,
+    ROW_KEYS,
+    Motion,
+    RowSize,
+    key_in,
+    number_shape,
+)
 from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, with_checked_shapes
 from jaxshroud.scene.parts import Parts, misprints
-from jaxshroud.scene.typed import are_numbers, typed
-from jaxshroud.scene.valid import check_number, check_numbers
+from jaxshroud.scene.typed import are_numbers, short_repr, typed
+from jaxshroud.scene.valid import KEYS_BY_TABLE, check_number, check_numbers, check_shape
 
-PerBlade = Float[Array, "... 2"]  # left blade first
+PerBlade = Float[Array, "... blades"]  # left blade first; two in a scene without a row
 
 
 def per_blade(value: Any) -> Any:
@@ -71,7 +81,7 @@ def _reading(value: Any) -> Any:
 class Blades(eqx.Module):
     """Both blades as lumped masses on springs (Sec. 2.1, Table 1).
 
-    One value per blade: `blades.m[0]` is the paper's m_1. A single number means equal blades.
+    One value per blade: `blades.m[0]` is the paper's m_1. A single number means two equal blades.
     `m_y` differs from `m` only where Eq. (21) is taken literally.
     """
 
@@ -152,6 +162,35 @@ class Drive(eqx.Module):
         return 2 * math.pi / self.omega
 
 
+class Row(eqx.Module):
+    """A row of blades in place of the pair: an open chain, or a ring, whose last blade touches the first.
+
+    Interface j is between blades j and j + 1. In a scene with a row, numbers per blade have the shape (..., blades),
+    and those of an interface (`Key.per_interface`) the shape (..., interfaces).
+    """
+
+    blades: int = eqx.field(static=True)
+    closed: bool = eqx.field(static=True)
+    mistuning: PerBlade  # relative deviation of the stiffnesses k_x, k_y and k_T of each blade
+
+    def __init__(self, blades: int, closed: bool = False, mistuning: Any = 0.0):
+        if not isinstance(blades, int) or isinstance(blades, bool) or not MIN_BLADES <= blades <= MAX_BLADES:
+            raise InputError(f"A row has from {MIN_BLADES} to {MAX_BLADES} blades, not {short_repr(blades)}.")
+        self.blades, self.closed = blades, bool(closed)
+        check_number(ROW_KEYS["row.mistuning"], mistuning, self.size)
+        self.mistuning = jnp.full(blades, mistuning, float) if np.ndim(mistuning) == 0 else per_blade(mistuning)
+
+    @property
+    def size(self) -> RowSize:
+        """The number of its blades, and whether it is closed."""
+        return RowSize(self.blades, self.closed)
+
+    @property
+    def interfaces(self) -> int:
+        """The number of interfaces: as many as blades in a ring, one less in a chain."""
+        return self.size.interfaces
+
+
 TABLE_CLASSES = {"blades": Blades, "shroud": Shroud, "contact": Contact, "friction": Friction, "drive": Drive}
 
 
@@ -171,6 +210,7 @@ class Scene(eqx.Module):
     parts: Parts = eqx.field(static=True, default=Parts())
     laws: Laws | None = None  # user laws of contact and friction
     given: dict[str, Any] = eqx.field(converter=_given, default_factory=dict)  # inputs by their keys
+    row: Row | None = None  # None: the pair
 
     def __check_init__(self):
         for name, kind in {**TABLE_CLASSES, "initial": Motion, "parts": Parts}.items():
@@ -183,22 +223,68 @@ class Scene(eqx.Module):
             raise InputError("Smooth contact has no misprints: its `reading` must be consistent.")
         if self.parts.contact == "own" and self.contact.reading:
             raise InputError("Own laws have no misprints: the scene's `reading` must be consistent.")
+        if self.row is not None:
+            self._check_row_parts()
         check_numbers("initial", self.initial)
+        self._check_shapes()
         for key, value in self.given.items():
             if value is not None:
-                check_number(ALL_KEYS[key], value)
+                check_number(key_in(ALL_KEYS[key], self.row_size), value, self.row_size)
+
+    def _check_row_parts(self) -> None:
+        type_argument("row", self.row, Row, "Row(12, closed=True)")
+        if self.parts.neighbour == "rigid":
+            raise InputError('A row has no rigid neighbour: `neighbour` must be "blade".')
+        if self.contact.reading:
+            raise InputError("A row of blades has no misprints: its `reading` must be consistent.")
+        if self.parts.contact == "own":
+            raise InputError("A row of blades takes no own laws of contact.")
+
+    def _check_shapes(self) -> None:
+        for table, keys in KEYS_BY_TABLE.items():
+            for name, key in keys:
+                value = getattr(getattr(self, table), name)
+                if value is not None:
+                    check_shape(key, value, self.row_size)
 
     @property
     def k(self) -> Number:
-        """The impact stiffness [N/m]; `gamma k_x` of the left blade if `gamma` is given."""
+        """The impact stiffness [N/m], in a row (..., interfaces); `gamma k_x` of the left blade if `gamma` is given."""
         if self.contact.k is not None:
             return self.contact.k
         assert self.contact.gamma is not None  # exactly one of them is given
+        if self.row is not None:
+            return self.contact.gamma * self.left_k_x
         return self.contact.gamma * self.blades.k_x[0]
+
+    @property
+    def left_k_x(self) -> Any:
+        """The k_x [N/m] of the blade on the left of each interface, without mistuning, to which `gamma` refers."""
+        return self.blades.k_x[..., 0] if self.row is None else self.blades.k_x[..., : self.row.interfaces]
+
+    @property
+    def mistuned_blades(self) -> Blades:
+        """The blades with the mistuning of their row."""
+        if self.row is None:
+            return self.blades
+        of, factor = (lambda b: (b.k_x, b.k_y, b.k_T)), 1 + self.row.mistuning
+        return eqx.tree_at(of, self.blades, tuple(factor * k for k in of(self.blades)))
+
+    @property
+    def row_size(self) -> RowSize | None:
+        """The size of the row; None: the pair."""
+        return None if self.row is None else self.row.size
 
 
 def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) -> Scene:
     """The scene from tables of plain SI numbers, as in a file, and the inputs from which some were worked out."""
+    row = Row(**tables["row"]) if "row" in tables else None
+    if row is not None:
+        given = {key: _in_row(key, value, row.size) for key, value in given.items()}
+        tables = {
+            table: {name: _in_row(f"{table}.{name}", value, row.size) for name, value in entries.items()}
+            for table, entries in tables.items()
+        }
     parts = tables["parts"]
     return Scene(
         Blades(**tables["blades"]),
@@ -209,7 +295,15 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) 
         Motion(**tables["initial"]),
         Parts(**{**parts, "motion": tuple(parts["motion"])}),
         given=given,  # pyright: ignore[reportArgumentType]
+        row=row,
     )
+
+
+def _in_row(key: str, value: Any, row: RowSize) -> Any:
+    """A value of a file, a number with one entry for each blade or interface of the row."""
+    if key not in ALL_KEYS or value is None:
+        return value
+    return np.broadcast_to(np.asarray(value, float), number_shape(ALL_KEYS[key], row))
 
 
 def without_given(scene: Scene) -> Scene:
@@ -256,4 +350,4 @@ def with_laws(scene: Scene, normal: NormalLaw, friction: FrictionLaw | None = No
 
 def _with_contact(scene: Scene, contact: Contact, parts: Parts, laws: Laws | None = None) -> Scene:
     s = scene
-    return Scene(s.blades, s.shroud, contact, s.friction, s.drive, s.initial, parts, laws, s.given)
+    return Scene(s.blades, s.shroud, contact, s.friction, s.drive, s.initial, parts, laws, s.given, s.row)

@@ -5,33 +5,47 @@ Pydantic checks the structure; the numbers are those of `keys`, the words those 
 
 # pyright: reportInvalidTypeForm=false
 # The types are made from the table of keys, which pyright cannot follow.
-from functools import partial
+from functools import lru_cache, partial
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
+    Tag,
     TypeAdapter,
+    ValidationError,
     create_model,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
 
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, MAX_AUTO_STEPS, MAX_COUNT, did_you_mean
-from jaxshroud.scene.keys import Key, Range, keys_of_table
+from jaxshroud.scene.keys import (
+    FROM_0,
+    MAX_BLADES,
+    MIN_BLADES,
+    ROW_KEYS,
+    Key,
+    Range,
+    RowSize,
+    keys_of_table,
+    number_shape,
+)
 from jaxshroud.scene.parts import ACCURACIES, MOTIONS, ContactPart, Direction, FrictionPart, Neighbour, misprints
 from jaxshroud.scene.units import to_si
 
 NO_STIFFNESS = "no_stiffness"  # the type of pydantic's error for a [contact] without one
 
 
-def _as_pair(value: Any) -> Any:
-    if isinstance(value, list) and len(value) != 2:
-        raise ValueError("must be one number or a pair [left, right]")
-    return value if isinstance(value, list) else (value, value)
+def _as_list(size: int, words: str, value: Any) -> Any:
+    if isinstance(value, list | tuple) and len(value) != size:
+        raise ValueError(f"must be one number or {words}")
+    return value if isinstance(value, list | tuple) else (value,) * size
 
 
 def _in_range(allowed: Range, value: float) -> float:
@@ -40,21 +54,35 @@ def _in_range(allowed: Range, value: float) -> float:
     return value
 
 
-def number_type(row: Key, pair: bool = False) -> Any:
-    """The pydantic type of a number, or of one per blade, in SI or as strings with a unit."""
-    value = Annotated[float, Field(strict=True), AfterValidator(partial(_in_range, row.range))]
-    value = Annotated[tuple[value, value], BeforeValidator(_as_pair)] if pair else value
-    return Annotated[value, BeforeValidator(partial(to_si, row.unit))]
+def number_type(number: Key) -> Any:
+    """The pydantic type of one number, in SI or as a string with a unit."""
+    value = Annotated[float, Field(strict=True), AfterValidator(partial(_in_range, number.range))]
+    return Annotated[value, BeforeValidator(partial(to_si, number.unit))]
 
 
-def _entry(row: Key) -> Any:
+def numbers_type(number: Key, row: RowSize | None) -> Any:
+    """The pydantic type of what a file gives for a key: one number, or one for each blade or interface."""
+    one, shape = number_type(number), number_shape(number, row)
+    if not shape:
+        return one
+    words = "a pair [left, right]" if row is None else _list_words(number, shape[0])
+    many = Annotated[tuple[one, ...], BeforeValidator(partial(_as_list, shape[0], words))]
+    return Annotated[many, BeforeValidator(partial(to_si, number.unit))]
+
+
+def _list_words(number: Key, size: int) -> str:
+    return f"a list of {size}, one for each {'interface' if number.per_interface else 'blade'}"
+
+
+def _entry(number: Key, row: RowSize | None) -> Any:
     """The pydantic type of a key."""
-    value = number_type(row, row.pair)
-    return Annotated[value if row.default is ... else value | None, key(row.about, row.example)]
+    value = numbers_type(number, row)
+    return Annotated[value if number.default is ... else value | None, key(number.about, number.example)]
 
 
-def _default(row: Key) -> Any:
-    return (row.default, row.default) if row.pair and isinstance(row.default, float) else row.default
+def _default(number: Key, row: RowSize | None) -> Any:
+    shape = number_shape(number, row)
+    return (number.default,) * shape[0] if shape and isinstance(number.default, float) else number.default
 
 
 def key(meaning: str, example: Any, **kwargs: Any) -> Any:
@@ -73,10 +101,68 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-def _number_table(table: str, **further: Any) -> type[Table]:
+def _number_table(table: str, row: RowSize | None, **further: Any) -> type[Table]:
     """The model of a table of numbers with `further` fields."""
-    fields: dict[str, Any] = {row.parts[1]: (_entry(row), _default(row)) for row in keys_of_table(table)}
+    fields: dict[str, Any] = {n.parts[1]: (_entry(n, row), _default(n, row)) for n in keys_of_table(table)}
     return create_model(f"{table.title()}Table", __base__=Table, **fields, **further)
+
+
+MISTUNING = ROW_KEYS["row.mistuning"]
+_IN_SI = BeforeValidator(partial(to_si, ""))
+
+
+class RandomMistuning(Table):
+    """Independent normal deviates, the same for one seed."""
+
+    sigma: Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(partial(_in_range, FROM_0)), _IN_SI]
+    seed: NonNegativeInt
+
+    def drawn(self, blades: int) -> list[float]:
+        """One deviate per blade."""
+        return (self.sigma * np.random.default_rng(self.seed).standard_normal(blades)).tolist()
+
+
+def _form_of_mistuning(value: Any) -> str | None:
+    if isinstance(value, dict):
+        return "random" if set(value) == set(RandomMistuning.model_fields) else None
+    return "list" if isinstance(value, list) else "number"
+
+
+_MISTUNING_TYPE = Annotated[
+    Annotated[RandomMistuning, Tag("random")]
+    | Annotated[list[number_type(MISTUNING)], Tag("list")]
+    | Annotated[number_type(MISTUNING), Tag("number")],
+    Discriminator(
+        _form_of_mistuning,
+        custom_error_type="mistuning",
+        custom_error_message="must be a number, a list of them, or {sigma = 0.03, seed = 1}",
+    ),
+]
+
+
+def _one_per_blade(value: Any, info: Any) -> Any:
+    """The mistuning of each blade, drawn where a file gives a standard deviation and a seed."""
+    if (blades := info.data.get("blades")) is None:
+        return ()  # an error of the number of blades, which is reported
+    shown = value.drawn(blades) if isinstance(value, RandomMistuning) else value
+    return tuple(_in_range(MISTUNING.range, v) for v in _as_list(blades, _list_words(MISTUNING, blades), shown))
+
+
+class RowTable(Table):
+    """A row of blades in place of the pair."""
+
+    blades: Annotated[int, Field(strict=True, ge=MIN_BLADES, le=MAX_BLADES), key("number of blades", 12)]
+    closed: Annotated[bool, Field(strict=True), key("whether the last blade touches the first", True)] = False
+    mistuning: Annotated[
+        _MISTUNING_TYPE,
+        AfterValidator(_one_per_blade),
+        key(MISTUNING.about, {"sigma": 0.03, "seed": 1}, validate_default=True),
+    ] = 0.0
+
+    @property
+    def size(self) -> RowSize:
+        """The size of the row."""
+        return RowSize(self.blades, self.closed)
 
 
 def _coordinates(value: Any) -> Any:
@@ -163,6 +249,14 @@ def _one_stiffness(contact: Any) -> Any:
     return contact
 
 
+def _row_has_no_words_of_the_pair(file: Any) -> Any:
+    if file.row is not None and file.parts.neighbour == "rigid":
+        raise ValueError('[parts] neighbour = "rigid" is for the pair; drop it, or the table [row]')
+    if file.row is not None and file.contact.reading:
+        raise ValueError('[contact] reading must be "consistent" in a row of blades')
+    return file
+
+
 def _smooth_has_a_width(file: Any) -> Any:
     smooth, width = file.parts.contact == "smooth", file.contact.width
     if smooth and width is None:
@@ -176,23 +270,47 @@ def _smooth_has_a_width(file: Any) -> Any:
 
 READING = (Annotated[frozenset[str], BeforeValidator(misprints), key("misprints kept", "consistent")], frozenset())
 TITLE = Annotated[str, key("what the scene shows, in one line", "Fig. 9", pattern="^.*$")]
-TABLE_MODELS: dict[str, type[Table]] = {
-    **{table: _number_table(table) for table in ("blades", "shroud")},
-    "contact": _number_table("contact", reading=READING),
-    **{table: _number_table(table) for table in ("friction", "drive", "initial")},
-    "parts": PartsTable,
-    "run": RunTable,
-    "sweep": SweepTable,
-}
+
+
+def _table_models(row: RowSize | None) -> dict[str, type[Table]]:
+    """The models of all tables of a file with a row, or of the pair."""
+    return {
+        **{table: _number_table(table, row) for table in ("blades", "shroud")},
+        "contact": _number_table("contact", row, reading=READING),
+        **{table: _number_table(table, row) for table in ("friction", "drive", "initial")},
+        "parts": PartsTable,
+        "run": RunTable,
+        "sweep": SweepTable,
+        "row": RowTable,
+    }
+
+
+TABLE_MODELS = _table_models(None)
 PHYSICS_TABLES = tuple(TABLE_MODELS)[:7]
-_FIELDS: dict[str, Any] = {
-    "title": (TITLE, ""),
-    **{table: (model, ...) for table, model in TABLE_MODELS.items()},
-    "contact": (Annotated[TABLE_MODELS["contact"], AfterValidator(_one_stiffness)], ...),
-    "initial": (TABLE_MODELS["initial"], TABLE_MODELS["initial"]()),
-    "parts": (PartsTable, PartsTable()),
-    "sweep": (SweepTable | None, None),
-}
-_File: Any = create_model("File", __base__=Table, **_FIELDS)
-_CHECKED: Any = Annotated[_File, AfterValidator(_smooth_has_a_width)]
-SCENE_FILE_TYPE: TypeAdapter[Any] = TypeAdapter(_CHECKED)
+ROW_TYPE: TypeAdapter[Any] = TypeAdapter(create_model("FileWithRow", row=(RowTable | None, None)))  # of any file
+
+
+def row_table_of(document: dict[str, Any]) -> RowTable | None:
+    """The row of a file; None for the pair, and where it is invalid."""
+    try:
+        return ROW_TYPE.validate_python(document).row
+    except ValidationError:
+        return None
+
+
+@lru_cache(maxsize=16)
+def scene_file_type(row: RowSize | None) -> Any:
+    """The pydantic type of a file with a row, or of the pair."""
+    models = TABLE_MODELS if row is None else _table_models(row)
+    fields: dict[str, Any] = {
+        "title": (TITLE, ""),
+        **{table: (model, ...) for table, model in models.items()},
+        "contact": (Annotated[models["contact"], AfterValidator(_one_stiffness)], ...),
+        "initial": (models["initial"], models["initial"]()),
+        "parts": (PartsTable, PartsTable()),
+        "sweep": (SweepTable | None, None),
+        "row": (RowTable | None, None),
+    }
+    file: Any = create_model("File", __base__=Table, **fields)
+    checked: Any = Annotated[file, AfterValidator(_smooth_has_a_width), AfterValidator(_row_has_no_words_of_the_pair)]
+    return TypeAdapter(checked)

@@ -5,6 +5,7 @@ from typing import Any
 
 from jaxshroud.scene.keys import ALL_KEYS
 
+MOST_SHOWN = 4  # values of a list
 CHANGE_SEPARATOR = ", but "  # between a title and the overrides
 
 Tables = Mapping[str, Mapping[str, object]]
@@ -23,7 +24,8 @@ def retitled(title: str, now: Tables, before: Tables | None, set_: Collection[tu
     if before is None:
         new = {key: value for key, value in rows.items() if key in set_}
     else:
-        new = {key: value for key, value in rows.items() if before[key[0]].get(key[1]) != value}
+        old = lambda table, key: before.get(table, {}).get(key, _default_of(table, key))
+        new = {key: value for key, value in rows.items() if old(*key) != value}
     if not new:
         return title
     changed = {display_name(*key): display_value(*key, value) for key, value in new.items()}
@@ -36,10 +38,20 @@ def retitled(title: str, now: Tables, before: Tables | None, set_: Collection[tu
     )
 
 
+def _default_of(table: str, key: str) -> object:
+    row = ALL_KEYS.get(f"{table}.{key}")
+    return None if row is None else row.default
+
+
 def subject_of(title: str) -> str:
     """The subject of a title, without its description."""
     subject, colon, _ = title.partition(": ")
     return f"Scene of {subject}" if colon else subject
+
+
+def _word(value: object) -> str:
+    """A choice as in a file."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def display_name(table: str, key: str) -> str:
@@ -48,10 +60,12 @@ def display_name(table: str, key: str) -> str:
 
 
 def display_value(table: str, key: str, value: Any) -> str:
-    """A value of a scene in the unit of pictures, as text."""
+    """A value of a scene in the unit of pictures, as text; of a long list its length."""
     row = ALL_KEYS.get(f"{table}.{key}")
+    if isinstance(value, list | tuple) and len(value) > MOST_SHOWN:
+        return f"{len(value)} values"
     if row is None or isinstance(value, str):  # a choice, or a number given by a word as "block"
-        return " and ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
+        return " and ".join(map(_word, value)) if isinstance(value, list | tuple) else _word(value)
     unit, factor = row.shown
     values = value if isinstance(value, list | tuple) else [value]
     return f"{' and '.join(f'{number * factor:.6g}' for number in values)} {unit}".strip()

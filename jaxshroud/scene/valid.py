@@ -9,7 +9,7 @@ from jax.core import Tracer
 from numpy.typing import NDArray
 
 from jaxshroud.scene.checks import InputError, Precision, SceneError
-from jaxshroud.scene.keys import KEYS, Key
+from jaxshroud.scene.keys import KEYS, Key, RowSize, number_shape
 from jaxshroud.scene.typed import are_numbers, short_repr
 from jaxshroud.scene.units import to_si
 
@@ -20,29 +20,59 @@ for _row in KEYS.values():
 
 
 def check_numbers(table: str, holder: object) -> None:
-    """Raise SceneError unless those attributes of `holder` that are numbers of a table are in their ranges."""
-    for name, row in KEYS_BY_TABLE[table]:
-        value = getattr(holder, name)
-        if value is not None or row.name not in OPTIONAL_KEYS:
-            check_number(row, value)
+    """Raise SceneError unless those attributes of `holder` that are numbers of a table are in their ranges.
+
+    Numbers per blade must be of equally many blades; how many there are, only the scene knows.
+    """
+    numbers = [(key, getattr(holder, name)) for name, key in KEYS_BY_TABLE[table]]
+    given: list[tuple[Key, Any]] = [
+        (key, value) for key, value in numbers if value is not None or key.name not in OPTIONAL_KEYS
+    ]
+    for key, value in given:
+        _check_is_number(key, value)
+    per_blade = [(key, value) for key, value in given if key.pair]
+    if len({np.shape(value)[-1:] for _, value in per_blade}) > 1:
+        for key, value in per_blade:
+            check_shape(key, value, None)
+    for key, value in given:
+        _check_range(key, value)
 
 
-def check_number(row: Key, value: Any) -> None:
+def check_number(key: Key, value: Any, row: RowSize | None = None) -> None:
     """Raise SceneError unless all of `value` is in the range of a key; traced values pass.
 
     Args:
-        row: The key.
+        key: The key.
         value: A number, or an array with any leading axes; (..., 2) for a number per blade.
+        row: The row of the scene, whose numbers are as many as its blades or interfaces; None: the pair.
     """
+    _check_is_number(key, value)
+    if np.shape(value):
+        check_shape(key, value, row)
+    _check_range(key, value)
+
+
+def _check_is_number(key: Key, value: Any) -> None:
     if not are_numbers(value) or np.size(value) == 0:
-        _fail_range(row, f"{row.name} = {short_repr(value)} must be a valid number")
-    shape = np.shape(value)
-    if row.pair and shape and shape[-1] != 2:
-        _fail_range(row, f"{row.name} must be one number or a pair [left, right], but its shape is {shape}")
-    if isinstance(value, Tracer) or row.range.holds(numbers := np.asarray(value)).all():
+        _fail_range(key, f"{key.name} = {short_repr(value)} must be a valid number")
+
+
+def check_shape(key: Key, value: Any, row: RowSize | None) -> None:
+    """Raise SceneError unless the last axis of a number per blade or interface is that of the row."""
+    shape, own = np.shape(value), number_shape(key, row)
+    if not own or shape[-1:] == own:
         return
-    is_single = not shape or (shape == (2,) and np.array_equal(numbers[:1], numbers[1:], equal_nan=True))
-    check_values(row, numbers, row.name if is_single else row.name + "[{}]")
+    if row is None:
+        _fail_range(key, f"{key.name} must be one number or a pair [left, right], but its shape is {shape}")
+    kind = "interfaces" if key.per_interface else "blades"
+    _fail_range(key, f"{key.name} must have a value for each of the {own[0]} {kind}, but its shape is {shape}")
+
+
+def _check_range(key: Key, value: Any) -> None:
+    if isinstance(value, Tracer) or key.range.holds(numbers := np.asarray(value)).all():
+        return
+    is_alike = key.pair and numbers.ndim == 1 and np.array_equal(numbers[:-1], numbers[1:], equal_nan=True)
+    check_values(key, numbers, key.name if is_alike or not numbers.ndim else key.name + "[{}]")
 
 
 def check_values(row: Key, values: NDArray[Any], name: str) -> None:

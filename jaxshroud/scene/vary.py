@@ -1,5 +1,6 @@
 """Access to the numbers of a scene by their keys."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -8,8 +9,8 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.scene.checks import KeyNameError, SceneError
-from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, DERIVED_INPUTS, check_independent, check_known
-from jaxshroud.scene.keys import ALL_KEYS, KEYS, find_key, key_parts
+from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, check_independent, check_known, inputs_by_key, inputs_in
+from jaxshroud.scene.keys import ALL_KEYS, KEYS, ROW_KEYS, find_key, number_shape
 from jaxshroud.scene.numbers import expressed_by, fields_of, given_of, numbers_of, replaced
 from jaxshroud.scene.replacing import NO_WIDTH
 from jaxshroud.scene.scene import Scene
@@ -20,7 +21,7 @@ NUMERIC_KEYS = tuple(KEYS)
 
 
 def _named_number(scene: Scene, name: str) -> Any:
-    """The number or numbers with the name of a key, for both blades.
+    """The number or numbers with the name of a key, for all blades or interfaces.
 
     Raises:
         KeyNameError: The scene has no such number.
@@ -32,7 +33,7 @@ def _named_number(scene: Scene, name: str) -> Any:
     if name == "contact.k":
         return scene.k
     if name == "contact.gamma":
-        return scene.k / scene.blades.k_x[..., 0]
+        return scene.k / scene.left_k_x
     return fields_of(scene).get(name, scene.blades.m)  # for a mass in y that is not there
 
 
@@ -42,10 +43,12 @@ def _input_of(scene: Scene, name: str) -> Any:
     Raises:
         KeyNameError: The number does not determine it.
     """
-    derived, given = DERIVED_BY_KEY[name], given_of(scene)
+    derived, given = inputs_by_key(scene.row_size)[name], given_of(scene)
     if derived.counts(given):
         return given[name]
-    check_known(name, given)
+    check_known(name, given, row=scene.row_size)
+    if derived.inverse is None:
+        raise KeyNameError(f"the scene does not give {name}; name {derived.number.name}")
     return derived.given_value(numbers_of(scene))
 
 
@@ -56,7 +59,8 @@ def vary(scene: Scene, key: str, value: ArrayLike | Sequence[ArrayLike]) -> Scen
     Args:
         scene: The scene to start from.
         key: `table.name`, or `table.name[0]`, `table.name[1]` for one blade only: a number of the scene, or another way
-            to give one, such as `drive.speed` for a scene with an engine order, or `blades.f_x`.
+            to give one, such as `drive.speed` for a scene with an engine order, or `blades.f_x`. In a row any blade or
+            interface may be named.
         value: The new value in SI units; a scalar or, for a per-blade key, one value per blade.
 
     Returns:
@@ -67,11 +71,11 @@ def vary(scene: Scene, key: str, value: ArrayLike | Sequence[ArrayLike]) -> Scen
         KeyNameError: There is no such number, or the scene has no engine order for a speed.
         SceneError: The value is out of its range; traced values are not checked.
     """
-    row, blade = find_key(key)
+    named, index = find_key(key, row=scene.row_size)
     number: Any = jnp.asarray(value, dtype=float) if isinstance(value, tuple | list) else value
-    check_number(row, number)
+    check_number(named if index is None else named._replace(pair=False, per_interface=False), number, scene.row_size)
     lanes, own = np.shape(scene.drive.omega), np.shape(number)
-    shape = (*lanes, 2) if row.pair and blade is None else lanes
+    shape = (*lanes, *number_shape(named, scene.row_size)) if index is None else lanes
     if np.broadcast_shapes(own, shape) != shape:
         raise SceneError(f"{key} has the shape {shape}, but its value has {own}; see js.scenes_from")
     return replaced(scene, {key: number})
@@ -83,8 +87,8 @@ def with_numbers(scene: Scene, keys: Sequence[str]) -> Scene:
     Raises:
         KeyNameError: There is no such number, or two keys are one.
     """
-    check_independent(keys)
-    names = dict.fromkeys(find_key(key)[0].name for key in keys)
+    check_independent(keys, scene.row_size)
+    names = dict.fromkeys(find_key(key, row=scene.row_size)[0].name for key in keys)
     return expressed_by(scene, {name: np.asarray(_named_number(scene, name)) for name in names})
 
 
@@ -95,28 +99,33 @@ def value_of(scene: Scene, key: str) -> float:
     Raises:
         KeyNameError: There is no such number, or the blades differ and the key has neither `[0]` nor `[1]`.
     """
-    blade, values = key_parts(key)[2], _blade_values(scene, key)
-    if blade is None and len(set(values)) > 1:
-        raise KeyNameError(f"{key} differs between the blades; name {key}[0] or {key}[1].")
-    return values[blade or 0]
+    named, index = find_key(key, row=scene.row_size)
+    values = _all_values(scene, key)
+    if index is None and len(set(values)) > 1:
+        kind = "interfaces" if named.per_interface else "blades"
+        last = len(values) - 1
+        cure = f"{key}[0] or {key}[1]" if last == 1 else f"one of {key}[0] to {key}[{last}]"
+        raise KeyNameError(f"{key} differs between the {kind}; name {cure}.")
+    return values[index or 0]
 
 
 def level_of(scene: Scene, key: str) -> float:
-    """One number of a scene, in SI units; the mean of both blades where they differ and the key names neither."""
-    return value_of(scene, key) if len(offsets(scene, key)) == 1 else float(np.mean(_blade_values(scene, key)))
+    """One number of a scene, in SI units; the mean of all blades where they differ and the key names none."""
+    return value_of(scene, key) if len(offsets(scene, key)) == 1 else float(np.mean(_all_values(scene, key)))
 
 
 def offsets(scene: Scene, key: str) -> dict[str, float]:
     """The numbers with a key, by keys of one value each, and their differences from `level_of`."""
-    values = _blade_values(scene, key)
-    if key_parts(key)[2] is not None or len(set(values)) == 1:
+    values = _all_values(scene, key)
+    if find_key(key, row=scene.row_size)[1] is not None or len(set(values)) == 1:
         return {key: 0.0}
-    return {f"{key}[{blade}]": value - float(np.mean(values)) for blade, value in enumerate(values)}
+    return {f"{key}[{i}]": value - float(np.mean(values)) for i, value in enumerate(values)}
 
 
-def _blade_values(scene: Scene, key: str) -> list[float]:
-    """The number with a key, or one for each blade."""
-    return [float(v) for v in np.atleast_1d(np.asarray(_named_number(scene, find_key(key)[0].name)))]
+def _all_values(scene: Scene, key: str) -> list[float]:
+    """The number with a key, or one for each blade or interface."""
+    name = find_key(key, row=scene.row_size)[0].name
+    return [float(v) for v in np.atleast_1d(np.asarray(_named_number(scene, name)))]
 
 
 def numbers_that_count(scene: Scene) -> tuple[str, ...]:
@@ -124,10 +133,10 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
 
     Left out are the initial motion, numbers without effect in the scene's parts, the phase of the left blade, which
     only sets the origin of time, and an engine order, which acts as the speed does. Inputs stand for the numbers that
-    are worked out from them. Numbers that differ between the blades have one key each.
+    are worked out from them. Numbers that differ between the blades, or the interfaces of a row, have one key each.
     """
-    parts, keys = scene.parts, []
-    derived = {one.number.name: one for one in DERIVED_INPUTS if one.counts(given_of(scene))}
+    parts, row, keys = scene.parts, scene.row_size, []
+    derived = {one.number.name: one for one in inputs_in(row) if one.counts(given_of(scene))}
     unused = _UNUSED["initial"] | {"contact.k" if scene.contact.k is None else "contact.gamma", "drive.phase"}
     unused |= set() if "y" in parts.motion else _UNUSED["y"]
     unused |= set() if "theta" in parts.motion else _UNUSED["theta"]
@@ -135,15 +144,16 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
     unused |= set() if parts.contact == "smooth" else {"contact.width"}
     unused |= set() if parts.friction != "none" else _UNUSED["friction"]
     unused |= set() if parts.contact != "none" else _UNUSED["contact"] | _UNUSED["friction"]
-    for number in (key for key in KEYS if key not in unused):
+    for number in (key for key in (*KEYS, *(ROW_KEYS if row else ())) if key not in unused):
         if number in derived and not derived[number].keys:
             continue
         key = derived[number].keys[-1].name if number in derived else number
-        pair = np.asarray(_named_number(scene, key))
-        differ = ALL_KEYS[key].pair and bool(np.any(pair[..., :1] != pair))
-        rigid = parts.neighbour == "rigid"
-        keys += [f"{key}[0]", *([] if rigid else [f"{key}[1]"])] if differ else [key]
-    return (*keys, *([] if parts.neighbour == "rigid" else ["drive.phase[1]"]))
+        values, shape = np.asarray(_named_number(scene, key)), number_shape(ALL_KEYS[key], row)
+        differ = bool(shape) and bool(np.any(values[..., :1] != values))
+        moving = 1 if parts.neighbour == "rigid" else math.prod(shape)
+        keys += [f"{key}[{i}]" for i in range(moving)] if differ else [key]
+    phases = () if parts.neighbour == "rigid" else range(1, 2 if row is None else row.blades)
+    return (*keys, *(f"drive.phase[{i}]" for i in phases))
 
 
 _UNUSED = {

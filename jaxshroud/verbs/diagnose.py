@@ -1,15 +1,18 @@
 """The kind of motion that one scene settles on, with the evidence for it."""
 
+from functools import partial
+
 import numpy as np
 
 from jaxshroud.batch.runs import Progress, Ticker
 from jaxshroud.batch.xla import one_lane
-from jaxshroud.march.method import Method, method_of
+from jaxshroud.march.method import FAST_WITH_LEDGER, Method, method_of
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import run_alone
 from jaxshroud.motion.lyapunov import lyapunov_exponents
 from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions
+from jaxshroud.motion.short_runs import end_states
 from jaxshroud.motion.verdict import VERDICT_ROUNDS, Verdict, verdict_text, verdicts
 from jaxshroud.motion.verdict_evidence import Stretches
 from jaxshroud.results.diagnosis import Diagnosis
@@ -72,7 +75,7 @@ def diagnose(
         'period 1'
     """
     one_scene("diagnose", scene)
-    lanes = request_lanes(scene, transient=transient, method=method)
+    lanes = request_lanes(scene, transient=transient, method=method, usual=FAST_WITH_LEDGER, verb="diagnose")
     march = lanes.march._replace(method=lanes.march.method._replace(ledger=True))
     ((precise, initial),) = lanes.with_states(lanes.scenes, state)
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
@@ -88,7 +91,8 @@ def diagnose(
     run = simulate(scene, n_periods=n_periods, events=events, method=same_march, state=settled, throw=throw)
     evidence = {} if stopped else _settled_evidence(scene, precise, verdict, march)
     if march.choice is not None:
-        warn_missed(missed_lanes(lanes.resolved.lanes, march.choice), march.choice)
+        ends = partial(end_states, ledger=True)  # by the programs of the verdict
+        warn_missed(missed_lanes(lanes.resolved.lanes, march.choice, ends), march.choice)
     return _diagnosis(run, verdict, evidence)
 
 

@@ -113,6 +113,7 @@ def gradient(
         transient=transient,
         method=method,
         dims=dims,
+        verb="gradient",
     )
     if isinstance(wrt, str):
         wrt = numbers_that_count(resolved.scene) if wrt == "all" else (wrt,)

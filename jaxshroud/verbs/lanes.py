@@ -11,7 +11,7 @@ import numpy as np
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.lane_status import LaneWarning
 from jaxshroud.io.variable import jax_lane_arrays
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.method import FAST, Choices, Method
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.prepared import State
 from jaxshroud.results.base import Labels, Result
@@ -20,7 +20,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, plan_march, refuse_traced, resolve_options
+from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, plan_march, refuse_row, refuse_traced, resolve_options
 
 R = TypeVar("R", bound=Result)
 
@@ -61,17 +61,22 @@ def request_lanes(
     transient: int | None = None,
     method: Method | str | float | None = None,
     dims: Sequence[str] | None = None,
+    verb: str,
+    usual: Choices = FAST,
 ) -> RequestedLanes:
-    """The lanes of a scene, and their march with tangents, from the arguments of `resolve_options`."""
-    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, dims=dims)
-    return RequestedLanes(resolved, with_tangents(resolved, resolved.lanes))
+    """The lanes of a scene, and their march with tangents, from the arguments of `resolve_options`.
+
+    `usual` is the method where only steps are given, with or without a ledger.
+    """
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, dims=dims, verb=verb)
+    return RequestedLanes(resolved, with_tangents(resolved, resolved.lanes, usual))
 
 
-def with_tangents(resolved: ResolvedOptions, lanes: Scene) -> MarchPlan:
+def with_tangents(resolved: ResolvedOptions, lanes: Scene, usual: Choices = FAST) -> MarchPlan:
     """The plan by which lanes (leading axis) are marched with tangents: in float64 unless the method says otherwise."""
     if resolved.method is None:
         in_precision(lanes, "float64")  # raises before any method is tried
-    march = plan_march(resolved, lanes, FAST)
+    march = plan_march(resolved, lanes, usual)
     if lanes.parts.contact != "none":
         return march
     steps = "auto" if resolved.steps is None else resolved.steps  # tangents are marched without contact too
@@ -119,12 +124,15 @@ def warn_failed(result: R, throw: bool) -> R:
     return result
 
 
-def one_scene(verb: str, scene: Scene | SceneFile) -> Scene:
+def one_scene(verb: str, scene: Scene | SceneFile, rows: bool = False) -> Scene:
     """The single scene that a verb takes.
 
     Raises:
-        InputError: There are many scenes, or they are traced.
+        InputError: There are many scenes, they are traced, or the scene has a row of blades and the verb knows no
+            `rows`.
     """
+    if not rows:
+        refuse_row(verb, scene)
     scene = scene.scene if isinstance(scene, SceneFile) else scene
     refuse_traced(scene)
     shape = np.shape(scene.drive.omega)

@@ -12,15 +12,16 @@ import numpy as np
 from jaxshroud.batch.runs import initial_states, stepping_method
 from jaxshroud.io.scene_numbers import scene_differences
 from jaxshroud.io.variable import jax_lane_arrays
-from jaxshroud.march.method import FAST, Choices, Method, RungeKutta, StepCount, choices, method_of
+from jaxshroud.march.method import FAST, Choices, Method, RungeKutta, StepCount, Taylor, choices, method_of
 from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.stability import steps_for
+from jaxshroud.march.tableau import tableau
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.short_runs import end_states
 from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.keys import KEYS
+from jaxshroud.scene.keys import ALL_KEYS, number_shape
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.text import numbers_of, text_of
 from jaxshroud.scene.typed import Tree, typed
@@ -30,6 +31,7 @@ from jaxshroud.verbs.accuracy import Choice, EndStates, accuracy_level, choose
 N_PERIODS = 64  # kept periods, unless the argument or the scene file says otherwise
 LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
 ACCURACY = "balanced"  # unless either of them gives a method
+COARSE_ACCURACY = 1e-3  # of rows: from here on Tsit5 is cheaper
 
 
 class ResolvedOptions(NamedTuple):
@@ -80,7 +82,7 @@ class ResolvedOptions(NamedTuple):
         """
         if state is None:
             return initial_states(lanes)
-        shape = np.shape(state.u_s)
+        shape = np.shape(state.u_s)[: np.ndim(state.u_s) - (lanes.row is not None)]  # less the axis of interfaces
         precise: State = in_precision(state, "float64" if lanes.drive.omega.dtype == float else "float32")
         if shape and shape != self.shape:
             raise InputError(f"Argument `state` has leading axes {shape}, but the scenes have {self.shape}.")
@@ -133,6 +135,8 @@ def resolve_options(
     method: Method | str | float | None = None,
     dims: Sequence[str] | None = None,
     of_sweep: bool = False,
+    verb: str = "",
+    rows: bool = False,
 ) -> ResolvedOptions:
     """Resolve the arguments that all verbs share: the argument, else the file's [run], else the default.
 
@@ -145,11 +149,16 @@ def resolve_options(
         method: How to march: a method, or the accuracy that chooses one.
         dims: Names of the leading axes.
         of_sweep: Take the kept periods from the file's [sweep] keep instead of its [run] periods.
+        verb: The verb that is asked, for messages.
+        rows: The verb knows rows of blades.
 
     Raises:
-        InputError: Leading axes disagree, or `dims` names a different number of them.
+        InputError: Leading axes disagree, `dims` names a different number of them, or the scene has a row of blades
+            and the verb knows none.
         ValueError: A count is too small.
     """
+    if not rows:
+        refuse_row(verb, scene)
     file = scene if isinstance(scene, SceneFile) else None
     run = None if file is None else file.sweep_run if of_sweep else file.run
     steps, explicit, accuracy = _method_options(method)
@@ -204,6 +213,8 @@ def choose_method(
     if resolved.accuracy is not None and contact in ("smooth", "own"):
         kind = "smooth contact" if contact == "smooth" else "own laws"
         raise InputError(f"An accuracy can be had for located contact, not for {kind}; give js.RungeKutta(steps=...).")
+    if lanes.row is not None:
+        return _method_for_rows(resolved, usual), None
     accuracy, lanes = resolved.choosing_accuracy, without_given(lanes)
     if accuracy is not None:
         periods = resolved.transient + resolved.n_periods if periods is None else periods
@@ -213,6 +224,23 @@ def choose_method(
         return choice.method._replace(ledger=usual.ledger), choice
     ledger = usual.ledger or contact == "own"  # the energy balance is the only check of a user's own law
     return (usual._replace(ledger=ledger) if resolved.method is None else choices(resolved.method, ledger=ledger)), None
+
+
+def _method_for_rows(resolved: ResolvedOptions, usual: Choices) -> Choices:
+    """The method by which rows are marched: that of an accuracy is Dormand-Prince 8, which is not tried on the lanes.
+
+    Raises:
+        InputError: The method is a power series.
+    """
+    if isinstance(resolved.method, Taylor):
+        raise InputError("A row of blades is marched by Runge-Kutta methods, not by power series; js.RungeKutta().")
+    if resolved.method is not None:
+        return choices(resolved.method, ledger=usual.ledger)
+    accuracy = resolved.choosing_accuracy
+    if accuracy is None or isinstance(accuracy, Choice):
+        return usual
+    coarse = accuracy_level(accuracy) >= COARSE_ACCURACY
+    return usual._replace(tableau=tableau("tsit5" if coarse else "dopri8"), locate="cubic")
 
 
 def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials: Any) -> MarchPlan:
@@ -265,8 +293,25 @@ def method_for(scenes: Scene, accuracy: str | float = ACCURACY) -> Method:
         >>> print(js.method_for(js.load("table1", ['parts.motion=["x"]']).scene, 1e-3).precision)
         float64
     """
-    resolved = resolve_options(scenes, method=accuracy)
+    resolved = resolve_options(scenes, method=accuracy, verb="method_for")
     return plan_march(resolved, resolved.lanes, FAST, periods=math.inf).as_method
+
+
+def refuse_row(what: str, scene: Scene | SceneFile) -> None:
+    """Raise an InputError if the scene has a row of blades, of which `what`, a verb, does not know yet."""
+    row = scene.row_size if isinstance(scene, SceneFile) else scene.row
+    if row is not None:
+        where = f"{scene.name}: " if isinstance(scene, SceneFile) else ""
+        raise InputError(f"{where}{f'`{what}`' if what else 'this verb'} does not know rows of blades yet.")
+
+
+def check_row(scene: Scene, **asked: bool) -> None:
+    """Raise an InputError where a row of blades lacks contact, or an argument asks for what rows do not have yet."""
+    if scene.parts.contact == "none":
+        raise InputError("A row without contact is many single blades: simulate one of them as a pair.")
+    for name, value in asked.items():
+        if value:
+            raise InputError(f"Argument `{name}` does not know rows of blades yet.")
 
 
 def refuse_traced(tree: object) -> None:
@@ -285,7 +330,8 @@ def leading_axes(scene: Scene) -> tuple[int, ...]:
         InputError: The numbers disagree in their leading axes.
     """
     refuse_traced(scene)
-    shapes = {key: a.shape[: a.ndim - KEYS[key].pair] for key, a in numbers_of(scene).items()}
+    ranks = {key: len(number_shape(ALL_KEYS[key], scene.row_size)) for key in numbers_of(scene)}
+    shapes = {key: a.shape[: a.ndim - ranks[key]] for key, a in numbers_of(scene).items()}
     first_keys: dict[tuple[int, ...], str] = {}
     for key, shape in shapes.items():
         first_keys.setdefault(shape, key)

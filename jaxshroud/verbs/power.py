@@ -15,11 +15,10 @@ from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.states import final_states
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import FAST_WITH_LEDGER, Method
-from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.amplitudes import amplitude_values, load_values
-from jaxshroud.motion.averages import Reduction, averages, closed_forms, relative_residual
+from jaxshroud.motion.averages import Reduction, averages, closed_forms, power_series_of, relative_residual
 from jaxshroud.motion.equivalent import equivalent_values
 from jaxshroud.motion.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
 from jaxshroud.motion.short_runs import end_states
@@ -76,7 +75,7 @@ def _summaries(
     joined = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
     orbit, reduction, P_0 = averages(scenes, joined, period_tol)
     A = closed_forms(scenes)[0].astype(float)
-    series = power_reduction(A[:, None] * joined.power[0], P_0[:, :1])
+    series = power_series_of(A[:, None, None] * np.stack(joined.power, axis=-1), P_0, scenes.row is not None)
     residual = np.full(len(A), np.nan) if joined.residual is None else relative_residual(joined)
     kept = amplitude_values(scenes, joined, orbit.number) | load_values(scenes, joined)
     kept |= {name: np.mean(getattr(joined, sample), axis=-1) for name, sample in WORKS.items()}
@@ -200,6 +199,7 @@ def power(
         transient=transient,
         method=method,
         dims=dims,
+        verb="power",
     )
     lanes = resolved.lanes
     check_size(len(lanes.drive.omega), resolved.transient, resolved.n_periods)

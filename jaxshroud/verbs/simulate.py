@@ -22,6 +22,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Ledger
 from jaxshroud.motion.amplitudes import sampled_amplitudes
 from jaxshroud.motion.short_runs import trajectory_ends
+from jaxshroud.results.row import RowTrajectory
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.file import SceneFile
@@ -29,7 +30,8 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import missed_lanes, warn_missed
-from jaxshroud.verbs.options import ResolvedOptions, in_shape, plan_march, resolve_options
+from jaxshroud.verbs.options import ResolvedOptions, check_row, in_shape, plan_march, resolve_options
+from jaxshroud.verbs.simulate_row import marched_row_values
 
 
 @typed
@@ -68,7 +70,7 @@ def simulate(
         The initial state and then every `every`-th of `n_periods * steps_per_period` steps, start-up included, with the
         contact forces `N` and `F` [N], `v`, `u` and `contact_point` [m]. A model without contact has none of these, a
         model whose blocks do not turn has no `contact_point`, and without friction `F` is 0. Amplitudes are those of
-        the second half of the run, from the cubics between samples.
+        the second half of the run, from the cubics between samples. A row of blades gives a `RowTrajectory`.
 
     Raises:
         ValueError: A count is not a positive integer, the samples would not fit into memory, or `events` is set for
@@ -87,7 +89,10 @@ def simulate(
         ((201,), (201, 2), 0)
     """
     count_argument("every", every, 1)
-    resolved = resolve_options(scene, n_periods=n_periods, method=method, dims=dims)
+    resolved = resolve_options(scene, n_periods=n_periods, method=method, dims=dims, verb="simulate", rows=True)
+    in_row = resolved.scene.row is not None
+    if in_row:
+        check_row(resolved.scene, events=events)
     if events and (resolved.shape or resolved.scene.parts.contact != "spring"):
         raise InputError("Argument `events` keeps those of one scene with located contact; simulate it alone.")
     lanes = resolved.lanes
@@ -101,7 +106,8 @@ def simulate(
         values = _values_without_contact(scenes, states, turns, index / march.steps)
     else:
         grid = SampleGrid(turns, march.steps, every, count, events)
-        values = _marched_values(scenes, states, grid, march.method, Ticker(len(scenes.drive.omega) * count, progress))
+        marched = marched_row_values if in_row else _marched_values
+        values = marched(scenes, states, grid, march.method, Ticker(len(scenes.drive.omega) * count, progress))
     chatter, at_events = values.pop("chatter", None), values.pop("events", None)
     step_length = np.asarray(scenes.drive.period, float)[:, None] / march.steps
     after = float((turns + (index[-1] % march.steps) / march.steps) % 1)
@@ -112,7 +118,8 @@ def simulate(
     if len(index) > 1:
         half = max(resolved.n_periods // 2, 1)
         values |= sampled_amplitudes(scenes, values["motion"], seconds, float(min(half, index[-1] / march.steps)))
-    columns = {"omega": scenes.drive.omega, "gap": scenes.shroud.gap, **values, "t": t + index * step_length}
+    gap = {} if in_row else {"gap": scenes.shroud.gap}
+    columns = {"omega": scenes.drive.omega, **gap, **values, "t": t + index * step_length}
     result = _trajectory(resolved, in_shape(columns, resolved.shape), common)
     warn_failures(result.status, chatter, throw=throw)
     if march.choice is not None:
@@ -125,9 +132,13 @@ def _trajectory(resolved: ResolvedOptions, values: dict[str, Any], common: dict[
     attributes, numbers = resolved.provenance(0, common["steps_per_period"])
     times = values.pop("t")
     time = {"units": "s", "long_name": "time"}
-    coords: dict[str, Any] = {"blade": [0, 1]} if resolved.shape else {"time": ("time", times, time), "blade": [0, 1]}
+    row = resolved.scene.row
+    coords: dict[str, Any] = {"blade": [0, 1]} if row is None else {"blade": range(row.blades)}
+    coords |= {} if row is None else {"interface": range(row.interfaces)}
+    coords |= {} if resolved.shape else {"time": ("time", times, time)}
+    kind, common = (Trajectory, common) if row is None else (RowTrajectory, {**common, "closed": int(row.closed)})
     more = {"t": ((*resolved.dims, "time"), times, time)} if resolved.shape else {}
-    return Trajectory.from_values(
+    return kind.from_values(
         {**values, **common}, lanes=resolved.dims, coords=coords, attrs=attributes, more={**numbers, **more}
     )
 

@@ -25,7 +25,14 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import warn_missed
-from jaxshroud.verbs.options import ResolvedOptions, flatten_lanes, plan_march, refuse_traced, resolve_options
+from jaxshroud.verbs.options import (
+    ResolvedOptions,
+    check_row,
+    flatten_lanes,
+    plan_march,
+    refuse_traced,
+    resolve_options,
+)
 from jaxshroud.verbs.stored import SweepTask, store_sweep
 from jaxshroud.verbs.sweep_run import MAX_LANES_AT_ONCE, Grid, SweepSettings, lane_periods, run_map, run_sweep
 
@@ -127,7 +134,11 @@ def sweep(
         method=method,
         dims=dims,
         of_sweep=True,
+        verb="sweep",
+        rows=True,
     )
+    if resolved.scene.row is not None:
+        check_row(resolved.scene, lyapunov=lyapunov, forces=forces)
     if not 0 <= phase < 2 * np.pi:
         raise InputError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     tolerance_argument("period_tol", period_tol)

@@ -12,9 +12,11 @@ from jaxshroud.batch.runs import Plan, Runs, Ticker, in_float64, zeno_warning
 from jaxshroud.batch.states import by_blade, final_states
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.scene_numbers import dimension
+from jaxshroud.march.row_trial import RowLog
 from jaxshroud.march.stability import steps_for
-from jaxshroud.march.tally import Counters
+from jaxshroud.march.tally import Counters, Log
 from jaxshroud.model.arithmetic import filled
+from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.amplitudes import amplitude_values, load_values
@@ -48,7 +50,8 @@ class Grid(NamedTuple):
     @property
     def dims(self) -> tuple[str, ...]:
         """The names of the lanes' axes."""
-        return (*self.resolved.dims, *map(dimension, self.axes))
+        in_row = self.lanes.row is not None
+        return (*self.resolved.dims, *(dimension(key, in_row) for key in self.axes))
 
 
 class SweepSettings(NamedTuple):
@@ -95,7 +98,7 @@ def run_sweep(
         swept = result(runs, _exponents(grid, runs, settings))
     except Interrupted:
         raise Interrupted(result(runs, {})) from None
-    return SweepResult(swept.data.isel({dimension(next(iter(grid.axes))): slice(1)})) if single else swept
+    return SweepResult(swept.data.isel({grid.dims[len(grid.resolved.dims)]: slice(1)})) if single else swept
 
 
 def _duplicated(grid: Grid, runs: Runs) -> tuple[Grid, Runs]:
@@ -163,11 +166,17 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
     common = {"phase": plan.phase, "period_tol": settings.period_tol, "chatter": chatter, **march.attributes}
     if march.choice is not None:
         numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.choice)}
-    coords = sweep_coordinates(grid.axes, np.arange(plan.transient + 1, plan.transient + plan.kept + 1))
+    periods = np.arange(plan.transient + 1, plan.transient + plan.kept + 1)
+    coords = sweep_coordinates(grid.axes, periods, grid.lanes.row and grid.lanes.row.blades)
     attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
     more = {name: variable for name, variable in differing.items() if name not in grid.dims}
     if "gap" not in grid.dims and (grid.axes or "gap" not in more):
-        more["gap"] = (grid.dims, np.asarray(grid.lanes.shroud.gap).reshape(grid.shape), GAP_ATTRS)
+        gap = np.asarray(grid.lanes.shroud.gap)
+        more["gap"] = (
+            (*grid.dims, "interface")[: len(grid.shape) + gap.ndim - 1],
+            gap.reshape(*grid.shape, *gap.shape[1:]),
+            GAP_ATTRS,
+        )
     complete = int(not np.any(numbers["status"] == Status.NOT_RUN))
     attrs = {**attributes, "axes": ",".join(grid.dims), "complete": complete}
     values = {**in_shape(numbers, grid.shape), **common}
@@ -194,12 +203,22 @@ def _exponents(grid: Grid, runs: Runs, settings: SweepSettings) -> dict[str, np.
     return {"lyapunov": exponent, "lyapunov_ci": ci}
 
 
+def _of_all_interfaces(log: Log | RowLog) -> Log | RowLog:
+    """The log of lanes (leading axis), of rows that of all interfaces together."""
+    if isinstance(log, Log):
+        return log
+    total = lambda a: a.sum(axis=-1)
+    times = total(log.time_apart), total(log.time_stick), total(log.time_slip)
+    counters = jax.tree.map(total, log.counters)
+    return RowLog(*times, log.v_max.max(axis=-1), log.largest, counters, log.extent)
+
+
 def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[str, object]:
     """The variables of the result for lanes (leading axis), without exponents."""
     runs = jax.tree.map(in_float64, runs)
     motion = by_blade(runs.samples.motion)
     (number, settling), power, P_0 = averages(scenes, runs.samples, settings.period_tol)
-    log, before = runs.last.tally.log, runs.before.log
+    log, before = (_of_all_interfaces(log) for log in (runs.last.tally.log, runs.before.log))
     spent = [getattr(log, n) - getattr(before, n) for n in ("time_apart", "time_stick", "time_slip")]
     total = sum(spent)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -227,6 +246,7 @@ def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[st
         **dict(zip(("time_apart", "time_stick", "time_slip"), times, strict=True)),
         **({} if residual is None else {"energy_residual": residual, "energy_dropped": dropped}),
         "counters": counters,
+        **({} if scenes.row is None else {"P_d_worst": power_reduction(power.P, P_0).min(axis=-1)}),
         **load_values(scenes, runs.samples),
         **amplitude_values(scenes, runs.samples, number),
     }

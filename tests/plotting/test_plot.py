@@ -2,13 +2,14 @@
 
 import json
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
 
 from jaxshroud.plotting.pictures import picture
 from jaxshroud.plotting.plot_sweep import MOTION_COLOURS
-from jaxshroud.plotting.style import save_figure
+from jaxshroud.plotting.style import STYLE, save_figure
 
 STATUSES = {"flag_values": np.arange(4), "flag_meanings": "OK TOO_MANY_EVENTS NOT_FINITE ANGLE_OUT_OF_RANGE"}
 MOTION = ("x", "y", "theta", "v_x", "v_y", "v_theta")
@@ -394,6 +395,17 @@ def test_save(tmp_path, suffix, start):
     save_figure(picture("power", power()), path)
     assert path.read_bytes().startswith(start)
     assert [found.name for found in tmp_path.iterdir()] == [path.name]
+
+
+def test_files_are_what_matplotlib_writes_with_one_layout_for_all(tmp_path):
+    figure = picture("power", power())
+    paths = [tmp_path / "power.png", tmp_path / "power.svg"]
+    save_figure(figure, *paths)
+    assert figure.get_layout_engine() is not None  # what is added later is laid out too
+    with mpl.rc_context(STYLE):
+        picture("power", power()).savefig(tmp_path / "again.png", dpi=200)
+    assert paths[0].read_bytes() == (tmp_path / "again.png").read_bytes()
+    assert b"<svg" in paths[1].read_bytes()
 
 
 def test_png_has_200_dpi(tmp_path):

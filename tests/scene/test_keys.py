@@ -12,7 +12,17 @@ from jaxshroud.io.scene_numbers import key_attrs
 from jaxshroud.io.variable import MOTION
 from jaxshroud.plotting.style import QUANTITIES
 from jaxshroud.scene.checks import KeyNameError
-from jaxshroud.scene.keys import ALL_KEYS, INPUT_KEYS, KEYS, SCENE_KEYS, Motion, find_key, key_parts, keys_of_table
+from jaxshroud.scene.keys import (
+    ALL_KEYS,
+    INPUT_KEYS,
+    KEYS,
+    ROW_KEYS,
+    SCENE_KEYS,
+    Motion,
+    find_key,
+    key_parts,
+    keys_of_table,
+)
 from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Shroud
 from jaxshroud.scene.schema import PHYSICS_TABLES, TABLE_MODELS
 from jaxshroud.scene.units import _parsed_unit
@@ -60,7 +70,7 @@ def test_the_table_and_the_classes_hold_the_same_numbers(table1):
 
 def test_all_that_lists_numbers_is_made_from_the_table():
     assert list(NUMERIC_KEYS) == list(KEYS)
-    assert list(QUANTITIES) == list(ALL_KEYS) == [*KEYS, *(row.name for row in INPUT_KEYS)]
+    assert list(QUANTITIES) == list(ALL_KEYS) == [*KEYS, *(row.name for row in INPUT_KEYS), *ROW_KEYS]
     assert [key_attrs(key)["units"] for key in KEYS] == [row.netcdf for row in SCENE_KEYS]
     assert list(MOTION) == [row.parts[1] for row in keys_of_table("initial")] == list(Motion._fields)
     words = {"contact.reading", *(f"parts.{name}" for name in TABLE_MODELS["parts"].model_fields)}

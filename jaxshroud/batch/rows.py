@@ -1,0 +1,282 @@
+"""Rows of blades through time: whole drive periods and samples of many lanes, in compiled functions.
+
+Outside, arrays have the axis of lanes first, as everywhere; inside the compiled functions the lanes are last, see
+`model.row`.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+from jaxshroud.batch.periods import PERIODS_PER_CALL, Clock, Sample
+from jaxshroud.batch.xla import best_mapping, compiled
+from jaxshroud.march.carry import EachLane
+from jaxshroud.march.events import place_contact
+from jaxshroud.march.method import Choices
+from jaxshroud.march.observables import ContactForces
+from jaxshroud.march.row_trial import (
+    RowFixed,
+    RowLane,
+    begin_row,
+    row_contact_forces,
+    row_running,
+    row_trial,
+    tally_of_new_period,
+)
+from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
+from jaxshroud.model.friction import contact_energy, stretch
+from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.row import RowModel, blade_energies, over, pair_states, prepared_row
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import Tree
+
+
+def lanes_last(tree: Tree) -> Tree:
+    """A tree of arrays (lanes, ...) with the lanes last."""
+    return jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), tree)
+
+
+def lanes_first(tree: Tree) -> Tree:
+    """A tree of arrays (..., lanes) with the lanes first."""
+    return jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), tree)
+
+
+def _models(scenes: Scene) -> tuple[RowModel, Float[Array, " lanes"]]:
+    """The constants of rows, lanes last, and their drive periods."""
+    models = lanes_last(jax.vmap(prepared_row)(scenes))
+    return models, scenes.drive.period
+
+
+def begin_rows(scenes: Scene, states: State, method: Choices) -> RowLane:
+    """The rows at their start from `states`, whose motion is (lanes, N), and whose contact is (lanes, E)."""
+    return _begin_rows(scenes, states, method, best_mapping())
+
+
+@compiled("method", "each")
+def _begin_rows(scenes: Scene, states: State, method: Choices, each: EachLane) -> RowLane:
+    models, _ = _models(scenes)
+    return lanes_first(begin_row(_carried(lanes_last(states), models), models, method, each))
+
+
+def _carried(state: State, model: RowModel) -> State:
+    """A user's state in the form that compiled loops carry."""
+    moves = lambda name: name.removeprefix("v_") in model.parts.motion
+    motion = Motion(*(a if moves(name) else ABSENT for name, a in zip(Motion._fields, state.motion, strict=True)))
+    spring = model.interfaces.spring
+    mode = jnp.full_like(state.mode, Mode.SMOOTH) if spring.smooth else state.mode
+    return State(motion, ABSENT if is_absent(spring.lag) else state.u_s, mode, state.case)
+
+
+def _march(lanes: RowLane, fixed: RowFixed, method: Choices, each: EachLane) -> RowLane:
+    """Run every row to the start of step `stop`, or until its status is not OK."""
+    going = lambda lanes: jnp.any(row_running(lanes, fixed.stop))
+    return lax.while_loop(going, lambda lanes: row_trial(lanes, fixed, method, each), lanes)
+
+
+class RowSample(NamedTuple):
+    """One period of one row: the motion at its end and its integrals; NaN once the row has stopped."""
+
+    motion: Motion
+    power: Any  # mean square displacement of each block over the period [m^2]
+    drive: Any  # work on each blade [J]; None without a ledger, as are the next five
+    gross: Any  # integral of the magnitude of its power [J]
+    viscous: Any  # lost in the dampers of each blade [J]
+    friction: Any  # lost in sliding at each interface [J]
+    dropped: Any  # energy of the rocking motion that flat contact ended [J]
+    residual: Any  # of the energy balance [J]
+    largest: Any  # magnitudes of x, y [m] and theta [rad]
+    moments: Any  # `Moments` of each blade; None unless requested, as is the next
+    extent: Any  # `DisplacementRange` of each blade
+
+
+def _stored(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
+    """The energy stored in blades and contact springs [J]."""
+
+    def of_contact(pair: State, model: Model) -> Any:
+        at = place_contact(pair.motion, pair, model)[2]
+        w = stretch(at.v, at.u, pair.u_s, pair.mode, model.spring)
+        return contact_energy(at.v, w, pair.mode, model.spring)
+
+    springs = over(each, of_contact, pair_states(state, model.closed), model.interfaces)
+    return jnp.sum(blade_energies(state.motion, model, each), axis=0) + jnp.sum(springs, axis=0)
+
+
+def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, each: EachLane) -> State:
+    """A state with its sliders updated and zeros for what is absent; NaN where the status is not OK."""
+
+    def slider(pair: State, model: Model) -> Any:
+        at = place_contact(pair.motion, pair, model)[2]
+        return at.u - stretch(at.v, at.u, pair.u_s, pair.mode, model.spring)
+
+    u_s = (
+        state.u_s
+        if model.interfaces.spring.flows
+        else over(each, slider, pair_states(state, model.closed), model.interfaces)
+    )
+    motion, u_s = filled(state.motion, state.motion.x), filled(u_s, jnp.zeros(state.mode.shape, state.motion.x.dtype))
+    motion, u_s = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), (motion, u_s))
+    return State(motion, u_s, state.mode, state.case)
+
+
+def _run_row_period(lanes: RowLane, active, model: RowModel, period, clock: Clock, method: Choices, each: EachLane):
+    lanes = eqx.tree_at(lambda lane: lane.tally, lanes, tally_of_new_period(lanes.tally, lanes.state.motion))
+    before = _stored(lanes.state, model, each)
+    stops = jnp.where(active, clock.steps, 0)
+    lanes = _march(lanes, RowFixed(model, clock.grids(period), stops), method, each)
+    arrived = lanes.step == clock.steps
+    lanes = eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(arrived, 0, lanes.step))
+    tally, gain, log = lanes.tally, lanes.tally.integrals, lanes.tally.log
+    gained = _stored(lanes.state, model, each) - before
+    works: dict[str, Any] = dict.fromkeys(("drive", "gross", "viscous", "friction", "dropped", "residual"))
+    if gain.ledger is not None:
+        total, friction = partial(jnp.sum, axis=0), filled(gain.ledger.friction, tally.springs)
+        lost = tally.dropped + total(gain.ledger.viscous) + total(friction)
+        residual = total(gain.ledger.drive) + total(tally.springs) - lost - gained
+        works = {**gain.ledger._asdict(), "friction": friction, "dropped": tally.dropped, "residual": residual}
+    motion, largest, moments, extent = filled((lanes.state.motion, log.largest, gain.moments, log.extent), gain.power)
+    sample = RowSample(
+        motion=motion, power=gain.power / period, **works, largest=largest, moments=moments, extent=extent
+    )
+    sums = (jnp.sum(jnp.atleast_2d(a), axis=0) for a in jax.tree.leaves(sample))
+    overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(sum(sums, gained))
+    status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
+    lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
+    return lanes, jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
+
+
+@compiled("method", "block", "each")
+def run_row_block(
+    scenes: Scene, lanes: RowLane, clock: Clock, n: Int[Array, ""], method: Choices, block: int, each: EachLane
+) -> tuple[RowLane, RowSample]:
+    """Run up to `block` periods of every row: `batch.periods.run_block` for rows.
+
+    Returns:
+        The rows at the end, and samples with axes (period, lane, ...).
+    """
+    model, period = _models(scenes)
+
+    def one(lanes, i):
+        on = (i < n) & (lanes.status == Status.OK)
+        lanes, sample = _run_row_period(lanes, on, model, period, clock, method, each)
+        return lanes, lanes_first(sample)
+
+    lanes, samples = lax.scan(one, lanes_last(lanes), jnp.arange(block, dtype=jnp.int32))
+    return lanes_first(lanes), samples
+
+
+def run_row_periods(scenes: Scene, lanes: RowLane, clock: Clock, n: int, method: Choices) -> tuple[RowLane, Sample]:
+    """Run `n` periods of rows (leading axis): the rows at the end, and samples (periods, lanes) with more rows."""
+    lanes, sample = run_row_block(scenes, lanes, clock, jnp.int32(n), method, PERIODS_PER_CALL, best_mapping())
+    return lanes, as_samples(jax.tree.map(np.asarray, sample))
+
+
+def as_samples(row: RowSample) -> Sample:
+    """The samples of rows, (periods, lanes, blades), in the form of those of pairs: a number for each blade."""
+    each_blade = lambda tree: jax.tree.map(lambda a: tuple(np.moveaxis(a, -1, 0)), tree)
+    total = lambda a: None if a is None else a.sum(axis=-1)
+    return Sample(
+        motion=each_blade(row.motion),
+        power=each_blade(row.power),
+        work=total(row.drive),
+        gross=total(row.gross),
+        dropped=row.dropped,
+        residual=row.residual,
+        largest=each_blade(row.largest),
+        friction=total(row.friction),
+        viscous=total(row.viscous),
+        moments=each_blade(row.moments),
+        extent=each_blade(row.extent),
+    )
+
+
+class RowSamples(NamedTuple):
+    """States of rows at instants, with the contact forces: motion (..., N), contact (..., E)."""
+
+    state: State
+    forces: ContactForces
+
+
+@compiled("method", "block", "each")
+def _row_samples(
+    scenes: Scene, lanes: RowLane, clock: Clock, at: tuple[Any, Any], method: Choices, block: int, each: EachLane
+) -> tuple[RowLane, RowSamples]:
+    """`at[1]` samples (leading axis, then the lanes), `at[0]` steps apart; the rows beyond are meaningless."""
+    (model, period), (every, n) = _models(scenes), at
+    grids = clock.grids(period)
+
+    def one_sample(lanes, i):
+        wanted = jnp.where(i < n, every, 0)
+        lanes = _march(lanes, RowFixed(model, grids, lanes.step + wanted), method, each)
+        turns = grids.start + lanes.step.astype(period.dtype) * grids.turn
+        lanes = eqx.tree_at(lambda lane: lane.step, lanes, lanes.step % clock.steps)
+        return lanes, lanes_first(_sampled(lanes, turns, model, each))
+
+    lanes, samples = lax.scan(one_sample, lanes_last(lanes), jnp.arange(block, dtype=jnp.int32))
+    return lanes_first(lanes), samples
+
+
+def _sampled(lanes: RowLane, turns: Float[Array, " lanes"], model: RowModel, each: EachLane) -> RowSamples:
+    forces = row_contact_forces(lanes.state, each(sincos_turns, turns), model, each)
+    zero = jnp.zeros(lanes.state.mode.shape, turns.dtype)
+    lost = lanes.status != Status.OK
+    point = forces.contact_point
+    forces = filled(forces._replace(contact_point=ABSENT), zero)._replace(contact_point=point)
+    return RowSamples(
+        updated_slider(lanes.state, lanes.status, model, each),
+        jax.tree.map(lambda a: jnp.where(lost, jnp.nan, a), forces),
+    )
+
+
+@compiled("each")
+def _first_sample(scenes: Scene, lanes: RowLane, start: Any, each: EachLane) -> RowSamples:
+    model, period = _models(scenes)
+    return lanes_first(_sampled(lanes_last(lanes), jnp.broadcast_to(start, period.shape), model, each))
+
+
+@compiled("each")
+def stored_energies_of_rows(scenes: Scene, lanes: RowLane, each: EachLane) -> Float[Array, " lanes"]:
+    """The energies stored in blades and contact springs of rows (leading axis) [J]."""
+    return _stored(lanes_last(lanes).state, _models(scenes)[0], each)
+
+
+ROW_SAMPLES_PER_CALL = 256
+
+
+def march_row_samples(
+    scenes: Scene, states: State, clock: Clock, every: int, count: int, method: Choices, tick: Any
+) -> tuple[RowSamples, RowLane, tuple[np.ndarray, np.ndarray]]:
+    """March rows (leading axis) and keep samples.
+
+    Args:
+        scenes: The scenes.
+        states: The states in which they start.
+        clock: The time grid.
+        every: Steps from sample to sample.
+        count: Samples after the first.
+        method: The options of the march.
+        tick: Called with the number of further samples.
+
+    Returns:
+        Samples (lanes, 1 + count, ...), the rows at the end, and the stored energies before and after [J].
+    """
+    each, host = best_mapping(), lambda tree: jax.tree.map(np.asarray, tree)
+    lanes = begin_rows(scenes, states, method)
+    before = np.asarray(stored_energies_of_rows(scenes, lanes, each))
+    blocks = [jax.tree.map(lambda a: a[None], host(_first_sample(scenes, lanes, clock.start, each)))]
+    for done in range(0, count, ROW_SAMPLES_PER_CALL):
+        n = min(ROW_SAMPLES_PER_CALL, count - done)
+        at = jnp.int32(every), jnp.int32(n)
+        lanes, block = _row_samples(scenes, lanes, clock, at, method, ROW_SAMPLES_PER_CALL, each)
+        blocks.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
+        tick(n)
+    samples = jax.tree.map(lambda *a: np.moveaxis(np.concatenate(a), 0, 1), *blocks)
+    energies = before, np.asarray(stored_energies_of_rows(scenes, lanes, each))
+    return samples, host(lanes), energies

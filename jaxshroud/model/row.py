@@ -1,0 +1,292 @@
+"""A row of blades: at each interface the contact of a pair, and Eq. (1) of every blade.
+
+Interface j is the right face of block j against the left face of block j + 1: N - 1 interfaces of a chain, N of a
+closed row, whose last one is between block N - 1 and block 0. The row is unrolled: neighbours' axes are parallel, as
+in the article's Sec. 2.1 with a large radius; the angle 2 pi / N between them is neglected.
+
+Arrays have an axis of blades (N) or of interfaces (E) first, then the lanes. A function of one blade, or of one
+interface, is applied to all of them by `over`, as one kernel. The physics of an interface is that of the pair.
+
+**Flat contact.** Blocks whose faces are flat on each other turn as one: a cluster. The resultants inside a cluster act
+where all its angular accelerations agree, so that its angular acceleration is the mean of those of its blocks, weighted
+by their inertia, wherever the resultants act. Their places follow from the angular momentum that each has to pass on,
+block by block. In a closed row that is flat all round a uniform circulating torque is undetermined: its least norm is
+taken.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxshroud.model.arithmetic import ABSENT, is_absent
+from jaxshroud.model.geometry import rotation
+from jaxshroud.model.modes import FLAT
+from jaxshroud.model.prepared import Excitation, InverseMasses, Model, State, prepared_model
+from jaxshroud.model.rhs import (
+    Acceleration,
+    BladeForces,
+    ContactEffects,
+    Integrals,
+    Ledger,
+    Moments,
+    Recorded,
+    StateDerivative,
+    blade_accelerations,
+    blade_mean_square,
+    blade_powers,
+    contact_effects,
+    placement,
+    twice_blade_energy,
+)
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.parts import Parts
+from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
+
+OfBlades = Float[Array, "blades lanes"]
+OfInterfaces = Float[Array, "interfaces lanes"]
+Each = Callable[..., Any]  # (f, *trees) -> `f(*trees)` for every element of the leading axis
+
+
+class RowModel(eqx.Module):
+    """A scene of a row prepared for stepping."""
+
+    blades: Blades  # of each blade, with its mistuning
+    drive: Excitation
+    inverse: InverseMasses
+    gyration: Any  # J_A / A [m^2], one for the row
+    interfaces: Model  # the pair at each interface
+    closed: bool = eqx.field(static=True)
+    parts: Parts = eqx.field(static=True)
+
+    @property
+    def turns(self) -> bool:
+        """Whether the blocks can turn."""
+        return "theta" in self.parts.motion
+
+    @property
+    def turns_by_events(self) -> bool:
+        """Whether contact moves from corner to corner by events, and may be flat."""
+        return self.turns and self.interfaces.spring.modal
+
+
+def prepared_row(scene: Scene) -> RowModel:
+    """The constants of a row; without an axis of lanes."""
+    row, d, has = scene.row, scene.drive, scene.parts.has
+    assert row is not None
+    pairs = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))
+    blades = scene.mistuned_blades
+    drive = Excitation(d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase))
+    inverse = InverseMasses(
+        1 / blades.m,
+        *(1 / mass if has(name, 0) else ABSENT for name, mass in (("y", blades.inertia_y), ("theta", blades.I))),
+    )
+    return RowModel(blades, drive, inverse, pairs.gyration[0], pairs, row.closed, scene.parts)
+
+
+def pair_at(scene: Scene, j: Any) -> Scene:
+    """The pair of blades at interface `j` of a row, without their mistuning, which contact does not feel."""
+    row, s, d = scene.row, scene.shroud, scene.drive
+    assert row is not None
+    sides = jnp.stack([j, (j + 1) % row.blades])
+    take = lambda tree: jax.tree.map(lambda a: a[sides], tree)
+    width = None if scene.contact.width is None else scene.contact.width[j]
+    return Scene(
+        take(scene.blades),
+        Shroud(s.alpha, s.l_oa, s.l_ab, s.gap[j]),
+        Contact(scene.k[j], None, width=width),
+        Friction(scene.friction.k_d[j], scene.friction.mu[j]),
+        Drive(d.omega, *map(take, (d.beta, d.F_0, d.M_0, d.phase))),
+        take(scene.initial),
+        scene.parts,
+    )
+
+
+def over(each: Each, f: Callable[..., Any], *trees: Any) -> Any:
+    """`f` of one blade, or of one interface, for all of them and all lanes, as one kernel.
+
+    Args:
+        each: How a function of one element is applied to a leading axis.
+        f: A function of scalars.
+        trees: Trees of arrays (M, lanes), or (lanes,), which count for all M.
+    """
+    shape = max((a.shape for a in jax.tree.leaves(trees)), key=len)
+    flat = jax.tree.map(lambda a: jnp.reshape(jnp.broadcast_to(a, shape), -1), trees)
+    return jax.tree.map(lambda a: jnp.reshape(a, shape), each(f, *flat))
+
+
+def left_of_interfaces(a: Array, closed: bool) -> Array:
+    """The numbers of the blade left of each interface."""
+    return a if closed else a[:-1]
+
+
+def right_of_interfaces(a: Array, closed: bool) -> Array:
+    """The numbers of the blade right of each interface."""
+    return jnp.roll(a, -1, 0) if closed else a[1:]
+
+
+def both_sides(tree: Any, closed: bool) -> Any:
+    """A tree of numbers of blades as one of pairs at interfaces."""
+    sides = lambda a: (a, a) if is_absent(a) else (left_of_interfaces(a, closed), right_of_interfaces(a, closed))
+    return jax.tree.map(sides, tree, is_leaf=is_absent)
+
+
+def sum_at_blades(on_left: Array, on_right: Array, closed: bool) -> Array:
+    """The sum of what its two interfaces add to each blade: on their left and on their right sides."""
+    if closed:
+        return on_left + jnp.roll(on_right, 1, 0)
+    none = jnp.zeros_like(on_left[:1])
+    return jnp.concatenate([on_left, none]) + jnp.concatenate([none, on_right])
+
+
+def pair_states(state: State, closed: bool) -> State:
+    """The state of the pair at each interface."""
+    return State(both_sides(state.motion, closed), state.u_s, state.mode, state.case)
+
+
+def blade_forces(effects: ContactEffects, model: RowModel) -> BladeForces:
+    """The forces of contact on each blade."""
+    load, total = effects.load, partial(sum_at_blades, closed=model.closed)
+    if is_absent(load.R_x):
+        return BladeForces(ABSENT, ABSENT, ABSENT)
+    M = total(*load.M) if model.turns else ABSENT
+    return BladeForces(total(load.R_x, -load.R_x), total(load.R_y, -load.R_y), M)
+
+
+class Cluster(NamedTuple):
+    """The blocks that are flat on each other, as matrices over blades; a block without a flat face is alone."""
+
+    share: Any  # (N, N, lanes): of block k in the mean of the cluster of block i
+    inertia: OfBlades  # of the cluster of each block [kg m^2]
+    before: Any  # (E, N, lanes): block k is in the cluster of the flat interface j, and not right of it
+    all_round: Bool[Array, " lanes"]  # a closed row that is flat at every interface
+
+    def mean(self, a: OfBlades) -> OfBlades:
+        """The mean of each cluster, weighted by inertia, for each of its blocks."""
+        return jnp.sum(self.share * a[None], axis=1)
+
+
+def clusters(case: Array, model: RowModel) -> Cluster:
+    """The clusters of blocks from the case of each interface (E, lanes)."""
+    flat, I, closed = case == FLAT, model.blades.I, model.closed
+    breaks = jnp.cumsum(~flat, axis=0, dtype=jnp.int32)  # interfaces that are not flat, up to each
+    label = jnp.concatenate([jnp.zeros_like(breaks[:1]), breaks[:-1] if closed else breaks])  # left of each block
+    all_round = breaks[-1] == 0 if closed else jnp.zeros_like(flat[0])
+    wraps = label == breaks[-1] if closed else jnp.zeros_like(label, bool)  # its cluster goes on at block 0
+    place = jnp.arange(len(I), dtype=jnp.int32)[:, None]
+    first = jnp.where(wraps & ~all_round, place - len(I), jnp.broadcast_to(place, label.shape))
+    label = jnp.where(wraps, 0, label)
+    same = label[:, None] == label[None]
+    inertia = jnp.sum(jnp.where(same, I[None], 0.0), axis=1)
+    left = first if closed else first[:-1]
+    before = flat[:, None] & same[: len(flat)] & (first[None] <= left[:, None])
+    return Cluster(jnp.where(same, I[None] / inertia[:, None], 0.0), inertia, before, all_round)
+
+
+def passed_torques(own: OfBlades, cluster: Cluster, model: RowModel) -> OfInterfaces:
+    """The torque that each flat interface passes on to the block right of it [N m]; 0 elsewhere.
+
+    Args:
+        own: The angular acceleration of each block by itself, with contact at the corner of its case [rad/s^2].
+        cluster: The clusters of blocks.
+        model: The constants.
+    """
+    excess = model.blades.I * (own - cluster.mean(own))
+    torque = jnp.sum(jnp.where(cluster.before, excess[None], 0.0), axis=1)
+    return torque - jnp.where(cluster.all_round, jnp.mean(torque, axis=0), 0.0)
+
+
+def relative_torques(own: OfBlades, case: Array, cluster: Cluster, model: RowModel) -> OfInterfaces:
+    """The torque on theta_j - theta_(j+1) of each interface with contact at the corner of its case [N m].
+
+    It is the inertia of both clusters against a turn towards each other times the relative angular acceleration; of
+    flat faces the torque that they pass on. See `torques_along_face`.
+    """
+    mean = cluster.mean(own)
+    relative = left_of_interfaces(mean, model.closed) - right_of_interfaces(mean, model.closed)
+    apart = joint_inertia(cluster, model) * relative
+    return jnp.where(case == FLAT, passed_torques(own, cluster, model), apart)
+
+
+def joint_inertia(cluster: Cluster, model: RowModel) -> OfInterfaces:
+    """The inertia against a turn towards each other of the clusters left and right of each interface [kg m^2]."""
+    left, right = left_of_interfaces(cluster.inertia, model.closed), right_of_interfaces(cluster.inertia, model.closed)
+    return left * right / (left + right)
+
+
+def interface_effects(state: State, model: Model, recorded: Recorded) -> ContactEffects:
+    """The effects of contact at one interface."""
+    return contact_effects(placement(state, model), state, model, recorded)
+
+
+class BladeRates(NamedTuple):
+    """The accelerations of one blade, and the rates of its integrals."""
+
+    x: Any
+    y: Any
+    theta: Any
+    power: Any  # square displacement, `blade_mean_square`
+    drive: Any = None  # power of the drive; None where it is not recorded, as is the next
+    viscous: Any = None
+
+
+def blade_rates(
+    z: Motion, wave: Any, R: BladeForces, b: Blades, d: Excitation, inverse: InverseMasses, gyration: Any, ledger: bool
+) -> BladeRates:
+    """The rates of one blade; `wave` is (sin, cos) of omega t."""
+    Q = wave[0] * d.cos_phase + wave[1] * d.sin_phase
+    x, y, theta = blade_accelerations(z, Q, R, b, d, inverse)
+    drive, viscous = blade_powers(z, Q, b, d) if ledger else (None, None)
+    return BladeRates(x, y, theta, blade_mean_square(z.x, z.y, rotation(z.theta)[1], gyration), drive, viscous)
+
+
+def rates_of_blades(z: Motion, wave: Any, R: BladeForces, model: RowModel, ledger: bool, each: Each) -> BladeRates:
+    """`blade_rates` of every blade: fields (N, lanes)."""
+    gyration = model.gyration[None]
+    return over(
+        each, partial(blade_rates, ledger=ledger), z, wave, R, model.blades, model.drive, model.inverse, gyration
+    )
+
+
+def row_rhs(
+    wave: Any, now: State, cluster: Cluster | None, model: RowModel, recorded: Recorded, each: Each
+) -> tuple[StateDerivative, Integrals]:
+    """The accelerations of a row and the rates of the `recorded` integrals while modes and cases are fixed.
+
+    Args:
+        wave: (sin, cos) of omega t, (lanes,) each.
+        now: The state: motion (N, lanes), and slider, mode and case (E, lanes).
+        cluster: The blocks that are flat on each other; None where no blocks can be.
+        model: The constants.
+        recorded: The integrals beside the power.
+        each: How a function of one element is applied to a leading axis.
+
+    Returns:
+        The derivative; and the rates of the integrals of each blade, those of contact of each interface.
+    """
+    z = now.motion
+    effects = over(
+        each, partial(interface_effects, recorded=recorded), pair_states(now, model.closed), model.interfaces
+    )
+    rates = rates_of_blades(z, wave, blade_forces(effects, model), model, recorded.ledger, each)
+    theta: Any = rates.theta if cluster is None else cluster.mean(rates.theta)
+    ledger = None
+    if recorded.ledger:
+        ledger = Ledger(rates.drive, jnp.abs(rates.drive), rates.viscous, effects.lost)
+    moments = None
+    if recorded.moments:
+        first = (z.x, z.y, z.theta)
+        moments = Moments(first, jax.tree.map(lambda a: a * a, first))
+    return (
+        StateDerivative(Acceleration(rates.x, rates.y, theta), effects.u_s),
+        Integrals(rates.power, ledger, moments, effects.loads),
+    )
+
+
+def blade_energies(z: Motion, model: RowModel, each: Each) -> OfBlades:
+    """The kinetic energy and the energy of the springs of each blade [J]."""
+    return over(each, twice_blade_energy, z, model.blades) / 2

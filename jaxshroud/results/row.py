@@ -1,0 +1,126 @@
+"""The samples of a simulated row of blades."""
+
+import os
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
+
+from jaxshroud.io.variable import Attribute, CountsVariable, Entry, Variable
+from jaxshroud.model.modes import Mode
+from jaxshroud.motion.waves import BladeSpectrum, blade_spectrum, participation_ratio, wave_distance
+from jaxshroud.results.trajectory import CASES, CONTACT_POINT, MODES, Trajectory
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.typed import typed
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from jaxshroud.model.prepared import State
+    from jaxshroud.plotting.style import LookOptions
+
+AT_INTERFACES = ("time", "interface")
+
+
+class InterfaceCounts(CountsVariable):
+    """The numbers of events at each interface by name."""
+
+    def entries(self, values: Mapping[str, Any], lanes: tuple[str, ...]) -> Iterator[Entry]:
+        """One variable for each counter."""
+        for name, (dims, array, attributes) in super().entries(values, lanes):
+            yield name, ((*dims, "interface"), array, attributes)
+
+
+class RowTrajectory(Trajectory):
+    """The samples of one run of a row of blades or of many, the initial state first.
+
+    Arrays start with the axes of the scenes. `motion` and amplitudes end with the blade; what is told of contact ends
+    with the interface: interface j is between blades j and j + 1. Amplitudes are those of the second half of the run.
+    """
+
+    stored_as = "row"
+
+    u_s = Variable("slider of the friction element; NaN when apart", "m", AT_INTERFACES)
+    mode = Variable("contact mode", None, AT_INTERFACES, stored=np.int8, kind=np.int32, more=MODES)
+    case = Variable(CASES, None, AT_INTERFACES, stored=np.int8, kind=np.int32)
+    N = Variable("normal force of contact; 0 when apart", "N", AT_INTERFACES)
+    F = Variable("friction force of contact, positive against sliding to larger u; 0 when apart", "N", AT_INTERFACES)
+    v = Variable("penetration at the corner in contact; when apart, negative: the gap left there", "m", AT_INTERFACES)
+    u = Variable("slide of the left block against the right one, up the face", "m", AT_INTERFACES)
+    contact_point = Variable(CONTACT_POINT, "m", AT_INTERFACES)
+    counters = InterfaceCounts("events", prefix="count_")
+    energy_residual = Variable("energy residual of the row over the drive's work", "1", alone=True)
+    work_drive = Variable("work of the drive on each blade over the run", "J", ("blade",))
+    loss_viscous = Variable("lost in the dampers of each blade over the run", "J", ("blade",))
+    loss_friction = Variable("lost in sliding contact at each interface over the run", "J", ("interface",))
+    time_apart = Variable("fraction of the time: apart", "1", ("interface",))
+    time_stick = Variable("fraction of the time: stick", "1", ("interface",))
+    time_slip = Variable("fraction of the time: slip", "1", ("interface",))
+    closed = Attribute(int)  # whether the last blade touches the first
+
+    @property
+    def last(self) -> "State":
+        """The state at the last sample, from which a run can go on; the sliders are 0 when apart."""
+        from jaxshroud.model.prepared import State
+
+        mode, u_s = self.mode[..., -1, :], self.u_s[..., -1, :]
+        motion = Motion(*(a[..., -1, :] for a in self.motion))
+        return State(motion, np.where(mode == Mode.APART, 0, u_s).astype(u_s.dtype), mode, self.case[..., -1, :])
+
+    @typed
+    def spectrum(self, name: str = "x", periods: int = 1) -> BladeSpectrum:
+        """The motion of the last periods as waves: amplitudes by harmonic and nodal diameter, see `blade_spectrum`.
+
+        Args:
+            name: "x", "y" or "theta".
+            periods: Drive periods.
+
+        Raises:
+            ValueError: The samples do not divide the period, or there are too few.
+        """
+        return blade_spectrum(getattr(self.motion, name), self._samples_per_period, periods)
+
+    @property
+    def wave_distance(self) -> np.ndarray:
+        """The share of the motion in x over the last period that is no travelling wave of the drive, (...)."""
+        return wave_distance(self.spectrum())
+
+    @property
+    def participation_ratio(self) -> np.ndarray:
+        """How many blades take part in the motion, of all: 1 if all alike, 1/N if one alone, (...)."""
+        return participation_ratio(self.x_rms)
+
+    @property
+    def _samples_per_period(self) -> float:
+        return self.steps_per_period / self.every
+
+    def animate(
+        self, path: str | os.PathLike[str], *, periods: int | None = None, factor: float | None = None
+    ) -> float:
+        """Raise an InputError: moving pictures do not know rows of blades yet."""
+        raise InputError("`animate` does not know rows of blades yet.")
+
+    @typed
+    def plot(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, ax: "Axes | None" = None, *, panel: str | None = None, **options: "Unpack[LookOptions]"
+    ) -> "Figure":
+        """The row in time and space: displacements over blades and time, amplitudes, and nodal diameters.
+
+        Args:
+            ax: Draw one panel there, by default the first.
+            panel: Draw only this panel: "map", "amplitudes" or "diameters".
+            options: The options of `Result.plot`.
+
+        Raises:
+            ValueError: There are many runs (`lane` gives one of them), or there is no such panel.
+        """
+        from jaxshroud.plotting.pictures import picture
+
+        return picture("row", self.data, ax, panel, **options)
+
+    def __repr__(self) -> str:
+        kind = "ring" if self.closed else "chain"
+        blades = self.data.sizes["blade"]
+        return f"RowTrajectory of a {kind} of {blades}: {self.t.shape[-1]} samples; {self.ended}"

@@ -1,0 +1,65 @@
+"""Trajectories of rows of blades."""
+
+from typing import Any
+
+import numpy as np
+
+from jaxshroud.batch.rows import march_row_samples
+from jaxshroud.batch.runs import Ticker, chunk_by_chunk
+from jaxshroud.batch.sampling import SampleGrid
+from jaxshroud.march.method import Choices
+from jaxshroud.model.arithmetic import filled
+from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.prepared import State
+from jaxshroud.scene.scene import Scene
+
+
+def marched_row_values(
+    scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Ticker
+) -> dict[str, Any]:
+    """The values of rows (leading axis) that are marched, by the names of `RowTrajectory`."""
+
+    def run(chunk: Any, tick: Any) -> Any:
+        rows, begin = chunk
+        return march_row_samples(rows, begin, grid.clock(rows), grid.every, grid.samples, method, tick)
+
+    samples, last, (before, after) = chunk_by_chunk(run, (scenes, states), ticker)
+    state, forces, log, tally = samples.state, samples.forces._asdict(), last.tally.log, last.tally
+    spent = {name: np.asarray(getattr(log, name), float) for name in ("time_apart", "time_stick", "time_slip")}
+    total = sum(spent.values())
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shares = {name: t / total for name, t in spent.items()}
+    return {
+        "motion": state.motion,
+        "u_s": np.where(state.mode == Mode.APART, np.nan, state.u_s),
+        "mode": state.mode,
+        "case": state.case,
+        **{name: a for name, a in forces.items() if isinstance(a, np.ndarray)},
+        "counters": {name: np.asarray(n) for name, n in vars(filled(log.counters, state.mode[:, 0])).items()},
+        **shares,
+        **_energies(tally, before, after, last.status),
+    }
+
+
+def _energies(tally: Any, before: np.ndarray, after: np.ndarray, status: np.ndarray) -> dict[str, Any]:
+    """The works, the energy balance, and the status of rows (leading axis) with what the balance shows."""
+    with np.errstate(invalid="ignore"):  # of energies that overflowed
+        gained = after - before
+    finite = np.isfinite(gained)
+    status = np.where((status == Status.OK) & ~finite, Status.NOT_FINITE, status)
+    ledger = tally.integrals.ledger
+    if ledger is None:
+        missing = np.full(len(gained), np.nan)
+        return {"status": status, "energy_residual": missing, "energy_dropped": missing}
+    friction = filled(ledger.friction, tally.springs)
+    total = lambda a: np.asarray(a, float).sum(axis=-1)
+    drive, gross = total(ledger.drive), total(ledger.gross)
+    residual = drive + total(tally.springs) - tally.dropped - total(ledger.viscous) - total(friction) - gained
+    return {
+        "status": status,
+        "energy_residual": residual / np.where(drive == 0, 1.0, np.abs(drive)),
+        "energy_dropped": np.asarray(tally.dropped, float) / np.where(gross > 0, gross, 1.0),
+        "work_drive": np.asarray(ledger.drive, float),
+        "loss_viscous": np.asarray(ledger.viscous, float),
+        "loss_friction": np.asarray(friction, float),
+    }

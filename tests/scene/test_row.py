@@ -1,0 +1,390 @@
+"""Rows of blades as a user writes them down: files, keys, engine orders, mistuning and what is refused."""
+
+import tomllib
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.io.scene_numbers import dimension, key_label
+from jaxshroud.scene.axes import axis
+from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
+from jaxshroud.scene.config import load, parse
+from jaxshroud.scene.keys import ALL_KEYS, ROW_KEYS, RowSize, find_key, number_shape
+from jaxshroud.scene.numbers import numbers_of
+from jaxshroud.scene.parts import MISPRINTS
+from jaxshroud.scene.scene import Row, with_laws, with_parts
+from jaxshroud.scene.text import text_of
+from jaxshroud.scene.vary import numbers_that_count, with_numbers
+from jaxshroud.verbs.options import leading_axes, resolve_options
+
+RING, CHAIN = "row_ring12", "row_chain5"
+BARE = """
+[blades]
+m = 0.08
+I = 2.46e-5
+k_x = 1e5
+k_y = 3e6
+k_T = 2000.0
+c_x = 3.57
+c_y = 19.6
+c_T = 0.506
+[shroud]
+alpha = 1.0
+l_oa = 0.05
+l_ab = 0.035
+gap = 2.2e-5
+[contact]
+gamma = 2.5
+[friction]
+k_d = 1e6
+mu = 0.5
+[drive]
+omega = 536.0
+beta = 0.5
+F_0 = 60.0
+M_0 = 0.3
+phase = 0.0
+[run]
+periods = 10
+"""
+
+
+def bare(row, old="", new=""):
+    """A file with a row, and one line replaced."""
+    assert not old or BARE.count(old) == 1
+    return f"[row]\n{row}\n{BARE.replace(old, new) if old else BARE}"
+
+
+def scene_of(row, old="", new="", overrides=()):
+    return parse(bare(row, old, new), "my.toml", overrides).scene
+
+
+def same(one, other):
+    """Whether two scenes are of the same numbers, bit for bit."""
+    return bool(eqx.tree_equal(one, other))
+
+
+@pytest.mark.parametrize(("row", "interfaces"), [("blades = 2", 1), ("blades = 2\nclosed = true", 2)])
+def test_a_row_of_two_has_one_interface_and_a_closed_one_two(row, interfaces):
+    scene = scene_of(row)
+    assert scene.row is not None
+    assert (scene.row.interfaces, scene.shroud.gap.shape, scene.k.shape) == (interfaces, (interfaces,), (interfaces,))
+
+
+@pytest.mark.parametrize("name", [RING, CHAIN])
+def test_every_number_has_the_shape_of_its_key(name):
+    scene = load(name).scene
+    blades, interfaces = scene.row.blades, scene.row.interfaces
+    for key, value in numbers_of(scene).items():
+        per_blade = key.startswith(("blades", "initial", "row")) or key.split(".")[1] in ("beta", "F_0", "M_0", "phase")
+        per_interface = key.startswith(("contact", "friction")) or key == "shroud.gap"
+        want = (blades,) if per_blade else (interfaces,) if per_interface else ()
+        assert value.shape == want == number_shape(ALL_KEYS[key], scene.row_size), key
+    assert leading_axes(scene) == ()
+    assert {value.dtype for value in jax.tree.leaves(scene)} == {jnp.result_type(float)}
+
+
+def test_the_pair_is_as_it_was(table1):
+    assert table1.row is None
+    assert not [key for key in numbers_of(table1) if key in ROW_KEYS]
+    assert "row" not in tomllib.loads(load("table1").text())
+    assert table1.shroud.gap.shape == table1.k.shape == ()
+
+
+def test_lists_are_one_per_blade_and_one_per_interface():
+    scene = scene_of("blades = 3", "gap = 2.2e-5", 'gap = ["20 um", "25 um"]', ["blades.k_x=[1e5, 2e5, 3e5]"])
+    np.testing.assert_array_equal(scene.shroud.gap, [20e-6, 25e-6])
+    np.testing.assert_array_equal(scene.blades.k_x, [1e5, 2e5, 3e5])
+    np.testing.assert_array_equal(scene.k, [2.5e5, 5e5])  # k_x of the blade on the left
+    ring = scene_of("blades = 3\nclosed = true\nmistuning = 0.1", overrides=["blades.k_x=[1e5, 2e5, 3e5]"])
+    np.testing.assert_array_equal(ring.k, [2.5e5, 5e5, 7.5e5])  # of the nominal blade: mistuning is no part of gamma
+
+
+def test_an_engine_order_gives_the_phases_and_with_a_speed_the_frequency():
+    index = np.arange(12)
+    np.testing.assert_array_equal(load(RING).scene.drive.phase, 2 * np.pi * 3 * index / 12)
+    turned = load(RING, ["drive.speed=1706 rpm"])
+    assert float(turned.scene.drive.omega) == 3 * turned.given["drive.speed"]
+    for order in (0, -1, 11):
+        np.testing.assert_allclose(
+            load(RING, [f"drive.engine_order={order}"]).scene.drive.phase, np.pi * order * index / 6
+        )
+    # By f or omega the frequency stays where the order changes, by speed it follows.
+    by_f = load(RING, ["drive.f=85 Hz", "drive.engine_order=2"]).scene
+    assert float(by_f.drive.omega) == 2 * np.pi * 85.0
+    assert float(js.vary(turned.scene, "drive.engine_order", 2.0).drive.omega) == 2 * turned.given["drive.speed"]
+    np.testing.assert_array_equal(load(CHAIN).scene.drive.phase, 2 * np.pi * 1.5 * np.arange(5) / 5)
+
+
+def test_phases_and_engine_order_replace_each_other():
+    scene = js.vary(load(RING).scene, "drive.phase[3]", 0.25)
+    assert "drive.engine_order" not in scene.given
+    want = 2 * np.pi * 3 * np.arange(12) / 12
+    np.testing.assert_array_equal(scene.drive.phase, np.where(np.arange(12) == 3, 0.25, want))
+    assert same(js.vary(scene, "drive.engine_order", 3.0), load(RING).scene)
+    # A speed says nothing without an order: the frequency that it gave is a number then.
+    turned = js.vary(load(RING, ["drive.speed=1706 rpm"]).scene, "drive.phase", 0.0)
+    assert not turned.given.keys() & {"drive.speed", "drive.engine_order"}
+    assert turned.drive.omega == load(RING, ["drive.speed=1706 rpm"]).scene.drive.omega
+
+
+def test_mistuning_is_drawn_by_its_seed():
+    drawn = load(CHAIN).scene.row.mistuning
+    np.testing.assert_array_equal(drawn, 0.03 * np.random.default_rng(1).standard_normal(5))
+    np.testing.assert_array_equal(load(CHAIN).scene.row.mistuning, drawn)
+    assert not np.array_equal(load(CHAIN, ["row.mistuning={sigma=0.03, seed=2}"]).scene.row.mistuning, drawn)
+    listed = tomllib.loads(load(CHAIN).text())["row"]["mistuning"]
+    np.testing.assert_array_equal(listed, drawn)
+    np.testing.assert_array_equal(scene_of('blades = 2\nmistuning = ["3 %", -0.01]').row.mistuning, [0.03, -0.01])
+
+
+ONE_OF_MANY = [
+    *("shroud.gap[3]", "contact.gamma[0]", "friction.mu[2]", "blades.k_x[4]", "blades.m_y[4]", "initial.v_x[2]"),
+    *(
+        "row.mistuning[2]",
+        "drive.F_0[3]",
+        "row.mistuning",
+        "shroud.gap",
+        "blades.m",
+        "drive.omega",
+        "drive.engine_order",
+    ),
+]
+
+
+@pytest.mark.parametrize("key", ONE_OF_MANY)
+def test_every_way_to_give_a_number_gives_the_scene_of_an_override(key):
+    # Bit for bit: vary, rows of a table and lanes of a sweep; the file of each comes back as the same scene.
+    file, value = load(CHAIN), 0.0123456789
+    want = load(CHAIN, [f"{key}={value}"])
+    assert not same(want.scene, file.scene)
+    assert same(js.vary(file.scene, key, value), want.scene)
+    lanes = js.scenes_from({key: [0.5, value]}, file)
+    assert leading_axes(lanes) == (2,)
+    assert same(jax.tree.map(lambda a: a[1], lanes), want.scene)
+    assert same(parse(text_of(want.scene, want.run.model_dump(exclude_none=True)), "again").scene, want.scene)
+    assert same(parse(want.text(), "again").scene, want.scene)
+    assert parse(want.text(), "again").text() == want.text()
+    np.testing.assert_array_equal(axis(file, key, [value, 0.2]).values, [value, 0.2])
+
+
+def test_one_blade_of_many_lanes():
+    lanes = js.vary(js.scenes_from({"shroud.gap[1]": [1e-5, 2e-5]}, load(CHAIN)), "blades.m[4]", jnp.array([0.1, 0.2]))
+    np.testing.assert_array_equal(lanes.blades.m[:, 4], [0.1, 0.2])
+    np.testing.assert_array_equal(lanes.blades.m[:, :4], 0.08)
+    np.testing.assert_array_equal(lanes.shroud.gap[:, 1], [1e-5, 2e-5])
+
+
+def test_a_traced_row_varies_as_a_plain_one():
+    scene = load(CHAIN).scene
+    traced = jax.jit(lambda v: js.vary(js.vary(scene, "shroud.gap[2]", v), "drive.engine_order", v))(0.5)
+    plain = js.vary(js.vary(scene, "shroud.gap[2]", 0.5), "drive.engine_order", 0.5)
+    np.testing.assert_array_equal(traced.shroud.gap, plain.shroud.gap)
+    np.testing.assert_allclose(traced.drive.phase, plain.drive.phase, rtol=1e-15)  # XLA may contract products
+
+
+def test_numbers_are_read_by_their_keys():
+    scene = load(CHAIN).scene
+    assert js.value_of(scene, "shroud.gap[2]") == 30e-6
+    assert js.value_of(scene, "blades.m") == 0.08
+    assert js.value_of(with_numbers(scene, ["contact.k"]), "contact.k[3]") == js.value_of(scene, "contact.k") == 2.6e5
+    with pytest.raises(KeyNameError, match=r"differs between the interfaces; name one of shroud\.gap\[0\] to .*\[3\]"):
+        js.value_of(scene, "shroud.gap")
+    counted = numbers_that_count(scene)
+    assert {"shroud.gap[0]", "shroud.gap[3]", "row.mistuning[4]", "drive.phase[4]", "contact.gamma"} <= {*counted}
+    assert not {"shroud.gap", "shroud.gap[4]", "row.mistuning", "drive.phase[0]"} & {*counted}
+
+
+def test_results_name_blades_and_interfaces_of_rows_by_number():
+    names = {
+        key: dimension(key, in_row=True) for key in ("shroud.gap[0]", "blades.m[1]", "initial.x[3]", "drive.omega")
+    }
+    assert [*names.values()] == ["gap_0", "m_1", "initial_x_3", "omega"]
+    assert key_label("shroud.gap[0]", in_row=True) == r"initial gap, interface 0 $\Delta$"
+    assert (dimension("blades.m[1]"), key_label("blades.m[1]")) == ("m_right", "mass, right blade $m$")
+    lanes = js.scenes_from({"shroud.gap[3]": [1e-5, 2e-5], "blades.m[0]": [0.1, 0.2]}, load(CHAIN))
+    more = resolve_options(lanes, rows=True).provenance(1, 100)[1]
+    assert {name: dims for name, (dims, *_) in more.items()} == {"gap": ("lane", "interface"), "m": ("lane", "blade")}
+
+
+def test_titles_of_long_lists_are_short():
+    gaps = ", ".join(["25 um"] * 11 + ["26 um"])
+    assert load(RING, [f"shroud.gap={gaps}"]).title.endswith(", but gap = 12 values")
+    assert load(RING, ["row.blades=6", "row.closed=false"]).title.endswith(", but blades = 6, closed = false")
+
+
+@pytest.mark.parametrize(
+    "overrides", [["row.blades=6", "drive.engine_order=2"], ["drive.engine_order=2", "row.blades=6"]]
+)
+def test_the_pair_becomes_a_row_by_overrides_in_any_order(overrides):
+    scene = load("table1", overrides).scene
+    assert (scene.row.blades, scene.shroud.gap.shape, float(scene.drive.omega)) == (6, (5,), 536.0)
+    np.testing.assert_array_equal(scene.drive.phase, 2 * np.pi * 2 * np.arange(6) / 6)
+
+
+WRONG_FILES = {
+    "one blade": (bare("blades = 1\nclosed = true"), "[row] blades = 1 must be greater than or equal to 2"),
+    "many": (bare("blades = 1000000"), "[row] blades = 1000000 must be less than or equal to 512"),
+    "half a blade": (bare("blades = 2.5"), "[row] blades = 2.5 must be a valid integer"),
+    "no number": (bare("closed = true"), "[row] lacks `blades`; add it, e.g. blades = 12 (number of blades)"),
+    "not closed": (bare("blades = 3\nclosed = 1"), "[row] closed = 1 must be a valid boolean"),
+    "unknown key": (bare("blades = 3\nclose = true"), "[row] has no key `close`; did you mean `closed`?"),
+    "no table": (f"row = 3\n{BARE}", "[row] must be a table of keys"),
+    "blades": (
+        bare("blades = 3", "m = 0.08", "m = [1, 2]"),
+        "[blades] m = [1, 2] must be one number or a list of 3, one",
+    ),
+    "interfaces": (bare("blades = 3", "gap = 2.2e-5", "gap = [1, 2, 3]"), "a list of 2, one for each interface, e.g."),
+    "a unit": (bare("blades = 3", "gap = 2.2e-5", 'gap = ["1 um", "1 kg"]'), "is a mass, but a length is needed"),
+    "scalar": (
+        bare("blades = 3", "alpha = 1.0", "alpha = [1, 1, 1]"),
+        "[shroud] alpha = [1, 1, 1] must be a valid number",
+    ),
+    "mistuning": (bare("blades = 3\nmistuning = [0, 0]"), "[row] mistuning = [0, 0] must be one number or a list of 3"),
+    "below -1": (bare("blades = 2\nmistuning = [0, -1]"), "must be greater than -1"),
+    "sigma": (bare("blades = 2\nmistuning = {sigma = -1, seed = 1}"), "must be greater than or equal to 0"),
+    "seed": (bare("blades = 2\nmistuning = {sigma = 1, seed = 1.5}"), "must be a valid integer"),
+    "no seed": (
+        bare("blades = 2\nmistuning = {sigma = 1}"),
+        "must be a number, a list of them, or {sigma = 0.03, seed = 1}",
+    ),
+    "order": (
+        bare("blades = 3\nclosed = true", "phase = 0.0", "engine_order = 2.5"),
+        "[drive] engine_order = 2.5 must be a whole number",
+    ),
+    "phase": (
+        bare("blades = 3", "phase = 0.0", "phase = 0.0\nengine_order = 1"),
+        "gives both `engine_order` and `phase`",
+    ),
+    "frequency": (
+        bare("blades = 3", "phase = 0.0", "engine_order = 1\nspeed = 100"),
+        "[drive] gives both `speed` and `omega`; keep one of them",
+    ),
+    "no order": (
+        bare("blades = 3", "omega = 536.0", "speed = 100"),
+        "[drive] lacks `engine_order`, which `speed` needs",
+    ),
+    "order 0": (
+        bare("blades = 3", "omega = 536.0", "speed = 100").replace("phase = 0.0", "engine_order = 0"),
+        "drive.engine_order must be greater than 0 where drive.speed gives the frequency",
+    ),
+    "speed": (
+        bare("blades = 3", "omega = 536.0", 'omega = "1300 rpm"').replace("phase = 0.0", "engine_order = 2"),
+        "is a speed of rotation, but omega is the frequency of a drive with engine order 2",
+    ),
+    "reading": (
+        bare("blades = 3", "gamma = 2.5", 'gamma = 2.5\nreading = "printed"'),
+        '[contact] reading must be "consistent" in a row of blades',
+    ),
+    "rigid": (bare("blades = 3") + '[parts]\nneighbour = "rigid"', '[parts] neighbour = "rigid" is for the pair'),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_FILES)
+def test_wrong_rows_are_told_in_one_line(case):
+    text, expected = WRONG_FILES[case]
+    with pytest.raises(SceneError) as caught:
+        parse(text, "my.toml")
+    message = str(caught.value)
+    assert message.startswith("my.toml: ")
+    assert expected in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("overrides", "expected"),
+    [
+        (["shroud.gap[12]=1 um"], "--set: shroud.gap[12]: the row has 12 interfaces, from [0] to [11]"),
+        (["blades.m[12]=1"], "--set: blades.m[12]: the row has 12 blades, from [0] to [11]"),
+        (["shroud.alpha[3]=1"], "--set: [shroud] alpha is one number, not one per blade; drop the [3]"),
+        (["contact.k[3]=1e5"], "--set: [contact] k[3]: the file does not give `k`; set all 12"),
+        (["drive.phase[3]=1"], "--set: [drive] phase[3]: the file does not give `phase`; set all 12"),
+        (["row.closed[0]=true"], "--set: [row] closed is not one per blade; drop the [0]"),
+        (["row.blades=1"], "--set: [row] blades = 1 must be greater than or equal to 2"),
+        (["drive.engine_order=2.5"], "--set: [drive] engine_order = 2.5 must be a whole number"),
+        (["drive.omega=1300 rpm"], "engine order 3; name drive.speed"),
+        (["shroud.gap=1,2"], "--set: [shroud] gap = [1, 2] must be one number or a list of 12, one for each interface"),
+    ],
+)
+def test_wrong_overrides_of_rows(overrides, expected):
+    with pytest.raises(SceneError) as caught:
+        load(RING, overrides)
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_python_refuses(table1):
+    ring, size = load(RING).scene, RowSize(12, closed=True)
+    for ask, told in (
+        (lambda: js.vary(ring, "shroud.gap[12]", 1.0), r"the row has 12 interfaces, from \[0\] to \[11\]"),
+        (lambda: js.vary(ring, "shroud.alpha[0]", 1.0), "is one number, not one per blade"),
+        (lambda: js.vary(ring, "contact.k[0]", 1e5), r"given by contact\.gamma; name contact\.k for all interfaces"),
+        (lambda: js.vary(ring, "blades.m", np.ones(2)), r"a value for each of the 12 blades, but its shape is \(2,\)"),
+        (lambda: js.vary(ring, "drive.engine_order", 2.5), "must be a whole number"),
+        (lambda: js.vary(ring, "drive.engine_order", np.inf), "must be a finite number"),
+        (lambda: js.vary(ring, "drive.f[0]", 2.5), "is one number, not one per blade"),
+        (lambda: js.vary(js.vary(ring, "drive.speed", 9.0), "drive.engine_order", 0.0), "must be greater than 0 where"),
+        (lambda: js.vary(ring, "row.mistuning[0]", -1.0), "must be greater than -1"),
+        (lambda: js.vary(table1, "row.mistuning[0]", 0.0), "the scene has no number `row.mistuning"),
+        (lambda: js.vary(table1, "blades.m[2]", 0.1), "the scene has no number"),
+        (lambda: with_numbers(ring, ["drive.engine_order", "drive.phase"]), "are one number; name one of them"),
+        (lambda: js.value_of(js.vary(ring, "drive.phase", 0.0), "drive.engine_order"), r"does not give drive\.engine_"),
+        (lambda: find_key("row.mistuing", row=size), "did you mean `row.mistuning`"),
+        (lambda: Row(1), "A row has from 2 to 512 blades, not 1"),
+        (lambda: Row(3, mistuning=np.zeros(2)), r"a value for each of the 3 blades, but its shape is \(2,\)"),
+        (lambda: _replaced(ring, row=None), r"must be one number or a pair \[left, right\], but its shape is \(12,\)"),
+        (lambda: _replaced(table1, row=Row(3)), r"blades\.m must have a value for each of the 3 blades, but its shape"),
+        (lambda: _replaced(ring, contact=js.Contact(None, np.ones(12), MISPRINTS)), "`reading` must be consistent"),
+        (lambda: _replaced(ring, parts=js.Parts(neighbour="rigid")), "A row has no rigid neighbour"),
+        (lambda: with_laws(ring, js.Hertz(1e7)), "A row of blades takes no own laws of contact"),
+    ):
+        with pytest.raises(InputError, match=told):
+            ask()
+
+
+def _replaced(scene, **parts):
+    """A scene made anew with some of its parts replaced."""
+    names = ("blades", "shroud", "contact", "friction", "drive", "initial", "parts", "laws", "given", "row")
+    return js.Scene(**{name: getattr(scene, name) for name in names} | parts)
+
+
+def test_smooth_contact_has_a_width_for_each_interface():
+    smooth = load(RING, ["parts.contact=smooth", "contact.width=1 um", "contact.width[2]=2 um"]).scene
+    assert smooth.contact.width.shape == (12,)
+    assert js.vary(smooth, "contact.width[4]", 3e-6).contact.width[4] == 3e-6
+    again = with_parts(load(RING).scene, smooth.parts, smooth.contact.width)
+    assert same(again.contact, smooth.contact)
+
+
+def _verbs():
+    ring, how = load(RING), {"n_periods": 1, "transient": 1}
+    return {
+        "power": lambda: js.power(ring, **how),
+        "check": lambda: js.check(ring),
+        "explain": lambda: js.explain(ring.scene),
+        "diagnose": lambda: js.diagnose(ring),
+        "orbit": lambda: js.orbit(ring),
+        "lyapunov": lambda: js.lyapunov(ring),
+        "gradient": lambda: js.gradient(ring, ["drive.omega"]),
+        "branch": lambda: js.branch(ring, "drive.omega", 500.0, 600.0),
+        "attractors": lambda: js.attractors(ring),
+        "basins": lambda: js.basins(ring),
+        "tune": lambda: js.tune(ring, {"drive.omega": (500.0, 600.0)}),
+        "trade": lambda: js.trade(ring),
+        "scatter": lambda: js.scatter(ring, {"drive.omega": 1.0}),
+        "report": lambda: js.report(ring),
+        "response": lambda: js.response(ring, start=500.0, stop=600.0, num=2),
+        "table": lambda: js.table(ring, {"drive.omega": [500.0]}),
+        "fit": lambda: js.fit(ring, {"t [s]": [0.0, 1e-3], "x_left [m]": [0.0, 1e-6]}, {"drive.omega": (500.0, 600.0)}),
+        "method_for": lambda: js.method_for(ring.scene),
+    }
+
+
+@pytest.mark.parametrize("verb", list(_verbs()))
+def test_verbs_that_know_no_rows_refuse_them_by_name(verb):
+    with pytest.raises(InputError, match=f"`{verb}` does not know rows of blades yet"):
+        _verbs()[verb]()

@@ -1,0 +1,23 @@
+"""A sample of the study of rows of blades."""
+
+import pytest
+import rows
+
+pytestmark = pytest.mark.studies
+
+
+def test_chains_of_two_are_the_pair():
+    told = rows.pairs(40)
+    assert told["all"]["alike statuses"]
+    assert told["rows"] >= 20
+    assert told["beyond"] == 0
+
+
+def test_rows_of_more_blades_are_those_of_the_second_opinion():
+    told = rows.opinions(range(2, 4))
+    assert told["beyond"] == told["events counted otherwise"] == 0
+
+
+def test_energy_of_random_rows():
+    told = rows.energy(48, ((3, False), (4, True)))
+    assert told["beyond"] == 0

@@ -1,0 +1,97 @@
+"""Verbs of rows of blades: what a chain of two shares with the pair, results and pictures, and what is refused."""
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.cli import commands as cli
+from jaxshroud.model.modes import Status
+
+IN_X = ['parts.motion=["x"]']
+CHAIN = [*IN_X, "row.blades=2", "row.closed=false", "drive.engine_order=1"]
+PAIR = [
+    *IN_X,
+    'blades.I="block"',
+    "contact.gamma=2.6",
+    "drive.F_0=60",
+    "drive.M_0=0.3",
+    'drive.phase=["0 deg", "180 deg"]',
+]
+HOW = {"n_periods": 4, "transient": 2, "method": js.RungeKutta("rk4", steps=200)}
+ALONG = {"contact.gamma": [2.0, 3.0, 4.0]}
+
+
+@pytest.fixture(scope="module")
+def swept():
+    return js.sweep(js.load("row_ring12", CHAIN).scene, ALONG, ledger=True, amplitudes=True, **HOW)
+
+
+def test_a_chain_of_two_is_swept_like_the_pair(swept):
+    pair = js.sweep(js.load("table1", PAIR).scene, ALONG, ledger=True, amplitudes=True, **HOW)
+    for name in ("P", "P_0", "x_peak", "x_rms", "v_max", "time_apart", "energy_residual"):
+        got, want = getattr(swept, name), getattr(pair, name)
+        # Rounding alone: sums are taken in another order.
+        np.testing.assert_allclose(got, want, rtol=1e-9, atol=1e-9 * np.max(np.abs(want)), err_msg=name)
+    np.testing.assert_allclose(swept.motion.x, pair.motion.x, rtol=0, atol=1e-11 * np.max(np.abs(pair.motion.x)))
+    np.testing.assert_array_equal(swept.period_number, pair.period_number)
+    for name, counts in pair.counters.items():
+        np.testing.assert_array_equal(swept.counters[name], counts)
+
+
+def test_the_reduction_of_a_row_is_that_of_all_its_blades(swept):
+    each = 100 * (1 - swept.P / swept.P_0)
+    np.testing.assert_allclose(swept.P_d, 100 * (1 - swept.P.sum(axis=-1) / swept.P_0.sum(axis=-1)), rtol=1e-12)
+    np.testing.assert_allclose(swept.P_d_worst, each.min(axis=-1), rtol=1e-12)
+
+
+def test_a_stored_sweep_of_a_row_is_that_in_memory(swept, tmp_path):
+    scene = js.load("row_ring12", CHAIN).scene
+    stored = js.sweep(scene, ALONG, ledger=True, amplitudes=True, store=tmp_path / "row.zarr", **HOW)
+    np.testing.assert_array_equal(stored.motion.x, swept.motion.x)
+    np.testing.assert_array_equal(stored.P_d, swept.P_d)
+
+
+@pytest.mark.full(but=["row_chain5"])
+@pytest.mark.parametrize("name", ["row_chain5", "row_ring12"])
+def test_a_shipped_row_is_simulated_stored_and_drawn(name, tmp_path):
+    scene, how = js.load(name).scene, {"n_periods": 1, "method": js.RungeKutta("dopri8", steps=100)}
+    run = js.simulate(scene, **how)
+    blades, interfaces = scene.row.blades, scene.row.interfaces
+    assert run.status == Status.OK
+    assert abs(run.energy_residual) < 1e-3
+    assert run.motion.theta.shape == (101, blades)
+    assert run.N.shape == run.contact_point.shape == (101, interfaces)
+    assert run.counters["onset_slip"].shape == run.loss_friction.shape == (interfaces,)
+    assert np.all((run.N > 0) == (run.mode > 0))
+    assert 1 / blades <= run.participation_ratio <= 1
+    run.save(tmp_path / "row.nc")
+    again = js.open(tmp_path / "row.nc")
+    assert isinstance(again, js.RowTrajectory)
+    np.testing.assert_array_equal(again.F, run.F)
+    for panel in ("map", "amplitudes", "diameters"):
+        again.plot(panel=panel)
+    again.plot()
+    on = js.simulate(scene, run.last, **how)
+    np.testing.assert_array_equal(on.motion.x[0], run.motion.x[-1])
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["sweep", "row_ring12", "--along", "drive.omega", "--values", "500,600", "--lyapunov"], "`lyapunov` does not"),
+        (
+            ["sweep", "row_ring12", "--along", "drive.omega", "--values", "500,600", "--forces"],
+            "`forces` does not know",
+        ),
+        (["simulate", "row_ring12", "--events"], "`events` does not know rows of blades yet"),
+        (["simulate", "row_ring12", "--from", "run.nc"], "--from does not know rows of blades yet"),
+        (["simulate", "row_ring12", "--tableau", "taylor"], "Runge-Kutta methods, not by power series"),
+        (["simulate", "row_ring12", "--set", "parts.contact=none"], "many single blades"),
+        (["power", "row_ring12"], "`power` does not know rows of blades yet"),
+    ],
+)
+def test_what_rows_do_not_have_is_refused_in_one_line(words, told, tmp_path, capsys):
+    out = tmp_path / ("run.nc" if words[0] == "simulate" else "out")
+    assert cli.main([*words, "--out", str(out)]) == 2
+    assert told in capsys.readouterr().err.splitlines()[-1]
+    assert not out.exists()
