@@ -10,7 +10,7 @@ OTHERS = [
     *(name for name in shipped() if name.endswith("_best")),
     *("table1_light", "griffin", "dry_friction_2dof", "engine_order", "row_ring12", "row_chain5"),
 ]
-ROWS = [name for name in shipped() if load(name).row_size is not None]  # run in verbs/test_rows.py
+ROWS = [name for name in shipped() if load(name).row_size is not None]  # run in verbs/test_row_verbs.py
 PRINTED = [name for name in shipped() if name not in OTHERS]
 
 

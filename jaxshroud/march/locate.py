@@ -234,8 +234,7 @@ def first_crossed(low: Guards, end: Guards, violated: Violated, otherwise: Targe
 
     Where none is violated, the share is 0 and the target that is given.
     """
-    zero = jnp.zeros_like(otherwise.value)
-    largest, chosen = (zero, zero + 1), otherwise
+    largest, chosen = (jnp.zeros_like(otherwise.value), jnp.ones_like(otherwise.value)), otherwise
     for kind in violated:
         above = end.value[kind]
         share = above, above - jnp.minimum(low.value[kind], 0.0)  # numerator, denominator

@@ -304,7 +304,7 @@ def _laid_out(figure: Figure) -> Iterator[None]:
     engine, dots = figure.get_layout_engine(), figure.dpi
     with mpl.rc_context(STYLE | NO_LAYOUT):
         try:
-            if engine is not None:
+            if engine is not None and figure.axes:  # as in `Figure.draw`
                 figure.dpi = DOTS_PER_INCH
                 engine.execute(figure)
                 figure.dpi = dots

@@ -339,8 +339,8 @@ def test_an_absent_number_stays_absent_beside_series():
     series = Series(lambda n: jnp.asarray(float(n)))
     absent = load("table1", ['parts.motion=["x"]']).scene
     ready = prepared_model(absent)
-    assert is_absent(series * ready.mobility.theta[0])
-    assert (series + ready.mobility.theta[0]) is series
+    assert is_absent(series * ready.mobility.inverse.theta[0])
+    assert (series + ready.mobility.inverse.theta[0]) is series
 
 
 @pytest.mark.studies  # studies/missed_events.py
