@@ -4,7 +4,11 @@ import kills
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.studies
+pytestmark = [
+    pytest.mark.studies,
+    # Other tests of this process have used JAX, which warns of any fork; these processes run a command at once.
+    pytest.mark.filterwarnings(r"ignore:os.fork\(\) was called:RuntimeWarning"),
+]
 
 
 def test_a_killed_sweep_ends_with_the_same_bytes(tmp_path):
