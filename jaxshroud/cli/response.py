@@ -11,7 +11,9 @@ from jaxshroud.results.response import Response
 from jaxshroud.scene.axes import axis
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
+from jaxshroud.scene.keys import find_key
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.title import display_value
 
 
 def _response_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
@@ -49,15 +51,18 @@ def _ends_of_response(call: VerbCall) -> Scene:
 def _output_response(completed: CompletedCall) -> None:
     write_files(completed)
     result: Response = completed.result
-    heads = (completed.arguments["along"], result.of, "period", "stable", "half width over value", "against free")
+    unit = result.data["peak_amplitude"].attrs["units"]
+    shift, ratio = "shift from free peak", "over free peak"
+    heads = (result.along, f"{result.of} [{unit}]", "period", "stable", "half width over value", shift, ratio)
     rows = [
         (
-            f"{row['value']:.8g}",
+            _place_text(result, row["value"]),
             f"{row['amplitude']:.6g}",
             str(row["q"]),
             "yes" if row["stable"] else "no",
             f"{row['zeta']:.4g}" if np.isfinite(row["zeta"]) else row["reason"],
             f"{row['shift']:+.3%}",
+            f"{row['ratio']:.4g}",
         )
         for row in result.peaks
     ]
@@ -65,14 +70,31 @@ def _output_response(completed: CompletedCall) -> None:
     shown = {
         "peaks": len(rows),
         "largest without contact": "; ".join(
-            f"{a:.6g} at {v:.8g}" for a, v in zip(result.free_amplitude, result.free_value, strict=True)
+            f"{a:.6g} {unit} at {_place_text(result, v)}"
+            for a, v in zip(result.free_amplitude, result.free_value, strict=True)
         ),
+        **_jump_rows(result),
         "ended": result.ended,
         "method": result.method,
     }
     print_table(completed.title, {**shown, "written": files_written()})
     for line in result.messages:
         print(f"warning: {line}")
+
+
+def _place_text(result: Response, value: float) -> str:
+    """A value of the first number, in the unit of the picture."""
+    return display_value(*find_key(result.along)[0].parts, value)
+
+
+def _jump_rows(result: Response) -> dict[str, str]:
+    """The values before which the sweeps jump, by direction and member."""
+    members = [f" of member {i}" for i in range(len(result.jumps))] if result.over else [""]
+    return {
+        f"jumps {direction}{member}": ", ".join(_place_text(result, value) for value in values)
+        for member, jumps in zip(members, result.jumps, strict=True)
+        for direction, values in jumps.items()
+    }
 
 
 response_command = Computation(

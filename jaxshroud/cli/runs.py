@@ -25,6 +25,7 @@ from jaxshroud.march.tableau import MIN_STEPS
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.effects import with_interval
 from jaxshroud.motion.short_runs import trajectory_ends
+from jaxshroud.results.amplitudes import amplitude_numbers, load_numbers
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.verbs.accuracy import LEVELS
 
@@ -95,6 +96,8 @@ def _output_power(completed: CompletedCall) -> None:
         "periods": final["n"],
         "stable": final["stable"],
         "period number": final["period_number"] or "aperiodic",
+        **amplitude_numbers(completed.result, final["status"] == Status.OK),
+        **load_numbers(completed.result, final["status"] == Status.OK),
     }
     print_result(completed, rows)
     print(completed.result.mechanism)

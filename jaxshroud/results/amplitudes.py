@@ -1,5 +1,10 @@
 """The amplitudes of motions and the loads of contact, as results hold them."""
 
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
 from jaxshroud.io.variable import Variable
 
 MEAN, RMS = "mean of {}", "root mean square of {} about its mean"
@@ -39,3 +44,28 @@ class WithLoads:
     approach_mean = Variable("mean closing speed of impacts; NaN without any", "m s-1")
     impulse_max = Variable("largest impulse of the normal force in one contact; 0 if none ends", "N s")
     impulse_mean = Variable("mean impulse of the normal force of an impact; NaN without any", "N s")
+
+
+def load_numbers(result: Any, ok: np.ndarray) -> dict[str, float]:
+    """The largest forces and the largest work of friction of all lanes, if they were kept."""
+    forces = {
+        "largest normal force [N]": result.N_max,
+        "largest friction force [N]": result.F_max,
+        "largest work of friction per period [J]": result.friction_work,
+        "largest slip per period [m]": result.slip,
+        "largest closing speed of an impact [m/s]": result.approach_max,
+        "largest impulse of a contact [N s]": result.impulse_max,
+    }
+    return largest_of_lanes(ok, forces)
+
+
+def amplitude_numbers(result: Any, ok: np.ndarray) -> dict[str, float]:
+    """The largest amplitudes of all lanes, if they were kept."""
+    peaks = {"x [m]": result.x_peak, "y [m]": result.y_peak, "theta [rad]": result.theta_peak}
+    of_either = {f"largest amplitude of {name}": None if a is None else a.max(axis=-1) for name, a in peaks.items()}
+    return largest_of_lanes(ok, of_either)
+
+
+def largest_of_lanes(ok: np.ndarray, quantities: Mapping[str, np.ndarray | None]) -> dict[str, float]:
+    """The largest value of each quantity that was kept, among the lanes that are OK."""
+    return {name: float(np.max(a, where=ok, initial=0.0)) for name, a in quantities.items() if a is not None}

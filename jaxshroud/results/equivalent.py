@@ -58,5 +58,5 @@ def _direction(name: str, stiffness: float, ratio: float) -> str:
 def _unknown_because(result: Any) -> str:
     """Why the first harmonic gives no equivalent."""
     if not result.final["settling"]:
-        return "the motion has not settled"
+        return "the motion has not settled; give a longer transient"
     return "it takes contact, and blades that move along x and y"

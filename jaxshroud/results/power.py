@@ -71,10 +71,13 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
     def summary(self) -> dict[str, JSONValue]:
         """The curve and the final answer in plain numbers, as `power.json` holds them."""
         numbers = {"n": self.n, "P_d": self.P_d, "P_d_ci": self.P_d_ci, "final": self.final}
-        equivalent = {
-            name: getattr(self, name) for name, one in vars(WithEquivalent).items() if isinstance(one, Variable)
-        }
-        return json_values({**self.origin, **numbers, "equivalent": equivalent})
+        kinds = {"equivalent": WithEquivalent, "amplitudes": WithAmplitudes, "loads": WithLoads}
+        return json_values({**self.origin, **numbers, **{name: self._kept(one) for name, one in kinds.items()}})
+
+    def _kept(self, kind: type) -> dict[str, Any]:
+        """The variables of a kind that the run was asked for."""
+        names = [name for name, one in vars(kind).items() if isinstance(one, Variable) and name in self.data]
+        return {name: np.asarray(getattr(self, name)).tolist() for name in names}
 
     def _picture_content(self) -> dict[str, object]:
         if np.ndim(self.status):

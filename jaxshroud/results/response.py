@@ -119,9 +119,10 @@ class Response(Result):
 
     @property
     def peaks(self) -> list[dict[str, Any]]:
-        """Each peak as a dictionary: member, value, amplitude, q, stable, low, high, zeta, shift and reason.
+        """Each peak as a dictionary: member, value, amplitude, q, stable, low, high, zeta, shift, ratio and reason.
 
-        `shift` is the relative distance of its value from that of the peak without contact.
+        `shift` is the relative distance of its value from that of the peak without contact, `ratio` the amplitude over
+        that of the peak without contact; NaN where that is 0.
         """
         names: tuple[str, ...] = ("member", "value", "amplitude", "q", "stable", "low", "high", "zeta")
         columns = [getattr(self, f"peak_{name}") for name in names]
@@ -131,8 +132,15 @@ class Response(Result):
         ]
         for row, reason in zip(rows, reasons, strict=False):
             row["shift"] = row["value"] / float(self.free_value[row["member"]]) - 1
+            free = float(self.free_amplitude[row["member"]])
+            row["ratio"] = row["amplitude"] / free if free else np.nan
             row["reason"] = reason
         return rows
+
+    @property
+    def jumps(self) -> list[dict[str, list[float]]]:
+        """For each member, direction -> the values before which the motion of the sweep jumps, in SI units."""
+        return [self.sweep(member).jumps for member in range(self.data.sizes[MEMBER])]
 
     @property
     def messages(self) -> list[str]:
@@ -147,7 +155,7 @@ class Response(Result):
             for v, a in zip(self.free_value, self.free_amplitude, strict=True)
         ]
         numbers = {"along": self.along, "over": self.over, "of": self.of, "peaks": self.peaks, "without contact": free}
-        return json_values({**numbers, "status": self.ended, **self.source})
+        return json_values({**numbers, "jumps": self.jumps, "status": self.ended, **self.source})
 
     @typed
     def plot(self, ax: "Axes | None" = None, *, panel: str | None = None, **options: "Unpack[LookOptions]") -> "Figure":

@@ -14,7 +14,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.motion.effects import flat_text
 from jaxshroud.motion.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, find_jumps, motions_differ
 from jaxshroud.motion.period import UNKNOWN_IF_SETTLED
-from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads
+from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads, amplitude_numbers, largest_of_lanes, load_numbers
 from jaxshroud.results.base import Result
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
@@ -105,6 +105,15 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
         return not np.any(self.status == Status.NOT_RUN)
 
     @property
+    def jumps(self) -> dict[str, list[float]]:
+        """Direction -> the values before which the motion jumps, in SI units; empty if there is no such direction."""
+        if self.jump is None:
+            return {}
+        ((_, values),) = self.axes.items()
+        rows = zip(self.data[DIRECTION].to_numpy().tolist(), self.jump, strict=True)
+        return {direction: values[row].tolist() for direction, row in rows if row.any()}
+
+    @property
     def flat(self) -> str:
         """What to say where P_d moves less than its intervals over the range asked for; else empty."""
         return flat_text(np.where(self.status == Status.OK, self.P_d, np.nan), self.P_d_ci)
@@ -132,9 +141,9 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
                 "largest P_d": best,
                 **({"flat": self.flat} if self.flat else {}),
                 **({} if positive is None else {"positive exponents": positive}),
-                **_largest(ok, {"largest energy residual": residual, "largest energy dropped": dropped}),
-                **_force_numbers(self, ok),
-                **_amplitude_numbers(self, ok),
+                **largest_of_lanes(ok, {"largest energy residual": residual, "largest energy dropped": dropped}),
+                **load_numbers(self, ok),
+                **amplitude_numbers(self, ok),
                 "method": f"{self.method}, {self.steps_per_period} steps a period",
                 **self.source,
             }
@@ -152,39 +161,11 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
         )
 
 
-def _force_numbers(result: SweepResult, ok: np.ndarray) -> dict[str, float]:
-    """The largest forces and the largest work of friction of all lanes, if they were kept."""
-    forces = {
-        "largest normal force [N]": result.N_max,
-        "largest friction force [N]": result.F_max,
-        "largest work of friction per period [J]": result.friction_work,
-        "largest slip per period [m]": result.slip,
-        "largest closing speed of an impact [m/s]": result.approach_max,
-        "largest impulse of a contact [N s]": result.impulse_max,
-    }
-    return _largest(ok, forces)
-
-
-def _amplitude_numbers(result: SweepResult, ok: np.ndarray) -> dict[str, float]:
-    """The largest amplitudes of all lanes, if they were kept."""
-    peaks = {"x [m]": result.x_peak, "y [m]": result.y_peak, "theta [rad]": result.theta_peak}
-    of_either = {f"largest amplitude of {name}": None if a is None else a.max(axis=-1) for name, a in peaks.items()}
-    return _largest(ok, of_either)
-
-
-def _largest(ok: np.ndarray, quantities: Mapping[str, np.ndarray | None]) -> dict[str, float]:
-    """The largest value of each quantity that was kept, among the lanes that are OK."""
-    return {name: float(np.max(a, where=ok, initial=0.0)) for name, a in quantities.items() if a is not None}
-
-
 def _direction_numbers(result: SweepResult) -> dict[str, object]:
     """Where the motion jumps and where motions coexist, of a sweep in several directions."""
     if result.jump is None:
         return {}
-    ((_, values),) = result.axes.items()
-    directions = result.data["direction"].to_numpy().tolist()
-    rows = zip(directions, result.jump, strict=True)
-    jumps = {f"jumps {direction}": values[row].tolist() for direction, row in rows if row.any()}
+    jumps = {f"jumps {direction}": values for direction, values in result.jumps.items()}
     return {"values with coexisting motions": int(result.coexisting.sum()), **jumps}
 
 

@@ -32,6 +32,9 @@ def test_an_elastic_friction_element_has_its_closed_form(F_0):
     # The third harmonic of the force moves the mass by 1e-5 of A, and N varies by 1e-5.
     assert found.k_t == pytest.approx((angle - np.sin(2 * angle) / 2) / np.pi, rel=1e-4)
     assert found.c_t * 40 == pytest.approx(4 * limit * (A - limit) / (np.pi * A**2), rel=1e-4)
+    told = found.summary()  # what was asked for is kept, and nothing else
+    assert told["amplitudes"]["x_peak"] == pytest.approx(found.x_peak.tolist())
+    assert told["loads"] == {}
     assert found.zeta_t == pytest.approx(found.c_t / 2 / np.sqrt(400 + found.k_t), rel=1e-6)
     # Controls: a stuck spring is far too stiff, a slider without a spring damps too much.
     assert found.k_t < 0.9

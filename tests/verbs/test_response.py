@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
+from jaxshroud.cli.response import _jump_rows, _place_text
 from jaxshroud.scene.checks import InputError
 
 ONE = ['parts.motion=["x"]', 'parts.neighbour="rigid"', "drive.M_0=0"]
@@ -19,10 +20,16 @@ def touching():
     return scene, js.response(scene, "drive.omega", 900.0, 2200.0, num=12, **SHORT)
 
 
-@pytest.mark.full
-def test_a_peak_without_contact_has_the_place_and_the_width_of_the_closed_form():
+@pytest.fixture(scope="module")
+def apart():
+    """A blade that a gap of 1 m keeps apart."""
     scene = js.load("table1", [*ONE, "blades.c_x=7", "shroud.gap=1m"]).scene
-    found = js.response(scene, "drive.omega", 900.0, 1400.0, num=3, n_periods=2, transient=60, method=SERIES)
+    return scene, js.response(scene, "drive.omega", 900.0, 1400.0, num=3, n_periods=2, transient=60, method=SERIES)
+
+
+@pytest.mark.full
+def test_a_peak_without_contact_has_the_place_and_the_width_of_the_closed_form(apart):
+    scene, found = apart
     ((peak,), free) = found.peaks, float(found.free_amplitude[0])
     k, m, c = (float(np.ravel(a)[0]) for a in (scene.blades.k_x, scene.blades.m, scene.blades.c_x))
     zeta, omega = c / (2 * np.sqrt(k * m)), np.sqrt(k / m)
@@ -30,6 +37,7 @@ def test_a_peak_without_contact_has_the_place_and_the_width_of_the_closed_form()
     assert peak["amplitude"] == pytest.approx(free, rel=1e-9)
     roots = np.sqrt(1 - 2 * zeta**2 + np.array([-1, 1]) * 2 * zeta * np.sqrt(1 - zeta**2))  # of amplitude peak / sqrt 2
     assert (peak["low"], peak["high"]) == pytest.approx(omega * roots, rel=1e-7)
+    assert peak["ratio"] == pytest.approx(1, rel=1e-9)
     assert peak["zeta"] == pytest.approx(zeta, rel=zeta)  # the half-power rule itself is of first order
     # Control: the width at half of the amplitude, not of the power, would be sqrt(3) times as large.
     assert abs(peak["zeta"] * np.sqrt(3) / zeta - 1) > 0.5
@@ -69,6 +77,18 @@ def test_a_family_has_a_branch_and_a_peak_for_each_member():
     assert [peak["member"] for peak in found.peaks] == [0, 1]
     assert found.peaks[0]["amplitude"] == pytest.approx(2 * found.peaks[1]["amplitude"], rel=0.02)
     assert {found.branch(i).value[0] for i in (0, 1)} == {900.0}
+
+
+@pytest.mark.full
+def test_jumps_are_told_by_direction_in_the_unit_of_the_picture(apart):
+    _, found = apart
+    assert found.jumps == [{}]
+    marks = found.sweep().data["jump"].copy(deep=True)
+    marks.loc[{"direction": "forward"}] = [0, 1, 0]
+    told = js.Response(found.data.assign(jump=marks.expand_dims("member")))
+    assert told.jumps == told.summary()["jumps"] == [{"forward": [found.values[1]]}]
+    assert _jump_rows(told) == {"jumps forward": "1150 rad/s"}
+    assert _place_text(js.Response(told.data.assign_attrs(along="drive.speed")), 100.0) == "954.93 rpm"
 
 
 def test_wrong_responses_are_refused_in_one_line():
