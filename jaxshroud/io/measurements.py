@@ -15,7 +15,7 @@ from jaxshroud.scene.checks import InputError, hint
 from jaxshroud.scene.keys import KEYS
 from jaxshroud.scene.measurements import BLADES, MEASURES, Channel, Measurements
 from jaxshroud.scene.quantities import DISPLACEMENTS
-from jaxshroud.scene.units import to_si
+from jaxshroud.scene.units import is_speed_of_rotation, to_si
 
 HEADER = re.compile(r"\s*(?P<name>\w+)\s*(\[\s*(?P<unit>[^\[\]]*?)\s*\])?\s*")
 LARGEST = 1e30  # number that is taken for measured
@@ -130,6 +130,11 @@ def _name_and_unit(header: str, where: str) -> tuple[str, str, str]:
 def _si_column(header: str, values: Any, where: str) -> tuple[str, np.ndarray]:
     """The name of a column, and its values in SI units."""
     name, given, unit = _name_and_unit(header, where)
+    if name == "omega" and is_speed_of_rotation(f"1 {given}"):
+        raise InputError(
+            f"{where}: column {header.strip()}: {given} is a speed of rotation; write `speed [{given}]` beside "
+            "`engine_order`, or omega in rad/s"
+        )
     try:
         factor = to_si(unit, f"1 {given}")
     except ValueError as error:

@@ -53,6 +53,7 @@ def test_a_frequency_may_be_given_in_three_ways(axis):
         ("t [s],x_left [kg]\n0,1\n", "x_left [kg]: its unit is a mass, but a length is needed"),
         ("t [s],x_left [furlung]\n0,1\n", "has an unknown unit `furlung`"),
         ("f [rad/s],x_rms_left [mm]\n1,1\n", "is a circular frequency, but a frequency is needed"),
+        ("omega [rpm],x_rms_left [mm]\n1,1\n", "rpm is a speed of rotation; write `speed [rpm]` beside `engine_order`"),
         ("omega [Hz],x_rms_left [mm]\n1,1\n", "is a frequency, but a circular frequency is needed"),
         ("t [s],x_left [mm]\n0,nan\n", "line 2, column x_left [mm]: 'nan' is no finite number"),
         ("t [s],x_left [mm]\n0,1\n1,\n", "line 3, column x_left [mm]: '' is no finite number"),
