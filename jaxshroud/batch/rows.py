@@ -4,7 +4,6 @@ Outside, arrays have the axis of lanes first, as everywhere; inside the compiled
 `model.row`.
 """
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -17,22 +16,23 @@ from jaxtyping import Array, Float, Int
 from jaxshroud.batch.periods import PERIODS_PER_CALL, Clock, Sample
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane
-from jaxshroud.march.events import place_contact
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import ContactForces
+from jaxshroud.march.observables import ContactForces, contact_spring_energy, energy_residual, slider_position
 from jaxshroud.march.row_trial import (
     RowFixed,
     RowLane,
+    RowTally,
     begin_row,
     row_contact_forces,
     row_running,
     row_trial,
     tally_of_new_period,
 )
+from jaxshroud.march.tally import EnergyJumps
 from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
-from jaxshroud.model.friction import contact_energy, stretch
 from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.prepared import State
+from jaxshroud.model.rhs import Ledger
 from jaxshroud.model.row import RowModel, blade_energies, over, pair_states, prepared_row
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
@@ -99,28 +99,25 @@ class RowSample(NamedTuple):
 
 def _stored(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
     """The energy stored in blades and contact springs [J]."""
-
-    def of_contact(pair: State, model: Model) -> Any:
-        at = place_contact(pair.motion, pair, model)[2]
-        w = stretch(at.v, at.u, pair.u_s, pair.mode, model.spring)
-        return contact_energy(at.v, w, pair.mode, model.spring)
-
-    springs = over(each, of_contact, pair_states(state, model.closed), model.interfaces)
+    springs = over(each, contact_spring_energy, pair_states(state, model.closed), model.interfaces)
     return jnp.sum(blade_energies(state.motion, model, each), axis=0) + jnp.sum(springs, axis=0)
+
+
+def row_ledger(tally: RowTally) -> Ledger:
+    """The works of a row, of each blade and each interface, with zeros where there is no friction."""
+    return filled(tally.integrals.ledger, tally.springs)
+
+
+def row_energy_residual(tally: RowTally, gained: Any, axis: int) -> Any:
+    """The residual of the energy balance of rows [J] that have `gained` energy; blades and interfaces along an axis."""
+    total = lambda a: a.sum(axis=axis)
+    jumps = EnergyJumps(total(tally.springs), tally.dropped)
+    return energy_residual(jax.tree.map(total, row_ledger(tally)), jumps, gained)
 
 
 def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, each: EachLane) -> State:
     """A state with its sliders updated and zeros for what is absent; NaN where the status is not OK."""
-
-    def slider(pair: State, model: Model) -> Any:
-        at = place_contact(pair.motion, pair, model)[2]
-        return at.u - stretch(at.v, at.u, pair.u_s, pair.mode, model.spring)
-
-    u_s = (
-        state.u_s
-        if model.interfaces.spring.flows
-        else over(each, slider, pair_states(state, model.closed), model.interfaces)
-    )
+    u_s = over(each, slider_position, pair_states(state, model.closed), model.interfaces)
     motion, u_s = filled(state.motion, state.motion.x), filled(u_s, jnp.zeros(state.mode.shape, state.motion.x.dtype))
     motion, u_s = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), (motion, u_s))
     return State(motion, u_s, state.mode, state.case)
@@ -137,10 +134,8 @@ def _run_row_period(lanes: RowLane, active, model: RowModel, period, clock: Cloc
     gained = _stored(lanes.state, model, each) - before
     works: dict[str, Any] = dict.fromkeys(("drive", "gross", "viscous", "friction", "dropped", "residual"))
     if gain.ledger is not None:
-        total, friction = partial(jnp.sum, axis=0), filled(gain.ledger.friction, tally.springs)
-        lost = tally.dropped + total(gain.ledger.viscous) + total(friction)
-        residual = total(gain.ledger.drive) + total(tally.springs) - lost - gained
-        works = {**gain.ledger._asdict(), "friction": friction, "dropped": tally.dropped, "residual": residual}
+        works = row_ledger(tally)._asdict()
+        works |= {"dropped": tally.dropped, "residual": row_energy_residual(tally, gained, 0)}
     motion, largest, moments, extent = filled((lanes.state.motion, log.largest, gain.moments, log.extent), gain.power)
     sample = RowSample(
         motion=motion, power=gain.power / period, **works, largest=largest, moments=moments, extent=extent

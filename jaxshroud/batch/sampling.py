@@ -14,11 +14,10 @@ from jaxshroud.batch.periods import Clock, advance, march_steps
 from jaxshroud.batch.states import as_arrays, with_zeros
 from jaxshroud.batch.xla import best_mapping, compiled, stage_groups
 from jaxshroud.march.carry import EachLane, Fixed, Lane, running
-from jaxshroud.march.events import place_contact
 from jaxshroud.march.method import Choices
+from jaxshroud.march.observables import slider_position
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import Scalar
-from jaxshroud.model.friction import stretch
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
 from jaxshroud.programs.kept import kept
@@ -59,9 +58,8 @@ def sampled_state(lane: Lane, scene_model: Model) -> State:
 
 def with_slider_updated(state: State, status: Int[Array, ""], scene_model: Model) -> State:
     """A state with its slider updated; NaN where the status is not OK."""
-    at = place_contact(state.motion, state, scene_model)[2]
-    flows, state = scene_model.spring.flows, with_zeros(state)
-    u_s = state.u_s if flows else at.u - stretch(at.v, at.u, state.u_s, state.mode, scene_model.spring)
+    motion, state = state.motion, with_zeros(state)
+    u_s = slider_position(State(motion, state.u_s, state.mode, state.case), scene_model)
     motion, u_s = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), (as_arrays(state.motion), u_s))
     return State(motion, u_s, state.mode, state.case)
 

@@ -15,7 +15,7 @@ from jaxshroud.march.tally import ContactPeaks, DisplacementRange, EnergyJumps, 
 from jaxshroud.march.taylor_events import TRIAL_PARTS, Coefficients
 from jaxshroud.march.taylor_expansion import TaylorExpansion
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, blended, is_absent, where
-from jaxshroud.model.friction import Springs, contact_energy, normal_force, slip_sign, stretch
+from jaxshroud.model.friction import Slider, Springs, contact_energy, normal_force, slip_sign, stretch
 from jaxshroud.model.geometry import Case, ContactKinematics, Pose, contact_rates, is_upper, tip_is_left
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
@@ -83,9 +83,22 @@ def _flat_contact_position(at: ContactKinematics, torque: EndTorques, model: Mod
 
 def total_energy(state: State, model: Model) -> Scalar:
     """The kinetic energy and the energy of the blades' and of the contact springs [J]."""
+    return stored_energy(state.motion, model) + contact_spring_energy(state, model)
+
+
+def contact_spring_energy(state: State, model: Model) -> Scalar:
+    """The energy of the contact springs [J]."""
     at = place_contact(state.motion, state, model)[2]
     w = stretch(at.v, at.u, state.u_s, state.mode, model.spring)
-    return stored_energy(state.motion, model) + contact_energy(at.v, w, state.mode, model.spring)
+    return contact_energy(at.v, w, state.mode, model.spring)
+
+
+def slider_position(state: State, model: Model) -> Slider:
+    """The slider, which compiled loops do not carry along in slip [m]; the state itself of laws that integrate it."""
+    if model.spring.flows:
+        return state.u_s
+    at = place_contact(state.motion, state, model)[2]
+    return at.u - stretch(at.v, at.u, state.u_s, state.mode, model.spring)
 
 
 def energy_residual(ledger: Ledger, jumps: EnergyJumps, stored: PerLane) -> PerLane:

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from jaxshroud.march.carry import TimeGrid
 from jaxshroud.march.method import Choices
 from jaxshroud.march.rk_step import TrialInterval, waves_at_nodes
-from jaxshroud.model.arithmetic import ABSENT
+from jaxshroud.model.arithmetic import ABSENT, zeros_for
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import Cluster, Each, RowModel, row_rhs
@@ -55,12 +55,10 @@ def row_step(
         gain = jax.tree.map(lambda total, rate: total + b[i] * rate, gain, rates)
         return jax.tree.map(lambda all, one: all.at[i].set(one), slopes, slope), gain
 
-    rates = jax.eval_shape(
-        lambda: row_rhs(jax.tree.map(lambda a: a[0], at_stages), start, cluster, model, method.recorded, each)
-    )
+    first = jax.tree.map(lambda a: a[0], at_stages)
+    nothing = zeros_for(lambda: row_rhs(first, start, cluster, model, method.recorded, each)[1])
     u_s = start.u_s if model.interfaces.spring.flows else ABSENT
     none = jax.tree.map(lambda a: jnp.zeros((stages, *a.shape), a.dtype), (start.motion, u_s))
-    nothing = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), rates[1])
     slopes, gain = jax.lax.fori_loop(0, stages, stage, (none, nothing))
     return RowStepEnd(_advanced(start, h, b, slopes, model), waves[1.0], jax.tree.map(lambda g: h * g, gain))
 

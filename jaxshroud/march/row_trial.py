@@ -40,7 +40,7 @@ from jaxshroud.march.method_names import Locate
 from jaxshroud.march.observables import ContactForces, contact_forces_at, updated_range
 from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_interval, row_step
 from jaxshroud.march.tally import Counters, DisplacementRange, count_event, displacements_of, no_events
-from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Absent, Scalar, is_absent, where
+from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Absent, Scalar, is_absent, where, zeros_for
 from jaxshroud.model.geometry import ContactKinematics
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
@@ -139,22 +139,16 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Row
     target = RowTarget(count, Target(count, lanes, lanes, lanes, count)) if method.locate == "cubic" else None
     search = RowSearch(lanes, lanes, lanes, lanes, no, no, no, ~no, count, target)
     zero_step = row_interval(count, lanes, lanes, TimeGrid(lanes, lanes, lanes))
-    nothing = jax.eval_shape(lambda: row_step(zero_step, state, _clusters_of(state, model), model, method, each).gain)
+    nothing = zeros_for(lambda: row_step(zero_step, state, _clusters_of(state, model), model, method, each).gain)
     guards = None
     if model.interfaces.spring.modal:
-        evaluated = jax.eval_shape(lambda: _evaluate(state, (lanes, lanes), model, each)[1])
-        guards = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), evaluated)
+        guards = zeros_for(lambda: _guards_of(state, (lanes, lanes), model, each))
     counters = jax.tree.map(lambda a: jnp.zeros(shape, a.dtype), no_events(model.interfaces))
     largest = jax.tree.map(jnp.zeros_like, displacements_of(state.motion))
     extent = (
         DisplacementRange(displacements_of(state.motion), displacements_of(state.motion)) if method.amplitudes else None
     )
-    tally = RowTally(
-        jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), nothing),
-        at,
-        lanes,
-        RowLog(at, at, at, at, largest, counters, extent),
-    )
+    tally = RowTally(nothing, at, lanes, RowLog(at, at, at, at, largest, counters, extent))
     return RowLane(state, count, search, guards, tally, count)
 
 
@@ -209,11 +203,11 @@ def row_contact_forces(state: State, wave: Any, model: RowModel, each: Each) -> 
     return over(each, at_interface, torque, pair_states(state, model.closed), model.interfaces)
 
 
-def _evaluate(state: State, wave: Any, model: RowModel, each: Each) -> tuple[OfInterfaces | Absent, Guards]:
-    """The relative torques and the guards of a state."""
+def _guards_of(state: State, wave: Any, model: RowModel, each: Each) -> Guards:
+    """The guards of each interface in a state."""
     torque, _ = _torques(state, wave, model, each)
     guards = lambda torque, state, model: _interface_view(torque, state, model).guards
-    return torque, over(each, guards, torque, pair_states(state, model.closed), model.interfaces)
+    return over(each, guards, torque, pair_states(state, model.closed), model.interfaces)
 
 
 class InterfaceOutcome(NamedTuple):
@@ -355,7 +349,8 @@ def interface_change(
     joint: Scalar,
     start: State,
     fire: Bool[Array, ""],
-    outcome: tuple[Any, Any, Any],
+    kind: Int[Array, ""],
+    several: Bool[Array, ""],
     inside: Bool[Array, ""],
     delay: Scalar,
     h: Scalar,
@@ -363,7 +358,6 @@ def interface_change(
     model: Model,
 ) -> InterfaceChange:
     """The change of one interface whose trial ended in `start`, and at an event there if `fire` is true."""
-    kind, several, _ = outcome
     if not is_absent(joint):
         model = eqx.tree_at(lambda m: m.mobility.joint, model, joint)
     view = _interface_view(torque, start, model)
@@ -392,7 +386,7 @@ def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> Ro
     end = row_step(interval, lane.state, cluster, model, method, each)
     active = row_running(lane, stop)
     if not model.interfaces.spring.modal:
-        return _without_events(lane, end, active, interval.h, fixed, each)
+        return _without_events(lane, end, active, interval.h, model, method, each)
     assert lane.guards is not None
     search, start = lane.search, lane.state
     torque, joint = _torques(end.state, end.wave, model, each)
@@ -411,7 +405,8 @@ def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> Ro
         joint,
         pairs,
         fires,
-        (outcome.kind, outcome.several, outcome.exact),
+        outcome.kind,
+        outcome.several,
         search.inside,
         decision.delay,
         grid.h,
@@ -420,20 +415,19 @@ def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> Ro
     )
     after = State(end.state.motion, change.u_s, change.mode, change.case)
     after, dropped = _as_flat(after, change.becomes_flat, model, each)
-    guards = select(fire, _evaluate(after, end.wave, model, each)[1], outcome.guards)
+    guards = select(fire, _guards_of(after, end.wave, model, each), outcome.guards)
     violated = any_of([jnp.any(guards.value[kind] > 0, axis=0) for kind in event_kinds(guards.value)])
     jumped = jnp.any(change.jumped, axis=0) | (jnp.sum(fires, axis=0) > 1)
-    next_search, step = _next_row_search(search, lane.step, fire, fire & jumped & violated, method)
+    next_search, step = _next_row_search(search, lane.step, fire, fire & jumped & violated)
     tally = _updated_tally(lane.tally, end.gain, interval.h, start, after, change, dropped, each)
     limit = MAX_EVENTS_PER_STEP * len(outcome.hit)
     status = jnp.where(accept, _status(after, not_finite, next_search.events > limit), Status.OK).astype(jnp.int32)
-    chosen = lambda yes, no: jax.tree.map(lambda a, b: jnp.where(accept, a, b), yes, no)
     return RowLane(
-        chosen(after, start),
+        select(accept, after, start),
         jnp.where(accept, step, lane.step),
-        chosen(next_search, decision.search),
+        select(accept, next_search, decision.search),
         select(accept | decision.move_low, guards, lane.guards),
-        chosen(tally, lane.tally),
+        select(accept, tally, lane.tally),
         jnp.where(active, status, lane.status),
     )
 
@@ -468,7 +462,7 @@ def _status(state: State, not_finite: Any, too_many: Any) -> Int[Array, " lanes"
     return jnp.where(not_finite, Status.NOT_FINITE, status)
 
 
-def _next_row_search(search: RowSearch, step: Any, fire: Any, recheck: Any, method: Choices) -> tuple[RowSearch, Any]:
+def _next_row_search(search: RowSearch, step: Any, fire: Any, recheck: Any) -> tuple[RowSearch, Any]:
     """The search of the next trial, and the clock, after an accepted trial."""
     done = search.done + search.length
     complete = done >= 1 - NEGLIGIBLE_REST[done.dtype.itemsize]
@@ -511,12 +505,11 @@ def _updated_tally(
     return RowTally(integrals, tally.springs + change.springs, tally.dropped + dropped, now)
 
 
-def _without_events(lane: RowLane, end: RowStepEnd, active: Any, h: OfLanes, fixed: RowFixed, each: Each) -> RowLane:
-    """The rows after a trial of smooth contact, which every trial that stays finite completes."""
-    model, search = fixed.model, lane.search
+def _without_events(
+    lane: RowLane, end: RowStepEnd, active: Any, h: OfLanes, model: RowModel, method: Choices, each: Each
+) -> RowLane:
+    """The rows after a trial of smooth contact, which is accepted in any case."""
     no = jnp.zeros_like(active)
-    done = search.done + search.length
-    complete = done >= 1 - NEGLIGIBLE_REST[done.dtype.itemsize]
     v = over(
         each, lambda s, m: place_contact(s.motion, s, m)[2].v, pair_states(end.state, model.closed), model.interfaces
     )
@@ -526,13 +519,12 @@ def _without_events(lane: RowLane, end: RowStepEnd, active: Any, h: OfLanes, fix
     seen = State(lane.state.motion, lane.state.u_s, touches, lane.state.case)
     tally = _updated_tally(lane.tally, end.gain, h, seen, end.state, change, jnp.zeros_like(h), each)
     status = _status(end.state, ~_is_finite(end.state), no).astype(jnp.int32)
-    after = search._replace(done=jnp.where(complete, 0.0, done), length=jnp.where(complete, 1.0, 1 - done), recheck=no)
-    chosen = lambda yes, no: jax.tree.map(lambda a, b: jnp.where(active, a, b), yes, no)
+    next_search, step = _next_row_search(lane.search, lane.step, no, no)
     return RowLane(
-        chosen(end.state, lane.state),
-        jnp.where(active, lane.step + complete.astype(jnp.int32), lane.step),
-        chosen(after, search),
+        select(active, end.state, lane.state),
+        jnp.where(active, step, lane.step),
+        select(active, next_search, lane.search),
         None,
-        chosen(tally, lane.tally),
+        select(active, tally, lane.tally),
         jnp.where(active, status, lane.status),
     )

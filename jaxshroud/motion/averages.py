@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from jaxshroud.batch.periods import LANES_PER_CALL, Sample
 from jaxshroud.batch.threads import in_chunks
+from jaxshroud.march.row_trial import RowLog
+from jaxshroud.march.tally import Log
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import corners
 from jaxshroud.model.linear import area, free_power, power_reduction, steady_amplitudes
@@ -91,6 +93,14 @@ def _reduction_of_period(power: FloatArray, P_0: FloatArray, number: int, whole_
     settled = settling_result.verdict == SETTLED
     short = ~(times >= MIN_CORRELATION_TIMES) & ~(settled & (number > 0))
     return Reduction(P, percent.mean(axis=1), ci, settled, np.full(len(P), n), *settling_result, short)
+
+
+def contact_shares(log: Log | RowLog) -> dict[str, np.ndarray]:
+    """Fractions of the time in each contact state."""
+    spent = {name: np.asarray(getattr(log, name), float) for name in ("time_apart", "time_stick", "time_slip")}
+    total = sum(spent.values())
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return {name: t / total for name, t in spent.items()}
 
 
 def relative_residual(samples: Sample) -> np.ndarray:

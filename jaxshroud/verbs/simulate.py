@@ -15,12 +15,13 @@ from jaxshroud.batch.trajectories import Trajectories, trajectories
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import REFERENCE, Choices, Method
 from jaxshroud.march.observables import energy_residual, is_unbalanced
-from jaxshroud.march.tally import Counters, Log
+from jaxshroud.march.tally import Counters
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Ledger
 from jaxshroud.motion.amplitudes import sampled_amplitudes
+from jaxshroud.motion.averages import contact_shares
 from jaxshroud.motion.short_runs import trajectory_ends
 from jaxshroud.results.row import RowTrajectory
 from jaxshroud.results.trajectory import Trajectory
@@ -156,7 +157,7 @@ def _marched_values(scenes: Scene, states: State, grid: SampleGrid, method: Choi
         "energy_residual": energy.residual.astype(float),
         "energy_dropped": energy.dropped.astype(float),
         **_works(last.tally.integrals.ledger),
-        **_contact_shares(log),
+        **contact_shares(log),
         "chatter": _chatter(scenes, marched, grid, method),
         "events": marched.events,
     }
@@ -195,14 +196,6 @@ def _works(gain: Ledger | None) -> dict[str, np.ndarray]:
         return {}
     works = {"work_drive": gain.drive, "loss_viscous": gain.viscous, "loss_friction": filled(gain.friction, gain.drive)}
     return {name: np.asarray(a, float) for name, a in works.items()}
-
-
-def _contact_shares(log: Log) -> dict[str, np.ndarray]:
-    """Fractions of the time in each contact state."""
-    spent = {name: np.asarray(getattr(log, name), float) for name in ("time_apart", "time_stick", "time_slip")}
-    total = sum(spent.values())
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return {name: t / total for name, t in spent.items()}
 
 
 def _chatter(scenes: Scene, marched: Trajectories, grid: SampleGrid, method: Choices) -> str | None:

@@ -2,15 +2,18 @@
 
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.rows import march_row_samples
+from jaxshroud.batch.rows import march_row_samples, row_energy_residual, row_ledger
 from jaxshroud.batch.runs import Ticker, chunk_by_chunk
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
+from jaxshroud.motion.averages import contact_shares
 from jaxshroud.scene.scene import Scene
 
 
@@ -25,10 +28,6 @@ def marched_row_values(
 
     samples, last, (before, after) = chunk_by_chunk(run, (scenes, states), ticker)
     state, forces, log, tally = samples.state, samples.forces._asdict(), last.tally.log, last.tally
-    spent = {name: np.asarray(getattr(log, name), float) for name in ("time_apart", "time_stick", "time_slip")}
-    total = sum(spent.values())
-    with np.errstate(invalid="ignore", divide="ignore"):
-        shares = {name: t / total for name, t in spent.items()}
     return {
         "motion": state.motion,
         "u_s": np.where(state.mode == Mode.APART, np.nan, state.u_s),
@@ -36,7 +35,7 @@ def marched_row_values(
         "case": state.case,
         **{name: a for name, a in forces.items() if isinstance(a, np.ndarray)},
         "counters": {name: np.asarray(n) for name, n in vars(filled(log.counters, state.mode[:, 0])).items()},
-        **shares,
+        **contact_shares(log),
         **_energies(tally, before, after, last.status),
     }
 
@@ -47,19 +46,18 @@ def _energies(tally: Any, before: np.ndarray, after: np.ndarray, status: np.ndar
         gained = after - before
     finite = np.isfinite(gained)
     status = np.where((status == Status.OK) & ~finite, Status.NOT_FINITE, status)
-    ledger = tally.integrals.ledger
-    if ledger is None:
+    if tally.integrals.ledger is None:
         missing = np.full(len(gained), np.nan)
         return {"status": status, "energy_residual": missing, "energy_dropped": missing}
-    friction = filled(ledger.friction, tally.springs)
-    total = lambda a: np.asarray(a, float).sum(axis=-1)
-    drive, gross = total(ledger.drive), total(ledger.gross)
-    residual = drive + total(tally.springs) - tally.dropped - total(ledger.viscous) - total(friction) - gained
+    works = row_ledger(tally)
+    drive, gross = works.drive.sum(axis=-1), works.gross.sum(axis=-1)
+    tally, gained = jax.tree.map(jnp.asarray, (tally, gained))
+    residual = np.asarray(row_energy_residual(tally, gained, -1))
     return {
         "status": status,
         "energy_residual": residual / np.where(drive == 0, 1.0, np.abs(drive)),
         "energy_dropped": np.asarray(tally.dropped, float) / np.where(gross > 0, gross, 1.0),
-        "work_drive": np.asarray(ledger.drive, float),
-        "loss_viscous": np.asarray(ledger.viscous, float),
-        "loss_friction": np.asarray(friction, float),
+        "work_drive": np.asarray(works.drive, float),
+        "loss_viscous": np.asarray(works.viscous, float),
+        "loss_friction": np.asarray(works.friction, float),
     }
