@@ -10,7 +10,7 @@ from jaxshroud.batch.periods import Clock
 from jaxshroud.batch.rows import RowSample, begin_rows, run_row_block
 from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_trial import RowLane
+from jaxshroud.march.row_carry import RowLane
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.keys import Motion

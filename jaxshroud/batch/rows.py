@@ -18,16 +18,9 @@ from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import ContactForces, contact_spring_energy, energy_residual, slider_position
-from jaxshroud.march.row_trial import (
-    RowFixed,
-    RowLane,
-    RowTally,
-    begin_row,
-    row_contact_forces,
-    row_running,
-    row_trial,
-    tally_of_new_period,
-)
+from jaxshroud.march.row_carry import RowFixed, RowLane, RowTally, row_running, tally_of_new_period
+from jaxshroud.march.row_guards import row_contact_forces
+from jaxshroud.march.row_trial import begin_row, row_trial
 from jaxshroud.march.tally import EnergyJumps
 from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
 from jaxshroud.model.modes import Mode, Status

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jaxshroud.batch.periods import LANES_PER_CALL, Sample
 from jaxshroud.batch.threads import in_chunks
-from jaxshroud.march.row_trial import RowLog
+from jaxshroud.march.row_carry import RowLog
 from jaxshroud.march.tally import Log
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import corners

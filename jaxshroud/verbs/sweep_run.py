@@ -12,7 +12,7 @@ from jaxshroud.batch.runs import Plan, Runs, Ticker, in_float64, zeno_warning
 from jaxshroud.batch.states import by_blade, final_states
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.scene_numbers import dimension
-from jaxshroud.march.row_trial import RowLog
+from jaxshroud.march.row_carry import RowLog
 from jaxshroud.march.stability import steps_for
 from jaxshroud.march.tally import Counters, Log
 from jaxshroud.model.arithmetic import filled

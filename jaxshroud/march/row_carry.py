@@ -1,0 +1,100 @@
+"""The state that a row of blades carries through the march, and its constants; see `model.row` for its axes."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from jaxshroud.march.carry import TimeGrid
+from jaxshroud.march.events import (
+    Guards,
+)
+from jaxshroud.march.locate import (
+    Target,
+)
+from jaxshroud.march.row_step import OfLanes
+from jaxshroud.march.tally import Counters, DisplacementRange, displacements_of
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import State
+from jaxshroud.model.rhs import Integrals
+from jaxshroud.model.row import (
+    OfInterfaces,
+    RowModel,
+)
+from jaxshroud.scene.keys import Motion
+
+
+class RowTarget(NamedTuple):
+    """The guard that a search closes in on: its interface, and its values at the upper end of the bracket."""
+
+    place: Int[Array, " lanes"]
+    guard: Target
+
+
+class RowSearch(NamedTuple):
+    """The search of a row inside its current step, as `locate.Search`; every field (lanes,)."""
+
+    done: OfLanes
+    length: OfLanes
+    low: OfLanes
+    high: OfLanes
+    bracketing: Bool[Array, " lanes"]
+    probing: Bool[Array, " lanes"]
+    inside: Bool[Array, " lanes"]
+    recheck: Bool[Array, " lanes"]
+    events: Int[Array, " lanes"]
+    target: RowTarget | None  # None unless events are located by cubics
+
+
+class RowLog(NamedTuple):
+    """What has happened so far: at each interface, and the largest displacement of each blade."""
+
+    time_apart: OfInterfaces  # [s]
+    time_stick: OfInterfaces  # [s]
+    time_slip: OfInterfaces  # [s]
+    v_max: OfInterfaces  # largest penetration at ends of trials [m]
+    largest: tuple[Any, Any, Any]  # magnitudes of x, y [m] and theta [rad] at ends of trials, (N, lanes) each
+    counters: Counters
+    extent: DisplacementRange | None  # of each blade; None unless it was requested
+
+
+class RowTally(NamedTuple):
+    """The integrals and the log of a row so far."""
+
+    integrals: Integrals  # of each blade, those of contact of each interface
+    springs: OfInterfaces  # energy gained by the contact springs at events [J]
+    dropped: OfLanes  # energy lost where flat contact ended a rocking motion [J]
+    log: RowLog
+
+
+class RowLane(eqx.Module):
+    """The loop state of a row."""
+
+    state: State  # motion (N, lanes); slider, mode and case (E, lanes)
+    step: Int[Array, " lanes"]
+    search: RowSearch
+    guards: Guards | None  # of each interface at the start of the trial; None where there are no events
+    tally: RowTally
+    status: Int[Array, " lanes"]
+
+
+class RowFixed(NamedTuple):
+    """The constants of rows during a march."""
+
+    model: RowModel
+    grid: TimeGrid
+    stop: Int[Array, " lanes"]  # the march ends at the start of this step
+
+
+def row_running(lane: RowLane, stop: Int[Array, " lanes"]) -> Bool[Array, " lanes"]:
+    """Which rows have not arrived at the start of step `stop` and have not failed."""
+    return (lane.step < stop) & (lane.status == Status.OK)
+
+
+def tally_of_new_period(tally: RowTally, z: Motion) -> RowTally:
+    """The tally with what is told of each period reset, at the motion `z`."""
+    zeros, log = jax.tree.map(jnp.zeros_like, tally), tally.log
+    extent = None if log.extent is None else DisplacementRange(displacements_of(z), displacements_of(z))
+    return zeros._replace(log=log._replace(largest=zeros.log.largest, extent=extent))

@@ -1,0 +1,77 @@
+"""The torques, the guards and the contact forces at the interfaces of a row of blades."""
+
+from functools import partial
+from typing import Any
+
+from jaxshroud.march.events import (
+    GuardEvaluation,
+    Guards,
+    guards_at,
+    place_contact,
+)
+from jaxshroud.march.observables import ContactForces, contact_forces_at
+from jaxshroud.model.arithmetic import ABSENT, Absent, Scalar, is_absent
+from jaxshroud.model.geometry import ContactKinematics
+from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.rhs import EndTorques, Recorded, law_forces, torques_along_face
+from jaxshroud.model.row import (
+    Each,
+    OfInterfaces,
+    RowModel,
+    blade_forces,
+    clusters,
+    interface_effects,
+    joint_inertia,
+    over,
+    pair_states,
+    rates_of_blades,
+    relative_torques,
+)
+
+ONLY_FORCES = Recorded()
+
+
+def row_torques(
+    state: State, wave: Any, model: RowModel, each: Each
+) -> tuple[OfInterfaces | Absent, OfInterfaces | Absent]:
+    """The relative torque of each interface with contact at the corner of its case, and the inertia against it."""
+    if not model.turns_by_events:
+        return ABSENT, ABSENT
+    cluster = clusters(state.case, model)
+    effects = over(
+        each, partial(interface_effects, recorded=ONLY_FORCES), pair_states(state, model.closed), model.interfaces
+    )
+    own = rates_of_blades(state.motion, wave, blade_forces(effects, model), model, False, each).theta
+    return relative_torques(own, state.case, cluster, model), joint_inertia(cluster, model)
+
+
+def interface_view(torque: Scalar, state: State, model: Model) -> GuardEvaluation:
+    """The kinematics and the guards of one interface under the relative torque of its corner."""
+    placed = place_contact(state.motion, state, model)
+    return guards_at(placed, state.motion, _end_torques(torque, placed[2], state, model), state, model)
+
+
+def _end_torques(torque: Scalar, at: ContactKinematics, state: State, model: Model) -> EndTorques:
+    """The torques at both ends of the faces' overlap from the relative torque of the corner."""
+    if is_absent(torque):
+        return EndTorques(ABSENT, ABSENT)
+    forces = law_forces(at, state.motion, state, state.case, model)
+    return torques_along_face(torque, forces, at, state, model)
+
+
+def row_contact_forces(state: State, wave: Any, model: RowModel, each: Each) -> ContactForces:
+    """The contact forces at each interface in a state, at (sin, cos) of omega t."""
+    torque, _ = row_torques(state, wave, model, each)
+
+    def at_interface(torque: Scalar, state: State, model: Model) -> ContactForces:
+        placed = place_contact(state.motion, state, model)
+        return contact_forces_at(placed, _end_torques(torque, placed[2], state, model), state, model)
+
+    return over(each, at_interface, torque, pair_states(state, model.closed), model.interfaces)
+
+
+def row_guards(state: State, wave: Any, model: RowModel, each: Each) -> Guards:
+    """The guards of each interface in a state."""
+    torque, _ = row_torques(state, wave, model, each)
+    guards = lambda torque, state, model: interface_view(torque, state, model).guards
+    return over(each, guards, torque, pair_states(state, model.closed), model.interfaces)

@@ -1,0 +1,153 @@
+"""The location of the earliest event over all interfaces of a row of blades, as `locate` does for a pair."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from jaxshroud.march.events import (
+    EventKind,
+    Guards,
+    any_of,
+    event_kinds,
+    first_kind,
+    forces_jump,
+)
+from jaxshroud.march.locate import (
+    CUBIC_TRIALS,
+    Target,
+    at_least_two,
+    event_tolerance,
+    first_crossed,
+    first_interior_maximum,
+    next_trial_end,
+    select,
+    select_guard,
+)
+from jaxshroud.march.method_names import Locate
+from jaxshroud.march.row_carry import RowSearch, RowTarget
+from jaxshroud.march.row_guards import interface_view
+from jaxshroud.model.arithmetic import Scalar, where
+from jaxshroud.model.prepared import Model, State
+
+
+class InterfaceOutcome(NamedTuple):
+    """What a trial has shown at one interface."""
+
+    guards: Guards  # at its end
+    hit: Bool[Array, ""]  # a guard is violated
+    kind: Int[Array, ""]  # the violated guard that takes precedence
+    several: Bool[Array, ""]  # several are violated
+    jumps: Bool[Array, ""]  # the forces jump there
+    exact: Bool[Array, ""]  # the guard is zero to rounding
+    top: Scalar  # the fraction of the trial at which a guard seems to be above zero; 1 if there is none
+    share: Scalar  # of the width above zero, of the guard that was crossed first
+    crossed: Target
+
+
+def interface_outcome(
+    torque: Scalar, state: State, low: Guards, counts: Bool[Array, ""], length: Scalar, model: Model
+) -> InterfaceOutcome:
+    """The outcome at one interface of a trial of so many seconds that ended in `state`.
+
+    Args:
+        torque: The relative torque of its corner.
+        state: Its end, in the mode and case of the trial.
+        low: The guards at the lower end of the bracket, or at the start of the trial.
+        counts: Whether a violated guard counts.
+        length: The length of the trial [s].
+        model: The constants of the pair.
+    """
+    view = interface_view(torque, state, model)
+    guards = view.guards
+    violated = {kind: (guards.value[kind] > 0) & counts for kind in event_kinds(guards.value)}
+    kind, hit, several = first_kind(violated), any_of(violated.values()), at_least_two(tuple(violated.values()))
+    jumps = forces_jump(kind, state, model)
+    rounding = where(kind == EventKind.TURN, view.at.turn_rounding, view.at.rounding)
+    exact = jumps & ~several & (select_guard(guards.value, kind) <= rounding)
+    zero, none = jnp.zeros_like(length), jnp.zeros_like(kind)
+    share, crossed = first_crossed(low, guards, violated, Target(none, zero, zero, zero, none))
+    top = first_interior_maximum(low, guards, length)
+    return InterfaceOutcome(guards, hit, kind, several, jumps & hit, exact, top, share[0] / share[1], crossed)
+
+
+class RowOutcome(NamedTuple):
+    """What a trial has shown of a row."""
+
+    hits: Int[Array, ""]  # number of interfaces where a guard is violated
+    jumps: Bool[Array, ""]  # the forces jump at one of them
+    exact: Bool[Array, ""]  # all of their guards are zero to rounding
+    top: Scalar
+    crossed: RowTarget  # the guard that was crossed first
+    low: Guards  # of the interface of the target, at the lower end of the bracket
+
+
+def row_outcome(search: RowSearch, outcome: InterfaceOutcome, low: Guards) -> RowOutcome:
+    """The outcome of each lane, from those of its interfaces."""
+    hit = outcome.hit
+    hits, any_hit = jnp.sum(hit, axis=0, dtype=jnp.int32), jnp.any(hit, axis=0)
+    first = jnp.argmax(jnp.where(hit, outcome.share, -1.0), axis=0).astype(jnp.int32)
+    place = first if search.target is None else jnp.where(any_hit, first, search.target.place)
+    here = jnp.arange(len(hit), dtype=jnp.int32)[:, None] == place
+    at_place = lambda a: jnp.sum(jnp.where(here, a, jnp.zeros_like(a)), axis=0, dtype=a.dtype)
+    now = select(any_hit | ~search.bracketing, low, outcome.guards)
+    return RowOutcome(
+        hits,
+        jnp.any(outcome.jumps, axis=0),
+        jnp.all(outcome.exact | ~hit, axis=0),
+        jnp.min(outcome.top, axis=0),
+        RowTarget(place, jax.tree.map(at_place, outcome.crossed)),
+        jax.tree.map(at_place, now),
+    )
+
+
+class RowDecision(NamedTuple):
+    """The decision on a trial step of a row."""
+
+    accept: Bool[Array, ""]
+    fire: Bool[Array, ""]  # accept, and cross the violated guards
+    move_low: Bool[Array, ""]  # the trial's end is the new lower end of the bracket
+    delay: Scalar  # upper bound of the time since the event [s]
+    search: RowSearch  # if the trial is not accepted
+
+
+def judge_row(
+    search: RowSearch, outcome: RowOutcome, active: Bool[Array, ""], h: Scalar, locate: Locate, order: int
+) -> RowDecision:
+    """Decide on a trial of one lane, as `judge_trial` does for a pair; `h` is the length of a whole step [s]."""
+    hit = outcome.hits > 0
+    if locate == "none":
+        return RowDecision(active, hit & active, jnp.zeros_like(hit), search.length * h, search)
+    bracketing = search.bracketing | hit
+    high = where(hit, search.length, search.high)
+    below = where(search.bracketing & ~hit, search.length, search.low)
+    probes = ~bracketing & ~search.probing & (outcome.top < 1)
+    finest = event_tolerance(jnp.ones_like(hit), locate, order, False, high.dtype)
+    tolerance = event_tolerance(outcome.jumps, locate, order, False, high.dtype)
+    target, delay, next_end = search.target, high - below, (below + high) / 2
+    if target is not None:
+        chosen = select(hit, outcome.crossed.guard._replace(tries=target.guard.tries), target.guard)
+        chosen = chosen._replace(tries=where(hit | search.bracketing, target.guard.tries + 1, 0))
+        target = RowTarget(outcome.crossed.place, chosen)
+        by_cubic, delay = next_trial_end(chosen, outcome.low, below, high, h, tolerance)
+        halve = (chosen.tries > CUBIC_TRIALS) & (chosen.tries % 2 == 0)
+        next_end = where(halve, next_end, by_cubic)
+    exact = outcome.exact & (outcome.hits == 1)
+    fire = hit & ((delay <= tolerance) | exact)
+    after = search._replace(
+        length=where(probes, outcome.top * search.length, where(high - below <= finest, high, next_end)),
+        low=below,
+        high=high,
+        bracketing=bracketing,
+        probing=probes,
+        inside=search.inside | (search.probing & hit),
+        target=target,
+    )
+    return RowDecision(
+        ((~bracketing & ~probes) | fire) & active,
+        fire & active,
+        active & search.bracketing & ~hit,
+        delay * h,
+        select(active, after, search),
+    )
