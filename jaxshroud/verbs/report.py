@@ -35,6 +35,7 @@ from jaxshroud.verbs.design_problem import Problem, design_corners, judge_design
 from jaxshroud.verbs.gradient import gradient
 from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, plan_march, resolve_options
+from jaxshroud.verbs.peak_ratio import VALUES, ZOOMS, peak_ratio
 from jaxshroud.verbs.power import power
 from jaxshroud.verbs.report_sections import Limits, ReportData, sections_of, worst_of
 from jaxshroud.verbs.report_verdict import report_verdict
@@ -44,6 +45,7 @@ from jaxshroud.verbs.sweep import sweep
 
 GAPS = 61  # values of the sweep over the gap
 GAPS_BELOW, GAPS_ABOVE, MIN_GAP_SIZE = 0.75, 2.0, 1e-6  # its range about the gap, in gaps of at least 1 um
+SPEEDS = 0.75, 1.25  # range of drive frequencies, over the drive's own, in which peaks are compared
 SCENE_ITSELF = np.empty((1, 0))  # the design of a problem in which nothing is tuned
 
 Bounds = Mapping[str, tuple[float, float]]
@@ -206,7 +208,7 @@ def report(
     limits, bounds, conditions = report_request(design, limits, scatters or {}, conditions or {}, tuned)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     check_report(design, resolved, limits, bounds, conditions, (draws, starts, seed))
-    check_size(len(SINGLE_DIRECTIONS) * GAPS, resolved.transient, resolved.n_periods)
+    check_size(len(SINGLE_DIRECTIONS) * max(GAPS, ZOOMS * VALUES), resolved.transient, resolved.n_periods)
     march = plan_march(resolved, varied_by(design, bounds, conditions), FAST)
     problem = _problem(design, conditions, limits)
     counts = draws, starts, seed
@@ -241,7 +243,7 @@ def _report_data(
     """
     draws, starts, seed = counts
     design, rows = problem.scene, problem.rows
-    ticker = Ticker(6 + bool(scatters) + len(rows), progress)
+    ticker = Ticker(7 + bool(scatters) + len(rows), progress)
 
     def done(part: T) -> T:
         ticker(1)
@@ -276,6 +278,7 @@ def _report_data(
         runs=runs,
         over_gap=over_gap,
         power=done(power(worst, **run_options)),
+        peaks=done(peak_ratio(worst, "drive.omega", *_speeds_about(worst), "x_peak", run_options)),
         spread=spread,
         slopes=slopes,
         motions=motions,
@@ -290,6 +293,12 @@ def _on_motions(scene: Scene, motions: Attractors, run_options: RunOptions) -> S
     states = State(motions.motion, motions.u_s, motions.mode, motions.case)
     lanes = repeat_lane(scene, len(motions.names))
     return sweep(lanes, state=states, forces=True, **{**run_options, "transient": 0})
+
+
+def _speeds_about(scene: Scene) -> tuple[float, float]:
+    """The ends of the range of drive frequencies in which peaks are compared [rad/s]."""
+    omega = float(scene.drive.omega)
+    return omega * SPEEDS[0], omega * SPEEDS[1]
 
 
 def gaps_about(scene: Scene) -> np.ndarray:

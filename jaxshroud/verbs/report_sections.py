@@ -16,6 +16,7 @@ from jaxshroud.results.power import PowerResult
 from jaxshroud.results.scatter import Scatter
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import DesignJudgement, Tuned
+from jaxshroud.verbs.peak_ratio import PeakRatio
 from jaxshroud.verbs.sheet_tables import lines_of, rows_of
 from jaxshroud.version import __version__
 
@@ -47,6 +48,7 @@ class ReportData(NamedTuple):
     on_motions: Sequence[SweepResult | None]  # runs on these motions, one for each condition; None without a motion
     tuned: Tuned | None = None  # where the design comes from
     power: PowerResult | None = None  # of the worst condition
+    peaks: PeakRatio | None = None  # of the worst condition, over the drive frequency
 
     @property
     def worst(self) -> int:
@@ -173,7 +175,8 @@ def _mechanism_section(data: ReportData) -> Section | None:
     if data.power is None:
         return None
     P_d = f"P_d is {with_interval(data.power.final['P_d'], data.power.final['ci'], '%')}."
-    return Section("Damping or detuning", [*_one_condition(data), P_d, data.power.mechanism])
+    peaks = [] if data.peaks is None else [data.peaks.words]
+    return Section("Damping or detuning", [*_one_condition(data), P_d, data.power.mechanism, *peaks])
 
 
 def _gap(data: ReportData) -> Section:

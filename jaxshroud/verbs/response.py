@@ -8,25 +8,22 @@ from jaxtyping import ArrayLike
 from jaxshroud.batch.runs import Progress
 from jaxshroud.march.method import Method
 from jaxshroud.march.method_names import RESPONSES
-from jaxshroud.motion.amplitudes import free_amplitudes
 from jaxshroud.motion.peaks import branch_peaks
 from jaxshroud.results.branch import Branch
 from jaxshroud.results.response import Member, Response
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import InputError, NumericalError, count_argument, word_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.grids import scenes_at
-from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, vary, with_numbers
 from jaxshroud.verbs.branch import BranchStart, continued, range_of
 from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.peak_ratio import free_peak
 from jaxshroud.verbs.sweep import sweep
 
 MAX_TRIED_PLACES = 4  # at which an orbit to begin with is sought
-FREE_VALUES, FREE_ZOOMS = 2001, 4  # values at which the free amplitude is looked at, and how often more closely
 
 
 @typed
@@ -120,7 +117,7 @@ def _member(
     """The response of one scene."""
     low, high = float(values[0]), float(values[-1])
     swept = sweep(scene, {along: values}, direction="both", amplitudes=True, progress=progress, **run)
-    free = _free_peak(scene, along, low, high, of)
+    free = free_peak(scene, along, low, high, of)[:2]
     own, reason = value_of(with_numbers(scene, [along]), along), "no lane from rest settles on a periodic orbit"
     for place in _places(swept, values, own) if at is None else [at]:
         try:
@@ -142,15 +139,3 @@ def _places(swept: SweepResult, values: np.ndarray, own: float) -> list[float]:
     order = sorted(range(len(values)), key=lambda i: (number[i] == 0, not settled[i], number[i], abs(values[i] - own)))
     return [float(values[i]) for i in order[:MAX_TRIED_PLACES]]
 
-
-def _free_peak(scene: Scene, along: str, low: float, high: float, of: str) -> tuple[float, float]:
-    """Where an amplitude without contact is largest in a range, and that amplitude."""
-    name, kind = of.split("_")
-    share = 1.0 if kind == "peak" else np.sqrt(0.5)
-    numbered, values, level = with_numbers(scene, [along]), np.array([low, high]), 0.0
-    for _ in range(FREE_ZOOMS):
-        values = np.linspace(values[0], values[-1], FREE_VALUES)
-        levels = free_amplitudes(scenes_at(numbered, [along], values[:, None]))[DISPLACEMENTS.index(name)][:, 0]
-        top = int(levels.argmax())
-        values, level = values[max(top - 1, 0) : top + 2], float(levels[top])
-    return float(values[len(values) // 2]), level * share
