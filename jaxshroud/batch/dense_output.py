@@ -1,5 +1,6 @@
 """Samples of a march inside its trials, at any time, where the stepper has dense output."""
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -33,7 +34,7 @@ from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene
 
 DENSE_TRIALS_PER_CALL = 256
-EVALUATIONS_PER_CALL = 1024  # of interpolants
+EVALUATIONS_PER_CALL = 1024  # of interpolants of each lane
 
 
 class DenseTrial(NamedTuple):
@@ -65,8 +66,7 @@ def march_with_dense_output(
     samples, event_states = jax.tree.map(empty, current_states(scenes, lanes)), []
     while np.any((left > 0) & (np.asarray(lanes.status) == Status.OK)):
         (lanes, remaining), trials = _dense_trials(scenes, lanes, clock, left, method, best_mapping())
-        trials = jax.tree.map(lambda a: np.moveaxis(np.asarray(a), 0, 1), trials)
-        ends = done + np.cumsum(trials.whole, axis=1)  # steps done after each trial
+        ends = done + np.cumsum(np.asarray(trials.whole), axis=1)  # steps done after each trial
         reached = ends[:, -1] // every
         states = _states_at(scenes, trials, *_trials_of_samples(trials, ends, every, written, reached), clock, dense)
         for lane, (first, end) in enumerate(zip(written, reached, strict=True)):
@@ -104,7 +104,7 @@ def _trials_of_samples(
     steps = np.minimum(numbers, np.maximum(reached, written + 1)[:, None]) * every
     index = np.stack([np.searchsorted(end, step) for end, step in zip(ends, steps, strict=True)])
     index = np.minimum(index, ends.shape[1] - 1)
-    begun = np.take_along_axis(ends - trials.whole, index, axis=1)
+    begun = np.take_along_axis(ends - np.asarray(trials.whole), index, axis=1)
     return index, (steps - begun) - np.take_along_axis(np.asarray(trials.steps_into), index, axis=1)
 
 
@@ -112,10 +112,10 @@ def _event_states(
     scenes: Scene, trials: DenseTrial, ends: np.ndarray, every: int, clock: Clock, dense: DenseOutput
 ) -> EventStates:
     """The states on both sides of the events of the only lane."""
-    index = np.flatnonzero(trials.fired[0])
+    index = np.flatnonzero(np.asarray(trials.fired)[0])
     before = _states_at(scenes, trials, index[None], np.asarray(trials.length)[:, index], clock, dense)
-    steps = (ends + trials.done)[0, index]
-    after = jax.tree.map(lambda a: a[:, index], trials.after)
+    steps = (ends + np.asarray(trials.done))[0, index]
+    after = jax.tree.map(lambda a: np.asarray(a)[:, index], trials.after)
     return EventStates(
         jax.tree.map(interleaved_sides, before, after), np.repeat(steps, 2), np.repeat(ends[0, index] // every, 2)
     )
@@ -152,13 +152,13 @@ def _interpolated(scenes: Scene, trials: DenseTrial, index, at, per_period: Scal
 
 @compiled("method", "each")
 def _dense_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choices, each: EachLane):
-    """The next trials; those after the last of the steps `left` (lanes,) are idle."""
+    """The next trials (lanes, trials); those after the last of the steps `left` (lanes,) are idle."""
     models, period = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
     grids, stepper = clock.grids(period), stepper_for(method)
     assert stepper.dense_output is not None
     trial_of = stepper.dense_output.trial
 
-    def one(carry, _):
+    def one(carry):
         lanes, left = carry
         fixed = Fixed(models, grids, jnp.minimum(lanes.step + left, clock.steps))
         tried, interpolants = each(lambda lane, fixed: trial_of(lane, fixed, method), lanes, fixed)
@@ -171,4 +171,31 @@ def _dense_trials(scenes: Scene, lanes: Lane, clock: Clock, left, method: Choice
         ahead = eqx.tree_at(lambda lanes: lanes.step, ahead, jnp.where(ahead.step == clock.steps, 0, ahead.step))
         return (ahead, left - whole), trials
 
-    return lax.scan(one, (lanes, left), None, length=DENSE_TRIALS_PER_CALL)
+    return _scan_in_columns(one, (lanes, left), DENSE_TRIALS_PER_CALL)
+
+
+def _scan_in_columns(one: Callable[[Any], tuple[Any, Any]], carry: Any, length: int) -> tuple[Any, Any]:
+    """The last carry and the outputs (lanes, length, ...) of `carry, output = one(carry)`, repeated.
+
+    The outputs of a turn, arrays (lanes, ...), leave it as one array of each type: to store some hundred small arrays
+    takes longer than a trial.
+    """
+    structure, like = None, []
+
+    def turn(carry, _):
+        nonlocal structure, like
+        carry, output = one(carry)
+        leaves, structure = jax.tree.flatten(output)
+        like, columns = [(str(a.dtype), a.shape[1:]) for a in leaves], {}
+        for leaf, (kind, _) in zip(leaves, like, strict=True):
+            columns.setdefault(kind, []).append(leaf.reshape(len(leaf), -1))
+        return carry, {kind: jnp.concatenate(group, axis=1) for kind, group in columns.items()}
+
+    carry, joined = lax.scan(turn, carry, None, length=length)
+    leaves, first = [], dict.fromkeys(joined, 0)
+    for kind, shape in like:
+        end = first[kind] + math.prod(shape)
+        column = jnp.moveaxis(joined[kind][..., first[kind] : end], 0, 1)
+        leaves.append(column.reshape(*column.shape[:2], *shape))
+        first[kind] = end
+    return carry, jax.tree.unflatten(structure, leaves)
