@@ -20,7 +20,7 @@ def test_scenes_as_printed_say_steps_and_the_others_an_accuracy():
         assert (run.steps_per_period, run.accuracy) == ((400, None) if name in PRINTED else (None, "balanced")), name
 
 
-@pytest.mark.full(but=PRINTED)
+@pytest.mark.full(but=[name for name in PRINTED if name != "eq21"])
 @pytest.mark.parametrize("name", [name for name in shipped() if name not in ROWS])
 def test_shipped_scene_runs(name):
     file = load(name)

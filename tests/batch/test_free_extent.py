@@ -33,6 +33,7 @@ def test_a_march_that_never_touches_has_the_closed_form(scene):
     assert np.max(np.abs(coarse["y_peak"] - exact["y_peak"])) > 1e-6 * exact["y_peak"].max()
 
 
+@pytest.mark.full
 def test_in_the_long_run_the_closed_form_is_the_steady_response():
     scene = js.load("table1", ["parts.contact=none", "drive.M_0=5"]).scene
     late, early = amplitudes(scene, 2000), amplitudes(scene, 1)

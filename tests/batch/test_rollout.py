@@ -153,6 +153,7 @@ def test_a_bound_is_enough_or_told():
         jax.hessian(lambda p: jnp.sum(observed(scene, p)))(numbers)
 
 
+@pytest.mark.full
 def test_a_sweep_function_has_the_samples_of_the_verb():
     # The same kernels: bit by bit. Powers of orbits whose period number divides the kept periods, too.
     scene = with_parts(js.load("table1", ["contact.gamma=2.5", *FULL]).scene, motion=("x",))

@@ -52,6 +52,7 @@ def changed(p, name, place, by):
 # --- the second opinion -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.full(but=["chain of 3"])
 @pytest.mark.parametrize("place", [0, 1], ids=("chain of 3", "ring of 4"))
 def test_random_rows_are_those_of_the_second_opinion(place):
     rows = row_opinions.kept_rows(place)
@@ -92,6 +93,7 @@ def beside_a_third(pair, first):
     return RowParameters(**blades, **contact, **shape, closed=False, mistuning=(0.0,) * 3, initial=(0.0,) * 18)
 
 
+@pytest.mark.full
 def test_two_blades_of_three_are_the_pair():
     pairs = [reference.random_parameters(np.random.default_rng(seed)) for seed in range(4)]
     rows = [beside_a_third(p, first) for first in (False, True) for p in pairs]
@@ -190,6 +192,7 @@ def test_engine_orders_forward_and_backward_mirror_each_other_without_a_moment()
     assert wider > 1e-8
 
 
+@pytest.mark.full
 def test_rings_of_other_sizes_under_the_same_interblade_phase_move_alike():
     small = ends_of([ring(1), ring(2)], PERIODS)
     large = [ring(3, 12), ring(6, 12)]

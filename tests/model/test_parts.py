@@ -40,6 +40,7 @@ def falls(reduced: Scene, fulls: list[Scene], order: float = 1.0, **how) -> floa
     return errors[-1]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("M_0", [0.0])
 def test_no_torsion_is_stiff_torsion_without_torque(table1, M_0):
     # Damping is raised with the stiffness: the torsion's own oscillation dies out at once.
@@ -73,6 +74,7 @@ def test_a_rigid_neighbour_is_a_heavy_blade(table1):
     assert falls(with_parts(table1, neighbour="rigid"), [heavy(s) for s in (1e3, 1e4, 1e5)]) < 1e-3
 
 
+@pytest.mark.full
 def test_no_contact_is_a_gap_that_never_closes(table1):
     scene = varied(table1, shroud__gap=1.0, initial__x=1e-4, initial__v_theta=1.0)
     free = with_parts(scene, contact="none")

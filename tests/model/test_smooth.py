@@ -51,7 +51,7 @@ def differences(table1, widths, periods=1, **parts):
 
 
 @pytest.mark.studies(only=["full"])  # studies/smooth_width.py
-@pytest.mark.full(but=["x"])
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("parts", "rate"),
     [({"motion": ("x",), "friction": "none"}, 1.6), ({"friction": "none"}, 1.4), ({}, 0.6)],

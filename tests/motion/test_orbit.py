@@ -102,7 +102,7 @@ def scaled(values: dict, scene) -> np.ndarray:
     return np.array([slope * (abs(value_of(scene, key)) or 1) for key, slope in values.items()])
 
 
-@pytest.mark.full(but=["stick onset"])
+@pytest.mark.full
 def test_exact_gradient_of_all_parameters(case):
     found, _, _ = case
     exact = scaled(on_orbit(found, PARAMETERS).value, found.scene)

@@ -109,13 +109,15 @@ def identities(sizes: tuple[int, ...] = (12, 24), periods: int = 5) -> dict[str,
     return {**spread(list(same.values()), NEAR["identities"]), "deviations": found}
 
 
-def energy(count: int = 216, sizes: tuple[tuple[int, bool], ...] = row_opinions.SIZES) -> dict[str, Any]:
-    """Random rows over ten periods, a third with nearly parallel faces."""
+def energy(
+    count: int = 216, sizes: tuple[tuple[int, bool], ...] = row_opinions.SIZES, periods: int = 10
+) -> dict[str, Any]:
+    """Random rows, a third with nearly parallel faces."""
     residuals, ended, flat, each = [], 0, 0, math.ceil(count / len(sizes))
     for size in sizes:
         rngs = [np.random.default_rng([SEED, *size, i]) for i in range(each)]
         drawn = [random_row(rng, *size, i % 3 == 0) for i, rng in enumerate(rngs)]
-        runs = run_rows([row_scene_of(p) for p in drawn], 10, 4 * STEPS)
+        runs = run_rows([row_scene_of(p) for p in drawn], periods, 4 * STEPS)
         ok = np.asarray(runs.last.status)[:each] == Status.OK
         residuals.extend(np.abs(runs.residual[ok]).tolist())
         ended += int(np.sum(~ok))

@@ -72,6 +72,7 @@ def response(scene, omegas, measures=("rms", "peak")):
 OMEGAS = [480.0, 536.0, 620.0]
 
 
+@pytest.mark.full
 def test_a_scene_given_by_frequencies_is_fitted_like_one_of_numbers():
     given = js.load("engine_order", ['parts.motion=["x"]']).scene
     run = js.simulate(given, n_periods=1, every=20, method=HOW)
@@ -134,6 +135,7 @@ def test_numbers_that_cannot_be_told_apart_are_named():
     assert told.numbers["drive.F_0"].high < 1.01 * told.numbers["drive.F_0"].low
 
 
+@pytest.mark.full
 def test_friction_that_always_sticks_is_not_measured():
     stuck = js.vary(SCENE, "friction.mu", 50.0)
     over = {"friction.mu": (20.0, 80.0), "blades.c_x": (20.0, 80.0)}

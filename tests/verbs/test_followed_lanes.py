@@ -99,6 +99,7 @@ def test_gradients_of_a_batch_are_those_of_a_loop(scenes, each, found):
         js.gradient(each[0], KEYS, orbit=found, **STEPS)
 
 
+@pytest.mark.full
 def test_kinds_of_gradients_are_told_by_lane():
     # Chaos beside an orbit: each has the derivative that it can have.
     base = load("table1", ["drive.F_0=60"]).scene
@@ -113,6 +114,7 @@ def test_kinds_of_gradients_are_told_by_lane():
     assert np.isfinite(got.orbit.P_d[1])
 
 
+@pytest.mark.full
 def test_exponents_of_a_batch_are_those_of_a_loop(scenes, each):
     few = {"n_periods": 8, "transient": 4, **STEPS}
     many = js.lyapunov(scenes, **few)

@@ -219,7 +219,8 @@ def test_the_table_is_ordered(table1):
     assert stiff.setting.tolerance <= soft.setting.tolerance / 1e3
 
 
-@pytest.mark.full(but=["method0"])
+@pytest.mark.studies(only=["method1"])
+@pytest.mark.full
 @pytest.mark.parametrize("method", [js.RungeKutta(steps=200), js.Taylor(12, 1e-8, steps=200)])
 def test_both_ways_to_the_horizon_agree(table1, method):
     lanes = scenes_at(table1, ["contact.gamma"], GAMMA[:2])
@@ -227,6 +228,7 @@ def test_both_ways_to_the_horizon_agree(table1, method):
     np.testing.assert_allclose(*ends, rtol=1e-12, atol=1e-15)
 
 
+@pytest.mark.full
 def test_the_choice_takes_a_tenth_of_the_run_and_few_programs(table1):
     tried = []
 

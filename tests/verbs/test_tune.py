@@ -238,6 +238,7 @@ def test_a_tuning_starts_where_it_is_told(scene, tmp_path):
         problem_from_result(open_result(tmp_path / "tuned.nc"))
 
 
+@pytest.mark.full
 def test_an_infeasible_tuning_is_an_error_if_asked(scene):
     over = {"shroud.gap": (2e-5, 4e-5)}
     with pytest.raises(js.NumericalError, match="does not keep the limits"):
