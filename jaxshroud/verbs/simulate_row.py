@@ -13,6 +13,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
+from jaxshroud.model.rhs import ContactLoads
 from jaxshroud.motion.averages import contact_shares
 from jaxshroud.scene.scene import Scene
 
@@ -21,6 +22,8 @@ def marched_row_values(
     scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Ticker
 ) -> dict[str, Any]:
     """The values of rows (leading axis) that are marched, by the names of `RowTrajectory`."""
+
+    method = method._replace(forces=True)
 
     def run(chunk: Any, tick: Any) -> Any:
         rows, begin = chunk
@@ -36,8 +39,18 @@ def marched_row_values(
         **{name: a for name, a in forces.items() if isinstance(a, np.ndarray)},
         "counters": {name: np.asarray(n) for name, n in vars(filled(log.counters, state.mode[:, 0])).items()},
         **contact_shares(log),
+        **_loads(scenes, tally.integrals.loads, state.mode[:, 0], grid),
         **_energies(tally, before, after, last.status),
     }
+
+
+def _loads(scenes: Scene, loads: ContactLoads, like: np.ndarray, grid: SampleGrid) -> dict[str, Any]:
+    """What wears the faces of each interface (lanes, interfaces) over the whole run."""
+    zero = np.zeros(like.shape, np.asarray(scenes.drive.omega).dtype)
+    N, N_slip, time_slip, slip = (np.asarray(a, float) for a in filled(loads, zero))
+    duration = np.asarray(scenes.drive.period, float)[:, None] * (grid.samples * grid.every / grid.steps)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return {"slip": slip, "N_mean": N / duration, "N_slip": N_slip / time_slip}
 
 
 def _energies(tally: Any, before: np.ndarray, after: np.ndarray, status: np.ndarray) -> dict[str, Any]:

@@ -38,6 +38,15 @@ def test_a_chain_of_two_is_swept_like_the_pair(swept):
         np.testing.assert_array_equal(swept.counters[name], counts)
 
 
+@pytest.mark.full
+def test_the_wear_of_the_faces_is_told_for_each_interface():
+    run = js.simulate(js.load("row_ring12", CHAIN).scene, n_periods=4, method=HOW["method"])
+    pair = js.sweep(js.load("table1", PAIR).scene, {"contact.gamma": [2.6]}, forces=True, **HOW | {"transient": 0})
+    for name, got in {"slip": run.slip / 4, "N_mean": run.N_mean, "friction_work": run.loss_friction / 4}.items():
+        np.testing.assert_allclose(got, getattr(pair, name), rtol=1e-9, err_msg=name)
+    assert np.all(run.N_slip > run.N_mean)  # which counts the time apart too
+
+
 def test_the_reduction_of_a_row_is_that_of_all_its_blades(swept):
     each = 100 * (1 - swept.P / swept.P_0)
     np.testing.assert_allclose(swept.P_d, 100 * (1 - swept.P.sum(axis=-1) / swept.P_0.sum(axis=-1)), rtol=1e-12)
