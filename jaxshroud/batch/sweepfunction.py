@@ -42,7 +42,7 @@ class Strobe(eqx.Module):
     P: PerBlade  # average power over the kept periods, Eq. (23), (lanes, blades) [m^4]
     P_d: Float[Array, "..."]  # its reduction on the left blade, Eq. (24), of a row that of all, (lanes,) [%]
     status: Int[Array, "..."]  # (lanes,), see `Status`
-    P_0: PerBlade  # power without contact, (lanes, blades) [m^4]
+    P_0: PerBlade | None = None  # power without contact, of rows alone, (lanes, blades) [m^4]; see `free_power`
 
 
 class _SweepPlan(NamedTuple):
@@ -142,7 +142,7 @@ def _run_sweep(scenes: Scene, states: State, plan: _SweepPlan, method: Choices) 
     left_or_all = lambda a: a[:, 0] if scenes.row is None else a.sum(axis=-1)
     P_d = power_reduction(left_or_all(P), left_or_all(P_0))
     motion = Motion(*(jnp.stack(blades, axis=-1) for blades in outcomes.motion))
-    return Strobe(motion, P, P_d, outcomes.status, P_0)
+    return Strobe(motion, P, P_d, outcomes.status, None if scenes.row is None else P_0)
 
 
 def _by_chunks(run: Callable[[Any], Tree], lanes: Any, count: int) -> Tree:

@@ -29,7 +29,7 @@ _first_order = _undifferentiated(
     "Derivatives through contact events are of first order only: this motion is differentiated twice. "
     "Take differences of first derivatives instead, or period_map of contact that is smooth or absent.",
 )
-_values = _undifferentiated("values", "Rows of blades have no derivatives yet: take differences of values instead.")
+_value_only = _undifferentiated("values", "Rows of blades have no derivatives yet: take differences of values instead.")
 
 
 def first_order_only(tree: Tree) -> Tree:
@@ -39,4 +39,4 @@ def first_order_only(tree: Tree) -> Tree:
 
 def values_only(tree: Tree) -> Tree:
     """The numbers of rows, for which any derivative raises a TypeError."""
-    return jax.tree.map(_values.bind, tree)
+    return jax.tree.map(_value_only.bind, tree)
