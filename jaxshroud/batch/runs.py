@@ -300,7 +300,8 @@ def projected_seconds(
     ticker = Ticker(lanes * (brief.transient + brief.kept), progress)
     _processor_seconds(scenes, pieces[0][:2], compiling, Ticker(0, None))
     taken = sum(_processor_seconds(scenes, piece, brief, ticker) for piece in pieces)
-    return taken / (lanes * (brief.transient + brief.kept)) * count * (plan.transient + plan.kept)
+    share = places / len(starting) * (brief.transient + brief.kept) / (plan.transient + plan.kept)
+    return taken / share
 
 
 def _row_trial(plan: Plan, chunks: int, most: int) -> tuple[Plan, Plan, int]:

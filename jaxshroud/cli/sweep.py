@@ -50,11 +50,8 @@ from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.options import MarchPlan, check_row
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE, sweep
 
-# of rows, whose work in a period grows as N (steps + N events): trial steps of single blades that take a minute
-LONG_ROW_STEPS, EVENT_STEPS = (
-    2 * 10**6,
-    100,
-)  # the second: trial steps of a row for the events of each blade in a period
+LONG_ROW_STEPS = 2 * 10**6  # of single blades of rows, which take a minute
+EVENT_STEPS = 100  # trial steps of a row for the events of each of its blades in a period
 LANES_PER_LONE_LANE = 16  # a lane that runs alone takes as long as this many lanes of a chunk
 RESUME_ADVICE = "; the same command with --resume goes on"
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
@@ -221,8 +218,9 @@ def _is_long(lanes: int, periods: int, steps: int, row: RowSize | None) -> bool:
     """
     if row is None:
         return lanes * periods * steps > LONG_RUN_STEPS
+    trials = steps + EVENT_STEPS * row.blades
     full = lanes if lanes == 1 else -(-lanes // LANES_PER_CALL) * LANES_PER_CALL
-    return full * periods * row.blades * (steps + EVENT_STEPS * row.blades) > LONG_ROW_STEPS
+    return full * periods * row.blades * trials > LONG_ROW_STEPS
 
 
 def _print_projection(request: SweepRequest, scenes: Scene, plan: Plan) -> None:
