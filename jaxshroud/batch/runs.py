@@ -269,6 +269,7 @@ def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, meth
 PROJECTED_PERIODS = 16  # of the transient, and of the kept part, of the sampled lanes
 MAX_SAMPLED_CHUNKS = 16  # that are timed
 ROW_TRIAL_SHARE = 0.1  # of a run of rows, whose periods may take seconds
+LEAST_ROW_TRIAL = 3  # periods: the first one, from rest, has fewer events
 
 
 def projected_seconds(
@@ -310,7 +311,7 @@ def _row_trial(plan: Plan, chunks: int, most: int) -> tuple[Plan, Plan, int]:
     The timed periods are those of all chunks times `ROW_TRIAL_SHARE`.
     """
     allowed = ROW_TRIAL_SHARE * chunks * (plan.transient + plan.kept)
-    periods = int(np.clip(allowed, 1, 2 * PROJECTED_PERIODS))
+    periods = int(np.clip(allowed, LEAST_ROW_TRIAL, 2 * PROJECTED_PERIODS))
     places = int(np.clip(allowed // periods, 1, most))
     return replace(plan, transient=0, kept=1), replace(plan, transient=0, kept=periods), places
 

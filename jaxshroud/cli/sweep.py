@@ -42,7 +42,7 @@ from jaxshroud.scene.axes import axis
 from jaxshroud.scene.checks import MAX_VALUES
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.scene.keys import RowSize, blade_count, parse_key
+from jaxshroud.scene.keys import blade_count, parse_key
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
@@ -50,8 +50,8 @@ from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.options import MarchPlan, check_row
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE, sweep
 
-LONG_ROW_STEPS = 2 * 10**6  # of single blades of rows, which take a minute
-EVENT_STEPS = 100  # trial steps of a row for the events of each of its blades in a period
+LONG_ROW_STEPS = 2 * 10**8  # of single blades of rows, which take a minute
+EVENT_STEPS = 10**4  # of a row for the events of each of its blades in a period where blocks turn, and faces chatter
 LANES_PER_LONE_LANE = 16  # a lane that runs alone takes as long as this many lanes of a chunk
 RESUME_ADVICE = "; the same command with --resume goes on"
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
@@ -203,22 +203,23 @@ def _print_projection_of_long_run(request: SweepRequest, scenes: Scene, march: M
     plan = Plan(run.transient, run.periods, march.steps, request.options.phase, march.method)
     slowness = 1 if request.file.direction == "independent" else max(LANES_PER_LONE_LANE // request.row_lanes, 1)
     periods = plan.transient + plan.kept
-    if _is_long(slowness * request.lanes, periods, plan.steps_per_period, request.file.row_size):
+    if _is_long(slowness * request.lanes, periods, plan.steps_per_period, scenes):
         _print_projection(request, in_precision(scenes, plan.method.precision), plan)
 
 
-def _is_long(lanes: int, periods: int, steps: int, row: RowSize | None) -> bool:
+def _is_long(lanes: int, periods: int, steps: int, scenes: Scene) -> bool:
     """Whether a run of lanes takes so long that it is projected.
 
     Args:
         lanes: Lanes of the run; those of rows take as long as full chunks.
         periods: Drive periods of each.
         steps: Steps in a period.
-        row: The row of their scenes; None: the pair.
+        scenes: Their scenes.
     """
+    row = scenes.row_size
     if row is None:
         return lanes * periods * steps > LONG_RUN_STEPS
-    trials = steps + EVENT_STEPS * row.blades
+    trials = steps + (EVENT_STEPS * row.blades if "theta" in scenes.parts.motion else 0)
     full = lanes if lanes == 1 else -(-lanes // LANES_PER_CALL) * LANES_PER_CALL
     return full * periods * row.blades * trials > LONG_ROW_STEPS
 
