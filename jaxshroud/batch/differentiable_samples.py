@@ -31,7 +31,7 @@ from jaxshroud.batch.xla import (
     vmapped,
 )
 from jaxshroud.march.carry import EachLane, Lane, running
-from jaxshroud.march.locate import first_order_only
+from jaxshroud.march.derivative_limits import first_order_only
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.model.arithmetic import Scalar

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.keys import ALL_KEYS
+from jaxshroud.scene.keys import ALL_KEYS, key_in
 from jaxshroud.scene.numbers import fields_of, inputs_of
 from jaxshroud.scene.scene import Scene
 
@@ -32,7 +32,7 @@ def admit_start(scene: Scene, state: State) -> tuple[State, Bool[Array, ""]]:
     so that the lane stops at once and all results, derivatives included, are NaN.
     """
     numbers = {**fields_of(scene), **inputs_of(scene)}
-    ranges = [jnp.all(ALL_KEYS[key].range.holds(value)) for key, value in numbers.items()]
+    ranges = [jnp.all(key_in(ALL_KEYS[key], scene.row_size).range.holds(value)) for key, value in numbers.items()]
     starts = [jnp.all(jnp.isfinite(a)) for a in jax.tree.leaves((state.motion, state.u_s))]
     good = reduce(jnp.logical_and, [*ranges, *starts])
     x = jnp.where(good, state.motion.x, jnp.nan)

@@ -111,6 +111,11 @@ class Clock(NamedTuple):
     steps: Int[Array, ""]
     per_period: Float[Array, ""]
 
+    @classmethod
+    def from_phase_0(cls, steps: int) -> "Clock":
+        """The grid of whole periods of so many steps from drive phase 0."""
+        return cls(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)))
+
     def grids(self, periods: Float[Array, " lanes"]) -> TimeGrid:
         """The time grid of each lane from its drive period."""
         like = lambda a: jnp.broadcast_to(a.astype(periods.dtype), periods.shape)

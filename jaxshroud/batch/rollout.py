@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from jaxshroud.batch.differentiable_samples import Schedule, differentiable_samples, trial_counts
 from jaxshroud.batch.input_status import (
@@ -18,6 +18,8 @@ from jaxshroud.batch.input_status import (
     status_if_admitted,
 )
 from jaxshroud.batch.periods import march_steps
+from jaxshroud.batch.row_flow import row_flow
+from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.states import as_arrays, carried_state
 from jaxshroud.batch.tangents import Flow, as_differentiable, begin_flow, end_flow, flow_constants
 from jaxshroud.batch.xla import one_lane, vmapped
@@ -28,7 +30,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, initial_state, prepared_model
 from jaxshroud.model.rhs import drive_wave
 from jaxshroud.programs.kept import is_traced
-from jaxshroud.scene.checks import MAX_COUNT, InputError, count_argument
+from jaxshroud.scene.checks import MAX_COUNT, InputError, count_argument, require_pair
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
@@ -36,15 +38,18 @@ from jaxshroud.scene.valid import in_precision
 TRIAL_MARGIN = 1.25, 64  # factor and offset for the trials of scenes nearby
 
 
+OfContact = Float[Array, "..."]  # of a row at each interface
+
+
 class Moment(NamedTuple):
     """The argument of `save` in a rollout: one sample."""
 
     t: Scalar  # [s]
-    state: State  # fields of `motion` (2,)
-    N: Scalar  # normal force of contact [N]
-    F: Scalar  # friction force [N]
-    v: Scalar  # penetration [m]; when apart the negative remaining gap
-    u: Scalar  # slide of the left block against the right one [m]
+    state: State  # fields of `motion` (2,), of a row (blades,), as contact and forces are (interfaces,)
+    N: OfContact  # normal force of contact [N]
+    F: OfContact  # friction force [N]
+    v: OfContact  # penetration [m]; when apart the negative remaining gap
+    u: OfContact  # slide of the left block against the right one [m]
 
 
 class Rollout(eqx.Module):
@@ -80,7 +85,8 @@ def rollout(
     numbers of forward mode.
 
     Args:
-        scene: The scene; under `jax.vmap` many, which are marched together.
+        scene: The scene; under `jax.vmap` many, which are marched together. A row of blades has values, but no
+            derivatives yet.
         state: The initial state; by default that of `scene.initial`, apart.
         n_periods: Drive periods.
         save: What to keep of each sample: a function of a `Moment`, of JAX; by default all of it.
@@ -88,7 +94,7 @@ def rollout(
         method: How to march: a `RungeKutta` or `Taylor` with its number of steps; `method_for` chooses one for an
             accuracy.
         most_trials: Bound on the trial steps of the whole run, see `most_trials`; beyond it the lane stops with status
-            OUT_OF_TRIALS. None: no bound.
+            OUT_OF_TRIALS. None: no bound, as of a row.
 
     Returns:
         The saved samples, `every` so many steps (without the start), the final state, the mean square displacements and
@@ -96,8 +102,10 @@ def rollout(
         are known only while the program runs: where one is out of its range, the status is BAD_INPUT.
 
     Raises:
-        ValueError: A count is out of range, the scene has leading axes, or float64 is not enabled.
-        TypeError: It is differentiated twice, but contact has events, whose derivatives are of first order only.
+        ValueError: A count is out of range, the scene has leading axes, or float64 is not enabled; a row of blades has
+            no contact, or is to be marched by power series or with a bound of trials.
+        TypeError: It is differentiated twice, but contact has events, whose derivatives are of first order only; or a
+            row of blades is differentiated at all.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -113,17 +121,34 @@ def rollout(
     require_single_scene("rollout", scene)
     scene, state = _in_method_precision(scene, state, schedule.method)
     state, good = admit_start(scene, state)
+    if scene.row is not None:
+        return _row_rollout(scene, state, schedule._replace(method=explicit(method)[1]), save, good)
     flow = differentiable_samples(scene, state, schedule)
-    model, index = prepared_model(scene), np.arange(1, schedule.samples + 1) * schedule.every
-    steps = schedule.steps
-    turns = jnp.asarray(index % steps / steps, scene.drive.omega.dtype)
-    times = scene.drive.period * jnp.asarray(index / steps, turns.dtype)
+    model, (times, turns) = prepared_model(scene), _sample_times(scene, schedule)
     states = eqx.tree_at(lambda s: s.motion, flow.state, jax.vmap(as_arrays)(flow.state.motion))
     moments = jax.vmap(lambda t, turns, state: _moment_at(t, turns, state, model))(times, turns, states)
     last = jax.tree.map(lambda a: a[-1], (states, flow.status))
     return Rollout(
         jax.vmap(save)(moments), last[0], jnp.mean(jnp.stack(flow.power, -1), axis=0), status_if_admitted(last[1], good)
     )
+
+
+def _sample_times(scene: Scene, schedule: Schedule) -> tuple[Float[Array, " samples"], Float[Array, " samples"]]:
+    """The times [s] of samples, and the phases of the drive there [turns]."""
+    index, steps = np.arange(1, schedule.samples + 1) * schedule.every, schedule.steps
+    turns = jnp.asarray(index % steps / steps, scene.drive.omega.dtype)
+    return scene.drive.period * jnp.asarray(index / steps, turns.dtype), turns
+
+
+def _row_rollout(
+    scene: Scene, state: State, schedule: Schedule, save: Callable[[Moment], PyTree], good: Bool[Array, ""]
+) -> Rollout:
+    require_pair("Argument `most_trials`", None if schedule.most_trials is None else scene.row)
+    flow = row_flow(scene, state, schedule)
+    f = flow.at.forces
+    moments = Moment(_sample_times(scene, schedule)[0], flow.at.state, f.N, f.F, f.v, f.u)
+    last = jax.tree.map(lambda a: a[-1], (flow.at.state, flow.status))
+    return Rollout(jax.vmap(save)(moments), last[0], jnp.mean(flow.power, axis=0), status_if_admitted(last[1], good))
 
 
 @typed
@@ -144,7 +169,7 @@ def most_trials(
             accuracy.
 
     Raises:
-        ValueError: As for `rollout`; or it is called inside a transformation of JAX.
+        ValueError: As for `rollout`; or it is called inside a transformation of JAX, or for a row of blades.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -153,6 +178,7 @@ def most_trials(
         >>> 200 < js.most_trials(scene, 1, method=js.RungeKutta(steps=200)) < 600
         True
     """
+    require_pair("`most_trials`", scene.row)
     require_single_scene("most_trials", scene)
     schedule = _schedule(n_periods, None, method, MAX_COUNT)
     counts = trial_counts(*one_lane(_in_method_precision(scene, state, schedule.method)), schedule)
@@ -175,7 +201,8 @@ def _schedule(n_periods: int, every: int | None, method: Method, most_trials: in
 def _in_method_precision(scene: Scene, state: State | None, method: Choices) -> tuple[Scene, State]:
     """The scene and the initial state in the precision of the method."""
     scene = in_precision(scene, method.precision)
-    return scene, initial_state(scene.initial) if state is None else in_precision(state, method.precision)
+    own = initial_state(scene.initial) if scene.row is None else initial_states(scene)
+    return scene, own if state is None else in_precision(state, method.precision)
 
 
 def _moment_at(t: Scalar, turns: Float[Array, ""], state: State, model: Model) -> Moment:
@@ -215,9 +242,10 @@ def period_map(
         `most_trials` was too small or numbers are out of their ranges (status BAD_INPUT).
 
     Raises:
-        ValueError: A count is too small, the scene has leading axes, or float64 is not enabled.
+        ValueError: A count is too small, the scene has leading axes or a row of blades, or float64 is not enabled.
         TypeError: It is differentiated twice, but contact has events, whose derivatives are of first order only.
     """
+    require_pair("`period_map`", scene.row)
     require_single_scene("period_map", scene)
     count_argument("n_periods", n_periods, 1)
     if most_trials is not None:

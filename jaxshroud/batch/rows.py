@@ -4,6 +4,7 @@ Outside, arrays have the axis of lanes first, as everywhere; inside the compiled
 `model.row`.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -42,7 +43,7 @@ def lanes_first(tree: Tree) -> Tree:
     return jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), tree)
 
 
-def _models(scenes: Scene) -> tuple[RowModel, Float[Array, " lanes"]]:
+def row_models(scenes: Scene) -> tuple[RowModel, Float[Array, " lanes"]]:
     """The constants of rows, lanes last, and their drive periods."""
     models = lanes_last(jax.vmap(prepared_row)(scenes))
     return models, scenes.drive.period
@@ -55,8 +56,12 @@ def begin_rows(scenes: Scene, states: State, method: Choices) -> RowLane:
 
 @compiled("method", "each")
 def _begin_rows(scenes: Scene, states: State, method: Choices, each: EachLane) -> RowLane:
-    models, _ = _models(scenes)
-    return lanes_first(begin_row(_carried(lanes_last(states), models), models, method, each))
+    return lanes_first(rows_at_start(states, row_models(scenes)[0], method, each))
+
+
+def rows_at_start(states: State, model: RowModel, method: Choices, each: EachLane) -> RowLane:
+    """The rows, lanes last, at their start from `states`, lanes first."""
+    return begin_row(_carried(lanes_last(states), model), model, method, each)
 
 
 def _carried(state: State, model: RowModel) -> State:
@@ -149,15 +154,24 @@ def run_row_block(
     Returns:
         The rows at the end, and samples with axes (period, lane, ...).
     """
-    model, period = _models(scenes)
+    run = row_period_function(scenes, clock, method, each)
 
     def one(lanes, i):
-        on = (i < n) & (lanes.status == Status.OK)
-        lanes, sample = _run_row_period(lanes, on, model, period, clock, method, each)
+        lanes, sample = run(lanes, i < n)
         return lanes, lanes_first(sample)
 
     lanes, samples = lax.scan(one, lanes_last(lanes), jnp.arange(block, dtype=jnp.int32))
     return lanes_first(lanes), samples
+
+
+def row_period_function(
+    scenes: Scene, clock: Clock, method: Choices, each: EachLane
+) -> Callable[..., tuple[RowLane, RowSample]]:
+    """`batch.periods.period_function` for rows, lanes last."""
+    model, period = row_models(scenes)
+    return lambda lanes, on: _run_row_period(
+        lanes, on & (lanes.status == Status.OK), model, period, clock, method, each
+    )
 
 
 def run_row_periods(scenes: Scene, lanes: RowLane, clock: Clock, n: int, method: Choices) -> tuple[RowLane, Sample]:
@@ -197,18 +211,31 @@ def _row_samples(
     scenes: Scene, lanes: RowLane, clock: Clock, at: tuple[Any, Any], method: Choices, block: int, each: EachLane
 ) -> tuple[RowLane, RowSamples]:
     """`at[1]` samples (leading axis, then the lanes), `at[0]` steps apart; the rows beyond are meaningless."""
-    (model, period), (every, n) = _models(scenes), at
-    grids = clock.grids(period)
+    (model, period), (every, n) = row_models(scenes), at
 
     def one_sample(lanes, i):
-        wanted = jnp.where(i < n, every, 0)
-        lanes = _march(lanes, RowFixed(model, grids, lanes.step + wanted), method, each)
-        turns = grids.start + lanes.step.astype(period.dtype) * grids.turn
-        lanes = eqx.tree_at(lambda lane: lane.step, lanes, lanes.step % clock.steps)
-        return lanes, lanes_first(_sampled(lanes, turns, model, each))
+        lanes, sample = next_row_sample(lanes, jnp.where(i < n, every, 0), model, period, clock, method, each)
+        return lanes, lanes_first(sample)
 
     lanes, samples = lax.scan(one_sample, lanes_last(lanes), jnp.arange(block, dtype=jnp.int32))
     return lanes_first(lanes), samples
+
+
+def next_row_sample(
+    lanes: RowLane,
+    every: Int[Array, ""],
+    model: RowModel,
+    period: Float[Array, " lanes"],
+    clock: Clock,
+    method: Choices,
+    each: EachLane,
+) -> tuple[RowLane, RowSamples]:
+    """The rows `every` steps later, and their states and forces there; lanes last."""
+    grids = clock.grids(period)
+    lanes = _march(lanes, RowFixed(model, grids, lanes.step + every), method, each)
+    turns = grids.start + lanes.step.astype(period.dtype) * grids.turn
+    lanes = eqx.tree_at(lambda lane: lane.step, lanes, lanes.step % clock.steps)
+    return lanes, _sampled(lanes, turns, model, each)
 
 
 def _sampled(lanes: RowLane, turns: Float[Array, " lanes"], model: RowModel, each: EachLane) -> RowSamples:
@@ -225,14 +252,14 @@ def _sampled(lanes: RowLane, turns: Float[Array, " lanes"], model: RowModel, eac
 
 @compiled("each")
 def _first_sample(scenes: Scene, lanes: RowLane, start: Any, each: EachLane) -> RowSamples:
-    model, period = _models(scenes)
+    model, period = row_models(scenes)
     return lanes_first(_sampled(lanes_last(lanes), jnp.broadcast_to(start, period.shape), model, each))
 
 
 @compiled("each")
 def stored_energies_of_rows(scenes: Scene, lanes: RowLane, each: EachLane) -> Float[Array, " lanes"]:
     """The energies stored in blades and contact springs of rows (leading axis) [J]."""
-    return _stored(lanes_last(lanes).state, _models(scenes)[0], each)
+    return _stored(lanes_last(lanes).state, row_models(scenes)[0], each)
 
 
 ROW_SAMPLES_PER_CALL = 256

@@ -268,6 +268,8 @@ def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, meth
 
 PROJECTED_PERIODS = 16  # of the transient, and of the kept part, of the sampled lanes
 MAX_SAMPLED_CHUNKS = 16  # that are timed
+ROW_TRIAL_SHARE = 0.1  # of a run of rows, whose periods may take seconds
+LEAST_ROW_TRIAL = 3  # periods: the first one, from rest, has fewer events
 
 
 def projected_seconds(
@@ -287,15 +289,31 @@ def projected_seconds(
     """
     count, width = len(scenes.drive.omega), beside or LANES_PER_CALL
     starting = np.arange(0, count, width)
+    brief = replace(plan, transient=PROJECTED_PERIODS, kept=PROJECTED_PERIODS)
+    compiling = replace(plan, transient=1, kept=1)
     places = min(len(starting), MAX_SAMPLED_CHUNKS, max(MAX_SAMPLED_CHUNKS * LANES_PER_CALL // width, 1))
+    if scenes.row is not None:
+        compiling, brief, places = _row_trial(plan, len(starting), places)
     firsts = np.sort(np.random.default_rng(seed).choice(starting, places, replace=False))
     some = [np.arange(first, min(first + width, count)) for first in firsts]
     pieces = [np.concatenate(some)] if beside is None else some
-    brief, lanes = replace(plan, transient=PROJECTED_PERIODS, kept=PROJECTED_PERIODS), sum(map(len, pieces))
+    lanes = sum(map(len, pieces))
     ticker = Ticker(lanes * (brief.transient + brief.kept), progress)
-    _processor_seconds(scenes, pieces[0][:2], replace(plan, transient=1, kept=1), Ticker(0, None))
+    _processor_seconds(scenes, pieces[0][:2], compiling, Ticker(0, None))
     taken = sum(_processor_seconds(scenes, piece, brief, ticker) for piece in pieces)
-    return taken / (lanes * (brief.transient + brief.kept)) * count * (plan.transient + plan.kept)
+    share = places / len(starting) * (brief.transient + brief.kept) / (plan.transient + plan.kept)
+    return taken / share
+
+
+def _row_trial(plan: Plan, chunks: int, most: int) -> tuple[Plan, Plan, int]:
+    """What compiles the program of rows, what is timed, and how many of the chunks, `most` at most.
+
+    The timed periods are those of all chunks times `ROW_TRIAL_SHARE`.
+    """
+    allowed = ROW_TRIAL_SHARE * chunks * (plan.transient + plan.kept)
+    periods = int(np.clip(allowed, LEAST_ROW_TRIAL, 2 * PROJECTED_PERIODS))
+    places = int(np.clip(allowed // periods, 1, most))
+    return replace(plan, transient=0, kept=1), replace(plan, transient=0, kept=periods), places
 
 
 def _processor_seconds(scenes: Scene, some: np.ndarray, plan: Plan, ticker: Ticker) -> float:

@@ -5,13 +5,13 @@ import psutil
 from jaxshroud.scene.checks import InputError
 
 MAX_LANE_PERIODS = 10**10  # months on a few cores
-# bytes that a sweep takes at its peak for each lane, and for each of its kept periods
+# bytes that a sweep takes at its peak for each lane, and for each of its kept periods; those of a pair of blades
 LANE_BYTES, SAMPLE_BYTES = 4096, 512
 STORED_LANE_BYTES, STORED_SAMPLE_BYTES = 400, 96  # bytes that its results take
 STEP_BYTES = 400  # bytes that `simulate` takes at its peak for each step it stores
 
 
-def check_size(lanes: int, transient: int, kept: int, lanes_held: int | None = None) -> None:
+def check_size(lanes: int, transient: int, kept: int, lanes_held: int | None = None, blades: int = 2) -> None:
     """Raise ValueError if a run of so many lanes and drive periods would be too long or too large.
 
     The samples of `lanes_held` lanes are in memory at once, by default those of all.
@@ -22,17 +22,18 @@ def check_size(lanes: int, transient: int, kept: int, lanes_held: int | None = N
             f"{periods:.3g} lane-periods (lanes x periods) are more than the {MAX_LANE_PERIODS:.0e} that a run may "
             "have; give fewer periods or values"
         )
-    check_memory("this run", sweep_memory(lanes, kept, lanes_held))
+    check_memory("this run", sweep_memory(lanes, kept, lanes_held, blades))
 
 
-def sweep_memory(lanes: int, kept: int, lanes_held: int | None = None) -> int:
+def sweep_memory(lanes: int, kept: int, lanes_held: int | None = None, blades: int = 2) -> int:
     """The peak memory of a sweep [bytes], with the samples of `lanes_held` lanes at once, by default of all."""
-    return lanes * LANE_BYTES + (lanes if lanes_held is None else lanes_held) * kept * SAMPLE_BYTES
+    samples = (lanes if lanes_held is None else lanes_held) * kept
+    return (lanes * LANE_BYTES + samples * SAMPLE_BYTES) * blades // 2
 
 
-def results_size(lanes: int, kept: int, *, samples: bool) -> int:
+def results_size(lanes: int, kept: int, *, samples: bool, blades: int = 2) -> int:
     """The size of the results of a sweep [bytes], with samples or without."""
-    return lanes * (STORED_LANE_BYTES + (kept * STORED_SAMPLE_BYTES if samples else 0))
+    return lanes * (STORED_LANE_BYTES + (kept * STORED_SAMPLE_BYTES if samples else 0)) * blades // 2
 
 
 def check_memory(what: str, size: int) -> None:

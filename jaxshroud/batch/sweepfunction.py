@@ -20,11 +20,12 @@ from jaxshroud.batch.differentiable_samples import (
 )
 from jaxshroud.batch.input_status import admit_start, status_if_admitted
 from jaxshroud.batch.periods import LANES_PER_CALL, Clock, begin_lanes, period_function
+from jaxshroud.batch.row_flow import row_strobe
 from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.tangents import as_differentiable
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
-from jaxshroud.model.arithmetic import Pair
+from jaxshroud.march.stepper import require_row_contact
 from jaxshroud.model.linear import area, free_power, power_reduction
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError, count_argument
@@ -37,10 +38,11 @@ from jaxshroud.scene.valid import in_precision
 class Strobe(eqx.Module):
     """The result of a `sweep_function`; NaN where a lane has stopped."""
 
-    motion: Motion  # at the end of each kept period, fields (lanes, n_periods, 2)
-    P: PerBlade  # average power over the kept periods, Eq. (23), (lanes, 2) [m^4]
-    P_d: Float[Array, "..."]  # its reduction on the left blade, Eq. (24), (lanes,) [%]
+    motion: Motion  # at the end of each kept period, fields (lanes, n_periods, blades)
+    P: PerBlade  # average power over the kept periods, Eq. (23), (lanes, blades) [m^4]
+    P_d: Float[Array, "..."]  # its reduction on the left blade, Eq. (24), of a row that of all, (lanes,) [%]
     status: Int[Array, "..."]  # (lanes,), see `Status`
+    P_0: PerBlade | None = None  # power without contact, of rows alone, (lanes, blades) [m^4]; see `free_power`
 
 
 class _SweepPlan(NamedTuple):
@@ -54,7 +56,7 @@ class _SweepPlan(NamedTuple):
     @property
     def clock(self) -> Clock:
         """The grid of whole periods from drive phase 0."""
-        return Clock(jnp.asarray(0.0), jnp.int32(self.steps), jnp.asarray(float(self.steps)))
+        return Clock.from_phase_0(self.steps)
 
     @property
     def schedule(self) -> Schedule:
@@ -65,8 +67,8 @@ class _SweepPlan(NamedTuple):
 class _LaneOutcomes(NamedTuple):
     """The results of lanes (leading axis)."""
 
-    motion: Motion  # pairs (lanes, periods)
-    power: Pair  # mean square displacement over block and periods, (lanes,) [m^2]
+    motion: Motion  # of each blade, (lanes, periods)
+    power: tuple[Any, ...]  # mean square displacement over block and periods, (lanes,) [m^2]
     status: Any  # (lanes,); None of tangents
 
 
@@ -81,7 +83,7 @@ def sweep_function(
     The whole sweep is one compiled program, a loop over chunks of 64 lanes on one core, with the kernels and the
     samples of the verb `sweep`. `jax.jit`, `jax.vmap`, `jax.jvp` and `jax.grad` accept it; `jax.shard_map` with
     `check_vma=False`, over lanes, runs it on many devices. Derivatives are those of `rollout`; in chaos they grow
-    without bound.
+    without bound. Rows of blades have none yet: that raises a TypeError.
 
     Args:
         n_periods: Drive periods kept.
@@ -120,6 +122,8 @@ def sweep_function(
             )
         scenes = in_precision(scenes, plan.method.precision)
         begin = initial_states(scenes) if states is None else in_precision(states, plan.method.precision)
+        if scenes.row is not None:
+            require_row_contact(scenes.parts.contact, plan.method)
         begin, good = jax.vmap(admit_start)(scenes, begin)
         strobe = _run_sweep(scenes, begin, plan, plan.method)
         return eqx.tree_at(lambda strobe: strobe.status, strobe, status_if_admitted(strobe.status, good))
@@ -131,13 +135,14 @@ def sweep_function(
 def _run_sweep(scenes: Scene, states: State, plan: _SweepPlan, method: Choices) -> Strobe:
     """Run all lanes, chunk by chunk; `method` is that of the plan, passed for the decorator."""
     del method
-    outcomes = _by_chunks(
-        lambda chunk: _differentiable_chunk(chunk[0], chunk[1], plan), (scenes, states), len(scenes.drive.omega)
-    )
+    run = _differentiable_chunk if scenes.row is None else _chunk_of_rows
+    outcomes = _by_chunks(lambda chunk: run(chunk[0], chunk[1], plan), (scenes, states), len(scenes.drive.omega))
     A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(scenes)
     P = A[:, None] * jnp.stack(outcomes.power, axis=-1)
-    P_d = power_reduction(P[:, 0], P_0[:, 0])
-    return Strobe(Motion(*(jnp.stack(pair, axis=-1) for pair in outcomes.motion)), P, P_d, outcomes.status)
+    left_or_all = lambda a: a[:, 0] if scenes.row is None else a.sum(axis=-1)
+    P_d = power_reduction(left_or_all(P), left_or_all(P_0))
+    motion = Motion(*(jnp.stack(blades, axis=-1) for blades in outcomes.motion))
+    return Strobe(motion, P, P_d, outcomes.status, None if scenes.row is None else P_0)
 
 
 def _by_chunks(run: Callable[[Any], Tree], lanes: Any, count: int) -> Tree:
@@ -161,6 +166,13 @@ def _differentiable_chunk(scenes: Scene, states: State, plan: _SweepPlan) -> _La
 
     outcomes_of.defjvp(push, symbolic_zeros=True)
     return outcomes_of(scenes, states)
+
+
+def _chunk_of_rows(rows: Scene, states: State, plan: _SweepPlan) -> _LaneOutcomes:
+    """The results of a chunk of rows, by the kernels of the verb `sweep`."""
+    strobe = row_strobe(rows, states, *plan)
+    motion, power = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), (strobe.motion, strobe.power))
+    return _LaneOutcomes(motion, power, strobe.status)
 
 
 def _lane_outcomes(scenes: Scene, states: State, plan: _SweepPlan) -> _LaneOutcomes:

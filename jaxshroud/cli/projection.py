@@ -19,6 +19,7 @@ def print_projection(
     lanes_held: int | None = None,
     samples: bool = False,
     place: str = "",
+    blades: int = 2,
 ) -> None:
     """Print what a run will take on standard error.
 
@@ -30,11 +31,12 @@ def print_projection(
         lanes_held: Lanes whose samples are in memory at once; None: all.
         samples: Whether results hold samples.
         place: Where results are stored.
+        blades: Blades of each lane.
     """
     spent = timedelta(seconds=round(cpu))
     wall_text = "" if wall is None else f", {timedelta(seconds=round(wall))} h on {cores()} core{'s' * (cores() > 1)}"
-    memory = sweep_memory(lanes, kept, lanes_held) / GIB
-    size = results_size(lanes, kept, samples=samples) / GIB
+    memory = sweep_memory(lanes, kept, lanes_held, blades) / GIB
+    size = results_size(lanes, kept, samples=samples, blades=blades) / GIB
     print(
         f"{lanes} lanes: some {spent} h of processor time{wall_text}, {memory:.3g} GiB of memory, "
         f"{size:.3g} GiB of results{place}",

@@ -35,10 +35,8 @@ def _simulate_arguments(file: SceneFile, options: argparse.Namespace) -> dict[st
     if options.out.suffix != ".nc":
         raise CommandError(f"{options.out}: a trajectory needs a name that ends in .nc")
     _check_run_memory(file, options)
-    stored = options.earlier is not None
-    if stored and file.row_size is not None:
-        raise CommandError("--from does not know rows of blades yet; js.simulate(scene, run.last) does")
-    return {"begin": stored_end(options.earlier, file) if stored else StoredEnd(None, 0.0, 0.0, ())}
+    start = StoredEnd(None, 0.0, 0.0, ())
+    return {"begin": start if options.earlier is None else stored_end(options.earlier, file)}
 
 
 def _check_run_memory(file: SceneFile, options: argparse.Namespace) -> None:

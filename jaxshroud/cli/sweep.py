@@ -42,7 +42,7 @@ from jaxshroud.scene.axes import axis
 from jaxshroud.scene.checks import MAX_VALUES
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.scene.keys import parse_key
+from jaxshroud.scene.keys import blade_count, parse_key
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
@@ -50,6 +50,8 @@ from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.options import MarchPlan, check_row
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE, sweep
 
+LONG_ROW_STEPS = 2 * 10**8  # of single blades of rows, which take a minute
+EVENT_STEPS = 10**4  # of a row for the events of each of its blades in a period where blocks turn, and faces chatter
 LANES_PER_LONE_LANE = 16  # a lane that runs alone takes as long as this many lanes of a chunk
 RESUME_ADVICE = "; the same command with --resume goes on"
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
@@ -89,7 +91,8 @@ def sweep_command(options: argparse.Namespace) -> None:
     start = time.perf_counter()
     request = SweepRequest(file, options, _claim_store(file, options), start)
     with input_errors_at(file.name):
-        check_size(request.lanes, file.sweep_run.transient, file.sweep_run.periods, request.lanes_held)
+        run, blades = file.sweep_run, blade_count(file.row_size)
+        check_size(request.lanes, run.transient, run.periods, request.lanes_held, blades)
     scenes = _scenes_of_lanes(file)
     periods = file.sweep_run.transient + file.sweep_run.periods
     import_in_background((*DATASETS, *STATISTICS, *PICTURES))
@@ -186,7 +189,8 @@ def _is_stored(file: SceneFile, options: argparse.Namespace) -> bool:
         raise CommandError("--scheduler needs a store, which keeps what workers have computed; leave out --store nc")
     if options.store is not None:
         return options.store == "zarr"
-    size = results_size(_lane_count(file), file.sweep_run.periods, samples=not options.no_samples)
+    samples, blades = not options.no_samples, blade_count(file.row_size)
+    size = results_size(_lane_count(file), file.sweep_run.periods, samples=samples, blades=blades)
     return bool(options.resume or options.scheduler or size > MOST_IN_FILE)
 
 
@@ -198,8 +202,26 @@ def _print_projection_of_long_run(request: SweepRequest, scenes: Scene, march: M
     run = request.file.sweep_run
     plan = Plan(run.transient, run.periods, march.steps, request.options.phase, march.method)
     slowness = 1 if request.file.direction == "independent" else max(LANES_PER_LONE_LANE // request.row_lanes, 1)
-    if slowness * request.lanes * (plan.transient + plan.kept) * plan.steps_per_period > LONG_RUN_STEPS:
+    periods = plan.transient + plan.kept
+    if _is_long(slowness * request.lanes, periods, plan.steps_per_period, scenes):
         _print_projection(request, in_precision(scenes, plan.method.precision), plan)
+
+
+def _is_long(lanes: int, periods: int, steps: int, scenes: Scene) -> bool:
+    """Whether a run of lanes takes so long that it is projected.
+
+    Args:
+        lanes: Lanes of the run; those of rows take as long as full chunks.
+        periods: Drive periods of each.
+        steps: Steps in a period.
+        scenes: Their scenes.
+    """
+    row = scenes.row_size
+    if row is None:
+        return lanes * periods * steps > LONG_RUN_STEPS
+    trials = steps + (EVENT_STEPS * row.blades if "theta" in scenes.parts.motion else 0)
+    full = lanes if lanes == 1 else -(-lanes // LANES_PER_CALL) * LANES_PER_CALL
+    return full * periods * row.blades * trials > LONG_ROW_STEPS
 
 
 def _print_projection(request: SweepRequest, scenes: Scene, plan: Plan) -> None:
@@ -212,6 +234,7 @@ def _print_projection(request: SweepRequest, scenes: Scene, plan: Plan) -> None:
         lanes_held=request.lanes_held,
         samples=not request.options.no_samples,
         place="" if request.store is None else f" in {request.store}",
+        blades=blade_count(request.file.row_size),
     )
 
 
@@ -225,7 +248,8 @@ def _projected_times(request: SweepRequest, scenes: Scene, plan: Plan) -> tuple[
         with progress_bar("lane-periods of a trial") as report:
             seconds[lanes] = projected_seconds(scenes, plan, beside=lanes, progress=report)
     cpu = [seconds[at_once(way)] for way in directions]
-    busy = [min(cores(), cores() if way == "independent" else -(-row_lanes // LANES_PER_CALL)) for way in directions]
+    together = lambda way: len(scenes.drive.omega) if way == "independent" else row_lanes
+    busy = [min(cores(), -(-together(way) // LANES_PER_CALL)) for way in directions]
     return sum(cpu), sum(each / n for each, n in zip(cpu, busy, strict=True))
 
 

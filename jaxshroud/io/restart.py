@@ -10,7 +10,7 @@ from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.scene.checks import SceneError, StoreError
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.keys import Motion, RowSize, blade_count
 from jaxshroud.scene.parts import ContactPart
 from jaxshroud.scene.schema import PHYSICS_TABLES
 
@@ -47,21 +47,30 @@ def stored_end(path: FilePath, scene_file: SceneFile) -> StoredEnd:
         name = Status(int(status)).name if status in set(Status) else f"status {status:g}"
         _fail(path, f"the run stopped ({name}); start from an earlier file")
     differences = _scene_changes(path, ds, scene_file)
-    motion = Motion(*(_last_sample(path, ds, name, ("time", "blade"), (2,)) for name in Motion._fields))
-    mode, case = (int(_last_sample(path, ds, name, ("time",), ())) for name in ("mode", "case"))
-    if not _is_possible(mode, case, scene_file.scene.parts.contact):
-        _fail(path, f"it ends in mode {mode} and case {case}, which this model has not; give a file that is not edited")
-    u_s = np.zeros(()) if mode == Mode.APART else _last_sample(path, ds, "u_s", ("time",), ())
+    row = scene_file.row_size
+    dims, shape = (("time",), ()) if row is None else (("time", "interface"), (row.interfaces,))
+    blades = ("time", "blade"), (blade_count(row),)
+    motion = Motion(*(_last_sample(path, ds, name, *blades) for name in Motion._fields))
+    mode, case = (_last_sample(path, ds, name, dims, shape).astype(int) for name in ("mode", "case"))
+    for pair in zip(mode.flat, case.flat, strict=True):
+        if not _is_possible(*pair, scene_file.scene.parts.contact):
+            ends = "it ends in mode {} and case {}".format(*pair)
+            _fail(path, f"{ends}, which this model has not; give a file that is not edited")
+    u_s = np.zeros(shape)
+    if np.any(mode != Mode.APART):
+        u_s = np.where(mode == Mode.APART, 0.0, _last_sample(path, ds, "u_s", dims, shape, mode != Mode.APART))
     t = float(_last_sample(path, ds, "time", ("time",), ()))
     return StoredEnd(_state(motion, u_s, mode, case), t, turns, differences)
 
 
-def _state(motion: Motion, u_s: np.ndarray, mode: int, case: int) -> "State":
+def _state(motion: Motion, u_s: np.ndarray, mode: np.ndarray, case: np.ndarray) -> "State":
     import jax.numpy as jnp
 
     from jaxshroud.model.prepared import State
 
-    return State(Motion(*map(jnp.asarray, motion)), jnp.asarray(u_s), jnp.int32(mode), jnp.int32(case))
+    return State(
+        Motion(*map(jnp.asarray, motion)), jnp.asarray(u_s), jnp.asarray(mode, jnp.int32), jnp.asarray(case, jnp.int32)
+    )
 
 
 def _fail(path: FilePath, reason: str) -> NoReturn:
@@ -76,13 +85,18 @@ def _finite_number(path: FilePath, name: str, value: object) -> float:
 
 
 def _last_sample(
-    path: FilePath, ds: "xr.Dataset", name: str, dims: tuple[str, ...], shape: tuple[int, ...]
+    path: FilePath,
+    ds: "xr.Dataset",
+    name: str,
+    dims: tuple[str, ...],
+    shape: tuple[int, ...],
+    counts: np.ndarray | bool = True,
 ) -> np.ndarray:
-    """The last sample of a variable, which is finite."""
+    """The last sample of a variable, which is finite where it `counts`."""
     if name not in ds or ds[name].dims != dims or ds[name].shape[1:] != shape or not ds[name].size:
         _fail(path, f"it lacks {name} over {' and '.join(dims)}; give a complete file of `jaxshroud simulate`")
     end = ds[name].to_numpy()[-1]
-    if not np.issubdtype(end.dtype, np.number) or not np.isfinite(end).all():
+    if not np.issubdtype(end.dtype, np.number) or not np.isfinite(end[counts] if end.ndim else end).all():
         _fail(path, f"its last {name} is not finite; start from an earlier file")
     return np.asarray(end, np.float64)
 
@@ -101,17 +115,25 @@ def _scene_changes(path: FilePath, ds: "xr.Dataset", scene_file: SceneFile) -> t
         stored = parse(str(ds.attrs.get("scene", "")), "its scene")
     except SceneError as error:
         _fail(path, f"{error}; give a file written by `jaxshroud simulate`")
+    if stored.row_size != scene_file.row_size:
+        change = f"it is of {_row_text(stored.row_size)}, but this scene of {_row_text(scene_file.row_size)}"
+        _fail(path, f"{change}; give a file of the same model")
     for name, old, new in zip(stored.scene.parts._fields, stored.scene.parts, scene_file.scene.parts, strict=True):
         if old != new:
             change = f"its model has {name} = {_value_text(old)}, but this one {_value_text(new)}"
             _fail(path, f"{change}; give a file of the same model")
-    tables = [table for table in PHYSICS_TABLES if table not in ("initial", "parts")]
+    names = ["row", *(table for table in PHYSICS_TABLES if table not in ("initial", "parts"))]
+    tables = {name: (stored.tables.get(name, {}), scene_file.tables.get(name, {})) for name in names}
     return tuple(
         f"{table}.{key} was {_value_text(old)}, is {_value_text(new)}"
-        for table in tables
-        for key in {**stored.tables[table], **scene_file.tables[table]}
-        if (old := stored.tables[table].get(key)) != (new := scene_file.tables[table].get(key))
+        for table, (before, now) in tables.items()
+        for key in {**before, **now}
+        if (old := before.get(key)) != (new := now.get(key))
     )
+
+
+def _row_text(row: RowSize | None) -> str:
+    return "a pair" if row is None else f"{'a ring' if row.closed else 'an open chain'} of {row.blades}"
 
 
 def _value_text(value: object) -> str:

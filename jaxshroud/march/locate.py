@@ -4,14 +4,12 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, Bool, Int
 
+from jaxshroud.march.derivative_limits import first_order_only
 from jaxshroud.march.events import EventKind, Guards, Violated, any_of, event_kinds
 from jaxshroud.march.method_names import Locate
 from jaxshroud.model.arithmetic import Pair, Scalar, is_absent, traced_once, where
-from jaxshroud.scene.typed import Tree
 
 CUBIC_TRIALS = 5  # in one bracket; after these, every other trial bisects it
 
@@ -311,23 +309,3 @@ def _at_event_jvp(primals, tangents):
     quantities, slopes, _, rate = first_order_only(primals)
     shift = -tangents[2] / rate
     return quantities, jax.tree.map(lambda d, slope: d + slope * shift, tangents[0], slopes)
-
-
-def first_order_only(tree: Tree) -> Tree:
-    """The numbers, for which a further derivative raises a TypeError."""
-    return jax.tree.map(_first_order.bind, tree)
-
-
-def _refuse_second_order(primals, tangents):
-    raise TypeError(
-        "Derivatives through contact events are of first order only: this motion is differentiated twice. "
-        "Take differences of first derivatives instead, or period_map of contact that is smooth or absent."
-    )
-
-
-_first_order = Primitive("once")  # a custom rule would be lost in reverse mode
-_first_order.def_impl(lambda a: a)
-_first_order.def_abstract_eval(lambda a: a)
-ad.primitive_jvps[_first_order] = _refuse_second_order
-batching.primitive_batchers[_first_order] = lambda args, axes: (_first_order.bind(*args), *axes)
-mlir.register_lowering(_first_order, lambda _, a: [a])

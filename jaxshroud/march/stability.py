@@ -19,7 +19,7 @@ from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.model.prepared import springs
 from jaxshroud.model.row import pair_at
 from jaxshroud.programs.kept import kept
-from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument
+from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument, require_pair
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 
@@ -53,7 +53,11 @@ def largest_frequency(scene: Scene) -> Scalar:
     """The largest natural circular frequency, or decay rate, with the contact and friction springs engaged [rad/s].
 
     It is the larger one of both corner pairs, at the unloaded positions of the blades and in full stick.
+
+    Raises:
+        InputError: The scene has a row of blades.
     """
+    require_pair("`largest_frequency`", scene.row)
     return _frequencies(_stiffness_of(scene), jnp)[0]
 
 

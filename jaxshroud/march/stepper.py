@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from jaxshroud.march.carry import EachLane, Fixed, Lane, LaneTree
-from jaxshroud.march.method import Choices
+from jaxshroud.march.method import REFERENCE, Choices
 from jaxshroud.march.rk_trial import begin_rk, rk_trials, update_after_rk
 from jaxshroud.march.tableau import TaylorOptions
 from jaxshroud.march.taylor_trial import (
@@ -82,6 +82,14 @@ def require_contact(contact: ContactPart, method: Choices) -> None:
     if contact not in ("none", *stepper_for(method).contacts):
         what = "smooth contact" if contact == "smooth" else "own laws"
         raise InputError(f"The method taylor knows located contact, not {what}; take a Runge-Kutta method.")
+
+
+def require_row_contact(contact: ContactPart, method: Choices = REFERENCE) -> None:
+    """Raise InputError unless a row of blades with contact of that kind is marched by the method."""
+    if contact == "none":
+        raise InputError("A row without contact is many single blades: simulate one of them as a pair.")
+    if stepper_for(method) is not RUNGE_KUTTA:
+        raise InputError("A row of blades is marched by Runge-Kutta methods, not by power series; js.RungeKutta().")
 
 
 def begin_lane(state: State, model: Model, method: Choices) -> Lane:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.checks import InputError, require_pair
 from jaxshroud.scene.laws import Laws
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
@@ -55,6 +55,7 @@ def check_laws(scene: Scene) -> None:
         ...
         jaxshroud.scene.checks.InputError: The normal law gives out more work than it was given.
     """
+    require_pair("`check_laws`", scene.row)
     if scene.laws is None:
         raise InputError("This scene has no own laws; see js.with_laws.")
     size, omega = jnp.abs(scene.shroud.gap) + 1e-9, scene.drive.omega

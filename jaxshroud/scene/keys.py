@@ -41,6 +41,11 @@ class RowSize(NamedTuple):
         return self.blades if self.closed else self.blades - 1
 
 
+def blade_count(row: RowSize | None) -> int:
+    """How many blades a scene has; without a row it is the pair."""
+    return 2 if row is None else row.blades
+
+
 class Range(NamedTuple):
     """The range of a number."""
 

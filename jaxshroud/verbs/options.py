@@ -12,14 +12,15 @@ import numpy as np
 from jaxshroud.batch.runs import initial_states, stepping_method
 from jaxshroud.io.scene_numbers import scene_differences
 from jaxshroud.io.variable import jax_lane_arrays
-from jaxshroud.march.method import FAST, Choices, Method, RungeKutta, StepCount, Taylor, choices, method_of
+from jaxshroud.march.method import FAST, Choices, Method, RungeKutta, StepCount, choices, method_of
 from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.stability import steps_for
+from jaxshroud.march.stepper import require_row_contact
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.short_runs import end_states
 from jaxshroud.programs.kept import is_traced
-from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
+from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument, require_pair
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import ALL_KEYS, number_shape
 from jaxshroud.scene.scene import Scene, without_given
@@ -232,10 +233,10 @@ def _method_for_rows(resolved: ResolvedOptions, usual: Choices) -> Choices:
     Raises:
         InputError: The method is a power series.
     """
-    if isinstance(resolved.method, Taylor):
-        raise InputError("A row of blades is marched by Runge-Kutta methods, not by power series; js.RungeKutta().")
     if resolved.method is not None:
-        return choices(resolved.method, ledger=usual.ledger)
+        method = choices(resolved.method, ledger=usual.ledger)
+        require_row_contact(resolved.scene.parts.contact, method)
+        return method
     accuracy = resolved.choosing_accuracy
     if accuracy is None or isinstance(accuracy, Choice):
         return usual
@@ -299,19 +300,15 @@ def method_for(scenes: Scene, accuracy: str | float = ACCURACY) -> Method:
 
 def refuse_row(what: str, scene: Scene | SceneFile) -> None:
     """Raise an InputError if the scene has a row of blades, of which `what`, a verb, does not know yet."""
-    row = scene.row_size if isinstance(scene, SceneFile) else scene.row
-    if row is not None:
-        where = f"{scene.name}: " if isinstance(scene, SceneFile) else ""
-        raise InputError(f"{where}{f'`{what}`' if what else 'this verb'} does not know rows of blades yet.")
+    where = f"{scene.name}: " if isinstance(scene, SceneFile) else ""
+    require_pair(f"`{what}`" if what else "this verb", scene.row_size, where)
 
 
 def check_row(scene: Scene, **asked: bool) -> None:
     """Raise an InputError where a row of blades lacks contact, or an argument asks for what rows do not have yet."""
-    if scene.parts.contact == "none":
-        raise InputError("A row without contact is many single blades: simulate one of them as a pair.")
+    require_row_contact(scene.parts.contact)
     for name, value in asked.items():
-        if value:
-            raise InputError(f"Argument `{name}` does not know rows of blades yet.")
+        require_pair(f"Argument `{name}`", scene.row if value else None)
 
 
 def refuse_traced(tree: object) -> None:

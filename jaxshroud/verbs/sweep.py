@@ -20,6 +20,7 @@ from jaxshroud.results.sweep import SweepResult, overlay_directions
 from jaxshroud.scene.checks import InputError, StoreError, tolerance_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
+from jaxshroud.scene.keys import blade_count
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
@@ -147,7 +148,8 @@ def sweep(
     lanes = len(directions) * math.prod(grid.shape)
     path = _store_path(store, resume)
     lanes_in_memory = None if keep_samples and path is None else min(lanes, MAX_LANES_AT_ONCE)
-    check_size(lanes, resolved.transient, resolved.n_periods, lanes_in_memory)
+    blades = blade_count(resolved.scene.row_size)
+    check_size(lanes, resolved.transient, resolved.n_periods, lanes_in_memory, blades)
     grid = grid._replace(lanes=without_given(grid.lanes))
     march = plan_march(grid.resolved, grid.lanes, FAST._replace(ledger=ledger))
     if forces:

@@ -1,5 +1,6 @@
 """Rows of blades as a user writes them down: files, keys, engine orders, mistuning and what is refused."""
 
+import inspect
 import tomllib
 
 import equinox as eqx
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
+from jaxshroud.batch.runs import initial_states
 from jaxshroud.io.scene_numbers import dimension, key_label
 from jaxshroud.scene.axes import axis
 from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
@@ -381,7 +383,23 @@ def _verbs():
         "table": lambda: js.table(ring, {"drive.omega": [500.0]}),
         "fit": lambda: js.fit(ring, {"t [s]": [0.0, 1e-3], "x_left [m]": [0.0, 1e-6]}, {"drive.omega": (500.0, 600.0)}),
         "method_for": lambda: js.method_for(ring.scene),
+        "period_map": lambda: js.period_map(ring.scene, initial_states(ring.scene)),
+        "most_trials": lambda: js.most_trials(ring.scene),
+        "largest_frequency": lambda: js.largest_frequency(ring.scene),
+        "check_laws": lambda: js.check_laws(ring.scene),
     }
+
+
+KNOW_ROWS = {"simulate", "sweep", "rollout", "free_power", "value_of", "vary", "scenes_from", "stack_scenes"}
+
+
+def test_every_public_function_of_scenes_knows_rows_or_refuses_them():
+    public = {name: getattr(js, name) for name in dir(js) if not name.startswith("_")}
+    functions = {name: f for name, f in public.items() if inspect.isfunction(f)}
+    takes = lambda f: any("Scene" in str(of.annotation) for of in inspect.signature(f).parameters.values())
+    of_scenes = {name for name, f in functions.items() if takes(f)}
+    # `with_laws` refuses them in words of its own, see above.
+    assert of_scenes == {*_verbs(), *KNOW_ROWS, "with_laws"}
 
 
 @pytest.mark.parametrize("verb", list(_verbs()))

@@ -93,7 +93,6 @@ def test_a_shipped_row_is_simulated_stored_and_drawn(name, tmp_path):
             "`forces` does not know",
         ),
         (["simulate", "row_ring12", "--events"], "`events` does not know rows of blades yet"),
-        (["simulate", "row_ring12", "--from", "run.nc"], "--from does not know rows of blades yet"),
         (["simulate", "row_ring12", "--tableau", "taylor"], "Runge-Kutta methods, not by power series"),
         (["simulate", "row_ring12", "--set", "parts.contact=none"], "many single blades"),
         (["power", "row_ring12"], "`power` does not know rows of blades yet"),

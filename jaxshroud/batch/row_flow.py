@@ -1,0 +1,108 @@
+"""Rows of blades inside JAX's transformations: samples and whole periods, whose derivatives raise a TypeError."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+from jaxshroud.batch.differentiable_samples import Schedule, batching_by_lanes, skip_samples
+from jaxshroud.batch.periods import Clock
+from jaxshroud.batch.rows import (
+    RowSamples,
+    lanes_first,
+    next_row_sample,
+    row_models,
+    row_period_function,
+    rows_at_start,
+)
+from jaxshroud.batch.xla import best_mapping, compiled, one_lane
+from jaxshroud.march.derivative_limits import values_only
+from jaxshroud.march.method import Choices
+from jaxshroud.march.row_carry import tally_of_new_period
+from jaxshroud.march.stepper import require_row_contact
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import State
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.scene import Scene
+
+
+class RowFlow(NamedTuple):
+    """Samples (leading axis) of a row; NaN once it has stopped."""
+
+    at: RowSamples
+    power: Float[Array, "..."]  # mean square displacement of each block since the previous sample, (samples, N) [m^2]
+    status: Int[Array, "..."]  # (samples,)
+
+
+def row_flow(scene: Scene, state: State, schedule: Schedule) -> RowFlow:
+    """The samples of one row by a `schedule` without a bound of trials.
+
+    Raises:
+        InputError: The method cannot march it, or the state is not one of such a row.
+        TypeError: It is differentiated.
+    """
+    assert scene.row is not None
+    require_row_contact(scene.parts.contact, schedule.method)
+    sizes = scene.row.blades, scene.row.interfaces
+    if (jnp.shape(state.motion.x), jnp.shape(state.u_s)) != ((sizes[0],), (sizes[1],)):
+        raise InputError("Argument `state` must have the motion of {} blades and contact at {}.".format(*sizes))
+    flows = _sampled_rows(*one_lane(values_only((scene, state))), schedule)
+    return jax.tree.map(lambda a: a[0], flows)
+
+
+@compiled("schedule")
+def _sampled_rows(scenes: Scene, states: State, schedule: Schedule) -> RowFlow:
+    return batching_by_lanes(lambda scenes, states: _row_samples_in_lanes(scenes, states, schedule))(scenes, states)
+
+
+def _row_samples_in_lanes(scenes: Scene, states: State, schedule: Schedule) -> RowFlow:
+    """The samples of rows (leading axis): a `RowFlow` with axes (lane, sample)."""
+    (model, period), each, steps = row_models(scenes), best_mapping(), schedule.steps
+    clock = Clock.from_phase_0(steps)
+    begin = rows_at_start(states, model, schedule.method, each)
+    time = period * (schedule.every / steps)
+
+    def one(lanes, _):
+        empty = tally_of_new_period(lanes.tally, lanes.state.motion)
+        lanes = eqx.tree_at(lambda lane: lane.tally, lanes, empty)
+        lanes, sample = next_row_sample(lanes, jnp.int32(schedule.every), model, period, clock, schedule.method, each)
+        gain: Any = lanes.tally.integrals.power
+        power = gain / time
+        overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(jnp.sum(power, axis=0))
+        status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
+        lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
+        return lanes, lanes_first(RowFlow(sample, jnp.where(status == Status.OK, power, jnp.nan), status))
+
+    _, flows = lax.scan(one, begin, length=schedule.samples)
+    return jax.tree.map(lambda a: jnp.moveaxis(a, 0, 1), flows)
+
+
+class RowStrobe(NamedTuple):
+    """Rows (leading axis) over whole periods; NaN where a row has stopped."""
+
+    motion: Motion  # at the end of each kept period, (lanes, periods, N)
+    power: Float[Array, "..."]  # mean square displacement of each block over these, (lanes, N) [m^2]
+    status: Int[Array, "..."]  # (lanes,)
+
+
+def row_strobe(scenes: Scene, states: State, transient: int, kept: int, steps: int, method: Choices) -> RowStrobe:
+    """Rows (leading axis) run for `transient` and `kept` periods; a TypeError where it is differentiated."""
+
+    def run(scenes: Scene, states: State) -> RowStrobe:
+        each = best_mapping()
+        period = row_period_function(scenes, Clock.from_phase_0(steps), method, each)
+
+        def one(lanes: Any, _: Any) -> Any:
+            lanes, sample = period(lanes, True)
+            return lanes, lanes_first((sample.motion, sample.power))
+
+        begin = rows_at_start(states, row_models(scenes)[0], method, each)
+        last, (motion, power) = lax.scan(skip_samples(one, transient), begin, jnp.arange(kept))
+        motion = jax.tree.map(lambda a: jnp.moveaxis(a, 0, 1), motion)
+        return RowStrobe(motion, jnp.mean(power, axis=0), last.status)
+
+    return batching_by_lanes(run)(*values_only((scenes, states)))
