@@ -50,10 +50,10 @@ class PeakRatio(NamedTuple):
         ]
         share = self.contact.amplitude / self.free.amplitude
         return (
-            f"Peak against peak, over {self.along} from {' to '.join(ends)} {unit}: the largest {self.of} with contact is "
-            f"{self.contact.amplitude:.5g} m, at {at[0]} {unit} (upwards, downwards and from rest, every "
-            f"{per_si * self.apart:.2g} {unit} there), without contact {self.free.amplitude:.5g} m, at {free[0]} {unit}; "
-            f"the first is {share:.4g} of the second.{''.join(beyond)}"
+            f"Peak against peak, over {self.along} from {' to '.join(ends)} {unit}: the largest {self.of} with contact "
+            f"is {self.contact.amplitude:.5g} m, at {at[0]} {unit} (upwards, downwards and from rest, every "
+            f"{per_si * self.apart:.2g} {unit} there), without contact {self.free.amplitude:.5g} m, at {free[0]} "
+            f"{unit}; the first is {share:.4g} of the second.{''.join(beyond)}"
         )
 
 
@@ -70,7 +70,7 @@ def peak_ratio(scene: Scene, along: str, low: float, high: float, of: str, run: 
         of: The amplitude of the left blade, e.g. "x_peak".
         run: The arguments of `sweep` that say how to run.
     """
-    ends, values, found = (low, high), np.linspace(low, high, VALUES), []
+    ends, values, apart, found = (low, high), np.linspace(low, high, VALUES), np.nan, []
     for _ in range(ZOOMS):
         swept = sweep(scene, {along: values}, direction="both", amplitudes=True, **run)
         levels = getattr(swept, of)[..., 0]
@@ -79,14 +79,15 @@ def peak_ratio(scene: Scene, along: str, low: float, high: float, of: str, run: 
         top = int(np.unravel_index(np.nanargmax(levels), levels.shape)[-1])
         found.append((float(np.nanmax(levels)), float(values[top])))
         apart = float(values[1] - values[0])
-        values = np.linspace(*np.clip(values[top] + MARGIN * apart * np.array([-1, 1]), low, high), VALUES)
+        beside = MARGIN * apart
+        values = np.linspace(max(values[top] - beside, low), min(values[top] + beside, high), VALUES)
     if not found:
         return None
     level, value = max(found)
-    return PeakRatio(of, along, ends, apart, free_peak(scene, along, low, high, of), _peak(value, level, ends))
+    return PeakRatio(of, along, ends, apart, free_peak(scene, along, low, high, of), _peak_in(value, level, ends))
 
 
-def _peak(value: float, level: float, ends: tuple[float, float]) -> PeakOfSweep:
+def _peak_in(value: float, level: float, ends: tuple[float, float]) -> PeakOfSweep:
     return PeakOfSweep(value, level, value in ends)
 
 
@@ -94,10 +95,10 @@ def free_peak(scene: Scene, along: str, low: float, high: float, of: str) -> Pea
     """Where an amplitude without contact is largest in a range of a number, and that amplitude."""
     name, kind = of.split("_")
     share = 1.0 if kind == "peak" else np.sqrt(0.5)
-    numbered, values, level = with_numbers(scene, [along]), np.array([low, high]), 0.0
+    numbered, values, at, level = with_numbers(scene, [along]), np.array([low, high]), low, 0.0
     for _ in range(FREE_ZOOMS):
         values = np.linspace(values[0], values[-1], FREE_VALUES)
         levels = free_amplitudes(scenes_at(numbered, [along], values[:, None]))[DISPLACEMENTS.index(name)][:, 0]
         top = int(levels.argmax())
         at, level, values = float(values[top]), float(levels[top]), values[max(top - 1, 0) : top + 2]
-    return _peak(at, level * share, (low, high))
+    return _peak_in(at, level * share, (low, high))

@@ -138,4 +138,3 @@ def _places(swept: SweepResult, values: np.ndarray, own: float) -> list[float]:
     number, settled = lanes["period_number"].to_numpy(), lanes["settled"].to_numpy() == 1
     order = sorted(range(len(values)), key=lambda i: (number[i] == 0, not settled[i], number[i], abs(values[i] - own)))
     return [float(values[i]) for i in order[:MAX_TRIED_PLACES]]
-

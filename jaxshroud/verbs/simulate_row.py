@@ -22,7 +22,6 @@ def marched_row_values(
     scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Ticker
 ) -> dict[str, Any]:
     """The values of rows (leading axis) that are marched, by the names of `RowTrajectory`."""
-
     method = method._replace(forces=True)
 
     def run(chunk: Any, tick: Any) -> Any:
