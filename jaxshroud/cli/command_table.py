@@ -126,6 +126,7 @@ COMMANDS = {
         arguments=("n_periods", "transient", "stable_within", "forces", "amplitudes"),
         files=("power.nc", "power.json", "power.png"),
         unit="periods",
+        rows=True,
         module="runs",
     ),
     "orbit": Command(

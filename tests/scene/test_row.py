@@ -361,9 +361,8 @@ def test_smooth_contact_has_a_width_for_each_interface():
 
 
 def _verbs():
-    ring, how = load(RING), {"n_periods": 1, "transient": 1}
+    ring = load(RING)
     return {
-        "power": lambda: js.power(ring, **how),
         "check": lambda: js.check(ring),
         "explain": lambda: js.explain(ring.scene),
         "diagnose": lambda: js.diagnose(ring),
