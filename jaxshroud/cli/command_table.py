@@ -101,6 +101,7 @@ COMMANDS = {
             shared_option("--out", help="ranked table; or .nc", metavar="FILE.csv"),
         ),
         arguments=("n_periods", "transient", "by"),
+        rows=True,
         module="table",
     ),
     "diagnose": Command(

@@ -377,7 +377,6 @@ def _verbs():
         "scatter": lambda: js.scatter(ring, {"drive.omega": 1.0}),
         "report": lambda: js.report(ring),
         "response": lambda: js.response(ring, start=500.0, stop=600.0, num=2),
-        "table": lambda: js.table(ring, {"drive.omega": [500.0]}),
         "fit": lambda: js.fit(ring, {"t [s]": [0.0, 1e-3], "x_left [m]": [0.0, 1e-6]}, {"drive.omega": (500.0, 600.0)}),
         "method_for": lambda: js.method_for(ring.scene),
     }
