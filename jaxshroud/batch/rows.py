@@ -55,8 +55,13 @@ def begin_rows(scenes: Scene, states: State, method: Choices) -> RowLane:
 
 @compiled("method", "each")
 def _begin_rows(scenes: Scene, states: State, method: Choices, each: EachLane) -> RowLane:
+    return lanes_first(rows_at_start(scenes, states, method, each)[0])
+
+
+def rows_at_start(scenes: Scene, states: State, method: Choices, each: EachLane) -> tuple[RowLane, RowModel]:
+    """The rows at their start, and their constants, both with the lanes last."""
     models, _ = _models(scenes)
-    return lanes_first(begin_row(_carried(lanes_last(states), models), models, method, each))
+    return begin_row(_carried(lanes_last(states), models), models, method, each), models
 
 
 def _carried(state: State, model: RowModel) -> State:

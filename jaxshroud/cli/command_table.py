@@ -359,6 +359,7 @@ COMMANDS = {
         "Say what the model of a scene consists of, what it lacks and what it costs.",
         'jaxshroud explain table1 --set \'parts.motion=["x", "y"]\'',
         SIMULATION,
+        rows=True,
         module="describe",
     ),
     "check": Command(

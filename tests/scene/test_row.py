@@ -364,7 +364,6 @@ def _verbs():
     ring = load(RING)
     return {
         "check": lambda: js.check(ring),
-        "explain": lambda: js.explain(ring.scene),
         "diagnose": lambda: js.diagnose(ring),
         "orbit": lambda: js.orbit(ring),
         "lyapunov": lambda: js.lyapunov(ring),
