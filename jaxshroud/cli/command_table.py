@@ -379,6 +379,7 @@ COMMANDS = {
             "--force",
         ),
         arguments=("engine_orders", "start", "stop"),
+        rows=True,
         files=("check.nc", "check.json", "check.png"),
         module="describe",
     ),

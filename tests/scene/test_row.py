@@ -363,7 +363,6 @@ def test_smooth_contact_has_a_width_for_each_interface():
 def _verbs():
     ring = load(RING)
     return {
-        "check": lambda: js.check(ring),
         "diagnose": lambda: js.diagnose(ring),
         "orbit": lambda: js.orbit(ring),
         "lyapunov": lambda: js.lyapunov(ring),
