@@ -91,7 +91,9 @@ def _name_families(panel: Axes, families: xr.Dataset, labelled: list[float], top
         if frequency > top or any(abs(frequency - other) < LABEL_ROOM * top for other in labelled):
             continue
         labelled.append(frequency)
-        panel.annotate(str(name).replace(", either blade", "").replace(", each blade", ""), (0, frequency), **FAMILY_NAME)
+        panel.annotate(
+            str(name).replace(", either blade", "").replace(", each blade", ""), (0, frequency), **FAMILY_NAME
+        )
 
 
 def _draw_orders(panel: Axes, data: CampbellData) -> None:

@@ -121,7 +121,14 @@ def crossings_between(
     crossing = crossing_speeds(np.array([mode.frequency for mode in modes]), engine_orders)
     inside = np.argwhere((crossing >= start) & (crossing <= stop))
     found = (
-        Crossing(modes[i].contact, modes[i].name, float(engine_orders[j]), at, 100 * (speed / at - 1), excited and excited[i][j])
+        Crossing(
+            modes[i].contact,
+            modes[i].name,
+            float(engine_orders[j]),
+            at,
+            100 * (speed / at - 1),
+            excited and excited[i][j],
+        )
         for i, j in inside
         for at in [float(crossing[i, j])]
     )

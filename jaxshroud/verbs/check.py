@@ -25,7 +25,7 @@ from jaxshroud.scene.engine_order import engine_order_of
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.verbs.doubts import doubts_of
+from jaxshroud.verbs.doubts import LEAST_DRIVEN, doubts_of
 from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_of
 from jaxshroud.verbs.options import check_row
@@ -121,7 +121,8 @@ def _over_speed(
     orders = _checked_orders(given, own)
     drive_order = own or orders[0]
     speed = omega / drive_order
-    stop = _end_of_range(modes, omega, speed) if stop is None else float(stop)
+    reached = modes if scene.row is None else [mode for mode in modes if mode.driven > LEAST_DRIVEN] or modes
+    stop = _end_of_range(reached, omega, speed) if stop is None else float(stop)
     if not 0 <= start < stop < math.inf:
         raise InputError(f"The speeds from `start` to `stop` must be a range from 0 on, but are {start:g} to {stop:g}.")
     orders = tuple(sorted(orders))

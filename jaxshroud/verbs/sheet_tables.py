@@ -74,9 +74,7 @@ def crossing_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
 
 def lines_of(sheet: DataSheet) -> dict[str, str]:
     """All other lines of the data sheet, by name."""
-    approach = (
-        f"{sheet.approach * 1e3:.4g} mm by translation, {_texts_of(sheet.corner, 1e3)} mm by rotation at corners"
-    )
+    approach = f"{sheet.approach * 1e3:.4g} mm by translation, {_texts_of(sheet.corner, 1e3)} mm by rotation at corners"
     lines = {
         "drive": f"{sheet.drive:.5g} Hz",
         "speed": _speed_text(sheet),
