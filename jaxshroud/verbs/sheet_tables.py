@@ -122,7 +122,7 @@ def _gap_text(sheet: DataSheet) -> str:
 
 
 def _texts_of(values: tuple[float, ...], scale: float = 1.0) -> str:
-    """The numbers of blades or interfaces: one where all are told alike, the ends of their range where they are many."""
+    """The numbers of blades or interfaces: one if all are told alike, of many the ends of their range."""
     texts = [f"{value * scale:.3g}" for value in values]
     if len(set(texts)) == 1:
         return texts[0]
