@@ -127,7 +127,7 @@ def crossings_between(
             float(engine_orders[j]),
             at,
             100 * (speed / at - 1),
-            excited and excited[i][j],
+            excited[i][j] if excited else None,
         )
         for i, j in inside
         for at in [float(crossing[i, j])]

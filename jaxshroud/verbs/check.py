@@ -134,8 +134,10 @@ def _over_speed(
 
 
 @kept()
-def _free_and_touching(scene: Scene) -> tuple[Amplitudes, Scalar, Scalar, Scalar, tuple[Float[Array, "6"], ...]]:
-    """The amplitudes of the free blades, the contact's stiffness, a block's gyration, half its diagonal, and gradients.
+def _free_and_touching(
+    scene: Scene,
+) -> tuple[Amplitudes, Float[Array, "..."], Scalar, Scalar, tuple[Float[Array, "6"], ...]]:
+    """The amplitudes of the free blades, the stiffness of contact, a block's gyration, half its diagonal, and gradients.
 
     These are dv/dq and du/dq where the upper corners meet: there is no gap between them.
     """

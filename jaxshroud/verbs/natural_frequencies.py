@@ -61,7 +61,7 @@ def _contacts_of(scene: Scene, k: np.ndarray) -> list[NaturalContact]:
 def _has_friction(scene: Scene) -> bool:
     if scene.laws is not None:
         return scene.laws.friction is not None
-    return scene.parts.friction != "none" and np.any((scene.friction.mu > 0) & (scene.friction.k_d > 0))
+    return scene.parts.friction != "none" and bool(np.any((scene.friction.mu > 0) & (scene.friction.k_d > 0)))
 
 
 def _modes_in(
