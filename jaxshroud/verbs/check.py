@@ -137,7 +137,7 @@ def _over_speed(
 def _free_and_touching(
     scene: Scene,
 ) -> tuple[Amplitudes, Float[Array, "..."], Scalar, Scalar, tuple[Float[Array, "6"], ...]]:
-    """The amplitudes of the free blades, the stiffness of contact, a block's gyration, half its diagonal, and gradients.
+    """The free blades' amplitudes, the stiffness of contact, a block's gyration, half its diagonal, and gradients.
 
     These are dv/dq and du/dq where the upper corners meet: there is no gap between them.
     """
