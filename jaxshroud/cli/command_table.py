@@ -101,6 +101,7 @@ COMMANDS = {
             shared_option("--out", help="ranked table; or .nc", metavar="FILE.csv"),
         ),
         arguments=("n_periods", "transient", "by"),
+        rows=True,
         module="table",
     ),
     "diagnose": Command(
@@ -126,6 +127,7 @@ COMMANDS = {
         arguments=("n_periods", "transient", "stable_within", "forces", "amplitudes"),
         files=("power.nc", "power.json", "power.png"),
         unit="periods",
+        rows=True,
         module="runs",
     ),
     "orbit": Command(
@@ -357,6 +359,7 @@ COMMANDS = {
         "Say what the model of a scene consists of, what it lacks and what it costs.",
         'jaxshroud explain table1 --set \'parts.motion=["x", "y"]\'',
         SIMULATION,
+        rows=True,
         module="describe",
     ),
     "check": Command(
@@ -376,6 +379,7 @@ COMMANDS = {
             "--force",
         ),
         arguments=("engine_orders", "start", "stop"),
+        rows=True,
         files=("check.nc", "check.json", "check.png"),
         module="describe",
     ),

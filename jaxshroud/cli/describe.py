@@ -58,13 +58,18 @@ def _explanation_rows(explanation: Any, choice: Any) -> dict[str, Any]:
     lacks = [f"{n}: {part}" for n, part, full in zip(Parts._fields, parts, Parts(), strict=True) if part != full]
     share = explanation.operations / explanation.full_operations
     operations = f"{explanation.operations}, {share:.2f} of the full model"
+    events, row = ", ".join(explanation.events) or "none", {"neighbour": parts.neighbour}
+    if explanation.blades > 2 or explanation.interfaces > 1:
+        row = {"row": f"{explanation.blades} blades, {explanation.interfaces} interfaces"}
+        operations += f", {explanation.operations / explanation.blades:.0f} for each blade"
+        events += f"; at {explanation.interfaces} interfaces, {len(explanation.events) * explanation.interfaces} in all"
     return {
         "motion": ", ".join(parts.motion),
-        "neighbour": parts.neighbour,
+        **row,
         "friction": parts.friction,
         "contact": parts.contact,
         "not the full model in": "; ".join(lacks) or "nothing",
-        "events looked for": ", ".join(explanation.events) or "none",
+        "events looked for": events,
         "numbers carried by a lane": explanation.numbers,
         "operations in a trial step": "none: closed form" if parts.contact == "none" else operations,
         "omega_max": f"{explanation.omega_max:.4g} rad/s",

@@ -28,6 +28,7 @@ from jaxshroud.motion.short_runs import trajectory_ends
 from jaxshroud.results.amplitudes import amplitude_numbers, load_numbers
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.verbs.accuracy import LEVELS
+from jaxshroud.verbs.options import check_row
 
 
 def _simulate_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:
@@ -82,6 +83,8 @@ def _power_arguments(file: SceneFile, options: argparse.Namespace) -> Mapping[st
     if not options.stable_within > 0:
         raise CommandError(f"--tolerance must be positive, but is {options.stable_within}")
     with input_errors_at(file.name):
+        if file.row_size is not None:
+            check_row(file.scene, forces=options.forces)
         check_size(1, file.run.transient, file.run.periods)
     return {}
 
@@ -91,6 +94,7 @@ def _output_power(completed: CompletedCall) -> None:
     final = completed.result.final
     rows = {
         "P_d": with_interval(final["P_d"], final["ci"], "%"),
+        **({"P_d of the worst blade": f"{final['P_d_worst']:.4g} %"} if "P_d_worst" in final else {}),
         "periods": final["n"],
         "stable": final["stable"],
         "period number": final["period_number"] or "aperiodic",

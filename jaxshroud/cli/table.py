@@ -16,7 +16,7 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.options import plan_march, resolve_options
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE
-from jaxshroud.verbs.table import checked_designs
+from jaxshroud.verbs.table import check_ranking, checked_designs
 
 SHOWN_REASONS = 5  # rows whose faults are printed
 LONG_TABLE_STEPS = LONG_RUN_STEPS // 10  # with loads and amplitudes, in all lanes together
@@ -27,6 +27,8 @@ def _table_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, 
     if options.out.suffix not in (".csv", ".nc"):
         raise CommandError(f"--out {options.out}: must end in .csv, the ranked table, or in .nc")
     table = read_csv(options.designs)
+    with input_errors_at(file.name):
+        check_ranking(options.by, file.scene)
     with input_errors_at(str(options.designs)):
         return {"designs": checked_designs(table.columns, file.scene, table.faults)}
 
@@ -38,8 +40,9 @@ def _scenes_of_designs(call: VerbCall) -> Scene:
 def _print_projection_of_long_table(call: VerbCall) -> None:
     """Print what a long table will take."""
     scenes = without_given(_scenes_of_designs(call))
-    march = plan_march(resolve_options(call.file, method=call.arguments["method"], verb="table"), scenes, FAST)
-    method = march.method._replace(ledger=True, forces=True, amplitudes=True)
+    resolved = resolve_options(call.file, method=call.arguments["method"], verb="table", rows=True)
+    march = plan_march(resolved, scenes, FAST)
+    method = march.method._replace(ledger=True, forces=scenes.row is None, amplitudes=True)
     plan = Plan(call.arguments["transient"], call.arguments["n_periods"], march.steps, 0.0, method)
     lanes = len(scenes.drive.omega)
     if lanes * (plan.transient + plan.kept) * plan.steps_per_period <= LONG_TABLE_STEPS:

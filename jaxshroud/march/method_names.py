@@ -9,4 +9,5 @@ METHODS = (*TABLEAUS, "taylor")
 Locate = Literal["bisection", "cubic", "none", "series"]
 RESPONSES = tuple(f"{q}_{kind}" for q in ("x", "y", "theta") for kind in ("peak", "rms"))  # amplitudes over a number
 LOADS = ("v_max", "N_max", "F_max", "friction_work", "slip", "archard", "impacts", "approach_max", "impulse_max")
-RANKED_BY = ("P_d", *RESPONSES, *LOADS)  # P_d: the largest is first; others: the smallest
+OF_ROWS = ("P_d_worst",)  # reductions that rows of blades alone have
+RANKED_BY = ("P_d", *OF_ROWS, *RESPONSES, *LOADS)  # reductions: the largest is first; others: the smallest

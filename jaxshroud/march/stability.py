@@ -214,13 +214,15 @@ def _needed_steps(of: "_Fastest", method: Tableau | TaylorOptions) -> np.ndarray
 
 def lanes_that_auto_steps_follow(scenes: Scene) -> np.ndarray:
     """Whether "auto" steps of RK4 follow each lane (leading axis): others have numbers too large, or are too stiff."""
+    count = len(scenes.drive.omega)
+    scenes = scenes if scenes.row is None else _bounding_pairs(scenes)
     stiffness, period = jax.tree.map(np.asarray, _batched_stiffness(scenes))
     finite = np.isfinite(stiffness.squares).all(axis=(-3, -2, -1)) & np.isfinite(period)
     lanes = np.flatnonzero(finite)
     chosen = jax.tree.map(lambda a: a[lanes], stiffness)
     of = _Fastest(*_frequencies(chosen, np), period[lanes], chosen.relaxation)
     finite[lanes] = _needed_steps(of, RK4) < MAX_AUTO_STEPS
-    return finite
+    return finite.reshape(count, -1).all(axis=1)  # of a row: at every interface
 
 
 def stiffest(scenes: Scene, batch_dims: int) -> tuple[float, float]:

@@ -78,7 +78,8 @@ def _draw_frequencies(panel: Axes, data: CampbellData) -> None:
         for frequency in families["frequency"].to_numpy():
             panel.axhline(frequency, **style)
         speeds = families["crossing_speed"].to_numpy() * RPM
-        family, order = np.nonzero((speeds >= start) & (speeds <= stop))
+        excited = families["excited"].to_numpy() if "excited" in families else 1
+        family, order = np.nonzero((speeds >= start) & (speeds <= stop) & (excited == 1))
         at = speeds[family, order], families["frequency"].to_numpy()[family]
         panel.plot(*at, "o", ms=CROSSING_SIZES[contact], mew=0, color=style["color"], zorder=3)
         _name_families(panel, families, labelled, data.top)
@@ -90,7 +91,9 @@ def _name_families(panel: Axes, families: xr.Dataset, labelled: list[float], top
         if frequency > top or any(abs(frequency - other) < LABEL_ROOM * top for other in labelled):
             continue
         labelled.append(frequency)
-        panel.annotate(str(name).replace(", either blade", ""), (0, frequency), **FAMILY_NAME)
+        panel.annotate(
+            str(name).replace(", either blade", "").replace(", each blade", ""), (0, frequency), **FAMILY_NAME
+        )
 
 
 def _draw_orders(panel: Axes, data: CampbellData) -> None:

@@ -9,6 +9,7 @@ from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.model.natural_modes import COORDINATES
 from jaxshroud.results.base import Result
+from jaxshroud.scene.keys import RowSize
 
 MOTION_NAMES = {"x": "bending along x", "y": "bending along y", "theta": "torsion"}
 
@@ -19,7 +20,7 @@ class NaturalMode:
 
     contact: str  # apart; sliding or stuck, face on face; or corner: stuck at one pair of corners
     motion: str  # the coordinate that has most of the kinetic energy: x, y or theta
-    blades: str  # either, left, right, in phase or out of phase
+    blades: str  # either, left, right, in phase or out of phase; of a row a blade, nodes or a nodal diameter
     frequency: float  # natural, undamped [Hz]
     zeta: float  # damping ratio
     energy: tuple[float, float, float]  # shares of the kinetic energy in x, y and theta
@@ -41,6 +42,7 @@ class Crossing:
     engine_order: float
     speed: float  # [rad/s]
     margin: float  # by which the scene's own speed is above it [%]
+    excited: bool | None = None  # whether the order excites the mode of a tuned ring; None: another scene
 
 
 class Campbell(Result):
@@ -62,6 +64,13 @@ class Campbell(Result):
         "speed at which the engine order meets the natural frequency", "rad s-1", ("family", "engine_order")
     )
     margin = Variable("margin of the scene's own speed above that", "percent", ("family", "engine_order"))
+    excited = Variable(
+        "whether the engine order excites the mode of a tuned ring; in tuned rings only",
+        None,
+        ("family", "engine_order"),
+        stored=np.int8,
+        kind=bool,
+    )
     speed = Attribute()  # the scene's own [rad/s]
     drive_order = Attribute()  # engine order of the drive at that speed
     start = Attribute()  # of the range of speeds [rad/s]
@@ -69,14 +78,19 @@ class Campbell(Result):
 
     @classmethod
     def of_modes(
-        cls, modes: Sequence[NaturalMode], engine_orders: Sequence[float], attributes: Mapping[str, float]
+        cls,
+        modes: Sequence[NaturalMode],
+        engine_orders: Sequence[float],
+        attributes: Mapping[str, float],
+        row: RowSize | None = None,
     ) -> "Campbell":
-        """The result from the modes, the engine orders, and `speed`, `drive_order`, `start` and `stop`."""
+        """The result from the modes, the engine orders, `speed`, `drive_order`, `start` and `stop`, and the row."""
         columns = {name: [getattr(mode, name) for mode in modes] for name in ("contact", "zeta", "energy", "driven")}
         frequency = np.array([mode.frequency for mode in modes])
         crossing = crossing_speeds(frequency, engine_orders)
         margin = 100 * (attributes["speed"] / crossing - 1)
         values = {**columns, "frequency": frequency, "crossing_speed": crossing, "margin": margin, **attributes}
+        values["excited"] = excited_by(modes, engine_orders, row)
         coords = {
             "family": [mode.name for mode in modes],
             "engine_order": [float(order) for order in engine_orders],
@@ -95,17 +109,48 @@ class Campbell(Result):
 
 
 def crossings_between(
-    modes: Sequence[NaturalMode], engine_orders: Sequence[float], speed: float, start: float, stop: float
+    modes: Sequence[NaturalMode],
+    engine_orders: Sequence[float],
+    speed: float,
+    start: float,
+    stop: float,
+    row: RowSize | None = None,
 ) -> tuple[Crossing, ...]:
     """The crossings from the speed `start` to `stop`, the slowest first; margins are those of `speed` [rad/s]."""
+    excited = excited_by(modes, engine_orders, row)
     crossing = crossing_speeds(np.array([mode.frequency for mode in modes]), engine_orders)
     inside = np.argwhere((crossing >= start) & (crossing <= stop))
     found = (
-        Crossing(modes[i].contact, modes[i].name, float(engine_orders[j]), at, 100 * (speed / at - 1))
+        Crossing(
+            modes[i].contact,
+            modes[i].name,
+            float(engine_orders[j]),
+            at,
+            100 * (speed / at - 1),
+            excited[i][j] if excited else None,
+        )
         for i, j in inside
         for at in [float(crossing[i, j])]
     )
     return tuple(sorted(found, key=lambda crossing: crossing.speed))
+
+
+def excited_by(
+    modes: Sequence[NaturalMode], engine_orders: Sequence[float], row: RowSize | None
+) -> list[list[bool]] | None:
+    """Whether each engine order excites each mode of a tuned ring; None for other scenes.
+
+    Order EO excites nodal diameter EO modulo N, aliased into 0 to N/2; orders that are not whole excite all.
+    """
+    known = all(mode.blades.startswith(("nodal diameter", "each blade")) for mode in modes)
+    if row is None or not row.closed or not known:
+        return None
+
+    def excites(order: float, blades: str) -> bool:
+        diameter = min(order % row.blades, -order % row.blades)
+        return blades == "each blade" or order % 1 != 0 or blades == f"nodal diameter {diameter:g}"
+
+    return [[excites(float(order), mode.blades) for order in engine_orders] for mode in modes]
 
 
 def crossing_speeds(frequency: np.ndarray, engine_orders: Sequence[float]) -> np.ndarray:

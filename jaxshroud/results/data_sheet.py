@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jaxshroud.results.base import PlainResult
+from jaxshroud.scene.keys import RowSize
 
 if TYPE_CHECKING:
     from jaxshroud.results.campbell import Campbell, Crossing, NaturalMode
@@ -11,13 +12,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One coordinate of the two free blades; pairs, left blade first."""
+    """One coordinate of the free blades: a number for each, the left blade first."""
 
-    frequency: tuple[float, float]  # natural, undamped [Hz]
-    zeta: tuple[float, float]  # damping ratio
-    static: tuple[float, float]  # displacement under the drive's amplitude as a static load [m or rad]
-    amplitude: tuple[float, float]  # steady, at the drive's frequency [m or rad]
-    resonant: tuple[float, float]  # steady, at the undamped natural frequency [m or rad]; inf without damping
+    frequency: tuple[float, ...]  # natural, undamped [Hz]
+    zeta: tuple[float, ...]  # damping ratio
+    static: tuple[float, ...]  # displacement under the drive's amplitude as a static load [m or rad]
+    amplitude: tuple[float, ...]  # steady, at the drive's frequency [m or rad]
+    resonant: tuple[float, ...]  # steady, at the undamped natural frequency [m or rad]; inf without damping
 
 
 @dataclass(frozen=True)
@@ -28,8 +29,8 @@ class DataSheet(PlainResult):
     drive: float  # frequency [Hz]
     gap: float  # [m]
     approach: float  # displacement of the free blades' contact faces towards each other, without rotation [m]
-    corner: tuple[float, float]  # displacement of the free blocks' corners by rotation [m]
-    inertia: tuple[float, float]  # over that of a uniform block of that mass and size
+    corner: tuple[float, ...]  # displacement of the free blocks' corners by rotation [m]
+    inertia: tuple[float, ...]  # over that of a uniform block of that mass and size
     gamma: float  # k / k_x of the left blade
     omega_max: float  # largest frequency with contact and friction springs engaged [rad/s]
     steps: int  # per period, "auto", by RK4
@@ -43,6 +44,11 @@ class DataSheet(PlainResult):
     start: float = 0.0  # of the range of speeds [rad/s]
     stop: float = 0.0
     crossings: "tuple[Crossing, ...]" = ()  # of engine orders with natural frequencies in that range
+    gaps: tuple[float, ...] = ()  # of a row, as are all that follow: at each interface [m]
+    approaches: tuple[float, ...] = ()  # see `approach` [m]
+    slides: tuple[float, ...] = ()  # see `slide` [m]
+    gammas: tuple[float, ...] = ()  # k / k_x of the blade left of each interface
+    closed: bool = False  # the last blade touches the first
 
     @property
     def campbell(self) -> "Campbell":
@@ -50,4 +56,5 @@ class DataSheet(PlainResult):
         from jaxshroud.results.campbell import Campbell
 
         attributes = {name: getattr(self, name) for name in ("speed", "drive_order", "start", "stop")}
-        return Campbell.of_modes(self.modes, self.engine_orders, attributes)
+        row = RowSize(len(self.inertia), self.closed) if self.gaps else None
+        return Campbell.of_modes(self.modes, self.engine_orders, attributes, row)

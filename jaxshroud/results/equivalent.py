@@ -40,6 +40,8 @@ def sentences_of(result: Any) -> str:
         return "The losses are unknown." if np.isnan(lost) else "Nothing is lost."
     share = 100 * result.loss_friction / lost
     words = f"Of the drive's work {share:.3g} % is lost in friction, {100 - share:.3g} % in the dampers."
+    if result.P_d_stiffness is None:  # of a row
+        return words
     if not np.isfinite(result.P_d_stiffness):
         return f"{words} No equivalent of contact: {_unknown_because(result)}."
     along = [_direction(name, getattr(result, f"k_{a}"), getattr(result, f"zeta_{a}")) for name, a in DIRECTIONS]

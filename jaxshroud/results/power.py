@@ -22,7 +22,7 @@ class FinalNumber(Variable):
 
 
 class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
-    """P_d of the left blade against the number of averaged periods.
+    """P_d of the left blade, or of all blades of a row, against the number of averaged periods.
 
     Arrays start with the axes of the scenes. The curves of lanes with fewer points are filled up with n = 0 and NaN.
     The picture of a single scene has one panel, "P_d".
@@ -35,7 +35,10 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
     P_d_ci = Variable("half width of its 95 % interval; NaN below two batches", "percent", ("curve",))
     status = Variable("how the run ended", alone=True, kind=int, more=FLAGS)
     final_n = FinalNumber("periods averaged over", kind=int)
-    final_P_d = FinalNumber("vibration-power reduction of the left blade, Eq. (24)", "percent")
+    final_P_d = FinalNumber(
+        "vibration-power reduction of the left blade, Eq. (24), or of all blades of a row", "percent"
+    )
+    final_P_d_worst = FinalNumber("reduction of the blade of a row that gains the least; in rows only", "percent")
     final_ci = FinalNumber("half width of its 95 % interval", "percent")
     final_change = FinalNumber("change of P_d since half as many periods", "percent")
     final_tolerance = FinalNumber("at which P_d counts as stable", "percent")
@@ -59,6 +62,8 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
         """
         names = [name for name in self.variables if name.startswith("final_")]
         values = {name.removeprefix("final_"): getattr(self, name) for name in names}
+        if values["P_d_worst"] is None:
+            del values["P_d_worst"]
         if not np.ndim(self.status):
             values |= {name: values[name].tolist() for name in ("P", "P_0")}
         return {**values, "status": self.status, "method": self.method, "chatter": self.chatter}
@@ -76,8 +81,8 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
 
     def _kept(self, kind: type) -> dict[str, Any]:
         """The variables of a kind that the run was asked for."""
-        names = [name for name, one in vars(kind).items() if isinstance(one, Variable) and name in self.data]
-        return {name: np.asarray(getattr(self, name)).tolist() for name in names}
+        values = {name: getattr(self, name) for name, one in vars(kind).items() if isinstance(one, Variable)}
+        return {name: np.asarray(value).tolist() for name, value in values.items() if value is not None}
 
     def _picture_content(self) -> dict[str, object]:
         if np.ndim(self.status):

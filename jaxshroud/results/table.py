@@ -28,7 +28,7 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
     """A table of designs: what was given, and the numbers of each row, in the order of the rows.
 
     Rows that are wrong have the status BAD_INPUT and a `reason`; their numbers are NaN. With rows that stopped they
-    have no rank (0) and come last. Blades come last in arrays that have a value for each.
+    have no rank (0) and come last. Blades come last in arrays that have a value for each: two, or those of a row.
     """
 
     stored_as = "table"
@@ -45,6 +45,7 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
     reason = Variable("why a row is wrong")
     verdict = Variable("the motion in words: its period, aperiodic, transient not over, undecided, stopped, not run")
     P_d = SweepResult.P_d
+    P_d_worst = SweepResult.P_d_worst
     P_d_ci = SweepResult.P_d_ci
     P_d_ci_short = SweepResult.P_d_ci_short
     P_d_settled = SweepResult.P_d_settled
@@ -74,7 +75,7 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
     def to_pandas(self) -> "pd.DataFrame":
         """The table with the numbers of each row: given columns as numbers where all of their cells are, else texts.
 
-        The index is the number of the row, from 1; heads have units. Numbers per blade have two columns.
+        The index is the number of the row, from 1; heads have units. Numbers per blade have a column for each.
         """
         import pandas as pd
 
@@ -104,7 +105,7 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
         ordered = [name for name in {**vars(DesignTable), **self.variables} if name in self.data.data_vars]
         for name in (name for name in ordered if name not in (RANK, "cells")):
             variable = self.data[name]
-            for blade in (0, 1) if "blade" in variable.dims else (None,):
+            for blade in range(variable.sizes["blade"]) if "blade" in variable.dims else (None,):
                 head = column_head(name, blade, variable)
                 columns[head] = variable.to_numpy() if blade is None else variable.to_numpy()[:, blade]
         columns["status"] = np.array([status_name(code) for code in self.status.tolist()])

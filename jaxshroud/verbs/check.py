@@ -15,6 +15,7 @@ from jaxshroud.march.tableau import RK4
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import corners, gyration
 from jaxshroud.model.linear import Amplitudes, steady_amplitudes
+from jaxshroud.model.row import pair_at
 from jaxshroud.motion.averages import half_diagonal
 from jaxshroud.programs.kept import kept
 from jaxshroud.results.campbell import NaturalMode, crossings_between
@@ -24,9 +25,10 @@ from jaxshroud.scene.engine_order import engine_order_of
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.verbs.doubts import doubts_of
+from jaxshroud.verbs.doubts import LEAST_DRIVEN, doubts_of
 from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_of
+from jaxshroud.verbs.options import check_row
 
 UPPER_CORNERS = 1  # the case whose corners are looked at
 USUAL_ORDERS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)  # that are shown beside the scene's own
@@ -54,10 +56,13 @@ def check(
 
     Returns:
         The data sheet. Its amplitudes are those of the free blades, in closed form, which contact is to reduce. Its
-        natural frequencies do not depend on the speed: there is no centrifugal stiffening.
+        natural frequencies do not depend on the speed: there is no centrifugal stiffening. Of a row of blades there is
+        a number for each blade and each interface; `gap` is the smallest, and what is told of the free faces is of the
+        interface where they approach most. Its natural modes are those with all interfaces in one state of contact, of
+        a ring by nodal diameters; in a tuned ring an engine order EO excites nodal diameter EO modulo N alone.
 
     Raises:
-        ValueError: There are many scenes, or the engine orders or the range of speeds are none.
+        ValueError: There are many scenes, a row without contact, or the engine orders or the range of speeds are none.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -68,28 +73,44 @@ def check(
         >>> [(mode.name, round(mode.frequency, 2)) for mode in sheet.modes if mode.contact == "apart"][:2]
         [('torsion, either blade', 143.51), ('bending along x, either blade', 177.94)]
     """
-    scene = one_scene("check", scene)
+    scene = one_scene("check", scene, rows=True)
+    if scene.row is not None:
+        check_row(scene)
     arrays = jax.tree.map(np.asarray, scene)
     free, k, gyration_of_block, lever, gradients = jax.tree.map(np.asarray, _free_and_touching(scene))
-    b, s = arrays.blades, arrays.shroud
-    across, along = _relative_motion(free, float(s.alpha))
-    modes = modes_of(arrays, float(k), gradients)
+    b, s = arrays.mistuned_blades, arrays.shroud
+    gaps, k = np.atleast_1d(s.gap), np.atleast_1d(k)
+    across, along = _relative_motions(free, float(s.alpha), len(gaps))
+    nearest = int(np.argmax(across))
+    modes = modes_of(arrays, k, gradients)
     sheet = DataSheet(
         coordinates=_free_coordinates(arrays, free),
         drive=float(arrays.drive.omega) / RAD_PER_CYCLE,
-        gap=float(s.gap),
-        approach=across / math.sin(s.alpha),
-        corner=_float_pair(lever * np.abs(free.theta)),
-        inertia=_float_pair(b.I / (b.m * gyration_of_block)),
-        gamma=float(k / b.k_x[0]),
+        gap=float(gaps.min()),
+        approach=float(across[nearest]) / math.sin(s.alpha),
+        corner=_floats(lever * np.abs(free.theta)),
+        inertia=_floats(b.I / (b.m * gyration_of_block)),
+        gamma=float(k[0] / arrays.blades.k_x[0]),
         omega_max=stiffest(scene, 0)[0],
         steps=steps_for(scene, 0, "auto", RK4),
         doubts=(),
-        slide=along,
+        slide=float(along.max()),
         modes=modes,
+        **({} if scene.row is None else _at_interfaces(arrays, k, across / math.sin(s.alpha), along)),
         **_over_speed(scene, modes, engine_orders, start, stop),
     )
     return replace(sheet, doubts=tuple(doubts_of(sheet, scene)))
+
+
+def _at_interfaces(arrays: Scene, k: np.ndarray, approach: np.ndarray, slide: np.ndarray) -> dict[str, Any]:
+    """The fields of the data sheet on each interface of a row."""
+    assert arrays.row is not None
+    numbers = {"gaps": arrays.shroud.gap, "approaches": approach, "slides": slide}
+    return {
+        **{name: _floats(a) for name, a in numbers.items()},
+        "gammas": _floats(k / arrays.blades.k_x[: len(k)]),
+        "closed": arrays.row.closed,
+    }
 
 
 def _over_speed(
@@ -100,33 +121,37 @@ def _over_speed(
     orders = _checked_orders(given, own)
     drive_order = own or orders[0]
     speed = omega / drive_order
-    stop = _end_of_range(modes, omega, speed) if stop is None else float(stop)
+    reached = modes if scene.row is None else [mode for mode in modes if mode.driven > LEAST_DRIVEN] or modes
+    stop = _end_of_range(reached, omega, speed) if stop is None else float(stop)
     if not 0 <= start < stop < math.inf:
         raise InputError(f"The speeds from `start` to `stop` must be a range from 0 on, but are {start:g} to {stop:g}.")
     orders = tuple(sorted(orders))
     return {
         **{"drive_order": drive_order, "is_own_order": own is not None, "engine_orders": orders},
         **{"speed": speed, "start": float(start), "stop": stop},
-        "crossings": crossings_between(modes, orders, speed, start, stop),
+        "crossings": crossings_between(modes, orders, speed, start, stop, scene.row_size),
     }
 
 
 @kept()
-def _free_and_touching(scene: Scene) -> tuple[Amplitudes, Scalar, Scalar, Scalar, tuple[Float[Array, "6"], ...]]:
-    """The amplitudes of the free blades, the contact's stiffness, a block's gyration, half its diagonal, and gradients.
+def _free_and_touching(
+    scene: Scene,
+) -> tuple[Amplitudes, Float[Array, "..."], Scalar, Scalar, tuple[Float[Array, "6"], ...]]:
+    """The free blades' amplitudes, the stiffness of contact, a block's gyration, half its diagonal, and gradients.
 
     These are dv/dq and du/dq where the upper corners meet: there is no gap between them.
     """
-    touching = corners(scene.shroud, scene.contact.reading)._replace(gap=jnp.zeros_like(scene.shroud.gap))
-    gradients = contact_gradients(UPPER_CORNERS, touching, jnp.concatenate([scene.blades.m] * 3))
-    return steady_amplitudes(scene), scene.k, gyration(scene.shroud), half_diagonal(scene.shroud), gradients
+    pair = scene if scene.row is None else pair_at(scene, 0)  # all interfaces have its faces
+    touching = corners(pair.shroud, pair.contact.reading)._replace(gap=jnp.zeros_like(pair.shroud.gap))
+    gradients = contact_gradients(UPPER_CORNERS, touching, jnp.concatenate([pair.blades.m] * 3))
+    return steady_amplitudes(scene), scene.k, gyration(pair.shroud), half_diagonal(pair.shroud), gradients
 
 
-def _relative_motion(free: Amplitudes, alpha: float) -> tuple[float, float]:
-    """The amplitudes of the free faces' motion across and along each other, without rotation [m]."""
-    x, y = free.x[0] - free.x[1], free.y[0] - free.y[1]
+def _relative_motions(free: Amplitudes, alpha: float, interfaces: int) -> tuple[np.ndarray, np.ndarray]:
+    """The amplitudes of the free faces' motion across and along each other, without rotation [m], (interfaces,)."""
+    x, y = ((a - np.roll(a, -1))[:interfaces] for a in (free.x, free.y))
     across, along = x * math.sin(alpha) - y * math.cos(alpha), x * math.cos(alpha) + y * math.sin(alpha)
-    return float(abs(across)), float(abs(along))
+    return np.abs(across), np.abs(along)
 
 
 def _checked_orders(given: Sequence[float | int] | None, own: float | None) -> list[float]:
@@ -148,7 +173,7 @@ def _end_of_range(modes: Sequence[NaturalMode], omega: float, speed: float) -> f
 
 
 def _free_coordinates(arrays: Scene, free: Amplitudes) -> dict[str, Coordinate]:
-    b, d = arrays.blades, arrays.drive
+    b, d = arrays.mistuned_blades, arrays.drive
     loads = {"x": d.F_0 * np.cos(d.beta), "y": d.F_0 * np.sin(d.beta), "theta": d.M_0}
     oscillators = {"x": (b.m, b.c_x, b.k_x), "y": (b.inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}
     return {
@@ -162,8 +187,8 @@ def _coordinate(oscillator: tuple[Any, Any, Any], load: np.ndarray, amplitude: n
     with np.errstate(divide="ignore", invalid="ignore"):
         resonant = np.where(load > 0, load / (c * np.sqrt(k / m)), 0.0)
     numbers = np.sqrt(k / m) / RAD_PER_CYCLE, c / (2 * np.sqrt(k * m)), load / k, amplitude, resonant
-    return Coordinate(*map(_float_pair, numbers))
+    return Coordinate(*map(_floats, numbers))
 
 
-def _float_pair(pair: np.ndarray) -> tuple[float, float]:
-    return float(pair[0]), float(pair[1])
+def _floats(numbers: np.ndarray) -> tuple[float, ...]:
+    return tuple(map(float, numbers))

@@ -1,6 +1,7 @@
 """The doubts of a data sheet: numbers that are unlike those of a blade, or beyond what the model describes."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,7 +32,7 @@ def doubts_of(sheet: DataSheet, scene: Scene) -> Iterator[str]:
     yield from _damping_doubts(sheet)
     yield from _resonance_doubts(sheet)
     if scene.parts.contact != "none":
-        yield from _contact_doubts(sheet, float(scene.shroud.l_ab))
+        yield from _doubts_of_interfaces(sheet, float(scene.shroud.l_ab))
 
 
 def _torsion_doubts(sheet: DataSheet, scene: Scene) -> Iterator[str]:
@@ -89,6 +90,20 @@ def _resonance_doubt(drive: float, modes: Sequence[NaturalMode]) -> Iterator[str
     elif abs(margin) < MIN_MARGIN:
         side = "above" if margin > 0 else "below"
         yield f"the drive is {100 * abs(margin):.2g} % {side} {name}: small changes of either decide the motion"
+
+
+def _doubts_of_interfaces(sheet: DataSheet, face: float) -> Iterator[str]:
+    """The doubts on contact: of a pair, or of each interface of a row, once where all have the same."""
+    if not sheet.gaps:
+        yield from _contact_doubts(sheet, face)
+        return
+    where: dict[str, list[str]] = {}
+    for j, (gap, approach, slide) in enumerate(zip(sheet.gaps, sheet.approaches, sheet.slides, strict=True)):
+        corner = sheet.corner[j], sheet.corner[(j + 1) % len(sheet.corner)]
+        for text in _contact_doubts(replace(sheet, gap=gap, approach=approach, slide=slide, corner=corner), face):
+            where.setdefault(text, []).append(str(j))
+    for text, places in where.items():
+        yield text if len(places) == len(sheet.gaps) else f"interface {', '.join(places)}: {text}"
 
 
 def _contact_doubts(sheet: DataSheet, face: float) -> Iterator[str]:

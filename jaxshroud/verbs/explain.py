@@ -12,7 +12,8 @@ from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import step_limits, steps_for, stiffest
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.linear import Amplitudes, steady_amplitudes
-from jaxshroud.model.prepared import prepared_model
+from jaxshroud.model.prepared import Model, prepared_model
+from jaxshroud.model.row import pair_at
 from jaxshroud.programs.kept import kept
 from jaxshroud.results.base import PlainResult
 from jaxshroud.scene.file import SceneFile
@@ -20,6 +21,7 @@ from jaxshroud.scene.parts import MOTIONS, Parts
 from jaxshroud.scene.scene import Scene, Shroud, with_parts
 from jaxshroud.scene.typed import typed
 from jaxshroud.verbs.lanes import one_scene
+from jaxshroud.verbs.options import check_row
 
 EVENTS = {EventKind.LIFT: "contact", EventKind.TURN: "corner pair", EventKind.HEIGHT: "tip", EventKind.RUB: "friction"}
 
@@ -36,6 +38,8 @@ class Explanation(PlainResult):
     omega_max: float  # largest frequency [rad/s]
     steps: dict[str, int]  # smallest stable, smallest accurate and automatic number of steps per period
     advice: tuple[str, ...]  # parts that the scene could do without
+    blades: int = 2
+    interfaces: int = 1  # each of which has events of all `events`
 
 
 @typed
@@ -47,10 +51,12 @@ def explain(scene: Scene | SceneFile, method: Method | None = None) -> Explanati
         method: The method of the march; by default RK4 with events located by the guard's cubic, in float64.
 
     Returns:
-        The counts of numbers and operations, the steps per period, and the parts that the scene could do without.
+        The counts of numbers and operations, the steps per period, and the parts that the scene could do without. Of a
+        row of blades, numbers and operations are those of all blades and interfaces together; they grow as N, where
+        blocks turn with a small part that grows as N^2, for the clusters of blocks that are flat on each other.
 
     Raises:
-        ValueError: There are many scenes.
+        ValueError: There are many scenes, or a row without contact.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -59,7 +65,9 @@ def explain(scene: Scene | SceneFile, method: Method | None = None) -> Explanati
         >>> told.events
         ('contact',)
     """
-    scene, method_choices = one_scene("explain", scene), FAST if method is None else choices(method)
+    scene, method_choices = one_scene("explain", scene, rows=True), FAST if method is None else choices(method)
+    if scene.row is not None:
+        check_row(scene)
     closed = scene.parts.contact == "none"
     size, full_size = _trial_sizes(scene, method_choices)
     omega_max, period = stiffest(scene, 0)
@@ -68,13 +76,19 @@ def explain(scene: Scene | SceneFile, method: Method | None = None) -> Explanati
     return Explanation(
         parts=scene.parts,
         numbers=size.numbers,
-        events=tuple(EVENTS[kind] for kind in model_events(jax.eval_shape(prepared_model, scene))),
+        events=tuple(EVENTS[kind] for kind in model_events(jax.eval_shape(_model_of_contact, scene))),
         operations=size.operations,
         full_operations=full_size.operations,
         omega_max=omega_max,
         steps={} if closed else steps | {"auto": steps_for(scene, 0, "auto", method_choices.tableau)},
         advice=tuple(_advice(scene)),
+        **({} if scene.row is None else {"blades": scene.row.blades, "interfaces": scene.row.interfaces}),
     )
+
+
+def _model_of_contact(scene: Scene) -> Model:
+    """The constants of the pair, or of the pair at the first interface of a row."""
+    return prepared_model(scene if scene.row is None else pair_at(scene, 0))
 
 
 def _trial_sizes(scene: Scene, method: Choices) -> tuple[TrialSize, TrialSize]:
@@ -89,15 +103,22 @@ def _advice(scene: Scene) -> Iterator[str]:
     """The parts that could be left out of the model without changing its motion."""
     parts, friction = scene.parts, scene.friction
     touches = parts.contact == "spring"
-    if touches and parts.friction == "bilinear" and (float(friction.mu) == 0 or float(friction.k_d) == 0):
+    none = lambda a: not np.any(np.asarray(a))  # at any interface
+    if touches and parts.friction == "bilinear" and (none(friction.mu) or none(friction.k_d)):
         yield 'mu or k_d is 0: [parts] friction = "none" gives the same motion for less'
+    if scene.row is None:
+        yield from _advice_on_contact(scene, touches)
+    if parts.motion == MOTIONS[2] and none(scene.drive.M_0) and touches:
+        yield 'M_0 is 0: the blocks are turned by contact only; compare with [parts] motion = ["x", "y"]'
+
+
+def _advice_on_contact(scene: Scene, touches: bool) -> Iterator[str]:
+    """Whether a pair could do without contact; a row cannot."""
     free, k = jax.tree.map(np.asarray, _free_motion(scene))
     if touches and k == 0:
         yield 'the contact has no stiffness: [parts] contact = "none" gives the motion in closed form'
-    if parts.contact != "none" and _never_touches(free, scene.shroud):
+    if scene.parts.contact != "none" and _never_touches(free, scene.shroud):
         yield 'the gap exceeds the steady free motion: after transients, [parts] contact = "none" may be all it takes'
-    if parts.motion == MOTIONS[2] and not np.any(np.asarray(scene.drive.M_0)) and touches:
-        yield 'M_0 is 0: the blocks are turned by contact only; compare with [parts] motion = ["x", "y"]'
 
 
 @kept()

@@ -1,11 +1,12 @@
 """The natural modes of the blades of a scene, apart and in contact, with what an engineer calls them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from jaxshroud.model.natural_modes import COORDINATES, LinearPair, NaturalContact, drive_shares, natural_modes
+from jaxshroud.model.natural_modes import COORDINATES, LinearContact, NaturalContact, drive_shares, natural_modes
 from jaxshroud.results.campbell import NaturalMode
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
@@ -15,33 +16,42 @@ ONE_BLADE = 0.95  # share of a mode's kinetic energy in one blade, beyond which 
 ALIKE = 1e-9  # relative difference below which the frequencies of both blades are one
 
 
-def modes_of(arrays: Scene, k: float, gradients: Sequence[np.ndarray]) -> tuple[NaturalMode, ...]:
+def modes_of(arrays: Scene, k: np.ndarray, gradients: Sequence[np.ndarray]) -> tuple[NaturalMode, ...]:
     """All natural modes: those of the free blades, then those of each state of contact, the lowest first.
 
     Args:
         arrays: The scene, its numbers as NumPy arrays.
-        k: The stiffness of the contact [N/m].
-        gradients: dv/dq and du/dq where the upper corners meet, see `contact_gradients`.
+        k: The stiffness of the contact [N/m], of a row at each interface.
+        gradients: dv/dq and du/dq of a pair where the upper corners meet, see `contact_gradients`.
     """
-    b, d, has = arrays.blades, arrays.drive, arrays.parts.has
-    pair = LinearPair(
+    b, d, has = arrays.mistuned_blades, arrays.drive, arrays.parts.has
+    count, k, k_d = len(b.m), np.atleast_1d(k), np.atleast_1d(arrays.friction.k_d)
+    blades = LinearContact(
         mass=np.concatenate([b.m, b.inertia_y, b.I]).astype(float),
         damping=np.concatenate([b.c_x, b.c_y, b.c_T]).astype(float),
         stiffness=np.concatenate([b.k_x, b.k_y, b.k_T]).astype(float),
-        moves=np.array([has(name, i) for name in COORDINATES for i in (0, 1)]),
-        v_q=np.asarray(gradients[0], float),
-        u_q=np.asarray(gradients[1], float),
-        k=k,
-        k_d=float(arrays.friction.k_d),
+        moves=np.array([has(name, min(i, 1)) for name in COORDINATES for i in range(count)]),
+        v_q=np.stack([_at_interface(gradients[0], j, count) for j in range(len(k))]),
+        u_q=np.stack([_at_interface(gradients[1], j, count) for j in range(len(k))]),
+        k=k.astype(float),
+        k_d=k_d.astype(float),
     )
     load = np.concatenate([d.F_0 * np.cos(d.beta), d.F_0 * np.sin(d.beta), d.M_0]) * np.exp(1j * np.tile(d.phase, 3))
-    found = [mode for contact in _contacts_of(arrays, k) for mode in _modes_in(pair, contact, load * pair.moves)]
-    return tuple(found)
+    words = _blades_in_words if arrays.row is None else partial(_waves_in_words, closed=arrays.row.closed)
+    found = [_modes_in(blades, contact, load * blades.moves, words) for contact in _contacts_of(arrays, k)]
+    return tuple(mode for modes in found for mode in modes)
 
 
-def _contacts_of(scene: Scene, k: float) -> list[NaturalContact]:
+def _at_interface(gradient: np.ndarray, j: int, count: int) -> FloatArray:
+    """The gradient of a pair (6,) as that of interface `j` of so many blades, (3 count,)."""
+    whole = np.zeros((3, count))
+    whole[:, [j, (j + 1) % count]] += np.asarray(gradient, float).reshape(3, 2)
+    return whole.ravel()
+
+
+def _contacts_of(scene: Scene, k: np.ndarray) -> list[NaturalContact]:
     """The states of contact that the model of a scene has."""
-    if scene.parts.contact == "none" or k == 0:
+    if scene.parts.contact == "none" or not np.any(k):
         return ["apart"]
     if not _has_friction(scene):
         return ["apart", "sliding"]
@@ -51,36 +61,74 @@ def _contacts_of(scene: Scene, k: float) -> list[NaturalContact]:
 def _has_friction(scene: Scene) -> bool:
     if scene.laws is not None:
         return scene.laws.friction is not None
-    return scene.parts.friction != "none" and bool(scene.friction.mu > 0) and bool(scene.friction.k_d > 0)
+    return scene.parts.friction != "none" and bool(np.any((scene.friction.mu > 0) & (scene.friction.k_d > 0)))
 
 
-def _modes_in(pair: LinearPair, contact: NaturalContact, load: np.ndarray) -> list[NaturalMode]:
-    """The modes in one state of contact."""
-    omega, zeta, shape = natural_modes(pair, contact)
-    energy, driven = shape**2 * pair.mass, drive_shares(shape, load)
+def _modes_in(
+    blades: LinearContact, contact: NaturalContact, load: np.ndarray, words: Callable[[FloatArray, FloatArray], str]
+) -> list[NaturalMode]:
+    """The modes in one state of contact; `words` tells what the blades do from their shares and displacements."""
+    omega, zeta, shape = natural_modes(blades, contact)
+    energy, driven = shape**2 * blades.mass, drive_shares(shape, load)
     modes = []
     for i, own_shape in enumerate(shape):
-        by_coordinate = energy[i].reshape(3, 2).sum(axis=1)
+        by_blade = energy[i].reshape(3, -1)
+        by_coordinate = by_blade.sum(axis=1)
         main = int(np.argmax(by_coordinate))
         modes.append(
             NaturalMode(
                 contact=contact,
                 motion=COORDINATES[main],
-                blades=_blades_in_words(float(energy[i, ::2].sum()), own_shape[2 * main : 2 * main + 2]),
+                blades=words(by_blade.sum(axis=0), own_shape.reshape(3, -1)[main]),
                 frequency=float(omega[i] / RAD_PER_CYCLE),
                 zeta=float(zeta[i]),
                 energy=tuple(by_coordinate.tolist()),
                 driven=float(driven[i]),
             )
         )
+    if words is not _blades_in_words:
+        return _waves_told_once(modes, len(blades.mass) // 3)
     return _told_once(modes) if contact == "apart" else modes
 
 
-def _blades_in_words(left: float, displacements: FloatArray) -> str:
-    """The blades that a mode moves, from the left one's share of its energy and the displacements of both."""
+def _blades_in_words(shares: FloatArray, displacements: FloatArray) -> str:
+    """The blades that a mode moves, from their shares of its energy and their displacements."""
+    left = float(shares[0])
     if max(left, 1 - left) > ONE_BLADE:
         return "left" if left > ONE_BLADE else "right"
     return "in phase" if displacements.prod() > 0 else "out of phase"
+
+
+def _waves_in_words(shares: FloatArray, displacements: FloatArray, closed: bool) -> str:
+    """The blade, or the waves of a row, that a mode moves."""
+    if shares.max() > ONE_BLADE:
+        return f"blade {int(shares.argmax())}"
+    if not closed:
+        nodes = int(np.sum(displacements[1:] * displacements[:-1] < 0))
+        return f"{nodes} node{'' if nodes == 1 else 's'}"
+    waves = np.abs(np.fft.rfft(displacements)) ** 2
+    whole = np.sum(displacements**2) * len(displacements)
+    paired = (np.arange(len(waves)) > 0) & (2 * np.arange(len(waves)) < len(displacements))
+    shares_of_waves = np.where(paired, 2, 1) * waves / whole
+    h = int(shares_of_waves.argmax())
+    return f"{'' if shares_of_waves[h] > 1 - ALIKE else 'about '}nodal diameter {h}"
+
+
+def _waves_told_once(modes: list[NaturalMode], count: int) -> list[NaturalMode]:
+    """The modes of a row, the lowest first, with one for those that differ in nothing but their place around it."""
+    told: list[NaturalMode] = []
+    for motion in COORDINATES:
+        own = [mode for mode in modes if mode.motion == motion]
+        alone = [mode for mode in own if mode.blades.startswith("blade ")]
+        if len(alone) == count and np.allclose([m.frequency for m in alone], alone[0].frequency, ALIKE, 0):
+            own = [replace(mode, blades="each blade") for mode in own]
+        for mode in own:
+            same = told and (told[-1].motion, told[-1].blades) == (mode.motion, mode.blades)
+            if same and np.isclose(told[-1].frequency, mode.frequency, ALIKE, 0):
+                told[-1] = replace(told[-1], driven=told[-1].driven + mode.driven)
+            else:
+                told.append(mode)
+    return sorted(told, key=lambda mode: mode.frequency)
 
 
 def _told_once(modes: list[NaturalMode]) -> list[NaturalMode]:

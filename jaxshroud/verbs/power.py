@@ -15,6 +15,7 @@ from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.states import final_states
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import FAST_WITH_LEDGER, Method
+from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.amplitudes import amplitude_values, load_values
@@ -30,7 +31,7 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import missed_lanes, warn_missed
-from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, in_shape, plan_march, resolve_options
+from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, check_row, in_shape, plan_march, resolve_options
 
 FIRST_PERIODS = 2 * PERIODS_PER_CALL  # kept periods before the first test of convergence
 
@@ -49,13 +50,13 @@ class LaneSummary(NamedTuple):
     periods_more: float  # see `Reduction`
     ci_short: bool
     period_number: int
-    P: np.ndarray  # (2,) [m^4]
-    P_0: np.ndarray  # (2,) [m^4]
+    P: np.ndarray  # (N,) [m^4]
+    P_0: np.ndarray  # (N,) [m^4]
     energy_residual: float
     series: np.ndarray  # P_d of each period [%]
     converged: bool  # in the latest test
     status: int
-    more: dict[str, np.ndarray]  # amplitudes and loads, where they are kept
+    more: dict[str, np.ndarray]  # works, and what rows or options add; by the names of `PowerResult`
 
 
 WORKS = {"work_drive": "work", "loss_viscous": "viscous", "loss_friction": "friction"}  # variable -> of samples
@@ -79,6 +80,8 @@ def _summaries(
     residual = np.full(len(A), np.nan) if joined.residual is None else relative_residual(joined)
     kept = amplitude_values(scenes, joined, orbit.number) | load_values(scenes, joined)
     kept |= {name: np.mean(getattr(joined, sample), axis=-1) for name, sample in WORKS.items()}
+    if scenes.row is not None:
+        kept["final_P_d_worst"] = power_reduction(reduction.P, P_0).min(axis=-1)
     summaries = []
     for i in range(len(A)):
         lane_orbit, lane_reduction, more = jax.tree.map(lambda a, i=i: a[i], (orbit, reduction, kept))
@@ -164,7 +167,7 @@ def power(
             at most this [percentage points]: at once where P_d has settled on an orbit, else over at least 30
             correlation times and in two tests in succession, the second after twice as many periods. (Stopping at the
             first interval that is short enough would select those that are too short.)
-        forces: Keep contact forces, slip, normal load and impacts too, see `sweep`.
+        forces: Keep contact forces, slip, normal load and impacts too, see `sweep`; not of rows.
         amplitudes: Keep amplitudes too, see `sweep`.
         period_tol: Tolerance of the period number, see `periodicity`.
         n_periods: Drive periods kept at most, even if P_d is not stable yet; by default 64.
@@ -177,7 +180,9 @@ def power(
         dims: Names of the leading axes; by default `lane`.
 
     Returns:
-        The convergence of P_d in n and its final value; for a periodic orbit n runs over multiples of its period.
+        The convergence of P_d in n and its final value; for a periodic orbit n runs over multiples of its period. P_d
+        is that of the left blade, in a row of blades that of all blades, 100 (1 - sum P / sum P_0); of a row there is
+        the reduction of the worst blade too, but there are no equivalents of contact.
 
     Raises:
         ValueError: A count or the tolerance is not positive, or the run would be too long or too large.
@@ -200,7 +205,10 @@ def power(
         method=method,
         dims=dims,
         verb="power",
+        rows=True,
     )
+    if resolved.scene.row is not None:
+        check_row(resolved.scene, forces=forces)
     lanes = resolved.lanes
     check_size(len(lanes.drive.omega), resolved.transient, resolved.n_periods)
     if not stable_within > 0:
@@ -212,7 +220,8 @@ def power(
     summaries, ends, chatter = _run_longer(
         resolved, scenes, resolved.states(state, scenes), march, stable_within, period_tol, progress
     )
-    summaries = _with_equivalents(scenes, ends, summaries, march)
+    if scenes.row is None:
+        summaries = _with_equivalents(scenes, ends, summaries, march)
     result = _power_result(resolved, summaries, march, chatter)
     warn_failures(result.status, chatter, throw=throw)
     if march.choice is not None:
@@ -295,5 +304,5 @@ def _power_result(
     lanes |= {name: np.stack([one.more[name] for one in summaries]) for name in summaries[0].more}
     attributes, differing = resolved.provenance(resolved.transient, march.steps)
     values = {**in_shape(lanes, resolved.shape), "chatter": chatter, **march.attributes}
-    coords = {"blade": [0, 1]}
+    coords = {"blade": np.arange(columns["P"].shape[-1])}
     return PowerResult.from_values(values, lanes=resolved.dims, coords=coords, attrs=attributes, more=differing)

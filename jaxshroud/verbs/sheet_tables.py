@@ -15,16 +15,27 @@ CONTACT_NAMES = {  # of natural modes
     "stuck": "faces stuck",
     "corner": "stuck at corners",
 }
+SAME_NUMBERS = 1e-9  # relative difference below which the numbers of blades are one
 SHOWN_CONTACTS = ("apart", "stuck")  # whose crossings are printed; all are in files
 
 
 def rows_of(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
-    """The head and the rows of a table of all coordinates of both free blades."""
+    """The head and the rows of a table of all coordinates of the free blades, of a row once where all are alike."""
     return COORDINATE_HEADS, [
         [f"{MOTION_NAMES[name]}, {side}", *_table_row(sheet, name, coordinate, i)]
         for name, coordinate in sheet.coordinates.items()
-        for i, side in enumerate(("left", "right"))
+        for i, side in _free_blades(sheet, coordinate)
     ]
+
+
+def _free_blades(sheet: DataSheet, coordinate: Coordinate) -> list[tuple[int, str]]:
+    """The blades of which a coordinate is told, with their names."""
+    if not sheet.gaps:
+        return [(0, "left"), (1, "right")]
+    numbers = (coordinate.frequency, coordinate.zeta, coordinate.static, coordinate.amplitude, coordinate.resonant)
+    if all(math.isclose(value, values[0], rel_tol=SAME_NUMBERS) for values in numbers for value in values):
+        return [(0, "each blade")]
+    return [(i, f"blade {i}") for i in range(len(coordinate.frequency))]
 
 
 def mode_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
@@ -47,12 +58,14 @@ def mode_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
 def crossing_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
     """The head and the rows of a table of the speeds at which engine orders meet natural frequencies.
 
+    Of a tuned ring it has only those of modes that the order excites.
     A mode on which contact does not work has the frequency of free blades, and shares their row.
     """
     has_stuck = any(mode.contact == "stuck" for mode in sheet.modes)
     alike: dict[tuple[str, float, str], list[Crossing]] = {}
     for crossing in sheet.crossings:
-        if crossing.contact in (SHOWN_CONTACTS if has_stuck else CONTACT_NAMES):
+        shown = crossing.contact in (SHOWN_CONTACTS if has_stuck else CONTACT_NAMES)
+        if shown and crossing.excited is not False:
             motion, speed = crossing.mode.partition(",")[0], f"{crossing.speed * RPM:.5g}"
             alike.setdefault((speed, crossing.engine_order, motion), []).append(crossing)
     heads = ["crossings", "contact", "engine order", "speed [rpm]", "margin [%]"]
@@ -61,15 +74,13 @@ def crossing_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
 
 def lines_of(sheet: DataSheet) -> dict[str, str]:
     """All other lines of the data sheet, by name."""
-    approach = (
-        f"{sheet.approach * 1e3:.4g} mm by translation, {_pair_text(sheet.corner, 1e3)} mm by rotation at corners"
-    )
+    approach = f"{sheet.approach * 1e3:.4g} mm by translation, {_texts_of(sheet.corner, 1e3)} mm by rotation at corners"
     lines = {
         "drive": f"{sheet.drive:.5g} Hz",
         "speed": _speed_text(sheet),
-        "gap": f"{sheet.gap * 1e3:.4g} mm; the free blades approach by {approach}",
-        "inertia": f"{_pair_text(sheet.inertia)} times that of a uniform block",
-        "contact": f"gamma = k / k_x = {sheet.gamma:.4g}",
+        "gap": f"{_gap_text(sheet)} mm; the free blades approach by {approach}",
+        "inertia": f"{_texts_of(sheet.inertia)} times that of a uniform block",
+        "contact": f"gamma = k / k_x = {_texts_of(sheet.gammas) if sheet.gammas else f'{sheet.gamma:.4g}'}",
         "stiffest motion": f"{sheet.omega_max / math.tau:.5g} Hz; {sheet.steps} steps a period (auto, rk4)",
         **{f"doubtful {i}": text for i, text in enumerate(sheet.doubts, 1)},
     }
@@ -106,6 +117,13 @@ def _table_row(sheet: DataSheet, name: str, coordinate: Coordinate, i: int) -> l
     ]
 
 
-def _pair_text(values: tuple[float, float], scale: float = 1.0) -> str:
-    left, right = (f"{value * scale:.3g}" for value in values)
-    return left if left == right else f"{left} and {right}"
+def _gap_text(sheet: DataSheet) -> str:
+    return _texts_of(sheet.gaps, 1e3) if sheet.gaps else f"{sheet.gap * 1e3:.4g}"
+
+
+def _texts_of(values: tuple[float, ...], scale: float = 1.0) -> str:
+    """The numbers of blades or interfaces: one if all are told alike, of many the ends of their range."""
+    texts = [f"{value * scale:.3g}" for value in values]
+    if len(set(texts)) == 1:
+        return texts[0]
+    return " and ".join(texts) if len(texts) == 2 else f"{min(values) * scale:.3g} to {max(values) * scale:.3g}"

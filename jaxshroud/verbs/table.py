@@ -9,7 +9,7 @@ from jaxshroud.batch.runs import Progress
 from jaxshroud.io.lane_status import LaneWarning, warn_failures
 from jaxshroud.io.variable import Attribute
 from jaxshroud.march.method import Method
-from jaxshroud.march.method_names import RANKED_BY
+from jaxshroud.march.method_names import LOADS, OF_ROWS, RANKED_BY
 from jaxshroud.march.stability import lanes_that_auto_steps_follow
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.period import NOT_SETTLED, SETTLED
@@ -21,7 +21,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.verbs.lanes import one_scene
-from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.options import check_row, resolve_options
 from jaxshroud.verbs.sweep import sweep
 
 STABLE_WITHIN = 0.1  # half width at which P_d counts as known [percentage points]
@@ -47,9 +47,10 @@ def table(
             is a key and, in brackets, a unit: "shroud.gap [mm]", "drive.speed [rpm]", "blades.m[0] [g]"; without one
             numbers are in SI units. Cells are numbers, or texts with a unit of their own. A variable of a Dataset may
             have its unit as attribute `units`. Other columns, such as names, are carried along.
-        by: The number by which designs are ranked: the largest P_d, or the smallest amplitude (`x_peak`, `theta_rms`
-            and so on; the larger one of both blades) or load (`N_max`, `v_max`, `friction_work`, `slip`, `archard`,
-            `impacts`, `F_max`, `approach_max`, `impulse_max`).
+        by: The number by which designs are ranked: the largest P_d (in rows of blades also `P_d_worst`), or the
+            smallest amplitude (`x_peak`, `theta_rms` and so on; the largest one of all blades) or load (`N_max`,
+            `v_max`, `friction_work`, `slip`, `archard`, `impacts`, `F_max`, `approach_max`, `impulse_max`; of rows of
+            blades `v_max` alone).
         n_periods: Drive periods kept; by default 64.
         transient: Drive periods run and discarded first; by default 64.
         method: How to march: a method, or the accuracy that chooses one for all rows; see `method_for`.
@@ -58,11 +59,13 @@ def table(
     Returns:
         The table. A row that is wrong (no number, an unknown unit, out of its range, too stiff to be followed) has the
         status BAD_INPUT and a reason; a row that stopped has its status. Neither has a rank, and no other row is
-        affected. Rows run some thousands at a time, without samples.
+        affected. Rows run some thousands at a time, without samples. Where the scene has a row of N blades, powers and
+        amplitudes have N columns each; what is told of contact is that of all interfaces together, `v_max` the largest;
+        P_d is that of all blades, beside that of the worst one; there are no loads but `v_max`.
 
     Raises:
         SceneError: A head is wrong, two columns give one number, or no row is right.
-        ValueError: There is no such number to rank by, or a count is too small.
+        ValueError: There is no such number to rank by, the scene has none, or a count is too small.
         Interrupted: Ctrl-C.
 
     Source:
@@ -80,16 +83,18 @@ def table(
     if by not in RANKED_BY:
         known = ", ".join(RANKED_BY)
         raise InputError(f"Argument `by` must be one of {known}, but is {by!r}{did_you_mean(by, RANKED_BY)}")
-    base = one_scene("table", scene)
+    base = one_scene("table", scene, rows=True)
+    check_ranking(by, base)
     rows = designs if isinstance(designs, Designs) else checked_designs(designs, base)
-    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, rows=True)
     with warnings.catch_warnings(action="ignore", category=LaneWarning):  # told below, of all rows
         swept = sweep(
             rows.scenes(base),
             n_periods=resolved.n_periods,
             transient=resolved.transient,
             method=resolved.as_argument,
-            forces=True,
+            ledger=base.row is not None,
+            forces=base.row is None,
             amplitudes=True,
             keep_samples=False,
             progress=progress,
@@ -98,6 +103,16 @@ def table(
     result = _table_of(rows, swept, by)
     warn_failures(result.status, result.chatter)
     return result
+
+
+def check_ranking(by: str, base: Scene) -> None:
+    """Raise an InputError where designs of a scene have no number `by` to be ranked by."""
+    if base.row is None and by in OF_ROWS:
+        raise InputError(f"Argument `by` = {by!r} is a number of a row of blades; the scene has a pair.")
+    if base.row is not None:
+        check_row(base)
+        if by in LOADS and by != "v_max":
+            raise InputError(f"Argument `by` = {by!r} does not know rows of blades yet.")
 
 
 def checked_designs(table: object, base: Scene, faults: dict[int, str] | None = None) -> Designs:
@@ -129,7 +144,7 @@ def _table_of(designs: Designs, swept: SweepResult, by: str) -> DesignTable:
     values["rank"] = _ranks(values[by], by, values["status"] == Status.OK)
     values |= {"reason": np.array(designs.reasons), "cells": designs.cells, "by": by}
     values |= {name: found[name] for name in ("method", "steps_per_period", "accuracy", "chatter")}
-    coords = {ROW: np.arange(1, count + 1), "column": list(designs.heads), "blade": [0, 1]}
+    coords = {ROW: np.arange(1, count + 1), "column": list(designs.heads), "blade": swept.data["blade"].to_numpy()}
     origin = {name: swept.data.attrs[name] for name in ("title", "scene") if name in swept.data.attrs}
     return DesignTable.from_values(values, lanes=(ROW,), coords=coords, attrs=origin)
 
@@ -164,7 +179,7 @@ def _verdict_words(swept: SweepResult) -> list[str]:
 
 def _ranks(values: Any, by: str, ok: np.ndarray) -> np.ndarray:
     """The rank of each row, from 1: equal numbers share the best one; 0 where there is no number."""
-    scores = -values if by == "P_d" else values.max(axis=-1) if values.ndim > 1 else values
+    scores = -values if by in ("P_d", *OF_ROWS) else values.max(axis=-1) if values.ndim > 1 else values
     counted = ok & np.isfinite(scores)
     order = np.sort(scores[counted])
     return np.where(counted, np.searchsorted(order, scores, side="left") + 1, 0)

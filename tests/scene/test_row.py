@@ -363,11 +363,8 @@ def test_smooth_contact_has_a_width_for_each_interface():
 
 
 def _verbs():
-    ring, how = load(RING), {"n_periods": 1, "transient": 1}
+    ring = load(RING)
     return {
-        "power": lambda: js.power(ring, **how),
-        "check": lambda: js.check(ring),
-        "explain": lambda: js.explain(ring.scene),
         "diagnose": lambda: js.diagnose(ring),
         "orbit": lambda: js.orbit(ring),
         "lyapunov": lambda: js.lyapunov(ring),
@@ -380,7 +377,6 @@ def _verbs():
         "scatter": lambda: js.scatter(ring, {"drive.omega": 1.0}),
         "report": lambda: js.report(ring),
         "response": lambda: js.response(ring, start=500.0, stop=600.0, num=2),
-        "table": lambda: js.table(ring, {"drive.omega": [500.0]}),
         "fit": lambda: js.fit(ring, {"t [s]": [0.0, 1e-3], "x_left [m]": [0.0, 1e-6]}, {"drive.omega": (500.0, 600.0)}),
         "method_for": lambda: js.method_for(ring.scene),
         "period_map": lambda: js.period_map(ring.scene, initial_states(ring.scene)),

@@ -1,0 +1,69 @@
+"""Data sheets of rows of blades: natural modes by nodal diameter, what engine orders excite, and doubts."""
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.cli import commands as cli
+
+RING = ["row.blades=4", "contact.gamma=2.5", 'parts.motion=["x", "y"]', "drive.engine_order=1"]
+
+
+def frequencies(sheet, contact, motion):
+    """Label -> natural frequency of the modes of one motion."""
+    modes = [mode for mode in sheet.modes if (mode.contact, mode.motion) == (contact, motion)]
+    return {mode.blades: mode.frequency for mode in modes}
+
+
+@pytest.fixture(scope="module")
+def sheet():
+    return js.check(js.load("row_ring12", RING))
+
+
+def test_a_tuned_ring_has_the_modes_of_travelling_waves(sheet):
+    # Closed form: D_h = K + 4 sin^2(pi h / N) K_c; Table 1 with gamma 2.5 and N = 4, to the digits printed.
+    for motion, want in (("x", (177.94, 522.69, 688.04)), ("y", (974.62, 1224.71, 1446.13))):
+        found = frequencies(sheet, "stuck", motion)
+        assert [*found] == ["nodal diameter 0", "nodal diameter 1", "nodal diameter 2"]
+        np.testing.assert_allclose([*found.values()], want, rtol=0, atol=0.006)
+    assert frequencies(sheet, "apart", "x") == {"each blade": pytest.approx(177.94, abs=0.006)}
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 5])
+def test_an_engine_order_excites_its_own_nodal_diameter_alone(order):
+    told = js.check(js.load("row_ring12", [*RING, f"drive.engine_order={order}"]))
+    own = f"nodal diameter {min(order % 4, -order % 4)}"
+    stuck = [mode for mode in told.modes if mode.contact == "stuck"]
+    assert sum(mode.driven for mode in stuck) == pytest.approx(1)
+    # The drive's load on another diameter vanishes by symmetry, to rounding.
+    assert all(mode.driven < 1e-25 for mode in stuck if mode.blades != own)
+    of_drive = [c for c in told.crossings if c.contact == "stuck" and c.engine_order == order]
+    assert of_drive
+    assert all(c.excited == c.mode.endswith(own) for c in of_drive)
+
+
+def test_a_chain_of_two_has_the_modes_of_the_pair():
+    chain = js.check(js.load("row_ring12", ["row.blades=2", "row.closed=false", "drive.engine_order=1"]))
+    pair = js.check(js.load("table1", ['blades.I="block"', "contact.gamma=2.6"]))
+    for contact in ("sliding", "stuck", "corner"):
+        one, other = ([m.frequency for m in of.modes if m.contact == contact] for of in (chain, pair))
+        np.testing.assert_allclose(one, other, rtol=1e-12)
+
+
+def test_unlike_blades_and_interfaces_are_told_one_by_one(capsys):
+    assert cli.main(["check", "row_chain5", "--set", 'parts.motion=["x"]', "--set", "shroud.gap[2]=5 mm"]) == 0
+    out = capsys.readouterr().out
+    assert all(f"bending along x, blade {i}" in out for i in range(5))
+    assert "0.015 to 5 mm" in out
+    assert "interface 2: the free blades do not come near enough to touch" in " ".join(out.split())
+
+
+def test_the_sheet_of_a_ring_is_written_and_drawn(sheet, tmp_path, capsys):
+    words = [word for one in RING for word in ("--set", one)]
+    assert cli.main(["check", "row_ring12", *words, "--out", str(tmp_path)]) == 0
+    assert "bending along x, each blade" in capsys.readouterr().out
+    stored = js.open(tmp_path / "check.nc")
+    np.testing.assert_allclose(stored.frequency, [mode.frequency for mode in sheet.modes])
+    assert stored.excited.shape == stored.margin.shape
+    assert (tmp_path / "check.json").exists()
+    assert (tmp_path / "check.png").exists()

@@ -1,0 +1,63 @@
+"""Tables of designs of rows of blades: their columns, their ranks and the rows that are wrong."""
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.cli import commands as cli
+from jaxshroud.io.lane_status import LaneWarning
+from jaxshroud.model.modes import Status
+
+CHAIN = ['parts.motion=["x"]', "row.blades=3", "row.closed=false", "drive.engine_order=1"]
+HOW = {"n_periods": 4, "transient": 2, "method": js.RungeKutta("rk4", steps=200)}
+DESIGNS = {"name": ["a", "b", "c"], "shroud.gap[1] [um]": ["10", "none", "40"], "contact.gamma": [2.0, 2.0, 4.0]}
+
+
+@pytest.fixture(scope="module")
+def ranked():
+    with pytest.warns(LaneWarning, match="BAD_INPUT"):
+        return js.table(js.load("row_ring12", CHAIN).scene, DESIGNS, by="P_d_worst", **HOW)
+
+
+def test_a_table_of_rows_is_the_sweep_of_its_designs(ranked):
+    scene = js.load("row_ring12", CHAIN)
+    designs = js.scenes_from({"shroud.gap[1]": [10e-6, 40e-6], "contact.gamma": [2.0, 4.0]}, scene)
+    swept = js.sweep(designs, ledger=True, amplitudes=True, **HOW)
+    right = [0, 2]
+    for name in ("P", "P_0", "P_d", "P_d_worst", "x_peak", "v_max", "time_slip", "energy_residual"):
+        np.testing.assert_array_equal(getattr(ranked, name)[right], getattr(swept, name), err_msg=name)
+    assert ranked.x_peak.shape == (3, 3)
+    assert ranked.N_max is None
+
+
+def test_rows_are_ranked_and_told_in_columns_for_each_blade(ranked, tmp_path):
+    assert ranked.status.tolist() == [Status.OK, Status.BAD_INPUT, Status.OK]
+    first = int(np.nanargmax(ranked.P_d_worst))
+    assert ranked.rank[first] == 1
+    assert ranked.rank[1] == 0
+    frame = ranked.to_pandas()
+    np.testing.assert_array_equal(frame["x_peak[2] [m]"], ranked.x_peak[:, 2])
+    assert {"P[0] [m4]", "P[2] [m4]", "P_d_worst [percent]"} <= {*frame.columns}
+    ranked.save(tmp_path / "table.nc")
+    np.testing.assert_array_equal(js.open(tmp_path / "table.nc").data["blade"], [0, 1, 2])
+
+
+def test_a_row_too_stiff_at_one_interface_is_wrong():
+    with pytest.warns(LaneWarning, match="BAD_INPUT"):
+        found = js.table(js.load("row_ring12", CHAIN).scene, {"blades.k_x[2]": [1e5, 1e30]}, **HOW)
+    assert found.status.tolist() == [Status.OK, Status.BAD_INPUT]
+    assert "too stiff" in found.reason[1]
+
+
+@pytest.mark.parametrize(
+    ("scene", "by", "told"),
+    [
+        ("row_ring12", "N_max", "`by` = 'N_max' does not know rows of blades yet"),
+        ("table1", "P_d_worst", "`by` = 'P_d_worst' is a number of a row of blades"),
+    ],
+)
+def test_numbers_that_a_scene_lacks_rank_no_designs(scene, by, told, tmp_path, capsys):
+    (tmp_path / "designs.csv").write_text("shroud.gap [um]\n20\n")
+    words = ["table", str(tmp_path / "designs.csv"), "--scene", scene, "--by", by]
+    assert cli.main([*words, "--out", str(tmp_path / "out.csv")]) == 2
+    assert told in capsys.readouterr().err.splitlines()[-1]
