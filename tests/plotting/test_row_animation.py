@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import jaxshroud as js
 from jaxshroud.model.modes import Mode
 from jaxshroud.plotting.animation import MILLIMETRES, save_animation
 from jaxshroud.plotting.film import last_frames, stored_blocks
 from jaxshroud.plotting.row_film import RowFilm
 from jaxshroud.plotting.run_data import run_data
+from jaxshroud.scene.keys import Motion
 
 STEPS, OMEGA, BLADES, GAP = 60, 536.0, 4, 1e-4
 SCENE = f"[shroud]\nl_oa = 0.05\nl_ab = 0.035\nalpha = 1.0471975511965976\ngap = {GAP}\n"
@@ -22,7 +24,7 @@ def stored(closed, x=0.0):
     none = np.zeros((len(tau), interfaces))
     mode, N = none.astype(int), none.copy()
     mode[wave[:, 0] > wave[:, 1] + GAP, 0], N[:, 0] = Mode.STICK, 1.0
-    motion = {name: (("time", "blade"), wave if name == "x" else 0 * wave) for name in ("x", "y", "theta", "v_x")}
+    motion = {name: (("time", "blade"), wave if name == "x" else 0 * wave) for name in Motion._fields}
     contact = {"mode": mode, "N": N, "v": none + 1e-6, "contact_point": none}
     data = motion | {name: (("time", "interface"), values) for name, values in contact.items()}
     attrs = {"omega": OMEGA, "steps_per_period": STEPS, "every": 1, "scene": SCENE, "title": "", "end_turns": 0.0}
@@ -69,6 +71,17 @@ def test_marks_are_where_blocks_touch_and_nothing_leaves_the_frame(closed):
         marked.append(len(shown.marks.get_offsets()))
     np.testing.assert_array_equal(marked, (shown.frames["mode"] == Mode.STICK).sum("interface"))
     assert 0 < np.mean(marked) < 1
+
+
+def test_one_of_many_runs_of_a_row_is_a_row():
+    one = stored(closed=True, x=1e-3)
+    names = {"t": ("time", one["time"].to_numpy()), "status": 0}
+    many = xr.concat([one.drop_vars("time").assign(names)] * 2, "lane", data_vars="all")
+    for name in ("status", "scene"):
+        many.attrs.pop(name)
+    run = js.RowTrajectory(many).lane(1)
+    assert isinstance(run, js.RowTrajectory)
+    assert np.isfinite(run.wave_distance)
 
 
 @pytest.mark.full
