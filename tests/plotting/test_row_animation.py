@@ -33,6 +33,7 @@ def stored(closed, x=0.0):
 
 def film(ds, factor):
     run = run_data(ds, scale=MILLIMETRES)
+    assert run is not None
     return RowFilm(last_frames(run, 1), stored_blocks(ds), factor, "")
 
 
