@@ -22,6 +22,13 @@ COMMANDS = {
         ["simulate row_ring12 --periods 6 --tableau dopri8 --steps-per-period 100 --out ring.nc", "plot ring.nc"],
         "ring.png",
     ),
+    "row.gif": (
+        [
+            "simulate row_ring12 --periods 6 --tableau dopri8 --steps-per-period 100 --out ring.nc",
+            "animate ring.nc --periods 1 --out ring.gif",
+        ],
+        "ring.gif",
+    ),
     "sweep.png": (
         [f"sweep {SCENE} --along contact.gamma --start 0.5 --stop 8 --num 500 --out gamma"],
         "gamma/sweep.png",

@@ -150,8 +150,6 @@ def animate_command(options: argparse.Namespace) -> None:
     data = read(options.source)
     if "end_turns" not in data.attrs:
         raise CommandError(f"{options.source}: not a run; give a file written by `jaxshroud simulate`")
-    if data.attrs.get("kind") == "row":
-        raise CommandError(f"{options.source}: `animate` does not know rows of blades yet")
     look = {"periods": options.periods, "factor": options.factor, "title": options.title}
     with progress_bar("frames") as report, damage_reported(options.source):
         factor = save_animation(data, options.out, **look, progress=report)

@@ -1,13 +1,10 @@
-"""Animations of both blocks, to scale except for their motion and the gap, which are exaggerated by one factor."""
+"""Animations of blocks, to scale except for their motion and the gaps, which are exaggerated by one factor."""
 
-import math
 import os
 import shutil
 import tempfile
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -20,9 +17,11 @@ from matplotlib.patches import Polygon
 
 from jaxshroud.io.files import write
 from jaxshroud.model.modes import Mode
+from jaxshroud.plotting.film import FRAME_MARGIN, Blocks, Film, fitting_factor, last_frames, stored_blocks
 from jaxshroud.plotting.plot_run import CASE_STYLES, MODE_STYLES, PER_MILLI, TIME_LABEL
-from jaxshroud.plotting.run_data import FEWEST_SAMPLES, RunData, run_data
-from jaxshroud.plotting.scales import title_of
+from jaxshroud.plotting.row_film import RowFilm
+from jaxshroud.plotting.run_data import FEWEST_SAMPLES, run_data
+from jaxshroud.plotting.scales import scale_of, title_of
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,
@@ -37,30 +36,12 @@ from jaxshroud.plotting.style import (
 )
 from jaxshroud.scene.checks import InputError
 
-FRAMES_PER_PERIOD = 60  # of a period
 PER_SECOND, DPI = 20, 150
-SWING, ARROW = 0.15, 0.8  # lengths relative to the face: the largest motion, and the arrow of the largest force
-FRAME_MARGIN = 0.02  # around what is shown, relative to its width
+ARROW = 0.8  # of the largest force, relative to the face
 CURVES_HEIGHT = 1.3  # of the curves below the blocks, with all labels [inch]
 BLOCK_FILLS = "#c9dfee", "#e3e3e3"  # of the left and the right block
-NICE_FACTORS = (1, 2, 5)
+MILLIMETRES = scale_of(np.zeros(()))  # of rows, whose gaps may differ
 Writers = {".gif": PillowWriter, ".mp4": FFMpegWriter}
-
-
-class Blocks(NamedTuple):
-    """The shape of the blocks, with lengths in m."""
-
-    l_oa: float
-    l_ab: float
-    alpha: float
-    gap: float
-
-    @property
-    def outline(self) -> PlotArray:
-        """The corners relative to the centre (4, 2): a, b and their opposites."""
-        lean, h = self.l_ab * math.cos(self.alpha) / 2, self.l_ab * math.sin(self.alpha) / 2
-        a, b = np.array([self.l_oa / 2 + lean, h]), np.array([self.l_oa / 2 - lean, -h])
-        return np.array([a, b, -a, -b])
 
 
 def save_animation(
@@ -94,15 +75,16 @@ def save_animation(
         raise InputError(f"{path}: a moving picture needs a name that ends in .gif or .mp4.")
     if path.suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise InputError(f"{path}: mp4 needs ffmpeg, which is not installed; give a name that ends in .gif.")
-    run = run_data(ds)
+    run = run_data(ds, scale=None if "gap" in ds.attrs else MILLIMETRES)
     if run is None or run.rate < FEWEST_SAMPLES:
         raise InputError(
             f"Fewer than {FEWEST_SAMPLES} samples of a period are stored, too few to show the motion; keep more."
         )
-    frames, blocks = _last_frames(run, periods), _block_shape(ds)
-    factor = factor or _fitting_factor(frames, blocks)
+    frames, blocks = last_frames(run, periods), stored_blocks(ds)
+    factor = factor or fitting_factor(frames, blocks)
+    new_film = RowFilm if ds.attrs.get("kind") == "row" else PairFilm
     with mpl.rc_context(STYLE), tempfile.TemporaryDirectory() as folder:
-        film = _Film(frames, blocks, factor, title_of(ds) if title is None else title)
+        film = new_film(frames, blocks, factor, title_of(ds) if title is None else title)
         film.fix_layout()
         writer, temporary = Writers[path.suffix](fps=PER_SECOND), Path(folder, path.name)
         with writer.saving(film.figure, str(temporary), DPI):
@@ -115,31 +97,7 @@ def save_animation(
     return factor
 
 
-def _last_frames(run: RunData, periods: int | None) -> xr.Dataset:
-    """The samples nearest to the frames of the last periods."""
-    shown = min(periods or run.repeats or 4, run.t[-1] - run.t[0])
-    times = np.linspace(run.t[-1] - shown, run.t[-1], max(round(shown * FRAMES_PER_PERIOD), 2), endpoint=False)
-    samples = np.clip(np.searchsorted(run.t, times), 0, len(run.t) - 1)
-    return run.ds.isel(time=samples).assign(periods=("time", run.t[samples]))
-
-
-def _block_shape(ds: xr.Dataset) -> Blocks:
-    shroud = tomllib.loads(str(ds.attrs.get("scene", ""))).get("shroud", {})
-    if not {"l_oa", "l_ab", "alpha"} <= set(shroud):
-        raise InputError("This run does not tell the shape of its blocks; simulate it again.")
-    return Blocks(shroud["l_oa"], shroud["l_ab"], shroud["alpha"], float(ds.attrs["gap"]))
-
-
-def _fitting_factor(frames: xr.Dataset, blocks: Blocks) -> float:
-    """The largest round factor with which the largest motion of a corner stays within `SWING`."""
-    reach = math.hypot(blocks.l_oa, blocks.l_ab) / 2
-    motion = max(float(np.abs(frames[name]).max()) * arm for name, arm in (("x", 1), ("y", 1), ("theta", reach)))
-    limit = SWING * blocks.l_ab / motion if motion > 0 else 1.0
-    power = 10.0 ** math.floor(math.log10(limit))
-    return max(n * power for n in NICE_FACTORS if n * power <= limit)
-
-
-class _Film:
+class PairFilm(Film):
     """A figure that shows one frame after the other: the blocks, and below them the forces or displacements so far."""
 
     def __init__(self, frames: xr.Dataset, blocks: Blocks, factor: float, title: str):
@@ -195,12 +153,6 @@ class _Film:
         panel.legend(loc="upper right", ncols=2)
         return panel.axvline(t[0], color=ORANGE, lw=1.2)
 
-    def fix_layout(self) -> None:
-        """Lay out the first frame, and keep the places for the others."""
-        self.show(0)
-        self.figure.draw_without_rendering()
-        self.figure.set_layout_engine("none")
-
     def show(self, i: int) -> None:
         """Show frame `i`."""
         frame = self.frames.isel(time=i)
@@ -218,21 +170,18 @@ class _Film:
 
     def _corners(self, frame: xr.Dataset, blade: int) -> PlotArray:
         """The corners of a block in a frame."""
-        angle = self.factor * float(frame["theta"][blade])
-        s, c = math.sin(angle), math.cos(angle)
-        shift = self.factor * np.array([float(frame["x"][blade]), float(frame["y"][blade])])
-        rest = [blade * (self.blocks.l_oa + self.factor * self.blocks.gap), 0.0]
-        return self.blocks.outline @ np.array([[c, -s], [s, c]]) + shift + rest
+        rest = np.array([blade * (self.blocks.l_oa + self.factor * self.blocks.gap), 0.0])
+        return self.blocks.corners(frame, self.factor, rest, blade)
 
     def _forces(self, frame: xr.Dataset) -> tuple[PlotArray, PlotArray]:
         """The contact point on the left block's face, and the arrows (4, 2) of the forces on both blocks there."""
         place = float(frame["contact_point"]) if "contact_point" in frame else 0.0
-        a, b = self._corners(frame, 0)[:2]
-        tangent = (a - b) / np.linalg.norm(a - b)
+        corners = self._corners(frame, 0)
+        tangent = (corners[0] - corners[1]) / np.linalg.norm(corners[0] - corners[1])
         normal = np.array([tangent[1], -tangent[0]])
         scale = ARROW * self.blocks.l_ab / self._largest_force
         N, F = (scale * float(frame[name]) for name in ("N", "F"))
-        return (a + b) / 2 + place * tangent, np.array([-N * normal, N * normal, -F * tangent, F * tangent])
+        return self.blocks.point_on_face(corners, place), np.array([-N * normal, N * normal, -F * tangent, F * tangent])
 
     def _draw_forces(self, frame: xr.Dataset, touching: bool) -> None:
         """Draw the forces on both blocks where they touch."""

@@ -1,6 +1,5 @@
 """The samples of a simulated row of blades."""
 
-import os
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -10,7 +9,6 @@ from jaxshroud.io.variable import Attribute, CountsVariable, Entry, Variable
 from jaxshroud.model.modes import Mode
 from jaxshroud.motion.waves import BladeSpectrum, blade_spectrum, participation_ratio, wave_distance
 from jaxshroud.results.trajectory import CASES, CONTACT_POINT, MODES, Trajectory
-from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.typed import typed
 
@@ -98,12 +96,6 @@ class RowTrajectory(Trajectory):
     @property
     def _samples_per_period(self) -> float:
         return self.steps_per_period / self.every
-
-    def animate(
-        self, path: str | os.PathLike[str], *, periods: int | None = None, factor: float | None = None
-    ) -> float:
-        """Raise an InputError: moving pictures do not know rows of blades yet."""
-        raise InputError("`animate` does not know rows of blades yet.")
 
     @typed
     def plot(  # pyright: ignore[reportIncompatibleMethodOverride]

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Self, Unpack
 
 import numpy as np
 
@@ -125,10 +125,10 @@ class Trajectory(WithAmplitudes, Result):
         return with_events(self.data)
 
     @typed
-    def lane(self, *at: int) -> "Trajectory":
+    def lane(self, *at: int) -> Self:
         """One of many runs, as a result of its own; see `Result.lane`."""
         run = super().lane(*at)
-        return Trajectory(run.data.assign_coords(time=("time", self.t[at])).drop_vars("t"))
+        return type(self)(run.data.assign_coords(time=("time", self.t[at])).drop_vars("t"))
 
     @typed
     def plot(

@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 from test_plot_contact import HALF, run
 
-from jaxshroud.plotting.animation import _block_shape, _Film, _last_frames, save_animation
+from jaxshroud.plotting.animation import PairFilm, save_animation
+from jaxshroud.plotting.film import last_frames, stored_blocks
 from jaxshroud.plotting.run_data import run_data
 from jaxshroud.scene.checks import InputError
 
@@ -24,7 +25,7 @@ def still(n_periods=3):
 
 def film(ds, factor):
     at = run_data(ds)
-    return _Film(_last_frames(at, 1), _block_shape(ds), factor, "")
+    return PairFilm(last_frames(at, 1), stored_blocks(ds), factor, "")
 
 
 def test_blocks_have_their_shape_and_move_by_the_factor():

@@ -386,7 +386,10 @@ def _verbs():
     }
 
 
-KNOW_ROWS = {"simulate", "sweep", "rollout", "free_power", "value_of", "vary", "scenes_from", "stack_scenes"}
+KNOW_ROWS = {
+    *("simulate", "sweep", "power", "table", "explain", "check", "rollout"),
+    *("free_power", "value_of", "vary", "scenes_from", "stack_scenes"),
+}
 
 
 def test_every_public_function_of_scenes_knows_rows_or_refuses_them():
