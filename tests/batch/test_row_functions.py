@@ -38,6 +38,7 @@ def test_a_rollout_of_a_row_has_the_numbers_of_simulate(ring, rolled):
     np.testing.assert_allclose(saved.t, run.t[1:], rtol=1e-15)
 
 
+@pytest.mark.full
 def test_functions_of_rows_have_the_numbers_of_sweep(ring, rolled):
     gamma = {"contact.gamma": [2.0, 3.0, 4.0]}
     swept = js.sweep(ring, gamma, n_periods=2, transient=1, method=RK4)

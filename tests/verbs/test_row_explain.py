@@ -14,6 +14,7 @@ def explained(blades, *more):
     return js.explain(js.load("row_ring12", [f"row.blades={blades}", "drive.engine_order=1", IN_X, *more]).scene)
 
 
+@pytest.mark.full
 def test_numbers_and_operations_grow_as_the_number_of_blades():
     # Exactly: without rotation there are no clusters, and each blade and each interface adds the same.
     told = [explained(n) for n in (3, 4, 5)]

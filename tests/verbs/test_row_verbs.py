@@ -60,7 +60,7 @@ def test_a_stored_sweep_of_a_row_is_that_in_memory(swept, tmp_path):
     np.testing.assert_array_equal(stored.P_d, swept.P_d)
 
 
-@pytest.mark.full(but=["row_chain5"])
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["row_chain5", "row_ring12"])
 def test_a_shipped_row_is_simulated_stored_and_drawn(name, tmp_path):
     scene, how = js.load(name).scene, {"n_periods": 1, "method": js.RungeKutta("dopri8", steps=100)}
