@@ -105,7 +105,8 @@ def sweep_command(options: argparse.Namespace) -> None:
         summary |= {"accuracy": result.accuracy, "inaccurate": int(result.inaccurate.sum())}
     write_json(summary, options.out / "summary.json")
     warn_status(result.status, result.chatter)
-    print_table(file.title or file.name, {**summary, **_best_row(summary), "written": files_written()})
+    shown = {**summary, **_best_row(summary), **_jump_places(result), "written": files_written()}
+    print_table(file.title or file.name, shown)
 
 
 def _check_numbers(options: argparse.Namespace) -> None:
@@ -317,6 +318,13 @@ def _write(request: SweepRequest, result: SweepResult) -> None:
 
 def _summary(request: SweepRequest, result: SweepResult) -> dict[str, Any]:
     return {**result.summary(), "seconds": round(time.perf_counter() - request.start, 2)}
+
+
+def _jump_places(result: SweepResult) -> dict[str, str]:
+    """The values before which the motion jumps in each direction, in the unit of pictures."""
+    key = next(iter(result.axes), "")
+    text = lambda value: display_value(*parse_key(key)[0].parts, value)
+    return {f"jumps {direction}": ", ".join(map(text, values)) for direction, values in result.jumps.items()}
 
 
 def _best_row(summary: Mapping[str, Any]) -> dict[str, str]:
