@@ -45,6 +45,7 @@ from .results.orbit import Orbit as Orbit
 from .results.power import PowerResult as PowerResult
 from .results.response import Response as Response
 from .results.row import RowTrajectory as RowTrajectory
+from .results.row_diagnosis import RowDiagnosis as RowDiagnosis
 from .results.scatter import Report as Report
 from .results.scatter import Scatter as Scatter
 from .results.sweep import SweepResult as SweepResult

@@ -111,6 +111,7 @@ COMMANDS = {
         arguments=("transient",),
         files=("diagnosis.nc", "diagnosis.json", "diagnosis.png", "diagnosis.pdf"),
         unit="periods",
+        rows=True,
         module="runs",
     ),
     "power": Command(

@@ -16,11 +16,13 @@ from jaxshroud.motion.short_runs import end_states
 from jaxshroud.motion.verdict import VERDICT_ROUNDS, Verdict, verdict_text, verdicts
 from jaxshroud.motion.verdict_evidence import Stretches
 from jaxshroud.results.diagnosis import Diagnosis
+from jaxshroud.results.row_diagnosis import RowDiagnosis
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.verbs.accuracy import missed_lanes, warn_missed
+from jaxshroud.verbs.diagnose_row import row_diagnosis
 from jaxshroud.verbs.lanes import one_scene, request_lanes
 from jaxshroud.verbs.options import MarchPlan
 from jaxshroud.verbs.power import power
@@ -40,7 +42,7 @@ def diagnose(
     state: State | None = None,
     progress: Progress | None = None,
     throw: bool = False,
-) -> Diagnosis:
+) -> Diagnosis | RowDiagnosis:
     """The kind of motion that a scene settles on, the evidence for it, and the samples that show it.
 
     The return map, the largest exponent and the 0-1 test each have their own stretch of the run, one after the other.
@@ -48,6 +50,9 @@ def diagnose(
     motion is called periodic where Newton's method closes a stable orbit and the run stays on it; chaotic where the
     whole interval of the exponent is positive and K exceeds a half; quasi-periodic where the exponent is 0 within a
     narrow interval and K is near 0.
+
+    A row of blades gives a `RowDiagnosis`: the period number of all blades, whether the motion is a travelling wave,
+    and the growth of a nearby run in place of exponents from tangents; orbits are not closed by Newton's method.
 
     Args:
         scene: One scene, or a scene file, whose [run] counts where an argument is not given.
@@ -74,7 +79,8 @@ def diagnose(
         >>> js.diagnose(scene, method=js.RungeKutta(steps=100)).verdict
         'period 1'
     """
-    one_scene("diagnose", scene)
+    if one_scene("diagnose", scene, rows=True).row is not None:
+        return row_diagnosis(scene, transient, method, state, progress, throw)
     lanes = request_lanes(scene, transient=transient, method=method, usual=FAST_WITH_LEDGER, verb="diagnose")
     march = lanes.march._replace(method=lanes.march.method._replace(ledger=True))
     ((precise, initial),) = lanes.with_states(lanes.scenes, state)

@@ -365,7 +365,6 @@ def test_smooth_contact_has_a_width_for_each_interface():
 def _verbs():
     ring = load(RING)
     return {
-        "diagnose": lambda: js.diagnose(ring),
         "orbit": lambda: js.orbit(ring),
         "lyapunov": lambda: js.lyapunov(ring),
         "gradient": lambda: js.gradient(ring, ["drive.omega"]),
@@ -387,7 +386,7 @@ def _verbs():
 
 
 KNOW_ROWS = {
-    *("simulate", "sweep", "power", "table", "explain", "check", "rollout"),
+    *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout"),
     *("free_power", "value_of", "vary", "scenes_from", "stack_scenes"),
 }
 

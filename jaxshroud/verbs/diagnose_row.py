@@ -1,0 +1,152 @@
+"""The kind of motion that one row of blades settles on, with the evidence for it."""
+
+import math
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, run_lanes
+from jaxshroud.batch.states import final_states
+from jaxshroud.march.method import FAST_WITH_LEDGER, Method, method_of
+from jaxshroud.model.linear import power_reduction
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import State
+from jaxshroud.motion.averages import Reduction, averages
+from jaxshroud.motion.nearby_run import ALIGNED, NearbyGrowth, nearby_growth
+from jaxshroud.motion.period import SETTLED, Repetition
+from jaxshroud.results.row import RowTrajectory
+from jaxshroud.results.row_diagnosis import RowDiagnosis
+from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.valid import in_precision
+from jaxshroud.verbs.options import MarchPlan, check_row, plan_march, resolve_options
+from jaxshroud.verbs.simulate import simulate
+
+FIRST_PERIODS, ROUNDS = 64, 3  # of the evidence; each round is twice as long
+GROWTH_PERIODS = 64  # of the nearby run
+SHOWN_PERIODS, SHOWN_ORBITS = 8, 2  # at least
+WAVE = 1e-6  # of the square of the motion outside a travelling wave: less is one
+
+
+class RowEvidence(NamedTuple):
+    """What a verdict on a row rests on."""
+
+    status: int
+    orbit: Repetition
+    power: Reduction
+    P_0: np.ndarray  # (1, N) [m^4]
+    periods: int  # run in all
+    last: State  # one lane (leading axis)
+    growth: NearbyGrowth
+
+
+def row_diagnosis(
+    scene: Scene | SceneFile,
+    transient: int | None,
+    method: Method | str | float | None,
+    state: State | None,
+    progress: Progress | None,
+    throw: bool,
+) -> RowDiagnosis:
+    """`diagnose` of a row: its period number, waves, P_d, and the growth of a nearby run."""
+    resolved = resolve_options(scene, transient=transient, method=method, verb="diagnose", rows=True)
+    check_row(resolved.scene)
+    march = plan_march(resolved, resolved.lanes, FAST_WITH_LEDGER)
+    march = march._replace(method=march.method._replace(ledger=True))
+    scenes = in_precision(without_given(resolved.lanes), march.method.precision)
+    start = resolved.states(state, scenes)
+    found = _evidence(scenes, start, march, resolved.transient, progress)
+    stopped = found.status != Status.OK
+    q = int(found.orbit.number[0])
+    shown = found.periods if stopped else max(SHOWN_PERIODS, SHOWN_ORBITS * q)
+    begin = jax.tree.map(lambda a: np.asarray(a)[0], start if stopped else found.last)
+    same_march = method_of(march.steps, march.method)
+    run = simulate(scene, n_periods=shown, method=same_march, state=begin, throw=throw)
+    assert isinstance(run, RowTrajectory)
+    return _with_verdict(run, found)
+
+
+def _evidence(scenes: Scene, states: State, march: MarchPlan, transient: int, progress: Progress | None) -> RowEvidence:
+    """Runs twice as long each until the motion has settled, and a nearby run."""
+    most = transient + (2**ROUNDS - 1) * FIRST_PERIODS + 2 * (ALIGNED + GROWTH_PERIODS)
+    ticker, done = Ticker(most, progress), 0
+    plan = Plan(transient, FIRST_PERIODS, march.steps, 0.0, march.method)
+    while True:
+        runs = run_lanes(scenes, states, plan, ticker)
+        done += plan.transient + plan.kept
+        states, status = final_states(runs.last.state), int(np.asarray(runs.last.status)[0])
+        orbit, power, P_0 = averages(scenes, runs.samples)
+        is_last = plan.kept == 2 ** (ROUNDS - 1) * FIRST_PERIODS
+        if is_last or status != Status.OK or orbit.settling.verdict[0] == SETTLED:
+            break
+        plan = replace(plan, transient=0, kept=2 * plan.kept)
+    growth = NearbyGrowth(np.nan, np.nan, 0)
+    if status == Status.OK:
+        one = partial(_after_a_period, scenes, march, ticker)
+        growth = nearby_growth(states, _sizes(scenes, runs), one, GROWTH_PERIODS)
+    return RowEvidence(status, orbit, power, P_0, done, states, growth)
+
+
+def _after_a_period(scenes: Scene, march: MarchPlan, ticker: Ticker, states: State) -> tuple[State, bool]:
+    runs = run_lanes(scenes, states, Plan(0, 1, march.steps, 0.0, march.method), ticker)
+    return final_states(runs.last.state), bool(np.asarray(runs.last.status)[0] == Status.OK)
+
+
+def _sizes(scenes: Scene, runs: Runs) -> Motion:
+    """The largest displacements of any blade, and the rates that the drive frequency gives them."""
+    x, y, theta = (float(np.max(np.abs(a))) for a in runs.samples.largest)
+    omega = float(np.asarray(scenes.drive.omega)[0])
+    return Motion(x, y, theta, omega * x, omega * y, omega * theta)
+
+
+def _with_verdict(run: RowTrajectory, found: RowEvidence) -> RowDiagnosis:
+    """The run, with the verdict and what it rests on."""
+    verdict, reasons = _verdict(run, found)
+    values = {
+        "verdict": verdict,
+        "evidence": f"{verdict}: {'; '.join(reasons)}",
+        "period_number": int(found.orbit.number[0]),
+        "periods": found.periods,
+        "largest_exponent": found.growth.exponent,
+        "largest_exponent_ci": found.growth.ci,
+        "P_d": float(found.power.P_d[0]),
+        "P_d_ci": float(found.power.ci[0]),
+        "P_d_worst": float(power_reduction(found.power.P, found.P_0).min()),
+        "P": found.power.P[0],
+        "P_0": found.P_0[0],
+    }
+    told = RowDiagnosis.from_values(values).data
+    data = run.data.assign(told.data_vars).assign_attrs(told.attrs)
+    return RowDiagnosis(data)
+
+
+def _verdict(run: RowTrajectory, found: RowEvidence) -> tuple[str, list[str]]:
+    """The kind of motion, and the reasons for it."""
+    growth, q = found.growth, int(found.orbit.number[0])
+    if found.status != Status.OK:
+        return "stopped", [f"the run ends with {Status(found.status).name}"]
+    settled = found.orbit.settling.verdict[0] == SETTLED
+    exponent = f"the distance of a nearby run grows by exp({growth.exponent:.3g} +- {growth.ci:.2g}) a period"
+    returns = "the blades do not return within 16 periods"
+    if q:
+        returns = f"all blades return after {q} period{'s' * (q > 1)}"
+    reasons = [f"{returns} ({found.periods} periods run)", exponent]
+    if q and run.closed:
+        share = float(run.wave_distance) if _has_spectrum(run) else math.nan
+        reasons.append(f"{share:.2g} of the motion is outside a travelling wave")
+        if settled and q == 1 and share < WAVE and not growth.exponent - growth.ci > 0:
+            return "travelling wave of period 1", reasons
+    if q and settled and not growth.exponent - growth.ci > 0:
+        return f"period {q}", reasons
+    if growth.exponent - growth.ci > 0 and not q:
+        return "chaotic", reasons
+    return ("undecided" if settled else "transient not over"), reasons
+
+
+def _has_spectrum(run: RowTrajectory) -> bool:
+    """Whether samples divide the period, as the spectrum needs."""
+    return float(run.steps_per_period / run.every).is_integer()

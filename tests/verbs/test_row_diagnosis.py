@@ -1,0 +1,45 @@
+"""The kind of motion of rows: waves, chains, and nearby runs."""
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.cli import commands as cli
+
+RING = ['parts.motion=["x"]', "row.blades=3", "drive.engine_order=1"]
+HOW = {"transient": 64, "method": js.RungeKutta("rk4", steps=100)}
+
+
+@pytest.fixture(scope="module")
+def wave():
+    return js.diagnose(js.load("row_ring12", [*RING, "blades.c_x=40"]).scene, **HOW)
+
+
+def test_a_tuned_ring_that_follows_its_drive_is_a_wave(wave, tmp_path):
+    assert wave.verdict == "travelling wave of period 1"
+    assert wave.period_number == 1
+    assert wave.largest_exponent + wave.largest_exponent_ci < 0
+    assert float(wave.wave_distance) < 1e-9
+    np.testing.assert_allclose(wave.P, wave.P[0], rtol=1e-5)  # what is left of the transient
+    np.testing.assert_allclose(wave.P_d, 100 * (1 - wave.P.sum() / wave.P_0.sum()), rtol=1e-9)
+    wave.save(tmp_path / "wave.nc")
+    again = js.open(tmp_path / "wave.nc")
+    assert (again.verdict, again.summary()) == (wave.verdict, wave.summary())
+
+
+@pytest.mark.full
+def test_a_row_that_mistuning_breaks_is_no_wave(tmp_path, capsys):
+    words = [arg for pair in (*RING, "blades.c_x=40", "row.mistuning=[0.05, 0, -0.02]") for arg in ("--set", pair)]
+    steps = ["--tableau", "rk4", "--steps-per-period", "100", "--out", str(tmp_path / "out")]
+    assert cli.main(["diagnose", "row_ring12", *words, *steps]) == 0
+    assert "period 1" in (told := capsys.readouterr().out)
+    assert "travelling wave of period 1" not in told
+    assert (tmp_path / "out" / "diagnosis.png").stat().st_size > 10_000
+
+
+def test_the_exponent_of_a_chain_of_two_is_that_of_the_pair():
+    pair = ['parts.motion=["x"]', 'blades.I="block"', "contact.gamma=2.6", "drive.F_0=60", "drive.M_0=0.3"]
+    chain = ['parts.motion=["x"]', "row.blades=2", "row.closed=false", "drive.engine_order=1"]
+    exact = js.lyapunov(js.load("table1", pair).scene, n_periods=64, transient=128, method=HOW["method"])
+    found = js.diagnose(js.load("row_ring12", chain).scene, **HOW)
+    assert found.largest_exponent == pytest.approx(float(exact.exponents[0]), rel=1e-2)
