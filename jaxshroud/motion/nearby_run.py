@@ -14,7 +14,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.motion.statistics import confidence_interval
 from jaxshroud.scene.keys import Motion
 
-APART = 1e-7  # distance of the two runs at the start of each period, in sizes of the motion
+NEARBY = 1e-7  # distance of the two runs at the start of each period, in sizes of the motion
 ALIGNED = 8  # periods that turn the difference into the direction that grows most
 SEED = 0  # of the first direction
 
@@ -40,15 +40,15 @@ def nearby_growth(
     """
     drawn = np.random.default_rng(SEED).standard_normal((len(Motion._fields), *np.shape(states.motion.x)))
     here = states
-    there = _moved(here, Motion(*(a * s for a, s in zip(drawn, size, strict=True))), np.zeros_like(here.u_s), size)
+    there = _moved_by(here, Motion(*(a * s for a, s in zip(drawn, size, strict=True))), np.zeros_like(here.u_s), size)
     growth = []
     for _ in range(ALIGNED + periods):
         (here, goes), (there, also) = period_of(here), period_of(there)
         if not (goes and also):
             return NearbyGrowth(np.nan, np.nan, 0)
         motion, u_s = _difference(here, there)
-        growth.append(np.log(max(_distance(motion, u_s, size), np.finfo(float).tiny) / APART))
-        there = _moved(here, motion, u_s, size)
+        growth.append(np.log(max(_sized_distance(motion, u_s, size), np.finfo(float).tiny) / NEARBY))
+        there = _moved_by(here, motion, u_s, size)
     kept = np.array(growth[ALIGNED:])
     return NearbyGrowth(float(kept.mean()), float(confidence_interval(kept[None])[0]), periods)
 
@@ -60,14 +60,14 @@ def _difference(here: State, there: State) -> tuple[Motion, np.ndarray]:
     return motion, np.where(alike, np.asarray(there.u_s) - np.asarray(here.u_s), 0.0)
 
 
-def _distance(motion: Motion, u_s: np.ndarray, size: Motion) -> float:
+def _sized_distance(motion: Motion, u_s: np.ndarray, size: Motion) -> float:
     """The distance in sizes of the motion; sliders in those of x."""
     lengths = [*zip(motion, size, strict=True), (u_s, size.x)]
     return float(np.sqrt(sum(np.sum((a / s) ** 2) for a, s in lengths if s > 0)))
 
 
-def _moved(state: State, motion: Motion, u_s: np.ndarray, size: Motion) -> State:
-    """A state moved by `APART` in the direction of a difference."""
-    share = APART / max(_distance(motion, u_s, size), np.finfo(float).tiny)
+def _moved_by(state: State, motion: Motion, u_s: np.ndarray, size: Motion) -> State:
+    """A state moved by `NEARBY` in the direction of a difference."""
+    share = NEARBY / max(_sized_distance(motion, u_s, size), np.finfo(float).tiny)
     moved = jax.tree.map(lambda a, d: np.asarray(a) + share * d, state.motion, motion)
     return State(moved, np.asarray(state.u_s) + share * u_s, state.mode, state.case)

@@ -26,9 +26,9 @@ from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.options import MarchPlan, check_row, plan_march, resolve_options
 from jaxshroud.verbs.simulate import simulate
 
-FIRST_PERIODS, ROUNDS = 64, 3  # of the evidence; each round is twice as long
+FIRST_STRETCH, ROUNDS = 64, 3  # of the evidence; each round is twice as long
 GROWTH_PERIODS = 64  # of the nearby run
-SHOWN_PERIODS, SHOWN_ORBITS = 8, 2  # at least
+LEAST_SHOWN, SHOWN_ORBITS = 8, 2  # at least
 WAVE = 1e-6  # of the square of the motion outside a travelling wave: less is one
 
 
@@ -62,7 +62,7 @@ def row_diagnosis(
     found = _evidence(scenes, start, march, resolved.transient, progress)
     stopped = found.status != Status.OK
     q = int(found.orbit.number[0])
-    shown = found.periods if stopped else max(SHOWN_PERIODS, SHOWN_ORBITS * q)
+    shown = found.periods if stopped else max(LEAST_SHOWN, SHOWN_ORBITS * q)
     begin = jax.tree.map(lambda a: np.asarray(a)[0], start if stopped else found.last)
     same_march = method_of(march.steps, march.method)
     run = simulate(scene, n_periods=shown, method=same_march, state=begin, throw=throw)
@@ -72,15 +72,15 @@ def row_diagnosis(
 
 def _evidence(scenes: Scene, states: State, march: MarchPlan, transient: int, progress: Progress | None) -> RowEvidence:
     """Runs twice as long each until the motion has settled, and a nearby run."""
-    most = transient + (2**ROUNDS - 1) * FIRST_PERIODS + 2 * (ALIGNED + GROWTH_PERIODS)
+    most = transient + (2**ROUNDS - 1) * FIRST_STRETCH + 2 * (ALIGNED + GROWTH_PERIODS)
     ticker, done = Ticker(most, progress), 0
-    plan = Plan(transient, FIRST_PERIODS, march.steps, 0.0, march.method)
+    plan = Plan(transient, FIRST_STRETCH, march.steps, 0.0, march.method)
     while True:
         runs = run_lanes(scenes, states, plan, ticker)
         done += plan.transient + plan.kept
         states, status = final_states(runs.last.state), int(np.asarray(runs.last.status)[0])
         orbit, power, P_0 = averages(scenes, runs.samples)
-        is_last = plan.kept == 2 ** (ROUNDS - 1) * FIRST_PERIODS
+        is_last = plan.kept == 2 ** (ROUNDS - 1) * FIRST_STRETCH
         if is_last or status != Status.OK or orbit.settling.verdict[0] == SETTLED:
             break
         plan = replace(plan, transient=0, kept=2 * plan.kept)
