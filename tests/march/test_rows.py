@@ -151,6 +151,7 @@ def reflected(z):
 PERIODS, BENDING_PERIODS, ALIKE = 5, 2, 1e-11
 
 
+@pytest.mark.full
 def test_numbers_rotated_by_one_blade_rotate_the_motion():
     p = row_opinions.kept_rows(1)[0].parameters
     rotations = [rotated(p, by) for by in range(4)]
@@ -246,6 +247,7 @@ def free_motion(p, t):
     return end
 
 
+@pytest.mark.full
 def test_without_contact_blades_are_oscillators():
     rows = [random_row(np.random.default_rng(seed), 3, False) for seed in range(4)]
     apart = [dataclasses.replace(p, gap=(1.0,) * 2) for p in rows]

@@ -56,6 +56,7 @@ def test_bending_along_x_alone_is_stiff_bending_along_y(table1):
     assert falls(with_parts(scene, motion=("x",)), stiff, steps=10000, periods=1) < 1e-3
 
 
+@pytest.mark.full
 def test_no_friction_is_none_of_its_coefficient(table1):
     # mu = 0 and k_d = 0 are the same motion, to rounding.
     bare = with_parts(table1, friction="none")

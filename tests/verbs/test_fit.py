@@ -102,6 +102,7 @@ def test_slopes_of_a_response_are_those_of_orbits():
     assert error(model(u[None] + 0.02)[1][0], exact) > 1e-2  # control
 
 
+@pytest.mark.full
 def test_numbers_are_found_again_in_a_history():
     # Without noise what is left is the error of the march, RK4 at 200 steps against 1400: 1e-5 in these numbers.
     truth = {"contact.gamma": 2.5, "shroud.gap": 2.2e-5, "blades.c_x": 40.0}
