@@ -184,6 +184,7 @@ def test_largest_exponent_is_that_of_two_trajectories(gamma, monkeypatch):
     assert by_tangents == pytest.approx(by_distance, rel=0.03)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("transient", [0, 64])
 def test_the_largest_exponent_of_an_orbit_is_that_of_floquet(transient):
     # A complex pair of multipliers: both exponents are ln abs(multiplier), found to a hundredth in 32 periods.

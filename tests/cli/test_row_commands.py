@@ -24,6 +24,7 @@ def going_on(first, *changes, ring=RING):
     return cli.main([*words, "--out", str(out)]), out
 
 
+@pytest.mark.full
 def test_a_row_goes_on_from_a_file(first, capsys):
     code, out = going_on(first)
     assert code == 0
@@ -36,6 +37,7 @@ def test_a_row_goes_on_from_a_file(first, capsys):
     np.testing.assert_array_equal(run.mode, long.mode[200:])
 
 
+@pytest.mark.full
 def test_a_row_that_goes_on_differently_says_how(first, capsys):
     assert going_on(first, "--set", "row.mistuning=0,0.01,0")[0] == 0
     assert "row.mistuning was" in capsys.readouterr().err

@@ -61,6 +61,7 @@ def test_each_period_is_that_of_the_second_opinion(name):
             assert np.all(error < 1e-8), (kind, error)
 
 
+@pytest.mark.full
 def test_unlocated_events_are_told_apart():
     # Control: with events at ends of steps every number that contact decides is wrong by a thousand tolerances.
     error = errors("unlocated")

@@ -80,6 +80,7 @@ def test_apart_blades_follow_the_closed_form(table1, method):
     assert not np.any(counts(got, "onset_slip") + counts(got, "onset_stick"))
 
 
+@pytest.mark.full
 def test_blades_that_never_touch_reduce_no_power(table1):
     # After 120 periods the slowest transient, exp(-c_x t / 2 m), is 2e-14; RK4 at 400 steps costs the rest.
     got = sweep(table1, {"shroud.gap": [0.5, 1.0]}, n_periods=2, transient=120, method=RungeKutta(steps=400))
@@ -188,7 +189,7 @@ def test_second_opinion(reading, method, steps):
     assert np.all(runs.last.status[comparable] == Status.OK)
 
 
-@pytest.mark.full(but=["printed"])
+@pytest.mark.full
 @pytest.mark.parametrize("reading", opinions.DRAWS)
 def test_opinions_in_the_file_are_those_of_the_reference(reading):
     told = opinions.kept(reading)

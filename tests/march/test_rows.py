@@ -162,6 +162,7 @@ def test_numbers_rotated_by_one_blade_rotate_the_motion():
     assert furthest(control, np.roll(first, 1, axis=-1)) > 1e-2
 
 
+@pytest.mark.full
 def test_a_ring_turned_in_its_plane_moves_the_other_way_round():
     p = row_opinions.kept_rows(1)[0].parameters
     turned = mirrored(p)
@@ -300,6 +301,7 @@ def test_natural_frequencies_of_stuck_rows():
     assert np.max(np.abs(along / closed - 1)) > 0.02  # control: a chain is not a ring
 
 
+@pytest.mark.full
 def test_amplitude_of_a_wave_in_permanent_stick():
     # Ten times the damping settles the start to rounding in 16 periods. Sliders keep what the start left in them, so
     # that places have an offset and speeds do not.

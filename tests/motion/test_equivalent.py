@@ -23,7 +23,7 @@ ELEMENT = [
 ]
 
 
-@pytest.mark.full(but=["8000.0"])
+@pytest.mark.full
 @pytest.mark.parametrize("F_0", [3000.0, 8000.0])
 def test_an_elastic_friction_element_has_its_closed_form(F_0):
     scene = js.load("table1", [*ELEMENT, f"drive.F_0={F_0}"]).scene

@@ -76,6 +76,7 @@ def test_griffins_oscillator_is_lower_than_its_one_harmonic_says(griffin):
     assert 1.025 * heights[1] < FORMULA  # control: one harmonic is 2.6 % off
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("lane", range(len(PEAKS)), ids=[f"{force:.0f} N" for force in PEAKS])
 def test_four_published_peaks(peaks, lane):
     # Three decimals are published, of eight harmonics; the others change the peaks by up to 3e-5 (next test).

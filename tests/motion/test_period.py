@@ -152,6 +152,7 @@ def test_the_number_of_an_orbit_is_the_same_at_every_phase(q):
     assert {number_of(course[phase::96], sizes) for phase in range(96)} == {q}
 
 
+@pytest.mark.full
 def test_the_number_of_a_run_is_the_same_at_every_phase():
     # x_1 passes through 0 at the strobe at 1.35; at others some hundredths of its size are left of it.
     scene = load("table1", ["drive.M_0=10"]).scene
@@ -193,6 +194,7 @@ def test_a_slow_approach_is_not_settled_though_it_nearly_repeats(q, decay):
         assert (int(later.verdict[0]), float(later.periods_more[0])) == (SETTLED, 0.0)
 
 
+@pytest.mark.full
 def test_yes_is_never_wrong_without_contact():
     # In closed form: P_d is 0 in the end. With c_x = 0.02 that takes some thousand periods.
     scene = load("table1", ['parts.contact="none"', "blades.c_x=0.02", "drive.M_0=10"]).scene

@@ -49,6 +49,7 @@ def error(found, exact):
     return np.max(np.abs(found - exact) / np.max(np.abs(exact), axis=(0, 1)))
 
 
+@pytest.mark.full
 def test_slopes_of_a_history_are_those_of_its_values():
     over = {**OVER, "drive.omega": (400.0, 700.0), "initial.x[0]": (-1e-5, 1e-5), "friction.mu": (0.2, 0.6)}
     data = measurements_from(history(SCENE, every=97))
@@ -148,6 +149,7 @@ def test_friction_that_always_sticks_is_not_measured():
     assert alone.notes == found.notes
 
 
+@pytest.mark.full
 def test_a_fit_is_stored_and_drawn(tmp_path):
     found = js.fit(SCENE, history(SCENE, noise=0.02), {"blades.c_x": (20.0, 80.0)}, scan=2, starts=1, method=HOW)
     found.save(tmp_path / "fit.nc")

@@ -139,6 +139,7 @@ def test_a_method_is_named_in_words():
     assert choices(method, ledger=True).ledger
 
 
+@pytest.mark.full
 def test_a_method_that_was_chosen_is_told_with_its_accuracy():
     file = js.load("table1", ['parts.motion=["x"]', "run.periods=1"])
     chosen = js.method_for(file.scene, 1e-3)

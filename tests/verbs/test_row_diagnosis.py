@@ -37,6 +37,7 @@ def test_a_row_that_mistuning_breaks_is_no_wave(tmp_path, capsys):
     assert (tmp_path / "out" / "diagnosis.png").stat().st_size > 10_000
 
 
+@pytest.mark.full
 def test_the_exponent_of_a_chain_of_two_is_that_of_the_pair():
     pair = ['parts.motion=["x"]', 'blades.I="block"', "contact.gamma=2.6", "drive.F_0=60", "drive.M_0=0.3"]
     chain = ['parts.motion=["x"]', "row.blades=2", "row.closed=false", "drive.engine_order=1"]

@@ -42,6 +42,7 @@ def test_rows_are_ranked_and_told_in_columns_for_each_blade(ranked, tmp_path):
     np.testing.assert_array_equal(js.open(tmp_path / "table.nc").data["blade"], [0, 1, 2])
 
 
+@pytest.mark.full
 def test_a_row_too_stiff_at_one_interface_is_wrong():
     with pytest.warns(LaneWarning, match="BAD_INPUT"):
         found = js.table(js.load("row_ring12", CHAIN).scene, {"blades.k_x[2]": [1e5, 1e30]}, **HOW)
