@@ -171,6 +171,7 @@ def test_a_sweep_function_has_the_samples_of_the_verb():
         f(scene)
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_a_sweep_function_carries_tangents():
     # Against fourth-order differences of its own samples; under jit and vmap the samples are the same.
@@ -210,6 +211,7 @@ def test_a_sweep_function_runs_on_many_devices():
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_a_rollout_by_power_series_is_differentiated(table1):
     """Outside of `jax.jit` too, where what it compiles for series is its own choice: otherwise it takes minutes."""

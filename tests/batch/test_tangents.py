@@ -117,6 +117,7 @@ def test_jacobian_of_other_methods(name, locate, motion):
     assert np.max(error_of(scene, states, along, steps, method)) <= 1e-6
 
 
+@pytest.mark.studies(only=["motion1"])
 @pytest.mark.full
 @pytest.mark.parametrize("motion", [("x",), ("x", "y", "theta")])
 def test_jacobian_by_series(motion):

@@ -213,6 +213,7 @@ def test_a_trial_does_not_outlast_a_quick_return():
     assert float(met.end) == pytest.approx(1e-3, abs=1e-12)
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_rocking_of_light_blades_is_that_of_the_fine_march(table1):
     # Thousands of switches in three periods between nearly parallel faces, with equal steps, by which flat contact is

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.verbs.peak_ratio import free_peak, peak_ratio
+from jaxshroud.verbs.peak_ratio import VALUES, free_peak, peak_ratio
 
 SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
 RUN = {"n_periods": 8, "transient": 32, "method": js.RungeKutta(steps=100)}
@@ -25,7 +25,8 @@ def test_the_free_peak_is_that_of_a_damped_oscillator():
 def test_peaks_are_those_of_a_fine_sweep():
     low, high = 900.0, 1500.0
     found = peak_ratio(SCENE, "drive.omega", low, high, "x_peak", RUN)
-    fine = js.sweep(SCENE, {"drive.omega": np.linspace(low, high, 601)}, direction="both", amplitudes=True, **RUN)
+    near = {"drive.omega": found.contact.value + np.linspace(-40, 40, VALUES)}
+    fine = js.sweep(SCENE, near, direction="both", amplitudes=True, **RUN)
     assert found.contact.amplitude >= np.nanmax(fine.x_peak[..., 0]) * (1 - 1e-3)
     assert found.contact.amplitude < found.free.amplitude
     assert found.apart < 1.0

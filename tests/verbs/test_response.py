@@ -69,6 +69,7 @@ def test_a_response_is_stored_and_drawn_again(touching, tmp_path):
     assert len(again.plot().axes) == 2
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_a_family_has_a_branch_and_a_peak_for_each_member():
     scene = js.load("table1", [*ONE, "blades.c_x=7", "shroud.gap=1m"]).scene
