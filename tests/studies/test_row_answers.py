@@ -19,5 +19,5 @@ def test_rows_of_more_blades_are_those_of_the_second_opinion():
 
 
 def test_energy_of_random_rows():
-    told = rows.energy(32, ((4, True),), periods=4)
+    told = rows.energy(16, ((4, True),), periods=4)
     assert told["beyond"] == 0
