@@ -16,10 +16,10 @@ from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.periods import PERIODS_PER_CALL, Clock, Sample
 from jaxshroud.batch.xla import best_mapping, compiled
-from jaxshroud.march.carry import EachLane
+from jaxshroud.march.carry import EachLane, running
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import ContactForces, contact_spring_energy, energy_residual, slider_position
-from jaxshroud.march.row_carry import RowFixed, RowLane, RowTally, row_running, tally_of_new_period
+from jaxshroud.march.row_carry import RowFixed, RowLane, RowTally, tally_of_new_period
 from jaxshroud.march.row_guards import row_contact_forces
 from jaxshroud.march.row_trial import begin_row, row_trial
 from jaxshroud.march.tally import EnergyJumps
@@ -75,7 +75,7 @@ def _carried(state: State, model: RowModel) -> State:
 
 def _march(lanes: RowLane, fixed: RowFixed, method: Choices, each: EachLane) -> RowLane:
     """Run every row to the start of step `stop`, or until its status is not OK."""
-    going = lambda lanes: jnp.any(row_running(lanes, fixed.stop))
+    going = lambda lanes: jnp.any(running(lanes, fixed.stop))
     return lax.while_loop(going, lambda lanes: row_trial(lanes, fixed, method, each), lanes)
 
 

@@ -16,7 +16,6 @@ from jaxshroud.march.locate import (
 )
 from jaxshroud.march.row_step import OfLanes
 from jaxshroud.march.tally import Counters, DisplacementRange, displacements_of
-from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import (
@@ -86,11 +85,6 @@ class RowFixed(NamedTuple):
     model: RowModel
     grid: TimeGrid
     stop: Int[Array, " lanes"]  # the march ends at the start of this step
-
-
-def row_running(lane: RowLane, stop: Int[Array, " lanes"]) -> Bool[Array, " lanes"]:
-    """Which rows have not arrived at the start of step `stop` and have not failed."""
-    return (lane.step < stop) & (lane.status == Status.OK)
 
 
 def tally_of_new_period(tally: RowTally, z: Motion) -> RowTally:

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.carry import MAX_EVENTS_PER_STEP, NEGLIGIBLE_REST, TimeGrid, change_at
+from jaxshroud.march.carry import MAX_EVENTS_PER_STEP, NEGLIGIBLE_REST, TimeGrid, change_at, running
 from jaxshroud.march.events import (
     EventKind,
     any_of,
@@ -32,7 +32,6 @@ from jaxshroud.march.row_carry import (
     RowSearch,
     RowTally,
     RowTarget,
-    row_running,
 )
 from jaxshroud.march.row_guards import interface_view, row_guards, row_torques
 from jaxshroud.march.row_locate import interface_outcome, judge_row, row_outcome
@@ -131,7 +130,7 @@ def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> Ro
     cluster = _clusters_of(lane.state, model)
     interval = row_interval(lane.step, lane.search.done, lane.search.length, grid)
     end = row_step(interval, lane.state, cluster, model, method, each)
-    active = row_running(lane, stop)
+    active = running(lane, stop)
     if not model.interfaces.spring.modal:
         return _without_events(lane, end, active, interval.h, model, method, each)
     assert lane.guards is not None

@@ -1,7 +1,5 @@
 """The kind of motion that a row of blades settles on."""
 
-import numpy as np
-
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.results.row import RowTrajectory
@@ -34,17 +32,9 @@ class RowDiagnosis(RowTrajectory):
         of_row = ("P_d", "P_d_ci", "P_d_worst", "P", "P_0", "x_peak", "slip", "loss_friction", "energy_residual")
         times = ("time_apart", "time_stick", "time_slip")
         numbers = {name: getattr(self, name) for name in (*names, *of_row, *times)}
-        waves = {"wave_distance": self._wave_share, "participation_ratio": float(self.participation_ratio)}
+        waves = {"wave_distance": float(self.wave_distance), "participation_ratio": float(self.participation_ratio)}
         how = {"status": self.status, "method": str(self.method), "steps_per_period": self.steps_per_period}
         return json_values({**numbers, **waves, **how, **self.origin})
-
-    @property
-    def _wave_share(self) -> float:
-        """The share of the motion that is no travelling wave; NaN where the samples do not divide the period."""
-        try:
-            return float(self.wave_distance)
-        except ValueError:
-            return np.nan
 
     def __repr__(self) -> str:
         return f"RowDiagnosis: {self.evidence}"

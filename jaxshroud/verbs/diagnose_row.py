@@ -1,6 +1,5 @@
 """The kind of motion that one row of blades settles on, with the evidence for it."""
 
-import math
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -136,7 +135,7 @@ def _verdict(run: RowTrajectory, found: RowEvidence) -> tuple[str, list[str]]:
         returns = f"all blades return after {q} period{'s' * (q > 1)}"
     reasons = [f"{returns} ({found.periods} periods run)", exponent]
     if q and run.closed:
-        share = float(run.wave_distance) if _has_spectrum(run) else math.nan
+        share = float(run.wave_distance)
         reasons.append(f"{share:.2g} of the motion is outside a travelling wave")
         if settled and q == 1 and share < WAVE and not growth.exponent - growth.ci > 0:
             return "travelling wave of period 1", reasons
@@ -145,8 +144,3 @@ def _verdict(run: RowTrajectory, found: RowEvidence) -> tuple[str, list[str]]:
     if growth.exponent - growth.ci > 0 and not q:
         return "chaotic", reasons
     return ("undecided" if settled else "transient not over"), reasons
-
-
-def _has_spectrum(run: RowTrajectory) -> bool:
-    """Whether samples divide the period, as the spectrum needs."""
-    return float(run.steps_per_period / run.every).is_integer()
