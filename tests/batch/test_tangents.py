@@ -128,6 +128,7 @@ def test_jacobian_by_series(motion):
     assert np.max(error_of(scene, states, along, method=method)) <= 1e-6
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_naive_tangents_by_series_are_wrong(monkeypatch):
     # Control: events whose instants have no derivative.

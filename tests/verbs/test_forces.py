@@ -236,6 +236,7 @@ def assert_alike(results):
         np.testing.assert_allclose(other[name], a, rtol=0, atol=near, err_msg=name)
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_a_sweep_shows_the_same_whatever_the_march():
     # Pressed together from the start, where contact is deepest, and touching now and then.

@@ -27,6 +27,7 @@ def apart():
     return scene, js.response(scene, "drive.omega", 900.0, 1400.0, num=3, n_periods=2, transient=60, method=SERIES)
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_a_peak_without_contact_has_the_place_and_the_width_of_the_closed_form(apart):
     scene, found = apart

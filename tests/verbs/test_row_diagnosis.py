@@ -27,6 +27,7 @@ def test_a_tuned_ring_that_follows_its_drive_is_a_wave(wave, tmp_path):
     assert (again.verdict, again.summary()) == (wave.verdict, wave.summary())
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_a_row_that_mistuning_breaks_is_no_wave(tmp_path, capsys):
     words = [arg for pair in (*RING, "blades.c_x=40", "row.mistuning=[0.05, 0, -0.02]") for arg in ("--set", pair)]

@@ -58,6 +58,7 @@ def measured(table1):
     )
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_errors_fall_with_the_step_and_with_located_events(measured):
     coarse, fine, unlocated, single, *_ = measured
