@@ -9,7 +9,10 @@ import pytest
 
 import jaxshroud
 
-LONG = ("jaxshroud.verbs.report", "jaxshroud.verbs.trade")  # half a minute
+LONG = [  # seconds each; pages of the documentation show the same
+    f"jaxshroud.verbs.{verb}"
+    for verb in ("attractors", "branch", "diagnose", "fit", "report", "response", "trade", "tune")
+]
 
 
 def with_examples():

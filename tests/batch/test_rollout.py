@@ -228,6 +228,7 @@ def test_a_rollout_by_power_series_is_differentiated(table1):
     assert float(inside(gap)) == pytest.approx(float(slope), rel=1e-9)
 
 
+@pytest.mark.full(but=["taylor 8 1e-07, events by series, float64"])
 @pytest.mark.parametrize("method", [js.RungeKutta(locate="bisection"), js.Taylor(order=8, tolerance=1e-7)], ids=str)
 def test_a_start_in_overlap_sticks_whatever_the_rates(method):
     # The element starts unstretched under N > 0. By the rates it would slip, as k_d |u'| > mu k v' here, with mu N at

@@ -57,7 +57,10 @@ def test_functions_of_rows_have_the_numbers_of_sweep(ring, rolled):
     np.testing.assert_allclose(area(ring.shroud) * rolled.power, per_gap.P, rtol=1e-14)
 
 
-@pytest.mark.parametrize("derivative", [jax.grad, jax.jacfwd, lambda f: jax.jit(jax.grad(f))])
+@pytest.mark.full(but=["rollout-grad"])
+@pytest.mark.parametrize(
+    "derivative", [jax.grad, jax.jacfwd, lambda f: jax.jit(jax.grad(f))], ids=["grad", "jacfwd", "jit"]
+)
 @pytest.mark.parametrize("of_sweep", [False, True], ids=["rollout", "sweep_function"])
 def test_a_row_is_not_differentiated(ring, derivative, of_sweep):
     def loss(gap):

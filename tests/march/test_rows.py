@@ -174,6 +174,7 @@ def test_a_ring_turned_in_its_plane_moves_the_other_way_round():
     assert controls[1] > 1e-8
 
 
+@pytest.mark.full
 def test_engine_orders_that_blades_cannot_tell_apart():
     orders = ring(1), ring(5), ring(-3), ring(2), changed(ring(5), "gap", 1, 1e-9)
     first, *same, other, control = ends_of(orders, PERIODS)

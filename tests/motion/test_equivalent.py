@@ -42,6 +42,7 @@ def test_an_elastic_friction_element_has_its_closed_form(F_0):
     assert found.c_t * 40 < 0.9 * 4 * limit / (np.pi * A)
 
 
+@pytest.mark.full
 def test_permanent_stick_is_the_linear_response():
     # Beyond its mean the stuck blade is linear: it moves as one on both springs of the face, K = k n n^T + k_d t t^T.
     F_0, omega, alpha = 300.0, 40.0, 1.0
