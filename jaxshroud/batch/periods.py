@@ -19,7 +19,7 @@ from jaxshroud.march.tally import Tally, log_of_new_period
 from jaxshroud.model.arithmetic import Pair, filled, is_absent, traced_once
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
-from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.keys import Motion, RowSize
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
@@ -81,8 +81,16 @@ def march_steps(
 
 
 LANES_PER_CALL = 64  # long enough to amortise the dispatch of the loop; lanes rarely wait for each other
+ROW_BLADES_PER_CALL = 192  # of all lanes of a chunk of rows: the numbers of more do not stay in the cache
 PERIODS_PER_CALL = 32  # the grain of progress reports and of memory
 MAX_STAGES_PER_CALL = 1 << 23  # or a single period: a fraction of a second, after which Ctrl-C is heard
+
+
+def lanes_per_call(row: RowSize | None) -> int:
+    """The lanes of a chunk, which share a compiled program: of pairs, or of rows of so many blades; a power of two."""
+    if row is None:
+        return LANES_PER_CALL
+    return 2 ** min(max(ROW_BLADES_PER_CALL // row.blades, 4).bit_length() - 1, LANES_PER_CALL.bit_length() - 1)
 
 
 class Sample(NamedTuple):

@@ -17,6 +17,7 @@ from jaxshroud.batch.periods import (
     Clock,
     Sample,
     begin_lanes,
+    lanes_per_call,
     periods_at_once,
     run_block,
 )
@@ -125,25 +126,29 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: n
         ticker(lanes * (plan.transient + plan.kept))
         return Runs(samples, jax.tree.map(np.zeros_like, last.tally), last)
     try:
-        return chunk_by_chunk(lambda chunk, tick: _run_chunk(chunk, plan, tick), (scenes, states, arrived), ticker)
+        run, width = lambda chunk, tick: _run_chunk(chunk, plan, tick), lanes_per_call(scenes.row_size)
+        return chunk_by_chunk(run, (scenes, states, arrived), ticker, width)
     except Interrupted as stopped:
         raise Interrupted(completed_runs(stopped.done, lambda runs: concatenated_lanes(runs, lanes))) from None
 
 
-def chunk_by_chunk(run: Callable[[Any, Tick], Tree], lanes: Any, ticker: Tick) -> Tree:
+def chunk_by_chunk(
+    run: Callable[[Any, Tick], Tree], lanes: Any, ticker: Tick, width: int = LANES_PER_CALL
+) -> Tree:
     """The results of `run(lanes, tick)` for one chunk of lanes after another, concatenated.
 
     Args:
         run: A function of a chunk and of a callback that reports progress; it is compiled for one lane alone, or for
-            `LANES_PER_CALL`.
+            `width`.
         lanes: A tree of arrays with a leading axis.
         ticker: Called with the progress, summed over the lanes.
+        width: Lanes of a chunk, see `lanes_per_call`.
 
     Raises:
         Interrupted: As in `in_chunks`.
     """
     count = len(jax.tree.leaves(lanes)[0])
-    width = 1 if count == 1 else LANES_PER_CALL
+    width = 1 if count == 1 else width
 
     def one(check: Check, at: np.ndarray) -> Tree:
         n = min(width, count - int(at[0]))
@@ -287,11 +292,12 @@ def projected_seconds(
         beside: How many lanes are run at once where values are continued one by one; None: all.
         progress: Called with (lane-periods done, lane-periods in all) of this measurement.
     """
-    count, width = len(scenes.drive.omega), beside or LANES_PER_CALL
+    count, chunk = len(scenes.drive.omega), lanes_per_call(scenes.row_size)
+    width = beside or chunk
     starting = np.arange(0, count, width)
     brief = replace(plan, transient=PROJECTED_PERIODS, kept=PROJECTED_PERIODS)
     compiling = replace(plan, transient=1, kept=1)
-    places = min(len(starting), MAX_SAMPLED_CHUNKS, max(MAX_SAMPLED_CHUNKS * LANES_PER_CALL // width, 1))
+    places = min(len(starting), MAX_SAMPLED_CHUNKS, max(MAX_SAMPLED_CHUNKS * chunk // width, 1))
     if scenes.row is not None:
         compiling, brief, places = _row_trial(plan, len(starting), places)
     firsts = np.sort(np.random.default_rng(seed).choice(starting, places, replace=False))

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.rows import march_row_samples, row_energy_residual, row_ledger
 from jaxshroud.batch.runs import Ticker, chunk_by_chunk
 from jaxshroud.batch.sampling import SampleGrid
@@ -28,7 +29,7 @@ def marched_row_values(
         rows, begin = chunk
         return march_row_samples(rows, begin, grid.clock(rows), grid.every, grid.samples, method, tick)
 
-    samples, last, (before, after) = chunk_by_chunk(run, (scenes, states), ticker)
+    samples, last, (before, after) = chunk_by_chunk(run, (scenes, states), ticker, lanes_per_call(scenes.row_size))
     state, forces, log, tally = samples.state, samples.forces._asdict(), last.tally.log, last.tally
     return {
         "motion": state.motion,
