@@ -10,13 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxshroud.march.stability import contact_gradients, steps_for, stiffest
+from jaxshroud.march.stability import steps_for, stiffest
 from jaxshroud.march.tableau import RK4
 from jaxshroud.model.arithmetic import Scalar
-from jaxshroud.model.geometry import corners, gyration
+from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import Amplitudes, steady_amplitudes
 from jaxshroud.model.row import pair_at
 from jaxshroud.motion.averages import half_diagonal
+from jaxshroud.motion.linear_response import touching_gradients
 from jaxshroud.programs.kept import kept
 from jaxshroud.results.campbell import NaturalMode, crossings_between
 from jaxshroud.results.data_sheet import Coordinate, DataSheet
@@ -30,7 +31,6 @@ from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_of
 from jaxshroud.verbs.options import check_row
 
-UPPER_CORNERS = 1  # the case whose corners are looked at
 USUAL_ORDERS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)  # that are shown beside the scene's own
 MAX_ORDERS = 100
 SPEED_RANGE = 1.5  # the end of the range of speeds over the scene's own speed
@@ -141,10 +141,9 @@ def _free_and_touching(
 
     These are dv/dq and du/dq where the upper corners meet: there is no gap between them.
     """
-    pair = scene if scene.row is None else pair_at(scene, 0)  # all interfaces have its faces
-    touching = corners(pair.shroud, pair.contact.reading)._replace(gap=jnp.zeros_like(pair.shroud.gap))
-    gradients = contact_gradients(UPPER_CORNERS, touching, jnp.concatenate([pair.blades.m] * 3))
-    return steady_amplitudes(scene), scene.k, gyration(pair.shroud), half_diagonal(pair.shroud), gradients
+    shroud = scene.shroud if scene.row is None else pair_at(scene, 0).shroud  # all interfaces have its faces
+    free, gradients = steady_amplitudes(scene), touching_gradients(scene)
+    return free, scene.k, gyration(shroud), half_diagonal(shroud), gradients
 
 
 def _relative_motions(free: Amplitudes, alpha: float, interfaces: int) -> tuple[np.ndarray, np.ndarray]:
