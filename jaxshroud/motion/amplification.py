@@ -32,7 +32,7 @@ class LargestAmplitude(NamedTuple):
 
     amplitude: FloatArray  # (n,); NaN where no lane came to its end
     direction: np.ndarray  # (n,) its index
-    index: np.ndarray  # (n,) of the value, or of the one beside it
+    nearest: np.ndarray  # (n,) index of the value, or of the one beside it
     value: FloatArray  # (n,)
     blade: np.ndarray  # (n,)
     participation_ratio: FloatArray  # (n,) of the amplitudes of all blades there
@@ -57,7 +57,7 @@ def largest_amplitudes(found: RowResponses, values: FloatArray) -> LargestAmplit
     return LargestAmplitude(
         amplitude=np.where(np.isfinite(top), top, np.nan),
         direction=direction,
-        index=index,
+        nearest=index,
         value=value,
         blade=blade,
         participation_ratio=participation_ratio(of_blades),

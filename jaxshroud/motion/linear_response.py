@@ -70,9 +70,9 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> L
 
 
 def linear_amplitudes(system: LinearSystem, mistuning: Any, xp: ModuleType = np) -> Any:
-    """The amplitudes of rows with patterns of mistuning (..., blades), by NumPy or JAX: |(K - omega^2 M + i omega C)^-1 Q|.
+    """The amplitudes of rows with patterns of mistuning (..., blades), by NumPy or JAX.
 
-    Leading axes of the systems and of the patterns broadcast.
+    They are |(K - omega^2 M + i omega C)^-1 Q|. Leading axes of the systems and of the patterns broadcast.
     """
     of_parts = lax.complex if xp is jnp else lambda real, imaginary: real + 1j * imaginary
     added = (system.mistuned @ mistuning[..., None])[..., 0]

@@ -36,7 +36,7 @@ def design_pattern(text: str, row: RowSize) -> FloatArray:
     if word == "alternate":
         if row.closed and row.blades % 2:
             raise InputError(f"{text!r} does not close in a ring of {row.blades} blades; their number must be even.")
-        return sizes[0] * (-1.0) ** blade
+        return sizes[0] * np.where(blade % 2, -1.0, 1.0)
     if word == "harmonic":
         if sizes[0] != round(sizes[0]) or not 0 <= 2 * sizes[0] <= row.blades:
             raise InputError(f"{text!r}: the harmonic must be a whole number from 0 to {row.blades // 2}.")

@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.threads import in_chunks
 from jaxshroud.model.modes import Status
 from jaxshroud.model.natural_modes import NaturalContact
 from jaxshroud.motion.amplification import LargestAmplitude, RowResponses, peak_between
@@ -20,12 +21,12 @@ from jaxshroud.scene.grids import grid_of_scenes, scenes_at
 from jaxshroud.scene.parts import Direction
 from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.scene.typed import FloatArray, Tree
+from jaxshroud.scene.typed import FloatArray
 from jaxshroud.scene.vary import vary, with_numbers
 from jaxshroud.verbs.sweep import sweep
 from jaxshroud.verbs.worst_pattern import PatternProblem
 
-PEAK_ROUNDS, PEAK_ZOOM = 4, 8.0  # looks at the peak of a linear row between values, each so many times closer
+PEAK_ROUNDS, PEAK_ZOOM = 3, 8.0  # looks at the peak of a linear row between values, each so many times closer
 DIFFERENCE = 1e-4  # of the mistuning of one blade, across which a slope is taken
 
 
@@ -50,8 +51,9 @@ class MistunedRow(NamedTuple):
 
 def linear_problem(row: MistunedRow, contact: NaturalContact) -> PatternProblem:
     """A linear row: every interface stays in one state of contact. Costs are solutions of the linear system."""
-    numbered, everywhere = with_numbers(row.scene, [row.along]), _systems(
-        grid_of_scenes(row.scene, {row.along: row.values}), contact, row.coordinate
+    numbered, everywhere = (
+        with_numbers(row.scene, [row.along]),
+        _systems(grid_of_scenes(row.scene, {row.along: row.values}), contact, row.coordinate),
     )
     at = lambda values: _systems(scenes_at(numbered, [row.along], values[:, None]), contact, row.coordinate)
 
@@ -64,24 +66,22 @@ def linear_problem(row: MistunedRow, contact: NaturalContact) -> PatternProblem:
         return RowResponses(row.share * amplitude[:, None], ended, settled, value, row.share * peak)
 
     def slopes(patterns: FloatArray, top: LargestAmplitude) -> FloatArray:
-        lanes = filled_up((at(top.value), patterns, top.blade.astype(np.int32)))
-        return row.share * np.asarray(linear_slopes(*lanes))[: len(patterns)]
+        lanes = at(top.value), patterns, top.blade.astype(np.int32)
+        return row.share * _chunked(linear_slopes, lanes)
 
     return PatternProblem(row.values, respond, slopes, len(row.values) + 3 * PEAK_ROUNDS + 1, 2)
 
 
 def _systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> LinearSystem:
     """The linear systems of scenes (leading axis)."""
-    count = len(scenes.drive.omega)
-    systems = linear_systems(filled_up(without_given(scenes)), contact, coordinate)
-    return jax.tree.map(lambda a: np.asarray(a)[:count], systems)
+    return _chunked(lambda some: linear_systems(some, contact, coordinate), (without_given(scenes),))
 
 
-def filled_up(tree: Tree) -> Tree:
-    """A tree of arrays whose leading axis is filled up to whole chunks by its last element: few programs are compiled."""
-    lacking = -len(jax.tree.leaves(tree)[0]) % LANES_PER_CALL
-    filled = lambda a: np.concatenate([a, np.repeat(a[-1:], lacking, axis=0)])
-    return jax.tree.map(lambda a: jnp.asarray(filled(np.asarray(a))), tree)
+def _chunked(f: Callable[..., Any], trees: tuple[Any, ...]) -> Any:
+    """`f` of trees of arrays (leading axis) by whole chunks: one program for any number of lanes."""
+    some = lambda lanes: jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[lanes]), trees)
+    chunk = lambda _, lanes: jax.tree.map(np.asarray, f(*some(lanes)))
+    return in_chunks(chunk, len(jax.tree.leaves(trees)[0]), LANES_PER_CALL)
 
 
 def _at_each(at: Callable[[FloatArray], LinearSystem], values: FloatArray, patterns: FloatArray) -> FloatArray:
@@ -90,9 +90,7 @@ def _at_each(at: Callable[[FloatArray], LinearSystem], values: FloatArray, patte
     return linear_amplitudes(at(values.ravel()), every).reshape(*values.shape, -1)
 
 
-def _peak_values(
-    values: FloatArray, amplitude: FloatArray, at: Callable[[FloatArray], FloatArray]
-) -> FloatArray:
+def _peak_values(values: FloatArray, amplitude: FloatArray, at: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """Where, about the largest amplitude (n, values, N) of each pattern, its peak lies; within the range of values.
 
     `at` gives the amplitudes (n, m, N) at m values for each pattern.
@@ -179,12 +177,11 @@ def marched_problem(
         apart = DIFFERENCE * np.eye(blades)
         shifted = (patterns[:, None] + apart).reshape(-1, blades)
         at = scenes_at(with_numbers(row.scene, [row.along]), [row.along], np.repeat(top.value, blades)[:, None])
-        swept = sweep(
-            vary(at, "row.mistuning", shifted), amplitudes=True, keep_samples=False, progress=tick, **run
-        )
+        swept = sweep(vary(at, "row.mistuning", shifted), amplitudes=True, keep_samples=False, progress=tick, **run)
         done[0] += periods * len(shifted)
         level = np.asarray(getattr(swept, row.of), float).reshape(n, blades, blades)
         rise = level[np.arange(n), :, top.blade] - top.amplitude[:, None]
         return np.where(np.isfinite(rise), rise / DIFFERENCE, 0.0)
 
-    return PatternProblem(row.values, respond, slopes, periods * len(row.values), periods * row.scene.blades.m.shape[-1])
+    blades = row.scene.blades.m.shape[-1]
+    return PatternProblem(row.values, respond, slopes, periods * len(row.values), periods * blades)

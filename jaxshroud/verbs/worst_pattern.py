@@ -27,6 +27,11 @@ class PatternProblem(NamedTuple):
     cost: int  # of the response to one pattern: lane-periods, or solutions of the linear system
     slope_cost: int  # of the derivatives of one pattern
 
+    @property
+    def relative_cost(self) -> float:
+        """The cost of an update of one path, in responses to one pattern."""
+        return 1 + self.slope_cost / self.cost
+
     def largest(self, patterns: FloatArray) -> LargestAmplitude:
         """The largest amplitude of each pattern; -inf where a lane stopped."""
         found = largest_amplitudes(self.respond(patterns), self.values)
@@ -40,10 +45,9 @@ class SearchSize(NamedTuple):
     starts: int  # the best of them, from which paths begin
     updates: int  # steps of each path
 
-    def most_cost(self, problem: PatternProblem) -> int:
-        """The largest cost of both searches together."""
-        by_gradient = self.scan * problem.cost + self.starts * self.updates * (problem.cost + problem.slope_cost)
-        return 2 * by_gradient
+    def most_patterns(self, relative_cost: float) -> float:
+        """The responses that both searches together cost at most, one update costing `relative_cost` of them."""
+        return 2 * (self.scan + self.starts * (self.updates + 1) * relative_cost)
 
 
 class PatternSearch(NamedTuple):
