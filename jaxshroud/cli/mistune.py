@@ -10,6 +10,7 @@ import numpy as np
 import jaxshroud
 from jaxshroud.batch.runs import Plan, Progress
 from jaxshroud.batch.threads import Interrupted
+from jaxshroud.batch.xla import one_lane
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, with_origin, write_files
 from jaxshroud.cli.projection import print_projection_of_long_run
 from jaxshroud.cli.sweep import RESUME_ADVICE
@@ -66,6 +67,11 @@ def _lanes_of(call: VerbCall, beside_each_other: str = "values") -> Scene:
     scenes = without_given(grid_of_scenes(patterns, {row.along: row.values}))
     ordered = (lambda a: np.asarray(a)) if beside_each_other == "values" else lambda a: np.swapaxes(np.asarray(a), 0, 1)
     return jax.tree.map(lambda a: ordered(a).reshape(-1, *np.shape(a)[2:]), scenes)
+
+
+def _scenes_of_march(call: VerbCall) -> Scene:
+    """The scenes that the method must suit; a linear row has no method."""
+    return _lanes_of(call) if "store" in call.arguments else one_lane(call.file.scene)
 
 
 def _print_projection_of_march(call: VerbCall) -> None:
@@ -152,7 +158,7 @@ def _search_rows(result: Mistuned) -> dict[str, str]:
 
 mistune_command = Computation(
     prepare=_mistune_arguments,
-    scenes=_lanes_of,
+    scenes=_scenes_of_march,
     announce=_print_projection_of_march,
     run=_run_mistuning,
     output=_output_mistuning,
