@@ -73,6 +73,14 @@ COMMANDS = {
         ],
         "response/response.png",
     ),
+    "mistune.png": (
+        [
+            "mistune row_ring12 --set 'parts.motion=[\"x\"]' --set contact.gamma=0.02 --set friction.k_d=0 "
+            "--set blades.c_x=0.36 --along drive.omega --start 1080 --stop 1190 --num 200 --linear stuck "
+            "--sigmas 0.005,0.01,0.02 --n-patterns 200 --updates 30 --out mistuned",
+        ],
+        "mistuned/mistune.png",
+    ),
     "attractors.png": (
         [f"attractors {TWO} --starts 128 --out attractors"],
         "attractors/attractors.png",
