@@ -59,7 +59,7 @@ class Mistuned(Result):
     left_out = Attribute(int)  # patterns of which a lane stopped
     at_end = Attribute(int)  # patterns whose largest amplitude is at an end of the range, the tuned row included
     coarse = Attribute(int)  # patterns whose peak is narrower than the distance of values, the tuned row included
-    unsettled = Attribute(int)  # lanes whose transient was not over
+    unsettled = Attribute(int)  # lanes that are not known to be settled, those of the tuned row included
 
     @property
     def designs(self) -> tuple[str, ...]:
@@ -101,7 +101,7 @@ class Mistuned(Result):
             "a lane of the tuned row stopped: amplifications are over what is left of it": np.any(self.tuned_status),
             f"of {self.at_end} patterns the largest amplitude is at an end of the range: widen it": self.at_end,
             f"of {self.coarse} patterns the peak is narrower than the distance of values: take more": self.coarse,
-            f"of {self.unsettled} lanes the transient was not over: take a longer one": self.unsettled,
+            f"{self.unsettled} lanes are not known to be settled: take a longer transient": self.unsettled,
         }
         return [*super().messages, *(text for text, applies in said.items() if applies)]
 
