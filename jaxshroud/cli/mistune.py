@@ -138,10 +138,15 @@ def _amplification_rows(result: Mistuned) -> list[tuple[str, ...]]:
     for i, design in enumerate(result.designs):
         for j, sigma in enumerate(result.sigmas):
             ends = zip(result.quantile[i, j], result.quantile_low[i, j], result.quantile_high[i, j], strict=True)
-            quantiles = (f"{value:.4g} ({low:.4g} to {high:.4g})" for value, low, high in ends)
+            quantiles = (f"{value:.4g} ({_known(low)} to {_known(high)})" for value, low, high in ends)
             largest = np.nanmax(result.amplification[i, j], initial=-np.inf)
             rows.append((design, f"{sigma:g}", *quantiles, f"{largest:.4g}", f"{result.design_amplification[i]:.4g}"))
     return rows
+
+
+def _known(end: float) -> str:
+    """The end of an interval as text, if there are patterns enough for it."""
+    return f"{end:.4g}" if np.isfinite(end) else "?"
 
 
 def _search_rows(result: Mistuned) -> dict[str, str]:

@@ -29,7 +29,10 @@ from jaxshroud.plotting.style import (
 PERCENT = 100.0
 SPREAD = 0.28  # half width of the patterns of one sigma, in distances of the groups
 BOUND_LOOK: Properties = {"color": INK, "lw": 0.8, "ls": (0, (4, 2))}
-MARKERS = "osD^v"
+DESIGN_MARKERS = "osD^v"
+MANY_PATTERNS = 60  # beyond which their points are small
+LEAST_SHARE = 0.2  # of the height up to Whitehead's factor that patterns take if its line is drawn
+ROOM_FOR_WORDS = 1.4  # height of the axis over that of the patterns where it is not
 
 
 class MistunedContent(NamedTuple):
@@ -72,21 +75,33 @@ def _draw_amplification(panel: Axes, shown: MistunedContent) -> None:
             level = np.sort(ds["amplification"].to_numpy()[i, j])
             level = level[np.isfinite(level)]
             beside = SPREAD * width * np.cos(2.4 * np.arange(level.size))  # spread evenly
-            panel.plot(place + beside, level, ".", ms=2.2, mew=0, color=PALE, label="patterns" if i + j == 0 else None)
-            _draw_quantiles(panel, place, ds.isel(design=i, sigma=j), color, MARKERS[i % 5], i + j == 0)
+            size = 2.2 if level.size > MANY_PATTERNS else 3.6
+            panel.plot(place + beside, level, ".", ms=size, mew=0, color=PALE, label="patterns" if i + j == 0 else None)
+            _draw_quantiles(panel, place, ds.isel(design=i, sigma=j), color, DESIGN_MARKERS[i % 5], i + j == 0)
         if len(designs) > 1:
-            panel.plot([], [], MARKERS[i % 5], ms=4, color=color, label=design)
+            panel.plot([], [], DESIGN_MARKERS[i % 5], ms=4, color=color, label=design)
     bound = whitehead_factor(ds.sizes["blade"])
-    panel.axhline(bound, **BOUND_LOOK)
-    words: Properties = {"xytext": (-3, -2), "textcoords": "offset points", "ha": "right", "va": "top", "fontsize": 6.5}
-    panel.annotate(f"Whitehead (linear, one mode per blade): {bound:.3g}", (len(sigmas) - 0.5, bound), **words)
     panel.set_xticks(range(len(sigmas)), [f"{PERCENT * sigma:g}" for sigma in sigmas])
-    top = max(bound, float(np.nanmax(ds["amplification"].to_numpy())))
-    low = min(1.0, float(np.nanmin(ds["amplification"].to_numpy())))
+    highest, low = float(np.nanmax(ds["amplification"].to_numpy())), float(np.nanmin(ds["amplification"].to_numpy()))
+    low = min(1.0, low)
     panel.set(xlabel="standard deviation of the mistuning [%]", ylabel="amplification", xlim=(-0.5, len(sigmas) - 0.5))
+    top = _draw_bound(panel, bound, highest, low)
     panel.set_ylim(low - 0.06 * (top - low), top + 0.06 * (top - low))
     panel.tick_params(axis="x", which="both", length=0)
     legend_above(panel)
+
+
+def _draw_bound(panel: Axes, bound: float, highest: float, low: float) -> float:
+    """The upper end of the axis, with Whitehead's line unless it would press the patterns to the bottom."""
+    words, top = f"Whitehead (linear, one mode per blade): {bound:.3g}", max(bound, highest)
+    is_far = highest - low < LEAST_SHARE * (bound - low)
+    if is_far:
+        words, top = f"{words},\nbeyond this axis", low + ROOM_FOR_WORDS * max(highest - low, 1e-3)
+    else:
+        panel.axhline(bound, **BOUND_LOOK)
+    look: Properties = {"xytext": (-3, -2), "textcoords": "offset points", "ha": "right", "va": "top", "fontsize": 6.5}
+    panel.annotate(words, (1, top), xycoords=("axes fraction", "data"), **look)
+    return top
 
 
 def _draw_quantiles(panel: Axes, place: float, ds: xr.Dataset, color: str, marker: str, first: bool) -> None:
@@ -98,7 +113,8 @@ def _draw_quantiles(panel: Axes, place: float, ds: xr.Dataset, color: str, marke
     known = np.isfinite(value)
     errors = np.stack([np.maximum(value - low, 0), np.maximum(high - value, 0)])[:, known]
     at = np.full(int(known.sum()), place)
-    panel.errorbar(at, value[known], errors, fmt=marker, zorder=3, label=f"{shares} % are below" if first else None, **bars)
+    label = f"{shares} % are below" if first else None
+    panel.errorbar(at, value[known], errors, fmt=marker, zorder=3, label=label, **bars)
 
 
 def _draw_mistuned_amplitudes(panel: Axes, shown: MistunedContent) -> None:

@@ -14,6 +14,7 @@ from jaxshroud.march.tableau import RK4
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import Amplitudes, steady_amplitudes
+from jaxshroud.model.natural_modes import LinearContact, drive_load, linear_contact
 from jaxshroud.model.row import pair_at
 from jaxshroud.motion.averages import half_diagonal
 from jaxshroud.motion.linear_response import touching_gradients
@@ -76,12 +77,12 @@ def check(
     if scene.row is not None:
         check_row(scene)
     arrays = jax.tree.map(np.asarray, scene)
-    free, k, gyration_of_block, lever, gradients = jax.tree.map(np.asarray, _free_and_touching(scene))
+    free, k, gyration_of_block, lever, system, load = jax.tree.map(np.asarray, _free_and_touching(scene))
     b, s = arrays.mistuned_blades, arrays.shroud
     gaps, k = np.atleast_1d(s.gap), np.atleast_1d(k)
     across, along = _relative_motions(free, float(s.alpha), len(gaps))
     nearest = int(np.argmax(across))
-    modes = modes_of(arrays, k, gradients)
+    modes = modes_of(arrays, k, system, load)
     sheet = DataSheet(
         coordinates=_free_coordinates(arrays, free),
         drive=float(arrays.drive.omega) / RAD_PER_CYCLE,
@@ -135,14 +136,14 @@ def _over_speed(
 @kept()
 def _free_and_touching(
     scene: Scene,
-) -> tuple[Amplitudes, Float[Array, "..."], Scalar, Scalar, tuple[Float[Array, "6"], ...]]:
-    """The free blades' amplitudes, the stiffness of contact, a block's gyration, half its diagonal, and gradients.
+) -> tuple[Amplitudes, Float[Array, "..."], Scalar, Scalar, LinearContact, tuple[Array, Array]]:
+    """The free blades' amplitudes, the stiffness of contact, a block's gyration, half its diagonal, a linear system.
 
-    These are dv/dq and du/dq where the upper corners meet: there is no gap between them.
+    The system and the load on it are those of blades whose upper corners meet: there is no gap between them.
     """
     shroud = scene.shroud if scene.row is None else pair_at(scene, 0).shroud  # all interfaces have its faces
-    free, gradients = steady_amplitudes(scene), touching_gradients(scene)
-    return free, scene.k, gyration(shroud), half_diagonal(shroud), gradients
+    system = linear_contact(scene, touching_gradients(scene))
+    return steady_amplitudes(scene), scene.k, gyration(shroud), half_diagonal(shroud), system, drive_load(scene)
 
 
 def _relative_motions(free: Amplitudes, alpha: float, interfaces: int) -> tuple[np.ndarray, np.ndarray]:

@@ -127,7 +127,7 @@ def mistune(
     drawn = _Drawn(tuple(designs), np.asarray(sigmas, float), patterns, responses)
     values = _monte_carlo(row, drawn) | run.attributes
     if size is not None:
-        values |= _search(row, run.problem, size, float(max(sigmas)), seed)
+        values |= _search_values(row, run.problem, size, float(max(sigmas)), seed)
     values |= {"of": of, "along": row.along, "linear": linear or "", "direction_of": direction, "seed": seed}
     steps = int(run.attributes["steps_per_period"])
     attrs, _ = resolved._replace(scene=row.scene).provenance(resolved.transient, steps)
@@ -290,7 +290,9 @@ def _monte_carlo(row: MistunedRow, drawn: _Drawn) -> dict[str, Any]:
     }
 
 
-def _search(row: MistunedRow, problem: PatternProblem, size: SearchSize, sigma: float, seed: int) -> dict[str, Any]:
+def _search_values(
+    row: MistunedRow, problem: PatternProblem, size: SearchSize, sigma: float, seed: int
+) -> dict[str, Any]:
     """The values of the result that are of the search for the worst pattern."""
     blades = row.scene.blades.m.shape[-1]
     tuned = problem.largest(np.zeros((1, blades))).amplitude[0]

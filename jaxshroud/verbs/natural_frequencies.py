@@ -1,6 +1,6 @@
 """The natural modes of the blades of a scene, apart and in contact, with what an engineer calls them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -10,9 +10,7 @@ from jaxshroud.model.natural_modes import (
     COORDINATES,
     LinearContact,
     NaturalContact,
-    drive_load,
     drive_shares,
-    linear_contact,
     natural_modes,
 )
 from jaxshroud.results.campbell import NaturalMode
@@ -24,17 +22,19 @@ ONE_BLADE = 0.95  # share of a mode's kinetic energy in one blade, beyond which 
 ALIKE = 1e-9  # relative difference below which the frequencies of both blades are one
 
 
-def modes_of(arrays: Scene, k: np.ndarray, gradients: Sequence[np.ndarray]) -> tuple[NaturalMode, ...]:
+def modes_of(
+    arrays: Scene, k: np.ndarray, system: LinearContact, loads: tuple[np.ndarray, np.ndarray]
+) -> tuple[NaturalMode, ...]:
     """All natural modes: those of the free blades, then those of each state of contact, the lowest first.
 
     Args:
         arrays: The scene, its numbers as NumPy arrays.
         k: The stiffness of the contact [N/m], of a row at each interface.
-        gradients: dv/dq and du/dq of a pair where the upper corners meet, see `contact_gradients`.
+        system: The blades and their contact, see `linear_contact`.
+        loads: What drives them, see `drive_load`.
     """
-    system, loads = linear_contact(arrays, gradients), drive_load(arrays)
-    blades = LinearContact(*(a if a.dtype == bool else np.asarray(a, float) for a in system))
-    load = np.asarray(loads[0], float) + 1j * np.asarray(loads[1], float)
+    blades = LinearContact(*(a if a.dtype == bool else a.astype(float) for a in system))
+    load = loads[0].astype(float) + 1j * loads[1].astype(float)
     words = _blades_in_words if arrays.row is None else partial(_waves_in_words, closed=arrays.row.closed)
     found = [_modes_in(blades, contact, load * blades.moves, words) for contact in _contacts_of(arrays, k)]
     return tuple(mode for modes in found for mode in modes)

@@ -25,7 +25,7 @@ ALONG = {"drive.omega": [500.0, 600.0]}
 
 
 def solved(scene, mistuning, omega, k_d):
-    """The amplitudes of x of a stuck ring, from matrices that are assembled here: (x, y) of one blade after the other."""
+    """The amplitudes of x of a stuck ring, from matrices that are assembled here, blade by blade."""
     scene = jax.tree.map(np.asarray, scene)
     b, d, alpha = scene.blades, scene.drive, float(scene.shroud.alpha)
     n, t = np.array([np.sin(alpha), -np.cos(alpha)]), np.array([np.cos(alpha), np.sin(alpha)])
