@@ -84,7 +84,7 @@ COMMANDS = {
     ),
     "mistuned_ring.png": (
         [
-            "mistune row_ring12 --set 'parts.motion=[\"x\", \"y\"]' --along drive.omega --start 1800 --stop 2700 "
+            'mistune row_ring12 --set \'parts.motion=["x", "y"]\' --along drive.omega --start 1800 --stop 2700 '
             "--num 19 --accuracy fast --periods 40 --transient 100 --sigmas 0.01,0.03 --n-patterns 20 --seed 1 "
             "--out mistuned",
             'plot mistuned/mistune.nc --title "Twelve blades with gaps and friction, EO 3"',

@@ -244,6 +244,7 @@ def test_a_stored_run_goes_on_without_computing_again(marched, written):
         )
 
 
+@pytest.mark.full
 def test_rows_are_run_up_and_down_the_speeds_and_searched(marched):
     scene, told = js.load("row_ring12", SMALL).scene, []
     both = js.mistune(scene, ALONG, sigmas=[0.02], n_patterns=3, direction="both", **HOW)
