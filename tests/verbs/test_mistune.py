@@ -8,6 +8,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
+from jaxshroud.cli import projection
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.amplification import RowResponses, largest_amplitudes, peak_between
 from jaxshroud.motion.statistics import quantile_interval
@@ -306,3 +307,20 @@ def test_the_command_writes_what_the_verb_finds_and_says_what_is_wrong(tmp_path,
     }.items():
         assert cli.main([*words, *ends, "--force", further]) == 2
         assert told in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("direction", ["independent", "forward"])
+def test_a_long_march_is_projected_and_kept_in_a_store(direction, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(projection, "LONG_ROW_STEPS", 0)
+    row = [word for override in SMALL for word in ("--set", override)]
+    ends = ["--along", "drive.omega", "--start", "500", "--stop", "600", "--num", "2", "--n-patterns", "3"]
+    how = ["--tableau", "rk4", "--steps-per-period", "200", "--periods", "4", "--transient", "2"]
+    words = ["mistune", "row_ring12", *row, *ends, *how, "--direction", direction, "--out", str(tmp_path / "out")]
+    assert cli.main(words) == 0
+    (told,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("10 lanes: some ")]
+    assert "mistune.zarr" in told
+    assert (tmp_path / "out" / "mistune.zarr").is_dir()
+    assert cli.main(words) == 2
+    assert "give --resume to go on with it" in capsys.readouterr().err.splitlines()[-1]
+    assert cli.main([*words, "--resume", "--force"]) == 0
