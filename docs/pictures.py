@@ -73,6 +73,24 @@ COMMANDS = {
         ],
         "response/response.png",
     ),
+    "mistune.png": (
+        [
+            "mistune row_ring12 --set 'parts.motion=[\"x\"]' --set contact.gamma=0.02 --set friction.k_d=0 "
+            "--set drive.engine_order=6 --set blades.c_x=0.36 --along drive.omega --start 1080 --stop 1190 --num 200 "
+            "--linear stuck --sigmas 0.005,0.01,0.02 --n-patterns 200 --updates 30 --out mistuned",
+            'plot mistuned/mistune.nc --title "A linear ring of twelve, one mode per blade, EO 6"',
+        ],
+        "mistuned/mistune.png",
+    ),
+    "mistuned_ring.png": (
+        [
+            'mistune row_ring12 --set \'parts.motion=["x", "y"]\' --along drive.omega --start 1800 --stop 2700 '
+            "--num 19 --accuracy fast --periods 40 --transient 100 --sigmas 0.01,0.03 --n-patterns 20 --seed 1 "
+            "--out mistuned",
+            'plot mistuned/mistune.nc --title "Twelve blades with gaps and friction, EO 3"',
+        ],
+        "mistuned/mistune.png",
+    ),
     "attractors.png": (
         [f"attractors {TWO} --starts 128 --out attractors"],
         "attractors/attractors.png",

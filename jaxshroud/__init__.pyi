@@ -41,6 +41,7 @@ from .results.diagnosis import Lyapunov as Lyapunov
 from .results.fit import Fit as Fit
 from .results.fit import FittedNumber as FittedNumber
 from .results.gradient import Gradient as Gradient
+from .results.mistuned import Mistuned as Mistuned
 from .results.orbit import Orbit as Orbit
 from .results.power import PowerResult as PowerResult
 from .results.response import Response as Response
@@ -100,6 +101,7 @@ from .verbs.explain import explain as explain
 from .verbs.fit import fit as fit
 from .verbs.gradient import differences as differences
 from .verbs.gradient import gradient as gradient
+from .verbs.mistune import mistune as mistune
 from .verbs.options import method_for as method_for
 from .verbs.orbit import lyapunov as lyapunov
 from .verbs.orbit import orbit as orbit

@@ -47,6 +47,7 @@ SMALLER = {
     "report": [*SETTLED, *STEPS, "--periods", "4", "--transient", "16", "--samples", "4", "--starts", "4"],
     "branch": [*SETTLED, *STEPS, "--num", "3", "--start", "2", "--stop", "2.2", "--at", "2.1"],
     "response": [*SETTLED, *STEPS, "--periods", "2", "--transient", "4", "--most-points", "3", "--num", "3"],
+    "mistune": [*SMALL, "--n-patterns", "1", "--num", "2", "--periods", "1", "--transient", "0", "--updates", "0"],
     "attractors": [*SETTLED, *STEPS, "--starts", "4"],
     "basins": [*SETTLED, *STEPS, "--num", "3"],
     "trade": [*SMALL, "--set", "parts.friction=none", "--lanes", "8", "--periods", "4", "--transient", "4"],

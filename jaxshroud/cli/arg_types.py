@@ -65,11 +65,16 @@ def speed(text: str) -> float:
         raise argparse.ArgumentTypeError(f"{text!r} {error}; give e.g. 1450rpm") from None
 
 
+def shares(text: str) -> list[float]:
+    """Positive numbers between commas."""
+    return [positive(part) for part in text.split(",")]
+
+
 def engine_orders(text: str) -> list[float]:
     """Positive numbers between commas, or A..B for all whole numbers from A to B."""
     if ends := re.fullmatch(r"(\d{1,3})\.\.(\d{1,3})", text):
         return [float(order) for order in range(int(ends[1]), int(ends[2]) + 1)]
-    return [positive(part) for part in text.split(",")]
+    return shares(text)
 
 
 def path(text: str) -> Path:

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from jaxshroud.cli.arg_types import count, engine_orders, number, path, positive, speed, width
+from jaxshroud.cli.arg_types import count, engine_orders, number, path, positive, shares, speed, width
 from jaxshroud.cli.option_table import (
     METHOD_FLAGS,
     SCATTER_FLAGS,
@@ -12,7 +12,7 @@ from jaxshroud.cli.option_table import (
     Option,
     shared_option,
 )
-from jaxshroud.march.method_names import RANKED_BY, RESPONSES
+from jaxshroud.march.method_names import LINEAR_STATES, RANKED_BY, RESPONSES
 
 # Pictures of a run: pages of panels and single panels.
 RUN_KINDS = ("motion", "forces", "all", "history", "phase", "poincare", "spectrum", "ribbon", "loop", "path")
@@ -303,6 +303,51 @@ COMMANDS = {
         arguments=("n_periods", "transient", "num", "most_points"),
         files=("response.nc", "response.png", "summary.json"),
         module="response",
+    ),
+    "mistune": Command(
+        "How far mistuning amplifies the largest amplitude of a row of blades, over random patterns.",
+        "jaxshroud mistune row_ring12 --along drive.omega --start 900 --stop 1500 --num 40 --sigmas 0.01,0.03 "
+        "--n-patterns 200 --out mistuned",
+        (
+            *SIMULATION,
+            shared_option("--transient", help="periods discarded first"),
+            Option(
+                "--along", "number whose range holds the resonances; by default as the scene sweeps it", metavar="KEY"
+            ),
+            Option("--start", "where its range begins", metavar="A"),
+            Option("--stop", "where its range ends", metavar="B"),
+            Option("--num", "its values", count(2), 40, metavar="N"),
+            Option("--sigmas", "standard deviations of the mistuning", shares, [0.03], metavar="A,B"),
+            Option("--n-patterns", "random patterns of each", count(1), 100, metavar="N"),
+            Option(
+                "--pattern",
+                "intentional pattern about which they are drawn: none, alternate:0.02, harmonic:3:0.02; repeatable",
+                metavar="PATTERN",
+                action="append",
+                dest="designs",
+            ),
+            Option("--of", "amplitude that counts", choices=RESPONSES, default="x_peak", metavar="Q"),
+            Option(
+                "--direction",
+                "values start from rest, or each where its neighbour ended",
+                choices=("independent", "forward", "backward", "both"),
+                default="independent",
+            ),
+            Option("--linear", "state of contact in which all interfaces stay: in closed form", choices=LINEAR_STATES),
+            Option("--scan", "patterns that a search for the worst one tries first", count(1), 32, metavar="N"),
+            shared_option("--starts", help="best of them, from which its paths begin", default=4),
+            Option("--updates", "steps of each path; 0: no search", count(0), 0, metavar="N"),
+            shared_option("--seed", help="seed of the patterns"),
+            Option("--resume", "continue an interrupted run in DIR/mistune.zarr", action="store_true"),
+            "--out",
+        ),
+        arguments=(
+            *("n_periods", "transient", "sigmas", "n_patterns", "of", "direction", "linear"),
+            *("scan", "starts", "updates", "seed", "resume"),
+        ),
+        files=("mistune.nc", "mistune.png", "summary.json"),
+        rows=True,
+        module="mistune",
     ),
     "attractors": Command(
         "Find the motions that coexist in a scene, from random starts, with their shares and P_d.",

@@ -1,12 +1,23 @@
 """What a long run will take, told before it begins."""
 
 import sys
+from collections.abc import Sequence
 from datetime import timedelta
 
+from jaxshroud.batch.periods import LANES_PER_CALL
+from jaxshroud.batch.runs import Plan, projected_seconds
 from jaxshroud.batch.size_limits import results_size, sweep_memory
 from jaxshroud.batch.threads import cores
+from jaxshroud.cli.terminal import progress_bar
+from jaxshroud.scene.keys import blade_count
+from jaxshroud.scene.parts import Direction
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.valid import in_precision
 
 LONG_RUN_STEPS = 10**9  # steps of all lanes together, which take minutes
+LONG_ROW_STEPS = 2 * 10**8  # of single blades of rows, which take a minute
+EVENT_STEPS = 10**4  # of a row for the events of each of its blades in a period where blocks turn, and faces chatter
+LANES_PER_LONE_LANE = 16  # a lane that runs alone takes as long as this many lanes of a chunk
 GIB = 2**30  # bytes
 
 
@@ -42,3 +53,72 @@ def print_projection(
         f"{size:.3g} GiB of results{place}",
         file=sys.stderr,
     )
+
+
+def print_projection_of_long_run(
+    scenes: Scene,
+    plan: Plan,
+    directions: Sequence[Direction],
+    lanes_per_value: int,
+    *,
+    repeats: float = 1.0,
+    elsewhere: bool = False,
+    lanes_held: int | None = None,
+    samples: bool = False,
+    place: str = "",
+) -> None:
+    """Print what a sweep will take that is long, by short trials.
+
+    Args:
+        scenes: The lanes of one direction (leading axis), those of one value next to each other.
+        plan: How long each runs.
+        directions: The single directions of the sweep.
+        lanes_per_value: The lanes of one value, which run at once where values are continued.
+        repeats: How often the work of these lanes is done, in all.
+        elsewhere: Whether the run is on other machines.
+        lanes_held: Lanes whose samples are in memory at once; None: all.
+        samples: Whether results hold samples.
+        place: Where results are stored.
+    """
+    lanes, periods = len(scenes.drive.omega) * len(directions), plan.transient + plan.kept
+    slowness = 1 if directions == ("independent",) else max(LANES_PER_LONE_LANE // lanes_per_value, 1)
+    if not _is_long(round(slowness * lanes * repeats), periods, plan.steps_per_period, scenes):
+        return
+    scenes = in_precision(scenes, plan.method.precision)
+    cpu, wall = _projected_times(scenes, plan, directions, lanes_per_value)
+    kept, blades = plan.kept, blade_count(scenes.row_size)
+    wall_told = None if elsewhere else repeats * wall
+    held = {"lanes_held": lanes_held, "samples": samples, "place": place, "blades": blades}
+    print_projection(lanes, kept, repeats * cpu, wall_told, **held)
+
+
+def _is_long(lanes: int, periods: int, steps: int, scenes: Scene) -> bool:
+    """Whether a run of lanes takes so long that it is projected.
+
+    Args:
+        lanes: Lanes of the run; those of rows take as long as full chunks.
+        periods: Drive periods of each.
+        steps: Steps in a period.
+        scenes: Their scenes.
+    """
+    row = scenes.row_size
+    if row is None:
+        return lanes * periods * steps > LONG_RUN_STEPS
+    trials = steps + (EVENT_STEPS * row.blades if "theta" in scenes.parts.motion else 0)
+    full = lanes if lanes == 1 else -(-lanes // LANES_PER_CALL) * LANES_PER_CALL
+    return full * periods * row.blades * trials > LONG_ROW_STEPS
+
+
+def _projected_times(
+    scenes: Scene, plan: Plan, directions: Sequence[Direction], lanes_per_value: int
+) -> tuple[float, float]:
+    """Processor time and wall time of a run [s], from short trials."""
+    at_once = lambda way: None if way == "independent" else lanes_per_value
+    seconds = {}
+    for lanes in {at_once(way) for way in directions}:
+        with progress_bar("lane-periods of a trial") as report:
+            seconds[lanes] = projected_seconds(scenes, plan, beside=lanes, progress=report)
+    cpu = [seconds[at_once(way)] for way in directions]
+    together = lambda way: len(scenes.drive.omega) if way == "independent" else lanes_per_value
+    busy = [min(cores(), -(-together(way) // LANES_PER_CALL)) for way in directions]
+    return sum(cpu), sum(each / n for each, n in zip(cpu, busy, strict=True))

@@ -11,15 +11,14 @@ from typing import Any, NamedTuple, NoReturn
 import jax
 import numpy as np
 
-from jaxshroud.batch.periods import LANES_PER_CALL
-from jaxshroud.batch.runs import Plan, projected_seconds
+from jaxshroud.batch.runs import Plan
 from jaxshroud.batch.size_limits import check_size, results_size
-from jaxshroud.batch.threads import Interrupted, cores
+from jaxshroud.batch.threads import Interrupted
 from jaxshroud.cli.arg_types import count
 from jaxshroud.cli.background_import import DATASETS, PICTURES, STATISTICS, import_in_background
 from jaxshroud.cli.computation import with_origin
 from jaxshroud.cli.option_table import Along
-from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection
+from jaxshroud.cli.projection import print_projection_of_long_run
 from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march
 from jaxshroud.cli.stored_results import draw_dataset
 from jaxshroud.cli.terminal import (
@@ -46,13 +45,9 @@ from jaxshroud.scene.keys import blade_count, parse_key
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
-from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.options import MarchPlan, check_row
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE, sweep
 
-LONG_ROW_STEPS = 2 * 10**8  # of single blades of rows, which take a minute
-EVENT_STEPS = 10**4  # of a row for the events of each of its blades in a period where blocks turn, and faces chatter
-LANES_PER_LONE_LANE = 16  # a lane that runs alone takes as long as this many lanes of a chunk
 RESUME_ADVICE = "; the same command with --resume goes on"
 MOST_IN_FILE = 2**30  # bytes of results that are held in memory, and written at the end as one file
 
@@ -202,56 +197,16 @@ def _print_projection_of_long_run(request: SweepRequest, scenes: Scene, march: M
     """Print what a run will take that is long."""
     run = request.file.sweep_run
     plan = Plan(run.transient, run.periods, march.steps, request.options.phase, march.method)
-    slowness = 1 if request.file.direction == "independent" else max(LANES_PER_LONE_LANE // request.row_lanes, 1)
-    periods = plan.transient + plan.kept
-    if _is_long(slowness * request.lanes, periods, plan.steps_per_period, scenes):
-        _print_projection(request, in_precision(scenes, plan.method.precision), plan)
-
-
-def _is_long(lanes: int, periods: int, steps: int, scenes: Scene) -> bool:
-    """Whether a run of lanes takes so long that it is projected.
-
-    Args:
-        lanes: Lanes of the run; those of rows take as long as full chunks.
-        periods: Drive periods of each.
-        steps: Steps in a period.
-        scenes: Their scenes.
-    """
-    row = scenes.row_size
-    if row is None:
-        return lanes * periods * steps > LONG_RUN_STEPS
-    trials = steps + (EVENT_STEPS * row.blades if "theta" in scenes.parts.motion else 0)
-    full = lanes if lanes == 1 else -(-lanes // LANES_PER_CALL) * LANES_PER_CALL
-    return full * periods * row.blades * trials > LONG_ROW_STEPS
-
-
-def _print_projection(request: SweepRequest, scenes: Scene, plan: Plan) -> None:
-    cpu, wall = _projected_times(request, scenes, plan)
-    print_projection(
-        request.lanes,
-        plan.kept,
-        cpu,
-        wall if request.options.scheduler is None else None,
+    print_projection_of_long_run(
+        scenes,
+        plan,
+        SINGLE_DIRECTIONS if request.file.direction == "both" else (request.file.direction,),
+        request.row_lanes,
+        elsewhere=request.options.scheduler is not None,
         lanes_held=request.lanes_held,
         samples=not request.options.no_samples,
         place="" if request.store is None else f" in {request.store}",
-        blades=blade_count(request.file.row_size),
     )
-
-
-def _projected_times(request: SweepRequest, scenes: Scene, plan: Plan) -> tuple[float, float]:
-    """Processor time and wall time of a run [s], from short trials."""
-    direction, row_lanes = request.file.direction, request.row_lanes
-    at_once = lambda way: None if way == "independent" else row_lanes
-    directions = SINGLE_DIRECTIONS if direction == "both" else (direction,)
-    seconds = {}
-    for lanes in {at_once(way) for way in directions}:
-        with progress_bar("lane-periods of a trial") as report:
-            seconds[lanes] = projected_seconds(scenes, plan, beside=lanes, progress=report)
-    cpu = [seconds[at_once(way)] for way in directions]
-    together = lambda way: len(scenes.drive.omega) if way == "independent" else row_lanes
-    busy = [min(cores(), -(-together(way) // LANES_PER_CALL)) for way in directions]
-    return sum(cpu), sum(each / n for each, n in zip(cpu, busy, strict=True))
 
 
 # Computation and results

@@ -8,6 +8,7 @@ METHODS = (*TABLEAUS, "taylor")
 # step (first order, for comparison only); "series": take the root of the guard's power series
 Locate = Literal["bisection", "cubic", "none", "series"]
 RESPONSES = tuple(f"{q}_{kind}" for q in ("x", "y", "theta") for kind in ("peak", "rms"))  # amplitudes over a number
+LINEAR_STATES = ("apart", "sliding", "stuck", "corner")  # of contact, in which a row is linear
 LOADS = ("v_max", "N_max", "F_max", "friction_work", "slip", "archard", "impacts", "approach_max", "impulse_max")
 OF_ROWS = ("P_d_worst",)  # reductions that rows of blades alone have
 RANKED_BY = ("P_d", *OF_ROWS, *RESPONSES, *LOADS)  # reductions: the largest is first; others: the smallest

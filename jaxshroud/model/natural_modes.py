@@ -6,10 +6,12 @@ begins: the blocks at their unloaded angles, corner at corner, without preload. 
 speeds: there is no centrifugal stiffening.
 """
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 
 # How the blocks touch: not at all; face on face with the normal spring alone, or with both; corner at corner with both.
@@ -19,16 +21,16 @@ TINY = float(np.finfo(float).tiny)  # a square that rounding made negative, or a
 
 
 class LinearContact(NamedTuple):
-    """All blades and the contact between them as one linear system."""
+    """All blades and the contact between them as one linear system, with arrays of NumPy or of JAX."""
 
-    mass: FloatArray  # (3 N,) [kg, kg m^2]
-    damping: FloatArray  # (3 N,)
-    stiffness: FloatArray  # (3 N,)
+    mass: Any  # (3 N,) [kg, kg m^2]
+    damping: Any  # (3 N,)
+    stiffness: Any  # (3 N,)
     moves: np.ndarray  # (3 N,) whether the model has that coordinate
-    v_q: FloatArray  # (E, 3 N) gradient of the penetration of the upper corners of each interface
-    u_q: FloatArray  # (E, 3 N) gradient of their slide
-    k: FloatArray  # (E,) normal spring [N/m]
-    k_d: FloatArray  # (E,) tangential spring [N/m]
+    v_q: Any  # (E, 3 N) gradient of the penetration of the upper corners of each interface
+    u_q: Any  # (E, 3 N) gradient of their slide
+    k: Any  # (E,) normal spring [N/m]
+    k_d: Any  # (E,) tangential spring [N/m]
 
 
 class NaturalModes(NamedTuple):
@@ -39,30 +41,70 @@ class NaturalModes(NamedTuple):
     shape: FloatArray  # (n, 3 N) normalised by the masses
 
 
-def natural_modes(blades: LinearContact, contact: NaturalContact) -> NaturalModes:
-    """The modes of all blades in one state of contact.
+def linear_contact(scene: Scene, gradients: Any) -> LinearContact:
+    """All blades of a scene and their contact as a linear system, with arrays of JAX.
+
+    Args:
+        scene: A pair or a row, with its mistuning.
+        gradients: dv/dq and du/dq of a pair where the upper corners meet, see `contact_gradients`.
+    """
+    b, count = scene.mistuned_blades, scene.blades.m.shape[-1]
+    k, k_d = jnp.atleast_1d(scene.k), jnp.atleast_1d(scene.friction.k_d)
+    at_interfaces = lambda gradient: jnp.stack([_at_interface(gradient, j, count) for j in range(len(k))])
+    return LinearContact(
+        mass=jnp.concatenate([b.m, b.inertia_y, b.I]),
+        damping=jnp.concatenate([b.c_x, b.c_y, b.c_T]),
+        stiffness=jnp.concatenate([b.k_x, b.k_y, b.k_T]),
+        moves=np.array([scene.parts.has(name, min(i, 1)) for name in COORDINATES for i in range(count)]),
+        v_q=at_interfaces(gradients[0]),
+        u_q=at_interfaces(gradients[1]),
+        k=k,
+        k_d=k_d,
+    )
+
+
+def _at_interface(gradient: Any, j: int, count: int) -> Any:
+    """The gradient of a pair (6,) as that of interface `j` of so many blades, (3 count,)."""
+    sides = np.array([j, (j + 1) % count])
+    return jnp.zeros((3, count), gradient.dtype).at[:, sides].add(gradient.reshape(3, 2)).ravel()
+
+
+def drive_load(scene: Scene) -> tuple[Any, Any]:
+    """The in-phase and the quadrature amplitude of the drive's forces and moments, (3 N,) each, as in Eq. (1)."""
+    d = scene.drive
+    size = jnp.concatenate([d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0])
+    return size * jnp.tile(jnp.cos(d.phase), 3), size * jnp.tile(jnp.sin(d.phase), 3)
+
+
+def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:
+    """What one state of contact adds to the stiffness of all blades, (3 N, 3 N).
 
     Source:
         With w = v for the normal spring and w = u for the tangential one, contact adds k w_q w_q' to the stiffness of
         Eq. (1): along x and y that is k n n' + k_d t t' on the relative displacement, with n = (sin alpha, -cos alpha)
         and t = (cos alpha, sin alpha). Faces that stay on each other turn all blocks by one angle.
     """
-    K = np.diag(blades.stiffness)
+    K = 0 * blades.v_q.T @ blades.v_q
     if contact != "apart":
-        K = K + sum(k * np.outer(v_q, v_q) for k, v_q in zip(blades.k, blades.v_q, strict=True))
+        K = K + blades.v_q.T @ (blades.k[:, None] * blades.v_q)
     if contact in ("stuck", "corner"):
-        K = K + sum(k_d * np.outer(u_q, u_q) for k_d, u_q in zip(blades.k_d, blades.u_q, strict=True))
-    free = _free_directions(blades.moves, faces_touch=contact in ("sliding", "stuck"))
+        K = K + blades.u_q.T @ (blades.k_d[:, None] * blades.u_q)
+    return K
+
+
+def natural_modes(blades: LinearContact, contact: NaturalContact) -> NaturalModes:
+    """The modes of all blades in one state of contact, from arrays of NumPy."""
+    K, free = np.diag(blades.stiffness) + contact_stiffness(blades, contact), free_directions(blades.moves, contact)
     root = np.sqrt(free.T**2 @ blades.mass)
     squares, vectors = np.linalg.eigh(free.T @ K @ free / np.outer(root, root))
     omega, shape = np.sqrt(np.maximum(squares, TINY)), (free @ (vectors / root[:, None])).T
     return NaturalModes(omega, shape**2 @ blades.damping / (2 * omega), shape)
 
 
-def _free_directions(moves: np.ndarray, faces_touch: bool) -> FloatArray:
+def free_directions(moves: np.ndarray, contact: NaturalContact) -> FloatArray:
     """The directions in which the blocks can move, as columns; blocks whose faces touch turn together."""
     columns, turns = np.eye(moves.size), moves.size // 3 * 2  # the first coordinate of rotation
-    if faces_touch:
+    if contact in ("sliding", "stuck"):
         columns = np.column_stack([columns[:, :turns], columns[:, turns:].sum(axis=1)])
         moves = np.append(moves[:turns], moves[turns:].all())
     return columns[:, moves]

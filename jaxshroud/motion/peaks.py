@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxshroud.motion.amplification import HALF_POWER
 from jaxshroud.motion.batched_algorithms import Algorithm, run_together
 from jaxshroud.motion.bifurcation import ContactSummary, contact_summary, locate_point
 from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, corrected_point
@@ -17,7 +18,6 @@ from jaxshroud.motion.branch_continuation import ContinuedBranch
 
 MAX_PARABOLAS = 12  # fitted to an amplitude about its maximum
 PLACED = 1e-6  # of the distance between the neighbours: a smaller shift of the maximum does not count
-HALF_POWER = math.sqrt(0.5)
 
 
 class Peak(NamedTuple):

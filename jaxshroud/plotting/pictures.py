@@ -18,6 +18,7 @@ from jaxshroud.plotting.plot_branch import branch_page
 from jaxshroud.plotting.plot_campbell import campbell_page
 from jaxshroud.plotting.plot_diagnosis import diagnosis_page, power_page
 from jaxshroud.plotting.plot_fit import fit_page
+from jaxshroud.plotting.plot_mistuned import mistuned_page
 from jaxshroud.plotting.plot_row import row_page
 from jaxshroud.plotting.plot_run import run_page
 from jaxshroud.plotting.plot_sensitivity import gradient_page, scatter_page
@@ -47,6 +48,7 @@ PAGES: dict[str, Callable[..., Page]] = {
     "robustness": robustness_page,
     "trade": trade_page,
     "campbell": campbell_page,
+    "mistuned": mistuned_page,
 }
 FEWEST_TICKS = 3
 

@@ -6,17 +6,18 @@ from dataclasses import replace
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxshroud.march.stability import contact_gradients, steps_for, stiffest
+from jaxshroud.march.stability import steps_for, stiffest
 from jaxshroud.march.tableau import RK4
 from jaxshroud.model.arithmetic import Scalar
-from jaxshroud.model.geometry import corners, gyration
+from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import Amplitudes, steady_amplitudes
+from jaxshroud.model.natural_modes import LinearContact, drive_load, linear_contact
 from jaxshroud.model.row import pair_at
 from jaxshroud.motion.averages import half_diagonal
+from jaxshroud.motion.linear_response import touching_gradients
 from jaxshroud.programs.kept import kept
 from jaxshroud.results.campbell import NaturalMode, crossings_between
 from jaxshroud.results.data_sheet import Coordinate, DataSheet
@@ -30,7 +31,6 @@ from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_of
 from jaxshroud.verbs.options import check_row
 
-UPPER_CORNERS = 1  # the case whose corners are looked at
 USUAL_ORDERS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)  # that are shown beside the scene's own
 MAX_ORDERS = 100
 SPEED_RANGE = 1.5  # the end of the range of speeds over the scene's own speed
@@ -77,12 +77,12 @@ def check(
     if scene.row is not None:
         check_row(scene)
     arrays = jax.tree.map(np.asarray, scene)
-    free, k, gyration_of_block, lever, gradients = jax.tree.map(np.asarray, _free_and_touching(scene))
+    free, k, gyration_of_block, lever, system, load = jax.tree.map(np.asarray, _free_and_touching(scene))
     b, s = arrays.mistuned_blades, arrays.shroud
     gaps, k = np.atleast_1d(s.gap), np.atleast_1d(k)
     across, along = _relative_motions(free, float(s.alpha), len(gaps))
     nearest = int(np.argmax(across))
-    modes = modes_of(arrays, k, gradients)
+    modes = modes_of(arrays, k, system, load)
     sheet = DataSheet(
         coordinates=_free_coordinates(arrays, free),
         drive=float(arrays.drive.omega) / RAD_PER_CYCLE,
@@ -136,15 +136,14 @@ def _over_speed(
 @kept()
 def _free_and_touching(
     scene: Scene,
-) -> tuple[Amplitudes, Float[Array, "..."], Scalar, Scalar, tuple[Float[Array, "6"], ...]]:
-    """The free blades' amplitudes, the stiffness of contact, a block's gyration, half its diagonal, and gradients.
+) -> tuple[Amplitudes, Float[Array, "..."], Scalar, Scalar, LinearContact, tuple[Array, Array]]:
+    """The free blades' amplitudes, the stiffness of contact, a block's gyration, half its diagonal, a linear system.
 
-    These are dv/dq and du/dq where the upper corners meet: there is no gap between them.
+    The system and the load on it are those of blades whose upper corners meet: there is no gap between them.
     """
-    pair = scene if scene.row is None else pair_at(scene, 0)  # all interfaces have its faces
-    touching = corners(pair.shroud, pair.contact.reading)._replace(gap=jnp.zeros_like(pair.shroud.gap))
-    gradients = contact_gradients(UPPER_CORNERS, touching, jnp.concatenate([pair.blades.m] * 3))
-    return steady_amplitudes(scene), scene.k, gyration(pair.shroud), half_diagonal(pair.shroud), gradients
+    shroud = scene.shroud if scene.row is None else pair_at(scene, 0).shroud  # all interfaces have its faces
+    system = linear_contact(scene, touching_gradients(scene))
+    return steady_amplitudes(scene), scene.k, gyration(shroud), half_diagonal(shroud), system, drive_load(scene)
 
 
 def _relative_motions(free: Amplitudes, alpha: float, interfaces: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,12 +1,18 @@
 """The natural modes of the blades of a scene, apart and in contact, with what an engineer calls them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from jaxshroud.model.natural_modes import COORDINATES, LinearContact, NaturalContact, drive_shares, natural_modes
+from jaxshroud.model.natural_modes import (
+    COORDINATES,
+    LinearContact,
+    NaturalContact,
+    drive_shares,
+    natural_modes,
+)
 from jaxshroud.results.campbell import NaturalMode
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
@@ -16,37 +22,22 @@ ONE_BLADE = 0.95  # share of a mode's kinetic energy in one blade, beyond which 
 ALIKE = 1e-9  # relative difference below which the frequencies of both blades are one
 
 
-def modes_of(arrays: Scene, k: np.ndarray, gradients: Sequence[np.ndarray]) -> tuple[NaturalMode, ...]:
+def modes_of(
+    arrays: Scene, k: np.ndarray, system: LinearContact, loads: tuple[np.ndarray, np.ndarray]
+) -> tuple[NaturalMode, ...]:
     """All natural modes: those of the free blades, then those of each state of contact, the lowest first.
 
     Args:
         arrays: The scene, its numbers as NumPy arrays.
         k: The stiffness of the contact [N/m], of a row at each interface.
-        gradients: dv/dq and du/dq of a pair where the upper corners meet, see `contact_gradients`.
+        system: The blades and their contact, see `linear_contact`.
+        loads: What drives them, see `drive_load`.
     """
-    b, d, has = arrays.mistuned_blades, arrays.drive, arrays.parts.has
-    count, k, k_d = len(b.m), np.atleast_1d(k), np.atleast_1d(arrays.friction.k_d)
-    blades = LinearContact(
-        mass=np.concatenate([b.m, b.inertia_y, b.I]).astype(float),
-        damping=np.concatenate([b.c_x, b.c_y, b.c_T]).astype(float),
-        stiffness=np.concatenate([b.k_x, b.k_y, b.k_T]).astype(float),
-        moves=np.array([has(name, min(i, 1)) for name in COORDINATES for i in range(count)]),
-        v_q=np.stack([_at_interface(gradients[0], j, count) for j in range(len(k))]),
-        u_q=np.stack([_at_interface(gradients[1], j, count) for j in range(len(k))]),
-        k=k.astype(float),
-        k_d=k_d.astype(float),
-    )
-    load = np.concatenate([d.F_0 * np.cos(d.beta), d.F_0 * np.sin(d.beta), d.M_0]) * np.exp(1j * np.tile(d.phase, 3))
+    blades = LinearContact(*(a if a.dtype == bool else a.astype(float) for a in system))
+    load = loads[0].astype(float) + 1j * loads[1].astype(float)
     words = _blades_in_words if arrays.row is None else partial(_waves_in_words, closed=arrays.row.closed)
     found = [_modes_in(blades, contact, load * blades.moves, words) for contact in _contacts_of(arrays, k)]
     return tuple(mode for modes in found for mode in modes)
-
-
-def _at_interface(gradient: np.ndarray, j: int, count: int) -> FloatArray:
-    """The gradient of a pair (6,) as that of interface `j` of so many blades, (3 count,)."""
-    whole = np.zeros((3, count))
-    whole[:, [j, (j + 1) % count]] += np.asarray(gradient, float).reshape(3, 2)
-    return whole.ravel()
 
 
 def _contacts_of(scene: Scene, k: np.ndarray) -> list[NaturalContact]:

@@ -5,7 +5,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
-from jaxshroud.cli import sweep as sweep_verb
+from jaxshroud.cli import projection
 
 RING = ["--set", 'parts.motion=["x"]', "--set", "row.blades=3", "--set", "drive.engine_order=1"]
 HOW = ["--tableau", "rk4", "--steps-per-period", "100", "--force"]
@@ -58,7 +58,7 @@ def test_a_row_goes_on_only_in_its_own_model(first, ring, told, capsys):
 
 @pytest.mark.full
 def test_a_long_sweep_of_rows_is_projected(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sweep_verb, "LONG_ROW_STEPS", 0)
+    monkeypatch.setattr(projection, "LONG_ROW_STEPS", 0)
     words = ["sweep", "row_ring12", *RING, *HOW, "--along", "contact.gamma", "--values", "2,3", "--periods", "4"]
     assert cli.main([*words, "--transient", "2", "--out", str(tmp_path / "out")]) == 0
     told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("2 lanes: some ")]

@@ -13,6 +13,7 @@ from test_animation import film, still
 from test_plot import drawn, gamma_sweep, grid_sweep, power
 from test_plot_branch import around, branch_of
 from test_plot_contact import run
+from test_plot_mistuned import mistuned
 from test_plot_tuning import GRID, scattered, tuning
 
 from jaxshroud.model.modes import BIFURCATION_KINDS
@@ -129,6 +130,8 @@ PICTURES = {
     "tuned keys": lambda **look: picture("tuned", tuning(), **look),
     "robustness": lambda **look: picture("robustness", tuning(robust=robust()), **look),
     "scatter": lambda **look: picture("scatter", scattered([-0.1, 0.8], [0.2, 1.2]), **look),
+    "mistuned": lambda **look: picture("mistuned", mistuned(0.8, searched=True).assign_attrs(title=LONG), **look),
+    "mistuned little": lambda **look: picture("mistuned", mistuned(0.05).assign_attrs(title=LONG), **look),
 }
 
 
