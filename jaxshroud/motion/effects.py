@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.keys import parse_key
 
 NEGLIGIBLE_WIDTH = 1e-6  # over the number: a smaller half width is rounding
 EXACT_DIGITS = 6  # digits of an exact number
@@ -98,7 +98,7 @@ def effect_step(key: str, number: float) -> tuple[float, str]:
 
     It is 1 % of the number; 1 degree for angles; and for a number that is 0 one unit of the pictures.
     """
-    row, _ = find_key(key)
+    row, _ = parse_key(key)
     unit, per_si = row.shown
     if row.unit == "rad":
         return math.pi / 180, "1°"

@@ -89,7 +89,7 @@ def orbit(
         count_argument("q", q, 1)
         if state is None:
             raise InputError("Argument `q` needs a `state` close to the orbit.")
-    lanes = request_lanes(scene, method=method, dims=dims, verb="orbit")
+    lanes = request_lanes(scene, method=method, dims=dims, verb="orbit", rows=True)
     march = lanes.march
     tolerance = CLOSING_TOLERANCE[march.method.precision] if tolerance is None else tolerance
     shooting = ShootingOptions(march.steps, tolerance, march.method)
