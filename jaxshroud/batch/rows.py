@@ -129,6 +129,7 @@ def _run_row_period(lanes: RowLane, active, model: RowModel, period, clock: Cloc
     arrived = lanes.step == clock.steps
     lanes = eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(arrived, 0, lanes.step))
     tally, gain, log = lanes.tally, lanes.tally.integrals, lanes.tally.log
+    assert log is not None  # only flows with tangents have none
     gained = _stored(lanes.state, model, each) - before
     works: dict[str, Any] = dict.fromkeys(("drive", "gross", "viscous", "friction", "dropped", "residual"))
     if gain.ledger is not None:

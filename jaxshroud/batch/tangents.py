@@ -296,7 +296,7 @@ def direction(scene: Scene, key: str) -> Scene:
     (row, place), numbers, given = find_key(key, row=scene.row_size), numbers_of(scene), given_of(scene)
     holder = given if row.name in DERIVED_BY_KEY else numbers
     old = holder[row.name]
-    unit = np.ones(()) if place is None else np.eye(*number_shape(row, scene.row_size))[place]
+    unit = np.ones(()) if place is None else np.eye(number_shape(row, scene.row_size)[0])[place]
     unit = np.broadcast_to(unit, old.shape).astype(old.dtype)
 
     def dependent(value: Any) -> dict[str, Any]:

@@ -144,6 +144,7 @@ class RowVerdict(NamedTuple):
 def judge_row_trial(lane: RowLane, end: RowStepEnd, fixed: RowFixed, method: Choices, each: Each) -> RowVerdict:
     """What a trial that ended at `end` leads to."""
     lane, end, (model, grid, stop) = lax.stop_gradient((lane, end, fixed))
+    assert lane.guards is not None  # contact has events
     search = lane.search
     h = row_interval(lane.step, search.done, search.length, grid).h
     torque, joint = row_torques(end.state, end.wave, model, each)

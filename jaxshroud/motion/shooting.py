@@ -172,11 +172,11 @@ def _shoot(
     return best._replace(updates=updates)
 
 
-def with_determined_sliders(z: np.ndarray, tangents: Tangents) -> np.ndarray:
-    """A start (numbers,) whose sliders are those at the end of its map, but for sticking ones."""
+def with_determined_sliders(z: np.ndarray, tangents: Tangents, units: np.ndarray | float = 1.0) -> np.ndarray:
+    """A start (numbers,) in `units` whose sliders are those at the end of its map, but for sticking ones."""
     z, sticks = np.copy(z), np.atleast_1d(np.asarray(tangents.end.mode)) == Mode.STICK
     count = len(sticks)
-    z[-count:] = np.where(sticks, z[-count:], tangents.vector[-count:])
+    z[-count:] = np.where(sticks, z[-count:], (tangents.vector / units)[-count:])
     return z
 
 
