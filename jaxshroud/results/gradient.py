@@ -9,7 +9,7 @@ from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, FlagsVariable, Variable, lanes_in_shape, lanes_in_words
 from jaxshroud.motion.effects import Effect, effects, with_interval
 from jaxshroud.results.base import Labels, Result, result_from_dataset
-from jaxshroud.results.orbit import ORBIT_FLAGS, Orbit
+from jaxshroud.results.orbit import ORBIT_FLAGS, Orbit, RowOrbit
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import unit_of
 
@@ -132,6 +132,7 @@ class Gradient(Result):
             {
                 **{name: getattr(self, name) for name in names},
                 "number": {effect.key: effect.number for effect in self.effects},
+                **({"in_row": True} if self._in_row else {}),
                 "orbit": orbit,
                 "method": str(cycle.method),
                 "steps_per_period": cycle.steps_per_period,
@@ -142,7 +143,13 @@ class Gradient(Result):
     def _picture_content(self) -> dict[str, object]:
         number = {effect.key: effect.number for effect in self.effects}
         title = self.data.attrs.get("title", "")
-        return {"of": self.of, "value": self.value, "ci": self.ci, "number": number, "title": title}
+        content = {"of": self.of, "value": self.value, "ci": self.ci, "number": number, "title": title}
+        return {**content, "in_row": self._in_row}
+
+    @property
+    def _in_row(self) -> bool:
+        """Whether it is of a row of blades."""
+        return self.data.attrs.get(f"{ORBIT_PREFIX}kind") == RowOrbit.stored_as
 
     def _by_key(self, values: np.ndarray) -> dict[str, Any]:
         columns = np.moveaxis(values, -1, 0)
