@@ -3,7 +3,8 @@
 Random rows of 3 to 5 blades, chains and rings, mistuned, in x and y or with torsion and the article's inertia, are run
 until they settle on an orbit; the first five of each structure that do are taken, and the derivatives of P_d and of the
 worst blade's by five numbers are compared with fourth-order central differences on orbits followed from scene to scene,
-at three step sizes, of which the best counts. Rows without a sound orbit are counted with their flags.
+at three step sizes, of which the best counts. Rows without a sound orbit are counted with their flags, those
+whose blades never touch as "apart".
 """
 
 import json
@@ -51,7 +52,16 @@ def errors_of(found: Any, of: str) -> dict[str, float]:
     """The least relative errors of the derivatives of `of` on an orbit, by numbers."""
     exact = js.gradient(found.scene, WRT, of=of, orbit=found).value
     quotients = [js.differences(found, WRT, step, of) for step in STEPS]
-    return {key: min(abs(one[key] / exact[key] - 1) for one in quotients) for key in WRT}
+    return {key: min(_relative_error(exact[key], one[key]) for one in quotients) for key in WRT}
+
+
+def _relative_error(exact: float, quotient: float) -> float:
+    return abs(quotient / exact - 1) if exact else 0.0 if quotient == 0 else np.inf
+
+
+def _is_apart(found: Any) -> bool:
+    """Whether the blades of an orbit never touch."""
+    return js.gradient(found.scene, "shroud.gap", orbit=found).value["shroud.gap"] == 0
 
 
 def figures(structure: tuple[str, ...], rows: int, seed: int) -> dict[str, Any]:
@@ -59,8 +69,8 @@ def figures(structure: tuple[str, ...], rows: int, seed: int) -> dict[str, Any]:
     scenes, kept, flags = random_rows(structure, np.random.default_rng(seed)), [], Counter()
     for tried in range(1, TRIED + 1):
         found = js.orbit(next(scenes), method=METHOD, most_periods=MOST_PERIODS)
-        if found.flags:
-            flags.update(found.flags)
+        if found.flags or _is_apart(found):
+            flags.update(found.flags or ("apart",))
             continue
         errors = {of: errors_of(found, of) for of in ("P_d", "P_d_worst")}
         kept.append({"q": found.q, "largest multiplier": float(abs(found.multipliers[0])), "errors": errors})
