@@ -107,7 +107,7 @@ class Orbit(WithAmplitudes, Result):
         Args:
             cycles: The orbits.
             shape: The leading axes of the result.
-            amplitudes: The values of `WithAmplitudes`, (lanes, 2) each.
+            amplitudes: The values of `WithAmplitudes`, and of rows those of travelling waves, (lanes, ...) each.
             labels: Further arguments of `from_values`.
         """
         import jax
@@ -261,6 +261,23 @@ class RowOrbit(Orbit):
     case = Variable("contact case at the start", None, ("interface",))
     end_mode = Variable("contact mode at the end", None, ("interface",))
     end_case = Variable("contact case at the end", None, ("interface",))
+    wave_parts = Variable(
+        "parts of the period over which a travelling wave repeats; 0: no ring of alike blades", kind=int, alone=True
+    )
+    wave_residual = Variable(
+        "distance from a travelling wave, relative to the largest of each quantity", "1", alone=True
+    )
+    wave_multipliers = ComplexVariable("multipliers of the map over a part and the shift back", "1", ("multiplier",))
+
+    @property
+    def wave_bifurcation(self) -> tuple[str, float]:
+        """What the leading multiplier of the reduced map of a single ring approaches, and its distance from it.
+
+        At a "fold" the motion stays a travelling wave; elsewhere on the unit circle begins its "localisation".
+        """
+        from jaxshroud.motion.travelling_wave import wave_bifurcation
+
+        return wave_bifurcation(self.wave_multipliers)
 
 
 def _orbit_row(cycle: "PeriodicOrbit") -> dict[str, Any]:

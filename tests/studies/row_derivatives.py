@@ -3,7 +3,7 @@
 Random rows of 3 to 5 blades, chains and rings, mistuned, in x and y or with torsion and the article's inertia, are run
 until they settle on an orbit; the first five of each structure that do are taken, and the derivatives of P_d and of the
 worst blade's by five numbers are compared with fourth-order central differences on orbits followed from scene to scene,
-at three step sizes, of which the best counts. Rows without a sound orbit are counted with their flags, those
+at two step sizes, of which the better counts. Rows without a sound orbit are counted with their flags, those
 whose blades never touch as "apart".
 """
 
@@ -20,8 +20,8 @@ import numpy as np
 import jaxshroud as js
 
 WRT = ("shroud.gap", "row.mistuning[1]", "friction.mu", "drive.omega", "contact.gamma[0]")
-STEPS = (1e-4, 3e-5, 1e-5)
-METHOD = js.RungeKutta("dopri8", steps=200)
+STEPS = (1e-4, 1e-5)
+METHOD = js.RungeKutta("dopri8", steps=120)
 IN_PLANE = ('parts.motion=["x","y"]',)
 TURNING = ("blades.I=2.46e-3", "drive.M_0=30")
 STRUCTURES = {
@@ -52,7 +52,7 @@ def errors_of(found: Any, of: str) -> dict[str, float]:
     """The least relative errors of the derivatives of `of` on an orbit, by numbers."""
     exact = js.gradient(found.scene, WRT, of=of, orbit=found).value
     quotients = [js.differences(found, WRT, step, of) for step in STEPS]
-    return {key: min(_relative_error(exact[key], one[key]) for one in quotients) for key in WRT}
+    return {key: float(np.fmin.reduce([_relative_error(exact[key], one[key]) for one in quotients])) for key in WRT}
 
 
 def _relative_error(exact: float, quotient: float) -> float:
@@ -83,8 +83,9 @@ def figures(structure: tuple[str, ...], rows: int, seed: int) -> dict[str, Any]:
         "flags of the others": dict(flags),
         "derivatives": int(every.size),
         "within 1e-6": int(np.sum(every < 1e-6)),
-        "median error": float(np.median(every)),
-        "largest error": float(np.max(every)),
+        "median error": float(np.nanmedian(every)),
+        "largest error": float(np.nanmax(every)),
+        "differences that do not close": int(np.isnan(every).sum()),
         "rows": kept,
     }
 
@@ -92,8 +93,10 @@ def figures(structure: tuple[str, ...], rows: int, seed: int) -> dict[str, Any]:
 def main() -> None:
     """Write the figures of all structures."""
     jax.config.update("jax_enable_x64", True)
-    found = {name: figures(structure, ROWS, seed) for seed, (name, structure) in enumerate(STRUCTURES.items())}
-    Path(__file__).with_suffix(".json").write_text(json.dumps(found, indent=1) + "\n")
+    found = {}
+    for seed, (name, structure) in enumerate(STRUCTURES.items()):
+        found[name] = figures(structure, ROWS, seed)
+        Path(__file__).with_suffix(".json").write_text(json.dumps(found, indent=1) + "\n")
 
 
 if __name__ == "__main__":

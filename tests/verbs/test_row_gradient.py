@@ -54,9 +54,29 @@ def test_all_blades_together_are_the_sum_of_each(mistuned, tmp_path):
 
 
 @pytest.mark.full
+def test_the_reduced_map_has_the_multipliers_of_the_period():
+    # Anti-phase: the map over half a period and the shift by one blade. Both maps take the same steps.
+    options = ["row.blades=4", "drive.engine_order=2", 'parts.motion=["x"]', "blades.c_x=20"]
+    found = js.orbit(js.load("row_ring12", options).scene, method=METHOD, most_periods=128)
+    assert (found.wave_parts, found.q) == (2, 1)
+    assert found.wave_residual < 1e-11
+    reduced = np.sort(np.abs(found.wave_multipliers)) ** found.wave_parts
+    np.testing.assert_allclose(reduced, np.sort(np.abs(found.multipliers)), rtol=0, atol=1e-8)
+    # Control: the multipliers themselves, without the power.
+    assert np.max(np.abs(np.sort(np.abs(found.wave_multipliers)) - np.sort(np.abs(found.multipliers)))) > 0.1
+    assert found.wave_bifurcation[0] == "localisation"  # a pair, which no travelling wave belongs to
+
+
+@pytest.mark.full
+def test_a_mistuned_ring_has_no_reduced_map(mistuned):
+    assert mistuned.wave_parts == 0
+    assert np.isnan(mistuned.wave_residual)
+
+
+@pytest.mark.full
 def test_blades_that_tie_are_told():
     # In a tuned ring all blades are equally bad, and a number of one of them moves each in another way.
-    found = settled()
+    found = settled("blades.c_x=40")
     single = js.gradient(found.scene, ["row.mistuning[1]"], of="P_d_worst", orbit=found)
     assert single.flags == ("blades tie",)
     alike = js.gradient(found.scene, ["shroud.gap"], of="P_d_worst", orbit=found)
