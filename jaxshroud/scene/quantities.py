@@ -7,7 +7,7 @@ the blade that gains the least, and an amplitude is the largest of all blades.
 from typing import Literal, NamedTuple, get_args
 
 from jaxshroud.scene.checks import InputError, word_argument
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.parts import Parts
 
 Measure = Literal["mean", "rms", "peak"]
 Power = Literal["P_d", "P", "P_d_worst"]
@@ -67,11 +67,11 @@ def quantity_symbol(of: str) -> str:
     return rf"${letter}_\mathrm{{{amplitude.measure}}}$"
 
 
-def check_quantity(of: str, scene: Scene) -> None:
-    """Raise an InputError unless `of` is a quantity of such scenes."""
+def check_quantity(of: str, parts: Parts, in_row: bool = False) -> None:
+    """Raise an InputError unless `of` is a quantity of scenes with these parts, of a pair or of a row."""
     word_argument("of", of, QUANTITY_WORDS)
-    amplitude, parts = amplitude_of(of), scene.parts
-    if of == "P_d_worst" and scene.row is None:
+    amplitude = amplitude_of(of)
+    if of == "P_d_worst" and not in_row:
         raise InputError("`of` is P_d_worst, that of the worst blade of a row, but the scene is a pair; take P_d.")
     if amplitude is not None and not parts.has(amplitude.displacement, 0):
         raise InputError(

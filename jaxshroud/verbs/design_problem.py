@@ -106,7 +106,7 @@ def problem_of(
         ValueError: Bounds are not in order, a key is both tuned and a condition, or a number scatters out of its range.
     """
     check_bounds(over)
-    check_quantity(of, scene)
+    check_quantity(of, scene.parts)
     free = np.nan if of == "P_d" else free_level(of, scene)
     shared = set(over) & set(conditions)
     if shared:

@@ -122,7 +122,7 @@ def gradient(
         check_row(resolved.scene)
     if isinstance(wrt, str):
         wrt = numbers_that_count(resolved.scene) if wrt == "all" else (wrt,)
-    check_quantity(of, resolved.scene)
+    check_quantity(of, resolved.scene.parts, resolved.scene.row is not None)
     _check_names(wrt)
     numbered = [with_numbers(one, wrt) for one in resolved.scenes]
     numbers = [[level_of(one, key) for key in wrt] for one in numbered]
@@ -169,7 +169,7 @@ def on_orbit(found: Orbit, wrt: Sequence[str], of: Quantity = "P_d") -> Gradient
         ValueError: There is no such `of`.
     """
     cycle = found.cycle()
-    check_quantity(of, cycle.scene)
+    check_quantity(of, cycle.scene.parts, cycle.scene.row is not None)
     numbers = [[level_of(cycle.scene, key) for key in wrt]]
     return Gradient.of_slopes([run_alone(orbit_gradient(cycle, wrt, of))], wrt, of, found, numbers)
 
@@ -208,5 +208,5 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Quantity = "P
     positive_argument("step", step)
     _check_names(wrt)
     cycle = found.cycle()
-    check_quantity(of, cycle.scene)
+    check_quantity(of, cycle.scene.parts, cycle.scene.row is not None)
     return differences_on(cycle, wrt, step, of)

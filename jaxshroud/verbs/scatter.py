@@ -96,7 +96,7 @@ def scatter(
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     condition_values = {key: np.ravel(values).astype(float) for key, values in (conditions or {}).items()}
     per_draw = math.prod(map(len, condition_values.values()))
-    check_quantity(of, nominal)
+    check_quantity(of, nominal.parts)
     check_only_P_d("at_least", at_least, of)
     bounds = scatter_bounds(nominal, scatters)
     rows = draw_rows(nominal, bounds, at_least, draws, seed, resolved, per_draw)
