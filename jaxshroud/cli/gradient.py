@@ -118,7 +118,8 @@ def _check_by_differences(gradient: Gradient) -> dict[str, Any]:
     ]
     print_columns("check by differences", heads, rows)
     events = ", ".join(f"{n} {name}" for name, n in margins.counters.items() if n) or "none"
-    onset = f"{margins.slowest_onset:.3g} of the largest closing speed"
+    known = margins.slowest_onset == margins.slowest_onset
+    onset = f"{margins.slowest_onset:.3g} of the largest closing speed" if known else "unknown"
     print_table("", {"events": events, "slowest onset": onset})
     return {
         "steps": list(CHECK_STEPS),

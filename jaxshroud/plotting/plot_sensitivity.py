@@ -67,8 +67,9 @@ def _draw_bars(panel: Axes, bars: Bars) -> None:
     panel.axvline(0.0, color=INK, lw=0.7)
     panel.set_yticks(rows, [_effect_label(e, bars.in_row) for e in shown])
     panel.tick_params(axis="y", length=0, which="both")
+    fold = "\n" if bars.in_row else " "  # the labels of its numbers are long
     more = f", {bars.left_out} smaller ones left out" if bars.left_out else ""
-    panel.set(xlabel=f"{quantity_symbol(bars.of)} per 1 % more [{unit}]{more}", ylim=(len(shown) - 0.4, -0.6))
+    panel.set(xlabel=f"{quantity_symbol(bars.of)} per 1 % more{fold}[{unit}]{more}", ylim=(len(shown) - 0.4, -0.6))
 
 
 GRADIENT_PANELS = (Panel("effects", _draw_bars),)
