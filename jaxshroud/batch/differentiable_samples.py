@@ -19,8 +19,10 @@ from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Int
 
+from jaxshroud.batch.duals import Dual, dual_lanes
+from jaxshroud.batch.flow_states import Flow
 from jaxshroud.batch.periods import LaneSelector, advance, march, whole_tree
-from jaxshroud.batch.tangents import Dual, Flow, begin_flow, dual_flow_constants, dual_lanes, end_flow, flow_constants
+from jaxshroud.batch.tangents import begin_flow, dual_flow_constants, end_flow, flow_constants
 from jaxshroud.batch.xla import (
     FOR_SERIES,
     accepts_options,

@@ -12,6 +12,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from jaxshroud.batch.differentiable_samples import Schedule, differentiable_samples, trial_counts
+from jaxshroud.batch.flow_states import Flow
 from jaxshroud.batch.input_status import (
     admit_start,
     require_single_scene,
@@ -21,7 +22,7 @@ from jaxshroud.batch.periods import march_steps
 from jaxshroud.batch.row_flow import row_flow
 from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.states import as_arrays, carried_state
-from jaxshroud.batch.tangents import Flow, as_differentiable, begin_flow, end_flow, flow_constants
+from jaxshroud.batch.tangents import as_differentiable, begin_flow, end_flow, flow_constants
 from jaxshroud.batch.xla import one_lane, vmapped
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
 from jaxshroud.march.observables import contact_forces

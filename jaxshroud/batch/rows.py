@@ -61,10 +61,10 @@ def _begin_rows(scenes: Scene, states: State, method: Choices, each: EachLane) -
 
 def rows_at_start(states: State, model: RowModel, method: Choices, each: EachLane) -> RowLane:
     """The rows, lanes last, at their start from `states`, lanes first."""
-    return begin_row(_carried(lanes_last(states), model), model, method, each)
+    return begin_row(carried_row(lanes_last(states), model), model, method, each)
 
 
-def _carried(state: State, model: RowModel) -> State:
+def carried_row(state: State, model: RowModel) -> State:
     """A user's state in the form that compiled loops carry."""
     moves = lambda name: name.removeprefix("v_") in model.parts.motion
     motion = Motion(*(a if moves(name) else ABSENT for name, a in zip(Motion._fields, state.motion, strict=True)))
@@ -73,7 +73,7 @@ def _carried(state: State, model: RowModel) -> State:
     return State(motion, ABSENT if is_absent(spring.lag) else state.u_s, mode, state.case)
 
 
-def _march(lanes: RowLane, fixed: RowFixed, method: Choices, each: EachLane) -> RowLane:
+def march_rows(lanes: RowLane, fixed: RowFixed, method: Choices, each: EachLane) -> RowLane:
     """Run every row to the start of step `stop`, or until its status is not OK."""
     going = lambda lanes: jnp.any(running(lanes, fixed.stop))
     return lax.while_loop(going, lambda lanes: row_trial(lanes, fixed, method, each), lanes)
@@ -125,10 +125,11 @@ def _run_row_period(lanes: RowLane, active, model: RowModel, period, clock: Cloc
     lanes = eqx.tree_at(lambda lane: lane.tally, lanes, tally_of_new_period(lanes.tally, lanes.state.motion))
     before = _stored(lanes.state, model, each)
     stops = jnp.where(active, clock.steps, 0)
-    lanes = _march(lanes, RowFixed(model, clock.grids(period), stops), method, each)
+    lanes = march_rows(lanes, RowFixed(model, clock.grids(period), stops), method, each)
     arrived = lanes.step == clock.steps
     lanes = eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(arrived, 0, lanes.step))
     tally, gain, log = lanes.tally, lanes.tally.integrals, lanes.tally.log
+    assert log is not None  # only flows with tangents have none
     gained = _stored(lanes.state, model, each) - before
     works: dict[str, Any] = dict.fromkeys(("drive", "gross", "viscous", "friction", "dropped", "residual"))
     if gain.ledger is not None:
@@ -232,7 +233,7 @@ def next_row_sample(
 ) -> tuple[RowLane, RowSamples]:
     """The rows `every` steps later, and their states and forces there; lanes last."""
     grids = clock.grids(period)
-    lanes = _march(lanes, RowFixed(model, grids, lanes.step + every), method, each)
+    lanes = march_rows(lanes, RowFixed(model, grids, lanes.step + every), method, each)
     turns = grids.start + lanes.step.astype(period.dtype) * grids.turn
     lanes = eqx.tree_at(lambda lane: lane.step, lanes, lanes.step % clock.steps)
     return lanes, _sampled(lanes, turns, model, each)

@@ -6,10 +6,10 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.differentiable_samples import Schedule, samples_with_tangents
+from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.size_limits import check_memory
 from jaxshroud.batch.states import by_blade, to_vector
-from jaxshroud.batch.tangents import Dual
 from jaxshroud.batch.threads import Check, in_chunks
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State

@@ -13,10 +13,15 @@ from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
 from jaxshroud.model.rhs import drive_wave
 from jaxshroud.programs.kept import kept
-from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.keys import Motion, RowSize, blade_count
 from jaxshroud.scene.scene import Scene
 
-STATE_SIZE = 13  # numbers in a state
+STATE_SIZE = 13  # numbers in a state of the pair
+
+
+def state_size(row: RowSize | None) -> int:
+    """How many numbers a state has: six of each blade, and a slider at each interface."""
+    return STATE_SIZE if row is None else 6 * row.blades + row.interfaces
 
 
 def carried_state(state: State, model: Model) -> State:
@@ -51,12 +56,12 @@ def as_arrays(motion: Motion) -> Motion:
 
 
 def by_blade(motion: Motion) -> Motion:
-    """Motions of pairs (each (...,)) as NumPy arrays (..., 2)."""
-    return Motion(*(np.stack(pair, axis=-1) for pair in motion))
+    """Motions of pairs (each (...,)), or of rows, as NumPy arrays (..., blades)."""
+    return Motion(*(np.stack(a, axis=-1) if isinstance(a, tuple) else np.asarray(a) for a in motion))
 
 
 def motion_rows(motion: Motion) -> np.ndarray:
-    """Motions of pairs (each (...,)) as rows (..., 12)."""
+    """Motions of pairs (each (...,)), or of rows, as vectors (..., 6 blades)."""
     return np.concatenate(by_blade(motion), axis=-1)
 
 
@@ -76,15 +81,17 @@ def in_scene_precision(state: State, scene: Scene) -> State:
 
 
 def to_vector(state: State) -> np.ndarray:
-    """States (motions as arrays (..., 2) or as pairs) as rows (..., 13)."""
-    halves = lambda a: (np.asarray(a)[..., 0], np.asarray(a)[..., 1])
-    pairs = [a if isinstance(a, tuple) else halves(a) for a in state.motion]
-    return np.stack([np.asarray(a) for pair in pairs for a in pair] + [np.asarray(state.u_s)], axis=-1)
+    """States (motions as arrays (..., blades) or as pairs) as vectors (..., `state_size`)."""
+    motion, u_s = by_blade(state.motion), np.asarray(state.u_s)
+    sliders = u_s if u_s.ndim == motion.x.ndim else u_s[..., None]
+    return np.concatenate([*motion, sliders], axis=-1)
 
 
-def from_vector(vector: np.ndarray, mode: Any, case: Any) -> State:
+def from_vector(vector: np.ndarray, mode: Any, case: Any, row: RowSize | None = None) -> State:
     """The inverse of `to_vector`."""
-    return State(Motion(*(vector[..., i : i + 2] for i in range(0, 12, 2))), vector[..., 12], mode, case)
+    blades = blade_count(row)
+    motion = Motion(*(vector[..., i : i + blades] for i in range(0, 6 * blades, blades)))
+    return State(motion, vector[..., 12] if row is None else vector[..., 6 * blades :], mode, case)
 
 
 SAMPLES_PER_CALL = 1024  # one program for runs of any length

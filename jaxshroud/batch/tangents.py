@@ -15,121 +15,34 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
+from jaxshroud.batch.duals import Dual, dual_lanes
+from jaxshroud.batch.flow_states import Flow, FlowWithMoments, canonical
 from jaxshroud.batch.periods import march_steps, periods_at_once
+from jaxshroud.batch.row_tangents import row_flow_with_tangents
 from jaxshroud.batch.states import (
-    STATE_SIZE,
     by_blade,
     carried_state,
     from_vector,
     in_scene_precision,
+    state_size,
     to_vector,
     with_zeros,
 )
 from jaxshroud.batch.threads import Check, in_chunks
-from jaxshroud.batch.xla import DUAL_NUMBERS, best_mapping, compiled, repeat_lane, vmapped
+from jaxshroud.batch.xla import best_mapping, compiled, repeat_lane, vmapped
 from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, time_grid
-from jaxshroud.march.events import place_contact
-from jaxshroud.march.locate import select
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import begin_lane
-from jaxshroud.model.arithmetic import Pair, Scalar, filled, is_absent
-from jaxshroud.model.friction import stretch
-from jaxshroud.model.modes import FLAT, Mode, Status
-from jaxshroud.model.prepared import Model, State, has_torsion, prepared_model
-from jaxshroud.model.rhs import Moments, parallel_mean
+from jaxshroud.model.arithmetic import Scalar, filled
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import Model, State, prepared_model
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, worked_out
-from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.keys import find_key, number_shape
 from jaxshroud.scene.numbers import given_of, numbers_of
 from jaxshroud.scene.scene import Scene, without_given
 
 LANES_PER_FLOW = (16, 64)  # for few and for many lanes: a loop of fewer does not amortise its dispatch
-
-
-class Dual(NamedTuple):
-    """A tree and its tangent, a tree with None where nothing depends on the direction."""
-
-    value: Any
-    tangent: Any
-
-
-def _has_tangent(tree: Any) -> Any:
-    """Which leaves of a tree have a tangent: all real numbers; of lanes and trials, those that are differentiable."""
-    return jax.tree.map(_part_has_tangent, tree, is_leaf=_selects_differentiable)
-
-
-def _selects_differentiable(part: Any) -> bool:
-    return hasattr(part, "differentiable")
-
-
-def _part_has_tangent(part: Any) -> Any:
-    if not _selects_differentiable(part):
-        return _is_floating(part)
-    fixed = jax.tree.map(lambda _: False, part)
-    return eqx.tree_at(lambda part: part.differentiable, fixed, _is_floating(part.differentiable))
-
-
-def _is_floating(tree: Any) -> Any:
-    return jax.tree.map(lambda a: bool(jnp.issubdtype(a.dtype, jnp.floating)), tree)
-
-
-def dual_lanes(each: EachLane) -> EachLane:
-    """How to apply a function of one lane to `Dual`s of many lanes; other arguments have no tangent."""
-
-    def run(f, *args: Any) -> Dual:
-        duals = [a if isinstance(a, Dual) else Dual(a, jax.tree.map(lambda _: None, a)) for a in args]
-        if len(jax.tree.leaves(duals)) <= DUAL_NUMBERS:
-            return each(lambda *duals: _value_and_tangent(f, duals), *duals)
-        value = each(f, *(d.value for d in duals))
-        return Dual(value, each(lambda *duals: _value_and_tangent(f, duals).tangent, *duals))
-
-    return run
-
-
-def _value_and_tangent(f, duals: tuple[Dual, ...]) -> Dual:
-    """The value of `f` and its tangent."""
-    values, tangents = zip(*duals, strict=True)
-    moving = jax.tree.map(lambda _, d: d is not None, values, tangents, is_leaf=lambda x: x is None)
-    moves, rest = eqx.partition(values, moving)
-
-    def of_moving(moves):
-        out = f(*eqx.combine(moves, rest))
-        return eqx.partition(out, _has_tangent(out))
-
-    out, out_tangent, out_rest = jax.jvp(of_moving, (moves,), (tangents,), has_aux=True)
-    return Dual(eqx.combine(out, out_rest), out_tangent)
-
-
-class Flow(NamedTuple):
-    """The result of whole drive periods."""
-
-    state: State  # with its slider updated; motion as pairs
-    power: Pair  # mean square displacement over block and time [m^2]
-    status: Int[Array, "..."]
-
-
-class FlowWithMoments(NamedTuple):
-    """The result of some drive periods, of any length."""
-
-    state: State  # as of a `Flow`, and so are the next two
-    power: Pair
-    status: Int[Array, "..."]
-    moments: Moments | None  # averaged over time; None unless the method has `amplitudes`
-
-
-def canonical(state: State, scene_model: Model) -> State:
-    """The state with the numbers that its mode determines: the slider in slip and when apart, and one angle if flat.
-
-    Numbers on which no later motion depends are then unique, and have no tangent.
-    """
-    if has_torsion(scene_model) and scene_model.spring.modal:
-        angles = lambda motion: (motion.theta, motion.v_theta)
-        level = [select(state.case == FLAT, parallel_mean(pair, scene_model), pair) for pair in angles(state.motion)]
-        state = eqx.tree_at(lambda s: angles(s.motion), state, tuple(level))
-    at = place_contact(state.motion, state, scene_model)[2]
-    if is_absent(state.u_s) or scene_model.spring.flows:
-        return state
-    u_s = at.u - stretch(at.v, at.u, state.u_s, state.mode, scene_model.spring)
-    return eqx.tree_at(lambda s: s.u_s, state, jnp.where(state.mode == Mode.APART, 0.0, u_s))
+ROW_LANES_PER_FLOW = 16  # of rows, whose kernels have as many numbers again for each blade
 
 
 def begin_flow(scene: Scene, state: State, method: Choices) -> tuple[Lane, Model, Scalar]:
@@ -217,7 +130,7 @@ def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, tu
     With `turns` (lanes,) they run as many drive periods each, of any length, `n` times; `steps` are those of a period.
     """
     lanes = len(scenes.value.drive.omega)
-    width = LANES_PER_FLOW[lanes > LANES_PER_FLOW[0] * 2]
+    width = LANES_PER_FLOW[lanes > LANES_PER_FLOW[0] * 2] if scenes.value.row is None else ROW_LANES_PER_FLOW
     if turns is None and method.amplitudes:  # one program for both
         turns = np.ones(lanes)
 
@@ -237,13 +150,13 @@ def _run_in_parts(
     counts, lengths = jnp.int32(steps), None
     if turns is not None:
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
+    flow = flow_with_tangents if scenes.value.row is None else row_flow_with_tangents
     whole, done = None, 0
     while whole is None or done < n:
         check()
         now = min(longest, n - done)
-        part = jax.tree.map(
-            np.asarray, flow_with_tangents(scenes, states, jnp.int32(now), counts, lengths, method, best_mapping())
-        )
+        part = flow(scenes, states, jnp.int32(now), counts, lengths, method, best_mapping())
+        part = jax.tree.map(np.asarray, part)
         whole = part if whole is None else _concatenated_flow(whole, part, now / (done + now))
         states, done = end_as_start(part), done + now
     return whole
@@ -275,21 +188,22 @@ def end_as_start(end: Dual) -> Dual:
 class Tangents(NamedTuple):
     """The flow of a scene over some periods, and its derivatives by the initial state and by some parameters.
 
-    A state is a vector of 13: x, y, theta and their rates, left blade before right, then the slider.
+    A state is a vector of so many numbers, 13 of the pair: x, y, theta and their rates, each blade by blade, then the
+    sliders.
     """
 
     end: State
-    vector: np.ndarray  # (13,) of `end`
-    power: np.ndarray  # (2,) mean square displacement over block and time [m^2]
+    vector: np.ndarray  # (numbers,) of `end`
+    power: np.ndarray  # (blades,) mean square displacement over block and time [m^2]
     status: int
-    by_state: np.ndarray  # (13, 13) d vector / d start
-    power_by_state: np.ndarray  # (2, 13)
-    by_parameter: np.ndarray  # (13, parameters)
-    power_by_parameter: np.ndarray  # (2, parameters)
-    # The left blade's means over time of x, y, theta and of their squares; None unless the method has `amplitudes`.
-    moments: np.ndarray | None = None  # (2, 3)
-    moments_by_state: np.ndarray | None = None  # (2, 3, 13)
-    moments_by_parameter: np.ndarray | None = None  # (2, 3, parameters)
+    by_state: np.ndarray  # (numbers, numbers) d vector / d start
+    power_by_state: np.ndarray  # (blades, numbers)
+    by_parameter: np.ndarray  # (numbers, parameters)
+    power_by_parameter: np.ndarray  # (blades, parameters)
+    # The means over time of x, y, theta and of their squares; None unless the method has `amplitudes`.
+    moments: np.ndarray | None = None  # (2, 3, blades)
+    moments_by_state: np.ndarray | None = None  # (2, 3, blades, numbers)
+    moments_by_parameter: np.ndarray | None = None  # (2, 3, blades, parameters)
 
 
 class TangentProblem(NamedTuple):
@@ -303,7 +217,7 @@ class TangentProblem(NamedTuple):
     @property
     def by_start(self) -> int:
         """The number of directions of the initial state."""
-        return STATE_SIZE if self.by_state else 0
+        return state_size(self.scene.row_size) if self.by_state else 0
 
     @property
     def lanes(self) -> int:
@@ -316,9 +230,10 @@ class TangentProblem(NamedTuple):
         lanes, state, scene = self.lanes, in_scene_precision(self.state, self.scene), without_given(self.scene)
         still = [jax.tree.map(np.zeros_like, scene)] * (lanes - len(self.directions))
         along = jax.tree.map(lambda *a: np.stack(a), *still, *self.directions)
-        unit = np.zeros((lanes, STATE_SIZE), scene.drive.omega.dtype)
-        unit[: self.by_start] = np.eye(STATE_SIZE)[: self.by_start]
-        shift = from_vector(unit, None, None)
+        size = state_size(scene.row_size)
+        unit = np.zeros((lanes, size), scene.drive.omega.dtype)
+        unit[: self.by_start] = np.eye(size)[: self.by_start]
+        shift = from_vector(unit, None, None, scene.row_size)
         return Dual(repeat_lane(scene, lanes), along), Dual(repeat_lane(state, lanes), shift)
 
     def tangents(self, flows: Dual) -> Tangents:
@@ -328,7 +243,7 @@ class TangentProblem(NamedTuple):
         power, power_by = np.stack([a[0] for a in value.power]), np.stack(slope.power)
         parts = by[:count].T, power_by[:, :count], by[count:].T, power_by[:, count:]
         if value.moments is not None:
-            moments, moments_by = (np.array([[q[0] for q in m] for m in a.moments]) for a in (value, slope))
+            moments, moments_by = (np.array([list(m) for m in a.moments]) for a in (value, slope))
             parts = *parts, moments[..., 0], moments_by[..., :count], moments_by[..., count:]
         return Tangents(end, to_vector(end), power, int(value.status[0]), *parts)
 
@@ -374,19 +289,20 @@ def tangents(
 
 
 def direction(scene: Scene, key: str) -> Scene:
-    """The derivative of scenes by one of their own numbers or inputs, or by that of both blades together.
+    """The derivative of scenes by one of their own numbers or inputs, or by that of all blades together.
 
     Numbers that are worked out from it move with it. What the scenes are given by is left out.
     """
-    (row, blade), numbers, given = find_key(key), numbers_of(scene), given_of(scene)
+    (row, place), numbers, given = find_key(key, row=scene.row_size), numbers_of(scene), given_of(scene)
     holder = given if row.name in DERIVED_BY_KEY else numbers
     old = holder[row.name]
-    unit = np.broadcast_to(np.ones(()) if blade is None else np.eye(2)[blade], old.shape).astype(old.dtype)
+    unit = np.ones(()) if place is None else np.eye(number_shape(row, scene.row_size)[0])[place]
+    unit = np.broadcast_to(unit, old.shape).astype(old.dtype)
 
     def dependent(value: Any) -> dict[str, Any]:
         if holder is given:
-            return worked_out(numbers, {**given, row.name: value}, {row.name})
-        return worked_out({**numbers, row.name: value}, given, {row.name})
+            return worked_out(numbers, {**given, row.name: value}, {row.name}, scene.row_size)
+        return worked_out({**numbers, row.name: value}, given, {row.name}, scene.row_size)
 
     rates = jax.jvp(dependent, (old,), (unit,))[1] if given else {}
     rates |= {} if holder is given else {row.name: unit}

@@ -143,6 +143,7 @@ COMMANDS = {
         ),
         arguments=("most_periods", "tolerance", "amplitudes"),
         files=("orbit.nc", "summary.json"),
+        rows=True,
     ),
     "lyapunov": Command(
         "Lyapunov exponents of the motion that a scene settles on, with intervals.",
@@ -168,6 +169,7 @@ COMMANDS = {
         ),
         arguments=("n_periods", "transient", "of", "sigma", "pairs", "seed"),
         unit="periods",
+        rows=True,
         module="gradient",
     ),
     "tune": Command(

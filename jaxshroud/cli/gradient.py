@@ -20,7 +20,7 @@ from jaxshroud.motion.bifurcation import grazing_margins
 from jaxshroud.motion.effects import Effect, with_interval
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.keys import parse_key
 from jaxshroud.scene.quantities import Quantity, unit_of
 from jaxshroud.verbs.gradient import differences
 
@@ -79,9 +79,9 @@ def _gradient_rows(gradient: Gradient, with_slopes: bool) -> dict[str, Any]:
 
 def _slope_text(gradient: Gradient, effect: Effect) -> str:
     """A derivative with its unit, and what it is by percent: of an angle by degree."""
-    unit = find_key(effect.key)[0].unit or "1"
+    unit = parse_key(effect.key)[0].unit or "1"
     slope = gradient.value[effect.key], gradient.ci[effect.key]
-    if gradient.of == "P_d":
+    if unit_of(gradient.of) == "%":
         change = with_interval(effect.change, effect.ci, "percentage points")
         return f"{with_interval(*slope, f'% per {unit}')}; {change} per {effect.per}"
     share, ci = (100 * size / gradient.level for size in (effect.change, effect.ci))
@@ -91,7 +91,7 @@ def _slope_text(gradient: Gradient, effect: Effect) -> str:
 
 def _print_effects(gradient: Gradient) -> None:
     """Print what 1 percent of each number changes."""
-    unit = "percentage points" if gradient.of == "P_d" else unit_of(gradient.of)
+    unit = "percentage points" if unit_of(gradient.of) == "%" else unit_of(gradient.of)
     heads = ["key", "value [SI]", "more by", f"changes {gradient.of} by [{unit}]"]
     print_columns("what matters", heads, [effect.cells for effect in gradient.effects])
 
@@ -118,7 +118,8 @@ def _check_by_differences(gradient: Gradient) -> dict[str, Any]:
     ]
     print_columns("check by differences", heads, rows)
     events = ", ".join(f"{n} {name}" for name, n in margins.counters.items() if n) or "none"
-    onset = f"{margins.slowest_onset:.3g} of the largest closing speed"
+    known = margins.slowest_onset == margins.slowest_onset
+    onset = f"{margins.slowest_onset:.3g} of the largest closing speed" if known else "unknown"
     print_table("", {"events": events, "slowest onset": onset})
     return {
         "steps": list(CHECK_STEPS),

@@ -261,8 +261,8 @@ def at_least_two(flags: tuple[Bool[Array, ""], ...]) -> Bool[Array, ""]:
     return any_of([none, *(a & any_of(flags[i + 1 :]) for i, a in enumerate(flags[:-1]))])
 
 
-def select_guard(four, kind: Int[Array, ""]) -> Scalar:
-    """The scalar that belongs to `kind`."""
+def select_guard(four, kind: Int[Array, "..."]) -> Any:
+    """The number that belongs to `kind`."""
     first, *others = event_kinds(four)
     chosen = four[first]
     for k in others:

@@ -45,6 +45,7 @@ class RowSearch(NamedTuple):
     recheck: Bool[Array, " lanes"]
     events: Int[Array, " lanes"]
     target: RowTarget | None  # None unless events are located by cubics
+    pending: Bool[Array, "interfaces lanes"] | None  # events at this very instant; None: no derivatives
 
 
 class RowLog(NamedTuple):
@@ -65,7 +66,7 @@ class RowTally(NamedTuple):
     integrals: Integrals  # of each blade, those of contact of each interface
     springs: OfInterfaces  # energy gained by the contact springs at events [J]
     dropped: OfLanes  # energy lost where flat contact ended a rocking motion [J]
-    log: RowLog
+    log: RowLog | None  # None where derivatives are computed
 
 
 class RowLane(eqx.Module):
@@ -90,5 +91,7 @@ class RowFixed(NamedTuple):
 def tally_of_new_period(tally: RowTally, z: Motion) -> RowTally:
     """The tally with what is told of each period reset, at the motion `z`."""
     zeros, log = jax.tree.map(jnp.zeros_like, tally), tally.log
+    if log is None:
+        return zeros
     extent = None if log.extent is None else DisplacementRange(displacements_of(z), displacements_of(z))
     return zeros._replace(log=log._replace(largest=zeros.log.largest, extent=extent))

@@ -113,7 +113,13 @@ class RowDecision(NamedTuple):
 
 
 def judge_row(
-    search: RowSearch, outcome: RowOutcome, active: Bool[Array, ""], h: Scalar, locate: Locate, order: int
+    search: RowSearch,
+    outcome: RowOutcome,
+    active: Bool[Array, ""],
+    h: Scalar,
+    locate: Locate,
+    order: int,
+    derivative: bool,
 ) -> RowDecision:
     """Decide on a trial of one lane, as `judge_trial` does for a pair; `h` is the length of a whole step [s]."""
     hit = outcome.hits > 0
@@ -123,8 +129,8 @@ def judge_row(
     high = where(hit, search.length, search.high)
     below = where(search.bracketing & ~hit, search.length, search.low)
     probes = ~bracketing & ~search.probing & (outcome.top < 1)
-    finest = event_tolerance(jnp.ones_like(hit), locate, order, False, high.dtype)
-    tolerance = event_tolerance(outcome.jumps, locate, order, False, high.dtype)
+    finest = event_tolerance(jnp.ones_like(hit), locate, order, derivative, high.dtype)
+    tolerance = event_tolerance(outcome.jumps, locate, order, derivative, high.dtype)
     target, delay, next_end = search.target, high - below, (below + high) / 2
     if target is not None:
         chosen = select(hit, outcome.crossed.guard._replace(tries=target.guard.tries), target.guard)

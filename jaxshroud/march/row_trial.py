@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.carry import MAX_EVENTS_PER_STEP, NEGLIGIBLE_REST, TimeGrid, change_at, running
@@ -33,8 +34,9 @@ from jaxshroud.march.row_carry import (
     RowTally,
     RowTarget,
 )
+from jaxshroud.march.row_event_time import RowCrossing, differentiable_event_end, one_after_the_other
 from jaxshroud.march.row_guards import interface_view, row_guards, row_torques
-from jaxshroud.march.row_locate import interface_outcome, judge_row, row_outcome
+from jaxshroud.march.row_locate import InterfaceOutcome, RowDecision, interface_outcome, judge_row, row_outcome
 from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_interval, row_step
 from jaxshroud.march.tally import Counters, DisplacementRange, count_event, displacements_of, no_events
 from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Scalar, is_absent, zeros_for
@@ -42,11 +44,12 @@ from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import (
-    Cluster,
     Each,
+    OfInterfaces,
     RowModel,
     blade_energies,
     clusters,
+    clusters_of,
     over,
     pair_states,
 )
@@ -57,24 +60,26 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Row
     lanes, shape = jnp.zeros_like(state.motion.x[0]), jnp.shape(state.mode)
     count, no, at = jnp.zeros(lanes.shape, jnp.int32), jnp.zeros(lanes.shape, bool), jnp.zeros(shape, lanes.dtype)
     target = RowTarget(count, Target(count, lanes, lanes, lanes, count)) if method.locate == "cubic" else None
-    search = RowSearch(lanes, lanes, lanes, lanes, no, no, no, ~no, count, target)
+    pending = jnp.zeros(shape, bool) if method.derivative else None
+    search = RowSearch(lanes, lanes, lanes, lanes, no, no, no, ~no, count, target, pending)
     zero_step = row_interval(count, lanes, lanes, TimeGrid(lanes, lanes, lanes))
-    nothing = zeros_for(lambda: row_step(zero_step, state, _clusters_of(state, model), model, method, each).gain)
+    nothing = zeros_for(lambda: row_step(zero_step, state, clusters_of(state, model), model, method, each).gain)
     guards = None
     if model.interfaces.spring.modal:
         guards = zeros_for(lambda: row_guards(state, (lanes, lanes), model, each))
+    log = None if method.derivative else _empty_log(state, at, model, method)
+    return RowLane(state, count, search, guards, RowTally(nothing, at, lanes, log), count)
+
+
+def _empty_log(state: State, at: OfInterfaces, model: RowModel, method: Choices) -> RowLog:
+    """The log of a row that starts from `state`; `at` are zeros."""
+    shape = at.shape
     counters = jax.tree.map(lambda a: jnp.zeros(shape, a.dtype), no_events(model.interfaces))
     largest = jax.tree.map(jnp.zeros_like, displacements_of(state.motion))
     extent = (
         DisplacementRange(displacements_of(state.motion), displacements_of(state.motion)) if method.amplitudes else None
     )
-    tally = RowTally(nothing, at, lanes, RowLog(at, at, at, at, largest, counters, extent))
-    return RowLane(state, count, search, guards, tally, count)
-
-
-def _clusters_of(state: State, model: RowModel) -> Cluster | None:
-    """The blocks that are flat on each other; None where no blocks can be."""
-    return clusters(state.case, model) if model.turns_by_events else None
+    return RowLog(at, at, at, at, largest, counters, extent)
 
 
 class InterfaceChange(NamedTuple):
@@ -86,7 +91,7 @@ class InterfaceChange(NamedTuple):
     becomes_flat: Bool[Array, ""]
     jumped: Bool[Array, ""]  # guards may have jumped
     springs: Scalar  # energy gained by the contact springs [J]
-    counters: Counters
+    counters: Counters | None  # None where there is no log
     v: Scalar  # penetration before it [m]
 
 
@@ -100,7 +105,7 @@ def interface_change(
     inside: Bool[Array, ""],
     delay: Scalar,
     h: Scalar,
-    counters: Counters,
+    counters: Counters | None,
     model: Model,
 ) -> InterfaceChange:
     """The change of one interface whose trial ended in `start`, and at an event there if `fire` is true."""
@@ -112,69 +117,105 @@ def interface_change(
     u_s, mode, case = select(fire, (now.u_s, now.mode, now.case), (start.u_s, start.mode, start.case))
     becomes_flat = fire & (case == FLAT) & (start.case != FLAT)
     turned = (kind == EventKind.TURN) | (kind == EventKind.HEIGHT)
+    springs, v = lax.stop_gradient((change.jumps.springs, view.at.v))
     return InterfaceChange(
         u_s,
         mode,
         case,
         becomes_flat,
         fire & (several | turned | (case == FLAT)),
-        change.jumps.springs,
-        count_event(counters, change.transition, fire, inside),
-        view.at.v,
+        springs,
+        None if counters is None else count_event(counters, change.transition, fire, inside),
+        v,
     )
+
+
+class RowVerdict(NamedTuple):
+    """What a trial leads to. Nothing here has a derivative."""
+
+    decision: RowDecision
+    outcome: InterfaceOutcome  # of each interface
+    crossing: RowCrossing
+    torque: Any  # of each interface, see `row_torques`, and so is the next
+    joint: Any
+    not_finite: Bool[Array, " lanes"]
+
+
+def judge_row_trial(lane: RowLane, end: RowStepEnd, fixed: RowFixed, method: Choices, each: Each) -> RowVerdict:
+    """What a trial that ended at `end` leads to."""
+    lane, end, (model, grid, stop) = lax.stop_gradient((lane, end, fixed))
+    assert lane.guards is not None  # contact has events
+    search = lane.search
+    h = row_interval(lane.step, search.done, search.length, grid).h
+    torque, joint = row_torques(end.state, end.wave, model, each)
+    counts = (search.length > 0) | search.recheck
+    pairs = pair_states(end.state, model.closed)
+    outcome = over(each, interface_outcome, torque, pairs, lane.guards, counts, h, model.interfaces)
+    judge = partial(judge_row, locate=method.locate, order=method.rk.order, derivative=method.derivative)
+    of_row = row_outcome(search, outcome, lane.guards)
+    decision = each(judge, search._replace(pending=None), of_row, running(lane, stop), grid.h)
+    fires = decision.fire[None] & outcome.hit
+    crossing = RowCrossing(fires, outcome.kind, decision.fire, decision.delay, None)
+    if method.derivative:
+        crossing = one_after_the_other(crossing, lane, of_row.crossed.place, grid.h, method)
+    return RowVerdict(decision, outcome, crossing, torque, joint, ~_is_finite(end.state))
 
 
 def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> RowLane:
     """One trial step of every lane that has neither arrived nor failed, and what follows from its end."""
     model, grid, stop = fixed
-    cluster = _clusters_of(lane.state, model)
+    cluster = clusters_of(lane.state, model)
     interval = row_interval(lane.step, lane.search.done, lane.search.length, grid)
     end = row_step(interval, lane.state, cluster, model, method, each)
-    active = running(lane, stop)
     if not model.interfaces.spring.modal:
-        return _without_events(lane, end, active, interval.h, model, method, each)
-    assert lane.guards is not None
-    search, start = lane.search, lane.state
-    torque, joint = row_torques(end.state, end.wave, model, each)
-    pairs = pair_states(end.state, model.closed)
-    counts = (search.length > 0) | search.recheck
-    outcome = over(each, interface_outcome, torque, pairs, lane.guards, counts, interval.h, model.interfaces)
-    judge = partial(judge_row, locate=method.locate, order=method.rk.order)
-    decision = each(judge, search, row_outcome(search, outcome, lane.guards), active, grid.h)
-    not_finite = ~_is_finite(end.state)
-    accept, fire = decision.accept | (not_finite & active), decision.fire
-    fires = fire[None] & outcome.hit
-    change = over(
-        each,
-        interface_change,
-        torque,
-        joint,
-        pairs,
-        fires,
-        outcome.kind,
-        outcome.several,
-        search.inside,
-        decision.delay,
-        grid.h,
-        lane.tally.log.counters,
-        model.interfaces,
-    )
+        return _without_events(lane, end, running(lane, stop), interval.h, model, method, each)
+    verdict = judge_row_trial(lane, end, fixed, method, each)
+    decision, search = verdict.decision, lane.search
+    repeated = decision.search._replace(done=search.done, pending=search.pending)  # `done` may have a derivative
+    if method.derivative:
+        end, length = differentiable_event_end(end, lane, verdict.crossing, fixed, method, each)
+        search = search._replace(length=length, pending=verdict.crossing.pending)
+    active, accept = running(lane, stop), decision.accept | (verdict.not_finite & running(lane, stop))
+    change = _change_of_row(lane, end, verdict, fixed, each)
     after = State(end.state.motion, change.u_s, change.mode, change.case)
     after, dropped = _as_flat(after, change.becomes_flat, model, each)
-    guards = select(fire, row_guards(after, end.wave, model, each), outcome.guards)
+    guards = row_guards(*lax.stop_gradient((after, end.wave, model)), each)
+    guards = select(decision.fire, guards, verdict.outcome.guards)
     violated = any_of([jnp.any(guards.value[kind] > 0, axis=0) for kind in event_kinds(guards.value)])
-    jumped = jnp.any(change.jumped, axis=0) | (jnp.sum(fires, axis=0) > 1)
-    next_search, step = _next_row_search(search, lane.step, fire, fire & jumped & violated)
-    tally = _updated_tally(lane.tally, end.gain, interval.h, start, after, change, dropped, each)
-    limit = MAX_EVENTS_PER_STEP * len(outcome.hit)
-    status = jnp.where(accept, _status(after, not_finite, next_search.events > limit), Status.OK).astype(jnp.int32)
+    several = jnp.sum(decision.fire[None] & verdict.outcome.hit, axis=0) > 1
+    recheck = decision.fire & (jnp.any(change.jumped, axis=0) | several) & violated
+    next_search, step = _next_row_search(search, lane.step, decision.fire, recheck)
+    tally = _updated_tally(lane.tally, end.gain, interval.h, lane.state, after, change, dropped, each)
+    limit = MAX_EVENTS_PER_STEP * len(verdict.outcome.hit)
+    lost = verdict.not_finite, next_search.events > limit
+    status = jnp.where(accept, _status(after, *lost), Status.OK).astype(jnp.int32)
     return RowLane(
-        select(accept, after, start),
+        select(accept, after, lane.state),
         jnp.where(accept, step, lane.step),
-        select(accept, next_search, decision.search),
+        select(accept, next_search, repeated),
         select(accept | decision.move_low, guards, lane.guards),
         select(accept, tally, lane.tally),
         jnp.where(active, status, lane.status),
+    )
+
+
+def _change_of_row(lane: RowLane, end: RowStepEnd, verdict: RowVerdict, fixed: RowFixed, each: Each) -> InterfaceChange:
+    """The change of each interface."""
+    (model, grid, _), crossing, log = fixed, verdict.crossing, lane.tally.log
+    return over(
+        each,
+        interface_change,
+        verdict.torque,
+        verdict.joint,
+        pair_states(end.state, model.closed),
+        crossing.fires,
+        crossing.kind,
+        verdict.outcome.several,
+        lane.search.inside,
+        crossing.delay,
+        lax.stop_gradient(grid.h),
+        None if log is None else log.counters,
+        model.interfaces,
     )
 
 
@@ -190,7 +231,8 @@ def _as_flat(
     z, cluster, now = state.motion, clusters(state.case, model), jnp.any(becomes_flat, axis=0)
     as_one = lambda a: jnp.where(now, cluster.mean(a), a)
     parallel = z._replace(theta=as_one(z.theta), v_theta=as_one(z.v_theta))
-    lost = jnp.sum(blade_energies(z, model, each) - blade_energies(parallel, model, each), axis=0)
+    before, now_parallel, still = lax.stop_gradient((z, parallel, model))
+    lost = jnp.sum(blade_energies(before, still, each) - blade_energies(now_parallel, still, each), axis=0)
     return State(parallel, state.u_s, state.mode, state.case), jnp.where(now, lost, 0.0)
 
 
@@ -218,7 +260,7 @@ def _next_row_search(search: RowSearch, step: Any, fire: Any, recheck: Any) -> t
     length = jnp.where(recheck, 0.0, 1 - done)
     probing = search.probing & ~fire & ~complete
     target = None if search.target is None else jax.tree.map(jnp.zeros_like, search.target)
-    after = RowSearch(done, length, zero, zero, no, probing, no, recheck, events, target)
+    after = RowSearch(done, length, zero, zero, no, probing, no, recheck, events, target, search.pending)
     return after, step + complete.astype(jnp.int32)
 
 
@@ -233,12 +275,21 @@ def _updated_tally(
     each: Each,
 ) -> RowTally:
     """The tally after an accepted trial of `h` seconds from `start`."""
-    extent = tally.log.extent
+    now = None if tally.log is None else _updated_row_log(tally.log, h, start, after, change, each)
+    integrals = jax.tree.map(jnp.add, tally.integrals, gain)
+    return RowTally(integrals, tally.springs + change.springs, tally.dropped + dropped, now)
+
+
+def _updated_row_log(
+    log: RowLog, h: OfLanes, start: State, after: State, change: InterfaceChange, each: Each
+) -> RowLog:
+    extent = log.extent
     if extent is not None:
         extent = over(each, updated_range, extent, start.motion, after.motion, h)
-    log, apart, stick = tally.log, start.mode == Mode.APART, start.mode == Mode.STICK
+    apart, stick = start.mode == Mode.APART, start.mode == Mode.STICK
+    assert change.counters is not None
     spent = lambda before, during: before + jnp.where(during, h, 0.0)
-    now = RowLog(
+    return RowLog(
         spent(log.time_apart, apart),
         spent(log.time_stick, stick),
         spent(log.time_slip, ~apart & ~stick),
@@ -247,8 +298,6 @@ def _updated_tally(
         change.counters,
         extent,
     )
-    integrals = jax.tree.map(jnp.add, tally.integrals, gain)
-    return RowTally(integrals, tally.springs + change.springs, tally.dropped + dropped, now)
 
 
 def _without_events(
@@ -260,7 +309,7 @@ def _without_events(
         each, lambda s, m: place_contact(s.motion, s, m)[2].v, pair_states(end.state, model.closed), model.interfaces
     )
     touches = jnp.where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS))
-    counters = lane.tally.log.counters
+    counters = None if lane.tally.log is None else lane.tally.log.counters
     change = InterfaceChange(ABSENT, touches, touches, no, no, jnp.zeros_like(v), counters, v)
     seen = State(lane.state.motion, lane.state.u_s, touches, lane.state.case)
     tally = _updated_tally(lane.tally, end.gain, h, seen, end.state, change, jnp.zeros_like(h), each)

@@ -187,6 +187,11 @@ def clusters(case: Array, model: RowModel) -> Cluster:
     return Cluster(jnp.where(same, I[None] / inertia[:, None], 0.0), inertia, before, all_round)
 
 
+def clusters_of(state: State, model: RowModel) -> Cluster | None:
+    """The blocks that are flat on each other; None where no blocks can be."""
+    return clusters(state.case, model) if model.turns_by_events else None
+
+
 def passed_torques(own: OfBlades, cluster: Cluster, model: RowModel) -> OfInterfaces:
     """The torque that each flat interface passes on to the block right of it [N m]; 0 elsewhere.
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxshroud.batch.rows import march_row_samples
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.tangents import TangentProblem, Tangents
 from jaxshroud.batch.trajectories import trajectories
@@ -41,6 +42,7 @@ class Extreme(NamedTuple):
     value: float
     before: float  # place of the sample before
     rate: float  # there
+    blade: int
 
 
 def amplitude_slope(orbit: PeriodicOrbit, amplitude: Amplitude, problem: TangentProblem) -> Algorithm[AmplitudeSlope]:
@@ -48,63 +50,78 @@ def amplitude_slope(orbit: PeriodicOrbit, amplitude: Amplitude, problem: Tangent
     assert orbit.jacobian is not None  # there is an orbit
     method = orbit.method._replace(amplitudes=True)
     whole = yield Derivatives(problem, orbit.q, orbit.steps_per_period, method)
-    shift = moved_start(orbit.jacobian.by_state, whole.by_parameter, orbit.slider_is_free)
-    (mean, square), by = whole.moments[:, amplitude.row], whole.moments_by_parameter + whole.moments_by_state @ shift
-    mean_by, square_by = by[:, amplitude.row]
+    shift = moved_start(orbit.jacobian.by_state, whole.by_parameter, orbit.free_sliders)
+    by = whole.moments_by_parameter + whole.moments_by_state @ shift
+    counts = slice(1 if orbit.scene.row is None else None)  # the left blade of a pair, all blades of a row
+    (mean, square), (mean_by, square_by) = whole.moments[:, amplitude.row, counts], by[:, amplitude.row, counts]
     if amplitude.measure == "mean":
-        return AmplitudeSlope(float(mean), mean_by)
+        return largest_level([*zip(mean, mean_by, strict=True)], "blades tie")
     if amplitude.measure == "rms":
-        rms = np.sqrt(max(square - mean**2, 0.0))
+        rms = np.sqrt(np.maximum(square - mean**2, 0.0))
         with np.errstate(invalid="ignore", divide="ignore"):  # a blade that stands still
-            return AmplitudeSlope(float(rms), (square_by - 2 * mean * mean_by) / (2 * rms))
-    found = []
-    for extreme in farthest_extremes(orbit, amplitude, float(mean)):
+            rms_by = (square_by - 2 * mean[:, None] * mean_by) / (2 * rms[:, None])
+        return largest_level([*zip(rms, rms_by, strict=True)], "blades tie")
+    found, blades = [], len(orbit.P)
+    extremes = farthest_extremes(orbit, amplitude, mean)
+    for extreme in extremes:
         at = yield from _tangents_at(extreme, orbit, amplitude, problem)
-        side = 1.0 if extreme.value > mean else -1.0
-        moved = (at.by_parameter + at.by_state @ shift)[2 * amplitude.row]
-        found.append((side * (at.vector[2 * amplitude.row] - mean), side * (moved - mean_by)))
-    return _largest_peak(found)
+        place = blades * amplitude.row + extreme.blade
+        side = 1.0 if extreme.value > mean[extreme.blade] else -1.0
+        moved = (at.by_parameter + at.by_state @ shift)[place]
+        found.append((side * (at.vector[place] - mean[extreme.blade]), side * (moved - mean_by[extreme.blade])))
+    several = len({extreme.blade for extreme in extremes}) > 1
+    return largest_level(found, "blades tie" if several else "two peaks")
 
 
-def _largest_peak(found: list[tuple[float, np.ndarray]]) -> AmplitudeSlope:
-    """The largest of some extremes, flagged where another is as large and moves differently."""
+def largest_level(found: list[tuple[float, np.ndarray]], flag: str) -> AmplitudeSlope:
+    """The largest of some levels with its slopes, flagged where another is as large and moves differently."""
     level, slope = max(found, key=lambda pair: pair[0])
-    tied = [other for value, other in found if value >= level * (1 - TIE)]
-    differs = any(not np.allclose(other, slope, rtol=TIE, atol=0.0) for other in tied)
-    return AmplitudeSlope(float(level), slope, ("two peaks",) if differs else ())
+    tied = [other for value, other in found if value >= level - TIE * abs(level)]
+    differs = any(not np.allclose(other, slope, rtol=TIE, atol=0.0, equal_nan=True) for other in tied)
+    return AmplitudeSlope(float(level), slope, (flag,) if differs else ())
 
 
-def farthest_extremes(orbit: PeriodicOrbit, amplitude: Amplitude, mean: float) -> list[Extreme]:
-    """The turning points of an orbit's displacement that may be farthest from its mean."""
+def farthest_extremes(orbit: PeriodicOrbit, amplitude: Amplitude, mean: np.ndarray) -> list[Extreme]:
+    """The turning points of an orbit's displacement that may be farthest from the mean of their blade."""
     finer = -(-LEAST_SAMPLES // orbit.steps_per_period)
     steps = orbit.steps_per_period * finer
     grid, (scenes, states) = (
         SampleGrid(0.0, steps, 1, steps * orbit.q, False),
         stacked([(without_given(orbit.scene), orbit.start)]),
     )
-    motion = trajectories(scenes, states, grid, orbit.method, lambda _: None).samples["motion"]
-    names = amplitude.displacement, f"v_{amplitude.displacement}"
-    q, rate = (np.asarray(getattr(motion, name), float)[0, :, 0] for name in names)
-    extremes = turning_points(q, rate, float(orbit.scene.drive.period), steps)
-    farthest = max(abs(extreme.value - mean) for extreme in extremes)
-    return [extreme for extreme in extremes if abs(extreme.value - mean) >= (1 - CLOSE) * farthest]
+    if orbit.scene.row is None:
+        motion = trajectories(scenes, states, grid, orbit.method, lambda _: None).samples["motion"]
+    else:
+        marched = march_row_samples(
+            scenes, states, grid.clock(scenes), grid.every, grid.samples, orbit.method, lambda _: None
+        )
+        motion = marched[0].state.motion
+    names, period = (amplitude.displacement, f"v_{amplitude.displacement}"), float(orbit.scene.drive.period)
+    q, rate = (np.asarray(getattr(motion, name), float)[0] for name in names)
+    extremes = [
+        e for blade in range(len(mean)) for e in turning_points(q[:, blade], rate[:, blade], period, steps, blade)
+    ]
+    distance = [abs(extreme.value - mean[extreme.blade]) for extreme in extremes]
+    return [e for e, away in zip(extremes, distance, strict=True) if away >= (1 - CLOSE) * max(distance)]
 
 
-def turning_points(q: np.ndarray, rate: np.ndarray, period: float, steps: int) -> list[Extreme]:
-    """The turning points of samples (n,) with their rates, by cubics; of a displacement at rest its start."""
+def turning_points(q: np.ndarray, rate: np.ndarray, period: float, steps: int, blade: int = 0) -> list[Extreme]:
+    """The turning points of samples (n,) of a blade with their rates, by cubics; at rest its start."""
     slope = rate * (period / steps)  # per interval
     places = np.flatnonzero((slope[:-1] * slope[1:] <= 0) & (slope[:-1] != slope[1:]) & (slope[1:] != 0))
     q_0, q_1, m_0, m_1 = q[places], q[places + 1], slope[places], slope[places + 1]
     s, (b, c) = m_0 / (m_0 - m_1), hermite_coefficients(q_0, q_1, m_0, m_1)
     columns = (places + s) / steps, q_0 + s * (m_0 + s * (b + s * c)), places / steps, rate[places]
-    return [Extreme(*map(float, row)) for row in zip(*columns, strict=True)] or [Extreme(1.0, float(q[0]), 0.0, 0.0)]
+    turns = [Extreme(*map(float, row), blade=blade) for row in zip(*columns, strict=True)]
+    return turns or [Extreme(1.0, float(q[0]), 0.0, 0.0, blade)]
 
 
 def _tangents_at(
     extreme: Extreme, orbit: PeriodicOrbit, amplitude: Amplitude, problem: TangentProblem
 ) -> Algorithm[Tangents]:
     """The flow to an extreme with its tangents; the place is found by the secants of the rate."""
-    (turns, _, last, last_rate), rate_index = extreme, 2 * (len(DISPLACEMENTS) + amplitude.row)
+    turns, _, last, last_rate, blade = extreme
+    rate_index = len(orbit.P) * (len(DISPLACEMENTS) + amplitude.row) + blade
     at = yield _flow_to(turns, orbit, problem)
     for _ in range(MAX_SECANTS):
         rate = float(at.vector[rate_index])

@@ -141,22 +141,22 @@ class ContactSummary(NamedTuple):
     """The contacts of an orbit."""
 
     onsets: int
-    slowest: float  # closing speed at the gentlest onset [m/s]; infinite without contact
-    miss: float  # least distance of the corners at a near miss [m]; infinite if there is none
-    samples: np.ndarray  # (q, 12) motion at the end of each of its periods
-    amplitudes: dict[str, np.ndarray]  # (2,) each
+    slowest: float  # closing speed at the gentlest onset [m/s]; infinite without contact, NaN for rows
+    miss: float  # least distance of the corners at a near miss [m]; infinite if there is none, NaN for rows
+    samples: np.ndarray  # (q, 6 blades) motion at the end of each of its periods
+    amplitudes: dict[str, np.ndarray]  # (blades,) each
 
 
 def contact_summary(point: BranchPoint) -> Algorithm[ContactSummary]:
     """The contacts of the orbit of a point."""
     cycle = point.cycle
-    method = cycle.method._replace(ledger=False, within=True, amplitudes=True)
+    method = cycle.method._replace(ledger=False, within=cycle.scene.row is None, amplitudes=True)
     plan = Plan(0, cycle.q, cycle.steps_per_period, 0.0, method)
     runs: Runs = yield Periods(cycle.scene, cycle.start, plan)
     log = runs.last.tally.log
     counters = filled(log.counters, log.time_apart)
-    onsets = int(counters.onset_slip[0] + counters.onset_stick[0])
-    slowest, miss = (float(a[0]) for a in log.within[2:])
+    onsets = int(np.sum(counters.onset_slip[0] + counters.onset_stick[0]))
+    slowest, miss = (float(a[0]) for a in log.within[2:]) if cycle.scene.row is None else (np.nan, np.nan)
     amplitudes = amplitude_values(one_lane(cycle.scene), runs.samples, np.array([cycle.q]))
     return ContactSummary(
         onsets, slowest, miss, motion_rows(runs.samples.motion)[0], {name: a[0] for name, a in amplitudes.items()}
@@ -168,8 +168,10 @@ def grazing_point(problem: ContinuationProblem, here: BranchPoint, there: Branch
 
     The test function is the distance of the nearest miss or, where there is one more contact, the negative depth of the
     gentlest onset, which is proportional to the square of its closing speed. None where an onset appears or vanishes
-    with a finite speed.
+    with a finite speed, and for rows, whose near misses are not told.
     """
+    if problem.scene.row is not None:
+        return None
     fewer = min((yield from contact_summary(here)).onsets, (yield from contact_summary(there)).onsets)
     size, omega = problem.units[0], float(problem.scene.drive.omega)
 
@@ -188,15 +190,17 @@ class GrazingMargins(NamedTuple):
 
     counters: dict[str, int]  # events on the orbit
     slowest_onset: float  # closing speed at the gentlest onset, over the largest on the orbit; NaN without contact
-    nearest_miss: float  # least distance of the corners at a near miss [m]; NaN if there is none
+    nearest_miss: float  # least distance of the corners at a near miss [m]; NaN if there is none; both NaN for rows
 
 
 def grazing_margins(orbit: PeriodicOrbit) -> GrazingMargins:
     """The grazing margins of an orbit, from its onsets and from the extremes inside its steps."""
-    method = orbit.method._replace(ledger=False, within=True)
+    method = orbit.method._replace(ledger=False, within=orbit.scene.row is None)
     plan = Plan(0, orbit.q, orbit.steps_per_period, 0.0, method)
     log = run_lanes(one_lane(orbit.scene), one_lane(orbit.start), plan, lambda _: None).last.tally.log
-    counters = {name: int(n[0]) for name, n in vars(filled(log.counters, log.time_apart)).items()}
+    counters = {name: int(np.sum(n[0])) for name, n in vars(filled(log.counters, log.time_apart)).items()}
+    if orbit.scene.row is not None:
+        return GrazingMargins(counters, np.nan, np.nan)
     fastest, gentlest, miss = (float(a[0]) for a in log.within[1:])
     slowest = gentlest / fastest if np.isfinite(gentlest) else np.nan
     return GrazingMargins(counters, slowest, miss if np.isfinite(miss) else np.nan)

@@ -12,20 +12,20 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.runs import Plan, Runs
-from jaxshroud.batch.states import STATE_SIZE, from_vector, to_vector
+from jaxshroud.batch.states import from_vector, to_vector
 from jaxshroud.batch.tangents import TangentProblem, Tangents, direction
-from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import period_maxima
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, Periods
-from jaxshroud.motion.orbit import PeriodicOrbit, ShootingState, describe_orbit, slider_is_free
-from jaxshroud.motion.shooting import FOLLOWED_TOLERANCE, ShootingOptions
+from jaxshroud.motion.orbit import PeriodicOrbit, ShootingState, describe_orbit, determined, free_sliders
+from jaxshroud.motion.shooting import FOLLOWED_TOLERANCE, ShootingOptions, with_determined_sliders
 from jaxshroud.scene.grids import scenes_at
+from jaxshroud.scene.keys import blade_count
 from jaxshroud.scene.scene import Scene
 
 MAX_CORRECTOR_UPDATES = 8
-SLIDER_SCALE = 1e3  # the unit of the slider in sizes of x: it starts anew at every onset, wherever that is
-RESIDUAL_WEIGHTS = np.append(np.ones(STATE_SIZE - 1), SLIDER_SCALE)  # undoes this unit in closing errors
+SLIDER_SCALE = 1e3  # the unit of sliders in sizes of x: they start anew at every onset, wherever that is
 
 
 class ContinuationProblem(NamedTuple):
@@ -36,12 +36,23 @@ class ContinuationProblem(NamedTuple):
     low: float
     high: float
     aim: ShootingOptions
-    units: np.ndarray  # (13,) of the state
+    units: np.ndarray  # (numbers,) of the state
 
     @property
     def width(self) -> float:
         """The range of the parameter, which is its unit."""
         return self.high - self.low
+
+    @property
+    def along_parameter(self) -> np.ndarray:
+        """The axis of the parameter, (numbers + 1,)."""
+        return np.eye(len(self.units) + 1)[-1]
+
+    @property
+    def weights(self) -> np.ndarray:
+        """The weights (numbers,) that undo the unit of sliders in closing errors."""
+        place = np.arange(len(self.units)) < 6 * blade_count(self.scene.row_size)
+        return np.where(place, 1.0, SLIDER_SCALE)
 
     def at(self, value: float) -> Scene:
         """The scene at a value of the parameter."""
@@ -51,18 +62,18 @@ class ContinuationProblem(NamedTuple):
 class BranchPoint(NamedTuple):
     """A periodic orbit on a branch."""
 
-    y: np.ndarray  # (14,) state and parameter, in their units
+    y: np.ndarray  # (numbers + 1,) state and parameter, in their units
     value: float  # of the parameter
     cycle: PeriodicOrbit
-    free: bool  # the slider is free: it stays where it starts
-    tangent: np.ndarray  # (14,) of the branch, of length 1
+    free: tuple[bool, ...]  # which sliders are free: they stay where they start
+    tangent: np.ndarray  # (numbers + 1,) of the branch, of length 1
     updates: int  # of Newton's method
     kind: str = ""  # of the special points: "fold", "flip", ...
     error: float = np.nan  # of the value of a special point, by a finer march
 
     @property
     def multipliers(self) -> np.ndarray:
-        """The multipliers without that of a free slider."""
+        """The multipliers without those of free sliders."""
         return self.cycle.others
 
 
@@ -71,16 +82,17 @@ def continuation_problem(
 ) -> Algorithm[ContinuationProblem]:
     """The continuation from an orbit, in units of the largest values on it."""
     runs: Runs = yield Periods(orbit.scene, orbit.start, Plan(0, orbit.q, aim.steps, 0.0, aim.method))
-    place = period_maxima(runs.samples)[0].max(axis=0).reshape(3, 2).max(axis=1)
-    place = np.repeat(np.where(place > 0, place, 1.0), 2)
-    units = np.concatenate([place, place * float(orbit.scene.drive.omega), [SLIDER_SCALE * place[0]]])
+    place = period_maxima(runs.samples)[0].max(axis=0).reshape(3, len(orbit.P)).max(axis=1)
+    place = np.repeat(np.where(place > 0, place, 1.0), len(orbit.P))
+    sliders = np.full(len(orbit.multipliers) - 2 * len(place), SLIDER_SCALE * place[0])
+    units = np.concatenate([place, place * float(orbit.scene.drive.omega), sliders])
     return ContinuationProblem(orbit.scene, key, low, high, aim, units)
 
 
 def first_point(problem: ContinuationProblem, state: State, value: float, q: int) -> Algorithm[BranchPoint | None]:
     """The orbit of period number q at a value of the parameter, near a state."""
     y = np.append(to_vector(state) / problem.units, value / problem.width)
-    return (yield from corrected_point(problem, y, np.eye(STATE_SIZE + 1)[-1], state, q))
+    return (yield from corrected_point(problem, y, problem.along_parameter, state, q))
 
 
 def corrected_point(
@@ -90,28 +102,27 @@ def corrected_point(
 
     Args:
         problem: The continuation problem.
-        y: The first guess (14,).
-        normal: The normal of the hyperplane (14,): the tangent of the branch, or the axis of the parameter.
+        y: The first guess (numbers + 1,).
+        normal: The normal of the hyperplane (numbers + 1,): the tangent of the branch, or the axis of the parameter.
         start: A state with the contact mode and the case of the first guess.
         q: The period number.
     """
     base, best, last = y, None, np.inf
     for updates in range(MAX_CORRECTOR_UPDATES + 1):
         scene = problem.at(float(y[-1] * problem.width))
-        state = from_vector((y[:-1] * problem.units).astype(scene.drive.omega.dtype), start.mode, start.case)
+        state = _state_at(problem, y, start)
         course = TangentProblem(scene, state, [direction(scene, problem.key)])
         tangents: Tangents = yield Derivatives(course, q, problem.aim.steps, problem.aim.method)
         if tangents.status != Status.OK or not np.all(np.isfinite(tangents.by_state)):
             return best
-        if tangents.end.mode != Mode.STICK:  # the motion determines the slider
-            y = np.append(y[: STATE_SIZE - 1], [tangents.vector[-1] / problem.units[-1], y[-1]])
+        y = np.append(with_determined_sliders(y[:-1], tangents, problem.units), y[-1])
         miss = tangents.vector / problem.units - y[:-1]
-        residual = float(np.abs(miss * RESIDUAL_WEIGHTS).max())
-        free, jacobian = slider_is_free(scene, tangents), _jacobian(problem, tangents)
+        residual = float(np.abs(miss * problem.weights).max())
+        free, jacobian = free_sliders(scene, tangents), _jacobian(problem, tangents)
         if residual <= FOLLOWED_TOLERANCE[problem.aim.method.precision] and (
             best is None or residual < best.cycle.residual
         ):
-            state = from_vector((y[:-1] * problem.units).astype(scene.drive.omega.dtype), start.mode, start.case)
+            state = _state_at(problem, y, start)
             shot = ShootingState(state, tangents._replace(by_parameter=tangents.by_parameter), residual, updates)
             best = _branch_point(problem, y, shot, q, free, jacobian, normal)
         done = residual <= problem.aim.tolerance or (best is not None and residual > 0.5 * last)
@@ -122,39 +133,52 @@ def corrected_point(
     return best
 
 
+def _state_at(problem: ContinuationProblem, y: np.ndarray, like: State) -> State:
+    """The state of a point, with the contact modes and cases of another."""
+    numbers = (y[:-1] * problem.units).astype(problem.scene.drive.omega.dtype)
+    return from_vector(numbers, like.mode, like.case, problem.scene.row_size)
+
+
 def _jacobian(problem: ContinuationProblem, tangents: Tangents) -> np.ndarray:
-    """The Jacobian (13, 14) of the closing error, in the units of the problem."""
-    by_state = tangents.by_state * problem.units / problem.units[:, None] - np.eye(STATE_SIZE)
+    """The Jacobian (numbers, numbers + 1) of the closing error, in the units of the problem."""
+    by_state = tangents.by_state * problem.units / problem.units[:, None] - np.eye(len(problem.units))
     return np.column_stack([by_state, tangents.by_parameter[:, 0] * problem.width / problem.units])
 
 
-def _free_unknowns(free: bool) -> np.ndarray:
-    """The indices of the 14 unknowns without a free slider, which is held fixed."""
-    return np.delete(np.arange(STATE_SIZE + 1), STATE_SIZE - 1) if free else np.arange(STATE_SIZE + 1)
+def _free_unknowns(size: int, free: np.ndarray) -> np.ndarray:
+    """The indices of the state's and the parameter's unknowns without free sliders, which are held fixed."""
+    return np.append(determined(size, free), size)
 
 
 def _corrector_step(
-    jacobian: np.ndarray, miss: np.ndarray, normal: np.ndarray, distance: float, free: bool
+    jacobian: np.ndarray, miss: np.ndarray, normal: np.ndarray, distance: float, free: np.ndarray
 ) -> np.ndarray:
     """The Newton step to where the map closes, on the hyperplane."""
-    unknowns = _free_unknowns(free)
+    unknowns = _free_unknowns(len(miss), free)
     system = np.vstack([jacobian[unknowns[:-1]][:, unknowns], normal[unknowns]])
-    step = np.zeros(STATE_SIZE + 1)
+    step = np.zeros(len(normal))
     step[unknowns] = np.linalg.lstsq(system, np.append(-miss[unknowns[:-1]], distance), rcond=None)[0]
     return step
 
 
-def _tangent(jacobian: np.ndarray, free: bool, side: np.ndarray) -> np.ndarray:
+def _tangent(jacobian: np.ndarray, free: np.ndarray, side: np.ndarray) -> np.ndarray:
     """The unit tangent of the branch, on that side of the point."""
-    moves = _free_unknowns(free)
-    tangent = np.zeros(STATE_SIZE + 1)
+    moves = _free_unknowns(len(jacobian), free)
+    tangent = np.zeros(len(side))
     tangent[moves] = np.linalg.svd(jacobian[moves[:-1]][:, moves])[2][-1]
     return tangent if tangent @ side >= 0 else -tangent
 
 
 def _branch_point(
-    problem: ContinuationProblem, y, shot: ShootingState, q: int, free: bool, jacobian: np.ndarray, side: np.ndarray
+    problem: ContinuationProblem,
+    y,
+    shot: ShootingState,
+    q: int,
+    free: np.ndarray,
+    jacobian: np.ndarray,
+    side: np.ndarray,
 ) -> BranchPoint:
-    scene = problem.at(float(y[-1] * problem.width))
+    value, tangent = float(y[-1] * problem.width), _tangent(jacobian, free, side)
+    scene = problem.at(value)
     cycle = describe_orbit(scene, shot, q, problem.aim.tolerance, 0, problem.aim.steps, problem.aim.method)
-    return BranchPoint(y, float(y[-1] * problem.width), cycle, free, _tangent(jacobian, free, side), shot.updates)
+    return BranchPoint(y, value, cycle, tuple(free.tolist()), tangent, shot.updates)

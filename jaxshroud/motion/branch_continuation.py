@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxshroud.batch.runs import Progress
-from jaxshroud.batch.states import STATE_SIZE
 from jaxshroud.motion.batched_algorithms import Algorithm, run_together
 from jaxshroud.motion.bifurcation import (
     TEST_FUNCTIONS,
@@ -82,7 +81,7 @@ def _next_point(problem: ContinuationProblem, here: BranchPoint, step: float) ->
 def _point_beyond_jump(problem: ContinuationProblem, here: BranchPoint) -> Algorithm[BranchPoint | None]:
     """The orbit beyond a jump of the map, if it is near; its kind is "jump"."""
     for step in JUMP_STEPS:
-        normal = np.eye(STATE_SIZE + 1)[-1] * np.sign(here.tangent[-1])
+        normal = problem.along_parameter * np.sign(here.tangent[-1])
         guess = here.y + step * normal
         there = yield from corrected_point(problem, guess, normal, here.cycle.start, here.cycle.q)
         if there is not None and np.linalg.norm(there.y - guess) <= MAX_JUMP_DISTANCE:
@@ -95,7 +94,7 @@ def _point_at_value(
 ) -> Algorithm[BranchPoint | None]:
     """The point between two at a value of the parameter."""
     share = (value - here.value) / (there.value - here.value)
-    y, normal = here.y + share * (there.y - here.y), np.eye(STATE_SIZE + 1)[-1]
+    y, normal = here.y + share * (there.y - here.y), problem.along_parameter
     point = yield from corrected_point(problem, y, normal, here.cycle.start, here.cycle.q)
     return None if point is None else point._replace(tangent=here.tangent)
 

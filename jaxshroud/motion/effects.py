@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.keys import parse_key
 
 NEGLIGIBLE_WIDTH = 1e-6  # over the number: a smaller half width is rounding
 EXACT_DIGITS = 6  # digits of an exact number
@@ -96,12 +96,15 @@ class Effect(NamedTuple):
 def effect_step(key: str, number: float) -> tuple[float, str]:
     """The change of a number for which its effect is stated, in SI units and in words.
 
-    It is 1 % of the number; 1 degree for angles; and for a number that is 0 one unit of the pictures.
+    It is 1 % of the number; 1 degree for angles; 0.01 of a mistuning, which is 1 % of the stiffnesses; and for a number
+    that is 0 one unit of the pictures.
     """
-    row, _ = find_key(key)
+    row, _ = parse_key(key)
     unit, per_si = row.shown
     if row.unit == "rad":
         return math.pi / 180, "1°"
+    if row.name == "row.mistuning":
+        return 0.01, "0.01"
     if number == 0:
         return 1 / per_si, f"1 {unit}".strip()
     return abs(number) / 100, "1 %"

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Literal, NamedTuple, cast
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.special import stdtrit
 
@@ -17,7 +18,7 @@ from jaxshroud.batch.tangents import TangentProblem, direction
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.model.linear import area, free_power, power_reduction
 from jaxshroud.model.modes import Status
-from jaxshroud.motion.amplitude_slopes import AmplitudeSlope, amplitude_slope
+from jaxshroud.motion.amplitude_slopes import AmplitudeSlope, amplitude_slope, largest_level
 from jaxshroud.motion.amplitudes import amplitude_values
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.motion.levels import levels_of
@@ -48,7 +49,8 @@ class PowerGradient(NamedTuple):
     orbit: PeriodicOrbit
     conditioning: float  # condition of the orbit: its displacement per perturbation of the map; NaN if smoothed
     sigma: float  # relative width of the neighbourhood; 0 on an orbit
-    # Those of the orbit; "structured": not smooth; "lanes stopped"; "no width": a number is 0; "two peaks": one-sided.
+    # Those of the orbit; "structured": not smooth; "lanes stopped"; "no width": a number is 0; "two peaks" and "blades
+    # tie": one-sided.
     flags: tuple[str, ...]
 
 
@@ -100,11 +102,16 @@ def _power_slope(orbit: PeriodicOrbit, problem: TangentProblem, of: Power) -> Al
     tangents, directions = orbit.jacobian, problem.directions
     assert tangents is not None  # there is an orbit
     by_numbers = yield Derivatives(problem, orbit.q, orbit.steps_per_period, orbit.method)
-    shift = moved_start(tangents.by_state, by_numbers.by_parameter, orbit.slider_is_free)
+    shift = moved_start(tangents.by_state, by_numbers.by_parameter, orbit.free_sliders)
     power_by = by_numbers.power_by_parameter + tangents.power_by_state @ shift
     repeated = repeat_lane((without_given(problem.scene), tangents.power), len(directions))
-    slope = directional_derivatives(*repeated, stacked(directions), power_by.T, of)
-    return AmplitudeSlope(orbit.P_d if of == "P_d" else float(orbit.P[0]), slope)
+    slope = np.asarray(directional_derivatives(*repeated, stacked(directions), power_by.T, of))
+    if of == "P_d_worst":
+        found = [(-level, -by) for level, by in zip(power_reduction(orbit.P, orbit.P_0), slope.T, strict=True)]
+        worst = largest_level(found, "blades tie")
+        return AmplitudeSlope(-worst.level, -worst.slope, worst.flags)
+    counts = slice(1 if orbit.scene.row is None else None)
+    return AmplitudeSlope(orbit.P_d if of == "P_d" else float(orbit.P[counts].sum()), slope)
 
 
 def differences_on(orbit: PeriodicOrbit, wrt: Sequence[str], step: float, of: Quantity = "P_d") -> dict[str, float]:
@@ -123,17 +130,24 @@ def _levels_nearby(orbit: PeriodicOrbit, scenes: Scene, of: Quantity) -> np.ndar
     """The quantity `of` on the orbits of scenes (leading axis) near that of `orbit`; NaN where one does not close."""
     starts, power = nearby_orbits(orbit, scenes)
     if amplitude_of(of) is None:
-        return np.asarray(_quantities(cast(Power, of), scenes, power))
+        levels = np.asarray(_quantities(cast(Power, of), scenes, power))
+        return levels.min(axis=-1) if of == "P_d_worst" else levels
     plan = Plan(0, orbit.q, orbit.steps_per_period, 0.0, orbit.method._replace(amplitudes=True))
     runs = run_lanes(scenes, starts, plan, lambda _: None)
-    values = amplitude_values(scenes, runs.samples, np.full(len(power), orbit.q))[of][:, 0]
+    values = amplitude_values(scenes, runs.samples, np.full(len(power), orbit.q))[of]
+    values = values[:, 0] if scenes.row is None else values.max(axis=-1)
     return np.where(np.isfinite(power[:, 0]), values, np.nan)
 
 
 def _quantity(of: Power, scene: Scene, power):
-    """The quantity `of` from the mean square displacement of the left blade."""
-    P = area(scene.shroud) * power[0]
-    return P if of == "P" else power_reduction(P, free_power(scene)[0])
+    """The quantity `of` from the mean square displacements of all blades; "P_d_worst" is P_d of each."""
+    if scene.row is None:
+        P = area(scene.shroud) * power[0]
+        return P if of == "P" else power_reduction(P, free_power(scene)[0])
+    P = area(scene.shroud) * power
+    if of == "P_d_worst":
+        return power_reduction(P, free_power(scene))
+    return jnp.sum(P) if of == "P" else power_reduction(jnp.sum(P), jnp.sum(free_power(scene)))
 
 
 @kept("of")

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxshroud.batch.periods import Sample
-from jaxshroud.model.linear import free_power, free_rms_displacement
+from jaxshroud.model.linear import free_power, free_rms_displacement, power_reduction
 from jaxshroud.motion.amplitudes import amplitude_values
 from jaxshroud.motion.averages import averages, half_diagonal
 from jaxshroud.scene.quantities import Quantity, amplitude_of
@@ -25,9 +25,13 @@ def levels_of(of: Quantity, scenes: Scene, samples: Sample) -> Levels:
     motion, power, P_0 = averages(scenes, samples)
     if of == "P_d":
         return Levels(power.P_d, power.ci, motion.number)
+    counts = slice(1 if scenes.row is None else None)  # the left blade of a pair, all blades of a row
     if of == "P":
-        return Levels(power.P[:, 0], power.ci * P_0[:, 0] / 100, motion.number)
-    value = amplitude_values(scenes, samples, motion.number)[of][:, 0]
+        return Levels(power.P[:, counts].sum(axis=1), power.ci * P_0[:, counts].sum(axis=1) / 100, motion.number)
+    if of == "P_d_worst":
+        value = power_reduction(power.P, P_0).min(axis=1)
+    else:
+        value = amplitude_values(scenes, samples, motion.number)[of][:, counts].max(axis=1)
     return Levels(value, np.full_like(value, np.nan), motion.number)
 
 

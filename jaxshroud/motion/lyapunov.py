@@ -6,9 +6,10 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.runs import Plan, Tick
 from jaxshroud.batch.states import STATE_SIZE, final_states, from_vector, to_vector
-from jaxshroud.batch.tangents import Dual, TangentProblem, as_differentiable, end_as_start, run_flow
+from jaxshroud.batch.tangents import TangentProblem, as_differentiable, end_as_start, run_flow
 from jaxshroud.march.method import Choices
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State

@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.differentiable_samples import Schedule
+from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.sampled_tangents import SampledMotions, motions_with_tangents, start_duals
-from jaxshroud.batch.tangents import Dual, direction
+from jaxshroud.batch.tangents import direction
 from jaxshroud.march.method import Choices
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.measurements import Measurements

@@ -1,7 +1,7 @@
 """The periodic orbit of one scene: its Floquet multipliers and its reliability.
 
 The section is drive phase 0. An orbit of period number q is a fixed point of the map of q drive periods on the state
-(motion and slider); its multipliers are the eigenvalues of the map's Jacobian M, which comes with the march.
+(motion and sliders); its multipliers are the eigenvalues of the map's Jacobian M, which comes with the march.
 """
 
 from dataclasses import dataclass, field
@@ -9,12 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxshroud.batch.states import STATE_SIZE
+from jaxshroud.batch.states import state_size
 from jaxshroud.batch.tangents import Tangents
 from jaxshroud.march.method import Choices
 from jaxshroud.model.linear import area, free_power, power_reduction
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
+from jaxshroud.scene.keys import blade_count
 from jaxshroud.scene.scene import Scene
 
 # The promised relative errors of derivatives; an orbit for which they cannot be kept is ill conditioned.
@@ -46,11 +47,11 @@ class PeriodicOrbit:
     scene: Scene
     start: State  # at drive phase 0
     q: int  # period number; 0: no orbit
-    P: np.ndarray  # (2,) Eq. (23) [m^4]; NaN without an orbit
-    P_0: np.ndarray  # (2,) [m^4]
-    P_d: float  # of the left blade, Eq. (24) [%]
+    P: np.ndarray  # (blades,) Eq. (23) [m^4]; NaN without an orbit
+    P_0: np.ndarray  # (blades,) [m^4]
+    P_d: float  # of the left blade, Eq. (24), or of a whole row [%]
     residual: float  # closing error relative to the largest value of each quantity
-    multipliers: np.ndarray  # (13,) Floquet multipliers, largest first, including that of the slider
+    multipliers: np.ndarray  # (numbers,) Floquet multipliers, largest first, including those of sliders
     conditioning: (
         float  # norm of (I - M)^-1 in the `_state_units`: displacement of the orbit per perturbation of the map
     )
@@ -70,13 +71,19 @@ class PeriodicOrbit:
 
     @property
     def slider_is_free(self) -> bool:
-        """Whether the slider is free: it stays where it starts (permanent stick)."""
+        """Whether a slider is free: it stays where it starts (permanent stick)."""
         return "not unique" in self.flags
 
     @property
+    def free_sliders(self) -> np.ndarray:
+        """Which sliders are free: one of the pair, else one for each interface."""
+        assert self.jacobian is not None  # there is an orbit
+        return free_sliders(self.scene, self.jacobian)
+
+    @property
     def others(self) -> np.ndarray:
-        """The multipliers without that of a free slider."""
-        return without_slider(self.multipliers, self.slider_is_free)
+        """The multipliers without those of free sliders."""
+        return without_sliders(self.multipliers, int(self.free_sliders.sum()) if self.slider_is_free else 0)
 
     @property
     def bifurcation(self) -> tuple[str, float]:
@@ -96,14 +103,16 @@ def bifurcation_of(lead: complex) -> tuple[str, float]:
 
 
 def _state_units(scene: Scene) -> np.ndarray:
-    """The units of the numbers of a state (13,) in norms: lengths at a corner of a block, and these per radian.
+    """The units of the numbers of a state in norms: lengths at a corner of a block, and these per radian.
 
     A norm in these units does not depend on the size of the motion. The lever is half the hypotenuse of the sides, not
     `half_diagonal`, with which `conditioning` and `doubt` would change.
     """
     lever = np.hypot(float(scene.shroud.l_oa), float(scene.shroud.l_ab)) / 2
-    place = np.repeat([1.0, 1.0, 1 / lever], 2)
-    return np.concatenate([place, float(scene.drive.omega) * place, [1.0]])
+    blades = blade_count(scene.row_size)
+    place = np.repeat([1.0, 1.0, 1 / lever], blades)
+    sliders = np.ones(state_size(scene.row_size) - 6 * blades)
+    return np.concatenate([place, float(scene.drive.omega) * place, sliders])
 
 
 def _in_state_units(scene: Scene, M: np.ndarray) -> np.ndarray:
@@ -111,20 +120,28 @@ def _in_state_units(scene: Scene, M: np.ndarray) -> np.ndarray:
     return M * units / units[:, None]
 
 
-def slider_is_free(scene: Scene, tangents: Tangents) -> bool:
-    """Whether the slider is free: up to rounding it ends where it started, and nothing else moves it."""
+def free_sliders(scene: Scene, tangents: Tangents) -> np.ndarray:
+    """Which sliders are free: up to rounding they end where they started, and nothing else moves them."""
     M = _in_state_units(scene, tangents.by_state)
     largest = FREE_SLIDER_ROUNDINGS * np.finfo(tangents.by_state.dtype).eps * max(1.0, float(np.abs(M).max()))
-    return bool(tangents.end.mode == Mode.STICK and np.all(np.abs(M[-1] - np.eye(STATE_SIZE)[-1]) <= largest))
+    sticks = np.atleast_1d(np.asarray(tangents.end.mode)) == Mode.STICK
+    count = len(sticks)
+    return sticks & np.all(np.abs(M[-count:] - np.eye(len(M))[-count:]) <= largest, axis=1)
 
 
-def conditioning_of(scene: Scene, tangents: Tangents, free: bool) -> float:
-    """Norm of (I - M)^-1 in the units of `_state_units`, without a free slider; NaN if unknown."""
+def determined(size: int, free: np.ndarray | bool) -> np.ndarray:
+    """The places of the numbers of a state, of `size` in all, without free sliders."""
+    sliders = np.atleast_1d(free)
+    return np.flatnonzero(np.append(np.ones(size - len(sliders), bool), ~sliders))
+
+
+def conditioning_of(scene: Scene, tangents: Tangents, free: np.ndarray) -> float:
+    """Norm of (I - M)^-1 in the units of `_state_units`, without free sliders; NaN if unknown."""
     if not np.all(np.isfinite(tangents.by_state)):
         return float("nan")
-    size = STATE_SIZE - free
+    moves = determined(len(tangents.by_state), free)
     with np.errstate(divide="ignore"):
-        system = np.eye(size) - _in_state_units(scene, tangents.by_state)[:size, :size]
+        system = np.eye(len(moves)) - _in_state_units(scene, tangents.by_state)[np.ix_(moves, moves)]
         return float(1 / np.linalg.svd(system, compute_uv=False)[-1])
 
 
@@ -136,9 +153,15 @@ def derivative_error_of(conditioning: float, shot: ShootingState) -> float:
     return conditioning**2 * max(shot.residual, float(np.finfo(shot.tangents.by_state.dtype).eps))
 
 
-def without_slider(multipliers: np.ndarray, free: bool) -> np.ndarray:
-    """The multipliers without that of a free slider."""
-    return np.delete(multipliers, np.argmin(np.abs(multipliers - 1))) if free else multipliers
+def without_sliders(multipliers: np.ndarray, free: int) -> np.ndarray:
+    """The multipliers without those of so many free sliders."""
+    return np.delete(multipliers, np.argsort(np.abs(multipliers - 1), kind="stable")[:free])
+
+
+def reduction_of(scene: Scene, P: np.ndarray, P_0: np.ndarray) -> float:
+    """P_d of the left blade of a pair, or of a whole row [%]."""
+    counts = slice(1 if scene.row is None else None)
+    return float(power_reduction(P[counts].sum(), P_0[counts].sum()))
 
 
 def describe_orbit(
@@ -149,18 +172,18 @@ def describe_orbit(
     multipliers = (
         np.linalg.eigvals(tangents.by_state)
         if np.all(np.isfinite(tangents.by_state))
-        else np.full(STATE_SIZE, np.nan + 0j)
+        else np.full(len(tangents.vector), np.nan + 0j)
     )
-    free = slider_is_free(scene, tangents)
+    free = free_sliders(scene, tangents)
     multipliers = multipliers[np.argsort(-np.abs(multipliers))]
-    others = without_slider(multipliers, free)
+    others = without_sliders(multipliers, int(free.sum()))
     conditioning = conditioning_of(scene, tangents, free)
     doubt = derivative_error_of(conditioning, shot)
     flags = {
         "stopped": tangents.status != Status.OK,
         "not converged": not shot.residual <= max(1e3 * tolerance, 1e-9),
         "unstable": bool(np.any(np.abs(others) > 1)),
-        "not unique": free,
+        "not unique": bool(free.any()),
         "ill conditioned": doubt > MAX_DERIVATIVE_ERROR[method.precision],
     }
     P = float(area(scene.shroud)) * tangents.power
@@ -171,7 +194,7 @@ def describe_orbit(
         q=q,
         P=P,
         P_0=P_0,
-        P_d=float(power_reduction(P[0], P_0[0])),
+        P_d=reduction_of(scene, P, P_0),
         residual=shot.residual,
         multipliers=multipliers,
         conditioning=conditioning,
@@ -190,16 +213,16 @@ def no_orbit(
     scene: Scene, state: State, flag: str, simulated: int, steps: int, method: Choices, status: int = Status.OK
 ) -> PeriodicOrbit:
     """The result where no orbit was found."""
-    nans = np.full(2, np.nan)
+    P_0 = np.asarray(free_power(scene), float)
     return PeriodicOrbit(
         scene=scene,
         start=state,
         q=0,
-        P=nans,
-        P_0=np.asarray(free_power(scene), float),
+        P=np.full(len(P_0), np.nan),
+        P_0=P_0,
         P_d=float("nan"),
         residual=float("nan"),
-        multipliers=np.full(STATE_SIZE, np.nan + 0j),
+        multipliers=np.full(state_size(scene.row_size), np.nan + 0j),
         conditioning=float("nan"),
         doubt=float("nan"),
         flags=(flag,),

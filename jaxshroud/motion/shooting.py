@@ -6,9 +6,10 @@ import jax
 import numpy as np
 from numpy.typing import DTypeLike
 
+from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.runs import Plan, select_lanes
-from jaxshroud.batch.states import STATE_SIZE, final_states, from_vector, motion_rows, to_vector
-from jaxshroud.batch.tangents import Dual, TangentProblem, as_differentiable, run_flow, without_direction
+from jaxshroud.batch.states import final_states, from_vector, motion_rows, state_size, to_vector
+from jaxshroud.batch.tangents import TangentProblem, Tangents, as_differentiable, run_flow, without_direction
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
@@ -23,10 +24,12 @@ from jaxshroud.motion.orbit import (
     conditioning_of,
     derivative_error_of,
     describe_orbit,
+    determined,
+    free_sliders,
     no_orbit,
-    slider_is_free,
 )
 from jaxshroud.motion.period import repetition
+from jaxshroud.scene.keys import blade_count
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
@@ -56,7 +59,8 @@ def settled_orbit(scene: Scene, state: State, max_periods: int, aim: ShootingOpt
     the motion was only passing by, and the run goes on.
     """
     steps, method = aim.steps, aim.method
-    simulated, samples, largest, orbit = 0, np.empty((0, STATE_SIZE - 1)), np.empty((0, 6)), None
+    blades = blade_count(scene.row_size)
+    simulated, samples, largest, orbit = 0, np.empty((0, 6 * blades)), np.empty((0, 3 * blades)), None
     lever = float(half_diagonal(scene.shroud))
     for periods in range(PERIODS_BETWEEN_CHECKS, max_periods + PERIODS_BETWEEN_CHECKS, PERIODS_BETWEEN_CHECKS):
         runs = yield Periods(scene, state, Plan(0, PERIODS_BETWEEN_CHECKS, steps, 0.0, method))
@@ -81,7 +85,7 @@ def settled_orbit(scene: Scene, state: State, max_periods: int, aim: ShootingOpt
 def nearby_orbit(
     scene: Scene, state: State, q: int, samples: np.ndarray, aim: ShootingOptions, simulated: int = 0
 ) -> Algorithm[PeriodicOrbit]:
-    """The orbit of period number `q`, or of a part of it, near a state whose samples (n, 12) nearly repeat.
+    """The orbit of period number `q`, or of a part of it, near a state whose samples (n, 6 blades) nearly repeat.
 
     `simulated` is the number of periods simulated before.
     """
@@ -114,28 +118,30 @@ def shortest_orbit(orbit: PeriodicOrbit, sizes: np.ndarray, aim: ShootingOptions
 
 
 def _approximate_period(samples: np.ndarray, sizes: np.ndarray, lever: float, precision: DTypeLike) -> int:
-    """The approximate period number of samples (n, 12), if it occurs three times; else 0."""
-    q = int(repetition(samples[:, :6], sizes, np.asarray(lever), RETURN_TOLERANCE, precision).number)
+    """The approximate period number of samples (n, 6 blades), if it occurs three times; else 0."""
+    q = int(repetition(samples[:, : len(sizes)], sizes, np.asarray(lever), RETURN_TOLERANCE, precision).number)
     return q if 3 * q <= len(samples) else 0
 
 
 def state_scales(scene: Scene, state: State) -> np.ndarray:
-    """The sizes that the numbers of a state at drive phase 0 must reach on its motion, (13,), as units."""
+    """The sizes that the numbers of a state at drive phase 0 must reach on its motion, as units."""
     return _scales(scene, to_vector(state)[None])
 
 
 def _scales(scene: Scene, samples: np.ndarray) -> np.ndarray:
-    """The largest value of each quantity over samples (n, 12 or 13) and both blades, (13,); for the slider that of x.
+    """The largest value of each quantity over samples (n, numbers) and all blades; for the sliders that of x.
 
     A quantity that is small at drive phase 0 gets the size that it must reach: no motion is slower than the drive, nor
     faster than its stiffest spring.
     """
     omega_max, period = stiffest(scene, 0)
-    place, rate = np.abs(samples[:, :12]).reshape(-1, 2, 3, 2).max(axis=(0, 3))
+    blades = blade_count(scene.row_size)
+    place, rate = np.abs(samples[:, : 6 * blades]).reshape(-1, 2, 3, blades).max(axis=(0, 3))
     place = np.maximum(place, rate / omega_max)
     rate = np.maximum(rate, 2 * np.pi / period * place)
     size = np.concatenate([place, rate])
-    return np.append(np.repeat(np.where(size > 0, size, 1.0), 2), place[0] or 1.0)
+    sliders = np.full(state_size(scene.row_size) - 6 * blades, place[0] or 1.0)
+    return np.append(np.repeat(np.where(size > 0, size, 1.0), blades), sliders)
 
 
 def _shoot(
@@ -145,8 +151,7 @@ def _shoot(
     best, unchanged, updates = None, 0, 0
     for updates in range(max_updates + 1):
         tangents = yield Derivatives(TangentProblem(scene, state), q, aim.steps, aim.method)
-        z = to_vector(state)
-        z[STATE_SIZE - 1] = z[STATE_SIZE - 1] if tangents.end.mode == Mode.STICK else tangents.vector[STATE_SIZE - 1]
+        z = with_determined_sliders(to_vector(state), tangents)
         miss = (tangents.vector - z) / sizes
         residual = float(np.max(np.abs(miss)))
         shot = ShootingState(state, tangents, residual, updates)
@@ -156,34 +161,41 @@ def _shoot(
             unchanged += 1
         if tangents.status != Status.OK or unchanged == 2 or not np.isfinite(residual):
             break
-        free = slider_is_free(scene, tangents)
+        free = free_sliders(scene, tangents)
         doubt = derivative_error_of(conditioning_of(scene, tangents, free), shot)
         if residual <= aim.tolerance and doubt <= MAX_DERIVATIVE_ERROR[aim.method.precision]:
             break
         step = _shooting_step(tangents.by_state * sizes / sizes[:, None], miss, free)
-        state = from_vector((z + sizes * step).astype(z.dtype), tangents.end.mode, tangents.end.case)
+        z = (z + sizes * step).astype(z.dtype)
+        state = from_vector(z, tangents.end.mode, tangents.end.case, scene.row_size)
     assert best is not None
     return best._replace(updates=updates)
 
 
-def _shooting_step(M: np.ndarray, miss: np.ndarray, free: bool) -> np.ndarray:
-    """The solution of (I - M) step = miss; a free slider is not moved."""
-    size = STATE_SIZE - free
-    step = np.zeros(STATE_SIZE)
-    step[:size] = np.linalg.lstsq(np.eye(size) - M[:size, :size], miss[:size], rcond=None)[0]
+def with_determined_sliders(z: np.ndarray, tangents: Tangents, units: np.ndarray | float = 1.0) -> np.ndarray:
+    """A start (numbers,) in `units` whose sliders are those at the end of its map, but for sticking ones."""
+    z, sticks = np.copy(z), np.atleast_1d(np.asarray(tangents.end.mode)) == Mode.STICK
+    count = len(sticks)
+    z[-count:] = np.where(sticks, z[-count:], (tangents.vector / units)[-count:])
+    return z
+
+
+def _shooting_step(M: np.ndarray, miss: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """The solution of (I - M) step = miss; free sliders are not moved."""
+    moves, step = determined(len(M), free), np.zeros(len(M))
+    step[moves] = np.linalg.lstsq(np.eye(len(moves)) - M[np.ix_(moves, moves)], miss[moves], rcond=None)[0]
     return step
 
 
-def moved_start(M: np.ndarray, shift: np.ndarray, free: bool) -> np.ndarray:
-    """The shift of the start of an orbit, (13, n), where its map has a `shift` (13, n); a free slider is held fixed."""
-    size = STATE_SIZE - free
-    shifted = np.zeros_like(shift)
-    shifted[:size] = np.linalg.solve(np.eye(size) - M[:size, :size], shift[:size])
+def moved_start(M: np.ndarray, shift: np.ndarray, free: np.ndarray | bool) -> np.ndarray:
+    """The shift of the start of an orbit, (numbers, n), where its map has a `shift`; free sliders are held fixed."""
+    moves, shifted = determined(len(M), free), np.zeros_like(shift)
+    shifted[moves] = np.linalg.solve(np.eye(len(moves)) - M[np.ix_(moves, moves)], shift[moves])
     return shifted
 
 
 def nearby_orbits(orbit: PeriodicOrbit, scenes: Scene) -> tuple[State, np.ndarray]:
-    """The starts, and the mean square displacements (lanes, 2), of the orbits of scenes very near that of `orbit`.
+    """The starts, and the mean square displacements (lanes, blades), of the orbits of scenes very near that of `orbit`.
 
     All orbits are closed at once, by Newton's method with the Jacobian of the given orbit; NaN where it fails.
     """
@@ -191,7 +203,7 @@ def nearby_orbits(orbit: PeriodicOrbit, scenes: Scene) -> tuple[State, np.ndarra
     lanes, sizes = len(scenes.drive.omega), state_scales(orbit.scene, orbit.start)
     states = starts = repeat_lane(orbit.start, lanes)
     no_change, method = jax.tree.map(np.zeros_like, scenes), as_differentiable(orbit.method)
-    power, smallest = np.full((lanes, 2), np.nan), np.full(lanes, np.inf)
+    power, smallest = np.full((lanes, len(orbit.P)), np.nan), np.full(lanes, np.inf)
     for _ in range(MAX_NEWTON_UPDATES):
         flows = run_flow(
             Dual(scenes, no_change), without_direction(states), orbit.q, orbit.steps_per_period, method
@@ -203,8 +215,8 @@ def nearby_orbits(orbit: PeriodicOrbit, scenes: Scene) -> tuple[State, np.ndarra
         starts = select_lanes(improved, states, starts)
         if not improved.any():
             break
-        step = moved_start(orbit.jacobian.by_state, (end - z).T, orbit.slider_is_free).T
-        states = from_vector(z + step, flows.state.mode, flows.state.case)
+        step = moved_start(orbit.jacobian.by_state, (end - z).T, orbit.free_sliders).T
+        states = from_vector(z + step, flows.state.mode, flows.state.case, scenes.row_size)
     closed = smallest <= FOLLOWED_TOLERANCE[orbit.method.precision]
     return starts, np.where(closed[:, None], power, np.nan)
 

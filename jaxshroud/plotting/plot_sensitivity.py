@@ -8,6 +8,7 @@ import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
+from jaxshroud.io.scene_numbers import key_label
 from jaxshroud.motion.effects import Effect, effects
 from jaxshroud.plotting.page import Page, Panel, Summary
 from jaxshroud.plotting.style import (
@@ -37,18 +38,19 @@ class Bars(NamedTuple):
     of: str  # the quantity that they change, a `Quantity`
     effects: list[Effect]
     left_out: int  # number of smaller effects that are not shown
+    in_row: bool = False  # they are those of a row of blades
 
 
 def gradient_page(data: Summary, look: Look) -> Page[Bars]:
     """The effect of 1 % more of each number (1 degree for angles), the largest on top.
 
     Args:
-        data: `of`, `title`, and `value`, `ci` and `number` by their keys, as `gradient.json` holds them.
+        data: `of`, `title`, and `value`, `ci` and `number` by their keys, as `gradient.json` holds them; `in_row`.
         look: The appearance asked for.
     """
     changes = [e for e in effects(data["value"], data["ci"], data["number"]) if np.isfinite(e.change)]
     changes = [e for e in changes if e.change] or changes
-    bars = Bars(data["of"], changes[:MOST_BARS], len(changes[MOST_BARS:]))
+    bars = Bars(data["of"], changes[:MOST_BARS], len(changes[MOST_BARS:]), bool(data.get("in_row")))
     size = COLUMN_WIDTH, 1.1 + 0.21 * max(len(bars.effects), 2)
     title = fitting_title(str(data.get("title", "")))
     return Page(bars, GRADIENT_PANELS, title, size, nothing="" if bars.effects else "there is no derivative")
@@ -63,20 +65,23 @@ def _draw_bars(panel: Axes, bars: Bars) -> None:
     if ci.any():
         panel.errorbar(change, rows, xerr=ci, fmt="none", ecolor=INK, elinewidth=0.8, capsize=1.5)
     panel.axvline(0.0, color=INK, lw=0.7)
-    panel.set_yticks(rows, [_effect_label(e) for e in shown])
+    panel.set_yticks(rows, [_effect_label(e, bars.in_row) for e in shown])
     panel.tick_params(axis="y", length=0, which="both")
+    fold = "\n" if bars.in_row else " "  # the labels of its numbers are long
     more = f", {bars.left_out} smaller ones left out" if bars.left_out else ""
-    panel.set(xlabel=f"{quantity_symbol(bars.of)} per 1 % more [{unit}]{more}", ylim=(len(shown) - 0.4, -0.6))
+    panel.set(xlabel=f"{quantity_symbol(bars.of)} per 1 % more{fold}[{unit}]{more}", ylim=(len(shown) - 0.4, -0.6))
 
 
 GRADIENT_PANELS = (Panel("effects", _draw_bars),)
 
 
-def _effect_label(e: Effect) -> str:
+def _effect_label(e: Effect, in_row: bool) -> str:
     """The label of the number, with its change where that is not 1 %."""
+    per = "" if e.per == "1 %" else f" (per {e.per})"
+    if in_row:
+        return f"{key_label(e.key, in_row)}{per}"
     row, blade = find_key(e.key)
     side = "" if blade is None else f", {('left', 'right')[blade]}"
-    per = "" if e.per == "1 %" else f" (per {e.per})"
     return f"{row.label}{side} ${row.symbol}${per}"
 
 

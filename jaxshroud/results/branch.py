@@ -238,7 +238,7 @@ def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> d
         "motion": cycle.start.motion,
         **{name: getattr(cycle.start, name) for name in ("u_s", "mode", "case")},
         "samples": samples,
-        "slider_is_free": point.free,
+        "slider_is_free": any(point.free),
         "onsets": touch.onsets,
         "slowest_onset": touch.slowest,
         "nearest_miss": touch.miss,

@@ -8,8 +8,8 @@ import numpy as np
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, FlagsVariable, Variable, lanes_in_shape, lanes_in_words
 from jaxshroud.motion.effects import Effect, effects, with_interval
-from jaxshroud.results.base import Labels, Result
-from jaxshroud.results.orbit import ORBIT_FLAGS, Orbit
+from jaxshroud.results.base import Labels, Result, result_from_dataset
+from jaxshroud.results.orbit import ORBIT_FLAGS, Orbit, RowOrbit
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import unit_of
 
@@ -27,7 +27,8 @@ class Gradient(Result):
     Arrays start with the axes of the scenes; a single scene has none, and plain numbers. `flags` are those of the
     orbit, "structured" where the neighbourhood is not smooth, "lanes stopped" where some of its samples stopped, "no
     width" where a number is 0 and has no relative neighbourhood, "two peaks" where an amplitude has a derivative on
-    either side, and "failed" where there is nothing to differentiate.
+    either side, "blades tie" where that of a row's worst blade has, and "failed" where there is nothing to
+    differentiate.
     """
 
     stored_as = "gradient"
@@ -42,7 +43,7 @@ class Gradient(Result):
     sigma = Variable("relative width of the neighbourhood; 0 on an orbit", "1", alone=True)
     flags = FlagsVariable(
         "what to know before relying on the derivative",
-        (*ORBIT_FLAGS, "structured", "lanes stopped", "no width", "two peaks"),
+        (*ORBIT_FLAGS, "structured", "lanes stopped", "no width", "two peaks", "blades tie"),
         "flag",
     )
     number_of_kind = Variable(
@@ -131,6 +132,7 @@ class Gradient(Result):
             {
                 **{name: getattr(self, name) for name in names},
                 "number": {effect.key: effect.number for effect in self.effects},
+                **({"in_row": True} if self._in_row else {}),
                 "orbit": orbit,
                 "method": str(cycle.method),
                 "steps_per_period": cycle.steps_per_period,
@@ -141,14 +143,20 @@ class Gradient(Result):
     def _picture_content(self) -> dict[str, object]:
         number = {effect.key: effect.number for effect in self.effects}
         title = self.data.attrs.get("title", "")
-        return {"of": self.of, "value": self.value, "ci": self.ci, "number": number, "title": title}
+        content = {"of": self.of, "value": self.value, "ci": self.ci, "number": number, "title": title}
+        return {**content, "in_row": self._in_row}
+
+    @property
+    def _in_row(self) -> bool:
+        """Whether it is of a row of blades."""
+        return self.data.attrs.get(f"{ORBIT_PREFIX}kind") == RowOrbit.stored_as
 
     def _by_key(self, values: np.ndarray) -> dict[str, Any]:
         columns = np.moveaxis(values, -1, 0)
         return dict(zip(self.wrt, columns if values.ndim > 1 else columns.tolist(), strict=True))
 
     @property
-    def orbit(self) -> Orbit:
+    def orbit(self) -> Any:  # an `Orbit` or a `RowOrbit`
         """The orbit, or the orbits of many scenes, with their flags, multipliers and bifurcations."""
         if self.orbits is not None:
             return self.orbits
@@ -156,7 +164,7 @@ class Gradient(Result):
         scene_numbers = [name for name, a in self.data.variables.items() if "key" in a.attrs]
         data = self.data[[*names, *scene_numbers]].rename(names)
         data.attrs = {name: self.data.attrs[stored] for stored, name in _without_prefix(self.data.attrs).items()}
-        return Orbit(data)
+        return result_from_dataset(data.assign_attrs(kind=data.attrs.get("kind", Orbit.stored_as)), "gradient")
 
     @property
     def status(self) -> int | np.ndarray:

@@ -20,6 +20,7 @@ from jaxshroud.io.variable import (
 from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Labels, Result
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.keys import Motion, RowSize, blade_count
 
 if TYPE_CHECKING:
     from jaxshroud.batch.tangents import Tangents
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
 OfOrbit = TypeVar("OfOrbit")
 SIDES = ("left", "right")
-COMPONENTS = [f"{name}_{side}" for name in ("x", "y", "theta", "v_x", "v_y", "v_theta") for side in SIDES] + ["slider"]
-COORDS = {"blade": [0, 1], "component": COMPONENTS, "by_component": COMPONENTS}
 ORBIT_FLAGS = (
     "aperiodic",
     "stopped",
@@ -45,8 +44,15 @@ ORBIT_FLAGS = (
 ORBIT_NUMBERS = ("q", "P_d", "residual", "conditioning", "doubt", "updates", "periods", "status")
 
 
+def component_names(row: RowSize | None = None) -> list[str]:
+    """The names of the numbers of a state, in the order of vectors."""
+    sides = SIDES if row is None else range(row.blades)
+    sliders = ["slider"] if row is None else [f"slider_{j}" for j in range(row.interfaces)]
+    return [f"{name}_{side}" for name in Motion._fields for side in sides] + sliders
+
+
 class Orbit(WithAmplitudes, Result):
-    """Periodic orbits, or for lanes without one the reason.
+    """Periodic orbits, or for lanes without one the reason. Those of rows of blades are `RowOrbit`s.
 
     Arrays start with the axes of the scenes. A single scene has no leading axes, and a plain number for every quantity
     that each orbit has one value of.
@@ -67,7 +73,7 @@ class Orbit(WithAmplitudes, Result):
     q = Variable("period number; 0: no orbit", alone=True, kind=int)
     P = Variable("average power, Eq. (23); NaN without an orbit", "m4", ("blade",))
     P_0 = Variable("average power without contact, closed form", "m4", ("blade",))
-    P_d = Variable("vibration-power reduction of the left blade, Eq. (24)", "percent", alone=True)
+    P_d = Variable("vibration-power reduction of the left blade, or of a row, Eq. (24)", "percent", alone=True)
     residual = Variable("closing error relative to the largest value of each quantity", "1", alone=True)
     multipliers = ComplexVariable(
         "Floquet multipliers, largest first, the slider's own among them", "1", ("multiplier",)
@@ -101,7 +107,7 @@ class Orbit(WithAmplitudes, Result):
         Args:
             cycles: The orbits.
             shape: The leading axes of the result.
-            amplitudes: The values of `WithAmplitudes`, (lanes, 2) each.
+            amplitudes: The values of `WithAmplitudes`, and of rows those of travelling waves, (lanes, ...) each.
             labels: Further arguments of `from_values`.
         """
         import jax
@@ -111,7 +117,11 @@ class Orbit(WithAmplitudes, Result):
         first = cycles[0]
         values |= {name: lanes_in_shape([*a], shape) for name, a in (amplitudes or {}).items()}
         values |= {"method": str(first.method), "steps_per_period": first.steps_per_period}
-        result = cls.from_values(values, coords=COORDS, **labels)
+        row = first.scene.row_size
+        names = component_names(row)
+        coords = {"blade": np.arange(blade_count(row)), "component": names, "by_component": names}
+        kind = cls if row is None else RowOrbit
+        result = kind.from_values(values, coords=coords, **labels)
         result.scenes = jax.tree.map(lambda *a: lanes_in_shape(a, shape), *(cycle.scene for cycle in cycles))
         result.choices = first.method
         return result
@@ -153,8 +163,8 @@ class Orbit(WithAmplitudes, Result):
 
         if not np.any(self.found):
             return None
-        lanes, end = np.shape(self.q), from_vector(self.end, self.end_mode, self.end_case)
-        by_numbers = np.empty((*lanes, len(COMPONENTS), 0)), np.empty((*lanes, 2, 0))
+        lanes, end = np.shape(self.q), from_vector(self.end, self.end_mode, self.end_case, self.scene.row_size)
+        by_numbers = (np.empty((*lanes, self.data.sizes[name], 0)) for name in ("component", "blade"))
         return Tangents(end, self.end, self.mean_square, self.status, self.M, self.power_by_start, *by_numbers)
 
     @property
@@ -238,18 +248,50 @@ class Orbit(WithAmplitudes, Result):
         return f"Orbit: {motion}; {closed}{flags}; {self.periods} periods simulated; {method}"
 
 
+class RowOrbit(Orbit):
+    """Periodic orbits of rows of blades, as `Orbit`: what is told of contact ends with the interface.
+
+    P_d is that of all blades together. "not unique" is said where any slider stays wherever it starts.
+    """
+
+    stored_as = "row_orbit"
+
+    u_s = Variable("slider at the start", "m", ("interface",))
+    mode = Variable("contact mode at the start", None, ("interface",))
+    case = Variable("contact case at the start", None, ("interface",))
+    end_mode = Variable("contact mode at the end", None, ("interface",))
+    end_case = Variable("contact case at the end", None, ("interface",))
+    wave_parts = Variable(
+        "parts of the period over which a travelling wave repeats; 0: no ring of alike blades", kind=int, alone=True
+    )
+    wave_residual = Variable(
+        "distance from a travelling wave, relative to the largest of each quantity", "1", alone=True
+    )
+    wave_multipliers = ComplexVariable("multipliers of the map over a part and the shift back", "1", ("multiplier",))
+
+    @property
+    def wave_bifurcation(self) -> tuple[str, float]:
+        """What the leading multiplier of the reduced map of a single ring approaches, and its distance from it.
+
+        At a "fold" the motion stays a travelling wave; elsewhere on the unit circle begins its "localisation".
+        """
+        from jaxshroud.motion.travelling_wave import wave_bifurcation
+
+        return wave_bifurcation(self.wave_multipliers)
+
+
 def _orbit_row(cycle: "PeriodicOrbit") -> dict[str, Any]:
     """The values of one lane, NaN where there is no orbit."""
     start, jacobian = cycle.start, cycle.jacobian
-    size, dtype = len(COMPONENTS), np.asarray(start.u_s).dtype
+    size, blades, dtype = len(cycle.multipliers), len(cycle.P), np.asarray(start.u_s).dtype
     nans = lambda *shape: np.full(shape, np.nan, dtype)
     numbers = {name: getattr(cycle, name) for name in (*ORBIT_NUMBERS, "P", "P_0", "multipliers", "flags")}
     return {
         **numbers,
         **{"motion": start.motion, "u_s": start.u_s, "mode": start.mode, "case": start.case},
         "M": nans(size, size) if jacobian is None else jacobian.by_state,
-        "power_by_start": nans(2, size) if jacobian is None else jacobian.power_by_state,
-        "mean_square": nans(2) if jacobian is None else jacobian.power,
+        "power_by_start": nans(blades, size) if jacobian is None else jacobian.power_by_state,
+        "mean_square": nans(blades) if jacobian is None else jacobian.power,
         "end": nans(size) if jacobian is None else jacobian.vector,
         "end_mode": start.mode if jacobian is None else jacobian.end.mode,
         "end_case": start.case if jacobian is None else jacobian.end.case,

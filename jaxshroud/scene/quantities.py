@@ -1,4 +1,8 @@
-"""The quantities of a motion that are differentiated, tuned and scattered: powers, and amplitudes of the left blade."""
+"""The quantities of a motion that are differentiated, tuned and scattered: powers and amplitudes.
+
+They are those of the left blade of a pair. Of a row, P and P_d are those of all blades together, `P_d_worst` is that of
+the blade that gains the least, and an amplitude is the largest of all blades.
+"""
 
 from typing import Literal, NamedTuple, get_args
 
@@ -6,10 +10,11 @@ from jaxshroud.scene.checks import InputError, word_argument
 from jaxshroud.scene.parts import Parts
 
 Measure = Literal["mean", "rms", "peak"]
-Power = Literal["P_d", "P"]
+Power = Literal["P_d", "P", "P_d_worst"]
 Quantity = Literal[
     "P_d",
     "P",
+    "P_d_worst",
     "x_mean",
     "x_rms",
     "x_peak",
@@ -22,11 +27,11 @@ Quantity = Literal[
 ]
 QUANTITY_WORDS = get_args(Quantity)
 DISPLACEMENTS = ("x", "y", "theta")
-POWER_UNITS = {"P_d": "%", "P": "m^4"}
+POWER_UNITS = {"P_d": "%", "P": "m^4", "P_d_worst": "%"}
 
 
 class Amplitude(NamedTuple):
-    """An amplitude of the left blade, see `WithAmplitudes`."""
+    """An amplitude, see `WithAmplitudes`."""
 
     displacement: str  # one of `DISPLACEMENTS`
     measure: Measure
@@ -54,16 +59,20 @@ def unit_of(of: str) -> str:
 def quantity_symbol(of: str) -> str:
     """The symbol of a quantity, as pictures show it."""
     amplitude = amplitude_of(of)
+    if of == "P_d_worst":
+        return r"$P_{d,\mathrm{worst}}$"
     if amplitude is None:
         return f"${of}$"
     letter = r"\theta" if amplitude.displacement == "theta" else amplitude.displacement
     return rf"${letter}_\mathrm{{{amplitude.measure}}}$"
 
 
-def check_quantity(of: str, parts: Parts) -> None:
-    """Raise an InputError unless `of` is a quantity of scenes with these parts."""
+def check_quantity(of: str, parts: Parts, in_row: bool = False) -> None:
+    """Raise an InputError unless `of` is a quantity of scenes with these parts, of a pair or of a row."""
     word_argument("of", of, QUANTITY_WORDS)
     amplitude = amplitude_of(of)
+    if of == "P_d_worst" and not in_row:
+        raise InputError("`of` is P_d_worst, that of the worst blade of a row, but the scene is a pair; take P_d.")
     if amplitude is not None and not parts.has(amplitude.displacement, 0):
         raise InputError(
             f"`of` is {of}, but the blades of this scene do not move in {amplitude.displacement}; "

@@ -6,9 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.runs import Plan
 from jaxshroud.batch.states import to_vector
-from jaxshroud.batch.tangents import Dual, as_differentiable, direction, end_as_start, run_flow, without_direction
+from jaxshroud.batch.tangents import as_differentiable, direction, end_as_start, run_flow, without_direction
 from jaxshroud.model.prepared import State, initial_state
 from jaxshroud.motion.gradient import directional_derivatives
 from jaxshroud.results.tuned import DesignJudgement

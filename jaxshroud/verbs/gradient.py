@@ -29,7 +29,7 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import level_of, numbers_that_count, with_numbers
 from jaxshroud.verbs.lanes import RequestedLanes, results_of_all, warn_failed, with_tangents
-from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.options import check_row, resolve_options
 from jaxshroud.verbs.orbit import cycles_of
 
 
@@ -52,7 +52,7 @@ def gradient(
     throw: bool = False,
     dims: Sequence[str] | None = None,
 ) -> Gradient:
-    """Gradient of the left blade's P_d, of P, or of an amplitude, with respect to numbers of the scene.
+    """Gradient of P_d, of P, or of an amplitude, with respect to numbers of the scene.
 
     Where the scene settles on a periodic orbit, the gradient is exact, by the implicit function theorem. Elsewhere it
     is the gradient of the average over a normal distribution of the parameters around their values, with an interval.
@@ -60,10 +60,12 @@ def gradient(
     Args:
         scene: One scene, or many with leading axes, which then come first in all results; or a scene file, whose [run]
             counts where an argument is not given.
-        wrt: Keys as for `vary`; without a blade's index both blades change together, by the same amount even where
-            they differ. "all": every number on which the motion may depend; see `Gradient.effects`.
-        of: The quantity to differentiate: "P_d", "P", or an amplitude of the left blade as `sweep` keeps them:
-            "x_mean", "x_rms", "x_peak", and those of y and theta.
+        wrt: Keys as for `vary`; without an index all blades, or interfaces, change together, by the same amount even
+            where they differ. One blade of a row is named as in `row.mistuning[3]`. "all": every number on which the
+            motion may depend; see `Gradient.effects`.
+        of: The quantity to differentiate: "P_d", "P", or an amplitude as `sweep` keeps them: "x_mean", "x_rms",
+            "x_peak", and those of y and theta. They are those of the left blade; of a row P_d and P are those of all
+            blades together, "P_d_worst" is that of the blade that gains the least, and amplitudes are the largest.
         orbit: The orbit or orbits, if they are known already; their method is then the default.
         sigma: Standard deviation of the distribution, relative to the value of each parameter.
         pairs: Antithetic pairs of samples; all samples start from the scene's initial state.
@@ -81,7 +83,7 @@ def gradient(
     Returns:
         The derivatives and their quality. A lane without one has NaN and a flag; the others are not affected. Where two
         extremes are as far from the mean, to 1e-6, and move differently, the derivative of a peak is that of one of
-        them, with the flag "two peaks".
+        them, with the flag "two peaks"; where two blades of a row are equally bad, "blades tie".
 
     Raises:
         KeyError: The scene has no such number.
@@ -114,10 +116,13 @@ def gradient(
         method=method,
         dims=dims,
         verb="gradient",
+        rows=True,
     )
+    if resolved.scene.row is not None:
+        check_row(resolved.scene)
     if isinstance(wrt, str):
         wrt = numbers_that_count(resolved.scene) if wrt == "all" else (wrt,)
-    check_quantity(of, resolved.scene.parts)
+    check_quantity(of, resolved.scene.parts, resolved.scene.row is not None)
     _check_names(wrt)
     numbered = [with_numbers(one, wrt) for one in resolved.scenes]
     numbers = [[level_of(one, key) for key in wrt] for one in numbered]
@@ -164,7 +169,7 @@ def on_orbit(found: Orbit, wrt: Sequence[str], of: Quantity = "P_d") -> Gradient
         ValueError: There is no such `of`.
     """
     cycle = found.cycle()
-    check_quantity(of, cycle.scene.parts)
+    check_quantity(of, cycle.scene.parts, cycle.scene.row is not None)
     numbers = [[level_of(cycle.scene, key) for key in wrt]]
     return Gradient.of_slopes([run_alone(orbit_gradient(cycle, wrt, of))], wrt, of, found, numbers)
 
@@ -203,5 +208,5 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Quantity = "P
     positive_argument("step", step)
     _check_names(wrt)
     cycle = found.cycle()
-    check_quantity(of, cycle.scene.parts)
+    check_quantity(of, cycle.scene.parts, cycle.scene.row is not None)
     return differences_on(cycle, wrt, step, of)

@@ -20,7 +20,15 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, plan_march, refuse_row, refuse_traced, resolve_options
+from jaxshroud.verbs.options import (
+    MarchPlan,
+    ResolvedOptions,
+    check_row,
+    plan_march,
+    refuse_row,
+    refuse_traced,
+    resolve_options,
+)
 
 R = TypeVar("R", bound=Result)
 
@@ -63,12 +71,18 @@ def request_lanes(
     dims: Sequence[str] | None = None,
     verb: str,
     usual: Choices = FAST,
+    rows: bool = False,
 ) -> RequestedLanes:
     """The lanes of a scene, and their march with tangents, from the arguments of `resolve_options`.
 
-    `usual` is the method where only steps are given, with or without a ledger.
+    `usual` is the method where only steps are given, with or without a ledger; `rows` says whether the verb knows rows
+    of blades.
     """
-    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, dims=dims, verb=verb)
+    resolved = resolve_options(
+        scene, n_periods=n_periods, transient=transient, method=method, dims=dims, verb=verb, rows=rows
+    )
+    if resolved.scene.row is not None:
+        check_row(resolved.scene)
     return RequestedLanes(resolved, with_tangents(resolved, resolved.lanes, usual))
 
 

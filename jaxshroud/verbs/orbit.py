@@ -16,6 +16,7 @@ from jaxshroud.motion.batched_algorithms import run_together
 from jaxshroud.motion.lyapunov import MAX_ALIGNMENT_PERIODS, Exponents, lyapunov_exponents
 from jaxshroud.motion.orbit import PeriodicOrbit, no_orbit
 from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions, closed_orbit, settled_orbit
+from jaxshroud.motion.travelling_wave import TravellingWave, travelling_wave
 from jaxshroud.results.diagnosis import Lyapunov
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.checks import InputError, count_argument, positive_argument
@@ -61,8 +62,9 @@ def orbit(
         dims: Names of the leading axes; by default `lane`.
 
     Returns:
-        The orbit or orbits; see their `flags` before using them. A lane that stops or cannot be solved has NaN and a
-        flag; the others are not affected.
+        The orbit or orbits; see their `flags` before using them. Rows of blades give a `RowOrbit`, which has the
+        multipliers of the reduced map of travelling waves too where a ring has alike blades. A lane that stops or
+        cannot be solved has NaN and a flag; the others are not affected.
 
     Raises:
         ValueError: A count is too small, the tolerance is not positive, `q` is given without a state, or JAX has no
@@ -89,7 +91,7 @@ def orbit(
         count_argument("q", q, 1)
         if state is None:
             raise InputError("Argument `q` needs a `state` close to the orbit.")
-    lanes = request_lanes(scene, method=method, dims=dims, verb="orbit")
+    lanes = request_lanes(scene, method=method, dims=dims, verb="orbit", rows=True)
     march = lanes.march
     tolerance = CLOSING_TOLERANCE[march.method.precision] if tolerance is None else tolerance
     shooting = ShootingOptions(march.steps, tolerance, march.method)
@@ -97,14 +99,27 @@ def orbit(
     try:
         starts = lanes.with_states(lanes.scenes, state)
         cycles = cycles_of(starts, q, most_periods, shooting, progress, throw or not lanes.shape)
-        orbits = result_of(cycles, orbit_amplitudes(cycles) if amplitudes else None)
+        more = orbit_amplitudes(cycles) if amplitudes else {}
+        orbits = result_of(cycles, more if lanes.scenes[0].row is None else more | _wave_values(cycles))
     except Interrupted as stopped:
         raise Interrupted(stopped.done and result_of(stopped.done)) from None
     return warn_failed(orbits, throw)
 
 
+def _wave_values(cycles: Sequence[PeriodicOrbit]) -> dict[str, np.ndarray]:
+    """What `RowOrbit` tells of travelling waves, (lanes, ...) each."""
+    waves = run_together([travelling_wave(cycle) for cycle in cycles])
+    found = [wave if isinstance(wave, TravellingWave) else None for wave in waves]
+    none = np.full(len(cycles[0].multipliers), np.nan + 0j)
+    return {
+        "wave_parts": np.array([0 if wave is None else wave.symmetry.parts for wave in found]),
+        "wave_residual": np.array([np.nan if wave is None else wave.residual for wave in found]),
+        "wave_multipliers": np.array([none if wave is None else wave.multipliers for wave in found]),
+    }
+
+
 def orbit_amplitudes(cycles: Sequence[PeriodicOrbit]) -> dict[str, np.ndarray]:
-    """The values of `WithAmplitudes` of orbits, (lanes, 2) each; NaN where there is none."""
+    """The values of `WithAmplitudes` of orbits, (lanes, blades) each; NaN where there is none."""
     scenes, states = jax.tree.map(lambda *a: np.stack(a), *((cycle.scene, cycle.start) for cycle in cycles))
     numbers, first = np.array([cycle.q for cycle in cycles]), cycles[0]
     method = first.method._replace(amplitudes=True)

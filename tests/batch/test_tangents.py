@@ -12,9 +12,10 @@ from side_by_side import with_parts
 
 import jaxshroud as js
 from jaxshroud import load, period_map, value_of, vary
+from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.runs import Plan, run_lanes
 from jaxshroud.batch.states import STATE_SIZE, final_states, from_vector, to_vector
-from jaxshroud.batch.tangents import Dual, as_differentiable, direction, run_flow, tangents
+from jaxshroud.batch.tangents import as_differentiable, direction, run_flow, tangents
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march import rk_trial, taylor_trial
 from jaxshroud.march.method import FAST, Choices

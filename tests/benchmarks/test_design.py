@@ -10,14 +10,9 @@ from problem import Problem
 from test_peers import RESULTS
 
 from jaxshroud import load, orbit, simulate, tune
+from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.runs import Plan, initial_states
-from jaxshroud.batch.tangents import (
-    Dual,
-    as_differentiable,
-    direction,
-    run_flow,
-    without_direction,
-)
+from jaxshroud.batch.tangents import as_differentiable, direction, run_flow, without_direction
 from jaxshroud.march.method import FAST, Choices, RungeKutta
 from jaxshroud.march.tableau import tableau
 from jaxshroud.verbs.design_problem import judge_designs

@@ -142,8 +142,9 @@ def test_threads_compute_in_the_precision_of_their_caller(scene):
 
 def test_long_flows_in_parts_agree_with_the_whole(scene, monkeypatch):
     from jaxshroud.batch import tangents
+    from jaxshroud.batch.duals import Dual
     from jaxshroud.batch.runs import initial_states
-    from jaxshroud.batch.tangents import Dual, as_differentiable, direction, run_flow, without_direction
+    from jaxshroud.batch.tangents import as_differentiable, direction, run_flow, without_direction
     from jaxshroud.batch.xla import one_lane
 
     scenes = one_lane(scene)

@@ -95,7 +95,7 @@ def test_a_shipped_row_is_simulated_stored_and_drawn(name, tmp_path):
         (["simulate", "row_ring12", "--events"], "`events` does not know rows of blades yet"),
         (["simulate", "row_ring12", "--tableau", "taylor"], "Runge-Kutta methods, not by power series"),
         (["simulate", "row_ring12", "--set", "parts.contact=none"], "many single blades"),
-        (["orbit", "row_ring12"], "`orbit` does not know rows of blades yet"),
+        (["lyapunov", "row_ring12"], "`lyapunov` does not know rows of blades yet"),
     ],
 )
 def test_what_rows_do_not_have_is_refused_in_one_line(words, told, tmp_path, capsys):

@@ -1,0 +1,90 @@
+"""Trees of numbers of many lanes with a tangent each, and functions of lanes applied to them."""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.custom_derivatives import SymbolicZero
+
+from jaxshroud.batch.xla import DUAL_NUMBERS
+from jaxshroud.march.carry import EachLane
+
+
+class Dual(NamedTuple):
+    """A tree and its tangent, a tree with None where nothing depends on the direction."""
+
+    value: Any
+    tangent: Any
+
+
+def _has_tangent(tree: Any) -> Any:
+    """Which leaves of a tree have a tangent: all real numbers; of lanes and trials, those that are differentiable."""
+    return jax.tree.map(_part_has_tangent, tree, is_leaf=_selects_differentiable)
+
+
+def _selects_differentiable(part: Any) -> bool:
+    return hasattr(part, "differentiable")
+
+
+def _part_has_tangent(part: Any) -> Any:
+    if not _selects_differentiable(part):
+        return _is_floating(part)
+    fixed = jax.tree.map(lambda _: False, part)
+    return eqx.tree_at(lambda part: part.differentiable, fixed, _is_floating(part.differentiable))
+
+
+def _is_floating(tree: Any) -> Any:
+    return jax.tree.map(lambda a: bool(jnp.issubdtype(a.dtype, jnp.floating)), tree)
+
+
+def dual_lanes(each: EachLane) -> EachLane:
+    """How to apply a function of one lane to `Dual`s of many lanes; other arguments have no tangent."""
+
+    def run(f, *args: Any) -> Dual:
+        duals = [a if isinstance(a, Dual) else Dual(a, jax.tree.map(lambda _: None, a)) for a in args]
+        if len(jax.tree.leaves(duals)) <= DUAL_NUMBERS:
+            return each(lambda *duals: _value_and_tangent(f, duals), *duals)
+        value = each(f, *(d.value for d in duals))
+        return Dual(value, each(lambda *duals: _value_and_tangent(f, duals).tangent, *duals))
+
+    return run
+
+
+def _value_and_tangent(f, duals: tuple[Dual, ...]) -> Dual:
+    """The value of `f` and its tangent."""
+    values, tangents = zip(*duals, strict=True)
+    moving = jax.tree.map(lambda _, d: d is not None, values, tangents, is_leaf=lambda x: x is None)
+    moves, rest = eqx.partition(values, moving)
+
+    def of_moving(moves):
+        out = f(*eqx.combine(moves, rest))
+        return eqx.partition(out, _has_tangent(out))
+
+    out, out_tangent, out_rest = jax.jvp(of_moving, (moves,), (tangents,), has_aux=True)
+    return Dual(eqx.combine(out, out_rest), out_tangent)
+
+
+def differentiable(each: EachLane) -> EachLane:
+    """How to apply a function to all lanes such that JAX can differentiate it once, forward.
+
+    The tangents of a function are computed in its kernel.
+    """
+
+    def run(f: Any, *args: Any) -> Any:
+        leaves, tree = jax.tree.flatten(args)
+        of_leaves = lambda leaves: f(*tree.unflatten(leaves))
+        call = jax.custom_jvp(lambda *leaves: each(of_leaves, leaves))
+        call.defjvp(partial(_dual_rule, each, of_leaves), symbolic_zeros=True)
+        return call(*leaves)
+
+    return run
+
+
+def _dual_rule(each: EachLane, f: Any, values: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+    along = tuple(None if isinstance(t, SymbolicZero) or t.dtype == jax.dtypes.float0 else t for t in tangents)
+    value, tangent = dual_lanes(each)(f, Dual(values, along))
+    none = lambda v, t: np.zeros(v.shape, jax.dtypes.float0) if t is None else t
+    return value, jax.tree.map(none, value, tangent)

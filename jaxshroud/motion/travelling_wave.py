@@ -1,0 +1,101 @@
+"""Travelling waves of tuned rings: the map over a part of the drive period, followed by the shift back.
+
+In a ring of N alike blades under engine order EO a travelling wave repeats itself after T / N' at a blade s places
+further: z_i(t + T / N') = z_(i + s)(t) with N' = N / gcd(EO, N) and EO s = gcd(EO, N) modulo N. It is a fixed point of
+the reduced map: the flow over T / N', followed by the shift of all numbers by s places. This takes 1 / N' of the work
+of a whole period, and its multipliers to the power N' are those of the period in magnitude; the powers themselves are
+those of the period followed by a shift of N' s places. A multiplier that leaves the unit circle elsewhere than at 1
+belongs to motions that are not such a wave: localisation begins there.
+"""
+
+import math
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from jaxshroud.batch.tangents import TangentProblem, Tangents
+from jaxshroud.model.modes import Status
+from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives
+from jaxshroud.motion.orbit import PeriodicOrbit
+from jaxshroud.motion.shooting import state_scales
+from jaxshroud.scene.scene import Scene, without_given
+
+PHASE_ROUNDING = 1e-9  # [rad] by which phases may miss those of an engine order
+WAVE_RESIDUAL = 1e-8  # of the reduced map: an orbit that misses it by less is a travelling wave
+REAL_SHARE = 1e-6  # of a multiplier's magnitude: a smaller imaginary part is rounding
+
+
+class WaveSymmetry(NamedTuple):
+    """The symmetry of a travelling wave."""
+
+    parts: int  # N', of the drive period
+    shift: int  # s: places from blade to blade
+
+
+class TravellingWave(NamedTuple):
+    """The reduced map at an orbit."""
+
+    symmetry: WaveSymmetry
+    residual: float  # how far the orbit is from a travelling wave, relative to the largest value of each quantity
+    multipliers: np.ndarray  # (numbers,) of the reduced map, largest first
+
+    @property
+    def holds(self) -> bool:
+        """Whether the orbit is a travelling wave."""
+        return self.residual <= WAVE_RESIDUAL
+
+
+def wave_symmetry(scene: Scene) -> WaveSymmetry | None:
+    """The symmetry of travelling waves of a scene; None unless it is a ring of alike blades under an engine order."""
+    row = scene.row
+    if row is None or not row.closed or not _is_tuned(scene):
+        return None
+    N, phase = row.blades, np.asarray(scene.drive.phase, float)
+    order = round(N * (phase[1] - phase[0]) / math.tau) % N
+    miss = phase - phase[0] - math.tau * order * np.arange(N) / N
+    if np.max(np.abs(miss - math.tau * np.round(miss / math.tau))) > PHASE_ROUNDING:
+        return None
+    common = math.gcd(order, N)
+    return WaveSymmetry(N // common, next(s for s in range(1, N + 1) if (order * s - common) % N == 0))
+
+
+def _is_tuned(scene: Scene) -> bool:
+    """Whether all blades and all interfaces are alike, but for their phases and their initial motion."""
+    plain = without_given(scene)
+    alike = lambda a: np.all(np.asarray(a) == np.asarray(a)[..., :1]) if np.ndim(a) else True
+    drive = [plain.drive.beta, plain.drive.F_0, plain.drive.M_0]
+    parts = (plain.mistuned_blades, plain.shroud.gap, plain.k, plain.contact.width, plain.friction, drive)
+    return all(bool(alike(a)) for a in jax.tree.leaves(parts))
+
+
+def travelling_wave(orbit: PeriodicOrbit) -> Algorithm[TravellingWave | None]:
+    """The reduced map at an orbit of period 1; None where its scene has no travelling waves, or there is no orbit.
+
+    Steps are those of a whole period where N' divides them; else a part has one more.
+    """
+    symmetry = wave_symmetry(orbit.scene)
+    if symmetry is None or orbit.q != 1:
+        return None
+    problem = TangentProblem(orbit.scene, orbit.start)
+    part: Tangents = yield Derivatives(problem, 1, orbit.steps_per_period, orbit.method, 1 / symmetry.parts)
+    if part.status != Status.OK or not np.all(np.isfinite(part.by_state)):
+        return None
+    order = shifted_places(len(orbit.P), len(part.vector), symmetry.shift)
+    assert orbit.jacobian is not None  # there is an orbit
+    start = orbit.jacobian.vector  # with the sliders that the modes determine
+    residual = float(np.max(np.abs(part.vector[order] - start) / state_scales(orbit.scene, orbit.start)))
+    multipliers = np.linalg.eigvals(part.by_state[order])
+    return TravellingWave(symmetry, residual, multipliers[np.argsort(-np.abs(multipliers))])
+
+
+def shifted_places(blades: int, size: int, shift: int) -> np.ndarray:
+    """The places (size,) from which the numbers of a ring's state come when blade i takes over blade i - shift."""
+    return np.roll(np.arange(size).reshape(-1, blades), shift, axis=1).ravel()
+
+
+def wave_bifurcation(multipliers: np.ndarray) -> tuple[str, float]:
+    """What the leading multiplier of a reduced map approaches, and its distance 1 - abs(multiplier)."""
+    lead = multipliers[0]
+    keeps_shift = lead.real > 0 and abs(lead.imag) <= REAL_SHARE * abs(lead)
+    return "fold" if keeps_shift else "localisation", float(1 - abs(lead))
