@@ -132,9 +132,7 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: n
         raise Interrupted(completed_runs(stopped.done, lambda runs: concatenated_lanes(runs, lanes))) from None
 
 
-def chunk_by_chunk(
-    run: Callable[[Any, Tick], Tree], lanes: Any, ticker: Tick, width: int = LANES_PER_CALL
-) -> Tree:
+def chunk_by_chunk(run: Callable[[Any, Tick], Tree], lanes: Any, ticker: Tick, width: int = LANES_PER_CALL) -> Tree:
     """The results of `run(lanes, tick)` for one chunk of lanes after another, concatenated.
 
     Args:
