@@ -116,9 +116,10 @@ def change_at(
     delay: Scalar,
     h: Scalar,
     model: Model,
+    rocks: Bool[Array, ""] | None = None,
 ) -> EventChange:
-    """`event_change` where the guards are known already, in a step of `h` [s]."""
-    change = transition(z, start, view, kind, delay, h, model)
+    """`event_change` where the guards are known already, in a step of `h` [s]; `rocks` as of `transition`."""
+    change = transition(z, start, view, kind, delay, h, model, rocks)
     lift, apart = fire & (kind == EventKind.LIFT), start.mode == Mode.APART
     jumps = jax.tree.map(lambda a: where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
     onset = lift & apart

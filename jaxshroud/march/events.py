@@ -234,11 +234,21 @@ class Transition(NamedTuple):
 
 
 def transition(
-    z: Motion, state: State, view: GuardEvaluation, kind: Int[Array, ""], delay: Scalar, h: Scalar, model: Model
+    z: Motion,
+    state: State,
+    view: GuardEvaluation,
+    kind: Int[Array, ""],
+    delay: Scalar,
+    h: Scalar,
+    model: Model,
+    rocks: Bool[Array, ""] | None = None,
 ) -> Transition:
-    """The transition of `kind` at the motion `z`; the guard was crossed at most `delay` [s] ago, in a step of `h`."""
+    """The transition of `kind` at the motion `z`; the guard was crossed at most `delay` [s] ago, in a step of `h`.
+
+    `rocks`: the faces are known to turn to and fro within the step, so that their next turn leads into flat contact.
+    """
     spring, at, unprojected = model.spring, view.at, z
-    case = _next_case(state, view, kind, h, model) if has_torsion(model) else view.case
+    case = _next_case(state, view, kind, h, model, rocks) if has_torsion(model) else view.case
     becomes_flat = (case == FLAT) & (state.case != FLAT)
     if has_torsion(model):
         z = jax.tree.map(lambda parallel, own: where(becomes_flat, parallel, own), _as_parallel(z, model), z)
@@ -271,7 +281,14 @@ def _as_parallel(z: Motion, model: Model) -> Motion:
     return z._replace(theta=parallel_mean(z.theta, model), v_theta=parallel_mean(z.v_theta, model))
 
 
-def _next_case(state: State, view: GuardEvaluation, kind: Int[Array, ""], h: Scalar, model: Model) -> Int[Array, ""]:
+def _next_case(
+    state: State,
+    view: GuardEvaluation,
+    kind: Int[Array, ""],
+    h: Scalar,
+    model: Model,
+    rocks: Bool[Array, ""] | None,
+) -> Int[Array, ""]:
     """The case after an event of `kind`."""
     now, turn = view.case, kind == EventKind.TURN
     neighbour = where(turn, 5 - now, now + where(tip_is_left(now), 1, -1))
@@ -279,7 +296,8 @@ def _next_case(state: State, view: GuardEvaluation, kind: Int[Array, ""], h: Sca
     case = where(turn | (kind == EventKind.HEIGHT), corner, now)
     touches = (kind == EventKind.LIFT) & (state.mode == Mode.APART)
     level = touches & (view.at.turn == 0) & (view.rate.turn == 0)
-    return where(level | (turn & (now != FLAT) & _returns_soon(view, h, model)), FLAT, case)
+    soon = _returns_soon(view, h, model) if rocks is None else rocks | _returns_soon(view, h, model)
+    return where(level | (turn & (now != FLAT) & soon), FLAT, case)
 
 
 def _returns_soon(view: GuardEvaluation, h: Scalar, model: Model) -> Bool[Array, ""]:

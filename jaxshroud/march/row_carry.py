@@ -46,6 +46,7 @@ class RowSearch(NamedTuple):
     events: Int[Array, " lanes"]
     target: RowTarget | None  # None unless events are located by cubics
     pending: Bool[Array, "interfaces lanes"] | None  # events at this very instant; None: no derivatives
+    turns: Int[Array, "interfaces lanes"] | None  # changes of case within this step; None where blocks do not turn
 
 
 class RowLog(NamedTuple):

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.carry import MAX_EVENTS_PER_STEP, NEGLIGIBLE_REST, TimeGrid, change_at, running
 from jaxshroud.march.events import (
+    FLAT_RETURN,
     EventKind,
     any_of,
     event_kinds,
@@ -61,7 +62,8 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Row
     count, no, at = jnp.zeros(lanes.shape, jnp.int32), jnp.zeros(lanes.shape, bool), jnp.zeros(shape, lanes.dtype)
     target = RowTarget(count, Target(count, lanes, lanes, lanes, count)) if method.locate == "cubic" else None
     pending = jnp.zeros(shape, bool) if method.derivative else None
-    search = RowSearch(lanes, lanes, lanes, lanes, no, no, no, ~no, count, target, pending)
+    turns = jnp.zeros(shape, jnp.int32) if model.turns_by_events else None
+    search = RowSearch(lanes, lanes, lanes, lanes, no, no, no, ~no, count, target, pending, turns)
     zero_step = row_interval(count, lanes, lanes, TimeGrid(lanes, lanes, lanes))
     nothing = zeros_for(lambda: row_step(zero_step, state, clusters_of(state, model), model, method, each).gain)
     guards = None
@@ -82,6 +84,11 @@ def _empty_log(state: State, at: OfInterfaces, model: RowModel, method: Choices)
     return RowLog(at, at, at, at, largest, counters, extent)
 
 
+# A rocking motion that has come back so often within a step returns sooner than `FLAT_RETURN` of it. What an interface
+# predicts of its own return fails where its neighbours rock as well: their torques change with every turn of theirs.
+MAX_TURNS_PER_STEP = round(1 / FLAT_RETURN)
+
+
 class InterfaceChange(NamedTuple):
     """The change of one interface at an event."""
 
@@ -89,6 +96,7 @@ class InterfaceChange(NamedTuple):
     mode: Int[Array, ""]
     case: Int[Array, ""]
     becomes_flat: Bool[Array, ""]
+    turns: Int[Array, ""] | None  # changes of case within this step; None where the blocks do not turn
     jumped: Bool[Array, ""]  # guards may have jumped
     springs: Scalar  # energy gained by the contact springs [J]
     counters: Counters | None  # None where there is no log
@@ -106,13 +114,15 @@ def interface_change(
     delay: Scalar,
     h: Scalar,
     counters: Counters | None,
+    turns: Int[Array, ""] | None,
     model: Model,
 ) -> InterfaceChange:
     """The change of one interface whose trial ended in `start`, and at an event there if `fire` is true."""
     if not is_absent(joint):
         model = eqx.tree_at(lambda m: m.mobility.joint, model, joint)
     view = interface_view(torque, start, model)
-    change = change_at(view, start.motion, start, fire, kind, delay, h, model)
+    rocks = None if turns is None else turns >= MAX_TURNS_PER_STEP
+    change = change_at(view, start.motion, start, fire, kind, delay, h, model, rocks)
     now = change.transition.after
     u_s, mode, case = select(fire, (now.u_s, now.mode, now.case), (start.u_s, start.mode, start.case))
     becomes_flat = fire & (case == FLAT) & (start.case != FLAT)
@@ -123,6 +133,7 @@ def interface_change(
         mode,
         case,
         becomes_flat,
+        None if turns is None else turns + (fire & turned).astype(jnp.int32),
         fire & (several | turned | (case == FLAT)),
         springs,
         None if counters is None else count_event(counters, change.transition, fire, inside),
@@ -153,7 +164,7 @@ def judge_row_trial(lane: RowLane, end: RowStepEnd, fixed: RowFixed, method: Cho
     outcome = over(each, interface_outcome, torque, pairs, lane.guards, counts, h, model.interfaces)
     judge = partial(judge_row, locate=method.locate, order=method.rk.order, derivative=method.derivative)
     of_row = row_outcome(search, outcome, lane.guards)
-    decision = each(judge, search._replace(pending=None), of_row, running(lane, stop), grid.h)
+    decision = each(judge, search._replace(pending=None, turns=None), of_row, running(lane, stop), grid.h)
     fires = decision.fire[None] & outcome.hit
     crossing = RowCrossing(fires, outcome.kind, decision.fire, decision.delay, None)
     if method.derivative:
@@ -171,7 +182,7 @@ def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> Ro
         return _without_events(lane, end, running(lane, stop), interval.h, model, method, each)
     verdict = judge_row_trial(lane, end, fixed, method, each)
     decision, search = verdict.decision, lane.search
-    repeated = decision.search._replace(done=search.done, pending=search.pending)  # `done` may have a derivative
+    repeated = decision.search._replace(done=search.done, pending=search.pending, turns=search.turns)
     if method.derivative:
         end, length = differentiable_event_end(end, lane, verdict.crossing, fixed, method, each)
         search = search._replace(length=length, pending=verdict.crossing.pending)
@@ -184,7 +195,7 @@ def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> Ro
     violated = any_of([jnp.any(guards.value[kind] > 0, axis=0) for kind in event_kinds(guards.value)])
     several = jnp.sum(decision.fire[None] & verdict.outcome.hit, axis=0) > 1
     recheck = decision.fire & (jnp.any(change.jumped, axis=0) | several) & violated
-    next_search, step = _next_row_search(search, lane.step, decision.fire, recheck)
+    next_search, step = _next_row_search(search._replace(turns=change.turns), lane.step, decision.fire, recheck)
     tally = _updated_tally(lane.tally, end.gain, interval.h, lane.state, after, change, dropped, each)
     limit = MAX_EVENTS_PER_STEP * len(verdict.outcome.hit)
     lost = verdict.not_finite, next_search.events > limit
@@ -215,6 +226,7 @@ def _change_of_row(lane: RowLane, end: RowStepEnd, verdict: RowVerdict, fixed: R
         crossing.delay,
         lax.stop_gradient(grid.h),
         None if log is None else log.counters,
+        lane.search.turns,
         model.interfaces,
     )
 
@@ -260,7 +272,8 @@ def _next_row_search(search: RowSearch, step: Any, fire: Any, recheck: Any) -> t
     length = jnp.where(recheck, 0.0, 1 - done)
     probing = search.probing & ~fire & ~complete
     target = None if search.target is None else jax.tree.map(jnp.zeros_like, search.target)
-    after = RowSearch(done, length, zero, zero, no, probing, no, recheck, events, target, search.pending)
+    turns = None if search.turns is None else jnp.where(complete, 0, search.turns)
+    after = RowSearch(done, length, zero, zero, no, probing, no, recheck, events, target, search.pending, turns)
     return after, step + complete.astype(jnp.int32)
 
 
@@ -310,7 +323,7 @@ def _without_events(
     )
     touches = jnp.where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS))
     counters = None if lane.tally.log is None else lane.tally.log.counters
-    change = InterfaceChange(ABSENT, touches, touches, no, no, jnp.zeros_like(v), counters, v)
+    change = InterfaceChange(ABSENT, touches, touches, no, None, no, jnp.zeros_like(v), counters, v)
     seen = State(lane.state.motion, lane.state.u_s, touches, lane.state.case)
     tally = _updated_tally(lane.tally, end.gain, h, seen, end.state, change, jnp.zeros_like(h), each)
     status = _status(end.state, ~_is_finite(end.state), no).astype(jnp.int32)

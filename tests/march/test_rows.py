@@ -17,6 +17,7 @@ from scipy.linalg import expm
 import jaxshroud as js
 from jaxshroud.batch.rows import lanes_last
 from jaxshroud.batch.xla import vmapped
+from jaxshroud.march import row_trial
 from jaxshroud.model.arithmetic import ABSENT
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
@@ -331,3 +332,28 @@ def test_energy_of_a_ring_without_one_loss_does_not_balance():
     assert np.abs(runs.residual[0]) < 1e-12
     lost = np.sum(runs.samples.friction[:, 0, 0]) / np.sum(runs.samples.gross[:, 0])
     assert lost > 1e-4
+
+
+# --- rocking --------------------------------------------------------------------------------------------------------
+
+
+def pressed_ring():
+    """Three blades that are pressed together, with a small moment."""
+    row = ["row.blades=3", "row.closed=true", "drive.engine_order=1"]
+    return js.load("table1", [*row, "contact.gamma=2.5", "shroud.gap=-0.4 mm", "drive.M_0=1"]).scene
+
+
+@pytest.mark.full
+def test_faces_that_rock_with_their_neighbours_come_to_rest(monkeypatch):
+    # Every turn of a face changes the torques of its neighbours, by which each would tell that its own rocking ends.
+    scene, methods = pressed_ring(), [js.RungeKutta("dopri8", steps=steps) for steps in (100, 200)]
+    coarse, fine = (js.simulate(scene, n_periods=1, method=method) for method in methods)
+    assert (coarse.status, fine.status) == (Status.OK, Status.OK)
+    size = np.abs(fine.motion.x).max()
+    np.testing.assert_allclose(coarse.motion.x[-1], fine.motion.x[-1], rtol=0, atol=1e-6 * size)  # found 5e-8
+    assert coarse.counters["flat"].sum() > 0
+    # Control: by the prediction of each interface alone the events of a step have no end.
+    monkeypatch.setattr(row_trial, "MAX_TURNS_PER_STEP", 10**6)
+    with pytest.warns(js.LaneWarning):
+        alone = js.sweep(scene, {"drive.M_0": [1.0]}, n_periods=1, transient=0, method=methods[0])
+    assert alone.status.tolist() == [Status.TOO_MANY_EVENTS]
