@@ -1,0 +1,95 @@
+"""A bifurcation diagram that becomes finer: the values of each level lie between those of the levels before."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxshroud.march.method import Method
+from jaxshroud.results.sweep import SweepResult
+from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
+from jaxshroud.verbs.sweep import sweep
+
+COARSE_VALUES = 200
+LEVELS = 3  # each with half the spacing of the one before
+MAP_COARSE, MAP_LEVELS = 13, 3  # values along each key of a map
+Report = Callable[[int, int], None]  # lane-periods done, and in all
+
+
+class Window(NamedTuple):
+    """The part of a key's values that a diagram shows, in SI units."""
+
+    key: str
+    start: float
+    stop: float
+
+    def values(self, level: int, coarse: int = COARSE_VALUES) -> np.ndarray:
+        """All values of a level, equally spaced; every second one is, to the last bit, of the level before."""
+        return np.linspace(self.start, self.stop, (coarse - 1) * 2**level + 1)
+
+    def new_values(self, level: int, coarse: int = COARSE_VALUES) -> np.ndarray:
+        """The values of a level that no level before has."""
+        return self.values(level, coarse)[1::2] if level else self.values(0, coarse)
+
+
+class RunLength(NamedTuple):
+    """The drive periods of each lane of a diagram."""
+
+    transient: int = 32
+    kept: int = 32
+
+
+def diagram(
+    file: SceneFile,
+    window: Window,
+    values: np.ndarray,
+    direction: Direction,
+    length: RunLength,
+    method: Method,
+    report: Report,
+) -> SweepResult:
+    """A sweep over values of a key, as the command makes it."""
+    return sweep(
+        file.scene,
+        {window.key: values},
+        direction=direction,
+        n_periods=length.kept,
+        transient=length.transient,
+        method=method,
+        amplitudes=True,
+        progress=report,
+    )
+
+
+def map_piece(
+    file: SceneFile, axes: dict[str, np.ndarray], length: RunLength, method: Method, report: Report
+) -> SweepResult:
+    """A sweep over two keys, without samples."""
+    run = {"n_periods": length.kept, "transient": length.transient}
+    return sweep(file.scene, axes, method=method, keep_samples=False, amplitudes=True, progress=report, **run)
+
+
+def map_axes(across: Window, up: Window, level: int) -> list[dict[str, np.ndarray]]:
+    """The grids whose lanes a level of a map adds to the level before."""
+    x, y = (window.values(level, MAP_COARSE) for window in (across, up))
+    if not level:
+        return [{across.key: x, up.key: y}]
+    return [{across.key: x[1::2], up.key: y[::2]}, {across.key: x, up.key: y[1::2]}]
+
+
+def joined(results: Sequence[SweepResult]) -> SweepResult:
+    """Levels of a diagram as one result, with its values in order."""
+    import xarray as xr
+
+    if len(results) == 1:
+        return results[0]
+    (dim,) = [dim for dim in results[0].dims if dim != "direction"]
+    of_lanes = [str(name) for name, a in results[0].data.data_vars.items() if dim in a.dims]
+    lanes = xr.concat([r.data[of_lanes] for r in results], dim=dim, combine_attrs="override").sortby(dim)
+    return SweepResult(lanes.assign_attrs(results[0].data.attrs))
+
+
+def single_directions(direction: Direction) -> tuple[str, ...]:
+    """The directions that are drawn for a choice."""
+    return SINGLE_DIRECTIONS if direction == "both" else (direction,)

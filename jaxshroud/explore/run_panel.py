@@ -1,0 +1,183 @@
+"""The motion of one value: history, portrait, spectrum, contact, forces, and the blocks as they move."""
+
+from typing import Any
+
+import numpy as np
+from bokeh.layouts import column, row
+from bokeh.models import Button, ColumnDataSource, CustomJS, Div, HoverTool, LinearColorMapper, LogScale, Slider, Toggle
+
+from jaxshroud.explore.look import HERE, Recolouring, new_plot, scaled_ticks, widget_style
+from jaxshroud.explore.motion_columns import (
+    SPAN_NAMES,
+    Columns,
+    contact_columns,
+    diameter_columns,
+    film_columns,
+    history_columns,
+    poincare_columns,
+    portrait_columns,
+    prepared_run,
+    ring_columns,
+    spectrum_columns,
+)
+from jaxshroud.plotting.style import ORANGE
+from jaxshroud.results.row import RowTrajectory
+from jaxshroud.results.trajectory import Trajectory
+
+SOURCES = {
+    "history": ("t", "x_1", "x_2"),
+    "portrait": ("x", "v"),
+    "poincare": ("x", "v"),
+    "spectrum": ("f", "a", "foot"),
+    "forces": ("t", "N", "F"),
+    "spans": SPAN_NAMES,
+    "frames": ("t",),
+    "blocks": ("xs", "ys", "blade"),
+    "arrows": ("x0", "y0", "x1", "y1"),
+    "ring": ("blade", "peak", "free", "x", "y", "name"),
+    "diameters": ("diameter", "harmonic", "decades", "amplitude"),
+}
+INTERVAL = 50  # from frame to frame [ms]
+ARROW_HEAD = 9
+OF_PAIRS = ("spans", "forces", "blocks")
+GREYS = ["#f0f0f0", "#c6c6c6", "#969696", "#636363", "#252525"]
+
+
+class RunPanel:
+    """The figures of one motion, and what they show."""
+
+    def __init__(self, recolouring: Recolouring, row_of_blades: bool):
+        self.row, self.ends = row_of_blades, (0.0, 0.0)
+        self.sources = {name: ColumnDataSource({n: [] for n in names}, name=name) for name, names in SOURCES.items()}
+        self.heading = Div(text="", stylesheets=[widget_style()], sizing_mode="stretch_width", name="motion")
+        self.verdict = Div(text="", stylesheets=[widget_style()], sizing_mode="stretch_width", name="verdict")
+        own = self._row_plots() if row_of_blades else self._contact_plots(recolouring)
+        self.layout = column(
+            self.heading,
+            self.verdict,
+            *own[:1],
+            self._history(recolouring),
+            row(self._portrait(recolouring), self._spectrum(recolouring), sizing_mode="stretch_width"),
+            *own[1:],
+            sizing_mode="stretch_width",
+        )
+
+    def _history(self, recolouring: Recolouring) -> Any:
+        plot, source = new_plot("time history", 180, "time t/T", "x [mm]", "history_plot"), self.sources["history"]
+        scaled_ticks(plot.yaxis[0], 1e3)
+        recolouring.line(plot.line("t", "x_2", source=source, legend_label="x_2", line_dash="dashed"), "soft")
+        recolouring.line(plot.line("t", "x_1", source=source, legend_label="x_1", line_width=1.5), "strong")
+        plot.legend.orientation = "horizontal"
+        return plot
+
+    def _portrait(self, recolouring: Recolouring) -> Any:
+        plot = new_plot("phase portrait, Poincaré points", 210, "x_1 [mm]", "v_x1 [m/s]", "portrait_plot", tools="")
+        scaled_ticks(plot.xaxis[0], 1e3)
+        recolouring.line(plot.line("x", "v", source=self.sources["portrait"], line_width=0.7), "strong")
+        dots = plot.scatter("x", "v", source=self.sources["poincare"], size=5, line_color="white", line_width=0.5)
+        dots.glyph.fill_color = ORANGE
+        return plot
+
+    def _spectrum(self, recolouring: Recolouring) -> Any:
+        plot = new_plot(
+            "spectrum", 210, "frequency f/f_e", "amplitude of x_1 [m]", "spectrum_plot", y_axis_type="log", tools=""
+        )
+        assert isinstance(plot.y_scale, LogScale)
+        lines = plot.segment("f", "foot", "f", "a", source=self.sources["spectrum"], line_width=1)
+        recolouring.line(lines, "strong")
+        return plot
+
+    def _contact_plots(self, recolouring: Recolouring) -> list[Any]:
+        ribbon = new_plot("contact: state above, case below", 110, "", "", "ribbon_plot", tools="xpan,reset", y_range=(0, 2))
+        ribbon.yaxis.visible = ribbon.ygrid.visible = False
+        bars = ribbon.quad("left", "right", "top", "bottom", source=self.sources["spans"], color="color", line_color=None)
+        ribbon.add_tools(HoverTool(renderers=[bars], tooltips="@word"))
+        forces = new_plot("forces", 150, "time t/T", "force [N]", "forces_plot", x_range=ribbon.x_range, tools="xpan,reset")
+        normal = forces.line("t", "N", source=self.sources["forces"], legend_label="N", line_width=1.5)
+        recolouring.line(normal, "ink")
+        friction = forces.line("t", "F", source=self.sources["forces"], legend_label="F", line_dash="dashed")
+        recolouring.line(friction, "strong")
+        forces.legend.orientation = "horizontal"
+        return [self._film(recolouring), ribbon, forces]
+
+    def _film(self, recolouring: Recolouring) -> Any:
+        plot = new_plot("the blocks", 210, "", "", "film_plot", match_aspect=True, tools="")
+        plot.axis.visible = plot.grid.visible = False
+        shapes = plot.patches("xs", "ys", source=self.sources["blocks"], fill_alpha=0.25, line_width=1.5)
+        recolouring.line(shapes, "soft")
+        arrows = plot.segment("x0", "y0", "x1", "y1", source=self.sources["arrows"], line_width=3, line_color=ORANGE)
+        arrows.glyph.line_cap = "round"
+        plot.scatter("x0", "y0", source=self.sources["arrows"], size=7, color=ORANGE, line_color=None)
+        self.film, style = plot, [widget_style()]
+        script = (HERE / "film.js").read_text("utf-8")
+        self.frame = Slider(title="frame", start=0, end=1, value=0, step=1, stylesheets=style, sizing_mode="stretch_width")
+        shown = {name: self.sources[name] for name in ("frames", "blocks", "arrows")}
+        draw = CustomJS(args={**shown, "title": plot.title}, code=script)
+        self.frame.js_on_change("value", draw)
+        self.sources["frames"].js_on_change("data", CustomJS(args={**shown, "title": plot.title}, code=f"const cb_obj = {{value: 0}};\n{script}"))
+        self.play = Toggle(label="move", stylesheets=style, width=80, name="play")
+        code = (HERE / "play.js").read_text("utf-8")
+        self.play.js_on_change("active", CustomJS(args={"frame": self.frame, "interval": INTERVAL}, code=code))
+        return column(plot, row(self.play, self.frame, sizing_mode="stretch_width"), sizing_mode="stretch_width")
+
+    def _row_plots(self) -> list[Any]:
+        source = self.sources["ring"]
+        mapper = LinearColorMapper(palette="Cividis256")
+        ring = new_plot("amplitude of x of each blade", 260, "", "", "ring_plot", match_aspect=True, tools="hover")
+        ring.axis.visible = ring.grid.visible = False
+        colour = {"field": "peak", "transform": mapper}
+        dots = ring.scatter("x", "y", source=source, size=30, color=colour, line_color=None)
+        ring.text("x", "y", "name", source=source, text_align="center", text_baseline="middle", text_color="white")
+        ring.add_layout(dots.construct_color_bar(width=8, title="[m]"), "right")
+        ring.hover.tooltips = [("blade", "@blade"), ("with contact", "@peak{0.000e+0} m"), ("without", "@free{0.000e+0} m")]
+        waves = new_plot("waves of the last period", 200, "nodal diameter", "harmonic", "waves_plot", tools="hover")
+        shade = LinearColorMapper(palette=GREYS, low=-4, high=0)
+        tiles = waves.rect(
+            "diameter", "harmonic", 1, 1, source=self.sources["diameters"],
+            fill_color={"field": "decades", "transform": shade}, line_color=None,
+        )
+        waves.add_layout(tiles.construct_color_bar(width=8, title="log10 of the largest"), "right")
+        waves.hover.tooltips = [("nodal diameter", "@diameter"), ("harmonic", "@harmonic"), ("", "@amplitude{0.000e+0} m")]
+        return [ring, waves]
+
+    def show(self, result: Trajectory | RowTrajectory) -> None:
+        """Show a run.
+
+        Args:
+            result: Of one scene.
+        """
+        for name, columns in run_columns(result, self.row).items():
+            if name == "film":
+                self._fit_film(columns)
+            else:
+                self.sources[name].data = columns
+
+    def _fit_film(self, film: Columns) -> None:
+        """Give the film room for all of its frames, and begin it anew."""
+        self.film.x_range.update(start=film["left"], end=film["right"])
+        self.film.y_range.update(start=film["low"], end=film["high"])
+        self.film.title.text = f"the blocks, motion and gap × {film['factor']:g}"
+        self.frame.update(end=max(film["count"] - 1, 1), value=0)
+
+
+def run_columns(result: Trajectory | RowTrajectory, row_of_blades: bool) -> dict[str, Columns]:
+    """The columns of all sources that a run changes."""
+    run = prepared_run(result.data)
+    if run is None:
+        return {name: {n: [] for n in names} for name, names in SOURCES.items()}
+    columns = {
+        "history": history_columns(run),
+        "portrait": portrait_columns(run),
+        "poincare": poincare_columns(run),
+        "spectrum": spectrum_columns(run),
+    }
+    if row_of_blades:
+        return {**columns, "ring": ring_columns(run), "diameters": diameter_columns(run)}
+    forces, spans = contact_columns(run)
+    frames, factor = film_columns(run)
+    x = np.array([frames[f"x{b}{k}"] for b in (0, 1) for k in range(4)])
+    y = np.array([frames[f"y{b}{k}"] for b in (0, 1) for k in range(4)])
+    margin = 0.04 * float(np.ptp(x))
+    ends = {"left": x.min() - margin, "right": x.max() + margin, "low": y.min() - margin, "high": y.max() + margin}
+    film = {**{name: float(v) for name, v in ends.items()}, "factor": factor, "count": len(frames["t"])}
+    return {**columns, "forces": forces, "spans": spans, "film": film, "frames": frames}
