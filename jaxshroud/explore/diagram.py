@@ -8,7 +8,7 @@ import numpy as np
 from jaxshroud.march.method import Method
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
+from jaxshroud.scene.parts import Direction
 from jaxshroud.verbs.sweep import sweep
 
 COARSE_VALUES = 200
@@ -51,7 +51,7 @@ def diagram(
 ) -> SweepResult:
     """A sweep over values of a key, as the command makes it."""
     return sweep(
-        file.scene,
+        file,
         {window.key: values},
         direction=direction,
         n_periods=length.kept,
@@ -67,7 +67,7 @@ def map_piece(
 ) -> SweepResult:
     """A sweep over two keys, without samples."""
     run = {"n_periods": length.kept, "transient": length.transient}
-    return sweep(file.scene, axes, method=method, keep_samples=False, amplitudes=True, progress=report, **run)
+    return sweep(file, axes, method=method, keep_samples=False, amplitudes=True, progress=report, **run)
 
 
 def map_axes(across: Window, up: Window, level: int) -> list[dict[str, np.ndarray]]:
@@ -78,18 +78,27 @@ def map_axes(across: Window, up: Window, level: int) -> list[dict[str, np.ndarra
     return [{across.key: x[1::2], up.key: y[::2]}, {across.key: x, up.key: y[1::2]}]
 
 
-def joined(results: Sequence[SweepResult]) -> SweepResult:
-    """Levels of a diagram as one result, with its values in order."""
+def joined(results: Sequence[SweepResult], dim: str | None = None) -> SweepResult:
+    """Sweeps over different values of a key as one result, with the values in order.
+
+    Args:
+        results: The sweeps; of two keys, they have the same values of the other.
+        dim: The dimension of the key; by default the only one.
+    """
     import xarray as xr
 
     if len(results) == 1:
         return results[0]
-    (dim,) = [dim for dim in results[0].dims if dim != "direction"]
-    of_lanes = [str(name) for name, a in results[0].data.data_vars.items() if dim in a.dims]
-    lanes = xr.concat([r.data[of_lanes] for r in results], dim=dim, combine_attrs="override").sortby(dim)
-    return SweepResult(lanes.assign_attrs(results[0].data.attrs))
+    along = dim or next(name for name in results[0].dims if name != "direction")
+    data = results[0].data
+    of_lanes = [str(name) for name, a in data.data_vars.items() if along in a.dims]
+    parts = [r.data[of_lanes] for r in results]
+    lanes = xr.concat(parts, dim=along, combine_attrs="override", data_vars="all").sortby(along)
+    return SweepResult(lanes.assign_attrs(data.attrs))
 
 
-def single_directions(direction: Direction) -> tuple[str, ...]:
-    """The directions that are drawn for a choice."""
-    return SINGLE_DIRECTIONS if direction == "both" else (direction,)
+def joined_map(coarse: SweepResult, added: Sequence[SweepResult]) -> SweepResult:
+    """A map with the lanes that the next level adds, see `map_axes`."""
+    across, up = coarse.dims
+    beside, between = added
+    return joined([joined([coarse, beside], across), between], up)

@@ -25,7 +25,9 @@ PERIODS = {0: "aperiodic"}
 class DiagramPanel:
     """The figures of the diagram, and what they show."""
 
-    def __init__(self, recolouring: Recolouring, zoomed: Callable[[float, float], None], chosen: Callable[[float], None]):
+    def __init__(
+        self, recolouring: Recolouring, zoomed: Callable[[float, float], None], chosen: Callable[[float], None]
+    ):
         """An empty diagram.
 
         Args:

@@ -15,7 +15,13 @@ FIELD_KEYS = (
     *("shroud.alpha", "drive.beta", "blades.k_x", "blades.c_x"),
 )
 FIRST_FIELDS = 10  # that are open from the start
-AROUND_VALUE = ("drive.omega", "drive.f", "drive.speed", "blades.k_x", "shroud.alpha")  # whose sliders do not begin at 0
+AROUND_VALUE = (
+    "drive.omega",
+    "drive.f",
+    "drive.speed",
+    "blades.k_x",
+    "shroud.alpha",
+)  # whose sliders do not begin at 0
 SLIDER_STEPS = 200
 REACH = 3.0  # of a slider, times the value
 NICE_STEPS = (1.0, 2.0, 5.0, 10.0)

@@ -3,7 +3,7 @@ if (cb_obj.active) {
   cb_obj.label = "stop";
   const step = () => {
     if (!cb_obj.active) return;
-    frame.value = frame.value >= frame.end ? 0 : frame.value + 1;
+    frame.setv({ value: frame.value >= frame.end ? 0 : frame.value + 1 }, { sync: false });
     setTimeout(step, interval);
   };
   step();

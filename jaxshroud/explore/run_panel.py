@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 from bokeh.layouts import column, row
-from bokeh.models import Button, ColumnDataSource, CustomJS, Div, HoverTool, LinearColorMapper, LogScale, Slider, Toggle
+from bokeh.models import ColumnDataSource, CustomJS, Div, HoverTool, LinearColorMapper, LogScale, Slider, Toggle
 
 from jaxshroud.explore.look import HERE, Recolouring, new_plot, scaled_ticks, widget_style
 from jaxshroud.explore.motion_columns import (
@@ -88,11 +88,17 @@ class RunPanel:
         return plot
 
     def _contact_plots(self, recolouring: Recolouring) -> list[Any]:
-        ribbon = new_plot("contact: state above, case below", 110, "", "", "ribbon_plot", tools="xpan,reset", y_range=(0, 2))
+        ribbon = new_plot(
+            "contact: state above, case below", 110, "", "", "ribbon_plot", tools="xpan,reset", y_range=(0, 2)
+        )
         ribbon.yaxis.visible = ribbon.ygrid.visible = False
-        bars = ribbon.quad("left", "right", "top", "bottom", source=self.sources["spans"], color="color", line_color=None)
+        bars = ribbon.quad(
+            "left", "right", "top", "bottom", source=self.sources["spans"], color="color", line_color=None
+        )
         ribbon.add_tools(HoverTool(renderers=[bars], tooltips="@word"))
-        forces = new_plot("forces", 150, "time t/T", "force [N]", "forces_plot", x_range=ribbon.x_range, tools="xpan,reset")
+        forces = new_plot(
+            "forces", 150, "time t/T", "force [N]", "forces_plot", x_range=ribbon.x_range, tools="xpan,reset"
+        )
         normal = forces.line("t", "N", source=self.sources["forces"], legend_label="N", line_width=1.5)
         recolouring.line(normal, "ink")
         friction = forces.line("t", "F", source=self.sources["forces"], legend_label="F", line_dash="dashed")
@@ -110,11 +116,15 @@ class RunPanel:
         plot.scatter("x0", "y0", source=self.sources["arrows"], size=7, color=ORANGE, line_color=None)
         self.film, style = plot, [widget_style()]
         script = (HERE / "film.js").read_text("utf-8")
-        self.frame = Slider(title="frame", start=0, end=1, value=0, step=1, stylesheets=style, sizing_mode="stretch_width")
+        self.frame = Slider(
+            title="frame", start=0, end=1, value=0, step=1, stylesheets=style, sizing_mode="stretch_width"
+        )
         shown = {name: self.sources[name] for name in ("frames", "blocks", "arrows")}
         draw = CustomJS(args={**shown, "title": plot.title}, code=script)
         self.frame.js_on_change("value", draw)
-        self.sources["frames"].js_on_change("data", CustomJS(args={**shown, "title": plot.title}, code=f"const cb_obj = {{value: 0}};\n{script}"))
+        self.sources["frames"].js_on_change(
+            "data", CustomJS(args={**shown, "title": plot.title}, code=f"const cb_obj = {{value: 0}};\n{script}")
+        )
         self.play = Toggle(label="move", stylesheets=style, width=80, name="play")
         code = (HERE / "play.js").read_text("utf-8")
         self.play.js_on_change("active", CustomJS(args={"frame": self.frame, "interval": INTERVAL}, code=code))
@@ -129,15 +139,28 @@ class RunPanel:
         dots = ring.scatter("x", "y", source=source, size=30, color=colour, line_color=None)
         ring.text("x", "y", "name", source=source, text_align="center", text_baseline="middle", text_color="white")
         ring.add_layout(dots.construct_color_bar(width=8, title="[m]"), "right")
-        ring.hover.tooltips = [("blade", "@blade"), ("with contact", "@peak{0.000e+0} m"), ("without", "@free{0.000e+0} m")]
+        ring.hover.tooltips = [
+            ("blade", "@blade"),
+            ("with contact", "@peak{0.000e+0} m"),
+            ("without", "@free{0.000e+0} m"),
+        ]
         waves = new_plot("waves of the last period", 200, "nodal diameter", "harmonic", "waves_plot", tools="hover")
         shade = LinearColorMapper(palette=GREYS, low=-4, high=0)
         tiles = waves.rect(
-            "diameter", "harmonic", 1, 1, source=self.sources["diameters"],
-            fill_color={"field": "decades", "transform": shade}, line_color=None,
+            "diameter",
+            "harmonic",
+            1,
+            1,
+            source=self.sources["diameters"],
+            fill_color={"field": "decades", "transform": shade},
+            line_color=None,
         )
         waves.add_layout(tiles.construct_color_bar(width=8, title="log10 of the largest"), "right")
-        waves.hover.tooltips = [("nodal diameter", "@diameter"), ("harmonic", "@harmonic"), ("", "@amplitude{0.000e+0} m")]
+        waves.hover.tooltips = [
+            ("nodal diameter", "@diameter"),
+            ("harmonic", "@harmonic"),
+            ("", "@amplitude{0.000e+0} m"),
+        ]
         return [ring, waves]
 
     def show(self, result: Trajectory | RowTrajectory) -> None:

@@ -1,0 +1,155 @@
+"""The computations that a page asks for, each in a thread of its own that leaves the cores to what is wanted first."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from jaxshroud.explore.diagram import (
+    LEVELS,
+    MAP_LEVELS,
+    RunLength,
+    Window,
+    diagram,
+    joined,
+    joined_map,
+    map_axes,
+    map_piece,
+)
+from jaxshroud.explore.exploration import Exploration, method_on_page
+from jaxshroud.explore.worker import Continue, Job
+from jaxshroud.march.method import Method
+from jaxshroud.results.diagnosis import Diagnosis
+from jaxshroud.results.row import RowTrajectory
+from jaxshroud.results.row_diagnosis import RowDiagnosis
+from jaxshroud.results.sweep import SweepResult
+from jaxshroud.results.trajectory import Trajectory
+from jaxshroud.scene.parts import Direction
+from jaxshroud.verbs.diagnose import diagnose
+from jaxshroud.verbs.simulate import simulate
+
+RUN_PERIODS = 100  # of the motion under a click
+LONGEST_WAIT = 1.0  # of a diagram for a run [s]; compiling may take longer
+REPORT_INTERVAL = 0.1  # [s]
+Yield = Callable[[], bool]  # whether something is wanted first
+
+
+class Methods:
+    """The method of each structure and accuracy: chosen for the first scene that has it, and kept."""
+
+    def __init__(self) -> None:
+        self.found: dict[Any, Method] = {}
+        self.lock = threading.Lock()
+
+    def method(self, exploration: Exploration, accuracy: str) -> Method:
+        """The method of a scene."""
+        call = (exploration.origin, exploration.structure, accuracy)
+        with self.lock:
+            if call not in self.found:
+                try:
+                    wish: str | float = float(accuracy)
+                except ValueError:
+                    wish = accuracy
+                self.found[call] = method_on_page(exploration.file, wish)
+        return self.found[call]
+
+
+class Progress:
+    """Reports progress now and then, lets others go first, and ends work that is not wanted any more."""
+
+    def __init__(self, go_on: Continue, tell: Callable[[float], None], first: Yield = lambda: False):
+        self.go_on, self.tell, self.first, self.told = go_on, tell, first, 0.0
+
+    def __call__(self, done: int, total: int) -> None:
+        """Report that `done` of `total` are done."""
+        since = time.monotonic()
+        while self.first() and time.monotonic() - since < LONGEST_WAIT:
+            self.go_on()
+            time.sleep(0.005)
+        self.go_on()
+        if since - self.told > REPORT_INTERVAL:
+            self.told = since
+            self.tell(done / max(total, 1))
+
+
+def diagram_job(
+    exploration: Exploration,
+    method: Callable[[], Method],
+    window: Window,
+    direction: Direction,
+    length: RunLength,
+    progress: Callable[[Continue, int], Progress],
+    show: Callable[[int, SweepResult, SweepResult], None],
+) -> Job:
+    """A diagram, coarse first; in other directions than from rest at one spacing, as a finer one is another run."""
+
+    def job(go_on: Continue) -> None:
+        march, levels = method(), []
+        go_on()
+        for level in range(LEVELS if direction == "independent" else 1):
+            values, report = window.new_values(level), progress(go_on, level)
+            levels.append(diagram(exploration.file, window, values, direction, length, march, report))
+            go_on()
+            show(level, levels[-1], joined(levels))
+
+    return job
+
+
+def map_job(
+    exploration: Exploration,
+    method: Callable[[], Method],
+    across: Window,
+    up: Window,
+    length: RunLength,
+    progress: Callable[[Continue, int], Progress],
+    show: Callable[[int, SweepResult], None],
+) -> Job:
+    """A map, coarse first."""
+
+    def job(go_on: Continue) -> None:
+        march, whole = method(), None
+        for level in range(MAP_LEVELS):
+            pieces = [
+                map_piece(exploration.file, axes, length, march, progress(go_on, level))
+                for axes in map_axes(across, up, level)
+            ]
+            whole = pieces[0] if whole is None else joined_map(whole, pieces)
+            go_on()
+            show(level, whole)
+
+    return job
+
+
+def run_job(
+    exploration: Exploration, method: Callable[[], Method], show: Callable[[Trajectory | RowTrajectory], None]
+) -> Job:
+    """The motion of one scene."""
+
+    def job(go_on: Continue) -> None:
+        go_on()
+        progress = Progress(go_on, lambda share: None)
+        run = simulate(exploration.file, n_periods=RUN_PERIODS, method=method(), progress=progress)
+        go_on()
+        show(run)
+
+    return job
+
+
+def verdict_job(
+    exploration: Exploration,
+    method: Callable[[], Method],
+    first: Yield,
+    show: Callable[[Diagnosis | RowDiagnosis], None],
+) -> Job:
+    """The verdict on the motion of one scene, once all else is done."""
+
+    def job(go_on: Continue) -> None:
+        while first():
+            go_on()
+            time.sleep(0.05)
+        progress = Progress(go_on, lambda share: None, first)
+        found = diagnose(exploration.file.scene, method=method(), progress=progress)
+        go_on()
+        show(found)
+
+    return job

@@ -1,0 +1,29 @@
+"""The page of a scene as a file: what a tab shows once its first diagram is coarse."""
+
+from bokeh.document import Document
+
+from jaxshroud.batch.runs import Progress
+from jaxshroud.explore.diagram import diagram
+from jaxshroud.explore.exploration import Exploration
+from jaxshroud.explore.jobs import RUN_PERIODS, Methods
+from jaxshroud.explore.page import Page
+from jaxshroud.explore.saves import static_page
+from jaxshroud.verbs.simulate import simulate
+
+
+def written_page(exploration: Exploration, accuracy: str, report: Progress) -> bytes:
+    """The page of a scene, which needs no server: its coarse diagram from rest, and its own motion.
+
+    Args:
+        exploration: The scene.
+        accuracy: The accuracy of both.
+        report: Called with the lane-periods done, and in all.
+    """
+    document = Document()
+    page = Page(document, exploration, accuracy, Methods())
+    window, method = page.centre.window, page.methods.method(exploration, accuracy)
+    coarse = diagram(exploration.file, window, window.new_values(0), "independent", page.length, method, report)
+    page.show_level(window, "independent", 0, coarse, coarse)
+    page.show_run(exploration, simulate(exploration.file, n_periods=RUN_PERIODS, method=method))
+    page.close()
+    return static_page(document, page.heading)
