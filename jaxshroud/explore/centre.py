@@ -3,15 +3,14 @@
 from typing import Any, Protocol
 
 import numpy as np
-from bokeh.layouts import column, row
 from bokeh.models import Div, RadioButtonGroup, Select, TextInput
 
 from jaxshroud.explore.controls import buttons
 from jaxshroud.explore.diagram import Window
 from jaxshroud.explore.diagram_panel import DiagramPanel
 from jaxshroud.explore.exploration import Exploration
-from jaxshroud.explore.fields import NumberField, number_fields
-from jaxshroud.explore.look import Recolouring, widget_style
+from jaxshroud.explore.fields import number_fields
+from jaxshroud.explore.look import Recolouring, beside, stacked, styled, wide
 from jaxshroud.explore.map_panel import MapPanel
 from jaxshroud.explore.words import note_html
 from jaxshroud.results.sweep import SweepResult
@@ -52,26 +51,24 @@ class Centre:
         self.whole = {name: Window(name, *number.ends) for name, number in numbers.items()}
         own = next((a.key for a in exploration.file.axes if a.key in numbers), next(iter(numbers)))
         self.window = self.whole[own]
-        style: dict[str, Any] = {"stylesheets": [widget_style()]}
+        style = styled()
         self.key = Select(title="diagram over", value=own, options=list(numbers), name="key", width=150, **style)
         self.way = Select(
             title="each value starts", value="from rest", options=list(DIRECTIONS), name="direction", width=110, **style
         )
         self.ends = [TextInput(title=title, name=f"window {title}", width=90, **style) for title in ("from", "to")]
-        self.wrong = Div(text="", visible=False, sizing_mode="stretch_width", **style)
-        self.note = Div(text="", sizing_mode="stretch_width", name="note", **style)
+        self.wrong = Div(text="", visible=False, **wide())
+        self.note = Div(text="", name="note", **wide())
         self.view = RadioButtonGroup(labels=["Diagram", "Map"], active=0, name="view", **style)
         self.diagram = DiagramPanel(recolouring, self._zoomed, self._chosen)
         self.diagram.on_reset(self.show_whole)
         self.map = MapPanel(recolouring, [name for name in numbers if name != own] or [own], self._chosen_of_map)
         self._listen()
-        steps = {"◀ previous": lambda: self._step(-1), "next ▶": lambda: self._step(1), "zoom in": lambda: self._scale(0.5),
-                 "zoom out": lambda: self._scale(2.0), "whole": self.show_whole}  # fmt: skip
-        self.steps = buttons(steps)
-        top = row(self.view, self.key, self.way, *self.ends, styles={"flex-wrap": "wrap"}, sizing_mode="stretch_width")
-        self.layout = column(
-            top, self.wrong, self.diagram.layout, self.map.layout, self.steps, self.note, sizing_mode="stretch_width"
-        )
+        beside_it = {"◀ previous": lambda: self._step(-1), "next ▶": lambda: self._step(1)}
+        zoom = {"zoom in": lambda: self._scale(0.5), "zoom out": lambda: self._scale(2.0), "whole": self.show_whole}
+        self.steps = buttons({**beside_it, **zoom})
+        top = beside(self.view, self.key, self.way, *self.ends)
+        self.layout = stacked(top, self.wrong, self.diagram.layout, self.map.layout, self.steps, self.note)
         self._show_window(self.window)
 
     def _listen(self) -> None:
@@ -231,8 +228,3 @@ class Centre:
                 "is another run."
             )
         self.note.text = note_html(words)
-
-
-def number_of(numbers: list[NumberField], key: str) -> NumberField:
-    """The field of a key."""
-    return next(number for number in numbers if number.key.name == key)

@@ -4,12 +4,11 @@ from collections.abc import Callable, Mapping
 from html import escape
 from typing import Any
 
-from bokeh.layouts import column, row
 from bokeh.models import Button, Div, Select, Slider, TextInput
 
 from jaxshroud.explore.exploration import Exploration
 from jaxshroud.explore.fields import FIRST_FIELDS, NumberField, number_fields
-from jaxshroud.explore.look import widget_style
+from jaxshroud.explore.look import beside, stacked, styled, wide
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.parts import ACCURACIES
 
@@ -29,7 +28,7 @@ class FieldWidgets:
 
     def __init__(self, number: NumberField, change: Change):
         self.number, self.change, self.silent = number, change, False
-        style: dict[str, Any] = {"stylesheets": [widget_style()], "sizing_mode": "stretch_width"}
+        style = wide()
         self.text = TextInput(title=number.label, value=number.text, name=f"field {number.key.name}", **style)
         self.message = Div(text="", visible=False, **style)
         self.text.on_change("value", lambda attr, old, new: self._typed(new))
@@ -40,7 +39,7 @@ class FieldWidgets:
             self.slider = Slider(**ends, **shown, **style)
             self.slider.on_change("value_throttled", lambda attr, old, new: self._slid(new))
         widgets = [self.text, *([self.slider] if self.slider else []), self.message]
-        self.layout = column(*widgets, sizing_mode="stretch_width", margin=0)
+        self.layout = stacked(*widgets, margin=0)
 
     def _typed(self, text: str) -> None:
         """Take what was typed: a bare number is in the unit that is shown."""
@@ -90,7 +89,7 @@ class Controls:
             change: Called with a key and the text of its value.
             accuracy: The accuracy from the start.
         """
-        self.change, style = change, {"stylesheets": [widget_style()], "sizing_mode": "stretch_width"}
+        self.change, style = change, wide()
         numbers = number_fields(exploration.file)
         self.fields = {number.key.name: FieldWidgets(number, change) for number in numbers}
         layouts = [widgets.layout for widgets in self.fields.values()]
@@ -102,18 +101,17 @@ class Controls:
         }
         for key, choice in self.choices.items():
             choice.on_change("value", lambda attr, old, new, key=key: self._chosen(key, new))
-        accuracies = list(dict.fromkeys((accuracy, *ACCURACIES)))
+        accuracies: list[Any] = list(dict.fromkeys((accuracy, *ACCURACIES)))
         self.accuracy = Select(title="accuracy", value=accuracy, options=accuracies, name="accuracy", **style)
         self.wrong = Div(text="", visible=False, **style)
         self.reset = Button(label="Reset all", name="reset", **style)
-        self.layout = column(
+        self.layout = stacked(
             *layouts[:FIRST_FIELDS],
             *self.choices.values(),
             self.accuracy,
             self.wrong,
             *layouts[FIRST_FIELDS:],
             self.reset,
-            sizing_mode="stretch_width",
         )
         self.show(exploration)
 
@@ -143,7 +141,7 @@ class Controls:
 
 def buttons(labels: Mapping[str, Callable[[], None]], **options: Any) -> Any:
     """A row of buttons: label -> what a click calls."""
-    made = [Button(label=label, stylesheets=[widget_style()], name=label, width_policy="min") for label in labels]
+    made = [Button(label=label, **styled(), name=label, width_policy="min") for label in labels]
     for button, call in zip(made, labels.values(), strict=True):
         button.on_click(lambda event, call=call: call())
-    return row(*made, styles={"flex-wrap": "wrap"}, sizing_mode="stretch_width", **options)
+    return beside(*made, **options)

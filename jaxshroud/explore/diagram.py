@@ -1,7 +1,7 @@
 """A bifurcation diagram that becomes finer: the values of each level lie between those of the levels before."""
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -66,7 +66,7 @@ def map_piece(
     file: SceneFile, axes: dict[str, np.ndarray], length: RunLength, method: Method, report: Report
 ) -> SweepResult:
     """A sweep over two keys, without samples."""
-    run = {"n_periods": length.kept, "transient": length.transient}
+    run: dict[str, Any] = {"n_periods": length.kept, "transient": length.transient}
     return sweep(file, axes, method=method, keep_samples=False, amplitudes=True, progress=report, **run)
 
 

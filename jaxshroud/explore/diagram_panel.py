@@ -5,11 +5,20 @@ from typing import Any
 
 import numpy as np
 from bokeh.events import RangesUpdate, Reset, Tap
-from bokeh.layouts import column
-from bokeh.models import ColumnDataSource, Div, HoverTool, LinearColorMapper, Range1d, Span
+from bokeh.models import Div, HoverTool, LinearColorMapper, Range1d, Span
 
 from jaxshroud.explore.diagram import LEVELS, Window
-from jaxshroud.explore.look import LIGHT, Colours, Recolouring, legend_html, new_plot, scaled_ticks, widget_style
+from jaxshroud.explore.look import (
+    LIGHT,
+    Colours,
+    Recolouring,
+    empty_source,
+    legend_html,
+    new_plot,
+    scaled_ticks,
+    stacked,
+    wide,
+)
 from jaxshroud.io.lane_status import status_name
 from jaxshroud.plotting.plot_sweep import MOTION_COLOURS, colour_indices
 from jaxshroud.results.sweep import SweepResult
@@ -19,7 +28,9 @@ SAMPLE_NAMES = "value", "shown", "x", "motion"
 LANE_NAMES = "value", "shown", "P_d", "low", "high", "ci", "peak", "period", "motion", "status", "foot"
 MARKERS = {"independent": "dot", "forward": "triangle", "backward": "inverted_triangle"}
 SIZES = {"independent": 7, "forward": 4, "backward": 4}
-PERIODS = {0: "aperiodic"}
+PERIODS = {0: "aperiodic", -1: "none"}
+STOPPED_LINE = "#d55e00"
+Zoomed = Callable[[float, float], None]
 
 
 class DiagramPanel:
@@ -38,13 +49,15 @@ class DiagramPanel:
         self.zoomed, self.chosen, self.factor, self.key = zoomed, chosen, 1.0, ""
         self.mapper = LinearColorMapper(low=-0.5, high=len(MOTION_COLOURS) - 0.5, palette=list(LIGHT.motions))
         recolouring.listeners.append(self._recolour)
-        self.range = Range1d(0, 1)
-        self.samples = [ColumnDataSource({n: [] for n in SAMPLE_NAMES}, name=f"samples{i}") for i in range(LEVELS)]
-        self.ways = {way: ColumnDataSource({n: [] for n in SAMPLE_NAMES}) for way in ("forward", "backward")}
-        self.lanes = ColumnDataSource({n: [] for n in LANE_NAMES}, name="lanes")
-        self.stopped = ColumnDataSource({"shown": [], "words": []}, name="stopped")
-        self.cursors = [Span(dimension="height", line_dash="dashed", line_width=1.5, visible=False) for _ in range(3)]
-        self.legend = Div(text="", stylesheets=[widget_style()], sizing_mode="stretch_width")
+        self.range = Range1d(start=0, end=1)
+        self.samples = [empty_source(SAMPLE_NAMES, f"samples{i}") for i in range(LEVELS)]
+        self.ways = {way: empty_source(SAMPLE_NAMES, way) for way in ("forward", "backward")}
+        self.lanes = empty_source(LANE_NAMES, "lanes")
+        self.stopped = empty_source(("shown", "words"), "stopped")
+        self.cursors: list[Any] = [
+            Span(dimension="height", line_dash="dashed", line_width=1.5, visible=False) for _ in range(3)
+        ]
+        self.legend = Div(text="", **wide())
         self.top = self._samples_plot()
         self.power = self._curve_plot("P_d", "P_d [%]", recolouring, 150)
         self.amplitude = self._curve_plot("peak", "amplitude of x_1 [mm]", recolouring, 160)
@@ -54,7 +67,7 @@ class DiagramPanel:
             plot.add_layout(cursor)
             plot.on_event(Tap, lambda event: self.chosen(self._in_si(event.x)))
             plot.on_event(RangesUpdate, self._ranges_changed)
-        self.layout = column(self.top, self.power, self.amplitude, self.legend, sizing_mode="stretch_width")
+        self.layout = stacked(self.top, self.power, self.amplitude, self.legend)
 
     def on_reset(self, call: Callable[[], None]) -> None:
         """Call this when the reset tool is used."""
@@ -76,7 +89,7 @@ class DiagramPanel:
             plot.scatter(source=source, marker="dot", size=7, **style)
         for way, source in self.ways.items():
             plot.scatter(source=source, marker=MARKERS[way], size=SIZES[way], fill_alpha=0.0, **style)
-        plot.vspan(x="shown", source=self.stopped, line_color="#d55e00", line_alpha=0.35, name="stopped lanes")
+        plot.vspan(x="shown", source=self.stopped, line_color=STOPPED_LINE, line_alpha=0.35, name="stopped lanes")
         return plot
 
     def _curve_plot(self, name: str, label: str, recolouring: Recolouring, height: int) -> Any:
@@ -90,7 +103,7 @@ class DiagramPanel:
         dots = plot.scatter(x="shown", y=name, source=self.lanes, size=4, color=colour, line_color=None)
         words = [("value", "@shown"), ("P_d", "@P_d{0.00} ± @ci{0.00} %"), ("period", "@period"), ("", "@status")]
         plot.add_tools(HoverTool(renderers=[dots], tooltips=words, mode="vline", attachment="horizontal"))
-        plot.vspan(x="shown", source=self.stopped, line_color="#d55e00", line_alpha=0.35)
+        plot.vspan(x="shown", source=self.stopped, line_color=STOPPED_LINE, line_alpha=0.35)
         return plot
 
     def _in_si(self, shown: float) -> float:
@@ -149,7 +162,7 @@ class DiagramPanel:
         self.lanes.data = {
             **{"value": value, "shown": value * self.factor, "P_d": P_d, "ci": ci, "peak": peak},
             **{"low": P_d - half, "high": P_d + half, "motion": motion, "foot": np.zeros(len(value))},
-            "period": [PERIODS.get(int(n), str(int(n))) if good else "" for n, good in zip(result.period_number, ok)],
+            "period": [PERIODS.get(n, str(n)) for n in np.where(ok, result.period_number, -1).astype(int).tolist()],
             "status": [status_name(int(code)) for code in result.status],
         }
         words = [status_name(int(code)) for code in result.status[~ok]]

@@ -1,5 +1,5 @@
 // Show one frame of `frames`: the corners of both blocks, and the forces on the right block where they touch.
-const f = frames.data, i = cb_obj.value;
+const f = frames.data, i = Math.round(frame.value);
 const quiet = { sync: false }; // the server need not know
 if (f.x00 !== undefined && f.t.length > i) {
   const of_block = (axis, b) => [0, 1, 2, 3].map((k) => f[`${axis}${b}${k}`][i]);

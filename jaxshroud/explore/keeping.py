@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from typing import Any
 
-from bokeh.layouts import column, row
 from bokeh.models import Button, CustomJS, Div, PreText, Select
 
 from jaxshroud.explore.exploration import method_words
-from jaxshroud.explore.look import widget_style
+from jaxshroud.explore.jobs import RUN_PERIODS
+from jaxshroud.explore.look import beside, stacked, styled
 from jaxshroud.explore.saves import SavedFile, download_source, result_file, static_page
 from jaxshroud.explore.words import note_html
 from jaxshroud.scene.checks import InputError
@@ -32,7 +32,7 @@ class Keeping:
     """The buttons that copy and save, below the motion."""
 
     def __init__(self, page: Any):
-        self.page, style = page, {"stylesheets": [widget_style()]}
+        self.page, style = page, styled()
         self.download = download_source()
         self.toml, self.command = (PreText(text="", name=name, **style) for name in ("toml", "command"))
         self.sweep_command = PreText(text="", name="sweep command", **style)
@@ -45,45 +45,33 @@ class Keeping:
                 "Copy the diagram's command": self.sweep_command,
             }.items()
         ]
-        options = [*RESULT_FILES, SCENE_FILE, PAGE_FILE]
+        options: list[Any] = [*RESULT_FILES, SCENE_FILE, PAGE_FILE]
         self.what = Select(title="save", value=options[0], options=options, name="what to save", width=150, **style)
         save = Button(label="Save", name="save", width=70, align="end", **style)
         save.on_click(lambda event: self.save())
         self.message = Div(text="", name="save message", **style)
-        wrap: dict[str, Any] = {"styles": {"flex-wrap": "wrap"}, "sizing_mode": "stretch_width"}
-        self.layout = column(
-            row(self.what, save, **wrap), self.message, row(*copies, **wrap), self.command, self.sweep_command, self.toml,
-            sizing_mode="stretch_width",
-        )  # fmt: skip
+        self.layout = stacked(
+            beside(self.what, save), self.message, beside(*copies), self.command, self.sweep_command, self.toml
+        )
 
     def _copy_button(self, label: str, source: PreText) -> Button:
-        button = Button(label=label, name=label, width_policy="min", stylesheets=[widget_style()])
+        button = Button(label=label, name=label, width_policy="min", **styled())
         code = "navigator.clipboard.writeText(source.text); button.label = 'Copied'; "
         code += "setTimeout(() => { button.label = label; }, 1500);"
         button.js_on_click(CustomJS(args={"source": source, "button": button, "label": label}, code=code))
         return button
 
-    def show(self, run_command: str) -> None:
-        """Show the commands of what is shown now, and what the scene is."""
+    def show_commands(self) -> None:
+        """Show the commands of what is shown now, and the scene."""
         page, window = self.page, self.page.centre.window
-        self.command.text = run_command
+        method = method_words(page.methods.method(page.exploration, page.controls.accuracy.value))
+        self.command.text = page.shown.command("simulate", "--periods", str(RUN_PERIODS), *method, "--out", "run.nc")
         self.toml.text = page.shown.toml()
-        method = page.methods.method(page.exploration, page.controls.accuracy.value)
-        direction = page.centre.direction
         values = max(len(page.centre.diagram.lanes.data["value"]), 2)
-        words = [
-            "--along",
-            window.key,
-            "--start",
-            repr(window.start),
-            "--stop",
-            repr(window.stop),
-            "--num",
-            str(values),
-        ]
+        ends = ["--start", repr(window.start), "--stop", repr(window.stop), "--num", str(values)]
         length = ["--periods", str(page.length.kept), "--transient", str(page.length.transient)]
-        words += ["--direction", direction, *length, *method_words(method), "--amplitudes", "--out", "diagram"]
-        self.sweep_command.text = page.exploration.command("sweep", *words)
+        words = ["--along", window.key, *ends, "--direction", page.centre.direction, *length, *method]
+        self.sweep_command.text = page.exploration.command("sweep", *words, "--amplitudes", "--out", "diagram")
 
     def save(self) -> None:
         """Let the browser save what is chosen."""

@@ -1,10 +1,11 @@
 """The look of the page: its template, the colours of light and dark, and the style of figures."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bokeh.models import CustomJSTickFormatter, GlyphRenderer, InlineStyleSheet
+from bokeh.layouts import column, row
+from bokeh.models import ColumnDataSource, CustomJSTickFormatter, GlyphRenderer, InlineStyleSheet
 from bokeh.plotting import figure
 from bokeh.themes import Theme
 from jinja2 import Template
@@ -36,12 +37,37 @@ NIGHT = Colours(
 
 def page_template() -> Template:
     """The template of the page."""
-    return Template((HERE / "page.html").read_text("utf-8"))
+    return Template(file_text("page.html"))
 
 
-def widget_style() -> InlineStyleSheet:
-    """The style of fields and buttons, which follows that of the page."""
-    return InlineStyleSheet(css=(HERE / "widgets.css").read_text("utf-8"))
+def styled(**options: Any) -> dict[str, Any]:
+    """Arguments of a field, a button or a text, with the style that follows that of the page."""
+    return {"stylesheets": [InlineStyleSheet(css=file_text("widgets.css"))], **options}
+
+
+def wide(**options: Any) -> dict[str, Any]:
+    """The same for what is as wide as its part of the page."""
+    return styled(sizing_mode="stretch_width", **options)
+
+
+def file_text(name: str) -> str:
+    """The text of a file of this folder."""
+    return (HERE / name).read_text("utf-8")
+
+
+def empty_source(names: Iterable[str], name: str | None = None) -> Any:
+    """A source of columns with these names, which are empty."""
+    return ColumnDataSource({column: [] for column in names}, name=name)
+
+
+def stacked(*parts: Any, **options: Any) -> Any:
+    """Parts of the page below each other."""
+    return column(*parts, sizing_mode="stretch_width", **options)
+
+
+def beside(*parts: Any, **options: Any) -> Any:
+    """Parts of the page beside each other, in as many lines as they need."""
+    return row(*parts, sizing_mode="stretch_width", styles={"flex-wrap": "wrap"}, **options)
 
 
 def figure_theme(colours: Colours) -> Theme:
@@ -103,10 +129,9 @@ class Recolouring:
 
 def new_plot(title: str, height: int, x_label: str, y_label: str, name: str, **options: Any) -> Any:
     """A figure of the page's width."""
-    plot = figure(
-        **{"title": title, "height": height, "x_axis_label": x_label, "y_axis_label": y_label, "name": name},
-        **{"sizing_mode": "stretch_width", "output_backend": "canvas", "tools": TOOLS, "min_width": 200} | options,
-    )
+    labels = {"title": title, "x_axis_label": x_label, "y_axis_label": y_label, "name": name}
+    usual: dict[str, Any] = {"height": height, "sizing_mode": "stretch_width", "tools": TOOLS, "min_width": 200}
+    plot: Any = figure(**{**labels, **usual, **options})
     plot.toolbar.logo = None
     plot.toolbar.autohide = False
     return plot

@@ -1,15 +1,24 @@
 """The map of the page: P_d or the period number over two keys."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 from bokeh.events import Tap
-from bokeh.layouts import column, row
-from bokeh.models import ColumnDataSource, Div, LinearColorMapper, RadioButtonGroup, Range1d, Scatter, Select
+from bokeh.models import Div, LinearColorMapper, RadioButtonGroup, Range1d, Scatter, Select
 
 from jaxshroud.explore.diagram import MAP_COARSE, Window
-from jaxshroud.explore.look import LIGHT, Colours, Recolouring, legend_html, new_plot, widget_style
+from jaxshroud.explore.look import (
+    LIGHT,
+    Colours,
+    Recolouring,
+    beside,
+    empty_source,
+    legend_html,
+    new_plot,
+    stacked,
+    styled,
+    wide,
+)
 from jaxshroud.io.lane_status import status_name
 from jaxshroud.io.scene_numbers import dimension
 from jaxshroud.plotting.plot_sweep import MOTION_COLOURS, colour_indices
@@ -32,22 +41,24 @@ class MapPanel:
             keys: Those that can be chosen for the vertical axis.
             chosen: Called with the values under a click, in SI units.
         """
-        style: dict[str, Any] = {"stylesheets": [widget_style()]}
+        style = styled()
         self.chosen, self.factors = chosen, (1.0, 1.0)
-        self.cells = ColumnDataSource({name: [] for name in CELL_NAMES}, name="cells")
-        self.mark = ColumnDataSource({"x": [], "y": []})
+        self.cells = empty_source(CELL_NAMES, "cells")
+        self.mark = empty_source("xy")
         self.up = Select(title="second key", value=keys[-1], options=list(keys), name="map_key", **style)
         self.of = RadioButtonGroup(labels=QUANTITIES_OF_MAP, active=0, name="map_of", **style)
         self.power = LinearColorMapper(palette="Cividis256", low=0.0, high=1.0, nan_color=STOPPED_COLOUR)
         self.motions = LinearColorMapper(low=-0.5, high=len(MOTION_COLOURS) - 0.5, palette=list(LIGHT.motions))
         recolouring.listeners.append(self._recolour)
-        self.ranges = Range1d(0, 1), Range1d(0, 1)
+        self.ranges = Range1d(start=0, end=1), Range1d(start=0, end=1)
         self.plot = new_plot(
             "", 460, "", "", "map_plot", x_range=self.ranges[0], y_range=self.ranges[1], tools="hover,save"
         )
         self.tiles = self.plot.rect(
-            **{"x": "shown_x", "y": "shown_y", "width": "width", "height": "height", "source": self.cells},
-            **{"line_color": None, "fill_color": {"field": "P_d", "transform": self.power}},
+            *("shown_x", "shown_y", "width", "height"),
+            source=self.cells,
+            line_color=None,
+            fill_color={"field": "P_d", "transform": self.power},
         )
         self.bar = self.tiles.construct_color_bar(width=10, title="P_d [%]")
         self.plot.add_layout(self.bar, "right")
@@ -62,9 +73,9 @@ class MapPanel:
         ]
         self.plot.on_event(Tap, lambda event: chosen(event.x / self.factors[0], event.y / self.factors[1]))
         self.of.on_change("active", lambda attr, old, new: self._recoloured())
-        self.legend = Div(text="", sizing_mode="stretch_width", **style)
-        choices = row(self.up, self.of, sizing_mode="stretch_width")
-        self.layout = column(choices, self.plot, self.legend, sizing_mode="stretch_width", visible=False)
+        self.legend = Div(text="", **wide())
+        choices = beside(self.up, self.of)
+        self.layout = stacked(choices, self.plot, self.legend, visible=False)
 
     def _recolour(self, colours: Colours) -> None:
         self.motions.palette = list(colours.motions)

@@ -17,6 +17,8 @@ from jaxshroud.plotting.run_data import FEWEST_SAMPLES, RunData, contact_data, r
 HISTORY_PERIODS = 10
 PORTRAIT_PERIODS = 16  # the longest orbit that has a period number
 CORNERS = 4
+SPAN_NAMES = "left", "right", "bottom", "top", "color", "word"
+NO_SPANS: dict[str, list[Any]] = {name: [] for name in SPAN_NAMES}
 Columns = dict[str, Any]
 
 
@@ -44,7 +46,7 @@ def poincare_columns(run: RunData) -> Columns:
 
 
 def spectrum_columns(run: RunData, most: float = 6.0) -> Columns:
-    """The amplitude spectrum of the left blade [m] as lines or as a curve, up to a frequency in units of the drive's."""
+    """The amplitude spectrum of the left blade [m] up to a frequency in units of the drive's."""
     x, rate, q = run.ds["x"].to_numpy()[run.settled, 0], run.rate, run.repeats
     n_periods = whole_periods(x.size, rate)
     if n_periods < 1 or np.ptp(x) == 0:
@@ -61,14 +63,11 @@ def contact_columns(run: RunData) -> tuple[Columns, Columns]:
     """Forces over the last periods, and the spans of contact state and case; both empty without contact."""
     if "N" not in run.ds or run.rate < FEWEST_SAMPLES:
         nothing = np.zeros(0)
-        return dict.fromkeys(("t", "N", "F"), nothing), dict.fromkeys(SPAN_NAMES, [])
+        return dict.fromkeys(("t", "N", "F"), nothing), NO_SPANS
     contact = contact_data(run)
     spans = [*_spans(contact.t, contact.mode, MODE_STYLES, 1.0), *_spans(contact.t, contact.case, CASE_STYLES, 0.0)]
-    columns = dict(zip(SPAN_NAMES, map(list, zip(*spans, strict=True)), strict=True)) if spans else {}
-    return {"t": contact.t, "N": contact.N, "F": contact.F}, columns or dict.fromkeys(SPAN_NAMES, [])
-
-
-SPAN_NAMES = "left", "right", "bottom", "top", "color", "word"
+    columns: Columns = dict(zip(SPAN_NAMES, map(list, zip(*spans, strict=True)), strict=True)) if spans else {}
+    return {"t": contact.t, "N": contact.N, "F": contact.F}, columns or NO_SPANS
 
 
 def _spans(t: np.ndarray, values: np.ndarray, styles: Any, bottom: float) -> list[tuple[Any, ...]]:
@@ -115,8 +114,9 @@ def _arrow_columns(frames: xr.Dataset, blocks: Blocks, left: np.ndarray) -> Colu
     columns = {
         f"{name}{axis}": np.where(touching, a[:, i], np.nan) for name, a in ends.items() for i, axis in enumerate("xy")
     }
-    words = {int(mode): word for mode, (word, _) in MODE_STYLES.items()}
-    return {**columns, "state": [words.get(int(m), "contact") if t else "apart" for m, t in zip(mode, touching)]}
+    words = {-1: "apart", **{int(mode): word for mode, (word, _) in MODE_STYLES.items()}}
+    state = [words.get(m, "contact") for m in np.where(touching, mode, -1).astype(int).tolist()]
+    return {**columns, "state": state}
 
 
 def ring_columns(run: RunData) -> Columns:

@@ -6,16 +6,15 @@ from typing import Any
 
 from bokeh.document import Document
 from bokeh.events import ClientReconnected, ConnectionLost, DocumentReady
-from bokeh.layouts import column
 from bokeh.models import CustomJS, Div, Toggle
 
 from jaxshroud.explore.centre import Centre
 from jaxshroud.explore.controls import Controls
 from jaxshroud.explore.diagram import RunLength, Window
-from jaxshroud.explore.exploration import Exploration, method_words
+from jaxshroud.explore.exploration import Exploration
 from jaxshroud.explore.jobs import Methods, Progress, diagram_job, map_job, run_job, verdict_job
 from jaxshroud.explore.keeping import Keeping
-from jaxshroud.explore.look import LIGHT, NIGHT, Recolouring, figure_theme, page_template, widget_style
+from jaxshroud.explore.look import LIGHT, NIGHT, Recolouring, beside, figure_theme, page_template, stacked, styled
 from jaxshroud.explore.run_panel import RunPanel
 from jaxshroud.explore.saves import template_variables
 from jaxshroud.explore.words import motion_html, status_html, verdict_html
@@ -48,22 +47,21 @@ class Page:
         self.centre = Centre(exploration, self.recolouring, self)
         self.motion = RunPanel(self.recolouring, in_row)
         self.keeping = Keeping(self)
-        self.status = Div(text=status_html("Ready"), stylesheets=[widget_style()], name="status_text")
+        self.status = Div(text=status_html("Ready"), **styled(), name="status_text")
         self._add_roots()
         self.workings: dict[str, str] = {}
 
     def _add_roots(self) -> None:
         document = self.document
-        self.dark = Toggle(label="dark", name="dark", stylesheets=[widget_style()], width=60)
+        self.dark = Toggle(label="dark", name="dark", **styled(), width=60)
         self.dark.js_on_change(
             "active", CustomJS(code="document.documentElement.classList.toggle('dark', cb_obj.active)")
         )
         self.dark.on_change("active", lambda attr, old, new: self._recolour(new))
-        stretch = {"sizing_mode": "stretch_width"}
-        document.add_root(column(self.status, self.dark, name="status", **stretch))
-        document.add_root(column(self.controls.layout, name="left", **stretch))
-        document.add_root(column(self.centre.layout, name="centre", **stretch))
-        document.add_root(column(self.motion.layout, self.keeping.layout, name="right", **stretch))
+        document.add_root(beside(self.status, self.dark, name="status"))
+        document.add_root(stacked(self.controls.layout, name="left"))
+        document.add_root(stacked(self.centre.layout, name="centre"))
+        document.add_root(stacked(self.motion.layout, self.keeping.layout, name="right"))
         document.title = f"{self.heading} · jaxshroud explore"
         document.template = page_template()
         document.template_variables.update(template_variables(self.heading))
@@ -168,18 +166,21 @@ class Page:
     # What is shown
 
     def show_run(self, exploration: Exploration, run: Any) -> None:
+        """Show the motion of a scene, and then find its verdict."""
         self.results["run"] = run
         self.motion.show(run)
         self.motion.heading.text = motion_html(run, self.selected, exploration.file)
         self.motion.verdict.text = verdict_html(None)
         self.centre.mark(self.selected, exploration.file)
         self._working("run", "")
-        self.keeping.show(self.run_command)
+        self.keeping.show_commands()
         self.compute_verdict(exploration)
 
     def show_level(self, window: Window, direction: Direction, level: int, added: Any, whole: Any) -> None:
+        """Show a level of the diagram."""
         self.results["diagram"] = whole
         self.centre.show_level(window, direction, level, added, whole)
+        self.keeping.show_commands()
         self._working("diagram", "")
 
     def _show_map(self, across: Window, up: Window, level: int, whole: Any) -> None:
@@ -190,13 +191,6 @@ class Page:
     def _show_verdict(self, found: Any) -> None:
         self.results["verdict"] = found
         self.motion.verdict.text = verdict_html(found)
-
-    @property
-    def run_command(self) -> str:
-        """The command that computes the motion that is shown."""
-        method = self.methods.method(self.exploration, self.controls.accuracy.value)
-        periods = str(len(self.results["run"].t) // self.results["run"].steps_per_period)
-        return self.shown.command("simulate", "--periods", periods, *method_words(method), "--out", "run.nc")
 
     def _working(self, what: str, words: str) -> None:
         self.workings[what] = words

@@ -3,10 +3,19 @@
 from typing import Any
 
 import numpy as np
-from bokeh.layouts import column, row
-from bokeh.models import ColumnDataSource, CustomJS, Div, HoverTool, LinearColorMapper, LogScale, Slider, Toggle
+from bokeh.models import CustomJS, Div, HoverTool, LinearColorMapper, LogScale, Slider, Toggle
 
-from jaxshroud.explore.look import HERE, Recolouring, new_plot, scaled_ticks, widget_style
+from jaxshroud.explore.look import (
+    Recolouring,
+    beside,
+    empty_source,
+    file_text,
+    new_plot,
+    scaled_ticks,
+    stacked,
+    styled,
+    wide,
+)
 from jaxshroud.explore.motion_columns import (
     SPAN_NAMES,
     Columns,
@@ -48,18 +57,17 @@ class RunPanel:
 
     def __init__(self, recolouring: Recolouring, row_of_blades: bool):
         self.row, self.ends = row_of_blades, (0.0, 0.0)
-        self.sources = {name: ColumnDataSource({n: [] for n in names}, name=name) for name, names in SOURCES.items()}
-        self.heading = Div(text="", stylesheets=[widget_style()], sizing_mode="stretch_width", name="motion")
-        self.verdict = Div(text="", stylesheets=[widget_style()], sizing_mode="stretch_width", name="verdict")
+        self.sources = {name: empty_source(names, name) for name, names in SOURCES.items()}
+        self.heading = Div(text="", **wide(), name="motion")
+        self.verdict = Div(text="", **wide(), name="verdict")
         own = self._row_plots() if row_of_blades else self._contact_plots(recolouring)
-        self.layout = column(
+        self.layout = stacked(
             self.heading,
             self.verdict,
             *own[:1],
             self._history(recolouring),
-            row(self._portrait(recolouring), self._spectrum(recolouring), sizing_mode="stretch_width"),
+            beside(self._portrait(recolouring), self._spectrum(recolouring)),
             *own[1:],
-            sizing_mode="stretch_width",
         )
 
     def _history(self, recolouring: Recolouring) -> Any:
@@ -88,21 +96,15 @@ class RunPanel:
         return plot
 
     def _contact_plots(self, recolouring: Recolouring) -> list[Any]:
-        ribbon = new_plot(
-            "contact: state above, case below", 110, "", "", "ribbon_plot", tools="xpan,reset", y_range=(0, 2)
-        )
+        tools, spans, source = "xpan,reset", self.sources["spans"], self.sources["forces"]
+        ribbon = new_plot("contact: state above, case below", 110, "", "", "ribbon_plot", tools=tools, y_range=(0, 2))
         ribbon.yaxis.visible = ribbon.ygrid.visible = False
-        bars = ribbon.quad(
-            "left", "right", "top", "bottom", source=self.sources["spans"], color="color", line_color=None
-        )
+        bars = ribbon.quad("left", "right", "top", "bottom", source=spans, color="color", line_color=None)
         ribbon.add_tools(HoverTool(renderers=[bars], tooltips="@word"))
-        forces = new_plot(
-            "forces", 150, "time t/T", "force [N]", "forces_plot", x_range=ribbon.x_range, tools="xpan,reset"
-        )
-        normal = forces.line("t", "N", source=self.sources["forces"], legend_label="N", line_width=1.5)
-        recolouring.line(normal, "ink")
-        friction = forces.line("t", "F", source=self.sources["forces"], legend_label="F", line_dash="dashed")
-        recolouring.line(friction, "strong")
+        shared = {"x_range": ribbon.x_range, "tools": tools}
+        forces = new_plot("forces", 150, "time t/T", "force [N]", "forces_plot", **shared)
+        recolouring.line(forces.line("t", "N", source=source, legend_label="N", line_width=1.5), "ink")
+        recolouring.line(forces.line("t", "F", source=source, legend_label="F", line_dash="dashed"), "strong")
         forces.legend.orientation = "horizontal"
         return [self._film(recolouring), ribbon, forces]
 
@@ -114,21 +116,16 @@ class RunPanel:
         arrows = plot.segment("x0", "y0", "x1", "y1", source=self.sources["arrows"], line_width=3, line_color=ORANGE)
         arrows.glyph.line_cap = "round"
         plot.scatter("x0", "y0", source=self.sources["arrows"], size=7, color=ORANGE, line_color=None)
-        self.film, style = plot, [widget_style()]
-        script = (HERE / "film.js").read_text("utf-8")
-        self.frame = Slider(
-            title="frame", start=0, end=1, value=0, step=1, stylesheets=style, sizing_mode="stretch_width"
-        )
+        self.film = plot
+        self.frame = Slider(title="frame", start=0, end=1, value=0, step=1, **styled())
         shown = {name: self.sources[name] for name in ("frames", "blocks", "arrows")}
-        draw = CustomJS(args={**shown, "title": plot.title}, code=script)
+        draw = CustomJS(args={**shown, "title": plot.title, "frame": self.frame}, code=file_text("film.js"))
         self.frame.js_on_change("value", draw)
-        self.sources["frames"].js_on_change(
-            "data", CustomJS(args={**shown, "title": plot.title}, code=f"const cb_obj = {{value: 0}};\n{script}")
-        )
-        self.play = Toggle(label="move", stylesheets=style, width=80, name="play")
-        code = (HERE / "play.js").read_text("utf-8")
+        self.sources["frames"].js_on_change("data", draw)
+        self.play = Toggle(label="move", width=80, name="play", **styled())
+        code = file_text("play.js")
         self.play.js_on_change("active", CustomJS(args={"frame": self.frame, "interval": INTERVAL}, code=code))
-        return column(plot, row(self.play, self.frame, sizing_mode="stretch_width"), sizing_mode="stretch_width")
+        return stacked(plot, beside(self.play, self.frame))
 
     def _row_plots(self) -> list[Any]:
         source = self.sources["ring"]
@@ -139,11 +136,8 @@ class RunPanel:
         dots = ring.scatter("x", "y", source=source, size=30, color=colour, line_color=None)
         ring.text("x", "y", "name", source=source, text_align="center", text_baseline="middle", text_color="white")
         ring.add_layout(dots.construct_color_bar(width=8, title="[m]"), "right")
-        ring.hover.tooltips = [
-            ("blade", "@blade"),
-            ("with contact", "@peak{0.000e+0} m"),
-            ("without", "@free{0.000e+0} m"),
-        ]
+        told = {"blade": "@blade", "with contact": "@peak{0.000e+0} m", "without": "@free{0.000e+0} m"}
+        ring.hover.tooltips = list(told.items())
         waves = new_plot("waves of the last period", 200, "nodal diameter", "harmonic", "waves_plot", tools="hover")
         shade = LinearColorMapper(palette=GREYS, low=-4, high=0)
         tiles = waves.rect(
@@ -156,11 +150,7 @@ class RunPanel:
             line_color=None,
         )
         waves.add_layout(tiles.construct_color_bar(width=8, title="log10 of the largest"), "right")
-        waves.hover.tooltips = [
-            ("nodal diameter", "@diameter"),
-            ("harmonic", "@harmonic"),
-            ("", "@amplitude{0.000e+0} m"),
-        ]
+        waves.hover.tooltips = [("nodal diameter", "@diameter"), ("", "@amplitude{0.000e+0} m")]
         return [ring, waves]
 
     def show(self, result: Trajectory | RowTrajectory) -> None:

@@ -2,15 +2,14 @@
 
 import base64
 import threading
-from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from bokeh.document import Document
 from bokeh.embed import file_html
-from bokeh.models import ColumnDataSource, CustomJS
+from bokeh.models import CustomJS
 from bokeh.resources import INLINE
 
-from jaxshroud.explore.look import HERE, LIGHT, NIGHT, page_template
+from jaxshroud.explore.look import LIGHT, NIGHT, empty_source, file_text, page_template
 from jaxshroud.io.store import dataset_content
 from jaxshroud.plotting.style import figure_content
 from jaxshroud.results.base import Result
@@ -48,10 +47,10 @@ def result_file(name: str, result: Result) -> SavedFile:
         return SavedFile(name, figure_content(result.plot(), ending))
 
 
-def download_source() -> ColumnDataSource:
+def download_source() -> Any:
     """A source whose data, once set to the columns of a file, let the browser save it."""
-    source = ColumnDataSource({"name": [], "type": [], "content": []}, name="download")
-    source.js_on_change("data", CustomJS(code=(HERE / "download.js").read_text("utf-8")))
+    source = empty_source(("name", "type", "content"), "download")
+    source.js_on_change("data", CustomJS(code=file_text("download.js")))
     return source
 
 
@@ -76,6 +75,3 @@ def static_page(document: Document, heading: str) -> bytes:
         suppress_callback_warning=True,
     )
     return html.encode()
-
-
-Savers = Mapping[str, Callable[[], SavedFile]]
