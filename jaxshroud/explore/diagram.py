@@ -12,7 +12,7 @@ from jaxshroud.scene.parts import Direction
 from jaxshroud.verbs.sweep import sweep
 
 COARSE_VALUES = 200
-LEVELS = 3  # each with half the spacing of the one before
+DIAGRAM_LEVELS = 3  # each with half the spacing of the one before
 MAP_COARSE, MAP_LEVELS = 13, 3  # values along each key of a map
 Report = Callable[[int, int], None]  # lane-periods done, and in all
 

@@ -7,7 +7,7 @@ import numpy as np
 from bokeh.events import RangesUpdate, Reset, Tap
 from bokeh.models import Div, HoverTool, LinearColorMapper, Range1d, Span
 
-from jaxshroud.explore.diagram import LEVELS, Window
+from jaxshroud.explore.diagram import DIAGRAM_LEVELS, Window
 from jaxshroud.explore.look import (
     LIGHT,
     Colours,
@@ -50,7 +50,7 @@ class DiagramPanel:
         self.mapper = LinearColorMapper(low=-0.5, high=len(MOTION_COLOURS) - 0.5, palette=list(LIGHT.motions))
         recolouring.listeners.append(self._recolour)
         self.range = Range1d(start=0, end=1)
-        self.samples = [empty_source(SAMPLE_NAMES, f"samples{i}") for i in range(LEVELS)]
+        self.samples = [empty_source(SAMPLE_NAMES, f"samples{i}") for i in range(DIAGRAM_LEVELS)]
         self.ways = {way: empty_source(SAMPLE_NAMES, way) for way in ("forward", "backward")}
         self.lanes = empty_source(LANE_NAMES, "lanes")
         self.stopped = empty_source(("shown", "words"), "stopped")

@@ -49,8 +49,9 @@ class NumberField(NamedTuple):
         return f"{self.key.parts[1]}, {self.key.label}{unit}"
 
     def in_si(self, shown: float) -> float:
-        """A value of the slider in SI units, a decimal number with few digits."""
-        return float(f"{shown / self.key.shown[1]:.9g}")
+        """A value of the slider in SI units: a decimal number with few digits, or an end of the key's range."""
+        value, allowed = float(f"{shown / self.key.shown[1]:.9g}"), self.key.range
+        return min(max(value, allowed.minimum), allowed.maximum)
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -62,10 +63,10 @@ def number_fields(file: SceneFile) -> list[NumberField]:
     """The fields of the numbers that a scene gives."""
     given = file.given_tables
     rows = [key_in(ALL_KEYS[name], file.row_size) for name in FIELD_KEYS]
-    return [_number_field(row, given[row.parts[0]][row.parts[1]], file) for row in rows if _is_given(given, row)]
+    return [_number_field(row, given[row.parts[0]][row.parts[1]], file) for row in rows if _gives(given, row)]
 
 
-def _is_given(given: dict, row: Key) -> bool:
+def _gives(given: dict, row: Key) -> bool:
     table, name = row.parts
     return given.get(table, {}).get(name) is not None
 

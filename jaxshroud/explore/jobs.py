@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from jaxshroud.explore.diagram import (
-    LEVELS,
+    DIAGRAM_LEVELS,
     MAP_LEVELS,
     RunLength,
     Window,
@@ -86,7 +86,7 @@ def diagram_job(
     def job(go_on: Continue) -> None:
         march, levels = method(), []
         go_on()
-        for level in range(LEVELS if direction == "independent" else 1):
+        for level in range(DIAGRAM_LEVELS if direction == "independent" else 1):
             values, report = window.new_values(level), progress(go_on, level)
             levels.append(diagram(exploration.file, window, values, direction, length, march, report))
             go_on()

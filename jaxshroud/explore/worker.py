@@ -1,12 +1,10 @@
 """A thread that computes what a tab wants last: a new wish ends the work on an earlier one."""
 
-import logging
 import threading
 from collections.abc import Callable
 
 Continue = Callable[[], None]  # to be called regularly: raises `Outdated` once the work is no longer wanted
 Job = Callable[[Continue], None]
-log = logging.getLogger(__name__)
 
 
 class Outdated(Exception):  # noqa: N818  not an error
