@@ -25,6 +25,7 @@ DIRECTIONS: dict[str, Direction] = {
     "backward": "backward",
     "all three": "both",
 }
+USUAL_KEY = "contact.gamma"
 LEAST_ZOOM = 1e-9  # of the whole window
 SETTLE = 250  # from the last change of the window until it is computed [ms]
 
@@ -49,7 +50,8 @@ class Centre:
         self.owner, self.silent, self.pending = owner, False, None
         numbers = {n.key.name: n for n in number_fields(exploration.file) if n.value is not None}
         self.whole = {name: Window(name, *number.ends) for name, number in numbers.items()}
-        own = next((a.key for a in exploration.file.axes if a.key in numbers), next(iter(numbers)))
+        usual = [*(a.key for a in exploration.file.axes), USUAL_KEY, *numbers]
+        own = next(key for key in usual if key in numbers)
         self.window = self.whole[own]
         style = styled()
         self.key = Select(title="diagram over", value=own, options=list(numbers), name="key", width=150, **style)

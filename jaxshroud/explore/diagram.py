@@ -33,11 +33,18 @@ class Window(NamedTuple):
         return self.values(level, coarse)[1::2] if level else self.values(0, coarse)
 
 
-class RunLength(NamedTuple):
-    """The drive periods of each lane of a diagram."""
+class Amount(NamedTuple):
+    """How much is computed: drive periods of each lane of a diagram and of a motion, values, and levels."""
 
     transient: int = 32
     kept: int = 32
+    motion: int = 100
+    values: int = COARSE_VALUES
+    levels: int = DIAGRAM_LEVELS
+    map_levels: int = MAP_LEVELS
+
+
+OF_A_ROW = Amount(8, 8, 16, 33, 2, 1)  # whose periods take as many times longer as it has blades
 
 
 def diagram(
@@ -45,7 +52,7 @@ def diagram(
     window: Window,
     values: np.ndarray,
     direction: Direction,
-    length: RunLength,
+    amount: Amount,
     method: Method,
     report: Report,
 ) -> SweepResult:
@@ -54,8 +61,8 @@ def diagram(
         file,
         {window.key: values},
         direction=direction,
-        n_periods=length.kept,
-        transient=length.transient,
+        n_periods=amount.kept,
+        transient=amount.transient,
         method=method,
         amplitudes=True,
         progress=report,
@@ -63,10 +70,10 @@ def diagram(
 
 
 def map_piece(
-    file: SceneFile, axes: dict[str, np.ndarray], length: RunLength, method: Method, report: Report
+    file: SceneFile, axes: dict[str, np.ndarray], amount: Amount, method: Method, report: Report
 ) -> SweepResult:
     """A sweep over two keys, without samples."""
-    run: dict[str, Any] = {"n_periods": length.kept, "transient": length.transient}
+    run: dict[str, Any] = {"n_periods": amount.kept, "transient": amount.transient}
     return sweep(file, axes, method=method, keep_samples=False, amplitudes=True, progress=report, **run)
 
 

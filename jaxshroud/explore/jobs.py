@@ -5,17 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from jaxshroud.explore.diagram import (
-    DIAGRAM_LEVELS,
-    MAP_LEVELS,
-    RunLength,
-    Window,
-    diagram,
-    joined,
-    joined_map,
-    map_axes,
-    map_piece,
-)
+from jaxshroud.explore.diagram import Amount, Window, diagram, joined, joined_map, map_axes, map_piece
 from jaxshroud.explore.exploration import Exploration, method_on_page
 from jaxshroud.explore.worker import Continue, Job
 from jaxshroud.march.method import Method
@@ -28,7 +18,6 @@ from jaxshroud.scene.parts import Direction
 from jaxshroud.verbs.diagnose import diagnose
 from jaxshroud.verbs.simulate import simulate
 
-RUN_PERIODS = 100  # of the motion under a click
 LONGEST_WAIT = 1.0  # of a diagram for a run [s]; compiling may take longer
 REPORT_INTERVAL = 0.1  # [s]
 Yield = Callable[[], bool]  # whether something is wanted first
@@ -77,7 +66,7 @@ def diagram_job(
     method: Callable[[], Method],
     window: Window,
     direction: Direction,
-    length: RunLength,
+    amount: Amount,
     progress: Callable[[Continue, int], Progress],
     show: Callable[[int, SweepResult, SweepResult], None],
 ) -> Job:
@@ -86,9 +75,9 @@ def diagram_job(
     def job(go_on: Continue) -> None:
         march, levels = method(), []
         go_on()
-        for level in range(DIAGRAM_LEVELS if direction == "independent" else 1):
-            values, report = window.new_values(level), progress(go_on, level)
-            levels.append(diagram(exploration.file, window, values, direction, length, march, report))
+        for level in range(amount.levels if direction == "independent" else 1):
+            values, report = window.new_values(level, amount.values), progress(go_on, level)
+            levels.append(diagram(exploration.file, window, values, direction, amount, march, report))
             go_on()
             show(level, levels[-1], joined(levels))
 
@@ -100,7 +89,7 @@ def map_job(
     method: Callable[[], Method],
     across: Window,
     up: Window,
-    length: RunLength,
+    amount: Amount,
     progress: Callable[[Continue, int], Progress],
     show: Callable[[int, SweepResult], None],
 ) -> Job:
@@ -108,9 +97,9 @@ def map_job(
 
     def job(go_on: Continue) -> None:
         march, whole = method(), None
-        for level in range(MAP_LEVELS):
+        for level in range(amount.map_levels):
             pieces = [
-                map_piece(exploration.file, axes, length, march, progress(go_on, level))
+                map_piece(exploration.file, axes, amount, march, progress(go_on, level))
                 for axes in map_axes(across, up, level)
             ]
             whole = pieces[0] if whole is None else joined_map(whole, pieces)
@@ -121,14 +110,17 @@ def map_job(
 
 
 def run_job(
-    exploration: Exploration, method: Callable[[], Method], show: Callable[[Trajectory | RowTrajectory], None]
+    exploration: Exploration,
+    method: Callable[[], Method],
+    periods: int,
+    show: Callable[[Trajectory | RowTrajectory], None],
 ) -> Job:
     """The motion of one scene."""
 
     def job(go_on: Continue) -> None:
         go_on()
         progress = Progress(go_on, lambda share: None)
-        run = simulate(exploration.file, n_periods=RUN_PERIODS, method=method(), progress=progress)
+        run = simulate(exploration.file, n_periods=periods, method=method(), progress=progress)
         go_on()
         show(run)
 

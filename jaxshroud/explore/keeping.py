@@ -6,7 +6,6 @@ from typing import Any
 from bokeh.models import Button, CustomJS, Div, PreText, Select
 
 from jaxshroud.explore.exploration import method_words
-from jaxshroud.explore.jobs import RUN_PERIODS
 from jaxshroud.explore.look import beside, stacked, styled
 from jaxshroud.explore.saves import SavedFile, download_source, result_file, static_page
 from jaxshroud.explore.words import note_html
@@ -65,11 +64,13 @@ class Keeping:
         """Show the commands of what is shown now, and the scene."""
         page, window = self.page, self.page.centre.window
         method = method_words(page.methods.method(page.exploration, page.controls.accuracy.value))
-        self.command.text = page.shown.command("simulate", "--periods", str(RUN_PERIODS), *method, "--out", "run.nc")
+        self.command.text = page.shown.command(
+            "simulate", "--periods", str(page.amount.motion), *method, "--out", "run.nc"
+        )
         self.toml.text = page.shown.toml()
         values = max(len(page.centre.diagram.lanes.data["value"]), 2)
         ends = ["--start", repr(window.start), "--stop", repr(window.stop), "--num", str(values)]
-        length = ["--periods", str(page.length.kept), "--transient", str(page.length.transient)]
+        length = ["--periods", str(page.amount.kept), "--transient", str(page.amount.transient)]
         words = ["--along", window.key, *ends, "--direction", page.centre.direction, *length, *method]
         self.sweep_command.text = page.exploration.command("sweep", *words, "--amplitudes", "--out", "diagram")
 

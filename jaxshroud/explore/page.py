@@ -10,7 +10,7 @@ from bokeh.models import CustomJS, Div, Toggle
 
 from jaxshroud.explore.centre import Centre
 from jaxshroud.explore.controls import Controls
-from jaxshroud.explore.diagram import RunLength, Window
+from jaxshroud.explore.diagram import OF_A_ROW, Amount, Window
 from jaxshroud.explore.exploration import Exploration
 from jaxshroud.explore.jobs import Methods, Progress, diagram_job, map_job, run_job, verdict_job
 from jaxshroud.explore.keeping import Keeping
@@ -38,7 +38,8 @@ class Page:
             methods: The methods of all tabs.
         """
         self.document, self.start, self.exploration, self.methods = document, exploration, exploration, methods
-        self.length, self.selected, self.results = RunLength(), {}, {}
+        self.selected, self.results = {}, {}
+        self.amount = Amount() if exploration.file.row_size is None else OF_A_ROW
         self.workers = {name: Worker(partial(self._failed, name)) for name in WORKERS}
         self.recolouring, in_row = Recolouring(), exploration.file.row_size is not None
         self.controls = Controls(exploration, self.change, accuracy)
@@ -133,7 +134,9 @@ class Page:
         method = partial(self.methods.method, self.exploration, self.controls.accuracy.value)
         self._working("run", "motion")
         self.workers["verdict"].cancel()
-        self.workers["run"].submit(run_job(exploration, method, self._in_page(self.show_run, exploration)))
+        self.workers["run"].submit(
+            run_job(exploration, method, self.amount.motion, self._in_page(self.show_run, exploration))
+        )
 
     def compute_diagram(self) -> None:
         """Compute the diagram, or the map where that is what is shown."""
@@ -144,11 +147,11 @@ class Page:
         if centre.shows_map:
             across, up = centre.windows
             show = self._in_page(self._show_map, across, up)
-            job = map_job(exploration, method, across, up, self.length, self._progress, show)
+            job = map_job(exploration, method, across, up, self.amount, self._progress, show)
         else:
             direction = centre.direction
             show = self._in_page(self.show_level, centre.window, direction)
-            job = diagram_job(exploration, method, centre.window, direction, self.length, self._progress, show)
+            job = diagram_job(exploration, method, centre.window, direction, self.amount, self._progress, show)
         self.workers["diagram"].submit(job)
 
     def compute_verdict(self, exploration: Exploration) -> None:

@@ -5,7 +5,7 @@ from bokeh.document import Document
 from jaxshroud.batch.runs import Progress
 from jaxshroud.explore.diagram import diagram
 from jaxshroud.explore.exploration import Exploration
-from jaxshroud.explore.jobs import RUN_PERIODS, Methods
+from jaxshroud.explore.jobs import Methods
 from jaxshroud.explore.page import Page
 from jaxshroud.explore.saves import static_page
 from jaxshroud.verbs.simulate import simulate
@@ -22,8 +22,10 @@ def written_page(exploration: Exploration, accuracy: str, report: Progress) -> b
     document = Document()
     page = Page(document, exploration, accuracy, Methods())
     window, method = page.centre.window, page.methods.method(exploration, accuracy)
-    coarse = diagram(exploration.file, window, window.new_values(0), "independent", page.length, method, report)
+    coarse = diagram(
+        exploration.file, window, window.new_values(0, page.amount.values), "independent", page.amount, method, report
+    )
     page.show_level(window, "independent", 0, coarse, coarse)
-    page.show_run(exploration, simulate(exploration.file, n_periods=RUN_PERIODS, method=method))
+    page.show_run(exploration, simulate(exploration.file, n_periods=page.amount.motion, method=method))
     page.close()
     return static_page(document, page.heading)

@@ -10,7 +10,7 @@ import pytest
 import jaxshroud as js
 from jaxshroud.cli import commands
 from jaxshroud.cli import explore as command
-from jaxshroud.explore.diagram import RunLength, Window, diagram, joined
+from jaxshroud.explore.diagram import Amount, Window, diagram, joined
 from jaxshroud.explore.exploration import Exploration
 from jaxshroud.explore.fields import number_fields
 from jaxshroud.scene.checks import SceneError
@@ -65,7 +65,7 @@ def test_a_finer_level_keeps_the_values_of_the_one_before():
 
 
 def test_levels_that_are_joined_are_the_sweep_of_all_values(exploration):
-    window, length, quiet = Window("contact.gamma", 1.0, 3.0), RunLength(1, 2), lambda done, total: None
+    window, length, quiet = Window("contact.gamma", 1.0, 3.0), Amount(1, 2), lambda done, total: None
     run = lambda values: diagram(exploration.file, window, values, "independent", length, METHOD, quiet)
     parts = joined([run(window.new_values(level, 3)) for level in (0, 1)])
     whole = run(window.values(1, 3))
@@ -82,7 +82,7 @@ def test_a_slider_compiles_nothing(exploration):
     window, quiet = Window("contact.gamma", 1.0, 3.0), lambda done, total: None
 
     def compute(one):
-        diagram(one.file, window, window.values(0, 4), "independent", RunLength(1, 2), METHOD, quiet)
+        diagram(one.file, window, window.values(0, 4), "independent", Amount(1, 2), METHOD, quiet)
         js.simulate(one.file, n_periods=1, method=METHOD)
 
     compute(exploration)
