@@ -1,4 +1,4 @@
-"""The pictures of the page of `explore`, in the system's Chromium: `python docs/explore_pictures.py` draws them anew."""
+"""The pictures of the page of `explore`, in Chromium: `python docs/explore_pictures.py` draws them anew."""
 
 import io
 import sys

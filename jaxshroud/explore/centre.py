@@ -25,7 +25,7 @@ DIRECTIONS: dict[str, Direction] = {
     "backward": "backward",
     "all three": "both",
 }
-USUAL_KEY = "contact.gamma"
+USUAL_KEY, USUAL_SECOND = "contact.gamma", "shroud.gap"  # of the axes
 LEAST_ZOOM = 1e-9  # of the whole window
 SETTLE = 250  # from the last change of the window until it is computed [ms]
 
@@ -64,7 +64,8 @@ class Centre:
         self.view = RadioButtonGroup(labels=["Diagram", "Map"], active=0, name="view", **style)
         self.diagram = DiagramPanel(recolouring, self._zoomed, self._chosen)
         self.diagram.on_reset(self.show_whole)
-        self.map = MapPanel(recolouring, [name for name in numbers if name != own] or [own], self._chosen_of_map)
+        others = sorted((name for name in numbers if name != own), key=USUAL_SECOND.__ne__) or [own]
+        self.map = MapPanel(recolouring, others, self._chosen_of_map)
         self._listen()
         beside_it = {"◀ previous": lambda: self._step(-1), "next ▶": lambda: self._step(1)}
         zoom = {"zoom in": lambda: self._scale(0.5), "zoom out": lambda: self._scale(2.0), "whole": self.show_whole}
@@ -138,7 +139,7 @@ class Centre:
         except (InputError, KeyError, ValueError) as error:
             self.wrong.update(text=note_html(str(error.args[0]), wrong=True), visible=True)
             return
-        self.wrong.visible = False
+        self.wrong.update(text="", visible=False)
         self._take_window(Window(self.window.key, *sorted(map(float, found.values))))
 
     def _in_si(self, text: str) -> str:

@@ -1,7 +1,6 @@
 """The left of the page: a field and a slider for each number, the choices, and the buttons."""
 
 from collections.abc import Callable, Mapping
-from html import escape
 from typing import Any
 
 from bokeh.models import Button, Div, Select, Slider, TextInput
@@ -9,6 +8,7 @@ from bokeh.models import Button, Div, Select, Slider, TextInput
 from jaxshroud.explore.exploration import Exploration
 from jaxshroud.explore.fields import FIRST_FIELDS, NumberField, number_fields
 from jaxshroud.explore.look import beside, stacked, styled, wide
+from jaxshroud.explore.words import note_html
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.parts import ACCURACIES
 
@@ -65,7 +65,7 @@ class FieldWidgets:
 
     def say(self, message: str) -> None:
         """Show what is wrong with the field, or nothing."""
-        self.message.update(text=f'<div class="wrong" role="alert">{escape(message)}</div>', visible=bool(message))
+        self.message.update(text=note_html(message, wrong=True) if message else "", visible=bool(message))
 
     def show(self, number: NumberField) -> None:
         """Show another value."""
@@ -121,9 +121,9 @@ class Controls:
         try:
             self.change(key, CHOICES[key][words])
         except (InputError, KeyError, ValueError) as error:
-            self.wrong.update(text=f'<div class="wrong" role="alert">{escape(str(error))}</div>', visible=True)
+            self.wrong.update(text=note_html(str(error), wrong=True), visible=True)
         else:
-            self.wrong.visible = False
+            self.wrong.update(text="", visible=False)
 
     def show(self, exploration: Exploration) -> None:
         """Show the numbers and the choices of a scene."""

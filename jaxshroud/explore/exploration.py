@@ -6,13 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import numpy as np
+
+from jaxshroud.explore.fields import number_fields
 from jaxshroud.march.method import FAST, Method, RungeKutta, Taylor, method_of
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.verbs.options import plan_march, resolve_options
 
 # Tables whose entries decide what is in a compiled program.
 STRUCTURE_TABLES = ("parts", "row")
+STIFFENING = ("contact.gamma", "contact.k", "friction.k_d")
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +70,16 @@ class Exploration:
 
 
 def method_on_page(file: SceneFile, accuracy: str | float) -> Method:
-    """The method for an accuracy of a scene, with its steps: all that a page shows is marched by it."""
+    """The method for an accuracy, with its steps: all that a page shows of a structure is marched by it.
+
+    It is chosen for the scene, and for the scenes at the upper ends of the sliders that make contact stiffer.
+    """
     smooth = file.tables["parts"]["contact"] == "smooth"
     wish = RungeKutta("rk4", "auto") if smooth else accuracy
-    resolved = resolve_options(file.scene, method=wish, verb="explore", rows=True)
+    numbers = [number for number in number_fields(file) if number.key.name in STIFFENING and number.value]
+    stiffer = {n.key.name: np.array([n.in_si(n.value or 0.0), n.ends[1]]) for n in numbers}
+    scenes = grid_of_scenes(file.scene, stiffer) if stiffer else file.scene
+    resolved = resolve_options(scenes, method=wish, verb="explore", rows=True)
     march = plan_march(resolved, resolved.lanes, FAST, periods=math.inf)
     return method_of(march.steps, march.method)
 

@@ -31,16 +31,28 @@ class Methods:
         self.lock = threading.Lock()
 
     def method(self, exploration: Exploration, accuracy: str) -> Method:
-        """The method of a scene."""
-        call = (exploration.origin, exploration.structure, accuracy)
+        """The method of a scene, which is chosen if there is none yet."""
         with self.lock:
-            if call not in self.found:
+            found = self.known(exploration, accuracy)
+            if found is None:
                 try:
                     wish: str | float = float(accuracy)
                 except ValueError:
                     wish = accuracy
-                self.found[call] = method_on_page(exploration.file, wish)
-        return self.found[call]
+                found = self.found[_call(exploration, accuracy)] = method_on_page(exploration.file, wish)
+        return found
+
+    def known(self, exploration: Exploration, accuracy: str) -> Method | None:
+        """The method of a scene if it is chosen already."""
+        return self.found.get(_call(exploration, accuracy))
+
+    def forget(self, exploration: Exploration, accuracy: str) -> None:
+        """Choose anew where the method turned out to be unstable for later numbers."""
+        self.found.pop(_call(exploration, accuracy), None)
+
+
+def _call(exploration: Exploration, accuracy: str) -> tuple[Any, ...]:
+    return exploration.origin, exploration.structure, accuracy
 
 
 class Progress:

@@ -48,7 +48,7 @@ class Keeping:
         self.what = Select(title="save", value=options[0], options=options, name="what to save", width=150, **style)
         save = Button(label="Save", name="save", width=70, align="end", **style)
         save.on_click(lambda event: self.save())
-        self.message = Div(text="", name="save message", **style)
+        self.message = Div(text="", name="save message", tags=[self.download], **style)  # sent with it
         self.layout = stacked(
             beside(self.what, save), self.message, beside(*copies), self.command, self.sweep_command, self.toml
         )
@@ -63,10 +63,11 @@ class Keeping:
     def show_commands(self) -> None:
         """Show the commands of what is shown now, and the scene."""
         page, window = self.page, self.page.centre.window
-        method = method_words(page.methods.method(page.exploration, page.controls.accuracy.value))
-        self.command.text = page.shown.command(
-            "simulate", "--periods", str(page.amount.motion), *method, "--out", "run.nc"
-        )
+        found = page.methods.known(page.exploration, page.controls.accuracy.value)
+        if found is None:  # another accuracy is being prepared
+            return
+        method, periods = method_words(found), str(page.amount.motion)
+        self.command.text = page.shown.command("simulate", "--periods", periods, *method, "--out", "run.nc")
         self.toml.text = page.shown.toml()
         values = max(len(page.centre.diagram.lanes.data["value"]), 2)
         ends = ["--start", repr(window.start), "--stop", repr(window.stop), "--num", str(values)]

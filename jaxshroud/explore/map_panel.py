@@ -45,7 +45,7 @@ class MapPanel:
         self.chosen, self.factors = chosen, (1.0, 1.0)
         self.cells = empty_source(CELL_NAMES, "cells")
         self.mark = empty_source("xy")
-        self.up = Select(title="second key", value=keys[-1], options=list(keys), name="map_key", **style)
+        self.up = Select(title="second key", value=keys[0], options=list(keys), name="map_key", **style)
         self.of = RadioButtonGroup(labels=QUANTITIES_OF_MAP, active=0, name="map_of", **style)
         self.power = LinearColorMapper(palette="Cividis256", low=0.0, high=1.0, nan_color=STOPPED_COLOUR)
         self.motions = LinearColorMapper(low=-0.5, high=len(MOTION_COLOURS) - 0.5, palette=list(LIGHT.motions))

@@ -19,7 +19,7 @@ from jaxshroud.explore.run_panel import RunPanel
 from jaxshroud.explore.saves import template_variables
 from jaxshroud.explore.words import motion_html, status_html, verdict_html
 from jaxshroud.explore.worker import Continue, Worker
-from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.checks import InputError, StepTooLongError
 from jaxshroud.scene.parts import Direction
 
 WORKERS = "run", "diagram", "verdict", "saves"
@@ -51,6 +51,7 @@ class Page:
         self.status = Div(text=status_html("Ready"), **styled(), name="status_text")
         self._add_roots()
         self.workings: dict[str, str] = {}
+        self.chosen_anew: Exploration | None = None  # the scene for which the method was unstable
 
     def _add_roots(self) -> None:
         document = self.document
@@ -204,6 +205,12 @@ class Page:
         self.later(self._say_failed, what, error)
 
     def _say_failed(self, what: str, error: Exception) -> None:
+        accuracy = self.controls.accuracy.value
+        if isinstance(error, StepTooLongError) and self.chosen_anew != self.exploration:
+            self.chosen_anew = self.exploration
+            self.methods.forget(self.exploration, accuracy)
+            self.compute()
+            return
         self.workings[what] = ""
         message = error.args[0] if isinstance(error, KeyError) and error.args else error
         self.status.text = status_html("", f"{what}: {message}")

@@ -6,7 +6,6 @@ from typing import Any
 
 from jaxshroud.io.lane_status import MESSAGES, status_name
 from jaxshroud.model.modes import Status
-from jaxshroud.plotting.style import unicode_text
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import parse_key
 
@@ -41,7 +40,7 @@ def motion_html(run: Any, selected: Mapping[str, float], file: SceneFile) -> str
     periods = (
         f"{len(run.t) // run.steps_per_period} periods from rest; {run.method}, {run.steps_per_period} steps a period"
     )
-    return f"<h2>{escape(unicode_text(head))}</h2>{failed}{note_html(periods)}"
+    return f"<h2>{escape(head)}</h2>{failed}{note_html(periods)}"
 
 
 def verdict_html(found: Any | None) -> str:

@@ -1,6 +1,5 @@
 """A browser without a screen, and the command whose page it looks at: for tests, timings and pictures."""
 
-import os
 import re
 import shutil
 import signal
@@ -23,16 +22,19 @@ def chromium():
     return next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
+# A test runner in the background may ignore Ctrl-C, which would be inherited.
+COMMAND = """import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from jaxshroud.cli.commands import main
+sys.exit(main())"""
+
+
 class Server:
     """The command `explore`, running."""
 
     def __init__(self, *words):
-        command = [sys.executable, "-m", "jaxshroud", "explore", *words, "--no-browser"]
-        # A test runner in the background may ignore Ctrl-C, which would be inherited.
-        heard = lambda: signal.signal(signal.SIGINT, signal.default_int_handler)
-        self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ, preexec_fn=heard
-        )
+        command = [sys.executable, "-c", COMMAND, "explore", *words, "--no-browser"]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         line = self.process.stdout.readline()
         found = ADDRESS.search(line)
         assert found, line + self.process.stderr.read()
@@ -41,7 +43,8 @@ class Server:
     def end(self, how=signal.SIGKILL):
         """End the command, and wait for it."""
         self.process.send_signal(how)
-        return self.process.wait(timeout=60)
+        self.process.communicate(timeout=60)
+        return self.process.returncode
 
 
 @contextmanager

@@ -85,10 +85,12 @@ def test_the_verdict_follows_with_its_reasons(tab):
 
 
 def test_a_slider_changes_motion_and_diagram_by_the_keyboard_too(tab):
+    tab.wait_ready()
     before = tab.data("lanes")["P_d"]
     handle = tab.page.locator(".noUi-handle").first
     tab.changes("lanes", lambda: handle.press("ArrowRight"))
     assert "shroud.gap=" in tab.text("command")
+    tab.wait_ready()
     assert tab.data("lanes")["P_d"] != before
     tab.changes("lanes", lambda: tab.page.get_by_role("button", name="Reset all").click())
     assert "shroud.gap" not in tab.text("command")
@@ -98,7 +100,7 @@ def test_wrong_input_is_told_beside_its_field_and_the_page_lives_on(tab):
     field = tab.field("friction.mu")
     field.fill("minus two")
     field.press("Enter")
-    alert = tab.page.locator(".wrong[role=alert]").first
+    alert = tab.page.locator(".wrong[role=alert]:visible").first
     alert.wait_for()
     assert "mu" in alert.inner_text()
     field.fill("0.4")
@@ -114,6 +116,7 @@ def test_a_zoom_computes_the_window_anew(tab):
     part = tab.data("lanes")["value"]
     assert max(part) - min(part) == pytest.approx((max(whole) - min(whole)) / 2)
     assert len(part) >= 200
+    tab.wait_ready()
     box = tab.figure(0).bounding_box()
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
@@ -125,6 +128,7 @@ def test_a_zoom_computes_the_window_anew(tab):
 
     tab.changes("lanes", drag)
     assert min(tab.data("lanes")["value"]) > min(part)
+    tab.wait_ready()
     tab.changes("lanes", lambda: tab.page.get_by_role("button", name="whole").click())
     assert min(tab.data("lanes")["value"]) == min(whole)
 
@@ -144,7 +148,8 @@ def test_a_click_on_the_map_goes_there(tab):
     box = tab.page.locator(".bk-Figure:visible").first.bounding_box()
     at = box["x"] + 0.5 * box["width"], box["y"] + 0.4 * box["height"]
     tab.changes("history", lambda: tab.page.mouse.click(*at))
-    assert tab.text("command").count("--set") == 2 + 2  # those of the command line, and both keys
+    assert "contact.gamma=" in tab.text("command")
+    assert "shroud.gap=" in tab.text("command")
     tab.page.get_by_role("button", name="Diagram").click()
 
 
