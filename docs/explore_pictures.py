@@ -58,7 +58,7 @@ def main():
         verdict(tab)
         picture(tab, "explore.png")
         moving_picture(tab)
-        tab.page.get_by_role("button", name="Map").click()
+        tab.page.get_by_role("button", name="Map", exact=True).click()
         tab.wait("Bokeh.documents[0].get_model_by_name('cells').data.x.length >= 49 ** 2")
         picture(tab, "explore_map.png")
         tab.context.close()

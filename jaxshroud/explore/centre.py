@@ -12,6 +12,7 @@ from jaxshroud.explore.exploration import Exploration
 from jaxshroud.explore.fields import number_fields
 from jaxshroud.explore.look import Recolouring, beside, stacked, styled, wide
 from jaxshroud.explore.map_panel import MapPanel
+from jaxshroud.explore.saves import OF_A_SERVER
 from jaxshroud.explore.words import note_html
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.axes import axis
@@ -69,8 +70,8 @@ class Centre:
         self._listen()
         beside_it = {"◀ previous": lambda: self._step(-1), "next ▶": lambda: self._step(1)}
         zoom = {"zoom in": lambda: self._scale(0.5), "zoom out": lambda: self._scale(2.0), "whole": self.show_whole}
-        self.steps = buttons({**beside_it, **zoom})
-        top = beside(self.view, self.key, self.way, *self.ends)
+        self.steps = buttons({**beside_it, **zoom}, name=OF_A_SERVER)
+        top = beside(self.view, self.key, self.way, *self.ends, name=OF_A_SERVER)
         self.layout = stacked(top, self.wrong, self.diagram.layout, self.map.layout, self.steps, self.note)
         self._show_window(self.window)
 

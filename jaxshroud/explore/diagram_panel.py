@@ -60,7 +60,7 @@ class DiagramPanel:
         self.legend = Div(text="", **wide())
         self.top = self._samples_plot()
         self.power = self._curve_plot("P_d", "P_d [%]", recolouring, 150)
-        self.amplitude = self._curve_plot("peak", "amplitude of x_1 [mm]", recolouring, 160)
+        self.amplitude = self._curve_plot("peak", "amplitude [mm]", recolouring, 160)
         scaled_ticks(self.amplitude.yaxis[0], 1e3)
         plots = [self.top, self.power, self.amplitude]
         for plot, cursor in zip(plots, self.cursors, strict=True):

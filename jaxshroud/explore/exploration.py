@@ -10,6 +10,8 @@ import numpy as np
 
 from jaxshroud.explore.fields import number_fields
 from jaxshroud.march.method import FAST, Method, RungeKutta, Taylor, method_of
+from jaxshroud.march.stability import stiffest
+from jaxshroud.march.tableau import TaylorOptions
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
@@ -72,16 +74,19 @@ class Exploration:
 def method_on_page(file: SceneFile, accuracy: str | float) -> Method:
     """The method for an accuracy, with its steps: all that a page shows of a structure is marched by it.
 
-    It is chosen for the scene, and for the scenes at the upper ends of the sliders that make contact stiffer.
+    It is chosen for the scene; its steps also suit the upper ends of the sliders that make contact stiffer.
     """
     smooth = file.tables["parts"]["contact"] == "smooth"
     wish = RungeKutta("rk4", "auto") if smooth else accuracy
+    resolved = resolve_options(file.scene, method=wish, verb="explore", rows=True)
+    march = plan_march(resolved, resolved.lanes, FAST, periods=math.inf)
     numbers = [number for number in number_fields(file) if number.key.name in STIFFENING and number.value]
     stiffer = {n.key.name: np.array([n.in_si(n.value or 0.0), n.ends[1]]) for n in numbers}
-    scenes = grid_of_scenes(file.scene, stiffer) if stiffer else file.scene
-    resolved = resolve_options(scenes, method=wish, verb="explore", rows=True)
-    march = plan_march(resolved, resolved.lanes, FAST, periods=math.inf)
-    return method_of(march.steps, march.method)
+    if isinstance(march.method.tableau, TaylorOptions) or not stiffer or file.tables["parts"]["contact"] == "none":
+        return method_of(march.steps, march.method)
+    largest = stiffest(grid_of_scenes(file.scene, stiffer), len(stiffer))[0]
+    growth = max(largest / stiffest(resolved.lanes, 1)[0], 1.0)
+    return method_of(math.ceil(growth * march.steps), march.method)
 
 
 def method_words(method: Method) -> list[str]:

@@ -7,7 +7,7 @@ from bokeh.models import Button, CustomJS, Div, PreText, Select
 
 from jaxshroud.explore.exploration import method_words
 from jaxshroud.explore.look import beside, stacked, styled
-from jaxshroud.explore.saves import SavedFile, download_source, result_file, static_page
+from jaxshroud.explore.saves import OF_A_SERVER, SavedFile, download_source, result_file, static_page
 from jaxshroud.explore.words import note_html
 from jaxshroud.scene.checks import InputError
 
@@ -50,7 +50,12 @@ class Keeping:
         save.on_click(lambda event: self.save())
         self.message = Div(text="", name="save message", tags=[self.download], **style)  # sent with it
         self.layout = stacked(
-            beside(self.what, save), self.message, beside(*copies), self.command, self.sweep_command, self.toml
+            beside(self.what, save, name=OF_A_SERVER),
+            self.message,
+            beside(*copies, name=OF_A_SERVER),
+            self.command,
+            self.sweep_command,
+            self.toml,
         )
 
     def _copy_button(self, label: str, source: PreText) -> Button:
@@ -79,7 +84,7 @@ class Keeping:
         """Let the browser save what is chosen."""
         what, page = self.what.value, self.page
         if what == PAGE_FILE:
-            self._give(SavedFile("page.html", static_page(page.document, page.heading)))
+            self._give(SavedFile("page.html", static_page(page.document, page.heading, page.dark.active)))
         elif what == SCENE_FILE:
             self._give(SavedFile("scene.toml", page.shown.toml().encode()))
         else:

@@ -73,7 +73,8 @@ def beside(*parts: Any, **options: Any) -> Any:
 def figure_theme(colours: Colours) -> Theme:
     """The theme of all figures in light or in dark."""
     axis = {
-        **dict.fromkeys(("axis_line_color", "major_tick_line_color", "minor_tick_line_color"), colours.soft),
+        **dict.fromkeys(("axis_line_color", "major_tick_line_color"), colours.soft),
+        "minor_tick_line_color": None,
         **dict.fromkeys(("major_label_text_color", "axis_label_text_color"), colours.ink),
         **{"axis_label_text_font_style": "normal", "axis_label_text_font_size": "12px"},
         **{"major_label_text_font_size": "11px", "axis_label_standoff": 4},
@@ -141,6 +142,15 @@ def scaled_ticks(axis: Any, factor: float) -> None:
     """Let an axis of numbers in SI units show them in another unit."""
     code = f"const v = tick * {factor!r}; return Math.abs(v) < 1e-12 ? '0' : String(Number(v.toPrecision(6)));"
     axis.formatter = CustomJSTickFormatter(code=code)
+
+
+def key_html(items: Iterable[tuple[str, str]]) -> str:
+    """Words with their colours."""
+    keys = (
+        f'<span class="key"><i style="background:{colour}" aria-hidden="true"></i>{word}</span>'
+        for word, colour in items
+    )
+    return f'<div class="legend">{"".join(keys)}</div>'
 
 
 def legend_html(present: set[int]) -> str:

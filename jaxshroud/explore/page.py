@@ -16,7 +16,7 @@ from jaxshroud.explore.jobs import Methods, Progress, diagram_job, map_job, run_
 from jaxshroud.explore.keeping import Keeping
 from jaxshroud.explore.look import LIGHT, NIGHT, Recolouring, beside, figure_theme, page_template, stacked, styled
 from jaxshroud.explore.run_panel import RunPanel
-from jaxshroud.explore.saves import template_variables
+from jaxshroud.explore.saves import OF_A_SERVER, template_variables
 from jaxshroud.explore.words import motion_html, status_html, verdict_html
 from jaxshroud.explore.worker import Continue, Worker
 from jaxshroud.scene.checks import InputError, StepTooLongError
@@ -55,12 +55,12 @@ class Page:
 
     def _add_roots(self) -> None:
         document = self.document
-        self.dark = Toggle(label="dark", name="dark", **styled(), width=60)
+        self.dark = Toggle(label="dark", width=60, **styled())
         self.dark.js_on_change(
             "active", CustomJS(code="document.documentElement.classList.toggle('dark', cb_obj.active)")
         )
         self.dark.on_change("active", lambda attr, old, new: self._recolour(new))
-        document.add_root(beside(self.status, self.dark, name="status"))
+        document.add_root(beside(self.status, beside(self.dark, name=OF_A_SERVER), name="status"))
         document.add_root(stacked(self.controls.layout, name="left"))
         document.add_root(stacked(self.centre.layout, name="centre"))
         document.add_root(stacked(self.motion.layout, self.keeping.layout, name="right"))
@@ -69,7 +69,8 @@ class Page:
         document.template_variables.update(template_variables(self.heading))
         document.theme = figure_theme(LIGHT)
         self.recolouring.tell(LIGHT)
-        ready = "dark.active = matchMedia('(prefers-color-scheme: dark)').matches"
+        ready = "if (!document.documentElement.dataset.still) "
+        ready += "dark.active = matchMedia('(prefers-color-scheme: dark)').matches"
         document.js_on_event(DocumentReady, CustomJS(args={"dark": self.dark}, code=ready))
         shown = "document.getElementById('lost').style.display = '{}'"
         document.js_on_event(ConnectionLost, CustomJS(code=shown.format("block")))

@@ -10,6 +10,7 @@ from jaxshroud.explore.look import (
     beside,
     empty_source,
     file_text,
+    key_html,
     new_plot,
     scaled_ticks,
     stacked,
@@ -17,6 +18,7 @@ from jaxshroud.explore.look import (
     wide,
 )
 from jaxshroud.explore.motion_columns import (
+    CORNERS,
     SPAN_NAMES,
     Columns,
     contact_columns,
@@ -29,6 +31,7 @@ from jaxshroud.explore.motion_columns import (
     ring_columns,
     spectrum_columns,
 )
+from jaxshroud.plotting.plot_run import CASE_STYLES, MODE_STYLES
 from jaxshroud.plotting.style import ORANGE
 from jaxshroud.results.row import RowTrajectory
 from jaxshroud.results.trajectory import Trajectory
@@ -81,6 +84,7 @@ class RunPanel:
     def _portrait(self, recolouring: Recolouring) -> Any:
         plot = new_plot("phase portrait, Poincaré points", 210, "x_1 [mm]", "v_x1 [m/s]", "portrait_plot", tools="")
         scaled_ticks(plot.xaxis[0], 1e3)
+        plot.xaxis[0].ticker.desired_num_ticks = 4
         recolouring.line(plot.line("x", "v", source=self.sources["portrait"], line_width=0.7), "strong")
         dots = plot.scatter("x", "v", source=self.sources["poincare"], size=5, line_color="white", line_width=0.5)
         dots.glyph.fill_color = ORANGE
@@ -106,7 +110,8 @@ class RunPanel:
         recolouring.line(forces.line("t", "N", source=source, legend_label="N", line_width=1.5), "ink")
         recolouring.line(forces.line("t", "F", source=source, legend_label="F", line_dash="dashed"), "strong")
         forces.legend.orientation = "horizontal"
-        return [self._film(recolouring), ribbon, forces]
+        words = Div(text=key_html([*MODE_STYLES.values(), *CASE_STYLES.values()]), **wide())
+        return [self._film(recolouring), ribbon, words, forces]
 
     def _film(self, recolouring: Recolouring) -> Any:
         plot = new_plot("the blocks", 210, "", "", "film_plot", match_aspect=True, tools="")
@@ -164,6 +169,17 @@ class RunPanel:
                 self._fit_film(columns)
             else:
                 self.sources[name].data = columns
+        if "frames" in self.sources and not self.row:
+            self._show_first_frame()
+
+    def _show_first_frame(self) -> None:
+        """Show what the page itself would show of the first frame, for pages without a server."""
+        frames = self.sources["frames"].data
+        if len(frames["t"]):
+            corner = lambda axis, blade: [float(frames[f"{axis}{blade}{k}"][0]) for k in range(CORNERS)]
+            xs, ys = ([corner(axis, blade) for blade in (0, 1)] for axis in "xy")
+            self.sources["blocks"].data = {"xs": xs, "ys": ys, "blade": [0, 1]}
+            self.sources["arrows"].data = arrow_columns(frames)
 
     def _fit_film(self, film: Columns) -> None:
         """Give the film room for all of its frames, and begin it anew."""
@@ -171,6 +187,13 @@ class RunPanel:
         self.film.y_range.update(start=film["low"], end=film["high"])
         self.film.title.text = f"the blocks, motion and gap × {film['factor']:g}"
         self.frame.update(end=max(film["count"] - 1, 1), value=0)
+
+
+def arrow_columns(frames: Columns) -> Columns:
+    """The arrows of the first frame; none where the blocks are apart."""
+    ends = {"x0": ("px", "px"), "y0": ("py", "py"), "x1": ("nx", "fx"), "y1": ("ny", "fy")}
+    columns = {name: [float(frames[of][0]) for of in pair] for name, pair in ends.items()}
+    return columns if np.isfinite(columns["x0"]).all() else {name: [] for name in ends}
 
 
 def run_columns(result: Trajectory | RowTrajectory, row_of_blades: bool) -> dict[str, Columns]:

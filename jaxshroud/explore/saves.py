@@ -22,6 +22,7 @@ TYPES = {
     "html": "text/html",
 }
 STATIC_ROOTS = "status", "centre", "right"
+OF_A_SERVER = "live"  # the name of what a page without a server does not show
 _ONE_PICTURE = threading.Lock()  # matplotlib draws one picture at a time
 
 
@@ -59,18 +60,19 @@ def template_variables(heading: str) -> dict[str, Any]:
     return {"heading": heading, "light_motions": LIGHT.motions, "dark_motions": NIGHT.motions}
 
 
-def static_page(document: Document, heading: str) -> bytes:
+def static_page(document: Document, heading: str, dark: bool) -> bytes:
     """The page as it is now, as one file that needs no server and no network."""
     copy = Document.from_json(document.to_json())
     roots = [root for root in copy.roots if root.name in STATIC_ROOTS]
-    for root in copy.roots:
-        if root not in roots:
-            copy.remove_root(root)
+    for root in [root for root in copy.roots if root not in roots]:
+        copy.remove_root(root)
+    for control in copy.select({"name": OF_A_SERVER}):
+        control.visible = False
     html = file_html(
         copy,
         INLINE,
         template=page_template(),
-        template_variables={**template_variables(heading), "without_server": True},
+        template_variables={**template_variables(heading), "without_server": True, "dark": dark},
         theme=copy.theme,
         suppress_callback_warning=True,
     )

@@ -27,5 +27,6 @@ def written_page(exploration: Exploration, accuracy: str, report: Progress) -> b
     )
     page.show_level(window, "independent", 0, coarse, coarse)
     page.show_run(exploration, simulate(exploration.file, n_periods=page.amount.motion, method=method))
+    page.motion.verdict.text = ""
     page.close()
-    return static_page(document, page.heading)
+    return static_page(document, page.heading, dark=False)

@@ -1,4 +1,4 @@
-"""The package without the extra `explore`: nothing of it is imported, and the command says how to get it."""
+"""The parts of the page of `explore`: what it computes and compiles, what it refuses, and the package without it."""
 
 import ast
 from pathlib import Path
@@ -11,8 +11,11 @@ import jaxshroud as js
 from jaxshroud.cli import commands
 from jaxshroud.cli import explore as command
 from jaxshroud.explore.diagram import Amount, Window, diagram, joined
+from jaxshroud.explore.diagram_panel import DiagramPanel
 from jaxshroud.explore.exploration import Exploration
 from jaxshroud.explore.fields import number_fields
+from jaxshroud.explore.look import Recolouring
+from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import SceneError
 
 ROOT = Path(js.__file__).parent
@@ -101,6 +104,20 @@ def test_a_wrong_value_is_refused_with_the_place_and_the_cure(exploration):
         with pytest.raises(SceneError, match=said):
             exploration.changed(key, text)
     assert exploration.changed("shroud.gap", "30 um").file.tables["shroud"]["gap"] == pytest.approx(3e-5)
+
+
+def test_a_lane_that_stopped_is_shown_as_such(exploration):
+    window, quiet = Window("contact.gamma", 1.0, 3.0), lambda done, total: None
+    result = diagram(exploration.file, window, window.values(0, 3), "independent", Amount(1, 2), METHOD, quiet)
+    result.data["status"][1] = int(Status.NOT_FINITE)
+    panel = DiagramPanel(Recolouring(), lambda start, stop: None, lambda value: None)
+    panel.show_window(window)
+    panel.show_level(0, result, result)
+    assert panel.stopped.data["shown"].tolist() == [2.0]
+    assert panel.lanes.data["status"] == ["OK", "NOT_FINITE", "OK"]
+    assert np.isnan(panel.lanes.data["P_d"]).tolist() == [False, True, False]
+    assert 2.0 not in panel.samples[0].data["value"]
+    assert "1 lanes stopped: NOT_FINITE" in panel.legend.text
 
 
 @pytest.mark.parametrize("name", ["fig09_best", "engine_order", "row_chain5", "dry_friction_2dof"])
