@@ -23,11 +23,11 @@ FOLDERS = [
         "plotting",
         "results",
         "verbs",
-        "explore",
+        "explorer",
         "cli",
     )
 ]
-EDGES = ("io", "plotting", "results", "explore", "cli", "scene")
+EDGES = ("io", "plotting", "results", "explorer", "cli", "scene")
 FOR_EDGES_ONLY = {
     "pydantic",
     "pint",

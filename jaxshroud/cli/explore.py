@@ -14,7 +14,7 @@ from jaxshroud.io.files import write
 from jaxshroud.scene.checks import MachineError
 
 if TYPE_CHECKING:
-    from jaxshroud.explore.exploration import Exploration
+    from jaxshroud.explorer.exploration import Exploration
 
 MISSING = 'the page needs Bokeh, which is not installed; get it by: pip install "jaxshroud[explore]"'
 
@@ -28,7 +28,7 @@ def explore_command(options: argparse.Namespace) -> None:
     """
     if find_spec("bokeh") is None:
         raise MachineError(MISSING)
-    from jaxshroud.explore.exploration import Exploration
+    from jaxshroud.explorer.exploration import Exploration
 
     file = load_scene(options)
     with input_errors_at(file.name):
@@ -41,7 +41,7 @@ def explore_command(options: argparse.Namespace) -> None:
 
 
 def _serve(exploration: "Exploration", options: argparse.Namespace) -> None:
-    from jaxshroud.explore.server import ExploreServer
+    from jaxshroud.explorer.server import ExploreServer
 
     server = ExploreServer(exploration, str(options.accuracy), options.port)
 
@@ -60,7 +60,7 @@ def _serve(exploration: "Exploration", options: argparse.Namespace) -> None:
 
 
 def _write_page(exploration: "Exploration", options: argparse.Namespace) -> None:
-    from jaxshroud.explore.written_page import written_page
+    from jaxshroud.explorer.written_page import written_page
 
     path = Path(options.out)
     if path.suffix != ".html":

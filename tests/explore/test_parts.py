@@ -10,11 +10,11 @@ import pytest
 import jaxshroud as js
 from jaxshroud.cli import commands
 from jaxshroud.cli import explore as command
-from jaxshroud.explore.diagram import Amount, Window, diagram, joined
-from jaxshroud.explore.diagram_panel import DiagramPanel
-from jaxshroud.explore.exploration import Exploration
-from jaxshroud.explore.fields import number_fields
-from jaxshroud.explore.look import Recolouring
+from jaxshroud.explorer.diagram import Amount, Window, diagram, joined
+from jaxshroud.explorer.diagram_panel import DiagramPanel
+from jaxshroud.explorer.exploration import Exploration
+from jaxshroud.explorer.fields import number_fields
+from jaxshroud.explorer.look import Recolouring
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import SceneError
 
@@ -39,15 +39,15 @@ def imports(nodes):
 
 
 def test_nothing_outside_of_explore_imports_what_only_the_extra_brings():
-    paths = [path for path in ROOT.rglob("*.py") if path.parent.name != "explore"]
+    paths = [path for path in ROOT.rglob("*.py") if path.parent.name != "explorer"]
     used = {
         path.name: {name.split(".")[0] for name in imports(ast.walk(ast.parse(path.read_text())))} for path in paths
     }
     assert not {name for name, found in used.items() if found & OF_THE_EXTRA}
     on_top = list(imports(ast.parse(Path(command.__file__).read_text()).body))
-    assert not [name for name in on_top if name.startswith("jaxshroud.explore")]
+    assert not [name for name in on_top if name.startswith("jaxshroud.explorer")]
     # Control: the scan sees what the page imports.
-    page = ast.parse((ROOT / "explore" / "page.py").read_text())
+    page = ast.parse((ROOT / "explorer" / "page.py").read_text())
     assert {name.split(".")[0] for name in imports(ast.walk(page))} & OF_THE_EXTRA
 
 

@@ -5,10 +5,10 @@ from typing import Any
 
 from bokeh.models import Button, CustomJS, Div, PreText, Select
 
-from jaxshroud.explore.exploration import method_words
-from jaxshroud.explore.look import beside, stacked, styled
-from jaxshroud.explore.saves import OF_A_SERVER, SavedFile, download_source, result_file, static_page
-from jaxshroud.explore.words import note_html
+from jaxshroud.explorer.exploration import method_words
+from jaxshroud.explorer.look import above_each_other, beside, styled
+from jaxshroud.explorer.saves import OF_A_SERVER, SavedFile, download_source, result_file, static_page
+from jaxshroud.explorer.words import note_html
 from jaxshroud.scene.checks import InputError
 
 RESULT_FILES = {
@@ -49,7 +49,7 @@ class Keeping:
         save = Button(label="Save", name="save", width=70, align="end", **style)
         save.on_click(lambda event: self.save())
         self.message = Div(text="", name="save message", tags=[self.download], **style)  # sent with it
-        self.layout = stacked(
+        self.layout = above_each_other(
             beside(self.what, save, name=OF_A_SERVER),
             self.message,
             beside(*copies, name=OF_A_SERVER),

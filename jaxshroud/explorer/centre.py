@@ -5,22 +5,22 @@ from typing import Any, Protocol
 import numpy as np
 from bokeh.models import Div, RadioButtonGroup, Select, TextInput
 
-from jaxshroud.explore.controls import buttons
-from jaxshroud.explore.diagram import Window
-from jaxshroud.explore.diagram_panel import DiagramPanel
-from jaxshroud.explore.exploration import Exploration
-from jaxshroud.explore.fields import number_fields
-from jaxshroud.explore.look import Recolouring, beside, stacked, styled, wide
-from jaxshroud.explore.map_panel import MapPanel
-from jaxshroud.explore.saves import OF_A_SERVER
-from jaxshroud.explore.words import note_html
+from jaxshroud.explorer.controls import buttons
+from jaxshroud.explorer.diagram import Window
+from jaxshroud.explorer.diagram_panel import DiagramPanel
+from jaxshroud.explorer.exploration import Exploration
+from jaxshroud.explorer.fields import number_fields
+from jaxshroud.explorer.look import Recolouring, above_each_other, beside, styled, wide
+from jaxshroud.explorer.map_panel import MapPanel
+from jaxshroud.explorer.saves import OF_A_SERVER
+from jaxshroud.explorer.words import note_html
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.axes import axis
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.parts import Direction
 
-DIRECTIONS: dict[str, Direction] = {
+WAYS: dict[str, Direction] = {
     "from rest": "independent",
     "forward": "forward",
     "backward": "backward",
@@ -57,7 +57,7 @@ class Centre:
         style = styled()
         self.key = Select(title="diagram over", value=own, options=list(numbers), name="key", width=150, **style)
         self.way = Select(
-            title="each value starts", value="from rest", options=list(DIRECTIONS), name="direction", width=110, **style
+            title="each value starts", value="from rest", options=list(WAYS), name="direction", width=110, **style
         )
         self.ends = [TextInput(title=title, name=f"window {title}", width=90, **style) for title in ("from", "to")]
         self.wrong = Div(text="", visible=False, **wide())
@@ -72,7 +72,7 @@ class Centre:
         zoom = {"zoom in": lambda: self._scale(0.5), "zoom out": lambda: self._scale(2.0), "whole": self.show_whole}
         self.steps = buttons({**beside_it, **zoom}, name=OF_A_SERVER)
         top = beside(self.view, self.key, self.way, *self.ends, name=OF_A_SERVER)
-        self.layout = stacked(top, self.wrong, self.diagram.layout, self.map.layout, self.steps, self.note)
+        self.layout = above_each_other(top, self.wrong, self.diagram.layout, self.map.layout, self.steps, self.note)
         self._show_window(self.window)
 
     def _listen(self) -> None:
@@ -93,7 +93,7 @@ class Centre:
     @property
     def direction(self) -> Direction:
         """The direction that is chosen."""
-        return DIRECTIONS[self.way.value]
+        return WAYS[self.way.value]
 
     @property
     def windows(self) -> tuple[Window, Window]:

@@ -8,24 +8,33 @@ from bokeh.document import Document
 from bokeh.events import ClientReconnected, ConnectionLost, DocumentReady
 from bokeh.models import CustomJS, Div, Toggle
 
-from jaxshroud.explore.centre import Centre
-from jaxshroud.explore.controls import Controls
-from jaxshroud.explore.diagram import OF_A_ROW, Amount, Window
-from jaxshroud.explore.exploration import Exploration
-from jaxshroud.explore.jobs import Methods, Progress, diagram_job, map_job, run_job, verdict_job
-from jaxshroud.explore.keeping import Keeping
-from jaxshroud.explore.look import LIGHT, NIGHT, Recolouring, beside, figure_theme, page_template, stacked, styled
-from jaxshroud.explore.run_panel import RunPanel
-from jaxshroud.explore.saves import OF_A_SERVER, template_variables
-from jaxshroud.explore.words import motion_html, status_html, verdict_html
-from jaxshroud.explore.worker import Continue, Worker
+from jaxshroud.explorer.centre import Centre
+from jaxshroud.explorer.controls import Controls
+from jaxshroud.explorer.diagram import OF_A_ROW, Amount, Window
+from jaxshroud.explorer.exploration import Exploration
+from jaxshroud.explorer.jobs import Methods, YieldingProgress, diagram_job, map_job, run_job, verdict_job
+from jaxshroud.explorer.keeping import Keeping
+from jaxshroud.explorer.look import (
+    LIGHT,
+    NIGHT,
+    Recolouring,
+    above_each_other,
+    beside,
+    figure_theme,
+    page_template,
+    styled,
+)
+from jaxshroud.explorer.run_panel import RunPanel
+from jaxshroud.explorer.saves import OF_A_SERVER, template_variables
+from jaxshroud.explorer.words import motion_html, status_html, verdict_html
+from jaxshroud.explorer.worker import Continue, Worker
 from jaxshroud.scene.checks import InputError, StepTooLongError
 from jaxshroud.scene.parts import Direction
 
 WORKERS = "run", "diagram", "verdict", "saves"
 
 
-class Page:
+class TabPage:
     """The page of one tab."""
 
     def __init__(self, document: Document, exploration: Exploration, accuracy: str, methods: Methods):
@@ -61,9 +70,9 @@ class Page:
         )
         self.dark.on_change("active", lambda attr, old, new: self._recolour(new))
         document.add_root(beside(self.status, beside(self.dark, name=OF_A_SERVER), name="status"))
-        document.add_root(stacked(self.controls.layout, name="left"))
-        document.add_root(stacked(self.centre.layout, name="centre"))
-        document.add_root(stacked(self.motion.layout, self.keeping.layout, name="right"))
+        document.add_root(above_each_other(self.controls.layout, name="left"))
+        document.add_root(above_each_other(self.centre.layout, name="centre"))
+        document.add_root(above_each_other(self.motion.layout, self.keeping.layout, name="right"))
         document.title = f"{self.heading} · jaxshroud explore"
         document.template = page_template()
         document.template_variables.update(template_variables(self.heading))
@@ -163,10 +172,10 @@ class Page:
         show = self._in_page(self._show_verdict)
         self.workers["verdict"].submit(verdict_job(exploration, method, first, show))
 
-    def _progress(self, go_on: Continue, level: int) -> Progress:
+    def _progress(self, go_on: Continue, level: int) -> YieldingProgress:
         word = "coarse" if level == 0 else f"finer, level {level}"
         tell = lambda share: self.later(self._working, "diagram", f"{word}, {share:.0%}")
-        return Progress(go_on, tell, lambda: self.workers["run"].busy)
+        return YieldingProgress(go_on, tell, lambda: self.workers["run"].busy)
 
     # What is shown
 

@@ -5,10 +5,10 @@ from typing import Any
 
 from bokeh.models import Button, Div, Select, Slider, TextInput
 
-from jaxshroud.explore.exploration import Exploration
-from jaxshroud.explore.fields import FIRST_FIELDS, NumberField, number_fields
-from jaxshroud.explore.look import beside, stacked, styled, wide
-from jaxshroud.explore.words import note_html
+from jaxshroud.explorer.exploration import Exploration
+from jaxshroud.explorer.fields import FIRST_FIELDS, NumberField, number_fields
+from jaxshroud.explorer.look import above_each_other, beside, styled, wide
+from jaxshroud.explorer.words import note_html
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.parts import ACCURACIES
 
@@ -20,7 +20,7 @@ CHOICES: Mapping[str, Mapping[str, str]] = {  # key -> words on the page -> text
     "parts.contact": {"spring": '"spring"', "none": '"none"'},
     "parts.neighbour": {"blade": '"blade"', "rigid": '"rigid"'},
 }
-OF_ROWS = ("parts.motion", "parts.friction")  # choices that a row has too
+CHOICES_OF_ROWS = ("parts.motion", "parts.friction")  # choices that a row has too
 
 
 class FieldWidgets:
@@ -39,7 +39,7 @@ class FieldWidgets:
             self.slider = Slider(**ends, **shown, **style)
             self.slider.on_change("value_throttled", lambda attr, old, new: self._slid(new))
         widgets = [self.text, *([self.slider] if self.slider else []), self.message]
-        self.layout = stacked(*widgets, margin=0)
+        self.layout = above_each_other(*widgets, margin=0)
 
     def _typed(self, text: str) -> None:
         """Take what was typed: a bare number is in the unit that is shown."""
@@ -94,7 +94,7 @@ class Controls:
         self.fields = {number.key.name: FieldWidgets(number, change) for number in numbers}
         layouts = [widgets.layout for widgets in self.fields.values()]
         self.silent, in_row = False, exploration.file.row_size is not None
-        keys = [key for key in CHOICES if not in_row or key in OF_ROWS]
+        keys = [key for key in CHOICES if not in_row or key in CHOICES_OF_ROWS]
         self.choices = {
             key: Select(title=key, options=list(CHOICES[key]), name=f"choice {key}", width_policy="max", **style)
             for key in keys
@@ -105,7 +105,7 @@ class Controls:
         self.accuracy = Select(title="accuracy", value=accuracy, options=accuracies, name="accuracy", **style)
         self.wrong = Div(text="", visible=False, **style)
         self.reset = Button(label="Reset all", name="reset", **style)
-        self.layout = stacked(
+        self.layout = above_each_other(
             *layouts[:FIRST_FIELDS],
             *self.choices.values(),
             self.accuracy,

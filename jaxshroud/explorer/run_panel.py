@@ -5,22 +5,22 @@ from typing import Any
 import numpy as np
 from bokeh.models import CustomJS, Div, HoverTool, LinearColorMapper, LogScale, Slider, Toggle
 
-from jaxshroud.explore.look import (
+from jaxshroud.explorer.look import (
     Recolouring,
+    above_each_other,
     beside,
     empty_source,
     file_text,
     key_html,
     new_plot,
     scaled_ticks,
-    stacked,
     styled,
     wide,
 )
-from jaxshroud.explore.motion_columns import (
+from jaxshroud.explorer.motion_columns import (
     CORNERS,
     SPAN_NAMES,
-    Columns,
+    PlotColumns,
     contact_columns,
     diameter_columns,
     film_columns,
@@ -64,7 +64,7 @@ class RunPanel:
         self.heading = Div(text="", **wide(), name="motion")
         self.verdict = Div(text="", **wide(), name="verdict")
         own = self._row_plots() if row_of_blades else self._contact_plots(recolouring)
-        self.layout = stacked(
+        self.layout = above_each_other(
             self.heading,
             self.verdict,
             *own[:1],
@@ -130,7 +130,7 @@ class RunPanel:
         self.play = Toggle(label="move", width=80, name="play", **styled())
         code = file_text("play.js")
         self.play.js_on_change("active", CustomJS(args={"frame": self.frame, "interval": INTERVAL}, code=code))
-        return stacked(plot, beside(self.play, self.frame))
+        return above_each_other(plot, beside(self.play, self.frame))
 
     def _row_plots(self) -> list[Any]:
         source = self.sources["ring"]
@@ -181,7 +181,7 @@ class RunPanel:
             self.sources["blocks"].data = {"xs": xs, "ys": ys, "blade": [0, 1]}
             self.sources["arrows"].data = arrow_columns(frames)
 
-    def _fit_film(self, film: Columns) -> None:
+    def _fit_film(self, film: PlotColumns) -> None:
         """Give the film room for all of its frames, and begin it anew."""
         self.film.x_range.update(start=film["left"], end=film["right"])
         self.film.y_range.update(start=film["low"], end=film["high"])
@@ -189,14 +189,14 @@ class RunPanel:
         self.frame.update(end=max(film["count"] - 1, 1), value=0)
 
 
-def arrow_columns(frames: Columns) -> Columns:
+def arrow_columns(frames: PlotColumns) -> PlotColumns:
     """The arrows of the first frame; none where the blocks are apart."""
     ends = {"x0": ("px", "px"), "y0": ("py", "py"), "x1": ("nx", "fx"), "y1": ("ny", "fy")}
     columns = {name: [float(frames[of][0]) for of in pair] for name, pair in ends.items()}
     return columns if np.isfinite(columns["x0"]).all() else {name: [] for name in ends}
 
 
-def run_columns(result: Trajectory | RowTrajectory, row_of_blades: bool) -> dict[str, Columns]:
+def run_columns(result: Trajectory | RowTrajectory, row_of_blades: bool) -> dict[str, PlotColumns]:
     """The columns of all sources that a run changes."""
     run = prepared_run(result.data)
     if run is None:

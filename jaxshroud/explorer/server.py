@@ -15,9 +15,9 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 from tornado.netutil import bind_sockets
 
-from jaxshroud.explore.exploration import Exploration
-from jaxshroud.explore.jobs import Methods
-from jaxshroud.explore.page import Page
+from jaxshroud.explorer.exploration import Exploration
+from jaxshroud.explorer.jobs import Methods
+from jaxshroud.explorer.page import TabPage
 from jaxshroud.scene.checks import MachineError
 
 HOST = "127.0.0.1"
@@ -44,7 +44,7 @@ class ExploreServer:
         methods = Methods()
 
         def open_page(document: Document) -> None:
-            page = Page(document, exploration, accuracy, methods)
+            page = TabPage(document, exploration, accuracy, methods)
             self.pages.append(page)
             document.on_session_destroyed(lambda context: self._close(page))
 
@@ -101,6 +101,6 @@ class ExploreServer:
             thread.join(max(until - time.monotonic(), 0.0))
         return not any(thread.is_alive() for thread in threads)
 
-    def _close(self, page: Page) -> None:
+    def _close(self, page: TabPage) -> None:
         page.close()
         self.pages.remove(page)

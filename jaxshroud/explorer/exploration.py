@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from jaxshroud.explore.fields import number_fields
+from jaxshroud.explorer.fields import number_fields
 from jaxshroud.march.method import FAST, Method, RungeKutta, Taylor, method_of
 from jaxshroud.march.stability import stiffest
 from jaxshroud.march.tableau import TaylorOptions

@@ -19,7 +19,7 @@ PORTRAIT_PERIODS = 16  # the longest orbit that has a period number
 CORNERS = 4
 SPAN_NAMES = "left", "right", "bottom", "top", "color", "word"
 NO_SPANS: dict[str, list[Any]] = {name: [] for name in SPAN_NAMES}
-Columns = dict[str, Any]
+PlotColumns = dict[str, Any]
 
 
 def prepared_run(ds: xr.Dataset) -> RunData | None:
@@ -27,25 +27,25 @@ def prepared_run(ds: xr.Dataset) -> RunData | None:
     return run_data(ds, scale=MILLIMETRES)
 
 
-def history_columns(run: RunData) -> Columns:
+def history_columns(run: RunData) -> PlotColumns:
     """The displacements of the first two blades [m] over the last periods, over time in drive periods."""
     last = run.t > run.t[-1] - HISTORY_PERIODS - 1e-9
     x = run.ds["x"].to_numpy()[last]
     return {"t": run.t[last], "x_1": x[:, 0], "x_2": x[:, 1]}
 
 
-def portrait_columns(run: RunData) -> Columns:
+def portrait_columns(run: RunData) -> PlotColumns:
     """Velocity over displacement of the left blade over the last periods."""
     last = run.settled & (run.t > run.t[-1] - PORTRAIT_PERIODS - 1e-9)
     return {"x": run.ds["x"].to_numpy()[last, 0], "v": run.v[last]}
 
 
-def poincare_columns(run: RunData) -> Columns:
+def poincare_columns(run: RunData) -> PlotColumns:
     """The points of the portrait at the ends of periods."""
     return {"x": run.ds["x"].to_numpy()[run.ends, 0], "v": run.v[run.ends]}
 
 
-def spectrum_columns(run: RunData, most: float = 6.0) -> Columns:
+def spectrum_columns(run: RunData, most: float = 6.0) -> PlotColumns:
     """The amplitude spectrum of the left blade [m] up to a frequency in units of the drive's."""
     x, rate, q = run.ds["x"].to_numpy()[run.settled, 0], run.rate, run.repeats
     n_periods = whole_periods(x.size, rate)
@@ -59,14 +59,14 @@ def spectrum_columns(run: RunData, most: float = 6.0) -> Columns:
     return {"f": f[shown], "a": np.maximum(a[shown], 1e-6 * top), "foot": np.full(shown.sum(), 1e-6 * top)}
 
 
-def contact_columns(run: RunData) -> tuple[Columns, Columns]:
+def contact_columns(run: RunData) -> tuple[PlotColumns, PlotColumns]:
     """Forces over the last periods, and the spans of contact state and case; both empty without contact."""
     if "N" not in run.ds or run.rate < FEWEST_SAMPLES:
         nothing = np.zeros(0)
         return dict.fromkeys(("t", "N", "F"), nothing), NO_SPANS
     contact = contact_data(run)
     spans = [*_spans(contact.t, contact.mode, MODE_STYLES, 1.0), *_spans(contact.t, contact.case, CASE_STYLES, 0.0)]
-    columns: Columns = dict(zip(SPAN_NAMES, map(list, zip(*spans, strict=True)), strict=True)) if spans else {}
+    columns: PlotColumns = dict(zip(SPAN_NAMES, map(list, zip(*spans, strict=True)), strict=True)) if spans else {}
     return {"t": contact.t, "N": contact.N, "F": contact.F}, columns or NO_SPANS
 
 
@@ -82,21 +82,21 @@ def _spans(t: np.ndarray, values: np.ndarray, styles: Any, bottom: float) -> lis
     return found
 
 
-def film_columns(run: RunData) -> tuple[Columns, float]:
+def film_columns(run: RunData) -> tuple[PlotColumns, float]:
     """The corners, the contact point and the ends of the arrows of every frame, and the factor of exaggeration."""
     frames, blocks = last_frames(run, None), stored_blocks(run.ds)
     factor = fitting_factor(frames, blocks)
     rests = [np.array([blade * (blocks.l_oa + factor * blocks.gap), 0.0]) for blade in (0, 1)]
     instants = [frames.isel(time=i) for i in range(frames.sizes["time"])]
     corners = np.array([[blocks.corners(f, factor, rests[b], b) for b in (0, 1)] for f in instants])
-    columns: Columns = {"t": frames["periods"].to_numpy()}
+    columns: PlotColumns = {"t": frames["periods"].to_numpy()}
     for blade in (0, 1):
         for k in range(CORNERS):
             columns |= {f"x{blade}{k}": corners[:, blade, k, 0], f"y{blade}{k}": corners[:, blade, k, 1]}
     return columns | _arrow_columns(frames, blocks, corners[:, 0]), factor
 
 
-def _arrow_columns(frames: xr.Dataset, blocks: Blocks, left: np.ndarray) -> Columns:
+def _arrow_columns(frames: xr.Dataset, blocks: Blocks, left: np.ndarray) -> PlotColumns:
     """The contact point, and the vectors of the normal and the friction force on the right block; NaN when apart."""
     count = len(left)
     if "N" not in frames:
@@ -119,7 +119,7 @@ def _arrow_columns(frames: xr.Dataset, blocks: Blocks, left: np.ndarray) -> Colu
     return {**columns, "state": state}
 
 
-def ring_columns(run: RunData) -> Columns:
+def ring_columns(run: RunData) -> PlotColumns:
     """The amplitude of each blade of a row with contact and without, and where it is drawn."""
     ds = run.ds
     peak, free, count = ds["x_peak"].to_numpy(), ds["x_free"].to_numpy(), ds.sizes["blade"]
@@ -129,7 +129,7 @@ def ring_columns(run: RunData) -> Columns:
     return {"blade": np.arange(count), "peak": peak, "free": free, "x": x, "y": y, "name": list(map(str, range(count)))}
 
 
-def diameter_columns(run: RunData) -> Columns:
+def diameter_columns(run: RunData) -> PlotColumns:
     """The waves of the last period: the amplitude of each harmonic of the drive and nodal diameter."""
     try:
         spectrum = blade_spectrum(run.ds["x"].to_numpy(), float(run.rate), 1)

@@ -60,7 +60,7 @@ def empty_source(names: Iterable[str], name: str | None = None) -> Any:
     return ColumnDataSource({column: [] for column in names}, name=name)
 
 
-def stacked(*parts: Any, **options: Any) -> Any:
+def above_each_other(*parts: Any, **options: Any) -> Any:
     """Parts of the page below each other."""
     return column(*parts, sizing_mode="stretch_width", **options)
 

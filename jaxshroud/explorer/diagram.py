@@ -14,7 +14,7 @@ from jaxshroud.verbs.sweep import sweep
 COARSE_VALUES = 200
 DIAGRAM_LEVELS = 3  # each with half the spacing of the one before
 MAP_COARSE, MAP_LEVELS = 13, 3  # values along each key of a map
-Report = Callable[[int, int], None]  # lane-periods done, and in all
+ReportPeriods = Callable[[int, int], None]  # lane-periods done, and in all
 
 
 class Window(NamedTuple):
@@ -54,7 +54,7 @@ def diagram(
     direction: Direction,
     amount: Amount,
     method: Method,
-    report: Report,
+    report: ReportPeriods,
 ) -> SweepResult:
     """A sweep over values of a key, as the command makes it."""
     return sweep(
@@ -70,7 +70,7 @@ def diagram(
 
 
 def map_piece(
-    file: SceneFile, axes: dict[str, np.ndarray], amount: Amount, method: Method, report: Report
+    file: SceneFile, axes: dict[str, np.ndarray], amount: Amount, method: Method, report: ReportPeriods
 ) -> SweepResult:
     """A sweep over two keys, without samples."""
     run: dict[str, Any] = {"n_periods": amount.kept, "transient": amount.transient}

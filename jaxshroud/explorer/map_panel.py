@@ -6,16 +6,16 @@ import numpy as np
 from bokeh.events import Tap
 from bokeh.models import Div, LinearColorMapper, RadioButtonGroup, Range1d, Scatter, Select
 
-from jaxshroud.explore.diagram import MAP_COARSE, Window
-from jaxshroud.explore.look import (
+from jaxshroud.explorer.diagram import MAP_COARSE, Window
+from jaxshroud.explorer.look import (
     LIGHT,
     Colours,
     Recolouring,
+    above_each_other,
     beside,
     empty_source,
     legend_html,
     new_plot,
-    stacked,
     styled,
     wide,
 )
@@ -75,7 +75,7 @@ class MapPanel:
         self.of.on_change("active", lambda attr, old, new: self._recoloured())
         self.legend = Div(text="", **wide())
         choices = beside(self.up, self.of)
-        self.layout = stacked(choices, self.plot, self.legend, visible=False)
+        self.layout = above_each_other(choices, self.plot, self.legend, visible=False)
 
     def _recolour(self, colours: Colours) -> None:
         self.motions.palette = list(colours.motions)

@@ -5,9 +5,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from jaxshroud.explore.diagram import Amount, Window, diagram, joined, joined_map, map_axes, map_piece
-from jaxshroud.explore.exploration import Exploration, method_on_page
-from jaxshroud.explore.worker import Continue, Job
+from jaxshroud.explorer.diagram import Amount, Window, diagram, joined, joined_map, map_axes, map_piece
+from jaxshroud.explorer.exploration import Exploration, method_on_page
+from jaxshroud.explorer.worker import Continue, Job
 from jaxshroud.march.method import Method
 from jaxshroud.results.diagnosis import Diagnosis
 from jaxshroud.results.row import RowTrajectory
@@ -55,7 +55,7 @@ def _call(exploration: Exploration, accuracy: str) -> tuple[Any, ...]:
     return exploration.origin, exploration.structure, accuracy
 
 
-class Progress:
+class YieldingProgress:
     """Reports progress now and then, lets others go first, and ends work that is not wanted any more."""
 
     def __init__(self, go_on: Continue, tell: Callable[[float], None], first: Yield = lambda: False):
@@ -79,7 +79,7 @@ def diagram_job(
     window: Window,
     direction: Direction,
     amount: Amount,
-    progress: Callable[[Continue, int], Progress],
+    progress: Callable[[Continue, int], YieldingProgress],
     show: Callable[[int, SweepResult, SweepResult], None],
 ) -> Job:
     """A diagram, coarse first; in other directions than from rest at one spacing, as a finer one is another run."""
@@ -102,7 +102,7 @@ def map_job(
     across: Window,
     up: Window,
     amount: Amount,
-    progress: Callable[[Continue, int], Progress],
+    progress: Callable[[Continue, int], YieldingProgress],
     show: Callable[[int, SweepResult], None],
 ) -> Job:
     """A map, coarse first."""
@@ -131,7 +131,7 @@ def run_job(
 
     def job(go_on: Continue) -> None:
         go_on()
-        progress = Progress(go_on, lambda share: None)
+        progress = YieldingProgress(go_on, lambda share: None)
         run = simulate(exploration.file, n_periods=periods, method=method(), progress=progress)
         go_on()
         show(run)
@@ -151,7 +151,7 @@ def verdict_job(
         while first():
             go_on()
             time.sleep(0.05)
-        progress = Progress(go_on, lambda share: None, first)
+        progress = YieldingProgress(go_on, lambda share: None, first)
         found = diagnose(exploration.file.scene, method=method(), progress=progress)
         go_on()
         show(found)

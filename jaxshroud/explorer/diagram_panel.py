@@ -7,16 +7,16 @@ import numpy as np
 from bokeh.events import RangesUpdate, Reset, Tap
 from bokeh.models import Div, HoverTool, LinearColorMapper, Range1d, Span
 
-from jaxshroud.explore.diagram import DIAGRAM_LEVELS, Window
-from jaxshroud.explore.look import (
+from jaxshroud.explorer.diagram import DIAGRAM_LEVELS, Window
+from jaxshroud.explorer.look import (
     LIGHT,
     Colours,
     Recolouring,
+    above_each_other,
     empty_source,
     legend_html,
     new_plot,
     scaled_ticks,
-    stacked,
     wide,
 )
 from jaxshroud.io.lane_status import status_name
@@ -26,7 +26,7 @@ from jaxshroud.scene.keys import parse_key
 
 SAMPLE_NAMES = "value", "shown", "x", "motion"
 LANE_NAMES = "value", "shown", "P_d", "low", "high", "ci", "peak", "period", "motion", "status", "foot"
-MARKERS = {"independent": "dot", "forward": "triangle", "backward": "inverted_triangle"}
+WAY_MARKERS = {"independent": "dot", "forward": "triangle", "backward": "inverted_triangle"}
 SIZES = {"independent": 7, "forward": 4, "backward": 4}
 PERIODS = {0: "aperiodic", -1: "none"}
 STOPPED_LINE = "#d55e00"
@@ -67,7 +67,7 @@ class DiagramPanel:
             plot.add_layout(cursor)
             plot.on_event(Tap, lambda event: self.chosen(self._in_si(event.x)))
             plot.on_event(RangesUpdate, self._ranges_changed)
-        self.layout = stacked(self.top, self.power, self.amplitude, self.legend)
+        self.layout = above_each_other(self.top, self.power, self.amplitude, self.legend)
 
     def on_reset(self, call: Callable[[], None]) -> None:
         """Call this when the reset tool is used."""
@@ -88,7 +88,7 @@ class DiagramPanel:
         for source in self.samples:
             plot.scatter(source=source, marker="dot", size=7, **style)
         for way, source in self.ways.items():
-            plot.scatter(source=source, marker=MARKERS[way], size=SIZES[way], fill_alpha=0.0, **style)
+            plot.scatter(source=source, marker=WAY_MARKERS[way], size=SIZES[way], fill_alpha=0.0, **style)
         plot.vspan(x="shown", source=self.stopped, line_color=STOPPED_LINE, line_alpha=0.35, name="stopped lanes")
         return plot
 

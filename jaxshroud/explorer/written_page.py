@@ -3,11 +3,11 @@
 from bokeh.document import Document
 
 from jaxshroud.batch.runs import Progress
-from jaxshroud.explore.diagram import diagram
-from jaxshroud.explore.exploration import Exploration
-from jaxshroud.explore.jobs import Methods
-from jaxshroud.explore.page import Page
-from jaxshroud.explore.saves import static_page
+from jaxshroud.explorer.diagram import diagram
+from jaxshroud.explorer.exploration import Exploration
+from jaxshroud.explorer.jobs import Methods
+from jaxshroud.explorer.page import TabPage
+from jaxshroud.explorer.saves import static_page
 from jaxshroud.verbs.simulate import simulate
 
 
@@ -20,7 +20,7 @@ def written_page(exploration: Exploration, accuracy: str, report: Progress) -> b
         report: Called with the lane-periods done, and in all.
     """
     document = Document()
-    page = Page(document, exploration, accuracy, Methods())
+    page = TabPage(document, exploration, accuracy, Methods())
     window, method = page.centre.window, page.methods.method(exploration, accuracy)
     coarse = diagram(
         exploration.file, window, window.new_values(0, page.amount.values), "independent", page.amount, method, report
