@@ -19,7 +19,7 @@ def picture(tab, name, full=False):
     """Write what a tab shows, with few colours."""
     content = tab.page.screenshot(full_page=full)
     image = Image.open(io.BytesIO(content)).convert("RGB")
-    image.quantize(128, dither=Image.Dither.NONE).save(PICTURES / name, optimize=True)
+    image.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(PICTURES / name, optimize=True)
 
 
 def verdict(tab):
@@ -44,7 +44,7 @@ def moving_picture(tab):
         tab.page.get_by_role("button", name="move").click()
         shoot(FRAMES // 2 - 3)
         tab.page.get_by_role("button", name="stop").click()
-    palette = frames[-1].quantize(64, dither=Image.Dither.NONE)
+    palette = frames[-1].quantize(96, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     few = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     few[0].save(PICTURES / "explore.gif", save_all=True, append_images=few[1:], duration=120, loop=0, optimize=True)
 

@@ -109,6 +109,7 @@ class Centre:
     def _take_view(self) -> None:
         of_map = self.shows_map
         self.diagram.layout.visible, self.map.layout.visible, self.way.visible = not of_map, of_map, not of_map
+        self.note.visible = not of_map
         if of_map:
             self.map.show_windows(*self.windows)
         self.owner.compute_diagram()

@@ -13,6 +13,7 @@ from jaxshroud.explorer.look import (
     Colours,
     Recolouring,
     above_each_other,
+    axis_words,
     empty_source,
     legend_html,
     new_plot,
@@ -116,10 +117,10 @@ class DiagramPanel:
     def show_window(self, window: Window) -> None:
         """Show the axis of a window, without values."""
         row = parse_key(window.key)[0]
-        unit, self.factor = row.shown[0], float(row.shown[1])
+        self.factor = float(row.shown[1])
         self.key = window.key
         self.range.update(start=window.start * self.factor, end=window.stop * self.factor)
-        self.amplitude.xaxis.axis_label = f"{row.label} {row.parts[1]}" + (f" [{unit}]" if unit else "")
+        self.amplitude.xaxis.axis_label = axis_words(row)
 
     def show_level(self, level: int, added: SweepResult, all_levels: SweepResult) -> None:
         """Show what a level adds, and P_d and the amplitude of all levels."""

@@ -12,6 +12,7 @@ from jinja2 import Template
 
 from jaxshroud.plotting.plot_sweep import MOTION_COLOURS
 from jaxshroud.plotting.style import BLUE, DARK, INK, PALE, SKY
+from jaxshroud.scene.keys import Key
 
 HERE = Path(__file__).parent
 TOOLS = "xpan,xbox_zoom,xwheel_zoom,reset,save"
@@ -29,7 +30,12 @@ class Colours(NamedTuple):
 
 
 LIGHT = Colours("#ffffff", INK, DARK, "#e4e4e4", BLUE, tuple(MOTION_COLOURS.values()))
-ON_DARK = {DARK: "#d9d9d9", PALE: "#5f6670", BLUE: "#4aa3df"}  # in place of colours that dark paper swallows
+ON_DARK = {
+    DARK: "#d9d9d9",
+    PALE: "#5f6670",
+    BLUE: "#3b8fd6",
+    SKY: "#b5e3ff",
+}  # on dark paper
 NIGHT = Colours(
     "#16191d", "#ececec", "#b5b8bc", "#31363c", SKY, tuple(ON_DARK.get(c, c) for c in MOTION_COLOURS.values())
 )
@@ -151,6 +157,12 @@ def key_html(items: Iterable[tuple[str, str]]) -> str:
         for word, colour in items
     )
     return f'<div class="legend">{"".join(keys)}</div>'
+
+
+def axis_words(row: Key) -> str:
+    """The label of the axis of a key, with its name and its unit."""
+    name, unit = row.parts[1], row.shown[0]
+    return f"{row.label}{'' if name in row.label.split() else f' {name}'}{f' [{unit}]' if unit else ''}"
 
 
 def legend_html(present: set[int]) -> str:

@@ -12,6 +12,7 @@ from jaxshroud.explorer.look import (
     Colours,
     Recolouring,
     above_each_other,
+    axis_words,
     beside,
     empty_source,
     legend_html,
@@ -57,8 +58,7 @@ class MapPanel:
         self.tiles = self.plot.rect(
             *("shown_x", "shown_y", "width", "height"),
             source=self.cells,
-            line_color=None,
-            fill_color={"field": "P_d", "transform": self.power},
+            color={"field": "P_d", "transform": self.power},
         )
         self.bar = self.tiles.construct_color_bar(width=10, title="P_d [%]")
         self.plot.add_layout(self.bar, "right")
@@ -84,7 +84,8 @@ class MapPanel:
         """Take the colours of the quantity that is chosen."""
         of_power = self.of.active == 0
         field, mapper = ("P_d", self.power) if of_power else ("motion", self.motions)
-        self.tiles.glyph.fill_color = {"field": field, "transform": mapper}
+        colour = {"field": field, "transform": mapper}
+        self.tiles.glyph.update(fill_color=colour, line_color=colour)
         self.bar.visible = of_power
         self.legend.visible = not of_power
 
@@ -97,7 +98,7 @@ class MapPanel:
         ):
             half = (window.stop - window.start) / (2 * (MAP_COARSE - 1))
             span.update(start=(window.start - half) * factor, end=(window.stop + half) * factor)
-            axis.axis_label = f"{key.label} {key.parts[1]}" + (f" [{key.shown[0]}]" if key.shown[0] else "")
+            axis.axis_label = axis_words(key)
         self.cells.data = {name: [] for name in CELL_NAMES}
         self.mark.data = {"x": [], "y": []}
 
