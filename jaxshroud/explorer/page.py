@@ -31,6 +31,7 @@ from jaxshroud.explorer.worker import Continue, Worker
 from jaxshroud.scene.checks import InputError, StepTooLongError
 from jaxshroud.scene.parts import Direction
 
+FINER = "finer"  # what follows a level that is not the last
 WORKERS = "run", "diagram", "verdict", "saves"
 
 
@@ -195,12 +196,13 @@ class TabPage:
         self.results["diagram"] = whole
         self.centre.show_level(window, direction, level, added, whole)
         self.keeping.show_commands()
-        self._working("diagram", "")
+        last = level + 1 == self.amount.levels or direction != "independent"
+        self._working("diagram", "" if last else FINER)
 
     def _show_map(self, across: Window, up: Window, level: int, whole: Any) -> None:
         self.results["map"] = whole
         self.centre.map.show_cells(whole, across, up, level)
-        self._working("diagram", "")
+        self._working("diagram", "" if level + 1 == self.amount.map_levels else FINER)
 
     def _show_verdict(self, found: Any) -> None:
         self.results["verdict"] = found

@@ -14,6 +14,7 @@ FLAGS = (
 )
 ADDRESS = re.compile(r"http://\S+")
 LONGEST = 300_000  # for a program that is compiled on a busy machine [ms]
+LEVELS = 3  # of a diagram
 SMALL = ("table1", "--set", 'parts.motion=["x"]', "--set", "blades.c_x=40")  # settles soon, and compiles soon
 
 
@@ -94,11 +95,13 @@ class Tab:
         """Wait until JavaScript says so."""
         self.page.wait_for_function(condition, arg=argument, timeout=most)
 
-    def wait_ready(self, levels=3):
+    def wait_ready(self, levels=LEVELS):
         """Wait until the motion and so many levels of the diagram are shown."""
         of = "Bokeh.documents.length > 0 && Bokeh.documents[0].get_model_by_name"
         self.wait(f"{of}('history').data.t.length > 0")
         self.wait(f"{of}('lanes').data.value.length >= {199 * 2 ** (levels - 1) + 1}")
+        if levels == LEVELS:
+            self.wait(f"{of}('status_text').text.includes('Ready')")
 
     def changes(self, name, act):
         """Do something, and wait until the columns of a source have changed; the time that it took [s]."""
