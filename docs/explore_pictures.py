@@ -12,6 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "explore"))
 from browser import Tab, browser, chromium, served  # noqa: E402
 
 SCENE, ROW = "fig09_best", "row_ring12"
+FIRST = {"ring": "peak", "lanes": "value"}  # columns of sources
 FRAMES, FRAME_WIDTH = 36, 700  # of the moving picture
 
 
@@ -51,6 +52,12 @@ def moving_picture(tab):
 
 def main():
     """Draw all pictures."""
+    pictures_of_a_pair()
+    pictures_of_a_row()
+
+
+def pictures_of_a_pair():
+    """The page, a click, the map, and the page in a narrow window."""
     with served(SCENE) as server, browser(chromium()) as chrome:
         tab = Tab(chrome, server.address, height=900)
         tab.wait_ready()
@@ -66,9 +73,15 @@ def main():
         narrow.wait_ready()
         picture(narrow, "explore_narrow.png")
         narrow.context.close()
+
+
+def pictures_of_a_row():
+    """The page of a ring."""
     with served(ROW) as server, browser(chromium()) as chrome:
         tab = Tab(chrome, server.address, height=900)
-        tab.wait_ready(levels=1)
+        for source in ("ring", "lanes"):
+            tab.wait(f"Bokeh.documents[0]?.get_model_by_name('{source}').data.{FIRST[source]}.length > 0")
+        tab.wait("Bokeh.documents[0].get_model_by_name('status_text').text.includes('Ready')")
         picture(tab, "explore_row.png")
 
 

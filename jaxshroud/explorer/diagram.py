@@ -44,7 +44,7 @@ class Amount(NamedTuple):
     map_levels: int = MAP_LEVELS
 
 
-OF_A_ROW = Amount(8, 8, 16, 33, 2, 1)  # whose periods take as many times longer as it has blades
+OF_A_ROW = Amount(8, 8, 16, 64, 1, 1)  # a chunk of lanes, whose periods take as many times longer as it has blades
 
 
 def diagram(
