@@ -119,11 +119,13 @@ class Tab:
         label = key.partition(".")[2]
         return self.page.locator(f"label:has-text('{label},') >> xpath=.. >> input").first
 
-    def figure(self, number):
-        """The figure with this number, from above and from the left."""
-        return self.page.locator(".bk-Figure").nth(number)
+    def box(self, locator=".bk-Figure"):
+        """The place in the window of the first of such elements, by default of the diagram."""
+        element = self.page.locator(locator).first
+        element.scroll_into_view_if_needed()
+        return element.bounding_box()
 
     def click_diagram(self, share):
         """Click on the diagram at a share of its width."""
-        box = self.figure(0).bounding_box()
+        box = self.box()
         self.page.mouse.click(box["x"] + 60 + share * (box["width"] - 110), box["y"] + 0.5 * box["height"])

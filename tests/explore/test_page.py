@@ -119,7 +119,7 @@ def test_a_zoom_computes_the_window_anew(tab):
     assert max(part) - min(part) == pytest.approx((max(whole) - min(whole)) / 2)
     assert len(part) >= 200
     tab.wait_ready()
-    box = tab.figure(0).bounding_box()
+    box = tab.box()
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
     def drag():
@@ -147,7 +147,7 @@ def test_another_direction_says_that_it_is_another_run(tab):
 def test_a_click_on_the_map_goes_there(tab):
     tab.page.get_by_role("button", name="Map", exact=True).click()
     tab.wait("Bokeh.documents[0].get_model_by_name('cells').data.x.length > 0")
-    box = tab.page.locator(".bk-Figure:visible").first.bounding_box()
+    box = tab.box(".bk-Figure:visible")
     at = box["x"] + 0.5 * box["width"], box["y"] + 0.4 * box["height"]
     tab.changes("history", lambda: tab.page.mouse.click(*at))
     assert "contact.gamma=" in tab.text("command")
