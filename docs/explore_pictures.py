@@ -11,7 +11,8 @@ PICTURES = Path(__file__).parent / "pictures"
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "explore"))
 from browser import Tab, browser, chromium, served  # noqa: E402
 
-SCENE, ROW = "fig09_best", "row_ring12"
+SCENE = "fig09_best"
+ROW = "row_ring12", "--set", 'parts.motion=["x"]'  # a minute, not many
 FIRST = {"ring": "peak", "lanes": "value"}  # columns of sources
 FRAMES, FRAME_WIDTH = 36, 700  # of the moving picture
 
@@ -77,7 +78,7 @@ def pictures_of_a_pair():
 
 def pictures_of_a_row():
     """The page of a ring."""
-    with served(ROW) as server, browser(chromium()) as chrome:
+    with served(*ROW) as server, browser(chromium()) as chrome:
         tab = Tab(chrome, server.address, height=900)
         for source in ("ring", "lanes"):
             tab.wait(f"Bokeh.documents[0]?.get_model_by_name('{source}').data.{FIRST[source]}.length > 0")

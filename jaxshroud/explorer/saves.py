@@ -67,7 +67,7 @@ def static_page(document: Document, heading: str, dark: bool) -> bytes:
     for root in [root for root in copy.roots if root not in roots]:
         copy.remove_root(root)
     for control in copy.select({"name": OF_A_SERVER}):
-        control.visible = False
+        control.update(visible=False)
     html = file_html(
         copy,
         INLINE,
