@@ -53,10 +53,9 @@ def _serve(exploration: "Exploration", options: argparse.Namespace) -> None:
     try:
         server.run(ready)
     except KeyboardInterrupt:
-        if not server.has_ended():  # what a thread compiles cannot be interrupted
-            print("interrupted; nothing was written", file=sys.stderr, flush=True)
-            os._exit(130)
-        raise
+        server.has_ended()
+        print("interrupted; nothing was written", file=sys.stderr, flush=True)
+        os._exit(130)  # at once: what a thread compiles cannot be interrupted, and nothing is left to be written
 
 
 def _write_page(exploration: "Exploration", options: argparse.Namespace) -> None:

@@ -61,13 +61,18 @@ class YieldingProgress:
     def __init__(self, go_on: Continue, tell: Callable[[float], None], first: Yield = lambda: False):
         self.go_on, self.tell, self.first, self.told = go_on, tell, first, 0.0
 
-    def __call__(self, done: int, total: int) -> None:
-        """Report that `done` of `total` are done."""
+    def give_way(self) -> None:
+        """Wait for what is wanted first, for a while."""
         since = time.monotonic()
         while self.first() and time.monotonic() - since < LONGEST_WAIT:
             self.go_on()
             time.sleep(0.005)
         self.go_on()
+
+    def __call__(self, done: int, total: int) -> None:
+        """Report that `done` of `total` are done."""
+        since = time.monotonic()
+        self.give_way()
         if since - self.told > REPORT_INTERVAL:
             self.told = since
             self.tell(done / max(total, 1))
@@ -89,6 +94,7 @@ def diagram_job(
         go_on()
         for level in range(amount.levels if direction == "independent" else 1):
             values, report = window.new_values(level, amount.values), progress(go_on, level)
+            report.give_way()
             levels.append(diagram(exploration.file, window, values, direction, amount, march, report))
             go_on()
             show(level, levels[-1], joined(levels))

@@ -23,7 +23,7 @@ from jaxshroud.scene.checks import MachineError
 HOST = "127.0.0.1"
 TOKEN_BYTES = 24
 SESSION_CHECK, SESSION_LIFE = 500, 3000  # of a tab that has gone [ms]
-GRACE = 0.5  # for threads to end after Ctrl-C [s]
+GRACE = 0.3  # for threads to end after Ctrl-C [s]
 
 
 class ExploreServer:
