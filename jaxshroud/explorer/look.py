@@ -128,6 +128,10 @@ class Recolouring:
         self.listeners.append(recolour)
         return renderer
 
+    def text(self, renderer: GlyphRenderer) -> None:
+        """Let the words of a renderer follow the ink."""
+        self.listeners.append(lambda colours: setattr(renderer.glyph, "text_color", colours.ink))
+
     def tell(self, colours: Colours) -> None:
         """Take other colours."""
         for listener in self.listeners:

@@ -126,7 +126,9 @@ def ring_columns(run: RunData) -> PlotColumns:
     angle = 2 * np.pi * np.arange(count) / count
     closed = bool(ds.attrs["closed"])
     x, y = (np.sin(angle), np.cos(angle)) if closed else (np.linspace(-1, 1, count), np.zeros(count))
-    return {"blade": np.arange(count), "peak": peak, "free": free, "x": x, "y": y, "name": list(map(str, range(count)))}
+    names = {"name_x": (0.78 if closed else 1.0) * x, "name_y": 0.78 * y if closed else y - 0.25}
+    place = {"x": x, "y": y, **names, "name": list(map(str, range(count)))}
+    return {"blade": np.arange(count), "peak": peak, "free": free, **place}
 
 
 def diameter_columns(run: RunData) -> PlotColumns:

@@ -46,7 +46,7 @@ SOURCES = {
     "frames": ("t",),
     "blocks": ("xs", "ys", "blade"),
     "arrows": ("x0", "y0", "x1", "y1"),
-    "ring": ("blade", "peak", "free", "x", "y", "name"),
+    "ring": ("blade", "peak", "free", "x", "y", "name_x", "name_y", "name"),
     "diameters": ("diameter", "harmonic", "decades", "amplitude"),
 }
 INTERVAL = 50  # from frame to frame [ms]
@@ -63,7 +63,7 @@ class RunPanel:
         self.sources = {name: empty_source(names, name) for name, names in SOURCES.items()}
         self.heading = Div(text="", **wide(), name="motion")
         self.verdict = Div(text="", **wide(), name="verdict")
-        own = self._row_plots() if row_of_blades else self._contact_plots(recolouring)
+        own = self._row_plots(recolouring) if row_of_blades else self._contact_plots(recolouring)
         self.layout = above_each_other(
             self.heading,
             self.verdict,
@@ -132,14 +132,16 @@ class RunPanel:
         self.play.js_on_change("active", CustomJS(args={"frame": self.frame, "interval": INTERVAL}, code=code))
         return above_each_other(plot, beside(self.play, self.frame))
 
-    def _row_plots(self) -> list[Any]:
+    def _row_plots(self, recolouring: Recolouring) -> list[Any]:
         source = self.sources["ring"]
-        mapper = LinearColorMapper(palette="Cividis256")
-        ring = new_plot("amplitude of x of each blade", 260, "", "", "ring_plot", match_aspect=True, tools="hover")
+        mapper = LinearColorMapper(palette="Cividis256", low=0.0)
+        square = {"match_aspect": True, "x_range": (-1.3, 1.3), "y_range": (-1.3, 1.3)}
+        ring = new_plot("amplitude of x of each blade", 260, "", "", "ring_plot", tools="hover", **square)
         ring.axis.visible = ring.grid.visible = False
         colour = {"field": "peak", "transform": mapper}
         dots = ring.scatter("x", "y", source=source, size=30, color=colour, line_color=None)
-        ring.text("x", "y", "name", source=source, text_align="center", text_baseline="middle", text_color="white")
+        names = ring.text("name_x", "name_y", "name", source=source, text_align="center", text_baseline="middle")
+        recolouring.text(names)
         ring.add_layout(dots.construct_color_bar(width=8, title="[m]"), "right")
         told = {"blade": "@blade", "with contact": "@peak{0.000e+0} m", "without": "@free{0.000e+0} m"}
         ring.hover.tooltips = list(told.items())
@@ -154,7 +156,7 @@ class RunPanel:
             fill_color={"field": "decades", "transform": shade},
             line_color=None,
         )
-        waves.add_layout(tiles.construct_color_bar(width=8, title="log10 of the largest"), "right")
+        waves.add_layout(tiles.construct_color_bar(width=8, title="log10"), "right")
         waves.hover.tooltips = [("nodal diameter", "@diameter"), ("", "@amplitude{0.000e+0} m")]
         return [ring, waves]
 
