@@ -20,6 +20,7 @@ pytestmark = [
     pytest.mark.skipif(chromium() is None, reason="no Chromium on this machine: apt-get install chromium"),
 ]
 COUNTS = "P_d", "ci", "peak"
+REST = 300  # until the server has heard of the last click of another test [ms]
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +44,11 @@ def tab(chrome, server):
 
 @pytest.fixture(autouse=True)
 def no_complaints(request):
-    """The console stays empty."""
+    """A test finds the page at rest, and leaves the console empty."""
+    if "tab" in request.fixturenames:
+        opened = request.getfixturevalue("tab")
+        opened.page.wait_for_timeout(REST)
+        opened.wait_ready()
     yield
     if "tab" in request.fixturenames:
         assert request.getfixturevalue("tab").errors == []
