@@ -34,6 +34,7 @@ STEPS = ["--steps-per-period", "100"]
 SMALLER = {
     "simulate": [*SMALL, "--periods", "2", *STEPS],
     "sweep": [*SMALL, "--periods", "2", "--transient", "1"],
+    "explore": SMALL,
     "table": [*SMALL, "--periods", "4", "--transient", "4", *STEPS],
     "power": [*SMALL, "--periods", "4", "--transient", "1", *STEPS],
     "diagnose": [*SETTLED, *STEPS],
@@ -76,6 +77,8 @@ def reduced(line):
             line[i + 1] = "3"
         if word == "--scheduler":
             line[i + 1] = "local:1"
+    if line[0] == "explore" and "--out" not in line:  # which serves until Ctrl-C
+        line += ["--out", "page.html"]
     return [*line, *SMALLER.get(line[0], []), *(SCAN if line[0] == "tune" else []), *forced(line)]
 
 

@@ -10,8 +10,24 @@ import jaxshroud
 
 ROOT = Path(jaxshroud.__file__).parent
 # A module imports from its own folder and from those before it.
-FOLDERS = ["", "programs", "scene", "model", "march", "batch", "motion", "io", "plotting", "results", "verbs", "cli"]
-EDGES = ("io", "plotting", "results", "cli", "scene")
+FOLDERS = [
+    *(
+        "",
+        "programs",
+        "scene",
+        "model",
+        "march",
+        "batch",
+        "motion",
+        "io",
+        "plotting",
+        "results",
+        "verbs",
+        "explorer",
+        "cli",
+    )
+]
+EDGES = ("io", "plotting", "results", "explorer", "cli", "scene")
 FOR_EDGES_ONLY = {
     "pydantic",
     "pint",

@@ -20,6 +20,7 @@ SWEEP_KINDS = ("amplitude",)  # of a sweep, beside its own picture
 PICTURE_KINDS = (*RUN_KINDS, *SWEEP_KINDS)
 UNITS = ("mm", "um", "m", "gap")
 DEFAULT_SPREAD = 2.0  # of random starts
+MAX_PORT = 65535
 MAX_MAP_SIDE = 1000  # values of each of two keys in the map behind the paths of a tuning
 SIMULATION = (*SCENE_FLAGS, *METHOD_FLAGS, "--force")
 
@@ -86,6 +87,22 @@ COMMANDS = {
         ),
         rows=True,
         module="sweep",
+    ),
+    "explore": Command(
+        "Look at a scene on a page of this machine: a click on its diagram shows the motion.",
+        "jaxshroud explore fig09_best",
+        (
+            *SCENE_FLAGS[:2],
+            shared_option("--accuracy", help="fast, by default, balanced, reference or a number", default="fast"),
+            Option("--port", "of this machine; by default any that is free", count(0, MAX_PORT), 0, metavar="N"),
+            Option("--no-browser", "only print the address", action="store_true"),
+            shared_option(
+                "--out", help="write the page, without a server, and end", metavar="FILE.html", required=None
+            ),
+            shared_option("--force", help="replace an existing file"),
+        ),
+        rows=True,
+        module="explore",
     ),
     "table": Command(
         "Compute the designs of a CSV table, a row for each, and rank them.",

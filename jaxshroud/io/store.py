@@ -105,9 +105,13 @@ def _checked_texts(ds: "xr.Dataset") -> "xr.Dataset":
 
 def write_dataset(ds: "xr.Dataset", path: Path) -> None:
     """Write a dataset, completely or not at all; in memory first, as HDF5 does not survive a full disk."""
+    write(path, dataset_content(ds))
+
+
+def dataset_content(ds: "xr.Dataset") -> bytes | memoryview:
+    """A dataset as the content of a NetCDF file."""
     with packages_left_out():
-        content = ds.to_netcdf(engine="h5netcdf")
-    write(path, content)
+        return ds.to_netcdf(engine="h5netcdf")
 
 
 def write_json(data: Mapping[str, object], path: Path) -> None:

@@ -104,7 +104,7 @@ def curve_page(ds: xr.Dataset, dim: str, look: Look) -> Page[Curve]:
     x_1, if its samples were kept, is drawn relative to the gap, or in mm where gaps differ or one is not positive.
     Lanes whose status is not OK are marked and never drawn as numbers.
     """
-    content = Curve(ds, parameter_axis(ds[dim], look), _colour_indices(ds), look.unit)
+    content = Curve(ds, parameter_axis(ds[dim], look), colour_indices(ds), look.unit)
     sampled, grows = "x" in ds, "lyapunov" in ds
     panels = CURVE_PANELS[not sampled : len(CURVE_PANELS) - (not grows)]
     title = title_of(ds, ("x_1", "P_d") if sampled else ("P_d",))
@@ -133,7 +133,7 @@ def map_page(ds: xr.Dataset, dims: list[str], look: Look) -> Page[Map]:
     """
     across, up = dims
     ds = ds.transpose(up, across, ...)
-    content = Map(ds, parameter_axis(ds[across], look), parameter_axis(ds[up], look), _colour_indices(ds))
+    content = Map(ds, parameter_axis(ds[across], look), parameter_axis(ds[up], look), colour_indices(ds))
     panels = MAP_PANELS[: 3 if "lyapunov" in ds else 2]
     size = COLUMN_WIDTH, 7.6 if len(panels) == 3 else 5.2
     nothing = "" if (content.motion >= 0).any() else _no_lane_message(ds)
@@ -197,7 +197,7 @@ def _no_lane_message(ds: xr.Dataset) -> str:
     return "\n".join(["no lane finished:", *counts]) if counts else "the sweep is empty"
 
 
-def _colour_indices(ds: xr.Dataset) -> IntegerArray:
+def colour_indices(ds: xr.Dataset) -> IntegerArray:
     """The index of each lane's motion in `MOTION_COLOURS`, or -1 where the lane was stopped."""
     number = np.nan_to_num(ds["period_number"].to_numpy()).astype(int)
     indices = COLOUR_OF_PERIOD[np.clip(number, 0, 16)]

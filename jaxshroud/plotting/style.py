@@ -229,7 +229,7 @@ class Picture(Figure):
     """A figure that notebooks show as a picture even without pyplot."""
 
     def _repr_png_(self) -> bytes:
-        return _content(self, "png")
+        return figure_content(self, "png")
 
 
 def new_figure(title: str, width: float, height: float, look: Look = DEFAULT_LOOK) -> Figure:
@@ -295,7 +295,7 @@ def save_figure(figure: Figure, *paths: str | os.PathLike[str]) -> None:
             raise InputError(f"{path}: a picture needs a suffix, such as .png, .pdf or .svg.")
     with _laid_out(figure):
         for path in map(Path, paths):
-            write(path, _content(figure, path.suffix[1:].lower()))
+            write(path, figure_content(figure, path.suffix[1:].lower()))
 
 
 @contextmanager
@@ -315,8 +315,8 @@ def _laid_out(figure: Figure) -> Iterator[None]:
             figure.set_layout_engine(engine)
 
 
-def _content(figure: Figure, form: str) -> bytes:
-    """The content of a file in that format."""
+def figure_content(figure: Figure, form: str) -> bytes:
+    """A figure as the content of a file in a format: "png", "pdf" or "svg"."""
     content = BytesIO()
     with mpl.rc_context(STYLE):  # how vector formats write text is decided when they are written
         figure.savefig(content, format=form, dpi=DOTS_PER_INCH)

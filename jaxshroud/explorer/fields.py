@@ -1,0 +1,98 @@
+"""The numbers of a scene that a page has fields and sliders for."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.keys import ALL_KEYS, Key, key_in
+
+# In the order of the page; of rivals a scene gives one.
+FIELD_KEYS = (
+    *("shroud.gap", "contact.gamma", "contact.k", "contact.width", "friction.mu", "friction.k_d"),
+    *("drive.F_0", "drive.M_0", "drive.omega", "drive.f", "drive.speed", "drive.engine_order"),
+    *("shroud.alpha", "drive.beta", "blades.k_x", "blades.c_x"),
+)
+FIRST_FIELDS = 10  # that are open from the start
+AROUND_VALUE = (
+    "drive.omega",
+    "drive.f",
+    "drive.speed",
+    "blades.k_x",
+    "shroud.alpha",
+)  # whose sliders do not begin at 0
+SLIDER_STEPS = 200
+REACH = 3.0  # of a slider, times the value
+NICE_STEPS = (1.0, 2.0, 5.0, 10.0)
+
+
+class NumberField(NamedTuple):
+    """A number of a scene on a page, in the unit that it is shown in."""
+
+    key: Key
+    value: float | None  # None: not one number, but one for each blade or interface
+    text: str  # the value, or all of them
+    low: float
+    high: float
+    step: float
+
+    @property
+    def unit(self) -> str:
+        """The unit that is shown."""
+        return self.key.shown[0]
+
+    @property
+    def label(self) -> str:
+        """What the number is, with its unit."""
+        unit = f" [{self.unit}]" if self.unit else ""
+        return f"{self.key.parts[1]}, {self.key.label}{unit}"
+
+    def in_si(self, shown: float) -> float:
+        """A value of the slider in SI units: a decimal number with few digits, or an end of the key's range."""
+        value, allowed = float(f"{shown / self.key.shown[1]:.9g}"), self.key.range
+        return min(max(value, allowed.minimum), allowed.maximum)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The ends of the slider in SI units."""
+        return self.in_si(self.low), self.in_si(self.high)
+
+
+def number_fields(file: SceneFile) -> list[NumberField]:
+    """The fields of the numbers that a scene gives."""
+    given = file.given_tables
+    rows = [key_in(ALL_KEYS[name], file.row_size) for name in FIELD_KEYS]
+    return [_number_field(row, given[row.parts[0]][row.parts[1]], file) for row in rows if _gives(given, row)]
+
+
+def _gives(given: dict, row: Key) -> bool:
+    table, name = row.parts
+    return given.get(table, {}).get(name) is not None
+
+
+def _number_field(row: Key, value: object, file: SceneFile) -> NumberField:
+    factor = row.shown[1]
+    if isinstance(value, list | tuple):
+        return NumberField(row, None, ", ".join(f"{v * factor:.6g}" for v in value), 0.0, 1.0, 0.01)
+    shown = float(value) * factor  # pyright: ignore[reportArgumentType]  # a number of a valid scene
+    low, high = _slider_ends(row, shown, factor, file)
+    step = _nice_step((high - low) / SLIDER_STEPS)
+    low, high = math.floor(low / step) * step, math.ceil(high / step) * step
+    low = max(low, step if row.range.open else low)
+    return NumberField(row, shown, f"{shown:.9g}", float(f"{low:.9g}"), float(f"{high:.9g}"), step)
+
+
+def _slider_ends(row: Key, shown: float, factor: float, file: SceneFile) -> tuple[float, float]:
+    """The ends of a slider: those of the scene's own sweep, or some way around the value, within the key's range."""
+    axis = next((a for a in file.axes if a.key == row.name), None)
+    if axis is not None:
+        return float(np.min(axis.values)) * factor, float(np.max(axis.values)) * factor
+    reach = REACH * abs(shown) or 1.0
+    low, high = (0.5 * shown, 1.5 * shown) if row.name in AROUND_VALUE else (0.0 if shown >= 0 else -reach, reach)
+    return max(low, row.range.minimum * factor), min(high, row.range.maximum * factor)
+
+
+def _nice_step(step: float) -> float:
+    power = 10.0 ** math.floor(math.log10(step))
+    return float(f"{next(n for n in NICE_STEPS if n * power >= step * (1 - 1e-9)) * power:.6g}")

@@ -1,0 +1,165 @@
+"""The computations that a page asks for, each in a thread of its own that leaves the cores to what is wanted first."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from jaxshroud.explorer.diagram import Amount, Window, diagram, joined, joined_map, map_axes, map_piece
+from jaxshroud.explorer.exploration import Exploration, method_on_page
+from jaxshroud.explorer.worker import Continue, Job
+from jaxshroud.march.method import Method
+from jaxshroud.results.diagnosis import Diagnosis
+from jaxshroud.results.row import RowTrajectory
+from jaxshroud.results.row_diagnosis import RowDiagnosis
+from jaxshroud.results.sweep import SweepResult
+from jaxshroud.results.trajectory import Trajectory
+from jaxshroud.scene.parts import Direction
+from jaxshroud.verbs.diagnose import diagnose
+from jaxshroud.verbs.simulate import simulate
+
+LONGEST_WAIT = 1.0  # of a diagram for a run [s]; compiling may take longer
+REPORT_INTERVAL = 0.1  # [s]
+Yield = Callable[[], bool]  # whether something is wanted first
+
+
+class Methods:
+    """The method of each structure and accuracy: chosen for the first scene that has it, and kept."""
+
+    def __init__(self) -> None:
+        self.found: dict[Any, Method] = {}
+        self.lock = threading.Lock()
+
+    def method(self, exploration: Exploration, accuracy: str) -> Method:
+        """The method of a scene, which is chosen if there is none yet."""
+        with self.lock:
+            found = self.known(exploration, accuracy)
+            if found is None:
+                try:
+                    wish: str | float = float(accuracy)
+                except ValueError:
+                    wish = accuracy
+                found = self.found[_call(exploration, accuracy)] = method_on_page(exploration.file, wish)
+        return found
+
+    def known(self, exploration: Exploration, accuracy: str) -> Method | None:
+        """The method of a scene if it is chosen already."""
+        return self.found.get(_call(exploration, accuracy))
+
+    def forget(self, exploration: Exploration, accuracy: str) -> None:
+        """Choose anew where the method turned out to be unstable for later numbers."""
+        self.found.pop(_call(exploration, accuracy), None)
+
+
+def _call(exploration: Exploration, accuracy: str) -> tuple[Any, ...]:
+    return exploration.origin, exploration.structure, accuracy
+
+
+class YieldingProgress:
+    """Reports progress now and then, lets others go first, and ends work that is not wanted any more."""
+
+    def __init__(self, go_on: Continue, tell: Callable[[float], None], first: Yield = lambda: False):
+        self.go_on, self.tell, self.first, self.told = go_on, tell, first, 0.0
+
+    def give_way(self) -> None:
+        """Wait for what is wanted first, for a while."""
+        since = time.monotonic()
+        while self.first() and time.monotonic() - since < LONGEST_WAIT:
+            self.go_on()
+            time.sleep(0.005)
+        self.go_on()
+
+    def __call__(self, done: int, total: int) -> None:
+        """Report that `done` of `total` are done."""
+        since = time.monotonic()
+        self.give_way()
+        if since - self.told > REPORT_INTERVAL:
+            self.told = since
+            self.tell(done / max(total, 1))
+
+
+def diagram_job(
+    exploration: Exploration,
+    method: Callable[[], Method],
+    window: Window,
+    direction: Direction,
+    amount: Amount,
+    progress: Callable[[Continue, int], YieldingProgress],
+    show: Callable[[int, SweepResult, SweepResult], None],
+) -> Job:
+    """A diagram, coarse first; in other directions than from rest at one spacing, as a finer one is another run."""
+
+    def job(go_on: Continue) -> None:
+        march, levels = method(), []
+        go_on()
+        for level in range(amount.levels if direction == "independent" else 1):
+            values, report = window.new_values(level, amount.values), progress(go_on, level)
+            report.give_way()
+            levels.append(diagram(exploration.file, window, values, direction, amount, march, report))
+            go_on()
+            show(level, levels[-1], joined(levels))
+
+    return job
+
+
+def map_job(
+    exploration: Exploration,
+    method: Callable[[], Method],
+    across: Window,
+    up: Window,
+    amount: Amount,
+    progress: Callable[[Continue, int], YieldingProgress],
+    show: Callable[[int, SweepResult], None],
+) -> Job:
+    """A map, coarse first."""
+
+    def job(go_on: Continue) -> None:
+        march, whole = method(), None
+        for level in range(amount.map_levels):
+            pieces = [
+                map_piece(exploration.file, axes, amount, march, progress(go_on, level))
+                for axes in map_axes(across, up, level)
+            ]
+            whole = pieces[0] if whole is None else joined_map(whole, pieces)
+            go_on()
+            show(level, whole)
+
+    return job
+
+
+def run_job(
+    exploration: Exploration,
+    method: Callable[[], Method],
+    periods: int,
+    show: Callable[[Trajectory | RowTrajectory], None],
+) -> Job:
+    """The motion of one scene."""
+
+    def job(go_on: Continue) -> None:
+        go_on()
+        progress = YieldingProgress(go_on, lambda share: None)
+        run = simulate(exploration.file, n_periods=periods, method=method(), progress=progress)
+        go_on()
+        show(run)
+
+    return job
+
+
+def verdict_job(
+    exploration: Exploration,
+    method: Callable[[], Method],
+    first: Yield,
+    show: Callable[[Diagnosis | RowDiagnosis], None],
+) -> Job:
+    """The verdict on the motion of one scene, once all else is done."""
+
+    def job(go_on: Continue) -> None:
+        while first():
+            go_on()
+            time.sleep(0.05)
+        progress = YieldingProgress(go_on, lambda share: None, first)
+        found = diagnose(exploration.file.scene, method=method(), progress=progress)
+        go_on()
+        show(found)
+
+    return job

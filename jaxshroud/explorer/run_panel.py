@@ -1,0 +1,221 @@
+"""The motion of one value: history, portrait, spectrum, contact, forces, and the blocks as they move."""
+
+from typing import Any
+
+import numpy as np
+from bokeh.models import CustomJS, Div, HoverTool, LinearColorMapper, LogScale, Slider, Toggle
+
+from jaxshroud.explorer.look import (
+    Recolouring,
+    above_each_other,
+    beside,
+    empty_source,
+    file_text,
+    key_html,
+    new_plot,
+    scaled_ticks,
+    styled,
+    wide,
+)
+from jaxshroud.explorer.motion_columns import (
+    CORNERS,
+    SPAN_NAMES,
+    PlotColumns,
+    contact_columns,
+    diameter_columns,
+    film_columns,
+    history_columns,
+    poincare_columns,
+    portrait_columns,
+    prepared_run,
+    ring_columns,
+    spectrum_columns,
+)
+from jaxshroud.plotting.plot_run import CASE_STYLES, MODE_STYLES
+from jaxshroud.plotting.style import ORANGE
+from jaxshroud.results.row import RowTrajectory
+from jaxshroud.results.trajectory import Trajectory
+
+SOURCES = {
+    "history": ("t", "x_1", "x_2"),
+    "portrait": ("x", "v"),
+    "poincare": ("x", "v"),
+    "spectrum": ("f", "a", "foot"),
+    "forces": ("t", "N", "F"),
+    "spans": SPAN_NAMES,
+    "frames": ("t",),
+    "blocks": ("xs", "ys", "blade"),
+    "arrows": ("x0", "y0", "x1", "y1"),
+    "ring": ("blade", "peak", "free", "x", "y", "name_x", "name_y", "name"),
+    "diameters": ("diameter", "harmonic", "decades", "amplitude"),
+}
+INTERVAL = 50  # from frame to frame [ms]
+ARROW_HEAD = 9
+OF_PAIRS = ("spans", "forces", "blocks")
+GREYS = ["#f0f0f0", "#c6c6c6", "#969696", "#636363", "#252525"]
+
+
+class RunPanel:
+    """The figures of one motion, and what they show."""
+
+    def __init__(self, recolouring: Recolouring, row_of_blades: bool):
+        self.row, self.ends = row_of_blades, (0.0, 0.0)
+        self.sources = {name: empty_source(names, name) for name, names in SOURCES.items()}
+        self.heading = Div(text="", **wide(), name="motion")
+        self.verdict = Div(text="", **wide(), name="verdict")
+        own = self._row_plots(recolouring) if row_of_blades else self._contact_plots(recolouring)
+        self.layout = above_each_other(
+            self.heading,
+            self.verdict,
+            *own[:1],
+            self._history(recolouring),
+            beside(self._portrait(recolouring), self._spectrum(recolouring)),
+            *own[1:],
+        )
+
+    def _history(self, recolouring: Recolouring) -> Any:
+        plot, source = new_plot("time history", 180, "time t/T", "x [mm]", "history_plot"), self.sources["history"]
+        scaled_ticks(plot.yaxis[0], 1e3)
+        recolouring.line(plot.line("t", "x_2", source=source, legend_label="x_2", line_dash="dashed"), "soft")
+        recolouring.line(plot.line("t", "x_1", source=source, legend_label="x_1", line_width=1.5), "strong")
+        plot.legend.orientation = "horizontal"
+        return plot
+
+    def _portrait(self, recolouring: Recolouring) -> Any:
+        plot = new_plot("phase portrait, Poincaré points", 210, "x_1 [mm]", "v_x1 [m/s]", "portrait_plot", tools="")
+        scaled_ticks(plot.xaxis[0], 1e3)
+        plot.xaxis[0].ticker.desired_num_ticks = 4
+        recolouring.line(plot.line("x", "v", source=self.sources["portrait"], line_width=0.7), "strong")
+        dots = plot.scatter("x", "v", source=self.sources["poincare"], size=5, line_color="white", line_width=0.5)
+        dots.glyph.fill_color = ORANGE
+        return plot
+
+    def _spectrum(self, recolouring: Recolouring) -> Any:
+        plot = new_plot(
+            "spectrum", 210, "frequency f/f_e", "amplitude of x_1 [m]", "spectrum_plot", y_axis_type="log", tools=""
+        )
+        assert isinstance(plot.y_scale, LogScale)
+        lines = plot.segment("f", "foot", "f", "a", source=self.sources["spectrum"], line_width=1)
+        recolouring.line(lines, "strong")
+        return plot
+
+    def _contact_plots(self, recolouring: Recolouring) -> list[Any]:
+        tools, spans, source = "xpan,reset", self.sources["spans"], self.sources["forces"]
+        ribbon = new_plot("contact: state above, case below", 110, "", "", "ribbon_plot", tools=tools, y_range=(0, 2))
+        ribbon.yaxis.visible = ribbon.ygrid.visible = False
+        bars = ribbon.quad("left", "right", "top", "bottom", source=spans, color="color", line_color=None)
+        ribbon.add_tools(HoverTool(renderers=[bars], tooltips="@word"))
+        shared = {"x_range": ribbon.x_range, "tools": tools}
+        forces = new_plot("forces", 150, "time t/T", "force [N]", "forces_plot", **shared)
+        recolouring.line(forces.line("t", "N", source=source, legend_label="N", line_width=1.5), "ink")
+        recolouring.line(forces.line("t", "F", source=source, legend_label="F", line_dash="dashed"), "strong")
+        forces.legend.orientation = "horizontal"
+        words = Div(text=key_html([*MODE_STYLES.values(), *CASE_STYLES.values()]), **wide())
+        return [self._film(recolouring), ribbon, words, forces]
+
+    def _film(self, recolouring: Recolouring) -> Any:
+        plot = new_plot("the blocks", 210, "", "", "film_plot", match_aspect=True, tools="")
+        plot.axis.visible = plot.grid.visible = False
+        shapes = plot.patches("xs", "ys", source=self.sources["blocks"], fill_alpha=0.25, line_width=1.5)
+        recolouring.line(shapes, "soft")
+        arrows = plot.segment("x0", "y0", "x1", "y1", source=self.sources["arrows"], line_width=3, line_color=ORANGE)
+        arrows.glyph.line_cap = "round"
+        plot.scatter("x0", "y0", source=self.sources["arrows"], size=7, color=ORANGE, line_color=None)
+        self.film = plot
+        self.frame = Slider(title="frame", start=0, end=1, value=0, step=1, **styled())
+        shown = {name: self.sources[name] for name in ("frames", "blocks", "arrows")}
+        draw = CustomJS(args={**shown, "title": plot.title, "frame": self.frame}, code=file_text("film.js"))
+        self.frame.js_on_change("value", draw)
+        self.sources["frames"].js_on_change("data", draw)
+        self.play = Toggle(label="move", width=80, name="play", **styled())
+        code = file_text("play.js")
+        self.play.js_on_change("active", CustomJS(args={"frame": self.frame, "interval": INTERVAL}, code=code))
+        return above_each_other(plot, beside(self.play, self.frame))
+
+    def _row_plots(self, recolouring: Recolouring) -> list[Any]:
+        source = self.sources["ring"]
+        mapper = LinearColorMapper(palette="Cividis256", low=0.0)
+        square = {"match_aspect": True, "x_range": (-1.3, 1.3), "y_range": (-1.3, 1.3)}
+        ring = new_plot("amplitude of x of each blade", 260, "", "", "ring_plot", tools="hover", **square)
+        ring.axis.visible = ring.grid.visible = False
+        colour = {"field": "peak", "transform": mapper}
+        dots = ring.scatter("x", "y", source=source, size=30, color=colour, line_color=None)
+        names = ring.text("name_x", "name_y", "name", source=source, text_align="center", text_baseline="middle")
+        recolouring.text(names)
+        ring.add_layout(dots.construct_color_bar(width=8, title="[m]"), "right")
+        told = {"blade": "@blade", "with contact": "@peak{0.000e+0} m", "without": "@free{0.000e+0} m"}
+        ring.hover.tooltips = list(told.items())
+        waves = new_plot("waves of the last period", 200, "nodal diameter", "harmonic", "waves_plot", tools="hover")
+        shade = LinearColorMapper(palette=GREYS, low=-4, high=0)
+        tiles = waves.rect(
+            "diameter",
+            "harmonic",
+            1,
+            1,
+            source=self.sources["diameters"],
+            fill_color={"field": "decades", "transform": shade},
+            line_color=None,
+        )
+        waves.add_layout(tiles.construct_color_bar(width=8, title="log10"), "right")
+        waves.hover.tooltips = [("nodal diameter", "@diameter"), ("", "@amplitude{0.000e+0} m")]
+        return [ring, waves]
+
+    def show(self, result: Trajectory | RowTrajectory) -> None:
+        """Show a run.
+
+        Args:
+            result: Of one scene.
+        """
+        for name, columns in run_columns(result, self.row).items():
+            if name == "film":
+                self._fit_film(columns)
+            else:
+                self.sources[name].data = columns
+        if "frames" in self.sources and not self.row:
+            self._show_first_frame()
+
+    def _show_first_frame(self) -> None:
+        """Show what the page itself would show of the first frame, for pages without a server."""
+        frames = self.sources["frames"].data
+        if len(frames["t"]):
+            corner = lambda axis, blade: [float(frames[f"{axis}{blade}{k}"][0]) for k in range(CORNERS)]
+            xs, ys = ([corner(axis, blade) for blade in (0, 1)] for axis in "xy")
+            self.sources["blocks"].data = {"xs": xs, "ys": ys, "blade": [0, 1]}
+            self.sources["arrows"].data = arrow_columns(frames)
+
+    def _fit_film(self, film: PlotColumns) -> None:
+        """Give the film room for all of its frames, and begin it anew."""
+        self.film.x_range.update(start=film["left"], end=film["right"])
+        self.film.y_range.update(start=film["low"], end=film["high"])
+        self.film.title.text = f"the blocks, motion and gap × {film['factor']:g}"
+        self.frame.update(end=max(film["count"] - 1, 1), value=0)
+
+
+def arrow_columns(frames: PlotColumns) -> PlotColumns:
+    """The arrows of the first frame; none where the blocks are apart."""
+    ends = {"x0": ("px", "px"), "y0": ("py", "py"), "x1": ("nx", "fx"), "y1": ("ny", "fy")}
+    columns = {name: [float(frames[of][0]) for of in pair] for name, pair in ends.items()}
+    return columns if np.isfinite(columns["x0"]).all() else {name: [] for name in ends}
+
+
+def run_columns(result: Trajectory | RowTrajectory, row_of_blades: bool) -> dict[str, PlotColumns]:
+    """The columns of all sources that a run changes."""
+    run = prepared_run(result.data)
+    if run is None:
+        return {name: {n: [] for n in names} for name, names in SOURCES.items()}
+    columns = {
+        "history": history_columns(run),
+        "portrait": portrait_columns(run),
+        "poincare": poincare_columns(run),
+        "spectrum": spectrum_columns(run),
+    }
+    if row_of_blades:
+        return {**columns, "ring": ring_columns(run), "diameters": diameter_columns(run)}
+    forces, spans = contact_columns(run)
+    frames, factor = film_columns(run)
+    x = np.array([frames[f"x{b}{k}"] for b in (0, 1) for k in range(4)])
+    y = np.array([frames[f"y{b}{k}"] for b in (0, 1) for k in range(4)])
+    margin = 0.04 * float(np.ptp(x))
+    ends = {"left": x.min() - margin, "right": x.max() + margin, "low": y.min() - margin, "high": y.max() + margin}
+    film = {**{name: float(v) for name, v in ends.items()}, "factor": factor, "count": len(frames["t"])}
+    return {**columns, "forces": forces, "spans": spans, "film": film, "frames": frames}

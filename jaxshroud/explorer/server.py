@@ -1,0 +1,106 @@
+"""The server of the page: on this machine alone, at an address that nobody guesses."""
+
+import logging
+import secrets
+import time
+from collections.abc import Callable
+from typing import Any
+
+from bokeh.application import Application
+from bokeh.application.handlers.function import FunctionHandler
+from bokeh.document import Document
+from bokeh.server.server import BaseServer
+from bokeh.server.tornado import BokehTornado
+from tornado.httpserver import HTTPServer
+from tornado.ioloop import IOLoop
+from tornado.netutil import bind_sockets
+
+from jaxshroud.explorer.exploration import Exploration
+from jaxshroud.explorer.jobs import Methods
+from jaxshroud.explorer.page import TabPage
+from jaxshroud.scene.checks import MachineError
+
+HOST = "127.0.0.1"
+TOKEN_BYTES = 24
+SESSION_CHECK, SESSION_LIFE = 500, 3000  # of a tab that has gone [ms]
+GRACE = 0.3  # for threads to end after Ctrl-C [s]
+
+
+class ExploreServer:
+    """A server with the tabs that are open."""
+
+    def __init__(self, exploration: Exploration, accuracy: str, port: int = 0):
+        """A server that does not run yet.
+
+        Args:
+            exploration: The scene.
+            accuracy: The accuracy from the start.
+            port: The port; 0: any that is free.
+
+        Raises:
+            MachineError: The port is taken.
+        """
+        self.token, self.pages = secrets.token_urlsafe(TOKEN_BYTES), []
+        methods = Methods()
+
+        def open_page(document: Document) -> None:
+            page = TabPage(document, exploration, accuracy, methods)
+            self.pages.append(page)
+            document.on_session_destroyed(lambda context: self._close(page))
+
+        for name in ("bokeh", "tornado"):
+            logging.getLogger(name).setLevel(logging.ERROR)
+        self.loop = IOLoop.current()
+        try:
+            sockets = bind_sockets(port, HOST)
+        except OSError as error:
+            raise MachineError(
+                f"port {port} of {HOST} cannot be had ({error.strerror}); choose another --port"
+            ) from None
+        self.port = int(sockets[0].getsockname()[1])
+        options: dict[str, Any] = {
+            **{"use_index": False, "redirect_root": False, "extra_websocket_origins": [f"{HOST}:{self.port}"]},
+            **{"sign_sessions": True, "secret_key": secrets.token_bytes(32), "include_cookies": []},
+            **{
+                "check_unused_sessions_milliseconds": SESSION_CHECK,
+                "unused_session_lifetime_milliseconds": SESSION_LIFE,
+            },
+        }
+        application = BokehTornado({f"/{self.token}": Application(FunctionHandler(open_page))}, **options)
+        http = HTTPServer(application)
+        http.add_sockets(sockets)
+        self.server = BaseServer(self.loop, application, http)
+
+    @property
+    def address(self) -> str:
+        """The address of the page."""
+        return f"http://{HOST}:{self.port}/{self.token}"
+
+    def run(self, ready: Callable[[str], None]) -> None:
+        """Serve until Ctrl-C.
+
+        Args:
+            ready: Called with the address once the page can be opened.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C, once all work has ended, or is left to the end of the process.
+        """
+        self.server.start()
+        self.loop.add_callback(ready, self.address)
+        try:
+            self.loop.start()
+        finally:
+            for page in self.pages:
+                page.close()
+
+    def has_ended(self, within: float = GRACE) -> bool:
+        """Whether all threads have ended within so many seconds."""
+        until = time.monotonic() + within
+        threads = [worker.thread for page in self.pages for worker in page.workers.values()]
+        for thread in threads:
+            thread.join(max(until - time.monotonic(), 0.0))
+        return not any(thread.is_alive() for thread in threads)
+
+    def _close(self, page: TabPage) -> None:
+        page.close()
+        self.pages.remove(page)
