@@ -386,7 +386,7 @@ def _verbs():
 
 
 KNOW_ROWS = {
-    *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout"),
+    *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout", "mistune"),
     *("free_power", "value_of", "vary", "scenes_from", "stack_scenes"),
 }
 
