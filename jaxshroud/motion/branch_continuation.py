@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxshroud.batch.runs import Progress
+from jaxshroud.model.modes import MULTIPLIER_KINDS
 from jaxshroud.motion.batched_algorithms import Algorithm, run_together
 from jaxshroud.motion.bifurcation import (
-    TEST_FUNCTIONS,
     ContactSummary,
     contact_summary,
     finer_value,
@@ -211,7 +211,7 @@ def with_errors(branches: list[ContinuedBranch], fine_problem: ContinuationProbl
         (b, i)
         for b, branch in enumerate(branches)
         for i, point in enumerate(branch.points)
-        if point.kind in TEST_FUNCTIONS and 0 < i < len(branch.points) - 1
+        if point.kind in MULTIPLIER_KINDS and 0 < i < len(branch.points) - 1
     ]
     values = run_together([finer_value(fine_problem, *branches[b].points[i - 1 : i + 2]) for b, i in places])
     for (b, i), value in zip(places, values, strict=True):

@@ -18,6 +18,7 @@ from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, continuati
 from jaxshroud.motion.branch_continuation import ContinuedBranch, branches_from, with_errors
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions, closed_orbit, settled_orbit
+from jaxshroud.motion.travelling_wave import whole_parts
 from jaxshroud.results.branch import Branch
 from jaxshroud.scene.checks import InputError, NumericalError, count_argument
 from jaxshroud.scene.file import SceneFile
@@ -27,7 +28,7 @@ from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
 from jaxshroud.verbs.lanes import one_scene, with_tangents
-from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.options import check_row, resolve_options
 
 
 @typed
@@ -132,12 +133,15 @@ def continued(
     if q is not None and state is None:
         raise InputError("Argument `q` needs a `state` close to the orbit.")
     low, high = ends
-    numbered = with_numbers(one_scene("branch", scene), [along])
+    numbered = with_numbers(one_scene("branch", scene, rows=True), [along])
     value = value_of(numbered, along) if at is None else float(at)
     if not low <= value <= high:
         raise InputError(f"{along} = {value:g} is outside of its range, {low:g} to {high:g}; say where with `at`.")
-    resolved = resolve_options(scene, method=method)
+    resolved = resolve_options(scene, method=method, rows=True)
+    if numbered.row is not None:
+        check_row(numbered)
     march = with_tangents(resolved, scenes_at(numbered, [along], np.array([[low], [value], [high]])))
+    march = march._replace(steps=whole_parts(march.steps, numbered))
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
     here = jax_lane_arrays(scenes_at(numbered, [along], np.array([[value]])), (0,))
     try:
