@@ -31,6 +31,7 @@ END_REASONS = {
     "stop": "the range ends there",
     "closed": "it closes upon itself",
     "flip": "it is born in a flip there",
+    "localisation": "it leaves the travelling waves there, whose shift breaks",
     "most points": "it has as many points as were asked for; give more `most_points`",
     "lost": "no orbit is near on the other side: the map jumps there, or contact changes by grazing",
 }
@@ -207,9 +208,11 @@ class Branch(WithAmplitudes, Result):
     ) -> "Figure":
         """x_1 at the strobe and P_d against the number, with unstable orbits dashed and special points marked.
 
+        Of rows the amplitude of every blade, and P_d of the row and of its worst blade.
+
         Args:
             ax: Draw one panel there, by default the first.
-            panel: Draw only this panel: "samples", "multiplier" or "P_d".
+            panel: Draw only this panel: "samples" (of rows "amplitude"), "multiplier" or "P_d".
             over: A sweep along the same number, which is drawn behind the branch.
             options: The options of `Result.plot`.
 
@@ -218,7 +221,7 @@ class Branch(WithAmplitudes, Result):
         """
         from jaxshroud.plotting.pictures import picture
 
-        return picture("branch", self.data, ax, panel, over=None if over is None else over.data, **options)
+        return picture(self.stored_as, self.data, ax, panel, over=None if over is None else over.data, **options)
 
     def __repr__(self) -> str:
         n, kinds = len(self.ends), [one.kind for one in self.special]
