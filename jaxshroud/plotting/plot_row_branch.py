@@ -1,4 +1,4 @@
-"""Pictures of branches of rows: the amplitude of every blade, the largest multiplier, and the reduction of the power."""
+"""Pictures of branches of rows: the amplitude of every blade, the largest multiplier, and P_d."""
 
 import numpy as np
 import xarray as xr
@@ -60,7 +60,7 @@ def _draw_reductions(panel: Axes, branches: BranchData) -> None:
     row, worst = ds["P_d"].to_numpy(), ds["P_d_worst"].to_numpy()
     if sweep is not None:
         _draw_sweep(panel, sweep, sweep["P_d"].to_numpy()[:, None])
-    if np.ptp(row - worst) > LEAST_SPAN:
+    if np.max(row - worst) > LEAST_SPAN:
         panel.plot(
             values, np.where(ds["retraced"].to_numpy(), np.nan, worst), ".", ms=2, color=SKY, label="worst blade"
         )

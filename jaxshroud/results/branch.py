@@ -137,7 +137,7 @@ class Branch(WithAmplitudes, Result):
             distances = np.abs(np.abs(multipliers) - 1) if crossing is None else np.abs(multipliers - crossing)
             is_free_slider = self.slider_is_free[i] & (np.abs(multipliers - 1) < 1e-9)
             nearest = complex(multipliers[np.argmin(np.where(is_free_slider, np.inf, distances))])
-            nearest = self._breaking_multiplier(i) if kind == "localisation" else nearest
+            nearest = self._breaking_multiplier(int(i)) if kind == "localisation" else nearest
             error = float(errors[i]) if np.isfinite(errors[i]) else None
             yield Special(kind, float(self.value[i]), int(self.q[i]), nearest, int(self.branch[i]), int(i), error)
 
