@@ -45,7 +45,6 @@ def _draw_blades(panel: Axes, branches: BranchData) -> None:
         _draw_sweep(panel, sweep, unit.factor * sweep["x_peak"].transpose(..., "blade").to_numpy())
     draw_branch_lines(panel, ds, values, unit.factor * levels)
     panel.set(xlabel=label, ylabel=unit.label.replace("_1", ""))
-    panel.set_ylim(bottom=0)
 
 
 def _draw_sweep(panel: Axes, sweep: xr.Dataset, levels: np.ndarray) -> None:
@@ -61,9 +60,8 @@ def _draw_reductions(panel: Axes, branches: BranchData) -> None:
     if sweep is not None:
         _draw_sweep(panel, sweep, sweep["P_d"].to_numpy()[:, None])
     if np.max(row - worst) > LEAST_SPAN:
-        panel.plot(
-            values, np.where(ds["retraced"].to_numpy(), np.nan, worst), ".", ms=2, color=SKY, label="worst blade"
-        )
+        hidden = ds["retraced"].to_numpy() | (row - worst < 0.01 * LEAST_SPAN)
+        panel.plot(values, np.where(hidden, np.nan, worst), ".", ms=2, color=SKY, label="worst blade")
         panel.legend(loc="best", frameon=False)
     draw_branch_lines(panel, ds, values, row[:, None])
     limit_zoom(panel, np.concatenate([row, worst]), LEAST_SPAN)
