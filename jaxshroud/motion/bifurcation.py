@@ -21,11 +21,11 @@ MAX_MULTIPLIER_MISS = 1e-4  # a larger distance means that the multiplier jumps 
 MIN_IMAGINARY = 1e-6  # smallest relative imaginary part of a multiplier of a pair
 
 # a function of the points of a branch that changes sign at a special point, and one that may compute for it
-Measure = Callable[[BranchPoint], float]
+PointMeasure = Callable[[BranchPoint], float]
 TestFunction = Callable[[BranchPoint], Algorithm[float]]
 
 
-def as_test_function(measure: Measure) -> TestFunction:
+def as_test_function(measure: PointMeasure) -> TestFunction:
     """A test function from a measure that needs no computation."""
 
     def test(point: BranchPoint) -> Algorithm[float]:
@@ -67,7 +67,7 @@ def breaking_magnitudes(point: BranchPoint) -> np.ndarray:
     return np.sort(np.abs(multipliers[~keeps]))[::-1]
 
 
-def breaking_outside(rank: int) -> Measure:
+def breaking_outside(rank: int) -> PointMeasure:
     """The distance by which the breaking multiplier of a rank is outside the unit circle; -1 if there is none."""
 
     def measure(point: BranchPoint) -> float:
@@ -77,7 +77,7 @@ def breaking_outside(rank: int) -> Measure:
     return measure
 
 
-TEST_FUNCTIONS: dict[str, Measure] = {
+TEST_FUNCTIONS: dict[str, PointMeasure] = {
     "fold": lambda point: distance_from(point, 1.0),
     "branch point": lambda point: distance_from(point, 1.0),
     "flip": lambda point: distance_from(point, -1.0),
@@ -85,7 +85,7 @@ TEST_FUNCTIONS: dict[str, Measure] = {
 }
 
 
-def crossings(here: BranchPoint, there: BranchPoint) -> Iterator[tuple[str, Measure]]:
+def crossings(here: BranchPoint, there: BranchPoint) -> Iterator[tuple[str, PointMeasure]]:
     """The kinds of special points that lie between two neighbouring points of a branch, and what vanishes at each."""
     if here.free != there.free:
         return  # the sets of multipliers differ
@@ -101,12 +101,12 @@ def crossings(here: BranchPoint, there: BranchPoint) -> Iterator[tuple[str, Meas
         yield "localisation", breaking_outside(rank)
 
 
-def _of_period(measure: Measure) -> Measure:
+def _of_period(measure: PointMeasure) -> PointMeasure:
     """The measure of the multipliers of the whole period."""
     return lambda point: measure(point.of_period)
 
 
-def measure_at(special: BranchPoint) -> Measure:
+def measure_at(special: BranchPoint) -> PointMeasure:
     """What vanishes at a special point where a multiplier passes the unit circle."""
     if special.kind == "localisation":
         return breaking_outside(int(np.abs(breaking_magnitudes(special) - 1).argmin()))

@@ -62,7 +62,7 @@ def continue_branch(problem: ContinuationProblem, first: BranchPoint, max_points
             return Arc(points + ([] if last is None else [last]), end)
         special = [] if there.kind else (yield from special_points(problem, here, there))
         for i, point in enumerate(special):
-            origin = (yield from _origin(problem, here, point)) if point.kind in HALVING_KINDS else ""
+            origin = (yield from _reached_origin(problem, here, point)) if point.kind in HALVING_KINDS else ""
             if origin:
                 return Arc([*points, *special[:i], point._replace(kind="")], origin)
         points += [*special, there]
@@ -102,7 +102,7 @@ def _point_at_value(
     return None if point is None else point._replace(tangent=here.tangent)
 
 
-def _origin(problem: ContinuationProblem, here: BranchPoint, point: BranchPoint) -> Algorithm[str]:
+def _reached_origin(problem: ContinuationProblem, here: BranchPoint, point: BranchPoint) -> Algorithm[str]:
     """The kind of the special point from which the branch emanates, if it has reached one behind `here`; else ""."""
     if not here.is_wave and point.wave is not None and point.wave.residual <= HALF_PERIOD_RESIDUAL:
         return "localisation"

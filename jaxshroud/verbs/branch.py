@@ -51,7 +51,9 @@ def branch(
 
     The orbit is found at the scene's own value of the number and followed both ways by pseudo-arclength continuation
     of the map over whole drive periods. Where a multiplier crosses the unit circle, the orbit is solved for together
-    with that condition; from flips the orbits of twice the period are followed too.
+    with that condition; from flips the orbits of twice the period are followed too. Travelling waves of a ring
+    of alike blades are judged by the map over a part of the period and the shift back, and where their shift breaks
+    ("localisation") the branch that begins is followed too.
 
     Args:
         scene: One scene, or a scene file, whose [run] and [sweep] count where an argument is not given.
@@ -63,13 +65,15 @@ def branch(
             closes the orbit whether or not it is stable.
         state: Where to start, at drive phase 0; by default `scene.initial`, apart.
         most_points: Largest number of points of a branch in one direction.
-        doublings: How many times in succession orbits of twice the period are followed from flips.
+        doublings: How many times in succession orbits of twice the period are followed from flips, and broken ones
+            from localisation.
         most_periods: Drive periods after which the search ends if the motion has not repeated.
-        method: How to march: a method, or the accuracy that chooses one; see `method_for`.
+        method: How to march: a method, or the accuracy that chooses one; see `method_for`. Steps in a ring of alike
+            blades are rounded up to a multiple of the parts into which a travelling wave divides the period.
         progress: Called with (drive periods done, drive periods at most).
 
     Returns:
-        The branches, point by point, including their special points; each point is closed to 1e-9 (float64). This
+        The branches (of rows of blades a `RowBranch`), point by point, including their special points; each point is closed to 1e-9 (float64). This
         closing error is not the error of the march: where a multiplier crosses the unit circle, `special` says how far
         a march with half the step, or a tenth of the tolerance, shifts that point, with a warning where it is much.
 
