@@ -56,7 +56,8 @@ class Branch(WithAmplitudes, Result):
     The `kind` of a point is 0 for a regular one, else its index in `BIFURCATION_KINDS`: a fold, a flip, a
     Neimark-Sacker point or a branch point, where a multiplier passes the unit circle; a corner, where a multiplier
     jumps across it; a jump, where the orbit itself jumps between the previous point and this one (stick or a case
-    switch appears or disappears under load); a grazing, where contact appears or disappears with zero closing speed.
+    switch appears or disappears under load); a grazing, where contact appears or disappears with zero closing speed;
+    in rings a localisation, where the shift of a travelling wave breaks.
     """
 
     stored_as = "branch"
