@@ -70,7 +70,8 @@ COMMANDS = {
         [
             "branch row_ring12 --set row.blades=4 --set drive.engine_order=2 --set 'parts.motion=[\"x\"]' "
             "--along drive.omega --start 900 --stop 940 --at 915 --most-points 100 --num 80 --tableau dopri8 "
-            "--steps-per-period 60 --out branch"
+            "--steps-per-period 60 --out branch",
+            'plot branch/branch.nc --title "A ring of four in anti-phase"',
         ],
         "branch/branch.png",
     ),
