@@ -66,6 +66,15 @@ COMMANDS = {
         ["branch fig09 --set drive.M_0=0.1 --along contact.gamma --start 0.1 --stop 4 --out branch"],
         "branch/branch.png",
     ),
+    "row_branch.png": (
+        [
+            "branch row_ring12 --set row.blades=4 --set drive.engine_order=2 --set 'parts.motion=[\"x\"]' "
+            "--along drive.omega --start 900 --stop 940 --at 915 --most-points 100 --num 80 --tableau dopri8 "
+            "--steps-per-period 60 --out branch",
+            'plot branch/branch.nc --title "A ring of four in anti-phase"',
+        ],
+        "branch/branch.png",
+    ),
     "response.png": (
         [
             "response engine_order --set 'parts.motion=[\"x\"]' --along drive.speed --start '1200 rpm' "

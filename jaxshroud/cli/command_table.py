@@ -302,6 +302,7 @@ COMMANDS = {
         files=("branch.nc", "branch.png", "summary.json"),
         unit="drive periods",
         module="orbits",
+        rows=True,
     ),
     "response": Command(
         "Frequency response: an amplitude over a number, swept both ways and followed as a branch, with its peaks.",

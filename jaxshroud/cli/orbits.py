@@ -89,6 +89,7 @@ def _background_sweep(completed: CompletedCall) -> SweepResult | None:
             n_periods=run.periods,
             transient=run.transient,
             method=completed.arguments["method"],
+            amplitudes=file.row_size is not None,
             progress=report,
         )
     with_origin(sweep, file).save(options.out / BACKGROUND_FILE)

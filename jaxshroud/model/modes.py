@@ -3,7 +3,18 @@
 from enum import IntEnum
 
 FLAT = 5  # the case of face-to-face contact
-BIFURCATION_KINDS = ("regular", "fold", "flip", "Neimark-Sacker", "branch point", "corner", "jump", "grazing")
+BIFURCATION_KINDS = (
+    "regular",
+    "fold",
+    "flip",
+    "Neimark-Sacker",
+    "branch point",
+    "corner",
+    "jump",
+    "grazing",
+    "localisation",
+)
+MULTIPLIER_KINDS = ("fold", "flip", "Neimark-Sacker", "branch point", "localisation")  # a multiplier passes the circle
 
 
 class Mode(IntEnum):

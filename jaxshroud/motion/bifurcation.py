@@ -13,17 +13,19 @@ from jaxshroud.motion.amplitudes import amplitude_values
 from jaxshroud.motion.batched_algorithms import Algorithm, Periods
 from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, corrected_point
 from jaxshroud.motion.orbit import PeriodicOrbit
+from jaxshroud.motion.travelling_wave import keeps_shift
 
 MAX_LOCATE_TRIALS = 60
 MULTIPLIER_TOLERANCE = 1e-8  # distance of the multiplier from the unit circle at a solution
 MAX_MULTIPLIER_MISS = 1e-4  # a larger distance means that the multiplier jumps across the circle
 MIN_IMAGINARY = 1e-6  # smallest relative imaginary part of a multiplier of a pair
 
-# a function of the points of a branch that changes sign at a special point
+# a function of the points of a branch that changes sign at a special point, and one that may compute for it
+PointMeasure = Callable[[BranchPoint], float]
 TestFunction = Callable[[BranchPoint], Algorithm[float]]
 
 
-def as_test_function(measure: Callable[[BranchPoint], float]) -> TestFunction:
+def as_test_function(measure: PointMeasure) -> TestFunction:
     """A test function from a measure that needs no computation."""
 
     def test(point: BranchPoint) -> Algorithm[float]:
@@ -53,7 +55,29 @@ def _pair_magnitudes(point: BranchPoint) -> np.ndarray:
     return size[np.imag(point.multipliers) > MIN_IMAGINARY * size]
 
 
-TEST_FUNCTIONS: dict[str, Callable[[BranchPoint], float]] = {
+def breaking_magnitudes(point: BranchPoint) -> np.ndarray:
+    """The magnitudes of the multipliers that break the shift of a travelling wave, largest first, of pairs once.
+
+    In a ring of an odd number of blades -1 is a flip: all blades stay alike in the wave of twice the period.
+    """
+    multipliers = point.multipliers[np.imag(point.multipliers) >= 0]
+    keeps = keeps_shift(multipliers)
+    if len(point.cycle.P) % 2:
+        keeps |= keeps_shift(-multipliers)
+    return np.sort(np.abs(multipliers[~keeps]))[::-1]
+
+
+def breaking_outside(rank: int) -> PointMeasure:
+    """The distance by which the breaking multiplier of a rank is outside the unit circle; -1 if there is none."""
+
+    def measure(point: BranchPoint) -> float:
+        sizes = breaking_magnitudes(point)
+        return float(sizes[rank] - 1) if rank < len(sizes) else -1.0
+
+    return measure
+
+
+TEST_FUNCTIONS: dict[str, PointMeasure] = {
     "fold": lambda point: distance_from(point, 1.0),
     "branch point": lambda point: distance_from(point, 1.0),
     "flip": lambda point: distance_from(point, -1.0),
@@ -61,12 +85,38 @@ TEST_FUNCTIONS: dict[str, Callable[[BranchPoint], float]] = {
 }
 
 
-def crossed_kinds(here: BranchPoint, there: BranchPoint) -> Iterator[str]:
-    """The kinds of special points that lie between two neighbouring points of a branch: keys of `TEST_FUNCTIONS`."""
-    turned = here.tangent[-1] * there.tangent[-1] < 0
-    differs = lambda target: distance_from(here, target) * distance_from(there, target) < 0
+def crossings(here: BranchPoint, there: BranchPoint) -> Iterator[tuple[str, PointMeasure]]:
+    """The kinds of special points that lie between two neighbouring points of a branch, and what vanishes at each."""
     if here.free != there.free:
         return  # the sets of multipliers differ
+    if not (here.is_wave and there.is_wave):
+        for kind in _crossed_kinds(here.of_period, there.of_period):
+            yield kind, _of_period(TEST_FUNCTIONS[kind])
+        return
+    for kind in _crossed_kinds(here, there):
+        if kind in ("fold", "branch point") or (kind == "flip" and len(here.cycle.P) % 2):
+            yield kind, TEST_FUNCTIONS[kind]
+    outside = sorted(int((breaking_magnitudes(point) > 1).sum()) for point in (here, there))
+    for rank in range(*outside):
+        yield "localisation", breaking_outside(rank)
+
+
+def _of_period(measure: PointMeasure) -> PointMeasure:
+    """The measure of the multipliers of the whole period."""
+    return lambda point: measure(point.of_period)
+
+
+def measure_at(special: BranchPoint) -> PointMeasure:
+    """What vanishes at a special point where a multiplier passes the unit circle."""
+    if special.kind == "localisation":
+        return breaking_outside(int(np.abs(breaking_magnitudes(special) - 1).argmin()))
+    return TEST_FUNCTIONS[special.kind] if special.is_wave else _of_period(TEST_FUNCTIONS[special.kind])
+
+
+def _crossed_kinds(here: BranchPoint, there: BranchPoint) -> Iterator[str]:
+    """The kinds of special points between two points, by their multipliers: keys of `TEST_FUNCTIONS`."""
+    turned = here.tangent[-1] * there.tangent[-1] < 0
+    differs = lambda target: distance_from(here, target) * distance_from(there, target) < 0
     if turned or differs(1.0):
         yield "fold" if turned else "branch point"
     if differs(-1.0):
@@ -80,11 +130,11 @@ def crossed_kinds(here: BranchPoint, there: BranchPoint) -> Iterator[str]:
 def special_points(problem: ContinuationProblem, here: BranchPoint, there: BranchPoint) -> Algorithm[list[BranchPoint]]:
     """The special points between two neighbouring points of a branch, in order."""
     points = []
-    for kind in crossed_kinds(here, there):
-        point, miss = yield from locate_point(problem, here, there, as_test_function(TEST_FUNCTIONS[kind]))
+    for kind, measure in crossings(here, there):
+        point, miss = yield from locate_point(problem, here, there, as_test_function(measure))
         if abs(miss) <= MAX_MULTIPLIER_MISS:
             points.append(point._replace(kind=kind))
-        elif kind != "Neimark-Sacker":  # else two pairs have met outside the circle
+        elif kind not in ("Neimark-Sacker", "localisation"):  # else two of them have met outside the circle
             points.append(point._replace(kind="corner"))
     return sorted(points, key=lambda point: float((point.y - here.y) @ (there.y - here.y)))
 
@@ -97,7 +147,7 @@ def finer_value(
     for point in (before, after):
         ends.append((yield from corrected_point(fine_problem, point.y, point.tangent, point.cycle.start, q)))
     here, there = ends
-    measure = TEST_FUNCTIONS[special.kind]
+    measure = measure_at(special)
     if here is None or there is None or here.free != there.free or measure(here) * measure(there) > 0:
         return np.nan
     point, miss = yield from locate_point(fine_problem, here, there, as_test_function(measure))

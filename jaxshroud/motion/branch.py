@@ -20,6 +20,7 @@ from jaxshroud.motion.averages import period_maxima
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, Periods
 from jaxshroud.motion.orbit import PeriodicOrbit, ShootingState, describe_orbit, determined, free_sliders
 from jaxshroud.motion.shooting import FOLLOWED_TOLERANCE, ShootingOptions, with_determined_sliders
+from jaxshroud.motion.travelling_wave import TravellingWave, travelling_wave
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import blade_count
 from jaxshroud.scene.scene import Scene
@@ -70,11 +71,22 @@ class BranchPoint(NamedTuple):
     updates: int  # of Newton's method
     kind: str = ""  # of the special points: "fold", "flip", ...
     error: float = np.nan  # of the value of a special point, by a finer march
+    wave: TravellingWave | None = None  # the reduced map, in a ring of alike blades
+
+    @property
+    def is_wave(self) -> bool:
+        """Whether the orbit is a travelling wave."""
+        return self.wave is not None and self.wave.holds
 
     @property
     def multipliers(self) -> np.ndarray:
-        """The multipliers without those of free sliders."""
-        return self.cycle.others
+        """The multipliers without those of free sliders: of a travelling wave those of the reduced map."""
+        return self.wave.others if self.wave is not None and self.wave.holds else self.cycle.others
+
+    @property
+    def of_period(self) -> "BranchPoint":
+        """The point with the multipliers of the whole period."""
+        return self._replace(wave=None)
 
 
 def continuation_problem(
@@ -107,6 +119,14 @@ def corrected_point(
         start: A state with the contact mode and the case of the first guess.
         q: The period number.
     """
+    point = yield from _closed_point(problem, y, normal, start, q)
+    return None if point is None else point._replace(wave=(yield from travelling_wave(point.cycle)))
+
+
+def _closed_point(
+    problem: ContinuationProblem, y: np.ndarray, normal: np.ndarray, start: State, q: int
+) -> Algorithm[BranchPoint | None]:
+    """The orbit of `corrected_point`, without its reduced map."""
     base, best, last = y, None, np.inf
     for updates in range(MAX_CORRECTOR_UPDATES + 1):
         scene = problem.at(float(y[-1] * problem.width))

@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxshroud.batch.runs import Progress
+from jaxshroud.model.modes import MULTIPLIER_KINDS
 from jaxshroud.motion.batched_algorithms import Algorithm, run_together
 from jaxshroud.motion.bifurcation import (
-    TEST_FUNCTIONS,
+    MAX_MULTIPLIER_MISS,
     ContactSummary,
     contact_summary,
     finer_value,
@@ -16,6 +17,7 @@ from jaxshroud.motion.bifurcation import (
     special_points,
 )
 from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, corrected_point
+from jaxshroud.motion.orbit import determined
 from jaxshroud.motion.period import LARGEST_PERIOD
 from jaxshroud.motion.shooting import closed_orbit
 from jaxshroud.scene.typed import T
@@ -27,8 +29,8 @@ KINK_STEP = 1e-4  # in steps this short the tangent may turn by any angle: the b
 # distances beyond a jump of the map at which the branch is sought, of the parameter's range
 JUMP_STEPS = 1e-5, 1e-4, 1e-3, 4e-3
 MAX_JUMP_DISTANCE = 0.1  # largest distance of the orbit beyond a jump from the last one, in units of the motion
-# Special points at which an orbit of period q may become one of period q / 2, and the closing error over half the
-# period that shows it: two branches cross there, where Newton's method stalls.
+# Special points at which an orbit of period q may become one of period q / 2, or a broken wave whole, and the closing
+# error over half the period, or of the wave, that shows it: two branches cross there, where Newton's method stalls.
 HALVING_KINDS, HALF_PERIOD_RESIDUAL = ("fold", "branch point", "corner"), 0.03
 DOUBLING_STEP = 1e-2  # distance from a flip at which the orbit of twice the period is sought, in units of the motion
 SAME_FLIP = 1e-3  # of the parameter's range: distance of flips that count as the two ends of one branch
@@ -60,8 +62,9 @@ def continue_branch(problem: ContinuationProblem, first: BranchPoint, max_points
             return Arc(points + ([] if last is None else [last]), end)
         special = [] if there.kind else (yield from special_points(problem, here, there))
         for i, point in enumerate(special):
-            if point.kind in HALVING_KINDS and (yield from _closes_in_half_period(problem, point)):
-                return Arc([*points, *special[:i], point._replace(kind="")], "flip")
+            origin = (yield from _reached_origin(problem, here, point)) if point.kind in HALVING_KINDS else ""
+            if origin:
+                return Arc([*points, *special[:i], point._replace(kind="")], origin)
         points += [*special, there]
         if len(points) > 10 and _is_same_point(there, first, step):
             return Arc([*points, first], "closed")
@@ -99,6 +102,13 @@ def _point_at_value(
     return None if point is None else point._replace(tangent=here.tangent)
 
 
+def _reached_origin(problem: ContinuationProblem, here: BranchPoint, point: BranchPoint) -> Algorithm[str]:
+    """The kind of the special point from which the branch emanates, if it has reached one behind `here`; else ""."""
+    if not here.is_wave and point.wave is not None and point.wave.residual <= HALF_PERIOD_RESIDUAL:
+        return "localisation"
+    return "flip" if (yield from _closes_in_half_period(problem, point)) else ""
+
+
 def _closes_in_half_period(problem: ContinuationProblem, point: BranchPoint) -> Algorithm[bool]:
     """Whether the orbit closes in half its period: the branch has reached the flip from which it emanates."""
     q = point.cycle.q
@@ -112,19 +122,43 @@ def _is_same_point(a: BranchPoint, b: BranchPoint, step: float) -> bool:
     return bool(np.linalg.norm(a.y - b.y) < step and a.tangent @ b.tangent > MIN_TANGENT_COSINE)
 
 
-def doubled_branch_point(problem: ContinuationProblem, flip: BranchPoint) -> Algorithm[BranchPoint | None]:
-    """The first point of the period-doubled branch that emanates from a flip."""
-    tangents = flip.cycle.jacobian
-    assert tangents is not None  # points have orbits
-    values, vectors = np.linalg.eig(tangents.by_state * problem.units / problem.units[:, None])
-    flip_direction = np.append(np.real(vectors[:, np.abs(values + 1).argmin()]), 0.0)
-    flip_direction -= (flip_direction @ flip.tangent) * flip.tangent
-    flip_direction /= np.linalg.norm(flip_direction)
-    guess = flip.y + DOUBLING_STEP * flip_direction
-    point = yield from corrected_point(problem, guess, flip_direction, flip.cycle.start, 2 * flip.cycle.q)
+def emanating_multiplier(origin: BranchPoint) -> float:
+    """The multiplier of the period, -1 or 1, with which another branch emanates from a special point; else 0.
+
+    Where a pair breaks a travelling wave, no branch of orbits begins.
+    """
+    if origin.kind == "flip":
+        return -1.0
+    if origin.kind != "localisation":
+        return 0.0
+    near = (target for target in (-1.0, 1.0) if np.abs(origin.cycle.others - target).min() <= MAX_MULTIPLIER_MISS)
+    return next(near, 0.0)
+
+
+def emanating_point(problem: ContinuationProblem, origin: BranchPoint) -> Algorithm[BranchPoint | None]:
+    """The first point of the branch that emanates from a flip, with twice the period, or from a broken wave."""
+    target = emanating_multiplier(origin)
+    direction = _eigenvector(problem, origin, target)
+    if target == -1.0:
+        direction -= (direction @ origin.tangent) * origin.tangent
+    direction /= np.linalg.norm(direction)
+    guess, q = origin.y + DOUBLING_STEP * direction, origin.cycle.q * (2 if target == -1.0 else 1)
+    point = yield from corrected_point(problem, guess, direction, origin.cycle.start, q)
     if point is None or np.linalg.norm(point.y - guess) > 3 * DOUBLING_STEP:
         return None
     return point
+
+
+def _eigenvector(problem: ContinuationProblem, point: BranchPoint, target: float) -> np.ndarray:
+    """The direction (numbers + 1,) that the map stretches by the multiplier next to a target; free sliders are held."""
+    tangents = point.cycle.jacobian
+    assert tangents is not None  # points have orbits
+    moves = determined(len(problem.units), np.array(point.free))
+    by_state = tangents.by_state * problem.units / problem.units[:, None]
+    values, vectors = np.linalg.eig(by_state[np.ix_(moves, moves)])
+    direction = np.zeros(len(problem.units) + 1)
+    direction[moves] = np.real(vectors[:, np.abs(values - target).argmin()])
+    return direction
 
 
 class ContinuedBranch(NamedTuple):
@@ -138,7 +172,7 @@ class ContinuedBranch(NamedTuple):
 def branches_from(
     problem: ContinuationProblem, first: BranchPoint, max_points: int, doublings: int, progress: Progress | None
 ) -> list[ContinuedBranch]:
-    """The branch through a point, and those of twice, four times ... its period that emanate from its flips."""
+    """The branch through a point, and those that emanate from its flips and broken waves, and from theirs ..."""
     backward = first._replace(tangent=-first.tangent)
     total = 4 * max_points * first.cycle.q  # periods: about four derivatives for each point
     arcs = run_together(
@@ -148,25 +182,27 @@ def branches_from(
     branches = [(_reversed(backward_arc.points) + forward_arc.points[1:], (backward_arc.end, forward_arc.end))]
     latest = branches
     for _ in range(doublings):
-        flips = [p for points, _ in latest for p in points if p.kind == "flip" and 2 * p.cycle.q <= LARGEST_PERIOD]
-        latest = _doubled_branches(problem, flips, max_points)
+        origins = [
+            p for points, _ in latest for p in points if emanating_multiplier(p) and 2 * p.cycle.q <= LARGEST_PERIOD
+        ]
+        latest = _emanating_branches(problem, origins, max_points)
         branches += latest
     return _with_grazings(problem, branches)
 
 
-def _doubled_branches(
-    problem: ContinuationProblem, flips: list[BranchPoint], max_points: int
+def _emanating_branches(
+    problem: ContinuationProblem, origins: list[BranchPoint], max_points: int
 ) -> list[tuple[list[BranchPoint], tuple[str, str]]]:
-    """The branches that emanate from flips; one that joins two flips is continued from both, and kept once."""
-    starts = run_together([doubled_branch_point(problem, flip) for flip in flips])
-    pairs = [(flip, p) for flip, p in zip(flips, starts, strict=True) if isinstance(p, BranchPoint)]
+    """The branches that emanate from special points; one that joins two is continued from both, and kept once."""
+    starts = run_together([emanating_point(problem, origin) for origin in origins])
+    pairs = [(origin, p) for origin, p in zip(origins, starts, strict=True) if isinstance(p, BranchPoint)]
     arcs = run_together([continue_branch(problem, p, max_points) for _, p in pairs])
     branches: list[tuple[list[BranchPoint], tuple[str, str]]] = []
-    for (flip, first), arc in zip(pairs, arcs, strict=True):
+    for (origin, first), arc in zip(pairs, arcs, strict=True):
         branch = _unless_failed(arc, Arc([first], "lost"))
-        joins = [points[-1].value for points, ends in branches if ends[1] == "flip"]
-        if not any(abs(value - flip.value) <= SAME_FLIP * problem.width for value in joins):
-            branches.append((branch.points, ("flip", branch.end)))
+        joins = [points[-1].value for points, ends in branches if ends[1] == origin.kind]
+        if not any(abs(value - origin.value) <= SAME_FLIP * problem.width for value in joins):
+            branches.append((branch.points, (origin.kind, branch.end)))
     return branches
 
 
@@ -211,7 +247,7 @@ def with_errors(branches: list[ContinuedBranch], fine_problem: ContinuationProbl
         (b, i)
         for b, branch in enumerate(branches)
         for i, point in enumerate(branch.points)
-        if point.kind in TEST_FUNCTIONS and 0 < i < len(branch.points) - 1
+        if point.kind in MULTIPLIER_KINDS and 0 < i < len(branch.points) - 1
     ]
     values = run_together([finer_value(fine_problem, *branches[b].points[i - 1 : i + 2]) for b, i in places])
     for (b, i), value in zip(places, values, strict=True):

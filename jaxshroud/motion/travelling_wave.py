@@ -17,7 +17,7 @@ import numpy as np
 from jaxshroud.batch.tangents import TangentProblem, Tangents
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives
-from jaxshroud.motion.orbit import PeriodicOrbit
+from jaxshroud.motion.orbit import PeriodicOrbit, determined
 from jaxshroud.motion.shooting import state_scales
 from jaxshroud.scene.scene import Scene, without_given
 
@@ -39,6 +39,7 @@ class TravellingWave(NamedTuple):
     symmetry: WaveSymmetry
     residual: float  # how far the orbit is from a travelling wave, relative to the largest value of each quantity
     multipliers: np.ndarray  # (numbers,) of the reduced map, largest first
+    others: np.ndarray  # those without free sliders, whose multipliers are roots of unity
 
     @property
     def holds(self) -> bool:
@@ -58,6 +59,12 @@ def wave_symmetry(scene: Scene) -> WaveSymmetry | None:
         return None
     common = math.gcd(order, N)
     return WaveSymmetry(N // common, next(s for s in range(1, N + 1) if (order * s - common) % N == 0))
+
+
+def whole_parts(steps: int, scene: Scene) -> int:
+    """The least number of steps a period, at least `steps`, that the parts of travelling waves of a scene divide."""
+    symmetry = wave_symmetry(scene)
+    return steps if symmetry is None else -(-steps // symmetry.parts) * symmetry.parts
 
 
 def _is_tuned(scene: Scene) -> bool:
@@ -85,8 +92,14 @@ def travelling_wave(orbit: PeriodicOrbit) -> Algorithm[TravellingWave | None]:
     assert orbit.jacobian is not None  # there is an orbit
     start = orbit.jacobian.vector  # with the sliders that the modes determine
     residual = float(np.max(np.abs(part.vector[order] - start) / state_scales(orbit.scene, orbit.start)))
-    multipliers = np.linalg.eigvals(part.by_state[order])
-    return TravellingWave(symmetry, residual, multipliers[np.argsort(-np.abs(multipliers))])
+    reduced, moves = part.by_state[order], determined(len(order), orbit.free_sliders)
+    return TravellingWave(symmetry, residual, _multipliers_of(reduced), _multipliers_of(reduced[np.ix_(moves, moves)]))
+
+
+def _multipliers_of(jacobian: np.ndarray) -> np.ndarray:
+    """The eigenvalues, largest first."""
+    multipliers = np.linalg.eigvals(jacobian)
+    return multipliers[np.argsort(-np.abs(multipliers))]
 
 
 def shifted_places(blades: int, size: int, shift: int) -> np.ndarray:
@@ -97,5 +110,9 @@ def shifted_places(blades: int, size: int, shift: int) -> np.ndarray:
 def wave_bifurcation(multipliers: np.ndarray) -> tuple[str, float]:
     """What the leading multiplier of a reduced map approaches, and its distance 1 - abs(multiplier)."""
     lead = multipliers[0]
-    keeps_shift = lead.real > 0 and abs(lead.imag) <= REAL_SHARE * abs(lead)
-    return "fold" if keeps_shift else "localisation", float(1 - abs(lead))
+    return "fold" if keeps_shift(lead) else "localisation", float(1 - abs(lead))
+
+
+def keeps_shift(multipliers: np.ndarray) -> np.ndarray:
+    """Whether multipliers of a reduced map are positive: the motions that belong to them are travelling waves."""
+    return (np.real(multipliers) > 0) & (np.abs(np.imag(multipliers)) <= REAL_SHARE * np.abs(multipliers))

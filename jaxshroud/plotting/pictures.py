@@ -20,6 +20,7 @@ from jaxshroud.plotting.plot_diagnosis import diagnosis_page, power_page
 from jaxshroud.plotting.plot_fit import fit_page
 from jaxshroud.plotting.plot_mistuned import mistuned_page
 from jaxshroud.plotting.plot_row import row_page
+from jaxshroud.plotting.plot_row_branch import row_branch_page
 from jaxshroud.plotting.plot_run import run_page
 from jaxshroud.plotting.plot_sensitivity import gradient_page, scatter_page
 from jaxshroud.plotting.plot_sweep import sweep_page
@@ -39,6 +40,7 @@ PAGES: dict[str, Callable[..., Page]] = {
     "power": power_page,
     "diagnosis": diagnosis_page,
     "branch": branch_page,
+    "row_branch": row_branch_page,
     "attractors": attractors_page,
     "basins": basins_page,
     "gradient": gradient_page,

@@ -75,6 +75,7 @@ MARKERS = {
     "corner": ("v", ORANGE),
     "jump": ("|", INK),
     "grazing": ("o", "white"),
+    "localisation": ("X", RED),
 }
 MARKER_SIZE, SMALL_SIZE = 3.5, 2.2
 LINE_STYLES = {True: "-", False: "--"}
@@ -100,24 +101,33 @@ def branch_page(ds: xr.Dataset, look: Look, *, over: xr.Dataset | None = None) -
     Raises:
         ValueError: The sweep is along another number.
     """
+    title = title_of(ds, ("x_1", "P_d"))
+    return Page(branch_data(ds, over), BRANCH_PANELS, title, (COLUMN_WIDTH, 4.6), shared="x", finish=finish_branch)
+
+
+def branch_data(ds: xr.Dataset, over: xr.Dataset | None) -> BranchData:
+    """The content of a page of branches.
+
+    Raises:
+        ValueError: The sweep is along another number.
+    """
     if over is not None and str(over.attrs.get("axes")) != str(over["status"].dims[-1]):
         raise InputError("Argument `over` must be a sweep along one number.")
-    content = BranchData(ds.assign(retraced=("point", retraced(ds))), parameter_axis(ds["value"]), over)
-    title = title_of(ds, ("x_1", "P_d"))
-    return Page(content, BRANCH_PANELS, title, (COLUMN_WIDTH, 4.6), shared="x", finish=_finish_branch)
+    return BranchData(ds.assign(retraced=("point", retraced(ds))), parameter_axis(ds["value"]), over)
 
 
-def _finish_branch(figure: AnyFigure, axes: Mapping[str, Axes], branches: BranchData) -> None:
+def finish_branch(figure: AnyFigure, axes: Mapping[str, Axes], branches: BranchData) -> None:
     """Add the legend and the limits of the common axis."""
     sweep = branches.sweep
-    shown = np.concatenate([branches.axis.values, [] if sweep is None else _sweep_values(sweep)])
+    shown = np.concatenate([branches.axis.values, [] if sweep is None else sweep_values(sweep)])
     margin = 0.02 * float(np.ptp(shown)) or 1.0
     axes["P_d"].set(xlim=(shown.min() - margin, shown.max() + margin))
     figure.align_ylabels([*axes.values()])
     legend_below(figure, _branch_handles(branches.ds, sweep))
 
 
-def _sweep_values(sweep: xr.Dataset) -> PlotArray:
+def sweep_values(sweep: xr.Dataset) -> PlotArray:
+    """The values of the number along which a sweep was made, in the unit of pictures."""
     return parameter_axis(sweep[str(sweep.attrs["axes"])]).values
 
 
@@ -132,7 +142,7 @@ def stability_runs(ds: xr.Dataset) -> Iterator[tuple[bool, slice]]:
             first = i
 
 
-def _draw_lines(panel: Axes, ds: xr.Dataset, x: PlotArray, y: PlotArray) -> None:
+def draw_branch_lines(panel: Axes, ds: xr.Dataset, x: PlotArray, y: PlotArray) -> None:
     """Draw the curves y (points, any) over x, each orbit once, and mark the special points."""
     y = np.where(ds["retraced"].to_numpy()[:, None], np.nan, y)
     for stable, part in stability_runs(ds):
@@ -157,21 +167,21 @@ def _draw_branch_samples(panel: Axes, branches: BranchData) -> None:
         sweep_scale = scale_of(gaps[1], unit)
         x = (sweep["x"].transpose(sweep.attrs["axes"], "period", "blade").to_numpy()[:, :, 0].T * sweep_scale.factor).T
         x = np.where(sweep["status"].to_numpy()[:, None] == Status.OK, x, np.nan)
-        repeated = np.broadcast_to(_sweep_values(sweep)[:, None], x.shape)
+        repeated = np.broadcast_to(sweep_values(sweep)[:, None], x.shape)
         panel.plot(repeated.ravel(), x.ravel(), ".", ms=1.2, mew=0, color=GREY, alpha=0.5, rasterized=True, zorder=1)
     y = (ds["samples"].to_numpy()[:, :, 0].T * scale.factor).T
-    _draw_lines(panel, ds, values, y)
+    draw_branch_lines(panel, ds, values, y)
     panel.set(xlabel=label, ylabel=scale.label("1"))
 
 
-def _draw_multiplier(panel: Axes, branches: BranchData) -> None:
+def draw_multiplier(panel: Axes, branches: BranchData) -> None:
     """The magnitude of the largest multiplier, without that of a free slider."""
     ds, (values, _, label), _ = branches
     multipliers = ds["multipliers_real"].to_numpy() + 1j * ds["multipliers_imag"].to_numpy()
     neutral = ds["slider_is_free"].to_numpy()[:, None] & (np.abs(multipliers - 1) < 1e-9)
     largest = np.where(neutral, 0, np.abs(multipliers)).max(axis=1)
     panel.axhline(1, color=GREY, lw=0.6)
-    _draw_lines(panel, ds, values, largest[:, None])
+    draw_branch_lines(panel, ds, values, largest[:, None])
     if largest.max() > 5:
         panel.set_yscale("log")
     panel.set(xlabel=label, ylabel=r"largest $|\mu|$")
@@ -181,14 +191,14 @@ def _draw_branch_power(panel: Axes, branches: BranchData) -> None:
     ds, (values, _, label), sweep = branches
     if sweep is not None:
         P_d = np.where(sweep["status"].to_numpy() == Status.OK, sweep["P_d"].to_numpy(), np.nan)
-        panel.plot(_sweep_values(sweep), P_d, ".", ms=2, mew=0, color=GREY, zorder=1)
-    _draw_lines(panel, ds, values, ds["P_d"].to_numpy()[:, None])
+        panel.plot(sweep_values(sweep), P_d, ".", ms=2, mew=0, color=GREY, zorder=1)
+    draw_branch_lines(panel, ds, values, ds["P_d"].to_numpy()[:, None])
     panel.set(xlabel=label, ylabel="$P_d$ [%]")
 
 
 BRANCH_PANELS = (
     Panel("samples", _draw_branch_samples, 3),
-    Panel("multiplier", _draw_multiplier, 1.1),
+    Panel("multiplier", draw_multiplier, 1.1),
     Panel("P_d", _draw_branch_power, 1.5),
 )
 

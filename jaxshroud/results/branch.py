@@ -9,10 +9,11 @@ from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.scene_numbers import key_attrs
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Variable
-from jaxshroud.model.modes import BIFURCATION_KINDS
+from jaxshroud.model.modes import BIFURCATION_KINDS, MULTIPLIER_KINDS
 from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Result
-from jaxshroud.scene.keys import Motion
+from jaxshroud.results.orbit import component_names
+from jaxshroud.scene.keys import Motion, blade_count
 from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
@@ -30,10 +31,10 @@ END_REASONS = {
     "stop": "the range ends there",
     "closed": "it closes upon itself",
     "flip": "it is born in a flip there",
+    "localisation": "it leaves the travelling waves there, whose shift breaks",
     "most points": "it has as many points as were asked for; give more `most_points`",
     "lost": "no orbit is near on the other side: the map jumps there, or contact changes by grazing",
 }
-MULTIPLIER_KINDS = ("fold", "flip", "Neimark-Sacker", "branch point")  # where a multiplier passes the unit circle
 SURE_VALUE = 1e-4  # relative error above which the place of a special point is doubtful
 
 
@@ -55,7 +56,8 @@ class Branch(WithAmplitudes, Result):
     The `kind` of a point is 0 for a regular one, else its index in `BIFURCATION_KINDS`: a fold, a flip, a
     Neimark-Sacker point or a branch point, where a multiplier passes the unit circle; a corner, where a multiplier
     jumps across it; a jump, where the orbit itself jumps between the previous point and this one (stick or a case
-    switch appears or disappears under load); a grazing, where contact appears or disappears with zero closing speed.
+    switch appears or disappears under load); a grazing, where contact appears or disappears with zero closing speed;
+    in rings a localisation, where the shift of a travelling wave breaks.
     """
 
     stored_as = "branch"
@@ -96,17 +98,22 @@ class Branch(WithAmplitudes, Result):
     ) -> "Branch":
         """The result from branches that were followed along a number within limits."""
         turns = max(point.cycle.q for branch in branches for point in branch.points)
-        rows = [_branch_row(b, i, one, turns) for b, one in enumerate(branches) for i in range(len(one.points))]
+        of_row = branches[0].points[0].cycle.scene.row_size
+        kind = cls if of_row is None else RowBranch
+        row_of = _branch_row if of_row is None else _point_of_row
+        rows = [row_of(b, i, one, turns) for b, one in enumerate(branches) for i in range(len(one.points))]
         values: dict[str, Any] = {
             name: np.stack([np.asarray(row[name]) for row in rows]) for name in rows[0] if name != "motion"
         }
         values["motion"] = Motion(*(np.stack(field) for field in zip(*(row["motion"] for row in rows), strict=True)))
         gap = values.pop("gap")
         values |= {"along": along, "ends_of_branches": "; ".join(", ".join(branch.ends) for branch in branches)}
-        coords = {"blade": [0, 1], "displacement": [f"{n}_{s}" for n in ("x", "y", "theta") for s in ("left", "right")]}
+        blades = blade_count(of_row)
+        coords = {"blade": np.arange(blades), "displacement": component_names(of_row)[: 3 * blades]}
         attributes = {**attrs, "start": limits[0], "stop": limits[1]}
-        result = cls.from_values(
-            values, lanes=("point",), coords=coords, attrs=attributes, more={"gap": (("point",), gap, BRANCH_GAP)}
+        gap_dims = ("point", "interface")[: gap.ndim]
+        result = kind.from_values(
+            values, lanes=("point",), coords=coords, attrs=attributes, more={"gap": (gap_dims, gap, BRANCH_GAP)}
         )
         for name in ("value", "value_error"):
             result.data[name].attrs |= {"key": along, "units": key_attrs(along)["units"]}
@@ -131,8 +138,13 @@ class Branch(WithAmplitudes, Result):
             distances = np.abs(np.abs(multipliers) - 1) if crossing is None else np.abs(multipliers - crossing)
             is_free_slider = self.slider_is_free[i] & (np.abs(multipliers - 1) < 1e-9)
             nearest = complex(multipliers[np.argmin(np.where(is_free_slider, np.inf, distances))])
+            nearest = self._breaking_multiplier(int(i)) if kind == "localisation" else nearest
             error = float(errors[i]) if np.isfinite(errors[i]) else None
             yield Special(kind, float(self.value[i]), int(self.q[i]), nearest, int(self.branch[i]), int(i), error)
+
+    def _breaking_multiplier(self, point: int) -> complex:
+        """The multiplier that breaks the shift of a travelling wave: rows of blades have it."""
+        raise NotImplementedError
 
     @property
     def doubts(self) -> list[str]:
@@ -197,9 +209,11 @@ class Branch(WithAmplitudes, Result):
     ) -> "Figure":
         """x_1 at the strobe and P_d against the number, with unstable orbits dashed and special points marked.
 
+        Of rows the amplitude of every blade, and P_d of the row and of its worst blade.
+
         Args:
             ax: Draw one panel there, by default the first.
-            panel: Draw only this panel: "samples", "multiplier" or "P_d".
+            panel: Draw only this panel: "samples" (of rows "amplitude"), "multiplier" or "P_d".
             over: A sweep along the same number, which is drawn behind the branch.
             options: The options of `Result.plot`.
 
@@ -208,7 +222,7 @@ class Branch(WithAmplitudes, Result):
         """
         from jaxshroud.plotting.pictures import picture
 
-        return picture("branch", self.data, ax, panel, over=None if over is None else over.data, **options)
+        return picture(self.stored_as, self.data, ax, panel, over=None if over is None else over.data, **options)
 
     def __repr__(self) -> str:
         n, kinds = len(self.ends), [one.kind for one in self.special]
@@ -221,11 +235,74 @@ class Branch(WithAmplitudes, Result):
         )
 
 
+class RowBranch(Branch):
+    """Branches of rows of blades, as `Branch`: what is told of contact ends with the interface.
+
+    P_d is that of all blades together. At a special point of kind "localisation" a multiplier of the reduced map of a
+    travelling wave leaves the unit circle elsewhere than at 1: the shift from blade to blade breaks there. Near misses
+    and closing speeds are not told.
+    """
+
+    stored_as = "row_branch"
+
+    u_s = Variable("slider at drive phase 0", "m", ("interface",))
+    mode = Variable("contact mode at drive phase 0", None, ("interface",))
+    case = Variable("contact case at drive phase 0", None, ("interface",))
+    P_d = Variable("vibration-power reduction of all blades, Eq. (24)", "percent")
+    P_d_worst = Variable("vibration-power reduction of the blade that gains the least", "percent")
+    wave_parts = Variable(
+        "parts of the period over which a travelling wave repeats; 0: no ring of alike blades", kind=int
+    )
+    wave_residual = Variable("distance from a travelling wave, relative to the largest of each quantity", "1")
+    wave_multipliers = ComplexVariable(
+        "multipliers of the map over a part and the shift back, free sliders left out (NaN)", "1", ("multiplier",)
+    )
+
+    @property
+    def is_wave(self) -> np.ndarray:
+        """Whether each orbit is a travelling wave, (points,)."""
+        from jaxshroud.motion.travelling_wave import WAVE_RESIDUAL
+
+        return self.wave_residual <= WAVE_RESIDUAL
+
+    def _breaking_multiplier(self, point: int) -> complex:
+        from jaxshroud.motion.travelling_wave import keeps_shift
+
+        multipliers = self.wave_multipliers[point]
+        distances = np.where(keeps_shift(multipliers), np.inf, np.abs(np.abs(multipliers) - 1))
+        return complex(multipliers[np.nanargmin(distances)])
+
+    def summary(self) -> dict[str, JSONValue]:
+        """That of `Branch`, with the number of travelling waves and the worst blade's range of P_d."""
+        worst = [float(self.P_d_worst.min()), float(self.P_d_worst.max())]
+        waves = {"travelling waves": int(self.is_wave.sum())} if self.wave_parts.any() else {}
+        return {**json_values({**waves, "P_d of the worst blade": worst}), **super().summary()}
+
+
+def _point_of_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> dict[str, Any]:
+    """The values of point `i` of a branch of a row."""
+    from jaxshroud.model.linear import power_reduction
+
+    values, point = _branch_row(number, i, branch, turns), branch.points[i]
+    wave, cycle = point.wave, point.cycle
+    multipliers = np.full(len(cycle.multipliers), np.nan + 0j)
+    if wave is not None:
+        multipliers[: len(wave.others)] = wave.others
+    return {
+        **{name: value for name, value in values.items() if name not in ("slowest_onset", "nearest_miss")},
+        "P_d_worst": power_reduction(cycle.P, cycle.P_0).min(),
+        "wave_parts": 0 if wave is None else wave.symmetry.parts,
+        "wave_residual": np.nan if wave is None else wave.residual,
+        "wave_multipliers": multipliers,
+    }
+
+
 def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> dict[str, Any]:
     """The values of point `i` of a branch, with its samples filled up to `turns`."""
     point, touch = branch.points[i], branch.touches[i]
-    cycle, samples = point.cycle, np.full((turns, 6), np.nan)
-    samples[: cycle.q] = touch.samples[:, :6]
+    cycle, displacements = point.cycle, 3 * len(point.cycle.P)
+    samples = np.full((turns, displacements), np.nan)
+    samples[: cycle.q] = touch.samples[:, :displacements]
     numbers = {n: getattr(cycle, n) for n in ("q", "P", "P_d", "multipliers", "residual", "conditioning", "status")}
     return {
         **numbers,
@@ -242,5 +319,5 @@ def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> d
         "onsets": touch.onsets,
         "slowest_onset": touch.slowest,
         "nearest_miss": touch.miss,
-        "gap": float(cycle.scene.shroud.gap),
+        "gap": np.asarray(cycle.scene.shroud.gap, float),
     }

@@ -18,6 +18,7 @@ from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, continuati
 from jaxshroud.motion.branch_continuation import ContinuedBranch, branches_from, with_errors
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions, closed_orbit, settled_orbit
+from jaxshroud.motion.travelling_wave import whole_parts
 from jaxshroud.results.branch import Branch
 from jaxshroud.scene.checks import InputError, NumericalError, count_argument
 from jaxshroud.scene.file import SceneFile
@@ -27,7 +28,7 @@ from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
 from jaxshroud.verbs.lanes import one_scene, with_tangents
-from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.options import check_row, resolve_options
 
 
 @typed
@@ -50,7 +51,9 @@ def branch(
 
     The orbit is found at the scene's own value of the number and followed both ways by pseudo-arclength continuation
     of the map over whole drive periods. Where a multiplier crosses the unit circle, the orbit is solved for together
-    with that condition; from flips the orbits of twice the period are followed too.
+    with that condition; from flips the orbits of twice the period are followed too. Travelling waves of a ring
+    of alike blades are judged by the map over a part of the period and the shift back, and where their shift breaks
+    ("localisation") the branch that begins is followed too.
 
     Args:
         scene: One scene, or a scene file, whose [run] and [sweep] count where an argument is not given.
@@ -62,15 +65,18 @@ def branch(
             closes the orbit whether or not it is stable.
         state: Where to start, at drive phase 0; by default `scene.initial`, apart.
         most_points: Largest number of points of a branch in one direction.
-        doublings: How many times in succession orbits of twice the period are followed from flips.
+        doublings: How many times in succession orbits of twice the period are followed from flips, and broken ones
+            from localisation.
         most_periods: Drive periods after which the search ends if the motion has not repeated.
-        method: How to march: a method, or the accuracy that chooses one; see `method_for`.
+        method: How to march: a method, or the accuracy that chooses one; see `method_for`. Steps in a ring of alike
+            blades are rounded up to a multiple of the parts into which a travelling wave divides the period.
         progress: Called with (drive periods done, drive periods at most).
 
     Returns:
-        The branches, point by point, including their special points; each point is closed to 1e-9 (float64). This
-        closing error is not the error of the march: where a multiplier crosses the unit circle, `special` says how far
-        a march with half the step, or a tenth of the tolerance, shifts that point, with a warning where it is much.
+        The branches (of rows of blades a `RowBranch`), point by point, including their special points; each point is
+        closed to 1e-9 (float64). This closing error is not the error of the march: where a multiplier crosses the
+        unit circle, `special` says how far a march with half the step, or a tenth of the tolerance, shifts that
+        point, with a warning where it is much.
 
     Raises:
         InputError: The range is empty or does not hold the value, or there are many scenes.
@@ -132,12 +138,15 @@ def continued(
     if q is not None and state is None:
         raise InputError("Argument `q` needs a `state` close to the orbit.")
     low, high = ends
-    numbered = with_numbers(one_scene("branch", scene), [along])
+    numbered = with_numbers(one_scene("branch", scene, rows=True), [along])
     value = value_of(numbered, along) if at is None else float(at)
     if not low <= value <= high:
         raise InputError(f"{along} = {value:g} is outside of its range, {low:g} to {high:g}; say where with `at`.")
-    resolved = resolve_options(scene, method=method)
+    resolved = resolve_options(scene, method=method, rows=True)
+    if numbered.row is not None:
+        check_row(numbered)
     march = with_tangents(resolved, scenes_at(numbered, [along], np.array([[low], [value], [high]])))
+    march = march._replace(steps=whole_parts(march.steps, numbered))
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
     here = jax_lane_arrays(scenes_at(numbered, [along], np.array([[value]])), (0,))
     try:

@@ -366,7 +366,6 @@ def _verbs():
     ring = load(RING)
     return {
         "lyapunov": lambda: js.lyapunov(ring),
-        "branch": lambda: js.branch(ring, "drive.omega", 500.0, 600.0),
         "attractors": lambda: js.attractors(ring),
         "basins": lambda: js.basins(ring),
         "tune": lambda: js.tune(ring, {"drive.omega": (500.0, 600.0)}),
@@ -384,8 +383,8 @@ def _verbs():
 
 
 KNOW_ROWS = {
-    *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout", "mistune"),
-    *("orbit", "gradient"),
+    *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout"),
+    *("orbit", "gradient", "branch", "mistune"),
     *("free_power", "value_of", "vary", "scenes_from", "stack_scenes"),
 }
 

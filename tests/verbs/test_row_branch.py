@@ -1,0 +1,88 @@
+"""Branches of rows: travelling waves, where their shift breaks, and what emanates there."""
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.plotting.plot_branch import MARKERS
+
+METHOD = js.RungeKutta("dopri8", steps=60)
+IN_X = ['parts.motion=["x"]']
+
+
+def followed(low, high, *options, **how):
+    scene = js.load("row_ring12", [*IN_X, *options]).scene
+    return js.branch(scene, "drive.omega", low, high, method=METHOD, **how)
+
+
+@pytest.fixture(scope="module")
+def broken():
+    """The ring of four in anti-phase, past where its shift breaks, and the branch that begins there."""
+    options = ["row.blades=4", "drive.engine_order=2", "drive.omega=920"]
+    return followed(920.5, 923.5, *options, at=920.5, most_points=9)
+
+
+@pytest.mark.full
+def test_localisation_is_where_the_reduced_map_breaks_the_shift(broken):
+    (one,) = broken.special
+    assert one.kind == "localisation"
+    # i and -i: neighbours of the same phase part, and to the power of the two parts both are 1 at once, where
+    # the determinant of the period's map does not change its sign. The equation is solved to 1e-8 of the multiplier.
+    assert abs(one.multiplier - 1j) < 1e-6
+    assert one.error < 1e-4 * one.value
+    first = broken.branch == 0
+    np.testing.assert_array_equal(
+        broken.stable[first & (broken.kind == 0)], broken.value[first & (broken.kind == 0)] < one.value
+    )
+    assert broken.is_wave[first].all()
+    np.testing.assert_allclose(broken.x_peak[first], broken.x_peak[first, :1] * np.ones(4), rtol=1e-6)
+
+
+@pytest.mark.full
+def test_every_blade_of_a_followed_wave_is_alike(broken, tmp_path):
+    assert isinstance(broken, js.RowBranch)
+    assert (broken.multipliers.shape[1], broken.u_s.shape[1]) == (28, 4)
+    assert broken.residual.max() < 1e-9
+    waves = np.flatnonzero((broken.branch == 0) & (broken.kind == 0))
+    # Waves to the closing error, 1e-9 at most; amplitudes are sums in another order.
+    assert broken.wave_residual[waves].max() < 1e-8
+    np.testing.assert_allclose(broken.P_d_worst[waves], broken.P_d[waves], rtol=1e-6)
+    # The multipliers of the part, to the power of the parts, are those of the period; control: not without it.
+    reduced = np.sort(np.abs(broken.wave_multipliers[waves]))
+    period = np.sort(np.abs(broken.multipliers[waves]))
+    np.testing.assert_allclose(reduced**2, period, rtol=0, atol=1e-6)
+    assert np.abs(reduced - period).max() > 0.05
+    broken.save(tmp_path / "branch.nc")
+    again = js.open(tmp_path / "branch.nc")
+    assert isinstance(again, js.RowBranch)
+    np.testing.assert_array_equal(again.wave_multipliers, broken.wave_multipliers)
+    assert again.special == broken.special
+
+
+@pytest.mark.full
+def test_a_broken_branch_begins_there_on_which_blades_differ(broken):
+    on = broken.branch == 1
+    assert broken.ends[1][0] == "localisation"
+    assert abs(broken.value[on][0] - broken.special[0].value) < 0.01
+    assert not broken.is_wave[on].any()
+    assert broken.stable[on].all()
+    spread = np.ptp(broken.x_peak[on], axis=1)
+    assert np.all(np.diff(spread) > 0)
+    assert spread[-1] > 0.1 * broken.x_peak[on][-1].mean()
+    assert np.all(broken.P_d_worst[on] < broken.P_d[on])
+    assert broken.summary()["localisation"] == 1
+    marks = [
+        line.get_xydata() for line in broken.plot().axes[0].lines if line.get_marker() == MARKERS["localisation"][0]
+    ]
+    assert sum(len(xy) for xy in marks) == 4  # one for each blade
+
+
+@pytest.mark.full
+def test_a_mistuned_ring_has_no_waves_to_break():
+    # Control: the same place with one blade 1 % stiffer.
+    options = ["row.blades=4", "drive.engine_order=2", "drive.omega=920", "row.mistuning=[0.01,0,0,0]"]
+    found = followed(920.5, 921.5, *options, at=920.5, most_points=4)
+    assert not found.wave_parts.any()
+    assert np.isnan(found.wave_residual).all()
+    assert "localisation" not in {one.kind for one in found.special}
+    assert np.ptp(found.x_peak, axis=1).min() > 1e-3 * found.x_peak.mean()
