@@ -31,7 +31,7 @@ from jaxshroud.plotting.style import (
     legend_below,
     quantity,
 )
-from jaxshroud.scene.quantities import quantity_symbol
+from jaxshroud.scene.quantities import is_reduction, quantity_symbol
 
 SHARE_LABEL = "share of draws below"
 ACROSS, ROBUST_HEIGHT = 2, 1.5  # panels in a row, and the height of a row [inch]
@@ -79,7 +79,7 @@ def _explain_losses(figure: AnyFigure, axes: Mapping[str, Axes], robust: Summary
 def _reduction_symbol(robust: Summary) -> str:
     """What is lost: P_d, or the reduction of another quantity."""
     of = str(robust.get("of", "P_d"))
-    return quantity_symbol(of) if of == "P_d" else f"reduction of {quantity_symbol(of)}"
+    return quantity_symbol(of) if is_reduction(of) else f"reduction of {quantity_symbol(of)}"
 
 
 def _draw_loss(panel: Axes, robust: Summary, key: str) -> None:
