@@ -253,8 +253,13 @@ class Tuned(Result):
         }
         scatter = {key: {"half_width": half, "relative": relative} for key, (half, relative) in self.scatters.items()}
         more = {} if self.places is None else {"draws": len(self.places), "samples": len(self.sampled)}
-        more |= {} if self.quantity == "P_d" else {"of": self.of}
+        more |= ({} if self.quantity == "P_d" else {"of": self.of}) | self._row
         return {**{name: getattr(self, name) for name in names}, "intervals": intervals, "scatter": scatter, **more}
+
+    @property
+    def _row(self) -> dict[str, bool]:
+        """What pictures have to know of a row: that its blades have numbers."""
+        return {"in_row": True} if "\n[row]" in f"\n{self.scene}" else {}
 
     def summary(self, drawn: Mapping[str, object] | None = None) -> dict[str, JSONValue]:
         """The design, its checks and its search in plain numbers, as `tune.json` holds them.
@@ -270,6 +275,7 @@ class Tuned(Result):
             {
                 **{name: getattr(self, name) for name in (*outcome, *request)},
                 **tuned,
+                **self._row,
                 "method": str(self.method),
                 "steps_per_period": self.steps_per_period,
                 **({"flat": self.flat} if self.flat else {}),

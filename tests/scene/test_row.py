@@ -371,7 +371,6 @@ def _verbs():
         "branch": lambda: js.branch(ring, "drive.omega", 500.0, 600.0),
         "attractors": lambda: js.attractors(ring),
         "basins": lambda: js.basins(ring),
-        "tune": lambda: js.tune(ring, {"drive.omega": (500.0, 600.0)}),
         "trade": lambda: js.trade(ring),
         "scatter": lambda: js.scatter(ring, {"drive.omega": 1.0}),
         "report": lambda: js.report(ring),
@@ -386,7 +385,7 @@ def _verbs():
 
 
 KNOW_ROWS = {
-    *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout"),
+    *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout", "tune"),
     *("free_power", "value_of", "vary", "scenes_from", "stack_scenes"),
 }
 
