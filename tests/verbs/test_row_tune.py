@@ -57,7 +57,7 @@ def test_slopes_are_those_of_the_worst_blade():
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("of", ["P_d", "P", "x_rms"])
+@pytest.mark.parametrize("of", ["P", "x_rms"])
 def test_slopes_are_those_of_the_objective(of):
     over = {**OVER, "friction.mu": (0.1, 0.9), "row.mistuning[1]": (-0.05, 0.05)}
     assert slope_error(of, over) < 1e-6
@@ -105,10 +105,12 @@ def test_a_ring_is_tuned_for_its_worst_blade(tmp_path):
 
 @pytest.mark.full
 def test_a_design_is_judged_over_patterns():
-    found = js.tune(ring(), OVER, of="P_d_worst", scatters={"row.mistuning": 0.03}, draws=2, check_draws=16,
-                    at_least=50.0, search=js.SearchOptions(2, 1, 1), **SHORT)  # fmt: skip
+    small = {"search": js.SearchOptions(2, 1, 1), "n_periods": 4, "transient": 8, "method": METHOD}
+    robust = {"scatters": {"row.mistuning": 0.03}, "draws": 2, "check_draws": 16, "at_least": 50.0}
+    found = js.tune(ring(), OVER, of="P_d_worst", **robust, **small)
     assert tuple(found.scatters) == tuple(f"row.mistuning[{i}]" for i in range(3))
     assert found.motions is None
     assert np.ptp(found.sampled_P_d) > 0
     assert found.sampled_P_d.min() < found.nominal_P_d[0]  # patterns make some blade worse
-    assert "mistuning, blade 0" in found.plot().axes[3].get_xlabel()
+    labels = {panel.get_label(): panel.get_xlabel() for panel in found.plot().axes}
+    assert labels["row.mistuning[0]"].startswith("mistuning, blade 0")
