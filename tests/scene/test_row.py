@@ -365,9 +365,7 @@ def test_smooth_contact_has_a_width_for_each_interface():
 def _verbs():
     ring = load(RING)
     return {
-        "orbit": lambda: js.orbit(ring),
         "lyapunov": lambda: js.lyapunov(ring),
-        "gradient": lambda: js.gradient(ring, ["drive.omega"]),
         "branch": lambda: js.branch(ring, "drive.omega", 500.0, 600.0),
         "attractors": lambda: js.attractors(ring),
         "basins": lambda: js.basins(ring),
@@ -385,7 +383,8 @@ def _verbs():
 
 
 KNOW_ROWS = {
-    *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout", "tune"),
+    *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout", "mistune"),
+    *("orbit", "gradient", "tune"),
     *("free_power", "value_of", "vary", "scenes_from", "stack_scenes"),
 }
 
