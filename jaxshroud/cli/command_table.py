@@ -221,6 +221,7 @@ COMMANDS = {
         ),
         files=("tune.nc", "tune.json", "tune.png", "best.toml"),
         module="design",
+        rows=True,
     ),
     "fit": Command(
         "Find numbers of a scene from measurements, with intervals and what the data do not determine.",

@@ -25,8 +25,8 @@ from jaxshroud.motion.effects import between
 from jaxshroud.results.scatter import SHARES, Report, Scatter
 from jaxshroud.results.tuned import Tuned
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.keys import find_key
-from jaxshroud.scene.quantities import unit_of
+from jaxshroud.scene.keys import parse_key
+from jaxshroud.scene.quantities import is_reduction, unit_of
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
 from jaxshroud.verbs.ascent import SearchOptions
@@ -56,9 +56,9 @@ def _tune_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, A
 def _tuning_corners(call: VerbCall) -> Scene:
     """The scenes at the ends of the bounds; a tuning that cannot be run, or would be too large, is refused."""
     file, options, arguments = call
-    scattering = scattering_of(arguments["scatters"], options.draws, options.seed)
+    scattering = scattering_of(arguments["scatters"], options.draws, options.seed, file.row_size)
     robustness_request(scattering is not None, options.loss, options.at_least, options.check_draws, options.motions)
-    problem = problem_of(file.scene, arguments["over"], arguments["conditions"], scattering)
+    problem = problem_of(file.scene, arguments["over"], arguments["conditions"], scattering, options.of)
     check_size(problem.runs * _map_side(options) ** 2, file.run.transient, file.run.periods)
     return design_corners(problem)
 
@@ -102,7 +102,7 @@ def _tuning_rows(tuned: Tuned) -> dict[str, Any]:
     goal = f"{tuned.goal} {tuned.quantity}{' over the draws' if tuned.scatters else ''}"
     return {
         **({} if tuned.feasible else {"infeasible": "the best design found does not keep the limits, or stops"}),
-        **{key: display_value(*find_key(key)[0].parts, value) for key, value in tuned.design.items()},
+        **{key: display_value(*parse_key(key)[0].parts, value) for key, value in tuned.design.items()},
         goal: _level_text(tuned, tuned.objective),
         **{f"  {name}": _level_text(tuned, check.objective[0]) for name, check in tuned.checks.items()},
         **({"at a bound": tuned.at_bounds} if tuned.at_bounds else {}),
@@ -147,7 +147,7 @@ def _robustness_rows(tuned: Tuned) -> dict[str, str]:
         rows[f"  {key}"] = f"{text}, looked at every {interval.apart:.2g}"
     if tuned.scatters:
         low, median = (_level_text(tuned, end) for end in np.nanquantile(tuned.sampled_P_d, (0.05, 0.5)))
-        worse = "below" if tuned.quantity == "P_d" else "above"
+        worse = "below" if is_reduction(tuned.quantity) else "above"
         rows[f"{tuned.quantity} under the scatter"] = f"median {median}, one draw in twenty {worse} {low}"
     if tuned.at_least is not None:
         rows[f"P_d at least {tuned.at_least:g} %"] = f"probability {tuned.chance}"

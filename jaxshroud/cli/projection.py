@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from datetime import timedelta
 
-from jaxshroud.batch.periods import LANES_PER_CALL
+from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.runs import Plan, projected_seconds
 from jaxshroud.batch.size_limits import results_size, sweep_memory
 from jaxshroud.batch.threads import cores
@@ -105,7 +105,8 @@ def _is_long(lanes: int, periods: int, steps: int, scenes: Scene) -> bool:
     if row is None:
         return lanes * periods * steps > LONG_RUN_STEPS
     trials = steps + (EVENT_STEPS * row.blades if "theta" in scenes.parts.motion else 0)
-    full = lanes if lanes == 1 else -(-lanes // LANES_PER_CALL) * LANES_PER_CALL
+    width = lanes_per_call(row)
+    full = lanes if lanes == 1 else -(-lanes // width) * width
     return full * periods * row.blades * trials > LONG_ROW_STEPS
 
 
@@ -120,5 +121,6 @@ def _projected_times(
             seconds[lanes] = projected_seconds(scenes, plan, beside=lanes, progress=report)
     cpu = [seconds[at_once(way)] for way in directions]
     together = lambda way: len(scenes.drive.omega) if way == "independent" else lanes_per_value
-    busy = [min(cores(), -(-together(way) // LANES_PER_CALL)) for way in directions]
+    width = lanes_per_call(scenes.row_size)
+    busy = [min(cores(), -(-together(way) // width)) for way in directions]
     return sum(cpu), sum(each / n for each, n in zip(cpu, busy, strict=True))

@@ -11,12 +11,12 @@ from typing import Any, Literal, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 
 # How the blocks touch: not at all; face on face with the normal spring alone, or with both; corner at corner with both.
 NaturalContact = Literal["apart", "sliding", "stuck", "corner"]
-COORDINATES = ("x", "y", "theta")
 TINY = float(np.finfo(float).tiny)  # a square that rounding made negative, or a drive without force
 
 

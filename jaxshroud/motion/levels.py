@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxshroud.batch.periods import Sample
-from jaxshroud.model.linear import free_power, free_rms_displacement, power_reduction
+from jaxshroud.model.linear import area, free_power, power_reduction
 from jaxshroud.motion.amplitudes import amplitude_values
 from jaxshroud.motion.averages import averages, half_diagonal
-from jaxshroud.scene.quantities import Quantity, amplitude_of
+from jaxshroud.scene.quantities import Quantity, amplitude_of, is_reduction
 from jaxshroud.scene.scene import Scene
 
 
@@ -36,12 +36,15 @@ def levels_of(of: Quantity, scenes: Scene, samples: Sample) -> Levels:
 
 
 def free_level(of: Quantity, scene: Scene) -> float:
-    """What a quantity other than P_d is compared with: P_0, or the RMS displacement of the left block without contact.
+    """What a quantity is compared with: P_0, or the RMS displacement of the left block without contact; NaN for P_d.
 
-    Angles are compared with that displacement over half the longer diagonal of a block [rad].
+    Of a row it is the sum of all P_0, or the largest of these displacements. Angles are compared with that displacement
+    over half the longer diagonal of a block [rad].
     """
-    amplitude = amplitude_of(of)
+    if is_reduction(of):
+        return np.nan
+    amplitude, P_0 = amplitude_of(of), np.asarray(free_power(scene))[: 1 if scene.row is None else None]
     if amplitude is None:
-        return float(free_power(scene)[0])
+        return float(P_0.sum())
     lever = float(half_diagonal(scene.shroud)) if amplitude.displacement == "theta" else 1.0
-    return float(free_rms_displacement(scene)) / lever
+    return float(np.sqrt(P_0.max() / area(scene.shroud))) / lever

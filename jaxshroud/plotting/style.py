@@ -268,15 +268,16 @@ def shade(figure: Figure, low: float, high: float) -> None:
         panel.axvspan(low, high, color=SKY, alpha=0.25, lw=0, zorder=0)
 
 
-def quantity(key: str, look: Look = DEFAULT_LOOK, unit: str = "SI") -> tuple[str, float]:
-    """The axis label of a number of the scene, and its factor from SI units; an unknown key gets the given unit."""
+def quantity(key: str, look: Look = DEFAULT_LOOK, unit: str = "SI", in_row: bool = False) -> tuple[str, float]:
+    """The axis label of a number of a scene, and its factor from SI units; an unknown key gets the given unit."""
     stem = key.partition("[")[0]
     if stem not in QUANTITIES:
         return f"{key} [{unit}]" if unit else key, 1.0
     _, _, unit, factor = QUANTITIES[stem]
     if ALL_KEYS[stem].unit == "m" and look.unit in LENGTHS:
         unit, factor = LENGTHS[look.unit]
-    return f"{key_label(key)} [{unit}]" if unit else key_label(key), float(factor)
+    label = key_label(key, in_row)
+    return f"{label} [{unit}]" if unit else label, float(factor)
 
 
 def save_figure(figure: Figure, *paths: str | os.PathLike[str]) -> None:

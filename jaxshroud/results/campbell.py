@@ -7,9 +7,9 @@ import numpy as np
 
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
-from jaxshroud.model.natural_modes import COORDINATES
 from jaxshroud.results.base import Result
 from jaxshroud.scene.keys import RowSize
+from jaxshroud.scene.parts import COORDINATES
 
 MOTION_NAMES = {"x": "bending along x", "y": "bending along y", "theta": "torsion"}
 

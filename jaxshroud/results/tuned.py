@@ -11,7 +11,7 @@ from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.motion.effects import between, flat_text
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.quantities import unit_of
+from jaxshroud.scene.quantities import is_reduction, unit_of
 from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class Tuned(Result):
     )
     goal = Attribute(str)  # "mean" or "worst" of P_d over the conditions
     of = Attribute(str)  # what is tuned; if not "P_d", its reduction below `free` in percent is called P_d here
-    free = Attribute()  # the size of `of` at a reduction of 0; NaN for P_d
+    free = Attribute()  # the size of `of` at a reduction of 0; NaN for P_d and P_d_worst
     start = Attribute(str)  # of every run: "scene", or "given" by an argument, which files do not hold
     most_penetration = Attribute()  # [m]
     most_force = Attribute()  # [N]
@@ -177,7 +177,7 @@ class Tuned(Result):
 
     def levels(self, reduction: Any) -> Any:
         """The size of `of`, in SI units (P_d in percent), at reductions in percent."""
-        return reduction if self.quantity == "P_d" else self.free * (1 - np.asarray(reduction) / 100)
+        return reduction if is_reduction(self.quantity) else self.free * (1 - np.asarray(reduction) / 100)
 
     @property
     def level(self) -> float:
@@ -253,8 +253,13 @@ class Tuned(Result):
         }
         scatter = {key: {"half_width": half, "relative": relative} for key, (half, relative) in self.scatters.items()}
         more = {} if self.places is None else {"draws": len(self.places), "samples": len(self.sampled)}
-        more |= {} if self.quantity == "P_d" else {"of": self.of}
+        more |= ({} if self.quantity == "P_d" else {"of": self.of}) | self._row
         return {**{name: getattr(self, name) for name in names}, "intervals": intervals, "scatter": scatter, **more}
+
+    @property
+    def _row(self) -> dict[str, bool]:
+        """What pictures have to know of a row: that its blades have numbers."""
+        return {"in_row": True} if "\n[row]" in f"\n{self.scene}" else {}
 
     def summary(self, drawn: Mapping[str, object] | None = None) -> dict[str, JSONValue]:
         """The design, its checks and its search in plain numbers, as `tune.json` holds them.
@@ -270,6 +275,7 @@ class Tuned(Result):
             {
                 **{name: getattr(self, name) for name in (*outcome, *request)},
                 **tuned,
+                **self._row,
                 "method": str(self.method),
                 "steps_per_period": self.steps_per_period,
                 **({"flat": self.flat} if self.flat else {}),

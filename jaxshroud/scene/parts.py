@@ -5,7 +5,8 @@ from typing import Literal, NamedTuple
 
 from jaxshroud.scene.checks import InputError, checked, hint, word_argument
 
-MOTIONS = (("x",), ("x", "y"), ("x", "y", "theta"))
+COORDINATES = ("x", "y", "theta")
+MOTIONS = COORDINATES[:1], COORDINATES[:2], COORDINATES
 MISPRINTS = (
     "gap_sign",
     "friction_components",

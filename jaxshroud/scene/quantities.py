@@ -56,6 +56,11 @@ def unit_of(of: str) -> str:
     return POWER_UNITS[of] if amplitude is None else "rad" if amplitude.displacement == "theta" else "m"
 
 
+def is_reduction(of: str) -> bool:
+    """Whether a quantity is a reduction already, in percent: P_d, or that of the worst blade."""
+    return POWER_UNITS.get(of) == "%"
+
+
 def quantity_symbol(of: str) -> str:
     """The symbol of a quantity, as pictures show it."""
     amplitude = amplitude_of(of)
@@ -82,5 +87,5 @@ def check_quantity(of: str, parts: Parts, in_row: bool = False) -> None:
 
 def check_only_P_d(name: str, value: object, of: str) -> None:
     """Raise an InputError where an argument that is about P_d is given with another quantity."""
-    if value is not None and of != "P_d":
+    if value is not None and not is_reduction(of):
         raise InputError(f"Argument `{name}` is a P_d, and says nothing about {of}; leave it out.")

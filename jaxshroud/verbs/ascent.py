@@ -1,5 +1,6 @@
 """The search for the best design: paths from the best points of a scan, and independent checks of the winner."""
 
+from dataclasses import replace
 from typing import NamedTuple, cast
 
 import jax
@@ -7,15 +8,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.duals import Dual
-from jaxshroud.batch.runs import Plan
+from jaxshroud.batch.runs import Plan, initial_states
 from jaxshroud.batch.states import to_vector
 from jaxshroud.batch.tangents import as_differentiable, direction, end_as_start, run_flow, without_direction
-from jaxshroud.model.prepared import State, initial_state
+from jaxshroud.model.linear import power_reduction
+from jaxshroud.model.prepared import State
+from jaxshroud.motion.averages import closed_forms
 from jaxshroud.motion.gradient import directional_derivatives
 from jaxshroud.results.tuned import DesignJudgement
 from jaxshroud.scene.checks import count_argument
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.quantities import Power, amplitude_of
+from jaxshroud.scene.quantities import Amplitude, Power, amplitude_of, is_reduction
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.design_problem import Problem, Tick, judge_designs, scenes_of, start_states
@@ -144,17 +147,39 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarra
 
 
 def _reduction_slopes(problem: Problem, scene: Dual, end: Dual) -> np.ndarray:
-    """The derivative of `Problem.reduction` of each lane at the end of its flow."""
+    """The derivative of `Problem.reduction` of each lane at the end of its flow; of tied blades that of the first."""
     amplitude = amplitude_of(problem.of)
-    if amplitude is None:
-        power, by_tangent = (np.stack(flow.power, axis=-1) for flow in end)
-        of = cast(Power, problem.of)
-        slope = np.asarray(directional_derivatives(scene.value, power, scene.tangent, by_tangent, of), float)
-        return slope if of == "P_d" else -100 * slope / problem.free
-    (mean, square), (mean_by, square_by) = ([m[amplitude.row][0] for m in flow.moments] for flow in end)
+    slope = _power_slopes(problem, scene, end) if amplitude is None else _amplitude_slopes(amplitude, scene, end)
+    return slope if is_reduction(problem.of) else -100 * slope / problem.free
+
+
+def _power_slopes(problem: Problem, scene: Dual, end: Dual) -> np.ndarray:
+    """The derivative of a power of each lane, (lanes,)."""
+    power, by_tangent = (np.stack(flow.power, axis=-1) for flow in end)
+    of = cast(Power, problem.of)
+    slope = np.asarray(directional_derivatives(scene.value, power, scene.tangent, by_tangent, of), float)
+    if of != "P_d_worst":
+        return slope
+    A, P_0, _ = closed_forms(scene.value)
+    return _at_blade(slope, power_reduction(A[:, None] * power, P_0).argmin(axis=1))
+
+
+def _amplitude_slopes(amplitude: Amplitude, scene: Dual, end: Dual) -> np.ndarray:
+    """The derivative of a mean's magnitude or of an RMS value, the largest of a row, of each lane, (lanes,)."""
+    counts = slice(1 if scene.value.row is None else None)
+    moments = [[np.stack(m[amplitude.row], axis=-1)[:, counts] for m in flow.moments] for flow in end]
+    (mean, square), (mean_by, square_by) = moments
+    rms = np.sqrt(np.maximum(square - mean**2, 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):  # a blade that stands still
-        rms_by = (square_by - 2 * mean * mean_by) / (2 * np.sqrt(np.maximum(square - mean**2, 0.0)))
-    return -100 * (np.sign(mean) * mean_by if amplitude.measure == "mean" else rms_by) / problem.free
+        rms_by = (square_by - 2 * mean * mean_by) / (2 * rms)
+    if amplitude.measure == "mean":
+        return _at_blade(np.sign(mean) * mean_by, np.abs(mean).argmax(axis=1))
+    return _at_blade(rms_by, rms.argmax(axis=1))
+
+
+def _at_blade(values: np.ndarray, blade: np.ndarray) -> np.ndarray:
+    """The value of one blade of each lane, (lanes,), of values (lanes, blades)."""
+    return np.take_along_axis(values, blade[:, None], axis=1)[:, 0]
 
 
 def _wide_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> np.ndarray:
@@ -199,11 +224,19 @@ def verify_design(problem: Problem, design: np.ndarray, seed: int) -> dict[str, 
 
 
 def _perturbed_start(scene: Scene, random: np.random.Generator) -> State:
-    """An initial state with displacements up to the gap, or a tenth of a millimetre, away from contact."""
-    reach = max(abs(float(scene.shroud.gap)), 1e-4)
-    x, y = -reach * np.sort(random.random(2))[::-1] * [1, -1], reach * (random.random(2) - 0.5)
-    at_rest = np.zeros(2)
-    return initial_state(jax.tree.map(jnp.asarray, Motion(x, y, at_rest, at_rest, at_rest, at_rest)))
+    """An initial state with displacements up to the gap, or a tenth of a millimetre, away from contact.
+
+    Blades of a row, which in a ring cannot all move apart, have velocities that reach as far in a period.
+    """
+    blades, reach, at_rest = len(scene.initial.x), max(float(np.abs(scene.shroud.gap).max()), 1e-4), np.zeros(2)
+    if scene.row is None:
+        x, y = -reach * np.sort(random.random(2))[::-1] * [1, -1], reach * (random.random(2) - 0.5)
+        motion = Motion(x, y, at_rest, at_rest, at_rest, at_rest)
+    else:
+        v_x, v_y = float(scene.drive.omega) * reach * (2 * random.random((2, blades)) - 1)
+        at_rest = np.zeros(blades)
+        motion = Motion(at_rest, at_rest, at_rest, v_x, v_y, at_rest)
+    return replace(initial_states(scene), motion=motion)
 
 
 def checks_agree(judgement: DesignJudgement, checks: dict[str, DesignJudgement]) -> bool:

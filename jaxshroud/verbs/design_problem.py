@@ -19,8 +19,8 @@ from jaxshroud.motion.levels import free_level, levels_of
 from jaxshroud.results.tuned import PENALTY, DesignJudgement
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.grids import scenes_at
-from jaxshroud.scene.keys import find_key
-from jaxshroud.scene.quantities import Quantity, check_quantity
+from jaxshroud.scene.keys import RowSize, find_key
+from jaxshroud.scene.quantities import Quantity, amplitude_of, check_quantity, is_reduction
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import check_values, in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
@@ -42,11 +42,11 @@ class Problem(NamedTuple):
     state: State | None = None  # initial state of every run; None: its scene's own
     scattering: Scattering | None = None  # scatter about a design; every draw counts like a condition
     of: Quantity = "P_d"
-    free: float = np.nan  # what `of` is compared with, see `free_level`; NaN for P_d
+    free: float = np.nan  # what `of` is compared with, see `free_level`
 
     def reduction(self, level: np.ndarray) -> np.ndarray:
         """What a design gains [percentage points]: P_d itself, or how far another quantity is below its free level."""
-        return level if self.of == "P_d" else 100 * (1 - np.abs(level) / self.free)
+        return level if is_reduction(self.of) else 100 * (1 - np.abs(level) / self.free)
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -105,9 +105,11 @@ def problem_of(
         KeyError: The scene has no such number.
         ValueError: Bounds are not in order, a key is both tuned and a condition, or a number scatters out of its range.
     """
-    check_bounds(over)
-    check_quantity(of, scene.parts)
-    free = np.nan if of == "P_d" else free_level(of, scene)
+    check_bounds(over, scene.row_size)
+    check_quantity(of, scene.parts, scene.row is not None)
+    amplitude, free = amplitude_of(of), free_level(of, scene)
+    if scene.row is not None and amplitude is not None and amplitude.measure == "mean":
+        raise InputError(f"`of` is {of}, whose sign differs from blade to blade of a row; take an RMS value or a peak.")
     shared = set(over) & set(conditions)
     if shared:
         raise InputError(f"{sorted(shared)[0]} is both tuned and an operating condition.")
@@ -135,17 +137,18 @@ def _check_scattering(problem: Problem) -> None:
             raise InputError(f"{key} is 0, and a share of 0 does not scatter; give its half width.")
     extreme = problem._replace(scattering=scattering.at_ends())
     ends = varied_numbers(extreme, problem.values(cube_corners(len(problem.over))))
-    check_ends(scattering.keys, ends[:, [problem.keys.index(key) for key in scattering.keys]])
+    columns = ends[:, [problem.keys.index(key) for key in scattering.keys]]
+    check_ends(scattering.keys, columns, problem.scene.row_size)
 
 
-def check_bounds(over: Mapping[str, tuple[float, float]]) -> None:
+def check_bounds(over: Mapping[str, tuple[float, float]], row: RowSize | None = None) -> None:
     """Raise an InputError unless there is a number, and the bounds of each are finite, in order and in its range."""
     if not over:
         raise InputError("Argument `over` must name at least one number.")
     for key, (low, high) in over.items():
         if not -np.inf < low < high < np.inf:
             raise InputError(f"The bounds of {key} must be finite and in order, but are {low} and {high}.")
-        check_values(find_key(key)[0], np.array([low, high]), f"{key}, at its bounds,")
+        check_values(find_key(key, row=row)[0], np.array([low, high]), f"{key}, at its bounds,")
 
 
 def varied_numbers(problem: Problem, designs: np.ndarray) -> np.ndarray:
@@ -186,14 +189,14 @@ def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick) -> DesignJu
         reduction = problem.reduction(level)
     shape = len(designs), problem.runs
     log = runs.last.tally.log
-    v_max = np.asarray((log if log.within is None else log.within).v_max, float)
+    v_max = np.asarray((log if scenes.row or log.within is None else log.within).v_max, float)
     ok = np.asarray(runs.last.status) == Status.OK
     P_d = np.where(ok & np.isfinite(reduction), reduction, -np.inf).reshape(shape)
     objective = P_d.mean(axis=1) if problem.goal == "mean" else P_d.min(axis=1)
     with np.errstate(invalid="ignore", over="ignore"):  # a lane that stopped has no penetration
-        N_max = stiffnesses(scenes) * v_max
-        v, force = (a.reshape(shape).max(axis=1) for a in (v_max, N_max))
+        N_max = stiffnesses(scenes) * v_max  # of a row at each interface
+        v, force = (a.reshape(len(designs), -1).max(axis=1) for a in (v_max, N_max))
         excess = np.maximum(v / problem.most_penetration - 1, 0) + np.maximum(force / problem.most_force - 1, 0)
     score = np.where(np.isfinite(objective), objective - PENALTY * excess, -np.inf)
-    ci = (ci if problem.of == "P_d" else 100 * ci / problem.free).reshape(shape)
+    ci = (ci if is_reduction(problem.of) else 100 * ci / problem.free).reshape(shape)
     return DesignJudgement(score, objective, P_d, ci, v, force, number.reshape(shape))

@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 
 from jaxshroud.model.natural_modes import (
-    COORDINATES,
     LinearContact,
     NaturalContact,
     drive_shares,

@@ -40,7 +40,7 @@ from jaxshroud.verbs.design_problem import (
     problem_of,
 )
 from jaxshroud.verbs.lanes import one_scene, with_tangents
-from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.options import check_row, resolve_options
 from jaxshroud.verbs.robust import RobustnessRequest, robustness, robustness_request
 from jaxshroud.verbs.scattering import Scattering, scattering_of
 
@@ -70,11 +70,15 @@ def tune(
     progress: Progress | None = None,
     throw: bool = False,
 ) -> Tuned:
-    """Find the numbers of a scene that maximise P_d of the left blade, or minimise another quantity.
+    """Find the numbers of a scene that maximise P_d of the left blade, or of a row, or minimise another quantity.
 
     Where numbers scatter, the robust design is found: every condition is simulated at the same fixed draws, which all
     count like conditions, for the mean, for the worst case and for the limits. A number that scatters may be tuned, a
     condition, or neither. The best design is then judged by `check_draws` independent draws.
+
+    Of a row P_d is that of all blades, "P_d_worst" that of the blade that gains the least, P the sum of all, and
+    amplitudes are the largest of all blades. A scatter of `row.mistuning` is one of each blade by itself: its draws are
+    patterns.
 
     Args:
         scene: One scene, or a scene file, whose [run] counts where an argument is not given.
@@ -82,11 +86,13 @@ def tune(
         conditions: Operating conditions: keys with their values in SI units; every combination is simulated.
         goal: "mean": the mean of P_d over the conditions; "worst": its least value. Likewise for the reduction of
             another quantity, whose worst value is the largest.
-        of: "P_d", or what is to be small: "P", or an amplitude of the left blade, "x_peak" or another of `gradient`
-            (of a mean its magnitude). It is judged by its reduction in percent below `Tuned.free`, a constant: P_0 of
-            the scene, or its RMS displacement without contact. This reduction is then meant by P_d everywhere;
-            `Tuned.level` is the quantity itself. Slopes of peaks are taken across a neighbourhood.
-        most_penetration: Largest allowed penetration in every condition, transients included [m].
+        of: "P_d", in a row also "P_d_worst", or what is to be small: "P", or an amplitude of the left blade, "x_peak"
+            or another of `gradient` (of a mean its magnitude; of a row no mean). It is judged by its reduction in
+            percent below `Tuned.free`, a constant: P_0 of the scene, or its RMS displacement without contact. This
+            reduction is then meant by P_d everywhere; `Tuned.level` is the quantity itself. Slopes of peaks are taken
+            across a neighbourhood.
+        most_penetration: Largest allowed penetration in every condition, transients included [m]; of a row that at the
+            ends of steps and at events.
         most_force: Largest allowed normal force of the contact, likewise [N].
         scatters: Keys of numbers that scatter uniformly, with half widths: a number in SI units, or a share of the
             number itself such as "20%".
@@ -96,7 +102,7 @@ def tune(
         draws: Draws of the search, rounded up to a power of 2: each costs as much as a condition.
         check_draws: Independent draws behind the probability.
         motions: Random starts in each condition from which coexisting motions of the best design are found, if
-            robustness is computed; 0: none, as for other quantities than P_d.
+            robustness is computed; 0: none, as for other quantities than P_d, and for rows.
         search: How many designs are simulated, and how far the best of them are improved.
         seed: Seed of the scan, of the draws, and of the initial states from which the winner is checked.
         n_periods: Drive periods kept; by default 64.
@@ -124,17 +130,19 @@ def tune(
         >>> 2e-5 <= found.design["shroud.gap"] <= 4e-5
         True
     """
-    nominal = one_scene("tune", scene)
+    nominal = one_scene("tune", scene, rows=True)
+    if nominal.row is not None:
+        check_row(nominal)
     seed_argument(seed)
     for name, limit in dict(most_penetration=most_penetration, most_force=most_force).items():
         if not limit > 0:
             raise InputError(f"Argument `{name}` must be positive, but is {limit}.")
-    scattering = scattering_of(scatters or {}, draws, seed)
+    scattering = scattering_of(scatters or {}, draws, seed, nominal.row_size)
     check_only_P_d("at_least", at_least, of)
-    motions = motions if of == "P_d" else 0
+    motions = motions if of == "P_d" and nominal.row is None else 0
     robust_request = robustness_request(scattering is not None, loss, at_least, check_draws, motions, seed)
     problem = problem_of(nominal, over, conditions or {}, scattering, of)
-    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, rows=True)
     march = with_tangents(resolved, design_corners(problem))
     within = bool(min(most_penetration, most_force) < np.inf)
     choices = march.method._replace(within=within, amplitudes=amplitude_of(of) is not None)

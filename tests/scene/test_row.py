@@ -368,7 +368,6 @@ def _verbs():
         "lyapunov": lambda: js.lyapunov(ring),
         "attractors": lambda: js.attractors(ring),
         "basins": lambda: js.basins(ring),
-        "tune": lambda: js.tune(ring, {"drive.omega": (500.0, 600.0)}),
         "trade": lambda: js.trade(ring),
         "scatter": lambda: js.scatter(ring, {"drive.omega": 1.0}),
         "report": lambda: js.report(ring),
@@ -384,7 +383,7 @@ def _verbs():
 
 KNOW_ROWS = {
     *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout"),
-    *("orbit", "gradient", "branch", "mistune"),
+    *("orbit", "gradient", "branch", "tune", "mistune"),
     *("free_power", "value_of", "vary", "scenes_from", "stack_scenes"),
 }
 

@@ -15,6 +15,7 @@ import zarr
 import jaxshroud as js
 from jaxshroud.batch import continuation
 from jaxshroud.cli import commands as cli
+from jaxshroud.cli import projection
 from jaxshroud.cli import sweep as sweep_verb
 from jaxshroud.io import unfinished_store
 from jaxshroud.verbs import stored
@@ -424,7 +425,7 @@ def test_scenes_and_numbers_without_samples_are_stored_too(scene, tmp_path):
 
 @pytest.mark.parametrize(("long", "told"), [(0, True), (1e9, False)])
 def test_a_long_run_says_first_what_it_will_take(words, capsys, monkeypatch, long, told):
-    monkeypatch.setattr(sweep_verb, "LONG_RUN_STEPS", long)
+    monkeypatch.setattr(projection, "LONG_RUN_STEPS", long)
     assert cli.main(words) == 0
     line = [line for line in capsys.readouterr().err.splitlines() if line.startswith("200 lanes: some ")]
     assert bool(line) == told
@@ -436,7 +437,7 @@ def test_a_long_run_says_first_what_it_will_take(words, capsys, monkeypatch, lon
 @pytest.mark.full
 @pytest.mark.parametrize("direction", ["forward", "both"])
 def test_a_long_run_in_a_direction_says_so_too(words, capsys, monkeypatch, direction):
-    monkeypatch.setattr(sweep_verb, "LONG_RUN_STEPS", 0)
+    monkeypatch.setattr(projection, "LONG_RUN_STEPS", 0)
     lanes = 20 * (3 if direction == "both" else 1)
     assert cli.main([*words, "--num", "20", "--direction", direction]) == 0
     assert any(line.startswith(f"{lanes} lanes: some ") for line in capsys.readouterr().err.splitlines())
