@@ -13,6 +13,7 @@ from jaxshroud.model.natural_modes import (
     natural_modes,
 )
 from jaxshroud.results.campbell import NaturalMode
+from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 
