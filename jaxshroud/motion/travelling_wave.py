@@ -107,10 +107,14 @@ def shifted_places(blades: int, size: int, shift: int) -> np.ndarray:
     return np.roll(np.arange(size).reshape(-1, blades), shift, axis=1).ravel()
 
 
-def wave_bifurcation(multipliers: np.ndarray) -> tuple[str, float]:
-    """What the leading multiplier of a reduced map approaches, and its distance 1 - abs(multiplier)."""
+def wave_bifurcation(multipliers: np.ndarray, blades: int) -> tuple[str, float]:
+    """What the leading multiplier of a reduced map approaches, and its distance 1 - abs(multiplier).
+
+    In a ring of an odd number of blades all stay alike in the wave of twice the period: -1 is a flip.
+    """
     lead = multipliers[0]
-    return "fold" if keeps_shift(lead) else "localisation", float(1 - abs(lead))
+    flips = blades % 2 == 1 and bool(keeps_shift(-lead))
+    return "fold" if keeps_shift(lead) else "flip" if flips else "localisation", float(1 - abs(lead))
 
 
 def keeps_shift(multipliers: np.ndarray) -> np.ndarray:

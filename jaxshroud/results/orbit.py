@@ -273,11 +273,12 @@ class RowOrbit(Orbit):
     def wave_bifurcation(self) -> tuple[str, float]:
         """What the leading multiplier of the reduced map of a single ring approaches, and its distance from it.
 
-        At a "fold" the motion stays a travelling wave; elsewhere on the unit circle begins its "localisation".
+        At a "fold" the motion stays a travelling wave; elsewhere on the unit circle begins its "localisation", but for
+        -1 in a ring of an odd number of blades, a "flip".
         """
         from jaxshroud.motion.travelling_wave import wave_bifurcation
 
-        return wave_bifurcation(self.wave_multipliers)
+        return wave_bifurcation(self.wave_multipliers, self.data.sizes["blade"])
 
 
 def _orbit_row(cycle: "PeriodicOrbit") -> dict[str, Any]:
