@@ -7,7 +7,7 @@ import pytest
 
 from jaxshroud.motion.bifurcation import breaking_outside, crossings
 from jaxshroud.motion.branch import BranchPoint
-from jaxshroud.motion.travelling_wave import WAVE_RESIDUAL, TravellingWave, WaveSymmetry
+from jaxshroud.motion.travelling_wave import WAVE_RESIDUAL, TravellingWave, WaveSymmetry, wave_bifurcation
 
 HELD = [0.5, 0.3 + 0.2j, 0.3 - 0.2j]  # multipliers that stay within
 
@@ -53,3 +53,13 @@ def test_crossings_of_several_multipliers_are_located_one_by_one():
     sizes = [breaking_outside(rank)(point(4, -1.1, 1.02j, -1.02j)) for rank in range(4)]
     np.testing.assert_allclose(sizes[:2], [0.1, 0.02], rtol=1e-12)
     assert sizes[3] == -1.0  # there is none
+
+
+@pytest.mark.parametrize(
+    ("blades", "lead", "kind"),
+    [(4, 0.9, "fold"), (4, -0.9, "localisation"), (3, -0.9, "flip"), (3, 0.9j, "localisation")],
+)
+def test_an_orbit_tells_what_its_leading_multiplier_approaches(blades, lead, kind):
+    found, distance = wave_bifurcation(np.array([lead, *HELD]), blades)
+    assert found == kind
+    assert distance == pytest.approx(0.1)
