@@ -112,9 +112,10 @@ def wave_bifurcation(multipliers: np.ndarray, blades: int) -> tuple[str, float]:
 
     In a ring of an odd number of blades all stay alike in the wave of twice the period: -1 is a flip.
     """
-    lead = multipliers[0]
-    flips = blades % 2 == 1 and bool(keeps_shift(-lead))
-    return "fold" if keeps_shift(lead) else "flip" if flips else "localisation", float(1 - abs(lead))
+    lead = multipliers[:1]
+    flips = blades % 2 == 1 and keeps_shift(-lead).all()
+    kind = "fold" if keeps_shift(lead).all() else "flip" if flips else "localisation"
+    return kind, float(1 - abs(lead[0]))
 
 
 def keeps_shift(multipliers: np.ndarray) -> np.ndarray:
