@@ -84,9 +84,9 @@ def _empty_log(state: State, at: OfInterfaces, model: RowModel, method: Choices)
     return RowLog(at, at, at, at, largest, counters, extent)
 
 
-# A rocking motion that has come back so often within a step returns sooner than `FLAT_RETURN` of it. What an interface
+# A rocking motion that has turned so often within a step returns twice within `FLAT_RETURN` of it. What an interface
 # predicts of its own return fails where its neighbours rock as well: their torques change with every turn of theirs.
-MAX_TURNS_PER_STEP = round(1 / FLAT_RETURN)
+MAX_TURNS_PER_STEP = round(2 / FLAT_RETURN)
 
 
 class InterfaceChange(NamedTuple):
