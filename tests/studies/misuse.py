@@ -125,7 +125,7 @@ def _functions() -> dict[str, Target]:
     orbit = js.orbit(one, **steps)
     axis = np.linspace(0.0, 1.0, 64)
     measured = {"t [s]": [0.0, 1e-3, 2e-3], "x_left [m]": [0.0, 1e-5, 2e-5]}
-    own = js.with_laws(one, js.Hertz(4e7))
+    own, chain = js.with_laws(one, js.Hertz(4e7)), js.load("row_chain5", ['parts.motion=["x"]']).scene
     return {
         "amplitude_spectrum": Target(js.amplitude_spectrum, {"signal": axis, "samples_per_period": 8}),
         "attractors": Target(js.attractors, {"scene": one, **steps}, True),
@@ -143,6 +143,9 @@ def _functions() -> dict[str, Target]:
         "largest_frequency": Target(js.largest_frequency, {"scene": one}),
         "load": Target(js.load, {"source": "table1"}),
         "lyapunov": Target(js.lyapunov, {"scene": one, **RUN}, True),
+        "mistune": Target(
+            js.mistune, {"scene": chain, "along": {"drive.omega": [1e3, 2e3]}, "linear": "stuck", "n_patterns": 2}
+        ),
         "most_trials": Target(js.most_trials, {"scene": one, **steps}),
         "objective_map": Target(js.objective_map, {"tuned": None, "n": 3}, True),
         "open": Target(js.open, {"path": "run.nc"}),
