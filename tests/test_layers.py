@@ -10,23 +10,8 @@ import jaxshroud
 
 ROOT = Path(jaxshroud.__file__).parent
 # A module imports from its own folder and from those before it.
-FOLDERS = [
-    *(
-        "",
-        "programs",
-        "scene",
-        "model",
-        "march",
-        "batch",
-        "motion",
-        "io",
-        "plotting",
-        "results",
-        "verbs",
-        "explorer",
-        "cli",
-    )
-]
+FOLDERS = ["", "programs", "scene", "model", "march", "batch", "motion", "io", "plotting", "results", "verbs"]
+FOLDERS += ["explorer", "cli"]
 EDGES = ("io", "plotting", "results", "explorer", "cli", "scene")
 FOR_EDGES_ONLY = {
     "pydantic",

@@ -88,9 +88,5 @@ def peak_between(values: FloatArray, amplitude: FloatArray) -> FloatArray:
 
 
 def whitehead_factor(blades: int) -> float:
-    """The bound of the amplification of a linear row with one mode per blade.
-
-    Source:
-        Whitehead (1966), J. Mech. Eng. Sci. 8(1), 15-21: (1 + sqrt(N)) / 2.
-    """
+    """Whitehead's factor (1 + sqrt(N)) / 2: the bound of the amplification of a linear row with one mode per blade."""
     return (1 + math.sqrt(blades)) / 2

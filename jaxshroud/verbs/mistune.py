@@ -102,7 +102,7 @@ def mistune(
         Interrupted: Ctrl-C; a store has the blocks that had ended.
 
     Source:
-        Whitehead's factor (1966): with one mode per blade a linear row amplifies by (1 + sqrt(N)) / 2 at most.
+        Whitehead's factor: with one mode per blade a linear row amplifies by (1 + sqrt(N)) / 2 at most.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -127,7 +127,7 @@ def mistune(
     drawn = _Drawn(tuple(designs), np.asarray(sigmas, float), patterns, responses)
     values = _monte_carlo(row, drawn) | run.attributes
     if size is not None:
-        values |= _search_values(row, run.problem, size, float(max(sigmas)), seed)
+        values |= _search_values(row, run.problem, size, float(max(sigmas)), seed, values["tuned_largest"])
     values |= {"of": of, "along": row.along, "linear": linear or "", "direction_of": direction, "seed": seed}
     steps = int(run.attributes["steps_per_period"])
     attrs, _ = resolved._replace(scene=row.scene).provenance(resolved.transient, steps)
@@ -291,12 +291,10 @@ def _monte_carlo(row: MistunedRow, drawn: _Drawn) -> dict[str, Any]:
 
 
 def _search_values(
-    row: MistunedRow, problem: PatternProblem, size: SearchSize, sigma: float, seed: int
+    row: MistunedRow, problem: PatternProblem, size: SearchSize, sigma: float, seed: int, tuned: float
 ) -> dict[str, Any]:
-    """The values of the result that are of the search for the worst pattern."""
-    blades = row.scene.blades.m.shape[-1]
-    tuned = problem.largest(np.zeros((1, blades))).amplitude[0]
-    found = search_worst_pattern(problem, blades, sigma, size, seed)
+    """The values of the result that are of the search for the worst pattern; `tuned` is the tuned row's amplitude."""
+    found = search_worst_pattern(problem, row.scene.blades.m.shape[-1], sigma, size, seed)
     return {
         "searched_mistuning": found.mistuning,
         "searched_amplitude": found.responses.amplitude[0].max(axis=-1),
