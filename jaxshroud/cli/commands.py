@@ -10,6 +10,7 @@ import sys
 import warnings
 from argparse import Namespace
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from importlib import import_module
 
 import jaxshroud
@@ -33,11 +34,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by the shell
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115  until the end of the process
+    with ExitStack() as at_end:
+        return _run(sys.argv[1:] if arguments is None else arguments, at_end)
+
+
+def _run(words: Sequence[str], at_end: ExitStack) -> int:
+    """Run the command of these words and return its exit status."""
     try:
-        words = sys.argv[1:] if arguments is None else arguments
         options = parser().parse_args(join_negative_values(words))
+        keep_list = _load_ahead(options, at_end)
         command = _command(options.verb)
-        if "jax" in sys.modules:
+        if keep_list is None and "jax" in sys.modules:
             _set_up_jax()
     except Exception as error:
         return _exit_status(error)
@@ -45,6 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             command(options)
             sys.stdout.flush()
+            if keep_list is not None:
+                keep_list()
         except KeyboardInterrupt as interrupt:
             _printed_interruption.append(_interruption_message(*map(str, interrupt.args)))
             print(_printed_interruption[-1], file=sys.stderr)
@@ -52,6 +61,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except Exception as error:
             return _exit_status(error)
     return 0
+
+
+def _load_ahead(options: Namespace, at_end: ExitStack) -> Callable[[], None] | None:
+    """For a command about a scene: load its programs while it is imported; what keeps their list once it is done."""
+    scene = getattr(options, "scene", None)
+    if scene is None:
+        return None
+    _set_up_jax()
+    from jaxshroud.programs import kept
+
+    command = f"{options.verb} {scene}"
+    at_end.callback(kept.stop_ahead)
+    kept.load_ahead(command)
+    return lambda: kept.keep_list(command)
 
 
 def _command(name: str) -> Callable[[Namespace], None]:

@@ -187,8 +187,8 @@ class TabPage:
         self.motion.heading.text = motion_html(run, self.selected, exploration.file)
         self.motion.verdict.text = verdict_html(None)
         self.centre.mark(self.selected, exploration.file)
-        self._working("run", "")
         self.keeping.show_commands()
+        self._working("run", "")
         self.compute_verdict(exploration)
 
     def show_level(self, window: Window, direction: Direction, level: int, added: Any, whole: Any) -> None:

@@ -11,12 +11,14 @@ import numpy as np
 
 from jaxshroud.batch.states import state_size
 from jaxshroud.batch.tangents import Tangents
+from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import Choices
-from jaxshroud.model.linear import area, free_power, power_reduction
+from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
+from jaxshroud.motion.averages import closed_forms
 from jaxshroud.scene.keys import blade_count
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 
 # The promised relative errors of derivatives; an orbit for which they cannot be kept is ill conditioned.
 MAX_DERIVATIVE_ERROR = {"float64": 1e-6, "float32": 1e-2}
@@ -164,6 +166,12 @@ def reduction_of(scene: Scene, P: np.ndarray, P_0: np.ndarray) -> float:
     return float(power_reduction(P[counts].sum(), P_0[counts].sum()))
 
 
+def area_and_free_power(scene: Scene) -> tuple[float, np.ndarray]:
+    """The area of a block [m^2] and the power of all blades without contact [m^4] of one scene."""
+    area, P_0, _ = closed_forms(repeat_lane(without_given(scene), 1))
+    return float(area[0]), P_0[0].astype(float)
+
+
 def describe_orbit(
     scene: Scene, shot: ShootingState, q: int, tolerance: float, simulated: int, steps: int, method: Choices
 ) -> PeriodicOrbit:
@@ -186,8 +194,8 @@ def describe_orbit(
         "not unique": bool(free.any()),
         "ill conditioned": doubt > MAX_DERIVATIVE_ERROR[method.precision],
     }
-    P = float(area(scene.shroud)) * tangents.power
-    P_0 = np.asarray(free_power(scene), float)
+    area, P_0 = area_and_free_power(scene)
+    P = area * tangents.power
     return PeriodicOrbit(
         scene=scene,
         start=shot.state,
@@ -213,7 +221,7 @@ def no_orbit(
     scene: Scene, state: State, flag: str, simulated: int, steps: int, method: Choices, status: int = Status.OK
 ) -> PeriodicOrbit:
     """The result where no orbit was found."""
-    P_0 = np.asarray(free_power(scene), float)
+    _, P_0 = area_and_free_power(scene)
     return PeriodicOrbit(
         scene=scene,
         start=state,

@@ -6,12 +6,12 @@ rest. Here a program is found by what it depends on, see `key`.
 
 import pickle
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import wraps
 from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -20,12 +20,13 @@ from jax.experimental import serialize_executable
 from jax.experimental.compilation_cache import compilation_cache
 
 from jaxshroud.programs import key as keys
-from jaxshroud.programs.store import ProgramStore, log, own_folder
+from jaxshroud.programs.ahead import Ahead
+from jaxshroud.programs.store import ProgramStore, entry_name, log, own_folder
 
 _WITHOUT_JAX_CACHE = threading.Lock()
 _FOR_DEBUGGING = ("jax_disable_jit", "jax_debug_nans", "jax_debug_infs", "jax_check_tracer_leaks", "jax_no_tracing")
 _store: ProgramStore | None = None
-Program = Callable[..., Any]
+Program = Callable[[Sequence[Any]], Any]  # of the leaves of its arguments
 
 
 def keep_programs(folder: Path | None) -> None:
@@ -41,11 +42,39 @@ def program_store() -> ProgramStore | None:
 
 
 def where_kept() -> str:
-    """Where programs are kept, and how many there are, in words."""
+    """Where programs and lists of them are kept, and how many, in words."""
     if _store is None:
         return "not kept"
     sizes = [size for _, size, _ in _store.entries()]
-    return f"{len(sizes)} in {_store.folder}, {sum(sizes) / 1e6:.1f} MB"
+    return f"{len(sizes)} entries in {_store.folder}, {sum(sizes) / 1e6:.1f} MB"
+
+
+def load_ahead(command: str) -> None:
+    """Begin to load, on a thread, the programs that a command used last time."""
+    _ahead.used.clear()
+    name = _list_name(command)
+    content = None if name is None or _store is None else _store.read(name)
+    if content is not None:
+        _ahead.start(content.decode().splitlines())
+
+
+def stop_ahead() -> None:
+    """Load no further program ahead."""
+    _ahead.stop()
+
+
+def keep_list(command: str) -> None:
+    """Keep the names of the programs that a command has used since `load_ahead`."""
+    name = _list_name(command) if _ahead.used else None
+    used = "\n".join(_ahead.used).encode()
+    if name is not None and _store is not None and _store.read(name) != used:
+        _store.write(name, used)
+
+
+def _list_name(command: str) -> str | None:
+    """The name of the entry that lists the programs of a command; None if that is not known."""
+    around = keys.surroundings()
+    return None if around is None else entry_name(f"programs of {command}\n{around}")
 
 
 def is_traced(tree: object) -> bool:
@@ -108,12 +137,12 @@ class Programs:
         program = self.found[call]
         if program is None:
             return self.jitted(**fixed, **given)
-        return self._first_run(call, program, fixed, given) if call in self.unproven else program(**given)
+        return self._first_run(call, program, fixed, given) if call in self.unproven else program(leaves)
 
     def _first_run(self, call: Any, program: Program, fixed: dict[str, Any], given: dict[str, Any]) -> Any:
         """The results of a loaded program: what it lacks is found only when it is run."""
         try:
-            results = jax.block_until_ready(program(**given))
+            results = jax.block_until_ready(program(jax.tree.leaves(given)))
         except jax.errors.JaxRuntimeError as error:
             _warn_unusable(error)
             self.found[call] = None
@@ -125,10 +154,10 @@ class Programs:
         key = self._key(fixed, given)
         if key is None or _store is None:
             return None
-        content = _store.read(key)
-        program = None if content is None else _loaded(content, given)
+        name = entry_name(key)
+        program = _program_of(_ahead.take(name))
         if program is None:
-            return self._compiled(key, fixed, given)
+            return self._compiled(name, fixed, given)
         self.unproven.add(call)
         return program
 
@@ -147,18 +176,19 @@ class Programs:
             return None
         return None if around is None else "\n".join([*parts, around])
 
-    def _compiled(self, key: str, fixed: dict[str, Any], given: dict[str, Any]) -> Program:
+    def _compiled(self, name: str, fixed: dict[str, Any], given: dict[str, Any]) -> Program:
         """The program, compiled, and kept if that is possible."""
-        lowered = self.jitted.lower(**fixed, **given)
+        lowered, structure = self.jitted.lower(**fixed, **given), jax.tree.structure(given)
         with _without_jax_cache():
-            program = lowered.compile()
+            compiled = lowered.compile()
+        program = lambda leaves: compiled(**jax.tree.unflatten(structure, leaves))
         try:
-            content = _serialized(program)
+            content = _serialized(compiled, structure.num_leaves)
         except Exception as error:  # of whatever type JAX may raise for what it cannot serialise
             log.info("%s: not kept (%s)", self.name, error)
             return program
         if _store is not None and keys.source_hash() is not None:
-            _store.write(key, content)
+            _store.write(name, content)
         return program
 
 
@@ -169,23 +199,47 @@ def _is_here(leaf: Any) -> bool:
     return not isinstance(leaf, Tracer) and (not isinstance(leaf, jax.Array) or leaf.devices() == {jax.devices()[0]})
 
 
-def _serialized(program: Any) -> bytes:
-    """A program, and the tree of its results with numbers for leaves: structures of trees cannot be stored."""
-    executable, _, structure = serialize_executable.serialize(program)
-    return pickle.dumps((executable, jax.tree.unflatten(structure, range(structure.num_leaves))))
+def _serialized(compiled: Any, arguments: int) -> bytes:
+    """A program, the number of its arguments, and the tree of its results with numbers for leaves.
+
+    Structures of trees cannot be stored. What has types of the package is within bytes of its own.
+    """
+    executable, _, structure = serialize_executable.serialize(compiled)
+    results = pickle.dumps(jax.tree.unflatten(structure, range(structure.num_leaves)))
+    return pickle.dumps((executable, arguments, structure.num_leaves, results))
 
 
-def _loaded(content: bytes, given: dict[str, Any]) -> Program | None:
-    """The program of an entry that is what was written; None if this machine cannot load or run it."""
+class _Loaded(NamedTuple):
+    """A program of flat arguments and results."""
+
+    run: Callable[..., Sequence[Any]]
+    results: bytes  # their tree
+
+
+def _loaded(name: str) -> _Loaded | None:
+    """The program of an entry; None without a sound one, and if this machine cannot load it. Imports no module."""
+    content = None if _store is None else _store.read(name)
+    if content is None:
+        return None
     try:
-        executable, results = pickle.loads(content)
-        arguments = jax.tree.structure(((), given))
-        return serialize_executable.deserialize_and_load(
-            executable, arguments, jax.tree.structure(results), execution_devices=jax.devices()[:1]
-        )
+        executable, arguments, leaves, results = pickle.loads(content)
+        given, found = jax.tree.structure((tuple(range(arguments)), {})), jax.tree.structure(tuple(range(leaves)))
+        run = serialize_executable.deserialize_and_load(executable, given, found, execution_devices=jax.devices()[:1])
+        return _Loaded(run, results)
     except Exception as error:  # of whatever type JAX may raise for a program of another machine
         _warn_unusable(error)
         return None
+
+
+def _program_of(loaded: _Loaded | None) -> Program | None:
+    """A loaded program, of whose results the tree is built."""
+    if loaded is None:
+        return None
+    structure = jax.tree.structure(pickle.loads(loaded.results))
+    return lambda leaves: jax.tree.unflatten(structure, loaded.run(*leaves))
+
+
+_ahead = Ahead(_loaded)
 
 
 def _warn_unusable(error: Exception) -> None:

@@ -26,14 +26,14 @@ log = logging.getLogger("jaxshroud.programs")
 
 
 class ProgramStore:
-    """Programs by what they depend on; every failure is a miss."""
+    """Programs by the names of what they depend on, see `entry_name`; every failure is a miss."""
 
     def __init__(self, folder: Path):
         self.folder = folder
 
-    def read(self, key: str) -> bytes | None:
-        """The content kept under a `key`; None if there is none, or it is damaged or not the user's own."""
-        path = self._path(key)
+    def read(self, name: str) -> bytes | None:
+        """The content of the entry of a `name`; None if there is none, or it is damaged or not the user's own."""
+        path = self._path(name)
         try:
             raw = _own_file(path)
         except FileNotFoundError:
@@ -41,7 +41,7 @@ class ProgramStore:
         except OSError as error:
             log.warning("%s: not used (%s); it is compiled anew", path.name, error.strerror or error)
             return None
-        content = _checked_content(raw, key)
+        content = _checked_content(raw, name)
         if content is None:
             log.warning("%s: not used (damaged, or of another version); it is compiled anew", path.name)
             return None
@@ -49,15 +49,15 @@ class ProgramStore:
             os.utime(path)  # the least recently used is removed first
         return content
 
-    def write(self, key: str, content: bytes) -> None:
-        """Keep `content` under a `key`, completely or not at all."""
-        body = _key_digest(key) + zlib.compress(content, 1)
+    def write(self, name: str, content: bytes) -> None:
+        """Keep `content` under a `name`, completely or not at all."""
+        body = bytes.fromhex(name) + zlib.compress(content, 1)
         partial = None
         try:
             handle, partial = tempfile.mkstemp(prefix="jaxshroud-", suffix=".partial", dir=self.folder)
             with os.fdopen(handle, "wb") as file:
                 file.write(MARK + hashlib.sha256(body).digest() + body)
-            os.replace(partial, self._path(key))
+            os.replace(partial, self._path(name))
             partial = None
             self._prune()
         except OSError as error:
@@ -77,8 +77,8 @@ class ProgramStore:
                     found.append((state.st_mtime, state.st_size, path))
         return sorted(found)
 
-    def _path(self, key: str) -> Path:
-        return self.folder / f"{_key_digest(key).hex()}.program"
+    def _path(self, name: str) -> Path:
+        return self.folder / f"{name}.program"
 
     def _prune(self) -> None:
         """Remove the least recently used beyond `MAX_BYTES`, and what killed processes left."""
@@ -120,11 +120,11 @@ def _own_file(path: Path) -> bytes:
         return file.read()
 
 
-def _checked_content(raw: bytes, key: str) -> bytes | None:
-    """The content of an entry of that `key`; None unless it is what was written."""
+def _checked_content(raw: bytes, name: str) -> bytes | None:
+    """The content of an entry of that `name`; None unless it is what was written."""
     start = len(MARK)
     digest, body = raw[start : start + DIGEST_BYTES], raw[start + DIGEST_BYTES :]
-    if raw[:start] != MARK or hashlib.sha256(body).digest() != digest or body[:DIGEST_BYTES] != _key_digest(key):
+    if raw[:start] != MARK or hashlib.sha256(body).digest() != digest or body[:DIGEST_BYTES].hex() != name:
         return None
     return zlib.decompress(body[DIGEST_BYTES:])
 
@@ -135,5 +135,6 @@ def _has_mark(path: Path) -> bool:
     return False
 
 
-def _key_digest(key: str) -> bytes:
-    return hashlib.sha256(key.encode()).digest()
+def entry_name(key: str) -> str:
+    """The name of the entry of a key."""
+    return hashlib.sha256(key.encode()).hexdigest()

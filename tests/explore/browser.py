@@ -104,7 +104,7 @@ class Tab:
             self.wait(f"{of}('status_text').text.includes('Ready')")
 
     def changes(self, name, act):
-        """Do something, and wait until the columns of a source have changed; the time that it took [s]."""
+        """Do something, and wait for what follows; the time until the columns of a source had changed [s]."""
         code = "name => { window.changed = 0; const source = Bokeh.documents[0].get_model_by_name(name);"
         code += " const begin = performance.now(), heard = () => { source.properties.data.change.disconnect(heard);"
         code += " requestAnimationFrame(() => { window.changed = performance.now() - begin; }); };"
@@ -112,6 +112,7 @@ class Tab:
         self.page.evaluate(code, name)
         act()
         self.wait("window.changed > 0")
+        self.wait("!Bokeh.documents[0].get_model_by_name('status_text').text.includes('run: motion')")
         return self.page.evaluate("window.changed") / 1000
 
     def field(self, key):

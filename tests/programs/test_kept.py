@@ -4,6 +4,7 @@ import logging
 import os
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -16,7 +17,8 @@ import pytest
 from jaxshroud.programs import kept as module
 from jaxshroud.programs import key as keys
 from jaxshroud.programs import store as store_module
-from jaxshroud.programs.kept import keep_programs, kept, program_store
+from jaxshroud.programs.ahead import Ahead
+from jaxshroud.programs.kept import keep_list, keep_programs, kept, load_ahead, program_store, stop_ahead
 
 X = np.linspace(0.0, 1.0, 5)
 
@@ -254,13 +256,72 @@ def test_what_a_killed_process_left_is_removed_after_a_day(folder):
 def test_a_program_that_cannot_run_is_compiled_anew(folder, caplog, monkeypatch):
     new_process()(X)
 
-    def failing(**given):
+    def failing(leaves):
         raise jax.errors.JaxRuntimeError("NOT_FOUND: Function kernel not found")
 
-    monkeypatch.setattr(module, "_loaded", lambda content, given: failing)
+    monkeypatch.setattr(module, "_program_of", lambda loaded: failing)
     with caplog.at_level(logging.WARNING):
         np.testing.assert_array_equal(new_process()(X), np.sin(X) ** 2)
     assert "NOT_FOUND" in caplog.text
+
+
+def loaded_on_threads(monkeypatch):
+    """The threads on which entries are loaded from now on, by the names of the entries."""
+    threads, load = {}, module._ahead.load
+
+    def told(name):
+        threads[name] = threading.current_thread()
+        return load(name)
+
+    monkeypatch.setattr(module._ahead, "load", told)
+    return threads
+
+
+def test_a_command_loads_what_it_used_last_time_on_a_thread(folder, monkeypatch):
+    monkeypatch.setattr(module._ahead, "used", {})
+    load_ahead("example one")
+    first = new_process()(X)
+    keep_list("example one")
+    stop_ahead()
+    (entry,) = (path for path in entries(folder) if path.stem in module._ahead.used)
+    threads = loaded_on_threads(monkeypatch)
+    for command, ahead in {"example two": False, "example one": True}.items():
+        load_ahead(command)
+        for thread in threading.enumerate():
+            if thread is not threading.main_thread() and getattr(thread, "_target", None) == module._ahead._run:
+                thread.join()
+        np.testing.assert_array_equal(new_process(jnp.cos)(X), first)  # loaded, and not traced
+        assert (threads[entry.stem] is not threading.main_thread()) is ahead
+        stop_ahead()
+
+
+def test_a_list_of_programs_that_are_gone_or_damaged_does_no_harm(folder, caplog):
+    load_ahead("example")
+    first = new_process()(X)
+    keep_list("example")
+    stop_ahead()
+    for entry in entries(folder):
+        if entry.stem in module._ahead.used:
+            entry.unlink()
+    load_ahead("example")
+    np.testing.assert_array_equal(new_process()(X), first)
+    stop_ahead()
+    for entry in entries(folder):
+        entry.write_bytes(entry.read_bytes()[:-1])  # the list too
+    with caplog.at_level(logging.WARNING):
+        load_ahead("example")
+        np.testing.assert_array_equal(new_process()(X), first)
+        stop_ahead()
+    assert "compiled anew" in caplog.text
+
+
+def test_what_fails_on_the_thread_fails_where_it_is_asked_for():
+    ahead = Ahead(lambda name: 1 / int(name))
+    ahead.start(["0", "2"])
+    with pytest.raises(ZeroDivisionError):
+        ahead.take("0")
+    assert ahead.take("2") == 0.5
+    ahead.stop()
 
 
 def test_nothing_is_kept_where_it_cannot_be_written(folder, caplog, monkeypatch):
