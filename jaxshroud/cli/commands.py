@@ -42,9 +42,9 @@ def _run(words: Sequence[str], at_end: ExitStack) -> int:
     """Run the command of these words and return its exit status."""
     try:
         options = parser().parse_args(join_negative_values(words))
-        keep_list = _load_ahead(options, at_end)
+        ahead = _load_ahead(options, at_end)
         command = _command(options.verb)
-        if keep_list is None and "jax" in sys.modules:
+        if not ahead and "jax" in sys.modules:
             _set_up_jax()
     except Exception as error:
         return _exit_status(error)
@@ -52,8 +52,8 @@ def _run(words: Sequence[str], at_end: ExitStack) -> int:
         try:
             command(options)
             sys.stdout.flush()
-            if keep_list is not None:
-                keep_list()
+            if ahead:
+                _keep_list()
         except KeyboardInterrupt as interrupt:
             _printed_interruption.append(_interruption_message(*map(str, interrupt.args)))
             print(_printed_interruption[-1], file=sys.stderr)
@@ -63,18 +63,23 @@ def _run(words: Sequence[str], at_end: ExitStack) -> int:
     return 0
 
 
-def _load_ahead(options: Namespace, at_end: ExitStack) -> Callable[[], None] | None:
-    """For a command about a scene: load its programs while it is imported; what keeps their list once it is done."""
+def _load_ahead(options: Namespace, at_end: ExitStack) -> bool:
+    """Load the programs of a command about a scene while it is imported, until the end; False for other commands."""
     scene = getattr(options, "scene", None)
     if scene is None:
-        return None
+        return False
     _set_up_jax()
-    from jaxshroud.programs import kept
+    from jaxshroud.programs.kept import load_ahead, stop_ahead
 
-    command = f"{options.verb} {scene}"
-    at_end.callback(kept.stop_ahead)
-    kept.load_ahead(command)
-    return lambda: kept.keep_list(command)
+    at_end.callback(stop_ahead)
+    load_ahead(f"{options.verb} {scene}")
+    return True
+
+
+def _keep_list() -> None:
+    from jaxshroud.programs.kept import keep_list
+
+    keep_list()
 
 
 def _command(name: str) -> Callable[[Namespace], None]:

@@ -42,6 +42,7 @@ def explore_command(options: argparse.Namespace) -> None:
 
 def _serve(exploration: "Exploration", options: argparse.Namespace) -> None:
     from jaxshroud.explorer.server import ExploreServer
+    from jaxshroud.programs.kept import keep_list
 
     server = ExploreServer(exploration, str(options.accuracy), options.port)
 
@@ -54,6 +55,7 @@ def _serve(exploration: "Exploration", options: argparse.Namespace) -> None:
         server.run(ready)
     except KeyboardInterrupt:
         server.has_ended()
+        keep_list()
         print("interrupted; nothing was written", file=sys.stderr, flush=True)
         os._exit(130)  # at once: what a thread compiles cannot be interrupted, and nothing is left to be written
 

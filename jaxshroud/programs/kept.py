@@ -26,6 +26,7 @@ from jaxshroud.programs.store import ProgramStore, entry_name, log, own_folder
 _WITHOUT_JAX_CACHE = threading.Lock()
 _FOR_DEBUGGING = ("jax_disable_jit", "jax_debug_nans", "jax_debug_infs", "jax_check_tracer_leaks", "jax_no_tracing")
 _store: ProgramStore | None = None
+_command = ""  # whose programs are loaded ahead
 Program = Callable[[Sequence[Any]], Any]  # of the leaves of its arguments
 
 
@@ -50,9 +51,11 @@ def where_kept() -> str:
 
 
 def load_ahead(command: str) -> None:
-    """Begin to load, on a thread, the programs that a command used last time."""
+    """Begin to load, on a thread, the programs that a command used last time; see `keep_list`."""
+    global _command
+    _command = command
     _ahead.used.clear()
-    name = _list_name(command)
+    name = _list_name()
     content = None if name is None or _store is None else _store.read(name)
     if content is not None:
         _ahead.start(content.decode().splitlines())
@@ -63,18 +66,18 @@ def stop_ahead() -> None:
     _ahead.stop()
 
 
-def keep_list(command: str) -> None:
-    """Keep the names of the programs that a command has used since `load_ahead`."""
-    name = _list_name(command) if _ahead.used else None
+def keep_list() -> None:
+    """Keep the names of the programs that were used since `load_ahead`, for the next run of its command."""
+    name = _list_name() if _ahead.used else None
     used = "\n".join(_ahead.used).encode()
     if name is not None and _store is not None and _store.read(name) != used:
         _store.write(name, used)
 
 
-def _list_name(command: str) -> str | None:
-    """The name of the entry that lists the programs of a command; None if that is not known."""
+def _list_name() -> str | None:
+    """The name of the entry that lists the programs of the command; None if that is not known."""
     around = keys.surroundings()
-    return None if around is None else entry_name(f"programs of {command}\n{around}")
+    return None if around is None else entry_name(f"programs of {_command}\n{around}")
 
 
 def is_traced(tree: object) -> bool:

@@ -281,7 +281,7 @@ def test_a_command_loads_what_it_used_last_time_on_a_thread(folder, monkeypatch)
     monkeypatch.setattr(module._ahead, "used", {})
     load_ahead("example one")
     first = new_process()(X)
-    keep_list("example one")
+    keep_list()
     stop_ahead()
     (entry,) = (path for path in entries(folder) if path.stem in module._ahead.used)
     threads = loaded_on_threads(monkeypatch)
@@ -298,7 +298,7 @@ def test_a_command_loads_what_it_used_last_time_on_a_thread(folder, monkeypatch)
 def test_a_list_of_programs_that_are_gone_or_damaged_does_no_harm(folder, caplog):
     load_ahead("example")
     first = new_process()(X)
-    keep_list("example")
+    keep_list()
     stop_ahead()
     for entry in entries(folder):
         if entry.stem in module._ahead.used:
