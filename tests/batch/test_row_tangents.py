@@ -72,6 +72,7 @@ class Course:
         return best
 
 
+@pytest.mark.studies(only=["chain of 4"])
 @pytest.mark.full(but=["ring of 3 in x"])
 @pytest.mark.parametrize("name", ROWS)
 def test_tangents_are_those_of_differences(name):

@@ -20,6 +20,7 @@ def test_a_killed_sweep_ends_with_the_same_bytes(tmp_path):
         assert store["computed_again"] == 0
 
 
+@pytest.mark.full(but=["at_once"])
 @pytest.mark.parametrize("study", [kills.renamed, kills.at_once])
 def test_kills_at_renames_and_second_processes_change_no_byte(tmp_path, study):
     found = study(12, 1, np.random.default_rng(3), tmp_path)

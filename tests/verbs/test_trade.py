@@ -134,7 +134,7 @@ def test_other_accuracies_are_refused(asked):
         accuracy_level(asked)
 
 
-@pytest.mark.studies(only=["0-0", "0-1", "0-2", "0-3"])  # studies/promises.py judges many more
+@pytest.mark.studies(only=["0-0", "0-1", "0-2", "0-3", "1-2"])  # studies/promises.py judges many more
 @pytest.mark.full
 @pytest.mark.parametrize(("tilt", "index"), CLASSES)
 def test_promised_accuracies_are_kept_on_unseen_scenes(tilt, index):
