@@ -3,7 +3,7 @@
 import pytest
 import row_derivatives
 
-pytestmark = pytest.mark.studies
+pytestmark = [pytest.mark.studies, pytest.mark.full]
 
 
 def test_derivatives_of_rows_are_those_of_differences():

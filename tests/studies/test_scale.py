@@ -16,6 +16,7 @@ def numbers(found) -> list[float]:
     return [n for each in found for n in numbers(each)] if isinstance(found, list) else [float(found)]
 
 
+@pytest.mark.full
 def test_devices_and_workers_find_what_processes_do():
     found = throughput.measured(128, 1, ['parts.motion=["x"]'])
     assert found["same results"]
