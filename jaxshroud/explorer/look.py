@@ -149,7 +149,7 @@ def new_plot(title: str, height: int, x_label: str, y_label: str, name: str, **o
 
 
 def scaled_ticks(axis: Any, factor: float) -> None:
-    """Let an axis of numbers in SI units show them in another unit."""
+    """Let an axis, or a bar of colours, of numbers in SI units show them in another unit."""
     code = f"const v = tick * {factor!r}; return Math.abs(v) < 1e-12 ? '0' : String(Number(v.toPrecision(6)));"
     axis.formatter = CustomJSTickFormatter(code=code)
 

@@ -73,7 +73,7 @@ class MapPanel:
         ]
         self.plot.on_event(Tap, lambda event: chosen(event.x / self.factors[0], event.y / self.factors[1]))
         self.of.on_change("active", lambda attr, old, new: self._recoloured())
-        self.legend = Div(text="", **wide())
+        self.legend = Div(text="", visible=False, **wide())  # of period numbers
         choices = beside(self.up, self.of)
         self.layout = above_each_other(choices, self.plot, self.legend, visible=False)
 

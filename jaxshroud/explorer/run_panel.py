@@ -142,7 +142,9 @@ class RunPanel:
         dots = ring.scatter("x", "y", source=source, size=30, color=colour, line_color=None)
         names = ring.text("name_x", "name_y", "name", source=source, text_align="center", text_baseline="middle")
         recolouring.text(names)
-        ring.add_layout(dots.construct_color_bar(width=8, title="[m]"), "right")
+        bar = dots.construct_color_bar(width=8, title="[mm]")
+        scaled_ticks(bar, 1e3)
+        ring.add_layout(bar, "right")
         told = {"blade": "@blade", "with contact": "@peak{0.000e+0} m", "without": "@free{0.000e+0} m"}
         ring.hover.tooltips = list(told.items())
         waves = new_plot("waves of the last period", 200, "nodal diameter", "harmonic", "waves_plot", tools="hover")

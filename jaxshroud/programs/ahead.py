@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from typing import Any
 
+
 class Ahead:
     """Loads entries by their names on a thread, and notes which ones are asked for."""
 

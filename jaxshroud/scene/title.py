@@ -46,7 +46,7 @@ def _default_of(table: str, key: str) -> object:
 def subject_of(title: str) -> str:
     """The subject of a title, without its description."""
     subject, colon, _ = title.partition(": ")
-    return f"Scene of {subject}" if colon else subject
+    return f"Scene of {subject}" if colon and not subject.startswith("A ") else subject
 
 
 def _word(value: object) -> str:

@@ -71,6 +71,8 @@ def test_what_is_not_true_of_a_picture_is_no_part_of_its_title(title, keys, show
 def test_a_title_tells_what_was_set():
     assert load("fig09", ["drive.M_0=0.1"]).title == "Scene of Fig. 9, but M_0 = 0.1 N m"
     assert load("fig09", ["drive.M_0=100", "run.periods=7"]).title == FIG9  # Fig. 9's own numbers
+    ring = "A ring of 12 shrouded blades under engine order 3"
+    assert load("row_ring12", ["friction.mu=0.3"]).title == f"{ring}, but mu = 0.3"  # no name of a figure
     others = ["shroud.gap=30um", "initial.x=[0,1e-4]", "parts.motion=x,y"]
     told = "Scene of Fig. 10b, but gap = 0.03 mm, initial x = 0 and 0.1 mm, motion = x and y"
     assert load("fig10b", others).title == told
