@@ -321,7 +321,7 @@ COMMANDS = {
             Option("--most-points", "points of a branch in one direction, at most", count(2), 400, metavar="N"),
             Option(
                 "--doublings",
-                "how often orbits of twice the period, and broken waves of rings, are followed; by default 0, of rows 1",
+                "how often orbits from flips and broken waves of rings are followed; by default 0, of rows 1",
                 count(0),
                 metavar="N",
             ),

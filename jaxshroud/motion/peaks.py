@@ -36,7 +36,7 @@ class Peak(NamedTuple):
 
 
 class Peaked(NamedTuple):
-    """An amplitude of which the peaks are sought: of a row that of the blade that swings most, else the left blade's."""
+    """The amplitude whose peaks are sought: that of the blade of a row that swings most, of a pair the left blade's."""
 
     problem: ContinuationProblem
     of: str

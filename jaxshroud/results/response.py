@@ -47,8 +47,8 @@ class Response(Result):
     """An amplitude over one number of a scene: sweeps in both directions and from rest, branches, and peaks.
 
     Arrays of sweeps start with `member`, one for each value of the second number (one where there is none), followed by
-    `direction` and the first number. The peaks of all members have the dimension `peak`. The amplitude of a row of blades
-    is that of the blade that swings most.
+    `direction` and the first number. The peaks of all members have the dimension `peak`. The amplitude of a row is that
+    of the blade that swings most.
     """
 
     stored_as = "response"
@@ -176,7 +176,9 @@ class Response(Result):
 
     @typed
     def plot(self, ax: "Axes | None" = None, *, panel: str | None = None, **options: "Unpack[LookOptions]") -> "Figure":
-        """The amplitude over the number: sweeps as points, branches as lines, the free response dashed, and P_d.
+        """The amplitude over the number: sweeps as points, branches as lines, the free response dotted, and P_d.
+
+        Broken waves of rings are in another colour, with a mark where they begin.
 
         Args:
             ax: Draw one panel there, by default the first.
