@@ -18,6 +18,7 @@ from jaxshroud.motion.branch_continuation import ContinuedBranch
 from jaxshroud.scene.quantities import counted_amplitude
 
 MAX_PARABOLAS = 12  # fitted to an amplitude about its maximum
+COPY = 1e-6  # relative distance of two peaks that are of one motion
 PLACED = 1e-6  # of the distance between the neighbours: a smaller shift of the maximum does not count
 
 
@@ -57,7 +58,21 @@ def branch_peaks(problem: ContinuationProblem, branches: Sequence[ContinuedBranc
         and "jump" not in {point.kind for point in branch.points[i : i + 2]}
     ]
     peaks = run_together([_peak(peaked, branches[b], b, i) for b, i in places])
-    return [peak for peak in peaks if isinstance(peak, Peak)]
+    found = [peak for peak in peaks if isinstance(peak, Peak)]
+    return found if problem.scene.row is None else _without_copies(found)
+
+
+def _without_copies(peaks: Sequence[Peak]) -> list[Peak]:
+    """The peaks of a row without those of the same motion of other blades, which a broken branch passes as well."""
+    kept: list[Peak] = []
+    for peak in peaks:
+        near = lambda one, other: abs(one - other) <= COPY * abs(one)
+        if not any(
+            peak.q == other.q and near(peak.value, other.value) and near(peak.amplitude, other.amplitude)
+            for other in kept
+        ):
+            kept.append(peak)
+    return kept
 
 
 def _is_maximum(levels: Sequence[float]) -> bool:

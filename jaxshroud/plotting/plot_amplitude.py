@@ -193,10 +193,12 @@ def response_page(ds: xr.Dataset, look: Look) -> Page[ResponseContent]:
 
 
 def _broken(points: xr.Dataset) -> tuple[str, BoolArray]:
-    """Whether each point of branches is a wave of a ring of alike blades whose shift is broken, as xarray takes it."""
-    if "wave_parts" not in points:
-        return "point", np.zeros(points.sizes["point"], bool)
-    return "point", (points["wave_parts"].to_numpy() > 0) & ~(points["wave_residual"].to_numpy() <= WAVE_RESIDUAL)
+    """Whether each point is on a branch on which the shift of travelling waves is broken, as xarray takes it."""
+    begun = [b for b, ends in enumerate(str(points.attrs["ends"]).split("; ")) if "localisation" in ends]
+    broken = np.isin(points["branch"].to_numpy(), begun)
+    if "wave_residual" in points:
+        broken |= points["wave_residual"].to_numpy() > WAVE_RESIDUAL
+    return "point", broken
 
 
 def _draw_response(panel: Axes, shown: ResponseContent) -> None:
@@ -295,7 +297,7 @@ def _response_handles(shown: ResponseContent) -> list[Artist]:
     if not stable.all():
         handles += [Line2D([], [], ls="--", lw=0.9, color=color, label="unstable")]
     if any(p["broken"].any() for p in every):
-        handles += [Line2D([], [], label="broken wave", **BROKEN_LOOK)]
+        handles += [Line2D([], [], label="broken branch", **BROKEN_LOOK)]
     if any((p["kind"] == BIFURCATION_KINDS.index("localisation")).any() for p in every):
         handles += [Line2D([], [], label="localisation", **LOCALISATION_LOOK)]
     if shown.ds.sizes.get("peak", 0):

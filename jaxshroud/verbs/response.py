@@ -128,7 +128,7 @@ def _member(
     swept = sweep(scene, {along: values}, direction="both", amplitudes=True, progress=progress, **run)
     free = free_peak(scene, along, low, high, of)[:2]
     own, reason = value_of(with_numbers(scene, [along]), along), "no lane from rest settles on a periodic orbit"
-    for place in _places(swept, values, own) if at is None else [at]:
+    for place in _places(swept, values, own, scene.row is not None) if at is None else [at]:
         try:
             found = continued(
                 scene, along, (low, high), BranchStart(place), *sizes, method=run["method"], progress=progress
@@ -141,14 +141,14 @@ def _member(
     return Member(swept, None, [], free, reason)
 
 
-def _places(swept: SweepResult, values: np.ndarray, own: float) -> list[float]:
+def _places(swept: SweepResult, values: np.ndarray, own: float, in_row: bool) -> list[float]:
     """Where the branch may begin: values at which the sweep from rest has an orbit, settled and short ones first.
 
     Of rows those on which all blades swing alike are before others: a travelling wave, from which broken ones begin.
     """
     lanes = swept.data.sel(direction="independent")
     number, settled = lanes["period_number"].to_numpy(), lanes["settled"].to_numpy() == 1
-    unlike = _is_broken(lanes["x_rms"].to_numpy()) if "P_d_worst" in lanes else np.zeros(len(values), bool)
+    unlike = _is_broken(lanes["x_rms"].to_numpy()) if in_row else np.zeros(len(values), bool)
     rank = lambda i: (number[i] == 0, not settled[i], unlike[i], number[i], abs(values[i] - own))
     order = sorted(range(len(values)), key=rank)
     return [float(values[i]) for i in order[:MAX_TRIED_PLACES]]
