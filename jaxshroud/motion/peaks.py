@@ -66,13 +66,14 @@ def _without_copies(peaks: Sequence[Peak]) -> list[Peak]:
     """The peaks of a row without those of the same motion of other blades, which a broken branch passes as well."""
     kept: list[Peak] = []
     for peak in peaks:
-        near = lambda one, other: abs(one - other) <= COPY * abs(one)
-        if not any(
-            peak.q == other.q and near(peak.value, other.value) and near(peak.amplitude, other.amplitude)
-            for other in kept
-        ):
+        if not any(_is_copy(peak, other) for other in kept):
             kept.append(peak)
     return kept
+
+
+def _is_copy(one: Peak, other: Peak) -> bool:
+    numbers = lambda peak: np.array([peak.q, peak.value, peak.amplitude])
+    return np.allclose(numbers(one), numbers(other), rtol=COPY, atol=0)
 
 
 def _is_maximum(levels: Sequence[float]) -> bool:
