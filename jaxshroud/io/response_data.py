@@ -14,6 +14,11 @@ BRANCH_KIND = "branch_kind"  # the attribute with the kind of the branches, thos
 BETWEEN_MEMBERS = " | "
 
 
+def is_of_row(data: "xr.Dataset") -> bool:
+    """Whether a sweep, a branch or a response is that of a row of blades."""
+    return "P_d_worst" in data
+
+
 def joined_points(branches: "Sequence[xr.Dataset | None]") -> "xr.Dataset":
     """The points of the branches of all members that have any, under names of their own."""
     import xarray as xr

@@ -9,7 +9,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from jaxshroud.io.response_data import points_of_member
+from jaxshroud.io.response_data import is_of_row, points_of_member
 from jaxshroud.model.modes import BIFURCATION_KINDS, WAVE_RESIDUAL, Status
 from jaxshroud.plotting.page import Page, Panel
 from jaxshroud.plotting.plot_branch import LINE_STYLES, MARKER_SIZE, MARKERS, retraced, stability_runs
@@ -66,20 +66,16 @@ def amplitude_unit(of: str, largest: float, look: Look) -> AmplitudeUnit:
     return AmplitudeUnit(factor, f"{label} [{text}]")
 
 
-def _is_of_row(ds: xr.Dataset) -> bool:
-    return "P_d_worst" in ds
-
-
 def _unit_in(ds: xr.Dataset, of: str, largest: float, look: Look) -> AmplitudeUnit:
     """The unit of the amplitude that counts in a dataset."""
     unit = amplitude_unit(of, largest, look)
-    return unit._replace(label=f"largest {unit.label.replace('_1', '')}") if _is_of_row(ds) else unit
+    return unit._replace(label=f"largest {unit.label.replace('_1', '')}") if is_of_row(ds) else unit
 
 
-def _counted(ds: xr.Dataset, name: str) -> xr.DataArray:
+def _levels_of(ds: xr.Dataset, name: str) -> xr.DataArray:
     """The amplitude that counts, without the dimension `blade`."""
     levels = ds[name].transpose(..., "blade")
-    return levels.isel(blade=0).copy(data=counted_amplitude(levels.to_numpy(), _is_of_row(ds)))
+    return levels.isel(blade=0).copy(data=counted_amplitude(levels.to_numpy(), is_of_row(ds)))
 
 
 class AmplitudeContent(NamedTuple):
@@ -113,11 +109,11 @@ def amplitude_page(ds: xr.Dataset, look: Look) -> Page[AmplitudeContent]:
 
 def _draw_amplitude(panel: Axes, shown: AmplitudeContent, name: str) -> None:
     ds, axis, look = shown
-    counted = _counted(ds, f"{name}_peak")
+    counted = _levels_of(ds, f"{name}_peak")
     levels = counted.to_numpy()
     unit = _unit_in(ds, f"{name}_peak", float(np.nanmax(levels, initial=0.0)), look)
     _draw_directions(panel, counted.to_dataset(name="level").assign(status=ds["status"]), axis.values, unit)
-    free = _counted(ds, f"{name}_free")
+    free = _levels_of(ds, f"{name}_free")
     free = free.isel(direction=0) if "direction" in free.dims else free
     panel.plot(axis.values, free.to_numpy() * unit.factor, **FREE_LOOK)
     panel.set(xlabel=axis.label, ylabel=unit.label)
@@ -174,7 +170,7 @@ def response_page(ds: xr.Dataset, look: Look) -> Page[ResponseContent]:
     """An amplitude and P_d over the number of a response."""
     of = str(ds.attrs["of"])
     points = [points_of_member(ds, i) for i in range(ds.sizes["member"])]
-    largest = float(np.nanmax(_counted(ds, of).to_numpy(), initial=0.0))
+    largest = float(np.nanmax(_levels_of(ds, of).to_numpy(), initial=0.0))
     labels = []
     if ds.attrs.get("over"):
         coordinate = next(a for a in ds.coords.values() if a.attrs.get("key") == ds.attrs["over"])
@@ -206,9 +202,9 @@ def _draw_response(panel: Axes, shown: ResponseContent) -> None:
     levels, free = [], _free_levels(shown)
     for i, points in enumerate(shown.points):
         member = ds.isel(member=i)
-        counted = _counted(member, shown.of) * factor
+        counted = _levels_of(member, shown.of) * factor
         levels.append(counted.to_numpy().ravel())
-        along_branch = None if points is None else _counted(points, shown.of).to_numpy() * factor
+        along_branch = None if points is None else _levels_of(points, shown.of).to_numpy() * factor
         _draw_member(panel, shown, i, counted, points, along_branch)
         panel.plot(axis.values, free[i], zorder=1, **FREE_LOOK)
     scale = axis.values / ds[_dim_of(ds, shown.of)].to_numpy()
@@ -225,7 +221,7 @@ def _draw_response(panel: Axes, shown: ResponseContent) -> None:
 def _free_levels(shown: ResponseContent) -> PlotArray:
     """The amplitude without contact (members, values)."""
     name, kind = shown.of.split("_")
-    free = _counted(shown.ds, f"{name}_free").isel(direction=0).transpose("member", ...)
+    free = _levels_of(shown.ds, f"{name}_free").isel(direction=0).transpose("member", ...)
     return free.to_numpy() * shown.unit.factor * (1.0 if kind == "peak" else np.sqrt(0.5))
 
 

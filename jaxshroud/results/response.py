@@ -12,6 +12,7 @@ from jaxshroud.io.response_data import (
     BRANCH_KIND,
     BRANCH_PREFIX,
     MEMBER,
+    is_of_row,
     joined_points,
     points_of_member,
 )
@@ -25,7 +26,6 @@ from jaxshroud.scene.quantities import unit_of
 from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -86,7 +86,7 @@ class Response(Result):
 
         sweeps = xr.concat([m.sweep.data for m in members], MEMBER, combine_attrs="drop", data_vars="all")
         rows = [(i, peak) for i, member in enumerate(members) for peak in member.peaks]
-        in_row = _is_of_row(sweeps)
+        in_row = is_of_row(sweeps)
         data = sweeps.assign(_peak_variables(rows, along, of))
         if in_row:
             data = data.assign(peak_blades=_amplitudes_of_blades(rows, of, sweeps.sizes["blade"]))
@@ -116,7 +116,7 @@ class Response(Result):
 
     @property
     def _dim(self) -> str:
-        return dimension(self.along, _is_of_row(self.data))
+        return dimension(self.along, is_of_row(self.data))
 
     def sweep(self, member: int = 0) -> SweepResult:
         """The sweep of a member."""
@@ -130,7 +130,7 @@ class Response(Result):
         points = points_of_member(self.data, member)
         if points is None:
             return None
-        return RowBranch(points) if _is_of_row(self.data) else Branch(points)
+        return RowBranch(points) if is_of_row(self.data) else Branch(points)
 
     @property
     def peaks(self) -> list[dict[str, Any]]:
@@ -151,7 +151,7 @@ class Response(Result):
             row["ratio"] = row["amplitude"] / free if free else np.nan
             row["reason"] = reason
         for row, levels in zip(rows, () if self.peak_blades is None else self.peak_blades, strict=False):
-            row["blades"] = np.flatnonzero(levels >= (1 - ALIKE) * levels.max()).tolist()
+            row["blades"] = np.flatnonzero(levels >= (1 - EQUAL_BLADES) * levels.max()).tolist()
         return rows
 
     @property
@@ -202,12 +202,7 @@ class Response(Result):
 MARCH_ATTRS = ("method", "steps_per_period", "accuracy", "drive_phase", "period_tol", "title", "scene", "source")
 
 
-ALIKE = 1e-6  # relative distance of amplitudes of blades that count as one
-
-
-def _is_of_row(data: "xr.Dataset") -> bool:
-    """Whether a response is that of a row of blades."""
-    return "P_d_worst" in data
+EQUAL_BLADES = 1e-6  # relative distance of amplitudes of blades that count as one
 
 
 def _amplitudes_of_blades(rows: Sequence[tuple[int, "Peak"]], of: str, blades: int) -> tuple[Any, ...]:

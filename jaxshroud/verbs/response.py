@@ -24,7 +24,7 @@ from jaxshroud.verbs.peak_ratio import free_peak
 from jaxshroud.verbs.sweep import sweep
 
 MAX_TRIED_PLACES = 4  # at which an orbit to begin with is sought
-SPREAD = 1e-3  # of the largest amplitude: blades of a travelling wave that has settled differ by less
+WAVE_SPREAD = 1e-3  # of the largest amplitude: blades of a travelling wave that has settled differ by less
 
 
 @typed
@@ -156,4 +156,4 @@ def _places(swept: SweepResult, values: np.ndarray, own: float, in_row: bool) ->
 
 def _is_broken(amplitude: np.ndarray) -> np.ndarray:
     """Whether amplitudes (values, blades) differ from blade to blade."""
-    return np.ptp(amplitude, axis=1) > SPREAD * amplitude.max(axis=1)
+    return np.ptp(amplitude, axis=1) > WAVE_SPREAD * amplitude.max(axis=1)
