@@ -188,6 +188,11 @@ def response_page(ds: xr.Dataset, look: Look) -> Page[ResponseContent]:
     return Page(content, RESPONSE_PANELS, title_of(ds), size, shared="x", finish=_finish_response)
 
 
+def _broken_look(whole: Properties, several: bool) -> Properties:
+    """The look of a broken branch, from that of a whole one: in a family it keeps the member's colour, and is thinner."""
+    return {**whole, "lw": 0.5} if several else BROKEN_LOOK
+
+
 def _broken(points: xr.Dataset) -> tuple[str, BoolArray]:
     """Whether each point is on a branch on which the shift of travelling waves is broken, as xarray takes it."""
     begun = [b for b, ends in enumerate(str(points.attrs["ends"]).split("; ")) if "localisation" in ends]
@@ -251,7 +256,7 @@ def _draw_member(
     whole: Properties = {"lw": 0.9, "color": MEMBER_COLOURS[i % len(MEMBER_COLOURS)] if several else INK}
     broken = points["broken"].to_numpy()
     for stable, part in stability_runs(points):
-        look = BROKEN_LOOK if broken[part].all() else whole
+        look = _broken_look(whole, several) if broken[part].all() else whole
         panel.plot(at[part], y[part], LINE_STYLES[stable], zorder=3, **look)
     marked = points["kind"].to_numpy() == BIFURCATION_KINDS.index("localisation")
     panel.plot(at[marked], y[marked], zorder=5, **LOCALISATION_LOOK)
@@ -293,7 +298,7 @@ def _response_handles(shown: ResponseContent) -> list[Artist]:
     if not stable.all():
         handles += [Line2D([], [], ls="--", lw=0.9, color=color, label="unstable")]
     if any(p["broken"].any() for p in every):
-        handles += [Line2D([], [], label="broken branch", **BROKEN_LOOK)]
+        handles += [Line2D([], [], label="broken branch", **_broken_look({"color": INK}, bool(shown.labels)))]
     if any((p["kind"] == BIFURCATION_KINDS.index("localisation")).any() for p in every):
         handles += [Line2D([], [], label="localisation", **LOCALISATION_LOOK)]
     if shown.ds.sizes.get("peak", 0):
