@@ -189,7 +189,7 @@ def response_page(ds: xr.Dataset, look: Look) -> Page[ResponseContent]:
 
 
 def _broken_look(whole: Properties, several: bool) -> Properties:
-    """The look of a broken branch, from that of a whole one: in a family it keeps the member's colour, and is thinner."""
+    """The look of a broken branch: in a family it has the colour of the whole one, and is thinner."""
     return {**whole, "lw": 0.5} if several else BROKEN_LOOK
 
 
