@@ -75,6 +75,15 @@ COMMANDS = {
         ],
         "branch/branch.png",
     ),
+    "row_response.png": (
+        [
+            "response row_ring12 --set row.blades=4 --set drive.engine_order=2 --set 'parts.motion=[\"x\"]' "
+            "--along drive.omega --start 800 --stop 1500 --num 36 --periods 16 --transient 200 --most-points 200 "
+            "--tableau dopri8 --steps-per-period 60 --out response",
+            'plot response/response.nc --title "A ring of four in anti-phase"',
+        ],
+        "response/response.png",
+    ),
     "response.png": (
         [
             "response engine_order --set 'parts.motion=[\"x\"]' --along drive.speed --start '1200 rpm' "

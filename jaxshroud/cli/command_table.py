@@ -319,10 +319,17 @@ COMMANDS = {
             Option("--over", "second number and its values: a family", metavar="K=A,B,C"),
             Option("--at", "where the branch begins; by default the scene's own value", metavar="VALUE"),
             Option("--most-points", "points of a branch in one direction, at most", count(2), 400, metavar="N"),
+            Option(
+                "--doublings",
+                "how often orbits from flips and broken waves of rings are followed; by default 0, of rows 1",
+                count(0),
+                metavar="N",
+            ),
             "--out",
         ),
-        arguments=("n_periods", "transient", "num", "most_points"),
+        arguments=("n_periods", "transient", "num", "most_points", "doublings"),
         files=("response.nc", "response.png", "summary.json"),
+        rows=True,
         module="response",
     ),
     "mistune": Command(

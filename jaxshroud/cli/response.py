@@ -53,7 +53,9 @@ def _output_response(completed: CompletedCall) -> None:
     result: Response = completed.result
     unit = result.data["peak_amplitude"].attrs["units"]
     shift, ratio = "shift from free peak", "over free peak"
+    in_row = result.peak_blades is not None
     heads = (result.along, f"{result.of} [{unit}]", "period", "stable", "half width over value", shift, ratio)
+    heads += ("largest blade",) if in_row else ()
     rows = [
         (
             _place_text(result, row["value"]),
@@ -63,6 +65,7 @@ def _output_response(completed: CompletedCall) -> None:
             f"{row['zeta']:.4g}" if np.isfinite(row["zeta"]) else row["reason"],
             f"{row['shift']:+.3%}",
             f"{row['ratio']:.4g}",
+            *([_blades_text(result, row["blades"])] if in_row else []),
         )
         for row in result.peaks
     ]
@@ -80,6 +83,11 @@ def _output_response(completed: CompletedCall) -> None:
     print_table(completed.title, {**shown, "written": files_written()})
     for line in result.messages:
         print(f"warning: {line}")
+
+
+def _blades_text(result: Response, blades: list[int]) -> str:
+    """The blades that swing most."""
+    return "all" if len(blades) == result.data.sizes["blade"] else ", ".join(map(str, blades))
 
 
 def _place_text(result: Response, value: float) -> str:

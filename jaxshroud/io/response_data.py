@@ -10,7 +10,13 @@ if TYPE_CHECKING:
 
 BRANCH_PREFIX, MEMBER = "branch_", "member"
 BRANCH_ENDS = "branch_ends"  # the attribute with the ends of each member's branches
+BRANCH_KIND = "branch_kind"  # the attribute with the kind of the branches, those of rows of blades
 BETWEEN_MEMBERS = " | "
+
+
+def is_of_row(data: "xr.Dataset") -> bool:
+    """Whether a sweep, a branch or a response is that of a row of blades."""
+    return "P_d_worst" in data
 
 
 def joined_points(branches: "Sequence[xr.Dataset | None]") -> "xr.Dataset":
@@ -39,4 +45,4 @@ def points_of_member(data: "xr.Dataset", member: int) -> "xr.Dataset | None":
     names = {str(n): str(n).removeprefix(BRANCH_PREFIX) for n in data.data_vars if str(n).startswith(BRANCH_PREFIX)}
     points = data[[*names]].rename(names)
     own = points.isel(point=np.flatnonzero(points[MEMBER].to_numpy() == member)).drop_vars(MEMBER)
-    return own.assign_attrs(data.attrs, ends_of_branches=ends, kind="branch")
+    return own.assign_attrs(data.attrs, ends=ends, kind=data.attrs.get(BRANCH_KIND, "branch"))

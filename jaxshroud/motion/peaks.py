@@ -15,8 +15,10 @@ from jaxshroud.motion.batched_algorithms import Algorithm, run_together
 from jaxshroud.motion.bifurcation import ContactSummary, contact_summary, locate_point
 from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, corrected_point
 from jaxshroud.motion.branch_continuation import ContinuedBranch
+from jaxshroud.scene.quantities import counted_amplitude
 
 MAX_PARABOLAS = 12  # fitted to an amplitude about its maximum
+COPY = 1e-6  # relative distance of two peaks that are of one motion
 PLACED = 1e-6  # of the distance between the neighbours: a smaller shift of the maximum does not count
 
 
@@ -31,19 +33,47 @@ class Peak(NamedTuple):
     low: float  # where the amplitude has fallen to half power, on either side; NaN if it has not
     high: float
     reason: str  # why there is no width; empty if there is one
+    of_blades: np.ndarray  # (blades,) amplitude of each at the maximum
+
+
+class Peaked(NamedTuple):
+    """The amplitude whose peaks are sought: that of the blade of a row that swings most, of a pair the left blade's."""
+
+    problem: ContinuationProblem
+    of: str
+
+    def level(self, touch: ContactSummary) -> float:
+        """The amplitude of an orbit."""
+        return float(counted_amplitude(touch.amplitudes[self.of], self.problem.scene.row is not None))
 
 
 def branch_peaks(problem: ContinuationProblem, branches: Sequence[ContinuedBranch], of: str) -> list[Peak]:
-    """The peaks of an amplitude of the left blade on branches, e.g. "x_peak", in order."""
+    """The peaks of an amplitude on branches, e.g. "x_peak", in order."""
+    peaked = Peaked(problem, of)
     places = [
         (b, i)
         for b, branch in enumerate(branches)
         for i in range(1, len(branch.points) - 1)
-        if _is_maximum([touch.amplitudes[of][0] for touch in branch.touches[i - 1 : i + 2]])
+        if _is_maximum([peaked.level(touch) for touch in branch.touches[i - 1 : i + 2]])
         and "jump" not in {point.kind for point in branch.points[i : i + 2]}
     ]
-    peaks = run_together([_peak(problem, branches[b], b, i, of) for b, i in places])
-    return [peak for peak in peaks if isinstance(peak, Peak)]
+    peaks = run_together([_peak(peaked, branches[b], b, i) for b, i in places])
+    found = [peak for peak in peaks if isinstance(peak, Peak)]
+    return found if problem.scene.row is None else _without_copies(found)
+
+
+def _without_copies(peaks: Sequence[Peak]) -> list[Peak]:
+    """The peaks of a row without those of the same motion of other blades, which a broken branch passes as well."""
+    kept: list[Peak] = []
+    for peak in peaks:
+        if not any(_is_copy(peak, other) for other in kept):
+            kept.append(peak)
+    return kept
+
+
+def _is_copy(one: Peak, other: Peak) -> bool:
+    numbers = lambda peak: np.array([peak.q, peak.value, peak.amplitude])
+    return np.allclose(numbers(one), numbers(other), rtol=COPY, atol=0)
 
 
 def _is_maximum(levels: Sequence[float]) -> bool:
@@ -51,28 +81,29 @@ def _is_maximum(levels: Sequence[float]) -> bool:
     return bool(before < here and here >= after)
 
 
-def _peak(problem: ContinuationProblem, branch: ContinuedBranch, number: int, i: int, of: str) -> Algorithm[Peak]:
+def _peak(peaked: Peaked, branch: ContinuedBranch, number: int, i: int) -> Algorithm[Peak]:
     """The peak about point `i` of a branch."""
-    top, level = yield from _maximum(problem, branch.points[i - 1 : i + 2], branch.touches[i - 1 : i + 2], of)
+    top, touch = yield from _maximum(peaked, branch.points[i - 1 : i + 2], branch.touches[i - 1 : i + 2])
+    level = peaked.level(touch)
     ends, reasons = [], []
     for side in (-1, 1):
-        value, reason = yield from _half_power(problem, branch, i, side, level * HALF_POWER, of)
+        value, reason = yield from _half_power(peaked, branch, i, side, level * HALF_POWER)
         ends.append(value)
         reasons.append(reason)
     reason = next(filter(None, reasons), "")
     low, high = (np.nan, np.nan) if reason else sorted(ends)
     stable = bool(np.all(np.abs(top.multipliers) < 1))
-    return Peak(number, top.value, level, top.cycle.q, stable, low, high, reason)
+    return Peak(number, top.value, level, top.cycle.q, stable, low, high, reason, touch.amplitudes[peaked.of])
 
 
 def _maximum(
-    problem: ContinuationProblem, points: Sequence[BranchPoint], touches: Sequence[ContactSummary], of: str
-) -> Algorithm[tuple[BranchPoint, float]]:
-    """The point between three at which the amplitude is largest, and the amplitude, by successive parabolas."""
+    peaked: Peaked, points: Sequence[BranchPoint], touches: Sequence[ContactSummary]
+) -> Algorithm[tuple[BranchPoint, ContactSummary]]:
+    """The point between three at which the amplitude is largest, and its contacts, by successive parabolas."""
     chord = points[2].y - points[0].y
     normal = chord / np.linalg.norm(chord)
     places = [float((point.y - points[0].y) @ normal) for point in points]
-    found = [(s, touch.amplitudes[of][0], point) for s, touch, point in zip(places, touches, points, strict=True)]
+    found = [(s, peaked.level(touch), p, touch) for s, touch, p in zip(places, touches, points, strict=True)]
     for _ in range(MAX_PARABOLAS):
         nearest = sorted(found, key=lambda one: -one[1])[:3]
         s = _vertex([one[:2] for one in nearest])
@@ -80,13 +111,13 @@ def _maximum(
             break
         guess = _parabola_at([(one[0], one[2].y) for one in nearest], s)
         start = nearest[0][2].cycle
-        point = yield from corrected_point(problem, guess, normal, start.start, start.q)
+        point = yield from corrected_point(peaked.problem, guess, normal, start.start, start.q)
         if point is None:
             break
         touch = yield from contact_summary(point)
-        found.append((s, touch.amplitudes[of][0], point))
-    _, level, top = max(found, key=lambda one: one[1])
-    return top, float(level)
+        found.append((s, peaked.level(touch), point, touch))
+    _, _, top, touch = max(found, key=lambda one: one[1])
+    return top, touch
 
 
 def _vertex(points: Sequence[tuple[float, float]]) -> float:
@@ -105,7 +136,7 @@ def _parabola_at(points: Sequence[tuple[float, np.ndarray]], s: float) -> np.nda
 
 
 def _half_power(
-    problem: ContinuationProblem, branch: ContinuedBranch, i: int, side: int, level: float, of: str
+    peaked: Peaked, branch: ContinuedBranch, i: int, side: int, level: float
 ) -> Algorithm[tuple[float, str]]:
     """Where the amplitude falls to a level on one side of point `i`, or why there is no such place."""
     points, touches = branch.points, branch.touches
@@ -120,13 +151,13 @@ def _half_power(
         if turned and move * turned < 0:
             return math.nan, f"the peak bends back at {points[here].value:.6g}: it has several values"
         turned = move or turned
-        if touches[there].amplitudes[of][0] < level:
+        if peaked.level(touches[there]) < level:
             break
         here = there
 
     def excess(point: BranchPoint) -> Algorithm[float]:
         touch = yield from contact_summary(point)
-        return float(touch.amplitudes[of][0] / level - 1)
+        return peaked.level(touch) / level - 1
 
-    point, _ = yield from locate_point(problem, points[here], points[there], excess)
+    point, _ = yield from locate_point(peaked.problem, points[here], points[there], excess)
     return point.value, ""

@@ -15,14 +15,13 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.tangents import TangentProblem, Tangents
-from jaxshroud.model.modes import Status
+from jaxshroud.model.modes import WAVE_RESIDUAL, Status
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives
 from jaxshroud.motion.orbit import PeriodicOrbit, determined
 from jaxshroud.motion.shooting import state_scales
 from jaxshroud.scene.scene import Scene, without_given
 
 PHASE_ROUNDING = 1e-9  # [rad] by which phases may miss those of an engine order
-WAVE_RESIDUAL = 1e-8  # of the reduced map: an orbit that misses it by less is a travelling wave
 REAL_SHARE = 1e-6  # of a multiplier's magnitude: a smaller imaginary part is rounding
 
 

@@ -9,10 +9,10 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from jaxshroud.io.response_data import points_of_member
-from jaxshroud.model.modes import Status
+from jaxshroud.io.response_data import is_of_row, points_of_member
+from jaxshroud.model.modes import BIFURCATION_KINDS, WAVE_RESIDUAL, Status
 from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.plot_branch import LINE_STYLES, retraced, stability_runs
+from jaxshroud.plotting.plot_branch import LINE_STYLES, MARKER_SIZE, MARKERS, retraced, stability_runs
 from jaxshroud.plotting.plot_directions import DIRECTION_STYLES
 from jaxshroud.plotting.scales import ParameterAxis, parameter_axis, title_of
 from jaxshroud.plotting.style import (
@@ -27,17 +27,24 @@ from jaxshroud.plotting.style import (
     RED,
     SKY,
     AnyFigure,
+    BoolArray,
     Look,
     PlotArray,
     Properties,
     legend_below,
 )
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.quantities import counted_amplitude
 
 DISPLACEMENT_SYMBOLS = {"x": "x_1", "y": "y_1", "theta": r"\theta_1"}
 KINDS = {"peak": "amplitude of", "rms": "RMS of", "mean": "mean of"}
 FREE_LOOK: Properties = {"color": GREY, "lw": 0.8, "ls": (0, (1.2, 1.2))}
 MEMBER_COLOURS = (BLUE, ORANGE, GREEN, PINK, RED, SKY)
+BROKEN_LOOK: Properties = {"color": RED, "lw": 0.9}  # of waves whose shift is broken
+LOCALISATION_LOOK: Properties = {
+    **{"marker": MARKERS["localisation"][0], "mfc": MARKERS["localisation"][1], "ls": ""},
+    **{"ms": MARKER_SIZE, "mec": INK, "mew": 0.5},
+}
 MAX_IN_LEGEND = 8  # members of a family
 
 
@@ -59,6 +66,18 @@ def amplitude_unit(of: str, largest: float, look: Look) -> AmplitudeUnit:
     return AmplitudeUnit(factor, f"{label} [{text}]")
 
 
+def _unit_in(ds: xr.Dataset, of: str, largest: float, look: Look) -> AmplitudeUnit:
+    """The unit of the amplitude that counts in a dataset."""
+    unit = amplitude_unit(of, largest, look)
+    return unit._replace(label=f"largest {unit.label.replace('_1', '')}") if is_of_row(ds) else unit
+
+
+def _levels_of(ds: xr.Dataset, name: str) -> xr.DataArray:
+    """The amplitude that counts, without the dimension `blade`."""
+    levels = ds[name].transpose(..., "blade")
+    return levels.isel(blade=0).copy(data=counted_amplitude(levels.to_numpy(), is_of_row(ds)))
+
+
 class AmplitudeContent(NamedTuple):
     """The amplitudes of a sweep along one number."""
 
@@ -68,7 +87,9 @@ class AmplitudeContent(NamedTuple):
 
 
 def amplitude_page(ds: xr.Dataset, look: Look) -> Page[AmplitudeContent]:
-    """The amplitudes of the left blade's x, y and theta over the number of a sweep, with the free ones dashed.
+    """The amplitudes of x, y and theta over the number of a sweep, with the free ones dashed.
+
+    They are those of the left blade, of a row those of the blade that swings most.
 
     Raises:
         ValueError: The sweep has no amplitudes, or more than one axis.
@@ -88,11 +109,11 @@ def amplitude_page(ds: xr.Dataset, look: Look) -> Page[AmplitudeContent]:
 
 def _draw_amplitude(panel: Axes, shown: AmplitudeContent, name: str) -> None:
     ds, axis, look = shown
-    left = ds.isel(blade=0)
-    levels = left[f"{name}_peak"].to_numpy()
-    unit = amplitude_unit(f"{name}_peak", float(np.nanmax(levels, initial=0.0)), look)
-    _draw_directions(panel, left, axis.values, f"{name}_peak", unit)
-    free = left[f"{name}_free"]
+    counted = _levels_of(ds, f"{name}_peak")
+    levels = counted.to_numpy()
+    unit = _unit_in(ds, f"{name}_peak", float(np.nanmax(levels, initial=0.0)), look)
+    _draw_directions(panel, counted.to_dataset(name="level").assign(status=ds["status"]), axis.values, unit)
+    free = _levels_of(ds, f"{name}_free")
     free = free.isel(direction=0) if "direction" in free.dims else free
     panel.plot(axis.values, free.to_numpy() * unit.factor, **FREE_LOOK)
     panel.set(xlabel=axis.label, ylabel=unit.label)
@@ -100,17 +121,19 @@ def _draw_amplitude(panel: Axes, shown: AmplitudeContent, name: str) -> None:
 
 
 def _amplitude_limits(levels: PlotArray, free: PlotArray) -> tuple[float, float]:
-    """An axis from 0 that shows all amplitudes, and the free ones where these are not many times larger."""
+    """An axis from 0 that shows all amplitudes, and of the free ones those that are not many times larger."""
     top, most = float(np.nanmax(levels, initial=0.0)), float(np.nanmax(free, initial=0.0))
-    return 0.0, 1.06 * (max(top, most) if most < 4 * top else 1.6 * top) or 1.0
+    least = float(np.nanmin(free, initial=np.inf))
+    some = 1.6 * top if least < 1.6 * top else top
+    return 0.0, 1.06 * (max(top, most) if most < 4 * top else some) or 1.0
 
 
-def _draw_directions(panel: Axes, ds: xr.Dataset, values: PlotArray, name: str, unit: AmplitudeUnit) -> None:
-    """The amplitude of each lane, in all directions of the sweep."""
+def _draw_directions(panel: Axes, ds: xr.Dataset, values: PlotArray, unit: AmplitudeUnit) -> None:
+    """The amplitude `level` of each lane, in all directions of the sweep."""
     ways = list(DIRECTION_STYLES) if "direction" in ds.dims else [None]
     for way in ways:
         lanes = ds if way is None else ds.sel(direction=way)
-        level = np.where(lanes["status"].to_numpy() == Status.OK, lanes[name].to_numpy(), np.nan) * unit.factor
+        level = np.where(lanes["status"].to_numpy() == Status.OK, lanes["level"].to_numpy(), np.nan) * unit.factor
         _, color, marker, size = DIRECTION_STYLES[way] if way else ("", BLUE, "o", 2.0)
         line: Properties = {"lw": 0.8, "ls": "-"} if way is None else {"lw": 0, "ls": ""}
         panel.plot(values, level, marker=marker, ms=size, mew=0, color=color, **line)
@@ -147,7 +170,7 @@ def response_page(ds: xr.Dataset, look: Look) -> Page[ResponseContent]:
     """An amplitude and P_d over the number of a response."""
     of = str(ds.attrs["of"])
     points = [points_of_member(ds, i) for i in range(ds.sizes["member"])]
-    largest = float(np.nanmax(ds[of].isel(blade=0).to_numpy(), initial=0.0))
+    largest = float(np.nanmax(_levels_of(ds, of).to_numpy(), initial=0.0))
     labels = []
     if ds.attrs.get("over"):
         coordinate = next(a for a in ds.coords.values() if a.attrs.get("key") == ds.attrs["over"])
@@ -156,25 +179,39 @@ def response_page(ds: xr.Dataset, look: Look) -> Page[ResponseContent]:
     content = ResponseContent(
         ds,
         parameter_axis(ds[_dim_of(ds, of)], look),
-        [None if one is None else one.assign(retraced=("point", retraced(one))) for one in points],
+        [None if one is None else one.assign(retraced=("point", retraced(one)), broken=_broken(one)) for one in points],
         of,
-        amplitude_unit(of, largest, look),
+        _unit_in(ds, of, largest, look),
         labels,
     )
     size = COLUMN_WIDTH, 4.6
     return Page(content, RESPONSE_PANELS, title_of(ds), size, shared="x", finish=_finish_response)
 
 
+def _broken_look(whole: Properties, several: bool) -> Properties:
+    """The look of a broken branch: in a family it has the colour of the whole one, and is thinner."""
+    return {**whole, "lw": 0.5} if several else BROKEN_LOOK
+
+
+def _broken(points: xr.Dataset) -> tuple[str, BoolArray]:
+    """Whether each point is on a branch on which the shift of travelling waves is broken, as xarray takes it."""
+    begun = [b for b, ends in enumerate(str(points.attrs["ends"]).split("; ")) if "localisation" in ends]
+    broken = np.isin(points["branch"].to_numpy(), begun)
+    if "wave_residual" in points:
+        broken |= points["wave_residual"].to_numpy() > WAVE_RESIDUAL
+    return "point", broken
+
+
 def _draw_response(panel: Axes, shown: ResponseContent) -> None:
     ds, axis, factor = shown.ds, shown.axis, shown.unit.factor
-    levels, free, name = [], np.zeros(0), shown.of.split("_")[0]
-    share = 1.0 if shown.of.endswith("peak") else np.sqrt(0.5)
+    levels, free = [], _free_levels(shown)
     for i, points in enumerate(shown.points):
-        member = ds.isel(member=i, blade=0)
-        levels.append(member[shown.of].to_numpy().ravel() * factor)
-        _draw_member(panel, shown, i, member[shown.of] * factor, points, None if points is None else points[shown.of])
-        free = member[f"{name}_free"].isel(direction=0).to_numpy() * factor * share
-        panel.plot(axis.values, free, zorder=1, **FREE_LOOK)
+        member = ds.isel(member=i)
+        counted = _levels_of(member, shown.of) * factor
+        levels.append(counted.to_numpy().ravel())
+        along_branch = None if points is None else _levels_of(points, shown.of).to_numpy() * factor
+        _draw_member(panel, shown, i, counted, points, along_branch)
+        panel.plot(axis.values, free[i], zorder=1, **FREE_LOOK)
     scale = axis.values / ds[_dim_of(ds, shown.of)].to_numpy()
     ratio = float(np.nanmedian(scale)) if np.isfinite(scale).any() else 1.0
     places, tops = ds["peak_value"].to_numpy() * ratio, ds["peak_amplitude"].to_numpy() * factor
@@ -186,12 +223,24 @@ def _draw_response(panel: Axes, shown: ResponseContent) -> None:
     panel.set(xlabel=axis.label, ylabel=shown.unit.label, ylim=_amplitude_limits(every, free))
 
 
+def _free_levels(shown: ResponseContent) -> PlotArray:
+    """The amplitude without contact (members, values)."""
+    name, kind = shown.of.split("_")
+    free = _levels_of(shown.ds, f"{name}_free").isel(direction=0).transpose("member", ...)
+    return free.to_numpy() * shown.unit.factor * (1.0 if kind == "peak" else np.sqrt(0.5))
+
+
 def _dim_of(ds: xr.Dataset, of: str) -> str:
     return next(str(d) for d in ds[of].dims if d not in ("member", "direction", "blade"))
 
 
 def _draw_member(
-    panel: Axes, shown: ResponseContent, i: int, levels: xr.DataArray, points: xr.Dataset | None, along_branch
+    panel: Axes,
+    shown: ResponseContent,
+    i: int,
+    levels: xr.DataArray,
+    points: xr.Dataset | None,
+    along_branch: PlotArray | None,
 ) -> None:
     """The sweeps of a member as points, and its branches as lines."""
     values, several = shown.axis.values, bool(shown.labels)
@@ -203,18 +252,20 @@ def _draw_member(
     if points is None or along_branch is None:
         return
     at = parameter_axis(points["value"].assign_attrs(key=shown.ds.attrs["along"])).values
-    level = along_branch.isel(blade=0) if "blade" in along_branch.dims else along_branch
-    factor = 1.0 if level.name == "P_d" else shown.unit.factor
-    y = np.where(points["retraced"].to_numpy(), np.nan, level.to_numpy() * factor)
-    color = MEMBER_COLOURS[i % len(MEMBER_COLOURS)] if several else INK
+    y = np.where(points["retraced"].to_numpy(), np.nan, along_branch)
+    whole: Properties = {"lw": 0.9, "color": MEMBER_COLOURS[i % len(MEMBER_COLOURS)] if several else INK}
+    broken = points["broken"].to_numpy()
     for stable, part in stability_runs(points):
-        panel.plot(at[part], y[part], LINE_STYLES[stable], lw=0.9, color=color, zorder=3)
+        look = _broken_look(whole, several) if broken[part].all() else whole
+        panel.plot(at[part], y[part], LINE_STYLES[stable], zorder=3, **look)
+    marked = points["kind"].to_numpy() == BIFURCATION_KINDS.index("localisation")
+    panel.plot(at[marked], y[marked], zorder=5, **LOCALISATION_LOOK)
 
 
 def _draw_response_power(panel: Axes, shown: ResponseContent) -> None:
     for i, points in enumerate(shown.points):
         P_d = shown.ds["P_d"].isel(member=i)
-        _draw_member(panel, shown, i, P_d, points, None if points is None else points["P_d"])
+        _draw_member(panel, shown, i, P_d, points, None if points is None else points["P_d"].to_numpy())
     panel.set(xlabel=shown.axis.label, ylabel="$P_d$ [%]")
 
 
@@ -225,7 +276,9 @@ def _finish_response(figure: AnyFigure, axes: Mapping[str, Axes], shown: Respons
     panels = [*axes.values()]
     panels[-1].set(xlim=shown.axis.edges[[0, -1]])
     figure.align_ylabels(panels)
-    legend_below(figure, _response_handles(shown))
+    in_view = "amplitude" in axes and np.any(_free_levels(shown) < axes["amplitude"].get_ylim()[1])
+    free = [Line2D([], [], label="without contact", **FREE_LOOK)] if in_view else []
+    legend_below(figure, [*_response_handles(shown), *free])
 
 
 def _response_handles(shown: ResponseContent) -> list[Artist]:
@@ -237,12 +290,17 @@ def _response_handles(shown: ResponseContent) -> list[Artist]:
         handles += [Line2D([], [], color=color, lw=0.9, label=label) for label, color in rows]
     else:
         handles += _direction_entries(shown.ds)
-    stable = np.concatenate([[True], *(p["stable"].to_numpy() for p in shown.points if p is not None)])
+    every = [p for p in shown.points if p is not None]
+    stable = np.concatenate([[True], *(p["stable"].to_numpy() for p in every)])
     color = INK
-    if any(p is not None for p in shown.points):
+    if every:
         handles += [Line2D([], [], ls="-", lw=0.9, color=color, label="stable orbit")]
     if not stable.all():
         handles += [Line2D([], [], ls="--", lw=0.9, color=color, label="unstable")]
+    if any(p["broken"].any() for p in every):
+        handles += [Line2D([], [], label="broken branch", **_broken_look({"color": INK}, bool(shown.labels)))]
+    if any((p["kind"] == BIFURCATION_KINDS.index("localisation")).any() for p in every):
+        handles += [Line2D([], [], label="localisation", **LOCALISATION_LOOK)]
     if shown.ds.sizes.get("peak", 0):
         handles += [Line2D([], [], ls="", marker="^", ms=3.5, mfc="white", mec=INK, mew=0.6, label="peak")]
-    return [*handles, Line2D([], [], label="without contact", **FREE_LOOK)]
+    return handles

@@ -9,7 +9,7 @@ from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.scene_numbers import key_attrs
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Variable
-from jaxshroud.model.modes import BIFURCATION_KINDS, MULTIPLIER_KINDS
+from jaxshroud.model.modes import BIFURCATION_KINDS, MULTIPLIER_KINDS, WAVE_RESIDUAL
 from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Result
 from jaxshroud.results.orbit import component_names
@@ -261,8 +261,6 @@ class RowBranch(Branch):
     @property
     def is_wave(self) -> np.ndarray:
         """Whether each orbit is a travelling wave, (points,)."""
-        from jaxshroud.motion.travelling_wave import WAVE_RESIDUAL
-
         return self.wave_residual <= WAVE_RESIDUAL
 
     def _breaking_multiplier(self, point: int) -> complex:

@@ -9,8 +9,10 @@ from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.response_data import (
     BETWEEN_MEMBERS,
     BRANCH_ENDS,
+    BRANCH_KIND,
     BRANCH_PREFIX,
     MEMBER,
+    is_of_row,
     joined_points,
     points_of_member,
 )
@@ -18,8 +20,9 @@ from jaxshroud.io.scene_numbers import dimension, key_attrs
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.results.base import Result
-from jaxshroud.results.branch import Branch
+from jaxshroud.results.branch import Branch, RowBranch
 from jaxshroud.results.sweep import SweepResult
+from jaxshroud.scene.quantities import unit_of
 from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
@@ -44,7 +47,8 @@ class Response(Result):
     """An amplitude over one number of a scene: sweeps in both directions and from rest, branches, and peaks.
 
     Arrays of sweeps start with `member`, one for each value of the second number (one where there is none), followed by
-    `direction` and the first number. The peaks of all members have the dimension `peak`.
+    `direction` and the first number. The peaks of all members have the dimension `peak`. The amplitude of a row is that
+    of the blade that swings most.
     """
 
     stored_as = "response"
@@ -58,6 +62,7 @@ class Response(Result):
     peak_low = Variable("where the amplitude is 1/sqrt(2) of the peak, below it; NaN if there is no such place")
     peak_high = Variable("where the amplitude is 1/sqrt(2) of the peak, above it; NaN if there is no such place")
     peak_zeta = Variable("damping ratio that the width means, half the width over the value; NaN without a width", "1")
+    peak_blades = Variable("amplitude of each blade at the peak; in rows only", dims=("blade",))
     free_value = Variable("where the peak without contact is: value of the first number", dims=(MEMBER,))
     free_amplitude = Variable("amplitude of the peak without contact", dims=(MEMBER,))
     along = Attribute(str)
@@ -81,13 +86,16 @@ class Response(Result):
 
         sweeps = xr.concat([m.sweep.data for m in members], MEMBER, combine_attrs="drop", data_vars="all")
         rows = [(i, peak) for i, member in enumerate(members) for peak in member.peaks]
+        in_row = is_of_row(sweeps)
         data = sweeps.assign(_peak_variables(rows, along, of))
+        if in_row:
+            data = data.assign(peak_blades=_amplitudes_of_blades(rows, of, sweeps.sizes["blade"]))
         data = data.assign(
             free_value=(MEMBER, [m.free[0] for m in members]), free_amplitude=(MEMBER, [m.free[1] for m in members])
         )
         data = data.merge(joined_points([None if m.branch is None else m.branch.data for m in members]))
         for key, values in over.items():
-            data = data.assign_coords({dimension(key): (MEMBER, values, key_attrs(key))})
+            data = data.assign_coords({dimension(key, in_row): (MEMBER, values, key_attrs(key, in_row))})
         words = {
             "along": along,
             "over": next(iter(over), ""),
@@ -95,6 +103,7 @@ class Response(Result):
             "peak_reasons": "; ".join(peak.reason for _, peak in rows),
             "branch_reasons": "; ".join(m.reason for m in members),
             BRANCH_ENDS: BETWEEN_MEMBERS.join(m.branch.ends_of_branches if m.branch else "" for m in members),
+            BRANCH_KIND: (RowBranch if in_row else Branch).stored_as,
         }
         marched = {n: members[0].sweep.data.attrs[n] for n in MARCH_ATTRS if n in members[0].sweep.data.attrs}
         data.attrs = {**attrs, **marched, **words, "kind": cls.stored_as}
@@ -103,26 +112,32 @@ class Response(Result):
     @property
     def values(self) -> np.ndarray:
         """The values of the first number in the sweeps, in SI units."""
-        return self.data[dimension(self.along)].to_numpy()
+        return self.data[self._dim].to_numpy()
+
+    @property
+    def _dim(self) -> str:
+        return dimension(self.along, is_of_row(self.data))
 
     def sweep(self, member: int = 0) -> SweepResult:
         """The sweep of a member."""
         data = self.data.isel({MEMBER: member})
         own = [name for name in data.data_vars if not str(name).startswith((BRANCH_PREFIX, "peak_", "free_"))]
-        attrs = {"axes": dimension(self.along), "complete": 1, "kind": SweepResult.stored_as}
+        attrs = {"axes": self._dim, "complete": 1, "kind": SweepResult.stored_as}
         return SweepResult(data[own].drop_vars([BRANCH_PREFIX + "point"], errors="ignore").assign_attrs(attrs))
 
     def branch(self, member: int = 0) -> Branch | None:
-        """The branches of a member; None where no periodic orbit was found to begin with."""
+        """The branches of a member, of rows a `RowBranch`; None where no periodic orbit was found to begin with."""
         points = points_of_member(self.data, member)
-        return None if points is None else Branch(points)
+        if points is None:
+            return None
+        return RowBranch(points) if is_of_row(self.data) else Branch(points)
 
     @property
     def peaks(self) -> list[dict[str, Any]]:
         """Each peak as a dictionary: member, value, amplitude, q, stable, low, high, zeta, shift, ratio and reason.
 
         `shift` is the relative distance of its value from that of the peak without contact, `ratio` the amplitude over
-        that of the peak without contact; NaN where that is 0.
+        that of the peak without contact; NaN where that is 0. Of rows `blades` are those that swing most, to 1e-6.
         """
         names: tuple[str, ...] = ("member", "value", "amplitude", "q", "stable", "low", "high", "zeta")
         columns = [getattr(self, f"peak_{name}") for name in names]
@@ -135,6 +150,8 @@ class Response(Result):
             free = float(self.free_amplitude[row["member"]])
             row["ratio"] = row["amplitude"] / free if free else np.nan
             row["reason"] = reason
+        for row, levels in zip(rows, () if self.peak_blades is None else self.peak_blades, strict=False):
+            row["blades"] = np.flatnonzero(levels >= (1 - EQUAL_BLADES) * levels.max()).tolist()
         return rows
 
     @property
@@ -159,7 +176,9 @@ class Response(Result):
 
     @typed
     def plot(self, ax: "Axes | None" = None, *, panel: str | None = None, **options: "Unpack[LookOptions]") -> "Figure":
-        """The amplitude over the number: sweeps as points, branches as lines, the free response dashed, and P_d.
+        """The amplitude over the number: sweeps as points, branches as lines, the free response dotted, and P_d.
+
+        Broken waves of rings are in another colour, with a mark where they begin.
 
         Args:
             ax: Draw one panel there, by default the first.
@@ -183,11 +202,20 @@ class Response(Result):
 MARCH_ATTRS = ("method", "steps_per_period", "accuracy", "drive_phase", "period_tol", "title", "scene", "source")
 
 
+EQUAL_BLADES = 1e-6  # relative distance of amplitudes of blades that count as one
+
+
+def _amplitudes_of_blades(rows: Sequence[tuple[int, "Peak"]], of: str, blades: int) -> tuple[Any, ...]:
+    """The amplitude of each blade at each peak, as xarray takes a variable."""
+    attrs = Response.variables["peak_blades"].attributes | {"units": unit_of(of)}
+    return ("peak", "blade"), np.reshape([peak.of_blades for _, peak in rows], (len(rows), blades)), attrs
+
+
 def _peak_variables(rows: Sequence[tuple[int, "Peak"]], along: str, of: str) -> dict[str, Any]:
     """The variables of all peaks."""
     field = lambda name: np.array([getattr(peak, name) for _, peak in rows])
     place = {"key": along, "units": key_attrs(along)["units"]}
-    unit = {"units": "rad" if of.startswith("theta") else "m"}
+    unit = {"units": unit_of(of)}
     low, high, value = (field(name).astype(float) for name in ("low", "high", "value"))
     columns = {
         "member": (np.array([i for i, _ in rows], int), {}),

@@ -11,7 +11,7 @@ import numpy as np
 from jaxshroud.motion.amplitudes import free_amplitudes
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import find_key
-from jaxshroud.scene.quantities import DISPLACEMENTS
+from jaxshroud.scene.quantities import DISPLACEMENTS, counted_amplitude
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.vary import with_numbers
 from jaxshroud.verbs.sweep import sweep
@@ -94,11 +94,13 @@ def _peak_in(value: float, level: float, ends: tuple[float, float]) -> PeakOfSwe
 def free_peak(scene: Scene, along: str, low: float, high: float, of: str) -> PeakOfSweep:
     """Where an amplitude without contact is largest in a range of a number, and that amplitude."""
     name, kind = of.split("_")
+    row, in_row = DISPLACEMENTS.index(name), scene.row is not None
     share = 1.0 if kind == "peak" else np.sqrt(0.5)
     numbered, values, at, level = with_numbers(scene, [along]), np.array([low, high]), low, 0.0
     for _ in range(FREE_ZOOMS):
         values = np.linspace(values[0], values[-1], FREE_VALUES)
-        levels = free_amplitudes(scenes_at(numbered, [along], values[:, None]))[DISPLACEMENTS.index(name)][:, 0]
+        every = free_amplitudes(scenes_at(numbered, [along], values[:, None]))[row]
+        levels = counted_amplitude(every, in_row)
         top = int(levels.argmax())
         at, level, values = float(values[top]), float(levels[top]), values[max(top - 1, 0) : top + 2]
     return _peak_in(at, level * share, (low, high))

@@ -19,11 +19,12 @@ from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, vary, with_numbers
 from jaxshroud.verbs.branch import BranchStart, continued, range_of
 from jaxshroud.verbs.lanes import one_scene
-from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.options import check_row, resolve_options
 from jaxshroud.verbs.peak_ratio import free_peak
 from jaxshroud.verbs.sweep import sweep
 
 MAX_TRIED_PLACES = 4  # at which an orbit to begin with is sought
+WAVE_SPREAD = 1e-3  # of the largest amplitude: blades of a travelling wave that has settled differ by less
 
 
 @typed
@@ -38,7 +39,7 @@ def response(
     over: Mapping[str, ArrayLike | Sequence[float]] | None = None,
     at: float | None = None,
     most_points: int = 400,
-    doublings: int = 0,
+    doublings: int | None = None,
     n_periods: int | None = None,
     transient: int | None = None,
     method: Method | str | float | None = None,
@@ -48,6 +49,8 @@ def response(
 
     The scene is swept forward, backward and from rest, and the orbit that it settles on is followed along the number,
     past folds, stable or not. Along that branch the peaks of the amplitude are placed, with their width at half power.
+    The amplitude of a row is that of the blade that swings most; travelling waves of a ring of alike blades are
+    followed, and the broken waves that begin where their shift breaks, see `branch`.
 
     Args:
         scene: One scene, or a scene file, whose [run] and [sweep] count where an argument is not given.
@@ -55,20 +58,22 @@ def response(
         start: One end of its range, in SI units.
         stop: The other end.
         num: Values of the sweeps.
-        of: The amplitude of the left blade whose peaks are sought: "x_peak", "x_rms", "y_peak" and so on.
+        of: The amplitude whose peaks are sought, of the left blade of a pair or of the blade of a row that swings
+            most: "x_peak", "x_rms", "y_peak" and so on.
         over: A second number with its values: a family of responses.
         at: The value at which the branch begins; by default where the sweep from rest has settled on an
-            orbit, as near to the scene's own value as there is one.
+            orbit, as near to the scene's own value as there is one; of a ring one on which all blades swing alike.
         most_points: Largest number of points of a branch in one direction.
-        doublings: How many times in succession orbits of twice the period are followed from flips.
+        doublings: How many times in succession orbits of twice the period are followed from flips, and broken waves
+            of a ring from localisation; by default 0, of rows 1.
         n_periods: Drive periods kept of each value of the sweeps; by default 64.
         transient: Drive periods run and discarded first; by default 64.
         method: How to march: a method, or the accuracy that chooses one; see `method_for`.
         progress: Called with (lane-periods done, lane-periods in all) of each part.
 
     Returns:
-        The sweeps, the branches where there is a periodic orbit to begin with, and the peaks. Branches that are not
-        connected to the one followed are not found, but the sweeps may show their motions.
+        The sweeps, the branches (of rows a `RowBranch`) where there is a periodic orbit to begin with, and the peaks.
+        Branches that are not connected to the one followed are not found, but the sweeps may show their motions.
 
     Raises:
         KeyError: The scene has no such number.
@@ -88,18 +93,22 @@ def response(
         (1, 3, 4)
     """
     count_argument("num", num, 2)
+    count_argument("doublings", doublings or 0, 0)
     word_argument("of", of, RESPONSES)
     low, high = range_of(scene, along, start, stop)
     family = {} if over is None else {key: np.atleast_1d(np.asarray(values, float)) for key, values in over.items()}
     if len(family) > 1 or along in family:
         raise InputError("Argument `over` must be one number, and another one than `along`.")
-    plain = one_scene("response", scene)
+    plain = one_scene("response", scene, rows=True)
+    if plain.row is not None:
+        check_row(plain)
     changes = [(key, float(v)) for key, values in family.items() for v in values] or [None]
     scenes = [plain if change is None else vary(with_numbers(plain, [change[0]]), *change) for change in changes]
-    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, of_sweep=True)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, of_sweep=True, rows=True)
     run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": resolved.as_argument}
     values = np.linspace(low, high, num)
-    members = [_member(one, along, values, of, at, (most_points, doublings), run, progress) for one in scenes]
+    in_succession = int(plain.row is not None) if doublings is None else doublings
+    members = [_member(one, along, values, of, at, (most_points, in_succession), run, progress) for one in scenes]
     attributes, _ = resolved.provenance(resolved.transient, int(members[0].sweep.steps_per_period))
     return Response.of_members(members, along, of, family, attributes)
 
@@ -119,7 +128,7 @@ def _member(
     swept = sweep(scene, {along: values}, direction="both", amplitudes=True, progress=progress, **run)
     free = free_peak(scene, along, low, high, of)[:2]
     own, reason = value_of(with_numbers(scene, [along]), along), "no lane from rest settles on a periodic orbit"
-    for place in _places(swept, values, own) if at is None else [at]:
+    for place in _places(swept, values, own, scene.row is not None) if at is None else [at]:
         try:
             found = continued(
                 scene, along, (low, high), BranchStart(place), *sizes, method=run["method"], progress=progress
@@ -132,9 +141,19 @@ def _member(
     return Member(swept, None, [], free, reason)
 
 
-def _places(swept: SweepResult, values: np.ndarray, own: float) -> list[float]:
-    """Where the branch may begin: values at which the sweep from rest has an orbit, settled and short ones first."""
+def _places(swept: SweepResult, values: np.ndarray, own: float, in_row: bool) -> list[float]:
+    """Where the branch may begin: values at which the sweep from rest has an orbit, settled and short ones first.
+
+    Of rows those on which all blades swing alike are before others: a travelling wave, from which broken ones begin.
+    """
     lanes = swept.data.sel(direction="independent")
     number, settled = lanes["period_number"].to_numpy(), lanes["settled"].to_numpy() == 1
-    order = sorted(range(len(values)), key=lambda i: (number[i] == 0, not settled[i], number[i], abs(values[i] - own)))
+    unlike = _is_broken(lanes["x_rms"].to_numpy()) if in_row else np.zeros(len(values), bool)
+    rank = lambda i: (number[i] == 0, not settled[i], unlike[i], number[i], abs(values[i] - own))
+    order = sorted(range(len(values)), key=rank)
     return [float(values[i]) for i in order[:MAX_TRIED_PLACES]]
+
+
+def _is_broken(amplitude: np.ndarray) -> np.ndarray:
+    """Whether amplitudes (values, blades) differ from blade to blade."""
+    return np.ptp(amplitude, axis=1) > WAVE_SPREAD * amplitude.max(axis=1)
