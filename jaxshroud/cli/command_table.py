@@ -259,6 +259,7 @@ COMMANDS = {
         ),
         arguments=("n_periods", "transient", "of", "at_least", "draws", "seed"),
         files=("scatter.nc", "scatter.png", "summary.json"),
+        rows=True,
         module="design",
     ),
     "report": Command(

@@ -67,6 +67,7 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     time_slip = Variable("fraction of the time: slip", "1")
     lyapunov = Variable("largest Lyapunov exponent per drive period; -inf: forgotten altogether", "1")
     lyapunov_ci = Variable("half width of its 95 % interval", "1")
+    interface_v_max = Variable("largest penetration at each interface; in rows only", "m", ("interface",))
     energy_residual = Variable("largest energy residual of a period over the drive's mean work", "1")
     energy_dropped = Variable(
         "largest energy dropped in a period by beginnings of flat contact, over the drive's gross work", "1"
@@ -98,6 +99,11 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     def gap(self) -> np.ndarray:
         """The initial gap of each lane [m]."""
         return self.data["gap"].broadcast_like(self.data["status"]).transpose(*self.dims).to_numpy()
+
+    @property
+    def penetrations(self) -> np.ndarray:
+        """The largest penetration of each lane, in a row at each interface (..., interface) [m]."""
+        return self.v_max if self.interface_v_max is None else self.interface_v_max
 
     @property
     def complete(self) -> bool:
@@ -252,7 +258,7 @@ def compare_directions(data: "xr.Dataset") -> "dict[str, xr.Variable]":
         # The neighbours on both sides tell how large a usual step is.
         before, after = min(first, NEIGHBOURING_STEPS), min(n - last, NEIGHBOURING_STEPS + 1)
         window = data.isel({dim: slice(first - before, last + after)})
-        rows = [_lane_motions(window.sel({DIRECTION: way}), sizes) for way in SINGLE_DIRECTIONS]
+        rows = [lane_motions(window.sel({DIRECTION: way}), sizes) for way in SINGLE_DIRECTIONS]
         columns = list(zip(*rows, strict=True))[before : before + last - first]
         coexist[first:last] = [any(motions_differ(a, b) for a, b in combinations(column, 2)) for column in columns]
         for row, way in enumerate(SINGLE_DIRECTIONS):
@@ -273,7 +279,7 @@ def _size(part: "xr.DataArray") -> float:
     return float(np.nanmax(np.abs(part.to_numpy()), initial=0.0))
 
 
-def _lane_motions(data: "xr.Dataset", sizes: Sequence[float]) -> list[SweptMotion]:
+def lane_motions(data: "xr.Dataset", sizes: Sequence[float]) -> list[SweptMotion]:
     """The motions of one direction, each quantity relative to its largest value in all directions."""
     order = data.transpose(*data["status"].dims, "period", "blade", ...)
     scaled = [order[name].to_numpy() / size for name, size in zip(Motion._fields, sizes, strict=True)]

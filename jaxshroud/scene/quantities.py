@@ -6,6 +6,8 @@ the blade that gains the least, and an amplitude is the largest of all blades.
 
 from typing import Literal, NamedTuple, get_args
 
+import numpy as np
+
 from jaxshroud.scene.checks import InputError, word_argument
 from jaxshroud.scene.parts import Parts
 
@@ -48,6 +50,11 @@ def amplitude_of(of: str) -> Amplitude | None:
         return None
     displacement, measure = of.split("_")
     return Amplitude(displacement, measure)  # pyright: ignore[reportArgumentType]  # `of` is a `Quantity`
+
+
+def counted_amplitude(amplitudes: np.ndarray, in_row: bool) -> np.ndarray:
+    """The amplitude that counts, of those of each blade (..., blades): the largest in a row, the left one of a pair."""
+    return amplitudes.max(axis=-1) if in_row else amplitudes[..., 0]
 
 
 def unit_of(of: str) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxshroud.motion.amplitudes import free_amplitudes
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import find_key
-from jaxshroud.scene.quantities import DISPLACEMENTS
+from jaxshroud.scene.quantities import DISPLACEMENTS, counted_amplitude
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.vary import with_numbers
 from jaxshroud.verbs.sweep import sweep
@@ -58,7 +58,9 @@ class PeakRatio(NamedTuple):
 
 
 def peak_ratio(scene: Scene, along: str, low: float, high: float, of: str, run: Mapping[str, Any]) -> PeakRatio | None:
-    """The peaks of an amplitude of the left blade with and without contact; None where no run comes to its end.
+    """The peaks of an amplitude with and without contact; None where no run comes to its end.
+
+    It is that of the left blade, or of the blade of a row that swings most.
 
     The sweeps go over the range, then about their largest value once more, with the same number of values.
 
@@ -67,13 +69,13 @@ def peak_ratio(scene: Scene, along: str, low: float, high: float, of: str, run: 
         along: The number, as for `vary`.
         low: One end of its range [SI].
         high: The other end.
-        of: The amplitude of the left blade, e.g. "x_peak".
+        of: The amplitude, e.g. "x_peak".
         run: The arguments of `sweep` that say how to run.
     """
     ends, values, apart, found = (low, high), np.linspace(low, high, VALUES), np.nan, []
     for _ in range(ZOOMS):
         swept = sweep(scene, {along: values}, direction="both", amplitudes=True, **run)
-        levels = getattr(swept, of)[..., 0]
+        levels = counted_amplitude(getattr(swept, of), scene.row is not None)
         if not np.isfinite(levels).any():
             break
         top = int(np.unravel_index(np.nanargmax(levels), levels.shape)[-1])
@@ -94,11 +96,13 @@ def _peak_in(value: float, level: float, ends: tuple[float, float]) -> PeakOfSwe
 def free_peak(scene: Scene, along: str, low: float, high: float, of: str) -> PeakOfSweep:
     """Where an amplitude without contact is largest in a range of a number, and that amplitude."""
     name, kind = of.split("_")
+    row, in_row = DISPLACEMENTS.index(name), scene.row is not None
     share = 1.0 if kind == "peak" else np.sqrt(0.5)
     numbered, values, at, level = with_numbers(scene, [along]), np.array([low, high]), low, 0.0
     for _ in range(FREE_ZOOMS):
         values = np.linspace(values[0], values[-1], FREE_VALUES)
-        levels = free_amplitudes(scenes_at(numbered, [along], values[:, None]))[DISPLACEMENTS.index(name)][:, 0]
+        every = free_amplitudes(scenes_at(numbered, [along], values[:, None]))[row]
+        levels = counted_amplitude(every, in_row)
         top = int(levels.argmax())
         at, level, values = float(values[top]), float(levels[top]), values[max(top - 1, 0) : top + 2]
     return _peak_in(at, level * share, (low, high))
