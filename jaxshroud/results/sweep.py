@@ -258,7 +258,7 @@ def compare_directions(data: "xr.Dataset") -> "dict[str, xr.Variable]":
         # The neighbours on both sides tell how large a usual step is.
         before, after = min(first, NEIGHBOURING_STEPS), min(n - last, NEIGHBOURING_STEPS + 1)
         window = data.isel({dim: slice(first - before, last + after)})
-        rows = [lane_motions(window.sel({DIRECTION: way}), sizes) for way in SINGLE_DIRECTIONS]
+        rows = [_lane_motions(window.sel({DIRECTION: way}), sizes) for way in SINGLE_DIRECTIONS]
         columns = list(zip(*rows, strict=True))[before : before + last - first]
         coexist[first:last] = [any(motions_differ(a, b) for a, b in combinations(column, 2)) for column in columns]
         for row, way in enumerate(SINGLE_DIRECTIONS):
@@ -279,7 +279,12 @@ def _size(part: "xr.DataArray") -> float:
     return float(np.nanmax(np.abs(part.to_numpy()), initial=0.0))
 
 
-def lane_motions(data: "xr.Dataset", sizes: Sequence[float]) -> list[SweptMotion]:
+def swept_motions(data: "xr.Dataset") -> list[SweptMotion]:
+    """The motions of the lanes of a sweep with one leading axis, each quantity relative to its largest value."""
+    return _lane_motions(data, [_size(data[name]) or 1.0 for name in Motion._fields])
+
+
+def _lane_motions(data: "xr.Dataset", sizes: Sequence[float]) -> list[SweptMotion]:
     """The motions of one direction, each quantity relative to its largest value in all directions."""
     order = data.transpose(*data["status"].dims, "period", "blade", ...)
     scaled = [order[name].to_numpy() / size for name, size in zip(Motion._fields, sizes, strict=True)]
