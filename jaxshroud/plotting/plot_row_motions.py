@@ -1,5 +1,7 @@
 """The picture of the motions that a row of blades settles on: the amplitude of every blade on each."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -9,17 +11,21 @@ from jaxshroud.plotting.page import Page, Panel
 from jaxshroud.plotting.scales import legend_above, title_of
 from jaxshroud.plotting.style import BLUE, COLUMN_WIDTH, GREEN, INK, ORANGE, PINK, RED, SKY, Look
 
+if TYPE_CHECKING:
+    from jaxshroud.results.row_motions import RowMotions
+
 MOTION_LOOKS = list(zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True))  # of the most frequent motions
 MICRONS_PER_M = 1e6
 
 
-def row_motions_page(ds: xr.Dataset, look: Look) -> Page[xr.Dataset]:
+def row_motions_page(found: "RowMotions", look: Look) -> Page[xr.Dataset]:
     """The amplitudes of all blades on the most frequent motions.
 
     Args:
-        ds: A `RowMotions`.
+        found: The motions.
         look: The appearance asked for.
     """
+    ds = found.data
     nothing = "" if ds.sizes.get("attractor", 0) else "no start settled on a motion"
     panels = (Panel("amplitudes", _draw_motion_amplitudes),)
     return Page(ds, panels, title_of(ds), (COLUMN_WIDTH, 2.9), nothing=nothing)

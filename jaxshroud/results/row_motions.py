@@ -1,5 +1,7 @@
 """The motions that a row of blades settles on from random starts."""
 
+import numpy as np
+
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Variable
 from jaxshroud.results.attractors import Attractors
@@ -21,8 +23,11 @@ class RowMotions(Attractors):
     N_max = Variable("largest normal force of any start, at events and ends of steps", "N")
     v_max = Variable("largest penetration, likewise", "m")
 
-    def _picture_content(self) -> object:
-        return self.data
+    def blade_cells(self, motion: int) -> list[str]:
+        """Of a motion: the least P_d of any blade [percent], and the largest amplitude of x with its blade [um]."""
+        peaks = self.x_peak[motion]
+        blade = int(np.argmax(peaks))
+        return [f"{self.P_d_worst[motion]:.5g}", f"{1e6 * peaks[blade]:.5g} (blade {blade})"]
 
     def summary(self) -> dict[str, JSONValue]:
         """The shares and P_d of the motions in plain numbers."""

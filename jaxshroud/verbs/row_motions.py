@@ -1,5 +1,7 @@
 """The motions that a row of blades settles on from random starts, told apart by their points at the strobe."""
 
+from collections.abc import Mapping
+
 import jax
 import numpy as np
 
@@ -56,7 +58,7 @@ def row_motions(scene: Scene, starts: int, seed: int, march: MarchPlan, transien
     return _found(of_starts | {"label": label} | _motion_values(run, motions, numbers, force, starts), scene, attrs)
 
 
-def _found(values: dict[str, object], scene: Scene, attrs: dict[str, int | str]) -> RowMotions:
+def _found(values: Mapping[str, object], scene: Scene, attrs: dict[str, int | str]) -> RowMotions:
     return RowMotions.of_values(values, ("start",), attrs, {"blade": range(len(scene.initial.x))})
 
 
