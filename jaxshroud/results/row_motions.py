@@ -24,10 +24,10 @@ class RowMotions(Attractors):
     v_max = Variable("largest penetration, likewise", "m")
 
     def blade_cells(self, motion: int) -> list[str]:
-        """Of a motion: the least P_d of any blade [percent], and the largest amplitude of x with its blade [um]."""
+        """Of a motion: the least P_d of any blade [percent], and the largest amplitude of x with its blade [mm]."""
         peaks = self.x_peak[motion]
         blade = int(np.argmax(peaks))
-        return [f"{self.P_d_worst[motion]:.5g}", f"{1e6 * peaks[blade]:.5g} (blade {blade})"]
+        return [f"{self.P_d_worst[motion]:.5g}", f"{1e3 * peaks[blade]:.5g} (blade {blade})"]
 
     def summary(self) -> dict[str, JSONValue]:
         """The shares and P_d of the motions in plain numbers."""

@@ -19,11 +19,9 @@ from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import DesignJudgement, Tuned
 from jaxshroud.scene.quantities import RequiredReduction
 from jaxshroud.verbs.peak_ratio import PeakRatio
-from jaxshroud.verbs.report_row import RowFindings, row_sections
+from jaxshroud.verbs.report_row import MM_PER_M, RowFindings, row_sections
 from jaxshroud.verbs.sheet_tables import lines_of, rows_of
 from jaxshroud.version import __version__
-
-MM_PER_M = 1e3
 
 
 class Limits(NamedTuple):
@@ -158,9 +156,10 @@ def _limits(data: ReportData) -> list[list[str]]:
         tuned = ", which was tuned" if its_mean else ""
         table.append([f"{data.of}, mean of the conditions{tuned}", f"{judged.P_d[0].mean():.5g} %", "-"])
     if data.row is not None:
-        table.append([f"P_d of the worst blade{_at_worst(data)} [%]", data.row.worst_blade(data.worst), "-"])
-        table.append([f"largest amplitude of x{_at_worst(data)} [um]", data.row.largest_peak(data.worst), "-"])
-    table.append(["largest friction force", f"{data.friction:.5g} N", "-"])
+        cells = zip(data.row.heads(data.of), data.row.cells(data.of, data.worst), strict=True)
+        table += [[f"{head}{_at_worst(data)}", cell, "-"] for head, cell in cells]
+    at_steps = "" if data.row is None else f" at the steps{_at_worst(data)}"
+    table.append([f"largest friction force{at_steps}", f"{data.friction:.5g} N", "-"])
     table.append([f"work of friction per period{_at_worst(data)}", f"{data.friction_work:.5g} J", "-"])
     return table
 
@@ -193,14 +192,14 @@ def _conditions(data: ReportData) -> Section | None:
     if not data.conditions:
         return None
     judged, forces = data.judged, data.forces
-    of_row = [] if data.row is None else ["P_d of the worst blade [%]", "largest amplitude of x [um]"]
+    of_row = [] if data.row is None else data.row.heads(data.of)
     titles = f"{data.of} [%] +- points", "period number", "largest normal force [N]"
     table = [[*data.conditions, *titles, *of_row]]
     for i, row in enumerate(data.rows):
         number = int(judged.period_number[0, i])
         cells = [with_interval(judged.P_d[0, i], judged.ci[0, i]), str(number) if number else "aperiodic"]
         force = "-" if forces is None else f"{float(forces[i]):.5g}"
-        blades = [] if data.row is None else [data.row.worst_blade(i), data.row.largest_peak(i)]
+        blades = [] if data.row is None else data.row.cells(data.of, i)
         table.append([*(f"{value:.6g}" for value in row), *cells, force, *blades])
     periods = "the kept periods" if data.row is None else "whole runs, transients included"
     words = f"All combinations, in SI units. The worst is {data.where(data.worst)}; forces are of {periods}."
@@ -294,7 +293,7 @@ def _sensitivity(data: ReportData) -> Section:
 
 def _motions_section(data: ReportData) -> Section:
     titles = "motion", "share of starts", "P_d [%] +- points", "least [%]", "largest normal force [N]"
-    of_row = [] if data.row is None else ["least of the worst blade [%]", "largest amplitude of x [um]"]
+    of_row = [] if data.row is None else ["least of the worst blade [%]", "largest amplitude of x [mm]"]
     table = [[*data.conditions, *titles, *of_row]]
     for i, (motions, runs) in enumerate(zip(data.motions, data.on_motions, strict=True)):
         forces = None if runs is None else runs.N_max
