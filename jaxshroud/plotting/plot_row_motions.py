@@ -16,10 +16,11 @@ if TYPE_CHECKING:
 
 MOTION_LOOKS = list(zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True))  # of the most frequent motions
 MICRONS_PER_M = 1e6
+MOST_FREE = 2.0  # times the largest amplitude: larger ones without contact would hide the differences
 
 
 def row_motions_page(found: "RowMotions", look: Look) -> Page[xr.Dataset]:
-    """The amplitudes of all blades on the most frequent motions.
+    """The amplitudes of all blades on the most frequent motions, with those without contact unless they are far larger.
 
     Args:
         found: The motions.
@@ -38,8 +39,10 @@ def _draw_motion_amplitudes(panel: Axes, ds: xr.Dataset) -> None:
     for i, (color, marker) in enumerate(MOTION_LOOKS[: len(peaks)]):
         label = f"motion {i + 1}: $P_d$ = {float(ds['P_d'][i]):.4g} %"
         panel.plot(blades, peaks[i], marker, ls="-", lw=0.7, ms=4 - 0.4 * i, color=color, label=label)
-    panel.plot(blades, free, "_", ms=9, color=INK, label="without contact")
-    top = 1.08 * float(np.nanmax([*peaks.ravel(), *free], initial=0.0)) or 1.0
-    panel.set(xlabel="blade", ylabel="amplitude of $x$ [μm]", ylim=(0, top))
+    top, most = (float(np.nanmax(levels, initial=0.0)) for levels in (peaks, free))
+    if most < MOST_FREE * top:
+        panel.plot(blades, free, "_", ms=9, color=INK, label="without contact")
+        top = max(top, most)
+    panel.set(xlabel="blade", ylabel="amplitude of $x$ [μm]", ylim=(0, 1.08 * top or 1.0))
     panel.xaxis.set_major_locator(MaxNLocator(integer=True))
     legend_above(panel)

@@ -116,7 +116,7 @@ def _waves_section(run: RowDiagnosis, about: list[str]) -> Section:
         return Section("Waves and localisation", paragraphs, figure=run.plot(panel="map", title=""))
     paragraphs.append(
         "Below are the largest waves of x over the last period: a travelling wave has one nodal diameter for each "
-        "harmonic. Shares of the motion are of its square."
+        "harmonic. The share outside of one is of the square of the motion."
     )
     return Section("Waves and localisation", paragraphs, _wave_table(run), run.plot(panel="diameters", title=""))
 

@@ -288,7 +288,8 @@ def _sensitivity(data: ReportData) -> Section:
         "smoothed": f"Averaged over a neighbourhood of {slopes.sigma:g} of each value: the motion has no orbit.",
     }.get(slopes.kind, "There is none.")
     flags = f"Flags: {', '.join(slopes.flags)}." if slopes.flags else "No flags."
-    return Section("Sensitivity", [*_one_condition(data), kind, flags], table, slopes.plot(title=""))
+    level = [] if data.row is None else [f"{data.of} there is {with_interval(slopes.level, slopes.level_ci, '%')}."]
+    return Section("Sensitivity", [*_one_condition(data), kind, *level, flags], table, slopes.plot(title=""))
 
 
 def _motions_section(data: ReportData) -> Section:
