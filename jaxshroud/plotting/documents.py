@@ -19,7 +19,7 @@ from jaxshroud.scene.checks import InputError
 DOTS = 180  # per inch, of pictures
 A4 = (8.27, 11.69)  # [inch]
 LINES_PER_PAGE, TEXT_COLUMNS = 84, 92  # on a page of text
-MOST_COLUMNS = TEXT_COLUMNS + 30  # of a table, in smaller letters
+TABLE_COLUMNS = TEXT_COLUMNS + 30  # of a table, in smaller letters
 CSS = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.6rem; line-height: 1.25; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
@@ -95,7 +95,7 @@ def pdf_document(title: str, sections: Sequence[Section]) -> bytes:
     with PdfPages(content, metadata={"Title": unicode_text(title), "CreationDate": None}) as pages:
         lines = [title if "$" in title else typeset(title), "=" * min(len(title), TEXT_COLUMNS), ""]
         for section in sections:
-            lines += [*_section_lines(section), ""]
+            lines += [*section_lines(section), ""]
             if section.figure is not None:
                 _print_lines(pages, lines)
                 pages.savefig(section.figure)
@@ -104,12 +104,12 @@ def pdf_document(title: str, sections: Sequence[Section]) -> bytes:
     return content.getvalue()
 
 
-def _section_lines(section: Section) -> list[str]:
+def section_lines(section: Section) -> list[str]:
     """A section as lines of text."""
     lines = [section.heading, "-" * len(section.heading)]
     lines += [line for text in section.paragraphs for line in wrap(text, TEXT_COLUMNS)]
     if section.table:
-        lines += [line[:MOST_COLUMNS] for line in _table_lines(section.table)]
+        lines += [line[:TABLE_COLUMNS] for line in _table_lines(section.table)]
     return lines + section.verbatim.splitlines()
 
 
@@ -118,7 +118,7 @@ def _table_lines(table: Sequence[Sequence[str]]) -> list[str]:
     head, *rows = table
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     heads = [head]
-    if sum(widths) + 2 * (len(widths) - 1) > MOST_COLUMNS:
+    if sum(widths) + 2 * (len(widths) - 1) > TABLE_COLUMNS:
         widths = [
             max(map(len, [*column, *name.split()])) for name, *column in zip(head, *(rows or [head]), strict=True)
         ]

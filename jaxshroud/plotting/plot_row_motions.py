@@ -1,25 +1,21 @@
 """The picture of the motions that a row of blades settles on: the amplitude of every blade on each."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from jaxshroud.plotting.page import Page, Panel
+from jaxshroud.plotting.plot_attractors import AttractorsData
 from jaxshroud.plotting.scales import legend_above, title_of
 from jaxshroud.plotting.style import BLUE, COLUMN_WIDTH, GREEN, INK, ORANGE, PINK, RED, SKY, Look
-
-if TYPE_CHECKING:
-    from jaxshroud.results.row_motions import RowMotions
 
 MOTION_LOOKS = list(zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True))  # of the most frequent motions
 MICRONS_PER_M = 1e6
 MOST_FREE = 2.0  # times the largest amplitude: larger ones without contact would hide the differences
 
 
-def row_motions_page(found: "RowMotions", look: Look) -> Page[xr.Dataset]:
+def row_motions_page(found: AttractorsData, look: Look) -> Page[xr.Dataset]:
     """The amplitudes of all blades on the most frequent motions, with those without contact unless they are far larger.
 
     Args:

@@ -119,7 +119,7 @@ def sections_of(data: ReportData, verdict: str, reasons: Sequence[str], text: st
         Section("Verdict", [f"{verdict}: {'; '.join(reasons)}."], _limits(data)),
         _sheet(data),
         _conditions(data),
-        *_row(data),
+        *_sections_of_row(data),
         _mechanism_section(data),
         _gap(data),
         _scatter(data),
@@ -164,7 +164,7 @@ def _limits(data: ReportData) -> list[list[str]]:
     return table
 
 
-def _row(data: ReportData) -> list[Section]:
+def _sections_of_row(data: ReportData) -> list[Section]:
     """The sections that only rows have."""
     if data.row is None:
         return []

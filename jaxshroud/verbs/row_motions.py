@@ -13,15 +13,13 @@ from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import stiffnesses
 from jaxshroud.motion.orbit_distance import SweptMotion, number_motions, set_distance
 from jaxshroud.motion.random_starts import START_SPREAD, random_row_starts
-from jaxshroud.results.attractors import STOPPED, UNDECIDED, share_interval
+from jaxshroud.results.attractors import ATTRACTOR_KINDS, STOPPED, UNDECIDED, share_interval
 from jaxshroud.results.row_motions import RowMotions
 from jaxshroud.results.sweep import SweepResult, swept_motions
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.options import MarchPlan
 from jaxshroud.verbs.sweep import sweep
-
-PERIODIC, APERIODIC = 0, 2  # as `Attractors.kind` has them
 
 
 def row_motions(scene: Scene, starts: int, seed: int, march: MarchPlan, transient: int, n_periods: int) -> RowMotions:
@@ -80,7 +78,7 @@ def _motion_values(
     low, high = share_interval(counts, starts)
     period_number = np.asarray(run.period_number)[first]
     return {
-        "kind": np.where(period_number > 0, PERIODIC, APERIODIC),
+        "kind": np.where(period_number > 0, *map(ATTRACTOR_KINDS.index, ("periodic", "aperiodic"))),
         "period_number": period_number,
         "starts": counts,
         "share": counts / starts,

@@ -369,8 +369,6 @@ def _verbs():
         "attractors": lambda: js.attractors(ring),
         "basins": lambda: js.basins(ring),
         "trade": lambda: js.trade(ring),
-        "scatter": lambda: js.scatter(ring, {"drive.omega": 1.0}),
-        "report": lambda: js.report(ring),
         "response": lambda: js.response(ring, start=500.0, stop=600.0, num=2),
         "fit": lambda: js.fit(ring, {"t [s]": [0.0, 1e-3], "x_left [m]": [0.0, 1e-6]}, {"drive.omega": (500.0, 600.0)}),
         "method_for": lambda: js.method_for(ring.scene),
@@ -383,7 +381,7 @@ def _verbs():
 
 KNOW_ROWS = {
     *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout"),
-    *("orbit", "gradient", "branch", "tune", "mistune"),
+    *("orbit", "gradient", "branch", "tune", "mistune", "scatter", "report"),
     *("free_power", "value_of", "vary", "scenes_from", "stack_scenes"),
 }
 
