@@ -49,6 +49,7 @@ from .results.power import PowerResult as PowerResult
 from .results.response import Response as Response
 from .results.row import RowTrajectory as RowTrajectory
 from .results.row_diagnosis import RowDiagnosis as RowDiagnosis
+from .results.row_motions import RowMotions as RowMotions
 from .results.scatter import Report as Report
 from .results.scatter import Scatter as Scatter
 from .results.sweep import SweepResult as SweepResult

@@ -13,6 +13,7 @@ from jaxshroud.cli.option_table import (
     shared_option,
 )
 from jaxshroud.march.method_names import LINEAR_STATES, RANKED_BY, RESPONSES
+from jaxshroud.scene.quantities import REQUIRED_REDUCTIONS
 
 # Pictures of a run: pages of panels and single panels.
 RUN_KINDS = ("motion", "forces", "all", "history", "phase", "poincare", "spectrum", "ribbon", "loop", "path")
@@ -259,6 +260,7 @@ COMMANDS = {
         ),
         arguments=("n_periods", "transient", "of", "at_least", "draws", "seed"),
         files=("scatter.nc", "scatter.png", "summary.json"),
+        rows=True,
         module="design",
     ),
     "report": Command(
@@ -271,6 +273,9 @@ COMMANDS = {
             *SCATTER_FLAGS,
             "--range",
             shared_option("--at-least", help="P_d [%%] that the design must reach"),
+            shared_option(
+                "--of", help="P_d, or that of the worst blade of a row", choices=REQUIRED_REDUCTIONS, default=None
+            ),
             "--most-penetration",
             "--most-force",
             shared_option("--samples", default=128, dest="draws"),
@@ -278,8 +283,9 @@ COMMANDS = {
             "--seed",
             shared_option("--out", help="report.html or report.pdf", metavar="FILE"),
         ),
-        arguments=("draws", "starts", "seed"),
+        arguments=("of", "draws", "starts", "seed"),
         unit="parts",
+        rows=True,
         module="design",
     ),
     "branch": Command(

@@ -31,7 +31,7 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
 from jaxshroud.verbs.ascent import SearchOptions
 from jaxshroud.verbs.design_problem import design_corners, problem_of
-from jaxshroud.verbs.report import report_request, varied_by
+from jaxshroud.verbs.report_request import report_request, varied_by
 from jaxshroud.verbs.report_sections import MM_PER_M, Limits
 from jaxshroud.verbs.robust import robustness_request
 from jaxshroud.verbs.scattering import scatter_bounds, scattering_of
@@ -237,7 +237,7 @@ def _scenes_of_report(call: VerbCall) -> Scene:
     scene, arguments = call.file.scene, call.arguments
     stated = Limits(**{name: arguments[name] for name in Limits._fields})
     _, scatter, conditions = report_request(
-        scene, stated, arguments["scatters"], arguments["conditions"], arguments["tuned"]
+        scene, stated, arguments["scatters"], arguments["conditions"], arguments["tuned"], arguments["of"]
     )
     return varied_by(scene, scatter, conditions)
 

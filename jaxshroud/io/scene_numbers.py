@@ -53,6 +53,11 @@ def _place_of(number: Key, index: int | None, in_row: bool) -> str:
     return f", {BLADES[index]} blade"
 
 
+def has_row(scene_text: str) -> bool:
+    """Whether a scene, as TOML, has a row of blades."""
+    return "\n[row]" in f"\n{scene_text}"
+
+
 def scene_text_of_lane(data: "xr.Dataset") -> str:
     """The scene of a dataset that holds one lane of many, as TOML: the first lane's with the numbers of this one."""
     import tomli_w

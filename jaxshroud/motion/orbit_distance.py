@@ -4,6 +4,7 @@ Period numbers do not distinguish motions, and two lanes on one orbit may differ
 the set of its points at the strobe, and an aperiodic motion the set of the points that were kept.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -83,6 +84,22 @@ def motions_differ(a: SweptMotion, b: SweptMotion) -> bool:
     if a.number or b.number:
         return set_distance(a.orbit, b.orbit) > max(MIN_DISTANCE, DRIFT_MULTIPLE * max(a.drift, b.drift))
     return fill_one_set(a.points, b.points) is False
+
+
+def number_motions(lanes: Sequence[SweptMotion]) -> np.ndarray:
+    """The number of each lane's motion, (n,), in the order in which they are first met; -1 where it has not settled.
+
+    Lanes share a motion where they are not known to differ.
+    """
+    first: list[SweptMotion] = []
+    numbers = np.full(len(lanes), -1)
+    for i, lane in enumerate(lanes):
+        if not (lane.settled and np.isfinite(lane.points).all()):
+            continue
+        alike = [j for j, other in enumerate(first) if not motions_differ(lane, other)]
+        numbers[i] = alike[0] if alike else len(first)
+        first += [] if alike else [lane]
+    return numbers
 
 
 def find_jumps(lanes: list[SweptMotion]) -> np.ndarray:

@@ -1,10 +1,14 @@
 """Random initial states, in the range of the motion without contact."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.states import carried_state
+from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.events import place_contact
 from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.model.prepared import State, initial_state, prepared_model
@@ -18,14 +22,16 @@ MAX_DRAWS = 64  # for each start, after which overlap is accepted
 
 
 def start_range(scene: Scene) -> Motion:
-    """The range of initial states to either side, fields (2,): the steady amplitude without contact plus the gap.
+    """The range of initial states to either side, fields (blades,): the steady amplitude without contact plus the gap.
 
-    For angles the gap counts as the turn that moves a corner by it; rates are omega times displacements.
+    For angles the gap counts as the turn that moves a corner by it; rates are omega times displacements. Of the gaps of
+    a row the largest counts.
     """
-    free, gap, omega = steady_amplitudes(scene), abs(float(scene.shroud.gap)), float(scene.drive.omega)
+    free, gap, omega = steady_amplitudes(scene), float(np.abs(scene.shroud.gap).max()), float(scene.drive.omega)
     amplitudes = [np.asarray(np.abs(a), float) for a in free]
     lever = float(half_diagonal(scene.shroud))
-    movable = [np.array([scene.parts.has(name, blade) for blade in (0, 1)]) for name in ("x", "y", "theta")]
+    blades = range(len(amplitudes[0]))
+    movable = [np.array([scene.parts.has(name, blade) for blade in blades]) for name in ("x", "y", "theta")]
     ranges = [(p + g) * m for p, g, m in zip(amplitudes, (gap, gap, gap / lever), movable, strict=True)]
     return Motion(*ranges, *(omega * w for w in ranges))
 
@@ -46,6 +52,18 @@ def random_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
             break
     starts = np.concatenate([starts, draws])[:n]  # with interference nearly all overlap
     return jax.vmap(initial_state)(Motion(*(jnp.asarray(a) for a in np.moveaxis(starts, 1, 0))))
+
+
+def random_row_starts(scene: Scene, n: int, seed: int, spread: float) -> State:
+    """States (n,) of a row at rest at drive phase 0, with rates that are uniform within `spread` times their range.
+
+    Displaced blades of a ring would overlap somewhere: the gaps of a ring add up to what they are.
+    """
+    rates = start_range(scene)[3:]
+    drawn = np.random.default_rng(seed).uniform(-spread, spread, (n, len(rates), len(rates[0]))) * np.stack(rates)
+    at_rest = np.zeros_like(drawn[:, 0])
+    motion = Motion(at_rest, at_rest, at_rest, *np.moveaxis(drawn, 1, 0))
+    return replace(initial_states(repeat_lane(scene, n)), motion=motion)
 
 
 def _overlap(scene: Scene, motions: Motion):

@@ -4,7 +4,7 @@ import base64
 import io
 from collections.abc import Sequence
 from html import escape
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 from textwrap import wrap
 from typing import NamedTuple
@@ -19,6 +19,7 @@ from jaxshroud.scene.checks import InputError
 DOTS = 180  # per inch, of pictures
 A4 = (8.27, 11.69)  # [inch]
 LINES_PER_PAGE, TEXT_COLUMNS = 84, 92  # on a page of text
+TABLE_COLUMNS = TEXT_COLUMNS + 30  # of a table, in smaller letters
 CSS = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.6rem; line-height: 1.25; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
@@ -94,7 +95,7 @@ def pdf_document(title: str, sections: Sequence[Section]) -> bytes:
     with PdfPages(content, metadata={"Title": unicode_text(title), "CreationDate": None}) as pages:
         lines = [title if "$" in title else typeset(title), "=" * min(len(title), TEXT_COLUMNS), ""]
         for section in sections:
-            lines += [*_section_lines(section), ""]
+            lines += [*section_lines(section), ""]
             if section.figure is not None:
                 _print_lines(pages, lines)
                 pages.savefig(section.figure)
@@ -103,15 +104,27 @@ def pdf_document(title: str, sections: Sequence[Section]) -> bytes:
     return content.getvalue()
 
 
-def _section_lines(section: Section) -> list[str]:
+def section_lines(section: Section) -> list[str]:
     """A section as lines of text."""
     lines = [section.heading, "-" * len(section.heading)]
     lines += [line for text in section.paragraphs for line in wrap(text, TEXT_COLUMNS)]
     if section.table:
-        widths = [max(map(len, column)) for column in zip(*section.table, strict=True)]
-        rows = ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in section.table]
-        lines += [row[: TEXT_COLUMNS + 30] for row in rows]
+        lines += [line[:TABLE_COLUMNS] for line in _table_lines(section.table)]
     return lines + section.verbatim.splitlines()
+
+
+def _table_lines(table: Sequence[Sequence[str]]) -> list[str]:
+    """A table as lines of text; the heads of a wide one are folded at words."""
+    head, *rows = table
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    heads = [head]
+    if sum(widths) + 2 * (len(widths) - 1) > TABLE_COLUMNS:
+        widths = [
+            max(map(len, [*column, *name.split()])) for name, *column in zip(head, *(rows or [head]), strict=True)
+        ]
+        folded = [wrap(name, width) or [""] for name, width in zip(head, widths, strict=True)]
+        heads = list(zip_longest(*folded, fillvalue=""))
+    return ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in [*heads, *rows]]
 
 
 def _print_lines(pages: PdfPages, lines: Sequence[str]) -> None:

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from jaxshroud.model.modes import Status
 from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.scales import ParameterAxis, gap_of_lanes, parameter_axis, scale_of, title_of
+from jaxshroud.plotting.scales import ParameterAxis, first_blade, gap_of_lanes, parameter_axis, scale_of, title_of
 from jaxshroud.plotting.style import BLUE, COLUMN_WIDTH, GREY, INK, ORANGE, AnyFigure, Look, legend_below
 
 DIRECTION_STYLES = {  # direction -> label, colour, marker, size
@@ -75,16 +75,18 @@ def _draw_direction_samples(panel: Axes, directions: Directions) -> None:
         x = np.where(lanes["status"].to_numpy()[:, None] == Status.OK, x, np.nan)
         repeated, style = np.broadcast_to(values[:, None], x.shape), {"mew": 0, "rasterized": True}
         panel.plot(repeated.ravel(), x.ravel(), marker, ms=size, color=color, **style)
-    panel.set(xlabel=label, ylabel=scale.label("1"))
+    panel.set(xlabel=label, ylabel=scale.label(first_blade(ds)))
 
 
 def _draw_direction_power(panel: Axes, directions: Directions) -> None:
     _mark_jumps(panel, directions)
     ds, (values, _, label), _ = directions
     for direction, (_label, color, marker, size) in DIRECTION_STYLES.items():
-        lanes = ds.sel(direction=direction)
-        P_d = np.where(lanes["status"].to_numpy() == Status.OK, lanes["P_d"].to_numpy(), np.nan)
-        panel.plot(values, P_d, marker, ms=size + 0.5, mew=0, color=color)
+        lanes, style = ds.sel(direction=direction), {"ms": size + 0.5, "color": color}
+        power = lambda name, of=lanes: np.where(of["status"].to_numpy() == Status.OK, of[name].to_numpy(), np.nan)
+        if "P_d_worst" in ds:
+            panel.plot(values, power("P_d_worst"), marker, mfc="white", mew=0.5, **style)
+        panel.plot(values, power("P_d"), marker, mew=0, **style)
     panel.set(xlabel=label, ylabel="$P_d$ [%]")
 
 
@@ -96,6 +98,8 @@ def _direction_handles(ds: xr.Dataset) -> list[Artist]:
         Line2D([], [], ls="", marker=marker, ms=size + 1.5, mew=0, color=color, label=label)
         for label, color, marker, size in DIRECTION_STYLES.values()
     ]
+    if "P_d_worst" in ds:
+        handles.append(Line2D([], [], ls="", marker="o", ms=3.7, mfc="white", mew=0.5, color=INK, label="worst blade"))
     if "jump" not in ds:
         return handles
     if ds["jump"].to_numpy().any():

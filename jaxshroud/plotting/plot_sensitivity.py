@@ -8,7 +8,7 @@ import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
-from jaxshroud.io.scene_numbers import key_label
+from jaxshroud.io.scene_numbers import has_row, key_label
 from jaxshroud.motion.effects import Effect, effects
 from jaxshroud.plotting.page import Page, Panel, Summary
 from jaxshroud.plotting.style import (
@@ -126,11 +126,18 @@ def _draw_variance_shares(panel: Axes, ds: xr.Dataset) -> None:
         label = {"first": "alone", "total": "in all"}[name]
         panel.barh(rows + offset, np.clip(share, 0, 1), height=0.34, color=color, label=label)
         _draw_intervals(panel, rows + offset, low, high)
-    keys = [find_key(str(key))[0] for key in ds["key"].to_numpy()]
-    panel.set_yticks(rows, [f"{row.label} ${row.symbol}$" for row in keys])
+    panel.set_yticks(rows, _share_labels(ds))
     panel.tick_params(axis="y", length=0, which="both")
     of = quantity_symbol(ds.attrs.get("of", "P_d"))
     panel.set(xlabel=f"share of the variance of {of}", ylim=(len(rows) - 0.5, -0.5), xlim=(0, 1))
+
+
+def _share_labels(ds: xr.Dataset) -> list[str]:
+    """The label of each number; of a row with its blade or interface."""
+    keys = [str(key) for key in ds["key"].to_numpy()]
+    if has_row(str(ds.attrs.get("scene", ""))):
+        return [key_label(key, in_row=True) for key in keys]
+    return [f"{row.label} ${row.symbol}$" for row, _ in map(find_key, keys)]
 
 
 def _add_scatter_legend(figure: AnyFigure, axes: Mapping[str, Axes], ds: xr.Dataset) -> None:

@@ -17,6 +17,7 @@ from jaxshroud.plotting.plot_directions import directions_page
 from jaxshroud.plotting.scales import (
     LEAST_SPAN,
     ParameterAxis,
+    first_blade,
     gap_of_lanes,
     interval_ends,
     is_visible,
@@ -227,7 +228,7 @@ def _draw_curve_samples(panel: Axes, curve: Curve) -> None:
     for i, color in enumerate(MOTION_COLOURS.values()):
         lanes, alpha = motion == i, float(np.clip(5e4 / max(x.size, 1), 0.2, 1))
         panel.plot(values[lanes].ravel(), x[lanes].ravel(), ".", color=color, alpha=alpha, **style)
-    panel.set(xlabel=axis.label, ylabel=scale.label("1"))
+    panel.set(xlabel=axis.label, ylabel=scale.label(first_blade(ds)))
     drawn = x[motion >= 0]
     limit_zoom(panel, drawn, 0.02 * float(np.nanmax(np.abs(drawn), initial=0.0)))
 

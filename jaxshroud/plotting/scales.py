@@ -59,6 +59,11 @@ def scale_of(gap: PlotArray, unit: str | None = None) -> Scale:
     return Scale(1e3, "x_{}", " [mm]")
 
 
+def first_blade(ds: xr.Dataset) -> str:
+    """The index of the first blade of a sweep in symbols: blades of a row are numbered from 0."""
+    return "0" if "P_d_worst" in ds else "1"
+
+
 def axis_limits(values: PlotArray, min_length: float = 0.0) -> tuple[float, float]:
     """The ends of an axis that shows `values` with a margin and is at least `min_length` long."""
     values = values[np.isfinite(values)]

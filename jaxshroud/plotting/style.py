@@ -50,7 +50,8 @@ def markup(text: str) -> str:
     if text.count("$") % 2:  # no formulas
         return escape(text)
     parts = KEY.split(re.sub(r"\b[A-Za-z](?= / \w)", r"$\g<0>$", text))  # every second part is a key
-    parts[::2] = [_as_html(typeset(escape(part))).replace("+-", "&plusmn;") for part in parts[::2]]
+    written = [escape(part).replace("P_d_worst", "$P_{d,worst}$") for part in parts[::2]]
+    parts[::2] = [_as_html(typeset(part)).replace("+-", "&plusmn;") for part in written]
     parts[1::2] = [f"<code>{part}</code>" for part in parts[1::2]]
     return "".join(parts)
 

@@ -15,6 +15,7 @@ from jaxshroud.plotting.documents import Section, save_document
 from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.base import Result
 from jaxshroud.results.gradient import Gradient
+from jaxshroud.results.row_diagnosis import RowDiagnosis
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.quantities import unit_of
 from jaxshroud.scene.typed import typed
@@ -129,6 +130,7 @@ class Report:
     attractors: Attractors
     coexisting: tuple[Attractors, ...]  # one for each condition
     sections: Sequence[Section]
+    diagnosis: RowDiagnosis | None = None  # of a row of blades
 
     @typed
     def save(self, path: str | Path) -> None:
@@ -143,7 +145,9 @@ class Report:
     def summary(self) -> dict[str, JSONValue]:
         """The verdict with its reasons, and the summaries of the results on which it rests."""
         parts = {name: getattr(self, name) for name in ("run", "over_gap", "scatter", "gradient", "attractors")}
+        of_row = {} if self.diagnosis is None else {"diagnosis": self.diagnosis.summary()}
         return {
+            **of_row,
             **{name: getattr(self, name) for name in ("title", "verdict")},
             "reasons": list(self.reasons),
             **{name: None if part is None else part.summary() for name, part in parts.items()},

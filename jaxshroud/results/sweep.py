@@ -67,6 +67,7 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     time_slip = Variable("fraction of the time: slip", "1")
     lyapunov = Variable("largest Lyapunov exponent per drive period; -inf: forgotten altogether", "1")
     lyapunov_ci = Variable("half width of its 95 % interval", "1")
+    interface_v_max = Variable("largest penetration at each interface; in rows only", "m", ("interface",))
     energy_residual = Variable("largest energy residual of a period over the drive's mean work", "1")
     energy_dropped = Variable(
         "largest energy dropped in a period by beginnings of flat contact, over the drive's gross work", "1"
@@ -98,6 +99,11 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     def gap(self) -> np.ndarray:
         """The initial gap of each lane [m]."""
         return self.data["gap"].broadcast_like(self.data["status"]).transpose(*self.dims).to_numpy()
+
+    @property
+    def penetrations(self) -> np.ndarray:
+        """The largest penetration of each lane, in a row at each interface (..., interface) [m]."""
+        return self.v_max if self.interface_v_max is None else self.interface_v_max
 
     @property
     def complete(self) -> bool:
@@ -271,6 +277,11 @@ def compare_directions(data: "xr.Dataset") -> "dict[str, xr.Variable]":
 def _size(part: "xr.DataArray") -> float:
     """The largest magnitude."""
     return float(np.nanmax(np.abs(part.to_numpy()), initial=0.0))
+
+
+def swept_motions(data: "xr.Dataset") -> list[SweptMotion]:
+    """The motions of the lanes of a sweep with one leading axis, each quantity relative to its largest value."""
+    return _lane_motions(data, [_size(data[name]) or 1.0 for name in Motion._fields])
 
 
 def _lane_motions(data: "xr.Dataset", sizes: Sequence[float]) -> list[SweptMotion]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 
+from jaxshroud.io.scene_numbers import has_row
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.motion.effects import between, flat_text
@@ -259,7 +260,7 @@ class Tuned(Result):
     @property
     def _row(self) -> dict[str, bool]:
         """What pictures have to know of a row: that its blades have numbers."""
-        return {"in_row": True} if "\n[row]" in f"\n{self.scene}" else {}
+        return {"in_row": True} if has_row(self.scene) else {}
 
     def summary(self, drawn: Mapping[str, object] | None = None) -> dict[str, JSONValue]:
         """The design, its checks and its search in plain numbers, as `tune.json` holds them.

@@ -29,6 +29,8 @@ Quantity = Literal[
 ]
 QUANTITY_WORDS = get_args(Quantity)
 DISPLACEMENTS = ("x", "y", "theta")
+RequiredReduction = Literal["P_d", "P_d_worst"]  # that a design is to reach
+REQUIRED_REDUCTIONS = get_args(RequiredReduction)
 POWER_UNITS = {"P_d": "%", "P": "m^4", "P_d_worst": "%"}
 
 

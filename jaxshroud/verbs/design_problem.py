@@ -106,10 +106,8 @@ def problem_of(
         ValueError: Bounds are not in order, a key is both tuned and a condition, or a number scatters out of its range.
     """
     check_bounds(over, scene.row_size)
-    check_quantity(of, scene.parts, scene.row is not None)
-    amplitude, free = amplitude_of(of), free_level(of, scene)
-    if scene.row is not None and amplitude is not None and amplitude.measure == "mean":
-        raise InputError(f"`of` is {of}, whose sign differs from blade to blade of a row; take an RMS value or a peak.")
+    check_objective(of, scene)
+    free = free_level(of, scene)
     shared = set(over) & set(conditions)
     if shared:
         raise InputError(f"{sorted(shared)[0]} is both tuned and an operating condition.")
@@ -126,6 +124,14 @@ def problem_of(
     problem = Problem(numbered, dict(over), condition_values, scattering=scattering, of=of, free=free)
     _check_scattering(problem)
     return problem
+
+
+def check_objective(of: Quantity, scene: Scene) -> None:
+    """Raise an InputError unless `of` is a quantity of the scene by which motions can be told to be better."""
+    check_quantity(of, scene.parts, scene.row is not None)
+    amplitude = amplitude_of(of)
+    if scene.row is not None and amplitude is not None and amplitude.measure == "mean":
+        raise InputError(f"`of` is {of}, whose sign differs from blade to blade of a row; take an RMS value or a peak.")
 
 
 def _check_scattering(problem: Problem) -> None:

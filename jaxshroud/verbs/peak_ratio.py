@@ -58,7 +58,9 @@ class PeakRatio(NamedTuple):
 
 
 def peak_ratio(scene: Scene, along: str, low: float, high: float, of: str, run: Mapping[str, Any]) -> PeakRatio | None:
-    """The peaks of an amplitude of the left blade with and without contact; None where no run comes to its end.
+    """The peaks of an amplitude with and without contact; None where no run comes to its end.
+
+    It is that of the left blade, or of the blade of a row that swings most.
 
     The sweeps go over the range, then about their largest value once more, with the same number of values.
 
@@ -67,13 +69,13 @@ def peak_ratio(scene: Scene, along: str, low: float, high: float, of: str, run: 
         along: The number, as for `vary`.
         low: One end of its range [SI].
         high: The other end.
-        of: The amplitude of the left blade, e.g. "x_peak".
+        of: The amplitude, e.g. "x_peak".
         run: The arguments of `sweep` that say how to run.
     """
     ends, values, apart, found = (low, high), np.linspace(low, high, VALUES), np.nan, []
     for _ in range(ZOOMS):
         swept = sweep(scene, {along: values}, direction="both", amplitudes=True, **run)
-        levels = getattr(swept, of)[..., 0]
+        levels = counted_amplitude(getattr(swept, of), scene.row is not None)
         if not np.isfinite(levels).any():
             break
         top = int(np.unravel_index(np.nanargmax(levels), levels.shape)[-1])

@@ -1,9 +1,7 @@
 """The report on a design: its runs, a verdict with its reasons, and one document of all."""
 
-import math
 from collections.abc import Mapping, Sequence
-from itertools import product
-from typing import TypedDict
+from typing import TypedDict, cast
 
 import jax
 import numpy as np
@@ -14,42 +12,41 @@ from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import FAST, Method, method_of
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.averages import closed_forms
 from jaxshroud.results.attractors import Attractors
+from jaxshroud.results.row_motions import RowMotions
 from jaxshroud.results.scatter import Report
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import Tuned
-from jaxshroud.scene.checks import InputError, NumericalError, count_argument, seed_argument
+from jaxshroud.scene.checks import NumericalError
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.grids import scenes_at
-from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.keys import blade_count
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS
+from jaxshroud.scene.quantities import RequiredReduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T, typed
-from jaxshroud.scene.valid import check_values
-from jaxshroud.scene.vary import value_of, with_numbers
+from jaxshroud.scene.vary import level_of, with_numbers
 from jaxshroud.verbs.ascent import verify_design
 from jaxshroud.verbs.attractors import attractors
 from jaxshroud.verbs.check import check
-from jaxshroud.verbs.design_problem import Problem, design_corners, judge_designs, problem_of, scenes_of
+from jaxshroud.verbs.design_problem import Problem, judge_designs, scenes_of
 from jaxshroud.verbs.gradient import gradient
 from jaxshroud.verbs.lanes import one_scene
-from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, plan_march, resolve_options
+from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, check_row, plan_march, resolve_options
 from jaxshroud.verbs.peak_ratio import VALUES, ZOOMS, peak_ratio
 from jaxshroud.verbs.power import power
+from jaxshroud.verbs.report_request import Bounds, Conditions, check_report, report_request, varied_by
+from jaxshroud.verbs.report_row import row_findings
 from jaxshroud.verbs.report_sections import Limits, ReportData, sections_of, worst_of
 from jaxshroud.verbs.report_verdict import report_verdict
-from jaxshroud.verbs.scatter import check_at_least, draw_rows, scatter
-from jaxshroud.verbs.scattering import Spread, scatter_bounds
+from jaxshroud.verbs.row_motions import row_motions
+from jaxshroud.verbs.scatter import scatter
+from jaxshroud.verbs.scattering import Spread
 from jaxshroud.verbs.sweep import sweep
 
 GAPS = 61  # values of the sweep over the gap
 GAPS_BELOW, GAPS_ABOVE, MIN_GAP_SIZE = 0.75, 2.0, 1e-6  # its range about the gap, in gaps of at least 1 um
 SPEEDS = 0.75, 1.25  # range of drive frequencies, over the drive's own, in which peaks are compared
 SCENE_ITSELF = np.empty((1, 0))  # the design of a problem in which nothing is tuned
-
-Bounds = Mapping[str, tuple[float, float]]
-Conditions = Mapping[str, Sequence[float]]
 
 
 class RunOptions(TypedDict):
@@ -60,93 +57,13 @@ class RunOptions(TypedDict):
     method: Method
 
 
-def report_request(
-    scene: Scene,
-    limits: Limits,
-    scatters: Mapping[str, Spread],
-    conditions: Conditions,
-    tuned: Tuned | None,
-) -> tuple[Limits, dict[str, tuple[float, float]], dict[str, Sequence[float]]]:
-    """The limits, the bounds of numbers that scatter and the conditions of a report, merged with those of a tuning.
-
-    Raises:
-        KeyError: The scene has no such number.
-        InputError: A half width is not positive.
-    """
-    bounds = scatter_bounds(scene, scatters)
-    if tuned is None:
-        return limits, bounds, dict(conditions)
-    own_bounds = tuned.ends_of_scatter({key: value_of(scene, key) for key in tuned.scatters})
-    limits = Limits(
-        tuned.at_least if limits.at_least is None else limits.at_least,
-        min(limits.most_force, tuned.most_force),
-        min(limits.most_penetration, tuned.most_penetration),
-    )
-    return limits, own_bounds | bounds, {**tuned.conditions, **conditions}
-
-
-def varied_by(scene: Scene, scatters: Bounds, conditions: Conditions) -> Scene:
-    """The scenes (leading axis) of a report: the design in all its conditions, and at the ends of its scatter.
-
-    Raises:
-        KeyError: The scene has no such number.
-        ValueError: A value is out of its range, or there is none.
-    """
-    scene = with_numbers(scene, list(dict.fromkeys([*scatters, *conditions])))
-    for key, values in conditions.items():
-        _check_condition(key, values)
-    in_conditions = scenes_at(scene, list(conditions), np.array(list(product(*conditions.values())), float))
-    if not scatters:
-        return in_conditions
-    at_ends = design_corners(problem_of(scene, scatters, {}))
-    return jax.tree.map(lambda *a: np.concatenate(a), in_conditions, at_ends)
-
-
-def _check_condition(key: str, values: Sequence[float]) -> None:
-    """Raise an InputError unless there are values, all in the range of the number."""
-    if not np.size(values):
-        raise InputError(f"The operating condition {key} has no value.")
-    check_values(find_key(key)[0], np.ravel(values).astype(float), f"{key}, as an operating condition,")
-
-
-def check_report(
-    scene: Scene,
-    resolved: ResolvedOptions,
-    limits: Limits,
-    scatters: Bounds,
-    conditions: Conditions,
-    counts: tuple[int, int, int],
-) -> None:
-    """Raise an InputError for arguments that a part of the report would refuse, or could say nothing about.
-
-    Args:
-        scene: The design.
-        resolved: The resolved arguments that all verbs share.
-        limits: The limits that are to be kept.
-        scatters: Keys of numbers that scatter, with their bounds.
-        conditions: Keys of operating conditions, with their values.
-        counts: Draws of the scatter, random starts, and the seed of both.
-    """
-    draws, starts, seed = counts
-    for name in ("most_force", "most_penetration"):
-        if not (value := getattr(limits, name)) > 0:
-            raise InputError(f"Argument `{name}` must be positive, but is {value}.")
-    check_at_least(limits.at_least)
-    count_argument("starts", starts, 1)
-    seed_argument(seed)
-    if scatters:
-        draw_rows(scene, scatters, limits.at_least, draws, seed, resolved, math.prod(map(np.size, conditions.values())))
-    _, P_0, _ = closed_forms(varied_by(scene, {}, conditions))
-    if not P_0[:, 0].all():
-        raise InputError("The left blade does not vibrate without contact, and has no P_d; give it a drive.F_0.")
-
-
 @typed
 def report(
     scene: Scene | SceneFile,
     *,
     scatters: Mapping[str, Spread] | None = None,
     conditions: Mapping[str, Sequence[float]] | None = None,
+    of: RequiredReduction | None = None,
     at_least: float | None = None,
     most_force: float = np.inf,
     most_penetration: float = np.inf,
@@ -166,6 +83,10 @@ def report(
     draw, coexisting motions are found in each, the largest forces are those of all runs that are shown, and sections
     about one condition are about the worst, which they name. The scene's own values of these keys are not used.
 
+    Of a row of blades P_d is that of all, or by `of` that of the blade that gains the least; amplitudes are those of
+    the blade that swings most, forces those of the interface where they are largest. There are its natural modes,
+    waves, blades and interfaces, and coexisting motions are told apart by their points at the strobe.
+
     The verdict is "fails" where a stated limit is not kept, "doubtful" where results do not agree or may not last, and
     "sound" otherwise.
 
@@ -173,7 +94,9 @@ def report(
         scene: The design: one scene, or a scene file, whose [run] counts where an argument is not given.
         scatters: Keys of numbers that scatter, each with a half width or bounds; see `scatter`.
         conditions: Keys of operating conditions, each with its values; all combinations count.
-        at_least: P_d [percent] required in every condition, and with 95 % probability under the scatter.
+        of: The reduction that is judged: "P_d", or of a row "P_d_worst", that of its worst blade; by default that of
+            the tuning, else "P_d".
+        at_least: P_d, or P_d_worst, [percent] required in every condition, and with 95 % probability under the scatter.
         most_force: Largest allowed normal force of the contact [N].
         most_penetration: Largest allowed penetration [m].
         draws: Draws of the scatter, see `scatter`.
@@ -203,14 +126,18 @@ def report(
         >>> js.report(scene, at_least=90.0, **small).verdict
         'fails'
     """
-    design = one_scene("report", scene)
+    design = one_scene("report", scene, rows=True)
+    if design.row is not None:
+        check_row(design)
     limits = Limits(at_least, most_force, most_penetration)
-    limits, bounds, conditions = report_request(design, limits, scatters or {}, conditions or {}, tuned)
-    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
-    check_report(design, resolved, limits, bounds, conditions, (draws, starts, seed))
-    check_size(len(SINGLE_DIRECTIONS) * max(GAPS, ZOOMS * VALUES), resolved.transient, resolved.n_periods)
+    limits, bounds, conditions = report_request(design, limits, scatters or {}, conditions or {}, tuned, of)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, rows=True)
+    judged_by = of or _reduction_of(tuned)
+    check_report(design, resolved, limits, bounds, conditions, (draws, starts, seed), judged_by)
+    lanes, blades = len(SINGLE_DIRECTIONS) * max(GAPS, ZOOMS * VALUES), blade_count(design.row_size)
+    check_size(lanes, resolved.transient, resolved.n_periods, blades=blades)
     march = plan_march(resolved, varied_by(design, bounds, conditions), FAST)
-    problem = _problem(design, conditions, limits)
+    problem = _problem(design, conditions, limits)._replace(of=judged_by)
     counts = draws, starts, seed
     data = _report_data(problem, resolved, march, limits, bounds, counts, progress)._replace(tuned=tuned)
     verdict, reasons = report_verdict(data)
@@ -218,7 +145,14 @@ def report(
     title = str(provenance.get("title") or "A design").partition(":")[0]
     sections = sections_of(data, verdict, reasons, str(provenance["scene"]), command)
     results = data.runs.lane(data.worst), data.over_gap, data.spread, data.slopes
-    return Report(title, verdict, reasons, *results, data.motions[data.worst], tuple(data.motions), sections)
+    motions = data.motions[data.worst], tuple(data.motions)
+    diagnosis = None if data.row is None else data.row.diagnosis
+    return Report(title, verdict, reasons, *results, *motions, sections, diagnosis)
+
+
+def _reduction_of(tuned: Tuned | None) -> RequiredReduction:
+    """The reduction that is judged where no argument names it."""
+    return "P_d_worst" if tuned is not None and tuned.quantity == "P_d_worst" else "P_d"
 
 
 def _problem(design: Scene, conditions: Conditions, limits: Limits) -> Problem:
@@ -242,8 +176,9 @@ def _report_data(
         NumericalError: The design stops before its end in all conditions.
     """
     draws, starts, seed = counts
-    design, rows = problem.scene, problem.rows
-    ticker = Ticker(7 + bool(scatters) + len(rows), progress)
+    design, rows, of = problem.scene, problem.rows, cast(RequiredReduction, problem.of)
+    in_row = design.row is not None
+    ticker = Ticker(7 + bool(scatters) + in_row + len(rows), progress)
 
     def done(part: T) -> T:
         ticker(1)
@@ -252,22 +187,23 @@ def _report_data(
     method = method_of(march.steps, march.method)
     run_options: RunOptions = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": method}
     scenes = scenes_of(problem, SCENE_ITSELF)
-    runs = done(sweep(scenes, forces=True, dims=["condition"], **run_options))
+    runs = done(sweep(scenes, dims=["condition"], forces=not in_row, ledger=in_row, amplitudes=in_row, **run_options))
     if np.all(runs.status != Status.OK):
         raise NumericalError(f"The design stops before its end, with {Status(int(runs.status[0])).name}.")
-    choices = march.method._replace(within=design.parts.contact == "spring")
+    choices = march.method._replace(within=design.parts.contact == "spring" and not in_row)
     problem = problem._replace(plan=Plan(resolved.transient, resolved.n_periods, march.steps, 0.0, choices))
     judged = judge_designs(problem, SCENE_ITSELF, lambda _: None)
     checks = done(verify_design(problem, SCENE_ITSELF[0], seed))
     in_conditions = [jax.tree.map(lambda a, i=i: a[i], scenes) for i in range(len(rows))]
-    worst = in_conditions[worst_of(judged)]
+    at = worst_of(judged)
+    worst = in_conditions[at]
     over_gap = done(sweep(worst, {"shroud.gap": gaps_about(worst)}, direction="both", **run_options))
     spread = None
     if scatters:
         draw_options = {"conditions": problem.conditions, "at_least": limits.at_least, "draws": draws, "seed": seed}
-        spread = done(scatter(design, scatters, **draw_options, **run_options))
-    slopes = done(gradient(worst, "all", **run_options))
-    motions = [done(attractors(scene, starts, seed=seed, method=method)) for scene in in_conditions]
+        spread = done(scatter(design, scatters, of=of, **draw_options, **run_options))
+    slopes = done(gradient(worst, "all", of=of, **run_options))
+    motions = [done(_motions_of(scene, (starts, seed), march, run_options)) for scene in in_conditions]
     return ReportData(
         sheets=[check(scene) for scene in in_conditions],
         limits=limits,
@@ -283,13 +219,25 @@ def _report_data(
         slopes=slopes,
         motions=motions,
         on_motions=[_on_motions(*pair, run_options) for pair in zip(in_conditions, motions, strict=True)],
+        of=of,
+        row=done(row_findings(scenes, at, runs, run_options)) if in_row else None,
     )
 
 
-def _on_motions(scene: Scene, motions: Attractors, run_options: RunOptions) -> SweepResult | None:
+def _motions_of(scene: Scene, counts: tuple[int, int], march: MarchPlan, run_options: RunOptions) -> Attractors:
+    """The coexisting motions of a scene, from so many random starts with that seed."""
+    starts, seed = counts
+    if scene.row is None:
+        return attractors(scene, starts, seed=seed, method=run_options["method"])
+    return row_motions(scene, starts, seed, march, run_options["transient"], run_options["n_periods"])
+
+
+def _on_motions(scene: Scene, motions: Attractors, run_options: RunOptions) -> SweepResult | RowMotions | None:
     """Runs on the motions that coexist in a scene, with their forces; None without any."""
     if not motions.names:
         return None
+    if isinstance(motions, RowMotions):
+        return motions
     states = State(motions.motion, motions.u_s, motions.mode, motions.case)
     lanes = repeat_lane(scene, len(motions.names))
     return sweep(lanes, state=states, forces=True, **{**run_options, "transient": 0})
@@ -302,7 +250,7 @@ def _speeds_about(scene: Scene) -> tuple[float, float]:
 
 
 def gaps_about(scene: Scene) -> np.ndarray:
-    """The gaps of the sweep about that of a scene [m]."""
-    gap = float(scene.shroud.gap)
+    """The gaps of the sweep about that of a scene, about the mean of a row's [m]."""
+    gap = level_of(scene, "shroud.gap")
     size = max(abs(gap), MIN_GAP_SIZE)
     return np.linspace(gap - GAPS_BELOW * size, gap + GAPS_ABOVE * size, GAPS)

@@ -13,20 +13,21 @@ from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.data_sheet import DataSheet
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.power import PowerResult
+from jaxshroud.results.row_motions import RowMotions
 from jaxshroud.results.scatter import Scatter
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import DesignJudgement, Tuned
+from jaxshroud.scene.quantities import RequiredReduction
 from jaxshroud.verbs.peak_ratio import PeakRatio
+from jaxshroud.verbs.report_row import MM_PER_M, RowFindings, row_sections
 from jaxshroud.verbs.sheet_tables import lines_of, rows_of
 from jaxshroud.version import __version__
-
-MM_PER_M = 1e3
 
 
 class Limits(NamedTuple):
     """The limits that a design is to keep."""
 
-    at_least: float | None = None  # P_d [percent]
+    at_least: float | None = None  # P_d, or of a row that of the worst blade [percent]
     most_force: float = np.inf  # [N]
     most_penetration: float = np.inf  # [m]
 
@@ -45,10 +46,12 @@ class ReportData(NamedTuple):
     spread: Scatter | None  # of the worst condition of each draw
     slopes: Gradient
     motions: Sequence[Attractors]  # one for each condition
-    on_motions: Sequence[SweepResult | None]  # runs on these motions, one for each condition; None without a motion
+    on_motions: Sequence[SweepResult | RowMotions | None]  # runs on these, one for each condition; None without any
     tuned: Tuned | None = None  # where the design comes from
     power: PowerResult | None = None  # of the worst condition
     peaks: PeakRatio | None = None  # of the worst condition, over the drive frequency
+    of: RequiredReduction = "P_d"  # the reduction that is judged
+    row: RowFindings | None = None  # on a row of blades
 
     @property
     def worst(self) -> int:
@@ -68,7 +71,23 @@ class ReportData(NamedTuple):
     @property
     def friction(self) -> float:
         """The largest friction force of the design's runs [N]."""
-        return largest_value([run.F_max for run in (self.runs, *self.on_motions) if run is not None])
+        of_row = None if self.row is None else self.row.friction
+        return largest_value([of_row, *(getattr(run, "F_max", None) for run in (self.runs, *self.on_motions))])
+
+    @property
+    def forces(self) -> np.ndarray | None:
+        """The largest normal force in each condition [N], where it was kept."""
+        return self.runs.N_max if self.row is None else self.row.forces
+
+    @property
+    def friction_work(self) -> float:
+        """The work of friction in a drive period of the worst condition [J]."""
+        return float(self.runs.lane(self.worst).friction_work) if self.row is None else self.row.friction_work
+
+    @property
+    def levels(self) -> np.ndarray:
+        """The reduction that is judged, of the run in each condition [percent]."""
+        return getattr(self.runs, self.of)
 
     @property
     def penetration(self) -> float:
@@ -100,6 +119,7 @@ def sections_of(data: ReportData, verdict: str, reasons: Sequence[str], text: st
         Section("Verdict", [f"{verdict}: {'; '.join(reasons)}."], _limits(data)),
         _sheet(data),
         _conditions(data),
+        *_sections_of_row(data),
         _mechanism_section(data),
         _gap(data),
         _scatter(data),
@@ -114,10 +134,10 @@ def sections_of(data: ReportData, verdict: str, reasons: Sequence[str], text: st
 
 def _limits(data: ReportData) -> list[list[str]]:
     """The table of values against limits."""
-    limits, judged, run = data.limits, data.judged, data.runs.lane(data.worst)
+    limits, judged = data.limits, data.judged
     worst = f", worst condition: {data.where(data.worst)}" if data.conditions else ""
     rows = [
-        (f"P_d{worst}", judged.objective[0], "%", limits.at_least, "at least"),
+        (f"{data.of}{worst}", judged.objective[0], "%", limits.at_least, "at least"),
         ("largest normal force of all runs", data.force, "N", limits.most_force, "at most"),
         (
             "largest penetration of all runs",
@@ -132,12 +152,23 @@ def _limits(data: ReportData) -> list[list[str]]:
         required = "-" if limit is None or not np.isfinite(limit) else f"{side} {limit:g} {unit}"
         table.append([name, f"{value:.5g} {unit}", required])
     if data.conditions:
-        its_mean = data.tuned is not None and (data.tuned.quantity, data.tuned.goal) == ("P_d", "mean")
+        its_mean = data.tuned is not None and (data.tuned.quantity, data.tuned.goal) == (data.of, "mean")
         tuned = ", which was tuned" if its_mean else ""
-        table.append([f"P_d, mean of the conditions{tuned}", f"{judged.P_d[0].mean():.5g} %", "-"])
-    table.append(["largest friction force", f"{data.friction:.5g} N", "-"])
-    table.append([f"work of friction per period{_at_worst(data)}", f"{float(run.friction_work):.5g} J", "-"])
+        table.append([f"{data.of}, mean of the conditions{tuned}", f"{judged.P_d[0].mean():.5g} %", "-"])
+    if data.row is not None:
+        cells = zip(data.row.heads(data.of), data.row.cells(data.of, data.worst), strict=True)
+        table += [[f"{head}{_at_worst(data)}", cell, "-"] for head, cell in cells]
+    at_steps = "" if data.row is None else f" at the steps{_at_worst(data)}"
+    table.append([f"largest friction force{at_steps}", f"{data.friction:.5g} N", "-"])
+    table.append([f"work of friction per period{_at_worst(data)}", f"{data.friction_work:.5g} J", "-"])
     return table
+
+
+def _sections_of_row(data: ReportData) -> list[Section]:
+    """The sections that only rows have."""
+    if data.row is None:
+        return []
+    return row_sections(data.row, data.sheets[data.worst], data.worst, _one_condition(data))
 
 
 def _at_worst(data: ReportData) -> str:
@@ -160,14 +191,18 @@ def _sheet(data: ReportData) -> Section:
 def _conditions(data: ReportData) -> Section | None:
     if not data.conditions:
         return None
-    judged, forces = data.judged, data.runs.N_max
-    table = [[*data.conditions, "P_d [%] +- points", "period number", "largest normal force [N]"]]
+    judged, forces = data.judged, data.forces
+    of_row = [] if data.row is None else data.row.heads(data.of)
+    titles = f"{data.of} [%] +- points", "period number", "largest normal force [N]"
+    table = [[*data.conditions, *titles, *of_row]]
     for i, row in enumerate(data.rows):
         number = int(judged.period_number[0, i])
         cells = [with_interval(judged.P_d[0, i], judged.ci[0, i]), str(number) if number else "aperiodic"]
         force = "-" if forces is None else f"{float(forces[i]):.5g}"
-        table.append([*(f"{value:.6g}" for value in row), *cells, force])
-    words = f"All combinations, in SI units. The worst is {data.where(data.worst)}; forces are of the kept periods."
+        blades = [] if data.row is None else data.row.cells(data.of, i)
+        table.append([*(f"{value:.6g}" for value in row), *cells, force, *blades])
+    periods = "the kept periods" if data.row is None else "whole runs, transients included"
+    words = f"All combinations, in SI units. The worst is {data.where(data.worst)}; forces are of {periods}."
     return Section("Operating conditions", [words], table)
 
 
@@ -176,12 +211,16 @@ def _mechanism_section(data: ReportData) -> Section | None:
         return None
     P_d = f"P_d is {with_interval(data.power.final['P_d'], data.power.final['ci'], '%')}."
     peaks = [] if data.peaks is None else [data.peaks.words]
+    if data.row is not None:
+        peaks.append("P_d is that of all blades; amplitudes are those of the blade that swings most.")
     return Section("Damping or detuning", [*_one_condition(data), P_d, data.power.mechanism, *peaks])
 
 
 def _gap(data: ReportData) -> Section:
     figure = data.over_gap.plot(title="")
     words, spread = "The gap upwards, downwards and each value from rest", data.spread
+    if len(set(data.sheets[data.worst].gaps)) > 1:
+        words += "; here all interfaces have the same gap, while those of the design differ"
     if spread is not None and "shroud.gap" in spread.keys:
         i = spread.keys.index("shroud.gap")
         shade(figure, spread.low[i] * MM_PER_M, spread.high[i] * MM_PER_M)
@@ -208,10 +247,10 @@ def _scatter(data: ReportData) -> Section | None:
         f"{spread.likely_low:.4g} and {spread.likely_high:.4g} %."
     )
     if data.conditions:
-        words = f"P_d of a draw is its least over all conditions ({_ranges_text(data)}). {words}"
+        words = f"{data.of} of a draw is its least over all conditions ({_ranges_text(data)}). {words}"
     if spread.at_least is not None:
-        words += f" P_d is at least {spread.at_least:g} % with probability {spread.chance}."
-    note = "Shares of the variance of P_d (Sobol indices), with 95 % intervals; estimated ends may leave 0 to 1."
+        words += f" {data.of} is at least {spread.at_least:g} % with probability {spread.chance}."
+    note = f"Shares of the variance of {data.of} (Sobol indices), with 95 % intervals; estimated ends may leave 0 to 1."
     forces = f"The largest normal force of all {spread.runs} runs is {spread.N_max:.5g} N."
     return Section("Scatter", [words, forces, note], table, spread.plot(title=""))
 
@@ -241,7 +280,7 @@ def _tolerances_section(data: ReportData) -> Section | None:
 def _sensitivity(data: ReportData) -> Section:
     slopes = data.slopes
     table = [
-        ["number", "value [SI]", "more by", "changes P_d by [points]"],
+        ["number", "value [SI]", "more by", f"changes {data.of} by [points]"],
         *(effect.cells for effect in slopes.effects),
     ]
     kind = {
@@ -249,12 +288,14 @@ def _sensitivity(data: ReportData) -> Section:
         "smoothed": f"Averaged over a neighbourhood of {slopes.sigma:g} of each value: the motion has no orbit.",
     }.get(slopes.kind, "There is none.")
     flags = f"Flags: {', '.join(slopes.flags)}." if slopes.flags else "No flags."
-    return Section("Sensitivity", [*_one_condition(data), kind, flags], table, slopes.plot(title=""))
+    level = [] if data.row is None else [f"{data.of} there is {with_interval(slopes.level, slopes.level_ci, '%')}."]
+    return Section("Sensitivity", [*_one_condition(data), kind, *level, flags], table, slopes.plot(title=""))
 
 
 def _motions_section(data: ReportData) -> Section:
     titles = "motion", "share of starts", "P_d [%] +- points", "least [%]", "largest normal force [N]"
-    table = [[*data.conditions, *titles]]
+    of_row = [] if data.row is None else ["least of the worst blade [%]", "largest amplitude of x [mm]"]
+    table = [[*data.conditions, *titles, *of_row]]
     for i, (motions, runs) in enumerate(zip(data.motions, data.on_motions, strict=True)):
         forces = None if runs is None else runs.N_max
         for j, name in enumerate(motions.names):
@@ -262,6 +303,7 @@ def _motions_section(data: ReportData) -> Section:
             P_d = with_interval(motions.P_d[j], motions.P_d_ci[j])
             force = "-" if forces is None else f"{float(forces[j]):.5g}"
             cells = [name, share, P_d, f"{motions.P_d_least[j]:.5g}", force]
+            cells += motions.blade_cells(j) if isinstance(motions, RowMotions) else []
             table.append([*(f"{value:.6g}" for value in data.rows[i]), *cells])
     undecided = np.mean([motions.undecided for motions in data.motions])
     each = " in each condition" if data.conditions else ""
@@ -269,12 +311,17 @@ def _motions_section(data: ReportData) -> Section:
         f"From {data.motions[0].label.size} random starts{each}; {undecided:.0%} were left undecided, or stopped.",
         *([f"The picture is of the worst condition, {data.where(data.worst)}."] if data.conditions else []),
     ]
+    if data.row is not None:
+        words.append(
+            "Runs from rest with random rates, told apart by their points at the strobe; no orbit is closed. In a ring "
+            "the copies of a motion that begin at another blade count each."
+        )
     return Section("Coexisting motions", words, table, data.motions[data.worst].plot(title=""))
 
 
 def _checks(data: ReportData) -> Section:
     over = ", least of all conditions" if data.conditions else ""
-    table = [["run again", f"P_d [%]{over}", "largest normal force [N]"]]
+    table = [["run again", f"{data.of} [%]{over}", "largest normal force [N]"]]
     table.append(["as above", f"{data.judged.objective[0]:.6g}", f"{data.judged.force[0]:.6g}"])
     for name, judged in data.checks.items():
         table.append([name, f"{judged.objective[0]:.6g}", f"{judged.force[0]:.6g}"])
@@ -285,7 +332,8 @@ def _checks(data: ReportData) -> Section:
         f"The energy balance is left open by {residual} in the worst period; P_d has {settled}{_at_worst(data)}, with "
         f"period number {int(run.period_number) or 'none'}."
     )
-    return Section("Checks", [words, "Forces are of whole runs, transients included."], table)
+    at = "" if data.row is None else ", taken at events and at the ends of steps"
+    return Section("Checks", [words, f"Forces are of whole runs, transients included{at}."], table)
 
 
 def _origin(data: ReportData, text: str, command: str) -> Section:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jaxshroud.verbs.ascent import checks_agree
+from jaxshroud.verbs.report_row import DOUBTFUL_VERDICTS
 from jaxshroud.verbs.report_sections import ReportData, largest_value
 
 MAX_RESIDUAL = 1e-4  # energy residual over the drive's work: about a hundredth of a percentage point of P_d
@@ -29,7 +30,7 @@ def _failures(data: ReportData) -> Iterator[str]:
     if not np.isfinite(worst):
         yield "a condition stops before its end"
     elif at_least is not None and worst < at_least:
-        yield f"P_d is {worst:.4g} %{where}, less than {at_least:g} %"
+        yield f"{data.of} is {worst:.4g} %{where}, less than {at_least:g} %"
     if force > most_force:
         yield f"the normal force reaches {force:.4g} N, more than {most_force:g} N"
     if deepest > most_penetration:
@@ -50,6 +51,7 @@ def _report_doubts(data: ReportData) -> Iterator[str]:
     if not runs.P_d_settled.all():
         i = int(np.argmin(runs.P_d_settled))
         yield f"P_d still drifts, or cannot be told to have settled{_at(data, i)}"
+    yield from _doubts_of_row(data)
     if spread is not None:
         if at_least is not None and spread.probability_low < REQUIRED_PROBABILITY <= spread.probability_high:
             question = f"whether {at_least:g} % is met with probability {REQUIRED_PROBABILITY:g}"
@@ -57,12 +59,19 @@ def _report_doubts(data: ReportData) -> Iterator[str]:
         if spread.stopped:
             yield f"{spread.stopped} of {spread.runs} runs of the scatter stopped"
     for i, motions in enumerate(data.motions):
-        least = np.nan if motions.worst is None else float(motions.P_d_least[motions.worst])
-        if len(motions.share) > 1 and least < float(runs.P_d[i]) - ALLOWED_DEFICIT:
-            yield f"from other starts another motion is found{_at(data, i)}, with a P_d of {least:.4g} % at worst"
+        levels = motions.P_d_least if data.of == "P_d" else getattr(motions, data.of)
+        least = float(np.nanmin(levels, initial=np.inf))
+        if len(motions.share) > 1 and least < float(data.levels[i]) - ALLOWED_DEFICIT:
+            yield f"from other starts another motion is found{_at(data, i)}, with a {data.of} of {least:.4g} % at worst"
         if motions.undecided > 0:
             left = f"{motions.undecided:.0%} of {motions.label.size} starts were left undecided, or stopped"
             yield f"{left}{_at(data, i)}"
+
+
+def _doubts_of_row(data: ReportData) -> Iterator[str]:
+    """The doubts about the motion of a row in its worst condition."""
+    if data.row is not None and data.row.diagnosis.verdict in DOUBTFUL_VERDICTS:
+        yield f"a longer run is judged {data.row.diagnosis.evidence}{_at(data, data.worst)}"
 
 
 def _doubts_of_sheets(data: ReportData) -> Iterator[str]:

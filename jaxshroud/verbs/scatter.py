@@ -15,16 +15,18 @@ from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import stiffnesses
 from jaxshroud.motion.statistics import saltelli_rows, variance_indices
 from jaxshroud.results.scatter import Scatter
+from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
-from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d, check_quantity
+from jaxshroud.scene.keys import blade_count
+from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d, counted_amplitude, is_reduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, with_numbers
-from jaxshroud.verbs.design_problem import check_bounds
+from jaxshroud.verbs.design_problem import check_bounds, check_objective
 from jaxshroud.verbs.lanes import one_scene
-from jaxshroud.verbs.options import ResolvedOptions, resolve_options
+from jaxshroud.verbs.options import ResolvedOptions, check_row, resolve_options
 from jaxshroud.verbs.scattering import Spread, probability_values, scatter_bounds
 from jaxshroud.verbs.sweep import sweep
 
@@ -56,12 +58,14 @@ def scatter(
     Args:
         scene: One scene, or a scene file, whose [run] counts where an argument is not given.
         scatters: Keys as for `vary`, each with a half width about the scene's value (a number in SI units, or a share
-            such as "20%"), or with its lower and upper bound in SI units.
+            such as "20%"), or with its lower and upper bound in SI units. `row.mistuning` scatters for each blade of a
+            row by itself, with a sample matrix for each.
         conditions: Operating conditions: keys with their values in SI units. Every draw is run in all combinations, and
             its P_d is the least of them, another quantity the largest. A condition that scatters does so about each of
             its values, in proportion to its value in the scene.
-        of: "P_d", "P", or an amplitude of the left blade, "x_peak" or another of `gradient`.
-        at_least: P_d [percent] whose probability is computed; of P_d only.
+        of: "P_d", "P", or an amplitude of the left blade, "x_peak" or another of `gradient`; of a row P_d and P of all
+            blades, "P_d_worst" of the blade that gains the least, or the largest RMS value or peak.
+        at_least: P_d, or P_d_worst, [percent] whose probability is computed.
         draws: Rows of each of the two sample matrices, rounded up to a power of 2; there are (2 + keys) times as many
             runs in every condition.
         seed: Seed of the draws.
@@ -92,11 +96,13 @@ def scatter(
         >>> found.P_d.shape, found.total.shape
         ((16,), (2,))
     """
-    nominal = one_scene("scatter", scene)
-    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
+    nominal = one_scene("scatter", scene, rows=True)
+    if nominal.row is not None:
+        check_row(nominal)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, rows=True)
     condition_values = {key: np.ravel(values).astype(float) for key, values in (conditions or {}).items()}
     per_draw = math.prod(map(len, condition_values.values()))
-    check_quantity(of, nominal.parts)
+    check_objective(of, nominal)
     check_only_P_d("at_least", at_least, of)
     bounds = scatter_bounds(nominal, scatters)
     rows = draw_rows(nominal, bounds, at_least, draws, seed, resolved, per_draw)
@@ -121,17 +127,27 @@ def scatter(
     values: dict[str, object] = {"P_d": np.ravel(P_d[:2]), "P_d_ci": np.ravel(P_d_ci[:2]), "of": of}
     level = P_d
     if of != "P_d":
-        every = np.asarray(getattr(run, of), float)[..., 0].reshape(per_draw, *rows.shape[:2])
-        level = np.where(status == Status.OK, every.max(axis=0), np.nan)
+        every = reshaped(_levels(run, of, nominal.row is not None))
+        worst = every.min(axis=0) if is_reduction(of) else every.max(axis=0)
+        level = np.where(status == Status.OK, worst, np.nan)
         values |= {"level": np.ravel(level[:2])}
     values |= _statistics(level, at_least) | variance_indices(_with_mean(level), seed)._asdict()
     values |= {"low": ends[:, 0], "high": ends[:, 1], "drawn": np.concatenate(rows[:2]), "status": np.ravel(status[:2])}
-    values |= {"v_max": np.nanmax(run.v_max, initial=0), "N_max": np.nanmax(stiffnesses(scenes) * run.v_max, initial=0)}
+    forces = stiffnesses(scenes) * run.penetrations
+    values |= {"v_max": np.nanmax(run.v_max, initial=0), "N_max": np.nanmax(forces, initial=0)}
     values |= {"conditions_json": json.dumps({key: at.tolist() for key, at in condition_values.items()})}
     settings = {"method": str(run.method), "steps_per_period": run.steps_per_period, "seed": seed}
     settings |= {"stopped": stopped, "runs": lanes}
     attrs = {"title": "", "scene": resolved.provenance(resolved.transient, run.steps_per_period)[0]["scene"]}
     return Scatter.from_values({**values, **settings}, coords={"key": list(bounds)}, attrs=attrs)
+
+
+def _levels(run: SweepResult, of: Quantity, in_row: bool) -> np.ndarray:
+    """A quantity other than P_d of all lanes, of a pair that of the left blade."""
+    values = np.asarray(getattr(run, of), float)
+    if of == "P_d_worst":
+        return values
+    return values.sum(axis=-1) if in_row and of == "P" else counted_amplitude(values, in_row)
 
 
 def draw_rows(
@@ -151,14 +167,14 @@ def draw_rows(
         KeyError: The scene has no such number.
         ValueError: See `scatter`.
     """
-    check_bounds(bounds)
+    check_bounds(bounds, scene.row_size)
     with_numbers(scene, list(bounds))
     seed_argument(seed)
     count_argument("draws", draws, 2)
     check_at_least(at_least)
     n = 1 << (draws - 1).bit_length()
     lanes = (2 + len(bounds)) * n * per_draw
-    check_size(lanes, resolved.transient, resolved.n_periods, lanes)
+    check_size(lanes, resolved.transient, resolved.n_periods, lanes, blade_count(scene.row_size))
     return saltelli_rows(n, np.array(list(bounds.values()), float), seed)
 
 

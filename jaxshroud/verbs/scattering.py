@@ -98,12 +98,14 @@ def _half_width(key: str, spread: Spread) -> HalfWidth | None:
 def scatter_bounds(scene: Scene, scatters: Mapping[str, Spread]) -> dict[str, tuple[float, float]]:
     """The bounds of numbers that scatter: those given, or the half width on either side of the scene's value.
 
+    The mistuning of a row scatters for each blade by itself: draws of `row.mistuning` are patterns.
+
     Raises:
         KeyNameError: The scene has no such number.
         InputError: A half width is not positive, or a share of zero.
     """
     bounds = {}
-    for key, spread in scatters.items():
+    for key, spread in _by_blade(scatters, scene.row_size).items():
         width = _half_width(key, spread)
         if width is None:
             low, high = np.asarray(spread, float).tolist()

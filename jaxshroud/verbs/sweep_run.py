@@ -213,6 +213,11 @@ def _of_all_interfaces(log: Log | RowLog) -> Log | RowLog:
     return RowLog(*times, log.v_max.max(axis=-1), log.largest, counters, log.extent)
 
 
+def _row_numbers(runs: Runs, reductions: np.ndarray) -> dict[str, np.ndarray]:
+    """The variables that only rows have, from the power reduction of each blade (lanes, blades)."""
+    return {"P_d_worst": reductions.min(axis=-1), "interface_v_max": runs.last.tally.log.v_max}
+
+
 def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[str, object]:
     """The variables of the result for lanes (leading axis), without exponents."""
     runs = jax.tree.map(in_float64, runs)
@@ -246,7 +251,7 @@ def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[st
         **dict(zip(("time_apart", "time_stick", "time_slip"), times, strict=True)),
         **({} if residual is None else {"energy_residual": residual, "energy_dropped": dropped}),
         "counters": counters,
-        **({} if scenes.row is None else {"P_d_worst": power_reduction(power.P, P_0).min(axis=-1)}),
+        **({} if scenes.row is None else _row_numbers(runs, power_reduction(power.P, P_0))),
         **load_values(scenes, runs.samples),
         **amplitude_values(scenes, runs.samples, number),
     }

@@ -9,6 +9,7 @@ from jaxshroud.motion.orbit_distance import (
     fill_one_set,
     find_jumps,
     motions_differ,
+    number_motions,
     set_distance,
 )
 
@@ -74,3 +75,9 @@ def test_motions_of_equal_period_number_differ_by_their_distance():
     assert not motions_differ(lane(0.3), lane(0.3 + 1e-4))
     assert motions_differ(lane([0.3, 0.5], 2), lane(0.3))
     assert not motions_differ(lane([0.3, 0.5], 2), lane([0.5, 0.3], 2))
+
+
+def test_motions_are_numbered_as_they_are_met():
+    unsettled = lane(0.3)._replace(settled=False)
+    lanes = [unsettled, lane(0.3), lane(0.5), lane(0.3 + 1e-4), lane([0.3, 0.5], 2), lane(np.nan), lane(0.5)]
+    assert number_motions(lanes).tolist() == [-1, 0, 1, 0, 2, -1, 1]

@@ -369,8 +369,6 @@ def _verbs():
         "attractors": lambda: js.attractors(ring),
         "basins": lambda: js.basins(ring),
         "trade": lambda: js.trade(ring),
-        "scatter": lambda: js.scatter(ring, {"drive.omega": 1.0}),
-        "report": lambda: js.report(ring),
         "fit": lambda: js.fit(ring, {"t [s]": [0.0, 1e-3], "x_left [m]": [0.0, 1e-6]}, {"drive.omega": (500.0, 600.0)}),
         "method_for": lambda: js.method_for(ring.scene),
         "period_map": lambda: js.period_map(ring.scene, initial_states(ring.scene)),
@@ -382,7 +380,7 @@ def _verbs():
 
 KNOW_ROWS = {
     *("simulate", "sweep", "power", "table", "explain", "check", "diagnose", "rollout"),
-    *("orbit", "gradient", "branch", "response", "tune", "mistune"),
+    *("orbit", "gradient", "branch", "response", "tune", "mistune", "scatter", "report"),
     *("free_power", "value_of", "vary", "scenes_from", "stack_scenes"),
 }
 

@@ -1,0 +1,168 @@
+"""What the report on a row of blades has beside that of a pair: waves, blades, interfaces and modes."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jaxshroud.model.linear import power_reduction
+from jaxshroud.motion.averages import stiffnesses
+from jaxshroud.plotting.documents import Section
+from jaxshroud.results.data_sheet import DataSheet
+from jaxshroud.results.row_diagnosis import RowDiagnosis
+from jaxshroud.results.sweep import SweepResult
+from jaxshroud.scene.quantities import RequiredReduction
+from jaxshroud.scene.scene import Scene
+from jaxshroud.verbs.diagnose import diagnose
+from jaxshroud.verbs.doubts import LEAST_DRIVEN
+from jaxshroud.verbs.sheet_tables import mode_rows
+
+MM_PER_M = 1e3
+MOST_LINES = 24  # of a table of blades or interfaces
+WAVE_LINES, LEAST_WAVE = 6, 1e-3  # of a table of waves, and their least amplitude over the largest
+DOUBTFUL_VERDICTS = ("transient not over", "undecided", "stopped")
+
+
+class RowFindings(NamedTuple):
+    """What is computed of a row beyond what is computed of a pair."""
+
+    diagnosis: RowDiagnosis  # of the worst condition
+    forces: np.ndarray  # (conditions,) largest normal force of each run, transients included [N]
+    P_d: np.ndarray  # (conditions,) of all blades [percent]
+    blade_P_d: np.ndarray  # (conditions, blades) [percent]
+    peaks: np.ndarray  # (conditions, blades) amplitude of x [m]
+    free: np.ndarray  # and without contact
+
+    @property
+    def periods(self) -> float:
+        """The drive periods of the diagnosis's samples."""
+        run = self.diagnosis
+        return (run.t.shape[-1] - 1) * run.every / run.steps_per_period
+
+    @property
+    def friction(self) -> float:
+        """The largest friction force at any sample of the worst condition [N]."""
+        return float(np.nanmax(np.abs(self.diagnosis.F), initial=0.0))
+
+    @property
+    def friction_work(self) -> float:
+        """The work of friction of all interfaces in a drive period, on average [J]."""
+        return float(np.sum(self.diagnosis.loss_friction)) / self.periods
+
+    def heads(self, of: RequiredReduction) -> list[str]:
+        """The heads of `cells`."""
+        of_all = ["P_d of all blades [%]"] if of == "P_d_worst" else []
+        return [*of_all, "P_d of the worst blade [%]", "largest amplitude of x [mm]"]
+
+    def cells(self, of: RequiredReduction, condition: int) -> list[str]:
+        """What a table tells of the row in a condition beside the reduction that is judged."""
+        of_all = [f"{self.P_d[condition]:.5g}"] if of == "P_d_worst" else []
+        return [*of_all, self.worst_blade(condition), self.largest_peak(condition)]
+
+    def worst_blade(self, condition: int) -> str:
+        """The P_d of the blade that gains the least in a condition, and which it is."""
+        reductions = self.blade_P_d[condition]
+        blade = int(np.argmin(np.where(np.isfinite(reductions), reductions, np.inf)))
+        return f"{reductions[blade]:.5g} (blade {blade})"
+
+    def largest_peak(self, condition: int) -> str:
+        """The largest amplitude of x in a condition [mm], and the blade that has it."""
+        peaks = self.peaks[condition]
+        blade = int(np.argmax(np.where(np.isfinite(peaks), peaks, -np.inf)))
+        return f"{MM_PER_M * peaks[blade]:.5g} (blade {blade})"
+
+
+def row_findings(scenes: Scene, worst: int, runs: SweepResult, run_options: Mapping[str, Any]) -> RowFindings:
+    """The findings on a row in all its conditions (leading axis), of which one is the worst."""
+    how = {name: run_options[name] for name in ("transient", "method")}
+    diagnosis = diagnose(jax.tree.map(lambda a: np.asarray(a)[worst], scenes), **how)
+    assert isinstance(diagnosis, RowDiagnosis)
+    forces = (stiffnesses(scenes) * runs.penetrations).max(axis=-1)
+    return RowFindings(diagnosis, forces, runs.P_d, power_reduction(runs.P, runs.P_0), runs.x_peak, runs.x_free)
+
+
+def row_sections(findings: RowFindings, sheet: DataSheet, worst: int, about: list[str]) -> list[Section]:
+    """The sections of a row in its worst condition; each begins with the paragraphs `about`."""
+    return [
+        _modes_section(sheet, about),
+        _waves_section(findings.diagnosis, about),
+        _blades_section(findings, worst, about),
+        _interfaces_section(findings, about),
+    ]
+
+
+def _modes_section(sheet: DataSheet, about: list[str]) -> Section:
+    driven = tuple(mode for mode in sheet.modes if mode.driven > LEAST_DRIVEN)
+    words = (
+        f"With all interfaces in one state of contact. Of {len(sheet.modes)} modes the drive excites {len(driven)}; "
+        "those with less than a thousandth of its work are left out."
+    )
+    head, rows = mode_rows(replace(sheet, modes=driven))
+    return Section("Natural modes", [*about, words], [head, *rows] if driven else [])
+
+
+def _waves_section(run: RowDiagnosis, about: list[str]) -> Section:
+    paragraphs = [*about, f"{run.evidence[:1].upper()}{run.evidence[1:]}."]
+    if run.verdict == "stopped":
+        return Section("Waves and localisation", paragraphs)
+    blades = run.x_peak.shape[-1]
+    paragraphs.append(
+        f"The participation ratio is {float(run.participation_ratio):.4g}: 1 where all blades swing alike, "
+        f"{1 / blades:.3g} where one of the {blades} swings alone."
+    )
+    if not run.closed:
+        return Section("Waves and localisation", paragraphs, figure=run.plot(panel="map", title=""))
+    paragraphs.append(
+        "Below are the largest waves of x over the last period: a travelling wave has one nodal diameter for each "
+        "harmonic. The share outside of one is of the square of the motion."
+    )
+    return Section("Waves and localisation", paragraphs, _wave_table(run), run.plot(panel="diameters", title=""))
+
+
+def _wave_table(run: RowDiagnosis) -> list[list[str]]:
+    """The largest waves of the last period in x."""
+    spectrum = run.spectrum()
+    amplitude = spectrum.amplitude[1:]
+    order = np.argsort(-amplitude, axis=None, kind="stable")[:WAVE_LINES]
+    table = [["harmonic of the drive", "nodal diameter", "amplitude of x [mm]"]]
+    for harmonic, place in zip(*np.unravel_index(order, amplitude.shape), strict=True):
+        level = amplitude[harmonic, place]
+        if level >= LEAST_WAVE * amplitude.max():
+            table.append([str(harmonic + 1), f"{spectrum.diameters[place]:d}", f"{MM_PER_M * level:.4g}"])
+    return table
+
+
+def _blades_section(findings: RowFindings, worst: int, about: list[str]) -> Section:
+    reductions, peaks, free = (a[worst] for a in (findings.blade_P_d, findings.peaks, findings.free))
+    table = [["blade", "P_d [%]", "amplitude of x [mm]", "without contact [mm]"]]
+    order = np.argsort(np.where(np.isfinite(reductions), reductions, np.inf), kind="stable")
+    for i in order[:MOST_LINES]:
+        table.append([str(i), f"{reductions[i]:.5g}", f"{MM_PER_M * peaks[i]:.5g}", f"{MM_PER_M * free[i]:.5g}"])
+    figure = findings.diagnosis.plot(panel="amplitudes", title="")
+    words = f"Those that gain the least first.{_left_out(len(order), 'blades')}"
+    return Section("Blades", [*about, words], table, figure)
+
+
+def _interfaces_section(findings: RowFindings, about: list[str]) -> Section:
+    run, periods = findings.diagnosis, findings.periods
+    normal, friction = (np.nanmax(np.abs(a), axis=0) for a in (run.N, run.F))
+    titles = "largest N [N]", "mean N [N]", "N in slip [N]", "largest friction [N]", "slip [mm]", "friction work [J]"
+    table = [["interface", *titles, "apart, stick, slip [%]"]]
+    order = np.sort(np.argsort(-normal, kind="stable")[:MOST_LINES])
+    for i in order:
+        numbers = (normal[i], run.N_mean[i], run.N_slip[i], friction[i], MM_PER_M * run.slip[i] / periods)
+        shares = (f"{100 * share[i]:.1f}" for share in (run.time_apart, run.time_stick, run.time_slip))
+        work = run.loss_friction[i] / periods
+        table.append([str(i), *(f"{number:.4g}" for number in (*numbers, work)), ", ".join(shares)])
+    words = (
+        f"Of {periods:g} drive periods of the settled motion; slip and work are those of one period, forces are taken "
+        f"at the steps.{_left_out(normal.size, 'interfaces')}"
+    )
+    return Section("Loads at the interfaces", [*about, words], table)
+
+
+def _left_out(count: int, what: str) -> str:
+    """The end of a paragraph that says how many lines a table lacks."""
+    return f" {count - MOST_LINES} {what} are left out." if count > MOST_LINES else ""
