@@ -26,7 +26,7 @@ from jaxshroud.programs.store import ProgramStore, entry_name, log, own_folder
 _WITHOUT_JAX_CACHE = threading.Lock()
 _FOR_DEBUGGING = ("jax_disable_jit", "jax_debug_nans", "jax_debug_infs", "jax_check_tracer_leaks", "jax_no_tracing")
 _store: ProgramStore | None = None
-_command = ""  # whose programs are loaded ahead
+_command_ahead = ""  # whose programs are loaded ahead
 Program = Callable[[Sequence[Any]], Any]  # of the leaves of its arguments
 
 
@@ -52,8 +52,8 @@ def where_kept() -> str:
 
 def load_ahead(command: str) -> None:
     """Begin to load, on a thread, the programs that a command used last time; see `keep_list`."""
-    global _command
-    _command = command
+    global _command_ahead
+    _command_ahead = command
     _ahead.used.clear()
     name = _list_name()
     content = None if name is None or _store is None else _store.read(name)
@@ -77,7 +77,7 @@ def keep_list() -> None:
 def _list_name() -> str | None:
     """The name of the entry that lists the programs of the command; None if that is not known."""
     around = keys.surroundings()
-    return None if around is None else entry_name(f"programs of {_command}\n{around}")
+    return None if around is None else entry_name(f"programs of {_command_ahead}\n{around}")
 
 
 def is_traced(tree: object) -> bool:
