@@ -4,12 +4,13 @@ They are those of the left blade of a pair. Of a row, P and P_d are those of all
 the blade that gains the least, and an amplitude is the largest of all blades.
 """
 
-from typing import Literal, NamedTuple, get_args
-
-import numpy as np
+from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 from jaxshroud.scene.checks import InputError, word_argument
 from jaxshroud.scene.parts import Parts
+
+if TYPE_CHECKING:
+    import numpy as np
 
 Measure = Literal["mean", "rms", "peak"]
 Power = Literal["P_d", "P", "P_d_worst"]
@@ -54,7 +55,7 @@ def amplitude_of(of: str) -> Amplitude | None:
     return Amplitude(displacement, measure)  # pyright: ignore[reportArgumentType]  # `of` is a `Quantity`
 
 
-def counted_amplitude(amplitudes: np.ndarray, in_row: bool) -> np.ndarray:
+def counted_amplitude(amplitudes: "np.ndarray", in_row: bool) -> "np.ndarray":
     """The amplitude that counts, of those of each blade (..., blades): the largest in a row, the left one of a pair."""
     return amplitudes.max(axis=-1) if in_row else amplitudes[..., 0]
 

@@ -106,6 +106,7 @@ def chain():
     return js.response(js.load("row_ring12", CHAIN).scene, *along, num=3, most_points=8, **SHORT)
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_a_chain_of_two_responds_like_the_pair(chain):
     pair = js.response(
