@@ -14,7 +14,7 @@ BIFURCATION_KINDS = (
     "grazing",
     "localisation",
 )
-WAVE_RESIDUAL = 1e-8  # of the reduced map: an orbit that misses it by less is a travelling wave
+WAVE_RESIDUAL = 1e-6  # of the reduced map: an orbit that misses it by less is a travelling wave; see `locate_point`
 MULTIPLIER_KINDS = ("fold", "flip", "Neimark-Sacker", "branch point", "localisation")  # a multiplier passes the circle
 
 

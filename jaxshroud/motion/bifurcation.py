@@ -16,6 +16,7 @@ from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.travelling_wave import keeps_shift
 
 MAX_LOCATE_TRIALS = 60
+ASIDE = 0.0, 0.05, -0.05, 0.25, -0.25  # where it is looked instead, of the bracket, if an orbit is not found
 MULTIPLIER_TOLERANCE = 1e-8  # distance of the multiplier from the unit circle at a solution
 MAX_MULTIPLIER_MISS = 1e-4  # a larger distance means that the multiplier jumps across the circle
 MIN_IMAGINARY = 1e-6  # smallest relative imaginary part of a multiplier of a pair
@@ -160,27 +161,36 @@ def locate_point(
     """The point between two at which a test function changes sign, and its residual there.
 
     The method is false position (Illinois) on hyperplanes normal to the chord; every third trial bisects, so that a
-    test function that jumps is located as well.
+    test function that jumps is located as well. At the special point itself the equations of the orbit may be singular:
+    where none is found, or one that leaves the wave, the look is taken beside it, and the value of the point is
+    interpolated between the nearest orbits on either side.
     """
     chord, q = there.y - here.y, here.cycle.q
     normal = chord / np.linalg.norm(chord)
-    ends = [(0.0, (yield from test(here))), (1.0, (yield from test(there)))]
+    ends, values = [(0.0, (yield from test(here))), (1.0, (yield from test(there)))], [here.value, there.value]
     best = min((here, ends[0][1]), (there, ends[1][1]), key=lambda one: abs(one[1]))
-    weights = [1.0, 1.0]
+    weights, failures, on_wave = [1.0, 1.0], 0, here.is_wave and there.is_wave
     for trial in range(MAX_LOCATE_TRIALS):
         (a, f_a), (b, f_b) = ends
         w_a, w_b = f_a * weights[0], f_b * weights[1]
         s = (a + b) / 2 if trial % 3 == 2 else (a * w_b - b * w_a) / (w_b - w_a)
+        s = min(max(s + ASIDE[failures] * (b - a), a), b)
         start = here.cycle.start if s < 0.5 else there.cycle.start
         point = yield from corrected_point(problem, here.y + s * chord, normal, start, q)
-        if point is None:
-            break
-        f = yield from test(point)
+        if point is None or (on_wave and not point.is_wave):
+            failures += 1
+            if failures == len(ASIDE):
+                break
+            continue
+        failures, f = 0, (yield from test(point))
         best = min(best, (point, f), key=lambda one: abs(one[1]))
         if abs(f) <= MULTIPLIER_TOLERANCE or b - a < 1e-13:
             break
         side = 0 if f * f_a > 0 else 1
-        ends[side], weights = (s, f), [1.0, 0.5] if side == 0 else [0.5, 1.0]
+        ends[side], values[side], weights = (s, f), point.value, [1.0, 0.5] if side == 0 else [0.5, 1.0]
+    if failures:
+        f_a, f_b = ends[0][1], ends[1][1]
+        return best[0]._replace(value=(values[0] * f_b - values[1] * f_a) / (f_b - f_a)), best[1]
     return best
 
 

@@ -33,6 +33,7 @@ MAX_JUMP_DISTANCE = 0.1  # largest distance of the orbit beyond a jump from the 
 # error over half the period, or of the wave, that shows it: two branches cross there, where Newton's method stalls.
 HALVING_KINDS, HALF_PERIOD_RESIDUAL = ("fold", "branch point", "corner"), 0.03
 DOUBLING_STEP = 1e-2  # distance from a flip at which the orbit of twice the period is sought, in units of the motion
+PLANE_DIRECTIONS = 8  # tried in a plane of eigenvectors
 SAME_FLIP = 1e-3  # of the parameter's range: distance of flips that count as the two ends of one branch
 
 
@@ -136,29 +137,43 @@ def emanating_multiplier(origin: BranchPoint) -> float:
 
 
 def emanating_point(problem: ContinuationProblem, origin: BranchPoint) -> Algorithm[BranchPoint | None]:
-    """The first point of the branch that emanates from a flip, with twice the period, or from a broken wave."""
-    target = emanating_multiplier(origin)
-    direction = _eigenvector(problem, origin, target)
-    if target == -1.0:
-        direction -= (direction @ origin.tangent) * origin.tangent
-    direction /= np.linalg.norm(direction)
-    guess, q = origin.y + DOUBLING_STEP * direction, origin.cycle.q * (2 if target == -1.0 else 1)
-    point = yield from corrected_point(problem, guess, direction, origin.cycle.start, q)
-    if point is None or np.linalg.norm(point.y - guess) > 3 * DOUBLING_STEP:
-        return None
-    return point
+    """The first point of the branch that emanates from a flip, with twice the period, or from a broken wave.
+
+    Where two multipliers are at the target at once, several branches may begin: the least unstable of those is taken
+    that are found.
+    """
+    target, found = emanating_multiplier(origin), []
+    for direction in _eigenvectors(problem, origin, target):
+        if target == -1.0:
+            direction -= (direction @ origin.tangent) * origin.tangent
+        direction /= np.linalg.norm(direction)
+        guess, q = origin.y + DOUBLING_STEP * direction, origin.cycle.q * (2 if target == -1.0 else 1)
+        point = yield from corrected_point(problem, guess, direction, origin.cycle.start, q)
+        if point is not None and np.linalg.norm(point.y - guess) <= 3 * DOUBLING_STEP:
+            found.append(point)
+    return min(found, key=lambda point: np.abs(point.multipliers).max(), default=None)
 
 
-def _eigenvector(problem: ContinuationProblem, point: BranchPoint, target: float) -> np.ndarray:
-    """The direction (numbers + 1,) that the map stretches by the multiplier next to a target; free sliders are held."""
+def _eigenvectors(problem: ContinuationProblem, point: BranchPoint, target: float) -> list[np.ndarray]:
+    """The directions (numbers + 1,) that the map stretches by the multiplier next to a target; free sliders are held.
+
+    There is one; if two multipliers are there at once, there is a plane of them, of which evenly spread ones are given.
+    """
     tangents = point.cycle.jacobian
     assert tangents is not None  # points have orbits
     moves = determined(len(problem.units), np.array(point.free))
     by_state = tangents.by_state * problem.units / problem.units[:, None]
-    values, vectors = np.linalg.eig(by_state[np.ix_(moves, moves)])
-    direction = np.zeros(len(problem.units) + 1)
-    direction[moves] = np.real(vectors[:, np.abs(values - target).argmin()])
-    return direction
+    system = by_state[np.ix_(moves, moves)]
+    values, vectors = np.linalg.eig(system)
+    miss = np.abs(values - target)
+    stretched = [np.real(vectors[:, miss.argmin()])]
+    if np.sort(miss)[1] <= MAX_MULTIPLIER_MISS:
+        plane = np.linalg.svd(system - target * np.eye(len(system)))[2][-2:]
+        turns = np.pi * np.arange(PLANE_DIRECTIONS) / PLANE_DIRECTIONS
+        stretched = [np.cos(turn) * plane[0] + np.sin(turn) * plane[1] for turn in turns]
+    directions = np.zeros((len(stretched), len(problem.units) + 1))
+    directions[:, moves] = stretched
+    return list(directions)
 
 
 class ContinuedBranch(NamedTuple):

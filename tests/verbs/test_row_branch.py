@@ -86,3 +86,15 @@ def test_a_mistuned_ring_has_no_waves_to_break():
     assert np.isnan(found.wave_residual).all()
     assert "localisation" not in {one.kind for one in found.special}
     assert np.ptp(found.x_peak, axis=1).min() > 1e-3 * found.x_peak.mean()
+
+
+@pytest.mark.studies
+@pytest.mark.full
+def test_localisation_is_found_wherever_the_neighbouring_points_are():
+    # The map of the period is nearly singular there: without looking beside, the longer range misses both.
+    options = ["row.blades=4", "drive.engine_order=2"]
+    ranges = {(880.0, 1100.0): 4, (1150.0, 1160.0): 2}
+    found = [followed(low, 1450.0, *options, at=at, doublings=0, most_points=150) for low, at in ranges]
+    assert [len(one.special) for one in found] == list(ranges.values())
+    values = [[special.value for special in one.special if special.value > 1150.0] for one in found]
+    np.testing.assert_allclose(*values, rtol=1e-7)
