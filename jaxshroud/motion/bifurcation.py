@@ -167,11 +167,11 @@ def locate_point(
     """
     chord, q = there.y - here.y, here.cycle.q
     normal = chord / np.linalg.norm(chord)
-    ends, values = [(0.0, (yield from test(here))), (1.0, (yield from test(there)))], [here.value, there.value]
+    ends = [(0.0, (yield from test(here)), here.value), (1.0, (yield from test(there)), there.value)]
     best = min((here, ends[0][1]), (there, ends[1][1]), key=lambda one: abs(one[1]))
     weights, failures, on_wave = [1.0, 1.0], 0, here.is_wave and there.is_wave
     for trial in range(MAX_LOCATE_TRIALS):
-        (a, f_a), (b, f_b) = ends
+        (a, f_a, _), (b, f_b, _) = ends
         w_a, w_b = f_a * weights[0], f_b * weights[1]
         s = (a + b) / 2 if trial % 3 == 2 else (a * w_b - b * w_a) / (w_b - w_a)
         s = min(max(s + ASIDE[failures] * (b - a), a), b)
@@ -187,11 +187,12 @@ def locate_point(
         if abs(f) <= MULTIPLIER_TOLERANCE or b - a < 1e-13:
             break
         side = 0 if f * f_a > 0 else 1
-        ends[side], values[side], weights = (s, f), point.value, [1.0, 0.5] if side == 0 else [0.5, 1.0]
+        ends[side], weights = (s, f, point.value), [1.0, 0.5] if side == 0 else [0.5, 1.0]
+    point, miss = best
     if failures:
-        f_a, f_b = ends[0][1], ends[1][1]
-        return best[0]._replace(value=(values[0] * f_b - values[1] * f_a) / (f_b - f_a)), best[1]
-    return best
+        (_, f_a, v_a), (_, f_b, v_b) = ends
+        point = point._replace(value=(v_a * f_b - v_b * f_a) / (f_b - f_a))
+    return point, miss
 
 
 GRAZING_DEPTH = 1e-6  # largest distance or penetration at a grazing point, over the size of the motion

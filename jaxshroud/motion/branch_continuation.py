@@ -143,11 +143,12 @@ def emanating_point(problem: ContinuationProblem, origin: BranchPoint) -> Algori
     that are found.
     """
     target, found = emanating_multiplier(origin), []
+    q = origin.cycle.q * (2 if target == -1.0 else 1)
     for direction in _eigenvectors(problem, origin, target):
         if target == -1.0:
             direction -= (direction @ origin.tangent) * origin.tangent
         direction /= np.linalg.norm(direction)
-        guess, q = origin.y + DOUBLING_STEP * direction, origin.cycle.q * (2 if target == -1.0 else 1)
+        guess = origin.y + DOUBLING_STEP * direction
         point = yield from corrected_point(problem, guess, direction, origin.cycle.start, q)
         if point is not None and np.linalg.norm(point.y - guess) <= 3 * DOUBLING_STEP:
             found.append(point)

@@ -133,18 +133,17 @@ class Branch(WithAmplitudes, Result):
     def _special(self) -> Iterator[Special]:
         errors = np.full(len(self.value), np.nan) if self.value_error is None else self.value_error
         for i in np.flatnonzero(self.kind):
-            kind, multipliers = BIFURCATION_KINDS[self.kind[i]], self.multipliers[i]
-            crossing = {"flip": -1.0, "fold": 1.0, "branch point": 1.0}.get(kind)
-            distances = np.abs(np.abs(multipliers) - 1) if crossing is None else np.abs(multipliers - crossing)
-            is_free_slider = self.slider_is_free[i] & (np.abs(multipliers - 1) < 1e-9)
-            nearest = complex(multipliers[np.argmin(np.where(is_free_slider, np.inf, distances))])
-            nearest = self._breaking_multiplier(int(i)) if kind == "localisation" else nearest
+            kind = BIFURCATION_KINDS[self.kind[i]]
+            nearest = self._crossing_multiplier(kind, int(i))
             error = float(errors[i]) if np.isfinite(errors[i]) else None
             yield Special(kind, float(self.value[i]), int(self.q[i]), nearest, int(self.branch[i]), int(i), error)
 
-    def _breaking_multiplier(self, point: int) -> complex:
-        """The multiplier that breaks the shift of a travelling wave: rows of blades have it."""
-        raise NotImplementedError
+    def _crossing_multiplier(self, kind: str, point: int) -> complex:
+        """The multiplier that is nearest to where those of special points of that kind pass the unit circle."""
+        crossing, multipliers = {"flip": -1.0, "fold": 1.0, "branch point": 1.0}.get(kind), self.multipliers[point]
+        distances = np.abs(np.abs(multipliers) - 1) if crossing is None else np.abs(multipliers - crossing)
+        is_free_slider = self.slider_is_free[point] & (np.abs(multipliers - 1) < 1e-9)
+        return complex(multipliers[np.argmin(np.where(is_free_slider, np.inf, distances))])
 
     @property
     def doubts(self) -> list[str]:
@@ -263,7 +262,10 @@ class RowBranch(Branch):
         """Whether each orbit is a travelling wave, (points,)."""
         return self.wave_residual <= WAVE_RESIDUAL
 
-    def _breaking_multiplier(self, point: int) -> complex:
+    def _crossing_multiplier(self, kind: str, point: int) -> complex:
+        """That of `Branch`; at localisation, of those that break the shift of a travelling wave."""
+        if kind != "localisation":
+            return super()._crossing_multiplier(kind, point)
         from jaxshroud.motion.travelling_wave import keeps_shift
 
         multipliers = self.wave_multipliers[point]
