@@ -73,7 +73,9 @@ def _resolved_options(file: SceneFile, options: argparse.Namespace, usual: Choic
         if options.accuracy is not None and getattr(options, name) is not None:
             raise CommandError(f"--accuracy chooses --{name.replace('_', '-')} itself; give one of them")
     named = any(getattr(options, name) is not None for name in METHOD_OPTIONS)
-    return resolve_options(file, method=_method_of_options(options, usual) if named else options.accuracy, rows=True)
+    method = _method_of_options(options, usual) if named else options.accuracy
+    with accuracy_warnings_printed():
+        return resolve_options(file, method=method, rows=True)
 
 
 def _method_of_options(options: argparse.Namespace, usual: Choices) -> Method:

@@ -96,8 +96,10 @@ def sweep_command(options: argparse.Namespace) -> None:
     result = _sweep(request, march)
     _write(request, result)
     summary = _summary(request, result)
-    if march.choice is not None:
-        summary |= {"accuracy": result.accuracy, "inaccurate": int(result.inaccurate.sum())}
+    if result.accuracy is not None:
+        summary |= {"accuracy": result.accuracy}
+    if result.inaccurate is not None:
+        summary |= {"inaccurate": int(result.inaccurate.sum())}
     write_json(summary, options.out / "summary.json")
     warn_status(result.status, result.chatter)
     shown = {**summary, **_best_row(summary), **_jump_places(result), "written": files_written()}

@@ -16,6 +16,7 @@ from jaxshroud.scene.config import parse
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
 from jaxshroud.verbs.options import plan_march, resolve_options
+from jaxshroud.verbs.row_accuracy import row_choice
 
 # Tables whose entries decide what is in a compiled program.
 STRUCTURE_TABLES = ("parts", "row")
@@ -78,6 +79,8 @@ def method_on_page(file: SceneFile, accuracy: str | float) -> Method:
     """
     smooth = file.tables["parts"]["contact"] == "smooth"
     wish = RungeKutta("rk4", "auto") if smooth else accuracy
+    if file.row_size is not None and not smooth:
+        wish = method_of("auto", row_choice(accuracy, asked=False).method)
     resolved = resolve_options(file.scene, method=wish, verb="explore", rows=True)
     march = plan_march(resolved, resolved.lanes, FAST, periods=math.inf)
     numbers = [number for number in number_fields(file) if number.key.name in STIFFENING and number.value]

@@ -120,8 +120,8 @@ def steps_argument(steps: Any) -> StepCount | None:
 
 
 def choice_argument(choice: Any) -> Any:
-    """What `method_for` knows of a method; InputError for anything else."""
-    if choice is not None and not hasattr(choice, "setting"):
+    """What is known of a method that was chosen for an accuracy; InputError for anything else."""
+    if choice is not None and not hasattr(choice, "accuracy"):
         raise InputError(f"Argument `choice` is set by js.method_for alone, but is {choice!r}.")
     return choice
 

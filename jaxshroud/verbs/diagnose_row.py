@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, run_lanes
 from jaxshroud.batch.states import final_states
-from jaxshroud.march.method import FAST_WITH_LEDGER, Method, method_of
+from jaxshroud.march.method import FAST_WITH_LEDGER, Method
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -63,8 +63,7 @@ def row_diagnosis(
     q = int(found.orbit.number[0])
     shown = found.periods if stopped else max(LEAST_SHOWN, SHOWN_ORBITS * q)
     begin = jax.tree.map(lambda a: np.asarray(a)[0], start if stopped else found.last)
-    same_march = method_of(march.steps, march.method)
-    run = simulate(scene, n_periods=shown, method=same_march, state=begin, throw=throw)
+    run = simulate(scene, n_periods=shown, method=march.as_method, state=begin, throw=throw)
     assert isinstance(run, RowTrajectory)
     return _with_verdict(run, found)
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -16,7 +17,6 @@ from jaxshroud.march.method import FAST, Choices, Method, RungeKutta, StepCount,
 from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.stability import steps_for
 from jaxshroud.march.stepper import require_row_contact
-from jaxshroud.march.tableau import tableau
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.short_runs import end_states
 from jaxshroud.programs.kept import is_traced
@@ -28,11 +28,11 @@ from jaxshroud.scene.text import numbers_of, text_of
 from jaxshroud.scene.typed import Tree, typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import Choice, EndStates, accuracy_level, choose
+from jaxshroud.verbs.row_accuracy import Accuracy, RowChoice, accuracy_as_number, row_choice
 
 N_PERIODS = 64  # kept periods, unless the argument or the scene file says otherwise
 LaneVariable = tuple[tuple[str, ...], np.ndarray, dict[str, str]]  # dimensions, values, attributes
 ACCURACY = "balanced"  # unless either of them gives a method
-COARSE_ACCURACY = 1e-3  # of rows: from here on Tsit5 is cheaper
 
 
 class ResolvedOptions(NamedTuple):
@@ -46,19 +46,19 @@ class ResolvedOptions(NamedTuple):
     transient: int
     steps: StepCount | None
     method: Method | None
-    accuracy: str | float | Choice | None
+    accuracy: Accuracy | None
 
     @property
     def as_argument(self) -> Method | str | float | None:
         """The argument `method` that makes another verb march the same way."""
-        if isinstance(self.accuracy, Choice):
+        if isinstance(self.accuracy, Choice | RowChoice):
             return method_of(self.accuracy.steps, self.accuracy.method, self.accuracy)
         if self.accuracy is not None or (self.method is None and self.steps is None):
             return self.accuracy
         return (self.method or RungeKutta()).replace(steps=self.steps)
 
     @property
-    def choosing_accuracy(self) -> str | float | Choice | None:
+    def choosing_accuracy(self) -> Accuracy | None:
         """The accuracy that chooses the method: the one given, else the default; None where nothing is chosen."""
         if self.scene.parts.contact != "spring":
             return None
@@ -106,7 +106,7 @@ class ResolvedOptions(NamedTuple):
         accuracy = self.choosing_accuracy
         if accuracy is None:
             return {"steps_per_period": self.steps or steps}
-        return {"accuracy": accuracy.accuracy if isinstance(accuracy, Choice) else accuracy_level(accuracy)}
+        return {"accuracy": accuracy_as_number(accuracy)}
 
 
 class MarchPlan(NamedTuple):
@@ -115,16 +115,19 @@ class MarchPlan(NamedTuple):
     steps: int  # per period
     method: Choices
     choice: Choice | None  # set where the method was chosen for an accuracy
+    row_choice: RowChoice | None = None  # set where one of rows was
 
     @property
     def as_method(self) -> Method:
         """The same as the argument `method` of verbs."""
-        return method_of(self.steps, self.method, self.choice)
+        of_row = self.row_choice and replace(self.row_choice, steps=self.steps)
+        return method_of(self.steps, self.method, self.choice or of_row)
 
     @property
     def attributes(self) -> dict[str, int | str]:
         """The attributes of results that describe it."""
-        chosen = {} if self.choice is None else {"accuracy": str(self.choice)}
+        told = self.row_choice if self.row_choice is not None and self.row_choice.asked else self.choice
+        chosen = {} if told is None else {"accuracy": str(told)}
         return {"steps_per_period": self.steps, "method": str(self.method), **chosen}
 
 
@@ -175,12 +178,14 @@ def resolve_options(
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
     shape = leading_axes(scenes)
+    if accuracy is not None and scenes.row is not None and scenes.parts.contact == "spring":
+        accuracy = row_choice(accuracy, method is not None)
     return ResolvedOptions(scenes, shape, names_of(shape, dims), file, n_periods, transient, steps, explicit, accuracy)
 
 
 def _method_options(
     method: Method | str | float | None,
-) -> tuple[StepCount | None, Method | None, str | float | Choice | None]:
+) -> tuple[StepCount | None, Method | None, Accuracy | None]:
     """The steps, the method and the accuracy that the argument `method` gives: at most one of the last two."""
     if method is None:
         return None, None, None
@@ -217,7 +222,7 @@ def choose_method(
     if lanes.row is not None:
         return _method_for_rows(resolved, usual), None
     accuracy, lanes = resolved.choosing_accuracy, without_given(lanes)
-    if accuracy is not None:
+    if accuracy is not None and not isinstance(accuracy, RowChoice):
         periods = resolved.transient + resolved.n_periods if periods is None else periods
         ends = ends or partial(end_states, ledger=usual.ledger)
         work = len(lanes.drive.omega) * periods
@@ -238,10 +243,7 @@ def _method_for_rows(resolved: ResolvedOptions, usual: Choices) -> Choices:
         require_row_contact(resolved.scene.parts.contact, method)
         return method
     accuracy = resolved.choosing_accuracy
-    if accuracy is None or isinstance(accuracy, Choice):
-        return usual
-    coarse = accuracy_level(accuracy) >= COARSE_ACCURACY
-    return usual._replace(tableau=tableau("tsit5" if coarse else "dopri8"), locate="cubic")
+    return usual if accuracy is None else row_choice(accuracy, False).method._replace(ledger=usual.ledger)
 
 
 def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials: Any) -> MarchPlan:
@@ -254,10 +256,12 @@ def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials
     method, choice = choose_method(resolved, lanes, usual, **trials)
     if choice is not None and choice is not resolved.accuracy:
         return MarchPlan(choice.steps, method, choice)
-    steps = choice.steps if choice is not None else "auto" if resolved.steps is None else resolved.steps
+    known = resolved.accuracy if isinstance(resolved.accuracy, RowChoice) else None
+    chosen = choice or known
+    steps = chosen.steps if chosen is not None else "auto" if resolved.steps is None else resolved.steps
     # the method was not chosen for these lanes: is it stable here?
     lanes = in_precision(without_given(lanes), method.precision)
-    return MarchPlan(steps_for(lanes, 1, steps, stepping_method(lanes, method)), method, choice)
+    return MarchPlan(steps_for(lanes, 1, steps, stepping_method(lanes, method)), method, choice, known)
 
 
 def _check_accuracy(accuracy: str | float) -> None:

@@ -184,7 +184,7 @@ def _report_data(
         ticker(1)
         return part
 
-    method = method_of(march.steps, march.method)
+    method = march.as_method if in_row else method_of(march.steps, march.method)  # pairs are not tried again in parts
     run_options: RunOptions = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": method}
     scenes = scenes_of(problem, SCENE_ITSELF)
     runs = done(sweep(scenes, dims=["condition"], forces=not in_row, ledger=in_row, amplitudes=in_row, **run_options))

@@ -338,6 +338,7 @@ def _checks(data: ReportData) -> Section:
 
 def _origin(data: ReportData, text: str, command: str) -> Section:
     run = data.runs
-    program = f"jaxshroud {__version__}; {run.method}, {run.steps_per_period} steps a period."
+    asked = f" {run.accuracy}." if run.accuracy else ""
+    program = f"jaxshroud {__version__}; {run.method}, {run.steps_per_period} steps a period.{asked}"
     command_line = f"# {command}\n" if command else ""
     return Section("To compute it again", [program, "The scene, as a file:"], verbatim=command_line + text.strip())

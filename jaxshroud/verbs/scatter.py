@@ -136,8 +136,8 @@ def scatter(
     forces = stiffnesses(scenes) * run.penetrations
     values |= {"v_max": np.nanmax(run.v_max, initial=0), "N_max": np.nanmax(forces, initial=0)}
     values |= {"conditions_json": json.dumps({key: at.tolist() for key, at in condition_values.items()})}
-    settings = {"method": str(run.method), "steps_per_period": run.steps_per_period, "seed": seed}
-    settings |= {"stopped": stopped, "runs": lanes}
+    settings: dict[str, object] = {"method": str(run.method), "steps_per_period": run.steps_per_period, "seed": seed}
+    settings |= {"accuracy": run.accuracy, "stopped": stopped, "runs": lanes}
     attrs = {"title": "", "scene": resolved.provenance(resolved.transient, run.steps_per_period)[0]["scene"]}
     return Scatter.from_values({**values, **settings}, coords={"key": list(bounds)}, attrs=attrs)
 

@@ -155,6 +155,7 @@ def tune(
     tuned = _search(problem, counts, seed, robust_request, ticker)
     if throw and tuned.failed:
         raise NumericalError(f"The best design does not keep the limits, or stops: {tuned!r}")
+    tuned.data.attrs |= march.attributes
     return tuned
 
 

@@ -103,3 +103,53 @@ def test_what_rows_do_not_have_is_refused_in_one_line(words, told, tmp_path, cap
     assert cli.main([*words, "--out", str(out)]) == 2
     assert told in capsys.readouterr().err.splitlines()[-1]
     assert not out.exists()
+
+
+def asked(verb, *args, **more):
+    """The result of a verb of which an accuracy is asked, and the warnings of it."""
+    with pytest.warns(js.AccuracyWarning) as told:
+        found = verb(*args, **more)
+    return found, [str(one.message) for one in told if one.category is js.AccuracyWarning]
+
+
+def test_an_accuracy_of_a_row_is_not_examined_and_says_so():
+    # Until rows are tried for accuracies, all below 1e-3 are one method, bit for bit.
+    scene = js.load("row_ring12", CHAIN).scene
+    runs = {name: asked(js.simulate, scene, n_periods=1, method=name) for name in ("balanced", "reference")}
+    for level, (run, told) in zip(("1e-06", "1e-10"), runs.values(), strict=True):
+        assert told == [run.accuracy]
+        assert run.accuracy.startswith(f"accuracy {level}: not examined for rows")
+    (balanced, _), (reference, _) = runs.values()
+    np.testing.assert_array_equal(balanced.motion.x, reference.motion.x)
+    for given in (scene, js.load("row_ring12", [*CHAIN, "run.accuracy=reference"])):  # neither default nor file: silent
+        silent = js.simulate(given, n_periods=1)  # a warning is an error here
+        assert silent.accuracy is None
+        np.testing.assert_array_equal(silent.motion.x, balanced.motion.x)
+
+
+@pytest.mark.studies(only=["tune", "diagnose"])
+@pytest.mark.full
+@pytest.mark.parametrize("verb", ["sweep", "power", "table", "scatter", "tune", "diagnose"])
+def test_verbs_say_once_that_an_accuracy_of_a_row_is_not_examined(verb):
+    scene, run = js.load("row_ring12", CHAIN).scene, {"n_periods": 2, "transient": 1}
+    designs, search = {"contact.gamma": [2.0, 3.0]}, js.SearchOptions(4, 1, 1)
+    args, more = {
+        "sweep": ((designs,), run),
+        "power": ((), run),
+        "table": ((designs,), run),
+        "scatter": (({"shroud.gap": 1e-6},), run | {"draws": 8}),
+        "tune": (({"contact.gamma": (2.0, 3.0)},), run | {"search": search}),
+        "diagnose": ((), {"transient": 1}),
+    }[verb]
+    found, told = asked(getattr(js, verb), scene, *args, **more, method="balanced")
+    assert told == [found.accuracy]
+
+
+@pytest.mark.full
+def test_commands_say_once_that_an_accuracy_of_a_row_is_not_examined(tmp_path, capsys):
+    words = [*("simulate", "row_ring12", "--periods", "1", "--force", "--out", str(tmp_path / "run.nc"))]
+    words += [word for text in CHAIN for word in ("--set", text)]
+    for accuracy, said in ((["--accuracy", "reference"], 1), ([], 0)):
+        assert cli.main([*words, *accuracy]) == 0
+        assert capsys.readouterr().err.count("warning: accuracy 1e-10: not examined for rows") == said
+        assert (js.open(tmp_path / "run.nc").accuracy is not None) == bool(said)
