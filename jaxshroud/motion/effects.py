@@ -11,6 +11,7 @@ from jaxshroud.scene.keys import parse_key
 NEGLIGIBLE_WIDTH = 1e-6  # over the number: a smaller half width is rounding
 EXACT_DIGITS = 6  # digits of an exact number
 FLAT_QUANTILES = (0.05, 0.95)  # between which P_d moves: single windows do not count
+NOT_RESOLVED, STUCK_SLIDER = "not resolved", "in permanent stick"  # what is said of Lyapunov exponents
 PLAIN_POWERS = (-4, 7)  # powers of ten without an exponent
 
 
@@ -31,6 +32,19 @@ def with_interval(value: float, half: float, unit: str = "") -> str:
     if unit == "%":
         return f"{number} % +- {width} percentage points"
     return f"{number} +- {width}{_with_unit(unit)}"
+
+
+def exponent_text(value: float, half: float, stuck: bool) -> str:
+    """A Lyapunov exponent with its interval, or what it is if it has none.
+
+    Args:
+        value: The exponent; -inf, or NaN where rounding hides it.
+        half: Half width of its interval; NaN where there is none.
+        stuck: Whether an exponent of exactly 0 is that of a slider which sticks for good.
+    """
+    if stuck and value == 0:
+        return f"0 (slider {STUCK_SLIDER})"
+    return NOT_RESOLVED if math.isnan(value) else with_interval(value, half)
 
 
 def between(value: float, low: float, high: float) -> str:

@@ -11,26 +11,55 @@ from jaxshroud.batch.runs import Plan, Tick
 from jaxshroud.batch.states import STATE_SIZE, final_states, from_vector, to_vector
 from jaxshroud.batch.tangents import TangentProblem, as_differentiable, end_as_start, run_flow
 from jaxshroud.march.method import Choices
-from jaxshroud.model.modes import Status
+from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, Periods
+from jaxshroud.motion.orbit import free_sliders
 from jaxshroud.motion.statistics import confidence_interval
+from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.scene import Scene
 
 MAX_ALIGNMENT_PERIODS = 64  # longest alignment of tangents after the transient
+MIN_PAIR_ALIGNMENT = 16  # shortest alignment of two directions that keep growing unequally: they may still be turning
 ALIGNMENT_TOLERANCE = 1e-4  # difference of the logarithmic growth per period at which two frames count as aligned
 ALIGNMENT_PERIODS = 32  # periods in which a tangent turns into the fastest growing direction
 RENORMALIZATION_PERIODS = 4  # periods between normalisations of the tangent
+# A factor of a period below this share of the largest one is rounding: sums of products of Jacobians carry 1e-16 of
+# their largest terms, and terms are larger than factors where directions turn.
+LEAST_FACTOR = 1e-12
 
 
 class Exponents(NamedTuple):
-    """The exponents of one scene per drive period, largest first, including that of the slider."""
+    """The exponents of one scene per drive period, as many as its state has numbers, the largest first."""
 
-    exponents: np.ndarray  # (13,); -inf where a direction is lost altogether
-    ci: np.ndarray  # (13,) half width of the 95 % interval
-    growth: np.ndarray  # (n, 13) of each period
+    exponents: np.ndarray  # (numbers,); -inf: forgotten altogether, NaN: not resolved, or the march has stopped
+    ci: np.ndarray  # (numbers,) half width of the 95 % interval; NaN where there is none
+    growth: np.ndarray  # (n, numbers) of each period
+    stuck: bool  # whether the slider stays where it starts: an exponent of exactly 0
     status: int
     last: State
+
+
+class StatePlaces(NamedTuple):
+    """The places of the numbers of a scene's state among the 13 of any pair."""
+
+    motion: np.ndarray  # two of each coordinate in which a blade moves
+    slider: np.ndarray  # one, or none without friction
+
+    @property
+    def all(self) -> np.ndarray:
+        """All of them."""
+        return np.append(self.motion, self.slider)
+
+
+def state_places(scene: Scene) -> StatePlaces:
+    """The places of the numbers of the state of a scene of two blades."""
+    parts, blades = scene.parts, 2
+    places = np.arange(6 * blades).reshape(2, len(COORDINATES), blades)
+    moves = [[parts.has(name, blade) for blade in range(blades)] for name in COORDINATES]
+    own = scene.laws is not None and scene.laws.friction is not None
+    rubs = own if parts.contact == "own" else parts.contact != "none" and parts.friction == "bilinear"
+    return StatePlaces(places[:, np.array(moves)].ravel(), np.arange(6 * blades, 6 * blades + rubs))
 
 
 def lyapunov_exponents(
@@ -41,17 +70,45 @@ def lyapunov_exponents(
     After the transient the tangents start in random directions; the average begins when two frames of them grow
     equally, or after 64 periods (where directions grow equally fast, no order emerges). The frames do not start
     earlier: along a transient they may take an order that differs from that of the settled motion, and keep it long.
+
+    A slider that stays where it starts has an exponent of exactly 0, apart from those of the motion; the average begins
+    anew once it moves. One that is set by the motion in some period (by an onset or by slip) has one of -inf.
     """
     state = yield from state_after(scene, state, transient, steps, method)
-    units, frames, growth, status = energy_units(scene), first_frames(STATE_SIZE), [], Status.OK
+    units, places = energy_units(scene), state_places(scene)
+    stuck, status = bool(len(places.slider)), Status.OK
+    frames, growth = first_frames(len(places.motion)), []
     while len(growth) < n_periods:
         tangents = yield Derivatives(TangentProblem(scene, state), 1, steps, method)
-        state, status = tangents.end, Status(tangents.status)
+        before, state, status = state, tangents.end, Status(tangents.status)
         if status != Status.OK:
             break
-        frames, grown = next_frames(frames, tangents.by_state * units / units[:, None])
+        begins_to_stick = not frames.done and before.mode == Mode.APART and state.mode == Mode.STICK
+        if stuck and not (begins_to_stick or free_sliders(scene, tangents).all()):
+            stuck, frames, growth = False, first_frames(len(places.all)), []
+        numbers = places.motion if stuck else places.all
+        frames, grown = next_frames(frames, (tangents.by_state * units / units[:, None])[np.ix_(numbers, numbers)])
+        if stuck:
+            grown = [np.append(rates, 0.0) for rates in grown]
+        elif len(places.slider):
+            set_at_an_end = any(_is_slider_set(scene, end) for end in (before, state))
+            grown = [_without_forgotten(rates, set_at_an_end) for rates in grown]
         growth += grown
-    return Exponents(*mean_exponents(np.array(growth).reshape(-1, STATE_SIZE)), int(status), state)
+    return Exponents(*mean_exponents(np.array(growth).reshape(-1, len(places.all))), stuck, int(status), state)
+
+
+def _is_slider_set(scene: Scene, state: State) -> bool:
+    """Whether mode and motion determine the slider: apart, or in slip, where user laws integrate their state."""
+    slips = scene.parts.contact != "own" and state.mode in (Mode.SLIP_PLUS, Mode.SLIP_MINUS)
+    return bool(slips or state.mode == Mode.APART)
+
+
+def _without_forgotten(rates: np.ndarray, set_at_an_end: bool) -> np.ndarray:
+    """The growth of a period (numbers,), -inf for a slider that is set by the motion at an end of it or within.
+
+    The direction that vanishes is the last of its frame, where rounding alone leaves a length.
+    """
+    return np.append(rates[:-1], -np.inf) if set_at_an_end or np.isnan(rates[-1]) else rates
 
 
 class Frames(NamedTuple):
@@ -71,28 +128,31 @@ def first_frames(size: int) -> Frames:
 def next_frames(frames: Frames, M: np.ndarray) -> tuple[Frames, list[np.ndarray]]:
     """The frames after the next Jacobian of any map, and the logarithms of their growth: none until they are aligned.
 
-    The average starts after the first period in which both frames grow equally.
+    The average starts after the first period in which both frames grow equally. NaN: growth that rounding hides.
     """
     pair, factors = zip(*(np.linalg.qr(M @ f) for f in frames.pair), strict=True)
     with np.errstate(divide="ignore"):
         grown = np.log(np.abs([np.diag(R) for R in factors]))
+    grown = np.where(grown < grown.max(axis=1, keepdims=True) + np.log(LEAST_FACTOR), np.nan, grown)
     done = frames.done + 1
-    aligned = frames.aligned or done >= MAX_ALIGNMENT_PERIODS or _are_aligned(grown)
+    aligned = frames.aligned or done >= MAX_ALIGNMENT_PERIODS or _are_aligned(grown, done < MIN_PAIR_ALIGNMENT)
     return Frames(pair, done, aligned), [grown[0]] if frames.aligned else []
 
 
 def mean_exponents(rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The exponents, largest first, the half widths of their intervals, and the growth in each period (n, size).
 
-    NaN where there is no period.
+    -inf where a direction vanishes in some period, NaN where rounding hides its growth in some other, or where there is
+    no period.
     """
     if not len(rates):
         nothing = np.full(rates.shape[1], np.nan)
         return nothing, nothing, rates
     with np.errstate(invalid="ignore"):
         mean, ci = rates.mean(axis=0), confidence_interval(rates.T)
-    order = np.argsort(-mean)
-    return mean[order], ci[order], rates[:, order]
+    mean = np.where(np.isneginf(rates).any(axis=0), -np.inf, mean)
+    order = np.argsort(-np.where(np.isnan(mean), np.finfo(float).min, mean), kind="stable")
+    return mean[order], np.where(np.isfinite(mean), ci, np.nan)[order], rates[:, order]
 
 
 def energy_units(scene: Scene) -> np.ndarray:
@@ -102,12 +162,12 @@ def energy_units(scene: Scene) -> np.ndarray:
     return np.concatenate([np.asarray(a, float) for a in (*soft, soft[0][..., :1])], axis=-1)
 
 
-def _are_aligned(grown: np.ndarray) -> bool:
-    """Whether two frames span the same directions; two neighbours that rotate into each other count as one."""
+def _are_aligned(grown: np.ndarray, each: bool) -> bool:
+    """Whether two frames span the same directions: each, or two neighbours that rotate into each other as one."""
     with np.errstate(invalid="ignore"):
         volumes = np.cumsum(np.where(np.isfinite(grown), grown, 0.0), axis=1)
     differs = np.abs(volumes[0] - volumes[1]) > ALIGNMENT_TOLERANCE
-    return not np.any(differs[1:] & differs[:-1])
+    return not np.any(differs if each else differs[1:] & differs[:-1])
 
 
 def state_after(scene: Scene, state: State, transient: int, steps: int, method: Choices) -> Algorithm[State]:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from jaxshroud.motion.effects import with_interval
+from jaxshroud.motion.effects import exponent_text, with_interval
 from jaxshroud.plotting.page import Page, Panel, Summary
 from jaxshroud.plotting.plot_run import CONTACT_PANELS, MOTION_PANELS, contact_handles
 from jaxshroud.plotting.run_data import RunData, contact_data, run_data
@@ -105,6 +105,7 @@ class DiagnosisResult(Protocol):
     K: float
     exponents: np.ndarray
     exponents_ci: np.ndarray
+    slider_stuck: bool
     multipliers: np.ndarray
     n: np.ndarray
     P_d: np.ndarray
@@ -256,8 +257,8 @@ def diagnosis_rows(result: object) -> dict[str, str]:
     diagnosis = cast(DiagnosisResult, result)  # whose attributes are descriptors, which protocols do not know
     rows = {"verdict": diagnosis.verdict, "periods before": str(diagnosis.periods)}
     if diagnosis.exponents is not None:
-        for i in np.flatnonzero(np.isfinite(diagnosis.exponents[:2] + diagnosis.exponents_ci[:2])):
-            rows[f"exponent {i + 1} [1/T]"] = _interval_text(diagnosis.exponents[i], diagnosis.exponents_ci[i])
+        for i, (value, ci) in enumerate(zip(diagnosis.exponents[:2], diagnosis.exponents_ci[:2], strict=True)):
+            rows[f"exponent {i + 1} [1/T]"] = exponent_text(value, ci, diagnosis.slider_stuck).replace("+-", "±")
     if np.isfinite(diagnosis.K):
         rows["0–1 test K"] = f"{diagnosis.K:.2f}"
     if diagnosis.has_multipliers:

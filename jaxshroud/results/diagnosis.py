@@ -8,7 +8,8 @@ import numpy as np
 from jaxshroud.io.lane_status import FLAGS, status_name
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, ComplexVariable, MotionVariable, Variable, lanes_in_shape, lanes_in_words
-from jaxshroud.motion.effects import with_interval
+from jaxshroud.model.modes import Status
+from jaxshroud.motion.effects import NOT_RESOLVED, STUCK_SLIDER, exponent_text
 from jaxshroud.results.base import Labels, Result
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.typed import typed
@@ -21,18 +22,24 @@ if TYPE_CHECKING:
     from jaxshroud.motion.lyapunov import Exponents
     from jaxshroud.plotting.style import LookOptions
 
+EXPONENTS = "Lyapunov exponents per drive period; -inf: forgotten altogether, NaN: not resolved"
+NO_INTERVAL = "half width of the 95 % interval; NaN where there is none"
+
 
 class Lyapunov(Result):
-    """The Lyapunov exponents per drive period, the largest first, with that of the slider.
+    """The Lyapunov exponents per drive period, the largest first: as many as the scene has states.
 
     Arrays start with the axes of the scenes; a single scene has none.
     """
 
     stored_as = "lyapunov"
 
-    exponents = Variable("Lyapunov exponents per drive period; -inf: forgotten altogether", "1", ("direction",))
-    ci = Variable("half width of the 95 % interval", "1", ("direction",))
-    growth = Variable("exponents of each period; NaN once a lane has stopped", "1", ("period", "direction"))
+    exponents = Variable(EXPONENTS, "1", ("direction",))
+    ci = Variable(NO_INTERVAL, "1", ("direction",))
+    growth = Variable(
+        "exponents of each period; NaN where not resolved, or once a lane has stopped", "1", ("period", "direction")
+    )
+    stuck = Variable("whether the slider sticks for good: one exponent is 0", alone=True, kind=bool, stored=np.int8)
     status = Variable("how the run ended", alone=True, kind=int, more=FLAGS)
     motion = MotionVariable("at the end")
     u_s = Variable("slider at the end", "m")
@@ -66,7 +73,9 @@ class Lyapunov(Result):
         """The exponents with their half widths in plain numbers, as `summary.json` holds them; of many scenes few."""
         if np.ndim(self.status):
             return super().summary()
-        return {**json_values({"exponents": self.exponents, "ci": self.ci}), **super().summary()}
+        sticks = {"slider": STUCK_SLIDER} if self.stuck else {}
+        values = {"exponents": _exponent_values(self.exponents, self.status), "ci": self.ci}
+        return {"unit": "per drive period", **json_values(values), **sticks, **super().summary()}
 
     def __repr__(self) -> str:
         n = self.growth.shape[-2]
@@ -75,8 +84,15 @@ class Lyapunov(Result):
             return (
                 f"Lyapunov of {lanes_in_words(self.status, self.failed)}: {chaotic} chaotic; {n} periods; {self.ended}"
             )
-        first = ", ".join(with_interval(v, ci) for v, ci in zip(self.exponents[:3], self.ci, strict=False))
-        return f"Lyapunov exponents per drive period: {first}, ...; {n} periods; {status_name(self.status)}"
+        told = [exponent_text(*pair, self.stuck) for pair in zip(self.exponents[:3], self.ci, strict=False)]
+        words = ", ".join([*told, "..."] if len(self.exponents) > len(told) else told)
+        return f"Lyapunov exponents per drive period: {words}; {n} periods; {status_name(self.status)}"
+
+
+def _exponent_values(exponents: np.ndarray, status: int) -> list[float | str]:
+    """The exponents of a lane as JSON holds them: with words where rounding hides one, null where the lane stopped."""
+    hidden = status == Status.OK
+    return [NOT_RESOLVED if hidden and np.isnan(value) else value for value in exponents.tolist()]
 
 
 def _exponents_row(lane: "Exponents", periods: int) -> dict[str, Any]:
@@ -84,7 +100,8 @@ def _exponents_row(lane: "Exponents", periods: int) -> dict[str, Any]:
     growth = np.full((periods, len(lane.exponents)), np.nan, lane.growth.dtype)
     growth[: len(lane.growth)] = lane.growth
     state = {name: getattr(lane.last, name) for name in ("motion", "u_s", "mode", "case")}
-    return {"exponents": lane.exponents, "ci": lane.ci, "growth": growth, "status": np.int32(lane.status), **state}
+    numbers = {"exponents": lane.exponents, "ci": lane.ci, "growth": growth}
+    return {**numbers, "stuck": lane.stuck, "status": np.int32(lane.status), **state}
 
 
 class Diagnosis(Trajectory):
@@ -104,8 +121,9 @@ class Diagnosis(Trajectory):
     largest_exponent = Attribute()  # per drive period, from one tangent over periods of its own
     largest_exponent_ci = Attribute()
     K = Attribute()  # of the 0-1 test
-    exponents = Variable("Lyapunov exponents per drive period; -inf: forgotten altogether", "1", ("direction",))
-    exponents_ci = Variable("half width of the 95 % interval", "1", ("direction",))
+    exponents = Variable(EXPONENTS, "1", ("direction",))
+    exponents_ci = Variable(NO_INTERVAL, "1", ("direction",))
+    slider_stuck = Attribute(bool)  # whether the slider sticks for good: one exponent is 0
     multipliers = ComplexVariable(
         "Floquet multipliers, largest first, the slider's own among them", "1", ("multiplier",)
     )
@@ -134,7 +152,8 @@ class Diagnosis(Trajectory):
         numbers = {
             **{name: getattr(self, name) for name in names},
             "largest_exponent": [self.largest_exponent, self.largest_exponent_ci],
-            "exponents": _column_rows(self.exponents, self.exponents_ci),
+            "exponents": [] if self.exponents is None else self._exponent_rows(),
+            **({"slider": STUCK_SLIDER} if self.slider_stuck else {}),
             "multipliers": [] if (mu := self.multipliers) is None else _column_rows(mu.real, mu.imag),
             **final,
             "P_d_settled": self.P_d_settled,
@@ -148,6 +167,11 @@ class Diagnosis(Trajectory):
             "steps_per_period": self.steps_per_period,
         }
         return json_values({**numbers, **self.origin})
+
+    def _exponent_rows(self) -> list[list[float | str]]:
+        """Each exponent with the half width of its interval."""
+        values = _exponent_values(self.exponents, Status.OK)
+        return [[value, half] for value, half in zip(values, self.exponents_ci.tolist(), strict=True)]
 
     @property
     def has_multipliers(self) -> bool:

@@ -114,6 +114,7 @@ def _settled_evidence(
     return {
         "exponents": spectrum.exponents,
         "exponents_ci": spectrum.ci,
+        "slider_stuck": int(spectrum.stuck),
         "multipliers": None if cycle is None or not cycle.sound else cycle.multipliers,
         "n": curve.n,
         "P_d": curve.P_d,
@@ -135,7 +136,7 @@ def _diagnosis(run: Trajectory, verdict: Verdict, settled_evidence: dict[str, ob
         "largest_exponent_ci": evidence.ci,
         "K": evidence.K,
     }
-    diagnosis = Diagnosis.from_values({**attributes, "P_d_settled": 0, **settled_evidence}).data
+    diagnosis = Diagnosis.from_values({**attributes, "P_d_settled": 0, "slider_stuck": 0, **settled_evidence}).data
     data = run.data.assign(diagnosis.data_vars).assign_attrs(diagnosis.attrs)
     if (
         evidence.status != Status.OK and run.status == Status.OK

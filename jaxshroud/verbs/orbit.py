@@ -6,14 +6,13 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.runs import Plan, Progress, run_lanes
-from jaxshroud.batch.states import STATE_SIZE
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import Method
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.amplitudes import amplitude_values
 from jaxshroud.motion.batched_algorithms import run_together
-from jaxshroud.motion.lyapunov import MAX_ALIGNMENT_PERIODS, Exponents, lyapunov_exponents
+from jaxshroud.motion.lyapunov import MAX_ALIGNMENT_PERIODS, Exponents, lyapunov_exponents, state_places
 from jaxshroud.motion.orbit import PeriodicOrbit, no_orbit
 from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions, closed_orbit, settled_orbit
 from jaxshroud.motion.travelling_wave import TravellingWave, travelling_wave
@@ -176,11 +175,14 @@ def lyapunov(
         dims: Names of the leading axes; by default `lane`.
 
     Returns:
-        The exponents, from QR factors of the product of the Jacobians of the periods. After the transient the tangents
-        start in random directions; the average begins when two frames of them grow alike, or 64 periods later (where
-        directions grow equally fast, no order emerges). They do not start earlier: along a motion that still changes
-        they may take an order other than that of the settled motion, and keep it for long. The interval is from batch
-        means.
+        As many exponents as the scene has states: two of each coordinate in which a blade moves, and one of the slider.
+        That of a slider which the motion sets anew in some period, by an onset or by slip, is -inf; that of a slider
+        which sticks for good is 0. NaN, "not resolved": in some period less than 1e-12 of the largest growth is left,
+        which rounding hides. They come from QR factors of the product of the Jacobians of the periods. After the
+        transient the tangents start in random directions; the average begins when two frames of them grow alike, or 64
+        periods later (where directions grow equally fast, no order emerges). They do not start earlier: along a motion
+        that still changes they may take an order other than that of the settled motion, and keep it for long. The
+        interval is from batch means.
 
     Raises:
         ValueError: A count is too small, or JAX has no float64.
@@ -209,8 +211,8 @@ def lyapunov(
 
     def missing(lane: int, flag: str) -> Exponents:
         status = Status.NOT_RUN if flag == "not run" else Status.NOT_FINITE
-        nan = np.full(STATE_SIZE, np.nan)
-        return Exponents(nan, nan, np.empty((0, STATE_SIZE)), status, starts[lane][1])
+        nan = np.full(len(state_places(lanes.scenes[lane]).all), np.nan)
+        return Exponents(nan, nan, np.empty((0, len(nan))), False, status, starts[lane][1])
 
     result_of = lambda exponents: Lyapunov.of_exponents(exponents, lanes.shape, **lanes.labels)
     max_periods = transient_periods + MAX_ALIGNMENT_PERIODS + kept

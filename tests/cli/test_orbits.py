@@ -46,9 +46,14 @@ def test_exponents_are_written_as_the_verb_returns_them(scene, tmp_path, capsys)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     known = np.isfinite(found.exponents)
     assert np.array(summary["exponents"], float)[known].tolist() == found.exponents[known].tolist()
-    assert summary["exponents"][-1] is None  # minus infinity: the model has no rotation
-    assert len(summary["ci"]) == len(summary["exponents"])
-    assert f"{found.exponents[0]:.6g}, " in capsys.readouterr().out
+    assert len(summary["ci"]) == len(summary["exponents"]) == 5  # x and its rate of both blades, and the slider
+    assert summary["exponents"][-1] == "-inf"  # the slider, which every onset sets anew
+    assert summary["ci"][-1] is None
+    assert summary["unit"] == "per drive period"
+    printed = capsys.readouterr().out
+    assert f"{found.exponents[0]:.6g}, " in printed
+    assert "-inf" in printed
+    assert "per drive period" in printed
 
 
 def test_options_reach_the_verb(tmp_path, capsys):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import jaxshroud as js
 from jaxshroud import load
 from jaxshroud.batch.runs import initial_states
 from jaxshroud.march.method import FAST
@@ -61,3 +62,65 @@ def test_blades_that_never_touch_forget_with_their_dampers():
     # RK4 at omega h = 0.13 damps by (omega h)^5 / 144 a step more: 3e-5 of a period's 0.15 at least.
     np.testing.assert_allclose(found.exponent, exact, rtol=0.02)
     assert np.all(np.abs(found.exponent - exact) <= found.ci + 2e-4)
+
+
+STEPS = {"method": js.RungeKutta(steps=100)}
+NEVER = ('shroud.gap="1 m"',)
+PRESSED = ('shroud.gap="-1 mm"', "drive.F_0=1")
+
+
+@pytest.mark.parametrize(
+    ("overrides", "moving", "slider"),
+    [
+        (NEVER, 4, [-np.inf]),
+        (PRESSED, 4, [0.0]),
+        pytest.param((*NEVER, 'parts.contact="none"'), 4, [], marks=pytest.mark.full),
+        pytest.param((*PRESSED, 'parts.friction="none"'), 4, [], marks=pytest.mark.full),
+        pytest.param((*NEVER, 'parts.neighbour="rigid"'), 2, [-np.inf], marks=pytest.mark.full),
+    ],
+    ids=["never touching", "stuck", "no contact", "no friction", "one blade"],
+)
+def test_there_are_as_many_exponents_as_states(overrides, moving, slider):
+    # Two of each coordinate that moves, one of the slider; those of the motion sum up to the dampers' (Liouville).
+    scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", *overrides]).scene
+    found = js.lyapunov(scene, n_periods=8, transient=4, **STEPS)
+    special = found.exponents[np.isin(found.exponents, [0.0, -np.inf])]
+    assert special.tolist() == slider
+    assert np.isnan(found.ci[np.isneginf(found.exponents)]).all()
+    motion = found.exponents[~np.isin(found.exponents, [0.0, -np.inf])]
+    assert len(motion) == moving
+    exact = -moving / 2 * 40 / 0.08 * float(scene.drive.period)
+    np.testing.assert_allclose(motion.sum(), exact, rtol=1e-3)  # RK4 damps by (omega h)^5 / 144 a step more
+    assert found.stuck == (slider == [0.0])
+    assert ("slider in permanent stick" in repr(found)) == found.stuck
+
+
+@pytest.mark.full
+def test_a_slider_that_slips_has_lost_its_memory():
+    # Griffin's oscillator, three states: x, its rate, and a slider that each slip sets anew.
+    unit = [f"blades.{name}=1" for name in ("m", "I", "k_x", "k_y", "k_T")]
+    dry = [f"blades.{name}=0" for name in ("c_x", "c_y", "c_T")]
+    press = ["shroud.alpha=1e-4", "shroud.gap=-1e5", "contact.gamma=0.1", "friction.k_d=1", "friction.mu=1"]
+    drive = ["drive.omega=1.079", "drive.beta=0", "drive.F_0=1", "drive.M_0=0"]
+    parts = ['parts.motion=["x"]', 'parts.neighbour="rigid"']
+    scene = js.load("table1", [*unit, *dry, *press, *drive, *parts]).scene
+    found = js.lyapunov(scene, n_periods=16, transient=60, **STEPS)
+    exact = np.log(np.abs(js.orbit(scene, q=1, state=found.last, **STEPS).multipliers[:2]))
+    # Frames of two directions turn for 16 periods, over which their growth parts by exp(0.47) each: 5e-4 at most.
+    np.testing.assert_allclose(found.exponents[:2], exact, atol=5e-4)
+    assert found.exponents[2:].tolist() == [-np.inf]
+    assert np.isnan(found.ci[2])
+
+
+def test_growth_below_rounding_is_not_resolved():
+    # A factor of 1e-13 of the largest is told from rounding by nobody, of 1e-9 it is; an exact 0 is forgotten.
+    for factor, is_known in ((1e-9, True), (1e-13, False)):
+        frames, growth = first_frames(2), []
+        for _ in range(40):
+            frames, grown = next_frames(frames, np.diag([1.0, factor]))
+            growth += grown
+        mean = mean_exponents(np.array(growth))[0]
+        assert np.isfinite(mean).tolist() == [True, is_known]
+    mean, ci, _ = mean_exponents(np.array([[-1.0, np.nan, -2.0], [-1.0, -5.0, -np.inf]]))
+    np.testing.assert_array_equal(mean, [-1.0, np.nan, -np.inf])
+    assert np.isnan(ci[1:]).all()
