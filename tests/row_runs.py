@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.periods import Clock
+from jaxshroud.batch.periods import Clock, at_start_of_period, one_call
 from jaxshroud.batch.rows import RowSample, begin_rows, run_row_block
 from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.method import Choices
@@ -55,15 +55,22 @@ def run_rows(scenes: list[Scene], periods: int, steps: int, method: Choices = EX
     kept: list[Any] = []
     for done in range(0, periods, BLOCK):
         n = min(BLOCK, periods - done)
-        lanes, block = run_row_block(batch, lanes, clock, jnp.int32(n), method, BLOCK, best_mapping())
+        lanes, block = block_of_periods(batch, lanes, clock, n, method)
         kept.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n, : len(scenes)], block))
     return RowRuns(jax.tree.map(lambda *a: np.concatenate(a), *kept), lanes, batch, method)
+
+
+def block_of_periods(batch: Any, lanes: Any, clock: Clock, n: int, method: Choices) -> tuple[Any, RowSample]:
+    """The rows after `n` periods, in one call, and a block of samples."""
+    begin = at_start_of_period(lanes)
+    end, _, samples = run_row_block(batch, begin, clock, one_call(n), method, BLOCK, best_mapping())
+    return end.lanes, samples
 
 
 def part_of_period(runs: RowRuns, steps: int, per_period: int) -> np.ndarray:
     """States (lanes, 6, N) so many steps after the end of the runs."""
     clock = Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(per_period)))
-    _, block = run_row_block(runs.batch, runs.last, clock, jnp.int32(1), runs.method, BLOCK, best_mapping())
+    _, block = block_of_periods(runs.batch, runs.last, clock, 1, runs.method)
     return np.stack(block.motion, axis=2)[0]
 
 

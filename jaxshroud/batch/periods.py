@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
@@ -19,7 +20,7 @@ from jaxshroud.march.tally import Tally, log_of_new_period
 from jaxshroud.model.arithmetic import Pair, filled, is_absent, traced_once
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
-from jaxshroud.scene.keys import Motion, RowSize
+from jaxshroud.scene.keys import Motion, RowSize, blade_count
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
@@ -45,23 +46,25 @@ def advance(lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane, l
 
 
 def march(
-    lanes: Tree,
+    lanes: Any,
     fixed: Any,
     method: Choices,
     each: EachLane,
     lane_of: LaneSelector = whole_tree,
     most_trials: int | None = None,
-) -> Tree:
+    passes: Int[Array, ""] | None = None,
+) -> Any:
     """Run every lane (leading axis of all arguments) to the start of step `stop`, or until its status is not OK.
 
     With `most_trials` there are exactly that many trials: a loop of fixed length can be differentiated in reverse mode.
+    With `passes` there are so many of the loop at most; what is left of them is a second result.
     """
     once = jax.jit(lambda lanes: advance(lanes, fixed, method, each, lane_of))  # traced once
     if most_trials is not None:
         return lax.fori_loop(0, most_trials, lambda _, lanes: once(lanes), lanes)
     stops = lane_of(fixed).stop
     several = stage_groups(method, lane_of(fixed).model.spring.smooth) is not None
-    return repeated_while(lambda lanes: jnp.any(running(lane_of(lanes), stops)), once, lanes, several)
+    return repeated_while(lambda lanes: jnp.any(running(lane_of(lanes), stops)), once, lanes, several, passes)
 
 
 def march_steps(
@@ -75,15 +78,21 @@ def march_steps(
 ) -> tuple[Tree, Bool[Array, " lanes"]]:
     """The lanes after at most `steps` steps, and which of them have completed these; their clock is reset."""
     lanes = march(lanes, fixed, method, each, lane_of, most_trials)
+    arrived = lane_of(lanes).step == steps
+    return with_clock_reset(lanes, arrived, lane_of), arrived
+
+
+def with_clock_reset(lanes: Tree, where: Bool[Array, "..."], lane_of: LaneSelector = whole_tree) -> Tree:
+    """The lanes at step 0 `where` they have arrived at the end of their steps."""
     clock = lane_of(lanes).step
-    arrived = clock == steps
-    return eqx.tree_at(lambda lanes: lane_of(lanes).step, lanes, jnp.where(arrived, 0, clock)), arrived
+    return eqx.tree_at(lambda lanes: lane_of(lanes).step, lanes, jnp.where(where, 0, clock))
 
 
 LANES_PER_CALL = 64  # long enough to amortise the dispatch of the loop; lanes rarely wait for each other
 ROW_BLADES_PER_CALL = 192  # of all lanes of a chunk of rows: the numbers of more do not stay in the cache
-PERIODS_PER_CALL = 32  # the grain of progress reports and of memory
-MAX_STAGES_PER_CALL = 1 << 23  # or a single period: a fraction of a second, after which Ctrl-C is heard
+ANY_PASSES = np.iinfo(np.int32).max  # without a bound
+BLADE_TRIALS_OF_FIRST_CALL = 1 << 16  # some 0.1 s, see `Pace`
+PERIODS_PER_CALL = 32  # the grain of progress reports and of memory, see also `Pace`
 
 
 def lanes_per_call(row: RowSize | None) -> int:
@@ -130,16 +139,70 @@ class Clock(NamedTuple):
         return time_grid(like(self.start), like(self.per_period), periods)
 
 
-def periods_at_once(lanes: int, steps: int, method: Choices) -> int:
-    """The largest number of periods to run in one call, for so many lanes and steps."""
-    return max(MAX_STAGES_PER_CALL // (max(lanes, 32) * method.tableau.work(steps)), 1)
+class Interim(NamedTuple):
+    """Lanes, or rows, between two calls to the device: at the start of a period or a sample, or inside one."""
+
+    lanes: Any
+    begun: Any  # (lanes,) of a period the energy stored at its start [J], of a sample the step at its end
+    inside: Any  # whether they are
 
 
-def _run_period(lanes: Lane, active, models: Model, periods, clock: Clock, method: Choices, each: EachLane):
-    lanes, stored_before = _with_empty_tally(lanes), _total_energies(lanes, models)
-    grids = clock.grids(periods)
-    stops = jnp.where(active, clock.steps, 0)
-    lanes, _ = march_steps(lanes, Fixed(models, grids, stops), clock.steps, method, each)
+def at_start_of_period(lanes: Any) -> Interim:
+    """Lanes, or rows, of which none is inside a period."""
+    real = jax.tree.leaves(lanes.state.motion)[0].dtype
+    return Interim(lanes, np.zeros(lanes.status.shape, real), np.bool_(False))
+
+
+class CallLimits(NamedTuple):
+    """What one call to the device does at most. Results do not depend on how a run is divided into calls."""
+
+    most: Int[Array, ""]  # periods or samples
+    passes: Int[Array, ""]  # of the loop over trials
+
+
+def one_call(most: int) -> CallLimits:
+    """So many periods or samples in one call, however long it takes."""
+    return CallLimits(jnp.int32(most), jnp.int32(ANY_PASSES))
+
+
+def first_passes(lanes: int, row: RowSize | None) -> int:
+    """The passes of the first call to the device, whose time is not known: some milliseconds for so many lanes."""
+    return max(BLADE_TRIALS_OF_FIRST_CALL // (lanes * blade_count(row)), 1)
+
+
+def periods_within(
+    limits: CallLimits,
+    run: Callable[[Tree, Int[Array, ""]], tuple[Tree, Int[Array, ""]]],
+    lanes: Tree,
+    stop: Int[Array, " lanes"],
+    lane_of: LaneSelector = whole_tree,
+) -> tuple[Tree, Int[Array, ""]]:
+    """Lanes after periods that end at step `stop`, by `run(lanes, passes)`, and how many of these have ended."""
+
+    def one(carry: Any) -> Any:
+        lanes, passes, ended = carry
+        lanes, passes = run(lanes, passes)
+        over = ~jnp.any(running(lane_of(lanes), stop))
+        lanes = with_clock_reset(lanes, over & (lane_of(lanes).step == stop), lane_of)
+        return lanes, passes, ended + over.astype(ended.dtype)
+
+    on = lambda carry: (carry[1] > 0) & (carry[2] < limits.most)
+    lanes, _, ended = lax.while_loop(on, one, (lanes, limits.passes, jnp.int32(0)))
+    return lanes, ended
+
+
+def select_tree(which: Bool[Array, ""], a: Tree, b: Tree) -> Tree:
+    """One of two trees of arrays."""
+    return jax.tree.map(lambda a, b: jnp.where(which, a, b), a, b)
+
+
+def _begin_period(lanes: Lane, models: Model) -> tuple[Lane, Float[Array, " lanes"]]:
+    """The lanes with an empty tally, and the energies that they store."""
+    return _with_empty_tally(lanes), _total_energies(lanes, models)
+
+
+def _end_period(lanes: Lane, stored_before: Any, models: Model, periods) -> tuple[Lane, Sample]:
+    """The lanes at the end of a period, and its sample."""
     gain, jumps = lanes.tally.integrals, lanes.tally.jumps
     works, energies, astray = (), _total_energies(lanes, models), jnp.zeros_like(periods, bool)
     if gain.ledger is not None and jumps is not None:
@@ -178,30 +241,57 @@ def _total_energies(lanes: Lane, models: Model) -> Float[Array, " lanes"]:
 
 @compiled("method", "block", "each")
 def run_block(
-    scenes: Scene, lanes: Lane, clock: Clock, n: Int[Array, ""], method: Choices, block: int, each: EachLane
-) -> tuple[Lane, Sample]:
+    scenes: Scene, begin: Interim, clock: Clock, limits: CallLimits, method: Choices, block: int, each: EachLane
+) -> tuple[Interim, Int[Array, ""], Sample]:
     """Run up to `block` periods of every lane.
 
     Args:
         scenes: Scenes with a leading lane axis.
-        lanes: The lanes to continue, with the same axis.
+        begin: The lanes to continue, with the same axis.
         clock: The time grid, common to all lanes.
-        n: Periods to run; further samples are meaningless.
+        limits: What is done at most.
         method: The options of the march.
         block: The length of the sample axis.
         each: How a function of one lane is applied to all.
 
     Returns:
-        The lanes at the end, and samples with axes (period, lane).
+        The lanes at the end, how many periods have ended, and the samples of these with axes (period, lane); further
+        ones are meaningless.
     """
-    one = period_function(scenes, clock, method, each)
-    return jax.lax.scan(lambda lanes, i: one(lanes, i < n), lanes, jnp.arange(block, dtype=jnp.int32))
+    models, periods = _models(scenes)
+    grids = clock.grids(periods)
+
+    def one(carry, i):
+        (lanes, energies, inside), passes = carry
+        on = (i < limits.most) & (passes > 0)
+        lanes, energies = select_tree(on & ~inside, _begin_period(lanes, models), (lanes, energies))
+        stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
+        lanes, passes = march(lanes, Fixed(models, grids, stops), method, each, passes=passes)
+        over = on & ~jnp.any(running(lanes, stops))
+        ended, sample = _end_period(with_clock_reset(lanes, lanes.step == clock.steps), energies, models, periods)
+        lanes = select_tree(over, ended, lanes)
+        return (Interim(lanes, energies, (on | inside) & ~over), passes), (sample, over)
+
+    (end, _), (samples, over) = lax.scan(one, (begin, limits.passes), jnp.arange(block, dtype=jnp.int32))
+    return end, jnp.sum(over, dtype=jnp.int32), samples
+
+
+def _models(scenes: Scene) -> tuple[Model, Float[Array, " lanes"]]:
+    """The constants of lanes, and their drive periods."""
+    return jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
 
 
 def period_function(scenes: Scene, clock: Clock, method: Choices, each: EachLane) -> Callable[..., tuple[Lane, Sample]]:
     """A function of lanes and a flag that, if the flag is set, runs a period of the lanes that have not stopped."""
-    models, periods = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
-    return lambda lanes, on: _run_period(lanes, on & (lanes.status == Status.OK), models, periods, clock, method, each)
+    models, periods = _models(scenes)
+
+    def run(lanes: Lane, on: Any) -> tuple[Lane, Sample]:
+        stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
+        lanes, energies = _begin_period(lanes, models)
+        lanes, _ = march_steps(lanes, Fixed(models, clock.grids(periods), stops), clock.steps, method, each)
+        return _end_period(lanes, energies, models, periods)
+
+    return run
 
 
 @compiled("method")

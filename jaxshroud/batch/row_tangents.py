@@ -4,18 +4,19 @@ A row has kernels of blades and of interfaces with sums in between, which JAX di
 tangents of their values. Every lane has one direction.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, Int
 
 from jaxshroud.batch.duals import Dual, differentiable
 from jaxshroud.batch.flow_states import FlowWithMoments, canonical_slider
+from jaxshroud.batch.periods import CallLimits, periods_within
 from jaxshroud.batch.rows import carried_row, lanes_first, lanes_last, march_rows, row_models
-from jaxshroud.batch.xla import compiled
+from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, PerLane, time_grid
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.method import Choices
@@ -28,47 +29,65 @@ from jaxshroud.model.row import RowModel, clusters, over, pair_states
 from jaxshroud.scene.scene import Scene
 
 
+@compiled("method")
+def begin_row_flows(scenes: Dual, states: Dual, method: Choices) -> Dual:
+    """`begin_flows` for rows; the lanes are last."""
+    each, (value, along) = differentiable(best_mapping()), states
+
+    def begin(scenes: Scene, motion: Any, u_s: Any) -> RowLane:
+        model, state = row_models(scenes)[0], lanes_last(State(motion, u_s, value.mode, value.case))
+        return begin_row(canonical_row(carried_row(state, model), model, each), model, method, each)
+
+    along = scenes.tangent, along.motion, along.u_s
+    return _with_tangent(begin, (scenes.value, value.motion, value.u_s), along)
+
+
+def _with_tangent(f: Callable[..., Any], values: tuple[Any, ...], tangents: tuple[Any, ...]) -> Dual:
+    """`f(*values)` and its tangent, of all real numbers, whether they depend on the direction or not."""
+    real, rest = eqx.partition(values, eqx.is_inexact_array)
+    parts = lambda real: eqx.partition(f(*eqx.combine(real, rest)), eqx.is_inexact_array)
+    out, along, fixed = jax.jvp(parts, (real,), (tangents,), has_aux=True)
+    return Dual(eqx.combine(out, fixed), along)
+
+
 @compiled("method", "each")
 def row_flow_with_tangents(
     scenes: Dual,
-    states: Dual,
-    n: Int[Array, ""],
+    lanes: Dual,
+    limits: CallLimits,
     steps: Int[Array, "..."],
     turns: PerLane | None,
     method: Choices,
     each: EachLane,
-) -> Dual:
-    """`flow_with_tangents` for rows, with the same arguments; powers and moments are tuples of all blades."""
+) -> tuple[Dual, Int[Array, ""]]:
+    """`flow_with_tangents` for rows, with the same arguments; the lanes are last."""
 
-    def flow(scenes: Scene, motion: Any, u_s: Any) -> FlowWithMoments:
-        begin = State(motion, u_s, states.value.mode, states.value.case)
-        return _row_flow(scenes, begin, n, steps, turns, method, differentiable(each))
+    def flow(scenes: Scene, lanes: RowLane) -> tuple[RowLane, Int[Array, ""]]:
+        model, period = row_models(scenes)
+        stop = jnp.ones_like(lanes.step) * steps
+        count = stop.astype(period.dtype)
+        grid = time_grid(jnp.zeros_like(period), count if turns is None else count / turns, period)
+        fixed = RowFixed(model, grid, stop)
+        run = lambda lanes, passes: march_rows(lanes, fixed, method, differentiable(each), passes)
+        return periods_within(limits, run, lanes, stop)
 
-    value, along = states
-    values, tangents = (scenes.value, value.motion, value.u_s), (scenes.tangent, along.motion, along.u_s)
-    end, by = jax.jvp(flow, values, tangents)
-    return Dual(end, eqx.filter(by, eqx.is_inexact_array))
+    (end, ended), (along, _) = _with_tangent(flow, (scenes.value, lanes.value), (scenes.tangent, lanes.tangent))
+    return Dual(end, along), ended
 
 
-def _row_flow(
-    scenes: Scene, states: State, n: Any, steps: Any, turns: PerLane | None, method: Choices, each: EachLane
-) -> FlowWithMoments:
-    model, period = row_models(scenes)
-    start = canonical_row(carried_row(lanes_last(states), model), model, each)
-    lanes = begin_row(start, model, method, each)
-    stop = jnp.ones_like(lanes.step) * steps
-    count = stop.astype(period.dtype)
-    grid = time_grid(jnp.zeros_like(period), count if turns is None else count / turns, period)
+@compiled()
+def end_row_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane | None) -> Dual:
+    """`end_flows` for rows; powers and moments are tuples of all blades."""
+    each = differentiable(best_mapping())
 
-    def one(_: Any, lanes: RowLane) -> RowLane:
-        lanes = march_rows(lanes, RowFixed(model, grid, stop), method, each)
-        return eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(lanes.step == stop, 0, lanes.step))
+    def end(scenes: Scene, lanes: RowLane) -> FlowWithMoments:
+        model, period = row_models(scenes)
+        time = n.astype(period.dtype) * (period if turns is None else turns * period)
+        flow = lanes_first(_end_of_rows(lanes, model, time, each))
+        power, moments = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), (flow.power, flow.moments))
+        return flow._replace(power=power, moments=moments)
 
-    lanes = lax.fori_loop(0, n, one, lanes)
-    time = n.astype(period.dtype) * (period if turns is None else turns * period)
-    flow = lanes_first(_end_of_rows(lanes, model, time, each))
-    power, moments = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), (flow.power, flow.moments))
-    return flow._replace(power=power, moments=moments)
+    return _with_tangent(end, (scenes.value, lanes.value), (scenes.tangent, lanes.tangent))
 
 
 def _end_of_rows(lanes: RowLane, model: RowModel, time: Any, each: EachLane) -> FlowWithMoments:

@@ -14,9 +14,10 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.periods import PERIODS_PER_CALL, Clock, Sample
-from jaxshroud.batch.xla import best_mapping, compiled
-from jaxshroud.march.carry import EachLane, running
+from jaxshroud.batch.pace import Pace
+from jaxshroud.batch.periods import CallLimits, Clock, Interim, Sample, first_passes, select_tree, with_clock_reset
+from jaxshroud.batch.xla import best_mapping, compiled, repeated_while
+from jaxshroud.march.carry import EachLane, TimeGrid, running
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import ContactForces, contact_spring_energy, energy_residual, slider_position
 from jaxshroud.march.row_carry import RowFixed, RowLane, RowTally, tally_of_new_period
@@ -73,10 +74,12 @@ def carried_row(state: State, model: RowModel) -> State:
     return State(motion, ABSENT if is_absent(spring.lag) else state.u_s, mode, state.case)
 
 
-def march_rows(lanes: RowLane, fixed: RowFixed, method: Choices, each: EachLane) -> RowLane:
-    """Run every row to the start of step `stop`, or until its status is not OK."""
+def march_rows(
+    lanes: RowLane, fixed: RowFixed, method: Choices, each: EachLane, passes: Int[Array, ""] | None = None
+) -> Any:
+    """Run every row to the start of step `stop`, or until its status is not OK; `passes` as in `periods.march`."""
     going = lambda lanes: jnp.any(running(lanes, fixed.stop))
-    return lax.while_loop(going, lambda lanes: row_trial(lanes, fixed, method, each), lanes)
+    return repeated_while(going, lambda lanes: row_trial(lanes, fixed, method, each), lanes, True, passes)
 
 
 class RowSample(NamedTuple):
@@ -121,14 +124,18 @@ def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, 
     return State(motion, u_s, state.mode, state.case)
 
 
-def _run_row_period(lanes: RowLane, active, model: RowModel, period, clock: Clock, method: Choices, each: EachLane):
-    lanes = eqx.tree_at(lambda lane: lane.tally, lanes, tally_of_new_period(lanes.tally, lanes.state.motion))
-    before = _stored(lanes.state, model, each)
-    stops = jnp.where(active, clock.steps, 0)
-    lanes = march_rows(lanes, RowFixed(model, clock.grids(period), stops), method, each)
-    arrived = lanes.step == clock.steps
-    lanes = eqx.tree_at(lambda lane: lane.step, lanes, jnp.where(arrived, 0, lanes.step))
-    tally, gain, log = lanes.tally, lanes.tally.integrals, lanes.tally.log
+def _begin_row_period(lanes: RowLane, model: RowModel, each: EachLane) -> tuple[RowLane, Float[Array, " lanes"]]:
+    """The rows with an empty tally, and the energies that they store."""
+    empty = tally_of_new_period(lanes.tally, lanes.state.motion)
+    return eqx.tree_at(lambda lane: lane.tally, lanes, empty), _stored(lanes.state, model, each)
+
+
+def _end_row_period(
+    lanes: RowLane, before: Float[Array, " lanes"], model: RowModel, period: Float[Array, " lanes"], each: EachLane
+) -> tuple[RowLane, RowSample]:
+    """The rows at the end of a period, and its sample."""
+    tally, log = lanes.tally, lanes.tally.log
+    gain: Any = tally.integrals
     assert log is not None  # only flows with tangents have none
     gained = _stored(lanes.state, model, each) - before
     works: dict[str, Any] = dict.fromkeys(("drive", "gross", "viscous", "friction", "dropped", "residual"))
@@ -148,21 +155,28 @@ def _run_row_period(lanes: RowLane, active, model: RowModel, period, clock: Cloc
 
 @compiled("method", "block", "each")
 def run_row_block(
-    scenes: Scene, lanes: RowLane, clock: Clock, n: Int[Array, ""], method: Choices, block: int, each: EachLane
-) -> tuple[RowLane, RowSample]:
-    """Run up to `block` periods of every row: `batch.periods.run_block` for rows.
+    scenes: Scene, begin: Interim, clock: Clock, limits: CallLimits, method: Choices, block: int, each: EachLane
+) -> tuple[Interim, Int[Array, ""], RowSample]:
+    """Run up to `block` periods of every row: `batch.periods.run_block` for rows."""
+    model, period = row_models(scenes)
+    grids = clock.grids(period)
 
-    Returns:
-        The rows at the end, and samples with axes (period, lane, ...).
-    """
-    run = row_period_function(scenes, clock, method, each)
+    def one(carry, i):
+        (lanes, energies, inside), passes = carry
+        on = (i < limits.most) & (passes > 0)
+        begun = _begin_row_period(lanes, model, each)
+        lanes, energies = select_tree(on & ~inside, begun, (lanes, energies))
+        stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
+        lanes, passes = march_rows(lanes, RowFixed(model, grids, stops), method, each, passes)
+        over = on & ~jnp.any(running(lanes, stops))
+        arrived = with_clock_reset(lanes, lanes.step == clock.steps)
+        ended, sample = _end_row_period(arrived, energies, model, period, each)
+        lanes = select_tree(over, ended, lanes)
+        return (Interim(lanes, energies, (on | inside) & ~over), passes), (lanes_first(sample), over)
 
-    def one(lanes, i):
-        lanes, sample = run(lanes, i < n)
-        return lanes, lanes_first(sample)
-
-    lanes, samples = lax.scan(one, lanes_last(lanes), jnp.arange(block, dtype=jnp.int32))
-    return lanes_first(lanes), samples
+    first = begin._replace(lanes=lanes_last(begin.lanes)), limits.passes
+    (end, _), (samples, over) = lax.scan(one, first, jnp.arange(block, dtype=jnp.int32))
+    return end._replace(lanes=lanes_first(end.lanes)), jnp.sum(over, dtype=jnp.int32), samples
 
 
 def row_period_function(
@@ -170,15 +184,15 @@ def row_period_function(
 ) -> Callable[..., tuple[RowLane, RowSample]]:
     """`batch.periods.period_function` for rows, lanes last."""
     model, period = row_models(scenes)
-    return lambda lanes, on: _run_row_period(
-        lanes, on & (lanes.status == Status.OK), model, period, clock, method, each
-    )
 
+    def run(lanes: RowLane, on: Any) -> tuple[RowLane, RowSample]:
+        stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
+        lanes, energies = _begin_row_period(lanes, model, each)
+        lanes = march_rows(lanes, RowFixed(model, clock.grids(period), stops), method, each)
+        lanes = with_clock_reset(lanes, lanes.step == clock.steps)
+        return _end_row_period(lanes, energies, model, period, each)
 
-def run_row_periods(scenes: Scene, lanes: RowLane, clock: Clock, n: int, method: Choices) -> tuple[RowLane, Sample]:
-    """Run `n` periods of rows (leading axis): the rows at the end, and samples (periods, lanes) with more rows."""
-    lanes, sample = run_row_block(scenes, lanes, clock, jnp.int32(n), method, PERIODS_PER_CALL, best_mapping())
-    return lanes, as_samples(jax.tree.map(np.asarray, sample))
+    return run
 
 
 def as_samples(row: RowSample) -> Sample:
@@ -209,17 +223,35 @@ class RowSamples(NamedTuple):
 
 @compiled("method", "block", "each")
 def _row_samples(
-    scenes: Scene, lanes: RowLane, clock: Clock, at: tuple[Any, Any], method: Choices, block: int, each: EachLane
-) -> tuple[RowLane, RowSamples]:
-    """`at[1]` samples (leading axis, then the lanes), `at[0]` steps apart; the rows beyond are meaningless."""
-    (model, period), (every, n) = row_models(scenes), at
+    scenes: Scene,
+    begin: Interim,
+    clock: Clock,
+    every: Int[Array, ""],
+    limits: CallLimits,
+    method: Choices,
+    block: int,
+    each: EachLane,
+) -> tuple[Interim, Int[Array, ""], RowSamples]:
+    """The next samples (leading axis, then the lanes), `every` steps apart, after how many there are."""
+    model, period = row_models(scenes)
+    grids = clock.grids(period)
 
-    def one_sample(lanes, i):
-        lanes, sample = next_row_sample(lanes, jnp.where(i < n, every, 0), model, period, clock, method, each)
-        return lanes, lanes_first(sample)
+    def one(carry, i):
+        (lanes, stops, inside), passes = carry
+        on = (i < limits.most) & (passes > 0)
+        stops = jnp.where(on & ~inside, lanes.step + every, stops)
+        fixed = RowFixed(model, grids, jnp.where(on, stops, 0))
+        lanes, passes = march_rows(lanes, fixed, method, each, passes)
+        over = on & ~jnp.any(running(lanes, stops))
+        ended, sample = _row_sample(lanes, model, clock, grids, each)
+        return (Interim(select_tree(over, ended, lanes), stops, (on | inside) & ~over), passes), (
+            lanes_first(sample),
+            over,
+        )
 
-    lanes, samples = lax.scan(one_sample, lanes_last(lanes), jnp.arange(block, dtype=jnp.int32))
-    return lanes_first(lanes), samples
+    first = begin._replace(lanes=lanes_last(begin.lanes)), limits.passes
+    (end, _), (samples, over) = lax.scan(one, first, jnp.arange(block, dtype=jnp.int32))
+    return end._replace(lanes=lanes_first(end.lanes)), jnp.sum(over, dtype=jnp.int32), samples
 
 
 def next_row_sample(
@@ -234,7 +266,14 @@ def next_row_sample(
     """The rows `every` steps later, and their states and forces there; lanes last."""
     grids = clock.grids(period)
     lanes = march_rows(lanes, RowFixed(model, grids, lanes.step + every), method, each)
-    turns = grids.start + lanes.step.astype(period.dtype) * grids.turn
+    return _row_sample(lanes, model, clock, grids, each)
+
+
+def _row_sample(
+    lanes: RowLane, model: RowModel, clock: Clock, grids: TimeGrid, each: EachLane
+) -> tuple[RowLane, RowSamples]:
+    """The rows as they continue after a sample, and the sample."""
+    turns = grids.start + lanes.step.astype(grids.start.dtype) * grids.turn
     lanes = eqx.tree_at(lambda lane: lane.step, lanes, lanes.step % clock.steps)
     return lanes, _sampled(lanes, turns, model, each)
 
@@ -287,12 +326,22 @@ def march_row_samples(
     lanes = begin_rows(scenes, states, method)
     before = np.asarray(stored_energies_of_rows(scenes, lanes, each))
     blocks = [jax.tree.map(lambda a: a[None], host(_first_sample(scenes, lanes, clock.start, each)))]
-    for done in range(0, count, ROW_SAMPLES_PER_CALL):
-        n = min(ROW_SAMPLES_PER_CALL, count - done)
-        at = jnp.int32(every), jnp.int32(n)
-        lanes, block = _row_samples(scenes, lanes, clock, at, method, ROW_SAMPLES_PER_CALL, each)
-        blocks.append(jax.tree.map(lambda a, n=n: np.asarray(a)[:n], block))
-        tick(n)
+    pace, done = Pace(first_passes(len(lanes.status), scenes.row_size)), 0
+    interim = Interim(lanes, np.zeros(lanes.status.shape, np.int32), np.bool_(False))
+    while done < count:
+
+        def call(passes: np.int32, left: int = count - done, interim: Interim = interim) -> tuple[Interim, int, Any]:
+            limits = CallLimits(jnp.int32(min(left, ROW_SAMPLES_PER_CALL)), jnp.asarray(passes))
+            end, ended, samples = _row_samples(
+                scenes, interim, clock, jnp.int32(every), limits, method, ROW_SAMPLES_PER_CALL, each
+            )
+            return end, int(ended), samples
+
+        interim, ended, block = pace.timed(call, lambda result: result[0].inside)
+        blocks.append(jax.tree.map(lambda a, n=ended: np.asarray(a)[:n], block))
+        done += ended
+        tick(ended)
+    lanes = interim.lanes
     samples = jax.tree.map(lambda *a: np.moveaxis(np.concatenate(a), 0, 1), *blocks)
     energies = before, np.asarray(stored_energies_of_rows(scenes, lanes, each))
     return samples, host(lanes), energies

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from time import process_time
 from typing import Any
 
@@ -11,20 +12,23 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.closed_form import free_runs
+from jaxshroud.batch.pace import Pace
 from jaxshroud.batch.periods import (
     LANES_PER_CALL,
     PERIODS_PER_CALL,
+    CallLimits,
     Clock,
+    Interim,
     Sample,
+    at_start_of_period,
     begin_lanes,
+    first_passes,
     lanes_per_call,
-    periods_at_once,
     run_block,
 )
-from jaxshroud.batch.rows import begin_rows, run_row_periods
+from jaxshroud.batch.rows import as_samples, begin_rows, run_row_block
 from jaxshroud.batch.threads import Check, Interrupted, concatenated_lanes, in_chunks
 from jaxshroud.batch.xla import best_mapping
-from jaxshroud.march.carry import Lane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import require_contact
 from jaxshroud.march.tableau import Tableau, TaylorOptions
@@ -126,7 +130,9 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: n
         ticker(lanes * (plan.transient + plan.kept))
         return Runs(samples, jax.tree.map(np.zeros_like, last.tally), last)
     try:
-        run, width = lambda chunk, tick: _run_chunk(chunk, plan, tick), lanes_per_call(scenes.row_size)
+        width = lanes_per_call(scenes.row_size)
+        pace = Pace(first_passes(width, scenes.row_size))
+        run = lambda chunk, tick: _run_chunk(chunk, plan, pace, tick)
         return chunk_by_chunk(run, (scenes, states, arrived), ticker, width)
     except Interrupted as stopped:
         raise Interrupted(completed_runs(stopped.done, lambda runs: concatenated_lanes(runs, lanes))) from None
@@ -176,18 +182,18 @@ def _unfinished_like(like: Runs) -> Runs:
     return replace(empty, last=eqx.tree_at(lambda lane: lane.status, empty.last, status))
 
 
-def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, tick: Tick) -> Runs:
+def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, pace: Pace, tick: Tick) -> Runs:
     scenes, states, arrived = chunk
-    begin, run = (begin_lanes, run_periods) if scenes.row is None else (begin_rows, run_row_periods)
-    lanes: Any = begin(scenes, states, plan.method)
+    lanes: Any = (begin_lanes if scenes.row is None else begin_rows)(scenes, states, plan.method)
     if plan.lead_in is not None and not arrived.all():
-        led_in, _ = run(scenes, lanes, plan.lead_in, 1, plan.method)
+        led_in, _ = run_periods(scenes, lanes, plan.lead_in, 1, plan.method, pace, lambda _: tick(0), keep=False)
         lanes = select_lanes(arrived, lanes, led_in)
-    lanes, _ = _run_blocks(scenes, lanes, plan.transient, plan, tick, keep=False)
+    run = partial(run_periods, clock=plan.clock, method=plan.method, pace=pace, tick=tick)
+    lanes, _ = run(scenes, lanes, n=plan.transient, keep=False)
     # long sums lose digits in float32
     lanes = eqx.tree_at(_mode_times, lanes, jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), _mode_times(lanes)))
     before = lanes.tally
-    lanes, samples = _run_blocks(scenes, lanes, plan.kept, plan, tick, keep=True)
+    lanes, samples = run(scenes, lanes, n=plan.kept)
     return jax.tree.map(np.asarray, Runs(samples, before, lanes))
 
 
@@ -201,23 +207,41 @@ def _mode_times(lanes: Any) -> tuple[Any, Any, Any]:
     return log.time_apart, log.time_stick, log.time_slip
 
 
-def run_periods(scenes: Scene, lanes: Lane, clock: Clock, n: int, method: Choices) -> tuple[Lane, Sample]:
-    """Run `n` periods of lanes (leading axis): the lanes at the end, and samples (periods, lanes) with more rows."""
-    return run_block(scenes, lanes, clock, jnp.int32(n), method, PERIODS_PER_CALL, best_mapping())
+def run_periods(
+    scenes: Scene, lanes: Any, clock: Clock, n: int, method: Choices, pace: Pace, tick: Tick, keep: bool = True
+) -> tuple[Any, Sample | None]:
+    """Run `n` periods of lanes (leading axis), in calls to the device that are short.
 
+    Args:
+        scenes: The scenes.
+        lanes: The lanes, or rows, at the start of a period.
+        clock: The time grid.
+        n: Periods.
+        method: The options of the march.
+        pace: How much a call does.
+        tick: Called after every call with the number of periods that have ended in it.
+        keep: Whether samples are returned.
 
-def _run_blocks(scenes: Scene, lanes: Any, periods: int, plan: Plan, tick, keep: bool):
+    Returns:
+        The lanes at the end, and samples (lanes, periods) with more rows.
+    """
+    block = run_block if scenes.row is None else run_row_block
     blocks: list[Sample] = []
-    run: Callable[..., Any] = run_periods if scenes.row is None else run_row_periods
-    longest = min(periods_at_once(len(lanes.status), plan.steps_per_period, plan.method), PERIODS_PER_CALL)
-    for done in range(0, periods, longest):
-        n = min(longest, periods - done)
-        lanes, sample = run(scenes, lanes, plan.clock, n, plan.method)
-        jax.block_until_ready(lanes.status)
-        if keep:
-            blocks.append(jax.tree.map(lambda a, n=n: in_float64(a)[:n].T, sample))
-        tick(n)
-    return lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks) if blocks else None
+    interim, done = at_start_of_period(lanes), 0
+    while done < n:
+
+        def call(passes: np.int32, left: int = n - done, interim: Interim = interim) -> tuple[Interim, int, Any]:
+            limits = CallLimits(jnp.int32(min(left, PERIODS_PER_CALL)), jnp.asarray(passes))
+            end, ended, samples = block(scenes, interim, clock, limits, method, PERIODS_PER_CALL, best_mapping())
+            return end, int(ended), samples
+
+        interim, ended, samples = pace.timed(call, lambda result: result[0].inside)
+        if keep and ended:
+            ours = samples if scenes.row is None else as_samples(jax.tree.map(np.asarray, samples))
+            blocks.append(jax.tree.map(lambda a, n=ended: in_float64(a)[:n].T, ours))
+        done += ended
+        tick(ended)
+    return interim.lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks) if blocks else None
 
 
 def zeno_warning(scenes: Scene, runs: Runs, plan: Plan) -> str | None:
@@ -257,7 +281,7 @@ def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, meth
     scene, lane = jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[copies]), (scenes, last))
     places = lambda lane: (lane.status, lane.search.events)
     again = eqx.tree_at(places, lane, (jnp.zeros_like(lane.status), jnp.zeros_like(lane.search.events)))
-    after: Any = run_periods(scene, again, clock, 1, method)[0]
+    after: Any = run_periods(scene, again, clock, 1, method, Pace(1024), lambda _: None, keep=False)[0]
     counts = [filled(of.tally.log.counters, of.status) for of in (lane, after)]
     more = {n: int(getattr(counts[1], n)[0] - getattr(counts[0], n)[0]) for n in Counters.__annotations__}
     events = ", ".join(f"{n} {name}" for name, n in sorted(more.items(), key=lambda item: -item[1]) if n)

@@ -1,7 +1,7 @@
 """Samples of a march at the ends of steps, and of its trials where events are kept too."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,7 +10,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
-from jaxshroud.batch.periods import Clock, advance, march_steps
+from jaxshroud.batch.pace import Pace
+from jaxshroud.batch.periods import ANY_PASSES, CallLimits, Clock, advance, first_passes, march, with_clock_reset
 from jaxshroud.batch.states import as_arrays, with_zeros
 from jaxshroud.batch.xla import best_mapping, compiled, stage_groups
 from jaxshroud.march.carry import EachLane, Fixed, Lane, running
@@ -24,7 +25,6 @@ from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene
 
 SAMPLES_PER_BLOCK = 1024  # samples per call
-STEPS_PER_BLOCK = 1 << 15  # per call, or a single sample: Ctrl-C is heard in between
 EVENT_TRIALS_PER_CALL = 1024
 
 
@@ -76,32 +76,60 @@ def march_by_steps(
     scenes: Scene, lanes: Lane, grid: SampleGrid, method: Choices, tick: Callable[[int], None]
 ) -> SampledMarch:
     """March lanes (leading axis) with samples at the ends of steps; `tick` gets the number of further samples."""
-    clock, blocks, longest = grid.clock(scenes), [], min(max(STEPS_PER_BLOCK // grid.every, 1), SAMPLES_PER_BLOCK)
-    for done in range(0, grid.samples, longest):
-        n = min(longest, grid.samples - done)
-        kept = np.int32(grid.every), np.int32(n)
-        lanes, block = _block_of_samples(scenes, lanes, clock, *kept, method, best_mapping())
-        blocks.append(jax.tree.map(lambda a, n=n: np.moveaxis(np.asarray(a)[:n], 0, 1), block))
-        tick(n)
+    clock, blocks, done = grid.clock(scenes), [], 0
+    pace, begun = Pace(first_passes(len(lanes.status), None)), np.int32(0)
+    while done < grid.samples:
+
+        def call(passes: np.int32, left: int = grid.samples - done, lanes: Lane = lanes, begun: Any = begun) -> Any:
+            limits = CallLimits(jnp.int32(min(left, SAMPLES_PER_BLOCK)), jnp.asarray(passes))
+            begun, lanes, ended, block = _block_of_samples(
+                scenes, lanes, begun, clock, np.int32(grid.every), limits, method, best_mapping()
+            )
+            return begun, lanes, int(ended), block
+
+        begun, lanes, ended, block = pace.timed(call, lambda result, left=grid.samples - done: result[2] < left)
+        blocks.append(jax.tree.map(lambda a, n=ended: np.moveaxis(np.asarray(a)[:n], 0, 1), block))
+        done += ended
+        tick(ended)
     return SampledMarch(lanes, blocks)
 
 
 @compiled("method", "each")
 def _block_of_samples(
-    scenes: Scene, lanes: Lane, clock: Clock, every, n, method: Choices, each: EachLane
-) -> tuple[Lane, State]:
-    """`n` samples (leading axis, then the lanes), `every` steps apart; the rows beyond are meaningless."""
+    scenes: Scene,
+    lanes: Lane,
+    begun: Int[Array, ""],
+    clock: Clock,
+    every: Int[Array, ""],
+    limits: CallLimits,
+    method: Choices,
+    each: EachLane,
+) -> tuple[Int[Array, ""], Lane, Int[Array, ""], State]:
+    """The next samples (leading axis, then the lanes), `every` steps apart; `begun` steps of the first are done.
+
+    Returns:
+        The steps done of the sample that is not ended, the lanes at the end, how many samples have ended, and these;
+        further ones are meaningless. The limits are looked at between steps.
+    """
     models, period = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
     grids = clock.grids(period)
 
-    def one_step(_, lanes):
-        return march_steps(lanes, Fixed(models, grids, lanes.step + 1), clock.steps, method, each)[0]
+    def one_step(carry):
+        lanes, done, passes = carry
+        stops = lanes.step + 1
+        lanes, left = march(lanes, Fixed(models, grids, stops), method, each, passes=jnp.int32(ANY_PASSES))
+        lanes = with_clock_reset(lanes, lanes.step == clock.steps)
+        return lanes, done + 1, passes - (ANY_PASSES - left)
 
-    def one_sample(lanes, i):
-        lanes = lax.fori_loop(0, jnp.where(i < n, every, 0), one_step, lanes)
-        return lanes, jax.vmap(sampled_state)(lanes, models)
+    def one_sample(carry, i):
+        on = lambda carry: (i < limits.most) & (carry[1] < every) & (carry[2] > 0)
+        lanes, done, passes = lax.while_loop(on, one_step, carry)
+        over = (i < limits.most) & (done == every)
+        return (lanes, jnp.where(over, 0, done), passes), (jax.vmap(sampled_state)(lanes, models), over)
 
-    return lax.scan(one_sample, lanes, jnp.arange(SAMPLES_PER_BLOCK, dtype=jnp.int32))
+    begin = lanes, begun, limits.passes
+    (lanes, begun, _), (samples, over) = lax.scan(one_sample, begin, jnp.arange(SAMPLES_PER_BLOCK, dtype=jnp.int32))
+    return begun, lanes, jnp.sum(over, dtype=jnp.int32), samples
 
 
 def march_by_trials(

@@ -4,7 +4,7 @@ Each lane carries one tangent, so that several directions of one scene are sever
 over scenes is also a batch over directions.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -12,13 +12,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Int
 
 from jaxshroud.batch.duals import Dual, dual_lanes
 from jaxshroud.batch.flow_states import Flow, FlowWithMoments, canonical
-from jaxshroud.batch.periods import march_steps, periods_at_once
-from jaxshroud.batch.row_tangents import row_flow_with_tangents
+from jaxshroud.batch.pace import Pace
+from jaxshroud.batch.periods import CallLimits, first_passes, march, periods_within
+from jaxshroud.batch.row_tangents import begin_row_flows, end_row_flows, row_flow_with_tangents
 from jaxshroud.batch.states import (
     by_blade,
     carried_state,
@@ -86,35 +86,52 @@ def dual_flow_constants(models: Dual, periods: Dual, steps: Int[Array, " lanes"]
     return Dual(fixed, along)
 
 
+@compiled("method")
+def begin_flows(scenes: Dual, states: Dual, method: Choices) -> Dual:
+    """The lanes at their start from `states`, with tangents."""
+    return dual_lanes(vmapped)(lambda scene, state: begin_flow(scene, state, method)[0], scenes, states)
+
+
 @compiled("method", "each")
 def flow_with_tangents(
     scenes: Dual,
-    states: Dual,
-    n: Int[Array, ""],
+    lanes: Dual,
+    limits: CallLimits,
     steps: Int[Array, "..."],
     turns: PerLane | None,
     method: Choices,
     each: EachLane,
-) -> Dual:
-    """Run `n` drive periods from drive phase 0, with tangents, or in each lane a number of its own.
+) -> tuple[Dual, Int[Array, ""]]:
+    """Run lanes over drive periods from drive phase 0, with tangents, or each over a number of turns of its own.
 
     Args:
         scenes: Scenes with a leading lane axis, and one direction for each lane.
-        states: The initial states, with the same axis, and one direction for each.
-        n: Periods to run.
+        lanes: The lanes to continue, with the same axis, see `begin_flows`.
+        limits: What is done at most.
         steps: Runge-Kutta steps in one period, or in `turns`.
         turns: The drive periods of each lane, of any length, in the place of a period; its tangent is at that phase.
         method: The options of the march, `as_differentiable`: else the derivatives lack the contributions of events.
         each: How a function of one lane is applied to all.
 
     Returns:
-        A `FlowWithMoments` with leading lane axis and its tangent.
+        The lanes at the end, with tangents, and how many periods have ended.
     """
-    first = dual_lanes(vmapped)(lambda scene, state: begin_flow(scene, state, method), scenes, states)
-    lanes, models, periods = (Dual(a, b) for a, b in zip(*first, strict=True))
+    models, periods = _dual_constants(scenes)
     fixed = dual_flow_constants(models, periods, jnp.full_like(lanes.value.step, 1) * steps, turns)
-    one_period = lambda _, lanes: march_steps(lanes, fixed, steps, method, dual_lanes(each), attrgetter("value"))[0]
-    lanes = lax.fori_loop(0, n, one_period, lanes)
+    run = lambda lanes, passes: march(lanes, fixed, method, dual_lanes(each), attrgetter("value"), passes=passes)
+    return periods_within(limits, run, lanes, fixed.value.stop, attrgetter("value"))
+
+
+def _dual_constants(scenes: Dual) -> tuple[Dual, Dual]:
+    """The models and the drive periods of lanes, with tangents."""
+    constants = dual_lanes(vmapped)(lambda scene: (prepared_model(scene), scene.drive.period), scenes)
+    return tuple(Dual(a, b) for a, b in zip(*constants, strict=True))  # type: ignore[return-value]
+
+
+@compiled()
+def end_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane | None) -> Dual:
+    """The `FlowWithMoments` of lanes that have run `n` periods, or as often their `turns`, with its tangent."""
+    models, periods = _dual_constants(scenes)
     times = jax.tree.map(lambda a: n.astype(a.dtype) * (a if turns is None else turns * a), periods)
     return dual_lanes(vmapped)(end_flow_with_moments, lanes, models, times)
 
@@ -136,40 +153,44 @@ def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, tu
 
     def run(check: Check, at: np.ndarray) -> Dual:
         scene, state, lengths = jax.tree.map(lambda a: np.asarray(a)[at], (scenes, states, turns))
-        return _run_in_parts(scene, state, n, steps, lengths, method, check)
+        return _run_in_calls(scene, state, n, steps, lengths, method, check)
 
     return in_chunks(run, lanes, width)
 
 
-def _run_in_parts(
+def _run_in_calls(
     scenes: Dual, states: Dual, n: int, steps: int, turns: np.ndarray | None, method: Choices, check: Check
 ) -> Dual:
-    """`flow_with_tangents` in parts that are short enough for an interruption to take effect soon."""
-    omega = scenes.value.drive.omega
-    longest = periods_at_once(len(omega), steps, method)
+    """The flow of lanes, in calls to the device that are short enough for an interruption to take effect soon."""
+    omega, row = scenes.value.drive.omega, scenes.value.row_size
     counts, lengths = jnp.int32(steps), None
     if turns is not None:
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
-    flow = flow_with_tangents if scenes.value.row is None else row_flow_with_tangents
-    whole, done = None, 0
-    while whole is None or done < n:
+    program = PAIR_FLOWS if row is None else ROW_FLOWS
+    lanes, done, pace = program.begin(scenes, states, method), 0, Pace(first_passes(len(omega), row))
+    while done < n:
         check()
-        now = min(longest, n - done)
-        part = flow(scenes, states, jnp.int32(now), counts, lengths, method, best_mapping())
-        part = jax.tree.map(np.asarray, part)
-        whole = part if whole is None else _concatenated_flow(whole, part, now / (done + now))
-        states, done = end_as_start(part), done + now
-    return whole
+
+        def call(passes: np.int32, left: int = n - done, lanes: Dual = lanes) -> tuple[Dual, int]:
+            limits = CallLimits(jnp.int32(left), jnp.asarray(passes))
+            end, ended = program.run(scenes, lanes, limits, counts, lengths, method, best_mapping())
+            return end, int(ended)
+
+        lanes, ended = pace.timed(call, lambda result, left=n - done: result[1] < left)
+        done += ended
+    return jax.tree.map(np.asarray, program.end(scenes, lanes, jnp.int32(n), lengths))
 
 
-def _concatenated_flow(first: Dual, then: Dual, weight: float) -> Dual:
-    """Two consecutive flows as one; the second has the share `weight` of their time."""
-    mean = lambda a, b: a + np.asarray(weight, a.dtype) * (b - a)
-    integrals = lambda both: [(flow.power, flow.moments) for flow in both]
-    value, tangent = jax.tree.map(mean, integrals(first), integrals(then))
-    status = np.where(first.value.status == Status.OK, then.value.status, first.value.status)
-    with_means = lambda flow, means: flow._replace(power=means[0], moments=means[1])
-    return Dual(with_means(then.value, value)._replace(status=status), with_means(then.tangent, tangent))
+class FlowPrograms(NamedTuple):
+    """The compiled functions of a flow."""
+
+    begin: Callable[..., Dual]
+    run: Callable[..., tuple[Dual, Int[Array, ""]]]
+    end: Callable[..., Dual]
+
+
+PAIR_FLOWS = FlowPrograms(begin_flows, flow_with_tangents, end_flows)
+ROW_FLOWS = FlowPrograms(begin_row_flows, row_flow_with_tangents, end_row_flows)
 
 
 def without_direction(states: State) -> Dual:

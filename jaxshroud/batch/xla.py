@@ -23,7 +23,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array
+from jaxtyping import Array, Int
 
 from jaxshroud.march.carry import EachLane
 from jaxshroud.march.method import Choices
@@ -242,11 +242,20 @@ def stage_groups(method: Choices, smooth: bool) -> StageGroups | None:
     return tuple(range(at_once, size, at_once))
 
 
-def repeated_while(going: Callable[[Tree], Array], once: Callable[[Tree], Tree], lanes: Tree, several: bool) -> Tree:
-    """Repeat `once` while `going`.
+def repeated_while(
+    going: Callable[[Tree], Array],
+    once: Callable[[Tree], Tree],
+    lanes: Tree,
+    several: bool,
+    passes: Int[Array, ""] | None = None,
+) -> Any:
+    """Repeat `once` while `going`, in at most so many `passes` if there is a bound, whose rest is a second result then.
 
     A single kernel is called twice per pass: the first call writes to new memory and the second one back to the old, so
     that nothing is copied. With `several` kernels in `once`, the last one can do that.
     """
     twice = once if several else lambda lanes: once(once(lanes))
-    return lax.while_loop(going, twice, lanes)
+    if passes is None:
+        return lax.while_loop(going, twice, lanes)
+    on = lambda both: going(both[0]) & (both[1] > 0)
+    return lax.while_loop(on, lambda both: (twice(both[0]), both[1] - 1), (lanes, passes))

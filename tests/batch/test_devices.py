@@ -18,9 +18,9 @@ from jaxshroud.batch import runs
 used, run_block = set(), runs.run_block
 
 def told(*arguments):
-    lanes, samples = run_block(*arguments)
-    used.update(device.id for device in lanes.status.devices())
-    return lanes, samples
+    end, *rest = run_block(*arguments)
+    used.update(device.id for device in end.lanes.status.devices())
+    return end, *rest
 
 runs.run_block = told
 scene = js.load("table1", ['parts.motion=["x"]']).scene

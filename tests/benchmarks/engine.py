@@ -10,7 +10,7 @@ import numpy as np
 from jax import lax
 from problem import PERIODS, Problem
 
-from jaxshroud.batch.periods import LANES_PER_CALL, Clock, advance, begin_lanes, run_block
+from jaxshroud.batch.periods import LANES_PER_CALL, Clock, advance, at_start_of_period, begin_lanes, one_call, run_block
 from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.xla import FOR_SERIES, best_mapping
 from jaxshroud.march.carry import Fixed, Lane, running
@@ -107,10 +107,11 @@ def prepare_scenes(scenes: Scene, method: Choices, chunk: int, periods: int) -> 
 
     def march(steps: int) -> np.ndarray:
         clock = Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)))
-        n = jnp.int32(periods)
+        limits = one_call(periods)
         ends = [
-            run_block(s, a, clock, n, method, periods, best_mapping())[0] for s, a in zip(pieces, begun, strict=True)
+            run_block(s, at_start_of_period(a), clock, limits, method, periods, best_mapping())[0]
+            for s, a in zip(pieces, begun, strict=True)
         ]
-        return np.concatenate([motions(lanes) for lanes in ends])
+        return np.concatenate([motions(end.lanes) for end in ends])
 
     return march

@@ -19,7 +19,7 @@ from peers import scalar_c
 from problem import PERIODS, Problem, errors, problem
 from test_peers import RESULTS, one_core  # noqa: F401
 
-from jaxshroud.batch.periods import LANES_PER_CALL, Clock, begin_lanes, run_block
+from jaxshroud.batch.periods import LANES_PER_CALL, Clock, at_start_of_period, begin_lanes, one_call, run_block
 from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.xla import fused
 from jaxshroud.march.carry import Fixed
@@ -106,7 +106,9 @@ def test_general_parameters():
         return fused(with_constants, lanes, spring.k, spring.lag, fixed.grid, fixed.stop)
 
     def march(each):
-        return lambda: jax.block_until_ready(run_block(scenes, lanes, clock, n, FAST, PERIODS, each))
+        return lambda: jax.block_until_ready(
+            run_block(scenes, at_start_of_period(lanes), clock, one_call(PERIODS), FAST, PERIODS, each)
+        )
 
     taken = alternately(15, general=march(fused), constant=march(constant))
     record("seconds, parameters in the lanes and constant", taken | {"ratio": taken["general"] / taken["constant"]})

@@ -12,7 +12,7 @@ import pytest
 from jaxshroud import load
 from jaxshroud.batch.closed_form import free_runs
 from jaxshroud.batch.operation_count import trial_size
-from jaxshroud.batch.periods import PERIODS_PER_CALL, begin_lanes, run_block
+from jaxshroud.batch.periods import PERIODS_PER_CALL, at_start_of_period, begin_lanes, one_call, run_block
 from jaxshroud.batch.runs import Plan, initial_states
 from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.method import FAST
@@ -45,9 +45,9 @@ def test_cost_of_models():
     runs = {}
     for name, parts in MODELS.items():
         scenes = grid_of_scenes(model_of(table1, parts), {"contact.gamma": GAMMA})
-        lanes, plan = begin_lanes(scenes, initial_states(scenes), FAST), Plan(0, PERIODS, STEPS, 0.0, FAST)
-        runs[name] = lambda scenes=scenes, lanes=lanes, plan=plan: jax.block_until_ready(
-            run_block(scenes, lanes, plan.clock, jnp.int32(PERIODS), FAST, PERIODS_PER_CALL, best_mapping())
+        plan, begin = Plan(0, PERIODS, STEPS, 0.0, FAST), begin_lanes(scenes, initial_states(scenes), FAST)
+        runs[name] = lambda scenes=scenes, lanes=at_start_of_period(begin), plan=plan: jax.block_until_ready(
+            run_block(scenes, lanes, plan.clock, one_call(PERIODS), FAST, PERIODS_PER_CALL, best_mapping())
         )
         runs[name]()
     free = grid_of_scenes(model_of(table1, {"contact": "none"}), {"contact.gamma": GAMMA})
