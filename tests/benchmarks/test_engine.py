@@ -90,7 +90,7 @@ def test_many_lanes():
 @pytest.mark.usefixtures("one_core")
 def test_general_parameters():
     # The same chunk with every number of the scene in the lanes, or all but gamma as constants of the program.
-    part, steps, n = problem(LANES_PER_CALL), 500, jnp.int32(PERIODS)
+    part, steps = problem(LANES_PER_CALL), 500
     clock = Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)))
     scenes = engine.scenes_of(part)
     lanes = begin_lanes(scenes, initial_states(scenes), FAST)
@@ -106,9 +106,8 @@ def test_general_parameters():
         return fused(with_constants, lanes, spring.k, spring.lag, fixed.grid, fixed.stop)
 
     def march(each):
-        return lambda: jax.block_until_ready(
-            run_block(scenes, at_start_of_period(lanes), clock, one_call(PERIODS), FAST, PERIODS, each)
-        )
+        begin, limits = at_start_of_period(lanes), one_call(PERIODS)
+        return lambda: jax.block_until_ready(run_block(scenes, begin, clock, limits, FAST, PERIODS, each))
 
     taken = alternately(15, general=march(fused), constant=march(constant))
     record("seconds, parameters in the lanes and constant", taken | {"ratio": taken["general"] / taken["constant"]})

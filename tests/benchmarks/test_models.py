@@ -5,7 +5,6 @@ import time
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -45,9 +44,10 @@ def test_cost_of_models():
     runs = {}
     for name, parts in MODELS.items():
         scenes = grid_of_scenes(model_of(table1, parts), {"contact.gamma": GAMMA})
-        plan, begin = Plan(0, PERIODS, STEPS, 0.0, FAST), begin_lanes(scenes, initial_states(scenes), FAST)
-        runs[name] = lambda scenes=scenes, lanes=at_start_of_period(begin), plan=plan: jax.block_until_ready(
-            run_block(scenes, lanes, plan.clock, one_call(PERIODS), FAST, PERIODS_PER_CALL, best_mapping())
+        plan = Plan(0, PERIODS, STEPS, 0.0, FAST)
+        begin = at_start_of_period(begin_lanes(scenes, initial_states(scenes), FAST))
+        runs[name] = lambda scenes=scenes, begin=begin, plan=plan: jax.block_until_ready(
+            run_block(scenes, begin, plan.clock, one_call(PERIODS), FAST, PERIODS_PER_CALL, best_mapping())
         )
         runs[name]()
     free = grid_of_scenes(model_of(table1, {"contact": "none"}), {"contact.gamma": GAMMA})
