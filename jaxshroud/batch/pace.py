@@ -9,10 +9,10 @@ import numpy as np
 SECONDS_PER_CALL = 0.3  # aimed at
 LARGEST_CHANGE = 16.0  # from call to call: the first one may compile, and others may be held up by other work
 
-Result = TypeVar("Result")
+Called = TypeVar("Called")
 
 
-class Pace:
+class CallPace:
     """The passes of a loop over trials that a call to the device may make, found from the time of earlier calls.
 
     A period of a large row may take minutes, one of a pair microseconds. Results do not depend on the passes of a call.
@@ -22,7 +22,7 @@ class Pace:
         """`passes` of the first call."""
         self.passes, self.seconds = passes, seconds
 
-    def timed(self, call: Callable[[np.int32], Result], cut_short: Callable[[Result], Any]) -> Result:
+    def timed(self, call: Callable[[np.int32], Called], cut_short: Callable[[Called], Any]) -> Called:
         """The results of a `call` with so many passes, which waits for the device.
 
         `cut_short` tells of them whether the passes were used up; of a call with less to do only a long time counts.

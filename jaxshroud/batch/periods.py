@@ -91,8 +91,8 @@ def with_clock_reset(lanes: Tree, where: Bool[Array, "..."], lane_of: LaneSelect
 LANES_PER_CALL = 64  # long enough to amortise the dispatch of the loop; lanes rarely wait for each other
 ROW_BLADES_PER_CALL = 192  # of all lanes of a chunk of rows: the numbers of more do not stay in the cache
 ANY_PASSES = np.iinfo(np.int32).max  # without a bound
-BLADE_TRIALS_OF_FIRST_CALL = 1 << 16  # some 0.1 s, see `Pace`
-PERIODS_PER_CALL = 32  # the grain of progress reports and of memory, see also `Pace`
+BLADE_TRIALS_OF_FIRST_CALL = 1 << 16  # some 0.1 s, see `CallPace`
+PERIODS_PER_CALL = 32  # the grain of progress reports and of memory, see also `CallPace`
 
 
 def lanes_per_call(row: RowSize | None) -> int:

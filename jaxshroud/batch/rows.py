@@ -14,7 +14,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.pace import Pace
+from jaxshroud.batch.pace import CallPace
 from jaxshroud.batch.periods import CallLimits, Clock, Interim, Sample, first_passes, select_tree, with_clock_reset
 from jaxshroud.batch.xla import best_mapping, compiled, repeated_while
 from jaxshroud.march.carry import EachLane, TimeGrid, running
@@ -326,7 +326,7 @@ def march_row_samples(
     lanes = begin_rows(scenes, states, method)
     before = np.asarray(stored_energies_of_rows(scenes, lanes, each))
     blocks = [jax.tree.map(lambda a: a[None], host(_first_sample(scenes, lanes, clock.start, each)))]
-    pace, done = Pace(first_passes(len(lanes.status), scenes.row_size)), 0
+    pace, done = CallPace(first_passes(len(lanes.status), scenes.row_size)), 0
     interim = Interim(lanes, np.zeros(lanes.status.shape, np.int32), np.bool_(False))
     while done < count:
 

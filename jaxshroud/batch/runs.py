@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.closed_form import free_runs
-from jaxshroud.batch.pace import Pace
+from jaxshroud.batch.pace import CallPace
 from jaxshroud.batch.periods import (
     LANES_PER_CALL,
     PERIODS_PER_CALL,
@@ -131,7 +131,7 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: n
         return Runs(samples, jax.tree.map(np.zeros_like, last.tally), last)
     try:
         width = lanes_per_call(scenes.row_size)
-        pace = Pace(first_passes(width, scenes.row_size))
+        pace = CallPace(first_passes(width, scenes.row_size))
         run = lambda chunk, tick: _run_chunk(chunk, plan, pace, tick)
         return chunk_by_chunk(run, (scenes, states, arrived), ticker, width)
     except Interrupted as stopped:
@@ -182,7 +182,7 @@ def _unfinished_like(like: Runs) -> Runs:
     return replace(empty, last=eqx.tree_at(lambda lane: lane.status, empty.last, status))
 
 
-def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, pace: Pace, tick: Tick) -> Runs:
+def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, pace: CallPace, tick: Tick) -> Runs:
     scenes, states, arrived = chunk
     lanes: Any = (begin_lanes if scenes.row is None else begin_rows)(scenes, states, plan.method)
     if plan.lead_in is not None and not arrived.all():
@@ -208,7 +208,7 @@ def _mode_times(lanes: Any) -> tuple[Any, Any, Any]:
 
 
 def run_periods(
-    scenes: Scene, lanes: Any, clock: Clock, n: int, method: Choices, pace: Pace, tick: Tick, keep: bool = True
+    scenes: Scene, lanes: Any, clock: Clock, n: int, method: Choices, pace: CallPace, tick: Tick, keep: bool = True
 ) -> tuple[Any, Sample | None]:
     """Run `n` periods of lanes (leading axis), in calls to the device that are short.
 
@@ -281,7 +281,7 @@ def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, meth
     scene, lane = jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[copies]), (scenes, last))
     places = lambda lane: (lane.status, lane.search.events)
     again = eqx.tree_at(places, lane, (jnp.zeros_like(lane.status), jnp.zeros_like(lane.search.events)))
-    after: Any = run_periods(scene, again, clock, 1, method, Pace(1024), lambda _: None, keep=False)[0]
+    after: Any = run_periods(scene, again, clock, 1, method, CallPace(1024), lambda _: None, keep=False)[0]
     counts = [filled(of.tally.log.counters, of.status) for of in (lane, after)]
     more = {n: int(getattr(counts[1], n)[0] - getattr(counts[0], n)[0]) for n in Counters.__annotations__}
     events = ", ".join(f"{n} {name}" for name, n in sorted(more.items(), key=lambda item: -item[1]) if n)

@@ -10,7 +10,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int
 
-from jaxshroud.batch.pace import Pace
+from jaxshroud.batch.pace import CallPace
 from jaxshroud.batch.periods import ANY_PASSES, CallLimits, Clock, advance, first_passes, march, with_clock_reset
 from jaxshroud.batch.states import as_arrays, with_zeros
 from jaxshroud.batch.xla import best_mapping, compiled, stage_groups
@@ -77,7 +77,7 @@ def march_by_steps(
 ) -> SampledMarch:
     """March lanes (leading axis) with samples at the ends of steps; `tick` gets the number of further samples."""
     clock, blocks, done = grid.clock(scenes), [], 0
-    pace, begun = Pace(first_passes(len(lanes.status), None)), np.int32(0)
+    pace, begun = CallPace(first_passes(len(lanes.status), None)), np.int32(0)
     while done < grid.samples:
 
         def call(passes: np.int32, left: int = grid.samples - done, lanes: Lane = lanes, begun: Any = begun) -> Any:

@@ -16,7 +16,7 @@ from jaxtyping import Array, Int
 
 from jaxshroud.batch.duals import Dual, dual_lanes
 from jaxshroud.batch.flow_states import Flow, FlowWithMoments, canonical
-from jaxshroud.batch.pace import Pace
+from jaxshroud.batch.pace import CallPace
 from jaxshroud.batch.periods import CallLimits, first_passes, march, periods_within
 from jaxshroud.batch.row_tangents import begin_row_flows, end_row_flows, row_flow_with_tangents
 from jaxshroud.batch.states import (
@@ -167,7 +167,7 @@ def _run_in_calls(
     if turns is not None:
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
     program = PAIR_FLOWS if row is None else ROW_FLOWS
-    lanes, done, pace = program.begin(scenes, states, method), 0, Pace(first_passes(len(omega), row))
+    lanes, done, pace = program.begin(scenes, states, method), 0, CallPace(first_passes(len(omega), row))
     while done < n:
         check()
 

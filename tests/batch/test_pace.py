@@ -6,7 +6,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.batch import pace
-from jaxshroud.batch.pace import Pace
+from jaxshroud.batch.pace import CallPace
 from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.tangents import TangentProblem, as_differentiable, batched_tangents, direction
 from jaxshroud.march.method import explicit
@@ -49,7 +49,7 @@ def fixed_passes(monkeypatch):
             return result
 
         cut.clear()
-        monkeypatch.setattr(Pace, "timed", timed)
+        monkeypatch.setattr(CallPace, "timed", timed)
         return cut
 
     return to
@@ -73,7 +73,7 @@ def test_results_are_the_same_bits_however_long_a_call_is(name, does, fixed_pass
 def test_calls_take_the_time_that_is_aimed_at(seconds, monkeypatch):
     clock = [0.0]
     monkeypatch.setattr(pace, "perf_counter", lambda: clock[0])
-    own, lengths = Pace(1, seconds=0.3), []
+    own, lengths = CallPace(1, seconds=0.3), []
 
     def call(passes):  # the first one compiles for a minute
         clock[0] += seconds * int(passes) + 60.0 * (not lengths)
@@ -86,6 +86,6 @@ def test_calls_take_the_time_that_is_aimed_at(seconds, monkeypatch):
 
 
 def test_a_short_run_teaches_nothing(monkeypatch):
-    own = Pace(1000)
+    own = CallPace(1000)
     own.timed(lambda passes: None, lambda _: False)
     assert own.passes == 1000

@@ -23,7 +23,7 @@ from jaxshroud.march.method import RungeKutta
 SMALL = ["--set", 'parts.motion=["x"]']
 LONG = ["sweep", "table1", *SMALL, "--along", "contact.gamma", "--start", "1", "--stop", "8", "--num", "20000"]
 LONG += ["--transient", "10", "--periods", "10"]
-# The command, with a word on standard output after every block instead of a bar.
+# The command, with a line on standard output after every block instead of a bar; at once, as threads print together.
 COMMAND = """
 import sys, time
 from contextlib import contextmanager
@@ -32,7 +32,7 @@ import jaxshroud_command
 
 @contextmanager
 def told(unit):
-    yield lambda done, total: (print(done, flush=True), time.sleep({pause}))
+    yield lambda done, total: (print(str(done) + chr(10), end="", flush=True), time.sleep({pause}))
 
 verb.progress_bar = told
 sys.exit(jaxshroud_command.main())
@@ -44,8 +44,9 @@ import numpy as np
 import jaxshroud as js
 scene = js.load("table1", ['parts.motion=["x"]']).scene
 values = np.linspace(1, 2, 20000)
+told = lambda done, total: print(f"{done} {total}" + chr(10), end="", flush=True)
 try:
-    js.sweep(scene, {"contact.gamma": values}, n_periods=20, progress=lambda *n: print(*n, flush=True))
+    js.sweep(scene, {"contact.gamma": values}, n_periods=20, progress=told)
 except js.Interrupted as stopped:
     print("OK", (stopped.done.status == js.Status.OK).sum())
 """

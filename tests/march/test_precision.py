@@ -7,7 +7,6 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud import sweep as sweep_verb
-from jaxshroud.march.method import FAST
 from jaxshroud.model.prepared import initial_state
 from jaxshroud.motion.shooting import CLOSING_TOLERANCE
 
@@ -138,20 +137,3 @@ def test_threads_compute_in_the_precision_of_their_caller(scene):
     finally:
         jax.config.update("jax_enable_x64", True)
     jax.tree.map(np.testing.assert_array_equal, got, expected)
-
-
-def test_long_flows_in_parts_agree_with_the_whole(scene, monkeypatch):
-    from jaxshroud.batch import tangents
-    from jaxshroud.batch.duals import Dual
-    from jaxshroud.batch.runs import initial_states
-    from jaxshroud.batch.tangents import as_differentiable, direction, run_flow, without_direction
-    from jaxshroud.batch.xla import one_lane
-
-    scenes = one_lane(scene)
-    lane = Dual(scenes, jax.tree.map(lambda a: np.asarray(a)[None], direction(scene, "shroud.gap")))
-    run = lambda: run_flow(lane, without_direction(initial_states(scenes)), 5, 100, as_differentiable(FAST))
-    whole = run()
-    monkeypatch.setattr(tangents, "periods_at_once", lambda *_: 2)
-    parts = run()
-    close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
-    jax.tree.map(close, parts, whole)
