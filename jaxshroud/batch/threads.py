@@ -17,6 +17,7 @@ import numpy as np
 from jaxshroud.scene.typed import Tree
 
 Check = Callable[[], None]  # to be called regularly: ends the work of its thread once the result is no longer wanted
+SECONDS_TO_END = 1.0  # after Ctrl-C, for calls that are running: one to the device takes less
 JAX_SETTINGS = (  # those that are local to a thread
     "enable_x64",
     "numpy_dtype_promotion",
@@ -68,7 +69,8 @@ def in_threads(run: Callable[..., Tree], *columns: Iterable[Any]) -> list[Tree]:
     """The results of `run(check, *row)` for every row of the columns.
 
     Raises:
-        Interrupted: On Ctrl-C; `done` has the results in order, with None for rows that had not ended.
+        Interrupted: On Ctrl-C; `done` has the results in order, with None for rows that had not ended. What compiles
+            cannot be interrupted: its thread is left to end by itself.
     """
     unwanted, settings = Event(), thread_settings()
 
@@ -90,11 +92,14 @@ def in_threads(run: Callable[..., Tree], *columns: Iterable[Any]) -> list[Tree]:
             call.result()
     except KeyboardInterrupt:
         unwanted.set()
-        _shut_down(pool)
+        _despite_interrupts(lambda: wait(calls, SECONDS_TO_END))
+        pool.shutdown(wait=False, cancel_futures=True)
         raise Interrupted([_result_or_none(call) for call in calls]) from None
-    finally:
+    except BaseException:
         unwanted.set()
-        _shut_down(pool)
+        _despite_interrupts(lambda: pool.shutdown(cancel_futures=True))
+        raise
+    pool.shutdown()
     return [call.result() for call in calls]
 
 
@@ -134,14 +139,15 @@ def jax_settings(settings: dict[str, Any]) -> ExitStack:
     return stack
 
 
-def _shut_down(pool: ThreadPoolExecutor) -> None:
-    """Wait for the running calls despite further Ctrl-C: threads in XLA must not outlive the interpreter."""
+def _despite_interrupts(wait_for: Callable[[], object]) -> None:
+    """Wait, despite further Ctrl-C."""
     while True:
         try:
-            return pool.shutdown(cancel_futures=True)
+            wait_for()
+            return
         except KeyboardInterrupt:
             continue
 
 
 def _result_or_none(call: "Future[Tree]") -> Tree | None:
-    return None if call.cancelled() or call.exception() else call.result()
+    return None if not call.done() or call.cancelled() or call.exception() else call.result()

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import jax
@@ -127,7 +128,7 @@ def test_an_interrupted_sweep_keeps_the_lanes_that_had_ended(tmp_path, capsys):
 
 @pytest.mark.full
 def test_a_second_interrupt_ends_the_process_at_once(tmp_path):
-    # The first waits for a thread that never ends.
+    # The first waits a second for the threads, one of which never ends.
     process = begun(COMMAND.format(pause=600), *LONG, "--out", tmp_path / "s")
     until(process, 1)
     while process.poll() is None:
@@ -204,6 +205,24 @@ def test_a_continued_sweep_keeps_the_rows_that_had_ended(direction):
     assert set(status.ravel()) == {Status.OK, Status.NOT_RUN}
     first, last = (status[0, 0], status[-1, 0]) if direction != "backward" else (status[-1, 0], status[0, 0])
     assert (first, last) == (Status.OK, Status.NOT_RUN)
+
+
+def test_an_interrupt_does_not_wait_for_what_compiles():
+    # A compilation is one call that looks at nothing; here it ends only after the interruption has been told.
+    begun, told, ended = threading.Event(), threading.Event(), []
+
+    def run(check, i):
+        if i:
+            return i
+        begun.set()
+        ended.append(told.wait(60))
+
+    threading.Thread(target=lambda: (begun.wait(), time.sleep(0.1), os.kill(os.getpid(), signal.SIGINT))).start()
+    with pytest.raises(Interrupted) as stopped:
+        in_threads(run, [0, 1])
+    assert not ended
+    told.set()
+    assert stopped.value.done == [None, 1]
 
 
 def test_a_failure_in_one_thread_is_raised_and_ends_the_others():
