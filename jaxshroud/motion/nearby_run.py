@@ -17,12 +17,13 @@ from jaxshroud.scene.keys import Motion
 NEARBY = 1e-7  # distance of the two runs at the start of each period, in sizes of the motion
 ALIGNED = 8  # periods that turn the difference into the direction that grows most
 SEED = 0  # of the first direction
+LEAST_DISTANCE = 1e-14  # in sizes of the motion: what is left of a smaller distance is rounding
 
 
 class NearbyGrowth(NamedTuple):
     """The growth of the distance of a nearby run."""
 
-    exponent: float  # per drive period; NaN where a run stopped
+    exponent: float  # per drive period; NaN where a run stopped, or rounding hides what is left of the distance
     ci: float  # half width of its 95 % interval
     periods: int  # over which it is averaged
 
@@ -47,7 +48,8 @@ def nearby_growth(
         if not (goes and also):
             return NearbyGrowth(np.nan, np.nan, 0)
         motion, u_s = _difference(here, there)
-        growth.append(np.log(max(_sized_distance(motion, u_s, size), np.finfo(float).tiny) / NEARBY))
+        distance = _sized_distance(motion, u_s, size)
+        growth.append(np.log(distance / NEARBY) if distance > LEAST_DISTANCE else np.nan)
         there = _moved_by(here, motion, u_s, size)
     kept = np.array(growth[ALIGNED:])
     return NearbyGrowth(float(kept.mean()), float(confidence_interval(kept[None])[0]), periods)

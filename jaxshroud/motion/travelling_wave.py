@@ -19,9 +19,9 @@ from jaxshroud.model.modes import WAVE_RESIDUAL, Status
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives
 from jaxshroud.motion.orbit import PeriodicOrbit, determined
 from jaxshroud.motion.shooting import state_scales
+from jaxshroud.scene.engine_order import order_of_phases
 from jaxshroud.scene.scene import Scene, without_given
 
-PHASE_ROUNDING = 1e-9  # [rad] by which phases may miss those of an engine order
 REAL_SHARE = 1e-6  # of a multiplier's magnitude: a smaller imaginary part is rounding
 
 
@@ -51,10 +51,8 @@ def wave_symmetry(scene: Scene) -> WaveSymmetry | None:
     row = scene.row
     if row is None or not row.closed or not _is_tuned(scene):
         return None
-    N, phase = row.blades, np.asarray(scene.drive.phase, float)
-    order = round(N * (phase[1] - phase[0]) / math.tau) % N
-    miss = phase - phase[0] - math.tau * order * np.arange(N) / N
-    if np.max(np.abs(miss - math.tau * np.round(miss / math.tau))) > PHASE_ROUNDING:
+    N, order = row.blades, order_of_phases(scene.drive.phase)
+    if order is None:
         return None
     common = math.gcd(order, N)
     return WaveSymmetry(N // common, next(s for s in range(1, N + 1) if (order * s - common) % N == 0))

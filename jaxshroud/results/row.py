@@ -7,9 +7,10 @@ import numpy as np
 
 from jaxshroud.io.variable import Attribute, CountsVariable, Entry, Variable
 from jaxshroud.model.modes import Mode
-from jaxshroud.motion.waves import BladeSpectrum, blade_spectrum, participation_ratio, wave_distance
+from jaxshroud.motion.waves import BladeSpectrum, RowWave, blade_spectrum, participation_ratio, row_wave
 from jaxshroud.results.trajectory import CASES, CONTACT_POINT, MODES, Trajectory
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
@@ -85,8 +86,35 @@ class RowTrajectory(Trajectory):
 
     @property
     def wave_distance(self) -> np.ndarray:
-        """The share of the motion in x over the last period that is no travelling wave of the drive, (...)."""
-        return wave_distance(self.spectrum())
+        """The share of the motion that is no travelling wave of the drive, (...): 0 to rounding for such a wave.
+
+        It is told over the last whole orbit, without one over the second half of the run, and of x, y and theta for the
+        one for which it is the largest; `wave` tells which. NaN where the phases are those of no engine order, the run
+        has stopped or nothing moves.
+        """
+        if "status" in self.data.attrs:
+            return np.asarray(self.wave.distance.share)
+        lanes = np.shape(self.status)
+        return np.array([self.lane(*at).wave.distance.share for at in np.ndindex(lanes)]).reshape(lanes)
+
+    @property
+    def wave(self) -> RowWave:
+        """How far a single run is from a travelling wave of its drive; its `words` tell it."""
+        motion = {name: getattr(self.motion, name) for name in COORDINATES}
+        return row_wave(motion, self._samples_per_period, self._order, self._repeats)
+
+    @property
+    def _order(self) -> int | None:
+        """The engine order modulo N of a single run, by the phases of its scene; None where there is none."""
+        from jaxshroud.scene.config import parse
+        from jaxshroud.scene.engine_order import order_of_phases
+
+        return order_of_phases(parse(self.scene, "the scene of this result").scene.drive.phase) if self.scene else None
+
+    @property
+    def _repeats(self) -> int:
+        """The drive periods after which the motion is known to repeat; 0 where the samples have to tell."""
+        return 0
 
     @property
     def participation_ratio(self) -> np.ndarray:

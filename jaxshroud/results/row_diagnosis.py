@@ -32,9 +32,15 @@ class RowDiagnosis(RowTrajectory):
         of_row = ("P_d", "P_d_ci", "P_d_worst", "P", "P_0", "x_peak", "slip", "loss_friction", "energy_residual")
         times = ("time_apart", "time_stick", "time_slip")
         numbers = {name: getattr(self, name) for name in (*names, *of_row, *times)}
-        waves = {"wave_distance": float(self.wave_distance), "participation_ratio": float(self.participation_ratio)}
+        wave = self.wave
+        waves = {"wave_distance": wave.distance.share, "wave": wave.words}
+        waves |= {"participation_ratio": float(self.participation_ratio)}
         how = {"status": self.status, "method": str(self.method), "steps_per_period": self.steps_per_period}
         return json_values({**numbers, **waves, **how, **self.origin})
+
+    @property
+    def _repeats(self) -> int:
+        return self.period_number
 
     def __repr__(self) -> str:
         return f"RowDiagnosis: {self.evidence}"

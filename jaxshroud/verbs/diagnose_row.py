@@ -16,6 +16,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import Reduction, averages
 from jaxshroud.motion.nearby_run import ALIGNED, NearbyGrowth, nearby_growth
 from jaxshroud.motion.period import SETTLED, Repetition
+from jaxshroud.motion.waves import RowWave
 from jaxshroud.results.row import RowTrajectory
 from jaxshroud.results.row_diagnosis import RowDiagnosis
 from jaxshroud.scene.file import SceneFile
@@ -103,7 +104,8 @@ def _sizes(scenes: Scene, runs: Runs) -> Motion:
 
 def _with_verdict(run: RowTrajectory, found: RowEvidence) -> RowDiagnosis:
     """The run, with the verdict and what it rests on."""
-    verdict, reasons = _verdict(run, found)
+    wave = RowDiagnosis(run.data.assign_attrs(period_number=int(found.orbit.number[0]))).wave
+    verdict, reasons = _verdict(wave if run.closed else None, found)
     values = {
         "verdict": verdict,
         "evidence": f"{verdict}: {'; '.join(reasons)}",
@@ -122,22 +124,23 @@ def _with_verdict(run: RowTrajectory, found: RowEvidence) -> RowDiagnosis:
     return RowDiagnosis(data)
 
 
-def _verdict(run: RowTrajectory, found: RowEvidence) -> tuple[str, list[str]]:
-    """The kind of motion, and the reasons for it."""
+def _verdict(wave: RowWave | None, found: RowEvidence) -> tuple[str, list[str]]:
+    """The kind of motion, and the reasons for it; `wave` is that of a ring."""
     growth, q = found.growth, int(found.orbit.number[0])
     if found.status != Status.OK:
         return "stopped", [f"the run ends with {Status(found.status).name}"]
     settled = found.orbit.settling.verdict[0] == SETTLED
     exponent = f"the distance of a nearby run grows by exp({growth.exponent:.3g} +- {growth.ci:.2g}) a period"
+    if np.isnan(growth.exponent):
+        exponent = f"a nearby run {'is lost in rounding within a period' if growth.periods else 'stops'}"
     returns = "the blades do not return within 16 periods"
     if q:
         returns = f"all blades return after {q} period{'s' * (q > 1)}"
     reasons = [f"{returns} ({found.periods} periods run)", exponent]
-    if q and run.closed:
-        share = float(run.wave_distance)
-        reasons.append(f"{share:.2g} of the motion is outside a travelling wave")
-        if settled and q == 1 and share < WAVE and not growth.exponent - growth.ci > 0:
-            return "travelling wave of period 1", reasons
+    if q and wave is not None:
+        reasons.append(wave.words)
+        if settled and wave.distance.share < WAVE and not growth.exponent - growth.ci > 0:
+            return f"travelling wave of period {q}", reasons
     if q and settled and not growth.exponent - growth.ci > 0:
         return f"period {q}", reasons
     if growth.exponent - growth.ci > 0 and not q:

@@ -27,6 +27,28 @@ def test_a_tuned_ring_that_follows_its_drive_is_a_wave(wave, tmp_path):
     assert (again.verdict, again.summary()) == (wave.verdict, wave.summary())
 
 
+@pytest.mark.full
+def test_a_wave_whose_shift_is_broken_is_told_from_one():
+    # Table 1 in a ring of four under engine order 2 at 1300 rad/s: every harmonic has one nodal diameter alone, but not
+    # the drive's, and the blades' means alternate.
+    words = ['parts.motion=["x"]', "row.blades=4", "drive.engine_order=2", "drive.omega=1300"]
+    found = js.diagnose(js.load("row_ring12", words).scene, transient=192, method=HOW["method"])
+    means = found.motion.x[:-1].mean(axis=0)
+    assert np.ptp(means) > 1e-6
+    assert found.wave_distance > 1e-3
+    assert "travelling wave" not in found.verdict
+    assert found.summary()["wave"] == found.wave.words
+
+
+@pytest.mark.full
+def test_a_distance_that_rounding_hides_has_no_growth():
+    # Critically damped blades, which never touch, forget by exp(-23) a period: 1e-7 of their size to below 1e-16.
+    heavy = ["shroud.gap=1m", "blades.c_x=178", "drive.omega=300"]
+    found = js.diagnose(js.load("row_ring12", [*RING, *heavy]).scene, **HOW)
+    assert np.isnan(found.largest_exponent)
+    assert "lost in rounding" in found.evidence
+
+
 @pytest.mark.studies
 @pytest.mark.full
 def test_a_row_that_mistuning_breaks_is_no_wave(tmp_path, capsys):
