@@ -1,23 +1,35 @@
 """Ready-made laws of contact and friction, which are also examples of user laws."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
+from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.keys import FROM_0, POSITIVE, Range
 from jaxshroud.scene.laws import Number
 from jaxshroud.scene.scene import scalar
 from jaxshroud.scene.typed import are_numbers, short_repr
 
 
 class _Law(eqx.Module):
-    """The base of laws whose fields are numbers."""
+    """The base of laws whose fields are numbers in ranges, which numbers that are being traced are not held to."""
+
+    ranges: ClassVar[dict[str, Range]]
 
     def __check_init__(self):
         for name, value in vars(self).items():
+            what = f"Argument `{name}` of {type(self).__name__}"
             if not are_numbers(value):
-                raise InputError(
-                    f"Argument `{name}` of {type(self).__name__} must be a number, but is {short_repr(value)}."
-                )
+                raise InputError(f"{what} must be a number, but is {short_repr(value)}.")
+            if is_traced(value):
+                continue
+            numbers = np.ravel(value)
+            wrong = numbers[~self.ranges[name].holds(numbers)]
+            if len(wrong):
+                raise InputError(f"{what} {self.ranges[name].fault(float(wrong[0]))}, but is {wrong[0]:g}.")
 
 
 class Hertz(_Law):
@@ -27,6 +39,7 @@ class Hertz(_Law):
         Hertz's contact of an ellipsoid with a plane, to first order in v over the radii.
     """
 
+    ranges = {"k": POSITIVE}  # noqa: RUF012  a class variable, see the base
     k: Number = eqx.field(converter=scalar)  # [N/m^1.5]
 
     def __call__(self, v, v_t):
@@ -39,6 +52,7 @@ class Hertz(_Law):
 class DampedSpring(_Law):
     """A spring that stiffens beyond a depth, parallel to a dashpot: N jumps at the onset of contact."""
 
+    ranges = {"k": POSITIVE, "k_deep": FROM_0, "depth": FROM_0, "c": FROM_0}  # noqa: RUF012
     k: Number = eqx.field(converter=scalar)  # [N/m]
     k_deep: Number = eqx.field(converter=scalar)  # beyond the depth [N/m]
     depth: Number = eqx.field(converter=scalar)  # [m]
@@ -53,6 +67,7 @@ class DampedSpring(_Law):
 class RegularisedCoulomb(_Law):
     """The law F = mu N tanh(u_t / speed): Coulomb's law, regularised over a sliding speed and without stick."""
 
+    ranges = {"mu": FROM_0, "speed": POSITIVE}  # noqa: RUF012
     mu: Number = eqx.field(converter=scalar)
     speed: Number = eqx.field(converter=scalar)  # [m/s]
 
@@ -64,12 +79,14 @@ class RegularisedCoulomb(_Law):
 class LuGre(_Law):
     """Bristles with the deflection z: z_t = u_t - k_d abs(u_t) z / (mu (N + N_0)), F = k_d z + c z_t.
 
-    Without the force N_0, which is small against N, bristles would bend infinitely fast where contact ends.
+    Without the force N_0, which is small against N, bristles would bend infinitely fast where contact ends. Where N
+    falls faster than k_d N_0 / c, the damping of bristles that cannot follow gives out work; see `check_laws`.
 
     Source:
         The law of Canudas de Wit, Olsson, Astrom and Lischinsky without its Stribeck and viscous terms.
     """
 
+    ranges = {"k_d": POSITIVE, "c": FROM_0, "mu": POSITIVE, "N_0": POSITIVE}  # noqa: RUF012
     k_d: Number = eqx.field(converter=scalar)  # [N/m]
     c: Number = eqx.field(converter=scalar)  # [N s/m]
     mu: Number = eqx.field(converter=scalar)

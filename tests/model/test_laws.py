@@ -94,11 +94,40 @@ def test_the_laws_that_are_shipped_are_passive(table1, normal, friction):
         (lambda v, v_t: (K * v + 9 * v_t, K * v**2 / 2 + v_t**2), None, "depend on nothing but"),
         (Spring(jnp.asarray(K)), lambda z, u_t, N: (u_t / N, 0 * z, 0 * z), "not finite"),
         (Spring(jnp.asarray(K)), lambda z, u_t, N: (-N * jnp.tanh(u_t), 0 * z, 0 * z), "friction law gives out"),
+        # Bristles that cannot follow where N ends: k_d N_0 / c is 10 N/s. Their rate is 1e6 times the cycle's.
+        (Spring(jnp.asarray(K)), js.LuGre(1e6, 100, 0.5, 1e-3), "friction law gives out"),
+        (lambda v, v_t: (v / (v - v), 0 * v), FRICTIONS["lugre"], "normal law is not finite"),
+        (Spring(jnp.asarray(K)), lambda z, u_t, N: (u_t, 0 * z, 1e-3 + 0 * z), "friction law stores energy"),
+        # Only beyond 10 m/s, where a tenth of a millimetre at the drive's frequency does not come.
+        (Spring(jnp.asarray(K)), lambda z, u_t, N: (N * u_t * (1 - u_t**2 / 100), 0 * z, 0 * z), "friction law gives"),
     ],
 )
 def test_laws_that_no_contact_has_are_refused(table1, normal, friction, told):
     with pytest.raises(js.InputError, match=told):
         js.check_laws(js.with_laws(table1, normal, friction))
+
+
+@pytest.mark.parametrize(
+    ("law", "numbers", "told"),
+    [
+        (js.LuGre, (-1e6, 100.0, 0.5, 10.0), "`k_d` of LuGre must be greater than 0, but is -1e+06"),
+        (js.LuGre, (1e6, -1.0, 0.5, 10.0), "`c` of LuGre must be greater than or equal to 0"),
+        (js.LuGre, (1e6, 100.0, 0.5, 0.0), "`N_0` of LuGre must be greater than 0"),
+        (js.LuGre, (1e6, 100.0, float("nan"), 10.0), "`mu` of LuGre must be a finite number"),
+        (js.RegularisedCoulomb, (0.5, 0.0), "`speed` of RegularisedCoulomb must be greater than 0"),
+        (js.RegularisedCoulomb, (np.array([0.5, -0.1]), 1.0), "`mu` of RegularisedCoulomb must be greater than or"),
+        (js.Hertz, (0.0,), "`k` of Hertz must be greater than 0"),
+        (js.DampedSpring, (1e5, 1e5, 1e-5, -1.0), "`c` of DampedSpring must be greater than or equal to 0"),
+    ],
+)
+def test_numbers_of_laws_have_ranges(law, numbers, told):
+    with pytest.raises(js.InputError) as error:
+        law(*numbers)
+    assert told in str(error.value)
+
+
+def test_ranges_do_not_bind_numbers_that_are_traced():
+    assert float(jax.grad(lambda k: js.Hertz(k)(jnp.asarray(1.0), 0.0)[0])(jnp.asarray(4e7))) == 1.0
 
 
 def test_what_is_not_an_own_law_is_refused(table1):
