@@ -1,6 +1,7 @@
 """One name, one thing: no name is defined at the top of two modules of the package."""
 
 import ast
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,3 +34,27 @@ def test_a_name_is_defined_once():
             if not name.startswith("__"):
                 places[name].add(str(path.relative_to(ROOT)))
     assert not {name: sorted(at) for name, at in places.items() if len(at) > 1}
+
+
+NAMED = re.compile(r"\bjs\.([A-Za-z]\w*)|\b([A-Z][a-z]\w*)\(")  # js.name, and Name( as a call
+NOT_OF_PYTHON = {"String", "Number"}  # of the page's JavaScript
+
+
+def messages_of(tree: ast.Module) -> Iterator[str]:
+    """The texts of a module that are no docstrings."""
+    heads = [n.body[0] for n in ast.walk(tree) if isinstance(n, ast.Module | ast.ClassDef | ast.FunctionDef) and n.body]
+    docs = {id(head.value) for head in heads if isinstance(head, ast.Expr)}
+    texts = (n for n in ast.walk(tree) if isinstance(n, ast.Constant) and id(n) not in docs)
+    yield from (n.value for n in texts if isinstance(n.value, str))
+
+
+def test_messages_name_nothing_that_does_not_exist():
+    missing = {
+        (str(path.relative_to(ROOT)), name)
+        for path in ROOT.rglob("*.py")
+        for text in messages_of(ast.parse(path.read_text("utf-8")))
+        for names in NAMED.findall(text)
+        for name in names
+        if name and name not in NOT_OF_PYTHON and not hasattr(jaxshroud, name)
+    }
+    assert not missing

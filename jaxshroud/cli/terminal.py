@@ -13,6 +13,7 @@ from typing import Any
 
 from jaxshroud.io import files
 from jaxshroud.model.modes import Status
+from jaxshroud.programs.compiling import is_compiling
 from jaxshroud.scene.checks import InputError, NumericalError, StoreError
 
 MAX_MESSAGE_LENGTH = 600  # characters of a message
@@ -120,9 +121,10 @@ class ProgressLines:
         elapsed = self.clock() - self.start
         since = timedelta(seconds=round(elapsed))
         if not self.done:
-            return f"{self.unit}: none in {since} (compiling)"
+            return f"{self.unit}: none in {since}{_compiling_text()}"
         left = timedelta(seconds=round(elapsed / self.done * (self.total - self.done)))
-        return f"{self.unit}: {self.done} of {self.total} in {since}, {self.done / elapsed:.3g}/s, {left} left"
+        rate = f"{self.done / elapsed:.3g}/s, {left} left"
+        return f"{self.unit}: {self.done} of {self.total} in {since}, {rate}{_compiling_text()}"
 
     def __enter__(self) -> "ProgressLines":
         self.writer.start()
@@ -138,6 +140,11 @@ class ProgressLines:
                 print(self, file=sys.stderr, flush=True)
 
 
+def _compiling_text() -> str:
+    """What a report says while programs are being compiled."""
+    return " (compiling)" if is_compiling() else ""
+
+
 @contextmanager
 def progress_bar(unit: str):
     """A progress report with rate and time left on standard error: a bar on a terminal, else lines."""
@@ -149,15 +156,19 @@ def progress_bar(unit: str):
         def render(self, task):
             return Text(f"{task.speed:.3g}/s" if task.speed else "")
 
+    class Description(TextColumn):
+        def render(self, task):
+            return Text(f"{task.description}{_compiling_text()}")
+
     console = Console(stderr=True)
     if not console.is_terminal:
         with ProgressLines(unit) as report:
             yield report
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Rate(""), TimeRemainingColumn())
+    columns = (Description(""), BarColumn(), MofNCompleteColumn(), Rate(""), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(f"{unit} (compiling)", total=None)
-        yield lambda done, total: bar.update(task, description=unit, completed=done, total=total)
+        task = bar.add_task(unit, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def files_written() -> str:

@@ -21,6 +21,7 @@ from jax.experimental.compilation_cache import compilation_cache
 
 from jaxshroud.programs import key as keys
 from jaxshroud.programs.ahead import Ahead
+from jaxshroud.programs.compiling import compilation
 from jaxshroud.programs.store import ProgramStore, entry_name, log, own_folder
 
 _WITHOUT_JAX_CACHE = threading.Lock()
@@ -103,7 +104,8 @@ def kept(*static: str, **options: Any) -> Callable[[Callable], Callable]:
         @wraps(f)
         def call(*args: Any, **kwargs: Any) -> Any:
             if _store is None:
-                return jitted(*args, **kwargs)
+                with compilation(jitted._cache_size() == 0):
+                    return jitted(*args, **kwargs)
             given = parameters.bind(*args, **kwargs).arguments if args else dict(kwargs)
             fixed = {name: given.pop(name) for name in static if name in given}
             return programs.run(fixed, given)
@@ -181,9 +183,11 @@ class Programs:
 
     def _compiled(self, name: str, fixed: dict[str, Any], given: dict[str, Any]) -> Program:
         """The program, compiled, and kept if that is possible."""
-        lowered, structure = self.jitted.lower(**fixed, **given), jax.tree.structure(given)
-        with _without_jax_cache():
-            compiled = lowered.compile()
+        structure = jax.tree.structure(given)
+        with compilation():
+            lowered = self.jitted.lower(**fixed, **given)
+            with _without_jax_cache():
+                compiled = lowered.compile()
         program = lambda leaves: compiled(**jax.tree.unflatten(structure, leaves))
         try:
             content = _serialized(compiled, structure.num_leaves)

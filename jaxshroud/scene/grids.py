@@ -12,7 +12,8 @@ from jaxshroud.scene.checks import InputError, SceneError
 from jaxshroud.scene.derived_inputs import check_independent
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import RowSize, find_key, number_shape
-from jaxshroud.scene.numbers import replaced
+from jaxshroud.scene.numbers import fields_of, replaced
+from jaxshroud.scene.parts import reading_text
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import short_repr, typed
 from jaxshroud.scene.valid import check_values
@@ -122,6 +123,28 @@ def stack_scenes(scenes: Sequence[Scene]) -> Scene:
     Raises:
         InputError: They differ in their parts, in the misprints kept, or in which numbers they have (k or gamma).
     """
-    if len({jax.tree.structure(scene) for scene in scenes}) != 1:
-        raise InputError("scenes are stacked if they have the same parts, the same reading and the same numbers")
+    what = "scenes are stacked if they have the same parts, the same reading and the same numbers"
+    if not scenes:
+        raise InputError(f"{what}; there is none")
+    for i, other in enumerate(scenes[1:], 1):
+        if jax.tree.structure(other) != jax.tree.structure(scenes[0]):
+            raise InputError(f"{what}; scene {i} {_unlike_part(scenes[0], other)}")
+    if len({tuple(leaf.shape for leaf in jax.tree.leaves(scene)) for scene in scenes}) > 1:
+        raise InputError("scenes are stacked if all have the same leading axes")
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *scenes)
+
+
+def _unlike_part(first: Scene, other: Scene) -> str:
+    """What a scene has where the first one, which is not alike, has something else."""
+    here, there = _what_it_has(first), _what_it_has(other)
+    pairs = [(there.get(name), here.get(name)) for name in {**here, **there} if here.get(name) != there.get(name)]
+    has = [" and ".join(text for text in side if text) or "nothing" for side in zip(*pairs, strict=True)]
+    return f"has {has[0]} where the first has {has[1]}" if pairs else "has other laws than the first"
+
+
+def _what_it_has(scene: Scene) -> dict[str, str]:
+    """What must be alike in scenes that are stacked, each in words."""
+    parts = {name: f"parts.{name} = {value!r}" for name, value in scene.parts._asdict().items()}
+    row = "no row" if scene.row is None else f"a row of {scene.row.blades}{' (a ring)' if scene.row.closed else ''}"
+    reading = f"the reading {reading_text(scene.contact.reading)!r}"
+    return {**parts, "row": row, "reading": reading, **{key: key for key in (*fields_of(scene), *scene.given)}}

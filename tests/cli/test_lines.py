@@ -3,8 +3,11 @@
 import threading
 from functools import partial
 
+import numpy as np
+
 from jaxshroud.cli import terminal
 from jaxshroud.cli.terminal import LINE_INTERVAL, ProgressLines
+from jaxshroud.programs.kept import kept
 
 
 class Clock:
@@ -34,11 +37,24 @@ def test_a_line_is_written_every_ten_seconds(capsys, monkeypatch):
     assert told[1] == "lane-periods: 50 of 200 in 0:00:20, 2.5/s, 0:01:00 left"
 
 
-def test_what_has_not_begun_says_so():
+def test_compiling_is_said_while_something_compiles():
     clock = Clock()
     lines = ProgressLines("periods", clock=clock)
     clock.now += 12
-    assert str(lines) == "periods: none in 0:00:12 (compiling)"
+    assert str(lines) == "periods: none in 0:00:12"
+    told = []
+
+    @kept()
+    def traced(x):  # while it is traced, it is being compiled
+        told.append(str(lines))
+        return x
+
+    traced(np.ones(3))
+    assert told == ["periods: none in 0:00:12 (compiling)"]
+    traced(np.ones(3))
+    assert str(lines) == "periods: none in 0:00:12"
+    lines(50, 200)
+    assert "compiling" not in str(lines)
 
 
 def test_a_short_command_writes_none(capsys):

@@ -8,6 +8,7 @@ import xarray as xr
 
 import jaxshroud as js
 from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
+from jaxshroud.scene.config import load
 from jaxshroud.scene.grids import scenes_from, stack_scenes
 from jaxshroud.scene.vary import vary
 
@@ -78,6 +79,31 @@ def test_scenes_are_stacked(table1):
     for lane, one in enumerate(listed):
         for got, want in zip(jax.tree.leaves(stacked), jax.tree.leaves(one), strict=True):
             np.testing.assert_array_equal(got[lane], want)
-    for unlike in ([], [table1, vary(table1, "contact.k", 1e5)], [table1, vary(table1, "blades.m_y", 1.0)]):
-        with pytest.raises(InputError, match="stacked if they have the same parts"):
-            stack_scenes(unlike)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        (["contact.k=1e5"], "scene 1 has contact.k where the first has contact.gamma"),
+        (["blades.m_y=1"], "scene 1 has blades.m_y where the first has nothing"),
+        (
+            ['parts.motion=["x"]'],
+            "scene 1 has parts.motion = ('x',) where the first has parts.motion = ('x', 'y', 'theta')",
+        ),
+        (
+            ['contact.reading="printed"'],
+            "scene 1 has the reading 'printed' where the first has the reading 'consistent'",
+        ),
+        (['blades.f_x="178 Hz"'], "scene 1 has blades.f_x where the first has nothing"),
+    ],
+)
+def test_scenes_that_cannot_be_stacked_say_why(table1, overrides, told):
+    with pytest.raises(InputError) as error:
+        stack_scenes([table1, load("table1", overrides).scene])
+    assert str(error.value).startswith("scenes are stacked if they have the same parts")
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+    with pytest.raises(InputError, match="leading axes"):
+        stack_scenes([table1, stack_scenes([table1, table1])])
+    with pytest.raises(InputError, match="there is none"):
+        stack_scenes([])
