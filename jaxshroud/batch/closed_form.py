@@ -1,6 +1,7 @@
 """Runs of scenes without contact, in closed form and without stepping."""
 
 import math
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -9,8 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
+from jaxshroud.batch.cubics import RunningAmplitudes, SampledAmplitudes
 from jaxshroud.batch.free_extent import free_extent
 from jaxshroud.batch.periods import Sample, begin_lanes
+from jaxshroud.batch.sampling import MAX_UNKEPT, SAMPLES_PER_BLOCK, SampleGrid
 from jaxshroud.batch.size_limits import check_memory
 from jaxshroud.batch.states import carried_state
 from jaxshroud.march.method import Choices
@@ -24,6 +27,7 @@ from jaxshroud.model.prepared import State, prepared_model
 from jaxshroud.model.rhs import ContactLoads
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.scene import PerBlade, Scene
 
 MIN_NODES = 32  # of the Gauss-Legendre rule over a period; there are more for fast oscillations
@@ -64,10 +68,10 @@ def free_runs(
     places = lambda lane: [lane.state, lane.status, lane.tally.log.time_apart]
     lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
     zeros: Any = np.zeros(np.shape(samples.power[0]))
-    works = dict.fromkeys(("work", "gross", "dropped", "residual", "friction", "viscous"), zeros)
+    works = dict.fromkeys(("work", "gross", "dropped", "residual", "friction", "viscous", "switched"), zeros)
     samples = samples._replace(**works)
     if method.forces:
-        loads, impacts = ContactLoads(*[zeros] * 4), Impacts(*[zeros] * 5)
+        loads, impacts = ContactLoads(*[zeros] * 4), Impacts(*[zeros] * 7)
         samples = samples._replace(forces=ContactPeaks(zeros, zeros), loads=loads, impacts=impacts)
     return jax.tree.map(np.asarray, (samples, lanes))
 
@@ -96,18 +100,50 @@ def _closed_form_samples(
     return jax.vmap(one)(scenes, states, begin)
 
 
-@kept()
-def free_samples(scenes: Scene, first: Motion, turns: Scalar, periods: Array) -> tuple[Motion, Int[Array, " lanes"]]:
-    """The motion of scenes (leading axis) without contact so many `periods` after drive phase `turns`, and its status.
+def free_samples(scenes: Scene, first: Motion, grid: SampleGrid) -> tuple[Motion, SampledAmplitudes, np.ndarray]:
+    """The samples of scenes (leading axis) without contact, where their displacements lie, and their status.
 
-    Fields of the motion have axes (lanes, samples, 2), those of the `first` one (lanes, 2).
+    Fields of the motion have axes (lanes, samples, 2), those of the `first` one (lanes, 2). The status is that of the
+    motion at the ends of all steps.
     """
+    block = max(min(MAX_UNKEPT // len(first.x), SAMPLES_PER_BLOCK), 1)
+    begin, running = grid.length - grid.counted, None
+    at = partial(_free_motions, scenes, first, grid, block)
+    last = at(np.zeros(1, int))
+    blocks, largest = [last], [np.abs(getattr(last, name)) for name in DISPLACEMENTS]
+    for start in [*range(0, begin, block), *range(begin, grid.length, block)]:
+        if start == begin:
+            running = RunningAmplitudes(Motion(*(a[:, -1] for a in last)), grid.step_lengths(scenes))
+        steps = np.arange(start, min(start + block, begin if start < begin else grid.length)) + 1
+        last = at(steps)
+        blocks.append(Motion(*(a[:, steps % grid.every == 0] for a in last)))
+        sizes = (np.abs(getattr(last, name)).max(axis=1, keepdims=True) for name in DISPLACEMENTS)
+        largest = [np.maximum(*pair) for pair in zip(largest, sizes, strict=True)]
+        if running is not None:
+            running.add(last)
+    assert running is not None  # as some steps count
+    motion = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks)
+    return motion, running.amplitudes, np.asarray(_free_statuses(scenes, Motion(*largest, *largest)))
 
-    def one(scene: Scene, first: Motion):
-        motion = free_motion(scene, first, turns, periods * scene.drive.period)
-        return motion, free_status(scene, motion, jnp.max(jnp.abs(motion.theta)))
 
+def _free_motions(scenes: Scene, first: Motion, grid: SampleGrid, block: int, steps: np.ndarray) -> Motion:
+    """The motions (lanes, steps, 2) after so many steps, at most `block` numbers."""
+    dtype = first.x.dtype
+    turns, periods = jnp.asarray(grid.turns, dtype), np.resize(steps, block) / grid.steps
+    motion = _free_block(scenes, first, turns, jnp.asarray(periods, dtype))
+    return jax.tree.map(lambda a: np.asarray(a)[:, : len(steps)], motion)
+
+
+@kept()
+def _free_block(scenes: Scene, first: Motion, turns: Scalar, periods: Array) -> Motion:
+    """The motion of scenes (leading axis) so many `periods` after drive phase `turns`."""
+    one = lambda scene, first: free_motion(scene, first, turns, periods * scene.drive.period)
     return jax.vmap(one)(scenes, first)
+
+
+@kept()
+def _free_statuses(scenes: Scene, largest: Motion) -> Int[Array, " lanes"]:
+    return jax.vmap(lambda scene, z: free_status(scene, z, jnp.max(z.theta)))(scenes, largest)
 
 
 def free_status(scene: Scene, motion: Motion, turned: Scalar) -> Int[Array, ""]:

@@ -16,6 +16,7 @@ from jaxshroud.batch.sampling import (
     EventStates,
     SampledMarch,
     SampleGrid,
+    Stretch,
     concatenated_events,
     current_states,
     event_fired,
@@ -54,32 +55,32 @@ class DenseTrial(NamedTuple):
 
 
 def march_with_dense_output(
-    scenes: Scene, lanes: Lane, grid: SampleGrid, method: Choices, tick: Callable[[int], None]
+    scenes: Scene, lanes: Lane, stretch: Stretch, grid: SampleGrid, method: Choices, tick: Callable[[int], None]
 ) -> SampledMarch:
-    """March lanes (leading axis), with samples inside their trials; `tick` gets the number of further samples."""
+    """March lanes (leading axis), with samples inside their trials; `tick` gets the number of further steps."""
     dense = stepper_for(method).dense_output
     assert dense is not None
-    clock, every, count = grid.clock(scenes), grid.every, grid.samples
+    clock, apart, count = grid.clock(scenes), stretch.apart, stretch.samples
     width = len(lanes.status)
-    left, done, written = np.full(width, count * every, np.int32), np.zeros((width, 1), int), np.zeros(width, int)
+    left, done, written = np.full(width, stretch.length, np.int32), np.zeros((width, 1), int), np.zeros(width, int)
     empty = lambda a: np.zeros((width, count, *a.shape[1:]), a.dtype)
     samples, event_states = jax.tree.map(empty, current_states(scenes, lanes)), []
     while np.any((left > 0) & (np.asarray(lanes.status) == Status.OK)):
         (lanes, remaining), trials = _dense_trials(scenes, lanes, clock, left, method, best_mapping())
-        ends = done + np.cumsum(np.asarray(trials.whole), axis=1)  # steps done after each trial
-        reached = ends[:, -1] // every
-        states = _states_at(scenes, trials, *_trials_of_samples(trials, ends, every, written, reached), clock, dense)
+        ends = done + np.cumsum(np.asarray(trials.whole), axis=1)  # steps of the stretch done after each trial
+        reached = ends[:, -1] // apart
+        states = _states_at(scenes, trials, *_trials_of_samples(trials, ends, apart, written, reached), clock, dense)
         for lane, (first, end) in enumerate(zip(written, reached, strict=True)):
             _write_samples(samples, lane, slice(first, end), jax.tree.map(lambda a, n=end - first: a[:, :n], states))
         if grid.events:
-            event_states.append(_event_states(scenes, trials, ends, every, clock, dense))
-        tick(int(reached.min() - written.min()))
+            event_states.append(_event_states(scenes, trials, stretch.first + ends, grid.every, clock, dense))
+        tick(int(ends[:, -1].min() - done.min()))
         written, done, left = reached, ends[:, -1:], np.asarray(remaining)
     stopped = jax.tree.map(np.asarray, current_states(scenes, lanes))
     for lane, first in enumerate(written):
         _write_samples(samples, lane, slice(first, count), stopped)
-    tick(count - int(written.min()))
-    return SampledMarch(lanes, [samples], concatenated_events(event_states) if event_states else None)
+    tick(stretch.length - int(done.min()))
+    return SampledMarch(lanes, samples, concatenated_events(event_states) if event_states else None)
 
 
 def _write_samples(samples: State, lane: int, at: slice, states: State) -> None:

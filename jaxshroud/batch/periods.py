@@ -114,6 +114,7 @@ class Sample(NamedTuple):
     largest: Any = None  # magnitudes of x, y [m] and theta [rad], three pairs; None if not logged
     friction: Any = None  # lost in the sliding contact [J]; None without a ledger, as is the next
     viscous: Any = None  # lost in the dampers [J]
+    switched: Any = None  # gained by the contact springs at events: at loaded case switches [J]
     forces: Any = None  # largest contact forces [N]; None unless requested, as are all that follow
     loads: Any = None  # `ContactLoads` of the period
     impacts: Any = None  # `Impacts` of the period
@@ -204,16 +205,18 @@ def _begin_period(lanes: Lane, models: Model) -> tuple[Lane, Float[Array, " lane
 def _end_period(lanes: Lane, stored_before: Any, models: Model, periods) -> tuple[Lane, Sample]:
     """The lanes at the end of a period, and its sample."""
     gain, jumps = lanes.tally.integrals, lanes.tally.jumps
+    logged: dict[str, Any] = {}
     works, energies, astray = (), _total_energies(lanes, models), jnp.zeros_like(periods, bool)
     if gain.ledger is not None and jumps is not None:
         residual = energy_residual(gain.ledger, jumps, energies - stored_before)
         works = gain.ledger.drive, gain.ledger.gross, filled(jumps.dropped, periods), residual
+        logged["switched"] = jumps.springs
         if not is_absent(models.spring.laws):  # the printed reading never balances, and other laws need no such check
             astray = is_unbalanced(residual, gain.ledger.gross, stored_before, energies)
     power = filled(gain.power, periods)
-    log, logged = lanes.tally.log, {}
+    log = lanes.tally.log
     if log is not None:
-        logged = {"largest": log.largest, "forces": log.forces, "impacts": log.impacts, "extent": log.extent}
+        logged |= {"largest": log.largest, "forces": log.forces, "impacts": log.impacts, "extent": log.extent}
     if gain.ledger is not None:
         logged |= {"friction": gain.ledger.friction, "viscous": gain.ledger.viscous}
     integrated = {"loads": gain.loads, "moments": gain.moments}

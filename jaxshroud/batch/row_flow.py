@@ -10,10 +10,9 @@ from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.differentiable_samples import Schedule, batching_by_lanes, skip_samples
 from jaxshroud.batch.periods import Clock
+from jaxshroud.batch.row_samples import RowSamples, next_row_sample
 from jaxshroud.batch.rows import (
-    RowSamples,
     lanes_first,
-    next_row_sample,
     row_models,
     row_period_function,
     rows_at_start,

@@ -1,4 +1,4 @@
-"""Rows of blades through time: whole drive periods and samples of many lanes, in compiled functions.
+"""Rows of blades through time: whole drive periods of many lanes, in compiled functions.
 
 Outside, arrays have the axis of lanes first, as everywhere; inside the compiled functions the lanes are last, see
 `model.row`.
@@ -14,17 +14,15 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.pace import CallPace
-from jaxshroud.batch.periods import CallLimits, Clock, Interim, Sample, first_passes, select_tree, with_clock_reset
+from jaxshroud.batch.periods import CallLimits, Clock, Interim, Sample, select_tree, with_clock_reset
 from jaxshroud.batch.xla import best_mapping, compiled, repeated_while
-from jaxshroud.march.carry import EachLane, TimeGrid, running
+from jaxshroud.march.carry import EachLane, running
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import ContactForces, contact_spring_energy, energy_residual, slider_position
+from jaxshroud.march.observables import contact_spring_energy, energy_residual, slider_position
 from jaxshroud.march.row_carry import RowFixed, RowLane, RowTally, tally_of_new_period
-from jaxshroud.march.row_guards import row_contact_forces
 from jaxshroud.march.row_trial import begin_row, row_trial
 from jaxshroud.march.tally import EnergyJumps
-from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
+from jaxshroud.model.arithmetic import ABSENT, filled, is_absent
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Ledger
@@ -87,10 +85,11 @@ class RowSample(NamedTuple):
 
     motion: Motion
     power: Any  # mean square displacement of each block over the period [m^2]
-    drive: Any  # work on each blade [J]; None without a ledger, as are the next five
+    drive: Any  # work on each blade [J]; None without a ledger, as are the next six
     gross: Any  # integral of the magnitude of its power [J]
     viscous: Any  # lost in the dampers of each blade [J]
     friction: Any  # lost in sliding at each interface [J]
+    switched: Any  # gained by the contact springs of each interface at events [J]
     dropped: Any  # energy of the rocking motion that flat contact ended [J]
     residual: Any  # of the energy balance [J]
     largest: Any  # magnitudes of x, y [m] and theta [rad]
@@ -98,7 +97,7 @@ class RowSample(NamedTuple):
     extent: Any  # `DisplacementRange` of each blade
 
 
-def _stored(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
+def energies_in_rows(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
     """The energy stored in blades and contact springs [J]."""
     springs = over(each, contact_spring_energy, pair_states(state, model.closed), model.interfaces)
     return jnp.sum(blade_energies(state.motion, model, each), axis=0) + jnp.sum(springs, axis=0)
@@ -127,7 +126,7 @@ def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, 
 def _begin_row_period(lanes: RowLane, model: RowModel, each: EachLane) -> tuple[RowLane, Float[Array, " lanes"]]:
     """The rows with an empty tally, and the energies that they store."""
     empty = tally_of_new_period(lanes.tally, lanes.state.motion)
-    return eqx.tree_at(lambda lane: lane.tally, lanes, empty), _stored(lanes.state, model, each)
+    return eqx.tree_at(lambda lane: lane.tally, lanes, empty), energies_in_rows(lanes.state, model, each)
 
 
 def _end_row_period(
@@ -137,11 +136,15 @@ def _end_row_period(
     tally, log = lanes.tally, lanes.tally.log
     gain: Any = tally.integrals
     assert log is not None  # only flows with tangents have none
-    gained = _stored(lanes.state, model, each) - before
-    works: dict[str, Any] = dict.fromkeys(("drive", "gross", "viscous", "friction", "dropped", "residual"))
+    gained = energies_in_rows(lanes.state, model, each) - before
+    works: dict[str, Any] = dict.fromkeys(("drive", "gross", "viscous", "friction", "switched", "dropped", "residual"))
     if gain.ledger is not None:
         works = row_ledger(tally)._asdict()
-        works |= {"dropped": tally.dropped, "residual": row_energy_residual(tally, gained, 0)}
+        works |= {
+            "switched": tally.springs,
+            "dropped": tally.dropped,
+            "residual": row_energy_residual(tally, gained, 0),
+        }
     motion, largest, moments, extent = filled((lanes.state.motion, log.largest, gain.moments, log.extent), gain.power)
     sample = RowSample(
         motion=motion, power=gain.power / period, **works, largest=largest, moments=moments, extent=extent
@@ -209,139 +212,7 @@ def as_samples(row: RowSample) -> Sample:
         largest=each_blade(row.largest),
         friction=total(row.friction),
         viscous=total(row.viscous),
+        switched=total(row.switched),
         moments=each_blade(row.moments),
         extent=each_blade(row.extent),
     )
-
-
-class RowSamples(NamedTuple):
-    """States of rows at instants, with the contact forces: motion (..., N), contact (..., E)."""
-
-    state: State
-    forces: ContactForces
-
-
-@compiled("method", "block", "each")
-def _row_samples(
-    scenes: Scene,
-    begin: Interim,
-    clock: Clock,
-    every: Int[Array, ""],
-    limits: CallLimits,
-    method: Choices,
-    block: int,
-    each: EachLane,
-) -> tuple[Interim, Int[Array, ""], RowSamples]:
-    """The next samples (leading axis, then the lanes), `every` steps apart, after how many there are."""
-    model, period = row_models(scenes)
-    grids = clock.grids(period)
-
-    def one(carry, i):
-        (lanes, stops, inside), passes = carry
-        on = (i < limits.most) & (passes > 0)
-        stops = jnp.where(on & ~inside, lanes.step + every, stops)
-        fixed = RowFixed(model, grids, jnp.where(on, stops, 0))
-        lanes, passes = march_rows(lanes, fixed, method, each, passes)
-        over = on & ~jnp.any(running(lanes, stops))
-        ended, sample = _row_sample(lanes, model, clock, grids, each)
-        return (Interim(select_tree(over, ended, lanes), stops, (on | inside) & ~over), passes), (
-            lanes_first(sample),
-            over,
-        )
-
-    first = begin._replace(lanes=lanes_last(begin.lanes)), limits.passes
-    (end, _), (samples, over) = lax.scan(one, first, jnp.arange(block, dtype=jnp.int32))
-    return end._replace(lanes=lanes_first(end.lanes)), jnp.sum(over, dtype=jnp.int32), samples
-
-
-def next_row_sample(
-    lanes: RowLane,
-    every: Int[Array, ""],
-    model: RowModel,
-    period: Float[Array, " lanes"],
-    clock: Clock,
-    method: Choices,
-    each: EachLane,
-) -> tuple[RowLane, RowSamples]:
-    """The rows `every` steps later, and their states and forces there; lanes last."""
-    grids = clock.grids(period)
-    lanes = march_rows(lanes, RowFixed(model, grids, lanes.step + every), method, each)
-    return _row_sample(lanes, model, clock, grids, each)
-
-
-def _row_sample(
-    lanes: RowLane, model: RowModel, clock: Clock, grids: TimeGrid, each: EachLane
-) -> tuple[RowLane, RowSamples]:
-    """The rows as they continue after a sample, and the sample."""
-    turns = grids.start + lanes.step.astype(grids.start.dtype) * grids.turn
-    lanes = eqx.tree_at(lambda lane: lane.step, lanes, lanes.step % clock.steps)
-    return lanes, _sampled(lanes, turns, model, each)
-
-
-def _sampled(lanes: RowLane, turns: Float[Array, " lanes"], model: RowModel, each: EachLane) -> RowSamples:
-    forces = row_contact_forces(lanes.state, each(sincos_turns, turns), model, each)
-    zero = jnp.zeros(lanes.state.mode.shape, turns.dtype)
-    lost = lanes.status != Status.OK
-    point = forces.contact_point
-    forces = filled(forces._replace(contact_point=ABSENT), zero)._replace(contact_point=point)
-    return RowSamples(
-        updated_slider(lanes.state, lanes.status, model, each),
-        jax.tree.map(lambda a: jnp.where(lost, jnp.nan, a), forces),
-    )
-
-
-@compiled("each")
-def _first_sample(scenes: Scene, lanes: RowLane, start: Any, each: EachLane) -> RowSamples:
-    model, period = row_models(scenes)
-    return lanes_first(_sampled(lanes_last(lanes), jnp.broadcast_to(start, period.shape), model, each))
-
-
-@compiled("each")
-def stored_energies_of_rows(scenes: Scene, lanes: RowLane, each: EachLane) -> Float[Array, " lanes"]:
-    """The energies stored in blades and contact springs of rows (leading axis) [J]."""
-    return _stored(lanes_last(lanes).state, row_models(scenes)[0], each)
-
-
-ROW_SAMPLES_PER_CALL = 256
-
-
-def march_row_samples(
-    scenes: Scene, states: State, clock: Clock, every: int, count: int, method: Choices, tick: Any
-) -> tuple[RowSamples, RowLane, tuple[np.ndarray, np.ndarray]]:
-    """March rows (leading axis) and keep samples.
-
-    Args:
-        scenes: The scenes.
-        states: The states in which they start.
-        clock: The time grid.
-        every: Steps from sample to sample.
-        count: Samples after the first.
-        method: The options of the march.
-        tick: Called with the number of further samples.
-
-    Returns:
-        Samples (lanes, 1 + count, ...), the rows at the end, and the stored energies before and after [J].
-    """
-    each, host = best_mapping(), lambda tree: jax.tree.map(np.asarray, tree)
-    lanes = begin_rows(scenes, states, method)
-    before = np.asarray(stored_energies_of_rows(scenes, lanes, each))
-    blocks = [jax.tree.map(lambda a: a[None], host(_first_sample(scenes, lanes, clock.start, each)))]
-    pace, done = CallPace(first_passes(len(lanes.status), scenes.row_size)), 0
-    interim = Interim(lanes, np.zeros(lanes.status.shape, np.int32), np.bool_(False))
-    while done < count:
-
-        def call(passes: np.int32, left: int = count - done, interim: Interim = interim) -> tuple[Interim, int, Any]:
-            limits = CallLimits(jnp.int32(min(left, ROW_SAMPLES_PER_CALL)), jnp.asarray(passes))
-            end, ended, samples = _row_samples(
-                scenes, interim, clock, jnp.int32(every), limits, method, ROW_SAMPLES_PER_CALL, each
-            )
-            return end, int(ended), samples
-
-        interim, ended, block = pace.timed(call, lambda result: result[0].inside)
-        blocks.append(jax.tree.map(lambda a, n=ended: np.asarray(a)[:n], block))
-        done += ended
-        tick(ended)
-    lanes = interim.lanes
-    samples = jax.tree.map(lambda *a: np.moveaxis(np.concatenate(a), 0, 1), *blocks)
-    energies = before, np.asarray(stored_energies_of_rows(scenes, lanes, each))
-    return samples, host(lanes), energies

@@ -1,5 +1,6 @@
 """Samples of a march at the ends of steps, and of its trials where events are kept too."""
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene
 
 SAMPLES_PER_BLOCK = 1024  # samples per call
+MAX_UNKEPT = 1 << 19  # samples of all lanes that are held at once, where only some of them are kept
 EVENT_TRIALS_PER_CALL = 1024
 
 
@@ -34,13 +36,53 @@ class SampleGrid(NamedTuple):
     turns: float  # drive phase at the start [turns]
     steps: int  # in a period
     every: int  # steps from sample to sample
-    samples: int  # after the first
-    events: bool  # the states on both sides of every event too; of a single lane
+    length: int  # steps in all, whole periods; some may follow the last sample
+    events: bool = False  # the states on both sides of every event too; of a single lane
+    counted: int = 0  # of these steps the last ones, whole periods, at the end of each of which the motion counts
+
+    @property
+    def samples(self) -> int:
+        """The number of samples after the first."""
+        return self.length // self.every
+
+    def stretches(self, lanes: int) -> "list[Stretch]":
+        """The parts of the march of so many lanes, of whole periods: before the steps that count, and these.
+
+        The march is the same whatever is kept: samples never lie further apart than they divide the period, and each
+        of the steps that count has one. Where not all samples are kept, a part is as short as memory wants.
+        """
+        before, parts = self.length - self.counted, []
+        for begin, end, apart in ((0, before, math.gcd(self.every, self.steps)), (before, self.length, 1)):
+            periods = max(MAX_UNKEPT * apart // (lanes * self.steps), 1)
+            longest = max(end - begin, 1) if apart == self.every else periods * self.steps
+            parts += [Stretch(first, apart, min(longest, end - first)) for first in range(begin, end, longest)]
+        return parts
+
+    def step_lengths(self, scenes: Scene) -> np.ndarray:
+        """The length of a step of each scene [s], (lanes,)."""
+        return math.tau / np.asarray(scenes.drive.omega, float) / self.steps
 
     def clock(self, scenes: Scene) -> Clock:
         """The time grid in the precision of the scenes."""
         dtype = scenes.drive.omega.dtype
         return Clock(jnp.asarray(self.turns, dtype), jnp.int32(self.steps), jnp.asarray(self.steps, dtype))
+
+
+class Stretch(NamedTuple):
+    """A part of a march."""
+
+    first: int  # steps before it
+    apart: int  # steps from sample to sample
+    length: int  # in steps, whole periods
+
+    @property
+    def samples(self) -> int:
+        """The number of samples in it."""
+        return self.length // self.apart
+
+    def kept(self, grid: SampleGrid) -> np.ndarray:
+        """The indices of the samples that are kept."""
+        return np.flatnonzero((self.first + self.apart * np.arange(1, self.samples + 1)) % grid.every == 0)
 
 
 class EventStates(NamedTuple):
@@ -65,33 +107,33 @@ def with_slider_updated(state: State, status: Int[Array, ""], scene_model: Model
 
 
 class SampledMarch(NamedTuple):
-    """The result of a march with samples."""
+    """The result of a stretch of a march."""
 
     lanes: Lane  # at the end
-    blocks: list[State]  # the samples (lanes, samples), without the first
+    states: State  # the samples (lanes, samples), without the first
     events: EventStates | None = None  # None unless they are kept
 
 
 def march_by_steps(
-    scenes: Scene, lanes: Lane, grid: SampleGrid, method: Choices, tick: Callable[[int], None]
+    scenes: Scene, lanes: Lane, stretch: Stretch, grid: SampleGrid, method: Choices, tick: Callable[[int], None]
 ) -> SampledMarch:
-    """March lanes (leading axis) with samples at the ends of steps; `tick` gets the number of further samples."""
+    """March lanes (leading axis) with samples at the ends of steps; `tick` gets the number of further steps."""
     clock, blocks, done = grid.clock(scenes), [], 0
     pace, begun = CallPace(first_passes(len(lanes.status), None)), np.int32(0)
-    while done < grid.samples:
+    while done < stretch.samples:
 
-        def call(passes: np.int32, left: int = grid.samples - done, lanes: Lane = lanes, begun: Any = begun) -> Any:
+        def call(passes: np.int32, left: int = stretch.samples - done, lanes: Lane = lanes, begun: Any = begun) -> Any:
             limits = CallLimits(jnp.int32(min(left, SAMPLES_PER_BLOCK)), jnp.asarray(passes))
             begun, lanes, ended, block = _block_of_samples(
-                scenes, lanes, begun, clock, np.int32(grid.every), limits, method, best_mapping()
+                scenes, lanes, begun, clock, np.int32(stretch.apart), limits, method, best_mapping()
             )
             return begun, lanes, int(ended), block
 
-        begun, lanes, ended, block = pace.timed(call, lambda result, left=grid.samples - done: result[2] < left)
+        begun, lanes, ended, block = pace.timed(call, lambda result, left=stretch.samples - done: result[2] < left)
         blocks.append(jax.tree.map(lambda a, n=ended: np.moveaxis(np.asarray(a)[:n], 0, 1), block))
         done += ended
-        tick(ended)
-    return SampledMarch(lanes, blocks)
+        tick(ended * stretch.apart)
+    return SampledMarch(lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks))
 
 
 @compiled("method", "each")
@@ -133,19 +175,19 @@ def _block_of_samples(
 
 
 def march_by_trials(
-    scenes: Scene, lanes: Lane, grid: SampleGrid, method: Choices, tick: Callable[[int], None]
+    scenes: Scene, lanes: Lane, stretch: Stretch, grid: SampleGrid, method: Choices, tick: Callable[[int], None]
 ) -> SampledMarch:
-    """March a single lane (leading axis) trial by trial, with its events; `tick` gets the number of further samples.
+    """March a single lane (leading axis) trial by trial, with its events; `tick` gets the number of further steps.
 
     The steps must end trials, as with a stepper without dense output.
     """
-    clock, left, done, samples, events = grid.clock(scenes), np.int32(grid.samples * grid.every), 0, [], []
+    clock, left, done, samples, events = grid.clock(scenes), np.int32(stretch.length), stretch.first, [], []
     while left and int(np.asarray(lanes.status)[0]) == Status.OK:
         (lanes, remaining), trials = _event_trials(scenes, lanes, clock, left, method, best_mapping())
         trials = jax.tree.map(lambda a: np.moveaxis(np.asarray(a), 0, 1), trials)
         arrived, fired = trials.arrived[0], np.repeat(trials.fired[0], 2)
         ends = done + np.cumsum(arrived)  # steps done after each trial
-        wanted = arrived & (ends % grid.every == 0)
+        wanted = arrived & ((ends - stretch.first) % stretch.apart == 0)
         samples.append(jax.tree.map(lambda a, wanted=wanted: a[:, wanted], trials.after))
         steps = np.repeat(ends - arrived + trials.steps_into[0], 2)[fired]
         before = np.repeat((ends - arrived) // grid.every, 2)[fired]
@@ -156,13 +198,14 @@ def march_by_trials(
                 before,
             )
         )
-        tick(int(wanted.sum()))
+        tick(int(ends[-1]) - done)
         done, left = int(ends[-1]), remaining
-    missing = grid.samples - sum(block.mode.shape[1] for block in samples)
+    missing = stretch.samples - sum(block.mode.shape[1] for block in samples)
     if missing:  # the lane has stopped
         last = current_states(scenes, lanes)
         samples.append(jax.tree.map(lambda a: np.repeat(np.asarray(a)[:, None], missing, axis=1), last))
-    return SampledMarch(lanes, samples, concatenated_events(events))
+    states = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
+    return SampledMarch(lanes, states, concatenated_events(events) if events else None)
 
 
 def concatenated_events(stretches: list[EventStates]) -> EventStates:

@@ -1,23 +1,38 @@
 """Trajectories: the samples, the events and the energies of many lanes marched through their start-up."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxshroud.batch.cubics import SampledAmplitudes
 from jaxshroud.batch.dense_output import march_with_dense_output
 from jaxshroud.batch.periods import begin_lanes
 from jaxshroud.batch.runs import Tick, chunk_by_chunk
-from jaxshroud.batch.sampling import SampledMarch, SampleGrid, current_states, march_by_steps, march_by_trials
-from jaxshroud.batch.states import sampled_contact_forces
+from jaxshroud.batch.sampling import (
+    SampledMarch,
+    SampleGrid,
+    Stretch,
+    current_states,
+    march_by_steps,
+    march_by_trials,
+    with_slider_updated,
+)
+from jaxshroud.batch.states import carried_state, sampled_contact_forces
+from jaxshroud.batch.stretches import march_in_stretches
 from jaxshroud.march.carry import Lane
+from jaxshroud.march.events import evaluate_guards
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import total_energy
+from jaxshroud.march.start import EVENTS_AT_START, next_at_start
 from jaxshroud.march.stepper import stepper_for
-from jaxshroud.model.arithmetic import is_absent
-from jaxshroud.model.modes import Mode
+from jaxshroud.model.arithmetic import is_absent, sincos_turns
+from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State, prepared_model
+from jaxshroud.model.rhs import drive_wave
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene
 
@@ -26,6 +41,7 @@ class Trajectories(NamedTuple):
     """The trajectories of lanes (leading axis)."""
 
     samples: dict[str, Any]  # name -> values (lanes, 1 + samples, ...)
+    amplitudes: SampledAmplitudes | None  # over the steps that count; None if there are none
     last: Lane
     energies: tuple[np.ndarray, np.ndarray]  # stored before and after [J]
     events: dict[str, Any] | None  # the same of both sides of every event, with `t` [steps] and `after`
@@ -39,7 +55,7 @@ def trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices
         states: The states in which they start.
         grid: The time grid, and which states are kept.
         method: The options of the march.
-        ticker: Called with the number of samples done.
+        ticker: Called with the number of steps done.
 
     Raises:
         Interrupted: On Ctrl-C, without results.
@@ -50,17 +66,38 @@ def trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices
 
 def _trajectories_of_chunk(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> Trajectories:
     lanes, first = _begin_sampled(scenes, states, method)
+    first = _begun(scenes, first, grid.turns)
     before = stored_energies(scenes, lanes)
-    lanes, blocks, events = _sampled_march(scenes, lanes, grid, method, tick)
-    blocks = [jax.tree.map(lambda a: np.asarray(a)[:, None], first), *blocks]
-    whole = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks)
+    march = partial(_march_stretch, scenes, grid=grid, method=method, tick=tick)
+    lanes, whole, amplitudes, events = march_in_stretches(march, scenes, lanes, first, grid)
     samples = _values(scenes, whole, grid.turns + np.arange(grid.samples + 1) * grid.every / grid.steps)
     at_events = None
     if events is not None:
         at_events = _values(scenes, events.states, grid.turns + events.steps / grid.steps)
-        at_events |= {"t": events.steps[None], "after": events.samples[None]}
+        after = np.where(events.steps == 0, -1, events.samples)  # the first sample comes after what happens at once
+        at_events |= {"t": events.steps[None], "after": after[None]}
     energies = np.asarray(before), np.asarray(stored_energies(scenes, lanes))
-    return Trajectories(samples, jax.tree.map(np.asarray, lanes), energies, at_events)
+    return Trajectories(samples, amplitudes, jax.tree.map(np.asarray, lanes), energies, at_events)
+
+
+def _begun(scenes: Scene, first: State, turns: float) -> State:
+    """The states (leading axis) once all has happened that happens at the instant of their start."""
+    forces = sampled_contact_forces(scenes, jax.tree.map(lambda a: np.asarray(a)[:, None], first), np.array([turns]))
+    overlap = (np.asarray(first.mode) == Mode.APART) & (forces.v[:, 0] >= 0)
+    return _states_once_begun(scenes, first, np.asarray(turns, first.u_s.dtype)) if overlap.any() else first
+
+
+@kept()
+def _states_once_begun(scenes: Scene, states: State, turns) -> State:
+    def one(scene: Scene, state: State) -> State:
+        model = prepared_model(scene)
+        start = now = carried_state(state, model)
+        wave = drive_wave(*sincos_turns(turns), model.drive)
+        for _ in range(EVENTS_AT_START):
+            now = next_at_start(now, start, evaluate_guards(now.motion, wave, now, model), model)
+        return with_slider_updated(now, jnp.int32(Status.OK), model)
+
+    return jax.vmap(one)(scenes, states)
 
 
 def sampled_motions(scenes: Scene, states: State, grid: SampleGrid, method: Choices) -> np.ndarray:
@@ -70,15 +107,18 @@ def sampled_motions(scenes: Scene, states: State, grid: SampleGrid, method: Choi
 
 
 def _motions_of_chunk(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> np.ndarray:
-    blocks = _sampled_march(scenes, begin_lanes(scenes, states, method), grid, method, tick).blocks
-    motions = [jax.tree.map(lambda a: a[:, None], states.motion), *(block.motion for block in blocks)]
-    return np.concatenate([np.concatenate(motion, axis=-1, dtype=float) for motion in motions], axis=1)
+    march = partial(_march_stretch, scenes, grid=grid, method=method, tick=tick)
+    marched = march_in_stretches(march, scenes, begin_lanes(scenes, states, method), states, grid)
+    return np.concatenate(marched.samples.motion, axis=-1, dtype=float)
 
 
-def _sampled_march(scenes: Scene, lanes: Lane, grid: SampleGrid, method: Choices, tick: Tick) -> SampledMarch:
+def _march_stretch(
+    scenes: Scene, lanes: Lane, stretch: Stretch, *, grid: SampleGrid, method: Choices, tick: Tick
+) -> SampledMarch:
+    march = march_by_trials if grid.events else march_by_steps
     if stepper_for(method).dense_output is not None:
-        return march_with_dense_output(scenes, lanes, grid, method, tick)
-    return (march_by_trials if grid.events else march_by_steps)(scenes, lanes, grid, method, tick)
+        march = march_with_dense_output
+    return march(scenes, lanes, stretch, grid, method, tick)
 
 
 @kept("method")

@@ -211,6 +211,8 @@ def updated_impacts(
         before.number + where(impact, 1.0, 0.0),
         where(impact, jnp.maximum(before.approach, speed), before.approach),
         before.approach_sum + where(impact, speed, 0.0),
+        before.ended + where(separation, 1.0, 0.0),
+        before.impulse_sum + where(separation, now, 0.0),
         where(separation, jnp.maximum(before.impulse, now), before.impulse),
         where(separation, 0.0, now),
     )

@@ -126,7 +126,9 @@ class Impacts(NamedTuple):
     number: Scalar
     approach: Scalar  # largest closing speed at an onset [m/s]
     approach_sum: Scalar  # of these speeds [m/s]
-    impulse: Scalar  # largest impulse of the normal force in one contact [N s]
+    ended: Scalar  # contacts that have ended
+    impulse_sum: Scalar  # of their impulses of the normal force [N s]
+    impulse: Scalar  # largest of these impulses [N s]
     now: Scalar  # impulse of the current contact [N s]
 
 
@@ -171,7 +173,7 @@ def new_tally(state: State, model: Model, method: Choices) -> Tally:
     within = initial_extrema(deepest) if method.within else None
     largest = jax.tree.map(jnp.zeros_like, displacements_of(state.motion))
     forces = ContactPeaks(zero, zero) if method.forces else None
-    impacts = Impacts(*[zero] * 5) if method.forces else None
+    impacts = Impacts(*[zero] * 7) if method.forces else None
     at_start = displacements_of(state.motion)
     extent = DisplacementRange(at_start, at_start) if method.amplitudes else None
     log = Log(zero, zero, zero, deepest, largest, no_events(model), within, forces, impacts, extent)

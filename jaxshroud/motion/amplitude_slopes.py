@@ -2,18 +2,18 @@
 
 At the time of an extreme the rate of a displacement vanishes, so that the extreme moves with a number of the scene as
 the displacement does at that drive phase. Where two extremes are equally far from the mean, the amplitude is that of
-one on either side, and its derivative is one-sided.
+one on either side, and its derivative is one-sided: that of the side which raises the amplitude.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from jaxshroud.batch.rows import march_row_samples
+from jaxshroud.batch.cubics import hermite_coefficients
+from jaxshroud.batch.row_samples import march_row_samples
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.tangents import TangentProblem, Tangents
 from jaxshroud.batch.trajectories import trajectories
-from jaxshroud.motion.amplitudes import hermite_coefficients
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import moved_start
@@ -74,11 +74,17 @@ def amplitude_slope(orbit: PeriodicOrbit, amplitude: Amplitude, problem: Tangent
 
 
 def largest_level(found: list[tuple[float, np.ndarray]], flag: str) -> AmplitudeSlope:
-    """The largest of some levels with its slopes, flagged where another is as large and moves differently."""
+    """The largest of some levels with its slopes, flagged where another is as large and moves differently.
+
+    There the largest has a derivative on either side of each number. The one on the side which raises it most is given:
+    that of the steepest of the levels.
+    """
     level, slope = max(found, key=lambda pair: pair[0])
-    tied = [other for value, other in found if value >= level - TIE * abs(level)]
-    differs = any(not np.allclose(other, slope, rtol=TIE, atol=0.0, equal_nan=True) for other in tied)
-    return AmplitudeSlope(float(level), slope, (flag,) if differs else ())
+    tied = np.array([other for value, other in found if value >= level - TIE * abs(level)])
+    if all(np.allclose(other, slope, rtol=TIE, atol=0.0, equal_nan=True) for other in tied):
+        return AmplitudeSlope(float(level), slope)
+    steepest = np.take_along_axis(tied, np.abs(tied).argmax(axis=0)[None], axis=0)[0]
+    return AmplitudeSlope(float(level), steepest, (flag,))
 
 
 def farthest_extremes(orbit: PeriodicOrbit, amplitude: Amplitude, mean: np.ndarray) -> list[Extreme]:
@@ -86,16 +92,13 @@ def farthest_extremes(orbit: PeriodicOrbit, amplitude: Amplitude, mean: np.ndarr
     finer = -(-LEAST_SAMPLES // orbit.steps_per_period)
     steps = orbit.steps_per_period * finer
     grid, (scenes, states) = (
-        SampleGrid(0.0, steps, 1, steps * orbit.q, False),
+        SampleGrid(0.0, steps, 1, steps * orbit.q),
         stacked([(without_given(orbit.scene), orbit.start)]),
     )
     if orbit.scene.row is None:
         motion = trajectories(scenes, states, grid, orbit.method, lambda _: None).samples["motion"]
     else:
-        marched = march_row_samples(
-            scenes, states, grid.clock(scenes), grid.every, grid.samples, orbit.method, lambda _: None
-        )
-        motion = marched[0].state.motion
+        motion = march_row_samples(scenes, states, grid, orbit.method, lambda _: None).samples.state.motion
     names, period = (amplitude.displacement, f"v_{amplitude.displacement}"), float(orbit.scene.drive.period)
     q, rate = (np.asarray(getattr(motion, name), float)[0] for name in names)
     extremes = [

@@ -1,17 +1,16 @@
 """The amplitudes of motions and the loads of contact over the kept periods, from the samples of their march."""
 
 import math
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.batch.cubics import SampledAmplitudes
 from jaxshroud.batch.periods import LANES_PER_CALL, Sample
 from jaxshroud.batch.threads import in_chunks
 from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.programs.kept import kept
-from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.scene import Scene
 
@@ -92,56 +91,13 @@ def load_values(scenes: Scene, samples: Sample) -> dict[str, np.ndarray]:
             "approach_max": samples.impacts.approach.max(axis=-1),
             "approach_mean": samples.impacts.approach_sum.mean(axis=-1) / impacts,
             "impulse_max": samples.impacts.impulse.max(axis=-1),
-            "impulse_mean": np.where(impacts > 0, N / impacts, np.nan),
+            "impulse_mean": samples.impacts.impulse_sum.sum(axis=-1) / samples.impacts.ended.sum(axis=-1),
         }
 
 
-def sampled_amplitudes(
-    scenes: Scene, motion: Motion, interval: np.ndarray, periods: float | int
-) -> dict[str, np.ndarray]:
-    """The values of `WithAmplitudes` of sampled runs over their last `periods` drive periods.
-
-    Between samples the motion is the cubic through the displacements and their rates.
-
-    Args:
-        scenes: The scenes (leading axis).
-        motion: The samples, fields (lanes, samples, 2).
-        interval: Of the samples [s], (lanes,).
-        periods: Drive periods.
-    """
-    values, h = {}, interval[:, None, None]
-    first = -1 - round(periods * math.tau / float(scenes.drive.omega[0]) / float(interval[0]))
-    for name, free in zip(DISPLACEMENTS, free_amplitudes(scenes), strict=True):
-        q, rate = (np.asarray(getattr(motion, n), float)[:, first:] for n in (name, f"v_{name}"))
-        mean = cubic_mean(q, rate, h)
-        highest, lowest = hermite_largest(q, rate * h), -hermite_largest(-q, -rate * h)
-        with np.errstate(invalid="ignore", over="ignore"):  # of a motion that has overflowed
-            square = cubic_mean(q**2, 2 * q * rate, h) - mean**2
-        values[f"{name}_mean"] = mean
-        values[f"{name}_rms"] = np.sqrt(np.maximum(square, 0.0))
-        values[f"{name}_peak"] = np.maximum(highest - mean, mean - lowest)
-        values[f"{name}_free"] = free
-    return values
-
-
-def cubic_mean(q: Any, rate: Any, h: Any) -> Any:
-    """The mean over time of the cubics through samples (lanes, n, ...) and their rates at intervals `h`."""
-    intervals = q.shape[1] - 1
-    trapezoid = q.mean(axis=1) * (intervals + 1) - (q[:, 0] + q[:, -1]) / 2
-    return (trapezoid + h[:, 0] / 12 * (rate[:, 0] - rate[:, -1])) / intervals
-
-
-def hermite_coefficients(g_0: Any, g_1: Any, m_0: Any, m_1: Any) -> tuple[Any, Any]:
-    """The coefficients of s^2 and s^3 of cubics on [0, 1] with values `g` and slopes `m` at the ends."""
-    return 3 * (g_1 - g_0) - 2 * m_0 - m_1, m_0 + m_1 - 2 * (g_1 - g_0)
-
-
-def hermite_largest(q: Any, slope: Any) -> Any:
-    """The largest value of the cubics through samples (lanes, n, columns) with these slopes per interval."""
-    like: Any = np if isinstance(q, np.ndarray) else jnp
-    (g_0, g_1), (m_0, m_1) = ((a[:, :-1], a[:, 1:]) for a in (q, slope))
-    b, c = hermite_coefficients(g_0, g_1, m_0, m_1)
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        s = m_0 / (like.sqrt(b * b - 3 * m_0 * c) - b)
-    top = g_0 + s * (m_0 + s * (b + s * c))
-    return like.maximum(q.max(axis=1), like.where((s > 0) & (s < 1), top, -np.inf).max(axis=1))
+def sampled_amplitude_values(scenes: Scene, amplitudes: SampledAmplitudes | None) -> dict[str, np.ndarray]:
+    """The values of `WithAmplitudes` of runs (leading axis) by their names; nothing where no steps count."""
+    if amplitudes is None:
+        return {}
+    columns = {**amplitudes._asdict(), "free": np.stack(free_amplitudes(scenes), axis=-1)}
+    return {f"{name}_{of}": a[..., i] for i, name in enumerate(DISPLACEMENTS) for of, a in columns.items()}

@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
+from jaxshroud.batch.cubics import cubic_mean
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.trajectories import sampled_motions
 from jaxshroud.march.method import Choices
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.amplitudes import cubic_mean
 from jaxshroud.scene.scene import Scene
 
 HARMONIC_PERIODS = 16  # over which the first harmonic of an aperiodic motion is taken
@@ -74,7 +74,7 @@ def equivalent_values(
     found = np.full((len(number), len(names)), np.nan)
     if scenes.parts.contact != "none" and "y" in scenes.parts.motion:
         periods = np.where(number > 0, number, HARMONIC_PERIODS)
-        grid = SampleGrid(0.0, steps, 1, int(periods.max()) * steps, events=False)
+        grid = SampleGrid(0.0, steps, 1, int(periods.max()) * steps)
         rows = sampled_motions(scenes, states, grid, method._replace(forces=False, amplitudes=False))
         for i, n in enumerate(periods.tolist()):
             blades = linear_blades(scenes, i)

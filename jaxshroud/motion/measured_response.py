@@ -12,11 +12,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.batch.cubics import cubic_mean, hermite_largest
 from jaxshroud.batch.differentiable_samples import Schedule
 from jaxshroud.batch.sampled_tangents import SampledMotions, motions_with_tangents
 from jaxshroud.batch.states import STATE_SIZE
 from jaxshroud.batch.tangents import TangentProblem, as_differentiable, direction
-from jaxshroud.motion.amplitudes import cubic_mean, hermite_largest
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import moved_start
 from jaxshroud.programs.kept import kept

@@ -63,7 +63,7 @@ def end_states(scenes: Scene, steps: int, method: Choices, *, ledger: bool = Fal
 def trajectory_ends(scenes: Scene, steps: int, method: Choices) -> np.ndarray:
     """The same by the compiled programs of `trajectories`, with a ledger."""
     scenes, method = in_precision(scenes, method.precision), method._replace(ledger=True)
-    grid = SampleGrid(0.0, steps, steps, HORIZON, events=False)
+    grid = SampleGrid(0.0, steps, steps, HORIZON * steps)
     samples = trajectories(scenes, initial_states(scenes), grid, method, lambda _: None).samples
     return np.concatenate(samples["motion"], axis=-1)[:, -1].astype(float)
 

@@ -43,7 +43,7 @@ class WithLoads:
     approach_max = Variable("largest closing speed of an impact; 0 without any", "m s-1")
     approach_mean = Variable("mean closing speed of impacts; NaN without any", "m s-1")
     impulse_max = Variable("largest impulse of the normal force in one contact; 0 if none ends", "N s")
-    impulse_mean = Variable("mean impulse of the normal force of an impact; NaN without any", "N s")
+    impulse_mean = Variable("mean impulse of the normal force of the contacts that end; NaN if none does", "N s")
 
 
 def load_numbers(result: Any, ok: np.ndarray) -> dict[str, float]:

@@ -9,6 +9,7 @@ from jaxshroud.io.variable import Attribute, CountsVariable, Entry, Variable
 from jaxshroud.model.modes import Mode
 from jaxshroud.motion.waves import BladeSpectrum, RowWave, blade_spectrum, participation_ratio, row_wave
 from jaxshroud.results.trajectory import CASES, CONTACT_POINT, MODES, Trajectory
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.typed import typed
@@ -33,7 +34,7 @@ class InterfaceCounts(CountsVariable):
 
 
 class RowTrajectory(Trajectory):
-    """The samples of one run of a row of blades or of many, the initial state first.
+    """The samples of one run of a row of blades or of many, the initial state first: after what happens there at once.
 
     Arrays start with the axes of the scenes. `motion` and amplitudes end with the blade; what is told of contact ends
     with the interface: interface j is between blades j and j + 1. Amplitudes are those of the second half of the run.
@@ -127,18 +128,26 @@ class RowTrajectory(Trajectory):
 
     @typed
     def plot(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, ax: "Axes | None" = None, *, panel: str | None = None, **options: "Unpack[LookOptions]"
+        self,
+        ax: "Axes | None" = None,
+        *,
+        panel: str | None = None,
+        kind: str | None = None,
+        **options: "Unpack[LookOptions]",
     ) -> "Figure":
         """The row in time and space: displacements over blades and time, amplitudes, and nodal diameters.
 
         Args:
             ax: Draw one panel there, by default the first.
             panel: Draw only this panel: "map", "amplitudes" or "diameters".
+            kind: The whole figure: "motion", which a row alone has.
             options: The options of `Result.plot`.
 
         Raises:
-            ValueError: There are many runs (`lane` gives one of them), or there is no such panel.
+            ValueError: There are many runs (`lane` gives one of them), or there is no such panel or figure.
         """
+        if kind not in (None, "motion"):
+            raise InputError(f"A run of a row has the picture motion, and no {kind}.")
         from jaxshroud.plotting.pictures import picture
 
         return picture("row", self.data, ax, panel, **options)

@@ -71,7 +71,7 @@ class RunEvents(Variable["Trajectory | None"]):
 
 
 class Trajectory(WithAmplitudes, Result):
-    """The samples of one run or of many, the initial state first.
+    """The samples of one run or of many, the initial state first: after what happens there at once.
 
     Arrays start with the axes of the scenes, and those of `motion` end with the blade. A single scene has no leading
     axes, and a plain number for every quantity that each run has one value of.

@@ -20,7 +20,7 @@ from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Ledger
-from jaxshroud.motion.amplitudes import sampled_amplitudes
+from jaxshroud.motion.amplitudes import sampled_amplitude_values
 from jaxshroud.motion.averages import contact_shares
 from jaxshroud.motion.short_runs import trajectory_ends
 from jaxshroud.results.row import RowTrajectory
@@ -63,15 +63,16 @@ def simulate(
         events: Also keep the states on both sides of every contact event, as `run.events`; for a single scene.
         n_periods: Drive periods run; by default 64.
         method: How to march: a method, or the accuracy that chooses one; see `method_for`.
-        progress: Called with (samples done, samples in all).
+        progress: Called with (lane-steps done, lane-steps in all).
         throw: Raise where a lane stops before its end, rather than warn.
         dims: Names of the leading axes; by default `lane`.
 
     Returns:
-        The initial state and then every `every`-th of `n_periods * steps_per_period` steps, start-up included, with the
-        contact forces `N` and `F` [N], `v`, `u` and `contact_point` [m]. A model without contact has none of these, a
-        model whose blocks do not turn has no `contact_point`, and without friction `F` is 0. Amplitudes are those of
-        the second half of the run, from the cubics between samples. A row of blades gives a `RowTrajectory`.
+        The initial state, after what happens there at once, and then every `every`-th of
+        `n_periods * steps_per_period` steps, start-up included, with the contact forces `N` and `F` [N], `v`, `u` and
+        `contact_point` [m]. A model without contact has none of these, a model whose blocks do not turn has no
+        `contact_point`, and without friction `F` is 0. Amplitudes are those of the second half of the run, from the
+        cubics between its steps, whichever of these are kept. A row of blades gives a `RowTrajectory`.
 
     Raises:
         ValueError: A count is not a positive integer, the samples would not fit into memory, or `events` is set for
@@ -99,26 +100,23 @@ def simulate(
     lanes = resolved.lanes
     march = plan_march(resolved, lanes, REFERENCE, periods=resolved.n_periods, ends=trajectory_ends)
     scenes = in_precision(without_given(lanes), march.method.precision)
-    count = resolved.n_periods * march.steps // every
+    length, half = resolved.n_periods * march.steps, max(resolved.n_periods // 2, 1)
+    grid = SampleGrid(turns, march.steps, every, length, events, half * march.steps)
+    count = grid.samples
     check_memory("what is stored of this run", len(scenes.drive.omega) * count * STEP_BYTES)
     states = resolved.states(state, scenes)
     index = np.arange(count + 1) * every
     if scenes.parts.contact == "none":
-        values = _values_without_contact(scenes, states, turns, index / march.steps)
+        values = _values_without_contact(scenes, states, grid)
     else:
-        grid = SampleGrid(turns, march.steps, every, count, events)
         marched = marched_row_values if in_row else _marched_values
-        values = marched(scenes, states, grid, march.method, Ticker(len(scenes.drive.omega) * count, progress))
+        values = marched(scenes, states, grid, march.method, Ticker(len(scenes.drive.omega) * length, progress))
     chatter, at_events = values.pop("chatter", None), values.pop("events", None)
     step_length = np.asarray(scenes.drive.period, float)[:, None] / march.steps
     after = float((turns + (index[-1] % march.steps) / march.steps) % 1)
     common = {"turns": after, "every": every, "chatter": chatter, **march.attributes}
     if at_events is not None:
         values["events"] = {**at_events, "t": t + at_events["t"] * step_length}
-    seconds = step_length[:, 0] * every
-    if len(index) > 1:
-        half = max(resolved.n_periods // 2, 1)
-        values |= sampled_amplitudes(scenes, values["motion"], seconds, float(min(half, index[-1] / march.steps)))
     gap = {} if in_row else {"gap": scenes.shroud.gap}
     columns = {"omega": scenes.drive.omega, **gap, **values, "t": t + index * step_length}
     result = _trajectory(resolved, in_shape(columns, resolved.shape), common)
@@ -158,6 +156,7 @@ def _marched_values(scenes: Scene, states: State, grid: SampleGrid, method: Choi
         "energy_dropped": energy.dropped.astype(float),
         **_works(last.tally.integrals.ledger),
         **contact_shares(log),
+        **sampled_amplitude_values(scenes, marched.amplitudes),
         "chatter": _chatter(scenes, marched, grid, method),
         "events": marched.events,
     }
@@ -200,18 +199,21 @@ def _works(gain: Ledger | None) -> dict[str, np.ndarray]:
 
 def _chatter(scenes: Scene, marched: Trajectories, grid: SampleGrid, method: Choices) -> str | None:
     """The report on events that follow each other without end; None if there are none."""
-    samples = np.isfinite(marched.samples["motion"].x[..., 0]).sum(axis=-1)
-    periods = (samples - 1) * grid.every // grid.steps
-    return zeno_report(scenes, marched.last, periods + 1, grid.clock(scenes), method)
+    last, log = marched.last, marched.last.tally.log
+    assert log is not None  # as derivatives are not computed
+    steps = (log.time_apart + log.time_stick + log.time_slip) / grid.step_lengths(scenes)
+    whole = np.round((steps - last.step - last.search.done) / grid.steps).astype(int)
+    return zeno_report(scenes, last, whole + 1, grid.clock(scenes), method)
 
 
-def _values_without_contact(scenes: Scene, states: State, turns: float, periods: np.ndarray) -> dict[str, Any]:
-    """The values of lanes (leading axis) sampled after so many `periods`, in closed form."""
-    dtype, shape = states.motion.x.dtype, (len(scenes.drive.omega), len(periods))
-    motion, status = free_samples(scenes, states.motion, jnp.asarray(turns, dtype), jnp.asarray(periods, dtype))
+def _values_without_contact(scenes: Scene, states: State, grid: SampleGrid) -> dict[str, Any]:
+    """The values of lanes (leading axis) in closed form."""
+    motion, amplitudes, status = free_samples(scenes, states.motion, grid)
+    shape = motion.x.shape[:2]
     apart, zero = np.zeros(shape, np.int32), np.zeros(shape[0])
     return {
-        "motion": jax.tree.map(np.asarray, motion),
+        "motion": motion,
+        **sampled_amplitude_values(scenes, amplitudes),
         "u_s": np.full(shape, np.nan),
         "mode": apart,
         "case": apart,

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.periods import lanes_per_call
-from jaxshroud.batch.rows import march_row_samples, row_energy_residual, row_ledger
+from jaxshroud.batch.row_samples import march_row_samples
+from jaxshroud.batch.rows import row_energy_residual, row_ledger
 from jaxshroud.batch.runs import Ticker, chunk_by_chunk
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.march.method import Choices
@@ -15,6 +16,7 @@ from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import ContactLoads
+from jaxshroud.motion.amplitudes import sampled_amplitude_values
 from jaxshroud.motion.averages import contact_shares
 from jaxshroud.scene.scene import Scene
 
@@ -27,9 +29,11 @@ def marched_row_values(
 
     def run(chunk: Any, tick: Any) -> Any:
         rows, begin = chunk
-        return march_row_samples(rows, begin, grid.clock(rows), grid.every, grid.samples, method, tick)
+        return march_row_samples(rows, begin, grid, method, tick)
 
-    samples, last, (before, after) = chunk_by_chunk(run, (scenes, states), ticker, lanes_per_call(scenes.row_size))
+    samples, amplitudes, last, (before, after) = chunk_by_chunk(
+        run, (scenes, states), ticker, lanes_per_call(scenes.row_size)
+    )
     state, forces, log, tally = samples.state, samples.forces._asdict(), last.tally.log, last.tally
     return {
         "motion": state.motion,
@@ -39,6 +43,7 @@ def marched_row_values(
         **{name: a for name, a in forces.items() if isinstance(a, np.ndarray)},
         "counters": {name: np.asarray(n) for name, n in vars(filled(log.counters, state.mode[:, 0])).items()},
         **contact_shares(log),
+        **sampled_amplitude_values(scenes, amplitudes),
         **_loads(scenes, tally.integrals.loads, state.mode[:, 0], grid),
         **_energies(tally, before, after, last.status),
     }
@@ -48,7 +53,7 @@ def _loads(scenes: Scene, loads: ContactLoads, like: np.ndarray, grid: SampleGri
     """What wears the faces of each interface (lanes, interfaces) over the whole run."""
     zero = np.zeros(like.shape, np.asarray(scenes.drive.omega).dtype)
     N, N_slip, time_slip, slip = (np.asarray(a, float) for a in filled(loads, zero))
-    duration = np.asarray(scenes.drive.period, float)[:, None] * (grid.samples * grid.every / grid.steps)
+    duration = np.asarray(scenes.drive.period, float)[:, None] * (grid.length / grid.steps)
     with np.errstate(invalid="ignore", divide="ignore"):
         return {"slip": slip, "N_mean": N / duration, "N_slip": N_slip / time_slip}
 

@@ -12,6 +12,9 @@ from side_by_side import counts, ends, energy_residual, relative_error, run, sce
 
 import jaxshroud as js
 from jaxshroud import Status, load, vary
+from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.sampling import SampleGrid
+from jaxshroud.batch.trajectories import trajectories
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.events import EventKind, evaluate_guards
 from jaxshroud.march.method import Choices, named_choices
@@ -267,10 +270,15 @@ def test_samples_are_read_off_and_cost_no_trial(table1):
         np.testing.assert_array_equal(getattr(many.motion, name)[::400], getattr(few.motion, name))
     assert float(many.work_drive) == float(few.work_drive)
     assert abs(many.energy_residual) <= 1e-12
-    for stop in (277, 391):
-        there = js.simulate(table1, n_periods=1, every=stop, **by)
+    scenes, method = js.stack_scenes([table1]), Choices(TaylorOptions(8, 1e-13), "series")
+    for stop in (277, 391):  # a march that ends there, within the period
+        grid = SampleGrid(0.0, 400, stop, stop)
+        there = trajectories(scenes, initial_states(scenes), grid, method, lambda _: None)
         for name in Motion._fields:
-            read, size = np.asarray(getattr(many.motion, name)), np.asarray(getattr(there.motion, name))[-1]
+            read, size = (
+                np.asarray(getattr(many.motion, name)),
+                np.asarray(getattr(there.samples["motion"], name))[0, -1],
+            )
             np.testing.assert_allclose(read[stop], size, rtol=0, atol=1e-10 * np.abs(read).max())
     assert np.any(np.diff(np.asarray(many.mode)[250:400]) != 0)  # events are among them
 

@@ -1,0 +1,197 @@
+"""Samples of rows of blades: states and contact forces of many lanes at instants, in compiled functions."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+from jaxshroud.batch.cubics import SampledAmplitudes
+from jaxshroud.batch.pace import CallPace
+from jaxshroud.batch.periods import CallLimits, Clock, Interim, first_passes, select_tree
+from jaxshroud.batch.rows import (
+    begin_rows,
+    energies_in_rows,
+    lanes_first,
+    lanes_last,
+    march_rows,
+    row_models,
+    updated_slider,
+)
+from jaxshroud.batch.sampling import SampleGrid, Stretch
+from jaxshroud.batch.stretches import march_in_stretches
+from jaxshroud.batch.xla import best_mapping, compiled
+from jaxshroud.march.carry import EachLane, TimeGrid, running
+from jaxshroud.march.method import Choices
+from jaxshroud.march.observables import ContactForces
+from jaxshroud.march.row_carry import RowFixed, RowLane
+from jaxshroud.march.row_guards import interface_view, row_contact_forces, row_torques
+from jaxshroud.march.start import EVENTS_AT_START, next_at_start
+from jaxshroud.model.arithmetic import ABSENT, filled, sincos_turns
+from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.prepared import State
+from jaxshroud.model.row import RowModel, over, pair_states
+from jaxshroud.scene.scene import Scene
+
+
+class RowSamples(NamedTuple):
+    """States of rows at instants, with the contact forces: motion (..., N), contact (..., E)."""
+
+    state: State
+    forces: ContactForces
+
+
+@compiled("method", "block", "each")
+def _row_samples(
+    scenes: Scene,
+    begin: Interim,
+    clock: Clock,
+    every: Int[Array, ""],
+    limits: CallLimits,
+    method: Choices,
+    block: int,
+    each: EachLane,
+) -> tuple[Interim, Int[Array, ""], RowSamples]:
+    """The next samples (leading axis, then the lanes), `every` steps apart, after how many there are."""
+    model, period = row_models(scenes)
+    grids = clock.grids(period)
+
+    def one(carry, i):
+        (lanes, stops, inside), passes = carry
+        on = (i < limits.most) & (passes > 0)
+        stops = jnp.where(on & ~inside, lanes.step + every, stops)
+        fixed = RowFixed(model, grids, jnp.where(on, stops, 0))
+        lanes, passes = march_rows(lanes, fixed, method, each, passes)
+        over = on & ~jnp.any(running(lanes, stops))
+        ended, sample = _row_sample(lanes, model, clock, grids, each)
+        return (Interim(select_tree(over, ended, lanes), stops, (on | inside) & ~over), passes), (
+            lanes_first(sample),
+            over,
+        )
+
+    first = begin._replace(lanes=lanes_last(begin.lanes)), limits.passes
+    (end, _), (samples, over) = lax.scan(one, first, jnp.arange(block, dtype=jnp.int32))
+    return end._replace(lanes=lanes_first(end.lanes)), jnp.sum(over, dtype=jnp.int32), samples
+
+
+def next_row_sample(
+    lanes: RowLane,
+    every: Int[Array, ""],
+    model: RowModel,
+    period: Float[Array, " lanes"],
+    clock: Clock,
+    method: Choices,
+    each: EachLane,
+) -> tuple[RowLane, RowSamples]:
+    """The rows `every` steps later, and their states and forces there; lanes last."""
+    grids = clock.grids(period)
+    lanes = march_rows(lanes, RowFixed(model, grids, lanes.step + every), method, each)
+    return _row_sample(lanes, model, clock, grids, each)
+
+
+def _row_sample(
+    lanes: RowLane, model: RowModel, clock: Clock, grids: TimeGrid, each: EachLane
+) -> tuple[RowLane, RowSamples]:
+    """The rows as they continue after a sample, and the sample."""
+    turns = grids.start + lanes.step.astype(grids.start.dtype) * grids.turn
+    lanes = eqx.tree_at(lambda lane: lane.step, lanes, lanes.step % clock.steps)
+    return lanes, _sampled(lanes, turns, model, each)
+
+
+def _sampled(lanes: RowLane, turns: Float[Array, " lanes"], model: RowModel, each: EachLane) -> RowSamples:
+    forces = row_contact_forces(lanes.state, each(sincos_turns, turns), model, each)
+    zero = jnp.zeros(lanes.state.mode.shape, turns.dtype)
+    lost = lanes.status != Status.OK
+    point = forces.contact_point
+    forces = filled(forces._replace(contact_point=ABSENT), zero)._replace(contact_point=point)
+    return RowSamples(
+        updated_slider(lanes.state, lanes.status, model, each),
+        jax.tree.map(lambda a: jnp.where(lost, jnp.nan, a), forces),
+    )
+
+
+@compiled("each")
+def _first_sample(scenes: Scene, lanes: RowLane, start: Any, each: EachLane) -> RowSamples:
+    model, period = row_models(scenes)
+    return lanes_first(_sampled(lanes_last(lanes), jnp.broadcast_to(start, period.shape), model, each))
+
+
+@compiled("each")
+def _rows_once_begun(scenes: Scene, lanes: RowLane, start: Any, each: EachLane) -> RowLane:
+    """The rows (leading axis) once all has happened that happens at the instant of their start."""
+    model, period = row_models(scenes)
+    lanes = lanes_last(lanes)
+    wave, now = each(sincos_turns, jnp.broadcast_to(start, period.shape)), lanes.state
+    pairs = lambda state: pair_states(state, model.closed)
+
+    def at_interface(torque: Any, now: State, start: State, model: Any) -> tuple[Any, Any, Any]:
+        after = next_at_start(now, start, interface_view(torque, now, model), model)
+        return after.u_s, after.mode, after.case
+
+    for _ in range(EVENTS_AT_START):
+        torque, _ = row_torques(now, wave, model, each)
+        u_s, mode, case = over(each, at_interface, torque, pairs(now), pairs(lanes.state), model.interfaces)
+        now = State(now.motion, u_s, mode, case)
+    return lanes_first(eqx.tree_at(lambda lanes: lanes.state, lanes, now))
+
+
+@compiled("each")
+def stored_energies_of_rows(scenes: Scene, lanes: RowLane, each: EachLane) -> Float[Array, " lanes"]:
+    """The energies stored in blades and contact springs of rows (leading axis) [J]."""
+    return energies_in_rows(lanes_last(lanes).state, row_models(scenes)[0], each)
+
+
+ROW_SAMPLES_PER_CALL = 256
+
+
+class SampledRows(NamedTuple):
+    """Marched rows (leading axis) with samples."""
+
+    samples: RowSamples  # (lanes, 1 + samples, ...)
+    amplitudes: SampledAmplitudes | None  # over the steps that count; None if there are none
+    last: RowLane
+    energies: tuple[np.ndarray, np.ndarray]  # stored before and after [J]
+
+
+def march_row_samples(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Any) -> SampledRows:
+    """March rows (leading axis) and keep samples.
+
+    Args:
+        scenes: The scenes.
+        states: The states in which they start.
+        grid: The time grid, and which states are kept.
+        method: The options of the march.
+        tick: Called with the number of further steps.
+    """
+    each, host, clock = best_mapping(), lambda tree: jax.tree.map(np.asarray, tree), grid.clock(scenes)
+    lanes = begin_rows(scenes, states, method)
+    before = np.asarray(stored_energies_of_rows(scenes, lanes, each))
+    first = host(_first_sample(scenes, lanes, clock.start, each))
+    if np.any((first.state.mode == Mode.APART) & (first.forces.v >= 0)):
+        begun = _rows_once_begun(scenes, lanes, clock.start, each)
+        first = host(_first_sample(scenes, begun, clock.start, each))
+
+    def march(lanes: RowLane, stretch: Stretch) -> tuple[RowLane, RowSamples, None]:
+        pace, done, blocks = CallPace(first_passes(len(lanes.status), scenes.row_size)), 0, []
+        interim = Interim(lanes, np.zeros(lanes.status.shape, np.int32), np.bool_(False))
+        while done < stretch.samples:
+
+            def call(passes: np.int32, left: int = stretch.samples - done, interim: Interim = interim) -> Any:
+                limits = CallLimits(jnp.int32(min(left, ROW_SAMPLES_PER_CALL)), jnp.asarray(passes))
+                end, ended, samples = _row_samples(
+                    scenes, interim, clock, jnp.int32(stretch.apart), limits, method, ROW_SAMPLES_PER_CALL, each
+                )
+                return end, int(ended), samples
+
+            interim, ended, block = pace.timed(call, lambda result: result[0].inside)
+            blocks.append(jax.tree.map(lambda a, n=ended: np.moveaxis(np.asarray(a)[:n], 0, 1), block))
+            done += ended
+            tick(ended * stretch.apart)
+        return interim.lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks), None
+
+    run = march_in_stretches(march, scenes, lanes, first, grid, lambda samples: samples.state.motion)
+    energies = before, np.asarray(stored_energies_of_rows(scenes, run.lanes, each))
+    return SampledRows(run.samples, run.amplitudes, host(run.lanes), energies)

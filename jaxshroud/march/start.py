@@ -1,0 +1,23 @@
+"""What happens at the instant of a start: contact begins where blocks that are apart overlap.
+
+A march crosses these events in its first trials, of length zero; here they are crossed without a march.
+"""
+
+import jax.numpy as jnp
+
+from jaxshroud.march.events import GuardEvaluation, any_of, event_kinds, first_kind, transition
+from jaxshroud.march.locate import select
+from jaxshroud.model.modes import Mode
+from jaxshroud.model.prepared import Model, State
+
+EVENTS_AT_START = 2  # an onset, and from face-to-face contact the transition to a corner
+
+
+def next_at_start(state: State, start: State, view: GuardEvaluation, model: Model) -> State:
+    """The state after the next event at the instant of a `start` apart, if its guards show one; its motion is kept."""
+    violated = {kind: view.guards.value[kind] > 0 for kind in event_kinds(view.guards.value)}
+    zero = jnp.zeros_like(view.at.v)
+    after = transition(state.motion, state, view, first_kind(violated), zero, zero, model).after
+    fires = any_of(violated.values()) & (start.mode == Mode.APART)
+    u_s, mode, case = select(fires, (after.u_s, after.mode, after.case), (state.u_s, state.mode, state.case))
+    return State(state.motion, u_s, mode, case)
