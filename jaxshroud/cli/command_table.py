@@ -51,7 +51,7 @@ COMMANDS = {
             shared_option("--out", metavar="FILE.nc"),
         ),
         arguments=("n_periods", "every", "events"),
-        unit="samples",
+        unit="steps",
         rows=True,
         module="runs",
     ),
@@ -324,7 +324,12 @@ COMMANDS = {
             Option("--of", "amplitude whose peaks are sought; by default x_peak", choices=RESPONSES, metavar="Q"),
             Option("--over", "second number and its values: a family", metavar="K=A,B,C"),
             Option("--at", "where the branch begins; by default the scene's own value", metavar="VALUE"),
-            Option("--most-points", "points of a branch in one direction, at most", count(2), 400, metavar="N"),
+            Option(
+                "--most-points",
+                "points of a branch in one direction, at most; by default it goes on until its range ends",
+                count(2),
+                metavar="N",
+            ),
             Option(
                 "--doublings",
                 "how often orbits from flips and broken waves of rings are followed; by default 0, of rows 1",

@@ -34,6 +34,7 @@ MAX_JUMP_DISTANCE = 0.1  # largest distance of the orbit beyond a jump from the 
 HALVING_KINDS, HALF_PERIOD_RESIDUAL = ("fold", "branch point", "corner"), 0.03
 DOUBLING_STEP = 1e-2  # distance from a flip at which the orbit of twice the period is sought, in units of the motion
 PLANE_DIRECTIONS = 8  # tried in a plane of eigenvectors
+USUAL_POINTS = 400  # of a branch in one direction, of those that may have more
 SAME_FLIP = 1e-3  # of the parameter's range: distance of flips that count as the two ends of one branch
 
 
@@ -190,7 +191,7 @@ def branches_from(
 ) -> list[ContinuedBranch]:
     """The branch through a point, and those that emanate from its flips and broken waves, and from theirs ..."""
     backward = first._replace(tangent=-first.tangent)
-    total = 4 * max_points * first.cycle.q  # periods: about four derivatives for each point
+    total = 4 * min(max_points, USUAL_POINTS) * first.cycle.q  # periods: about four derivatives for each point
     arcs = run_together(
         [continue_branch(problem, first, max_points), continue_branch(problem, backward, max_points)], progress, total
     )

@@ -26,14 +26,15 @@ if TYPE_CHECKING:
     from jaxshroud.results.sweep import SweepResult
 
 BRANCH_GAP = {"units": "m", "long_name": "initial gap"}
+SHORT_OF_POINTS, LOST = "most points", "lost"
 END_REASONS = {
     "start": "the range begins there",
     "stop": "the range ends there",
     "closed": "it closes upon itself",
     "flip": "it is born in a flip there",
     "localisation": "it leaves the travelling waves there, whose shift breaks",
-    "most points": "it has as many points as were asked for; give more `most_points`",
-    "lost": "no orbit is near on the other side: the map jumps there, or contact changes by grazing",
+    SHORT_OF_POINTS: "it has as many points as were asked for; give more `most_points`",
+    LOST: "no orbit is near on the other side: the map jumps there, or contact changes by grazing",
 }
 SURE_VALUE = 1e-4  # relative error above which the place of a special point is doubtful
 
@@ -165,13 +166,19 @@ class Branch(WithAmplitudes, Result):
     @property
     def messages(self) -> list[str]:
         """How each branch ended, and what to do."""
-        lines = []
+        return [line for _, line in self._end_lines()]
+
+    @property
+    def unfinished(self) -> list[str]:
+        """Where a branch ended although it may go on, and what to do."""
+        return [line for end, line in self._end_lines() if end in (SHORT_OF_POINTS, LOST)]
+
+    def _end_lines(self) -> Iterator[tuple[str, str]]:
         for b, ends in enumerate(self.ends):
             points = np.flatnonzero(self.branch == b)
             for i, end in zip((points[0], points[-1]), ends, strict=True):
                 place = f"{self.along} = {self.value[i]:.6g}"
-                lines.append(f"branch {b} (period {self.q[points[0]]}) at {place}: {END_REASONS[end]}")
-        return lines
+                yield end, f"branch {b} (period {self.q[points[0]]}) at {place}: {END_REASONS[end]}"
 
     def summary(self) -> dict[str, JSONValue]:
         """The number of points of each kind, and the special points, as `summary.json` holds them."""

@@ -163,7 +163,12 @@ class Response(Result):
     def messages(self) -> list[str]:
         """What is missing, and why."""
         reasons = str(self.data.attrs["branch_reasons"]).split("; ")
-        return [*super().messages, *(f"no branch: {reason}" for reason in reasons if reason)]
+        branches = [branch for i in range(self.data.sizes[MEMBER]) if (branch := self.branch(i)) is not None]
+        return [
+            *super().messages,
+            *(f"no branch: {reason}" for reason in reasons if reason),
+            *(line for branch in branches for line in branch.unfinished),
+        ]
 
     def summary(self) -> dict[str, JSONValue]:
         """The peaks with and without contact, the jumps and the statuses, as `summary.json` holds them."""

@@ -23,6 +23,7 @@ from jaxshroud.verbs.options import check_row, resolve_options
 from jaxshroud.verbs.peak_ratio import free_peak
 from jaxshroud.verbs.sweep import sweep
 
+MOST_POINTS = 4_000  # of a branch in one direction, if it goes on to the ends of its range
 MAX_TRIED_PLACES = 4  # at which an orbit to begin with is sought
 WAVE_SPREAD = 1e-3  # of the largest amplitude: blades of a travelling wave that has settled differ by less
 
@@ -38,7 +39,7 @@ def response(
     of: str = "x_peak",
     over: Mapping[str, ArrayLike | Sequence[float]] | None = None,
     at: float | None = None,
-    most_points: int = 400,
+    most_points: int | None = None,
     doublings: int | None = None,
     n_periods: int | None = None,
     transient: int | None = None,
@@ -63,7 +64,8 @@ def response(
         over: A second number with its values: a family of responses.
         at: The value at which the branch begins; by default where the sweep from rest has settled on an
             orbit, as near to the scene's own value as there is one; of a ring one on which all blades swing alike.
-        most_points: Largest number of points of a branch in one direction.
+        most_points: Largest number of points of a branch in one direction; by default the branch goes on until its
+            range ends, to four thousand points at most.
         doublings: How many times in succession orbits of twice the period are followed from flips, and broken waves
             of a ring from localisation; by default 0, of rows 1.
         n_periods: Drive periods kept of each value of the sweeps; by default 64.
@@ -94,6 +96,7 @@ def response(
     """
     count_argument("num", num, 2)
     count_argument("doublings", doublings or 0, 0)
+    count_argument("most_points", MOST_POINTS if most_points is None else most_points, 2)
     word_argument("of", of, RESPONSES)
     low, high = range_of(scene, along, start, stop)
     family = {} if over is None else {key: np.atleast_1d(np.asarray(values, float)) for key, values in over.items()}
@@ -108,7 +111,8 @@ def response(
     run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": resolved.as_argument}
     values = np.linspace(low, high, num)
     in_succession = int(plain.row is not None) if doublings is None else doublings
-    members = [_member(one, along, values, of, at, (most_points, in_succession), run, progress) for one in scenes]
+    sizes = (most_points or MOST_POINTS, in_succession)
+    members = [_member(one, along, values, of, at, sizes, run, progress) for one in scenes]
     attributes, _ = resolved.provenance(resolved.transient, int(members[0].sweep.steps_per_period))
     return Response.of_members(members, along, of, family, attributes)
 

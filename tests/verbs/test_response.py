@@ -103,3 +103,36 @@ def test_wrong_responses_are_refused_in_one_line():
     ):
         with pytest.raises((InputError, ValueError), match=words):
             js.response(scene, "drive.omega", **arguments)
+
+
+LIGHT = [*ONE, "blades.c_x=2", "shroud.gap=1m"]
+COARSE = {"num": 3, "n_periods": 2, "transient": 150, "method": js.RungeKutta("rk4", steps=60)}
+
+
+@pytest.mark.studies
+@pytest.mark.full
+def test_a_branch_goes_on_to_the_ends_of_its_range():
+    # A lightly damped peak is long in units of the motion where the branch begins: longer than 400 points, at which it
+    # used to end below its top. The height is the closed form's; those steps err by less than 1e-3.
+    scene = js.load("table1", LIGHT).scene
+    found = js.response(scene, "drive.omega", 900.0, 1300.0, at=900.0, **COARSE)
+    assert found.branch().ends == [("start", "stop")]
+    assert found.messages == []
+    assert len(found.branch().value) > 400
+    (peak,) = found.peaks
+    assert peak["amplitude"] == pytest.approx(float(found.free_amplitude[0]), rel=1e-3)
+    assert np.isfinite(peak["zeta"])
+    assert peak["reason"] == ""
+
+
+@pytest.mark.full
+def test_a_branch_that_may_have_more_points_says_so():
+    # Whoever asks for few points is told where they ended, and how to go on: of a response as of a branch.
+    scene = js.load("table1", LIGHT).scene
+    found = js.response(scene, "drive.omega", 900.0, 1300.0, at=900.0, most_points=5, **COARSE)
+    assert found.branch().ends == [("start", "most points")]
+    (line,) = found.messages
+    assert f"{found.branch().value[-1]:.6g}" in line
+    assert "give more `most_points`" in line
+    with pytest.raises(InputError, match="most_points"):
+        js.response(scene, "drive.omega", 900.0, 1300.0, most_points=1)
