@@ -64,6 +64,7 @@ def _gradient_rows(gradient: Gradient, with_slopes: bool) -> dict[str, Any]:
         gradient.of: with_interval(gradient.level, gradient.level_ci, unit_of(gradient.of)),
         **(slopes if with_slopes else {}),
         "flags": ", ".join(gradient.flags) or "none",
+        **({"side": gradient.side} if gradient.side else {}),
     }
     if gradient.kind != "periodic":
         return {**rows, "smoothing": f"{gradient.sigma:g} of each value"}

@@ -45,6 +45,9 @@ class Crossing:
     excited: bool | None = None  # whether the order excites the mode of a tuned ring; None: another scene
 
 
+AT_END = 1e-9  # relative distance within which a crossing is at an end of the range: units are converted to rounding
+
+
 class Campbell(Result):
     """Natural frequencies against the speed, with the lines of engine orders and their crossings.
 
@@ -116,10 +119,13 @@ def crossings_between(
     stop: float,
     row: RowSize | None = None,
 ) -> tuple[Crossing, ...]:
-    """The crossings from the speed `start` to `stop`, the slowest first; margins are those of `speed` [rad/s]."""
+    """The crossings from the speed `start` to `stop`, both included, the slowest first.
+
+    Margins are those of `speed` [rad/s].
+    """
     excited = excited_by(modes, engine_orders, row)
     crossing = crossing_speeds(np.array([mode.frequency for mode in modes]), engine_orders)
-    inside = np.argwhere((crossing >= start) & (crossing <= stop))
+    inside = np.argwhere((crossing >= start * (1 - AT_END)) & (crossing <= stop * (1 + AT_END)))
     found = (
         Crossing(
             modes[i].contact,

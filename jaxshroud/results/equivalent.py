@@ -11,6 +11,9 @@ DAMPING = "first-harmonic equivalent damping of contact along the {} of the face
 RATIO = "damping ratio that it adds to the relative motion along the {} of the faces; NaN if unknown"
 
 
+LEAST_TOLD = 0.005  # percent of the drive's work: less is not told
+
+
 class LaneNumber(Variable):
     """A number of each lane: a plain number for a single scene."""
 
@@ -24,6 +27,8 @@ class WithEquivalent:
     work_drive = LaneNumber("work of the drive in a period, on average", "J")
     loss_viscous = LaneNumber("lost in the dampers in a period, on average", "J")
     loss_friction = LaneNumber("lost in friction in a period, on average", "J")
+    work_switches = LaneNumber("given to the contact springs by case switches under load in a period, on average", "J")
+    loss_flat = LaneNumber("dropped where face-to-face contact begins in a period, on average", "J")
     k_n = LaneNumber(STIFFNESS.format("normal"), "N m-1")
     k_t = LaneNumber(STIFFNESS.format("tangent"), "N m-1")
     c_n = LaneNumber(DAMPING.format("normal"), "N s m-1")
@@ -35,11 +40,20 @@ class WithEquivalent:
 
 def sentences_of(result: Any) -> str:
     """What contact of one scene does, in words with numbers."""
-    lost = result.loss_friction + result.loss_viscous
-    if not lost > 0:
-        return "The losses are unknown." if np.isnan(lost) else "Nothing is lost."
-    share = 100 * result.loss_friction / lost
-    words = f"Of the drive's work {share:.3g} % is lost in friction, {100 - share:.3g} % in the dampers."
+    gained, dropped = (0.0 if a is None else a for a in (result.work_switches, result.loss_flat))  # None: an old file
+    work = result.loss_friction + result.loss_viscous + dropped - gained  # of the drive, where nothing is stored
+    if not work > 0:
+        return "The losses are unknown." if np.isnan(work) else "Nothing is lost."
+    share = lambda part: 100 * part / work
+    friction, viscous = share(result.loss_friction), share(result.loss_viscous)
+    told = [f"{friction:.3g} % is lost in friction", f"{viscous:.3g} % in the dampers"]
+    if abs(share(dropped)) >= LEAST_TOLD:
+        told.append(f"{share(dropped):.2g} % where face-to-face contact begins")
+    words = f"Of the drive's work {', '.join(told)}"
+    if abs(share(gained)) >= LEAST_TOLD:
+        does = "give" if gained > 0 else "take"
+        words += f"; case switches under load {does} {abs(share(gained)):.2g} %"
+    words += "."
     if result.P_d_stiffness is None:  # of a row
         return words
     if not np.isfinite(result.P_d_stiffness):

@@ -16,6 +16,7 @@ from jaxshroud.scene.quantities import unit_of
 if TYPE_CHECKING:
     from jaxshroud.motion.gradient import PowerGradient
 
+ONE_SIDED = "two peaks", "blades tie"
 GRADIENT_KINDS = ("none", "periodic", "smoothed")
 ORBIT_PREFIX = "orbit_"  # of the names of the orbit's variables and attributes
 SLOPE_NUMBERS = ("level", "level_ci", "conditioning", "sigma", "flags")
@@ -28,7 +29,8 @@ class Gradient(Result):
     orbit, "structured" where the neighbourhood is not smooth, "lanes stopped" where some of its samples stopped, "no
     width" where a number is 0 and has no relative neighbourhood, "two peaks" where an amplitude has a derivative on
     either side, "blades tie" where that of a row's worst blade has, and "failed" where there is nothing to
-    differentiate.
+    differentiate. A derivative that is one-sided is that of the side on which what counts gets worse: the amplitude
+    rises, or P_d of the worst blade falls.
     """
 
     stored_as = "gradient"
@@ -43,7 +45,7 @@ class Gradient(Result):
     sigma = Variable("relative width of the neighbourhood; 0 on an orbit", "1", alone=True)
     flags = FlagsVariable(
         "what to know before relying on the derivative",
-        (*ORBIT_FLAGS, "structured", "lanes stopped", "no width", "two peaks", "blades tie"),
+        (*ORBIT_FLAGS, "structured", "lanes stopped", "no width", *ONE_SIDED),
         "flag",
     )
     number_of_kind = Variable(
@@ -113,12 +115,21 @@ class Gradient(Result):
             raise InputError(f"Effects are of the numbers of one scene; {advice}.")
         return effects(self.value, self.ci, self._by_key(self.number))
 
+    @property
+    def side(self) -> str:
+        """Of which side one-sided derivatives of a single scene are, in words; empty where they are of both."""
+        if not set(ONE_SIDED) & set(self.flags):
+            return ""
+        return (
+            f"the slopes are one-sided, of the side on which {self.of} {'falls' if self.of == 'P_d_worst' else 'rises'}"
+        )
+
     def summary(self) -> dict[str, JSONValue]:
         """The derivatives and their orbit in plain numbers, as `gradient.json` holds them; of many scenes few."""
         if np.ndim(self.level):
             return super().summary()
         cycle = self.orbit
-        names = ("of", "kind", "value", "ci", "level", "level_ci", "sigma", "flags")
+        names = ("of", "kind", "value", "ci", "level", "level_ci", "sigma", "flags", "side")
         orbit = {
             "period_number": cycle.q,
             "residual": cycle.residual,

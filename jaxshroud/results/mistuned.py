@@ -16,6 +16,8 @@ from jaxshroud.results.sweep import DIRECTION
 QUANTILE_SHARES = (0.05, 0.5, 0.95)
 PATTERN_DIMS = ("design", "sigma", "pattern")
 LANE_DIMS = (DIRECTION, "value")
+NARROW = "whether the peak is narrower than the distance of values"
+MAX_NAMED = 5  # patterns that a message names
 
 
 class Mistuned(Result):
@@ -36,12 +38,14 @@ class Mistuned(Result):
     worst_value = Variable("where the largest amplitude is: value of `along` in SI units", None, PATTERN_DIMS)
     worst_blade = Variable("the blade that has it", None, PATTERN_DIMS)
     participation_ratio = Variable("how many of the blades take part there, of all", "1", PATTERN_DIMS)
+    narrow = Variable(NARROW, None, PATTERN_DIMS, stored=np.int8, kind=bool)
     quantile = Variable("quantile of the amplification", "1", ("design", "sigma", "share"))
     quantile_low = Variable("lower end of its 95 % interval; NaN: too few patterns", "1", ("design", "sigma", "share"))
     quantile_high = Variable("upper end of its 95 % interval; NaN: too few patterns", "1", ("design", "sigma", "share"))
     design_mistuning = Variable("relative deviation of each blade in a design", "1", ("design", "blade"))
     design_amplitude = Variable("largest amplitude without random mistuning", None, ("design", *LANE_DIMS))
     design_amplification = Variable("amplification without random mistuning", "1", ("design",))
+    design_narrow = Variable(NARROW, None, ("design",), stored=np.int8, kind=bool)
     tuned_amplitude = Variable("largest amplitude of all blades of the tuned row", None, LANE_DIMS)
     tuned_status = Variable("how the lanes of the tuned row ended", None, LANE_DIMS, stored=np.int8, more=FLAGS)
     searched_mistuning = Variable("the worst pattern that the search has found", "1", ("blade",))
@@ -59,6 +63,7 @@ class Mistuned(Result):
     left_out = Attribute(int)  # patterns of which a lane stopped
     at_end = Attribute(int)  # patterns whose largest amplitude is at an end of the range, the tuned row included
     coarse = Attribute(int)  # patterns whose peak is narrower than the distance of values, the tuned row included
+    tuned_narrow = Attribute(int)  # whether that of the tuned row is
     unsettled = Attribute(int)  # lanes that are not known to be settled, those of the tuned row included
 
     @property
@@ -93,6 +98,25 @@ class Mistuned(Result):
         return int(np.sum(self.status != Status.OK) + np.sum(self.tuned_status != Status.OK))
 
     @property
+    def coarse_patterns(self) -> list[str]:
+        """The patterns whose peak is narrower than the distance of values, by name."""
+        names = ["the tuned row"] if self.tuned_narrow else []
+        if self.design_narrow is not None and self.narrow is not None:  # else an earlier version has stored it
+            several = len(self.designs) > 1
+            names += [f"{self.designs[i]} alone" for i in np.flatnonzero(self.design_narrow)]
+            names += [
+                f"{f'{self.designs[i]}, ' * several}sigma {self.sigmas[j]:g}, pattern {k}"
+                for i, j, k in np.argwhere(self.narrow)
+            ]
+        return names
+
+    def _coarse_text(self) -> str:
+        names = self.coarse_patterns
+        named = "; ".join(names[:MAX_NAMED]) + (f"; and {len(names) - MAX_NAMED} more" * (len(names) > MAX_NAMED))
+        which = f" ({named})" if names else ""
+        return f"of {self.coarse} patterns{which} the peak is narrower than the distance of values: take more"
+
+    @property
     def messages(self) -> list[str]:
         """What to know before these numbers are used."""
         n = self.amplification.size
@@ -100,7 +124,7 @@ class Mistuned(Result):
             f"{self.left_out} of {n} patterns are left out: a lane of theirs stopped": self.left_out,
             "a lane of the tuned row stopped: amplifications are over what is left of it": np.any(self.tuned_status),
             f"of {self.at_end} patterns the largest amplitude is at an end of the range: widen it": self.at_end,
-            f"of {self.coarse} patterns the peak is narrower than the distance of values: take more": self.coarse,
+            self._coarse_text(): self.coarse,
             f"{self.unsettled} lanes are not known to be settled: take a longer transient": self.unsettled,
         }
         return [*super().messages, *(text for text, applies in said.items() if applies)]
@@ -129,7 +153,8 @@ class Mistuned(Result):
             "patterns": self.data.sizes["pattern"],
         }
         names = ("of", "linear", "seed", "left_out", "at_end", "coarse", "unsettled")
-        numbers |= {name: getattr(self, name) for name in names} | self._search_numbers()
+        numbers |= {name: getattr(self, name) for name in names} | {"coarse patterns": self.coarse_patterns}
+        numbers |= self._search_numbers()
         return json_values({**numbers, "direction": self.direction_of, "method": self.method, **self.source})
 
     def _quantiles(self, design: int, sigma: int) -> dict[str, list[float]]:

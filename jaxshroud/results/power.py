@@ -70,7 +70,12 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
 
     @property
     def mechanism(self) -> str:
-        """What contact does to the vibration of a single scene, in words with numbers."""
+        """What contact does to the vibration of a single scene, in words with numbers.
+
+        Raises:
+            ValueError: There are many scenes.
+        """
+        self._check_single("The mechanism is told of one scene")
         return sentences_of(self)
 
     def summary(self) -> dict[str, JSONValue]:
@@ -84,9 +89,13 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
         values = {name: getattr(self, name) for name, one in vars(kind).items() if isinstance(one, Variable)}
         return {name: np.asarray(value).tolist() for name, value in values.items() if value is not None}
 
-    def _picture_content(self) -> dict[str, object]:
+    def _check_single(self, what: str) -> None:
+        """Raise InputError if there are many scenes."""
         if np.ndim(self.status):
-            raise InputError("A picture shows one scene of many: choose it by `lane`.")
+            raise InputError(f"{what} of many: choose it by `lane`.")
+
+    def _picture_content(self) -> dict[str, object]:
+        self._check_single("A picture shows one scene")
         curve = {"n": self.n, "P_d": self.P_d, "P_d_ci": self.P_d_ci}
         return {"title": self.data.attrs.get("title", ""), **curve, "final": self.final}
 

@@ -286,6 +286,9 @@ def _monte_carlo(row: MistunedRow, drawn: _Drawn) -> dict[str, Any]:
         "left_out": int(np.sum(~top.whole[1 + designs :])),
         "at_end": int(np.sum(top.at_end)),
         "coarse": int(np.sum(top.coarse)),
+        "narrow": random(top.coarse),
+        "design_narrow": of_designs(top.coarse),
+        "tuned_narrow": int(top.coarse[0]),
         "unsettled": int(np.sum(~responses.settled.astype(bool))),
     }
 

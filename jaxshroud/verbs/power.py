@@ -59,7 +59,13 @@ class LaneSummary(NamedTuple):
     more: dict[str, np.ndarray]  # works, and what rows or options add; by the names of `PowerResult`
 
 
-WORKS = {"work_drive": "work", "loss_viscous": "viscous", "loss_friction": "friction"}  # variable -> of samples
+WORKS = {  # variable -> of samples
+    "work_drive": "work",
+    "loss_viscous": "viscous",
+    "loss_friction": "friction",
+    "work_switches": "switched",
+    "loss_flat": "dropped",
+}
 NOT_FINAL = ("series", "converged", "status", "more")
 
 

@@ -1,5 +1,7 @@
 """The equivalent stiffness and damping of contact, against the element's closed form and by what they give back."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -99,6 +101,33 @@ def test_losses_are_the_work_of_the_drive():
     assert found.mechanism.startswith(f"Of the drive's work {share:.3g} % is lost in friction")
     assert f"P_d = {found.P_d_stiffness:.4g} %" in found.mechanism
     assert sentences_of(found) == found.mechanism
+
+
+@pytest.mark.full
+def test_what_case_switches_give_is_told():
+    # On an orbit nothing is stored: what the drive and the switches under load give is lost, to the march's balance.
+    scene = js.load("table1", ["contact.gamma=0.3", "drive.M_0=1"]).scene
+    found = js.power(scene, n_periods=16, transient=400, method=js.RungeKutta("dopri8", steps=400))
+    assert found.final["period_number"] > 0
+    lost = found.loss_viscous + found.loss_friction + found.loss_flat
+    assert found.work_drive + found.work_switches == pytest.approx(lost, rel=1e-6)
+    # Control: without them the balance misses.
+    assert abs(found.work_drive / lost - 1) > 1e-5
+    share = 100 * abs(found.work_switches) / found.work_drive
+    assert (f"{share:.2g} %" in found.mechanism.partition("case switches under load")[2]) == (share >= 0.005)
+
+
+@pytest.mark.parametrize(
+    ("switches", "told"), [(0.0022, "give 0.22 %"), (-0.1, "take 10 %"), (4e-5, None), (0.0, None)]
+)
+def test_the_sentence_adds_up(switches, told):
+    # The parts are of the drive's work: friction and dampers lose what it gives, and what the switches give.
+    losses = {"loss_friction": 0.4 * (1 + switches), "loss_viscous": 0.6 * (1 + switches), "loss_flat": 0.0}
+    words = sentences_of(SimpleNamespace(work_switches=switches, P_d_stiffness=None, **losses))
+    shares = [100 * losses[name] for name in ("loss_friction", "loss_viscous")]
+    assert words.startswith("Of the drive's work {:.3g} % is lost in friction, {:.3g} % in the dampers".format(*shares))
+    assert ("case switches" in words) == (told is not None)
+    assert told is None or f"case switches under load {told}." in words
 
 
 def test_blades_that_do_not_touch_have_no_stiffness():

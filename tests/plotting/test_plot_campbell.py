@@ -8,7 +8,7 @@ from test_plot import drawn, texts
 
 from jaxshroud.plotting.pictures import picture
 from jaxshroud.plotting.style import BLUE, INK, ORANGE
-from jaxshroud.results.campbell import Campbell, NaturalMode
+from jaxshroud.results.campbell import Campbell, NaturalMode, crossings_between
 
 RPM = 2 * np.pi / 60  # rad/s
 
@@ -53,6 +53,16 @@ def test_dots_are_where_engine_orders_meet_natural_frequencies():
     np.testing.assert_allclose(sorted(map(tuple, dots(axes, BLUE))), sorted(expected))
     expected += [(60 * 160 / 8, 160)]  # order 4 at 2,400 rpm
     np.testing.assert_allclose(sorted(map(tuple, dots(axes, ORANGE))), sorted(expected))
+
+
+def test_a_crossing_at_an_end_of_the_range_is_told():
+    # A speed in rpm is converted to rounding: a crossing there belongs to the range, at both of its ends.
+    for frequency in np.linspace(80.0, 120.0, 200):
+        modes, end = [mode("apart", "x", "either", float(frequency))], 60 * float(frequency) / 4 * RPM
+        for start, stop in ((0.0, end), (end, 2 * end)):
+            (found,) = crossings_between(modes, [4.0], end, start, stop)
+            assert found.speed == pytest.approx(end, rel=1e-12)
+        assert not crossings_between(modes, [4.0], end, 0.0, end * (1 - 1e-6))
 
 
 def test_lines_of_engine_orders_rise_by_their_order():

@@ -214,3 +214,14 @@ def test_wrong_quantities_are_told(verb, options, words):
     if "at_least" not in options:
         with pytest.raises(ValueError, match=words):
             js.gradient(scene_at(), ["shroud.gap"], **options)
+
+
+def test_of_levels_that_tie_the_one_counts_that_rises_most():
+    # The largest of a + 2 d, a - 3 d rises by 3 on the left side of d = 0; to the right of it by 2 only.
+    found = amplitude_slopes.largest_level(
+        [(1.0, np.array([2.0, 1.0])), (1.0, np.array([-3.0, 4.0])), (0.5, np.array([9.0, 9.0]))], "tie"
+    )
+    assert found.slope.tolist() == [-3.0, 4.0]
+    assert found.flags == ("tie",)
+    alike = amplitude_slopes.largest_level([(1.0, np.array([2.0])), (1.0, np.array([2.0]))], "tie")
+    assert (alike.slope.tolist(), alike.flags) == ([2.0], ())

@@ -180,6 +180,27 @@ def test_a_search_finds_the_maximum_of_a_plane_however_slopes_are_found():
     assert np.all(np.diff(found.cost) >= 2 * 3)
 
 
+def test_patterns_with_narrow_peaks_are_named(tmp_path):
+    # Lightly damped blades over few values. Where even the largest of all blades falls below half power at both
+    # neighbours of a peak, the blade that has it does so all the more.
+    scene = js.load("row_ring12", [*ONE_MODE, "row.blades=3", "drive.engine_order=1", "blades.c_x=0.16"]).scene
+    values = np.linspace(1100.0, 1130.0, 16)
+    found = js.mistune(scene, {"drive.omega": values}, linear="apart", sigmas=[0.01], n_patterns=12, seed=3)
+    of_all = found.amplitude[0, 0, :, 0]  # (patterns, values)
+    for k, level in enumerate(of_all):
+        i = level.argmax()
+        beside = max(level[j] for j in (i - 1, i + 1) if 0 <= j < len(values))
+        assert found.narrow[0, 0, k] >= (beside < level[i] / np.sqrt(2))
+    assert 0 < found.narrow.sum() < found.narrow.size
+    names = [f"sigma 0.01, pattern {k}" for k in np.flatnonzero(found.narrow[0, 0])]
+    assert [name for name in found.coarse_patterns if "pattern" in name] == names
+    assert found.coarse == len(found.coarse_patterns)
+    (line,) = (line for line in found.messages if "narrower" in line)
+    assert found.coarse_patterns[0] in line
+    found.save(tmp_path / "mistuned.nc")
+    assert js.open(tmp_path / "mistuned.nc").messages == found.messages  # pyright: ignore[reportAttributeAccessIssue]
+
+
 def test_the_largest_amplitude_is_over_blades_values_and_directions():
     amplitude = np.ones((2, 2, 4, 3))
     amplitude[0, 1, 2, 0], amplitude[1, 0, 3, 2] = 5.0, 7.0

@@ -77,10 +77,16 @@ def test_a_mistuned_ring_has_no_reduced_map(mistuned):
 def test_blades_that_tie_are_told():
     # In a tuned ring all blades are equally bad, and a number of one of them moves each in another way.
     found = settled("blades.c_x=40")
-    single = js.gradient(found.scene, ["row.mistuning[1]"], of="P_d_worst", orbit=found)
+    each = [f"row.mistuning[{i}]" for i in range(len(found.P))]
+    single = js.gradient(found.scene, each, of="P_d_worst", orbit=found)
     assert single.flags == ("blades tie",)
+    # Blades of a ring are alike: by whichever the worst one gets worse, on its steepest side, it does so equally.
+    slopes = np.array([single.value[key] for key in each])
+    np.testing.assert_allclose(slopes, slopes[0], rtol=1e-5)
+    assert single.side == "the slopes are one-sided, of the side on which P_d_worst falls"
     alike = js.gradient(found.scene, ["shroud.gap"], of="P_d_worst", orbit=found)
     assert alike.flags == ()
+    assert alike.side == ""
     whole = js.gradient(found.scene, ["shroud.gap"], orbit=found)
     assert alike.value["shroud.gap"] == pytest.approx(whole.value["shroud.gap"], rel=1e-6)
 
