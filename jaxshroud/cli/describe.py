@@ -13,7 +13,7 @@ from jaxshroud.scene.shipped import aliases, shipped
 def check_command(options: argparse.Namespace) -> None:
     """Print the data sheet of a scene; with --out, write it, and draw its Campbell diagram."""
     from jaxshroud.cli.run_options import load_scene
-    from jaxshroud.verbs.sheet_tables import crossing_rows, lines_of, mode_rows, rows_of
+    from jaxshroud.verbs.sheet_tables import crossing_rows, left_out, lines_of, mode_rows, rows_of
 
     start, file, command = time.perf_counter(), load_scene(options), COMMANDS["check"]
     if options.out is not None:
@@ -24,6 +24,8 @@ def check_command(options: argparse.Namespace) -> None:
     print_columns("", *mode_rows(sheet))
     print_columns("", *crossing_rows(sheet))
     lines = lines_of(sheet)
+    if rest := left_out(sheet):
+        lines["not shown"] = rest
     if options.out is not None:
         _write_sheet(sheet, file, options, start)
         lines["written"] = files_written()

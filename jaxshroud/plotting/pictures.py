@@ -19,6 +19,7 @@ from jaxshroud.plotting.plot_campbell import campbell_page
 from jaxshroud.plotting.plot_diagnosis import diagnosis_page, power_page
 from jaxshroud.plotting.plot_fit import fit_page
 from jaxshroud.plotting.plot_mistuned import mistuned_page
+from jaxshroud.plotting.plot_orbit import lyapunov_page, orbit_page
 from jaxshroud.plotting.plot_row import row_page
 from jaxshroud.plotting.plot_row_branch import row_branch_page
 from jaxshroud.plotting.plot_row_motions import row_motions_page
@@ -40,6 +41,9 @@ PAGES: dict[str, Callable[..., Page]] = {
     "response": response_page,
     "power": power_page,
     "diagnosis": diagnosis_page,
+    "orbit": orbit_page,
+    "row_orbit": orbit_page,
+    "lyapunov": lyapunov_page,
     "branch": branch_page,
     "row_branch": row_branch_page,
     "attractors": attractors_page,

@@ -56,5 +56,9 @@ class DataSheet(PlainResult):
         from jaxshroud.results.campbell import Campbell
 
         attributes = {name: getattr(self, name) for name in ("speed", "drive_order", "start", "stop")}
-        row = RowSize(len(self.inertia), self.closed) if self.gaps else None
-        return Campbell.of_modes(self.modes, self.engine_orders, attributes, row)
+        return Campbell.of_modes(self.modes, self.engine_orders, attributes, self.row_size)
+
+    @property
+    def row_size(self) -> RowSize | None:
+        """The size of a row; None of a pair."""
+        return RowSize(len(self.inertia), self.closed) if self.gaps else None

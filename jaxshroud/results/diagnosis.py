@@ -29,7 +29,8 @@ NO_INTERVAL = "half width of the 95 % interval; NaN where there is none"
 class Lyapunov(Result):
     """The Lyapunov exponents per drive period, the largest first: as many as the scene has states.
 
-    Arrays start with the axes of the scenes; a single scene has none.
+    Arrays start with the axes of the scenes; a single scene has none. Panels of its picture: "exponents" and
+    "averages".
     """
 
     stored_as = "lyapunov"

@@ -62,6 +62,8 @@ class Orbit(WithAmplitudes, Result):
     outside the unit circle), "not unique" (permanent stick: the slider stays wherever it starts, with one orbit for
     each of its places; derivatives are those with the slider fixed), "ill conditioned" (`doubt` exceeds 1e-6),
     "stopped" (the march ended with a status other than OK) and "failed" (the equations could not be solved).
+
+    Panels of the picture of a single scene: "multipliers" and "magnitudes".
     """
 
     stored_as = "orbit"

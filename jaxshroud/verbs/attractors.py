@@ -163,6 +163,8 @@ def basins(
     keys = [f"initial.{name.removeprefix('initial.')}" for name in plane]
     if len(set(keys)) != 2:
         raise InputError(f"Argument `plane` must name two numbers of the initial motion, but is {', '.join(plane)}.")
+    for key in keys:
+        _check_moves(key, one_scene("basins", scene))
     single, shooting, attributes = _single_scene("basins", scene, most_periods, method)
     given_ranges = (None, None) if ranges is None else ranges
     if len(given_ranges) != 2:
@@ -176,6 +178,17 @@ def basins(
     values |= {name: np.asarray(values[name]).reshape(num, num) for name in ("label", "status")}
     coords = {dimension(key): (dimension(key), line, key_attrs(key)) for key, line in axes.items()}
     return Basins.of_values(values, tuple(map(dimension, keys)), attributes, coords)
+
+
+def _check_moves(key: str, scene: Scene) -> None:
+    """Raise InputError unless the model has the number of the initial motion."""
+    _, name, blade = key_parts(key)
+    displacement = name.removeprefix("v_")
+    sides = (0, 1) if blade is None else (blade,)
+    if not any(scene.parts.has(displacement, side) for side in sides):
+        of_blade = "" if displacement not in scene.parts.motion else f" of blade {blade}"
+        moves = ", ".join(scene.parts.motion)
+        raise InputError(f"Argument `plane`: there is no {displacement}{of_blade} in this model, which has {moves}.")
 
 
 def _plane_values(key: str, default_range: Motion, ends: tuple[float, float] | None, num: int) -> np.ndarray:

@@ -165,8 +165,11 @@ def range_of(scene: Scene | SceneFile, along: str, start: float | None, stop: fl
     """The ends of the number's range: those given, else those of the file's [sweep].
 
     Raises:
-        InputError: An end is missing, or the range is empty.
+        InputError: The number is one of the initial motion, an end is missing, or the range is empty.
     """
+    if along.startswith("initial."):
+        advice = "follow a number of the scene, or vary starts by `sweep` and `basins`"
+        raise InputError(f"{along} is where a run starts, and an orbit does not depend on it: {advice}.")
     own: Sequence[float] = ()
     if isinstance(scene, SceneFile):
         own = next((np.asarray(axis.values).tolist() for axis in scene.axes if axis.key == along), ())

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from jaxshroud.results.campbell import MOTION_NAMES, Crossing
+from jaxshroud.results.campbell import MOTION_NAMES, Crossing, NaturalMode, excited_by
 from jaxshroud.results.data_sheet import Coordinate, DataSheet
 from jaxshroud.scene.units import RPM
 
@@ -17,6 +17,8 @@ CONTACT_NAMES = {  # of natural modes
 }
 SAME_NUMBERS = 1e-9  # relative difference below which the numbers of blades are one
 SHOWN_CONTACTS = ("apart", "stuck")  # whose crossings are printed; all are in files
+# What is printed at most, so that the sheet of a row of many blades is a page.
+MOST_BLADES, MOST_MODES, MOST_CROSSINGS, MOST_DOUBTS = 6, 18, 18, 8
 
 
 def rows_of(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
@@ -35,7 +37,20 @@ def _free_blades(sheet: DataSheet, coordinate: Coordinate) -> list[tuple[int, st
     numbers = (coordinate.frequency, coordinate.zeta, coordinate.static, coordinate.amplitude, coordinate.resonant)
     if all(math.isclose(value, values[0], rel_tol=SAME_NUMBERS) for values in numbers for value in values):
         return [(0, "each blade")]
-    return [(i, f"blade {i}") for i in range(len(coordinate.frequency))]
+    if len(coordinate.frequency) <= MOST_BLADES:
+        return [(i, f"blade {i}") for i in range(len(coordinate.frequency))]
+    order = sorted(range(len(coordinate.frequency)), key=lambda i: coordinate.frequency[i])
+    return [(i, f"{which}: blade {i}") for i, which in ((order[0], "lowest"), (order[-1], "highest"))]
+
+
+def shown_modes(sheet: DataSheet) -> list[NaturalMode]:
+    """The modes that are printed: all of few; of many those that the drive's order excites, the most driven ones."""
+    if len(sheet.modes) <= MOST_MODES:
+        return list(sheet.modes)
+    excited = excited_by(sheet.modes, [sheet.drive_order], sheet.row_size)
+    known = range(len(sheet.modes)) if excited is None else [i for i, (drives,) in enumerate(excited) if drives]
+    most = sorted(known, key=lambda i: -sheet.modes[i].driven)[:MOST_MODES]
+    return [sheet.modes[i] for i in sorted(most)]
 
 
 def mode_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
@@ -51,16 +66,34 @@ def mode_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
             ", ".join(f"{100 * share:.0f}" for share in mode.energy),
             f"{100 * mode.driven:.1f}",
         ]
-        for mode in sheet.modes
+        for mode in shown_modes(sheet)
     ]
 
 
 def crossing_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
     """The head and the rows of a table of the speeds at which engine orders meet natural frequencies.
 
-    Of a tuned ring it has only those of modes that the order excites.
+    Of a tuned ring it has only those of modes that the order excites, and of many those nearest to the scene's speed.
     A mode on which contact does not work has the frequency of free blades, and shares their row.
     """
+    heads, rows = ["crossings", "contact", "engine order", "speed [rpm]", "margin [%]"], _crossings(sheet)
+    nearest = sorted(range(len(rows)), key=lambda i: abs(float(rows[i][-1])))[:MOST_CROSSINGS]
+    return heads, [rows[i] for i in sorted(nearest)]
+
+
+def left_out(sheet: DataSheet) -> str:
+    """How much of the sheet is not printed, in words; empty where all is."""
+    counts = {
+        "modes": (len(shown_modes(sheet)), len(sheet.modes)),
+        "crossings": (len(crossing_rows(sheet)[1]), len(_crossings(sheet))),
+        "doubts": (min(len(sheet.doubts), MOST_DOUBTS), len(sheet.doubts)),
+    }
+    told = [f"{total - shown} of {total} {name}" for name, (shown, total) in counts.items() if shown < total]
+    return f"{', '.join(told)}; --out DIR writes all" if told else ""
+
+
+def _crossings(sheet: DataSheet) -> list[list[str]]:
+    """The rows of all crossings, in order of speed."""
     has_stuck = any(mode.contact == "stuck" for mode in sheet.modes)
     alike: dict[tuple[str, float, str], list[Crossing]] = {}
     for crossing in sheet.crossings:
@@ -68,8 +101,7 @@ def crossing_rows(sheet: DataSheet) -> tuple[list[str], list[list[str]]]:
         if shown and crossing.excited is not False:
             motion, speed = crossing.mode.partition(",")[0], f"{crossing.speed * RPM:.5g}"
             alike.setdefault((speed, crossing.engine_order, motion), []).append(crossing)
-    heads = ["crossings", "contact", "engine order", "speed [rpm]", "margin [%]"]
-    return heads, [_crossing_row(speed, crossings) for (speed, _, _), crossings in alike.items()]
+    return [_crossing_row(speed, crossings) for (speed, _, _), crossings in alike.items()]
 
 
 def lines_of(sheet: DataSheet) -> dict[str, str]:
@@ -82,7 +114,7 @@ def lines_of(sheet: DataSheet) -> dict[str, str]:
         "inertia": f"{_texts_of(sheet.inertia)} times that of a uniform block",
         "contact": f"gamma = k / k_x = {_texts_of(sheet.gammas) if sheet.gammas else f'{sheet.gamma:.4g}'}",
         "stiffest motion": f"{sheet.omega_max / math.tau:.5g} Hz; {sheet.steps} steps a period (auto, rk4)",
-        **{f"doubtful {i}": text for i, text in enumerate(sheet.doubts, 1)},
+        **{f"doubtful {i}": text for i, text in enumerate(sheet.doubts[:MOST_DOUBTS], 1)},
     }
     return lines if sheet.doubts else {**lines, "doubtful": "nothing"}
 

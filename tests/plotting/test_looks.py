@@ -93,7 +93,12 @@ def diagnosis():
     """A diagnosis of a run in contact, with all its panels."""
     n = np.arange(1, 65)
     numbers = {"periods": 652, "period_number": 1, "status": 0, "K": 0.01, "largest_force": 102.4, "n": n}
-    exponents = {"exponents": np.full(6, -0.26), "exponents_ci": np.full(6, 0.002), "has_multipliers": True}
+    exponents = {
+        "exponents": np.full(6, -0.26),
+        "exponents_ci": np.full(6, 0.002),
+        "has_multipliers": True,
+        "slider_stuck": False,
+    }
     powers = {"P_d": 40 + 1 / n, "P_d_ci": 8 / np.sqrt(n), "P_d_settled": True, "energy_residual": 3e-6}
     times = {"time_apart": 0.563, "time_stick": 0.144, "time_slip": 0.293, "multipliers": np.exp(1j * n[:6]) / 2}
     means = {"powers": {"drive": 2.09, "viscous": 0.803, "friction": 1.29}}

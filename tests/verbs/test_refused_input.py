@@ -168,6 +168,12 @@ def test_a_reading_may_be_a_word_or_a_list():
         ("simulate table1 --set parts.contact=none --accuracy banana --out a.nc", "must be fast, balanced"),
         ("simulate table1 --set parts.contact=none --accuracy fast --tableau rk4 --out a.nc", "chooses --tableau"),
         ("explain table1 --set parts.contact=smooth --set contact.width=5um --accuracy fast", "not for smooth contact"),
+        (
+            "basins table1 --set parts.motion=['x'] --plane y[0],theta[0] --out b",
+            "there is no y in this model, which has x",
+        ),
+        ("branch table1 --along initial.x --start 0 --stop 1mm --num 0 --out b", "initial.x is where a run starts"),
+        ("response table1 --along initial.x[0] --start 0 --stop 1mm --out b", "initial.x[0] is where a run starts"),
     ],
 )
 def test_words_are_checked_on_the_command_line(line, expected, capsys, tmp_path, monkeypatch):

@@ -1,10 +1,13 @@
 """Data sheets of rows of blades: natural modes by nodal diameter, what engine orders excite, and doubts."""
 
+import json
+
 import numpy as np
 import pytest
 
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
+from jaxshroud.verbs.sheet_tables import shown_modes
 
 RING = ["row.blades=4", "contact.gamma=2.5", 'parts.motion=["x", "y"]', "drive.engine_order=1"]
 
@@ -67,3 +70,26 @@ def test_the_sheet_of_a_ring_is_written_and_drawn(sheet, tmp_path, capsys):
     assert stored.excited.shape == stored.margin.shape
     assert (tmp_path / "check.json").exists()
     assert (tmp_path / "check.png").exists()
+
+
+@pytest.mark.parametrize("mistuned", [False, True])
+def test_the_sheet_of_many_blades_is_a_page(mistuned, tmp_path, capsys):
+    # A page has some 60 lines; what is left out is counted, and in the file. What stays is what the drive excites.
+    pattern = ["row.mistuning=[" + ",".join(f"{0.001 * (i % 7 - 3)}" for i in range(60)) + "]"] * mistuned
+    sets = ["row.blades=60", 'parts.motion=["x"]', *pattern]
+    words = [word for one in sets for word in ("--set", one)]
+    assert cli.main(["check", "row_ring12", *words, "--out", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert 15 < len(out.splitlines()) <= 60
+    sheet = js.check(js.load("row_ring12", sets))
+    assert len(json.loads((tmp_path / "check.json").read_text())["modes"]) == len(sheet.modes) > 60
+    shown = shown_modes(sheet)
+    assert f"{len(sheet.modes) - len(shown)} of {len(sheet.modes)} modes" in out
+    assert "--out DIR writes all" in out
+    if mistuned:
+        assert all(f"{which}: blade" in out for which in ("lowest", "highest"))
+        left = [mode.driven for mode in sheet.modes if mode not in shown]
+        assert max(left) <= min(mode.driven for mode in shown)
+    else:
+        assert {mode.blades for mode in shown} == {"each blade", "nodal diameter 3"}
+        assert all(mode.driven < 1e-9 for mode in sheet.modes if mode not in shown)  # the order does no work on these
