@@ -103,10 +103,10 @@ def write_files(completed: CompletedCall, summary: dict[str, Any] | None = None)
         save_figure(completed.result.plot(), *pictures)
 
 
-def print_result(completed: CompletedCall, rows: Mapping[str, Any]) -> None:
+def print_result(completed: CompletedCall, rows: Mapping[str, Any], title: str = "") -> None:
     """Warn of runs that stopped early, and print a table that ends with the files written."""
     warn_status(completed.result.status, completed.result.chatter)
-    print_table(completed.title, {**rows, "written": files_written()})
+    print_table(title or completed.title, {**rows, "written": files_written()})
 
 
 def write_and_print(completed: CompletedCall) -> None:

@@ -130,16 +130,22 @@ def _save(source: Path, draw: Callable[[], Any], picture: Path) -> None:
 
 def convert_command(options: argparse.Namespace) -> None:
     """Write a stored result for other programs."""
-    from jaxshroud.io.convert import convert
+    from jaxshroud.io.convert import constants_of, constants_path, convert, holds_constants
 
     if options.source.suffix == ".json":
         raise CommandError(f"{options.source}: other programs read it as it is; give a .nc")
     data = read(options.source)
     if "version" not in data.attrs:
         raise StoreError(f"{options.source}: not a result of jaxshroud; give a .nc that it has written")
-    require_free(options.out, options.force)
+    written = [options.out]
+    if options.out.suffix == ".csv" and constants_of(data, options.rows):
+        written.append(beside := constants_path(options.out))
+        if beside.exists() and not holds_constants(beside):  # a scene, perhaps: not even --force is meant for it
+            raise CommandError(f"{beside}: exists and holds something else; choose another --out")
+    for path in written:
+        require_free(path, options.force)
     convert(data, options.out, options.rows)
-    print(options.out)
+    print(*written, sep="\n")
 
 
 def animate_command(options: argparse.Namespace) -> None:

@@ -10,6 +10,7 @@ from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection
 from jaxshroud.cli.terminal import CommandError, input_errors_at, progress_bar
 from jaxshroud.io.csv_columns import read_csv
 from jaxshroud.march.method import FAST
+from jaxshroud.march.method_names import LARGEST_FIRST
 from jaxshroud.results.base import ORIGIN
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene, without_given
@@ -30,7 +31,7 @@ def _table_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, 
     with input_errors_at(file.name):
         check_ranking(options.by, file.scene)
     with input_errors_at(str(options.designs)):
-        return {"designs": checked_designs(table.columns, file.scene, table.faults)}
+        return {"designs": checked_designs(table.columns, file.scene, table.faults, table.decimal_comma)}
 
 
 def _scenes_of_designs(call: VerbCall) -> Scene:
@@ -60,7 +61,9 @@ def _output_table(completed: CompletedCall) -> None:
         rows[line.partition(":")[0]] = line.partition(": ")[2]
     if len(result.wrong) > SHOWN_REASONS:
         rows["further wrong rows"] = len(result.wrong) - SHOWN_REASONS
-    print_result(completed, {**rows, "seconds": completed.seconds})
+    order = "largest" if result.by in LARGEST_FIRST else "smallest"
+    headline = f"{completed.title}, ranked by {result.by}, the {order} first"
+    print_result(completed, {**rows, "seconds": completed.seconds}, headline)
 
 
 table_command = Computation(

@@ -2,21 +2,24 @@
 
 import io
 import re
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from jaxshroud.io.files import write
 from jaxshroud.io.store import write_dataset
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.units import RPM
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Rows = Literal["lane", "sample"]
 LONGEST_NAME = 63  # characters, in MATLAB
+PLACES = {"blade", "interface"}  # dimensions of what has a value for each place
 
 
 def convert(data: "xr.Dataset", path: Path, rows: Rows | None = None) -> None:
@@ -40,7 +43,39 @@ def convert(data: "xr.Dataset", path: Path, rows: Rows | None = None) -> None:
 
 
 def _csv(data: "xr.Dataset", path: Path, rows: Rows | None) -> None:
-    write(path, csv_text(data, rows).encode())
+    text, constants = csv_text(data, rows).encode(), constants_of(data, rows)
+    if constants:
+        import tomli_w
+
+        write(constants_path(path), tomli_w.dumps(constants).encode())
+    write(path, text)
+
+
+def constants_path(path: Path) -> Path:
+    """The file beside a table that has what all of its rows share."""
+    return path.with_suffix(".toml")
+
+
+def holds_constants(path: Path) -> bool:
+    """Whether a file is what an earlier table had beside it."""
+    try:
+        return {"values", "units"} <= tomllib.loads(path.read_text("utf-8")).keys()
+    except (OSError, ValueError):
+        return False
+
+
+def constants_of(data: "xr.Dataset", rows: Rows | None = None) -> dict[str, Any]:
+    """What all rows of a table share, as TOML holds it: variables without a dimension of the rows, and their units.
+
+    A value for each blade or interface is a list.
+    """
+    dims = _row_dims(data, rows)
+    shared = [v for v in data.data_vars.values() if dims and set(v.dims) <= PLACES - {*dims}]
+    if not shared:
+        return {}
+    units = {str(v.name): v.attrs["units"] for v in shared if v.attrs.get("units", "1") != "1"}
+    words = {"title": data.attrs["title"]} if data.attrs.get("title") else {}
+    return {**words, "values": {str(v.name): v.to_numpy().tolist() for v in shared}, "units": units}
 
 
 def _mat(data: "xr.Dataset", path: Path, _: Rows | None) -> None:
@@ -61,14 +96,15 @@ WRITERS: dict[str, Callable[["xr.Dataset", Path, Rows | None], None]] = {".csv":
 def csv_text(data: "xr.Dataset", rows: Rows | None = None) -> str:
     """All variables with one value per row, as comma-separated text: a header with units, then a line for each row.
 
-    Coordinates come first. A variable with a value for each blade becomes two columns, `x[0]` and `x[1]`.
+    Coordinates come first. A variable with a value for each blade becomes two columns, `x[0]` and `x[1]`. What is the
+    same in all rows is left out, see `constants_of`. Speeds of rotation are in rpm.
     """
     import xarray as xr
 
-    dims = _row_dims(data, rows)
-    columns = {}
+    dims, columns = _row_dims(data, rows), {}
+    data = _with_speeds_in_rpm(data)
     for name, variable in data.data_vars.items():
-        if set(variable.dims) <= {*dims, "blade"}:
+        if set(variable.dims) <= {*dims, "blade"} and not (dims and set(variable.dims) <= PLACES - {*dims}):
             sides = range(variable.sizes["blade"]) if "blade" in variable.dims else (None,)
             for side in sides:
                 column = variable if side is None else variable.isel(blade=side)
@@ -82,6 +118,15 @@ def csv_text(data: "xr.Dataset", rows: Rows | None = None) -> str:
         column_head(str(name), None, data[name]) if name in data else name for name in frame.index.names
     ]
     return frame.to_csv()
+
+
+def _with_speeds_in_rpm(data: "xr.Dataset") -> "xr.Dataset":
+    """The result with its speeds of rotation in revolutions per minute, with the digits that a double keeps."""
+    speeds = [name for name, variable in data.variables.items() if variable.attrs.get("key") == "drive.speed"]
+    for name in speeds:
+        in_rpm = np.vectorize(lambda v: float(f"{v * RPM:.15g}"), otypes=[float])(data[name].to_numpy())
+        data = data.assign({name: (data[name].dims, in_rpm, {**data[name].attrs, "units": "rpm"})})
+    return data
 
 
 def _row_dims(data: "xr.Dataset", rows: Rows | None) -> tuple[str, ...]:

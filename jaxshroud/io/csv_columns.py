@@ -2,6 +2,7 @@
 
 import csv
 from io import StringIO
+from itertools import count, islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,15 +14,16 @@ SEPARATORS = ",;\t"
 class CsvTable(NamedTuple):
     """A CSV file: a row of heads, then rows of cells."""
 
-    columns: dict[str, list[str]]  # head -> cells
+    columns: dict[str, list[str]]  # head -> cells, byte for byte
     faults: dict[int, str]  # row, numbered from 0 -> why its cells do not fit the heads
+    decimal_comma: bool  # whether numbers may have a decimal comma: between semicolons and tabs
 
 
 def read_csv(path: Path) -> CsvTable:
     """The columns of a CSV file in UTF-8, separated by commas, semicolons or tabs.
 
-    Between semicolons and tabs a decimal comma counts as a point. Blank lines are no rows. A row with too few or too
-    many cells has a fault, and the cells that it has.
+    Blank lines are no rows. A row with too few or too many cells has a fault, and the cells that it has: what exceeds
+    the heads is in columns of its own, `surplus 1` and so on.
 
     Raises:
         InputError: The file cannot be read, is no text, or lacks a head or rows.
@@ -37,9 +39,10 @@ def read_csv(path: Path) -> CsvTable:
         raise InputError(f"{path}: has no designs; it needs a line of heads, then a line for each")
     heads, rows = _heads(path, lines), lines[1:]
     faults = {i: _fault(row, heads, separator) for i, row in enumerate(rows) if len(row) != len(heads)}
+    heads = _with_surplus(heads, max(map(len, rows)))
     padded = [[*row, *[""] * (len(heads) - len(row))] for row in rows]
-    columns = {head: [_with_point(row[j], separator) for row in padded] for j, head in enumerate(heads) if head}
-    return CsvTable(columns, faults)
+    columns = {head: [row[j] for row in padded] for j, head in enumerate(heads) if head.strip()}
+    return CsvTable(columns, faults, separator != ",")
 
 
 def _text(path: Path) -> str:
@@ -56,22 +59,22 @@ def _text(path: Path) -> str:
 
 def _heads(path: Path, lines: list[list[str]]) -> list[str]:
     """The heads; columns without one must be empty."""
-    heads = [" ".join(head.split()) for head in lines[0]]
-    for j, head in enumerate(heads):
+    heads = lines[0]
+    plain = [" ".join(head.split()) for head in heads]
+    for j, head in enumerate(plain):
         if not head and any(len(row) > j and row[j].strip() for row in lines[1:]):
             raise InputError(f"{path}: column {j + 1} has no head; name it, or remove it")
-        if head and head in heads[:j]:
+        if head and head in plain[:j]:
             raise InputError(f"{path}: two columns are called `{head}`; keep one, or rename it")
     return heads
+
+
+def _with_surplus(heads: list[str], longest: int) -> list[str]:
+    """The heads, with more of them where the longest row has more cells."""
+    names = (name for i in count(1) if (name := f"surplus {i}") not in heads)
+    return [*heads, *islice(names, longest - len(heads))] if longest > len(heads) else heads
 
 
 def _fault(row: list[str], heads: list[str], separator: str) -> str:
     comma = "; write numbers with a point" if separator == "," and len(row) > len(heads) else ""
     return f"the row has {len(row)} cell{'s' * (len(row) != 1)}, but there are {len(heads)} columns{comma}"
-
-
-def _with_point(cell: str, separator: str) -> str:
-    """The cell; between semicolons or tabs, a number with a decimal point in place of a comma."""
-    whole, comma, rest = cell.partition(",")
-    is_decimal = separator != "," and comma and whole.strip().lstrip("+-").isdecimal() and rest[:1].isdecimal()
-    return f"{whole}.{rest}" if is_decimal else cell

@@ -30,6 +30,11 @@ RESPONSE = {
 }
 UNIT_EXAMPLES = {"m": "mm", "rad": "deg"}  # of an SI unit
 CHANNELS = HISTORY | RESPONSE
+RUN_TIME = "time [s]"  # the head by which a run that `convert` has written is known
+RUN_HEADS = {RUN_TIME: "t [s]"} | {
+    f"{one.place}[{one.blade}] [{(unit := KEYS[f'initial.{one.place}'].unit)}]": f"{name} [{unit}]"
+    for name, one in HISTORY.items()
+}
 
 
 Columns = Mapping[str, np.ndarray]  # in SI units, by name
@@ -37,6 +42,8 @@ Columns = Mapping[str, np.ndarray]  # in SI units, by name
 
 def read_measurements(path: str | os.PathLike[str]) -> Measurements:
     """Measurements from a CSV file; see `measurements_from`. Lines that begin with # are comments.
+
+    Of a run that `convert` has written the times and the displacements that are not 0 throughout are read.
 
     Raises:
         InputError: The file cannot be read, or is no such table; one line names the place and the cure.
@@ -59,6 +66,8 @@ def read_measurements(path: str | os.PathLike[str]) -> Measurements:
     for n, *row in table:
         if len(row) != len(headers):
             raise InputError(f"{path}: line {n} has {len(row)} cells, but the header has {len(headers)}")
+    if RUN_TIME in headers:
+        headers, table = _history_of_run(headers, table)
     for i, header in enumerate(headers):
         name, *_ = _name_and_unit(header, str(path))
         if header in headers[:i]:
@@ -68,6 +77,13 @@ def read_measurements(path: str | os.PathLike[str]) -> Measurements:
         for header, cells in zip(headers, list(zip(*(row[1:] for row in table), strict=True)), strict=True)
     }
     return measurements_from(columns, str(path))
+
+
+def _history_of_run(headers: list[str], table: list[tuple]) -> tuple[list[str], list[tuple]]:
+    """The columns of a run that are those of a time history, with the heads that these have."""
+    moves = lambda j: headers[j] == RUN_TIME or any(row[j + 1] not in ("0", "0.0", "-0.0") for row in table)
+    kept = [j for j, head in enumerate(headers) if head in RUN_HEADS and moves(j)]
+    return [RUN_HEADS[headers[j]] for j in kept], [(row[0], *(row[j + 1] for j in kept)) for row in table]
 
 
 def _number(cell: str, line: int, header: str, path: str | os.PathLike[str]) -> float:

@@ -123,7 +123,10 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
         if path.suffix == ".nc":
             super().save(path)
         elif path.suffix == ".csv":
-            write(path, self._in_order(self._frame()).to_csv(lineterminator="\n").encode())
+            ends = (
+                "\r\n" if np.any(np.char.find(self.cells.astype(str), "\r") >= 0) else "\n"
+            )  # which quotes those cells
+            write(path, self._in_order(self._frame()).to_csv(lineterminator=ends).encode())
         else:
             raise InputError(f"{path}: must end in .csv, the ranked table, or in .nc")
 
@@ -148,7 +151,9 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
             return None
         first = int(np.argmax(self.rank == 1))
         given = dict(zip(self.heads, self.cells[first].tolist(), strict=True))
-        return {ROW: first + 1, **given, "P_d": float(self.P_d[first]), "verdict": str(self.verdict[first])}
+        names = dict.fromkeys((str(self.by), "P_d"))  # of what has a value for each blade the largest
+        numbers = {name: float(np.max(getattr(self, name)[first])) for name in names}
+        return {ROW: first + 1, **given, **numbers, "verdict": str(self.verdict[first])}
 
     @property
     def wrong(self) -> list[str]:

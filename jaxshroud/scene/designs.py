@@ -10,7 +10,7 @@ import numpy as np
 from jaxshroud.scene.checks import MAX_VALUES, SceneError
 from jaxshroud.scene.derived_inputs import check_known, same_quantity
 from jaxshroud.scene.grids import columns_of, scenes_at
-from jaxshroud.scene.keys import ALL_KEYS, Key, find_key
+from jaxshroud.scene.keys import ALL_KEYS, Key, Motion, find_key
 from jaxshroud.scene.messages import toml_text
 from jaxshroud.scene.numbers import inputs_of
 from jaxshroud.scene.overrides import check_is_no_speed
@@ -31,6 +31,7 @@ class KeyColumn(NamedTuple):
     key: str
     row: Key
     unit: str  # of cells that name none; empty: the SI unit
+    decimal_comma: bool = False  # whether numbers may have one
 
     def value(self, cell: str, engine_order: Any) -> float:
         """The number of a cell in SI units.
@@ -38,6 +39,7 @@ class KeyColumn(NamedTuple):
         Raises:
             ValueError: It is none, has another unit, or is out of its range.
         """
+        cell = with_point(cell.strip()) if self.decimal_comma else cell.strip()
         if not cell:
             raise ValueError("is empty")
         match = QUANTITY.fullmatch(cell)
@@ -51,6 +53,13 @@ class KeyColumn(NamedTuple):
         return number
 
 
+def with_point(cell: str) -> str:
+    """A cell with the decimal comma of a number as a point."""
+    whole, comma, rest = cell.partition(",")
+    is_decimal = comma and whole.strip().lstrip("+-").isdecimal() and rest[:1].isdecimal()
+    return f"{whole}.{rest}" if is_decimal else cell
+
+
 class Designs(NamedTuple):
     """The rows of a table of designs."""
 
@@ -58,7 +67,7 @@ class Designs(NamedTuple):
     values: np.ndarray  # (rows, keys) in SI units; NaN where a cell is wrong
     reasons: tuple[str, ...]  # why each row is wrong; empty: it is right
     heads: tuple[str, ...]  # of all columns
-    cells: np.ndarray  # (rows, columns), texts as they were given
+    cells: np.ndarray  # (rows, columns), texts as they were given, byte for byte
 
     @property
     def right(self) -> np.ndarray:
@@ -75,7 +84,9 @@ class Designs(NamedTuple):
         return self._replace(reasons=tuple(reason if i in wrong else old for i, old in enumerate(self.reasons)))
 
 
-def read_designs(table: object, scene: Scene, faults: Mapping[int, str] | None = None) -> Designs:
+def read_designs(
+    table: object, scene: Scene, faults: Mapping[int, str] | None = None, decimal_comma: bool = False
+) -> Designs:
     """The designs of a table, for a scene that has all other numbers.
 
     Args:
@@ -85,6 +96,7 @@ def read_designs(table: object, scene: Scene, faults: Mapping[int, str] | None =
             "22 um". Columns with other heads are carried along.
         scene: The scene.
         faults: Row, numbered from 0 -> what is wrong with it as a whole.
+        decimal_comma: Whether the numbers in texts may have a decimal comma.
 
     Raises:
         SceneError: There is no row, or columns differ in length, name no number, or name one twice.
@@ -96,7 +108,7 @@ def read_designs(table: object, scene: Scene, faults: Mapping[int, str] | None =
         raise SceneError("a table of designs needs a row for each below its heads, and columns of one length")
     if max(lengths) > MAX_VALUES:
         raise SceneError(f"a table may have at most {MAX_VALUES} rows")
-    keyed = _key_columns([*columns], scene)
+    keyed = [column._replace(decimal_comma=decimal_comma) for column in _key_columns([*columns], scene)]
     values = np.full((*lengths, len(keyed)), np.nan)
     reasons = [(faults or {}).get(i, "") for i in range(*lengths)]
     engine_order = _engine_order(scene)
@@ -105,7 +117,7 @@ def read_designs(table: object, scene: Scene, faults: Mapping[int, str] | None =
             try:
                 values[i, j] = column.value(cell, engine_order)
             except ValueError as error:
-                text = f" = {toml_text(cell)}" if cell else ""
+                text = f" = {toml_text(cell.strip())}" if cell.strip() else ""
                 reasons[i] = reasons[i] or f"{column.key}{text} {error}"
     cells = np.array([*columns.values()], dtype=str).T
     return Designs(tuple(column.key for column in keyed), values, tuple(reasons), tuple(columns), cells)
@@ -130,12 +142,17 @@ def _texts(column: Any) -> list[str]:
     cells = column if isinstance(column, list | tuple) else np.asarray(column)
     if isinstance(cells, np.ndarray) and cells.ndim != 1:
         raise SceneError(f"a column of a table needs one value for each row, but one is {short_repr(column)}")
-    return ["" if _is_missing(cell) else str(cell).strip() for cell in cells]
+    return ["" if _is_missing(cell) else str(cell) for cell in cells]
 
 
 def _is_missing(cell: Any) -> bool:
     """Whether it is None, NaN, or what pandas has in place of them."""
     return cell is None or (not isinstance(cell, str) and str(cell) in ("nan", "NaT", "<NA>"))
+
+
+def _may_be_a_key(name: str) -> bool:
+    """Whether a head is meant as a key: one with a table, or the last part of one that is no column of a run."""
+    return bool(KEY_LIKE.match(name)) or name.partition("[")[0] in LAST_PARTS - {*Motion._fields}
 
 
 def _key_columns(heads: Sequence[str], scene: Scene) -> list[KeyColumn]:
@@ -157,7 +174,7 @@ def _key_column(head: str, scene: Scene) -> KeyColumn | None:
     """The column of a key; None for one that is carried along."""
     match = HEAD.fullmatch(head.strip())
     name = match["key"] if match else head.strip()
-    if not KEY_LIKE.match(name) and name.partition("[")[0] not in LAST_PARTS:
+    if not _may_be_a_key(name):
         return None
     where = f"column {toml_text(head)}"
     row, _ = find_key(name, where, scene.row_size)

@@ -31,7 +31,9 @@ COMMON_FACTORS = {
     ("m", "um"): Decimal("1e-6"),
     ("rad", "deg"): Decimal("3.141592653589793238462643383279502884") / 180,
 }
-QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,4})?)\s*([^\d\s].{0,60})?")
+# Revolutions per minute as drawings and German name-plates write them: U/min, 1/min, min^-1.
+PER_MINUTE = re.compile(r"(?:U|(?:1\s*)?)\s*/\s*min|min\s*(?:\^\s*-\s*1|\*\*\s*-\s*1|-1|⁻¹)")
+QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,4})?)\s*((?:1\s*/|[^\d\s]).{0,60})?")
 
 
 @functools.cache
@@ -44,6 +46,8 @@ def _registry() -> Any:
 
 def _parsed_unit(text: str) -> Any:
     """The pint units named `text`; raises ValueError."""
+    if PER_MINUTE.fullmatch(text.strip()):
+        text = "rpm"
     registry = _registry()  # outside `try`: a failing import of pint is not an error of the text
     try:
         units = registry.parse_units(f"1{text}" if text.startswith("/") else text)

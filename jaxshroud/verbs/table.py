@@ -9,7 +9,7 @@ from jaxshroud.batch.runs import Progress
 from jaxshroud.io.lane_status import LaneWarning, warn_failures
 from jaxshroud.io.variable import Attribute
 from jaxshroud.march.method import Method
-from jaxshroud.march.method_names import LOADS, OF_ROWS, RANKED_BY
+from jaxshroud.march.method_names import LARGEST_FIRST, LOADS, OF_ROWS, RANKED_BY
 from jaxshroud.march.stability import lanes_that_auto_steps_follow
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.period import NOT_SETTLED, SETTLED
@@ -115,13 +115,15 @@ def check_ranking(by: str, base: Scene) -> None:
             raise InputError(f"Argument `by` = {by!r} does not know rows of blades yet.")
 
 
-def checked_designs(table: object, base: Scene, faults: dict[int, str] | None = None) -> Designs:
+def checked_designs(
+    table: object, base: Scene, faults: dict[int, str] | None = None, decimal_comma: bool = False
+) -> Designs:
     """The designs of a table, those that cannot be marched marked.
 
     Raises:
         SceneError: See `read_designs`; or no row is right.
     """
-    designs = read_designs(table, base, faults)
+    designs = read_designs(table, base, faults, decimal_comma)
     appended = {name for name, variable in DesignTable.variables.items() if not isinstance(variable, Attribute)}
     for head in designs.heads:
         if head.partition("[")[0].strip() in {ROW, *appended}:
@@ -179,7 +181,7 @@ def _verdict_words(swept: SweepResult) -> list[str]:
 
 def _ranks(values: Any, by: str, ok: np.ndarray) -> np.ndarray:
     """The rank of each row, from 1: equal numbers share the best one; 0 where there is no number."""
-    scores = -values if by in ("P_d", *OF_ROWS) else values.max(axis=-1) if values.ndim > 1 else values
+    scores = -values if by in LARGEST_FIRST else values.max(axis=-1) if values.ndim > 1 else values
     counted = ok & np.isfinite(scores)
     order = np.sort(scores[counted])
     return np.where(counted, np.searchsorted(order, scores, side="left") + 1, 0)

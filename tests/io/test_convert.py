@@ -3,15 +3,21 @@
 import csv
 import subprocess
 import sys
+import tomllib
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from scipy.io import loadmat
 
+import jaxshroud as js
 from jaxshroud.cli import commands as cli
 from jaxshroud.io.convert import convert
+from jaxshroud.io.csv_columns import read_csv
+from jaxshroud.io.measurements import read_measurements
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.designs import read_designs
 
 
 @pytest.fixture
@@ -59,6 +65,63 @@ def test_one_run_has_a_row_for_each_sample(lanes, tmp_path):
     assert len(read(tmp_path / "a.csv")[1]) == 4
     with pytest.raises(InputError, match="a single lane"):
         convert(one, tmp_path / "a.csv", "lane")
+
+
+@pytest.fixture(scope="module")
+def run_csv(tmp_path_factory):
+    """A short run as CSV, by the commands."""
+    folder = tmp_path_factory.mktemp("run")
+    words = ["--set", 'parts.motion=["x"]', "--steps-per-period", "100", "--periods", "2"]
+    assert cli.main(["simulate", "table1", *words, "--out", str(folder / "run.nc")]) == 0
+    assert cli.main(["convert", str(folder / "run.nc"), "--out", str(folder / "run.csv")]) == 0
+    return folder / "run.csv"
+
+
+def test_what_a_run_has_once_is_beside_its_table(run_csv, capsys):
+    run = js.Trajectory.load(run_csv.with_suffix(".nc"))
+    shared = tomllib.loads(run_csv.with_suffix(".toml").read_text("utf-8"))
+    assert shared["values"]["x_rms"] == run.x_rms.tolist()
+    assert shared["units"]["x_rms"] == "m"
+    frame = pd.read_csv(run_csv)
+    assert len(frame) == len(run.t)
+    assert frame["time [s]"].tolist() == run.t.tolist()
+    assert frame["x[1] [m]"].tolist() == run.motion.x[:, 1].tolist()
+    assert not [head for head in frame if head.startswith(("x_", "y_", "theta_"))]
+    words = ["convert", str(run_csv.with_suffix(".nc")), "--out", str(run_csv.with_name("again.csv"))]
+    beside = run_csv.with_name("again.toml")
+    beside.write_text("[shroud]\ngap = 1e-5\n")  # a scene of that name is lost by no option
+    for more in ([], ["--force"]):
+        assert cli.main([*words, *more]) == 2
+        assert "again.toml: exists and holds something else" in capsys.readouterr().err
+    beside.write_bytes(run_csv.with_suffix(".toml").read_bytes())
+    assert cli.main(words) == 2
+    assert "again.toml: exists and is kept" in capsys.readouterr().err
+    assert not run_csv.with_name("again.csv").exists()
+    assert cli.main([*words, "--force"]) == 0
+
+
+def test_a_run_is_read_as_measurements_and_as_a_table(run_csv):
+    read = read_measurements(run_csv)
+    run = js.Trajectory.load(run_csv.with_suffix(".nc"))
+    assert read.names == ("x_left", "x_right")  # the model has no y and no rotation
+    np.testing.assert_array_equal(read.values, run.motion.x)
+    np.testing.assert_array_equal(read.at, run.t)
+    table = read_csv(run_csv)
+    assert not table.faults
+    columns = {**table.columns, "shroud.gap [mm]": ["0.02"] * len(run.t)}
+    designs = read_designs(columns, js.load("table1").scene)
+    assert designs.keys == ("shroud.gap",)  # the columns of a run are carried along
+    assert designs.heads[:2] == ("time [s]", "x[0] [m]")
+
+
+def test_speeds_are_written_in_revolutions_per_minute(tmp_path):
+    speeds = np.array([1200.0, 1300.0, 1450.1])
+    axis = ("speed", speeds * np.pi / 30, {"units": "rad s-1", "key": "drive.speed"})
+    swept = xr.Dataset({"P_d": ("speed", [1.0, 2.0, 3.0]), "status": ("speed", [0, 0, 0])}, {"speed": axis})
+    convert(swept, tmp_path / "a.csv")
+    head, lines = read(tmp_path / "a.csv")
+    assert head[0] == "speed [rpm]"
+    assert [line[0] for line in lines] == ["1200.0", "1300.0", "1450.1"]
 
 
 def test_matlab(lanes, tmp_path):

@@ -1,5 +1,7 @@
 """Tables of designs: rows are the runs of their scenes, wrong rows are marked, wrong tables refused in one line."""
 
+import csv
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,6 +11,8 @@ import jaxshroud as js
 from jaxshroud.cli import commands as cli
 from jaxshroud.cli import table as command
 from jaxshroud.io.csv_columns import read_csv
+from jaxshroud.results.table import DesignTable
+from jaxshroud.scene.designs import read_designs
 from jaxshroud.verbs.table import checked_designs
 
 SMALL = ['parts.motion=["x"]', "run.periods=4", "run.transient=4", "run.steps_per_period=100"]
@@ -86,6 +90,13 @@ def test_what_frames_have_in_place_of_a_number_is_an_empty_cell(scene):
     assert designs.reasons == ("", "friction.mu is empty", "shroud.gap is empty")
 
 
+def test_the_best_row_has_what_the_table_is_ranked_by(found):
+    by_peak = DesignTable(found.data.assign_attrs(by="x_peak"))
+    best = by_peak.summary()["best"]
+    assert best["x_peak"] == found.x_peak[best["row"] - 1].max()
+    assert "P_d" in best
+
+
 def test_a_table_is_the_same_after_a_round_through_files(found, tmp_path):
     found.save(tmp_path / "t.nc")
     stored = js.open(tmp_path / "t.nc")
@@ -102,9 +113,43 @@ def test_a_table_of_excel_in_german_is_read(tmp_path, scene):
     path = tmp_path / "d.csv"
     path.write_bytes('Name;shroud.gap [mm];friction.mu\r\nBüchse;0,022;0,3\r\n"a;b";4e-2;0,5\r\n'.encode("utf-8-sig"))
     table = read_csv(path)
-    designs = checked_designs(table.columns, scene, table.faults)
+    designs = checked_designs(table.columns, scene, table.faults, table.decimal_comma)
     assert designs.values.tolist() == [[2.2e-5, 0.3], [4e-5, 0.5]]
     assert designs.cells[:, 0].tolist() == ["Büchse", "a;b"]
+
+
+HOSTILE = ["3,4", " a ", "\t", "007", "1,50 €", 'say "a;b"', "two\nlines", "a\rb", "ß\u00a0", "'"]
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_cells_come_back_byte_for_byte(separator, scene, tmp_path):
+    # Cells of columns that are no keys, and of rows that are longer than the heads; a comma is no point there.
+    rows = [[note, "0.3" if separator == "," else "0,3"] for note in HOSTILE]
+    rows[1] += [" more ", "4,5"]
+    with (tmp_path / "d.csv").open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, delimiter=separator).writerows([["the  note", "friction.mu"], *rows])
+    table = read_csv(tmp_path / "d.csv")
+    designs = checked_designs(table.columns, scene, table.faults, table.decimal_comma)
+    assert designs.values[[0, *range(2, len(rows))], 0].tolist() == [0.3] * (len(rows) - 1)
+    assert designs.reasons[1].startswith("the row has 4 cells")
+    values = {"cells": designs.cells, "rank": np.arange(len(rows)) + 1, "status": np.zeros(len(rows), int)}
+    coords = {"row": np.arange(len(rows)) + 1, "column": list(designs.heads)}
+    DesignTable.from_values({**values, "by": "P_d"}, lanes=("row",), coords=coords).save(tmp_path / "r.csv")
+    with (tmp_path / "r.csv").open(newline="", encoding="utf-8") as file:
+        head, *written = csv.reader(file)
+    at = {name: head.index(name) for name in ("the  note", "friction.mu", "surplus 1", "surplus 2")}
+    given = [[*row, *[""] * (4 - len(row))] for row in rows]
+    assert [[line[j] for j in at.values()] for line in written] == given
+
+
+@pytest.mark.parametrize("unit", ["rpm", "U/min", "1/min", "1 / min", "/min", "min^-1", "min⁻¹"])
+def test_revolutions_per_minute_are_speeds(unit):
+    base = js.load("engine_order").scene
+    by_head, by_cell = {f"drive.speed [{unit}]": ["1300"]}, {"drive.speed": [f"1300 {unit}"]}
+    for table in (by_head, by_cell):
+        assert read_designs(table, base).values[0, 0] == pytest.approx(1300 * np.pi / 30, rel=1e-15)
+    with pytest.raises(js.InputError, match=r"drive\.speed"):  # a speed of rotation is no circular frequency
+        js.load("engine_order", [f'drive.omega="1300 {unit}"'])
 
 
 def test_the_command_writes_a_ranked_table_and_keeps_cells_as_they_were(tmp_path, monkeypatch, capsys):
@@ -113,7 +158,9 @@ def test_the_command_writes_a_ranked_table_and_keeps_cells_as_they_were(tmp_path
     words = ["--scene", "engine_order", "--set", 'parts.motion=["x"]', "--periods", "4", "--transient", "4"]
     monkeypatch.setattr(command, "LONG_TABLE_STEPS", 0)
     assert cli.main(["table", "d.csv", *words, "--steps-per-period", "100", "--out", "r.csv"]) == 0, capsys.readouterr()
-    assert "2 lanes: some" in capsys.readouterr().err
+    printed = capsys.readouterr()
+    assert "2 lanes: some" in printed.err
+    assert "ranked by P_d, the largest first" in printed.out
     read = pd.read_csv("r.csv", dtype=str)
     assert sorted(read["part no"]) == ["007", "008", "009"]
     assert sorted(read["friction.mu"]) == ["0.2", "0.20", "0.30"]
