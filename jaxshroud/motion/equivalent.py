@@ -7,7 +7,8 @@ The contact forces are not sampled. Their first harmonic follows from that of th
 at each coordinate of each block. Along the normal n = (sin alpha, -cos alpha) of the faces at rest and along their
 tangent t = (cos alpha, sin alpha), the relative displacement of the blocks' centres d = q_1 - q_2 gives the dynamic
 stiffness K = -R d^-1 = k_eq + i omega c_eq, of which the sign is that of a spring and a damper between the blades. What
-the blocks' rotation moves at the faces is left out of d, and is thus seen as a part of K.
+the blocks' rotation moves at the faces is left out of d, and is thus seen as a part of K. Along a direction in which d
+does not move K is undefined, as it is where the faces never touch.
 """
 
 from typing import NamedTuple
@@ -25,6 +26,7 @@ from jaxshroud.scene.scene import Scene
 
 HARMONIC_PERIODS = 16  # over which the first harmonic of an aperiodic motion is taken
 NEGLIGIBLE_FORCE = 1e-6  # of contact, over that of the drive: the error of samples
+NEGLIGIBLE_MOTION = 1e-6  # along one direction of the faces, over that along the other: likewise
 
 PerCoordinate = Float[np.ndarray, "2 3"]  # blades; x, y and theta
 Harmonic = Complex[np.ndarray, "2 3"]
@@ -48,8 +50,9 @@ class LinearBlades(NamedTuple):
 
 
 class Equivalent(NamedTuple):
-    """The equivalents of contact along the normal and the tangent of the faces."""
+    """The equivalents of contact along the normal and the tangent of the faces; NaN where they are undefined."""
 
+    touches: bool  # the faces touch at some time
     stiffness: Float[np.ndarray, "2"]  # [N/m]
     damping: Float[np.ndarray, "2"]  # [N s/m]
     ratio: Float[np.ndarray, "2"]  # damping ratio of the relative motion; see `relative_damping_ratio`
@@ -60,7 +63,8 @@ def equivalent_values(
 ) -> dict[str, np.ndarray]:
     """The values of `WithEquivalent` by their names, (lanes,) each, of motions over their next periods.
 
-    NaN where the blades do not move along both x and y, or contact has no forces of its own.
+    NaN where the blades do not move along both x and y, where the faces never touch, and along a direction of the faces
+    in which nothing moves.
 
     Args:
         scenes: The scenes (leading axis).
@@ -70,7 +74,7 @@ def equivalent_values(
         steps: Steps in a period.
         method: The options of the march.
     """
-    names = ("k_n", "k_t", "c_n", "c_t", "zeta_n", "zeta_t", "P_d_stiffness")
+    names = ("k_n", "k_t", "c_n", "c_t", "zeta_n", "zeta_t", "P_d_stiffness", "touches")
     found = np.full((len(number), len(names)), np.nan)
     if scenes.parts.contact != "none" and "y" in scenes.parts.motion:
         periods = np.where(number > 0, number, HARMONIC_PERIODS)
@@ -80,7 +84,7 @@ def equivalent_values(
             blades = linear_blades(scenes, i)
             contact = equivalent_contact(blades, rows[i, : 1 + n * steps], steps)
             P_d = reduction_with_stiffness(blades, contact.stiffness, float(P_0[i]))
-            found[i] = *contact.stiffness, *contact.damping, *contact.ratio, P_d
+            found[i] = *contact.stiffness, *contact.damping, *contact.ratio, P_d, contact.touches
     return dict(zip(names, found.T, strict=True))
 
 
@@ -104,11 +108,11 @@ def linear_blades(scenes: Scene, i: int) -> LinearBlades:
 
 
 class HarmonicMotion(NamedTuple):
-    """The complex amplitudes of displacements, rates and accelerations: (2, 3) each."""
+    """The complex amplitudes, or the means, of displacements, rates and accelerations: (2, 3) each."""
 
-    q: Harmonic
-    rate: Harmonic
-    acceleration: Harmonic
+    q: Harmonic | PerCoordinate
+    rate: Harmonic | PerCoordinate
+    acceleration: Harmonic | PerCoordinate
 
 
 def first_harmonics(rows: np.ndarray, steps: int, omega: float) -> HarmonicMotion:
@@ -126,17 +130,42 @@ def first_harmonics(rows: np.ndarray, steps: int, omega: float) -> HarmonicMotio
     return HarmonicMotion(displacement, rate, gained(v) + 1j * omega * rate)
 
 
+def mean_motion(rows: np.ndarray, steps: int, omega: float) -> HarmonicMotion:
+    """The means over the same periods of displacements, rates and accelerations."""
+    q, v = (np.moveaxis(a.reshape(-1, 3, 2), 1, 2) for a in (rows[:, :6], rows[:, 6:]))
+    interval = 2 * np.pi / omega / steps
+    gained = lambda a: (a[-1] - a[0]) / (interval * (len(rows) - 1))
+    mean = cubic_mean(q[None], v[None], np.full((1, 1, 1, 1), interval))[0]
+    return HarmonicMotion(mean, gained(q), gained(v))
+
+
 def equivalent_contact(blades: LinearBlades, rows: np.ndarray, steps: int) -> Equivalent:
     """The equivalents of the contact of a motion (1 + periods steps, 12)."""
-    q, rate, acceleration = first_harmonics(rows, steps, blades.omega)
-    load = blades.m * acceleration + blades.c * rate + blades.k * q - blades.drive
-    on_left = (load[0] - load[1])[:2] / 2 if blades.moves[1, 0] else load[0, :2]
-    if np.abs(on_left).max() <= NEGLIGIBLE_FORCE * np.abs(blades.drive).max():
-        on_left = np.zeros_like(on_left)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        K = -(blades.axes @ on_left) / (blades.axes @ (q[0] - q[1])[:2])
+    motion, mean = first_harmonics(rows, steps, blades.omega), mean_motion(rows, steps, blades.omega)
+    on_left, pressing = _contact_force(blades, motion, blades.drive), _contact_force(blades, mean)
+    oscillates, presses = (
+        np.abs(force).max() > NEGLIGIBLE_FORCE * np.abs(blades.drive).max() for force in (on_left, pressing)
+    )
+    K = np.full(2, complex(np.nan, np.nan))
+    if oscillates or presses:
+        along = _relative_motion(blades, motion.q)
+        force = -(blades.axes @ on_left) if oscillates else np.zeros(2)
+        np.divide(force, along, out=K, where=np.isfinite(along))
     damping = K.imag / blades.omega
-    return Equivalent(K.real, damping, relative_damping_ratio(blades, K.real, damping))
+    return Equivalent(bool(oscillates or presses), K.real, damping, relative_damping_ratio(blades, K.real, damping))
+
+
+def _contact_force(blades: LinearBlades, motion: HarmonicMotion, drive: Harmonic | float = 0.0) -> np.ndarray:
+    """The force of contact on the left block along x and y, from Eq. (1)."""
+    load = blades.m * motion.acceleration + blades.c * motion.rate + blades.k * motion.q - drive
+    return (load[0] - load[1])[:2] / 2 if blades.moves[1, 0] else load[0, :2]
+
+
+def _relative_motion(blades: LinearBlades, q: Harmonic) -> np.ndarray:
+    """The relative displacement of the blocks along the normal and the tangent; NaN along which nothing moves."""
+    along = blades.axes @ (q[0] - q[1])[:2]
+    reach = max(np.abs(along).max(), NEGLIGIBLE_MOTION * np.abs(q).max())
+    return np.where(np.abs(along) > NEGLIGIBLE_MOTION * reach, along, np.nan)
 
 
 def relative_damping_ratio(blades: LinearBlades, stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
@@ -159,6 +188,8 @@ def reduction_with_stiffness(blades: LinearBlades, stiffness: np.ndarray, P_0: f
         stiffness: Along the normal and the tangent [N/m]; complex, with dampers i omega c.
         P_0: The mean square displacement of the left block without contact [m^2].
     """
+    if np.isinf(P_0):
+        return 100.0
     apart = mean_square_of(free_displacements(blades))
     joined = mean_square_of(joined_displacements(blades, stiffness))
     return float(power_reduction(np.float64(P_0 - apart + joined), np.float64(P_0)))
@@ -175,12 +206,16 @@ def free_displacements(blades: LinearBlades) -> Complex[np.ndarray, "2 2"]:
 
 
 def joined_displacements(blades: LinearBlades, stiffness: np.ndarray) -> Complex[np.ndarray, "2 2"]:
-    """The complex amplitudes of x and y of both blades with springs (normal, tangent) between them."""
-    K = blades.axes.T @ np.diag(stiffness) @ blades.axes
+    """The complex amplitudes of x and y of both blades with springs (normal, tangent) between them.
+
+    An undefined spring, NaN, is left out; without any there is no motion to tell.
+    """
+    known = np.isfinite(stiffness)
+    K = blades.axes.T @ np.diag(np.where(known, stiffness, 0.0)) @ blades.axes
     Z = np.diag(blades.dynamic_stiffness[:, :2].ravel()) + np.kron(np.array([[1, -1], [-1, 1]]), K)
     moves = blades.moves[:, :2].ravel()
     q = np.zeros(4, complex)
-    if np.all(np.isfinite(stiffness)):
+    if known.any():
         q[moves] = np.linalg.solve(Z[np.ix_(moves, moves)], blades.drive[:, :2].ravel()[moves])
     else:
         q[:] = np.nan

@@ -35,7 +35,11 @@ class WithEquivalent:
     c_t = LaneNumber(DAMPING.format("tangent"), "N s m-1")
     zeta_n = LaneNumber(RATIO.format("normal"), "1")
     zeta_t = LaneNumber(RATIO.format("tangent"), "1")
+    touches = LaneNumber("whether the faces touch: 1, or 0 where they never do; NaN if unknown", "1")
     P_d_stiffness = LaneNumber("P_d of the linear blades with the equivalent stiffness alone", "percent")
+
+
+RESONANCE = "Undamped at resonance, the blade alone would move without end: P_d is 100 % of any motion."
 
 
 def sentences_of(result: Any) -> str:
@@ -56,11 +60,15 @@ def sentences_of(result: Any) -> str:
     words += "."
     if result.P_d_stiffness is None:  # of a row
         return words
+    if np.isinf(result.final_P_0[0]):
+        words = f"{RESONANCE} {words}"
     if not np.isfinite(result.P_d_stiffness):
         return f"{words} No equivalent of contact: {_unknown_because(result)}."
-    along = [_direction(name, getattr(result, f"k_{a}"), getattr(result, f"zeta_{a}")) for name, a in DIRECTIONS]
+    numbers = {name: (getattr(result, f"k_{a}"), getattr(result, f"zeta_{a}")) for name, a in DIRECTIONS}
+    along = [_direction(name, *values) for name, values in numbers.items() if np.isfinite(values[0])]
+    still = [f"; what vibrates does not move along the {name}" for name, (k, _) in numbers.items() if np.isnan(k)]
     alone = f"that stiffness alone would give P_d = {result.P_d_stiffness:.4g} %"
-    return f"{words} In the first harmonic contact acts as {' and '.join(along)}; {alone}."
+    return f"{words} In the first harmonic contact acts as {' and '.join(along)}{''.join(still)}; {alone}."
 
 
 DIRECTIONS = (("normal", "n"), ("tangent", "t"))
@@ -75,4 +83,8 @@ def _unknown_because(result: Any) -> str:
     """Why the first harmonic gives no equivalent."""
     if not result.final["settling"]:
         return "the motion has not settled; give a longer transient"
+    if result.touches == 0:
+        return "the faces never touch"
+    if result.touches == 1:
+        return "the blocks do not move against each other"
     return "it takes contact, and blades that move along x and y"
