@@ -21,6 +21,7 @@ from jaxshroud.batch.sampling import (
     current_states,
     event_fired,
     interleaved_sides,
+    no_events,
     sampled_state,
     with_slider_updated,
 )
@@ -64,7 +65,8 @@ def march_with_dense_output(
     width = len(lanes.status)
     left, done, written = np.full(width, stretch.length, np.int32), np.zeros((width, 1), int), np.zeros(width, int)
     empty = lambda a: np.zeros((width, count, *a.shape[1:]), a.dtype)
-    samples, event_states = jax.tree.map(empty, current_states(scenes, lanes)), []
+    first = current_states(scenes, lanes)
+    samples, event_states = jax.tree.map(empty, first), [no_events(first)]
     while np.any((left > 0) & (np.asarray(lanes.status) == Status.OK)):
         (lanes, remaining), trials = _dense_trials(scenes, lanes, clock, left, method, best_mapping())
         ends = done + np.cumsum(np.asarray(trials.whole), axis=1)  # steps of the stretch done after each trial
@@ -80,7 +82,7 @@ def march_with_dense_output(
     for lane, first in enumerate(written):
         _write_samples(samples, lane, slice(first, count), stopped)
     tick(stretch.length - int(done.min()))
-    return SampledMarch(lanes, samples, concatenated_events(event_states) if event_states else None)
+    return SampledMarch(lanes, samples, concatenated_events(event_states) if grid.events else None)
 
 
 def _write_samples(samples: State, lane: int, at: slice, states: State) -> None:

@@ -106,12 +106,19 @@ def sampled_contact_forces(scenes: Scene, states: State, turns: np.ndarray) -> C
         turns: The drive phase at each sample [turns], (samples,).
     """
     count, blocks = len(turns), []
-    for begin in range(0, count, SAMPLES_PER_CALL):
-        at = np.minimum(np.arange(begin, begin + SAMPLES_PER_CALL), count - 1)
-        block = jax.tree.map(lambda a, at=at: np.asarray(a)[:, at], states)
-        phase = np.asarray(turns[at] % 1, states.u_s.dtype)
+    for begin in range(0, max(count, 1), SAMPLES_PER_CALL):  # without samples too: the program knows what is absent
+        block = jax.tree.map(lambda a, begin=begin: _block_from(a, begin, axis=1), states)
+        phase = np.asarray(_block_from(turns, begin, axis=0) % 1, states.u_s.dtype)
         blocks.append(jax.tree.map(np.asarray, _forces_of_block(scenes, block, phase)))
     return jax.tree.map(lambda *a: np.concatenate(a, axis=1)[:, :count], *blocks)
+
+
+def _block_from(a: np.ndarray, begin: int, axis: int) -> np.ndarray:
+    """`SAMPLES_PER_CALL` samples along an axis, the first of them at `begin`; zeros where there are no more."""
+    block = np.asarray(a).take(range(begin, min(begin + SAMPLES_PER_CALL, a.shape[axis])), axis)
+    missing = [(0, 0)] * a.ndim
+    missing[axis] = (0, SAMPLES_PER_CALL - block.shape[axis])
+    return np.pad(block, missing)
 
 
 @kept()

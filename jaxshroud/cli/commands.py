@@ -15,6 +15,7 @@ from importlib import import_module
 
 import jaxshroud
 from jaxshroud.cli.command_table import COMMANDS
+from jaxshroud.cli.drawing import failed_pictures
 from jaxshroud.cli.parser import join_negative_values, parser
 from jaxshroud.cli.terminal import interruptible, is_numerical_failure, one_line
 from jaxshroud.io import files
@@ -30,6 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     files.written_files.clear()
     _printed_interruption.clear()
+    failed_pictures.clear()
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns where it cannot keep a cache of its own
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by the shell
@@ -60,7 +62,9 @@ def _run(words: Sequence[str], at_end: ExitStack) -> int:
             return 130
         except Exception as error:
             return _exit_status(error)
-    return 0
+    for line in failed_pictures:
+        print(line, file=sys.stderr)
+    return 1 if failed_pictures else 0
 
 
 def _load_ahead(options: Namespace, at_end: ExitStack) -> bool:

@@ -12,6 +12,7 @@ from jaxshroud.batch.runs import Progress
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.cli.background_import import DATASETS, PDF_PICTURES, PICTURES, STATISTICS, import_in_background
 from jaxshroud.cli.command_table import COMMANDS
+from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march
 from jaxshroud.cli.terminal import (
     files_written,
@@ -98,9 +99,7 @@ def write_files(completed: CompletedCall, summary: dict[str, Any] | None = None)
         else:
             pictures.append(path)
     if pictures:
-        from jaxshroud.plotting.style import save_figure
-
-        save_figure(completed.result.plot(), *pictures)
+        draw(completed.result.plot, *pictures)
 
 
 def print_result(completed: CompletedCall, rows: Mapping[str, Any], title: str = "") -> None:

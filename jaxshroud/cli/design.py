@@ -11,6 +11,7 @@ import jaxshroud
 from jaxshroud.batch.runs import Progress
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, write_files
+from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.run_options import bounds, limits, load_scene, operating_conditions, scatters
 from jaxshroud.cli.terminal import (
     CommandError,
@@ -22,6 +23,7 @@ from jaxshroud.cli.terminal import (
 from jaxshroud.io.files import write
 from jaxshroud.io.store import write_json
 from jaxshroud.motion.effects import between
+from jaxshroud.motion.levels import check_vibration
 from jaxshroud.results.scatter import SHARES, Report, Scatter
 from jaxshroud.results.tuned import Tuned
 from jaxshroud.scene.file import SceneFile
@@ -30,7 +32,7 @@ from jaxshroud.scene.quantities import is_reduction, unit_of
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
 from jaxshroud.verbs.ascent import SearchOptions
-from jaxshroud.verbs.design_problem import design_corners, problem_of
+from jaxshroud.verbs.design_problem import check_comparable, design_corners, problem_of
 from jaxshroud.verbs.report_request import report_request, varied_by
 from jaxshroud.verbs.report_sections import MM_PER_M, Limits
 from jaxshroud.verbs.robust import robustness_request
@@ -59,6 +61,7 @@ def _tuning_corners(call: VerbCall) -> Scene:
     scattering = scattering_of(arguments["scatters"], options.draws, options.seed, file.row_size)
     robustness_request(scattering is not None, options.loss, options.at_least, options.check_draws, options.motions)
     problem = problem_of(file.scene, arguments["over"], arguments["conditions"], scattering, options.of)
+    check_comparable(problem)
     check_size(problem.runs * _map_side(options) ** 2, file.run.transient, file.run.periods)
     return design_corners(problem)
 
@@ -72,16 +75,15 @@ def _map_side(options: argparse.Namespace) -> int:
 
 def _output_tuning(completed: CompletedCall) -> None:
     from jaxshroud.plotting.pictures import picture
-    from jaxshroud.plotting.style import save_figure
 
     tuned: Tuned = completed.result
     dataset_path, summary_path, picture_path, design_path = completed.paths
     tuned.save(dataset_path)
     summary = tuned.summary(_objective_map(tuned, _map_side(completed.options)))
     write_json(summary, summary_path)
-    save_figure(picture("tuned", summary), picture_path)
     best = load_scene(completed.options, _overrides_of(tuned))
     write(design_path, best.text().encode())
+    draw(lambda: picture("tuned", summary), picture_path)
     print_table(completed.title, {**_tuning_rows(tuned), "written": files_written()})
 
 
@@ -178,6 +180,8 @@ def _scatter_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str
 def _scatter_corners(call: VerbCall) -> Scene:
     """The scenes at the ends of the scatter."""
     scene = call.file.scene
+    if is_reduction(call.options.of) and not call.options.over:
+        check_vibration(call.options.of, scene)
     return design_corners(problem_of(scene, scatter_bounds(scene, call.arguments["scatters"]), {}))
 
 
@@ -239,6 +243,7 @@ def _scenes_of_report(call: VerbCall) -> Scene:
     _, scatter, conditions = report_request(
         scene, stated, arguments["scatters"], arguments["conditions"], arguments["tuned"], arguments["of"]
     )
+    check_vibration(call.options.of or "P_d", varied_by(scene, {}, conditions))
     return varied_by(scene, scatter, conditions)
 
 

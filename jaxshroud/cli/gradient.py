@@ -6,6 +6,7 @@ from typing import Any, cast
 
 from jaxshroud.batch.runs import Progress
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_verb
+from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.terminal import (
     CommandError,
     files_written,
@@ -18,10 +19,11 @@ from jaxshroud.cli.terminal import (
 from jaxshroud.io.store import write_json
 from jaxshroud.motion.bifurcation import grazing_margins
 from jaxshroud.motion.effects import Effect, with_interval
+from jaxshroud.motion.levels import check_resonance, check_vibration
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import parse_key
-from jaxshroud.scene.quantities import Quantity, unit_of
+from jaxshroud.scene.quantities import Quantity, is_reduction, unit_of
 from jaxshroud.verbs.gradient import differences
 
 CHECK_STEPS = (1e-4, 3e-5, 1e-5)  # relative
@@ -34,6 +36,10 @@ def _gradient_arguments(file: SceneFile, options: argparse.Namespace) -> dict[st
         require_free(options.out.with_suffix(".png"), options.force)
     if not 0 < options.sigma < float("inf"):
         raise CommandError(f"--sigma must be positive, but is {options.sigma}")
+    if is_reduction(options.of):
+        with input_errors_at(file.name):
+            check_vibration(options.of, file.scene)
+            check_resonance(options.of, file.scene)
     keys = [key.strip() for key in options.wrt.split(",")]
     return {"wrt": "all" if options.wrt == "all" else list(dict.fromkeys(keys))}
 
@@ -99,9 +105,8 @@ def _print_effects(gradient: Gradient) -> None:
 
 def _draw_effects(completed: CompletedCall, summary: dict[str, Any]) -> None:
     from jaxshroud.plotting.pictures import picture
-    from jaxshroud.plotting.style import save_figure
 
-    save_figure(picture("gradient", summary), completed.options.out.with_suffix(".png"))
+    draw(lambda: picture("gradient", summary), completed.options.out.with_suffix(".png"))
 
 
 def _check_by_differences(gradient: Gradient) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from jaxshroud.cli.computation import (
     with_origin,
     write_files,
 )
+from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.terminal import (
     CommandError,
     files_written,
@@ -97,12 +98,10 @@ def _background_sweep(completed: CompletedCall) -> SweepResult | None:
 
 
 def _output_branch(completed: CompletedCall) -> None:
-    from jaxshroud.plotting.style import save_figure
-
     branch: Branch = completed.result
     dataset_path, picture_path, summary_path = completed.paths
     branch.save(dataset_path)
-    save_figure(branch.plot(over=_background_sweep(completed)), picture_path)
+    draw(lambda: branch.plot(over=_background_sweep(completed)), picture_path)
     summary = {**branch.summary(), "seconds": completed.seconds}
     write_json(summary, summary_path)
     for line in branch.messages:

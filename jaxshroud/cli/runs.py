@@ -24,6 +24,7 @@ from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE
 from jaxshroud.march.tableau import MIN_STEPS
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.effects import with_interval
+from jaxshroud.motion.levels import check_vibration
 from jaxshroud.motion.short_runs import trajectory_ends
 from jaxshroud.results.amplitudes import amplitude_numbers, load_numbers
 from jaxshroud.results.row_diagnosis import RowDiagnosis
@@ -101,6 +102,7 @@ def _power_arguments(file: SceneFile, options: argparse.Namespace) -> Mapping[st
         if file.row_size is not None:
             check_row(file.scene, forces=options.forces)
         check_size(1, file.run.transient, file.run.periods)
+        check_vibration("P_d", file.scene)
     return {}
 
 

@@ -17,10 +17,10 @@ from jaxshroud.batch.threads import Interrupted
 from jaxshroud.cli.arg_types import count
 from jaxshroud.cli.background_import import DATASETS, PICTURES, STATISTICS, import_in_background
 from jaxshroud.cli.computation import with_origin
+from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.option_table import Along
 from jaxshroud.cli.projection import print_projection_of_long_run
 from jaxshroud.cli.run_options import accuracy_warnings_printed, load_scene, resolve_march
-from jaxshroud.cli.stored_results import draw_dataset
 from jaxshroud.cli.terminal import (
     CommandError,
     files_written,
@@ -270,7 +270,7 @@ def _write(request: SweepRequest, result: SweepResult) -> None:
     else:
         written_files.append(path)
         write_attributes(path, result.data.attrs)
-    draw_dataset(path, result.to_xarray(), request.options.out / "sweep.png")
+    draw(result.plot, request.options.out / "sweep.png")
 
 
 def _summary(request: SweepRequest, result: SweepResult) -> dict[str, Any]:

@@ -26,7 +26,7 @@ class Amplitudes(NamedTuple):
 
 
 def steady_amplitudes(scene: Scene) -> Amplitudes:
-    """The steady response of the free blades to the drive (Sec. 3.1)."""
+    """The steady response of the free blades to the drive (Sec. 3.1); infinite at an undamped natural frequency."""
     b, d, omega = scene.mistuned_blades, scene.drive, scene.drive.omega
     has = scene.parts.has
     moves = lambda name: has(name, 0) if scene.row is not None else jnp.array([has(name, 0), has(name, 1)])
@@ -34,7 +34,10 @@ def steady_amplitudes(scene: Scene) -> Amplitudes:
     def response(name, load, m, c, k):
         load = jnp.where(moves(name), load, 0.0)
         force = lax.complex(load * jnp.cos(d.phase), load * jnp.sin(d.phase))
-        return force / lax.complex(k - m * omega**2, c * omega)
+        stiffness = lax.complex(k - m * omega**2, c * omega)
+        is_undamped = stiffness == 0  # and driven at its natural frequency
+        unbounded = jnp.where(load == 0, 0.0, jnp.inf)
+        return jnp.where(is_undamped, unbounded, force / jnp.where(is_undamped, 1.0, stiffness))
 
     return Amplitudes(
         response("x", d.F_0 * jnp.cos(d.beta), b.m, b.c_x, b.k_x),
@@ -58,9 +61,10 @@ def free_power(scene: Scene) -> PerBlade:
     """
     free, s = steady_amplitudes(scene), scene.shroud
     tau = jnp.linspace(0, 2 * jnp.pi, SWING_POINTS, endpoint=False, dtype=s.gap.dtype)
-    swing = jnp.sin(jnp.abs(free.theta)[:, None] * jnp.sin(tau) / 2) ** 2
+    angle = jnp.abs(free.theta)
+    swing = jnp.sin(jnp.where(jnp.isinf(angle), 0.0, angle)[:, None] * jnp.sin(tau) / 2) ** 2
     translation = (jnp.abs(free.x) ** 2 + jnp.abs(free.y) ** 2) / 2
-    return area(s) * (translation + 4 * gyration(s) * jnp.mean(swing, axis=1))
+    return area(s) * (translation + jnp.where(jnp.isinf(angle), jnp.inf, 4 * gyration(s) * jnp.mean(swing, axis=1)))
 
 
 def free_rms_displacement(scene: Scene) -> Scalar:

@@ -15,14 +15,15 @@ NOT_RESOLVED, STUCK_SLIDER = "not resolved", "in permanent stick"  # what is sai
 PLAIN_POWERS = (-4, 7)  # powers of ten without an exponent
 
 
-def with_interval(value: float, half: float, unit: str = "") -> str:
+def with_interval(value: float | None, half: float | None, unit: str = "") -> str:
     """A number with the half width of its interval: two digits of the width, and as many decimals of the number.
 
     Args:
-        value: The number.
-        half: Half width of its interval; NaN where it is unknown, 0 where the number is exact.
+        value: The number; None, as summaries have it, like NaN where it is unknown.
+        half: Half width of its interval; likewise where it is unknown, 0 where the number is exact.
         unit: Of both; the half width of a percentage is in percentage points.
     """
+    value, half = (math.nan if number is None else number for number in (value, half))
     is_known = math.isfinite(value) and math.isfinite(half)
     if not is_known or half <= NEGLIGIBLE_WIDTH * abs(value):
         text = f"{value:.{EXACT_DIGITS}g}{_with_unit(unit)}"
@@ -47,8 +48,12 @@ def exponent_text(value: float, half: float, stuck: bool) -> str:
     return NOT_RESOLVED if math.isnan(value) else with_interval(value, half)
 
 
-def between(value: float, low: float, high: float) -> str:
-    """A number with the ends of its interval, all with as many decimals as two digits of the half width have."""
+def between(value: float | None, low: float | None, high: float | None) -> str:
+    """A number with the ends of its interval, all with as many decimals as two digits of the half width have.
+
+    None, as summaries have it, is an unknown number.
+    """
+    value, low, high = (math.nan if number is None else number for number in (value, low, high))
     half = (high - low) / 2
     if not (math.isfinite(half) and half > 0):
         return f"{value:.{EXACT_DIGITS}g} ({low:.{EXACT_DIGITS}g} to {high:.{EXACT_DIGITS}g})"

@@ -21,13 +21,13 @@ from jaxshroud.model.modes import Status
 from jaxshroud.motion.amplitude_slopes import AmplitudeSlope, amplitude_slope, largest_level
 from jaxshroud.motion.amplitudes import amplitude_values
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, stacked
-from jaxshroud.motion.levels import levels_of
+from jaxshroud.motion.levels import is_comparable, levels_of
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import moved_start, nearby_orbits
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.checks import InputError, NumericalError
 from jaxshroud.scene.grids import scenes_at
-from jaxshroud.scene.quantities import Power, Quantity, amplitude_of
+from jaxshroud.scene.quantities import Power, Quantity, amplitude_of, is_reduction
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.scene.vary import level_of, offsets, with_numbers
@@ -50,7 +50,7 @@ class PowerGradient(NamedTuple):
     conditioning: float  # condition of the orbit: its displacement per perturbation of the map; NaN if smoothed
     sigma: float  # relative width of the neighbourhood; 0 on an orbit
     # Those of the orbit; "structured": not smooth; "lanes stopped"; "no width": a number is 0; "two peaks" and "blades
-    # tie": one-sided.
+    # tie": one-sided; "no P_d": there is none, see `is_comparable`.
     flags: tuple[str, ...]
 
 
@@ -78,6 +78,9 @@ def gradient_of(
     Raises:
         NumericalError: The march stops in this scene, or in nearly all of its neighbourhood.
     """
+    if is_reduction(of) and not is_comparable(of, scene):
+        nan = np.full(len(wrt), np.nan)
+        return PowerGradient("none", nan, nan, np.nan, np.nan, orbit, np.nan, np.nan, (*orbit.flags, "no P_d"))
     if orbit.sound:
         return (yield from orbit_gradient(orbit, wrt, of))
     if {"stopped", "failed"} & set(orbit.flags):

@@ -1,15 +1,18 @@
 """The quantities of `Quantity` over the kept periods of runs."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxshroud.batch.periods import Sample
+from jaxshroud.batch.xla import one_lane
 from jaxshroud.model.linear import area, free_power, power_reduction
 from jaxshroud.motion.amplitudes import amplitude_values
-from jaxshroud.motion.averages import averages, half_diagonal
+from jaxshroud.motion.averages import averages, closed_forms, half_diagonal
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import Quantity, amplitude_of, is_reduction
-from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.scene import Scene, without_given
 
 
 class Levels(NamedTuple):
@@ -48,3 +51,49 @@ def free_level(of: Quantity, scene: Scene) -> float:
         return float(P_0.sum())
     lever = float(half_diagonal(scene.shroud)) if amplitude.displacement == "theta" else 1.0
     return float(np.sqrt(P_0.max() / area(scene.shroud))) / lever
+
+
+def compared_powers(of: str, scenes: Scene) -> np.ndarray:
+    """The powers without contact with which `of` of one scene or many is compared, (lanes, powers) [m^4]."""
+    lanes = scenes if np.ndim(scenes.drive.omega) else one_lane(scenes)
+    P_0 = closed_forms(without_given(lanes))[1].astype(float)
+    if scenes.row is None:
+        return P_0[:, :1]
+    return P_0 if of == "P_d_worst" else P_0.sum(axis=1, keepdims=True)
+
+
+def is_comparable(of: str, scene: Scene) -> bool:
+    """Whether `of` of a single scene is compared with a power that is neither 0 nor infinite."""
+    P_0 = compared_powers(of, scene)
+    return bool(np.all((P_0 > 0) & np.isfinite(P_0)))
+
+
+def check_vibration(of: str, scenes: Scene, lanes: Callable[[np.ndarray], np.bool_] = np.any) -> None:
+    """Raise an InputError where `of` is compared with nothing in these `lanes` of one scene or many.
+
+    Args:
+        of: The quantity, a `Quantity`.
+        scenes: The scenes.
+        lanes: Whether it counts that the blades of some lanes (lanes,) do not vibrate without contact.
+    """
+    if not lanes((compared_powers(of, scenes) == 0).any(axis=1)):
+        return
+    if scenes.row is None:
+        nothing = "The left blade does not vibrate without contact"
+    else:
+        which = "a blade of the row does not vibrate" if of == "P_d_worst" else "no blade of the row vibrates"
+        nothing = f"Without contact {which}"
+    lost = f"there is no {of}" if is_reduction(of) else f"{of} has nothing to be compared with"
+    raise InputError(f"{nothing}, and {lost}; give it a drive.F_0.")
+
+
+def check_resonance(of: str, scenes: Scene, lanes: Callable[[np.ndarray], np.bool_] = np.any) -> None:
+    """Raise an InputError where `of` is compared with an infinite amplitude: every motion is a reduction by 100 %.
+
+    The arguments are those of `check_vibration`.
+    """
+    if lanes(np.isinf(compared_powers(of, scenes)).any(axis=1)):
+        raise InputError(
+            f"The drive meets an undamped natural frequency: without contact the amplitude, with which {of} is "
+            "compared, is infinite; change drive.omega or give the blades a damping."
+        )

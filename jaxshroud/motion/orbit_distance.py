@@ -38,6 +38,8 @@ def fill_one_set(one: FloatArray, other: FloatArray) -> bool | None:
     The halves of both are compared: on one attractor, halves of different motions are as near as those of one motion.
     Of 240 pairs of motions on the Henon attractor, of 512 points each, none exceeded this distance by a factor of 1.6.
     """
+    if min(len(one), len(other)) < 2:  # nothing to halve
+        return None
     halves = [np.array_split(points, 2) for points in (one, other)]
     own_distance = max(set_distance(*pair) for pair in halves)
     largest = max(set_distance(a, b) for a in halves[0] for b in halves[1])
@@ -51,7 +53,8 @@ def containing_set(references: list[FloatArray], points: FloatArray) -> int | No
     containing = [
         i
         for i, reference in enumerate(references)
-        if mean_nearest_distance(points, reference) <= SAME_SET_RATIO * set_distance(*np.array_split(reference, 2))
+        if len(reference) > 1
+        and mean_nearest_distance(points, reference) <= SAME_SET_RATIO * set_distance(*np.array_split(reference, 2))
     ]
     return containing[0] if len(containing) == 1 else None
 

@@ -14,6 +14,7 @@ from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.model.prepared import State, initial_state, prepared_model
 from jaxshroud.motion.averages import half_diagonal
 from jaxshroud.programs.kept import kept
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 
@@ -26,10 +27,18 @@ def start_range(scene: Scene) -> Motion:
 
     For angles the gap counts as the turn that moves a corner by it; rates are omega times displacements. Of the gaps of
     a row the largest counts.
+
+    Raises:
+        InputError: The amplitude is infinite.
     """
     free, gap, omega = steady_amplitudes(scene), float(np.abs(scene.shroud.gap).max()), float(scene.drive.omega)
     amplitudes = [np.asarray(np.abs(a), float) for a in free]
     lever = float(half_diagonal(scene.shroud))
+    if not np.isfinite(amplitudes).all():
+        raise InputError(
+            "The drive meets an undamped natural frequency: without contact the amplitude is infinite, and so is the "
+            "range of random starts; change drive.omega or give the blades a damping."
+        )
     blades = range(len(amplitudes[0]))
     movable = [np.array([scene.parts.has(name, blade) for blade in blades]) for name in ("x", "y", "theta")]
     ranges = [(p + g) * m for p, g, m in zip(amplitudes, (gap, gap, gap / lever), movable, strict=True)]

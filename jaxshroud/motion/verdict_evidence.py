@@ -259,7 +259,8 @@ def _zero_one_of_lanes(z: np.ndarray, nearest: np.ndarray, near: np.ndarray) -> 
     in which the weak chaos of narrow bands would be lost.
     """
     residual = np.stack([_without_repetition(samples, q) for samples, q in zip(z, nearest.tolist(), strict=True)])
-    relative = np.ptp(residual, axis=1) / near
+    with np.errstate(invalid="ignore", divide="ignore"):  # a displacement that stays 0
+        relative = np.ptp(residual, axis=1) / near
     largest, lanes = np.where(np.isfinite(relative), relative, 0.0).argmax(axis=1), np.arange(len(z))
     return zero_one(residual[lanes, :, largest], near[lanes, largest])
 
@@ -283,5 +284,7 @@ def _orbit_offsets(
         expected = before[i, -q:] if orbit is None else orbit.samples
         last = np.arange(after.shape[1] - q, after.shape[1])
         phase = (between + last) % q  # number of periods since the first stretch, less one
-        away[i] = np.max(np.abs(after[i, last] - expected[phase]) / size[i])
+        distance = np.abs(after[i, last] - expected[phase])
+        with np.errstate(invalid="ignore", divide="ignore"):  # a displacement that stays 0
+            away[i] = np.max(np.where(distance == 0, 0.0, distance / size[i]))
     return away

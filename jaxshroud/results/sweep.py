@@ -133,7 +133,8 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
         best = None
         if np.isfinite(P_d).any():
             lane = np.unravel_index(np.nanargmax(P_d), P_d.shape)
-            place = {key: float(v[i]) for (key, v), i in zip(self.axes.items(), lane[-len(self.axes) :], strict=True)}
+            at = lane[len(lane) - len(self.axes) :]
+            place = {key: float(v[i]) for (key, v), i in zip(self.axes.items(), at, strict=True)}
             best = {"P_d": float(P_d[lane]), "ci": float(self.P_d_ci[lane]), **place}
         return json_values(
             {

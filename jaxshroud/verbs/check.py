@@ -148,9 +148,11 @@ def _free_and_touching(
 
 def _relative_motions(free: Amplitudes, alpha: float, interfaces: int) -> tuple[np.ndarray, np.ndarray]:
     """The amplitudes of the free faces' motion across and along each other, without rotation [m], (interfaces,)."""
-    x, y = ((a - np.roll(a, -1))[:interfaces] for a in (free.x, free.y))
-    across, along = x * math.sin(alpha) - y * math.cos(alpha), x * math.cos(alpha) + y * math.sin(alpha)
-    return np.abs(across), np.abs(along)
+    with np.errstate(invalid="ignore"):  # infinity minus infinity
+        x, y = ((a - np.roll(a, -1))[:interfaces] for a in (free.x, free.y))
+        across, along = x * math.sin(alpha) - y * math.cos(alpha), x * math.cos(alpha) + y * math.sin(alpha)
+    unbounded = lambda a: np.where(np.isnan(a), np.inf, np.abs(a))
+    return unbounded(across), unbounded(along)
 
 
 def _checked_orders(given: Sequence[float | int] | None, own: float | None) -> list[float]:

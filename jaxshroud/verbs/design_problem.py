@@ -15,7 +15,7 @@ from jaxshroud.march.method import FAST
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import stiffnesses
-from jaxshroud.motion.levels import free_level, levels_of
+from jaxshroud.motion.levels import check_resonance, check_vibration, free_level, levels_of
 from jaxshroud.results.tuned import PENALTY, DesignJudgement
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.grids import scenes_at
@@ -124,6 +124,17 @@ def problem_of(
     problem = Problem(numbered, dict(over), condition_values, scattering=scattering, of=of, free=free)
     _check_scattering(problem)
     return problem
+
+
+def check_comparable(problem: Problem) -> None:
+    """Raise an InputError where in some condition there is no vibration without contact, or an infinite one.
+
+    Designs are compared with it. That of the middle of the bounds counts, as a bound itself may be a force of 0.
+    """
+    middle = scenes_of(problem, problem.values(np.full((1, len(problem.over)), 0.5)))
+    middle = middle if is_reduction(problem.of) else problem.scene  # see `free_level`
+    check_vibration(problem.of, middle)
+    check_resonance(problem.of, middle)
 
 
 def check_objective(of: Quantity, scene: Scene) -> None:

@@ -10,6 +10,7 @@ from jaxshroud.march.method import FAST_WITH_LEDGER, Method, method_of
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import run_alone
+from jaxshroud.motion.levels import is_comparable
 from jaxshroud.motion.lyapunov import lyapunov_exponents
 from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions
 from jaxshroud.motion.short_runs import end_states
@@ -109,18 +110,18 @@ def _settled_evidence(
     periods, settled = MIN_STORED_PERIODS if verdict.q else APERIODIC_PERIODS, verdict.evidence.last
     spectrum = run_alone(lyapunov_exponents(precise, settled, periods, 0, march.steps, march.method))
     same_march = method_of(march.steps, march.method)
-    curve = power(scene, n_periods=POWER_PERIODS, transient=0, stable_within=1e-12, method=same_march, state=settled)
     cycle = verdict.evidence.cycle if verdict.kind == "periodic" else None
-    return {
+    known = {
         "exponents": spectrum.exponents,
         "exponents_ci": spectrum.ci,
         "slider_stuck": int(spectrum.stuck),
         "multipliers": None if cycle is None or not cycle.sound else cycle.multipliers,
-        "n": curve.n,
-        "P_d": curve.P_d,
-        "P_d_ci": curve.P_d_ci,
-        "P_d_settled": int(curve.final["settled"]),  # files cannot hold booleans
     }
+    if not is_comparable("P_d", precise):
+        return known
+    curve = power(scene, n_periods=POWER_PERIODS, transient=0, stable_within=1e-12, method=same_march, state=settled)
+    settled_number = int(curve.final["settled"])  # files cannot hold booleans
+    return {**known, "n": curve.n, "P_d": curve.P_d, "P_d_ci": curve.P_d_ci, "P_d_settled": settled_number}
 
 
 def _diagnosis(run: Trajectory, verdict: Verdict, settled_evidence: dict[str, object]) -> Diagnosis:

@@ -53,6 +53,9 @@ def _torsion_doubts(sheet: DataSheet, scene: Scene) -> Iterator[str]:
 def _amplitude_doubts(sheet: DataSheet, side: float) -> Iterator[str]:
     for name, coordinate in sheet.coordinates.items():
         moved, resonant = max(coordinate.amplitude), max(coordinate.resonant)
+        if np.isinf(moved):
+            yield f"{MOTION_NAMES[name]}, free, is driven at resonance without damping: its amplitude is infinite"
+            continue
         if name == "theta" or not (moved > MAX_AMPLITUDE_SIDES * side or MAX_RESONANT_SIDES * side < resonant < np.inf):
             continue
         at_resonance = f", {resonant * 1e3:.3g} mm at resonance" if resonant < np.inf else ""
@@ -86,7 +89,8 @@ def _resonance_doubt(drive: float, modes: Sequence[NaturalMode]) -> Iterator[str
     margin, name = drive / nearest.frequency - 1, f"{nearest.name}, {nearest.contact} ({nearest.frequency:.5g} Hz)"
     if abs(margin) <= nearest.zeta < OVERDAMPED:
         band = f"half-power band, {2 * nearest.zeta:.2g} of the frequency"
-        yield f"the drive is at the resonance of {name}, within its {band}: damping alone limits the motion"
+        limit = "damping alone limits" if nearest.zeta else "nothing but contact limits"
+        yield f"the drive is at the resonance of {name}, within its {band}: {limit} the motion"
     elif abs(margin) < MIN_MARGIN:
         side = "above" if margin > 0 else "below"
         yield f"the drive is {100 * abs(margin):.2g} % {side} {name}: small changes of either decide the motion"
@@ -108,10 +112,10 @@ def _doubts_of_interfaces(sheet: DataSheet, face: float) -> Iterator[str]:
 
 def _contact_doubts(sheet: DataSheet, face: float) -> Iterator[str]:
     gap = abs(sheet.gap)
-    if gap and sheet.approach > MAX_APPROACH_GAPS * gap:
+    if gap and MAX_APPROACH_GAPS * gap < sheet.approach < np.inf:
         meaning = "impacts are hard, and last as without a gap"
         yield f"the free faces approach by {sheet.approach / gap:.0f} gaps: {meaning}; check the unit of shroud.gap"
-    if sheet.slide > MAX_SLIDE_FACES * face:
+    if MAX_SLIDE_FACES * face < sheet.slide < np.inf:
         slid = f"{sheet.slide * 1e3:.3g} mm, {sheet.slide / face:.2g} of their length"
         yield f"the free faces slide by {slid}: they pass each other's ends, where contact is taken to go on"
     if sheet.gap > sheet.approach + sum(sheet.corner):

@@ -18,13 +18,14 @@ from jaxshroud.motion.gradient import (
     gradient_of,
     orbit_gradient,
 )
+from jaxshroud.motion.levels import check_resonance, check_vibration
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.checks import InputError, count_argument, positive_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.quantities import Quantity, check_quantity
+from jaxshroud.scene.quantities import Quantity, check_quantity, is_reduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import level_of, numbers_that_count, with_numbers
@@ -83,12 +84,14 @@ def gradient(
     Returns:
         The derivatives and their quality. A lane without one has NaN and a flag; the others are not affected. Where two
         extremes are as far from the mean, to 1e-6, and move differently, the derivative of a peak is that of one of
-        them, with the flag "two peaks"; where two blades of a row are equally bad, "blades tie".
+        them, with the flag "two peaks"; where two blades of a row are equally bad, "blades tie". A lane without a P_d,
+        as its blades do not vibrate without contact or do so infinitely, has the flag "no P_d".
 
     Raises:
         KeyError: The scene has no such number.
         ValueError: There is no such `of`, the blades do not move in its coordinate, a count is too small, `sigma` is
-            not positive, or a smoothed derivative is requested with respect to a number that is 0.
+            not positive, a smoothed derivative is requested with respect to a number that is 0, or `of` is a reduction
+            of blades of which none vibrates without contact, or all do so infinitely.
         NumericalError: With `throw`, or for a single scene: the march stops in this scene or in nearly all of its
             neighbourhood.
         LinAlgError: With `throw`, or for a single scene: the equations of the orbit cannot be solved.
@@ -124,6 +127,9 @@ def gradient(
         wrt = numbers_that_count(resolved.scene) if wrt == "all" else (wrt,)
     check_quantity(of, resolved.scene.parts, resolved.scene.row is not None)
     _check_names(wrt)
+    if is_reduction(of):
+        for check in (check_vibration, check_resonance):
+            check(of, resolved.lanes, np.all)
     numbered = [with_numbers(one, wrt) for one in resolved.scenes]
     numbers = [[level_of(one, key) for key in wrt] for one in numbered]
     lanes = RequestedLanes(resolved, with_tangents(resolved, resolved.lanes))

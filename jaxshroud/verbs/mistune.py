@@ -14,11 +14,12 @@ from jaxshroud.march.method import FAST, Method
 from jaxshroud.march.method_names import RESPONSES
 from jaxshroud.model.natural_modes import NaturalContact
 from jaxshroud.motion.amplification import RowResponses, largest_amplitudes
+from jaxshroud.motion.levels import check_vibration
 from jaxshroud.motion.statistics import quantile_interval
 from jaxshroud.results.mistuned import QUANTILE_SHARES, Mistuned, mistuned_coordinates
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument, word_argument
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.grids import grid_of_scenes
+from jaxshroud.scene.grids import grid_of_scenes, scenes_at
 from jaxshroud.scene.mistuning import NO_PATTERN, mistuned_designs, random_patterns
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.scene import Scene
@@ -116,7 +117,8 @@ def mistune(
         scene, n_periods=n_periods, transient=transient, method=method, of_sweep=True, verb="mistune", rows=True
     )
     row = _mistuned_row(scene, along, of)
-    linear = _state_of_contact(row, linear)
+    _check_driven(row)
+    linear = _state_of_contact(row, linear, direction)
     size = search_size(scan, starts, updates, linear, direction)
     patterns = _patterns_of(row, designs, sigmas, n_patterns, seed)
     if linear is not None:
@@ -185,8 +187,16 @@ def pattern_rows(
     return row, with_patterns(row.scene, _patterns_of(row, designs, sigmas, n_patterns, seed))
 
 
-def _state_of_contact(row: MistunedRow, linear: NaturalContact | None) -> NaturalContact | None:
+def _check_driven(row: MistunedRow) -> None:
+    """Raise an InputError for a row that nothing drives, whatever the value."""
+    numbered = with_numbers(row.scene, [row.along])
+    check_vibration(row.of, scenes_at(numbered, [row.along], row.values[:, None]), np.all)
+
+
+def _state_of_contact(row: MistunedRow, linear: NaturalContact | None, direction: Direction) -> NaturalContact | None:
     """The state of contact of a linear row; None: it is marched."""
+    if direction != "independent" and (linear is not None or row.scene.parts.contact == "none"):
+        raise InputError(f'A linear row has one motion at each value, and no direction "{direction}"; leave it out.')
     if row.scene.parts.contact != "none":
         return linear
     if linear not in (None, "apart"):
@@ -256,6 +266,8 @@ def _monte_carlo(row: MistunedRow, drawn: _Drawn) -> dict[str, Any]:
     """The values of the result that are not of a search."""
     responses, designs = drawn.responses, len(drawn.designs)
     top = largest_amplitudes(responses, row.values)
+    if top.amplitude[0] == 0:
+        raise InputError(f"{row.of} of the tuned row is 0, and nothing amplifies it; take another amplitude.")
     level = top.amplitude / top.amplitude[0]
     amplification = np.where(top.whole, level, np.nan)
     random = lambda a: np.asarray(a)[1 + designs :].reshape(designs, len(drawn.sigmas), -1, *np.shape(a)[1:])

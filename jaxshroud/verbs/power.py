@@ -21,6 +21,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.motion.amplitudes import amplitude_values, load_values
 from jaxshroud.motion.averages import Reduction, averages, closed_forms, power_series_of, relative_residual
 from jaxshroud.motion.equivalent import equivalent_values
+from jaxshroud.motion.levels import check_vibration
 from jaxshroud.motion.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
 from jaxshroud.motion.short_runs import end_states
 from jaxshroud.motion.statistics import confidence_interval
@@ -191,7 +192,8 @@ def power(
         the reduction of the worst blade too, but there are no equivalents of contact.
 
     Raises:
-        ValueError: A count or the tolerance is not positive, or the run would be too long or too large.
+        ValueError: A count or the tolerance is not positive, the run would be too long or too large, or no scene has a
+            left blade (a row: any blade) that vibrates without contact.
         NumericalError: With `throw`: a lane stopped.
 
     Source:
@@ -220,6 +222,7 @@ def power(
     if not stable_within > 0:
         raise InputError(f"Argument `stable_within` must be positive, but is {stable_within}.")
     tolerance_argument("period_tol", period_tol)
+    check_vibration("P_d", lanes, np.all)
     march = plan_march(resolved, lanes, FAST_WITH_LEDGER)
     march = march._replace(method=march.method._replace(forces=forces, amplitudes=amplitudes))
     scenes = in_precision(without_given(lanes), march.method.precision)

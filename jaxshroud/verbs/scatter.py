@@ -13,6 +13,7 @@ from jaxshroud.march.method import Method
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import stiffnesses
+from jaxshroud.motion.levels import check_vibration
 from jaxshroud.motion.statistics import saltelli_rows, variance_indices
 from jaxshroud.results.scatter import Scatter
 from jaxshroud.results.sweep import SweepResult
@@ -84,7 +85,8 @@ def scatter(
 
     Raises:
         KeyError: The scene has no such number.
-        ValueError: Bounds are not in order, a count is too small, or many scenes are given.
+        ValueError: Bounds are not in order, a count is too small, many scenes are given, or `of` is a reduction where
+            in some condition no blade vibrates without contact.
         NumericalError: With `throw`: a draw stopped.
 
     Example:
@@ -108,6 +110,8 @@ def scatter(
     rows = draw_rows(nominal, bounds, at_least, draws, seed, resolved, per_draw)
     lanes, ends = rows.shape[0] * rows.shape[1] * per_draw, np.array(list(bounds.values()), float)
     scenes = _scenes(nominal, list(bounds), rows.reshape(-1, len(bounds)), condition_values)
+    if is_reduction(of):
+        check_vibration(of, scenes, lambda lacks: lacks.reshape(per_draw, -1).all(axis=1).any())  # all of a condition
     run = sweep(
         scenes,
         n_periods=resolved.n_periods,

@@ -106,7 +106,8 @@ def _crossings(sheet: DataSheet) -> list[list[str]]:
 
 def lines_of(sheet: DataSheet) -> dict[str, str]:
     """All other lines of the data sheet, by name."""
-    approach = f"{sheet.approach * 1e3:.4g} mm by translation, {_texts_of(sheet.corner, 1e3)} mm by rotation at corners"
+    turned = f"{_texts_of(sheet.corner, 1e3)} mm by rotation at corners"
+    approach = f"{_length_text(sheet.approach)} by translation, {turned}"
     lines = {
         "drive": f"{sheet.drive:.5g} Hz",
         "speed": _speed_text(sheet),
@@ -151,6 +152,11 @@ def _table_row(sheet: DataSheet, name: str, coordinate: Coordinate, i: int) -> l
 
 def _gap_text(sheet: DataSheet) -> str:
     return _texts_of(sheet.gaps, 1e3) if sheet.gaps else f"{sheet.gap * 1e3:.4g}"
+
+
+def _length_text(length: float) -> str:
+    """A length in mm; one without bound in words."""
+    return f"{length * 1e3:.4g} mm" if math.isfinite(length) else "an infinite distance (resonance without damping)"
 
 
 def _texts_of(values: tuple[float, ...], scale: float = 1.0) -> str:

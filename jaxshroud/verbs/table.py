@@ -12,6 +12,7 @@ from jaxshroud.march.method import Method
 from jaxshroud.march.method_names import LARGEST_FIRST, LOADS, OF_ROWS, RANKED_BY
 from jaxshroud.march.stability import lanes_that_auto_steps_follow
 from jaxshroud.model.modes import Status
+from jaxshroud.motion.levels import check_vibration
 from jaxshroud.motion.period import NOT_SETTLED, SETTLED
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.table import ROW, DesignTable
@@ -65,7 +66,7 @@ def table(
 
     Raises:
         SceneError: A head is wrong, two columns give one number, or no row is right.
-        ValueError: There is no such number to rank by, the scene has none, or a count is too small.
+        ValueError: There is no such number to rank by, no row has one, or a count is too small.
         Interrupted: Ctrl-C.
 
     Source:
@@ -86,10 +87,13 @@ def table(
     base = one_scene("table", scene, rows=True)
     check_ranking(by, base)
     rows = designs if isinstance(designs, Designs) else checked_designs(designs, base)
+    scenes = rows.scenes(base)
+    if by in ("P_d", *OF_ROWS):
+        check_vibration(by, scenes, np.all)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, rows=True)
     with warnings.catch_warnings(action="ignore", category=LaneWarning):  # told below, of all rows
         swept = sweep(
-            rows.scenes(base),
+            scenes,
             n_periods=resolved.n_periods,
             transient=resolved.transient,
             method=resolved.as_argument,

@@ -15,6 +15,7 @@ from jaxshroud.march.method import FAST, Method, choices
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.averages import averages
+from jaxshroud.motion.levels import check_vibration
 from jaxshroud.motion.short_runs import (
     HORIZON,
     ShortRuns,
@@ -219,7 +220,8 @@ def trade(
         scene's kind of contact.
 
     Raises:
-        ValueError: A count is too small, the run would be too long or too large, or there are many scenes.
+        ValueError: A count is too small, the run would be too long or too large, there are many scenes,
+            or the left blade does not vibrate without contact.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -233,6 +235,7 @@ def trade(
     count_argument("lanes", lanes, 1)
     scene = one_scene("trade", scene)
     check_size(lanes, transient, n_periods)
+    check_vibration("P_d", scene)
     settings = SETTINGS[scene.parts.contact] if methods is None else [GivenMethod(one) for one in methods]
     return measure_settings(scene, settings, lanes, seed, n_periods, transient, progress)
 

@@ -35,6 +35,7 @@ from jaxshroud.verbs.ascent import (
 from jaxshroud.verbs.design_problem import (
     Goal,
     Problem,
+    check_comparable,
     design_corners,
     judge_designs,
     problem_of,
@@ -118,7 +119,8 @@ def tune(
     Raises:
         KeyError: The scene has no such number.
         ValueError: There is no such goal, a count is too small, a number is not finite, a limit is not positive, bounds
-            are not in order, a number scatters out of its range, there are many scenes, or JAX has no float64.
+            are not in order, a number scatters out of its range, there are many scenes, JAX has no float64, or in some
+            condition the vibration without contact, with which `of` is compared, is 0 or infinite.
         NumericalError: With `throw`: the best design is not feasible.
 
     Example:
@@ -142,6 +144,7 @@ def tune(
     motions = motions if of == "P_d" and nominal.row is None else 0
     robust_request = robustness_request(scattering is not None, loss, at_least, check_draws, motions, seed)
     problem = problem_of(nominal, over, conditions or {}, scattering, of)
+    check_comparable(problem)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, rows=True)
     march = with_tangents(resolved, design_corners(problem))
     within = bool(min(most_penetration, most_force) < np.inf)
