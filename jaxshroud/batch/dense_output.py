@@ -19,9 +19,9 @@ from jaxshroud.batch.sampling import (
     Stretch,
     concatenated_events,
     current_states,
+    empty_stretch,
     event_fired,
     interleaved_sides,
-    no_events,
     sampled_state,
     with_slider_updated,
 )
@@ -66,7 +66,7 @@ def march_with_dense_output(
     left, done, written = np.full(width, stretch.length, np.int32), np.zeros((width, 1), int), np.zeros(width, int)
     empty = lambda a: np.zeros((width, count, *a.shape[1:]), a.dtype)
     first = current_states(scenes, lanes)
-    samples, event_states = jax.tree.map(empty, first), [no_events(first)]
+    samples, event_states = jax.tree.map(empty, first), [empty_stretch(first)]
     while np.any((left > 0) & (np.asarray(lanes.status) == Status.OK)):
         (lanes, remaining), trials = _dense_trials(scenes, lanes, clock, left, method, best_mapping())
         ends = done + np.cumsum(np.asarray(trials.whole), axis=1)  # steps of the stretch done after each trial

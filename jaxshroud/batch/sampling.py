@@ -205,10 +205,10 @@ def march_by_trials(
         last = current_states(scenes, lanes)
         samples.append(jax.tree.map(lambda a: np.repeat(np.asarray(a)[:, None], missing, axis=1), last))
     states = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
-    return SampledMarch(lanes, states, concatenated_events(events or [no_events(current_states(scenes, lanes))]))
+    return SampledMarch(lanes, states, concatenated_events(events or [empty_stretch(current_states(scenes, lanes))]))
 
 
-def no_events(states: State) -> EventStates:
+def empty_stretch(states: State) -> EventStates:
     """The events of a lane with such states before the first one."""
     return EventStates(jax.tree.map(lambda a: np.asarray(a)[:, None][:, :0], states), np.empty(0), np.empty(0, int))
 
