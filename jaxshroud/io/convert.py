@@ -12,7 +12,7 @@ import numpy as np
 from jaxshroud.io.files import write
 from jaxshroud.io.store import write_dataset
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.units import RPM
+from jaxshroud.scene.units import in_rpm
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -124,8 +124,8 @@ def _with_speeds_in_rpm(data: "xr.Dataset") -> "xr.Dataset":
     """The result with its speeds of rotation in revolutions per minute, with the digits that a double keeps."""
     speeds = [name for name, variable in data.variables.items() if variable.attrs.get("key") == "drive.speed"]
     for name in speeds:
-        in_rpm = np.vectorize(lambda v: float(f"{v * RPM:.15g}"), otypes=[float])(data[name].to_numpy())
-        data = data.assign({name: (data[name].dims, in_rpm, {**data[name].attrs, "units": "rpm"})})
+        values = np.vectorize(in_rpm, otypes=[float])(data[name].to_numpy())
+        data = data.assign({name: (data[name].dims, values, {**data[name].attrs, "units": "rpm"})})
     return data
 
 

@@ -93,7 +93,7 @@ def check_laws(scene: Scene) -> None:
 def _check_passive(law: TestedLaw, cycle: LawCycle) -> None:
     """Raise InputError unless the law is finite and passive."""
     values = jax.tree.map(np.asarray, cycle)
-    finite = np.isfinite([values.force, values.energy, values.loss]).all(axis=0)
+    finite = np.asarray(np.isfinite([values.force, values.energy, values.loss]).all(axis=0))
     what = f"The {law.name} law"
 
     def place(faults: np.ndarray) -> str:

@@ -97,7 +97,7 @@ def kept(*static: str, **options: Any) -> Callable[[Callable], Callable]:
     """
 
     def decorate(f: Callable) -> Callable:
-        jitted = jax.jit(f, static_argnames=static, **options)
+        jitted: Any = jax.jit(f, static_argnames=static, **options)
         programs = Programs(f"{f.__module__}.{f.__qualname__} {sorted(static)} {options}", jitted)
         parameters = signature(f)
 

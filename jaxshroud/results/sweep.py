@@ -18,6 +18,7 @@ from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads, amplitude_nu
 from jaxshroud.results.base import Result
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
+from jaxshroud.scene.units import in_rpm
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -135,6 +136,8 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
             lane = np.unravel_index(np.nanargmax(P_d), P_d.shape)
             at = lane[len(lane) - len(self.axes) :]
             place = {key: float(v[i]) for (key, v), i in zip(self.axes.items(), at, strict=True)}
+            if (speed := place.pop("drive.speed", None)) is not None:
+                place["drive.speed [rpm]"] = in_rpm(speed)
             best = {"P_d": float(P_d[lane]), "ci": float(self.P_d_ci[lane]), **place}
         return json_values(
             {

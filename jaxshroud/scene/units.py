@@ -36,6 +36,11 @@ PER_MINUTE = re.compile(r"(?:U|(?:1\s*)?)\s*/\s*min|min\s*(?:\^\s*-\s*1|\*\*\s*-
 QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,4})?)\s*((?:1\s*/|[^\d\s]).{0,60})?")
 
 
+def in_rpm(speed: float) -> float:
+    """A speed of rotation [rad/s] in revolutions per minute, with the digits that come back."""
+    return float(f"{speed * RPM:.15g}")
+
+
 @functools.cache
 def _registry() -> Any:
     """Pint's units, imported for the first string; decimal, so that "0.022 mm" is exactly 2.2e-5."""
