@@ -140,13 +140,11 @@ def json_values(value: object) -> JSONValue: ...
 
 
 def json_values(value: Any) -> JSONValue:
-    """`value` as JSON holds it: arrays and tuples as lists, None for NaN, and "inf" or "-inf" for what is infinite."""
+    """`value` as JSON holds it: arrays and tuples as lists, and None for numbers that are not finite."""
     if isinstance(value, dict):
         return {key: json_values(v) for key, v in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
         return [json_values(v) for v in value]
     if isinstance(value, np.generic):
         value = value.item()
-    if isinstance(value, float) and not np.isfinite(value):
-        return None if np.isnan(value) else str(value)
-    return value
+    return None if isinstance(value, float) and not np.isfinite(value) else value

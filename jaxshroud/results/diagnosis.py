@@ -91,9 +91,9 @@ class Lyapunov(Result):
 
 
 def _exponent_values(exponents: np.ndarray, status: int) -> list[float | str]:
-    """The exponents of a lane as JSON holds them: with words where rounding hides one, null where the lane stopped."""
-    hidden = status == Status.OK
-    return [NOT_RESOLVED if hidden and np.isnan(value) else value for value in exponents.tolist()]
+    """The exponents of a lane as JSON holds them: texts where one is -inf, or rounding hides it; NaN if it stopped."""
+    words = {"-inf": "-inf", **({"nan": NOT_RESOLVED} if status == Status.OK else {})}
+    return [words.get(str(value), value) for value in exponents.tolist()]
 
 
 def _exponents_row(lane: "Exponents", periods: int) -> dict[str, Any]:
