@@ -1,9 +1,10 @@
 """Many lanes over many periods, in chunks on one thread per core, and the projected cost of a long run."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from time import process_time
+from time import perf_counter, process_time
 from typing import Any
 
 import equinox as eqx
@@ -40,8 +41,8 @@ from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import Tree
 
-Tick = Callable[[int], None]  # called with the number of lane-periods done
-Progress = Callable[[int, int], None]  # called with the lane-periods done so far, and in all
+Tick = Callable[[float], None]  # called with the number of lane-periods done, which need not be whole
+Progress = Callable[[float, int], None]  # called with the lane-periods done so far, to two decimals, and in all
 
 
 def initial_states(scenes: Scene) -> State:
@@ -92,11 +93,12 @@ class Ticker:
     def __init__(self, total: int, report: Progress | None):
         self.total, self.done, self.report = total, 0, report
 
-    def __call__(self, lane_periods: int) -> None:
+    def __call__(self, lane_periods: float) -> None:
         """Report `lane_periods` more as done."""
         self.done += lane_periods
         if self.report is not None:
-            self.report(self.done, self.total)
+            done = round(self.done, 2)
+            self.report(int(done) if done == int(done) else done, self.total)
 
 
 @jax.tree_util.register_dataclass
@@ -157,7 +159,7 @@ def chunk_by_chunk(run: Callable[[Any, Tick], Tree], lanes: Any, ticker: Tick, w
     def one(check: Check, at: np.ndarray) -> Tree:
         n = min(width, count - int(at[0]))
 
-        def tick(done: int) -> None:
+        def tick(done: float) -> None:
             ticker(done * n)
             check()
 
@@ -219,7 +221,7 @@ def run_periods(
         n: Periods.
         method: The options of the march.
         pace: How much a call does.
-        tick: Called after every call with the number of periods that have ended in it.
+        tick: Called after every call with the number of periods that it made, parts of one included.
         keep: Whether samples are returned.
 
     Returns:
@@ -227,7 +229,7 @@ def run_periods(
     """
     block = run_block if scenes.row is None else run_row_block
     blocks: list[Sample] = []
-    interim, done = at_start_of_period(lanes), 0
+    interim, done, told = at_start_of_period(lanes), 0, 0.0
     while done < n:
 
         def call(passes: np.int32, left: int = n - done, interim: Interim = interim) -> tuple[Interim, int, Any]:
@@ -240,8 +242,16 @@ def run_periods(
             ours = samples if scenes.row is None else as_samples(jax.tree.map(np.asarray, samples))
             blocks.append(jax.tree.map(lambda a, n=ended: in_float64(a)[:n].T, ours))
         done += ended
-        tick(ended)
+        now = done + (_part_of_period(interim.lanes, clock) if interim.inside else 0.0)
+        tick(now - told)
+        told = now
     return interim.lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks) if blocks else None
+
+
+def _part_of_period(lanes: Any, clock: Clock) -> float:
+    """The part of a period that lanes have marched, on average; those that have stopped need no more."""
+    part = np.where(np.asarray(lanes.status) == Status.OK, np.asarray(lanes.step) / int(clock.steps), 1.0)
+    return float(np.mean(part))
 
 
 def zeno_warning(scenes: Scene, runs: Runs, plan: Plan) -> str | None:
@@ -295,8 +305,12 @@ def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, meth
 
 PROJECTED_PERIODS = 16  # of the transient, and of the kept part, of the sampled lanes
 MAX_SAMPLED_CHUNKS = 16  # that are timed
-ROW_TRIAL_SHARE = 0.1  # of a run of rows, whose periods may take seconds
-LEAST_ROW_TRIAL = 3  # periods: the first one, from rest, has fewer events
+TRIAL_SECONDS = 10.0  # after which a trial ends wherever it is: of rows a single period may take longer
+TRIAL_SHARE = 0.1  # of a run, after which its trial ends as well
+
+
+class _EnoughError(Exception):
+    """A trial has run for long enough."""
 
 
 def projected_seconds(
@@ -318,35 +332,32 @@ def projected_seconds(
     width = beside or chunk
     starting = np.arange(0, count, width)
     brief = replace(plan, transient=PROJECTED_PERIODS, kept=PROJECTED_PERIODS)
-    compiling = replace(plan, transient=1, kept=1)
     places = min(len(starting), MAX_SAMPLED_CHUNKS, max(MAX_SAMPLED_CHUNKS * chunk // width, 1))
-    if scenes.row is not None:
-        compiling, brief, places = _row_trial(plan, len(starting), places)
-    firsts = np.sort(np.random.default_rng(seed).choice(starting, places, replace=False))
+    firsts = np.random.default_rng(seed).choice(starting, places, replace=False)
     some = [np.arange(first, min(first + width, count)) for first in firsts]
     pieces = [np.concatenate(some)] if beside is None else some
-    lanes = sum(map(len, pieces))
-    ticker = Ticker(lanes * (brief.transient + brief.kept), progress)
-    _processor_seconds(scenes, pieces[0][:2], compiling, Ticker(0, None))
-    taken = sum(_processor_seconds(scenes, piece, brief, ticker) for piece in pieces)
-    share = places / len(starting) * (brief.transient + brief.kept) / (plan.transient + plan.kept)
-    return taken / share
+    whole = count * (plan.transient + plan.kept)
+    ticker = Ticker(sum(map(len, pieces)) * (brief.transient + brief.kept), progress)
+    _processor_seconds(scenes, pieces[0][:2], replace(plan, transient=0, kept=1), Ticker(0, None), 0.0, 0.0)
+    taken = 0.0
+    for i, piece in enumerate(pieces, 1):
+        most = TRIAL_SECONDS / len(pieces), TRIAL_SHARE * whole * i / len(pieces)
+        taken += _processor_seconds(scenes, piece, brief, ticker, *most)
+    return taken / ticker.done * whole
 
 
-def _row_trial(plan: Plan, chunks: int, most: int) -> tuple[Plan, Plan, int]:
-    """What compiles the program of rows, what is timed, and how many of the chunks, `most` at most.
-
-    The timed periods are those of all chunks times `ROW_TRIAL_SHARE`.
-    """
-    allowed = ROW_TRIAL_SHARE * chunks * (plan.transient + plan.kept)
-    periods = int(np.clip(allowed, LEAST_ROW_TRIAL, 2 * PROJECTED_PERIODS))
-    places = int(np.clip(allowed // periods, 1, most))
-    return replace(plan, transient=0, kept=1), replace(plan, transient=0, kept=periods), places
-
-
-def _processor_seconds(scenes: Scene, some: np.ndarray, plan: Plan, ticker: Ticker) -> float:
-    """The processor time that some of the lanes take [s]."""
+def _processor_seconds(
+    scenes: Scene, some: np.ndarray, plan: Plan, ticker: Ticker, seconds: float, lane_periods: float
+) -> float:
+    """The processor time that some of the lanes take [s], in so many seconds at most, or until so much is done."""
     lanes = jax.tree.map(lambda a: np.asarray(a)[some], scenes)
-    began = process_time()
-    run_lanes(lanes, initial_states(lanes), plan, ticker)
+    began, end = process_time(), perf_counter() + seconds
+
+    def tick(more: float) -> None:
+        ticker(more)
+        if ticker.done > 0 and (perf_counter() > end or ticker.done >= lane_periods):
+            raise _EnoughError
+
+    with suppress(_EnoughError):
+        run_lanes(lanes, initial_states(lanes), plan, tick)
     return process_time() - began

@@ -21,21 +21,30 @@ def test_a_projection_is_as_long_as_the_run():
     times = iter(range(8))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runs, "process_time", lambda: float(next(times)))
+        patch.setattr(runs, "TRIAL_SECONDS", np.inf)
+        patch.setattr(runs, "TRIAL_SHARE", np.inf)
         one, ten = (runs.projected_seconds(lanes, replace(plan, kept=kept)) for kept in (8, 98))
     assert ten == pytest.approx(10 * one)
     assert one == pytest.approx(10 / (2 * runs.PROJECTED_PERIODS))  # a second for the periods that are timed
 
 
-def test_a_projection_of_rows_times_a_share_of_their_chunks():
-    # A second for each run that is timed: with 200 chunks of 16 periods, a tenth is 320 periods of chunks, ten of 32.
-    scene = js.load("row_chain5").scene
+# Half a second compiles. A tenth of 20 chunks of 2 periods is 4 periods of a chunk; else the trial ends beyond 10 s.
+@pytest.mark.parametrize(("periods", "seconds"), [(2, 0.5 + 4 * 3 * 0.5), (1000, 0.5 + 10.5)])
+def test_a_trial_ends_after_a_share_of_the_run_or_some_seconds(periods, seconds):
+    # Calls of half a second of the clock and of the processor, each of which makes a third of a period of a chunk.
+    scene, clock = js.load("row_chain5").scene, [0.0]
     width = lanes_per_call(scene.row_size)
-    lanes = js.scenes_from({"contact.gamma": np.linspace(1.0, 2.0, 200 * width - 30)}, scene)
-    plan, ran, times = Plan(2, 14, 100, 0.0, FAST), [], iter(range(4))
+    lanes = js.scenes_from({"contact.gamma": np.linspace(1.0, 2.0, 20 * width)}, scene)
+
+    def run_lanes(some, states, plan, tick):
+        while True:
+            clock[0] += 0.5
+            tick(width / 3)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runs, "process_time", lambda: float(next(times)))
-        patch.setattr(runs, "run_lanes", lambda some, _, brief, __: ran.append((len(some.drive.omega), brief.kept)))
-        projected = runs.projected_seconds(lanes, plan)
-    assert ran[0] == (2, 1)  # compiles the program
-    assert ran[1] in {(10 * width, 32), (10 * width - 30, 32)}
-    assert projected == pytest.approx(200 * 16 / 320)
+        for name in ("process_time", "perf_counter"):
+            patch.setattr(runs, name, lambda: clock[0])
+        patch.setattr(runs, "run_lanes", run_lanes)
+        projected = runs.projected_seconds(lanes, Plan(0, periods, 100, 0.0, FAST))
+    assert projected == pytest.approx(20 * periods * 3 * 0.5)
+    assert clock[0] == pytest.approx(seconds)
