@@ -19,6 +19,7 @@ from jaxshroud.scene.checks import InputError, NumericalError, StoreError
 MAX_MESSAGE_LENGTH = 600  # characters of a message
 TABLE_DIGITS = 6  # of floats in tables
 LINE_INTERVAL = 10.0  # seconds from line to line of a progress report
+KNOWN_SHARE = 0.1  # of a run, after which it is told when it ends
 REPEATED_SIGNAL = b"\0"  # written in place of a signal's number
 
 
@@ -94,6 +95,38 @@ def make_directory(path: Path, names: Sequence[str], force: bool) -> None:
         require_free(path / name, force)
 
 
+class ProgressRate:
+    """The rate of work, and the time that is left, from what was done since the first report of it.
+
+    What comes before that is compilation, which is not repeated. Of work in several parts the latest counts.
+    """
+
+    def __init__(self, clock: Callable[[], float]):
+        self.clock, self.done, self.total = clock, 0.0, 0
+        self.first: tuple[float, float] | None = None  # the time [s] of the first report and what was done by then
+
+    def __call__(self, done: float, total: int) -> None:
+        """Report that `done` of `total` units are done."""
+        if self.first is None or done < self.done:
+            self.first = self.clock(), done
+        self.done, self.total = done, total
+
+    @property
+    def rate(self) -> float:
+        """Units done in a second; 0 where that is not known."""
+        if self.first is None or self.done <= self.first[1]:
+            return 0.0
+        return (self.done - self.first[1]) / max(self.clock() - self.first[0], 1e-9)
+
+    def __str__(self) -> str:
+        if not self.rate:
+            return ""
+        if self.done < KNOWN_SHARE * self.total:
+            return f", {self.rate:.3g}/s"
+        left = timedelta(seconds=round((self.total - self.done) / self.rate))
+        return f", {self.rate:.3g}/s, {left} left"
+
+
 class ProgressLines:
     """A progress report; while it is open, a thread writes a line on standard error every `LINE_INTERVAL` seconds."""
 
@@ -107,24 +140,19 @@ class ProgressLines:
             clock: The time [s].
             pause: Waits for so many seconds; true where there are to be no more lines.
         """
-        self.unit, self.clock, self.start = unit, clock, clock()
-        self.done, self.total = 0, 0
+        self.unit, self.clock, self.start, self.rate = unit, clock, clock(), ProgressRate(clock)
         self.ended = threading.Event()
         self.pause = pause or self.ended.wait
         self.writer = threading.Thread(target=self._write, daemon=True)
 
-    def __call__(self, done: int, total: int) -> None:
+    def __call__(self, done: float, total: int) -> None:
         """Report that `done` of `total` units are done."""
-        self.done, self.total = done, total
+        self.rate(done, total)
 
     def __str__(self) -> str:
-        elapsed = self.clock() - self.start
-        since = timedelta(seconds=round(elapsed))
-        if not self.done:
-            return f"{self.unit}: none in {since}{_compiling_text()}"
-        left = timedelta(seconds=round(elapsed / self.done * (self.total - self.done)))
-        rate = f"{self.done / elapsed:.3g}/s, {left} left"
-        return f"{self.unit}: {self.done} of {self.total} in {since}, {rate}{_compiling_text()}"
+        since, done = timedelta(seconds=round(self.clock() - self.start)), self.rate.done
+        share = f"{done} of {self.rate.total}" if done else "none"
+        return f"{self.unit}: {share} in {since}{self.rate}{_compiling_text()}"
 
     def __enter__(self) -> "ProgressLines":
         self.writer.start()
@@ -149,12 +177,14 @@ def _compiling_text() -> str:
 def progress_bar(unit: str):
     """A progress report with rate and time left on standard error: a bar on a terminal, else lines."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
     from rich.text import Text
+
+    rate = ProgressRate(time.monotonic)
 
     class Rate(TextColumn):
         def render(self, task):
-            return Text(f"{task.speed:.3g}/s" if task.speed else "")
+            return Text(str(rate).removeprefix(", "))
 
     class Description(TextColumn):
         def render(self, task):
@@ -165,10 +195,15 @@ def progress_bar(unit: str):
         with ProgressLines(unit) as report:
             yield report
         return
-    columns = (Description(""), BarColumn(), MofNCompleteColumn(), Rate(""), TimeRemainingColumn())
+    columns = (Description(""), BarColumn(), MofNCompleteColumn(), Rate(""))
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(unit, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+        def report(done: float, total: int) -> None:
+            rate(done, total)
+            bar.update(task, completed=done, total=total)
+
+        yield report
 
 
 def files_written() -> str:

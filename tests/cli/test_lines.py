@@ -29,12 +29,14 @@ def test_a_line_is_written_every_ten_seconds(capsys, monkeypatch):
     clock = Clock()
     monkeypatch.setattr(terminal, "ProgressLines", partial(ProgressLines, clock=clock, pause=clock.wait))
     with terminal.progress_bar("lane-periods") as report:
+        report(10, 200)
+        clock.now += 10.0  # nothing but a compilation came before the first report
         report(50, 200)
         clock.reported.set()
     told = capsys.readouterr().err.splitlines()
     assert LINE_INTERVAL == 10.0
-    assert len(told) == 3
-    assert told[1] == "lane-periods: 50 of 200 in 0:00:20, 2.5/s, 0:01:00 left"
+    assert len(told) == 2
+    assert told[1] == "lane-periods: 50 of 200 in 0:00:30, 1.33/s, 0:01:52 left"
 
 
 def test_compiling_is_said_while_something_compiles():
@@ -55,6 +57,24 @@ def test_compiling_is_said_while_something_compiles():
     assert str(lines) == "periods: none in 0:00:12"
     lines(50, 200)
     assert "compiling" not in str(lines)
+
+
+def test_the_end_is_told_once_a_tenth_is_done_and_of_each_part_anew():
+    clock = Clock()
+    lines = ProgressLines("periods", clock=clock)
+    clock.now += 60  # compiles
+    lines(1, 100)
+    clock.now += 4
+    lines(5, 100)
+    assert str(lines) == "periods: 5 of 100 in 0:01:04, 1/s"
+    clock.now += 15
+    lines(20, 100)
+    assert str(lines) == "periods: 20 of 100 in 0:01:19, 1/s, 0:01:20 left"
+    lines(2, 10)  # another part, of which nothing is known yet
+    assert str(lines) == "periods: 2 of 10 in 0:01:19"
+    clock.now += 10
+    lines(4.5, 10)
+    assert str(lines) == "periods: 4.5 of 10 in 0:01:29, 0.25/s, 0:00:22 left"
 
 
 def test_a_short_command_writes_none(capsys):
