@@ -93,7 +93,7 @@ class Ticker:
     def __init__(self, total: int, report: Progress | None):
         self.total, self.done, self.report = total, 0, report
 
-    def __call__(self, lane_periods: float) -> None:
+    def __call__(self, lane_periods: int | float) -> None:
         """Report `lane_periods` more as done."""
         self.done += lane_periods
         if self.report is not None:
@@ -159,7 +159,7 @@ def chunk_by_chunk(run: Callable[[Any, Tick], Tree], lanes: Any, ticker: Tick, w
     def one(check: Check, at: np.ndarray) -> Tree:
         n = min(width, count - int(at[0]))
 
-        def tick(done: float) -> None:
+        def tick(done: int | float) -> None:
             ticker(done * n)
             check()
 
@@ -353,7 +353,7 @@ def _processor_seconds(
     lanes = jax.tree.map(lambda a: np.asarray(a)[some], scenes)
     began, end = process_time(), perf_counter() + seconds
 
-    def tick(more: float) -> None:
+    def tick(more: int | float) -> None:
         ticker(more)
         if ticker.done > 0 and (perf_counter() > end or ticker.done >= lane_periods):
             raise _EnoughError

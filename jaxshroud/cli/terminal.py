@@ -107,7 +107,7 @@ class ProgressRate:
 
     def __call__(self, done: float, total: int) -> None:
         """Report that `done` of `total` units are done."""
-        if self.first is None or done < self.done:
+        if done and (self.first is None or done < self.done):
             self.first = self.clock(), done
         self.done, self.total = done, total
 

@@ -86,6 +86,24 @@ def stacked(trees: Sequence[T]) -> T:
     return jax.tree.map(lambda *a: np.stack(a), *trees)
 
 
+class StagedProgress:
+    """The progress of work whose stages become known on the way: each adds to what is to be done."""
+
+    def __init__(self, report: Progress | None):
+        self.report, self.total = report, 0
+
+    def stage(self) -> Progress:
+        """The progress of the next stage; those before it have ended."""
+        before = self.total
+
+        def told(done: int | float, total: int) -> None:
+            self.total = before + total
+            if self.report is not None:
+                self.report(before + done, self.total)
+
+        return told
+
+
 def run_together(
     algorithms: Sequence[Algorithm[T]], progress: Progress | None = None, periods: int = 0
 ) -> list[T | Exception]:
@@ -93,7 +111,7 @@ def run_together(
 
     Args:
         algorithms: One for each lane.
-        progress: Called with (lane-periods done, lane-periods at most) after every batch.
+        progress: Called with (lane-periods done, lane-periods at most) at the beginning and after every batch.
         periods: An upper estimate of the drive periods of one lane.
 
     Raises:
@@ -111,6 +129,8 @@ def run_together(
         except LANE_ERRORS as error:
             results[lane] = error
 
+    if progress is not None and algorithms:
+        progress(0, periods * len(algorithms))
     for lane in range(len(algorithms)):
         advance(lane, None)
     while pending:

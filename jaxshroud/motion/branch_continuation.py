@@ -5,9 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxshroud.batch.runs import Progress
 from jaxshroud.model.modes import MULTIPLIER_KINDS
-from jaxshroud.motion.batched_algorithms import Algorithm, run_together
+from jaxshroud.motion.batched_algorithms import Algorithm, StagedProgress, run_together
 from jaxshroud.motion.bifurcation import (
     MAX_MULTIPLIER_MISS,
     ContactSummary,
@@ -35,6 +34,7 @@ HALVING_KINDS, HALF_PERIOD_RESIDUAL = ("fold", "branch point", "corner"), 0.03
 DOUBLING_STEP = 1e-2  # distance from a flip at which the orbit of twice the period is sought, in units of the motion
 PLANE_DIRECTIONS = 8  # tried in a plane of eigenvectors
 USUAL_POINTS = 400  # of a branch in one direction, of those that may have more
+DERIVATIVES_OF_POINT, DERIVATIVES_OF_SPECIAL_POINT = 4, 20  # about so many, of a point and of one that is located
 SAME_FLIP = 1e-3  # of the parameter's range: distance of flips that count as the two ends of one branch
 
 
@@ -187,14 +187,12 @@ class ContinuedBranch(NamedTuple):
 
 
 def branches_from(
-    problem: ContinuationProblem, first: BranchPoint, max_points: int, doublings: int, progress: Progress | None
+    problem: ContinuationProblem, first: BranchPoint, max_points: int, doublings: int, progress: StagedProgress
 ) -> list[ContinuedBranch]:
     """The branch through a point, and those that emanate from its flips and broken waves, and from theirs ..."""
     backward = first._replace(tangent=-first.tangent)
-    total = 4 * min(max_points, USUAL_POINTS) * first.cycle.q  # periods: about four derivatives for each point
-    arcs = run_together(
-        [continue_branch(problem, first, max_points), continue_branch(problem, backward, max_points)], progress, total
-    )
+    both = [continue_branch(problem, first, max_points), continue_branch(problem, backward, max_points)]
+    arcs = run_together(both, progress.stage(), _periods_of_arc(max_points, first.cycle.q))
     forward_arc, backward_arc = (_unless_failed(arc, Arc([first], "lost")) for arc in arcs)
     branches = [(_reversed(backward_arc.points) + forward_arc.points[1:], (backward_arc.end, forward_arc.end))]
     latest = branches
@@ -202,18 +200,26 @@ def branches_from(
         origins = [
             p for points, _ in latest for p in points if emanating_multiplier(p) and 2 * p.cycle.q <= LARGEST_PERIOD
         ]
-        latest = _emanating_branches(problem, origins, max_points)
+        latest = _emanating_branches(problem, origins, max_points, progress)
         branches += latest
-    return _with_grazings(problem, branches)
+    return _with_grazings(problem, branches, progress)
+
+
+def _periods_of_arc(max_points: int, q: int) -> int:
+    """An estimate of the drive periods that an arc of orbits of `q` periods takes."""
+    return DERIVATIVES_OF_POINT * min(max_points, USUAL_POINTS) * q
 
 
 def _emanating_branches(
-    problem: ContinuationProblem, origins: list[BranchPoint], max_points: int
+    problem: ContinuationProblem, origins: list[BranchPoint], max_points: int, progress: StagedProgress
 ) -> list[tuple[list[BranchPoint], tuple[str, str]]]:
     """The branches that emanate from special points; one that joins two is continued from both, and kept once."""
-    starts = run_together([emanating_point(problem, origin) for origin in origins])
+    q = 2 * max((origin.cycle.q for origin in origins), default=0)
+    seeking = [emanating_point(problem, origin) for origin in origins]
+    starts = run_together(seeking, progress.stage(), DERIVATIVES_OF_POINT * q)
     pairs = [(origin, p) for origin, p in zip(origins, starts, strict=True) if isinstance(p, BranchPoint)]
-    arcs = run_together([continue_branch(problem, p, max_points) for _, p in pairs])
+    following = [continue_branch(problem, p, max_points) for _, p in pairs]
+    arcs = run_together(following, progress.stage(), _periods_of_arc(max_points, q))
     branches: list[tuple[list[BranchPoint], tuple[str, str]]] = []
     for (origin, first), arc in zip(pairs, arcs, strict=True):
         branch = _unless_failed(arc, Arc([first], "lost"))
@@ -238,7 +244,9 @@ def _reversed(points: list[BranchPoint]) -> list[BranchPoint]:
 
 
 def _with_grazings(
-    problem: ContinuationProblem, branches: list[tuple[list[BranchPoint], tuple[str, str]]]
+    problem: ContinuationProblem,
+    branches: list[tuple[list[BranchPoint], tuple[str, str]]],
+    progress: StagedProgress,
 ) -> list[ContinuedBranch]:
     """The branches with their grazing points, and the contact summaries of all points."""
     touches = [_contacts_of_all(contact_summary(p) for p in points) for points, _ in branches]
@@ -248,7 +256,9 @@ def _with_grazings(
         for i, ((_, there), (a, z)) in enumerate(zip(pairwise(points), pairwise(touches[b]), strict=True), 1)
         if a.onsets != z.onsets and there.kind != "jump"
     ]
-    located = run_together([grazing_point(problem, *branches[b][0][i - 1 : i + 1]) for b, i in places])
+    q = max((branches[b][0][i].cycle.q for b, i in places), default=0)
+    locating = [grazing_point(problem, *branches[b][0][i - 1 : i + 1]) for b, i in places]
+    located = run_together(locating, progress.stage(), DERIVATIVES_OF_SPECIAL_POINT * q)
     grazings = [(b, i, p) for (b, i), p in zip(places, located, strict=True) if isinstance(p, BranchPoint)]
     for (b, i, point), touch in zip(
         grazings[::-1], _contacts_of_all(contact_summary(p) for _, _, p in grazings)[::-1], strict=True
@@ -258,7 +268,9 @@ def _with_grazings(
     return [ContinuedBranch(points, ends, touch) for (points, ends), touch in zip(branches, touches, strict=True)]
 
 
-def with_errors(branches: list[ContinuedBranch], fine_problem: ContinuationProblem) -> list[ContinuedBranch]:
+def with_errors(
+    branches: list[ContinuedBranch], fine_problem: ContinuationProblem, progress: StagedProgress
+) -> list[ContinuedBranch]:
     """The branches with the errors of their bifurcations, by a finer march."""
     places = [
         (b, i)
@@ -266,7 +278,9 @@ def with_errors(branches: list[ContinuedBranch], fine_problem: ContinuationProbl
         for i, point in enumerate(branch.points)
         if point.kind in MULTIPLIER_KINDS and 0 < i < len(branch.points) - 1
     ]
-    values = run_together([finer_value(fine_problem, *branches[b].points[i - 1 : i + 2]) for b, i in places])
+    q = max((branches[b].points[i].cycle.q for b, i in places), default=0)
+    locating = [finer_value(fine_problem, *branches[b].points[i - 1 : i + 2]) for b, i in places]
+    values = run_together(locating, progress.stage(), DERIVATIVES_OF_SPECIAL_POINT * q)
     for (b, i), value in zip(places, values, strict=True):
         point = branches[b].points[i]
         error = np.nan if isinstance(value, Exception) else abs(value - point.value)

@@ -13,7 +13,7 @@ from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.io.variable import jax_lane_arrays
 from jaxshroud.march.method import Method
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.batched_algorithms import run_alone
+from jaxshroud.motion.batched_algorithms import StagedProgress, run_alone
 from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, continuation_problem, first_point
 from jaxshroud.motion.branch_continuation import ContinuedBranch, branches_from, with_errors
 from jaxshroud.motion.orbit import PeriodicOrbit
@@ -70,7 +70,7 @@ def branch(
         most_periods: Drive periods after which the search ends if the motion has not repeated.
         method: How to march: a method, or the accuracy that chooses one; see `method_for`. Steps in a ring of alike
             blades are rounded up to a multiple of the parts into which a travelling wave divides the period.
-        progress: Called with (drive periods done, drive periods at most).
+        progress: Called with (drive periods done, drive periods in all), as far as it is known what is to be done.
 
     Returns:
         The branches (of rows of blades a `RowBranch`), point by point, including their special points; each point is
@@ -152,9 +152,10 @@ def continued(
     try:
         initial = _initial_orbit(in_precision(here, march.method.precision), state, q, most_periods, shooting)
         problem, first = _first_point(initial, along, low, high, value, shooting)
-        branches = branches_from(problem, first, most_points, doublings, progress)
+        stages = StagedProgress(progress)
+        branches = branches_from(problem, first, most_points, doublings, stages)
         finer = ShootingOptions(2 * march.steps, shooting.tolerance, march.method.finer)
-        branches = with_errors(branches, problem._replace(aim=finer))
+        branches = with_errors(branches, problem._replace(aim=finer), stages)
     except Interrupted:
         raise Interrupted(None) from None
     provenance, _ = resolved.provenance(resolved.transient, march.steps)

@@ -10,7 +10,7 @@ from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import FAST
 from jaxshroud.model.prepared import initial_state
 from jaxshroud.motion import batched_algorithms as module
-from jaxshroud.motion.batched_algorithms import Derivatives, Periods, run_alone, run_together
+from jaxshroud.motion.batched_algorithms import Derivatives, Periods, StagedProgress, run_alone, run_together
 from jaxshroud.scene.checks import NumericalError
 
 SCENE = load("table1", ['parts.motion=["x"]', "drive.F_0=60"]).scene
@@ -62,7 +62,7 @@ def test_a_lane_that_fails_does_not_stop_the_others(error):
 def test_progress_ends_with_all_that_was_to_do():
     told = []
     run_together([asking(periods(1)), asking(periods(1), periods(3))], lambda *now: told.append(now), 8)
-    assert told[0] == (9, 16)  # the first lane has ended
+    assert told[:2] == [(0, 16), (9, 16)]  # the first lane has ended
     assert told[-1] == (16, 16)
 
 
@@ -78,3 +78,13 @@ def test_an_interruption_keeps_what_was_found(monkeypatch):
     with pytest.raises(Interrupted) as stopped:
         run_together([asking(tangents)])
     assert stopped.value.done is None
+
+
+def test_stages_add_to_what_is_to_be_done():
+    told = []
+    progress = StagedProgress(lambda done, total: told.append((done, total)))
+    for periods in (10, 30):
+        stage = progress.stage()
+        for done in (0, periods):
+            stage(done, periods)
+    assert told == [(0, 10), (10, 10), (10, 40), (40, 40)]
