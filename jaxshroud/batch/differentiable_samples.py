@@ -22,6 +22,7 @@ from jaxtyping import Array, Int
 from jaxshroud.batch.duals import Dual, dual_lanes
 from jaxshroud.batch.flow_states import Flow
 from jaxshroud.batch.periods import LaneSelector, advance, march, whole_tree
+from jaxshroud.batch.stopped import replaced_where
 from jaxshroud.batch.tangents import begin_flow, dual_flow_constants, end_flow, flow_constants
 from jaxshroud.batch.xla import (
     FOR_SERIES,
@@ -184,7 +185,7 @@ def trial_counts(scenes: Scene, states: State, schedule: Schedule) -> Int[Array,
 
 
 def differentiable_samples(scene: Scene, state: State, schedule: Schedule) -> Flow:
-    """The samples (leading axis) of one lane; they and their derivatives are NaN once it has stopped."""
+    """The samples (leading axis) of one lane; they and their derivatives are zero once it has stopped."""
     samples_of = jax.custom_jvp(
         lambda scene, state: _first_lane_flow(_run_compiled(one_lane(scene), one_lane(state), schedule)[0])
     )
@@ -208,7 +209,8 @@ def samples_and_tangents(primals: tuple[Scene, State], tangents: Any, schedule: 
     lanes = jax.tree.map(lambda a: jnp.broadcast_to(a, (len(along), *jnp.shape(a))), tree.unflatten(leaves))
     units = tree.unflatten(_unit_directions(leaves, moving, len(along)))
     flows, _ = _run_compiled(*(Dual(*pair) for pair in zip(lanes, units, strict=True)), schedule=schedule)
-    flow, slopes = _first_lane_flow(flows.value), _where_ok(flows.value.status[0], flows.tangent)
+    flow, slopes = _first_lane_flow(flows.value), flows.tangent
+    slopes = jax.tree.map(lambda a: jnp.where(flow.status == Status.OK, a, jnp.zeros_like(a)), slopes)
     slope = lambda a, by: None if by is None else jnp.tensordot(along, by, 1)
     return flow, no_tangents(flow, jax.tree.map(slope, flow, slopes))
 
@@ -219,14 +221,9 @@ def no_tangents(values: Tree, tangents: Tree) -> Tree:
 
 
 def _first_lane_flow(flow: Flow) -> Flow:
-    """The samples of the first lane, with NaN where it had stopped."""
-    return _where_ok(flow.status[0], jax.tree.map(lambda a: a[0], flow))
-
-
-def _where_ok(status: Int[Array, " samples"], tree: Tree) -> Tree:
-    """The numbers (..., samples), with NaN where the status is not OK."""
-    real = lambda a: jnp.issubdtype(a.dtype, jnp.floating)
-    return jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan) if real(a) else a, tree)
+    """The samples of the first lane, with zeros where it had stopped."""
+    first = jax.tree.map(lambda a: a[0], flow)
+    return replaced_where(first.status != Status.OK, first, 0.0)._replace(margins=first.margins)
 
 
 def _unit_directions(leaves: list[Any], moving: list[bool], count: int) -> list[Any]:

@@ -8,6 +8,7 @@ from jaxtyping import Array, Int
 
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.locate import select
+from jaxshroud.march.tally import EventMargins
 from jaxshroud.model.arithmetic import Pair, Scalar, is_absent
 from jaxshroud.model.friction import stretch
 from jaxshroud.model.geometry import ContactKinematics
@@ -22,6 +23,8 @@ class Flow(NamedTuple):
     state: State  # with its slider updated; motion as pairs
     power: Pair  # mean square displacement over block and time [m^2]
     status: Int[Array, "..."]
+    margins: EventMargins | None = None  # so far; None unless the method has `margins`
+    coarseness: Scalar | None = None  # see `StepVerdict`; None within a march
 
 
 class FlowWithMoments(NamedTuple):

@@ -234,7 +234,7 @@ def _with_empty_tally(lanes: Lane) -> Lane:
     tally = lanes.tally
     integrals, jumps = jax.tree.map(jnp.zeros_like, (tally.integrals, tally.jumps))
     log = None if tally.log is None else jax.vmap(log_of_new_period)(tally.log, lanes.state.motion)
-    return eqx.tree_at(lambda lane: lane.tally, lanes, Tally(integrals, jumps, log))
+    return eqx.tree_at(lambda lane: lane.tally, lanes, Tally(integrals, jumps, log, tally.margins))
 
 
 @traced_once

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,15 +13,12 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from jaxshroud.batch.differentiable_samples import Schedule, differentiable_samples, trial_counts
 from jaxshroud.batch.flow_states import Flow
-from jaxshroud.batch.input_status import (
-    admit_start,
-    require_single_scene,
-    status_if_admitted,
-)
+from jaxshroud.batch.input_status import Admitted, admit, require_single_scene, status_if_admitted
 from jaxshroud.batch.periods import march_steps
-from jaxshroud.batch.row_flow import row_flow
+from jaxshroud.batch.row_flow import RowFlow, check_row_start, row_flow
 from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.states import as_arrays, carried_state
+from jaxshroud.batch.stopped import distinct_where, nan_where, where_going
 from jaxshroud.batch.tangents import as_differentiable, begin_flow, end_flow, flow_constants
 from jaxshroud.batch.xla import one_lane, vmapped
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
@@ -60,6 +57,10 @@ class Rollout(eqx.Module):
     state: State  # at the end
     power: PerBlade  # mean square displacement over each block and the whole run [m^2]
     status: Int[Array, ""]  # see `Status`; unless OK, all numbers after the lane stopped are NaN
+    events: Int[Array, ""]  # changes of mode and case until the end, or until the lane stopped, as the next two
+    slowest_onset: Scalar  # least closing speed as contact began from a gap [m/s]; infinite if it never did
+    slowest_switch: Scalar  # least speed of corners passing each other as the case changed [m/s]; infinite likewise
+    coarseness: Scalar  # omega_max h over the method's limit of accuracy: inaccurate above 1; 0 of power series
 
 
 def save_all(moment: Moment) -> Moment:
@@ -98,9 +99,12 @@ def rollout(
             OUT_OF_TRIALS. None: no bound, as of a row.
 
     Returns:
-        The saved samples, `every` so many steps (without the start), the final state, the mean square displacements and
-        the status. Numbers and derivatives are NaN after a lane has stopped, and only then. Under `jax.jit` the inputs
-        are known only while the program runs: where one is out of its range, the status is BAD_INPUT.
+        The saved samples, `every` so many steps (without the start), the final state, the mean square displacements,
+        the status, and what the march knows of its events and its step, see `Rollout`. Numbers and derivatives are NaN
+        after a lane has stopped, and only then; a loss that leaves these numbers out, by `jnp.where` or the like before
+        it does anything else with them, has the derivatives of the others, in both modes. Under `jax.jit` the inputs
+        are known only while the program runs: where one is out of its range, or the steps of a Runge-Kutta method are
+        unstable, the status is BAD_INPUT.
 
     Raises:
         ValueError: A count is out of range, the scene has leading axes, or float64 is not enabled; a row of blades has
@@ -121,35 +125,57 @@ def rollout(
     schedule = _schedule(n_periods, every, method, most_trials)
     require_single_scene("rollout", scene)
     scene, state = _in_method_precision(scene, state, schedule.method)
-    state, good = admit_start(scene, state)
     if scene.row is not None:
-        return _row_rollout(scene, state, schedule._replace(method=explicit(method)[1]), save, good)
-    flow = differentiable_samples(scene, state, schedule)
-    model, (times, turns) = prepared_model(scene), _sample_times(scene, schedule)
+        return _row_rollout(scene, state, schedule._replace(method=explicit(method)[1]._replace(margins=True)), save)
+    schedule = schedule._replace(method=schedule.method._replace(margins=True))
+    begin = admit(scene, state, schedule.steps, schedule.method)
+    flow = differentiable_samples(begin.scene, begin.start, schedule)
+    model, (times, turns) = prepared_model(begin.scene), _sample_times(begin, schedule)
     states = eqx.tree_at(lambda s: s.motion, flow.state, jax.vmap(as_arrays)(flow.state.motion))
-    moments = jax.vmap(lambda t, turns, state: _moment_at(t, turns, state, model))(times, turns, states)
-    last = jax.tree.map(lambda a: a[-1], (states, flow.status))
-    return Rollout(
-        jax.vmap(save)(moments), last[0], jnp.mean(jnp.stack(flow.power, -1), axis=0), status_if_admitted(last[1], good)
-    )
+    stopped = flow.status != Status.OK
+    moments = jax.vmap(lambda *sample: _moment_at(*sample, model))(times, turns, states, stopped)
+    return _as_rollout(moments, jnp.stack(flow.power, -1), flow, save, begin)
 
 
-def _sample_times(scene: Scene, schedule: Schedule) -> tuple[Float[Array, " samples"], Float[Array, " samples"]]:
+def _as_rollout(
+    moments: Moment,
+    power: Float[Array, "samples blades"],
+    flow: Flow | RowFlow,
+    save: Callable[[Moment], PyTree],
+    begin: Admitted,
+) -> Rollout:
+    """The result of sampled moments, with NaN once the lane has stopped."""
+    stopped = flow.status != Status.OK
+    lost = eqx.tree_at(_of_motion, moments, nan_where(stopped, _of_motion(moments)))
+    kept = eqx.tree_at(_of_motion, moments, distinct_where(stopped, _of_motion(moments)))
+    saved = where_going(stopped, jax.vmap(save)(kept), jax.vmap(save)(lost))
+    mean = nan_where(stopped[-1], jnp.mean(power, axis=0))
+    state, status, margins = jax.tree.map(lambda a: a[-1], (lost.state, flow.status, lax.stop_gradient(flow.margins)))
+    return Rollout(saved, state, mean, status_if_admitted(status, begin.good), *margins, begin.coarseness)
+
+
+def _of_motion(moment: Moment) -> tuple[Any, ...]:
+    """The numbers of a moment that depend on the motion."""
+    state = moment.state
+    return state.motion, state.u_s, moment.N, moment.F, moment.v, moment.u
+
+
+def _sample_times(begin: Admitted, schedule: Schedule) -> tuple[Float[Array, " samples"], Float[Array, " samples"]]:
     """The times [s] of samples, and the phases of the drive there [turns]."""
     index, steps = np.arange(1, schedule.samples + 1) * schedule.every, schedule.steps
-    turns = jnp.asarray(index % steps / steps, scene.drive.omega.dtype)
-    return scene.drive.period * jnp.asarray(index / steps, turns.dtype), turns
+    period = nan_where(~begin.good, begin.scene.drive.period)
+    turns = jnp.asarray(index % steps / steps, period.dtype)
+    return period * jnp.asarray(index / steps, turns.dtype), turns
 
 
-def _row_rollout(
-    scene: Scene, state: State, schedule: Schedule, save: Callable[[Moment], PyTree], good: Bool[Array, ""]
-) -> Rollout:
+def _row_rollout(scene: Scene, state: State, schedule: Schedule, save: Callable[[Moment], PyTree]) -> Rollout:
     require_pair("Argument `most_trials`", None if schedule.most_trials is None else scene.row)
-    flow = row_flow(scene, state, schedule)
+    check_row_start(scene, state, schedule.method)
+    begin = admit(scene, state, schedule.steps, schedule.method)
+    flow = row_flow(begin.scene, begin.start, schedule)
     f = flow.at.forces
-    moments = Moment(_sample_times(scene, schedule)[0], flow.at.state, f.N, f.F, f.v, f.u)
-    last = jax.tree.map(lambda a: a[-1], (flow.at.state, flow.status))
-    return Rollout(jax.vmap(save)(moments), last[0], jnp.mean(flow.power, axis=0), status_if_admitted(last[1], good))
+    moments = Moment(_sample_times(begin, schedule)[0], flow.at.state, f.N, f.F, f.v, f.u)
+    return _as_rollout(moments, flow.power, flow, save, begin)
 
 
 @typed
@@ -206,12 +232,12 @@ def _in_method_precision(scene: Scene, state: State | None, method: Choices) -> 
     return scene, own if state is None else in_precision(state, method.precision)
 
 
-def _moment_at(t: Scalar, turns: Float[Array, ""], state: State, model: Model) -> Moment:
+def _moment_at(t: Scalar, turns: Scalar, state: State, stopped: Bool[Array, ""], model: Model) -> Moment:
     carried = carried_state(state, model)
     forces = contact_forces(drive_wave(*sincos_turns(turns), model.drive), carried, model)
-    # NaN after a lane has stopped
-    N, F = (jnp.where(jnp.isnan(forces.v), forces.v, force) for force in filled((forces.N, forces.F), forces.v))
-    return Moment(t, state, N, F, forces.v, forces.u)
+    of_contact = filled((forces.N, forces.F, forces.v, forces.u), forces.v)
+    # of the motion in any mode, so that the NaN of a stopped lane reaches all numbers in reverse mode
+    return Moment(t, state, *(jnp.where(stopped, state.motion.x[0], a) for a in of_contact))
 
 
 @typed
@@ -239,8 +265,9 @@ def period_map(
             None: no bound; smooth contact then has no reverse mode.
 
     Returns:
-        The state, the mean square displacement of both blades and the status; NaN where the run stopped,
-        `most_trials` was too small or numbers are out of their ranges (status BAD_INPUT).
+        The state, the mean square displacement of both blades, the status and how coarse the step is; NaN where the run
+        stopped, `most_trials` was too small (OUT_OF_TRIALS), numbers are out of their ranges or steps unstable
+        (BAD_INPUT).
 
     Raises:
         ValueError: A count is too small, the scene has leading axes or a row of blades, or float64 is not enabled.
@@ -253,25 +280,26 @@ def period_map(
         count_argument("most_trials", most_trials, 1)
     steps, how = explicit(method)
     scene, state = (in_precision(tree, how.precision) for tree in (scene, state))
-    state, good = admit_start(scene, state)
     how = as_differentiable(how)
+    begin = admit(scene, state, steps, how)
     if scene.parts.contact == "smooth":
-        flow = _plain_period_map(scene, state, n_periods, steps, how, most_trials)
-        return flow._replace(status=status_if_admitted(flow.status, good))
-    most = None if most_trials is None else n_periods * most_trials
-    flow = differentiable_samples(scene, state, Schedule(n_periods, steps, steps, how, most))
-    end, status = jax.tree.map(lambda a: a[-1], (flow.state, flow.status))
-    left, right = (jnp.mean(a) for a in flow.power)
-    return Flow(
-        State(as_arrays(end.motion), end.u_s, end.mode, end.case), (left, right), status_if_admitted(status, good)
-    )
+        flow = _plain_period_map(begin, n_periods, steps, how, most_trials)
+    else:
+        most = None if most_trials is None else n_periods * most_trials
+        flow = differentiable_samples(begin.scene, begin.start, Schedule(n_periods, steps, steps, how, most))
+        end = jax.tree.map(lambda a: a[-1], flow.state)
+        state = State(as_arrays(end.motion), end.u_s, end.mode, end.case)
+        flow = Flow(state, (jnp.mean(flow.power[0]), jnp.mean(flow.power[1])), flow.status[-1])
+    status = status_if_admitted(flow.status, begin.good)
+    state, power = nan_where(status != Status.OK, (flow.state, flow.power))
+    return Flow(state, power, status, coarseness=begin.coarseness)
 
 
 def _plain_period_map(
-    scene: Scene, state: State, n_periods: int, steps_per_period: int, method: Choices, most: int | None
-):
+    begin: Admitted, n_periods: int, steps_per_period: int, method: Choices, most: int | None
+) -> Flow:
     """The map as a plain program, which JAX differentiates itself."""
-    lane, model, period = begin_flow(scene, state, method)
+    lane, model, period = begin_flow(begin.scene, begin.state, method)
     steps = jnp.full((1,), steps_per_period, jnp.int32)
     fixed = flow_constants(*one_lane((model, period)), steps)
 
@@ -280,8 +308,6 @@ def _plain_period_map(
 
     lanes, arrived = lax.scan(one_period, one_lane(lane), length=n_periods)
     flow = end_flow(jax.tree.map(lambda a: a[0], lanes), model, n_periods * period)
-    good = jnp.all(arrived) & (flow.status == Status.OK)
-    mark = jnp.where(good, 1.0, jnp.nan).astype(period.dtype)  # a factor, so that derivatives become NaN too
-    nan_if_failed = lambda tree: jax.tree.map(lambda a: a * mark, tree)
-    motion, u_s, power = nan_if_failed((as_arrays(flow.state.motion), flow.state.u_s, flow.power))
-    return Flow(State(motion, u_s, flow.state.mode, flow.state.case), power, flow.status)
+    status = jnp.where((flow.status == Status.OK) & ~jnp.all(arrived), Status.OUT_OF_TRIALS, flow.status)
+    state = State(as_arrays(flow.state.motion), flow.state.u_s, flow.state.mode, flow.state.case)
+    return Flow(state, flow.power, status.astype(flow.status.dtype))

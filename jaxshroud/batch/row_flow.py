@@ -22,6 +22,7 @@ from jaxshroud.march.derivative_limits import values_only
 from jaxshroud.march.method import Choices
 from jaxshroud.march.row_carry import tally_of_new_period
 from jaxshroud.march.stepper import require_row_contact
+from jaxshroud.march.tally import EventMargins
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError
@@ -35,20 +36,20 @@ class RowFlow(NamedTuple):
     at: RowSamples
     power: Float[Array, "..."]  # mean square displacement of each block since the previous sample, (samples, N) [m^2]
     status: Int[Array, "..."]  # (samples,)
+    margins: EventMargins  # so far, at all interfaces
 
 
-def row_flow(scene: Scene, state: State, schedule: Schedule) -> RowFlow:
-    """The samples of one row by a `schedule` without a bound of trials.
-
-    Raises:
-        InputError: The method cannot march it, or the state is not one of such a row.
-        TypeError: It is differentiated.
-    """
+def check_row_start(scene: Scene, state: State, method: Choices) -> None:
+    """Raise InputError if the method cannot march a row, or the state is not one of such a row."""
     assert scene.row is not None
-    require_row_contact(scene.parts.contact, schedule.method)
+    require_row_contact(scene.parts.contact, method)
     sizes = scene.row.blades, scene.row.interfaces
     if (jnp.shape(state.motion.x), jnp.shape(state.u_s)) != ((sizes[0],), (sizes[1],)):
         raise InputError("Argument `state` must have the motion of {} blades and contact at {}.".format(*sizes))
+
+
+def row_flow(scene: Scene, state: State, schedule: Schedule) -> RowFlow:
+    """The samples of one row by a `schedule` without a bound of trials; a TypeError where it is differentiated."""
     flows = _sampled_rows(*one_lane(values_only((scene, state))), schedule)
     return jax.tree.map(lambda a: a[0], flows)
 
@@ -74,10 +75,19 @@ def _row_samples_in_lanes(scenes: Scene, states: State, schedule: Schedule) -> R
         overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(jnp.sum(power, axis=0))
         status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
         lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
-        return lanes, lanes_first(RowFlow(sample, jnp.where(status == Status.OK, power, jnp.nan), status))
+        return lanes, lanes_first(
+            RowFlow(sample, jnp.where(status == Status.OK, power, jnp.nan), status, _of_all(lanes.tally.margins))
+        )
 
     _, flows = lax.scan(one, begin, length=schedule.samples)
     return jax.tree.map(lambda a: jnp.moveaxis(a, 0, 1), flows)
+
+
+def _of_all(margins: EventMargins | None) -> EventMargins:
+    """The margins of rows, lanes last, from those of their interfaces."""
+    assert margins is not None
+    least = lambda speeds: jnp.min(speeds, axis=0)
+    return EventMargins(jnp.sum(margins.events, axis=0), least(margins.slowest_onset), least(margins.slowest_switch))
 
 
 class RowStrobe(NamedTuple):

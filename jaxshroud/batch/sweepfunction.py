@@ -18,15 +18,17 @@ from jaxshroud.batch.differentiable_samples import (
     samples_and_tangents,
     skip_samples,
 )
-from jaxshroud.batch.input_status import admit_start, status_if_admitted
+from jaxshroud.batch.input_status import admit, status_if_admitted
 from jaxshroud.batch.periods import LANES_PER_CALL, Clock, begin_lanes, period_function
 from jaxshroud.batch.row_flow import row_strobe
 from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.stopped import lost_tangents, nan_where, replaced_where
 from jaxshroud.batch.tangents import as_differentiable
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
 from jaxshroud.march.stepper import require_row_contact
 from jaxshroud.model.linear import area, free_power, power_reduction
+from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.keys import Motion
@@ -42,6 +44,7 @@ class Strobe(eqx.Module):
     P: PerBlade  # average power over the kept periods, Eq. (23), (lanes, blades) [m^4]
     P_d: Float[Array, "..."]  # its reduction on the left blade, Eq. (24), of a row that of all, (lanes,) [%]
     status: Int[Array, "..."]  # (lanes,), see `Status`
+    coarseness: Float[Array, "..."]  # omega_max h over the method's limit of accuracy: inaccurate above 1, (lanes,)
     P_0: PerBlade | None = None  # power without contact, of rows alone, (lanes, blades) [m^4]; see `free_power`
 
 
@@ -94,8 +97,8 @@ def sweep_function(
     Returns:
         A function `f(scenes, states=None)` of scenes with one leading axis and of their initial states (by default
         those of `scenes.initial`), that returns a `Strobe`: samples at drive phase 0, powers averaged over all
-        kept periods (the verb's are over whole orbits), and statuses (BAD_INPUT for a lane with a number out of its
-        range).
+        kept periods (the verb's are over whole orbits), statuses (BAD_INPUT for a lane with a number out of its range,
+        or unstable steps), and how coarse the steps are.
 
     Raises:
         ValueError: A count is too small; or, when it is called, the scenes have no leading axis, or float64 is not
@@ -124,9 +127,11 @@ def sweep_function(
         begin = initial_states(scenes) if states is None else in_precision(states, plan.method.precision)
         if scenes.row is not None:
             require_row_contact(scenes.parts.contact, plan.method)
-        begin, good = jax.vmap(admit_start)(scenes, begin)
-        strobe = _run_sweep(scenes, begin, plan, plan.method)
-        return eqx.tree_at(lambda strobe: strobe.status, strobe, status_if_admitted(strobe.status, good))
+        lanes = jax.vmap(lambda scene, state: admit(scene, state, plan.steps, plan.method))(scenes, begin)
+        strobe = _run_sweep(lanes.scene, lanes.start, plan, plan.method)
+        told = status_if_admitted(strobe.status, lanes.good), lanes.coarseness, nan_where(~lanes.good, strobe.P_0)
+        places = lambda strobe: (strobe.status, strobe.coarseness, strobe.P_0)
+        return eqx.tree_at(places, strobe, told, is_leaf=lambda a: a is None)
 
     return function
 
@@ -137,12 +142,16 @@ def _run_sweep(scenes: Scene, states: State, plan: _SweepPlan, method: Choices) 
     del method
     run = _differentiable_chunk if scenes.row is None else _chunk_of_rows
     outcomes = _by_chunks(lambda chunk: run(chunk[0], chunk[1], plan), (scenes, states), len(scenes.drive.omega))
-    A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(scenes)
-    P = A[:, None] * jnp.stack(outcomes.power, axis=-1)
-    left_or_all = lambda a: a[:, 0] if scenes.row is None else a.sum(axis=-1)
-    P_d = power_reduction(left_or_all(P), left_or_all(P_0))
+    stopped = outcomes.status != Status.OK
+    told = scenes if scenes.row is not None else replaced_where(stopped, scenes, 1.0)  # of numbers out of all bounds
+    A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(told)
     motion = Motion(*(jnp.stack(blades, axis=-1) for blades in outcomes.motion))
-    return Strobe(motion, P, P_d, outcomes.status, None if scenes.row is None else P_0)
+    left_or_all = lambda a: a[:, 0] if scenes.row is None else a.sum(axis=-1)
+    P = A[:, None] * replaced_where(stopped, jnp.stack(outcomes.power, axis=-1), 0.0)
+    P_d = power_reduction(left_or_all(P), left_or_all(P_0))
+    motion = jax.tree.map(lambda a: nan_where(jnp.isnan(a), a), motion)
+    P, P_d = nan_where(stopped, (P, P_d))
+    return Strobe(motion, P, P_d, outcomes.status, jnp.zeros_like(A), None if scenes.row is None else P_0)
 
 
 def _by_chunks(run: Callable[[Any], Tree], lanes: Any, count: int) -> Tree:
@@ -159,8 +168,9 @@ def _differentiable_chunk(scenes: Scene, states: State, plan: _SweepPlan) -> _La
     outcomes_of = jax.custom_jvp(batching_by_lanes(lambda scenes, states: _lane_outcomes(scenes, states, plan)))
 
     def push(primals, tangents):
-        _, flow = jax.vmap(partial(samples_and_tangents, schedule=plan.schedule))(primals, perturbed_only(tangents))
-        slope = _LaneOutcomes(flow.state.motion, jax.tree.map(lambda a: jnp.mean(a, axis=1), flow.power), None)
+        run, flow = jax.vmap(partial(samples_and_tangents, schedule=plan.schedule))(primals, perturbed_only(tangents))
+        motion, power = lost_tangents(run.status != Status.OK, (flow.state.motion, flow.power))
+        slope = _LaneOutcomes(motion, jax.tree.map(lambda a: jnp.mean(a, axis=1), power), None)
         value = outcomes_of(*primals)
         return value, no_tangents(value, slope)
 

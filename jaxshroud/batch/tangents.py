@@ -57,13 +57,15 @@ def end_flow(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
     left, right = filled(lane.tally.integrals.power, time)
     overflowed = (lane.status == Status.OK) & ~jnp.isfinite(left + right)
     status = jnp.where(overflowed, Status.NOT_FINITE, lane.status).astype(lane.status.dtype)
-    return Flow(with_zeros(canonical(lane.state, scene_model)), (left / time, right / time), status)
+    state = with_zeros(canonical(lane.state, scene_model))
+    return Flow(state, (left / time, right / time), status, lane.tally.margins)
 
 
 def end_flow_with_moments(lane: Lane, scene_model: Model, time: Scalar) -> FlowWithMoments:
     """`end_flow`, with the moments where they are kept."""
     moments = jax.tree.map(lambda a: a / time, filled(lane.tally.integrals.moments, time))
-    return FlowWithMoments(*end_flow(lane, scene_model, time), moments)
+    flow = end_flow(lane, scene_model, time)
+    return FlowWithMoments(flow.state, flow.power, flow.status, moments)
 
 
 def flow_constants(models: Model, periods: PerLane, steps: Int[Array, " lanes"], turns: PerLane | None = None) -> Fixed:

@@ -19,10 +19,10 @@ from jaxshroud.march.events import (
     transition,
 )
 from jaxshroud.march.method import Choices
-from jaxshroud.march.tally import EnergyJumps, Tally
+from jaxshroud.march.tally import EnergyJumps, EventMargins, Tally
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Pair, Scalar, where
-from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.modes import FLAT, Mode, Status
+from jaxshroud.model.prepared import Model, State, has_torsion
 from jaxshroud.scene.keys import Motion
 
 MAX_EVENTS_PER_STEP = 64  # more is Zeno behaviour: regular scenes have a few per *period*
@@ -124,6 +124,18 @@ def change_at(
     jumps = jax.tree.map(lambda a: where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
     onset = lift & apart
     return EventChange(view, change, onset, onset & ~starts_in_overlap(view, delay), lift & ~apart, jumps)
+
+
+def updated_margins(before: EventMargins, change: EventChange, fire: Bool[Array, ""], model: Model) -> EventMargins:
+    """The margins after a trial that ends in a `change`, if `fire` is true."""
+    turn, rate, slowest = change.transition, change.view.rate, before.slowest_switch
+    if has_torsion(model):
+        of_case = (turn.kind == EventKind.TURN) | (turn.kind == EventKind.HEIGHT)
+        switched = fire & of_case & (turn.before.case != FLAT) & (turn.after.case != FLAT)
+        speed = jnp.abs(where(turn.kind == EventKind.TURN, rate.turn * model.block.a_x, rate.height))
+        slowest = where(switched, jnp.minimum(slowest, speed), slowest)
+    onset = where(change.impact, jnp.minimum(before.slowest_onset, rate.v), before.slowest_onset)
+    return EventMargins(before.events + fire.astype(jnp.int32), onset, slowest)
 
 
 def is_finite(z: Motion) -> Bool[Array, ""]:

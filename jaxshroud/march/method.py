@@ -51,6 +51,7 @@ class Choices(NamedTuple):
     within: bool = False  # log the extremes inside the steps too
     forces: bool = False  # log the largest contact forces, the loads and the impacts
     amplitudes: bool = False  # log the extremes of the displacements and integrate their moments
+    margins: bool = False  # log how clearly events happened, with derivatives too
 
     def __check_init__(self):
         locator_for(self.tableau, self.locate)

@@ -19,6 +19,7 @@ from jaxshroud.march.carry import (
     running,
     status_of,
     updated_lanes,
+    updated_margins,
 )
 from jaxshroud.march.events import (
     EventKind,
@@ -156,9 +157,8 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, m
         refined = repeated._replace(length=length, refinements=search.refinements + 1)
         search, repeated = search._replace(length=length), select(refine, refined, repeated)
     z = state.motion
-    view, transition, onset, impact, separation, jumps = event_change(
-        z, Q, _with_slider_of(start, state), fire, kind, decision.delay, fixed
-    )
+    change = event_change(z, Q, _with_slider_of(start, state), fire, kind, decision.delay, fixed)
+    view, transition, onset, impact, separation, jumps = change
     state = select(fire, transition.after, state)
     guards = select(fire, transition.guards, view.guards)
     # where guards may have jumped, or several were violated, a guard that still is fires in a trial of length zero
@@ -171,6 +171,7 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, m
         lambda before: updated_peaks(before, start, z, h, model),
         lambda before: updated_impacts(before, gain.loads, closing_speed(z, start, model), impact, separation),
         lambda before: updated_range(before, start.motion, z, h),
+        lambda before: updated_margins(before, change, fire, model),
     )
     tally = updated_tally(lane.tally, gain, jumps, h, start.mode, view.at.v, displacements_of(z), log_updates)
     status = where(accept, status_of(z, decision.not_finite, next_search.events), Status.OK).astype(jnp.int32)
@@ -202,6 +203,7 @@ def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: F
         lambda before: updated_peaks(before, lane.state, z, h, model),
         lambda before: before,
         lambda before: updated_range(before, lane.state.motion, z, h),
+        lambda before: before,
     )
     tally = updated_tally(lane.tally, end.gain, no_jumps, h, mode, at.v, displacements_of(z), log_updates)
     status = where(accept, status_of(z, decision.not_finite, next_search.events), Status.OK).astype(jnp.int32)

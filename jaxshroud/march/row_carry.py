@@ -15,7 +15,7 @@ from jaxshroud.march.locate import (
     Target,
 )
 from jaxshroud.march.row_step import OfLanes
-from jaxshroud.march.tally import Counters, DisplacementRange, displacements_of
+from jaxshroud.march.tally import Counters, DisplacementRange, EventMargins, displacements_of
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import (
@@ -68,6 +68,7 @@ class RowTally(NamedTuple):
     springs: OfInterfaces  # energy gained by the contact springs at events [J]
     dropped: OfLanes  # energy lost where flat contact ended a rocking motion [J]
     log: RowLog | None  # None where derivatives are computed
+    margins: EventMargins | None = None  # at each interface; None unless they were requested
 
 
 class RowLane(eqx.Module):
@@ -91,7 +92,7 @@ class RowFixed(NamedTuple):
 
 def tally_of_new_period(tally: RowTally, z: Motion) -> RowTally:
     """The tally with what is told of each period reset, at the motion `z`."""
-    zeros, log = jax.tree.map(jnp.zeros_like, tally), tally.log
+    zeros, log = jax.tree.map(jnp.zeros_like, tally)._replace(margins=tally.margins), tally.log
     if log is None:
         return zeros
     extent = None if log.extent is None else DisplacementRange(displacements_of(z), displacements_of(z))

@@ -13,18 +13,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.carry import MAX_EVENTS_PER_STEP, NEGLIGIBLE_REST, TimeGrid, change_at, running
-from jaxshroud.march.events import (
-    FLAT_RETURN,
-    EventKind,
-    any_of,
-    event_kinds,
-    place_contact,
-)
-from jaxshroud.march.locate import (
-    Target,
-    select,
-)
+from jaxshroud.march.carry import MAX_EVENTS_PER_STEP, NEGLIGIBLE_REST, TimeGrid, change_at, running, updated_margins
+from jaxshroud.march.events import FLAT_RETURN, EventKind, any_of, event_kinds, place_contact
+from jaxshroud.march.locate import Target, select
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import updated_range
 from jaxshroud.march.row_carry import (
@@ -39,7 +30,15 @@ from jaxshroud.march.row_event_time import RowCrossing, differentiable_event_end
 from jaxshroud.march.row_guards import interface_view, row_guards, row_torques
 from jaxshroud.march.row_locate import InterfaceOutcome, RowDecision, interface_outcome, judge_row, row_outcome
 from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_interval, row_step
-from jaxshroud.march.tally import Counters, DisplacementRange, count_event, displacements_of, no_events
+from jaxshroud.march.tally import (
+    Counters,
+    DisplacementRange,
+    EventMargins,
+    count_event,
+    displacements_of,
+    no_events,
+    no_margins,
+)
 from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Scalar, is_absent, zeros_for
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
@@ -70,7 +69,8 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Row
     if model.interfaces.spring.modal:
         guards = zeros_for(lambda: row_guards(state, (lanes, lanes), model, each))
     log = None if method.derivative else _empty_log(state, at, model, method)
-    return RowLane(state, count, search, guards, RowTally(nothing, at, lanes, log), count)
+    margins = no_margins(at) if method.margins else None
+    return RowLane(state, count, search, guards, RowTally(nothing, at, lanes, log, margins), count)
 
 
 def _empty_log(state: State, at: OfInterfaces, model: RowModel, method: Choices) -> RowLog:
@@ -101,6 +101,7 @@ class InterfaceChange(NamedTuple):
     springs: Scalar  # energy gained by the contact springs [J]
     counters: Counters | None  # None where there is no log
     v: Scalar  # penetration before it [m]
+    margins: EventMargins | None  # None where they are not logged
 
 
 def interface_change(
@@ -114,6 +115,7 @@ def interface_change(
     delay: Scalar,
     h: Scalar,
     counters: Counters | None,
+    margins: EventMargins | None,
     turns: Int[Array, ""] | None,
     model: Model,
 ) -> InterfaceChange:
@@ -138,6 +140,7 @@ def interface_change(
         springs,
         None if counters is None else count_event(counters, change.transition, fire, inside),
         v,
+        None if margins is None else updated_margins(margins, change, fire, model),
     )
 
 
@@ -226,6 +229,7 @@ def _change_of_row(lane: RowLane, end: RowStepEnd, verdict: RowVerdict, fixed: R
         crossing.delay,
         lax.stop_gradient(grid.h),
         None if log is None else log.counters,
+        lane.tally.margins,
         lane.search.turns,
         model.interfaces,
     )
@@ -290,7 +294,7 @@ def _updated_tally(
     """The tally after an accepted trial of `h` seconds from `start`."""
     now = None if tally.log is None else _updated_row_log(tally.log, h, start, after, change, each)
     integrals = jax.tree.map(jnp.add, tally.integrals, gain)
-    return RowTally(integrals, tally.springs + change.springs, tally.dropped + dropped, now)
+    return RowTally(integrals, tally.springs + change.springs, tally.dropped + dropped, now, change.margins)
 
 
 def _updated_row_log(
@@ -323,7 +327,7 @@ def _without_events(
     )
     touches = jnp.where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS))
     counters = None if lane.tally.log is None else lane.tally.log.counters
-    change = InterfaceChange(ABSENT, touches, touches, no, None, no, jnp.zeros_like(v), counters, v)
+    change = InterfaceChange(ABSENT, touches, touches, no, None, no, jnp.zeros_like(v), counters, v, lane.tally.margins)
     seen = State(lane.state.motion, lane.state.u_s, touches, lane.state.case)
     tally = _updated_tally(lane.tally, end.gain, h, seen, end.state, change, jnp.zeros_like(h), each)
     status = _status(end.state, ~_is_finite(end.state), no).astype(jnp.int32)

@@ -9,7 +9,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.march.method import StepCount
 from jaxshroud.march.tableau import MIN_STEPS, RK4, Tableau, TaylorOptions
@@ -88,7 +89,7 @@ def _stiffness_of(scene: Scene) -> _Stiffness:
     damping = jnp.concatenate([b.c_x, b.c_y, b.c_T]) * mobility / 2
     excess = damping**2 - jnp.diag(blades) * mobility
     fading = jnp.max(jnp.where(excess > 0, damping + jnp.sqrt(jnp.maximum(excess, 0.0)), 0.0))
-    return _Stiffness(stiffness * jnp.sqrt(jnp.outer(mobility, mobility)), fading, haste, _relaxation(scene))
+    return _Stiffness(stiffness * jnp.sqrt(jnp.outer(mobility, mobility))[None], fading, haste, _relaxation(scene))
 
 
 def _relaxation(scene: Scene) -> Scalar:
@@ -152,6 +153,26 @@ def step_report(
             f"{need(inaccurate)} steps would meet it"
         )
     return None
+
+
+class StepVerdict(NamedTuple):
+    """What can be said of a step before the run."""
+
+    stable: Bool[Array, ""]
+    coarseness: Scalar  # omega_max h over the limit of accuracy of the method; 0 of power series
+
+
+def judge_step(scene: Scene, steps: Int[Array, ""], method: Tableau | TaylorOptions) -> StepVerdict:
+    """The check of `steps_for` inside transformations of JAX: of one scene, without a derivative."""
+    unstable, inaccurate = step_limits(method)
+    if math.isinf(unstable):
+        return StepVerdict(jnp.ones((), bool), jnp.zeros_like(scene.drive.omega))
+    scene = lax.stop_gradient(scene)
+    alone = jax.tree.map(lambda a: jnp.asarray(a)[None], scene)
+    stiffness, period = _batched_stiffness(alone if scene.row is None else _bounding_pairs(alone))
+    h = period / steps.astype(period.dtype)
+    angle, relaxed = (jnp.max(rate * h) for rate in (_frequencies(stiffness, jnp)[0], stiffness.relaxation))
+    return StepVerdict((angle <= unstable) & (relaxed <= MAX_RELAXATION_RATE), angle / inaccurate)
 
 
 @typed

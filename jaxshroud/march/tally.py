@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxshroud.march.events import EventKind, Transition, model_events, place_contact
 from jaxshroud.march.method import Choices
@@ -154,12 +154,26 @@ class EnergyJumps(NamedTuple):
     dropped: Scalar  # lost where flat contact ended a rocking motion [J]; absent where the blocks do not turn
 
 
+class EventMargins(NamedTuple):
+    """How many events have happened, and how clearly: derivatives grow without bound as a speed goes to zero."""
+
+    events: Int[Array, "..."]
+    slowest_onset: Scalar  # least closing speed at an onset from a gap [m/s]; infinite without one
+    slowest_switch: Scalar  # least speed at which corners pass each other at a change of case; infinite without one
+
+
+def no_margins(like: Float[Array, "..."]) -> EventMargins:
+    """The margins before the first event."""
+    return EventMargins(jnp.zeros(like.shape, jnp.int32), *[jnp.full_like(like, jnp.inf)] * 2)
+
+
 class Tally(eqx.Module):
     """The integrals and the log of a lane so far."""
 
     integrals: Integrals
     jumps: EnergyJumps | None  # None where they are not kept
     log: Log | None  # None where derivatives are computed
+    margins: EventMargins | None = None  # None unless they were requested
 
 
 def new_tally(state: State, model: Model, method: Choices) -> Tally:
@@ -167,8 +181,9 @@ def new_tally(state: State, model: Model, method: Choices) -> Tally:
     zero = jnp.zeros_like(state.motion.x[0])
     _, none = zeros_for(partial(rhs, recorded=method.recorded), (zero, zero), state, model)
     jumps = EnergyJumps(zero, zero if has_torsion(model) else ABSENT) if method.ledger else None
+    margins = no_margins(zero) if method.margins else None
     if method.derivative:
-        return Tally(none, jumps, None)
+        return Tally(none, jumps, None, margins)
     deepest = jnp.maximum(place_contact(state.motion, state, model)[2].v, 0.0)
     within = initial_extrema(deepest) if method.within else None
     largest = jax.tree.map(jnp.zeros_like, displacements_of(state.motion))
@@ -177,7 +192,7 @@ def new_tally(state: State, model: Model, method: Choices) -> Tally:
     at_start = displacements_of(state.motion)
     extent = DisplacementRange(at_start, at_start) if method.amplitudes else None
     log = Log(zero, zero, zero, deepest, largest, no_events(model), within, forces, impacts, extent)
-    return Tally(none, jumps, log)
+    return Tally(none, jumps, log, margins)
 
 
 class LogUpdates(NamedTuple):
@@ -188,6 +203,7 @@ class LogUpdates(NamedTuple):
     forces: Callable[[ContactPeaks], ContactPeaks]
     impacts: Callable[[Impacts], Impacts]
     extent: Callable[[DisplacementRange], DisplacementRange]
+    margins: Callable[[EventMargins], EventMargins]
 
 
 def updated_tally(
@@ -205,6 +221,7 @@ def updated_tally(
         jax.tree.map(jnp.add, tally.integrals, gain),
         None if tally.jumps is None else jax.tree.map(jnp.add, tally.jumps, jumps),
         None if tally.log is None else _updated_log(tally.log, h, mode, v, sizes, log_updates),
+        None if tally.margins is None else log_updates.margins(tally.margins),
     )
 
 

@@ -24,6 +24,7 @@ from jaxshroud.march.carry import (
     running,
     status_of,
     updated_lanes,
+    updated_margins,
 )
 from jaxshroud.march.events import FLAT_RETURN, EventKind, any_of
 from jaxshroud.march.locate import at_event, select
@@ -276,7 +277,7 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed, method: Choic
     h = trial.length * grid.h
     change = event_change(z, Q, start, fire, trial.kind, h, fixed)
     transition = change.transition
-    tally = _tally_after(lane, trial, change, h, fire)
+    tally = _tally_after(lane, trial, change, h, fire, model)
     status = status_of(z, ~is_finite(z), jnp.maximum(next_search.events, next_search.tries))
     state = select(fire, transition.after, State(z, start.u_s, start.mode, start.case))
     # contact may begin flat although one end of the overlap already pulls
@@ -284,16 +285,21 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed, method: Choic
     return select(active, Lane(state, step, next_search, None, tally, status), lane)
 
 
-def _tally_after(lane: Lane, trial: TaylorTrial, change: EventChange, h: Scalar, fire: Bool[Array, ""]) -> Tally:
-    extrema = trial.extrema
+def _tally_after(
+    lane: Lane, trial: TaylorTrial, change: EventChange, h: Scalar, fire: Bool[Array, ""], model: Model
+) -> Tally:
+    extrema, margins = trial.extrema, lane.tally.margins
+    if margins is not None:
+        margins = updated_margins(margins, change, fire, model)
     if extrema is None:
-        return Tally(jax.tree.map(jnp.add, lane.tally.integrals, trial.gain), None, None)
+        return Tally(jax.tree.map(jnp.add, lane.tally.integrals, trial.gain), None, None, margins)
     log_updates = LogUpdates(
         lambda counters: count_event(counters, change.transition, fire, trial.event.inside),
         lambda before: merged_extrema(before, extrema.within),  # pyright: ignore[reportArgumentType]  # kept where `before` is
         lambda before: jax.tree.map(jnp.maximum, before, extrema.forces),
         lambda before: updated_impacts(before, trial.gain.loads, extrema.closing, change.impact, change.separation),
         lambda before: merged_range(before, extrema.extent),  # pyright: ignore[reportArgumentType]  # kept where `before` is
+        lambda _: margins,  # pyright: ignore[reportArgumentType]  # likewise
     )
     sizes = jax.tree.map(lambda a, b: jnp.maximum(a, jnp.abs(b)), extrema.sizes, displacements_of(trial.motion))
     return updated_tally(lane.tally, trial.gain, change.jumps, h, lane.state.mode, extrema.deepest, sizes, log_updates)

@@ -62,7 +62,7 @@ def free_power(scene: Scene) -> PerBlade:
     free, s = steady_amplitudes(scene), scene.shroud
     tau = jnp.linspace(0, 2 * jnp.pi, SWING_POINTS, endpoint=False, dtype=s.gap.dtype)
     angle = jnp.abs(free.theta)
-    swing = jnp.sin(jnp.where(jnp.isinf(angle), 0.0, angle)[:, None] * jnp.sin(tau) / 2) ** 2
+    swing = jnp.sin(jnp.where(jnp.isinf(angle), 0.0, angle)[:, None] * jnp.sin(tau)[None] / 2) ** 2
     translation = (jnp.abs(free.x) ** 2 + jnp.abs(free.y) ** 2) / 2
     return area(s) * (translation + jnp.where(jnp.isinf(angle), jnp.inf, 4 * gyration(s) * jnp.mean(swing, axis=1)))
 

@@ -36,6 +36,10 @@ def test_a_rollout_of_a_row_has_the_numbers_of_simulate(ring, rolled):
         np.testing.assert_array_equal(got, want[1:])
     np.testing.assert_array_equal(saved.state.mode, run.mode[1:])
     np.testing.assert_allclose(saved.t, run.t[1:], rtol=1e-15)
+    counted = {name: count for name, count in run.counters.items() if name != "grazing"}  # of onsets, counted already
+    assert rolled.events[0] == sum(map(np.sum, counted.values())) > 0
+    assert 0 < rolled.slowest_onset[0] < np.abs(run.motion.v_x).max() * 2
+    assert np.all(np.isinf(rolled.slowest_switch))  # without torsion
 
 
 @pytest.mark.full
@@ -55,6 +59,20 @@ def test_functions_of_rows_have_the_numbers_of_sweep(ring, rolled):
     assert found.status[1].tolist() == [Status.OK, Status.BAD_INPUT, Status.OK]  # the others go on
     per_gap = js.sweep(ring, {"shroud.gap": GAPS}, n_periods=3, transient=0, method=RK4)
     np.testing.assert_allclose(area(ring.shroud) * rolled.power, per_gap.P, rtol=1e-14)
+
+
+@pytest.mark.full
+def test_unstable_steps_of_a_row_are_bad_input(ring):
+    # The bound of the verbs, of pairs with contact twice as stiff.
+    stiff = js.vary(ring, "contact.gamma", 1e3)
+    with pytest.raises(js.StepTooLongError):
+        js.simulate(stiff, n_periods=1, method=RK4)
+    run = js.rollout(stiff, None, 1, every=10, method=RK4)
+    found = js.sweep_function(n_periods=1, transient=0, method=RK4)(jax.tree.map(lambda a: np.asarray(a)[None], stiff))
+    assert run.status == found.status[0] == Status.BAD_INPUT
+    assert np.all(np.isnan(run.saved.N))
+    assert np.all(np.isnan([*found.P_d, *found.P_0[0]]))
+    assert run.coarseness == found.coarseness[0] > 2.8 / 0.51
 
 
 @pytest.mark.full(but=["rollout-grad"])

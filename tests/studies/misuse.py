@@ -118,7 +118,8 @@ def file() -> js.SceneFile:
     return js.load("table1", ['parts.motion=["x"]', "parts.friction=none", "parts.neighbour=rigid"])
 
 
-def _functions() -> dict[str, Target]:
+@cache
+def functions() -> dict[str, Target]:
     one, over, ends = scene(), {"shroud.gap": [1e-5, 2e-5]}, {"shroud.gap": (1e-5, 2e-5)}
     state = js.simulate(one, n_periods=1, method=js.RungeKutta(steps=100)).last
     steps = {"method": js.RungeKutta(steps=100)}
@@ -292,7 +293,7 @@ def _allows(hint: Any, value: Any) -> bool:
 
 def targets() -> dict[str, Target]:
     """All that is called; where results are written."""
-    found = {**_functions(), **_made(), **_methods()}
+    found = {**functions(), **_made(), **_methods()}
     public = {n for n in js.__all__ if inspect.isfunction(getattr(js, n))}
     assert public <= set(found), public - set(found)
     return found

@@ -1,0 +1,113 @@
+"""Numbers of lanes that have stopped: NaN, and so are their derivatives, except for a loss that leaves them out.
+
+A loss leaves numbers out by `jnp.where`, and reverse mode then asks for 0 times their derivatives, which is NaN where
+these are. Up to here numbers and derivatives of stopped lanes are therefore finite; here they become NaN, and the
+transpose of that knows what was left out.
+"""
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+from jaxtyping import Array, Bool
+
+from jaxshroud.scene.typed import Tree
+
+
+def replaced_where(stopped: Bool[Array, "..."], tree: Tree, number: float) -> Tree:
+    """The tree with a number for its real ones where `stopped`, whose axes are their first ones.
+
+    Derivatives are NaN there, whatever the number.
+    """
+    own = lambda a: np.asarray(number, a.dtype)  # of NumPy: outside of compiled functions, JAX may trap NaN
+    return jax.tree.map(lambda a: _replaced(a, own(a), _along(stopped, a)) if _is_real(a) else a, tree)
+
+
+def nan_where(stopped: Bool[Array, "..."], tree: Tree) -> Tree:
+    """`replaced_where` by NaN."""
+    return replaced_where(stopped, tree, jnp.nan)
+
+
+def distinct_where(stopped: Bool[Array, "..."], tree: Tree) -> Tree:
+    """`replaced_where` by finite numbers, no two of a lane equal: few functions are singular there."""
+    leaves, structure = jax.tree.flatten(tree)
+    for i, a in enumerate(leaves):
+        if _is_real(a):
+            shape = a.shape[stopped.ndim :]
+            numbers = jnp.asarray(np.linspace(i + 1.0, i + 1.5, math.prod(shape)).reshape(shape), a.dtype)
+            leaves[i] = _replaced(a, jnp.broadcast_to(numbers, a.shape), _along(stopped, a))
+    return structure.unflatten(leaves)
+
+
+def where_going(stopped: Bool[Array, "..."], going: Tree, otherwise: Tree) -> Tree:
+    """The numbers of `going` lanes, and `otherwise` those of stopped ones; derivatives are NaN where the latter are."""
+
+    def one(a: Any, b: Any) -> Any:
+        if not _is_real(a):
+            return b
+        b, lost, left_out = lax.stop_gradient(b), _along(stopped, a), ~jnp.isnan(b)
+        return jnp.where(lost & left_out, b, _replaced(a, b, lost & ~left_out))
+
+    return jax.tree.map(one, going, otherwise)
+
+
+def lost_tangents(stopped: Bool[Array, "..."], tangents: Tree) -> Tree:
+    """Tangents that are NaN where `stopped`, whose axes are their first ones."""
+    return jax.tree.map(lambda t: _lost.bind(t, _along(stopped, t), transposed=False), tangents)
+
+
+def _is_real(a: Any) -> bool:
+    return jnp.issubdtype(jnp.result_type(a), jnp.inexact)
+
+
+def _along(stopped: Bool[Array, "..."], a: Any) -> Bool[Array, "..."]:
+    """Which of the numbers have stopped."""
+    return jnp.broadcast_to(stopped.reshape(stopped.shape + (1,) * (jnp.ndim(a) - stopped.ndim)), jnp.shape(a))
+
+
+@jax.custom_jvp
+def _replaced(a: Array, b: Any, stopped: Bool[Array, "..."]) -> Array:
+    """The numbers `a`, and `b` where `stopped`."""
+    return jnp.where(stopped, b, a)
+
+
+@_replaced.defjvp
+def _(primals: tuple[Array, Any, Any], tangents: tuple[Array, Any, Any]) -> tuple[Array, Array]:
+    return _replaced(*primals), _lost.bind(tangents[0], primals[2], transposed=False)
+
+
+def _lost_numbers(t: Array, stopped: Bool[Array, "..."], *, transposed: bool) -> Array:
+    """NaN where `stopped`; transposed: 0 where nothing is asked for, else NaN."""
+    nan = jnp.full_like(t, jnp.nan)
+    return jnp.where(stopped, jnp.where(t == 0, jnp.zeros_like(t), nan) if transposed else nan, t)
+
+
+def _lost_jvp(primals: tuple[Any, Any], tangents: tuple[Any, Any], *, transposed: bool) -> tuple[Any, Any]:
+    t, stopped = primals
+    out, along = _lost.bind(t, stopped, transposed=transposed), tangents[0]
+    return out, along if isinstance(along, ad.Zero) else _lost.bind(along, stopped, transposed=transposed)
+
+
+def _lost_transpose(cotangent: Any, t: Any, stopped: Any, *, transposed: bool) -> tuple[Any, None]:
+    zero = isinstance(cotangent, ad.Zero)
+    return ad.Zero(t.aval) if zero else _lost.bind(cotangent, stopped, transposed=not transposed), None
+
+
+def _lost_batched(args: tuple[Any, Any], axes: tuple[Any, Any], *, transposed: bool) -> tuple[Any, int]:
+    size = next(a.shape[axis] for a, axis in zip(args, axes, strict=True) if axis is not None)
+    t, stopped = (batching.bdim_at_front(a, axis, size) for a, axis in zip(args, axes, strict=True))
+    return _lost.bind(t, stopped, transposed=transposed), 0
+
+
+_lost = Primitive("lost")
+_lost.def_impl(jax.jit(_lost_numbers, static_argnames="transposed"))
+_lost.def_abstract_eval(lambda t, stopped, *, transposed: t)
+ad.primitive_jvps[_lost] = _lost_jvp
+ad.primitive_transposes[_lost] = _lost_transpose
+batching.primitive_batchers[_lost] = _lost_batched
+mlir.register_lowering(_lost, mlir.lower_fun(_lost_numbers, multiple_results=False))

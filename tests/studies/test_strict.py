@@ -1,0 +1,66 @@
+"""Every public function, with the arguments of `misuse`, under the settings with which JAX traps careless programs."""
+
+import inspect
+
+import jax
+import jax.numpy as jnp
+import misuse
+import pytest
+
+import jaxshroud as js
+from jaxshroud.model.prepared import initial_state
+
+QUICK = ("free_power", "largest_frequency", "check", "explain", "method_for", "most_trials", "check_laws")
+USUAL = ("simulate", "sweep", "power", "orbit", "lyapunov", "gradient", "rollout", "period_map", "sweep_function()")
+LONG = ("attractors", "basins", "branch", "diagnose", "differences", "fit", "mistune", "report", "response", "scatter")
+LONG += ("table", "tune")
+# Without JAX, or of files; `trade` and the map of a search, which is a sweep, take minutes.
+OTHERS = {"amplitude_spectrum", "cache_compilations", "load", "objective_map", "open", "periodicity", "scenes_from"}
+OTHERS |= {"shipped", "stack_scenes", "sweep_function", "tableau", "trade", "value_of", "vary", "with_laws", "zero_one"}
+METHOD = js.RungeKutta(steps=100)
+
+
+@pytest.fixture
+def strict():
+    """Ranks are never promoted, NaN is trapped where it arises, and no tracer outlives its function."""
+    with jax.numpy_rank_promotion("raise"), jax.debug_nans(True), jax.checking_leaks():
+        yield
+
+
+@pytest.mark.studies(only=LONG)
+@pytest.mark.full(but=QUICK[:2])
+@pytest.mark.parametrize("name", [*QUICK, *USUAL, *LONG])
+def test_a_public_function_passes_the_strictest_settings(name, strict):
+    # Types are never promoted in any test, see `conftest`.
+    target = misuse.functions()[name]
+    target.call(**target.right)
+
+
+def test_every_public_function_is_tried_or_named():
+    public = {name for name in js.__all__ if inspect.isfunction(getattr(js, name))}
+    assert public == {*QUICK, *USUAL, *LONG, *OTHERS} - {"sweep_function()"}
+
+
+@pytest.fixture(scope="module")
+def pure():
+    """Compiled pure functions, each with its argument on the device."""
+    pair = js.load("table1", ['parts.motion=["x"]']).scene
+    ring = js.load("row_ring12", ['parts.motion=["x"]', "row.blades=3", "drive.engine_order=1"]).scene
+    begin = initial_state(pair.initial)
+    slope = jax.grad(lambda gap: js.rollout(js.vary(pair, "shroud.gap", gap), None, 1, method=METHOD).power.sum())
+    found = {
+        "rollout": (lambda scene: js.rollout(scene, None, 1, method=METHOD), pair),
+        "rollout of a row": (lambda scene: js.rollout(scene, None, 1, method=METHOD), ring),
+        "slope": (slope, jnp.asarray(22e-6)),
+        "period_map": (lambda scene: js.period_map(scene, begin, method=METHOD), pair),
+        "sweep_function": (js.sweep_function(1, 0, METHOD), jax.tree.map(lambda a: a[None], pair)),
+    }
+    return {name: (jax.jit(f), jax.device_put(argument)) for name, (f, argument) in found.items()}
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", ["rollout", "rollout of a row", "slope", "period_map", "sweep_function"])
+def test_a_compiled_pure_function_transfers_nothing(pure, name):
+    f, argument = pure[name]
+    with jax.transfer_guard("disallow"):
+        jax.block_until_ready(f(argument))
