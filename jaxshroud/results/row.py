@@ -100,7 +100,13 @@ class RowTrajectory(Trajectory):
 
     @property
     def wave(self) -> RowWave:
-        """How far a single run is from a travelling wave of its drive; its `words` tell it."""
+        """How far a single run is from a travelling wave of its drive; its `words` tell it.
+
+        Raises:
+            ValueError: There are many runs.
+        """
+        if "status" not in self.data.attrs:
+            raise InputError("`wave` is that of one run of many: choose it by `lane`.")
         motion = {name: getattr(self.motion, name) for name in COORDINATES}
         return row_wave(motion, self._samples_per_period, self._order, self._repeats)
 

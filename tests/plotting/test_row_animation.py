@@ -80,6 +80,8 @@ def test_one_of_many_runs_of_a_row_is_a_row():
     many = xr.concat([one.drop_vars("time").assign(names)] * 2, "lane", data_vars="all")
     for name in ("status", "scene"):
         many.attrs.pop(name)
+    with pytest.raises(js.InputError, match="one run of many"):
+        js.RowTrajectory(many).wave  # noqa: B018  computed when it is asked for
     run = js.RowTrajectory(many).lane(1)
     assert isinstance(run, js.RowTrajectory)
     assert np.isnan(run.wave_distance)  # there is no scene here, and without it no engine order

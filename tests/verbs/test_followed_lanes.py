@@ -118,7 +118,7 @@ def test_kinds_of_gradients_are_told_by_lane():
 def test_exponents_of_a_batch_are_those_of_a_loop(scenes, each):
     few = {"n_periods": 8, "transient": 4, **STEPS}
     many = js.lyapunov(scenes, **few)
-    assert many.growth.shape == (3, 8, 13)
+    assert many.growth.shape == (3, 8, 5)  # x and its rate of both blades, and the slider
     for lane, scene in enumerate(each):
         one = js.lyapunov(scene, **few)
         np.testing.assert_array_equal(many.exponents[lane], one.exponents)
