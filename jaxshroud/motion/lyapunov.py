@@ -91,8 +91,8 @@ def lyapunov_exponents(
         if stuck:
             grown = [np.append(rates, 0.0) for rates in grown]
         elif len(places.slider):
-            set_at_an_end = any(_is_slider_set(scene, end) for end in (before, state))
-            grown = [_without_forgotten(rates, set_at_an_end) for rates in grown]
+            is_set = any(_is_slider_set(scene, end) for end in (before, state))
+            grown = [_without_forgotten(rates, is_set, scene.parts.contact == "spring") for rates in grown]
         growth += grown
     return Exponents(*mean_exponents(np.array(growth).reshape(-1, len(places.all))), stuck, int(status), state)
 
@@ -103,12 +103,13 @@ def _is_slider_set(scene: Scene, state: State) -> bool:
     return bool(slips or state.mode == Mode.APART)
 
 
-def _without_forgotten(rates: np.ndarray, set_at_an_end: bool) -> np.ndarray:
+def _without_forgotten(rates: np.ndarray, is_set: bool, by_events: bool) -> np.ndarray:
     """The growth of a period (numbers,), -inf for a slider that is set by the motion at an end of it or within.
 
-    The direction that vanishes is the last of its frame, where rounding alone leaves a length.
+    The direction that vanishes is the last of its frame, where rounding alone leaves a length. Only a slider that moves
+    `by_events` vanishes within a period; another one follows the motion, however fast.
     """
-    return np.append(rates[:-1], -np.inf) if set_at_an_end or np.isnan(rates[-1]) else rates
+    return np.append(rates[:-1], -np.inf) if is_set or (by_events and np.isnan(rates[-1])) else rates
 
 
 class Frames(NamedTuple):
