@@ -92,8 +92,13 @@ class Lyapunov(Result):
 
 def _exponent_values(exponents: np.ndarray, status: int) -> list[float | str]:
     """The exponents of a lane as JSON holds them: texts where one is -inf, or rounding hides it; NaN if it stopped."""
-    words = {"-inf": "-inf", **({"nan": NOT_RESOLVED} if status == Status.OK else {})}
-    return [words.get(str(value), value) for value in exponents.tolist()]
+
+    def as_json(value: float) -> float | str:
+        if np.isneginf(value):
+            return str(value)
+        return NOT_RESOLVED if np.isnan(value) and status == Status.OK else value
+
+    return [as_json(value) for value in exponents.tolist()]
 
 
 def _exponents_row(lane: "Exponents", periods: int) -> dict[str, Any]:
