@@ -21,6 +21,7 @@ from jaxshroud.cli.terminal import interruptible, is_numerical_failure, one_line
 from jaxshroud.io import files
 from jaxshroud.scene.checks import InputError, MachineError
 
+NO_BACKEND = "Unable to initialize backend"  # the beginning of JAX's message
 SHOW_CURSOR = "\x1b[?25h"  # which the progress bar hides
 
 
@@ -29,7 +30,6 @@ _printed_interruption: list[str] = []  # empty until Ctrl-C
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    files.written_files.clear()
     _printed_interruption.clear()
     failed_pictures.clear()
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns where it cannot keep a cache of its own
@@ -52,7 +52,8 @@ def _run(words: Sequence[str], at_end: ExitStack) -> int:
         return _exit_status(error)
     with interruptible(_leave):  # only now: an import does not survive an exception of Ctrl-C
         try:
-            command(options)
+            with files.results_together():
+                command(options)
             sys.stdout.flush()
             if ahead:
                 _keep_list()
@@ -64,7 +65,16 @@ def _run(words: Sequence[str], at_end: ExitStack) -> int:
             return _exit_status(error)
     for line in failed_pictures:
         print(line, file=sys.stderr)
-    return 1 if failed_pictures else 0
+    return _status_of_places() or int(bool(failed_pictures))
+
+
+def _status_of_places() -> int:
+    """0 where results are where they were to be; 1, and a line, where they are beside what has appeared meanwhile."""
+    if not files.kept_files:
+        return 0
+    kept, places = (", ".join(map(str, paths)) for paths in (files.kept_files, files.written_files.values()))
+    print(f"{kept}: has appeared during the run and is kept; the results are {places}", file=sys.stderr)
+    return 1
 
 
 def _load_ahead(options: Namespace, at_end: ExitStack) -> bool:
@@ -123,6 +133,9 @@ def _exit_status(error: Exception) -> int:
         status, message = 2, one_line(error)
     elif is_numerical_failure(error):
         status, message = 1, f"numerical failure: {one_line(error)}"
+    elif isinstance(error, RuntimeError) and str(error).startswith(NO_BACKEND):
+        platforms = os.environ.get("JAX_PLATFORMS", "")
+        status, message = 1, f"JAX_PLATFORMS={platforms}: JAX has no such device here; unset it, or set it to cpu"
     elif isinstance(error, MemoryError | OSError) or _is_xla_failure(error):
         status, message = 1, f"the machine failed: {one_line(error) or 'out of memory'}"
         _abandon_output()
@@ -147,12 +160,14 @@ def _is_xla_failure(error: Exception) -> bool:
 
 def _interruption_message(written: str = "", advice: str = "") -> str:
     """The message of an interrupted command: what was written, and how to go on."""
-    return f"interrupted; {written or ', '.join(map(str, files.written_files)) or 'nothing'} was written{advice}"
+    return (
+        f"interrupted; {written or ', '.join(map(str, files.written_files.values())) or 'nothing'} was written{advice}"
+    )
 
 
 def _leave() -> None:
     """End the process at once: the second Ctrl-C."""
-    files.remove_parts()
+    files.leave_files()
     message = "" if _printed_interruption else f"{_interruption_message()}\n"
     os.write(2, f"{SHOW_CURSOR if sys.stderr.isatty() else ''}{message}".encode())
     os._exit(130)

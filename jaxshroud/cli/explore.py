@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from jaxshroud.cli.run_options import load_scene
 from jaxshroud.cli.terminal import CommandError, input_errors_at, progress_bar, require_free
-from jaxshroud.io.files import write
+from jaxshroud.io.files import place_of, write
 from jaxshroud.scene.checks import MachineError
 
 if TYPE_CHECKING:
@@ -70,4 +70,4 @@ def _write_page(exploration: "Exploration", options: argparse.Namespace) -> None
     with progress_bar("lane-periods") as report, input_errors_at(exploration.name):
         content = written_page(exploration, str(options.accuracy), report)
     write(path, content)
-    print(path)
+    print(place_of(path))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from jaxshroud.cli.command_table import COMMANDS, SWEEP_KINDS
 from jaxshroud.cli.terminal import CommandError, progress_bar, require_free
+from jaxshroud.io.files import place_of
 from jaxshroud.io.store import read, read_json
 from jaxshroud.scene.checks import Error, InputError, StoreError
 
@@ -40,7 +41,7 @@ def plot_command(options: argparse.Namespace) -> None:
         draw_json(source, read_json(source), picture, look)
     else:
         draw_dataset(source, read(source), picture, options.kind, look)
-    print(picture)
+    print(place_of(picture))
 
 
 def _result_in(source: Path) -> Path:
@@ -145,7 +146,7 @@ def convert_command(options: argparse.Namespace) -> None:
     for path in written:
         require_free(path, options.force)
     convert(data, options.out, options.rows)
-    print(*written, sep="\n")
+    print(*map(place_of, written), sep="\n")
 
 
 def animate_command(options: argparse.Namespace) -> None:
@@ -159,4 +160,4 @@ def animate_command(options: argparse.Namespace) -> None:
     look = {"periods": options.periods, "factor": options.factor, "title": options.title}
     with progress_bar("frames") as report, damage_reported(options.source):
         factor = save_animation(data, options.out, **look, progress=report)
-    print(f"{options.out} (motion and gap exaggerated {factor:g}-fold)")
+    print(f"{place_of(options.out)} (motion and gap exaggerated {factor:g}-fold)")

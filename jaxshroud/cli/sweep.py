@@ -30,7 +30,7 @@ from jaxshroud.cli.terminal import (
     progress_bar,
     warn_status,
 )
-from jaxshroud.io.files import written_files
+from jaxshroud.io.files import place_of, written_files
 from jaxshroud.io.store import write_json
 from jaxshroud.io.unfinished_store import BEGUN, remove_store, write_attributes
 from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
@@ -258,7 +258,7 @@ def _keep_ended_lanes(request: SweepRequest, result: SweepResult) -> NoReturn:
     path = request.options.out / "sweep.nc"
     with_origin(result, request.file).save(path)
     write_json(_summary(request, result), request.options.out / "summary.json")
-    raise KeyboardInterrupt(f"{path} {ended}")
+    raise KeyboardInterrupt(f"{place_of(path)} {ended}")
 
 
 def _write(request: SweepRequest, result: SweepResult) -> None:
@@ -268,7 +268,7 @@ def _write(request: SweepRequest, result: SweepResult) -> None:
     if request.store is None:
         result.save(path)
     else:
-        written_files.append(path)
+        written_files[path] = path
         write_attributes(path, result.data.attrs)
     draw(result.plot, request.options.out / "sweep.png")
 

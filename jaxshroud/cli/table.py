@@ -7,7 +7,7 @@ from jaxshroud.batch.runs import Plan, projected_seconds
 from jaxshroud.batch.threads import cores
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_with_accuracy_warnings, print_result
 from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection
-from jaxshroud.cli.terminal import CommandError, input_errors_at, progress_bar
+from jaxshroud.cli.terminal import CommandError, input_errors_at, progress_bar, shortened
 from jaxshroud.io.csv_columns import read_csv
 from jaxshroud.march.method import FAST
 from jaxshroud.march.method_names import LARGEST_FIRST
@@ -19,6 +19,8 @@ from jaxshroud.verbs.options import plan_march, resolve_options
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE
 from jaxshroud.verbs.table import check_ranking, checked_designs
 
+SHOWN_ENTRIES, SHOWN_LAST = 16, 4  # entries of the best design that are printed, and those of them that come last
+LONGEST_CELL = 60  # characters of a cell that are printed
 SHOWN_REASONS = 5  # rows whose faults are printed
 LONG_TABLE_STEPS = LONG_RUN_STEPS // 10  # with loads and amplitudes, in all lanes together
 
@@ -57,13 +59,24 @@ def _output_table(completed: CompletedCall) -> None:
     result = completed.result
     result.save(completed.options.out)
     rows = {name: value for name, value in result.summary().items() if name not in ORIGIN}
+    rows["best"] = _shown_design(rows["best"])
     for line in result.wrong[:SHOWN_REASONS]:
-        rows[line.partition(":")[0]] = line.partition(": ")[2]
+        rows[line.partition(":")[0]] = shortened(line.partition(": ")[2])
     if len(result.wrong) > SHOWN_REASONS:
         rows["further wrong rows"] = len(result.wrong) - SHOWN_REASONS
     order = "largest" if result.by in LARGEST_FIRST else "smallest"
     headline = f"{completed.title}, ranked by {result.by}, the {order} first"
     print_result(completed, {**rows, "seconds": completed.seconds}, headline)
+
+
+def _shown_design(best: dict[str, Any] | None) -> dict[str, Any] | None:
+    """The best design as far as a terminal shows it: its first columns and its numbers, long cells shortened."""
+    if best is None:
+        return None
+    short = lambda value: shortened(value, LONGEST_CELL) if isinstance(value, str) else value
+    shown = [(short(name), short(value)) for name, value in best.items()]
+    more = len(shown) - SHOWN_ENTRIES
+    return dict(shown if more <= 0 else [*shown[: -more - SHOWN_LAST], ("further columns", more), *shown[-SHOWN_LAST:]])
 
 
 table_command = Computation(

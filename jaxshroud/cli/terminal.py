@@ -1,4 +1,4 @@
-"""What all commands share on a terminal: messages of one line, tables, progress, and Ctrl-C."""
+"""What all commands share on a terminal: messages of one line, tables, progress, and what ends a command."""
 
 import os
 import signal
@@ -15,11 +15,13 @@ from jaxshroud.io import files
 from jaxshroud.model.modes import Status
 from jaxshroud.programs.compiling import is_compiling
 from jaxshroud.scene.checks import InputError, NumericalError, StoreError
+from jaxshroud_command import END_SIGNALS
 
 MAX_MESSAGE_LENGTH = 600  # characters of a message
 TABLE_DIGITS = 6  # of floats in tables
 LINE_INTERVAL = 10.0  # seconds from line to line of a progress report
 KNOWN_SHARE = 0.1  # of a run, after which it is told when it ends
+TOLD_TWICE = 1.0  # seconds within which SIGTERM or SIGHUP after a signal is the same one
 REPEATED_SIGNAL = b"\0"  # written in place of a signal's number
 
 
@@ -34,9 +36,12 @@ def printable(text: str) -> str:
 
 def one_line(error: Exception) -> str:
     """The message of an error as one line that can be read."""
-    text = " ".join(printable(str(error)).split())
-    half = MAX_MESSAGE_LENGTH // 2
-    return text if len(text) <= MAX_MESSAGE_LENGTH else f"{text[:half]} ... {text[-half:]}"
+    return shortened(" ".join(printable(str(error)).split()))
+
+
+def shortened(text: str, most: int = MAX_MESSAGE_LENGTH) -> str:
+    """A text of some `most` characters: of a longer one, its beginning and its end."""
+    return text if len(text) <= most else f"{text[: most // 2]} ... {text[-(most // 2) :]}"
 
 
 def is_numerical_failure(error: Exception) -> bool:
@@ -71,9 +76,12 @@ def warn_status(status: Any, chatter: str | None = None) -> None:
 
 
 def refuse_existing(path: Path, force: bool) -> None:
-    """Refuse a path that exists, unless forced."""
-    if path.exists() and not force:
+    """Refuse a path that exists, a broken link too, unless forced; if it appears later, it is kept."""
+    if force:
+        return
+    if os.path.lexists(path):
         raise CommandError(f"{path}: exists and is kept; give --force to replace it")
+    files.expect_free(path)
 
 
 def require_free(path: Path, force: bool) -> None:
@@ -207,9 +215,10 @@ def progress_bar(unit: str):
 
 
 def files_written() -> str:
-    """The files that the command has written, and their folder."""
-    names = ", ".join(path.name for path in files.written_files)
-    return names if len(files.written_files) == 0 else f"{names} in {files.written_files[0].parent}"
+    """The files that the command has written, which are put in place now, and their folder."""
+    files.put_in_place()
+    places = [*files.written_files.values()]
+    return f"{', '.join(path.name for path in places)} in {places[0].parent}" if places else ""
 
 
 def print_table(title: str, rows: dict[str, Any]) -> None:
@@ -250,46 +259,70 @@ def print_columns(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]
 def interruptible(leave: Callable[[], None]) -> Iterator[None]:
     """Within, Ctrl-C raises KeyboardInterrupt, and a second one calls `leave`, which must end the process.
 
-    Python itself hears signals only between operations of its main thread, and a compilation is one operation: `leave`
-    is called from a thread of its own. Where Python must ignore the exception, as in callbacks of its garbage
-    collector, it is raised again. Outside the main thread, and where Ctrl-C is ignored (`nohup`), nothing changes.
+    SIGTERM and SIGHUP are the same as Ctrl-C; those that follow a signal within a second are the same one told twice,
+    as by a shell that ends with its terminal. Python itself hears signals only between operations of its main thread,
+    and a compilation is one operation: `leave` is called from a thread of its own. Where Python must ignore the
+    exception, as in callbacks of its garbage collector, it is raised again. Outside the main thread nothing changes,
+    nor for a signal that is ignored (`nohup`).
     """
-    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    heeded = [number for number in END_SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
+    if threading.current_thread() is not threading.main_thread() or not heeded:
         yield
         return
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
-    outer_hook = sys.unraisablehook
+    outer_hook, terminals = sys.unraisablehook, [stream for stream in (1, 2) if os.isatty(stream)]
+    is_raised = threading.Event()
+
+    def interrupt(number: int, _: object) -> None:
+        if number == signal.SIGHUP:
+            _let_go_of_closed(terminals)
+        if not is_raised.is_set():
+            is_raised.set()
+            raise KeyboardInterrupt
 
     def repeat_ignored(unraisable) -> None:
         if unraisable.exc_type is KeyboardInterrupt:
+            is_raised.clear()
             os.write(writer, REPEATED_SIGNAL)
         else:
             outer_hook(unraisable)
 
-    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
+    handlers = {number: signal.signal(number, interrupt) for number in heeded}
     outer_fd = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
     sys.unraisablehook = repeat_ignored
-    listener = threading.Thread(target=_listen, args=(reader, leave), daemon=True)
+    listener = threading.Thread(target=_listen, args=(reader, heeded, leave), daemon=True)
     listener.start()
     try:
         yield
     finally:
         sys.unraisablehook = outer_hook
         signal.set_wakeup_fd(outer_fd)
-        signal.signal(signal.SIGINT, handler)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
         os.close(writer)
         listener.join()
         os.close(reader)
 
 
-def _listen(reader: int, leave: Callable[[], None]) -> None:
-    presses = 0
+def _listen(reader: int, heeded: Sequence[signal.Signals], leave: Callable[[], None]) -> None:
+    presses, since = 0, 0.0
     while number := os.read(reader, 1):
         if number == REPEATED_SIGNAL:
             presses -= 1  # the repetition is no press of its own
             time.sleep(0.02)  # main thread out of the callback by then
-            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
-        presses += number[0] == signal.SIGINT
+            signal.pthread_kill(threading.main_thread().ident or 0, heeded[0])
+        told_twice = presses and number[0] != signal.SIGINT and time.monotonic() < since + TOLD_TWICE
+        if number[0] in heeded and not told_twice:
+            presses, since = presses + 1, time.monotonic()
         if presses == 2:
             leave()
+
+
+def _let_go_of_closed(terminals: Sequence[int]) -> None:
+    """Lead streams nowhere that led to a terminal which is gone: writing to it would be an error of its own."""
+    for stream in terminals:
+        if not os.isatty(stream):
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, stream)
+            os.close(nowhere)

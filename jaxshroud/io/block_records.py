@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from jaxshroud.io.files import write
+from jaxshroud.whole_file import open_regular
 
 if TYPE_CHECKING:
     import zarr
@@ -75,7 +76,7 @@ def record_content(record: Mapping[str, Any], expected: Digests | None = None) -
 def read_record(path: Path) -> Record | None:
     """A record; None if there is no complete one."""
     try:
-        with np.load(io.BytesIO(path.read_bytes())) as arrays:
+        with open_regular(path) as file, np.load(io.BytesIO(file.read())) as arrays:
             return dict(arrays)
     except Exception:  # of any type: it depends on where it is damaged
         return None
@@ -103,7 +104,7 @@ def digests(store: Path, files: Iterable[str]) -> Digests:
 
 def _digest(path: Path) -> bytes | None:
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return hashlib.file_digest(file, "sha256").digest()
     except OSError:
         return None
@@ -119,9 +120,13 @@ def arrays_in(store: Path, names: Iterable[str], *, writable: bool = False) -> "
     """The arrays of a store, by their names."""
     import zarr
 
-    mode = "r+" if writable else "r"
+    from jaxshroud.io.chunk_store import ChunkStore
+
+    opened = lambda name: zarr.open_array(
+        ChunkStore(store / name, read_only=not writable), mode="r+" if writable else "r", zarr_format=3
+    )
     with zarr.config.set({"array.write_empty_chunks": True}):  # so that a missing chunk is damage
-        return {name: zarr.open_array(store / name, mode=mode, zarr_format=3) for name in names}
+        return {name: opened(name) for name in names}
 
 
 def dimension_names(array: "zarr.Array") -> tuple[str, ...]:
@@ -181,6 +186,7 @@ def store_damage(store: Path) -> str:
 def group_attributes(group: Path) -> dict[str, object]:
     """The attributes of a Zarr group; empty if there is no such group."""
     try:
-        return dict(json.loads((group / DESCRIPTION_FILE).read_text("utf-8"))["attributes"])
+        with open_regular(group / DESCRIPTION_FILE) as file:
+            return dict(json.loads(file.read().decode("utf-8"))["attributes"])
     except (OSError, ValueError, KeyError, TypeError):
         return {}

@@ -13,6 +13,7 @@ from jaxshroud.io.files import write
 from jaxshroud.io.store import write_dataset
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.units import in_rpm
+from jaxshroud.whole_file import open_regular
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -59,7 +60,8 @@ def constants_path(path: Path) -> Path:
 def holds_constants(path: Path) -> bool:
     """Whether a file is what an earlier table had beside it."""
     try:
-        return {"values", "units"} <= tomllib.loads(path.read_text("utf-8")).keys()
+        with open_regular(path) as file:
+            return {"values", "units"} <= tomllib.load(file).keys()
     except (OSError, ValueError):
         return False
 

@@ -1,14 +1,15 @@
 """Tables of other programs: the columns of a CSV file as texts."""
 
-import csv
 from io import StringIO
 from itertools import count, islice
 from pathlib import Path
 from typing import NamedTuple
 
+from jaxshroud.io.csv_text import csv_rows, read_csv_text
 from jaxshroud.scene.checks import InputError
 
 SEPARATORS = ",;\t"
+COLUMN_LIMIT = 16_384  # those of spreadsheets
 
 
 class CsvTable(NamedTuple):
@@ -28,15 +29,14 @@ def read_csv(path: Path) -> CsvTable:
     Raises:
         InputError: The file cannot be read, is no text, or lacks a head or rows.
     """
-    text = _text(path)
+    text = read_csv_text(path, "a CSV file")
     first = text.lstrip("\r\n").partition("\n")[0]
     separator = max(SEPARATORS, key=first.count)
-    try:
-        lines = [row for row in csv.reader(StringIO(text, newline=""), delimiter=separator, strict=True) if row]
-    except csv.Error as error:
-        raise InputError(f"{path}: is no CSV ({error}); look for a quotation mark that is not closed") from None
+    lines = [row for _, row in csv_rows(path, enumerate(StringIO(text, newline=""), 1), separator)]
     if len(lines) < 2:
         raise InputError(f"{path}: has no designs; it needs a line of heads, then a line for each")
+    if (columns := max(map(len, lines))) > COLUMN_LIMIT:
+        raise InputError(f"{path}: has {columns} columns; a table may have at most {COLUMN_LIMIT}")
     heads, rows = _heads(path, lines), lines[1:]
     faults = {i: _fault(row, heads, separator) for i, row in enumerate(rows) if len(row) != len(heads)}
     heads = _with_surplus(heads, max(map(len, rows)))
@@ -45,33 +45,23 @@ def read_csv(path: Path) -> CsvTable:
     return CsvTable(columns, faults, separator != ",")
 
 
-def _text(path: Path) -> str:
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}); give a CSV file") from None
-    except UnicodeDecodeError:
-        raise InputError(f'{path}: is no text in UTF-8; save the table as "CSV UTF-8"') from None
-    if "\0" in text:
-        raise InputError(f'{path}: holds NUL bytes and is no CSV; save the table as "CSV UTF-8"')
-    return text
-
-
 def _heads(path: Path, lines: list[list[str]]) -> list[str]:
     """The heads; columns without one must be empty."""
     heads = lines[0]
-    plain = [" ".join(head.split()) for head in heads]
-    for j, head in enumerate(plain):
+    before: set[str] = set()
+    for j, head in enumerate(" ".join(head.split()) for head in heads):
         if not head and any(len(row) > j and row[j].strip() for row in lines[1:]):
             raise InputError(f"{path}: column {j + 1} has no head; name it, or remove it")
-        if head and head in plain[:j]:
+        if head and head in before:
             raise InputError(f"{path}: two columns are called `{head}`; keep one, or rename it")
+        before.add(head)
     return heads
 
 
 def _with_surplus(heads: list[str], longest: int) -> list[str]:
     """The heads, with more of them where the longest row has more cells."""
-    names = (name for i in count(1) if (name := f"surplus {i}") not in heads)
+    known = {*heads}
+    names = (name for i in count(1) if (name := f"surplus {i}") not in known)
     return [*heads, *islice(names, longest - len(heads))] if longest > len(heads) else heads
 
 

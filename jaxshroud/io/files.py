@@ -1,60 +1,125 @@
-"""Atomic writes: a file appears completely or not at all, even if the disk is full or the process is interrupted."""
+"""Results and other files: each appears completely or not at all, the results of a command together."""
 
 import errno
-import fcntl
-import itertools
-import os
-import re
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import suppress
-from glob import escape
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING
+from threading import RLock
 
 from jaxshroud.scene.checks import MachineError, WriteError
-
-if TYPE_CHECKING:
-    import zarr
+from jaxshroud.whole_file import WholeFile, remove_leftovers, unfinished, write_whole
 
 MACHINE_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}  # the path is valid, the machine fails
+SECONDS_TO_PLACE = 1.0  # that a process which ends at once waits for files that are being put in place
 
-written_files: list[Path] = []  # by this process so far
-_temporary_files: set[str] = set()  # in use
-PARTIAL_NAME = re.compile(r"(\w+)\.[0-9a-f]{32}\.partial")  # Zarr's name of a file that it is about to rename
-TEMPORARY_NAME = re.compile(r"zarr\.[0-9a-f]{32}\.partial|\.zarr-\w{8}\.json")  # of descriptions, by Zarr and `write`
+written_files: dict[Path, Path] = {}  # results of the command: where each was to be -> where it is
+kept_files: list[Path] = []  # that have appeared while the command ran, where its results were to be
+_free_names: set[Path] = set()  # that the command has found free
+_waiting: list[WholeFile] | None = None  # complete results of the command that runs
+_placing = RLock()
+
+
+@contextmanager
+def results_together() -> Iterator[None]:
+    """Within, a command runs: its results wait for each other until `put_in_place`, at the latest until the end.
+
+    Raises:
+        WriteError: A result cannot be put in its place.
+    """
+    global _waiting
+    for names in (written_files, kept_files, _free_names):
+        names.clear()
+    _waiting = []
+    try:
+        yield
+    finally:
+        try:
+            put_in_place()
+        finally:
+            _waiting = None
+
+
+def expect_free(path: Path) -> None:
+    """Note that a result is to be where nothing is yet; what appears there meanwhile is kept, see `put_in_place`."""
+    _free_names.add(path)
 
 
 def write(path: Path, content: bytes | memoryview, *, is_result: bool = True) -> None:
-    """Write a file under a temporary name, then rename it. Temporary files that killed runs left are removed first.
+    """Write a file. What killed runs have left of it is removed first.
 
     Args:
         path: The path of the file.
         content: The whole content.
-        is_result: Whether an interrupted command lists the file among those that it has written.
+        is_result: Whether the file is a result, which a command puts in place with its others.
 
     Raises:
         WriteError: The path cannot be written; then no part of the file exists.
     """
-    temporary = None
     try:
-        remove_leftovers(path)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-        _temporary_files.add(temporary)
-        with os.fdopen(handle, "wb") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)  # so that it does not count as a leftover
-            file.write(content)
-            file.flush()
-            os.fsync(handle)
-            os.fchmod(handle, 0o666 & ~_umask())
-            os.replace(temporary, path)
-        if is_result:
-            written_files.append(path)
+        if is_result and _waiting is not None:
+            remove_leftovers(path)
+            _waiting.append(WholeFile(path, content))
+        else:
+            write_whole(path, content)
     except OSError as error:
         raise write_error(path, error) from None
-    finally:
-        if temporary is not None:
-            _remove(temporary)
+
+
+def put_in_place() -> None:
+    """Put the results that wait in their places, or all of them beside: as NAME-1.SUFFIX, where a name is taken.
+
+    A name is taken where the command has found it free and something has appeared since; other files are replaced.
+
+    Raises:
+        WriteError: A result cannot be put in its place.
+    """
+    with _placing:
+        waiting = _waiting or []
+        try:
+            for number in count():
+                taken = _taken_name(waiting, number)
+                if taken is None:
+                    break
+                kept_files.extend([taken] if number == 0 else [])
+        except WriteError:
+            for file in waiting:
+                file.close()
+            waiting.clear()
+            raise
+        for file in waiting:
+            written_files[file.path] = file.name or file.path
+            file.close()
+        waiting.clear()
+
+
+def place_of(path: Path) -> Path:
+    """Where the result is that was to be at `path`; all that wait are put in place."""
+    put_in_place()
+    return written_files.get(path, path)
+
+
+def _taken_name(waiting: Sequence[WholeFile], number: int) -> Path | None:
+    """Put results where they were to be, or beside with a number; the first name that is taken, if one is."""
+    for file in waiting:
+        path = file.path
+        target = path.with_name(f"{path.stem}-{number}{path.suffix}") if number else path
+        try:
+            file.place(target, replace=not number and path not in _free_names)
+        except FileExistsError:
+            return target
+        except OSError as error:
+            raise write_error(target, error) from None
+    return None
+
+
+def leave_files() -> None:
+    """As the process ends at once: put in place what is complete, and remove what is not."""
+    if _placing.acquire(timeout=SECONDS_TO_PLACE):
+        with suppress(WriteError):
+            put_in_place()
+    for file in [*unfinished]:
+        file.close()
 
 
 def write_error(path: Path, error: OSError) -> WriteError:
@@ -63,47 +128,3 @@ def write_error(path: Path, error: OSError) -> WriteError:
     if error.errno in MACHINE_ERRORS:
         return MachineError(message + "make room and run again")
     return WriteError(message + "choose another --out")
-
-
-def remove_parts() -> None:
-    """Remove the files that are not complete yet, as the process is about to end."""
-    for temporary in list(_temporary_files):
-        _remove(temporary)
-
-
-def _remove(temporary: str) -> None:
-    with suppress(FileNotFoundError):
-        os.remove(temporary)
-    _temporary_files.discard(temporary)
-
-
-def remove_leftovers(path: Path) -> None:
-    """Remove the temporary files of `path` on which no living process holds a lock."""
-    for leftover in path.parent.glob(f".{escape(path.stem)}-????????{escape(path.suffix)}"):
-        with suppress(OSError), leftover.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            leftover.unlink()
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-def zarr_leftovers(store: Path, arrays: "Mapping[str, zarr.Array]") -> Iterator[Path]:
-    """Files that Zarr was about to rename to a chunk or a description, of one of the arrays or of the store."""
-    yield from _leftovers_in(store, store.glob("zarr.*.partial"), {"zarr"})
-    for name, array in arrays.items():
-        chunks = itertools.product(*map(range, array.cdata_shape))
-        keys = {array.metadata.encode_chunk_key(chunk) for chunk in chunks}
-        yield from _leftovers_in(store / name, (store / name).rglob("*.partial"), {"zarr", *keys})
-
-
-def _leftovers_in(folder: Path, candidates: Iterator[Path], files: set[str]) -> Iterator[Path]:
-    """Those candidates that were to be renamed to one of the files of a folder."""
-    for path in candidates:
-        name = PARTIAL_NAME.fullmatch(path.name)
-        target = name and path.with_name(name[1]).relative_to(folder).as_posix()
-        if target in files and path.is_file() and not path.is_symlink():
-            yield path

@@ -1,16 +1,17 @@
 """Measurements from CSV files and tables: columns with units in their headers, as SI values."""
 
-import csv
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from io import StringIO
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from jaxshroud.io.csv_text import csv_rows, read_csv_text
 from jaxshroud.scene.checks import InputError, hint
 from jaxshroud.scene.keys import KEYS
 from jaxshroud.scene.measurements import BLADES, MEASURES, Channel, Measurements
@@ -48,18 +49,11 @@ def read_measurements(path: str | os.PathLike[str]) -> Measurements:
     Raises:
         InputError: The file cannot be read, or is no such table; one line names the place and the cure.
     """
-    try:
-        with Path(path).open(newline="", encoding="utf-8-sig") as file:
-            lines = [(n, line) for n, line in enumerate(file, 1) if line.strip() and not line.lstrip().startswith("#")]
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; give a CSV file with a header such as `t [s],x_left [mm]`") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error})") from None
-    reader = csv.reader(line for _, line in lines)
-    try:
-        rows = [(lines[reader.line_num - 1][0], *row) for row in reader]
-    except csv.Error as error:
-        raise InputError(f"{path}: is no table of cells that commas separate ({error})") from None
+    text = read_csv_text(Path(path), "a CSV file with a header such as `t [s],x_left [mm]`")
+    numbered = enumerate(StringIO(text, newline=""), 1)
+    lines = [(n, line) for n, line in numbered if line.strip() and not line.lstrip().startswith("#")]
+    _check_separator(lines[0][1] if lines else "", path)
+    rows = [(n, *row) for n, row in csv_rows(Path(path), lines, ",")]
     if len(rows) < 2:
         raise InputError(f"{path}: has no data; it needs a header such as `t [s],x_left [mm]` and rows of numbers")
     (_, *headers), *table = rows
@@ -76,7 +70,15 @@ def read_measurements(path: str | os.PathLike[str]) -> Measurements:
         header: [_number(cell, n, header, path) for (n, *_), cell in zip(table, cells, strict=True)]
         for header, cells in zip(headers, list(zip(*(row[1:] for row in table), strict=True)), strict=True)
     }
-    return measurements_from(columns, str(path))
+    return _measurements(columns, str(path), [f"line {n}" for n, *_ in table])
+
+
+def _check_separator(header: str, path: str | os.PathLike[str]) -> None:
+    """Raise InputError where something else than commas separates columns."""
+    for separator, name in {";": "semicolons", "\t": "tabs"}.items():
+        if header.count(separator) > header.count(","):
+            cure = "separate them by commas, and write numbers with a point"
+            raise InputError(f"{path}: columns are separated by {name}; {cure}")
 
 
 def _history_of_run(headers: list[str], table: list[tuple]) -> tuple[list[str], list[tuple]]:
@@ -111,6 +113,11 @@ def measurements_from(table: Mapping[str, Any], where: str = "the measurements")
         InputError: A column is unknown, has no unit or a wrong one, or holds what cannot be measured; or the axis is
             missing, or there are two.
     """
+    return _measurements(table, where)
+
+
+def _measurements(table: Mapping[str, Any], where: str, rows: Sequence[str] | None = None) -> Measurements:
+    """The same; messages call a row by its name among `rows`, else by its number."""
     pairs = [_si_column(str(header), values, where) for header, values in table.items()]
     columns = dict(pairs)
     if len(columns) < len(pairs):
@@ -122,7 +129,7 @@ def measurements_from(table: Mapping[str, Any], where: str = "the measurements")
     at = columns["t"] if is_history else _drive_frequencies(columns, where)
     channels = [CHANNELS[name] for name in columns if name in CHANNELS]
     _check_channels(channels, is_history, columns, where)
-    _check_axis(at, is_history, where)
+    _check_axis(at, is_history, where, rows)
     values = np.stack([columns[channel.name] for channel in channels], axis=1)
     kind = "history" if is_history else "response"
     return Measurements(kind, at, tuple(channels), values, _sigma(columns, channels, where))
@@ -135,8 +142,7 @@ def _name_and_unit(header: str, where: str) -> tuple[str, str, str]:
     stem = name.removesuffix(SIGMA) if name.removesuffix(SIGMA) in CHANNELS else name
     known = AXIS_UNITS | {channel: KEYS[f"initial.{CHANNELS[channel].place}"].unit for channel in CHANNELS}
     if match is None or stem not in known:
-        cure = "; separate columns by commas" if ";" in header or "\t" in header else hint(name, list(known))
-        raise InputError(f"{where}: column {header.strip()!r} is unknown{cure}")
+        raise InputError(f"{where}: column {header.strip()!r} is unknown{hint(name, list(known))}")
     unit = known[stem]
     if match["unit"] is None and unit:
         raise InputError(f"{where}: column {name} has no unit; write e.g. `{name} [{UNIT_EXAMPLES.get(unit, unit)}]`")
@@ -202,11 +208,13 @@ def _check_channels(channels: list[Channel], is_history: bool, columns: Columns,
         raise InputError(f"{where}: {lone[0]} has no column {lone[0].removesuffix(SIGMA)}")
 
 
-def _check_axis(at: np.ndarray, is_history: bool, where: str) -> None:
+def _check_axis(at: np.ndarray, is_history: bool, where: str, rows: Sequence[str] | None) -> None:
     if is_history and at[0] < 0:
         raise InputError(f"{where}: t begins before 0, which is drive phase 0 and the start of the scene")
     if is_history and (falls := np.flatnonzero(np.diff(at) <= 0)).size:
-        raise InputError(f"{where}: t must grow from row to row, but row {falls[0] + 2} has {at[falls[0] + 1]:g} s")
+        at_fall = falls[0] + 1
+        row = f"row {at_fall + 1}" if rows is None else rows[at_fall]
+        raise InputError(f"{where}: t must grow from row to row, but {row} has {at[at_fall]:g} s")
     if not is_history and not (at > 0).all():
         raise InputError(f"{where}: the frequencies of the drive must be positive")
 

@@ -1,9 +1,12 @@
 """Results on disk: NetCDF through xarray, and JSON for summaries. Files appear completely or not at all."""
 
+import gc
 import json
 import os
+import sys
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
@@ -14,6 +17,7 @@ from jaxshroud.io.block_records import DESCRIPTION_FILE, read_store_record, stor
 from jaxshroud.io.files import write
 from jaxshroud.io.left_out import packages_left_out
 from jaxshroud.scene.checks import StoreError
+from jaxshroud.whole_file import open_regular
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,23 +37,50 @@ def read(path: str | os.PathLike[str], *, checked: bool = True) -> "xr.Dataset":
     Raises:
         StoreError: The file is missing, truncated, damaged or not a result.
     """
-    import xarray as xr
-
     if Path(path).suffix == ".zarr":
         return _read_zarr(Path(path), checked)
     if Path(path).is_dir():
         raise StoreError(f"{Path(path)}: is a folder; give the result in it, such as {Path(path) / 'sweep.nc'}")
-    if Path(path).exists() and not Path(path).is_file():
+    if not Path(path).exists():
+        raise StoreError(f"{path}: no such file; give a result written by jaxshroud")
+    if not Path(path).is_file():
         raise StoreError(f"{path}: is no regular file; give a result written by jaxshroud")
+    with _half_opened_files_silent():
+        found = _netcdf(path)
+        if isinstance(found, str):
+            gc.collect()  # here, and not when nobody listens
+    if isinstance(found, str):
+        raise StoreError(f"{path}: not a complete result file ({found}); run the command again")
+    return found
+
+
+def _netcdf(path: str | os.PathLike[str]) -> "xr.Dataset | str":
+    """The dataset of a NetCDF file, or why it is none."""
+    import xarray as xr
+
     try:
         with xr.open_dataset(path, engine="h5netcdf", phony_dims="access") as ds:
             check_memory("it", ds.nbytes)
             _check_sizes(ds, path)
             return _checked_texts(ds.load())
-    except FileNotFoundError:
-        raise StoreError(f"{path}: no such file; give a result written by jaxshroud") from None
     except Exception as error:  # h5py raises many types on damaged files
-        raise StoreError(f"{path}: not a complete result file ({_reason(error)}); run the command again") from None
+        return _reason(error)
+
+
+@contextmanager
+def _half_opened_files_silent() -> Iterator[None]:
+    """Within, h5netcdf's files that failed to open end without a word: their `__del__` fails too."""
+    outer = sys.unraisablehook
+
+    def hook(unraisable: Any) -> None:
+        if not str(getattr(unraisable.object, "__module__", "")).startswith("h5netcdf"):
+            outer(unraisable)
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = outer
 
 
 def _read_zarr(path: Path, checked: bool) -> "xr.Dataset":
@@ -126,7 +157,8 @@ def read_json(path: Path) -> Any:
         StoreError: The file is missing or not complete JSON.
     """
     try:
-        return json.loads(path.read_text("utf-8"))
+        with open_regular(path) as file:
+            return json.loads(file.read().decode("utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise StoreError(f"{path}: cannot be read ({error}); run the command again") from None
 

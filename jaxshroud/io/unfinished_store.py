@@ -8,9 +8,10 @@ that holds it, keeps other processes from writing.
 
 import fcntl
 import os
-import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import re
+import stat
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -37,9 +38,10 @@ from jaxshroud.io.block_records import (
     record_file,
     write_store_record,
 )
-from jaxshroud.io.files import TEMPORARY_NAME, remove_leftovers, write, zarr_leftovers
+from jaxshroud.io.files import write
 from jaxshroud.io.zarr_arrays import Block, LaneDimension, group_description, write_array, writing_errors
 from jaxshroud.scene.checks import StoreError
+from jaxshroud.whole_file import TEMPORARY_NAME, open_regular, remove_leftovers, remove_unless_locked
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,6 +49,13 @@ if TYPE_CHECKING:
 MOST_DIFFERENCES = 4  # differences shown
 BEGUN = ".begun.npz"  # of the record of a block that is not finished
 NUMBER = "number "  # prefix of the names of variables in a record
+LOCK = f"{RESUME}/lock"
+PARTIAL = ".partial"  # in place of the rest of the name of a temporary file
+# The files of a store, and those that it has before it says of which sweep it is; as paths within it.
+STORE_FILE = re.compile(
+    r"((resume/)?zarr\.json|resume/(lock|whole\.npz|\d+(-\d+)*(\.begun)?\.npz)|[^/]+/(zarr\.json|c(/\d+)*))(\.partial)?"
+)
+FIRST_FILE = re.compile(r"resume/(lock|zarr\.json\.partial)")
 BLOCK_NAME = "block"  # entry of the record of a block that is not finished
 
 
@@ -75,14 +84,8 @@ def open_unfinished(
 
 def _refuse_foreign(path: Path) -> None:
     """Raise StoreError if a folder holds anything that may not have been written by a sweep."""
-    if not path.is_dir():
-        return
-    is_store = bool(store_identity(path))
-    is_own = lambda entry: entry.name == RESUME or (is_store and _belongs_to_store(entry))
-    foreign = [entry.name for entry in sorted(path.iterdir()) if not is_own(entry)]
-    if not is_store and (path / RESUME).is_dir():
-        names = [entry.name for entry in sorted((path / RESUME).iterdir())]
-        foreign += [f"{RESUME}/{name}" for name in names if name != "lock" and not TEMPORARY_NAME.fullmatch(name)]
+    own = {*_own_files(path)}
+    foreign = [file.relative_to(path).as_posix() for file in _files_within(path) if file not in own]
     if foreign:
         raise StoreError(
             f"{path}: holds {foreign[0]!r}, which is not of a store that a sweep has begun, and stays as it is; "
@@ -90,22 +93,38 @@ def _refuse_foreign(path: Path) -> None:
         )
 
 
-def _belongs_to_store(entry: Path) -> bool:
-    """Whether a store has such an entry: its description, an array of Zarr's version 3, or what a killed run left."""
-    if entry.is_file():
-        return entry.name == DESCRIPTION_FILE or TEMPORARY_NAME.fullmatch(entry.name) is not None
-    return entry.is_dir() and (
-        (entry / DESCRIPTION_FILE).is_file() or all(TEMPORARY_NAME.fullmatch(p.name) for p in entry.iterdir())
-    )
+def _own_files(path: Path) -> Iterator[Path]:
+    """The files in a folder that a sweep writes: without an identity, those of its first moment alone."""
+    names = STORE_FILE if store_identity(path) else FIRST_FILE
+    for file in _files_within(path):
+        temporary = TEMPORARY_NAME.fullmatch(file.name)
+        inner = (file.with_name(f"{temporary[1]}{PARTIAL}") if temporary else file).relative_to(path).as_posix()
+        if names.fullmatch(inner) and stat.S_ISREG(file.lstat().st_mode):
+            yield file
+
+
+def _files_within(path: Path) -> list[Path]:
+    """All that is no folder in a folder and in those within; links are not followed."""
+    found = [Path(folder, name) for folder, folders, names in os.walk(path) for name in [*folders, *names]]
+    return sorted(file for file in found if file.is_symlink() or not file.is_dir())
+
+
+def _remove_files(path: Path, files: Iterable[Path]) -> None:
+    """Remove files in a folder, and all folders in it that are empty then."""
+    for file in files:
+        file.unlink(missing_ok=True)
+    for folder, _, _ in os.walk(path, topdown=False):
+        with suppress(OSError):  # it is not empty
+            os.rmdir(folder)
 
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
     """A context in which no other process writes to the store."""
-    lock_path = path / RESUME / "lock"
+    lock_path = path / LOCK
     with writing_errors(path):
         lock_path.parent.mkdir(parents=True, exist_ok=True)
-        lock = lock_path.open("w")
+        lock = open_regular(lock_path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW)
     with lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -178,9 +197,9 @@ class Unfinished:
         """Open the arrays, and discard the blocks that are not as they were written."""
         arrays = arrays_in(self.path, record.names, writable=True)
         self._whole, self._arrays, self.has_arrays = record, {name: arrays[name] for name in record.blocked}, True
+        for left in [file for file in _own_files(self.path) if TEMPORARY_NAME.fullmatch(file.name)]:
+            remove_unless_locked(left)
         with writing_errors(self.path):
-            for leftover in [*zarr_leftovers(self.path, arrays)]:
-                leftover.unlink()
             for place in damaged_blocks(self.path, self._arrays):
                 self._discard(place)
 
@@ -228,13 +247,8 @@ class Unfinished:
         if is_store or any(not file.name.endswith(BEGUN) for file in records):
             self._refuse(about)
         with writing_errors(self.path):
-            for old in self.path.iterdir():
-                if old.is_file():
-                    old.unlink()
-                elif old.name != RESUME:
-                    shutil.rmtree(old)
-            for old in (self.path / RESUME).glob("*.npz"):
-                old.unlink()
+            lock = self.path / LOCK
+            _remove_files(self.path, [file for file in _own_files(self.path) if file != lock])
         write(self.path / RESUME / DESCRIPTION_FILE, group_description(about), is_result=False)
 
     def _refuse(self, about: Mapping[str, str]) -> NoReturn:
@@ -296,4 +310,4 @@ def remove_store(path: Path) -> None:
     if path.exists():
         _refuse_foreign(path)
         with _locked(path), writing_errors(path):
-            shutil.rmtree(path)
+            _remove_files(path, [*_own_files(path)])

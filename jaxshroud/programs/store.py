@@ -10,17 +10,16 @@ import logging
 import os
 import re
 import stat
-import tempfile
 import zlib
 from contextlib import suppress
 from pathlib import Path
 
+from jaxshroud.whole_file import leftovers_in, remove_unless_locked, write_whole
+
 MARK = b"jaxshroud program 1\n"
 DIGEST_BYTES = 32
 ENTRY_NAME = re.compile(r"[0-9a-f]{64}\.program")
-UNFINISHED_ENTRY = re.compile(r"jaxshroud-\w+\.partial")
 MAX_BYTES = 1 << 29  # of all entries
-SECONDS_OF_A_PARTIAL = 86400.0  # after which one of a process that was killed is removed
 
 log = logging.getLogger("jaxshroud.programs")
 
@@ -52,20 +51,11 @@ class ProgramStore:
     def write(self, name: str, content: bytes) -> None:
         """Keep `content` under a `name`, completely or not at all."""
         body = bytes.fromhex(name) + zlib.compress(content, 1)
-        partial = None
         try:
-            handle, partial = tempfile.mkstemp(prefix="jaxshroud-", suffix=".partial", dir=self.folder)
-            with os.fdopen(handle, "wb") as file:
-                file.write(MARK + hashlib.sha256(body).digest() + body)
-            os.replace(partial, self._path(name))
-            partial = None
+            write_whole(self._path(name), MARK + hashlib.sha256(body).digest() + body, synced=False, mode=0o600)
             self._prune()
         except OSError as error:
             log.warning("a compiled program is not kept in %s (%s)", self.folder, error.strerror or error)
-        finally:
-            if partial is not None:
-                with suppress(OSError):
-                    os.remove(partial)
 
     def entries(self) -> list[tuple[float, int, Path]]:
         """When each entry was last used, its bytes, and its path; the least recently used first."""
@@ -84,16 +74,12 @@ class ProgramStore:
         """Remove the least recently used beyond `MAX_BYTES`, and what killed processes left."""
         entries = self.entries()
         excess = sum(size for _, size, _ in entries) - MAX_BYTES
-        newest = entries[-1][0] if entries else 0.0
         for _, size, path in entries:
             if excess > 0 and _has_mark(path):
                 path.unlink(missing_ok=True)
                 excess -= size
-        for path in self.folder.glob("jaxshroud-*.partial"):
-            state = path.lstat()
-            old = state.st_mtime < newest - SECONDS_OF_A_PARTIAL
-            if old and UNFINISHED_ENTRY.fullmatch(path.name) and stat.S_ISREG(state.st_mode):
-                path.unlink(missing_ok=True)
+        for left in leftovers_in(self.folder):
+            remove_unless_locked(left)
 
 
 def own_folder(folder: Path) -> bool:

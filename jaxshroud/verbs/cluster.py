@@ -23,6 +23,7 @@ from jaxshroud.batch.threads import thread_settings
 from jaxshroud.scene.checks import InputError, MachineError, StoreError
 from jaxshroud.verbs.sweep_block import BlockTask, Chain, next_task
 from jaxshroud.version import __version__
+from jaxshroud.whole_file import open_regular
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -69,8 +70,9 @@ def connected_client(scheduler: str) -> Iterator["Client"]:
 def _address_in_file(path: str) -> str:
     """The address in the file that a scheduler has written."""
     try:
-        return str(json.loads(Path(path).read_text("utf-8"))["address"])
-    except (ValueError, KeyError, TypeError):
+        with open_regular(Path(path)) as file:
+            return str(json.load(file)["address"])
+    except (OSError, ValueError, KeyError, TypeError):
         raise InputError(f"{path}: not the file of a scheduler; `dask scheduler --scheduler-file` writes one") from None
 
 

@@ -242,10 +242,11 @@ def test_damaged_files_are_named(stored, tmp_path, capsys):
 
 
 def test_a_failed_write_leaves_nothing(tmp_path, capsys, monkeypatch):
-    def fail(*_):
+    def fail(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("os.replace", fail)
+    for last_step in ("os.link", "os.replace"):
+        monkeypatch.setattr(last_step, fail)
     words = ["simulate", "fig10d", "--steps-per-period", "200", "--every", "2", "--periods", "1"]
     assert cli.main([*words, "--out", str(tmp_path / "a.nc")]) == 1
     assert "No space left" in capsys.readouterr().err

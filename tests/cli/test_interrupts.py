@@ -1,4 +1,4 @@
-"""Ctrl-C, by real signals to real processes: what ends, what is kept and what is said."""
+"""Ctrl-C, SIGTERM and SIGHUP, really sent to real processes: what ends, what is kept and what is said."""
 
 import gc
 import json
@@ -20,6 +20,7 @@ from jaxshroud.cli import commands as cli
 from jaxshroud.cli import sweep as sweep_verb
 from jaxshroud.cli.terminal import interruptible
 from jaxshroud.march.method import RungeKutta
+from jaxshroud_command import END_SIGNALS
 
 SMALL = ["--set", 'parts.motion=["x"]']
 LONG = ["sweep", "table1", *SMALL, "--along", "contact.gamma", "--start", "1", "--stop", "8", "--num", "20000"]
@@ -64,17 +65,23 @@ import jaxshroud_command
 jaxshroud_command.main()
 """
 
-HEEDING = (
-    "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"  # also where tests run under nohup
-)
+# Also where tests run under nohup.
+HEEDING = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+for number in (signal.SIGTERM, signal.SIGHUP):
+    signal.signal(number, signal.SIG_DFL)
+"""
+SIGNALS = pytest.mark.parametrize("number", END_SIGNALS, ids=[number.name for number in END_SIGNALS])
 
 
 @pytest.fixture(autouse=True)
 def heeding():
-    """Ctrl-C means something to this process, even under nohup."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    """Ctrl-C and its like mean something to this process, even under nohup."""
+    before = {number: signal.signal(number, signal.default_int_handler) for number in END_SIGNALS}
     yield
-    signal.signal(signal.SIGINT, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 def begun(code, *words):
@@ -104,11 +111,13 @@ def ended(process):
     return process.returncode, told[1]
 
 
-def test_an_interrupted_sweep_keeps_the_lanes_that_had_ended(tmp_path, capsys):
+@SIGNALS
+@pytest.mark.full(but=["SIGINT"])
+def test_an_interrupted_sweep_keeps_the_lanes_that_had_ended(tmp_path, number):
     out = tmp_path / "s"
     process = begun(COMMAND.format(pause=0), *LONG, "--out", out)
     until(process, 20 * 64 * 20)  # chunks of 64 lanes, two or more at a time
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     status, error = ended(process)
     assert status == 130
     assert error.startswith("interrupted; ")
@@ -147,11 +156,83 @@ def test_the_library_interrupted_ends_without_a_fault():
     assert int(told.splitlines()[-1].removeprefix("OK ")) >= 64
 
 
-def test_an_interrupt_during_imports_is_one_line():
+@SIGNALS
+def test_an_interrupt_during_imports_is_one_line(number):
     process = begun(IMPORTING, "simulate", "table1", "--out", "a.nc")
     assert process.stdout.readline() == "importing\n"
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     assert ended(process) == (130, "interrupted; nothing was written\n")
+
+
+@SIGNALS
+def test_a_signal_that_is_ignored_at_the_start_stays_so(number):
+    # As under nohup; the others are heeded all the same.
+    other = END_SIGNALS[END_SIGNALS.index(number) - 1]
+    process = begun(f"signal.signal({number:d}, signal.SIG_IGN)\n{IMPORTING}", "simulate", "table1", "--out", "a.nc")
+    assert process.stdout.readline() == "importing\n"
+    process.send_signal(number)
+    process.send_signal(other)
+    assert ended(process) == (130, "interrupted; nothing was written\n")
+
+    signal.signal(number, signal.SIG_IGN)
+    calls = []
+
+    def signalled():
+        with interruptible(lambda: calls.append("left")):
+            os.kill(os.getpid(), number)
+            time.sleep(0.01)
+            calls.append("went on")
+            os.kill(os.getpid(), other)
+            time.sleep(60)
+
+    with pytest.raises(KeyboardInterrupt):
+        signalled()
+    assert calls == ["went on"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_told_twice_is_one(number):
+    # A shell that ends with its terminal repeats what the terminal has sent: what has ended is still written.
+    calls = []
+
+    def signalled():
+        with interruptible(lambda: calls.append("left")):
+            try:
+                os.kill(os.getpid(), number)
+                time.sleep(60)
+            except KeyboardInterrupt:
+                os.kill(os.getpid(), number)
+                time.sleep(0.1)
+                calls.append("written")
+                raise
+
+    with pytest.raises(KeyboardInterrupt):
+        signalled()
+    assert calls == ["written"]
+
+
+# The command at a terminal of its own.
+AT_TERMINAL = """
+import fcntl, os, termios
+os.setsid()
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+"""
+
+
+@pytest.mark.full
+def test_a_sweep_whose_terminal_is_closed_keeps_the_lanes_that_had_ended(tmp_path):
+    terminal, own = os.openpty()
+    words = [*LONG, "--out", str(tmp_path / "s")]
+    code = AT_TERMINAL + HEEDING + COMMAND.format(pause=0)
+    process = subprocess.Popen([sys.executable, "-c", code, *words], stdin=own, stdout=own, stderr=own)
+    os.close(own)
+    with open(terminal, closefd=True) as told:
+        for line in told:
+            if line.split() and int(line.split()[0]) > 20 * 64 * 20:
+                break
+    assert process.wait(timeout=600) == 130
+    with xr.open_dataset(tmp_path / "s" / "sweep.nc", engine="h5netcdf") as ds:
+        assert set(ds["status"].to_numpy()) == {Status.OK, Status.NOT_RUN}
 
 
 def test_an_interrupt_that_python_must_ignore_is_repeated():

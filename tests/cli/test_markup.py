@@ -30,8 +30,8 @@ def test_numbers_of_a_table_have_no_sixteen_digits(capsys):
     ]
 
 
-def test_written_names_the_files(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "written_files", [])
-    for name in ("sweep.nc", "summary.json"):
-        files.write(tmp_path / name, b"a")
-    assert files_written() == f"sweep.nc, summary.json in {tmp_path}"
+def test_written_names_the_files(tmp_path):
+    with files.results_together():
+        for name in ("sweep.nc", "summary.json"):
+            files.write(tmp_path / name, b"a")
+        assert files_written() == f"sweep.nc, summary.json in {tmp_path}"

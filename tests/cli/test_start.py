@@ -216,6 +216,15 @@ def test_the_package_runs_as_a_command(module):
     assert done.stderr == "nothing: no such file; give a result written by jaxshroud\n"
 
 
+@pytest.mark.full
+def test_a_device_that_is_not_there_is_one_line():
+    code = "import sys; from jaxshroud_command import main; sys.exit(main())"
+    cuda = os.environ | {"JAX_PLATFORMS": "cuda"}
+    done = subprocess.run([sys.executable, "-c", code, *SHEET], capture_output=True, text=True, timeout=300, env=cuda)
+    told = "JAX_PLATFORMS=cuda: JAX has no such device here; unset it, or set it to cpu\n"
+    assert (done.returncode, done.stdout, done.stderr) == (1, "", told)
+
+
 def test_a_home_that_cannot_be_written_is_one_line(tmp_path):
     (tmp_path / "file").touch()
     home = str(tmp_path / "file" / "home")

@@ -1,8 +1,11 @@
 """Files appear whole or not at all: full disks, and what killed runs leave behind."""
 
+import errno
 import fcntl
+import gc
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -16,7 +19,10 @@ import xarray as xr
 
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
-from jaxshroud.io.files import write
+from jaxshroud.cli import describe
+from jaxshroud.cli.command_table import COMMANDS
+from jaxshroud.cli.terminal import CommandError, refuse_existing
+from jaxshroud.io.files import kept_files, place_of, put_in_place, results_together, write
 from jaxshroud.io.store import read, write_dataset, write_json
 from jaxshroud.plotting.style import new_figure, save_figure
 from jaxshroud.scene.checks import MachineError, StoreError, WriteError
@@ -98,26 +104,193 @@ def test_a_picture_on_a_full_disk_is_a_failure_of_the_machine(tmp_path, capsys, 
     assert [path.name for path in tmp_path.iterdir()] == ["power.json"]
 
 
+HEX = "0123456789abcdef" * 2
+LEFT = f".sweep.nc.jaxshroud-{HEX}.partial"  # as a killed run leaves it
+
+
+def as_file(path):
+    path.write_text("foreign")
+
+
+def as_link(path):
+    path.symlink_to(path.parent / "linked")
+
+
+# Names and kinds of entries that are near to a leftover, and none.
+FOREIGN = {
+    "a date": (".sweep-20261125.nc", as_file),
+    "a pipe with a date": (".sweep-12345678.nc", os.mkfifo),
+    "of another file": (f".sweeping.nc.jaxshroud-{HEX}.partial", as_file),
+    "of another suffix": (f".sweep.json.jaxshroud-{HEX}.partial", as_file),
+    "a digit short": (f"{LEFT[:-9]}.partial", as_file),
+    "more behind": (f"{LEFT}.bak", as_file),
+    "a link": (LEFT, as_link),
+    "a pipe": (LEFT, os.mkfifo),
+    "a folder": (LEFT, os.mkdir),
+}
+
+
+@pytest.mark.parametrize(("name", "made"), FOREIGN.values(), ids=FOREIGN)
+def test_no_foreign_file_is_taken_for_a_leftover(tmp_path, name, made):
+    made(tmp_path / name)
+    before = (tmp_path / name).lstat()
+    write(tmp_path / "sweep.nc", b"whole")
+    assert {path.name for path in tmp_path.iterdir()} == {"sweep.nc", name}
+    assert (tmp_path / name).lstat() == before
+
+
 def test_what_killed_runs_have_left_is_removed(tmp_path):
-    left, other = tmp_path / ".sweep-0a_b1c2d.nc", tmp_path / ".sweeping-0a_b1c2d.nc"
-    left.write_text("half")
-    other.write_text("of another file")
-    in_use = tmp_path / ".sweep-living00.nc"
+    (tmp_path / LEFT).write_text("half")
+    in_use = tmp_path / LEFT.replace("0", "f")
     with in_use.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         write(tmp_path / "sweep.nc", b"whole")
-    assert {path.name for path in tmp_path.iterdir()} == {"sweep.nc", other.name, in_use.name}
+    assert {path.name for path in tmp_path.iterdir()} == {"sweep.nc", in_use.name}
 
 
-def test_a_killed_write_leaves_what_the_next_one_removes(tmp_path):
-    code = "import os, signal, sys; from pathlib import Path; from jaxshroud.io.files import write\n"
-    code += "os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)\n"
-    code += "write(Path(sys.argv[1]), b'half')"
-    done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "sweep.nc")], timeout=300)
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from jaxshroud.io.files import write
+setattr(os, sys.argv[2], lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL))
+write(Path(sys.argv[1]), b"half")
+"""
+
+
+@pytest.mark.parametrize(("step", "left"), [("fsync", []), ("replace", [".sweep."])])
+def test_a_killed_write_leaves_nothing_or_what_the_next_one_removes(tmp_path, step, left):
+    # A file without a name is gone with its process; for a moment before it replaces another, it has one.
+    done = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "sweep.nc"), step], timeout=300)
     assert done.returncode == -9
-    assert [path.name[:7] for path in tmp_path.iterdir()] == [".sweep-"]
+    assert [path.name[:7] for path in tmp_path.iterdir()] == left
     write(tmp_path / "sweep.nc", b"whole")
     assert [path.name for path in tmp_path.iterdir()] == ["sweep.nc"]
+
+
+def without_unnamed_files(patch):
+    patch.delattr(os, "O_TMPFILE", raising=False)
+
+
+def without_links(patch):
+    def refuse(*_, **__):
+        raise OSError(errno.EPERM, "Operation not permitted")
+
+    patch.setattr(os, "link", refuse)
+
+
+def without_locks(patch):
+    def refuse(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    patch.setattr(fcntl, "flock", refuse)
+
+
+def without_any(patch):
+    for lack in (without_unnamed_files, without_links, without_locks):
+        lack(patch)
+
+
+SYSTEMS = [lambda patch: None, without_unnamed_files, without_links, without_locks, without_any]
+SYSTEM_IDS = ["with all", "without unnamed files", "without links", "without locks", "without any"]
+
+
+@pytest.fixture(params=SYSTEMS, ids=SYSTEM_IDS)
+def system(request, monkeypatch):
+    """A system or a filesystem that lacks something of what files are written with."""
+    request.param(monkeypatch)
+
+
+@pytest.mark.usefixtures("system")
+def test_a_file_is_written_and_replaced_on_any_filesystem(tmp_path):
+    path, other = tmp_path / f"{'a' * 250}.nc", tmp_path / "linked"
+    for content in (b"first", b"second"):
+        write(path, content)
+        assert path.read_bytes() == content
+    assert path.stat().st_mode & 0o777 == 0o666 & ~os.umask(os.umask(0o22))
+    other.write_text("foreign")
+    path.unlink()
+    path.symlink_to(other)
+    write(path, b"third")  # in place of the link, not of what it leads to
+    assert (path.read_bytes(), other.read_text()) == (b"third", "foreign")
+    assert {part.name for part in tmp_path.iterdir()} == {path.name, "linked"}
+
+
+@pytest.mark.usefixtures("system")
+@pytest.mark.parametrize("appeared", [as_file, as_link, os.mkdir, os.mkfifo])
+def test_what_appears_during_a_run_is_kept_and_its_results_lie_beside_together(tmp_path, appeared):
+    names = ["sweep.nc", "sweep.png", "summary.json"]
+    (tmp_path / "sweep-1.png").write_text("of a run before")
+    with results_together():
+        for name in names:
+            refuse_existing(tmp_path / name, force=False)
+        write(tmp_path / "sweep.nc", b"sweep.nc")
+        assert not (tmp_path / "sweep.nc").exists()  # before the others
+        appeared(tmp_path / "summary.json")
+        state = (tmp_path / "summary.json").lstat()
+        for name in names[1:]:
+            write(tmp_path / name, name.encode())
+        assert place_of(tmp_path / "sweep.nc") == tmp_path / "sweep-2.nc"
+    assert kept_files == [tmp_path / "summary.json"]
+    assert (tmp_path / "summary.json").lstat() == state
+    for name, place in zip(names, ["sweep-2.nc", "sweep-2.png", "summary-2.json"], strict=True):
+        assert (tmp_path / place).read_text() == name
+    assert (tmp_path / "sweep-1.png").read_text() == "of a run before"
+    assert len([*tmp_path.iterdir()]) == 5
+
+
+def test_what_is_forced_is_replaced_and_what_nobody_claimed_too(tmp_path):
+    for name in ("forced.nc", "drawn.png"):
+        (tmp_path / name).write_text("old")
+    with results_together():
+        refuse_existing(tmp_path / "forced.nc", force=True)
+        for name in ("forced.nc", "drawn.png"):
+            write(tmp_path / name, b"new")
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"forced.nc": "new", "drawn.png": "new"}
+
+
+def test_a_result_whose_placing_is_interrupted_is_placed_once(tmp_path, monkeypatch):
+    link = os.link
+
+    def interrupted(*names, **more):
+        link(*names, **more)
+        monkeypatch.setattr(os, "link", link)
+        raise KeyboardInterrupt
+
+    @results_together()
+    def command():
+        for name in ("a.nc", "a.json"):
+            refuse_existing(tmp_path / name, force=False)
+            write(tmp_path / name, name.encode())
+        put_in_place()
+
+    monkeypatch.setattr(os, "link", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        command()
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"a.nc": "a.nc", "a.json": "a.json"}
+
+
+def test_a_broken_link_is_refused_as_any_other_file_is(tmp_path):
+    as_link(tmp_path / "a.nc")
+    with pytest.raises(CommandError, match="exists and is kept"):
+        refuse_existing(tmp_path / "a.nc", force=False)
+
+
+def test_a_command_whose_place_was_taken_says_so_last_and_fails(tmp_path, capsys, monkeypatch):
+    write_sheet = describe._write_sheet
+
+    def taken(sheet, file, options, start):
+        (options.out / "check.png").write_text("foreign")
+        write_sheet(sheet, file, options, start)
+
+    monkeypatch.setattr(describe, "_write_sheet", taken)
+    assert cli.main(["check", "table1", "--out", str(tmp_path)]) == 1
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1
+    assert printed.err.startswith(f"{tmp_path / 'check.png'}: has appeared during the run and is kept; the results ")
+    places = {path.name for path in tmp_path.iterdir()}
+    assert places == {"check.png", *(name.replace(".", "-1.") for name in COMMANDS["check"].files)}
+    assert "check-1.png" in printed.out
+    assert (tmp_path / "check.png").read_text() == "foreign"
 
 
 def test_what_is_no_file_is_one_line(tmp_path):
@@ -182,6 +355,24 @@ def test_a_damaged_result_is_one_line(run, tmp_path, capsys, damage, verb):
     assert (printed.out, printed.err.count("\n")) == ("", 1)
     assert "a.nc: " in printed.err
     assert not (tmp_path / out).exists()
+
+
+def test_a_file_that_fails_within_h5netcdf_ends_without_a_word(run, tmp_path, monkeypatch):
+    # Its files that are half open when that fails say so once more when they are collected.
+    told, whole, path = [], bytearray(run.read_bytes()), tmp_path / "a.nc"
+    monkeypatch.setattr(sys, "unraisablehook", lambda unraisable: told.append(unraisable.object))
+    refused, header = set(), re.compile(b"OHDR")
+    for found in [*header.finditer(whole)][:5]:  # the file's own, and those of its first variables
+        damaged = bytearray(whole)
+        damaged[found.end() + 12] ^= 255
+        path.write_bytes(damaged)
+        try:
+            read(path)
+        except StoreError as error:
+            refused.add(str(error))
+    gc.collect()
+    assert any("checksum" in reason for reason in refused)
+    assert not told
 
 
 def test_no_warning_of_dimensions_that_are_not_there_is_shown(run, tmp_path):

@@ -1,11 +1,14 @@
 """Measurements from CSV files: units become SI, and whatever is wrong is one line that names the place."""
 
 import math
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import jaxshroud as js
+from jaxshroud.io.csv_columns import read_csv
 from jaxshroud.io.measurements import measurements_from, read_measurements
 
 HISTORY = "t [ms],x_left [mm],theta_right [deg]\n0,1,90\n# a comment\n\n2,-3,45\n"
@@ -61,7 +64,7 @@ def test_a_frequency_may_be_given_in_three_ways(axis):
         ("t [s],x_left [mm]\n0,1\n1,2,3\n", "line 3 has 3 cells, but the header has 2"),
         ("t [s],t [s],x_left [mm]\n0,0,1\n", "t is there twice"),
         ("t [s],t [ms],x_left [mm]\n0,0,1\n", "t is there twice"),
-        ("t [s],x_left [mm]\n0,1\n0,1\n", "t must grow from row to row, but row 2 has 0 s"),
+        ("t [s],x_left [mm]\n0,1\n0,1\n", "t must grow from row to row, but line 3 has 0 s"),
         ("t [s],x_left [mm]\n-1,1\n0,1\n", "t begins before 0"),
         ("x_left [mm]\n1\n", "has neither a time nor a frequency"),
         ("t [s],f [Hz],x_left [mm]\n0,1,1\n", "has both t and f"),
@@ -80,7 +83,15 @@ def test_a_frequency_may_be_given_in_three_ways(axis):
         ("t [],x_left [mm]\n0,1\n", "its unit is a pure number, but a time is needed"),
         ("t [3 s],x_left [mm]\n0,1\n", "t [3 s]: its unit is not a number with a unit"),
         ("t [s],\n0,\n", "column '' is unknown"),
-        ("t [s];x_left [mm]\n0;1\n", "is unknown; separate columns by commas"),
+        (
+            "t [s];x_left [mm]\n0;1\n",
+            "separated by semicolons; separate them by commas, and write numbers with a point",
+        ),
+        ("t [s];x_left [mm]\n0,1;3,2\n", "separated by semicolons"),
+        ("t [s]\tx_left [mm]\n0\t1\n", "separated by tabs"),
+        ("# a comment\n\nt [s],x_left [mm]\n0,1\n\n0,1\n", "but line 6 has 0 s"),
+        (f"t [s],x_left [mm]\n0,1\n1,{'9' * 200_000}\n", "line 3: a cell has more than 131,072 characters; shorten it"),
+        ('t [s],x_left [mm]\n0,1\n1,"2\n', "line 3: is no CSV (unexpected end of data); look for a quotation mark"),
     ],
 )
 def test_what_is_wrong_is_named_in_one_line(tmp_path, text, told):
@@ -95,11 +106,28 @@ def test_what_is_wrong_is_named_in_one_line(tmp_path, text, told):
 def test_files_that_cannot_be_read_are_named(tmp_path):
     with pytest.raises(js.InputError, match="no such file"):
         read_measurements(tmp_path / "none.csv")
-    with pytest.raises(js.InputError, match="cannot be read as text"):
+    with pytest.raises(js.InputError, match=r"cannot be read .is no regular file"):
         read_measurements(tmp_path)
-    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(js.InputError, match="cannot be read as text"):
-        read_measurements(tmp_path / "binary.csv")
+
+
+@pytest.mark.parametrize(
+    ("encoding", "told"),
+    [("utf-16", "is text in UTF-16; save"), ("latin-1", "line 3 is no text in UTF-8, but perhaps in Latin-1; save")],
+)
+def test_another_encoding_is_named_with_its_cure(tmp_path, encoding, told):
+    path = tmp_path / "a.csv"
+    path.write_bytes("t [s],x_left [mm]\n0,1\n# Büchse\n1,2\n".encode(encoding))
+    for read in (read_measurements, read_csv):
+        with pytest.raises(js.InputError, match=told):
+            read(path)
+
+
+@pytest.mark.parametrize("read", [read_measurements, read_csv])
+def test_what_is_no_regular_file_is_neither_waited_for_nor_read_without_end(tmp_path, read):
+    os.mkfifo(tmp_path / "pipe.csv")
+    for path in (tmp_path / "pipe.csv", Path("/dev/zero")):
+        with pytest.raises(js.InputError, match=r"cannot be read .is no regular file.; give a CSV file"):
+            read(path)
 
 
 @pytest.mark.parametrize("values", [["a"], [[1.0]], [math.nan], []])

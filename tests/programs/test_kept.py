@@ -1,5 +1,6 @@
 """Compiled programs that are kept: the same numbers, never those of another program, whatever happens to the files."""
 
+import fcntl
 import logging
 import os
 import subprocess
@@ -241,16 +242,18 @@ def test_the_least_recently_used_go(folder, monkeypatch):
     assert folder / ("0" * 64 + ".program") in left
 
 
-def test_what_a_killed_process_left_is_removed_after_a_day(folder):
-    fresh, stale, other = (folder / name for name in ("jaxshroud-aaaa.partial", "jaxshroud-bbbb.partial", "x.partial"))
-    for path in (fresh, stale, other):
+def test_what_a_killed_process_left_is_removed_and_what_is_being_written_is_not(folder):
+    left, in_use = (folder / f".{'0' * 64}.program.jaxshroud-{c * 32}.partial" for c in "ab")
+    other = folder / "jaxshroud-aaaa.partial"
+    for path in (left, in_use, other):
         path.write_bytes(b"half")
-    for path in (stale, other):
-        os.utime(path, (1e9, 1e9))
-    new_process()(X)
-    assert fresh.exists()
+    os.utime(other, (1e9, 1e9))
+    with in_use.open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        new_process()(X)
+    assert in_use.exists()
     assert other.exists()
-    assert not stale.exists()
+    assert not left.exists()
 
 
 def test_a_program_that_cannot_run_is_compiled_anew(folder, caplog, monkeypatch):
@@ -328,7 +331,7 @@ def test_nothing_is_kept_where_it_cannot_be_written(folder, caplog, monkeypatch)
     def full(*args, **kwargs):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(store_module.tempfile, "mkstemp", full)
+    monkeypatch.setattr(store_module, "write_whole", full)
     with caplog.at_level(logging.WARNING):
         np.testing.assert_array_equal(new_process()(X), np.sin(X) ** 2)
     assert "No space left" in caplog.text

@@ -487,18 +487,18 @@ def test_what_is_kept_belongs_to_a_store(whole, scene, tmp_path, more):
         run(scene, "independent", path, resume=True, **{more: True})
 
 
-def partial(path):
-    """What Zarr leaves of a file when it is killed before it renames it."""
-    part = path.with_suffix(f".{uuid.uuid4().hex}.partial")
-    part.write_bytes(b"half")
-    return part
+def left_of(path):
+    """What a killed process leaves of a file."""
+    return path.with_name(f".{path.name}.jaxshroud-{uuid.uuid4().hex}.partial")
 
 
 def test_what_kills_have_left_is_removed_and_nothing_else(whole, scene, tmp_path):
     path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
-    ours = [partial(path / name) for name in ("zarr.json", "P_d/zarr.json", "P_d/c/1", "x/c/1/0/0", "gamma/c/0")]
-    others = [partial(path / name) for name in ("notes", "P_d/notes", "P_d/c/9", "P_d/0", "resume/0.npz")]
-    others += [path / "P_d" / "c" / name for name in ("1.partial", "1.0123.partial")]
+    ours = [left_of(path / name) for name in ("zarr.json", "P_d/zarr.json", "P_d/c/1", "x/c/1/0/0", "resume/0.npz")]
+    others = [left_of(path / name) for name in ("notes", "P_d/notes", "P_d/0", "resume/0.nc")]
+    others += [path / "P_d" / "c" / name for name in ("1.partial", "1.0123.partial", f"1.{uuid.uuid4().hex}.partial")]
+    for part in ours:
+        part.write_bytes(b"half")
     for other in others:
         other.write_text("years of work")
     same(js.open(path), whole["independent"])  # warnings are errors here
@@ -507,13 +507,24 @@ def test_what_kills_have_left_is_removed_and_nothing_else(whole, scene, tmp_path
     assert {other.read_text() for other in others} == {"years of work"}
 
 
-@pytest.mark.parametrize("left", ["zarr.{hex}.partial", ".zarr-0a_b1c2d.json"])
-def test_a_kill_while_an_array_is_described_can_be_gone_on_with(whole, scene, tmp_path, left):
+def test_no_foreign_file_within_a_store_is_removed_with_it(whole, tmp_path):
+    path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
+    for name in ("notes.txt", "P_d/notes.txt", "P_d/c/notes.txt", "resume/notes.txt"):
+        (path / name).write_text("years of work")
+        with pytest.raises(js.StoreError, match=f"holds '{name}', which is not of a store"):
+            unfinished_store.remove_store(path)
+        assert (path / name).read_text() == "years of work"
+        (path / name).unlink()
+    unfinished_store.remove_store(path)
+    assert not path.exists()
+
+
+def test_a_kill_while_an_array_is_described_can_be_gone_on_with(whole, scene, tmp_path):
     path = shutil.copytree(kept(whole), tmp_path / "a.zarr")
     shutil.rmtree(path / "P_d")
     for folder in (path, path / "P_d"):  # before it was a store
         folder.mkdir(exist_ok=True)
-        (folder / left.format(hex=uuid.uuid4().hex)).write_text("half")
+        left_of(folder / "zarr.json").write_text("half")
         (folder / "zarr.json").unlink(missing_ok=True)
     same(run(scene, "independent", path, resume=True), whole["independent"])
     assert files(path) == files(kept(whole))
