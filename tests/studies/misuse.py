@@ -180,7 +180,7 @@ def functions() -> dict[str, Target]:
     }
 
 
-def _made() -> dict[str, Target]:
+def made() -> dict[str, Target]:
     """What scenes and methods are made of."""
     one = scene()
     numbers = lambda holder: {name: getattr(holder, name) for name in holder.__dataclass_fields__}
@@ -293,7 +293,7 @@ def _allows(hint: Any, value: Any) -> bool:
 
 def targets() -> dict[str, Target]:
     """All that is called; where results are written."""
-    found = {**functions(), **_made(), **_methods()}
+    found = {**functions(), **made(), **_methods()}
     public = {n for n in js.__all__ if inspect.isfunction(getattr(js, n))}
     assert public <= set(found), public - set(found)
     return found

@@ -5,6 +5,7 @@ import inspect
 import jax
 import jax.numpy as jnp
 import misuse
+import numpy as np
 import pytest
 
 import jaxshroud as js
@@ -20,25 +21,39 @@ OTHERS |= {"shipped", "stack_scenes", "sweep_function", "tableau", "trade", "val
 METHOD = js.RungeKutta(steps=100)
 
 
-@pytest.fixture
-def strict():
-    """Ranks are never promoted, NaN is trapped where it arises, and no tracer outlives its function."""
-    with jax.numpy_rank_promotion("raise"), jax.debug_nans(True), jax.checking_leaks():
-        yield
+def run_strictly(name):
+    """Ranks and types are never promoted, and NaN is trapped where it arises."""
+    with jax.numpy_rank_promotion("raise"), jax.debug_nans(True):
+        target = {**misuse.functions(), **misuse.made()}[name]
+        target.call(**target.right)
 
 
-@pytest.mark.studies(only=LONG)
-@pytest.mark.full(but=QUICK[:2])
-@pytest.mark.parametrize("name", [*QUICK, *USUAL, *LONG])
-def test_a_public_function_passes_the_strictest_settings(name, strict):
-    # Types are never promoted in any test, see `conftest`.
-    target = misuse.functions()[name]
-    target.call(**target.right)
+@pytest.mark.studies
+@pytest.mark.full
+@pytest.mark.parametrize("name", [*QUICK, *USUAL])
+def test_a_public_function_passes_the_strictest_settings(name):
+    with jax.checking_leaks():  # no tracer outlives its function
+        run_strictly(name)
+
+
+@pytest.mark.studies
+@pytest.mark.full
+@pytest.mark.parametrize("name", LONG)
+def test_a_long_public_function_passes_strict_settings(name):
+    # Looking for leaks, JAX traces anew at every call: minutes for each of these, which call what the others call.
+    run_strictly(name)
 
 
 def test_every_public_function_is_tried_or_named():
     public = {name for name in js.__all__ if inspect.isfunction(getattr(js, name))}
     assert public == {*QUICK, *USUAL, *LONG, *OTHERS} - {"sweep_function()"}
+
+
+def test_the_check_of_a_step_promotes_no_ranks():
+    scene = js.load("table1").scene
+    with jax.numpy_rank_promotion("raise"), jax.debug_nans(True):
+        assert js.largest_frequency(scene) > 0
+        assert np.all(js.free_power(scene) > 0)
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +73,7 @@ def pure():
     return {name: (jax.jit(f), jax.device_put(argument)) for name, (f, argument) in found.items()}
 
 
+@pytest.mark.studies(only=["rollout of a row", "period_map"])
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["rollout", "rollout of a row", "slope", "period_map", "sweep_function"])
 def test_a_compiled_pure_function_transfers_nothing(pure, name):
