@@ -4,9 +4,9 @@ import os
 from pathlib import Path
 
 import jax
-from jax.experimental.compilation_cache import compilation_cache
 
-from jaxshroud.programs.kept import keep_programs
+from jaxshroud.programs.jax_cache import lead_jax_into, reset_jax_cache
+from jaxshroud.programs.kept import keep_programs, program_store
 from jaxshroud.scene.checks import InputError, WriteError
 from jaxshroud.scene.typed import typed
 
@@ -17,9 +17,10 @@ def cache_compilations(folder: str | os.PathLike[str] | None = None) -> Path:
 
     Commands do this by themselves; in Python this call does. A program is identified by what it computes, not by the
     numbers that it is given. On a CPU, the programs of this package are loaded without being traced again: they are
-    identified by the package's sources, the versions of what it is built on, the options of JAX and the processor, and
-    kept in the folder `programs` within, which must be the user's own, with mode 700. An entry holds code, so its
-    checksum is compared before it is used. That finds damage, not malice by somebody with the user's own rights.
+    identified by the package's sources, the versions of what it is built on, the options of JAX and the processor.
+    These and JAX's own entries are kept in the folder `programs` within, which must be the user's own, with mode 700,
+    in a folder that others may not write; else nothing is kept, which is said once with the cure. An entry holds code,
+    so its checksum is compared before it is used. That finds damage, not malice by somebody with the user's own rights.
     Programs with a user's own laws are traced in each process.
 
     With JAXSHROUD_CACHE=off in the environment nothing is kept.
@@ -48,10 +49,12 @@ def cache_compilations(folder: str | os.PathLike[str] | None = None) -> Path:
     if not remote:
         _make_folder(Path(place))
     keep_programs(None if remote else Path(place))
-    jax.config.update("jax_compilation_cache_dir", str(place))
+    store = program_store()
+    checked = store is not None and lead_jax_into(store)
+    jax.config.update("jax_compilation_cache_dir", str(place) if remote or checked else None)
     if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    compilation_cache.reset_cache()  # a program compiled before has already fixed that there is no cache
+    reset_jax_cache()  # a program compiled before has already fixed that there is no cache
     return Path(place)
 
 
@@ -75,7 +78,7 @@ def _user_folder() -> Path:
 def _make_folder(folder: Path) -> None:
     """Make a folder for programs unless it exists; WriteError if it cannot be written."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if os.access(folder, os.W_OK):
             return
         why = "it may not be written"

@@ -17,11 +17,11 @@ import jax
 import numpy as np
 from jax.core import Tracer
 from jax.experimental import serialize_executable
-from jax.experimental.compilation_cache import compilation_cache
 
 from jaxshroud.programs import key as keys
 from jaxshroud.programs.ahead import Ahead
 from jaxshroud.programs.compiling import compilation
+from jaxshroud.programs.jax_cache import lead_jax_into, reset_jax_cache
 from jaxshroud.programs.store import ProgramStore, entry_name, log, own_folder
 
 _WITHOUT_JAX_CACHE = threading.Lock()
@@ -36,6 +36,8 @@ def keep_programs(folder: Path | None) -> None:
     global _store
     place = folder and folder / "programs"
     _store = ProgramStore(place) if place is not None and own_folder(place) else None
+    if _store is None:
+        lead_jax_into(None)
 
 
 def program_store() -> ProgramStore | None:
@@ -259,9 +261,9 @@ def _without_jax_cache() -> Iterator[None]:
     with _WITHOUT_JAX_CACHE:
         before = jax.config.jax_enable_compilation_cache  # pyright: ignore[reportAttributeAccessIssue]
         jax.config.update("jax_enable_compilation_cache", False)
-        compilation_cache.reset_cache()
+        reset_jax_cache()
         try:
             yield
         finally:
             jax.config.update("jax_enable_compilation_cache", before)
-            compilation_cache.reset_cache()
+            reset_jax_cache()

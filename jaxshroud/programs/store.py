@@ -21,7 +21,10 @@ DIGEST_BYTES = 32
 ENTRY_NAME = re.compile(r"[0-9a-f]{64}\.program")
 MAX_BYTES = 1 << 29  # of all entries
 
+OTHER_PLACE = "set JAX_COMPILATION_CACHE_DIR to one that is"
+
 log = logging.getLogger("jaxshroud.programs")
+_told: set[str] = set()  # faults of folders
 
 
 class ProgramStore:
@@ -83,17 +86,38 @@ class ProgramStore:
 
 
 def own_folder(folder: Path) -> bool:
-    """Make a folder unless it exists; whether it is the user's own, which nobody else may enter, and no link."""
+    """Make a folder unless it exists; whether it is the user's own alone, and nobody else can put another in its place.
+
+    What it lacks is said once in a process, with the cure.
+    """
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
-        state = folder.lstat()
+        fault = _fault_of(folder.lstat(), folder) or _fault_above(folder.parent.stat(), folder.parent)
     except OSError as error:
         log.info("%s: not used (%s)", folder, error.strerror or error)
         return False
-    good = stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid() and stat.S_IMODE(state.st_mode) == 0o700
-    if not good:
-        log.warning("%s: not used for compiled programs: it must be a folder of your own with mode 700", folder)
-    return good
+    if fault and fault not in _told:
+        _told.add(fault)
+        log.warning("%s; until then programs are compiled anew in every process", fault)
+    return not fault
+
+
+def _fault_of(state: os.stat_result, folder: Path) -> str:
+    """What is wrong with a folder of programs, and the cure; empty: nothing."""
+    if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.getuid():
+        return f"{folder}: not used for compiled programs: it is no folder of your own; {OTHER_PLACE}"
+    if stat.S_IMODE(state.st_mode) != 0o700:
+        return f"{folder}: not used for compiled programs: others may enter it; do `chmod 700 {folder}`"
+    return ""
+
+
+def _fault_above(state: os.stat_result, folder: Path) -> str:
+    """What is wrong with the folder around it, and the cure; empty: nothing."""
+    if state.st_uid not in (0, os.getuid()):
+        return f"{folder}: not used for compiled programs: it belongs to another user; {OTHER_PLACE}"
+    if state.st_mode & 0o022 and not state.st_mode & stat.S_ISVTX:  # in a sticky one, such as /tmp, names are safe
+        return f"{folder}: not used for compiled programs: others may write it; do `chmod go-w {folder}`"
+    return ""
 
 
 def _own_file(path: Path) -> bytes:
