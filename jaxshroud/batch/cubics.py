@@ -80,10 +80,10 @@ class RunningAmplitudes:
     def amplitudes(self) -> SampledAmplitudes:
         """The amplitudes over all samples so far."""
         mean = self._sum / self._count
-        with np.errstate(invalid="ignore", over="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):  # of a motion that has overflowed
             square = self._squares / self._count - mean**2
-        peak = np.maximum(self._highest - mean, mean - self._lowest)
-        return SampledAmplitudes(self._origin + mean, np.sqrt(np.maximum(square, 0.0)), peak)
+            peak = np.maximum(self._highest - mean, mean - self._lowest)
+            return SampledAmplitudes(self._origin + mean, np.sqrt(np.maximum(square, 0.0)), peak)
 
 
 def _displacements(motion: Motion) -> tuple[np.ndarray, np.ndarray]:

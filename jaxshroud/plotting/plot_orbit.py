@@ -45,11 +45,12 @@ def orbit_page(ds: xr.Dataset, look: Look) -> Page[MultiplierData]:
 def _draw_plane(panel: Axes, data: MultiplierData) -> None:
     """The multipliers in the complex plane; those outside the unit circle are unstable."""
     around = np.exp(2j * np.pi * np.linspace(0, 1, 200))
-    panel.plot(around.real, around.imag, color=GREY, lw=0.8)
+    panel.plot(np.real(around), np.imag(around), color=GREY, lw=0.8)
     for values, marker, label in _sets(data):
         outside = np.abs(values) > 1
         for where, color in ((~outside, BLUE), (outside, ORANGE)):
-            panel.plot(values[where].real, values[where].imag, marker, color=color, ms=4, mew=1, mfc="none")
+            shown = values[where]
+            panel.plot(np.real(shown), np.imag(shown), marker, color=color, ms=4, mew=1, mfc="none")
         panel.plot([], [], marker, color=INK, ms=4, mew=1, mfc="none", label=label)
     extent = 1.15 * max(1.0, max(float(np.abs(values).max()) for values, *_ in _sets(data)))
     panel.set(xlim=(-extent, extent), ylim=(-extent, extent), aspect="equal")

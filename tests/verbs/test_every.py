@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
+from jaxshroud.batch.cubics import RunningAmplitudes
 from jaxshroud.batch.sampling import MAX_UNKEPT, SampleGrid
+from jaxshroud.scene.keys import Motion
 
 STEPS, PERIODS = 100, 4
 RK4 = js.RungeKutta("rk4", steps=STEPS)
@@ -55,3 +57,29 @@ def test_stretches_cover_the_run_and_hold_little_that_is_not_kept(lanes, every):
     assert all(s.apart == 1 for s in stretches if s.first >= 2_000_000)
     held = [s.samples - len(s.kept(grid)) for s in stretches]
     assert max(held) <= max(MAX_UNKEPT // lanes, 400)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-10])
+def test_small_vibrations_about_a_large_mean_keep_their_digits(size):
+    # A whole period of a sine about 1: cubics through 1,000 samples err by 1e-11 of it, and rounding of the samples by
+    # 1e-16 of the mean, which a difference of mean squares turns into 1e-8.
+    t = 2 * np.pi * np.arange(1001) / 1000
+    q, rate = ((1 + size * np.sin(t))[None, :, None], (size * np.cos(t))[None, :, None])
+    motion = Motion(*[q] * 3, *[rate] * 3)
+    of = lambda begin, end: Motion(*(a[:, begin:end] for a in motion))
+    running = RunningAmplitudes(Motion(*(a[:, 0] for a in motion)), np.array([2 * np.pi / 1000]))
+    for begin in range(1, 1001, 300):
+        running.add(of(begin, min(begin + 300, 1001)))
+    found = running.amplitudes
+    np.testing.assert_allclose(found.mean, 1, rtol=1e-12)
+    np.testing.assert_allclose(found.rms, size / np.sqrt(2), rtol=1e-5)
+    np.testing.assert_allclose(found.peak, size, rtol=1e-5)
+    plain = np.sqrt(max(np.mean(q[:, 1:] ** 2) - np.mean(q[:, 1:]) ** 2, 0))
+    assert (abs(plain * np.sqrt(2) / size - 1) > 0.1) == (size < 1)  # a control
+
+
+def test_a_motion_that_overflows_has_no_amplitude_and_raises_nothing():
+    huge = np.array([0.0, 1e200, -1e300])[None, :, None]
+    running = RunningAmplitudes(Motion(*[huge[:, 0]] * 6), np.array([1.0]))
+    running.add(Motion(*[huge[:, 1:]] * 6))
+    assert not np.isfinite(running.amplitudes.rms).any()
