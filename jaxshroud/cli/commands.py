@@ -21,7 +21,6 @@ from jaxshroud.cli.terminal import interruptible, is_numerical_failure, one_line
 from jaxshroud.io import files
 from jaxshroud.scene.checks import InputError, MachineError
 
-NO_BACKEND = "Unable to initialize backend"  # the beginning of JAX's message
 SHOW_CURSOR = "\x1b[?25h"  # which the progress bar hides
 
 
@@ -133,7 +132,7 @@ def _exit_status(error: Exception) -> int:
         status, message = 2, one_line(error)
     elif is_numerical_failure(error):
         status, message = 1, f"numerical failure: {one_line(error)}"
-    elif isinstance(error, RuntimeError) and str(error).startswith(NO_BACKEND):
+    elif isinstance(error, RuntimeError | AssertionError) and _lacks_device():
         platforms = os.environ.get("JAX_PLATFORMS", "")
         status, message = 1, f"JAX_PLATFORMS={platforms}: JAX has no such device here; unset it, or set it to cpu"
     elif isinstance(error, MemoryError | OSError) or _is_xla_failure(error):
@@ -151,6 +150,17 @@ def _abandon_output() -> None:
         sys.stdout.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _lacks_device() -> bool:
+    """Whether JAX was asked for a device that is not here, on which it fails in several ways, and each time."""
+    if "jax" not in sys.modules or not os.environ.get("JAX_PLATFORMS"):
+        return False
+    try:
+        sys.modules["jax"].devices()
+    except (RuntimeError, AssertionError):
+        return True
+    return False
 
 
 def _is_xla_failure(error: Exception) -> bool:
