@@ -4,6 +4,7 @@ import argparse
 import os
 import sys
 import webbrowser
+from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,18 +42,22 @@ def explore_command(options: argparse.Namespace) -> None:
 
 
 def _serve(exploration: "Exploration", options: argparse.Namespace) -> None:
+    from jaxshroud.explorer.opening import redirecting_file
     from jaxshroud.explorer.server import ExploreServer
     from jaxshroud.programs.kept import keep_list
 
     server = ExploreServer(exploration, str(options.accuracy), options.port)
+    opened = ExitStack()
 
     def ready(address: str) -> None:
         print(f"{exploration.name}: {address}\nCtrl-C ends it", flush=True)
         if not options.no_browser:
-            webbrowser.open(address)
+            with suppress(OSError):  # the address is printed
+                webbrowser.open(opened.enter_context(redirecting_file(address)).as_uri())
 
     try:
-        server.run(ready)
+        with opened:
+            server.run(ready)
     except KeyboardInterrupt:
         server.has_ended()
         keep_list()

@@ -5,11 +5,11 @@ from typing import Any, Protocol
 import numpy as np
 from bokeh.models import Div, RadioButtonGroup, Select, TextInput
 
-from jaxshroud.explorer.controls import buttons
+from jaxshroud.explorer.controls import buttons, told
 from jaxshroud.explorer.diagram import Window
 from jaxshroud.explorer.diagram_panel import DiagramPanel
 from jaxshroud.explorer.exploration import Exploration
-from jaxshroud.explorer.fields import number_fields
+from jaxshroud.explorer.fields import few_digits, number_fields
 from jaxshroud.explorer.look import Recolouring, above_each_other, beside, styled, wide
 from jaxshroud.explorer.map_panel import MapPanel
 from jaxshroud.explorer.saves import OF_A_SERVER
@@ -18,7 +18,9 @@ from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.axes import axis
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.keys import Key, parse_key
 from jaxshroud.scene.parts import Direction
+from jaxshroud.scene.shown import shown_text, shown_value
 
 WAYS: dict[str, Direction] = {
     "from rest": "independent",
@@ -128,27 +130,21 @@ class Centre:
         self.silent, self.window = True, window
         self.diagram.show_window(window)
         for end, value in zip(self.ends, (window.start, window.stop), strict=True):
-            end.value = f"{value * self.diagram.factor:.7g}"
+            end.value = shown_text(parse_key(window.key)[0], value)
         self.silent = False
 
     def _typed(self) -> None:
         """Take the ends that were typed: bare numbers are in the unit that is shown."""
         if self.silent:
             return
-        try:
-            texts = [self._in_si(end.value) for end in self.ends]
-            found = axis(self.owner.exploration.file, self.window.key, start=texts[0], stop=texts[1], num=2)
-        except (InputError, KeyError, ValueError) as error:
-            self.wrong.update(text=note_html(str(error.args[0]), wrong=True), visible=True)
-            return
-        self.wrong.update(text="", visible=False)
-        self._take_window(Window(self.window.key, *sorted(map(float, found.values))))
+        wrong = told(self._take_ends)
+        self.wrong.update(text=note_html(wrong, wrong=True) if wrong else "", visible=bool(wrong))
 
-    def _in_si(self, text: str) -> str:
-        try:
-            return repr(float(f"{float(text) / self.diagram.factor:.9g}"))
-        except ValueError:
-            return text
+    def _take_ends(self) -> None:
+        key, file = self.window.key, self.owner.exploration.file
+        start, stop = (_end(parse_key(key)[0], end.value) for end in self.ends)
+        found = axis(file, key, start=start, stop=stop, num=2)
+        self._take_window(Window(key, *sorted(map(float, found.values))))
 
     def _zoomed(self, start: float, stop: float) -> None:
         """Take the window of the tools, once it has come to rest."""
@@ -171,7 +167,7 @@ class Centre:
         """A window within the range of its key."""
         number = next(n for n in number_fields(self.owner.exploration.file) if n.key.name == self.window.key)
         low = number.key.range.minimum if not number.key.range.open else min(number.ends[0], stop / 2)
-        ends = [float(f"{end:.9g}") for end in (max(start, low), min(stop, number.key.range.maximum))]
+        ends = [few_digits(number.key, end) for end in (max(start, low), min(stop, number.key.range.maximum))]
         return Window(self.window.key, *ends)
 
     def _scale(self, by: float) -> None:
@@ -233,3 +229,15 @@ class Centre:
                 "is another run."
             )
         self.note.text = note_html(words)
+
+
+def _end(key: Key, text: str) -> Any:
+    """The end of a window that a text gives, in SI units.
+
+    Raises:
+        InputError: It is no number.
+    """
+    try:
+        return shown_value(key, text)
+    except ValueError as error:
+        raise InputError(f"{text} {error}") from None

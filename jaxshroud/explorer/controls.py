@@ -6,11 +6,11 @@ from typing import Any
 from bokeh.models import Button, Div, Select, Slider, TextInput
 
 from jaxshroud.explorer.exploration import Exploration
-from jaxshroud.explorer.fields import FIRST_FIELDS, NumberField, number_fields
+from jaxshroud.explorer.fields import DIGITS, FIRST_FIELDS, NumberField, number_fields
 from jaxshroud.explorer.look import above_each_other, beside, styled, wide
 from jaxshroud.explorer.words import note_html
-from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.parts import ACCURACIES
+from jaxshroud.scene.shown import override_of
 
 Change = Callable[[str, str], None]  # called with a key and the text of its value; raises InputError
 CHOICES: Mapping[str, Mapping[str, str]] = {  # key -> words on the page -> text of the value
@@ -45,23 +45,12 @@ class FieldWidgets:
         """Take what was typed: a bare number is in the unit that is shown."""
         if self.silent:
             return
-        try:
-            value = repr(self.number.in_si(float(text)))
-        except ValueError:
-            value = text.strip()
-        self._take(value)
+        key = self.number.key
+        refusal = self.number.refusal(text)
+        self.say(refusal or told(lambda: self.change(key.name, override_of(key, text))))
 
     def _slid(self, shown: float) -> None:
-        if not self.silent:
-            self._take(repr(self.number.in_si(shown)))
-
-    def _take(self, value: str) -> None:
-        try:
-            self.change(self.number.key.name, value)
-        except (InputError, KeyError, ValueError) as error:
-            self.say(str(error.args[0] if error.args else error).removeprefix("--set: "))
-        else:
-            self.say("")
+        self._typed(f"{shown:.{DIGITS}g}")
 
     def say(self, message: str) -> None:
         """Show what is wrong with the field, or nothing."""
@@ -70,12 +59,23 @@ class FieldWidgets:
     def show(self, number: NumberField) -> None:
         """Show another value."""
         self.silent, self.number = True, number
-        self.text.value = number.text
-        if self.slider is not None and number.value is not None:
-            low, high = min(self.slider.start, number.value), max(self.slider.end, number.value)
-            self.slider.update(start=low, end=high, value=number.value)
-        self.say("")
-        self.silent = False
+        try:
+            self.text.value = number.text
+            if self.slider is not None and number.value is not None:
+                low, high = min(self.slider.start, number.value), max(self.slider.end, number.value)
+                self.slider.update(start=low, end=high, value=number.value)
+            self.say("")
+        finally:
+            self.silent = False
+
+
+def told(change: Callable[[], None]) -> str:
+    """What is wrong with a change, which is made unless it is refused; empty where nothing is."""
+    try:
+        change()
+    except Exception as error:  # an absurd number can fail anywhere: the page stays as it was, and says so
+        return str(error.args[0] if error.args else error).removeprefix("--set: ")
+    return ""
 
 
 class Controls:
@@ -118,25 +118,24 @@ class Controls:
     def _chosen(self, key: str, words: str) -> None:
         if self.silent:
             return
-        try:
-            self.change(key, CHOICES[key][words])
-        except (InputError, KeyError, ValueError) as error:
-            self.wrong.update(text=note_html(str(error), wrong=True), visible=True)
-        else:
-            self.wrong.update(text="", visible=False)
+        wrong = told(lambda: self.change(key, CHOICES[key][words]))
+        self.wrong.update(text=note_html(wrong, wrong=True) if wrong else "", visible=bool(wrong))
 
     def show(self, exploration: Exploration) -> None:
         """Show the numbers and the choices of a scene."""
         for number in number_fields(exploration.file):
             if number.key.name in self.fields:
                 self.fields[number.key.name].show(number)
-        self.silent, tables = True, exploration.file.tables
-        for key, choice in self.choices.items():
-            table, name = key.split(".")
-            value = tables[table].get(name)
-            words = ", ".join(value) if isinstance(value, list | tuple) else str(value)
-            choice.update(options=list(dict.fromkeys([*CHOICES[key], words])), value=words)
-        self.silent = False
+        tables = exploration.file.tables
+        self.silent = True
+        try:
+            for key, choice in self.choices.items():
+                table, name = key.split(".")
+                value = tables[table].get(name)
+                words = ", ".join(value) if isinstance(value, list | tuple) else str(value)
+                choice.update(options=list(dict.fromkeys([*CHOICES[key], words])), value=words)
+        finally:
+            self.silent = False
 
 
 def buttons(labels: Mapping[str, Callable[[], None]], **options: Any) -> Any:

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from jaxshroud.explorer.fields import number_fields
+from jaxshroud.explorer.fields import in_si, number_fields
 from jaxshroud.march.method import FAST, Method, RungeKutta, Taylor, method_of
 from jaxshroud.march.stability import stiffest
 from jaxshroud.march.tableau import TaylorOptions
@@ -53,7 +53,7 @@ class Exploration:
             SceneError: The value is wrong.
         """
         later = replace(self, changes={**self.changes, key: text})
-        _ = later.file.scene  # raises what is wrong
+        _ = later.file.scene, number_fields(later.file)  # raise what is wrong before anything is shown
         return later
 
     @property
@@ -84,7 +84,7 @@ def method_on_page(file: SceneFile, accuracy: str | float) -> Method:
     resolved = resolve_options(file.scene, method=wish, verb="explore", rows=True)
     march = plan_march(resolved, resolved.lanes, FAST, periods=math.inf)
     numbers = [number for number in number_fields(file) if number.key.name in STIFFENING and number.value]
-    stiffer = {n.key.name: np.array([n.in_si(n.value or 0.0), n.ends[1]]) for n in numbers}
+    stiffer = {n.key.name: np.array([in_si(n.key, n.value or 0.0), n.ends[1]]) for n in numbers}
     if isinstance(march.method.tableau, TaylorOptions) or not stiffer or file.tables["parts"]["contact"] == "none":
         return method_of(march.steps, march.method)
     largest = stiffest(grid_of_scenes(file.scene, stiffer), len(stiffer))[0]

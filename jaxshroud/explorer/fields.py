@@ -1,12 +1,13 @@
 """The numbers of a scene that a page has fields and sliders for."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import ALL_KEYS, Key, key_in
+from jaxshroud.scene.shown import shown_text, shown_value
 
 # In the order of the page; of rivals a scene gives one.
 FIELD_KEYS = (
@@ -25,13 +26,15 @@ AROUND_VALUE = (
 SLIDER_STEPS = 200
 REACH = 3.0  # of a slider, times the value
 NICE_STEPS = (1.0, 2.0, 5.0, 10.0)
+SMALLEST, LARGEST = 1e-100, 1e100  # values that a slider can have
+DIGITS = 9  # of what a slider gives
 
 
 class NumberField(NamedTuple):
     """A number of a scene on a page, in the unit that it is shown in."""
 
     key: Key
-    value: float | None  # None: not one number, but one for each blade or interface
+    value: float | None  # None: no slider, as it is one for each blade or interface, or beyond all sliders
     text: str  # the value, or all of them
     low: float
     high: float
@@ -48,15 +51,33 @@ class NumberField(NamedTuple):
         unit = f" [{self.unit}]" if self.unit else ""
         return f"{self.key.parts[1]}, {self.key.label}{unit}"
 
-    def in_si(self, shown: float) -> float:
-        """A value of the slider in SI units: a decimal number with few digits, or an end of the key's range."""
-        value, allowed = float(f"{shown / self.key.shown[1]:.9g}"), self.key.range
-        return min(max(value, allowed.minimum), allowed.maximum)
-
     @property
     def ends(self) -> tuple[float, float]:
         """The ends of the slider in SI units."""
-        return self.in_si(self.low), self.in_si(self.high)
+        return in_si(self.key, self.low), in_si(self.key, self.high)
+
+    def refusal(self, text: str) -> str | None:
+        """What is wrong with a text whose number is out of the range of the key, in the unit that is shown."""
+        try:
+            values = np.ravel(shown_value(self.key, text))
+        except ValueError:
+            return None
+        allowed, (unit, factor) = self.key.range, self.key.shown
+        shown = allowed._replace(minimum=allowed.minimum * factor, maximum=allowed.maximum * factor)
+        for value in map(float, values[~allowed.holds(values)]):
+            said = f"{self.key.parts[1]} = {text.strip()} {shown.fault(value * factor)} {unit}".strip()
+            return f"{said}; {self.text} is kept"
+        return None
+
+
+def in_si(key: Key, shown: float) -> float:
+    """A number of few digits in the unit that is shown, as one would type it, in SI units."""
+    return float(shown_value(key, f"{shown:.{DIGITS}g}"))
+
+
+def few_digits(key: Key, value: float) -> float:
+    """A value in SI units, rounded to few digits in the unit that is shown."""
+    return in_si(key, value * key.shown[1])
 
 
 def number_fields(file: SceneFile) -> list[NumberField]:
@@ -71,16 +92,17 @@ def _gives(given: dict, row: Key) -> bool:
     return given.get(table, {}).get(name) is not None
 
 
-def _number_field(row: Key, value: object, file: SceneFile) -> NumberField:
-    factor = row.shown[1]
-    if isinstance(value, list | tuple):
-        return NumberField(row, None, ", ".join(f"{v * factor:.6g}" for v in value), 0.0, 1.0, 0.01)
-    shown = float(value) * factor  # pyright: ignore[reportArgumentType]  # a number of a valid scene
-    low, high = _slider_ends(row, shown, factor, file)
+def _number_field(row: Key, value: Any, file: SceneFile) -> NumberField:
+    text = shown_text(row, value)
+    shown = math.nan if isinstance(value, list | tuple) else float(value) * row.shown[1]
+    if shown and not SMALLEST < abs(shown) < LARGEST:
+        return NumberField(row, None, text, 0.0, 1.0, 0.01)
+    low, high = _slider_ends(row, shown, row.shown[1], file)
     step = _nice_step((high - low) / SLIDER_STEPS)
     low, high = math.floor(low / step) * step, math.ceil(high / step) * step
-    low = max(low, step if row.range.open else low)
-    return NumberField(row, shown, f"{shown:.9g}", float(f"{low:.9g}"), float(f"{high:.9g}"), step)
+    low = max(low, step if row.range.open else row.range.minimum * row.shown[1])
+    high = min(high, row.range.maximum * row.shown[1])
+    return NumberField(row, shown, text, float(f"{low:.{DIGITS}g}"), float(f"{high:.{DIGITS}g}"), step)
 
 
 def _slider_ends(row: Key, shown: float, factor: float, file: SceneFile) -> tuple[float, float]:

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bokeh.layouts import column, row
-from bokeh.models import ColumnDataSource, CustomJSTickFormatter, GlyphRenderer, InlineStyleSheet
+from bokeh.models import Column, ColumnDataSource, CustomJSTickFormatter, GlyphRenderer, InlineStyleSheet
 from bokeh.plotting import figure
 from bokeh.themes import Theme
-from jinja2 import Template
+from jinja2 import Environment, Template
 
 from jaxshroud.plotting.plot_sweep import MOTION_COLOURS
 from jaxshroud.plotting.style import BLUE, DARK, INK, PALE, SKY
@@ -42,8 +42,8 @@ NIGHT = Colours(
 
 
 def page_template() -> Template:
-    """The template of the page."""
-    return Template(file_text("page.html"))
+    """The template of the page; what is put into it is text, whatever is in it."""
+    return Environment(autoescape=True).from_string(file_text("page.html"))
 
 
 def styled(**options: Any) -> dict[str, Any]:
@@ -74,6 +74,13 @@ def above_each_other(*parts: Any, **options: Any) -> Any:
 def beside(*parts: Any, **options: Any) -> Any:
     """Parts of the page beside each other, in as many lines as they need."""
     return row(*parts, sizing_mode="stretch_width", styles={"flex-wrap": "wrap"}, **options)
+
+
+def root(name: str, *parts: Any) -> Any:
+    """A root of the page. Its name is its id too: pages are sent before their documents are made."""
+    made: Any = Column.__new__(Column, id=name)  # as Bokeh does for what it reads
+    made.__init__(name=name, children=list(parts), sizing_mode="stretch_width")
+    return made
 
 
 def figure_theme(colours: Colours) -> Theme:

@@ -22,6 +22,7 @@ from jaxshroud.explorer.look import (
     beside,
     figure_theme,
     page_template,
+    root,
     styled,
 )
 from jaxshroud.explorer.run_panel import RunPanel
@@ -70,10 +71,14 @@ class TabPage:
             "active", CustomJS(code="document.documentElement.classList.toggle('dark', cb_obj.active)")
         )
         self.dark.on_change("active", lambda attr, old, new: self._recolour(new))
-        document.add_root(beside(self.status, beside(self.dark, name=OF_A_SERVER), name="status"))
-        document.add_root(above_each_other(self.controls.layout, name="left"))
-        document.add_root(above_each_other(self.centre.layout, name="centre"))
-        document.add_root(above_each_other(self.motion.layout, self.keeping.layout, name="right"))
+        parts = {
+            "status": beside(self.status, beside(self.dark, name=OF_A_SERVER)),
+            "left": self.controls.layout,
+            "centre": self.centre.layout,
+            "right": above_each_other(self.motion.layout, self.keeping.layout),
+        }
+        for name, part in parts.items():
+            document.add_root(root(name, part))
         document.title = f"{self.heading} · jaxshroud explore"
         document.template = page_template()
         document.template_variables.update(template_variables(self.heading))
@@ -89,8 +94,8 @@ class TabPage:
 
     @property
     def heading(self) -> str:
-        """The title of the scene, or its name."""
-        return self.start.file.title or self.start.file.name
+        """The title of the scene from the start."""
+        return heading_of(self.start)
 
     def _recolour(self, dark: bool) -> None:
         colours = NIGHT if dark else LIGHT
@@ -242,3 +247,8 @@ class TabPage:
         """End all work."""
         for worker in self.workers.values():
             worker.close()
+
+
+def heading_of(exploration: Exploration) -> str:
+    """The title of the scene, or its name."""
+    return exploration.file.title or exploration.file.name

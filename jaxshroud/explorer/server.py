@@ -15,14 +15,16 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 from tornado.netutil import bind_sockets
 
+from jaxshroud.explorer.entrance import guard_entrance
 from jaxshroud.explorer.exploration import Exploration
 from jaxshroud.explorer.jobs import Methods
-from jaxshroud.explorer.page import TabPage
+from jaxshroud.explorer.page import TabPage, heading_of
 from jaxshroud.scene.checks import MachineError
 
 HOST = "127.0.0.1"
 TOKEN_BYTES = 24
 SESSION_CHECK, SESSION_LIFE = 500, 3000  # of a tab that has gone [ms]
+SILENT = logging.CRITICAL + 1
 GRACE = 0.3  # for threads to end after Ctrl-C [s]
 
 
@@ -48,8 +50,8 @@ class ExploreServer:
             self.pages.append(page)
             document.on_session_destroyed(lambda context: self._close(page))
 
-        for name in ("bokeh", "tornado"):
-            logging.getLogger(name).setLevel(logging.ERROR)
+        for name in ("bokeh", "tornado"):  # what a page fails at, it says; what others send is none of the user's
+            logging.getLogger(name).setLevel(SILENT)
         self.loop = IOLoop.current()
         try:
             sockets = bind_sockets(port, HOST)
@@ -67,6 +69,7 @@ class ExploreServer:
             },
         }
         application = BokehTornado({f"/{self.token}": Application(FunctionHandler(open_page))}, **options)
+        guard_entrance(application, heading_of(exploration))
         http = HTTPServer(application)
         http.add_sockets(sockets)
         self.server = BaseServer(self.loop, application, http)

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from html import escape
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -215,7 +216,7 @@ class Result:
         return ", ".join(f"{n} {name}" for name, n in count_by_status(self.status).items())
 
     def _repr_html_(self) -> str:
-        return f"<p>{self!r}</p>{self.data._repr_html_()}"
+        return f"<p>{escape(repr(self))}</p>{self.data._repr_html_()}"
 
 
 @typed

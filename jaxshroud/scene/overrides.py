@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from collections.abc import Callable
 from typing import Any
 
 from jaxshroud.scene.derived_inputs import alternative_keys
@@ -12,6 +13,8 @@ from jaxshroud.scene.schema import TABLE_MODELS, RowTable, row_table_of
 from jaxshroud.scene.units import is_speed_of_rotation
 
 OVERRIDE = re.compile(r"\s*([a-z]+)\.(\w+)(?:\[(0|[1-9]\d{0,3})\])?\s*=\s*(\S.*?)\s*")
+WORDS = re.compile(r"[a-zA-Z_][\w.]*(\s*,\s*[a-zA-Z_][\w.]*)+")
+BRACKETS = re.compile(r"\[[^\[\]\"'{}]+\]")
 # Setting the left key drops the right ones, which say the same.
 EXCLUSIVE_KEYS = {
     ("contact", "k"): [("contact", "gamma")],
@@ -24,18 +27,31 @@ EXCLUSIVE_KEYS = {
 }
 
 
-def literal(text: str) -> Any:
-    """A value from the command line: a number, TOML, a comma-separated list, or else a string."""
-    for parse in (int, float, lambda t: tomllib.loads(f"v = {t}")):
+def literal(text: str, real: Callable[[str], Any] = float) -> Any:
+    """A value that is written on a command line or a page: a number, TOML, a list in brackets, or else a string.
+
+    In brackets stand numbers, with units or not, or words; words alone are a list without brackets too, as no number
+    is meant by their commas.
+
+    Args:
+        text: What is written.
+        real: Reads numbers that are not whole.
+    """
+    for parse in (int, real, lambda t: _toml_value(t, real)):
         try:
-            value = parse(text)
-        except (ValueError, RecursionError):
+            return parse(text)
+        except (ValueError, ArithmeticError, RecursionError):
             continue
-        if not isinstance(value, dict):
-            return value
-        if list(value) == ["v"]:
-            return value["v"]
-    return [literal(t.strip()) for t in text.split(",")] if "," in text and text[0] != "[" else text
+    inside = text if WORDS.fullmatch(text) else text[1:-1] if BRACKETS.fullmatch(text) else None
+    return text if inside is None else [literal(part.strip(), real) for part in inside.split(",")]
+
+
+def _toml_value(text: str, real: Callable[[str], Any]) -> Any:
+    """The value that is written in TOML; ValueError unless it is one, with nothing behind it."""
+    document = tomllib.loads(f"v = [{text}]", parse_float=real)  # a comment would hide the bracket
+    if list(document) != ["v"] or len(document["v"]) != 1 or text.rstrip().endswith(","):
+        raise ValueError(text)
+    return document["v"][0]
 
 
 def check_is_no_speed(where: str, key: str, value: Any, engine_order: Any) -> None:

@@ -25,15 +25,23 @@ QUANTITY_NAMES = {
     "N m s/rad": "a torsion damping",
 }
 RPM = 30 / math.pi  # revolutions per minute, per rad/s
-# SI unit and unit -> factor, as in pint, whose import takes half a second.
+PI = Decimal("3.141592653589793238462643383279502884")
+# SI unit and unit -> factor, as in pint, whose import takes half a second: what pages show, and what is typed most.
 COMMON_FACTORS = {
     ("m", "mm"): Decimal("1e-3"),
     ("m", "um"): Decimal("1e-6"),
-    ("rad", "deg"): Decimal("3.141592653589793238462643383279502884") / 180,
+    ("rad", "deg"): PI / 180,
+    ("rad", "°"): PI / 180,
+    ("kg", "g"): Decimal("1e-3"),
+    ("kg m^2", "g m²"): Decimal("1e-3"),
+    ("N/m", "kN/m"): Decimal("1e3"),
+    ("rad/s", "rpm"): PI / 30,
+    ("", "%"): Decimal("1e-2"),
 }
 # Revolutions per minute as drawings and German name-plates write them: U/min, 1/min, min^-1.
 PER_MINUTE = re.compile(r"(?:U|(?:1\s*)?)\s*/\s*min|min\s*(?:\^\s*-\s*1|\*\*\s*-\s*1|-1|⁻¹)")
-QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,4})?)\s*((?:1\s*/|[^\d\s]).{0,60})?")
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,4})?"
+QUANTITY = re.compile(rf"\s*({NUMBER})\s*((?:1\s*/|[^\d\s#])[^#]{{0,60}})?")
 
 
 def in_rpm(speed: float) -> float:
@@ -74,16 +82,23 @@ def is_speed_of_rotation(value: Any) -> bool:
     return "revolution" in unit or "turn" in unit
 
 
+def factor_of(unit: str, given: str) -> Decimal | None:
+    """The SI `unit`s in a `given` unit, without pint; None for those that only pint knows."""
+    return Decimal(1) if given == unit else COMMON_FACTORS.get((unit, given))
+
+
 def to_si(unit: str, value: Any) -> Any:
     """The `value` with every string in it converted to the SI `unit`; numbers are unchanged."""
     if isinstance(value, list | tuple):
         return [to_si(unit, v) for v in value]
     if not isinstance(value, str):
         return value
+    if "," in value and any(map(str.isdigit, value)):
+        raise ValueError("has a comma: the decimal mark is a point, as in 3.57, and a list has brackets, as in [3, 57]")
     match = QUANTITY.fullmatch(value)
     if match is None:
         raise ValueError("is not a number with a unit")
-    if factor := COMMON_FACTORS.get((unit, match[2])):
+    if factor := factor_of(unit, match[2] or ""):
         return float(Decimal(match[1]) * factor)
     given = _parsed_unit(match[2] or "")
     needed = _parsed_unit(unit)

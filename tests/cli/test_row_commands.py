@@ -39,7 +39,7 @@ def test_a_row_goes_on_from_a_file(first, capsys):
 
 @pytest.mark.full
 def test_a_row_that_goes_on_differently_says_how(first, capsys):
-    assert going_on(first, "--set", "row.mistuning=0,0.01,0")[0] == 0
+    assert going_on(first, "--set", "row.mistuning=[0,0.01,0]")[0] == 0
     assert "row.mistuning was" in capsys.readouterr().err
 
 

@@ -33,9 +33,10 @@ sys.exit(main())"""
 class Server:
     """The command `explore`, running."""
 
-    def __init__(self, *words):
-        command = [sys.executable, "-c", COMMAND, "explore", *words, "--no-browser"]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    def __init__(self, *words, opens=False, env=None):
+        command = [sys.executable, "-c", COMMAND, "explore", *words, *([] if opens else ["--no-browser"])]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env)
+        self.complaints = ""
         line = self.process.stdout.readline()
         found = ADDRESS.search(line)
         assert found, line + self.process.stderr.read()
@@ -44,7 +45,7 @@ class Server:
     def end(self, how=signal.SIGKILL):
         """End the command, and wait for it."""
         self.process.send_signal(how)
-        self.process.communicate(timeout=60)
+        self.complaints = self.process.communicate(timeout=60)[1]
         return self.process.returncode
 
 

@@ -1,15 +1,23 @@
 """The page in a real browser: it is loaded, slid, clicked, zoomed, kept, misused, and its program is killed."""
 
+import asyncio
+import contextlib
 import http.client
+import os
+import re
 import shlex
 import signal
 import time
 import urllib.error
+import urllib.parse
 import urllib.request
+from pathlib import Path
 
 import numpy as np
 import psutil
 import pytest
+import tornado.httpclient
+import tornado.websocket
 from browser import SMALL, Server, Tab, browser, chromium, served
 
 import jaxshroud as js
@@ -233,6 +241,105 @@ def test_nobody_enters_without_the_token(server):
         connection.close()
     assert answers == [403, 101]  # another origin, and, as a control, the page's own
     assert place.startswith("http://127.0.0.1:")
+
+
+MARKUP = '<img src=x onerror="window.ran=1"><script>window.ran=1</script><b>bold</b> & "quoted"'
+RAN = "() => window.ran === undefined && document.querySelectorAll('img[src=x], h1 b').length === 0"
+
+
+def test_markup_from_outside_is_text_and_never_runs(chrome, tmp_path):
+    """In the title, the file's name, what is typed, messages and units: on the page, and on the page that is saved."""
+    scene = tmp_path / '<img src=x onerror="window.ran=1">.toml'
+    text = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40"]).text()
+    scene.write_text(text.replace(text.splitlines()[0], f"title = {MARKUP!r}"))
+    with served(str(scene)) as server:
+        tab = Tab(chrome, server.address)
+        tab.wait_ready(levels=1)
+        assert tab.page.locator("h1").inner_text() == MARKUP
+        assert tab.page.title().startswith(MARKUP)
+        for key, typed in (("friction.mu", MARKUP), ("shroud.gap", f"1 {MARKUP}")):
+            field = tab.field(key)
+            field.fill(typed)
+            field.press("Enter")
+            tab.page.locator(".wrong[role=alert]:visible").first.wait_for()
+        end = tab.page.get_by_label("from", exact=True)
+        end.fill(MARKUP)
+        end.press("Enter")
+        tab.wait_ready(levels=1)
+        assert "onerror" in tab.text("command")  # the name of the file, to be copied
+        tab.page.wait_for_timeout(REST)
+        assert tab.page.evaluate(RAN)
+        tab.page.get_by_label("save", exact=True).select_option("this page, HTML")
+        with tab.page.expect_download() as kept:
+            tab.page.get_by_role("button", name="Save", exact=True).click()
+        kept.value.save_as(tmp_path / "page.html")
+        assert tab.errors == []
+        still = Tab(chrome, (tmp_path / "page.html").as_uri())
+        still.wait("Bokeh.documents.length > 0")
+        still.page.wait_for_timeout(REST)
+        assert still.page.locator("h1").inner_text() == MARKUP
+        assert still.page.evaluate(RAN)
+        still.context.close()
+        tab.context.close()
+
+
+def test_the_browser_is_opened_without_the_token_among_its_arguments(chrome, tmp_path):
+    """A browser that only notes what it is told: a file of its user alone, which leads to the page."""
+    told, program = tmp_path / "told", tmp_path / "browser"
+    program.write_text(f'#!/bin/sh\necho "$@" >> {told}\n')
+    program.chmod(0o755)
+    server = Server(*SMALL, opens=True, env={**os.environ, "BROWSER": f"{program} %s"})
+    while not (told.exists() and told.read_text().endswith("\n")):
+        time.sleep(0.05)
+    arguments = told.read_text()
+    assert server.address.rpartition("/")[2] not in arguments
+    path = Path(urllib.parse.unquote(urllib.parse.urlsplit(arguments.strip()).path))
+    assert path.stat().st_mode & 0o777 == 0o600
+    tab = Tab(chrome, arguments.strip())
+    tab.page.wait_for_url(server.address)
+    tab.context.close()
+    assert server.end(signal.SIGINT) == 130
+    assert not path.exists()
+
+
+def junk(token):
+    """What is no message of Bokeh's, and what is one but makes no sense."""
+    yield from ("", "junk", "{}", "[" * 5000, b"\xff\x00", "null", '{"msgid": 1}')
+    yield from ('{"msgid": "1", "msgtype": "PATCH-DOC"}', "{}", '{"events": [{"kind": "ModelChanged"}]}')
+    yield from ('{"msgid": "1", "msgtype": "PULL-DOC-REQ"}', "{}", '{"x": NaN}')
+
+
+def test_junk_and_answers_without_a_socket_begin_nothing_and_print_nothing(chrome):
+    server = Server(*SMALL)
+    process = psutil.Process(server.process.pid)
+    page = urllib.request.urlopen(server.address).read().decode()
+    began = process.num_threads(), len(process.children(recursive=True))
+    for _ in range(60):
+        assert len(urllib.request.urlopen(server.address).read()) > 1000
+    assert (process.num_threads(), len(process.children(recursive=True))) == began
+    for path in ("autoload.js?bokeh-autoload-element=1", "metadata"):
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(f"{server.address}/{path}")
+    token = re.search(r'"token":"([^"]+)"', page)[1]
+    socket = f"ws{server.address.removeprefix('http')}/ws"
+
+    async def send(words, messages):
+        request = tornado.httpclient.HTTPRequest(socket, headers={"Origin": server.address.rpartition("/")[0]})
+        connection = await tornado.websocket.websocket_connect(request, subprotocols=words)
+        for message in messages:
+            with contextlib.suppress(tornado.websocket.WebSocketClosedError):
+                await connection.write_message(message, binary=isinstance(message, bytes))
+                await asyncio.sleep(0.02)
+        connection.close()
+
+    for words in (["bokeh", token], ["bokeh", token[:-3]], ["bokeh", "junk"], ["other", token]):
+        asyncio.run(send(words, junk(token)))
+    tab = Tab(chrome, server.address)  # the page lives on
+    tab.wait_ready(levels=1)
+    assert tab.errors == []
+    tab.context.close()
+    assert server.end(signal.SIGINT) == 130
+    assert server.complaints == "interrupted; nothing was written\n"
 
 
 def test_a_page_tells_that_its_program_was_killed_and_a_new_one_opens(chrome):

@@ -1,22 +1,32 @@
 """The parts of the page of `explore`: what it computes and compiles, what it refuses, and the package without it."""
 
 import ast
+import stat
+import types
 from pathlib import Path
 
 import jax.monitoring
+import markupsafe
 import numpy as np
 import pytest
+from bokeh.document import Document
 
 import jaxshroud as js
 from jaxshroud.cli import commands
 from jaxshroud.cli import explore as command
+from jaxshroud.explorer.centre import Centre
+from jaxshroud.explorer.controls import Controls
 from jaxshroud.explorer.diagram import Amount, Window, diagram, joined
 from jaxshroud.explorer.diagram_panel import DiagramPanel
 from jaxshroud.explorer.exploration import Exploration
-from jaxshroud.explorer.fields import number_fields
-from jaxshroud.explorer.look import Recolouring
+from jaxshroud.explorer.fields import in_si, number_fields
+from jaxshroud.explorer.look import Recolouring, root
+from jaxshroud.explorer.opening import redirecting_file
+from jaxshroud.explorer.saves import STATIC_ROOTS, static_page
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import SceneError
+from jaxshroud.scene.keys import ALL_KEYS
+from jaxshroud.scene.shown import shown_text, shown_value
 
 ROOT = Path(js.__file__).parent
 OF_THE_EXTRA = {"bokeh", "tornado", "jinja2"}
@@ -127,8 +137,107 @@ def test_every_slider_stays_within_the_range_of_its_number(name):
         if field.value is not None:
             assert field.low <= field.value <= field.high or field.key.name in {a.key for a in file.axes}
             assert all(field.key.range.holds(np.float64(end)) for end in field.ends), field
-            # What a slider gives is a number with few digits, as one would type it.
-            assert len(repr(field.in_si(field.low + 7 * field.step)).replace(".", "")) < 14
+            # What a slider gives is, in the unit that it shows, a number with few digits, as one would type it.
+            assert len(shown_text(field.key, in_si(field.key, field.low + 7 * field.step))) < 14
+
+
+class Fields:
+    """The fields of a scene as on its page, and what they changed."""
+
+    def __init__(self, *sets):
+        self.exploration = Exploration(js.load("table1", sets).text(), "table1", sets)
+        self.controls = Controls(self.exploration, self.change, "fast")
+
+    def change(self, key, text):
+        self.exploration = self.exploration.changed(key, text)
+        self.controls.show(self.exploration)
+
+    def type(self, key, text):
+        """Type into the field of a key: what the scene has then, what the field shows, and what it says."""
+        field = self.controls.fields[key]
+        field.text.value = text
+        table, name = key.split(".")
+        return self.exploration.file.given_tables[table][name], field.text.value, field.message.text
+
+
+def test_a_field_reads_what_it_shows_also_with_a_number_per_blade():
+    fields = Fields("drive.beta=[0.5, 0.6]", "blades.k_x=[1e5, 1.2e5]")
+    shown = {key: fields.controls.fields[key].text.value for key in ("drive.beta", "blades.k_x")}
+    assert shown == {"drive.beta": "[28.64788975654116, 34.37746770784939]", "blades.k_x": "[100, 120]"}
+    for key, text in shown.items():
+        value = fields.type(key, "1")[0]
+        assert value == shown_value(ALL_KEYS[key], "1")
+        assert fields.type(key, text)[1:] == (text, "")
+    assert fields.exploration.file.given_tables["drive"]["beta"] == (0.5, 0.6)
+    assert fields.exploration.file.given_tables["blades"]["k_x"] == (1e5, 1.2e5)
+    assert fields.type("drive.beta", "34") == (np.float64(34 * np.pi / 180), "34", "")
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "said"),
+    [
+        ("friction.mu", "-5", "mu = -5 must be greater than or equal to 0; 0.5 is kept"),
+        ("shroud.alpha", "120", "alpha = 120 must be less than or equal to 90.0 °; 60 is kept"),
+        ("shroud.alpha", "120 deg", "alpha = 120 deg must be less than or equal to 90.0 °; 60 is kept"),
+        ("blades.k_x", "0", "k_x = 0 must be greater than 0 kN/m; 100 is kept"),
+        ("blades.c_x", "3,57", "has a comma: the decimal mark is a point"),
+        ("drive.beta", "1,5", "has a comma: the decimal mark is a point"),
+        ("shroud.gap", "[1, 2, 3]", "must be"),
+        ("shroud.gap", "1e400", "must be a finite number"),
+        ("shroud.gap", "<b>1</b>", "&lt;b&gt;1&lt;/b&gt;"),
+    ],
+)
+def test_what_a_field_does_not_take_it_says_and_nothing_changes(key, text, said):
+    fields = Fields()
+    before = fields.exploration
+    _, shown, told = fields.type(key, text)
+    assert said in told
+    assert shown == text  # as it was typed, beside what is wrong with it
+    assert fields.exploration is before
+
+
+@pytest.mark.parametrize("text", ["1e308", "-1e305", "1e-320", "5e-324", "1e300"])
+def test_after_an_absurd_number_the_fields_live_on(text):
+    """What no slider can show is shown as text, and later changes are taken."""
+    fields = Fields()
+    for key in ("shroud.gap", "drive.F_0", "blades.c_x"):
+        value, _, said = fields.type(key, text)
+        assert said or value == shown_value(ALL_KEYS[key], text)
+        assert fields.type(key, "0.25")[0] == shown_value(ALL_KEYS[key], "0.25")
+        assert fields.controls.fields[key].message.text == ""
+
+
+def test_an_end_of_the_window_reads_as_it_is_shown(exploration):
+    """Another end that is typed leaves this one as it was, to the last bit."""
+    owner = types.SimpleNamespace(exploration=exploration, compute_diagram=lambda: None)
+    centre = Centre(exploration, Recolouring(), owner)
+    start, stop = 1 / 3, 7 / 3
+    centre._show_window(Window("contact.gamma", start, stop))
+    centre.ends[1].value = "2"
+    assert centre.window == Window("contact.gamma", start, 2.0)
+    centre.ends[0].value = "0,5"
+    assert "has a comma" in centre.wrong.text
+    assert centre.window == Window("contact.gamma", start, 2.0)
+
+
+def test_a_heading_is_text_whatever_is_in_it():
+    document, markup = Document(), '<img src=x onerror="window.ran=1"><script>window.ran=1</script>&amp;'
+    for name in STATIC_ROOTS:
+        document.add_root(root(name))
+    html = static_page(document, markup, dark=False).decode()
+    assert "<img src=x" not in html
+    assert "<script>window.ran" not in html
+    assert f"<h1>{markupsafe.escape(markup)}</h1>" in html
+
+
+def test_the_browser_is_told_the_address_by_a_file_that_others_cannot_read(monkeypatch, tmp_path):
+    for place in (None, str(tmp_path)):
+        monkeypatch.setenv("XDG_RUNTIME_DIR", place) if place else monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+        with redirecting_file("http://127.0.0.1:5/secret") as path:
+            assert stat.S_IMODE(path.stat().st_mode) == 0o600
+            assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+            assert 'content="0; url=http://127.0.0.1:5/secret"' in path.read_text()
+        assert not path.parent.exists()
 
 
 def test_what_is_copied_is_the_scene(exploration):

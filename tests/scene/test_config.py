@@ -345,7 +345,7 @@ def test_gamma_and_k_replace_each_other():
 
 def test_overrides():
     settings = ["blades.m[1]=0.09", "shroud.gap=0.03 mm", "run.periods=7", "drive.phase=[0, 3.14]"]
-    settings += ["drive.beta=10 deg, 0.5", "initial.v_x[0]=.25", "contact.reading=gap_sign,levers"]
+    settings += ["drive.beta=[10 deg, 0.5]", "initial.v_x[0]=.25", "contact.reading=gap_sign,levers"]
     settings += ["drive.F_0 = 50."]
     got = tomllib.loads(parse(GOOD, "a", settings).text())
     assert got["blades"]["m"] == [0.08, 0.09]
@@ -377,7 +377,7 @@ def test_readings(reading, kept):
 
 
 def test_later_overrides_win_and_drop_what_they_replace():
-    got = parse(GOOD + SWEEP + "keep = 50", "a", ["sweep.values=0.3, 2.5", "contact.gamma=1", "contact.gamma=2"])
+    got = parse(GOOD + SWEEP + "keep = 50", "a", ["sweep.values=[0.3, 2.5]", "contact.gamma=1", "contact.gamma=2"])
     np.testing.assert_array_equal(got.axes[0].values, [0.3, 2.5])
     assert float(got.scene.contact.gamma) == 2.0
     assert (got.run.periods, got.sweep_run.periods) == (10, 50)

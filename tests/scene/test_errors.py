@@ -50,7 +50,7 @@ def test_an_unknown_key_is_the_same_error_everywhere(table1):
         lambda: js.gradient(table1, ["shroud.gaps"]),
         lambda: js.scenes_from({"shroud.gaps": [1.0]}, table1),
         lambda: axis(file, "shroud.gaps", [1, 2]),
-        lambda: parse(file.text(), "a", ["sweep.along=shroud.gaps", "sweep.values=1,2"]),
+        lambda: parse(file.text(), "a", ["sweep.along=shroud.gaps", "sweep.values=[1,2]"]),
     ]
     for way in ways:
         with pytest.raises(js.KeyNameError, match=r"no number `shroud\.gaps`; did you mean `shroud\.gap`"):

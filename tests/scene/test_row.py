@@ -309,7 +309,10 @@ def test_wrong_rows_are_told_in_one_line(case):
         (["row.blades=1"], "--set: [row] blades = 1 must be greater than or equal to 2"),
         (["drive.engine_order=2.5"], "--set: [drive] engine_order = 2.5 must be a whole number"),
         (["drive.omega=1300 rpm"], "engine order 3; name drive.speed"),
-        (["shroud.gap=1,2"], "--set: [shroud] gap = [1, 2] must be one number or a list of 12, one for each interface"),
+        (
+            ["shroud.gap=[1,2]"],
+            "--set: [shroud] gap = [1, 2] must be one number or a list of 12, one for each interface",
+        ),
     ],
 )
 def test_wrong_overrides_of_rows(overrides, expected):
