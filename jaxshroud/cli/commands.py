@@ -46,7 +46,7 @@ def _run(words: Sequence[str], at_end: ExitStack) -> int:
         ahead = _load_ahead(options, at_end)
         command = _command(options.verb)
         if not ahead and "jax" in sys.modules:
-            _set_up_jax()
+            set_up_jax()
     except Exception as error:
         return _exit_status(error)
     with interruptible(_leave):  # only now: an import does not survive an exception of Ctrl-C
@@ -81,7 +81,7 @@ def _load_ahead(options: Namespace, at_end: ExitStack) -> bool:
     scene = getattr(options, "scene", None)
     if scene is None:
         return False
-    _set_up_jax()
+    set_up_jax()
     from jaxshroud.programs.kept import load_ahead, stop_ahead
 
     at_end.callback(stop_ahead)
@@ -105,7 +105,7 @@ def _command(name: str) -> Callable[[Namespace], None]:
     return Computation()
 
 
-def _set_up_jax() -> None:
+def set_up_jax() -> None:
     """Float64, and programs of all sizes kept on disk; commands print themselves which lanes stopped."""
     import jax
 

@@ -1,7 +1,6 @@
 """The command explore: the page of a scene, served to this machine or written as a file."""
 
 import argparse
-import os
 import sys
 import webbrowser
 from contextlib import ExitStack, suppress
@@ -44,9 +43,11 @@ def explore_command(options: argparse.Namespace) -> None:
 def _serve(exploration: "Exploration", options: argparse.Namespace) -> None:
     from jaxshroud.explorer.opening import redirecting_file
     from jaxshroud.explorer.server import ExploreServer
-    from jaxshroud.programs.kept import keep_list
+    from jaxshroud.programs.kept import stop_ahead
 
-    server = ExploreServer(exploration, str(options.accuracy), options.port)
+    stop_ahead()  # the engines load programs
+    engine = [sys.executable, "-m", "jaxshroud.cli.engine", exploration.name]
+    server = ExploreServer(exploration, str(options.accuracy), engine, options.port)
     opened = ExitStack()
 
     def ready(address: str) -> None:
@@ -55,14 +56,8 @@ def _serve(exploration: "Exploration", options: argparse.Namespace) -> None:
             with suppress(OSError):  # the address is printed
                 webbrowser.open(opened.enter_context(redirecting_file(address)).as_uri())
 
-    try:
-        with opened:
-            server.run(ready)
-    except KeyboardInterrupt:
-        server.has_ended()
-        keep_list()
-        print("interrupted; nothing was written", file=sys.stderr, flush=True)
-        os._exit(130)  # at once: what a thread compiles cannot be interrupted, and nothing is left to be written
+    with opened:
+        server.run(ready)
 
 
 def _write_page(exploration: "Exploration", options: argparse.Namespace) -> None:

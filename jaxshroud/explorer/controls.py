@@ -30,7 +30,7 @@ class FieldWidgets:
         self.number, self.change, self.silent = number, change, False
         style = wide()
         self.text = TextInput(title=number.label, value=number.text, name=f"field {number.key.name}", **style)
-        self.message = Div(text="", visible=False, **style)
+        self.message = Div(text="", visible=False, name=f"message {number.key.name}", **style)
         self.text.on_change("value", lambda attr, old, new: self._typed(new))
         self.slider = None
         if number.value is not None:

@@ -5,21 +5,27 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from jaxshroud.explorer.fields import in_si, number_fields
+from jaxshroud.explorer.worker import Continue
 from jaxshroud.march.method import FAST, Method, RungeKutta, Taylor, method_of
-from jaxshroud.march.stability import stiffest
+from jaxshroud.march.stability import lanes_that_auto_steps_follow, stiffest
 from jaxshroud.march.tableau import TaylorOptions
+from jaxshroud.motion.short_runs import end_states
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
+from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.options import plan_march, resolve_options
 from jaxshroud.verbs.row_accuracy import row_choice
 
 # Tables whose entries decide what is in a compiled program.
 STRUCTURE_TABLES = ("parts", "row")
+MAX_ANGLE = 2e4  # omega_max times a drive period: some 1e5 steps, a minute of a diagram
 STIFFENING = ("contact.gamma", "contact.k", "friction.k_d")
 
 
@@ -31,6 +37,10 @@ class Exploration:
     name: str  # of the scene on the command line
     given: tuple[str, ...] = ()  # overrides of the command line
     changes: Mapping[str, str] = field(default_factory=dict)  # key -> text of its value
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """What is sent to another process: not what was worked out."""
+        return Exploration, (self.origin, self.name, self.given, dict(self.changes))
 
     @cached_property
     def overrides(self) -> list[str]:
@@ -72,17 +82,31 @@ class Exploration:
         return shlex.join(["jaxshroud", verb, self.name, *sets, *words])
 
 
-def method_on_page(file: SceneFile, accuracy: str | float) -> Method:
+def method_on_page(file: SceneFile, accuracy: str | float, go_on: Continue = lambda: None) -> Method:
     """The method for an accuracy, with its steps: all that a page shows of a structure is marched by it.
 
     It is chosen for the scene; its steps also suit the upper ends of the sliders that make contact stiffer.
+
+    Args:
+        file: The scene.
+        accuracy: The accuracy.
+        go_on: Called before each trial: raises what ends the choice.
+
+    Raises:
+        InputError: The scene needs so many steps that a page would show nothing for minutes.
     """
     smooth = file.tables["parts"]["contact"] == "smooth"
     wish = RungeKutta("rk4", "auto") if smooth else accuracy
     if file.row_size is not None and not smooth:
         wish = method_of("auto", row_choice(accuracy, asked=False).method)
     resolved = resolve_options(file.scene, method=wish, verb="explore", rows=True)
-    march = plan_march(resolved, resolved.lanes, FAST, periods=math.inf)
+    _check_length(resolved.lanes)
+
+    def ends(*of: Any) -> np.ndarray:
+        go_on()
+        return end_states(*of)
+
+    march = plan_march(resolved, resolved.lanes, FAST, periods=math.inf, ends=ends)
     numbers = [number for number in number_fields(file) if number.key.name in STIFFENING and number.value]
     stiffer = {n.key.name: np.array([in_si(n.key, n.value or 0.0), n.ends[1]]) for n in numbers}
     if isinstance(march.method.tableau, TaylorOptions) or not stiffer or file.tables["parts"]["contact"] == "none":
@@ -90,6 +114,20 @@ def method_on_page(file: SceneFile, accuracy: str | float) -> Method:
     largest = stiffest(grid_of_scenes(file.scene, stiffer), len(stiffer))[0]
     growth = max(largest / stiffest(resolved.lanes, 1)[0], 1.0)
     return method_of(math.ceil(growth * march.steps), march.method)
+
+
+def _check_length(lanes: Scene) -> None:
+    """Raise InputError where one drive period takes too long to march."""
+    if lanes.parts.contact == "none":
+        return  # in closed form
+    if not lanes_that_auto_steps_follow(lanes).all():
+        raise InputError("these numbers are too large, or a spring too stiff or a drive too slow, to march them")
+    omega_max, period = stiffest(lanes, 1)
+    if omega_max * period > MAX_ANGLE:
+        raise InputError(
+            f"a drive period takes {omega_max * period / (2 * math.pi):.2g} vibrations of the stiffest spring, and a "
+            f"page at most {MAX_ANGLE / (2 * math.pi):.0f}; the command simulate marches it"
+        )
 
 
 def method_words(method: Method) -> list[str]:

@@ -21,17 +21,23 @@ from jaxshroud.verbs.simulate import simulate
 LONGEST_WAIT = 1.0  # of a diagram for a run [s]; compiling may take longer
 REPORT_INTERVAL = 0.1  # [s]
 Yield = Callable[[], bool]  # whether something is wanted first
+Choose = Callable[[Continue], Method]
 
 
 class Methods:
     """The method of each structure and accuracy: chosen for the first scene that has it, and kept."""
 
-    def __init__(self) -> None:
-        self.found: dict[Any, Method] = {}
-        self.lock = threading.Lock()
+    def __init__(self, chosen: Callable[[Exploration, str, Method], None] = lambda *choice: None):
+        """No methods yet.
 
-    def method(self, exploration: Exploration, accuracy: str) -> Method:
-        """The method of a scene, which is chosen if there is none yet."""
+        Args:
+            chosen: Called with the scene and the accuracy for which a method was chosen, and with the method.
+        """
+        self.found: dict[Any, Method] = {}
+        self.lock, self.chosen = threading.Lock(), chosen
+
+    def method(self, exploration: Exploration, accuracy: str, go_on: Continue = lambda: None) -> Method:
+        """The method of a scene, which is chosen if there is none yet, by trials before each of which it may end."""
         with self.lock:
             found = self.known(exploration, accuracy)
             if found is None:
@@ -39,8 +45,14 @@ class Methods:
                     wish: str | float = float(accuracy)
                 except ValueError:
                     wish = accuracy
-                found = self.found[_call(exploration, accuracy)] = method_on_page(exploration.file, wish)
+                found = method_on_page(exploration.file, wish, go_on)
+                self.learn(exploration, accuracy, found)
+                self.chosen(exploration, accuracy, found)
         return found
+
+    def learn(self, exploration: Exploration, accuracy: str, method: Method) -> None:
+        """Take a method that was chosen elsewhere."""
+        self.found[_call(exploration, accuracy)] = method
 
     def known(self, exploration: Exploration, accuracy: str) -> Method | None:
         """The method of a scene if it is chosen already."""
@@ -80,7 +92,7 @@ class YieldingProgress:
 
 def diagram_job(
     exploration: Exploration,
-    method: Callable[[], Method],
+    method: Choose,
     window: Window,
     direction: Direction,
     amount: Amount,
@@ -90,7 +102,7 @@ def diagram_job(
     """A diagram, coarse first; in other directions than from rest at one spacing, as a finer one is another run."""
 
     def job(go_on: Continue) -> None:
-        march, levels = method(), []
+        march, levels = method(go_on), []
         go_on()
         for level in range(amount.levels if direction == "independent" else 1):
             values, report = window.new_values(level, amount.values), progress(go_on, level)
@@ -104,7 +116,7 @@ def diagram_job(
 
 def map_job(
     exploration: Exploration,
-    method: Callable[[], Method],
+    method: Choose,
     across: Window,
     up: Window,
     amount: Amount,
@@ -114,7 +126,7 @@ def map_job(
     """A map, coarse first."""
 
     def job(go_on: Continue) -> None:
-        march, whole = method(), None
+        march, whole = method(go_on), None
         for level in range(amount.map_levels):
             pieces = [
                 map_piece(exploration.file, axes, amount, march, progress(go_on, level))
@@ -129,7 +141,7 @@ def map_job(
 
 def run_job(
     exploration: Exploration,
-    method: Callable[[], Method],
+    method: Choose,
     periods: int,
     show: Callable[[Trajectory | RowTrajectory], None],
 ) -> Job:
@@ -138,7 +150,7 @@ def run_job(
     def job(go_on: Continue) -> None:
         go_on()
         progress = YieldingProgress(go_on, lambda share: None)
-        run = simulate(exploration.file, n_periods=periods, method=method(), progress=progress)
+        run = simulate(exploration.file, n_periods=periods, method=method(go_on), progress=progress)
         go_on()
         show(run)
 
@@ -147,7 +159,7 @@ def run_job(
 
 def verdict_job(
     exploration: Exploration,
-    method: Callable[[], Method],
+    method: Choose,
     first: Yield,
     show: Callable[[Diagnosis | RowDiagnosis], None],
 ) -> Job:
@@ -158,7 +170,7 @@ def verdict_job(
             go_on()
             time.sleep(0.05)
         progress = YieldingProgress(go_on, lambda share: None, first)
-        found = diagnose(exploration.file.scene, method=method(), progress=progress)
+        found = diagnose(exploration.file.scene, method=method(go_on), progress=progress)
         go_on()
         show(found)
 

@@ -1,15 +1,14 @@
 """What is kept of a page: copies of the scene and of commands, and files."""
 
-from collections.abc import Callable
 from typing import Any
 
 from bokeh.models import Button, CustomJS, Div, PreText, Select
 
 from jaxshroud.explorer.exploration import method_words
 from jaxshroud.explorer.look import above_each_other, beside, styled
-from jaxshroud.explorer.saves import OF_A_SERVER, SavedFile, download_source, result_file, static_page
+from jaxshroud.explorer.saves import OF_A_SERVER, SavedFile, download_source, static_page
+from jaxshroud.explorer.wishes import SaveWish
 from jaxshroud.explorer.words import note_html
-from jaxshroud.scene.checks import InputError
 
 RESULT_FILES = {
     "diagram, NetCDF": ("diagram", "diagram.nc"),
@@ -93,21 +92,10 @@ class Keeping:
             if result is None:
                 self.message.text = note_html(f"There is no {kind} yet; look at it first.", wrong=True)
                 return
-            page.workers["saves"].submit(self._job(lambda: result_file(name, result)))
+            page.submit("saves", SaveWish(name, result), self._give)
 
-    def _job(self, make: Callable[[], SavedFile]) -> Callable[[Any], None]:
-        def job(go_on: Callable[[], None]) -> None:
-            try:
-                made = make()
-            except InputError as error:
-                self.page.later(self._refuse, error)
-                return
-            go_on()
-            self.page.later(self._give, made)
-
-        return job
-
-    def _refuse(self, error: Exception) -> None:
+    def refuse(self, error: Exception) -> None:
+        """Say what was wrong with what was to be saved."""
         self.message.text = note_html(str(error), wrong=True)
 
     def _give(self, file: SavedFile) -> None:

@@ -11,8 +11,9 @@ from bokeh.models import CustomJS, Div, Toggle
 from jaxshroud.explorer.centre import Centre
 from jaxshroud.explorer.controls import Controls
 from jaxshroud.explorer.diagram import OF_A_ROW, Amount, Window
+from jaxshroud.explorer.engine import ENDED, WORKERS, Engine, Message
 from jaxshroud.explorer.exploration import Exploration
-from jaxshroud.explorer.jobs import Methods, YieldingProgress, diagram_job, map_job, run_job, verdict_job
+from jaxshroud.explorer.jobs import Methods
 from jaxshroud.explorer.keeping import Keeping
 from jaxshroud.explorer.look import (
     LIGHT,
@@ -27,19 +28,25 @@ from jaxshroud.explorer.look import (
 )
 from jaxshroud.explorer.run_panel import RunPanel
 from jaxshroud.explorer.saves import OF_A_SERVER, template_variables
+from jaxshroud.explorer.wishes import DiagramWish, MapWish, RunWish, SaveWish, VerdictWish, Wish
 from jaxshroud.explorer.words import motion_html, status_html, verdict_html
-from jaxshroud.explorer.worker import Continue, Worker
-from jaxshroud.scene.checks import InputError, StepTooLongError
+from jaxshroud.scene.checks import StepTooLongError
 from jaxshroud.scene.parts import Direction
 
 FINER = "finer"  # what follows a level that is not the last
-WORKERS = "run", "diagram", "verdict", "saves"
 
 
 class TabPage:
     """The page of one tab."""
 
-    def __init__(self, document: Document, exploration: Exploration, accuracy: str, methods: Methods):
+    def __init__(
+        self,
+        document: Document,
+        exploration: Exploration,
+        accuracy: str,
+        methods: Methods,
+        engine: Callable[[], Engine] | None = None,
+    ):
         """The page, which computes once its tab is there.
 
         Args:
@@ -47,11 +54,13 @@ class TabPage:
             exploration: The scene from the start.
             accuracy: The accuracy from the start.
             methods: The methods of all tabs.
+            engine: Gives what computes; None: nothing is computed.
         """
         self.document, self.start, self.exploration, self.methods = document, exploration, exploration, methods
         self.selected, self.results = {}, {}
         self.amount = Amount() if exploration.file.row_size is None else OF_A_ROW
-        self.workers = {name: Worker(partial(self._failed, name)) for name in WORKERS}
+        self.take_engine, self.engine, self.shows = engine, None, {}
+        self.numbers = dict.fromkeys(WORKERS, 0)  # of the last wishes
         self.recolouring, in_row = Recolouring(), exploration.file.row_size is not None
         self.controls = Controls(exploration, self.change, accuracy)
         self.controls.reset.on_click(lambda event: self.reset())
@@ -62,6 +71,7 @@ class TabPage:
         self.status = Div(text=status_html("Ready"), **styled(), name="status_text")
         self._add_roots()
         self.workings: dict[str, str] = {}
+        self.failures: dict[str, str] = {}
         self.chosen_anew: Exploration | None = None  # the scene for which the method was unstable
 
     def _add_roots(self) -> None:
@@ -138,6 +148,7 @@ class TabPage:
 
     def compute(self) -> None:
         """Compute all that is shown anew."""
+        self.failures = {}
         self.compute_run()
         self.compute_diagram()
 
@@ -145,43 +156,68 @@ class TabPage:
         """Compute the motion, and then its verdict."""
         try:
             exploration = self.shown
-        except (InputError, KeyError) as error:
+        except Exception as error:
             self._say_failed("run", error)
             return
-        method = partial(self.methods.method, self.exploration, self.controls.accuracy.value)
         self._working("run", "motion")
-        self.workers["verdict"].cancel()
-        self.workers["run"].submit(
-            run_job(exploration, method, self.amount.motion, self._in_page(self.show_run, exploration))
-        )
+        self.numbers["verdict"] += 1  # one on the way is out of date
+        if self.engine is not None:
+            self.engine.send(Message("cancel", "verdict"))
+        self.submit("run", RunWish(exploration, self.method, self.amount.motion), partial(self.show_run, exploration))
 
     def compute_diagram(self) -> None:
         """Compute the diagram, or the map where that is what is shown."""
-        exploration, centre = self.exploration, self.centre
-        method = partial(self.methods.method, exploration, self.controls.accuracy.value)
+        centre, method = self.centre, self.method
         self.results.pop("map" if centre.shows_map else "diagram", None)
         self._working("diagram", "choosing the method, or compiling its program")
         if centre.shows_map:
-            across, up = centre.windows
-            show = self._in_page(self._show_map, across, up)
-            job = map_job(exploration, method, across, up, self.amount, self._progress, show)
+            wish, show = MapWish(method, centre.windows, self.amount), partial(self._show_map, *centre.windows)
         else:
-            direction = centre.direction
-            show = self._in_page(self.show_level, centre.window, direction)
-            job = diagram_job(exploration, method, centre.window, direction, self.amount, self._progress, show)
-        self.workers["diagram"].submit(job)
+            wish = DiagramWish(method, centre.window, centre.direction, self.amount)
+            show = partial(self.show_level, centre.window, centre.direction)
+        self.submit("diagram", wish, show)
 
     def compute_verdict(self, exploration: Exploration) -> None:
         """Find the verdict, after all else."""
-        method = partial(self.methods.method, self.exploration, self.controls.accuracy.value)
-        first = lambda: self.workers["run"].busy or self.workers["diagram"].busy
-        show = self._in_page(self._show_verdict)
-        self.workers["verdict"].submit(verdict_job(exploration, method, first, show))
+        self.submit("verdict", VerdictWish(exploration, self.method), self._show_verdict)
 
-    def _progress(self, go_on: Continue, level: int) -> YieldingProgress:
-        word = "coarse" if level == 0 else f"finer, level {level}"
-        tell = lambda share: self.later(self._working, "diagram", f"{word}, {share:.0%}")
-        return YieldingProgress(go_on, tell, lambda: self.workers["run"].busy)
+    @property
+    def method(self) -> tuple[Exploration, str]:
+        """The scene and the accuracy for which the method is chosen."""
+        return self.exploration, self.controls.accuracy.value
+
+    def submit(self, name: str, wish: Wish, show: Callable[..., None]) -> None:
+        """Let a worker of the engine fulfil a wish, in place of an earlier one, and show what is found."""
+        if self.take_engine is None:
+            return
+        if self.engine is None:
+            self.engine = self.take_engine()
+            self.failures.pop("engine", None)
+            self.engine.listen(partial(self.later, self._heard))
+        self.numbers[name] += 1
+        self.shows[name] = show
+        known = None if isinstance(wish, SaveWish) else self.methods.known(*wish.method)
+        if known is not None:  # by another tab
+            self.engine.send(Message("learn", content=(*self.method, known)))
+        self.engine.send(Message("submit", name, self.numbers[name], (wish,)))
+
+    def _heard(self, message: Message) -> None:
+        """Take a message of the engine, unless it is about an earlier wish."""
+        if message.kind == "chosen":
+            self.methods.learn(*message.content)
+        elif message.kind == "ended":
+            self.engine, self.workings = None, {}
+            self._working("engine", "", ENDED)
+        elif message.number == self.numbers[message.worker]:
+            if message.kind == "show":
+                self.shows[message.worker](*message.content)
+            elif message.kind == "tell":
+                level, share = message.content
+                self._working("diagram", f"{'coarse' if level == 0 else f'finer, level {level}'}, {share:.0%}")
+            elif message.worker == "saves":
+                self.keeping.refuse(*message.content)
+            else:
+                self._say_failed(message.worker, *message.content)
 
     # What is shown
 
@@ -213,40 +249,38 @@ class TabPage:
         self.results["verdict"] = found
         self.motion.verdict.text = verdict_html(found)
 
-    def _working(self, what: str, words: str) -> None:
-        self.workings[what] = words
-        busy = [f"{name}: {word}" if name != word else name for name, word in self.workings.items() if word]
-        self.status.text = status_html("; ".join(busy))
-
-    def _failed(self, what: str, error: Exception) -> None:
-        self.later(self._say_failed, what, error)
+    def _working(self, what: str, words: str, wrong: str = "") -> None:
+        """Show what is being done, or what went wrong: that stays until the same is done again."""
+        self.workings[what], self.failures[what] = words, wrong
+        busy, failed = ("; ".join(f"{n}: {w}" for n, w in of.items() if w) for of in (self.workings, self.failures))
+        self.status.text = status_html(busy, failed)
 
     def _say_failed(self, what: str, error: Exception) -> None:
         accuracy = self.controls.accuracy.value
         if isinstance(error, StepTooLongError) and self.chosen_anew != self.exploration:
             self.chosen_anew = self.exploration
             self.methods.forget(self.exploration, accuracy)
+            if self.engine is not None:
+                self.engine.send(Message("forget", content=self.method))
             self.compute()
             return
-        self.workings[what] = ""
-        message = error.args[0] if isinstance(error, KeyError) and error.args else error
-        self.status.text = status_html("", f"{what}: {message}")
-
-    def _in_page(self, show: Callable[..., None], *given: Any) -> Callable[..., None]:
-        """A function that lets the thread of the page show something."""
-        return lambda *found: self.later(show, *given, *found)
+        self._working(what, "", str(error.args[0] if isinstance(error, KeyError) and error.args else error))
 
     def later(self, call: Callable[..., None], *arguments: Any) -> None:
-        """Call this in the thread of the page."""
-        if self.document.session_context is None:
+        """Call this in the thread of the page, which says what fails there."""
+        self.document.add_next_tick_callback(partial(self._attempt, call, *arguments))
+
+    def _attempt(self, call: Callable[..., None], *arguments: Any) -> None:
+        try:
             call(*arguments)
-            return
-        self.document.add_next_tick_callback(partial(call, *arguments))
+        except Exception as error:
+            self._working("this page", "", str(error))
 
     def close(self) -> None:
         """End all work."""
-        for worker in self.workers.values():
-            worker.close()
+        if self.engine is not None:
+            self.engine.close()
+        self.take_engine = self.engine = None
 
 
 def heading_of(exploration: Exploration) -> str:

@@ -2,8 +2,7 @@
 
 import logging
 import secrets
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from bokeh.application import Application
@@ -15,6 +14,7 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 from tornado.netutil import bind_sockets
 
+from jaxshroud.explorer.engine import Engines
 from jaxshroud.explorer.entrance import guard_entrance
 from jaxshroud.explorer.exploration import Exploration
 from jaxshroud.explorer.jobs import Methods
@@ -23,20 +23,20 @@ from jaxshroud.scene.checks import MachineError
 
 HOST = "127.0.0.1"
 TOKEN_BYTES = 24
-SESSION_CHECK, SESSION_LIFE = 500, 3000  # of a tab that has gone [ms]
+SESSION_CHECK, SESSION_LIFE = 200, 800  # of a tab that has gone [ms]
 SILENT = logging.CRITICAL + 1
-GRACE = 0.3  # for threads to end after Ctrl-C [s]
 
 
 class ExploreServer:
     """A server with the tabs that are open."""
 
-    def __init__(self, exploration: Exploration, accuracy: str, port: int = 0):
+    def __init__(self, exploration: Exploration, accuracy: str, engine: Sequence[str], port: int = 0):
         """A server that does not run yet.
 
         Args:
             exploration: The scene.
             accuracy: The accuracy from the start.
+            engine: The command of the process that computes for a tab, see `engine.serve`.
             port: The port; 0: any that is free.
 
         Raises:
@@ -46,7 +46,7 @@ class ExploreServer:
         methods = Methods()
 
         def open_page(document: Document) -> None:
-            page = TabPage(document, exploration, accuracy, methods)
+            page = TabPage(document, exploration, accuracy, methods, self.engines.take)
             self.pages.append(page)
             document.on_session_destroyed(lambda context: self._close(page))
 
@@ -68,6 +68,7 @@ class ExploreServer:
                 "unused_session_lifetime_milliseconds": SESSION_LIFE,
             },
         }
+        self.engines = Engines(engine)
         application = BokehTornado({f"/{self.token}": Application(FunctionHandler(open_page))}, **options)
         guard_entrance(application, heading_of(exploration))
         http = HTTPServer(application)
@@ -86,7 +87,7 @@ class ExploreServer:
             ready: Called with the address once the page can be opened.
 
         Raises:
-            KeyboardInterrupt: Ctrl-C, once all work has ended, or is left to the end of the process.
+            KeyboardInterrupt: Ctrl-C, once all work has ended.
         """
         self.server.start()
         self.loop.add_callback(ready, self.address)
@@ -95,14 +96,7 @@ class ExploreServer:
         finally:
             for page in self.pages:
                 page.close()
-
-    def has_ended(self, within: float = GRACE) -> bool:
-        """Whether all threads have ended within so many seconds."""
-        until = time.monotonic() + within
-        threads = [worker.thread for page in self.pages for worker in page.workers.values()]
-        for thread in threads:
-            thread.join(max(until - time.monotonic(), 0.0))
-        return not any(thread.is_alive() for thread in threads)
+            self.engines.close()
 
     def _close(self, page: TabPage) -> None:
         page.close()

@@ -1,13 +1,19 @@
 """The parts of the page of `explore`: what it computes and compiles, what it refuses, and the package without it."""
 
 import ast
+import io
+import pickle
 import stat
+import subprocess
+import sys
+import threading
 import types
 from pathlib import Path
 
 import jax.monitoring
 import markupsafe
 import numpy as np
+import psutil
 import pytest
 from bokeh.document import Document
 
@@ -18,13 +24,17 @@ from jaxshroud.explorer.centre import Centre
 from jaxshroud.explorer.controls import Controls
 from jaxshroud.explorer.diagram import Amount, Window, diagram, joined
 from jaxshroud.explorer.diagram_panel import DiagramPanel
-from jaxshroud.explorer.exploration import Exploration
+from jaxshroud.explorer.engine import Message, Service
+from jaxshroud.explorer.exploration import Exploration, method_on_page
 from jaxshroud.explorer.fields import in_si, number_fields
+from jaxshroud.explorer.jobs import Methods
 from jaxshroud.explorer.look import Recolouring, root
 from jaxshroud.explorer.opening import redirecting_file
 from jaxshroud.explorer.saves import STATIC_ROOTS, static_page
+from jaxshroud.explorer.wishes import RunWish
+from jaxshroud.explorer.worker import Outdated
 from jaxshroud.model.modes import Status
-from jaxshroud.scene.checks import SceneError
+from jaxshroud.scene.checks import InputError, SceneError
 from jaxshroud.scene.keys import ALL_KEYS
 from jaxshroud.scene.shown import shown_text, shown_value
 
@@ -238,6 +248,63 @@ def test_the_browser_is_told_the_address_by_a_file_that_others_cannot_read(monke
             assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
             assert 'content="0; url=http://127.0.0.1:5/secret"' in path.read_text()
         assert not path.parent.exists()
+
+
+@pytest.mark.parametrize(
+    "sets",
+    [["drive.omega=1e-6"], ["contact.gamma=1e12"], ["friction.k_d=1e25"], ["contact.gamma=1e300"], ["blades.m=1e-30"]],
+)
+def test_no_method_is_tried_on_numbers_that_a_page_cannot_march(exploration, sets):
+    def tried():
+        raise AssertionError("tried")
+
+    with pytest.raises(InputError, match=r"to march them|vibrations of the stiffest spring, and a page at most"):
+        method_on_page(js.load("table1", [*SMALL, *sets]), "fast", tried)
+
+
+def test_the_choice_of_a_method_ends_before_its_next_trial(exploration):
+    def outdated():
+        raise Outdated
+
+    methods = Methods()
+    with pytest.raises(Outdated):
+        methods.method(exploration, "fast", outdated)
+    assert methods.known(exploration, "fast") is None  # and nobody waits for it
+
+
+def test_an_engine_answers_with_what_the_verbs_give(exploration):
+    """Wishes and answers go through pickle, as between processes; a later wish replaces an earlier one."""
+    answers, wishes, wanted = io.BytesIO(), io.BytesIO(), (exploration, "fast")
+    for message in (
+        Message("learn", content=(*wanted, METHOD)),
+        Message("submit", "run", 1, (RunWish(exploration, wanted, 1),)),
+    ):
+        wishes.write(pickle.dumps(message))
+    wishes.seek(0)
+    ended = threading.Semaphore(0)
+    service = Service(answers, ended.release)
+    service.serve(wishes)
+    assert ended.acquire(timeout=600)
+    for worker in service.workers.values():
+        worker.close()
+    answers.seek(0)
+    answer = pickle.load(answers)
+    assert answer[:3] == ("show", "run", 1)
+    expected = js.simulate(exploration.file, n_periods=1, method=METHOD)
+    np.testing.assert_array_equal(answer.content[0].motion.x, expected.motion.x)
+
+
+def test_an_engine_ends_with_the_process_that_started_it():
+    # An engine that only waits: its input is closed when the process that holds it has gone.
+    code = """import sys, time
+from jaxshroud.explorer.engine import Engine
+engine = Engine([sys.executable, "-c", "import sys; sys.stdin.read()"])
+print(engine.process.pid, flush=True)
+time.sleep(600)"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as holder:
+        engine = psutil.Process(int(holder.stdout.readline()))
+        holder.kill()
+    engine.wait(timeout=60)
 
 
 def test_what_is_copied_is_the_scene(exploration):

@@ -1,0 +1,19 @@
+"""The process that computes for a tab of `explore`: `python -m jaxshroud.cli.engine SCENE`, started by its server."""
+
+import sys
+
+from jaxshroud.cli.commands import set_up_jax
+from jaxshroud.explorer.engine import serve
+
+
+def main(scene: str) -> None:
+    """Serve a tab about a scene until its server closes standard input."""
+    set_up_jax()
+    from jaxshroud.programs.kept import keep_list, load_ahead
+
+    load_ahead(f"explore {scene}")
+    serve(keep_list)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
