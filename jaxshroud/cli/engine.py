@@ -6,7 +6,7 @@ from jaxshroud.cli.commands import set_up_jax
 from jaxshroud.explorer.engine import serve
 
 
-def main(scene: str) -> None:
+def serve_scene(scene: str) -> None:
     """Serve a tab about a scene until its server closes standard input."""
     set_up_jax()
     from jaxshroud.programs.kept import keep_list, load_ahead
@@ -16,4 +16,4 @@ def main(scene: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    serve_scene(sys.argv[1])

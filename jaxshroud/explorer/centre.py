@@ -20,7 +20,7 @@ from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import Key, parse_key
 from jaxshroud.scene.parts import Direction
-from jaxshroud.scene.shown import shown_text, shown_value
+from jaxshroud.scene.shown import read_shown, shown_text
 
 WAYS: dict[str, Direction] = {
     "from rest": "independent",
@@ -238,6 +238,6 @@ def _end(key: Key, text: str) -> Any:
         InputError: It is no number.
     """
     try:
-        return shown_value(key, text)
+        return read_shown(key, text)
     except ValueError as error:
         raise InputError(f"{text} {error}") from None

@@ -25,7 +25,7 @@ from jaxshroud.verbs.row_accuracy import row_choice
 
 # Tables whose entries decide what is in a compiled program.
 STRUCTURE_TABLES = ("parts", "row")
-MAX_ANGLE = 2e4  # omega_max times a drive period: some 1e5 steps, a minute of a diagram
+MAX_PAGE_ANGLE = 2e4  # omega_max times a drive period: some 1e5 steps, a minute of a diagram
 STIFFENING = ("contact.gamma", "contact.k", "friction.k_d")
 
 
@@ -123,10 +123,10 @@ def _check_length(lanes: Scene) -> None:
     if not lanes_that_auto_steps_follow(lanes).all():
         raise InputError("these numbers are too large, or a spring too stiff or a drive too slow, to march them")
     omega_max, period = stiffest(lanes, 1)
-    if omega_max * period > MAX_ANGLE:
+    if omega_max * period > MAX_PAGE_ANGLE:
         raise InputError(
             f"a drive period takes {omega_max * period / (2 * math.pi):.2g} vibrations of the stiffest spring, and a "
-            f"page at most {MAX_ANGLE / (2 * math.pi):.0f}; the command simulate marches it"
+            f"page at most {MAX_PAGE_ANGLE / (2 * math.pi):.0f}; the command simulate marches it"
         )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import ALL_KEYS, Key, key_in
-from jaxshroud.scene.shown import shown_text, shown_value
+from jaxshroud.scene.shown import read_shown, shown_text
 
 # In the order of the page; of rivals a scene gives one.
 FIELD_KEYS = (
@@ -26,7 +26,7 @@ AROUND_VALUE = (
 SLIDER_STEPS = 200
 REACH = 3.0  # of a slider, times the value
 NICE_STEPS = (1.0, 2.0, 5.0, 10.0)
-SMALLEST, LARGEST = 1e-100, 1e100  # values that a slider can have
+LEAST_SLID, MOST_SLID = 1e-100, 1e100  # values that a slider can have
 DIGITS = 9  # of what a slider gives
 
 
@@ -59,7 +59,7 @@ class NumberField(NamedTuple):
     def refusal(self, text: str) -> str | None:
         """What is wrong with a text whose number is out of the range of the key, in the unit that is shown."""
         try:
-            values = np.ravel(shown_value(self.key, text))
+            values = np.ravel(read_shown(self.key, text))
         except ValueError:
             return None
         allowed, (unit, factor) = self.key.range, self.key.shown
@@ -72,7 +72,7 @@ class NumberField(NamedTuple):
 
 def in_si(key: Key, shown: float) -> float:
     """A number of few digits in the unit that is shown, as one would type it, in SI units."""
-    return float(shown_value(key, f"{shown:.{DIGITS}g}"))
+    return float(read_shown(key, f"{shown:.{DIGITS}g}"))
 
 
 def few_digits(key: Key, value: float) -> float:
@@ -95,7 +95,7 @@ def _gives(given: dict, row: Key) -> bool:
 def _number_field(row: Key, value: Any, file: SceneFile) -> NumberField:
     text = shown_text(row, value)
     shown = math.nan if isinstance(value, list | tuple) else float(value) * row.shown[1]
-    if shown and not SMALLEST < abs(shown) < LARGEST:
+    if shown and not LEAST_SLID < abs(shown) < MOST_SLID:
         return NumberField(row, None, text, 0.0, 1.0, 0.01)
     low, high = _slider_ends(row, shown, row.shown[1], file)
     step = _nice_step((high - low) / SLIDER_STEPS)

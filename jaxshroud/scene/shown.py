@@ -32,7 +32,7 @@ def _written(number: Decimal) -> str:
     return format(number, "f") if number.adjusted() in PLAIN else f"{number:e}"
 
 
-def shown_value(key: Key, text: str) -> Any:
+def read_shown(key: Key, text: str) -> Any:
     """What a text gives for a key, in SI units: bare numbers are in the unit that is shown, others name their own.
 
     Returns:
@@ -41,21 +41,21 @@ def shown_value(key: Key, text: str) -> Any:
     Raises:
         ValueError: It is neither, or of another unit.
     """
-    value = to_si(key.unit, _with_unit(literal(text.strip(), Decimal), key.shown[0]))
+    value = to_si(key.unit, _in_shown_unit(literal(text.strip(), Decimal), key.shown[0]))
     if not are_numbers(value):
         raise ValueError("is not a number")
     return value
 
 
-def _with_unit(value: Any, unit: str) -> Any:
+def _in_shown_unit(value: Any, unit: str) -> Any:
     if isinstance(value, list):
-        return [_with_unit(one, unit) for one in value]
+        return [_in_shown_unit(one, unit) for one in value]
     return f"{value} {unit}" if isinstance(value, int | Decimal) and not isinstance(value, bool) else value
 
 
 def override_of(key: Key, text: str) -> str:
-    """A text as the value of an override, as `shown_value` reads it; what is no number is left to the schema."""
+    """A text as the value of an override, as `read_shown` reads it; what is no number is left to the schema."""
     try:
-        return repr(shown_value(key, text))
+        return repr(read_shown(key, text))
     except ValueError:
         return text.strip()

@@ -40,8 +40,8 @@ COMMON_FACTORS = {
 }
 # Revolutions per minute as drawings and German name-plates write them: U/min, 1/min, min^-1.
 PER_MINUTE = re.compile(r"(?:U|(?:1\s*)?)\s*/\s*min|min\s*(?:\^\s*-\s*1|\*\*\s*-\s*1|-1|⁻¹)")
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,4})?"
-QUANTITY = re.compile(rf"\s*({NUMBER})\s*((?:1\s*/|[^\d\s#])[^#]{{0,60}})?")
+REAL_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,4})?"
+QUANTITY = re.compile(rf"\s*({REAL_NUMBER})\s*((?:1\s*/|[^\d\s#])[^#]{{0,60}})?")
 
 
 def in_rpm(speed: float) -> float:

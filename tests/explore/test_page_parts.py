@@ -36,7 +36,7 @@ from jaxshroud.explorer.worker import Outdated
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import InputError, SceneError
 from jaxshroud.scene.keys import ALL_KEYS
-from jaxshroud.scene.shown import shown_text, shown_value
+from jaxshroud.scene.shown import read_shown, shown_text
 
 ROOT = Path(js.__file__).parent
 OF_THE_EXTRA = {"bokeh", "tornado", "jinja2"}
@@ -176,7 +176,7 @@ def test_a_field_reads_what_it_shows_also_with_a_number_per_blade():
     assert shown == {"drive.beta": "[28.64788975654116, 34.37746770784939]", "blades.k_x": "[100, 120]"}
     for key, text in shown.items():
         value = fields.type(key, "1")[0]
-        assert value == shown_value(ALL_KEYS[key], "1")
+        assert value == read_shown(ALL_KEYS[key], "1")
         assert fields.type(key, text)[1:] == (text, "")
     assert fields.exploration.file.given_tables["drive"]["beta"] == (0.5, 0.6)
     assert fields.exploration.file.given_tables["blades"]["k_x"] == (1e5, 1.2e5)
@@ -212,8 +212,8 @@ def test_after_an_absurd_number_the_fields_live_on(text):
     fields = Fields()
     for key in ("shroud.gap", "drive.F_0", "blades.c_x"):
         value, _, said = fields.type(key, text)
-        assert said or value == shown_value(ALL_KEYS[key], text)
-        assert fields.type(key, "0.25")[0] == shown_value(ALL_KEYS[key], "0.25")
+        assert said or value == read_shown(ALL_KEYS[key], text)
+        assert fields.type(key, "0.25")[0] == read_shown(ALL_KEYS[key], "0.25")
         assert fields.controls.fields[key].message.text == ""
 
 

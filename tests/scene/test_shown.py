@@ -8,7 +8,7 @@ import pytest
 
 from jaxshroud.scene.config import SceneError, load, parse
 from jaxshroud.scene.keys import ALL_KEYS, RowSize, number_shape
-from jaxshroud.scene.shown import override_of, shown_text, shown_value
+from jaxshroud.scene.shown import override_of, read_shown, shown_text
 
 VALUES = 1000  # of each key and shape
 SHAPES = None, RowSize(3), RowSize(12, True)  # of the pair, of a chain and of a ring
@@ -33,10 +33,10 @@ def test_what_is_shown_of_a_number_reads_as_that_number(name):
     key, of = ALL_KEYS[name], random.Random(name)
     values = [draw(of) for _ in range(VALUES)]
     texts = [shown_text(key, value) for value in values]
-    assert [shown_value(key, text) for text in texts] == values
+    assert [read_shown(key, text) for text in texts] == values
     for (size,) in {number_shape(key, row) for row in SHAPES} - {()}:
         lists = [values[i : i + size] for i in range(0, VALUES, size)]
-        assert [shown_value(key, shown_text(key, one)) for one in lists] == lists
+        assert [read_shown(key, shown_text(key, one)) for one in lists] == lists
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_what_is_shown_of_a_number_reads_as_that_number(name):
 )
 def test_a_bare_number_is_in_the_unit_that_is_shown_and_others_in_their_own(name, text, value):
     # math.radians and pi / 30 are rounded once more than the exact conversion.
-    np.testing.assert_allclose(shown_value(ALL_KEYS[name], text), value, rtol=3e-16)
+    np.testing.assert_allclose(read_shown(ALL_KEYS[name], text), value, rtol=3e-16)
 
 
 COMMAS = [
@@ -85,7 +85,7 @@ def test_a_comma_is_refused_with_the_cure_wherever_it_is_written(name, text):
 @pytest.mark.parametrize("text", ["0.4 # no", "0.4 0.5", "0.4]\nx=[1", "[0.4", "0.4 0", "−5", "1 000", "true", ""])
 def test_what_is_no_number_is_not_read_in_part(text):
     with pytest.raises(ValueError, match=r"is not a number|has an unknown unit"):
-        shown_value(ALL_KEYS["friction.mu"], text)
+        read_shown(ALL_KEYS["friction.mu"], text)
     with pytest.raises(SceneError):
         load("table1", [f"friction.mu={text}"])
 
