@@ -104,6 +104,11 @@ class Tab:
         if levels == LEVELS:
             self.wait(f"{of}('status_text').text.includes('Ready')")
 
+    def wait_status(self, word):
+        """Wait until the status of the page has a word."""
+        of = "Bokeh.documents.length > 0 && Bokeh.documents[0].get_model_by_name('status_text').text"
+        self.wait(f"{of}.includes('{word}')")
+
     def changes(self, name, act):
         """Do something, and wait for what follows; the time until the columns of a source had changed [s]."""
         code = "name => { window.changed = 0; const source = Bokeh.documents[0].get_model_by_name(name);"

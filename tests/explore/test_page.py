@@ -222,7 +222,7 @@ def test_a_closed_tab_ends_its_work_while_it_compiles(chrome):
     """Nothing stops a compiler but the end of its process."""
     with served(*SMALL, "--set", "contact.reading=levers") as server:
         other = Tab(chrome, server.address)
-        other.wait("Bokeh.documents.length > 0 && document.body.innerText.includes('choosing the method')")
+        other.wait_status("choosing")
         (engine,) = psutil.Process(server.process.pid).children()
         other.context.close()
         engine.wait(timeout=60)  # how soon is told by the study of fields

@@ -181,7 +181,7 @@ def closed(n: int, seed: int, chrome: Any) -> list[float]:
     with served("table1", "--set", "contact.reading=levers") as server:
         for _ in range(n):
             tab = Tab(chrome, server.address)
-            tab.wait("Bokeh.documents.length > 0 && document.body.innerText.includes('choosing the method')")
+            tab.wait_status("choosing")
             engine = psutil.Process(server.process.pid).children()[-1]
             time.sleep(draw.uniform(0, LONGEST_WORK))
             tab.context.close()
