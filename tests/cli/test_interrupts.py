@@ -228,7 +228,7 @@ def test_a_sweep_whose_terminal_is_closed_keeps_the_lanes_that_had_ended(tmp_pat
     os.close(own)
     with open(terminal, closefd=True) as told:
         for line in told:
-            if line.split() and int(line.split()[0]) > 20 * 64 * 20:
+            if line.split() and float(line.split()[0]) > 20 * 64 * 20:
                 break
     assert process.wait(timeout=600) == 130
     with xr.open_dataset(tmp_path / "s" / "sweep.nc", engine="h5netcdf") as ds:
