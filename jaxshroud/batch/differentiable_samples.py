@@ -41,6 +41,7 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.programs.kept import is_traced, kept
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
@@ -156,6 +157,8 @@ def batching_by_lanes(f: Callable[..., Tree]) -> Callable[..., Tree]:
 
     @call.def_vmap
     def _(size, batched, *args):
+        if not size:
+            raise InputError("There is nothing to run: jax.vmap was given an axis of no lanes.")
         every = jax.tree.map(lambda a, own: a if own else jnp.broadcast_to(a, (size, *a.shape)), args, tuple(batched))
         out = call(*jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), every))
         return jax.tree.map(lambda a: a.reshape(size, -1, *a.shape[1:]), out), jax.tree.map(lambda _: True, out)

@@ -130,6 +130,9 @@ def _measurements(table: Mapping[str, Any], where: str, rows: Sequence[str] | No
     channels = [CHANNELS[name] for name in columns if name in CHANNELS]
     _check_channels(channels, is_history, columns, where)
     _check_axis(at, is_history, where, rows)
+    for channel in channels:
+        if not is_history and (columns[channel.name] < 0).any():
+            raise InputError(f"{where}: {channel.name} is an amplitude, and cannot be negative")
     values = np.stack([columns[channel.name] for channel in channels], axis=1)
     kind = "history" if is_history else "response"
     return Measurements(kind, at, tuple(channels), values, _sigma(columns, channels, where))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar, overloa
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion, keys_of_table
 from jaxshroud.scene.typed import Tree
 
@@ -113,7 +114,13 @@ class MotionVariable(Variable[Motion]):
             yield name, ((*lanes, *self.dims, "blade"), np.asarray(array), attributes)
 
     def read(self, data: "xr.Dataset") -> Motion:
-        """A `Motion` of arrays."""
+        """A `Motion` of arrays.
+
+        Raises:
+            InputError: The run has kept none.
+        """
+        if "x" not in data:
+            raise InputError("This result keeps no samples of the motion: it was made with keep_samples=False.")
         return Motion(*(data[name].to_numpy() for name in Motion._fields))
 
 

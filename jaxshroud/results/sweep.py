@@ -98,8 +98,8 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
 
     @property
     def gap(self) -> np.ndarray:
-        """The initial gap of each lane [m]."""
-        return self.data["gap"].broadcast_like(self.data["status"]).transpose(*self.dims).to_numpy()
+        """The initial gap of each lane, in a row at each interface where they differ (..., interface) [m]."""
+        return self.data["gap"].broadcast_like(self.data["status"]).transpose(*self.dims, ...).to_numpy()
 
     @property
     def penetrations(self) -> np.ndarray:

@@ -174,6 +174,14 @@ def check_independent(keys: Sequence[str], row: RowSize | None = None) -> None:
                 raise KeyNameError(f"{other} and {name} are one number; name one of them")
 
 
+def check_disjoint(keys: Sequence[str], row: RowSize | None = None) -> None:
+    """Raise a KeyNameError where two keys set one number, or that of one blade and of all."""
+    for i, key in enumerate(keys):
+        for other in keys[:i]:
+            if same_quantity(other, key, row):
+                raise KeyNameError(f"{other} and {key} are, at least partly, one number; name one of them")
+
+
 def check_known(key: str, given: Collection[str], where: str = "", row: RowSize | None = None) -> None:
     """Raise a KeyNameError, which begins with `where`, unless a scene that is `given` so has what a key needs.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.checks import InputError, SceneError
-from jaxshroud.scene.derived_inputs import check_independent
+from jaxshroud.scene.derived_inputs import check_disjoint
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import RowSize, find_key, number_shape
 from jaxshroud.scene.numbers import fields_of, replaced
@@ -26,6 +26,7 @@ def grid_of_scenes(scene: Scene, axes: Mapping[str, np.ndarray]) -> Scene:
         KeyNameError: There is no such number.
         SceneError: A value is out of its range.
     """
+    check_disjoint(list(axes), scene.row_size)
     for key, values in axes.items():
         check_values(find_key(key, row=scene.row_size)[0], np.asarray(values), key)
     return _with_axes(scene, dict(zip(axes, np.ix_(*axes.values()), strict=True)), tuple(map(len, axes.values())))
@@ -83,7 +84,7 @@ def scenes_from(table: object, base: Scene | SceneFile) -> Scene:
     if not sizes or len(set(sizes.values())) > 1 or 0 in sizes.values():
         lengths = ", ".join(f"{key}: {n}" for key, n in sizes.items()) or "no column"
         raise SceneError(f"a table needs columns of one length and at least one row, but has {lengths}")
-    check_independent(list(columns), scene.row_size)
+    check_disjoint(list(columns), scene.row_size)
     return scenes_at(scene, list(columns), np.stack(list(columns.values()), axis=-1))
 
 

@@ -176,6 +176,10 @@ class Row(eqx.Module):
     def __init__(self, blades: int, closed: bool = False, mistuning: Any = 0.0):
         if not isinstance(blades, int) or isinstance(blades, bool) or not MIN_BLADES <= blades <= MAX_BLADES:
             raise InputError(f"A row has from {MIN_BLADES} to {MAX_BLADES} blades, not {short_repr(blades)}.")
+        if not isinstance(closed, bool | np.bool_):
+            raise InputError(f"Argument `closed` of a row must be True or False, but is {short_repr(closed)}.")
+        if np.ndim(mistuning) > 1:
+            raise InputError(f"A row has one mistuning for each blade, but its shape is {np.shape(mistuning)}.")
         self.blades, self.closed = blades, bool(closed)
         check_number(ROW_KEYS["row.mistuning"], mistuning, self.size)
         self.mistuning = jnp.full(blades, mistuning, float) if np.ndim(mistuning) == 0 else per_blade(mistuning)

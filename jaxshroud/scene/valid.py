@@ -9,7 +9,7 @@ from jax.core import Tracer
 from numpy.typing import NDArray
 
 from jaxshroud.scene.checks import InputError, Precision, SceneError
-from jaxshroud.scene.keys import KEYS, Key, RowSize, number_shape
+from jaxshroud.scene.keys import KEYS, Key, RowSize, find_key, number_shape
 from jaxshroud.scene.typed import are_numbers, short_repr
 from jaxshroud.scene.units import to_si
 
@@ -36,6 +36,12 @@ def check_numbers(table: str, holder: object) -> None:
             check_shape(key, value, None)
     for key, value in given:
         _check_range(key, value)
+
+
+def check_continuous(key: str, row: RowSize | None) -> None:
+    """Raise a SceneError for a number that is whole, such as a ring's engine order: between its values lies nothing."""
+    if find_key(key, row=row)[0].range.whole:
+        raise SceneError(f"{key} is a whole number here, which nothing can follow or differentiate; name another one")
 
 
 def check_number(key: Key, value: Any, row: RowSize | None = None) -> None:

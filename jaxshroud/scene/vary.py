@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxshroud.scene.checks import KeyNameError, SceneError
+from jaxshroud.programs.kept import is_traced
+from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, check_independent, check_known, inputs_by_key, inputs_in
 from jaxshroud.scene.keys import ALL_KEYS, KEYS, ROW_KEYS, find_key, number_shape
 from jaxshroud.scene.numbers import expressed_by, fields_of, given_of, numbers_of, replaced
@@ -98,7 +99,10 @@ def value_of(scene: Scene, key: str) -> float:
 
     Raises:
         KeyNameError: There is no such number, or the blades differ and the key has neither `[0]` nor `[1]`.
+        InputError: The scene is traced.
     """
+    if is_traced(scene):
+        raise InputError(f"`value_of` returns a plain number, of which JAX traces nothing: take scene.{key} itself.")
     named, index = find_key(key, row=scene.row_size)
     values = _all_values(scene, key)
     if index is None and len(set(values)) > 1:

@@ -151,8 +151,8 @@ def accuracy_level(accuracy: str | float) -> float:
         ValueError: It is neither one of `NAMED` nor a number from 1e-10 to 1e-2.
     """
     try:
-        value = NAMED[accuracy] if accuracy in NAMED else float(accuracy)  # type: ignore[index]
-    except ValueError:
+        value = NAMED[accuracy] if isinstance(accuracy, str) and accuracy in NAMED else float(accuracy)
+    except (TypeError, ValueError):  # of an array of many numbers, or of one that is traced
         value = np.nan
     if not LEVELS[-1] * 0.999 <= value <= LEVELS[0] * 1.001:
         raise InputError(f"must be {', '.join(NAMED)} or a number from 1e-10 to 1e-2, but is {accuracy!r}")

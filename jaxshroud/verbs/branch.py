@@ -25,7 +25,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.scene.valid import in_precision
+from jaxshroud.scene.valid import check_continuous, in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
 from jaxshroud.verbs.lanes import one_scene, with_tangents
 from jaxshroud.verbs.options import check_row, resolve_options
@@ -171,6 +171,7 @@ def range_of(scene: Scene | SceneFile, along: str, start: float | None, stop: fl
     if along.startswith("initial."):
         advice = "follow a number of the scene, or vary starts by `sweep` and `basins`"
         raise InputError(f"{along} is where a run starts, and an orbit does not depend on it: {advice}.")
+    check_continuous(along, (scene.scene if isinstance(scene, SceneFile) else scene).row_size)
     own: Sequence[float] = ()
     if isinstance(scene, SceneFile):
         own = next((np.asarray(axis.values).tolist() for axis in scene.axes if axis.key == along), ())

@@ -18,11 +18,12 @@ from jaxshroud.motion.averages import stiffnesses
 from jaxshroud.motion.levels import check_resonance, check_vibration, free_level, levels_of
 from jaxshroud.results.tuned import PENALTY, DesignJudgement
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.derived_inputs import check_disjoint
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.keys import RowSize, find_key
 from jaxshroud.scene.quantities import Quantity, amplitude_of, check_quantity, is_reduction
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.scene.valid import check_values, in_precision
+from jaxshroud.scene.valid import check_continuous, check_values, in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
 from jaxshroud.verbs.scattering import Scattering, check_ends, check_overlap, cube_corners
 
@@ -111,6 +112,9 @@ def problem_of(
     shared = set(over) & set(conditions)
     if shared:
         raise InputError(f"{sorted(shared)[0]} is both tuned and an operating condition.")
+    check_disjoint([*over, *conditions], scene.row_size)
+    for key, values in conditions.items():
+        check_condition(key, values, scene.row_size)
     condition_values = {key: tuple(float(v) for v in np.ravel(values)) for key, values in conditions.items()}
     n_scattering = 0 if scattering is None else min(len(scattering.keys), 4)
     n_corners = math.prod(map(len, condition_values.values())) << (min(len(over), 8) + n_scattering)
@@ -158,6 +162,13 @@ def _check_scattering(problem: Problem) -> None:
     check_ends(scattering.keys, columns, problem.scene.row_size)
 
 
+def check_condition(key: str, values: Sequence[float], row: RowSize | None) -> None:
+    """Raise an InputError unless there are values, all in the range of the number."""
+    if not np.size(values):
+        raise InputError(f"The operating condition {key} has no value.")
+    check_values(find_key(key, row=row)[0], np.ravel(values).astype(float), f"{key}, as an operating condition,")
+
+
 def check_bounds(over: Mapping[str, tuple[float, float]], row: RowSize | None = None) -> None:
     """Raise an InputError unless there is a number, and the bounds of each are finite, in order and in its range."""
     if not over:
@@ -165,6 +176,7 @@ def check_bounds(over: Mapping[str, tuple[float, float]], row: RowSize | None = 
     for key, (low, high) in over.items():
         if not -np.inf < low < high < np.inf:
             raise InputError(f"The bounds of {key} must be finite and in order, but are {low} and {high}.")
+        check_continuous(key, row)
         check_values(find_key(key, row=row)[0], np.array([low, high]), f"{key}, at its bounds,")
 
 

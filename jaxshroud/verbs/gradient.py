@@ -28,6 +28,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.quantities import Quantity, check_quantity, is_reduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
+from jaxshroud.scene.valid import check_continuous
 from jaxshroud.scene.vary import level_of, numbers_that_count, with_numbers
 from jaxshroud.verbs.lanes import RequestedLanes, results_of_all, warn_failed, with_tangents
 from jaxshroud.verbs.options import check_row, resolve_options
@@ -126,7 +127,7 @@ def gradient(
     if isinstance(wrt, str):
         wrt = numbers_that_count(resolved.scene) if wrt == "all" else (wrt,)
     check_quantity(of, resolved.scene.parts, resolved.scene.row is not None)
-    _check_names(wrt)
+    _check_names(wrt, resolved.scene)
     if is_reduction(of):
         for check in (check_vibration, check_resonance):
             check(of, resolved.lanes, np.all)
@@ -180,9 +181,11 @@ def on_orbit(found: Orbit, wrt: Sequence[str], of: Quantity = "P_d") -> Gradient
     return Gradient.of_slopes([run_alone(orbit_gradient(cycle, wrt, of))], wrt, of, found, numbers)
 
 
-def _check_names(wrt: Sequence[str]) -> None:
+def _check_names(wrt: Sequence[str], scene: Scene) -> None:
     if not len(wrt):
         raise InputError("Argument `wrt` must name at least one number of the scene.")
+    for key in wrt:
+        check_continuous(key, scene.row_size)
 
 
 @typed
@@ -212,7 +215,7 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Quantity = "P
         True
     """
     positive_argument("step", step)
-    _check_names(wrt)
     cycle = found.cycle()
+    _check_names(wrt, cycle.scene)
     check_quantity(of, cycle.scene.parts, cycle.scene.row is not None)
     return differences_on(cycle, wrt, step, of)

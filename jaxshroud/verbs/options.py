@@ -191,7 +191,7 @@ def _method_options(
         return None, None, None
     if not isinstance(method, Method):
         _check_accuracy(method)
-        return None, None, method
+        return None, None, method if isinstance(method, str) else float(method)
     return (method.steps, method, None) if method.choice is None else (None, None, method.choice)
 
 
@@ -269,7 +269,11 @@ def _check_accuracy(accuracy: str | float) -> None:
     try:
         accuracy_level(accuracy)
     except InputError as error:
-        hint = f'; a method of that name is js.RungeKutta("{accuracy}")' if accuracy in TABLEAUS else ""
+        hint = (
+            f'; a method of that name is js.RungeKutta("{accuracy}")'
+            if isinstance(accuracy, str) and accuracy in TABLEAUS
+            else ""
+        )
         raise InputError(f"Argument `method` {error}{hint}") from None
 
 
@@ -328,7 +332,7 @@ def leading_axes(scene: Scene) -> tuple[int, ...]:
     """The shape of the leading axes of scenes; () for a single scene.
 
     Raises:
-        InputError: The numbers disagree in their leading axes.
+        InputError: The numbers disagree in their leading axes, or one of these is empty.
     """
     refuse_traced(scene)
     ranks = {key: len(number_shape(ALL_KEYS[key], scene.row_size)) for key in numbers_of(scene)}
@@ -342,7 +346,10 @@ def leading_axes(scene: Scene) -> tuple[int, ...]:
             f"The scenes' numbers disagree in their leading axes: {one} has {a}, but {other} has {b}; "
             "make them with jax.vmap or js.scenes_from, which give all the same."
         )
-    return next(iter(first_keys))
+    (shape,) = first_keys
+    if 0 in shape:
+        raise InputError(f"There are no scenes: their leading axes are {shape}.")
+    return shape
 
 
 def names_of(shape: tuple[int, ...], dims: Sequence[str] | None) -> tuple[str, ...]:

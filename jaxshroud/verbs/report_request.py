@@ -11,12 +11,10 @@ from jaxshroud.motion.levels import check_resonance, check_vibration
 from jaxshroud.results.tuned import Tuned
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument
 from jaxshroud.scene.grids import scenes_at
-from jaxshroud.scene.keys import RowSize, find_key
 from jaxshroud.scene.quantities import RequiredReduction, check_quantity
 from jaxshroud.scene.scene import Scene
-from jaxshroud.scene.valid import check_values
 from jaxshroud.scene.vary import value_of, with_numbers
-from jaxshroud.verbs.design_problem import design_corners, problem_of
+from jaxshroud.verbs.design_problem import check_condition, design_corners, problem_of
 from jaxshroud.verbs.options import ResolvedOptions
 from jaxshroud.verbs.report_sections import Limits
 from jaxshroud.verbs.scatter import check_at_least, draw_rows
@@ -61,19 +59,12 @@ def varied_by(scene: Scene, scatters: Bounds, conditions: Conditions) -> Scene:
     """
     scene = with_numbers(scene, list(dict.fromkeys([*scatters, *conditions])))
     for key, values in conditions.items():
-        _check_condition(key, values, scene.row_size)
+        check_condition(key, values, scene.row_size)
     in_conditions = scenes_at(scene, list(conditions), np.array(list(product(*conditions.values())), float))
     if not scatters:
         return in_conditions
     at_ends = design_corners(problem_of(scene, scatters, {}))
     return jax.tree.map(lambda *a: np.concatenate(a), in_conditions, at_ends)
-
-
-def _check_condition(key: str, values: Sequence[float], row: RowSize | None) -> None:
-    """Raise an InputError unless there are values, all in the range of the number."""
-    if not np.size(values):
-        raise InputError(f"The operating condition {key} has no value.")
-    check_values(find_key(key, row=row)[0], np.ravel(values).astype(float), f"{key}, as an operating condition,")
 
 
 def check_report(

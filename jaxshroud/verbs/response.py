@@ -102,6 +102,8 @@ def response(
     family = {} if over is None else {key: np.atleast_1d(np.asarray(values, float)) for key, values in over.items()}
     if len(family) > 1 or along in family:
         raise InputError("Argument `over` must be one number, and another one than `along`.")
+    if not all(values.size for values in family.values()):
+        raise InputError("Argument `over` needs at least one value of its number.")
     plain = one_scene("response", scene, rows=True)
     if plain.row is not None:
         check_row(plain)

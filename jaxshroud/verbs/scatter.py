@@ -25,7 +25,7 @@ from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d, c
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, with_numbers
-from jaxshroud.verbs.design_problem import check_bounds, check_objective
+from jaxshroud.verbs.design_problem import check_bounds, check_condition, check_objective
 from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.options import ResolvedOptions, check_row, resolve_options
 from jaxshroud.verbs.scattering import Spread, probability_values, scatter_bounds
@@ -102,6 +102,8 @@ def scatter(
     if nominal.row is not None:
         check_row(nominal)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, rows=True)
+    for key, values in (conditions or {}).items():
+        check_condition(key, values, nominal.row_size)
     condition_values = {key: np.ravel(values).astype(float) for key, values in (conditions or {}).items()}
     per_draw = math.prod(map(len, condition_values.values()))
     check_objective(of, nominal)
