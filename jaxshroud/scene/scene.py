@@ -173,7 +173,7 @@ class Row(eqx.Module):
     closed: bool = eqx.field(static=True)
     mistuning: PerBlade  # relative deviation of the stiffnesses k_x, k_y and k_T of each blade
 
-    def __init__(self, blades: int, closed: bool = False, mistuning: Any = 0.0):
+    def __init__(self, blades: int, closed: Any = False, mistuning: Any = 0.0):
         if not isinstance(blades, int) or isinstance(blades, bool) or not MIN_BLADES <= blades <= MAX_BLADES:
             raise InputError(f"A row has from {MIN_BLADES} to {MAX_BLADES} blades, not {short_repr(blades)}.")
         if not isinstance(closed, bool | np.bool_):

@@ -144,7 +144,7 @@ def _accuracy_table() -> list[list[dict[str, list]]]:
     return json.loads((Path(__file__).parent / "accuracy.json").read_text("utf-8"))
 
 
-def accuracy_level(accuracy: str | float) -> float:
+def accuracy_level(accuracy: Any) -> float:
     """The accuracy that a name or a number stands for.
 
     Raises:

@@ -9,6 +9,7 @@ import jaxshroud as js
 from jaxshroud.batch.rollout import rollout
 from jaxshroud.io.measurements import measurements_from
 from jaxshroud.motion.effects import between, with_interval
+from jaxshroud.verbs.accuracy import accuracy_level
 
 IN_X = ['parts.motion=["x"]']
 HOW = {"n_periods": 2, "transient": 1, "method": js.RungeKutta(steps=100)}
@@ -53,7 +54,6 @@ def over_no_lanes(scene):
             lambda pair, ring: js.method_for(pair, jnp.array([1e-3, 1e-4])),
             "must be fast, balanced, reference or a number",
         ),
-        (lambda pair, ring: js.simulate(pair, method=jnp.array(1.0)), "must be fast, balanced, reference or a number"),
         (
             lambda pair, ring: jax.jit(lambda gap: js.value_of(js.vary(pair, "shroud.gap", gap), "shroud.gap"))(1e-5),
             "take scene.shroud.gap itself",
@@ -123,6 +123,8 @@ def test_gaps_of_a_swept_row_are_those_of_its_interfaces(ring):
     assert row.gap.shape == (2, 3)
 
 
-@pytest.mark.full
-def test_an_accuracy_may_be_an_array_of_one_number(pair):
-    assert js.method_for(pair, jnp.array(1e-3)) == js.method_for(pair, 1e-3)
+def test_an_accuracy_may_be_an_array_of_one_number():
+    assert accuracy_level(jnp.array(1e-3)) == 1e-3
+    for wrong in (jnp.array([1e-3, 1e-4]), jnp.array(1.0)):
+        with pytest.raises(js.InputError, match="must be fast, balanced, reference or a number"):
+            accuracy_level(wrong)
