@@ -51,10 +51,6 @@ def over_no_lanes(scene):
         (lambda pair, ring: over_no_lanes(ring), "an axis of no lanes"),
         (lambda pair, ring: js.rollout(pair, save="N"), "`save` must be a function"),
         (
-            lambda pair, ring: js.method_for(pair, jnp.array([1e-3, 1e-4])),
-            "must be fast, balanced, reference or a number",
-        ),
-        (
             lambda pair, ring: jax.jit(lambda gap: js.value_of(js.vary(pair, "shroud.gap", gap), "shroud.gap"))(1e-5),
             "take scene.shroud.gap itself",
         ),
