@@ -296,3 +296,15 @@ def test_events_of_a_long_method():
     np.testing.assert_array_equal(got.mode, fine.mode)
     # Both locate events to 1e-6 of a step and better; RK4 errs by some 1e-7 at 400 steps.
     np.testing.assert_allclose(got.t, fine.t, rtol=1e-5)
+
+
+def test_a_contact_that_has_not_ended_counts_in_no_impulse():
+    # The blades meet within the only period, whose end is within their contact: half an oscillation on its spring is
+    # 1.1 ms, the period 0.3 ms. The longest and the mean impulse are both of no contact yet.
+    meet = ['parts.motion=["x"]', "initial.v_x=[1,-1]", "drive.omega=20000"]
+    how = dict(n_periods=1, transient=0, forces=True, method=js.RungeKutta(steps=100))
+    swept = sweep(js.load("table1", meet).scene, {"drive.F_0": [60.0]}, **how)
+    assert swept.impacts[0] == 1
+    assert swept.N_max[0] > 0
+    assert swept.impulse_max[0] == 0
+    assert np.isnan(swept.impulse_mean[0])
