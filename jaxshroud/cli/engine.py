@@ -1,6 +1,8 @@
 """The process that computes for a tab of `explore`: `python -m jaxshroud.cli.engine SCENE`, started by its server."""
 
 import sys
+from contextlib import redirect_stderr
+from io import StringIO
 
 from jaxshroud.cli.commands import set_up_jax
 from jaxshroud.explorer.engine import serve
@@ -8,7 +10,8 @@ from jaxshroud.explorer.engine import serve
 
 def serve_scene(scene: str) -> None:
     """Serve a tab about a scene until its server closes standard input."""
-    set_up_jax()
+    with redirect_stderr(StringIO()):  # what there is to say, the server has said
+        set_up_jax()
     from jaxshroud.programs.kept import keep_list, load_ahead
 
     load_ahead(f"explore {scene}")
