@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,6 +32,7 @@ from jaxshroud.motion.short_runs import (
 )
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import FloatArray
 
 LEVELS = tuple(10.0**-n for n in range(2, 11))
 
@@ -111,6 +113,16 @@ PARALLEL_TILT = 0.1  # see `least_tilt`
 TILTED, PARALLEL = 0, 1  # places in the table
 EndStates = Callable[[Scene, int, Choices], np.ndarray]
 FORCE_PERTURBATION = 2.0**-50  # relative
+START_SHIFT = 1e-12  # of each displacement; of accuracies below 1e-9 a thousandth of them
+START_SIGNS = np.array(  # of x, y, theta of both blades
+    [
+        [(1, -1), (1, 1), (-1, 1)],
+        [(1, 1), (-1, -1), (-1, 1)],
+        [(-1, -1), (-1, -1), (-1, -1)],
+        [(1, 1), (-1, 1), (-1, 1)],
+    ]
+)
+ROUNDINGS = 125.0  # errors over what such a shift makes of itself, where faces rock thousands of times
 ACCEPTABLE_RATIO = 2.0  # to the smallest error, if no error is small enough: the first such setting is taken
 
 
@@ -270,13 +282,29 @@ def estimated_errors(scenes: Scene, setting: Setting, steps: int, ends: EndState
 
 
 def missed_lanes(scenes: Scene, choice: Choice, ends: EndStates = end_states) -> np.ndarray:
-    """Whether each lane (leading axis) misses the accuracy, by its estimated error after three periods.
+    """Whether each lane (leading axis) may miss the accuracy: whether four marches to the horizon differ too much.
 
-    An estimate is one draw of an error: a lane that misses by a factor of two or more is nearly always marked; one that
-    misses by less, or only later, may not be.
+    Their starts are moved, and what that makes of itself counts `ROUNDINGS` times: all methods know whether blades turn
+    against each other up to the rounding of their angles, and nearly parallel faces ask that some thousand times. A
+    fifth, finer march with twice the steps tells what flat contact drops.
     """
     flat = jax.tree.map(np.asarray, scenes)
-    return ~(estimated_errors(flat, choice.setting, choice.steps, ends) <= choice.accuracy)
+    moved = [_with_moved_start(flat, min(START_SHIFT, choice.accuracy / 1e3) * signs) for signs in START_SIGNS]
+    states = [ends(start, choice.steps, choice.method) for start in moved]
+    finer = ends(moved[-1], 2 * choice.steps, choice.setting.finer(1).exact.method)
+    grown = [ROUNDINGS * state_errors(one, other) for one, other in combinations(states, 2)]
+    return ~(np.max([*grown, state_errors(states[0], finer)], axis=0) <= choice.accuracy)
+
+
+def _with_moved_start(scenes: Scene, shares: FloatArray) -> Scene:
+    """The scenes (leading axis) with x, y, theta of the starts moved by shares of them, or of what the drive bends."""
+    b, d, start = scenes.blades, scenes.drive, scenes.initial
+    static = d.F_0 * np.cos(d.beta) / b.k_x, d.F_0 * np.sin(d.beta) / b.k_y, d.M_0 / b.k_T
+    moved = [
+        own + np.maximum(np.abs(own), np.abs(bent)) * share
+        for own, bent, share in zip((start.x, start.y, start.theta), static, shares, strict=True)
+    ]
+    return eqx.tree_at(lambda s: (s.initial.x, s.initial.y, s.initial.theta), scenes, tuple(moved))
 
 
 def warn_missed(missed: np.ndarray, choice: Choice) -> None:
