@@ -21,6 +21,7 @@ MAX_MESSAGE_LENGTH = 600  # characters of a message
 TABLE_DIGITS = 6  # of floats in tables
 LINE_INTERVAL = 10.0  # seconds from line to line of a progress report
 KNOWN_SHARE = 0.1  # of a run, after which it is told when it ends
+HEARD_WITHIN = 2.0  # seconds from a signal to the exception in the main thread, if that does not compile
 TOLD_TWICE = 1.0  # seconds within which SIGTERM or SIGHUP after a signal is the same one
 REPEATED_SIGNAL = b"\0"  # written in place of a signal's number
 
@@ -261,9 +262,9 @@ def interruptible(leave: Callable[[], None]) -> Iterator[None]:
 
     SIGTERM and SIGHUP are the same as Ctrl-C; those that follow a signal within a second are the same one told twice,
     as by a shell that ends with its terminal. Python itself hears signals only between operations of its main thread,
-    and a compilation is one operation: `leave` is called from a thread of its own. Where Python must ignore the
-    exception, as in callbacks of its garbage collector, it is raised again. Outside the main thread nothing changes,
-    nor for a signal that is ignored (`nohup`).
+    and a compilation is one operation: `leave` is called from a thread of its own, and after the first signal too where
+    the main thread has not heard it in time. Where Python must ignore the exception, as in callbacks of its garbage
+    collector, it is raised again. Outside the main thread nothing changes, nor for a signal that is ignored (`nohup`).
     """
     heeded = [number for number in END_SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
     if threading.current_thread() is not threading.main_thread() or not heeded:
@@ -291,7 +292,7 @@ def interruptible(leave: Callable[[], None]) -> Iterator[None]:
     handlers = {number: signal.signal(number, interrupt) for number in heeded}
     outer_fd = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
     sys.unraisablehook = repeat_ignored
-    listener = threading.Thread(target=_listen, args=(reader, heeded, leave), daemon=True)
+    listener = threading.Thread(target=_listen, args=(reader, heeded, is_raised, leave), daemon=True)
     listener.start()
     try:
         yield
@@ -305,8 +306,12 @@ def interruptible(leave: Callable[[], None]) -> Iterator[None]:
         os.close(reader)
 
 
-def _listen(reader: int, heeded: Sequence[signal.Signals], leave: Callable[[], None]) -> None:
+def _listen(
+    reader: int, heeded: Sequence[signal.Signals], is_raised: threading.Event, leave: Callable[[], None]
+) -> None:
     presses, since = 0, 0.0
+    deaf = threading.Timer(HEARD_WITHIN, lambda: is_raised.is_set() or leave())
+    deaf.daemon = True
     while number := os.read(reader, 1):
         if number == REPEATED_SIGNAL:
             presses -= 1  # the repetition is no press of its own
@@ -315,8 +320,11 @@ def _listen(reader: int, heeded: Sequence[signal.Signals], leave: Callable[[], N
         told_twice = presses and number[0] != signal.SIGINT and time.monotonic() < since + TOLD_TWICE
         if number[0] in heeded and not told_twice:
             presses, since = presses + 1, time.monotonic()
+            if deaf.ident is None:
+                deaf.start()
         if presses == 2:
             leave()
+    deaf.cancel()
 
 
 def _let_go_of_closed(terminals: Sequence[int]) -> None:

@@ -100,7 +100,7 @@ def begun(code, *words):
 def until(process, done):
     """Read the process's words until as many lane-periods are done."""
     for line in process.stdout:
-        if int(line.split()[0]) >= done:
+        if float(line.split()[0]) >= done:
             return
     raise AssertionError(process.stderr.read())
 
@@ -262,7 +262,7 @@ def test_what_was_written_before_an_interrupt_is_told(tmp_path, capsys, monkeypa
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sweep_verb, "draw_dataset", interrupted)
+    monkeypatch.setattr(sweep_verb, "draw", interrupted)
     words = ["sweep", "table1", *SMALL, "--along", "contact.gamma", "--values", "1,2", "--periods", "2"]
     assert cli.main([*words, "--out", str(tmp_path)]) == 130
     assert capsys.readouterr().err == f"interrupted; {tmp_path / 'sweep.nc'} was written\n"
@@ -286,6 +286,22 @@ def test_a_continued_sweep_keeps_the_rows_that_had_ended(direction):
     assert set(status.ravel()) == {Status.OK, Status.NOT_RUN}
     first, last = (status[0, 0], status[-1, 0]) if direction != "backward" else (status[-1, 0], status[0, 0])
     assert (first, last) == (Status.OK, Status.NOT_RUN)
+
+
+DEAF = """
+import hashlib, os
+from jaxshroud.cli.terminal import interruptible
+with interruptible(lambda: os._exit(77)):
+    print("deaf", flush=True)
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 50_000_000)  # some ten seconds in which Python hears nothing
+"""
+
+
+def test_an_interrupt_that_the_main_thread_does_not_hear_ends_the_process():
+    process = begun(DEAF)
+    assert process.stdout.readline() == "deaf\n"
+    process.send_signal(signal.SIGINT)
+    assert ended(process) == (77, "")  # else that of the exception, once it is heard
 
 
 def test_an_interrupt_does_not_wait_for_what_compiles():
