@@ -130,13 +130,15 @@ def shown(tab: Tab) -> dict[str, str]:
 
 def typed(tab: Tab, key: str, text: str) -> str:
     """Type a text and enter it: what is said beside the field, once the server has answered."""
+    before, said = shown(tab)[key], tab.text(f"message {key}")
     field = tab.field(key)
     field.fill(text)
     field.press("Enter")
-    code = "([key, text]) => { const named = name => Bokeh.documents[0].get_model_by_name(`${name} ${key}`);"
-    code += " return named('message').visible || named('field').value !== text; }"
+    code = "([key, ...old]) => { const named = name => Bokeh.documents[0].get_model_by_name(`${name} ${key}`);"
+    code += " const said = named('message'), value = named('field').value;"
+    code += " return (said.visible && said.text !== old[2]) || !old.slice(0, 2).includes(value); }"
     with contextlib.suppress(PlaywrightTimeout):  # what is shown already is no change
-        tab.page.wait_for_function(code, arg=[key, text], timeout=ANSWER)
+        tab.page.wait_for_function(code, arg=[key, text, before, said], timeout=ANSWER)
     return tab.text(f"message {key}")
 
 
