@@ -179,7 +179,8 @@ def check_disjoint(keys: Sequence[str], row: RowSize | None = None) -> None:
     for i, key in enumerate(keys):
         for other in keys[:i]:
             if same_quantity(other, key, row):
-                raise KeyNameError(f"{other} and {key} are, at least partly, one number; name one of them")
+                partly = "" if parse_key(other)[0].name != parse_key(key)[0].name else ", at least partly,"
+                raise KeyNameError(f"{other} and {key} are{partly} one number; name one of them")
 
 
 def check_known(key: str, given: Collection[str], where: str = "", row: RowSize | None = None) -> None:
