@@ -133,7 +133,8 @@ def rollout(
     model, (times, turns) = prepared_model(begin.scene), _sample_times(begin, schedule)
     states = eqx.tree_at(lambda s: s.motion, flow.state, jax.vmap(as_arrays)(flow.state.motion))
     stopped = flow.status != Status.OK
-    moments = jax.vmap(lambda *sample: _moment_at(*sample, model))(times, turns, states, stopped)
+    at = lambda t, turns, state, stopped: _moment_at(t, turns, state, stopped, model)
+    moments = jax.vmap(at)(times, turns, states, stopped)
     return _as_rollout(moments, jnp.stack(flow.power, -1), flow, save, begin)
 
 
@@ -151,7 +152,9 @@ def _as_rollout(
     saved = where_going(stopped, jax.vmap(save)(kept), jax.vmap(save)(lost))
     mean = nan_where(stopped[-1], jnp.mean(power, axis=0))
     state, status, margins = jax.tree.map(lambda a: a[-1], (lost.state, flow.status, lax.stop_gradient(flow.margins)))
-    return Rollout(saved, state, mean, status_if_admitted(status, begin.good), *margins, begin.coarseness)
+    status = status_if_admitted(status, begin.good)
+    events, onset, switch = margins
+    return Rollout(saved, state, mean, status, events, onset, switch, begin.coarseness)
 
 
 def _of_motion(moment: Moment) -> tuple[Any, ...]:
