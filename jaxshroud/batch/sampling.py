@@ -12,7 +12,7 @@ from jax import lax
 from jaxtyping import Array, Int
 
 from jaxshroud.batch.pace import CallPace
-from jaxshroud.batch.periods import ANY_PASSES, CallLimits, Clock, advance, first_passes, march, with_clock_reset
+from jaxshroud.batch.periods import CallLimits, Clock, advance, first_passes, march_steps
 from jaxshroud.batch.states import as_arrays, with_zeros
 from jaxshroud.batch.xla import best_mapping, compiled, stage_groups
 from jaxshroud.march.carry import EachLane, Fixed, Lane, running
@@ -151,23 +151,20 @@ def _block_of_samples(
 
     Returns:
         The steps done of the sample that is not ended, the lanes at the end, how many samples have ended, and these;
-        further ones are meaningless. The limits are looked at between steps.
+        further ones are meaningless. A step counts as a pass.
     """
     models, period = jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
     grids = clock.grids(period)
 
-    def one_step(carry):
-        lanes, done, passes = carry
-        stops = lanes.step + 1
-        lanes, left = march(lanes, Fixed(models, grids, stops), method, each, passes=jnp.int32(ANY_PASSES))
-        lanes = with_clock_reset(lanes, lanes.step == clock.steps)
-        return lanes, done + 1, passes - (ANY_PASSES - left)
+    def one_step(_, lanes):
+        return march_steps(lanes, Fixed(models, grids, lanes.step + 1), clock.steps, method, each)[0]
 
     def one_sample(carry, i):
-        on = lambda carry: (i < limits.most) & (carry[1] < every) & (carry[2] > 0)
-        lanes, done, passes = lax.while_loop(on, one_step, carry)
-        over = (i < limits.most) & (done == every)
-        return (lanes, jnp.where(over, 0, done), passes), (jax.vmap(sampled_state)(lanes, models), over)
+        lanes, done, left = carry
+        now = jnp.where(i < limits.most, jnp.minimum(every - done, left), 0)
+        lanes = lax.fori_loop(0, now, one_step, lanes)
+        over = (i < limits.most) & (done + now == every)
+        return (lanes, jnp.where(over, 0, done + now), left - now), (jax.vmap(sampled_state)(lanes, models), over)
 
     begin = lanes, begun, limits.passes
     (lanes, begun, _), (samples, over) = lax.scan(one_sample, begin, jnp.arange(SAMPLES_PER_BLOCK, dtype=jnp.int32))

@@ -301,6 +301,7 @@ with interruptible(lambda: os._exit(77)):
 def test_an_interrupt_that_the_main_thread_does_not_hear_ends_the_process():
     process = begun(DEAF)
     assert process.stdout.readline() == "deaf\n"
+    time.sleep(0.5)  # into it
     process.send_signal(signal.SIGINT)
     assert ended(process) == (77, "")  # else that of the exception, once it is heard
 
