@@ -11,14 +11,14 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from jaxshroud.batch.cubics import RunningAmplitudes, SampledAmplitudes
-from jaxshroud.batch.free_extent import free_extent
+from jaxshroud.batch.free_extent import free_extent, free_means
 from jaxshroud.batch.periods import Sample, begin_lanes
 from jaxshroud.batch.sampling import MAX_UNKEPT, SAMPLES_PER_BLOCK, SampleGrid
 from jaxshroud.batch.size_limits import check_memory
 from jaxshroud.batch.states import carried_state
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
-from jaxshroud.march.tally import ContactPeaks, Impacts
+from jaxshroud.march.tally import ContactPeaks, ContactTimes, Impacts
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, sine_versine
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import free_components, free_motion, free_propagators, steady_amplitudes
@@ -63,7 +63,7 @@ def free_runs(
     turns = jnp.asarray(phase / (2 * math.pi), dtype)
     begin = jnp.broadcast_to(jnp.asarray(np.asarray(begin) / (2 * math.pi), dtype), count)
     samples, *end = _closed_form_samples(
-        scenes, states, begin, jnp.full_like(turns, transient), turns, kept, nodes, method.amplitudes
+        scenes, states, begin, jnp.full_like(turns, transient), turns, kept, nodes, method.amplitudes, method.vibration
     )
     places = lambda lane: [lane.state, lane.status, lane.tally.log.time_apart]
     lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
@@ -76,9 +76,17 @@ def free_runs(
     return jax.tree.map(np.asarray, (samples, lanes))
 
 
-@kept("periods", "nodes", "amplitudes")
+@kept("periods", "nodes", "amplitudes", "vibration")
 def _closed_form_samples(
-    scenes: Scene, states: State, begin, transient, turns, periods: int, nodes: int, amplitudes: bool
+    scenes: Scene,
+    states: State,
+    begin,
+    transient,
+    turns,
+    periods: int,
+    nodes: int,
+    amplitudes: bool,
+    vibration: bool,
 ):
     def one(scene: Scene, state: State, begin):
         period = scene.drive.period
@@ -88,10 +96,13 @@ def _closed_form_samples(
         power, largest = jax.vmap(lambda z: _period_mean_square(scene, z, turns, nodes))(starts)
         each_extent = jax.vmap(lambda z: free_extent(scene, z, turns, nodes))
         moments, extent = each_extent(starts) if amplitudes else (None, None)
+        means = jax.vmap(lambda z: free_means(scene, z, turns, nodes))(starts) if vibration else None
+        apart = jnp.broadcast_to(period, power[:, 0].shape)
         in_pairs = lambda a: (a[:, 0], a[:, 1])
         sizes = tuple(in_pairs(largest[..., i]) for i in range(3))
         ends = Motion(*(in_pairs(a[1:]) for a in motion))
-        sample = Sample(ends, in_pairs(power), largest=sizes, moments=moments, extent=extent)
+        times = ContactTimes(apart, *[jnp.zeros_like(apart)] * 2)
+        sample = Sample(ends, in_pairs(power), largest=sizes, moments=moments, extent=extent, means=means, times=times)
         last = State(Motion(*(a[-1] for a in motion)), state.u_s, state.mode, state.case)
         status = free_status(scene, motion, jnp.max(largest[..., 2]))
         sample = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)

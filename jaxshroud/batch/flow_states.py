@@ -14,7 +14,7 @@ from jaxshroud.model.friction import stretch
 from jaxshroud.model.geometry import ContactKinematics
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import Moments, parallel_mean
+from jaxshroud.model.rhs import Means, Moments, parallel_mean
 
 
 class Flow(NamedTuple):
@@ -34,6 +34,7 @@ class FlowWithMoments(NamedTuple):
     power: Pair
     status: Int[Array, "..."]
     moments: Moments | None  # averaged over time; None unless the method has `amplitudes`
+    means: Means | None  # averaged over time; None unless the method has `vibration`
 
 
 def canonical(state: State, scene_model: Model) -> State:

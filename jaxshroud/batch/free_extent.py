@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.march.tally import DisplacementRange
-from jaxshroud.model.arithmetic import Scalar
+from jaxshroud.model.arithmetic import Scalar, sine_versine
 from jaxshroud.model.linear import free_components, free_oscillations, free_propagators
-from jaxshroud.model.rhs import Displacements, Moments
+from jaxshroud.model.rhs import Displacements, Means, Moments
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 
@@ -55,6 +55,15 @@ def free_extent(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple
     lowest = _at_turn(scene, first, turns, t, q, jnp.argmin(q, axis=0))
     highest, lowest = jnp.maximum(highest, jnp.max(q, axis=0)), jnp.minimum(lowest, jnp.min(q, axis=0))
     return moments, DisplacementRange(_in_pairs(highest), _in_pairs(lowest))
+
+
+def free_means(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> Means:
+    """The mean position of the left block over the drive period that begins with the motion `first`."""
+    place, weights = np.polynomial.legendre.leggauss(nodes)
+    dtype = scene.drive.omega.dtype
+    t = jnp.asarray((place + 1) / 2, dtype) * scene.drive.period
+    x, y, theta = free_course(scene, first, turns, t).displacement[:, 0].T
+    return Means(*(jnp.asarray(weights / 2, dtype) @ a for a in (x, y, *sine_versine(theta))))
 
 
 def _at_turn(

@@ -16,7 +16,7 @@ from jaxshroud.march.carry import EachLane, Fixed, Lane, LaneTree, TimeGrid, run
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import energy_residual, is_unbalanced, total_energy
 from jaxshroud.march.stepper import StageGroups, alone, begin_lane, stepper_for
-from jaxshroud.march.tally import Tally, log_of_new_period
+from jaxshroud.march.tally import Tally, left_position_at, log_of_new_period, mean_position, times_of
 from jaxshroud.model.arithmetic import Pair, filled, is_absent, traced_once
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
@@ -120,6 +120,8 @@ class Sample(NamedTuple):
     impacts: Any = None  # `Impacts` of the period
     moments: Any = None  # `Moments` over the period
     extent: Any = None  # `DisplacementRange` of the period
+    means: Any = None  # `Means` over the period, each number for the left block or for every block of a row
+    times: Any = None  # `ContactTimes` of the period, of a row those of all interfaces together
 
 
 class Clock(NamedTuple):
@@ -202,8 +204,8 @@ def _begin_period(lanes: Lane, models: Model) -> tuple[Lane, Float[Array, " lane
     return _with_empty_tally(lanes), _total_energies(lanes, models)
 
 
-def _end_period(lanes: Lane, stored_before: Any, models: Model, periods) -> tuple[Lane, Sample]:
-    """The lanes at the end of a period, and its sample."""
+def _end_period(lanes: Lane, stored_before: Any, models: Model, periods, steps: Any) -> tuple[Lane, Sample]:
+    """The lanes at the end of a period of so many `steps`, and its sample."""
     gain, jumps = lanes.tally.integrals, lanes.tally.jumps
     logged: dict[str, Any] = {}
     works, energies, astray = (), _total_energies(lanes, models), jnp.zeros_like(periods, bool)
@@ -217,9 +219,11 @@ def _end_period(lanes: Lane, stored_before: Any, models: Model, periods) -> tupl
     log = lanes.tally.log
     if log is not None:
         logged |= {"largest": log.largest, "forces": log.forces, "impacts": log.impacts, "extent": log.extent}
+        logged |= {"times": times_of(log)}
     if gain.ledger is not None:
         logged |= {"friction": gain.ledger.friction, "viscous": gain.ledger.viscous}
-    integrated = {"loads": gain.loads, "moments": gain.moments}
+    means = mean_position(lanes.tally, lanes.state.motion, periods, steps, left_position_at)
+    integrated = {"loads": gain.loads, "moments": gain.moments, "means": means}
     power = power[0] / periods, power[1] / periods
     sample = Sample(with_zeros(lanes.state).motion, power, *works, **filled(logged | integrated, periods))
     overflowed = ~jnp.isfinite(sum(jax.tree.leaves(sample), energies))
@@ -271,7 +275,9 @@ def run_block(
         stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
         lanes, passes = march(lanes, Fixed(models, grids, stops), method, each, passes=passes)
         over = on & ~jnp.any(running(lanes, stops))
-        ended, sample = _end_period(with_clock_reset(lanes, lanes.step == clock.steps), energies, models, periods)
+        ended, sample = _end_period(
+            with_clock_reset(lanes, lanes.step == clock.steps), energies, models, periods, clock.per_period
+        )
         lanes = select_tree(over, ended, lanes)
         return (Interim(lanes, energies, (on | inside) & ~over), passes), (sample, over)
 
@@ -292,7 +298,7 @@ def period_function(scenes: Scene, clock: Clock, method: Choices, each: EachLane
         stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
         lanes, energies = _begin_period(lanes, models)
         lanes, _ = march_steps(lanes, Fixed(models, clock.grids(periods), stops), clock.steps, method, each)
-        return _end_period(lanes, energies, models, periods)
+        return _end_period(lanes, energies, models, periods, clock.per_period)
 
     return run
 

@@ -84,8 +84,9 @@ def end_row_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane |
         model, period = row_models(scenes)
         time = n.astype(period.dtype) * (period if turns is None else turns * period)
         flow = lanes_first(_end_of_rows(lanes, model, time, each))
-        power, moments = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), (flow.power, flow.moments))
-        return flow._replace(power=power, moments=moments)
+        sums = flow.power, flow.moments, flow.means
+        power, moments, means = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), sums)
+        return flow._replace(power=power, moments=moments, means=means)
 
     return _with_tangent(end, (scenes.value, lanes.value), (scenes.tangent, lanes.tangent))
 
@@ -99,7 +100,7 @@ def _end_of_rows(lanes: RowLane, model: RowModel, time: Any, each: EachLane) -> 
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
     end = canonical_row(lanes.state, model, each)
     motion, u_s = filled(end.motion, end.motion.x), filled(end.u_s, jnp.zeros(end.mode.shape, power.dtype))
-    return FlowWithMoments(State(motion, u_s, end.mode, end.case), power, status, mean(gain.moments))
+    return FlowWithMoments(State(motion, u_s, end.mode, end.case), power, status, mean(gain.moments), mean(gain.means))
 
 
 def canonical_row(state: State, model: RowModel, each: EachLane) -> State:

@@ -21,12 +21,12 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import contact_spring_energy, energy_residual, slider_position
 from jaxshroud.march.row_carry import RowFixed, RowLane, RowTally, tally_of_new_period
 from jaxshroud.march.row_trial import begin_row, row_trial
-from jaxshroud.march.tally import EnergyJumps
+from jaxshroud.march.tally import EnergyJumps, mean_position, times_of
 from jaxshroud.model.arithmetic import ABSENT, filled, is_absent
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Ledger
-from jaxshroud.model.row import RowModel, blade_energies, over, pair_states, prepared_row
+from jaxshroud.model.row import RowModel, blade_energies, blade_positions, over, pair_states, prepared_row
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
@@ -93,8 +93,10 @@ class RowSample(NamedTuple):
     dropped: Any  # energy of the rocking motion that flat contact ended [J]
     residual: Any  # of the energy balance [J]
     largest: Any  # magnitudes of x, y [m] and theta [rad]
-    moments: Any  # `Moments` of each blade; None unless requested, as is the next
+    moments: Any  # `Moments` of each blade; None unless requested, as are the next two
     extent: Any  # `DisplacementRange` of each blade
+    means: Any  # `Means` of each blade
+    times: Any  # `ContactTimes` at each interface
 
 
 def energies_in_rows(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
@@ -130,9 +132,14 @@ def _begin_row_period(lanes: RowLane, model: RowModel, each: EachLane) -> tuple[
 
 
 def _end_row_period(
-    lanes: RowLane, before: Float[Array, " lanes"], model: RowModel, period: Float[Array, " lanes"], each: EachLane
+    lanes: RowLane,
+    before: Float[Array, " lanes"],
+    model: RowModel,
+    period: Float[Array, " lanes"],
+    steps: Float[Array, ""],
+    each: EachLane,
 ) -> tuple[RowLane, RowSample]:
-    """The rows at the end of a period, and its sample."""
+    """The rows at the end of a period of so many `steps`, and its sample."""
     tally, log = lanes.tally, lanes.tally.log
     gain: Any = tally.integrals
     assert log is not None  # only flows with tangents have none
@@ -145,12 +152,12 @@ def _end_row_period(
             "dropped": tally.dropped,
             "residual": row_energy_residual(tally, gained, 0),
         }
-    motion, largest, moments, extent = filled((lanes.state.motion, log.largest, gain.moments, log.extent), gain.power)
-    sample = RowSample(
-        motion=motion, power=gain.power / period, **works, largest=largest, moments=moments, extent=extent
-    )
-    sums = (jnp.sum(jnp.atleast_2d(a), axis=0) for a in jax.tree.leaves(sample))
-    overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(sum(sums, gained))
+    means = mean_position(tally, lanes.state.motion, period, steps, blade_positions)
+    sums = {"moments": gain.moments, "means": means}
+    told = {"motion": lanes.state.motion, "largest": log.largest, "extent": log.extent} | sums
+    sample = RowSample(power=gain.power / period, **works, **filled(told, gain.power), times=times_of(log))
+    totals = (jnp.sum(jnp.atleast_2d(a), axis=0) for a in jax.tree.leaves(sample))
+    overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(sum(totals, gained))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
     lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
     return lanes, jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
@@ -173,7 +180,7 @@ def run_row_block(
         lanes, passes = march_rows(lanes, RowFixed(model, grids, stops), method, each, passes)
         over = on & ~jnp.any(running(lanes, stops))
         arrived = with_clock_reset(lanes, lanes.step == clock.steps)
-        ended, sample = _end_row_period(arrived, energies, model, period, each)
+        ended, sample = _end_row_period(arrived, energies, model, period, clock.per_period, each)
         lanes = select_tree(over, ended, lanes)
         return (Interim(lanes, energies, (on | inside) & ~over), passes), (lanes_first(sample), over)
 
@@ -193,7 +200,7 @@ def row_period_function(
         lanes, energies = _begin_row_period(lanes, model, each)
         lanes = march_rows(lanes, RowFixed(model, clock.grids(period), stops), method, each)
         lanes = with_clock_reset(lanes, lanes.step == clock.steps)
-        return _end_row_period(lanes, energies, model, period, each)
+        return _end_row_period(lanes, energies, model, period, clock.per_period, each)
 
     return run
 
@@ -215,4 +222,6 @@ def as_samples(row: RowSample) -> Sample:
         switched=total(row.switched),
         moments=each_blade(row.moments),
         extent=each_blade(row.extent),
+        means=each_blade(row.means),
+        times=jax.tree.map(total, row.times),
     )

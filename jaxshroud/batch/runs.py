@@ -192,8 +192,6 @@ def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, pace: CallPac
         lanes = select_lanes(arrived, lanes, led_in)
     run = partial(run_periods, clock=plan.clock, method=plan.method, pace=pace, tick=tick)
     lanes, _ = run(scenes, lanes, n=plan.transient, keep=False)
-    # long sums lose digits in float32
-    lanes = eqx.tree_at(_mode_times, lanes, jax.tree.map(lambda a: np.zeros(a.shape, a.dtype), _mode_times(lanes)))
     before = lanes.tally
     lanes, samples = run(scenes, lanes, n=plan.kept)
     return jax.tree.map(np.asarray, Runs(samples, before, lanes))
@@ -202,11 +200,6 @@ def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, pace: CallPac
 def select_lanes(which: np.ndarray, a: Tree, b: Tree) -> Tree:
     """Trees of arrays with a leading axis: `a` where `which`, else `b`."""
     return jax.tree.map(lambda a, b: np.where(which.reshape(-1, *[1] * (np.ndim(a) - 1)), a, b), a, b)
-
-
-def _mode_times(lanes: Any) -> tuple[Any, Any, Any]:
-    log = lanes.tally.log
-    return log.time_apart, log.time_stick, log.time_slip
 
 
 def run_periods(

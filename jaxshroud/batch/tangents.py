@@ -62,10 +62,10 @@ def end_flow(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
 
 
 def end_flow_with_moments(lane: Lane, scene_model: Model, time: Scalar) -> FlowWithMoments:
-    """`end_flow`, with the moments where they are kept."""
-    moments = jax.tree.map(lambda a: a / time, filled(lane.tally.integrals.moments, time))
-    flow = end_flow(lane, scene_model, time)
-    return FlowWithMoments(flow.state, flow.power, flow.status, moments)
+    """`end_flow`, with the moments and the means where they are kept."""
+    sums, flow = lane.tally.integrals, end_flow(lane, scene_model, time)
+    moments, means = jax.tree.map(lambda a: a / time, filled((sums.moments, sums.means), time))
+    return FlowWithMoments(flow.state, flow.power, flow.status, moments, means)
 
 
 def flow_constants(models: Model, periods: PerLane, steps: Int[Array, " lanes"], turns: PerLane | None = None) -> Fixed:
@@ -227,6 +227,11 @@ class Tangents(NamedTuple):
     moments: np.ndarray | None = None  # (2, 3, blades)
     moments_by_state: np.ndarray | None = None  # (2, 3, blades, numbers)
     moments_by_parameter: np.ndarray | None = None  # (2, 3, blades, parameters)
+    # The means over time of x, y, sin(theta) and 1 - cos(theta), of the left block of a pair or of all of a row; None
+    # unless the method has `vibration`.
+    means: np.ndarray | None = None  # (4, blades)
+    means_by_state: np.ndarray | None = None  # (4, blades, numbers)
+    means_by_parameter: np.ndarray | None = None  # (4, blades, parameters)
 
 
 class TangentProblem(NamedTuple):
@@ -265,10 +270,23 @@ class TangentProblem(NamedTuple):
         by, count = to_vector(slope.state), self.by_start
         power, power_by = np.stack([a[0] for a in value.power]), np.stack(slope.power)
         parts = by[:count].T, power_by[:, :count], by[count:].T, power_by[:, count:]
-        if value.moments is not None:
-            moments, moments_by = (np.array([list(m) for m in a.moments]) for a in (value, slope))
-            parts = *parts, moments[..., 0], moments_by[..., :count], moments_by[..., count:]
-        return Tangents(end, to_vector(end), power, int(value.status[0]), *parts)
+        found, more = Tangents(end, to_vector(end), power, int(value.status[0]), *parts), {}
+        for name, array in (("moments", _moments_array), ("means", means_array)):
+            if getattr(value, name) is not None:
+                a, a_by = (array(getattr(flow, name)) for flow in flows)
+                more |= {name: a[..., 0], f"{name}_by_state": a_by[..., :count]}
+                more |= {f"{name}_by_parameter": a_by[..., count:]}
+        return found._replace(**more)
+
+
+def _moments_array(moments: Any) -> np.ndarray:
+    """Moments, (2, 3, blades, lanes)."""
+    return np.array([list(m) for m in moments])
+
+
+def means_array(means: Any) -> np.ndarray:
+    """Means of x, y, sin(theta) and 1 - cos(theta), (4, blades, lanes)."""
+    return np.array([np.atleast_2d(a) for a in means])
 
 
 def batched_tangents(

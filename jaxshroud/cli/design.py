@@ -22,6 +22,7 @@ from jaxshroud.cli.terminal import (
 )
 from jaxshroud.io.files import write
 from jaxshroud.io.store import write_json
+from jaxshroud.march.method import FOR_P_D
 from jaxshroud.motion.effects import between
 from jaxshroud.motion.levels import check_vibration
 from jaxshroud.results.scatter import SHARES, Report, Scatter
@@ -109,6 +110,7 @@ def _tuning_rows(tuned: Tuned) -> dict[str, Any]:
         **{f"  {name}": _level_text(tuned, check.objective[0]) for name, check in tuned.checks.items()},
         **({"at a bound": tuned.at_bounds} if tuned.at_bounds else {}),
         **({"flat": tuned.flat} if tuned.flat else {}),
+        **({"static deflection": tuned.static_deflection} if tuned.static_deflection else {}),
         **_limit_rows(tuned),
         **_robustness_rows(tuned),
         "verdict": "confirmed" if tuned.confirmed else "not confirmed: the simulations differ, or exceed a limit",
@@ -259,16 +261,18 @@ def _output_report(completed: CompletedCall) -> None:
     print_table(report.title, {"verdict": report.verdict, **reasons, "written": files_written()})
 
 
-tune_command = Computation(prepare=_tune_arguments, scenes=_tuning_corners, output=_output_tuning)
+tune_command = Computation(prepare=_tune_arguments, scenes=_tuning_corners, usual=FOR_P_D, output=_output_tuning)
 scatter_command = Computation(
     prepare=_scatter_arguments,
     scenes=_scatter_corners,
+    usual=FOR_P_D,
     output=_output_scatter,
 )
 report_command = Computation(
     overrides=_report_overrides,
     prepare=_report_arguments,
     scenes=_scenes_of_report,
+    usual=FOR_P_D,
     run=_call_report,
     output=_output_report,
 )

@@ -16,7 +16,7 @@ from jaxshroud.cli.projection import print_projection_of_long_run
 from jaxshroud.cli.sweep import RESUME_ADVICE
 from jaxshroud.cli.terminal import CommandError, files_written, print_columns, print_table, warn_status
 from jaxshroud.io.unfinished_store import remove_store
-from jaxshroud.march.method import FAST
+from jaxshroud.march.method import FOR_P_D
 from jaxshroud.results.mistuned import Mistuned
 from jaxshroud.scene.axes import axis
 from jaxshroud.scene.file import Axis, SceneFile
@@ -82,7 +82,7 @@ def _print_projection_of_march(call: VerbCall) -> None:
     direction = chosen["direction"]
     scenes = _lanes_of(call, "values" if direction == "independent" else "patterns")
     resolved = resolve_options(call.file, method=chosen["method"], verb="mistune", rows=True)
-    march = plan_march(resolved, scenes, FAST)
+    march = plan_march(resolved, scenes, FOR_P_D)
     method = march.method._replace(amplitudes=True)
     plan = Plan(chosen["transient"], chosen["n_periods"], march.steps, 0.0, method)
     (values,) = chosen["along"].values()
@@ -164,6 +164,7 @@ def _search_rows(result: Mistuned) -> dict[str, str]:
 mistune_command = Computation(
     prepare=_mistune_arguments,
     scenes=_scenes_of_march,
+    usual=FOR_P_D,
     announce=_print_projection_of_march,
     run=_run_mistuning,
     output=_output_mistuning,

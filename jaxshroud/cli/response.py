@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_with_accuracy_warnings, write_files
 from jaxshroud.cli.terminal import CommandError, files_written, print_columns, print_table
+from jaxshroud.march.method import FOR_P_D
 from jaxshroud.results.response import Response
 from jaxshroud.scene.axes import axis
 from jaxshroud.scene.file import SceneFile
@@ -106,5 +107,9 @@ def _jump_rows(result: Response) -> dict[str, str]:
 
 
 response_command = Computation(
-    prepare=_response_arguments, scenes=_ends_of_response, run=call_with_accuracy_warnings, output=_output_response
+    prepare=_response_arguments,
+    scenes=_ends_of_response,
+    usual=FOR_P_D,
+    run=call_with_accuracy_warnings,
+    output=_output_response,
 )

@@ -20,7 +20,7 @@ from jaxshroud.cli.computation import (
 )
 from jaxshroud.cli.terminal import CommandError, files_written, input_errors_at, print_columns
 from jaxshroud.io.restart import StoredEnd, stored_end
-from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE
+from jaxshroud.march.method import FAST_WITH_LEDGER, FOR_P_D_WITH_LEDGER, REFERENCE
 from jaxshroud.march.tableau import MIN_STEPS
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.effects import with_interval
@@ -112,6 +112,8 @@ def _output_power(completed: CompletedCall) -> None:
     rows = {
         "P_d": with_interval(final["P_d"], final["ci"], "%"),
         **({"P_d of the worst blade": f"{final['P_d_worst']:.4g} %"} if "P_d_worst" in final else {}),
+        "P_d of the vibration": with_interval(final["P_d_vibration"], final["P_d_vibration_ci"], "%"),
+        **({"static deflection": completed.result.static_deflection} if completed.result.static_deflection else {}),
         "periods": final["n"],
         "stable": final["stable"],
         "period number": final["period_number"] or "aperiodic",
@@ -150,6 +152,6 @@ simulate_command = Computation(
 )
 diagnose_command = Computation(usual=FAST_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_diagnosis)
 power_command = Computation(
-    prepare=_power_arguments, usual=FAST_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_power
+    prepare=_power_arguments, usual=FOR_P_D_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_power
 )
 trade_command = Computation(usual=None, output=_output_trade)

@@ -33,7 +33,7 @@ from jaxshroud.cli.terminal import (
 from jaxshroud.io.files import place_of, written_files
 from jaxshroud.io.store import write_json
 from jaxshroud.io.unfinished_store import BEGUN, remove_store, write_attributes
-from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
+from jaxshroud.march.method import FOR_P_D, FOR_P_D_WITH_LEDGER
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.effects import with_interval
 from jaxshroud.results.sweep import SweepResult
@@ -91,7 +91,7 @@ def sweep_command(options: argparse.Namespace) -> None:
     scenes = _scenes_of_lanes(file)
     periods = file.sweep_run.transient + file.sweep_run.periods
     import_in_background((*DATASETS, *STATISTICS, *PICTURES))
-    march = resolve_march(file, scenes, options, FAST_WITH_LEDGER if options.ledger else FAST, periods=periods)
+    march = resolve_march(file, scenes, options, FOR_P_D_WITH_LEDGER if options.ledger else FOR_P_D, periods=periods)
     _print_projection_of_long_run(request, scenes, march)
     result = _sweep(request, march)
     _write(request, result)

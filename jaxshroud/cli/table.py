@@ -9,7 +9,7 @@ from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call
 from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection
 from jaxshroud.cli.terminal import CommandError, input_errors_at, progress_bar, shortened
 from jaxshroud.io.csv_columns import read_csv
-from jaxshroud.march.method import FAST
+from jaxshroud.march.method import FOR_P_D
 from jaxshroud.march.method_names import LARGEST_FIRST
 from jaxshroud.results.base import ORIGIN
 from jaxshroud.scene.file import SceneFile
@@ -44,7 +44,7 @@ def _print_projection_of_long_table(call: VerbCall) -> None:
     """Print what a long table will take."""
     scenes = without_given(_scenes_of_designs(call))
     resolved = resolve_options(call.file, method=call.arguments["method"], verb="table", rows=True)
-    march = plan_march(resolved, scenes, FAST)
+    march = plan_march(resolved, scenes, FOR_P_D)
     method = march.method._replace(ledger=True, forces=scenes.row is None, amplitudes=True)
     plan = Plan(call.arguments["transient"], call.arguments["n_periods"], march.steps, 0.0, method)
     lanes = len(scenes.drive.omega)
@@ -82,6 +82,7 @@ def _shown_design(best: dict[str, Any] | None) -> dict[str, Any] | None:
 table_command = Computation(
     prepare=_table_arguments,
     scenes=_scenes_of_designs,
+    usual=FOR_P_D,
     announce=_print_projection_of_long_table,
     run=call_with_accuracy_warnings,
     output=_output_table,

@@ -58,10 +58,10 @@ class Lane(eqx.Module):
 
     @property
     def differentiable(self) -> tuple[Any, ...]:
-        """The fields that may have a tangent: those on which later motion, power or moments depend."""
-        integrals = self.tally.integrals
-        moments = () if integrals.moments is None else (integrals.moments,)
-        return self.state, *self.search.differentiable, integrals.power, *moments
+        """The fields that may have a tangent: those on which later motion, power, moments or means depend."""
+        sums = self.tally.integrals
+        optional = [one for one in (sums.moments, sums.means) if one is not None]
+        return self.state, *self.search.differentiable, sums.power, *optional
 
 
 class Fixed(NamedTuple):

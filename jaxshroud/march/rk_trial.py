@@ -34,7 +34,15 @@ from jaxshroud.march.locate import Search, at_event, at_least_two, judge_trial, 
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import closing_speed, updated_extrema, updated_impacts, updated_peaks, updated_range
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
-from jaxshroud.march.tally import LogUpdates, count_event, displacements_of, new_tally, updated_tally
+from jaxshroud.march.tally import (
+    LogUpdates,
+    count_event,
+    displacements_of,
+    left_position_at,
+    new_tally,
+    updated_positions,
+    updated_tally,
+)
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where, zeros_for
 from jaxshroud.model.friction import Slider
 from jaxshroud.model.modes import FLAT, Mode, Status
@@ -171,6 +179,7 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, m
         lambda before: updated_peaks(before, start, z, h, model),
         lambda before: updated_impacts(before, gain.loads, closing_speed(z, start, model), impact, separation),
         lambda before: updated_range(before, start.motion, z, h),
+        lambda before: updated_positions(before, step > lane.step, left_position_at(z)),
         lambda before: updated_margins(before, change, fire, model),
     )
     tally = updated_tally(lane.tally, gain, jumps, h, start.mode, view.at.v, displacements_of(z), log_updates)
@@ -203,6 +212,7 @@ def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: F
         lambda before: updated_peaks(before, lane.state, z, h, model),
         lambda before: before,
         lambda before: updated_range(before, lane.state.motion, z, h),
+        lambda before: updated_positions(before, step > lane.step, left_position_at(z)),
         lambda before: before,
     )
     tally = updated_tally(lane.tally, end.gain, no_jumps, h, mode, at.v, displacements_of(z), log_updates)

@@ -15,12 +15,13 @@ from jaxshroud.march.locate import (
     Target,
 )
 from jaxshroud.march.row_step import OfLanes
-from jaxshroud.march.tally import Counters, DisplacementRange, EventMargins, displacements_of
+from jaxshroud.march.tally import Counters, DisplacementRange, EventMargins, displacements_of, half_position
 from jaxshroud.model.prepared import State
-from jaxshroud.model.rhs import Integrals
+from jaxshroud.model.rhs import Integrals, Means
 from jaxshroud.model.row import (
     OfInterfaces,
     RowModel,
+    blade_positions,
 )
 from jaxshroud.scene.keys import Motion
 
@@ -59,6 +60,7 @@ class RowLog(NamedTuple):
     largest: tuple[Any, Any, Any]  # magnitudes of x, y [m] and theta [rad] at ends of trials, (N, lanes) each
     counters: Counters
     extent: DisplacementRange | None  # of each blade; None unless it was requested
+    positions: Means | None  # of each blade, as of a `Log`
 
 
 class RowTally(NamedTuple):
@@ -96,4 +98,7 @@ def tally_of_new_period(tally: RowTally, z: Motion) -> RowTally:
     if log is None:
         return zeros
     extent = None if log.extent is None else DisplacementRange(displacements_of(z), displacements_of(z))
-    return zeros._replace(log=log._replace(largest=zeros.log.largest, extent=extent))
+    positions = None if log.positions is None else half_position(blade_positions(z))
+    return zeros._replace(
+        log=zeros.log._replace(v_max=log.v_max, counters=log.counters, extent=extent, positions=positions)
+    )

@@ -41,7 +41,7 @@ def row_torques(
     effects = over(
         each, partial(interface_effects, recorded=ONLY_FORCES), pair_states(state, model.closed), model.interfaces
     )
-    own = rates_of_blades(state.motion, wave, blade_forces(effects, model), model, False, each).theta
+    own = rates_of_blades(state.motion, wave, blade_forces(effects, model), model, ONLY_FORCES, each).theta
     return relative_torques(own, state.case, cluster, model), joint_inertia(cluster, model)
 
 

@@ -36,8 +36,10 @@ from jaxshroud.march.tally import (
     EventMargins,
     count_event,
     displacements_of,
+    half_position,
     no_events,
     no_margins,
+    updated_positions,
 )
 from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Scalar, is_absent, zeros_for
 from jaxshroud.model.modes import FLAT, Mode, Status
@@ -48,6 +50,7 @@ from jaxshroud.model.row import (
     OfInterfaces,
     RowModel,
     blade_energies,
+    blade_positions,
     clusters,
     clusters_of,
     over,
@@ -81,7 +84,8 @@ def _empty_log(state: State, at: OfInterfaces, model: RowModel, method: Choices)
     extent = (
         DisplacementRange(displacements_of(state.motion), displacements_of(state.motion)) if method.amplitudes else None
     )
-    return RowLog(at, at, at, at, largest, counters, extent)
+    positions = half_position(blade_positions(state.motion)) if method.sums_positions else None
+    return RowLog(at, at, at, at, largest, counters, extent, positions)
 
 
 # A rocking motion that has turned so often within a step returns twice within `FLAT_RETURN` of it. What an interface
@@ -199,7 +203,8 @@ def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> Ro
     several = jnp.sum(decision.fire[None] & verdict.outcome.hit, axis=0) > 1
     recheck = decision.fire & (jnp.any(change.jumped, axis=0) | several) & violated
     next_search, step = _next_row_search(search._replace(turns=change.turns), lane.step, decision.fire, recheck)
-    tally = _updated_tally(lane.tally, end.gain, interval.h, lane.state, after, change, dropped, each)
+    complete = step > lane.step
+    tally = _updated_tally(lane.tally, end.gain, interval.h, lane.state, after, change, dropped, complete, each)
     limit = MAX_EVENTS_PER_STEP * len(verdict.outcome.hit)
     lost = verdict.not_finite, next_search.events > limit
     status = jnp.where(accept, _status(after, *lost), Status.OK).astype(jnp.int32)
@@ -289,20 +294,29 @@ def _updated_tally(
     after: State,
     change: InterfaceChange,
     dropped: OfLanes,
+    complete: Bool[Array, " lanes"],
     each: Each,
 ) -> RowTally:
-    """The tally after an accepted trial of `h` seconds from `start`."""
-    now = None if tally.log is None else _updated_row_log(tally.log, h, start, after, change, each)
+    """The tally after an accepted trial of `h` seconds from `start`, at the end of a step where it is `complete`."""
+    now = None if tally.log is None else _updated_row_log(tally.log, h, start, after, change, complete, each)
     integrals = jax.tree.map(jnp.add, tally.integrals, gain)
     return RowTally(integrals, tally.springs + change.springs, tally.dropped + dropped, now, change.margins)
 
 
 def _updated_row_log(
-    log: RowLog, h: OfLanes, start: State, after: State, change: InterfaceChange, each: Each
+    log: RowLog,
+    h: OfLanes,
+    start: State,
+    after: State,
+    change: InterfaceChange,
+    complete: Bool[Array, " lanes"],
+    each: Each,
 ) -> RowLog:
-    extent = log.extent
+    extent, positions = log.extent, log.positions
     if extent is not None:
         extent = over(each, updated_range, extent, start.motion, after.motion, h)
+    if positions is not None:
+        positions = updated_positions(positions, complete, blade_positions(after.motion))
     apart, stick = start.mode == Mode.APART, start.mode == Mode.STICK
     assert change.counters is not None
     spent = lambda before, during: before + jnp.where(during, h, 0.0)
@@ -314,6 +328,7 @@ def _updated_row_log(
         jax.tree.map(lambda most, q: jnp.maximum(most, jnp.abs(q)), log.largest, displacements_of(after.motion)),
         change.counters,
         extent,
+        positions,
     )
 
 
@@ -329,9 +344,10 @@ def _without_events(
     counters = None if lane.tally.log is None else lane.tally.log.counters
     change = InterfaceChange(ABSENT, touches, touches, no, None, no, jnp.zeros_like(v), counters, v, lane.tally.margins)
     seen = State(lane.state.motion, lane.state.u_s, touches, lane.state.case)
-    tally = _updated_tally(lane.tally, end.gain, h, seen, end.state, change, jnp.zeros_like(h), each)
-    status = _status(end.state, ~_is_finite(end.state), no).astype(jnp.int32)
     next_search, step = _next_row_search(lane.search, lane.step, no, no)
+    zero, complete = jnp.zeros_like(h), step > lane.step
+    tally = _updated_tally(lane.tally, end.gain, h, seen, end.state, change, zero, complete, each)
+    status = _status(end.state, ~_is_finite(end.state), no).astype(jnp.int32)
     return RowLane(
         select(active, end.state, lane.state),
         jnp.where(active, step, lane.step),

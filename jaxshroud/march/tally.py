@@ -15,7 +15,7 @@ from jaxshroud.model.arithmetic import ABSENT, Absent, Scalar, is_absent, where,
 from jaxshroud.model.geometry import is_upper
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import Displacements, Integrals, rhs
+from jaxshroud.model.rhs import Displacements, Integrals, Means, position_at, rhs
 from jaxshroud.scene.keys import Motion
 
 EventCount = Int[Array, ""] | Absent
@@ -79,6 +79,14 @@ def no_events(model: Model) -> Counters:
     lacking = {name for kind, counted in COUNTED_BY_KIND.items() if kind not in present for name in counted}
     lacking = lacking if present else set(names)
     return Counters(**{name: ABSENT if name in lacking else zero for name in names})
+
+
+class ContactTimes(NamedTuple):
+    """The time in each contact state [s]."""
+
+    apart: Any
+    stick: Any
+    slip: Any
 
 
 class StepExtrema(NamedTuple):
@@ -145,6 +153,7 @@ class Log(eqx.Module):
     forces: ContactPeaks | None  # None unless it was requested, as are the next two
     impacts: Impacts | None
     extent: DisplacementRange | None
+    positions: Means | None  # summed over the ends of steps; None unless the method `sums_positions`
 
 
 class EnergyJumps(NamedTuple):
@@ -191,7 +200,8 @@ def new_tally(state: State, model: Model, method: Choices) -> Tally:
     impacts = Impacts(*[zero] * 7) if method.forces else None
     at_start = displacements_of(state.motion)
     extent = DisplacementRange(at_start, at_start) if method.amplitudes else None
-    log = Log(zero, zero, zero, deepest, largest, no_events(model), within, forces, impacts, extent)
+    positions = half_position(left_position_at(state.motion)) if method.sums_positions else None
+    log = Log(zero, zero, zero, deepest, largest, no_events(model), within, forces, impacts, extent, positions)
     return Tally(none, jumps, log, margins)
 
 
@@ -203,6 +213,7 @@ class LogUpdates(NamedTuple):
     forces: Callable[[ContactPeaks], ContactPeaks]
     impacts: Callable[[Impacts], Impacts]
     extent: Callable[[DisplacementRange], DisplacementRange]
+    positions: Callable[[Means], Means]
     margins: Callable[[EventMargins], EventMargins]
 
 
@@ -238,17 +249,62 @@ def _updated_log(log: Log, h: Scalar, mode, v: Scalar, sizes: Displacements, log
         None if log.forces is None else log_updates.forces(log.forces),
         None if log.impacts is None else log_updates.impacts(log.impacts),
         None if log.extent is None else log_updates.extent(log.extent),
+        None if log.positions is None else log_updates.positions(log.positions),
     )
 
 
 def log_of_new_period(log: Log, z: Motion) -> Log:
     """The log with what is told of each period reset, at the motion `z`; the impulse of the current contact goes on."""
-    largest, forces, impacts = jax.tree.map(jnp.zeros_like, (log.largest, log.forces, log.impacts))
+    largest, forces, impacts, times = jax.tree.map(
+        jnp.zeros_like, (log.largest, log.forces, log.impacts, times_of(log))
+    )
     if log.impacts is not None:
         impacts = impacts._replace(now=log.impacts.now)
     extent = None if log.extent is None else DisplacementRange(displacements_of(z), displacements_of(z))
-    places = lambda log: (log.largest, log.forces, log.impacts, log.extent)
-    return eqx.tree_at(places, log, (largest, forces, impacts, extent), is_leaf=lambda a: a is None)
+    positions = None if log.positions is None else half_position(left_position_at(z))
+    places = lambda log: (log.largest, log.forces, log.impacts, log.extent, log.positions, *times_of(log))
+    reset = largest, forces, impacts, extent, positions, *times
+    return eqx.tree_at(places, log, reset, is_leaf=lambda a: a is None)
+
+
+def times_of(log: Any) -> ContactTimes:
+    """The times of a `Log`, or those at each interface of a `RowLog`."""
+    return ContactTimes(log.time_apart, log.time_stick, log.time_slip)
+
+
+def left_position_at(z: Motion) -> Means:
+    """The position of the left block."""
+    return position_at(z.x[0], z.y[0], z.theta[0])
+
+
+def half_position(at: Means) -> Means:
+    """The share of a position that begins or ends a period in the sum of the trapezoidal rule."""
+    return jax.tree.map(lambda a: a / 2, at)
+
+
+def mean_position(tally: Any, end: Motion, period: Any, steps: Any, at: Callable[[Motion], Means]) -> Any:
+    """The mean of the position over a drive period, from the tally of that period alone; None where it is not kept.
+
+    Args:
+        tally: A `Tally` or a `RowTally`.
+        end: The motion at the end of the period.
+        period: Its length [s].
+        steps: The number of steps in it, of equal length.
+        at: The position of a motion.
+
+    Source:
+        The trapezoidal rule, which on a whole orbit is as accurate as the motion is smooth: what is left stems from the
+        instants at which the third derivative jumps, by at most 1/720 of the jump times the fourth power of the step.
+    """
+    sums = None if tally.log is None else tally.log.positions
+    if sums is None:
+        return jax.tree.map(lambda a: a / period, tally.integrals.means)
+    return jax.tree.map(lambda total, half: (total - half) / steps, sums, half_position(at(end)))
+
+
+def updated_positions(before: Means, complete: Bool[Array, "..."], now: Means) -> Means:
+    """The sums over the ends of steps, with the position `now` where one is `complete`."""
+    return jax.tree.map(lambda total, a: total + where(complete, a, 0.0), before, now)
 
 
 def displacements_of(z: Motion) -> tuple[Any, Any, Any]:

@@ -3,7 +3,7 @@
 import math
 from functools import cache
 from itertools import count
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +15,7 @@ from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
 from jaxshroud.model.friction import Springs, normal_force, slider_speed
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import State
-from jaxshroud.model.rhs import ContactLoads, Ledger, Moments, mean_square
+from jaxshroud.model.rhs import ContactLoads, Ledger, Means, Moments, mean_square
 from jaxshroud.model.series import Series, polynomial_value
 
 EXTRA_WORK_TERMS = 4  # further terms of the works: without them the error of squares is 100 times the tolerance
@@ -25,15 +25,28 @@ TESTED_TOLERANCES = np.geomspace(*TOLERANCE_RANGE, 16)
 def integrated_squares(expansion: TaylorExpansion, order: int, s: Scalar, gyration: Scalar) -> Pair:
     """The mean squares of the displacements, integrated over `s` radians."""
     pose, total = expansion.pose, (ABSENT, ABSENT)
-    at = lambda a, t: a if is_absent(a) else polynomial_value(a.coefficients(order), s * t) if t else a[0]
     mean = lambda a: a if is_absent(a) else polynomial_value(_integrated(a, order), s) / where(s > 0, s, 1.0)
     versine = tuple(map(mean, pose.versine))  # which enters linearly
     for t, weight in zip(*lobatto_rule_for(order), strict=True):
-        x, y = (tuple(at(a, t) for a in pair) for pair in (pose.x, pose.y))
+        x, y = (tuple(_at_node(a, order, s, t) for a in pair) for pair in (pose.x, pose.y))
         squares = mean_square(pose._replace(x=x, y=y, versine=versine), gyration)
         total = total[0] + weight * squares[0], total[1] + weight * squares[1]
     left, right = (a if is_absent(a) else a * s * expansion.unit for a in total)
     return left, right
+
+
+def _at_node(a: Any, order: int, s: Scalar, t: float) -> Scalar:
+    """A series at the node `t` of a rule over `s` radians."""
+    return a if is_absent(a) else polynomial_value(a.coefficients(order), s * t) if t else a[0]
+
+
+def integrated_means(expansion: TaylorExpansion, order: int, s: Scalar) -> Means:
+    """The position of the left block over `s` radians; x and y at the nodes at which their squares are needed."""
+    (x, _), (y, _) = expansion.pose.x, expansion.pose.y
+    rule, seconds = list(zip(*lobatto_rule_for(order), strict=True)), s * expansion.unit
+    at_nodes = lambda a: a if is_absent(a) else seconds * sum(w * _at_node(a, order, s, t) for t, w in rule)
+    gained = lambda a: a if is_absent(a) else polynomial_value(_integrated(a, order), s) * expansion.unit
+    return Means(at_nodes(x), at_nodes(y), gained(expansion.pose.sin[0]), gained(expansion.pose.versine[0]))
 
 
 def integrated_works(expansion: TaylorExpansion, order: int, s: Scalar) -> Ledger | None:

@@ -60,7 +60,13 @@ from jaxshroud.march.taylor_events import (
     trimmed,
 )
 from jaxshroud.march.taylor_expansion import RADIANS_PER_TURN, TaylorExpansion, taylor_expansion, without_derivatives
-from jaxshroud.march.taylor_integrals import integrated_loads, integrated_moments, integrated_squares, integrated_works
+from jaxshroud.march.taylor_integrals import (
+    integrated_loads,
+    integrated_means,
+    integrated_moments,
+    integrated_squares,
+    integrated_works,
+)
 from jaxshroud.model.arithmetic import Scalar, is_absent, sincos_turns, where
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State
@@ -146,6 +152,7 @@ def trial_and_series(lane: Lane, fixed: Fixed, method: Choices) -> tuple[TaylorT
         integrated_works(expansion, order, s),
         integrated_moments(expansion, order, s) if method.amplitudes else None,
         integrated_loads(expansion, order, s, lane.state, fixed.model.spring) if method.forces else None,
+        integrated_means(expansion, order, s) if method.vibration else None,
     )
     return TaylorTrial(
         motion_after(displacements, expansion.unit, s), gain, s / step, kind, event, extrema
@@ -299,6 +306,7 @@ def _tally_after(
         lambda before: jax.tree.map(jnp.maximum, before, extrema.forces),
         lambda before: updated_impacts(before, trial.gain.loads, extrema.closing, change.impact, change.separation),
         lambda before: merged_range(before, extrema.extent),  # pyright: ignore[reportArgumentType]  # kept where `before` is
+        lambda before: before,  # there are none: series are integrated
         lambda _: margins,  # pyright: ignore[reportArgumentType]  # likewise
     )
     sizes = jax.tree.map(lambda a, b: jnp.maximum(a, jnp.abs(b)), extrema.sizes, displacements_of(trial.motion))

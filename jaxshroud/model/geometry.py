@@ -18,7 +18,7 @@ not treat this limit of a relay; here it is case 5, `FLAT`, with the geometry of
 """
 
 from functools import reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
@@ -60,7 +60,12 @@ def corners(shroud: Shroud, reading: frozenset[str] = frozenset()) -> Corners:
 
 def gyration(shroud: Shroud) -> Scalar:
     """The polar second moment of a block's area about its centroid per area, J_A / A [m^2]."""
-    return (shroud.l_oa**2 + shroud.l_ab**2) / 12
+    return gyration_of_sides(shroud.l_oa, shroud.l_ab)
+
+
+def gyration_of_sides(l_oa: Any, l_ab: Any) -> Any:
+    """`gyration` of blocks with these sides, of any shape of lanes."""
+    return (l_oa**2 + l_ab**2) / 12
 
 
 class Pose(NamedTuple):

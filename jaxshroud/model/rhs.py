@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
+from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, sine_versine, where
 from jaxshroud.model.contact import Load, contact_load, sprung_load
 from jaxshroud.model.friction import Slider, Springs, friction_force, normal_force, slider_speed, smooth_slider_rate
 from jaxshroud.model.geometry import (
@@ -54,6 +54,15 @@ class Moments(NamedTuple):
     second: Displacements  # [m^2 s], [rad^2 s]
 
 
+class Means(NamedTuple):
+    """The position about which a block vibrates, integrated in time: of the left block of a pair, of all of a row."""
+
+    x: Any  # [m s]
+    y: Any
+    sin: Any  # of theta [s]
+    versine: Any  # 1 - cos(theta) [s]
+
+
 class ContactLoads(NamedTuple):
     """What wears the faces, integrated in time."""
 
@@ -69,15 +78,17 @@ class Recorded(NamedTuple):
     ledger: bool = False
     moments: bool = False
     loads: bool = False
+    means: bool = False
 
 
 class Integrals(NamedTuple):
     """The integrals in time that are computed with the motion, to the order of the integrator."""
 
     power: Pair  # mean square displacement over the block, Eq. (23) divided by its area [m^2 s]
-    ledger: Ledger | None  # None where it is not kept, as are the next two
+    ledger: Ledger | None  # None where it is not kept, as are the next three
     moments: Moments | None = None
     loads: ContactLoads | None = None
+    means: Means | None = None
 
 
 def drive_wave(s: Scalar, c: Scalar, drive: Excitation) -> Pair:
@@ -276,6 +287,16 @@ def placement(now: State, model: Model) -> Placement:
     return Placement(q, case, at, _loaded_contact(at, z, now, case, model))
 
 
+def position_at(x: Any, y: Any, theta: Any) -> Means:
+    """The position at some displacements, of any shape."""
+    return Means(x, y, *((theta, theta) if is_absent(theta) else sine_versine(theta)))
+
+
+def left_position(q: Pose) -> Means:
+    """The rates of the means."""
+    return Means(q.x[0], q.y[0], q.sin[0], q.versine[0])
+
+
 def displacement_moments(z: Motion) -> Moments:
     """The rates of the moments."""
     first = (z.x, z.y, z.theta)
@@ -333,7 +354,9 @@ def rhs_at(
             lambda mean, own: where(now.case == FLAT, mean, own), parallel_mean(a.theta, model), a.theta
         )
         a = a._replace(theta=theta)
-    integrals = Integrals(mean_square(place.pose, model.gyration), ledger, moments, contact.loads)
+    q = place.pose
+    means = left_position(q) if recorded.means else None
+    integrals = Integrals(mean_square(q, model.gyration), ledger, moments, contact.loads, means)
     return StateDerivative(a, contact.u_s), integrals
 
 

@@ -33,6 +33,7 @@ from jaxshroud.model.rhs import (
     ContactEffects,
     Integrals,
     Ledger,
+    Means,
     Moments,
     Recorded,
     StateDerivative,
@@ -41,6 +42,7 @@ from jaxshroud.model.rhs import (
     blade_powers,
     contact_effects,
     placement,
+    position_at,
     twice_blade_energy,
 )
 from jaxshroud.scene.keys import Motion
@@ -228,6 +230,11 @@ def interface_effects(state: State, model: Model, recorded: Recorded) -> Contact
     return contact_effects(placement(state, model), state, model, recorded)
 
 
+def blade_positions(z: Motion) -> Means:
+    """The position of each blade."""
+    return position_at(z.x, z.y, z.theta)
+
+
 class BladeRates(NamedTuple):
     """The accelerations of one blade, and the rates of its integrals."""
 
@@ -237,24 +244,33 @@ class BladeRates(NamedTuple):
     power: Any  # square displacement, `blade_mean_square`
     drive: Any = None  # power of the drive; None where it is not recorded, as is the next
     viscous: Any = None
+    means: Any = None  # `Means`; None where they are not recorded
 
 
 def blade_rates(
-    z: Motion, wave: Any, R: BladeForces, b: Blades, d: Excitation, inverse: InverseMasses, gyration: Any, ledger: bool
+    z: Motion,
+    wave: Any,
+    R: BladeForces,
+    b: Blades,
+    d: Excitation,
+    inverse: InverseMasses,
+    gyration: Any,
+    recorded: Recorded,
 ) -> BladeRates:
     """The rates of one blade; `wave` is (sin, cos) of omega t."""
     Q = wave[0] * d.cos_phase + wave[1] * d.sin_phase
     x, y, theta = blade_accelerations(z, Q, R, b, d, inverse)
-    drive, viscous = blade_powers(z, Q, b, d) if ledger else (None, None)
-    return BladeRates(x, y, theta, blade_mean_square(z.x, z.y, rotation(z.theta)[1], gyration), drive, viscous)
+    drive, viscous = blade_powers(z, Q, b, d) if recorded.ledger else (None, None)
+    means = blade_positions(z) if recorded.means else None
+    return BladeRates(x, y, theta, blade_mean_square(z.x, z.y, rotation(z.theta)[1], gyration), drive, viscous, means)
 
 
-def rates_of_blades(z: Motion, wave: Any, R: BladeForces, model: RowModel, ledger: bool, each: Each) -> BladeRates:
+def rates_of_blades(
+    z: Motion, wave: Any, R: BladeForces, model: RowModel, recorded: Recorded, each: Each
+) -> BladeRates:
     """`blade_rates` of every blade: fields (N, lanes)."""
-    gyration = model.gyration[None]
-    return over(
-        each, partial(blade_rates, ledger=ledger), z, wave, R, model.blades, model.drive, model.inverse, gyration
-    )
+    rates, gyration = partial(blade_rates, recorded=recorded), model.gyration[None]
+    return over(each, rates, z, wave, R, model.blades, model.drive, model.inverse, gyration)
 
 
 def row_rhs(
@@ -277,7 +293,7 @@ def row_rhs(
     effects = over(
         each, partial(interface_effects, recorded=recorded), pair_states(now, model.closed), model.interfaces
     )
-    rates = rates_of_blades(z, wave, blade_forces(effects, model), model, recorded.ledger, each)
+    rates = rates_of_blades(z, wave, blade_forces(effects, model), model, recorded, each)
     theta: Any = rates.theta if cluster is None else cluster.mean(rates.theta)
     ledger = None
     if recorded.ledger:
@@ -288,7 +304,7 @@ def row_rhs(
         moments = Moments(first, jax.tree.map(lambda a: a * a, first))
     return (
         StateDerivative(Acceleration(rates.x, rates.y, theta), effects.u_s),
-        Integrals(rates.power, ledger, moments, effects.loads),
+        Integrals(rates.power, ledger, moments, effects.loads, rates.means),
     )
 
 

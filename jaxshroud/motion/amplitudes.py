@@ -25,7 +25,7 @@ def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict
     """
     if samples.moments is None or samples.extent is None:
         return {}
-    counted, time = _counted_periods(samples, number), math.tau / np.asarray(scenes.drive.omega, float)
+    counted, time = counted_periods(samples, number), math.tau / np.asarray(scenes.drive.omega, float)
     shares = (counted / counted.sum(axis=-1, keepdims=True) / time[:, None])[:, None]
     mean, square = ([np.sum(shares * np.stack(pair, axis=1), axis=-1) for pair in moment] for moment in samples.moments)
     highest = [_largest_of(np.stack(pair, axis=1), counted) for pair in samples.extent.highest]
@@ -39,7 +39,7 @@ def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict
     return values
 
 
-def _counted_periods(samples: Sample, number: np.ndarray) -> np.ndarray:
+def counted_periods(samples: Sample, number: np.ndarray) -> np.ndarray:
     """Which periods count, (lanes, periods): the latest whole orbits."""
     n, q = np.shape(samples.power[0])[1], np.maximum(number, 1)
     return np.arange(n) >= (n - n // q * q)[:, None]
@@ -63,21 +63,29 @@ def _free_amplitudes(scenes: Scene):
     return jax.vmap(lambda scene: tuple(jnp.abs(a) for a in steady_amplitudes(scene)))(scenes)
 
 
-def load_values(scenes: Scene, samples: Sample) -> dict[str, np.ndarray]:
+def counted_mean(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
+    """The mean of values (lanes, periods) over the periods that count."""
+    return np.sum(np.where(counted, values, 0.0), axis=-1) / counted.sum(axis=-1)
+
+
+def load_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str, np.ndarray]:
     """The values of `WithLoads` by their names, (lanes,) each; nothing unless they were kept.
 
     Args:
         scenes: The scenes (leading axis).
         samples: The kept periods, (lanes, periods).
+        number: The period number of each lane, as of `amplitude_values`.
     """
     if samples.forces is None:
         return {}
-    period = math.tau / np.asarray(scenes.drive.omega, float)
-    N, N_slip, time_slip, slip = (np.mean(a, axis=-1) for a in samples.loads)
-    impacts = samples.impacts.number.mean(axis=-1)
+    period, counted = math.tau / np.asarray(scenes.drive.omega, float), counted_periods(samples, number)
+    mean = lambda a: counted_mean(a, counted)
+    largest = lambda a: np.where(counted, a, -np.inf).max(axis=-1)
+    N, N_slip, time_slip, slip = map(mean, samples.loads)
+    impacts = mean(samples.impacts.number)
     own, mu = scenes.parts.contact == "own", np.asarray(scenes.friction.mu, float)
-    work = samples.friction.mean(axis=-1)
-    N_max, F_max = (a.max(axis=-1) for a in samples.forces)
+    work = mean(samples.friction)
+    N_max, F_max = map(largest, samples.forces)
     with np.errstate(invalid="ignore", divide="ignore"):
         return {
             "N_max": N_max,
@@ -88,10 +96,10 @@ def load_values(scenes: Scene, samples: Sample) -> dict[str, np.ndarray]:
             "slip": np.full_like(slip, np.nan) if own else slip,
             "archard": np.full_like(work, np.nan) if own else work / mu,
             "impacts": impacts,
-            "approach_max": samples.impacts.approach.max(axis=-1),
-            "approach_mean": samples.impacts.approach_sum.mean(axis=-1) / impacts,
-            "impulse_max": samples.impacts.impulse.max(axis=-1),
-            "impulse_mean": samples.impacts.impulse_sum.sum(axis=-1) / samples.impacts.ended.sum(axis=-1),
+            "approach_max": largest(samples.impacts.approach),
+            "approach_mean": mean(samples.impacts.approach_sum) / impacts,
+            "impulse_max": largest(samples.impacts.impulse),
+            "impulse_mean": mean(samples.impacts.impulse_sum) / mean(samples.impacts.ended),
         }
 
 

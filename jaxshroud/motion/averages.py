@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from jaxshroud.batch.periods import LANES_PER_CALL, Sample
 from jaxshroud.batch.threads import in_chunks
-from jaxshroud.march.row_carry import RowLog
-from jaxshroud.march.tally import Log
+from jaxshroud.march.tally import ContactTimes
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import corners
 from jaxshroud.model.linear import area, free_power, power_reduction, steady_amplitudes
@@ -24,6 +23,7 @@ from jaxshroud.motion.period import (
     series_settling,
 )
 from jaxshroud.motion.statistics import MIN_CORRELATION_TIMES, confidence_interval, correlation_times
+from jaxshroud.motion.vibration import Positions, positions_of, square_about_mean
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import FloatArray
@@ -42,9 +42,33 @@ class Reduction(NamedTuple):
     settling: NDArray[np.int8]  # (...) 0: P_d still drifts, 1: it does not, 2: unknown
     periods_more: FloatArray  # (...) of transient until it no longer does; NaN if unknown
     ci_short: NDArray[np.bool_]  # (...) too few correlation times for the interval to be trusted
+    P_d_vibration: FloatArray  # (...) P_d of the vibration about the mean position [%]; NaN where it was not kept
+    vibration_ci: FloatArray  # (...) half width of its 95 % interval [percentage points]
 
 
-def reduction(power: FloatArray, P_0: FloatArray, number: NDArray[np.int32], whole_row: bool = False) -> Reduction:
+class VibrationPower(NamedTuple):
+    """What the power about the mean position is worked out from."""
+
+    square: FloatArray  # mean square displacement in each period (lanes, n, blades) [m^2]
+    positions: Positions
+    area: FloatArray  # (lanes,) of a block [m^2]
+
+    def series(self, n: int, P_0: FloatArray, whole_row: bool) -> FloatArray:
+        """P_d of the vibration in each of the latest `n` periods (lanes, n) [%], about the mean position over all."""
+        latest = lambda a: a[:, a.shape[1] - n :]
+        x, y, sine, versine = map(latest, self.positions[:4])
+        at = self.positions._replace(x=x, y=y, sin=sine, versine=versine)
+        square = square_about_mean(latest(self.square)[..., : x.shape[-1]], at)
+        return power_series_of(self.area[:, None, None] * square, P_0, whole_row)
+
+
+def reduction(
+    power: FloatArray,
+    P_0: FloatArray,
+    number: NDArray[np.int32],
+    whole_row: bool = False,
+    vibration: VibrationPower | None = None,
+) -> Reduction:
     """The reduction P_d, by the rule of the paper for the number n of averaged periods.
 
     Args:
@@ -52,6 +76,7 @@ def reduction(power: FloatArray, P_0: FloatArray, number: NDArray[np.int32], who
         P_0: Power without contact, (..., 2) [m^4].
         number: Period number of each lane, 0 if aperiodic.
         whole_row: P_d is that of all blades together, 100 (1 - sum P / sum P_0), rather than that of the left one.
+        vibration: What P_d of the vibration alone needs, for one leading axis; None where it was not kept.
 
     Returns:
         Averages over the largest multiple of the period number within the kept periods, or over all of them where the
@@ -65,7 +90,13 @@ def reduction(power: FloatArray, P_0: FloatArray, number: NDArray[np.int32], who
     base = np.broadcast_to(P_0, (*lanes, power.shape[-1])).reshape(-1, power.shape[-1])
     groups = [np.flatnonzero(number.ravel() == q) for q in np.unique(number)]
     reductions = [
-        _reduction_of_period(flat[group], base[group], int(q), whole_row)
+        _reduction_of_period(
+            flat[group],
+            base[group],
+            int(q),
+            whole_row,
+            jax.tree.map(lambda a, group=group: a[group], vibration),
+        )
         for q, group in zip(np.unique(number), groups, strict=True)
     ]
     order = np.argsort(np.concatenate(groups))
@@ -79,7 +110,9 @@ def power_series_of(power: FloatArray, P_0: FloatArray, whole_row: bool) -> Floa
     return power_reduction(power[..., 0], P_0[:, :1])
 
 
-def _reduction_of_period(power: FloatArray, P_0: FloatArray, number: int, whole_row: bool) -> Reduction:
+def _reduction_of_period(
+    power: FloatArray, P_0: FloatArray, number: int, whole_row: bool, vibration: VibrationPower | None
+) -> Reduction:
     q = max(number, 1)
     n = power.shape[1] // q * q
     used = power[:, power.shape[1] - n :]
@@ -92,12 +125,14 @@ def _reduction_of_period(power: FloatArray, P_0: FloatArray, number: int, whole_
     )
     settled = settling_result.verdict == SETTLED
     short = ~(times >= MIN_CORRELATION_TIMES) & ~(settled & (number > 0))
-    return Reduction(P, percent.mean(axis=1), ci, settled, np.full(len(P), n), *settling_result, short)
+    alone = np.full_like(percent, np.nan) if vibration is None else vibration.series(n, P_0, whole_row)
+    of_vibration = alone.mean(axis=1), confidence_interval(alone, q)
+    return Reduction(P, percent.mean(axis=1), ci, settled, np.full(len(P), n), *settling_result, short, *of_vibration)
 
 
-def contact_shares(log: Log | RowLog) -> dict[str, np.ndarray]:
-    """Fractions of the time in each contact state."""
-    spent = {name: np.asarray(getattr(log, name), float) for name in ("time_apart", "time_stick", "time_slip")}
+def contact_shares(times: ContactTimes) -> dict[str, np.ndarray]:
+    """Fractions of the time in each contact state, from the times in them."""
+    spent = {f"time_{name}": np.asarray(t, float) for name, t in times._asdict().items()}
     total = sum(spent.values())
     with np.errstate(invalid="ignore", divide="ignore"):
         return {name: t / total for name, t in spent.items()}
@@ -192,5 +227,6 @@ def averages(
     orbit = repetition(
         displacements(samples), period_maxima(samples).max(axis=-2), lever, period_tol, scenes.drive.omega.dtype
     )
-    power = A[:, None, None] * np.stack(samples.power, axis=-1)
-    return orbit, reduction(power, P_0, orbit.number, scenes.row is not None), P_0
+    square, positions = np.stack(samples.power, axis=-1), positions_of(scenes, samples)
+    vibration = None if positions is None else VibrationPower(square, positions, A)
+    return orbit, reduction(A[:, None, None] * square, P_0, orbit.number, scenes.row is not None, vibration), P_0

@@ -79,7 +79,7 @@ def equivalent_values(
     if scenes.parts.contact != "none" and "y" in scenes.parts.motion:
         periods = np.where(number > 0, number, HARMONIC_PERIODS)
         grid = SampleGrid(0.0, steps, 1, int(periods.max()) * steps)
-        rows = sampled_motions(scenes, states, grid, method._replace(forces=False, amplitudes=False))
+        rows = sampled_motions(scenes, states, grid, method._replace(forces=False, amplitudes=False, vibration=False))
         for i, n in enumerate(periods.tolist()):
             blades = linear_blades(scenes, i)
             contact = equivalent_contact(blades, rows[i, : 1 + n * steps], steps)

@@ -6,7 +6,7 @@ derivative at a point; what exists is the derivative of an average over a stated
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal, NamedTuple, cast
+from typing import Any, Literal, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ from scipy.special import stdtrit
 from jaxshroud.batch.runs import Plan, initial_states, run_lanes
 from jaxshroud.batch.tangents import TangentProblem, direction
 from jaxshroud.batch.xla import repeat_lane
+from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import area, free_power, power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.amplitude_slopes import AmplitudeSlope, amplitude_slope, largest_level
@@ -24,6 +25,7 @@ from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.motion.levels import is_comparable, levels_of
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import moved_start, nearby_orbits
+from jaxshroud.motion.vibration import vibration_square
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.checks import InputError, NumericalError
 from jaxshroud.scene.grids import scenes_at
@@ -52,6 +54,15 @@ class PowerGradient(NamedTuple):
     # Those of the orbit; "structured": not smooth; "lanes stopped"; "no width": a number is 0; "two peaks" and "blades
     # tie": one-sided; "no P_d": there is none, see `is_comparable`.
     flags: tuple[str, ...]
+    P_d: float = float("nan")  # where the quantity is a reduction, and so is the next [%]
+    P_d_vibration: float = float("nan")
+
+
+class _Reductions(NamedTuple):
+    """P_d and that of the vibration alone [%]; NaN where they are not asked for."""
+
+    P_d: Any = float("nan")  # of one scene, or (samples,)
+    P_d_vibration: Any = float("nan")
 
 
 def scenes_around(scene: Scene, keys: Sequence[str], levels: np.ndarray) -> Scene:
@@ -92,29 +103,57 @@ def orbit_gradient(orbit: PeriodicOrbit, wrt: Sequence[str], of: Quantity = "P_d
     """The exact gradient on a periodic orbit, by the implicit function theorem."""
     scene, amplitude = with_numbers(orbit.scene, wrt), amplitude_of(of)
     problem = TangentProblem(scene, orbit.start, [direction(scene, key) for key in wrt])
-    if amplitude is None:
-        level, slope, flags = yield from _power_slope(orbit, problem._replace(by_state=False), cast(Power, of))
+    if amplitude is not None:
+        (level, slope, flags), both = (yield from amplitude_slope(orbit, amplitude, problem)), _Reductions()
+    elif of == "P_d_vibration":
+        (level, slope, flags), both = yield from _vibration_slope(orbit, problem)
     else:
-        level, slope, flags = yield from amplitude_slope(orbit, amplitude, problem)
+        (level, slope, flags), both = yield from _power_slope(orbit, problem._replace(by_state=False), cast(Power, of))
     slope, zeros, flags = np.asarray(slope, float), np.zeros(len(wrt)), (*orbit.flags, *flags)
-    return PowerGradient("periodic", slope, zeros, level, 0.0, orbit, orbit.conditioning, 0.0, flags)
+    return PowerGradient("periodic", slope, zeros, level, 0.0, orbit, orbit.conditioning, 0.0, flags, *both)
 
 
-def _power_slope(orbit: PeriodicOrbit, problem: TangentProblem, of: Power) -> Algorithm[AmplitudeSlope]:
+def _power_slope(
+    orbit: PeriodicOrbit, problem: TangentProblem, of: Power
+) -> Algorithm[tuple[AmplitudeSlope, _Reductions]]:
     """The derivatives of a power along the directions of a problem."""
     tangents, directions = orbit.jacobian, problem.directions
     assert tangents is not None  # there is an orbit
-    by_numbers = yield Derivatives(problem, orbit.q, orbit.steps_per_period, orbit.method)
+    method = orbit.method._replace(vibration=is_reduction(of))
+    by_numbers = yield Derivatives(problem, orbit.q, orbit.steps_per_period, method)
     shift = moved_start(tangents.by_state, by_numbers.by_parameter, orbit.free_sliders)
     power_by = by_numbers.power_by_parameter + tangents.power_by_state @ shift
     repeated = repeat_lane((without_given(problem.scene), tangents.power), len(directions))
     slope = np.asarray(directional_derivatives(*repeated, stacked(directions), power_by.T, of))
+    both = _Reductions()
+    if is_reduction(of):
+        both = _Reductions(orbit.P_d, _vibration_level(problem.scene, tangents.power, by_numbers.means))
     if of == "P_d_worst":
         found = [(-level, -by) for level, by in zip(power_reduction(orbit.P, orbit.P_0), slope.T, strict=True)]
         worst = largest_level(found, "blades tie")
-        return AmplitudeSlope(-worst.level, -worst.slope, worst.flags)
+        return AmplitudeSlope(-worst.level, -worst.slope, worst.flags), both
     counts = slice(1 if orbit.scene.row is None else None)
-    return AmplitudeSlope(orbit.P_d if of == "P_d" else float(orbit.P[counts].sum()), slope)
+    return AmplitudeSlope(orbit.P_d if of == "P_d" else float(orbit.P[counts].sum()), slope), both
+
+
+def _vibration_level(scene: Scene, power: np.ndarray, means: np.ndarray) -> float:
+    """P_d of the vibration alone on an orbit [%]."""
+    return float(_quantities("P_d_vibration", *repeat_lane((without_given(scene), (power, means)), 1))[0])
+
+
+def _vibration_slope(orbit: PeriodicOrbit, problem: TangentProblem) -> Algorithm[tuple[AmplitudeSlope, _Reductions]]:
+    """P_d of the vibration alone and its derivatives along the directions of a problem."""
+    assert orbit.jacobian is not None  # there is an orbit
+    whole = yield Derivatives(problem, orbit.q, orbit.steps_per_period, orbit.method._replace(vibration=True))
+    shift = moved_start(orbit.jacobian.by_state, whole.by_parameter, orbit.free_sliders)
+    power_by = whole.power_by_parameter + whole.power_by_state @ shift
+    means_by = whole.means_by_parameter + whole.means_by_state @ shift
+    scene, squares = without_given(problem.scene), (whole.power, whole.means)
+    scenes, squares, directions = *repeat_lane((scene, squares), len(problem.directions)), stacked(problem.directions)
+    by = power_by.T, np.moveaxis(means_by, -1, 0)
+    slope = directional_derivatives(scenes, squares, directions, by, "P_d_vibration")
+    level = _vibration_level(problem.scene, whole.power, whole.means)
+    return AmplitudeSlope(level, np.asarray(slope)), _Reductions(orbit.P_d, level)
 
 
 def differences_on(orbit: PeriodicOrbit, wrt: Sequence[str], step: float, of: Quantity = "P_d") -> dict[str, float]:
@@ -131,9 +170,9 @@ def differences_on(orbit: PeriodicOrbit, wrt: Sequence[str], step: float, of: Qu
 
 def _levels_nearby(orbit: PeriodicOrbit, scenes: Scene, of: Quantity) -> np.ndarray:
     """The quantity `of` on the orbits of scenes (leading axis) near that of `orbit`; NaN where one does not close."""
-    starts, power = nearby_orbits(orbit, scenes)
+    starts, power, means = nearby_orbits(orbit, scenes, vibration=of == "P_d_vibration")
     if amplitude_of(of) is None:
-        levels = np.asarray(_quantities(cast(Power, of), scenes, power))
+        levels = np.asarray(_quantities(cast(Power, of), scenes, power if means is None else (power, means)))
         return levels.min(axis=-1) if of == "P_d_worst" else levels
     plan = Plan(0, orbit.q, orbit.steps_per_period, 0.0, orbit.method._replace(amplitudes=True))
     runs = run_lanes(scenes, starts, plan, lambda _: None)
@@ -143,7 +182,13 @@ def _levels_nearby(orbit: PeriodicOrbit, scenes: Scene, of: Quantity) -> np.ndar
 
 
 def _quantity(of: Power, scene: Scene, power):
-    """The quantity `of` from the mean square displacements of all blades; "P_d_worst" is P_d of each."""
+    """The quantity `of` from the mean square displacements of all blades; "P_d_worst" is P_d of each.
+
+    That of the vibration alone needs a pair, of these and of the means of the position.
+    """
+    if of == "P_d_vibration":
+        square, means = power
+        of, power = "P_d", vibration_square(square[: means.shape[-1]], means, gyration(scene.shroud))
     if scene.row is None:
         P = area(scene.shroud) * power[0]
         return P if of == "P" else power_reduction(P, free_power(scene)[0])
@@ -160,7 +205,7 @@ def _quantities(of: Power, scenes: Scene, power):
 
 @kept("of")
 def directional_derivatives(scenes: Scene, power, directions: Scene, power_directions, of: Power):
-    """The derivatives of `of` along directions of scenes and mean square displacements, all with a leading axis."""
+    """The derivatives of `of` along directions of scenes and of what `_quantity` takes, all with a leading axis."""
     return jax.vmap(lambda *point_and_direction: _directional_derivative(of, *point_and_direction))(
         scenes, power, directions, power_directions
     )
@@ -194,7 +239,7 @@ def smoothed_gradient(
     centre, wrt = levels[has_width], [key for key, kept in zip(wrt, has_width, strict=True) if kept]
     xi = np.random.default_rng(seed).standard_normal((pairs, len(wrt)))
     signed = np.concatenate([xi, -xi])
-    level, noise, number, ok = _sampled_levels(scene, wrt, centre * (1 + sigma * signed), of, plan)
+    level, noise, number, ok, both = _sampled_levels(scene, wrt, centre * (1 + sigma * signed), of, plan)
     complete = ok[:pairs] & ok[pairs:]
     if complete.sum() < len(wrt) + 2:
         message = f"Only {complete.sum()} of {pairs} pairs ran to their end; too few for {len(wrt)} derivatives."
@@ -221,6 +266,7 @@ def smoothed_gradient(
         conditioning=float("nan"),
         sigma=sigma,
         flags=flags,
+        **{name: float(np.mean(a[np.tile(complete, 2)])) for name, a in both._asdict().items()},
     )
 
 
@@ -232,11 +278,18 @@ def _with_nan_elsewhere(values: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 def _sampled_levels(scene: Scene, wrt: Sequence[str], values: np.ndarray, of: Quantity, plan: Plan):
-    """At each row of parameter values: `of`, its interval's half width, the period number, and whether it is OK."""
+    """At each row of parameter values: `of`, its interval's half width, the period number, and whether it is OK.
+
+    Then P_d and that of the vibration alone, NaN of other quantities.
+    """
     scenes = in_precision(without_given(scenes_around(scene, wrt, values)), plan.method.precision)
-    plan = replace(plan, method=plan.method._replace(amplitudes=amplitude_of(of) is not None))
+    told = amplitude_of(of) is not None, is_reduction(of)
+    plan = replace(plan, method=plan.method._replace(amplitudes=told[0], vibration=told[1]))
     runs = run_lanes(scenes, initial_states(scenes), plan, lambda _: None)
-    return *levels_of(of, scenes, runs.samples), runs.last.status == Status.OK
+    both = _Reductions(*np.full((2, len(values)), np.nan))
+    if is_reduction(of):
+        both = _Reductions(*(levels_of(one, scenes, runs.samples).value for one in ("P_d", "P_d_vibration")))
+    return *levels_of(of, scenes, runs.samples), runs.last.status == Status.OK, both
 
 
 def _least_squares(xi: np.ndarray, difference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -28,6 +28,8 @@ def levels_of(of: Quantity, scenes: Scene, samples: Sample) -> Levels:
     motion, power, P_0 = averages(scenes, samples)
     if of == "P_d":
         return Levels(power.P_d, power.ci, motion.number)
+    if of == "P_d_vibration":
+        return Levels(power.P_d_vibration, power.vibration_ci, motion.number)
     counts = slice(1 if scenes.row is None else None)  # the left blade of a pair, all blades of a row
     if of == "P":
         return Levels(power.P[:, counts].sum(axis=1), power.ci * P_0[:, counts].sum(axis=1) / 100, motion.number)

@@ -9,7 +9,14 @@ from numpy.typing import DTypeLike
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.runs import Plan, select_lanes
 from jaxshroud.batch.states import final_states, from_vector, motion_rows, state_size, to_vector
-from jaxshroud.batch.tangents import TangentProblem, Tangents, as_differentiable, run_flow, without_direction
+from jaxshroud.batch.tangents import (
+    TangentProblem,
+    Tangents,
+    as_differentiable,
+    means_array,
+    run_flow,
+    without_direction,
+)
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
@@ -194,16 +201,26 @@ def moved_start(M: np.ndarray, shift: np.ndarray, free: np.ndarray | bool) -> np
     return shifted
 
 
-def nearby_orbits(orbit: PeriodicOrbit, scenes: Scene) -> tuple[State, np.ndarray]:
-    """The starts, and the mean square displacements (lanes, blades), of the orbits of scenes very near that of `orbit`.
+class NearbyOrbits(NamedTuple):
+    """The orbits of scenes very near that of another; the averages are NaN where one does not close."""
 
-    All orbits are closed at once, by Newton's method with the Jacobian of the given orbit; NaN where it fails.
+    starts: State
+    power: np.ndarray  # mean square displacements (lanes, blades) [m^2]
+    means: np.ndarray | None  # as of `Tangents`, (lanes, 4, blades); None unless they are wanted
+
+
+def nearby_orbits(orbit: PeriodicOrbit, scenes: Scene, *, vibration: bool = False) -> NearbyOrbits:
+    """The orbits of scenes very near that of `orbit`, with their mean positions if `vibration`.
+
+    All orbits are closed at once, by Newton's method with the Jacobian of the given orbit.
     """
     assert orbit.jacobian is not None  # there is an orbit
     lanes, sizes = len(scenes.drive.omega), state_scales(orbit.scene, orbit.start)
     states = starts = repeat_lane(orbit.start, lanes)
     no_change, method = jax.tree.map(np.zeros_like, scenes), as_differentiable(orbit.method)
+    method = method._replace(vibration=vibration)
     power, smallest = np.full((lanes, len(orbit.P)), np.nan), np.full(lanes, np.inf)
+    means = np.full((lanes, 4, 1 if scenes.row is None else len(orbit.P)), np.nan) if vibration else None
     for _ in range(MAX_NEWTON_UPDATES):
         flows = run_flow(
             Dual(scenes, no_change), without_direction(states), orbit.q, orbit.steps_per_period, method
@@ -212,13 +229,15 @@ def nearby_orbits(orbit: PeriodicOrbit, scenes: Scene) -> tuple[State, np.ndarra
         miss = np.max(np.abs(end - z) / sizes, axis=1)
         improved = miss < smallest
         power[improved], smallest[improved] = np.stack(flows.power, axis=-1)[improved], miss[improved]
+        if means is not None:
+            means[improved] = np.moveaxis(means_array(flows.means), -1, 0)[improved]
         starts = select_lanes(improved, states, starts)
         if not improved.any():
             break
         step = moved_start(orbit.jacobian.by_state, (end - z).T, orbit.free_sliders).T
         states = from_vector(z + step, flows.state.mode, flows.state.case, scenes.row_size)
     closed = smallest <= FOLLOWED_TOLERANCE[orbit.method.precision]
-    return starts, np.where(closed[:, None], power, np.nan)
+    return NearbyOrbits(starts, np.where(closed[:, None], power, np.nan), means)
 
 
 def _first_lane(tree: Tree) -> Tree:

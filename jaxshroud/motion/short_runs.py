@@ -53,9 +53,14 @@ def _soft(scene: Scene, width: float) -> Scene:
     return with_parts(scene, scene.parts._replace(contact="smooth"), width * free_rms_displacement(scene))
 
 
-def end_states(scenes: Scene, steps: int, method: Choices, *, ledger: bool = False) -> np.ndarray:
-    """The motions (lanes, 12) at the horizon from the scenes' own starts; NaN where a lane has stopped."""
-    scenes, method = in_precision(scenes, method.precision), method._replace(ledger=ledger)
+def end_states(
+    scenes: Scene, steps: int, method: Choices, *, ledger: bool = False, vibration: bool = False
+) -> np.ndarray:
+    """The motions (lanes, 12) at the horizon from the scenes' own starts; NaN where a lane has stopped.
+
+    `ledger` and `vibration` are those of the programs that march them.
+    """
+    scenes, method = in_precision(scenes, method.precision), method._replace(ledger=ledger, vibration=vibration)
     runs = run_lanes(scenes, initial_states(scenes), Plan(HORIZON - 1, 1, steps, 0.0, method), lambda _: None)
     return motions_at(runs.samples, 0)
 

@@ -30,7 +30,7 @@ class WithAmplitudes:
 
 
 class WithLoads:
-    """The loads of contact over the kept periods, in results that were asked for forces."""
+    """The loads of contact over the latest whole orbits of the kept periods, in results that were asked for forces."""
 
     N_max = Variable("largest normal force of contact", "N")
     F_max = Variable("largest magnitude of the friction force", "N")

@@ -44,6 +44,7 @@ class DataSheet(PlainResult):
     start: float = 0.0  # of the range of speeds [rad/s]
     stop: float = 0.0
     crossings: "tuple[Crossing, ...]" = ()  # of engine orders with natural frequencies in that range
+    pressed: tuple[float, ...] = ()  # displacement of each block by interference alone, without rotation [m]
     gaps: tuple[float, ...] = ()  # of a row, as are all that follow: at each interface [m]
     approaches: tuple[float, ...] = ()  # see `approach` [m]
     slides: tuple[float, ...] = ()  # see `slide` [m]

@@ -8,6 +8,7 @@ import numpy as np
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, FlagsVariable, Variable, lanes_in_shape, lanes_in_words
 from jaxshroud.motion.effects import Effect, effects, with_interval
+from jaxshroud.motion.vibration import told_difference
 from jaxshroud.results.base import Labels, Result, result_from_dataset
 from jaxshroud.results.orbit import ORBIT_FLAGS, Orbit, RowOrbit
 from jaxshroud.scene.checks import InputError
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 ONE_SIDED = "two peaks", "blades tie"
 GRADIENT_KINDS = ("none", "periodic", "smoothed")
 ORBIT_PREFIX = "orbit_"  # of the names of the orbit's variables and attributes
-SLOPE_NUMBERS = ("level", "level_ci", "conditioning", "sigma", "flags")
+SLOPE_NUMBERS = ("level", "level_ci", "P_d", "P_d_vibration", "conditioning", "sigma", "flags")
 
 
 class Gradient(Result):
@@ -41,6 +42,8 @@ class Gradient(Result):
     derivative_ci = Variable("half width of its 95 % interval; 0 where it is exact", None, ("wrt",))
     level = Variable("what is differentiated: on the orbit, or averaged over the neighbourhood", None, alone=True)
     level_ci = Variable("half width of its 95 % interval", None, alone=True)
+    P_d = Variable("P_d there, where `of` is a reduction; else NaN", "percent", alone=True)
+    P_d_vibration = Variable("that of the vibration about the mean position alone", "percent", alone=True)
     conditioning = Variable("how far a push of the map moves the orbit; NaN if smoothed", "1", alone=True)
     sigma = Variable("relative width of the neighbourhood; 0 on an orbit", "1", alone=True)
     flags = FlagsVariable(
@@ -124,12 +127,17 @@ class Gradient(Result):
             f"the slopes are one-sided, of the side on which {self.of} {'falls' if self.of == 'P_d_worst' else 'rises'}"
         )
 
+    @property
+    def static_deflection(self) -> str:
+        """One sentence where a static deflection makes P_d differ from that of the vibration; else empty; one scene."""
+        return told_difference(self.P_d, self.P_d_vibration, self.of)
+
     def summary(self) -> dict[str, JSONValue]:
         """The derivatives and their orbit in plain numbers, as `gradient.json` holds them; of many scenes few."""
         if np.ndim(self.level):
             return super().summary()
         cycle = self.orbit
-        names = ("of", "kind", "value", "ci", "level", "level_ci", "sigma", "flags", "side")
+        names = ("of", "kind", "value", "ci", "level", "level_ci", "P_d", "P_d_vibration", "sigma", "flags", "side")
         orbit = {
             "period_number": cycle.q,
             "residual": cycle.residual,
@@ -196,7 +204,7 @@ class Gradient(Result):
         slopes = ", ".join(f"d{self.of}/d {key} = {with_interval(v, self.ci[key])}" for key, v in self.value.items())
         return (
             f"Gradient, {self.kind}: {slopes}; {self.of} {with_interval(self.level, self.level_ci, unit)}; "
-            f"flags: {', '.join(self.flags) or 'none'}"
+            f"flags: {', '.join(self.flags) or 'none'}{self.static_deflection and f'; {self.static_deflection}'}"
         )
 
 

@@ -8,6 +8,7 @@ from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Variable
 from jaxshroud.motion.effects import with_interval
+from jaxshroud.motion.vibration import told_difference
 from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads
 from jaxshroud.results.base import Result
 from jaxshroud.results.equivalent import WithEquivalent, sentences_of
@@ -40,6 +41,8 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
     )
     final_P_d_worst = FinalNumber("reduction of the blade of a row that gains the least; in rows only", "percent")
     final_ci = FinalNumber("half width of its 95 % interval", "percent")
+    final_P_d_vibration = FinalNumber("reduction of the vibration about the mean position alone", "percent")
+    final_P_d_vibration_ci = FinalNumber("half width of its 95 % interval", "percent")
     final_change = FinalNumber("change of P_d since half as many periods", "percent")
     final_tolerance = FinalNumber("at which P_d counts as stable", "percent")
     final_stable = FinalNumber("P_d is known to the tolerance", kind=bool)
@@ -69,6 +72,11 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
         return {**values, "status": self.status, "method": self.method, "chatter": self.chatter}
 
     @property
+    def static_deflection(self) -> str:
+        """One sentence where a static deflection makes P_d differ from that of the vibration alone; else empty."""
+        return told_difference(self.final_P_d, self.final_P_d_vibration)
+
+    @property
     def mechanism(self) -> str:
         """What contact does to the vibration of a single scene, in words with numbers.
 
@@ -81,6 +89,7 @@ class PowerResult(WithAmplitudes, WithLoads, WithEquivalent, Result):
     def summary(self) -> dict[str, JSONValue]:
         """The curve and the final answer in plain numbers, as `power.json` holds them."""
         numbers = {"n": self.n, "P_d": self.P_d, "P_d_ci": self.P_d_ci, "final": self.final}
+        numbers |= {"static_deflection": self.static_deflection} if self.static_deflection else {}
         kinds = {"equivalent": WithEquivalent, "amplitudes": WithAmplitudes, "loads": WithLoads}
         return json_values({**self.origin, **numbers, **{name: self._kept(one) for name, one in kinds.items()}})
 

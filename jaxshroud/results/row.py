@@ -57,10 +57,10 @@ class RowTrajectory(Trajectory):
     loss_friction = Variable("lost in sliding contact at each interface over the run", "J", ("interface",))
     slip = Variable("path of the slider on the face over the run", "m", ("interface",))
     N_mean = Variable("mean normal force over the run, the time apart included", "N", ("interface",))
-    N_slip = Variable("mean normal force while the faces slip; NaN if they do not", "N", ("interface",))
-    time_apart = Variable("fraction of the time: apart", "1", ("interface",))
-    time_stick = Variable("fraction of the time: stick", "1", ("interface",))
-    time_slip = Variable("fraction of the time: slip", "1", ("interface",))
+    N_slip = Variable("mean normal force over the run while the faces slip; NaN if they do not", "N", ("interface",))
+    time_apart = Variable("fraction of the time of the whole run: apart", "1", ("interface",))
+    time_stick = Variable("fraction of the time of the whole run: stick", "1", ("interface",))
+    time_slip = Variable("fraction of the time of the whole run: slip", "1", ("interface",))
     closed = Attribute(int)  # whether the last blade touches the first
 
     @property

@@ -14,6 +14,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.motion.effects import flat_text
 from jaxshroud.motion.orbit_distance import NEIGHBOURING_STEPS, SweptMotion, find_jumps, motions_differ
 from jaxshroud.motion.period import UNKNOWN_IF_SETTLED
+from jaxshroud.motion.vibration import told_difference
 from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads, amplitude_numbers, largest_of_lanes, load_numbers
 from jaxshroud.results.base import Result
 from jaxshroud.scene.keys import Motion
@@ -35,8 +36,9 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     """The stroboscopic samples and the statistics of a sweep.
 
     Arrays start with the axes of the scenes, followed by one dimension per axis of the sweep. Samples have a dimension
-    `period` after these, and the blade comes last where each blade has a value of its own. Statistics are over the
-    kept periods.
+    `period` after these, and the blade comes last where each blade has a value of its own. Powers, amplitudes, loads
+    and shares of the time are over the latest whole orbits of the kept periods, or over all of these where the motion
+    is aperiodic.
 
     Panels of its picture: "samples" and "P_d" over one axis; "P_d" and "motions" over two; "lyapunov" over either,
     where exponents were computed.
@@ -53,6 +55,8 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     P_d = Variable("vibration-power reduction of the left blade, Eq. (24), or of all blades of a row", "percent")
     P_d_worst = Variable("reduction of the blade of a row that gains the least; in rows only", "percent")
     P_d_ci = Variable("half width of the 95 % interval of P_d, batch means", "percent")
+    P_d_vibration = Variable("reduction of the vibration about the mean position alone", "percent")
+    P_d_vibration_ci = Variable("half width of the 95 % interval of P_d_vibration, batch means", "percent")
     P_d_ci_short = Variable("too few correlation times for P_d_ci", stored=np.int8, kind=bool)
     P_d_settled = Variable("P_d no longer drifts, on evidence", stored=np.int8, kind=bool)
     P_d_settling = Variable("P_d no longer drifts", more=SETTLING_FLAGS)
@@ -63,9 +67,9 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     periods_more = Variable(MORE_PERIODS.format("it is over"), "1")
     status = Variable("", stored=np.int8, kind=np.int32, more=FLAGS)
     v_max = Variable("largest penetration", "m")
-    time_apart = Variable("fraction of the time: apart", "1")
-    time_stick = Variable("fraction of the time: stick", "1")
-    time_slip = Variable("fraction of the time: slip", "1")
+    time_apart = Variable("fraction of the time of whole orbits: apart", "1")
+    time_stick = Variable("fraction of the time of whole orbits: stick", "1")
+    time_slip = Variable("fraction of the time of whole orbits: slip", "1")
     lyapunov = Variable("largest Lyapunov exponent per drive period; -inf: forgotten altogether", "1")
     lyapunov_ci = Variable("half width of its 95 % interval", "1")
     interface_v_max = Variable("largest penetration at each interface; in rows only", "m", ("interface",))
@@ -125,6 +129,12 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
         """What to say where P_d moves less than its intervals over the range asked for; else empty."""
         return flat_text(np.where(self.status == Status.OK, self.P_d, np.nan), self.P_d_ci)
 
+    @property
+    def static_deflection(self) -> str:
+        """One sentence where a static deflection makes P_d of a lane differ from that of the vibration; else empty."""
+        ok = self.status == Status.OK
+        return told_difference(np.where(ok, self.P_d, np.nan), self.P_d_vibration)
+
     def summary(self) -> dict[str, JSONValue]:
         """The sweep in a few numbers, as `summary.json` holds them."""
         ok, residual, dropped = self.status == Status.OK, self.energy_residual, self.energy_dropped
@@ -149,7 +159,7 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
                 "unsettled": int((~self.settled & ok).sum()),
                 **_settling_numbers(self, ok),
                 "largest P_d": best,
-                **({"flat": self.flat} if self.flat else {}),
+                **{name: getattr(self, name) for name in ("flat", "static_deflection") if getattr(self, name)},
                 **({} if positive is None else {"positive exponents": positive}),
                 **largest_of_lanes(ok, {"largest energy residual": residual, "largest energy dropped": dropped}),
                 **load_numbers(self, ok),

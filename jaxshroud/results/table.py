@@ -12,10 +12,12 @@ from jaxshroud.io.lane_status import count_by_status, status_name
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.model.modes import Status
+from jaxshroud.motion.vibration import told_difference
 from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads
 from jaxshroud.results.base import Result
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.quantities import is_reduction
 from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
@@ -47,6 +49,8 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
     P_d = SweepResult.P_d
     P_d_worst = SweepResult.P_d_worst
     P_d_ci = SweepResult.P_d_ci
+    P_d_vibration = SweepResult.P_d_vibration
+    P_d_vibration_ci = SweepResult.P_d_vibration_ci
     P_d_ci_short = SweepResult.P_d_ci_short
     P_d_settled = SweepResult.P_d_settled
     stable = Variable(
@@ -140,10 +144,17 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
                 "verdicts": dict(zip(words.tolist(), counts.tolist(), strict=True)),
                 "ranked by": str(self.by),
                 "best": self._best_row(),
+                **({"static deflection": self.static_deflection} if self.static_deflection else {}),
                 "method": f"{self.method}, {self.steps_per_period} steps a period",
                 **self.origin,
             }
         )
+
+    @property
+    def static_deflection(self) -> str:
+        """One sentence where a static deflection makes P_d of a row differ from that of the vibration; else empty."""
+        P_d, counted = np.where(self.status == Status.OK, self.P_d, np.nan), str(self.by)
+        return told_difference(P_d, self.P_d_vibration, counted if is_reduction(counted) else "P_d")
 
     def _best_row(self) -> dict[str, object] | None:
         """The first row in rank, by its heads; None where no row has one."""

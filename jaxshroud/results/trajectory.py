@@ -98,9 +98,9 @@ class Trajectory(WithAmplitudes, Result):
     work_drive = Variable("work of the drive over the run", "J", alone=True)
     loss_viscous = Variable("lost in the dampers over the run", "J", alone=True)
     loss_friction = Variable("lost in sliding contact over the run", "J", alone=True)
-    time_apart = Variable("fraction of the time: apart", "1", alone=True)
-    time_stick = Variable("fraction of the time: stick", "1", alone=True)
-    time_slip = Variable("fraction of the time: slip", "1", alone=True)
+    time_apart = Variable("fraction of the time of the whole run: apart", "1", alone=True)
+    time_stick = Variable("fraction of the time of the whole run: stick", "1", alone=True)
+    time_slip = Variable("fraction of the time of the whole run: slip", "1", alone=True)
     omega = Variable("circular frequency of the drive", "rad s-1", alone=True)
     gap = Variable("initial gap", "m", alone=True)
     every = Attribute(int)  # steps from one sample to the next

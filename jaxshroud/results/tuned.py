@@ -10,6 +10,7 @@ from jaxshroud.io.scene_numbers import has_row
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.motion.effects import between, flat_text
+from jaxshroud.motion.vibration import told_difference
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import is_reduction, unit_of
@@ -106,6 +107,8 @@ class Tuned(Result):
     most_penetration = Attribute()  # [m]
     most_force = Attribute()  # [N]
     conditions_json = Attribute(str, name="conditions_asked")  # key -> values, as JSON
+    best_P_d = Variable("P_d of the best design", "percent", ("condition",))
+    best_P_d_vibration = Variable("that of the vibration about the mean position alone", "percent", ("condition",))
     check_score = Variable("of each check: objective less the penalties", "percent", ("check",))
     check_objective = Variable("of each check: mean or least P_d over the conditions", "percent", ("check",))
     check_P_d = Variable("of each check: P_d", "percent", ("check", "condition"))
@@ -268,8 +271,8 @@ class Tuned(Result):
         Args:
             drawn: The map, as `objective_map` gives it.
         """
-        outcome = ("feasible", "design", "objective", "at_bounds", "confirmed", "periods")
-        request = ("over", "conditions", "goal", "most_penetration", "most_force")
+        outcome = ("feasible", "design", "objective", "at_bounds", "confirmed", "periods", "best_P_d")
+        request = ("best_P_d_vibration", "over", "conditions", "goal", "most_penetration", "most_force")
         tuned = {} if self.quantity == "P_d" else {name: getattr(self, name) for name in ("of", "free", "level")}
         search = (*SEARCH, "exact", "scanned", "scanned_scores")
         return json_values(
@@ -279,7 +282,7 @@ class Tuned(Result):
                 **self._row,
                 "method": str(self.method),
                 "steps_per_period": self.steps_per_period,
-                **({"flat": self.flat} if self.flat else {}),
+                **{name: getattr(self, name) for name in ("flat", "static_deflection") if getattr(self, name)},
                 **({} if self.robust is None else {"robust": self.robust}),
                 "checks": {name: judgement._asdict() for name, judgement in self.checks.items()},
                 "map": drawn,
@@ -287,6 +290,11 @@ class Tuned(Result):
                 **self.origin,
             }
         )
+
+    @property
+    def static_deflection(self) -> str:
+        """One sentence where a static deflection makes P_d of the best design differ from that of the vibration."""
+        return "" if self.best_P_d is None else told_difference(self.best_P_d, self.best_P_d_vibration, self.quantity)
 
     @property
     def failed(self) -> int:

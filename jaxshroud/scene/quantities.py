@@ -1,7 +1,8 @@
 """The quantities of a motion that are differentiated, tuned and scattered: powers and amplitudes.
 
 They are those of the left blade of a pair. Of a row, P and P_d are those of all blades together, `P_d_worst` is that of
-the blade that gains the least, and an amplitude is the largest of all blades.
+the blade that gains the least, and an amplitude is the largest of all blades. `P_d_vibration` is P_d without what a
+static deflection contributes.
 """
 
 from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
@@ -13,11 +14,12 @@ if TYPE_CHECKING:
     import numpy as np
 
 Measure = Literal["mean", "rms", "peak"]
-Power = Literal["P_d", "P", "P_d_worst"]
+Power = Literal["P_d", "P", "P_d_worst", "P_d_vibration"]
 Quantity = Literal[
     "P_d",
     "P",
     "P_d_worst",
+    "P_d_vibration",
     "x_mean",
     "x_rms",
     "x_peak",
@@ -30,9 +32,9 @@ Quantity = Literal[
 ]
 QUANTITY_WORDS = get_args(Quantity)
 DISPLACEMENTS = ("x", "y", "theta")
-RequiredReduction = Literal["P_d", "P_d_worst"]  # that a design is to reach
+RequiredReduction = Literal["P_d", "P_d_worst", "P_d_vibration"]  # that a design is to reach
 REQUIRED_REDUCTIONS = get_args(RequiredReduction)
-POWER_UNITS = {"P_d": "%", "P": "m^4", "P_d_worst": "%"}
+POWER_UNITS = {"P_d": "%", "P": "m^4", "P_d_worst": "%", "P_d_vibration": "%"}
 
 
 class Amplitude(NamedTuple):
@@ -67,15 +69,15 @@ def unit_of(of: str) -> str:
 
 
 def is_reduction(of: str) -> bool:
-    """Whether a quantity is a reduction already, in percent: P_d, or that of the worst blade."""
+    """Whether a quantity is a reduction already, in percent: P_d, that of the worst blade or of the vibration alone."""
     return POWER_UNITS.get(of) == "%"
 
 
 def quantity_symbol(of: str) -> str:
     """The symbol of a quantity, as pictures show it."""
     amplitude = amplitude_of(of)
-    if of == "P_d_worst":
-        return r"$P_{d,\mathrm{worst}}$"
+    if of in ("P_d_worst", "P_d_vibration"):
+        return rf"$P_{{d,\mathrm{{{of.removeprefix('P_d_')}}}}}$"
     if amplitude is None:
         return f"${of}$"
     letter = r"\theta" if amplitude.displacement == "theta" else amplitude.displacement

@@ -10,7 +10,14 @@ import numpy as np
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.runs import Plan, initial_states
 from jaxshroud.batch.states import to_vector
-from jaxshroud.batch.tangents import as_differentiable, direction, end_as_start, run_flow, without_direction
+from jaxshroud.batch.tangents import (
+    as_differentiable,
+    direction,
+    end_as_start,
+    means_array,
+    run_flow,
+    without_direction,
+)
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import closed_forms
@@ -134,7 +141,8 @@ def exact_slopes(problem: Problem, u: np.ndarray, tick: Tick) -> tuple[np.ndarra
     directions = jax.tree.map(lambda *a: np.stack(a, axis=1).reshape(-1, *a[0].shape[1:]), *key_directions)
     directions = jax.tree.map(lambda a: (a * rate.reshape(-1, *[1] * (a.ndim - 1))).astype(a.dtype), directions)
     scene, state = Dual(per_key(scenes), directions), without_direction(per_key(start_states(problem, scenes)))
-    method, steps = as_differentiable(plan.method), plan.steps_per_period
+    method = as_differentiable(plan.method)._replace(vibration=problem.of == "P_d_vibration")
+    steps = plan.steps_per_period
     if plan.transient:
         state = end_as_start(run_flow(scene, state, plan.transient, steps, method))
     end = run_flow(scene, state, plan.kept, steps, method)
@@ -155,9 +163,13 @@ def _reduction_slopes(problem: Problem, scene: Dual, end: Dual) -> np.ndarray:
 
 def _power_slopes(problem: Problem, scene: Dual, end: Dual) -> np.ndarray:
     """The derivative of a power of each lane, (lanes,)."""
-    power, by_tangent = (np.stack(flow.power, axis=-1) for flow in end)
     of = cast(Power, problem.of)
-    slope = np.asarray(directional_derivatives(scene.value, power, scene.tangent, by_tangent, of), float)
+    power, by_tangent = (np.stack(flow.power, axis=-1) for flow in end)
+    squares, by = power, by_tangent
+    if of == "P_d_vibration":
+        means, means_by = (np.moveaxis(means_array(flow.means), -1, 0) for flow in end)
+        squares, by = (power, means), (by_tangent, means_by)
+    slope = np.asarray(directional_derivatives(scene.value, squares, scene.tangent, by, of), float)
     if of != "P_d_worst":
         return slope
     A, P_0, _ = closed_forms(scene.value)

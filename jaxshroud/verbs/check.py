@@ -96,6 +96,7 @@ def check(
         doubts=(),
         slide=float(along.max()),
         modes=modes,
+        pressed=_floats(_displaced_by_interference(system, gaps, float(s.alpha))),
         **({} if scene.row is None else _at_interfaces(arrays, k, across / math.sin(s.alpha), along)),
         **_over_speed(scene, modes, engine_orders, start, stop),
     )
@@ -153,6 +154,21 @@ def _relative_motions(free: Amplitudes, alpha: float, interfaces: int) -> tuple[
         across, along = x * math.sin(alpha) - y * math.cos(alpha), x * math.cos(alpha) + y * math.sin(alpha)
     unbounded = lambda a: np.where(np.isnan(a), np.inf, np.abs(a))
     return unbounded(across), unbounded(along)
+
+
+def _displaced_by_interference(system: LinearContact, gaps: np.ndarray, alpha: float) -> np.ndarray:
+    """The displacement of each block where interference presses the faces together, at rest, (blades,) [m].
+
+    The faces slide freely, and the blocks do not turn.
+    """
+    bends = system.moves & (np.arange(len(system.moves)) < 2 * len(system.moves) // 3)
+    depth = np.maximum(-gaps, 0.0) * math.sin(alpha)
+    v_q, k = system.v_q[:, bends], np.where(depth > 0, system.k, 0.0)
+    displacement = np.zeros(len(system.moves))
+    stiffness = np.diag(system.stiffness[bends]) + v_q.T @ (k[:, None] * v_q)
+    displacement[bends] = np.linalg.solve(stiffness, -v_q.T @ (k * depth))
+    x, y, _ = displacement.reshape(3, -1)
+    return np.hypot(x, y)
 
 
 def _checked_orders(given: Sequence[float | int] | None, own: float | None) -> list[float]:

@@ -209,6 +209,14 @@ def start_states(problem: Problem, scenes: Scene) -> State:
     return repeat_lane(in_scene_precision(problem.state, scenes), len(scenes.drive.omega))
 
 
+def both_reductions(problem: Problem, design: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """P_d, and that of the vibration alone, of a design (keys,) in every condition, at every draw [%]."""
+    scenes = in_precision(without_given(scenes_of(problem, design[None])), problem.plan.method.precision)
+    runs = run_lanes(scenes, start_states(problem, scenes), problem.plan, lambda _: None)
+    P_d, alone = (levels_of(of, scenes, runs.samples).value for of in ("P_d", "P_d_vibration"))
+    return P_d, alone
+
+
 def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick) -> DesignJudgement:
     """Simulate designs (n, keys) in every condition, at every draw."""
     scenes = in_precision(without_given(scenes_of(problem, designs)), problem.plan.method.precision)

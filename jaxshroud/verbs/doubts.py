@@ -17,6 +17,7 @@ OVERDAMPED = 1.0  # damping ratio
 # is a bend that blades with such blocks do not take; at resonance, which contact is there to prevent, half a side is.
 MAX_AMPLITUDE_SIDES, MAX_RESONANT_SIDES = 0.1, 0.5
 MAX_SLIDE_FACES = 0.5  # slide of the free faces over their length: corners then pass the other face's ends
+MAX_PRESSED = 0.1  # displacement of a block by interference alone, over its free amplitude
 MAX_ANGLE = np.radians(10.0)  # of a free block; the springs of torsion are linear, and runs end at 45 degrees
 MIN_MARGIN = (
     0.05  # of the drive from a natural frequency: computed frequencies of blades are seldom closer to true ones
@@ -32,6 +33,7 @@ def doubts_of(sheet: DataSheet, scene: Scene) -> Iterator[str]:
     yield from _damping_doubts(sheet)
     yield from _resonance_doubts(sheet)
     if scene.parts.contact != "none":
+        yield from _interference_doubts(sheet)
         yield from _doubts_of_interfaces(sheet, float(scene.shroud.l_ab))
 
 
@@ -61,6 +63,20 @@ def _amplitude_doubts(sheet: DataSheet, side: float) -> Iterator[str]:
         at_resonance = f", {resonant * 1e3:.3g} mm at resonance" if resonant < np.inf else ""
         reach = f"{moved * 1e3:.3g} mm{at_resonance}, and its side is {side * 1e3:.3g} mm"
         yield f"{MOTION_NAMES[name]}: a free block moves by {reach}: check F_0 and the damping"
+
+
+def _interference_doubts(sheet: DataSheet) -> Iterator[str]:
+    """Interference that displaces a block by more than a tenth of its free amplitude."""
+    bent = [sheet.coordinates[name].amplitude for name in ("x", "y") if name in sheet.coordinates]
+    free, pressed = np.sqrt(np.sum(np.square(bent), axis=0)), np.array(sheet.pressed)
+    beyond = pressed > MAX_PRESSED * free
+    if np.any(beyond):
+        at = int(np.argmax(np.where(beyond, pressed, 0.0)))
+        share = f"{100 * pressed[at] / free[at]:.3g} % of its free amplitude" if free[at] else "which nothing drives"
+        yield (
+            f"interference alone displaces a block by {pressed[at] * 1e3:.3g} mm, {share}: P_d counts that as "
+            "vibration, P_d_vibration does not"
+        )
 
 
 def _damping_doubts(sheet: DataSheet) -> Iterator[str]:

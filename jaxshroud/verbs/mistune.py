@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.batch.runs import Progress
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.method import FOR_P_D, Method
 from jaxshroud.march.method_names import RESPONSES
 from jaxshroud.model.natural_modes import NaturalContact
 from jaxshroud.motion.amplification import RowResponses, largest_amplitudes
@@ -247,7 +247,7 @@ def _marched(
 ) -> tuple[RowResponses, _Run]:
     """The responses of rows with contact, and how a search runs them."""
     scenes = grid_of_scenes(with_patterns(row.scene, patterns), {row.along: row.values})
-    march = plan_march(resolved, flatten_lanes(scenes, 2), FAST)
+    march = plan_march(resolved, flatten_lanes(scenes, 2), FOR_P_D)
     run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": march.as_method}
     periods = resolved.n_periods + resolved.transient
     main = periods * len(patterns) * len(row.values) * (len(SINGLE_DIRECTIONS) if direction == "both" else 1)

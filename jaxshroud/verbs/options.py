@@ -208,7 +208,7 @@ def choose_method(
     Args:
         resolved: The resolved arguments.
         lanes: The scenes.
-        usual: The method where only steps are given, with or without a ledger.
+        usual: The method where only steps are given, with or without a ledger, and for P_d or not.
         periods: Of the run of each lane; by default those of the arguments.
         ends: How lanes are marched to try a method; by default by the programs of `run_lanes`.
 
@@ -224,12 +224,13 @@ def choose_method(
     accuracy, lanes = resolved.choosing_accuracy, without_given(lanes)
     if accuracy is not None and not isinstance(accuracy, RowChoice):
         periods = resolved.transient + resolved.n_periods if periods is None else periods
-        ends = ends or partial(end_states, ledger=usual.ledger)
+        ends = ends or partial(end_states, ledger=usual.ledger, vibration=usual.vibration)
         work = len(lanes.drive.omega) * periods
         choice = accuracy if isinstance(accuracy, Choice) else choose(lanes, 1, accuracy, lane_periods=work, ends=ends)
-        return choice.method._replace(ledger=usual.ledger), choice
+        return choice.method._replace(ledger=usual.ledger, vibration=usual.vibration), choice
     ledger = usual.ledger or contact == "own"  # the energy balance is the only check of a user's own law
-    return (usual._replace(ledger=ledger) if resolved.method is None else choices(resolved.method, ledger=ledger)), None
+    method = usual if resolved.method is None else choices(resolved.method)
+    return method._replace(ledger=ledger, vibration=usual.vibration), None
 
 
 def _method_for_rows(resolved: ResolvedOptions, usual: Choices) -> Choices:
@@ -241,9 +242,13 @@ def _method_for_rows(resolved: ResolvedOptions, usual: Choices) -> Choices:
     if resolved.method is not None:
         method = choices(resolved.method, ledger=usual.ledger)
         require_row_contact(resolved.scene.parts.contact, method)
-        return method
+        return method._replace(vibration=usual.vibration)
     accuracy = resolved.choosing_accuracy
-    return usual if accuracy is None else row_choice(accuracy, False).method._replace(ledger=usual.ledger)
+    return (
+        usual
+        if accuracy is None
+        else row_choice(accuracy, False).method._replace(ledger=usual.ledger, vibration=usual.vibration)
+    )
 
 
 def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials: Any) -> MarchPlan:

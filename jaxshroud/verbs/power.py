@@ -14,11 +14,11 @@ from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, run_lanes, zeno_w
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.states import final_states
 from jaxshroud.io.lane_status import warn_failures
-from jaxshroud.march.method import FAST_WITH_LEDGER, Method
+from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, Method
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.amplitudes import amplitude_values, load_values
+from jaxshroud.motion.amplitudes import amplitude_values, counted_mean, counted_periods, load_values
 from jaxshroud.motion.averages import Reduction, averages, closed_forms, power_series_of, relative_residual
 from jaxshroud.motion.equivalent import equivalent_values
 from jaxshroud.motion.levels import check_vibration
@@ -85,8 +85,10 @@ def _summaries(
     A = closed_forms(scenes)[0].astype(float)
     series = power_series_of(A[:, None, None] * np.stack(joined.power, axis=-1), P_0, scenes.row is not None)
     residual = np.full(len(A), np.nan) if joined.residual is None else relative_residual(joined)
-    kept = amplitude_values(scenes, joined, orbit.number) | load_values(scenes, joined)
-    kept |= {name: np.mean(getattr(joined, sample), axis=-1) for name, sample in WORKS.items()}
+    kept = amplitude_values(scenes, joined, orbit.number) | load_values(scenes, joined, orbit.number)
+    counted = counted_periods(joined, orbit.number)
+    kept |= {name: counted_mean(getattr(joined, sample), counted) for name, sample in WORKS.items()}
+    kept |= {"final_P_d_vibration": reduction.P_d_vibration, "final_P_d_vibration_ci": reduction.vibration_ci}
     if scenes.row is not None:
         kept["final_P_d_worst"] = power_reduction(reduction.P, P_0).min(axis=-1)
     summaries = []
@@ -223,7 +225,7 @@ def power(
         raise InputError(f"Argument `stable_within` must be positive, but is {stable_within}.")
     tolerance_argument("period_tol", period_tol)
     check_vibration("P_d", lanes, np.all)
-    march = plan_march(resolved, lanes, FAST_WITH_LEDGER)
+    march = plan_march(resolved, lanes, FOR_P_D_WITH_LEDGER)
     march = march._replace(method=march.method._replace(forces=forces, amplitudes=amplitudes))
     scenes = in_precision(without_given(lanes), march.method.precision)
     summaries, ends, chatter = _run_longer(
@@ -234,7 +236,7 @@ def power(
     result = _power_result(resolved, summaries, march, chatter)
     warn_failures(result.status, chatter, throw=throw)
     if march.choice is not None:
-        warn_missed(missed_lanes(lanes, march.choice, partial(end_states, ledger=True)), march.choice)
+        warn_missed(missed_lanes(lanes, march.choice, partial(end_states, ledger=True, vibration=True)), march.choice)
     return result
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxshroud.batch.runs import Plan, Progress, Ticker
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.xla import repeat_lane
-from jaxshroud.march.method import FAST, Method, method_of
+from jaxshroud.march.method import FOR_P_D, Method, method_of
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.results.attractors import Attractors
@@ -136,7 +136,7 @@ def report(
     check_report(design, resolved, limits, bounds, conditions, (draws, starts, seed), judged_by)
     lanes, blades = len(SINGLE_DIRECTIONS) * max(GAPS, ZOOMS * VALUES), blade_count(design.row_size)
     check_size(lanes, resolved.transient, resolved.n_periods, blades=blades)
-    march = plan_march(resolved, varied_by(design, bounds, conditions), FAST)
+    march = plan_march(resolved, varied_by(design, bounds, conditions), FOR_P_D)
     problem = _problem(design, conditions, limits)._replace(of=judged_by)
     counts = draws, starts, seed
     data = _report_data(problem, resolved, march, limits, bounds, counts, progress)._replace(tuned=tuned)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.motion.effects import between, with_interval
+from jaxshroud.motion.vibration import told_difference
 from jaxshroud.plotting.documents import Section
 from jaxshroud.plotting.style import shade
 from jaxshroud.results.attractors import Attractors
@@ -213,6 +214,9 @@ def _mechanism_section(data: ReportData) -> Section | None:
     peaks = [] if data.peaks is None else [data.peaks.words]
     if data.row is not None:
         peaks.append("P_d is that of all blades; amplitudes are those of the blade that swings most.")
+    final = data.power.final
+    if told := told_difference(final["P_d"], final["P_d_vibration"], data.of):
+        P_d = f"{P_d} {told}."
     return Section("Damping or detuning", [*_one_condition(data), P_d, data.power.mechanism, *peaks])
 
 

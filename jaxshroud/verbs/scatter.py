@@ -151,7 +151,7 @@ def scatter(
 def _levels(run: SweepResult, of: Quantity, in_row: bool) -> np.ndarray:
     """A quantity other than P_d of all lanes, of a pair that of the left blade."""
     values = np.asarray(getattr(run, of), float)
-    if of == "P_d_worst":
+    if is_reduction(of):
         return values
     return values.sum(axis=-1) if in_row and of == "P" else counted_amplitude(values, in_row)
 

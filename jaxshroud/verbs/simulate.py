@@ -15,7 +15,7 @@ from jaxshroud.batch.trajectories import Trajectories, trajectories
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import REFERENCE, Choices, Method
 from jaxshroud.march.observables import energy_residual, is_unbalanced
-from jaxshroud.march.tally import Counters
+from jaxshroud.march.tally import Counters, times_of
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -155,7 +155,7 @@ def _marched_values(scenes: Scene, states: State, grid: SampleGrid, method: Choi
         "energy_residual": energy.residual.astype(float),
         "energy_dropped": energy.dropped.astype(float),
         **_works(last.tally.integrals.ledger),
-        **contact_shares(log),
+        **contact_shares(times_of(log)),
         **sampled_amplitude_values(scenes, marched.amplitudes),
         "chatter": _chatter(scenes, marched, grid, method),
         "events": marched.events,

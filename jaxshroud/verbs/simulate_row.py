@@ -12,6 +12,7 @@ from jaxshroud.batch.rows import row_energy_residual, row_ledger
 from jaxshroud.batch.runs import Ticker, chunk_by_chunk
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.march.method import Choices
+from jaxshroud.march.tally import times_of
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
@@ -42,7 +43,7 @@ def marched_row_values(
         "case": state.case,
         **{name: a for name, a in forces.items() if isinstance(a, np.ndarray)},
         "counters": {name: np.asarray(n) for name, n in vars(filled(log.counters, state.mode[:, 0])).items()},
-        **contact_shares(log),
+        **contact_shares(times_of(log)),
         **sampled_amplitude_values(scenes, amplitudes),
         **_loads(scenes, tally.integrals.loads, state.mode[:, 0], grid),
         **_energies(tally, before, after, last.status),

@@ -13,7 +13,7 @@ from jaxshroud.batch.runs import Plan, Progress, Ticker
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.lane_status import warn_failures
-from jaxshroud.march.method import FAST, Method
+from jaxshroud.march.method import FOR_P_D, Method
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.period import PERIOD_TOLERANCE
 from jaxshroud.results.sweep import SweepResult, overlay_directions
@@ -151,11 +151,9 @@ def sweep(
     blades = blade_count(resolved.scene.row_size)
     check_size(lanes, resolved.transient, resolved.n_periods, lanes_in_memory, blades)
     grid = grid._replace(lanes=without_given(grid.lanes))
-    march = plan_march(grid.resolved, grid.lanes, FAST._replace(ledger=ledger))
-    if forces:
-        march = march._replace(method=march.method._replace(ledger=True, forces=True))
-    if amplitudes:
-        march = march._replace(method=march.method._replace(amplitudes=True))
+    march = plan_march(grid.resolved, grid.lanes, FOR_P_D._replace(ledger=ledger))
+    told = march.method._replace(ledger=march.method.ledger or forces, forces=forces, amplitudes=amplitudes)
+    march = march._replace(method=told)
     grid = grid._replace(
         precise=in_precision(grid.lanes, "float64") if lyapunov else None,
         lanes=in_precision(grid.lanes, march.method.precision),

@@ -1,6 +1,7 @@
 """The runs of a sweep's lanes, and the numbers that its result holds."""
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -14,15 +15,16 @@ from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.scene_numbers import dimension
 from jaxshroud.march.row_carry import RowLog
 from jaxshroud.march.stability import steps_for
-from jaxshroud.march.tally import Counters, Log
+from jaxshroud.march.tally import ContactTimes, Counters, Log
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.amplitudes import amplitude_values, load_values
-from jaxshroud.motion.averages import averages, relative_drop, relative_residual
+from jaxshroud.motion.amplitudes import amplitude_values, counted_mean, counted_periods, load_values
+from jaxshroud.motion.averages import averages, contact_shares, relative_drop, relative_residual
 from jaxshroud.motion.lyapunov import ALIGNMENT_PERIODS, largest_exponents, with_phase_shift
 from jaxshroud.motion.period import SETTLED
+from jaxshroud.motion.short_runs import end_states
 from jaxshroud.results.sweep import GAP_ATTRS, SweepResult, sweep_coordinates
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.parts import Direction
@@ -165,7 +167,7 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
     plan, march = settings.plan, settings.march
     common = {"phase": plan.phase, "period_tol": settings.period_tol, "chatter": chatter, **march.attributes}
     if march.choice is not None:
-        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.choice)}
+        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.choice, partial(end_states, vibration=True))}
     periods = np.arange(plan.transient + 1, plan.transient + plan.kept + 1)
     coords = sweep_coordinates(grid.axes, periods, grid.lanes.row and grid.lanes.row.blades)
     attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
@@ -208,9 +210,7 @@ def _of_all_interfaces(log: Log | RowLog) -> Log | RowLog:
     if isinstance(log, Log):
         return log
     total = lambda a: a.sum(axis=-1)
-    times = total(log.time_apart), total(log.time_stick), total(log.time_slip)
-    counters = jax.tree.map(total, log.counters)
-    return RowLog(*times, log.v_max.max(axis=-1), log.largest, counters, log.extent)
+    return log._replace(v_max=log.v_max.max(axis=-1), counters=jax.tree.map(total, log.counters))
 
 
 def _row_numbers(runs: Runs, reductions: np.ndarray) -> dict[str, np.ndarray]:
@@ -224,10 +224,9 @@ def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[st
     motion = by_blade(runs.samples.motion)
     (number, settling), power, P_0 = averages(scenes, runs.samples, settings.period_tol)
     log, before = (_of_all_interfaces(log) for log in (runs.last.tally.log, runs.before.log))
-    spent = [getattr(log, n) - getattr(before, n) for n in ("time_apart", "time_stick", "time_slip")]
-    total = sum(spent)
+    counted = counted_periods(runs.samples, number)
+    times = ContactTimes(*(counted_mean(t, counted) for t in runs.samples.times))
     with np.errstate(invalid="ignore", divide="ignore"):
-        times = [t / total for t in spent]
         residual = relative_residual(runs.samples) if settings.plan.method.ledger else None
         dropped = relative_drop(runs.samples) if settings.plan.method.ledger else None
     counts = [filled(of.counters, runs.last.status) for of in (log, before)]
@@ -238,6 +237,8 @@ def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[st
         "P_0": P_0,
         "P_d": power.P_d,
         "P_d_ci": power.ci,
+        "P_d_vibration": power.P_d_vibration,
+        "P_d_vibration_ci": power.vibration_ci,
         "P_d_ci_short": power.ci_short,
         "P_d_settled": power.settled,
         "P_d_settling": power.settling,
@@ -248,10 +249,10 @@ def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[st
         "periods_more": settling.periods_more,
         "status": runs.last.status,
         "v_max": log.v_max,
-        **dict(zip(("time_apart", "time_stick", "time_slip"), times, strict=True)),
+        **contact_shares(times),
         **({} if residual is None else {"energy_residual": residual, "energy_dropped": dropped}),
         "counters": counters,
         **({} if scenes.row is None else _row_numbers(runs, power_reduction(power.P, P_0))),
-        **load_values(scenes, runs.samples),
+        **load_values(scenes, runs.samples, number),
         **amplitude_values(scenes, runs.samples, number),
     }

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxshroud.batch.runs import Plan, Progress, Ticker
 from jaxshroud.batch.size_limits import check_size
-from jaxshroud.march.method import Method, named_choices
+from jaxshroud.march.method import FOR_P_D, Method, named_choices
 from jaxshroud.model.prepared import State
 from jaxshroud.results.tuned import DesignJudgement, Tuned
 from jaxshroud.scene.checks import InputError, NumericalError, seed_argument
@@ -35,6 +35,7 @@ from jaxshroud.verbs.ascent import (
 from jaxshroud.verbs.design_problem import (
     Goal,
     Problem,
+    both_reductions,
     check_comparable,
     design_corners,
     judge_designs,
@@ -146,7 +147,7 @@ def tune(
     problem = problem_of(nominal, over, conditions or {}, scattering, of)
     check_comparable(problem)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, rows=True)
-    march = with_tangents(resolved, design_corners(problem))
+    march = with_tangents(resolved, design_corners(problem), FOR_P_D)
     within = bool(min(most_penetration, most_force) < np.inf)
     choices = march.method._replace(within=within, amplitudes=amplitude_of(of) is not None)
     plan = Plan(resolved.transient, resolved.n_periods, march.steps, 0.0, choices)
@@ -194,9 +195,12 @@ def _search(
     design, periods = problem.values(u), ticker.done
     judgement = judge_designs(problem, design[None], ticker)
     checks = verify_design(problem, design, seed)
+    P_d, P_d_vibration = both_reductions(problem, design)
     values = {
         "best": design,
         "bound": [_bound(place) for place in u],
+        "best_P_d": P_d,
+        "best_P_d_vibration": P_d_vibration,
         "ends": list(problem.over.values()),
         "objective": judgement.objective[0],
         "points": problem.values(paths.points),
@@ -252,7 +256,8 @@ def problem_from_result(tuned: Tuned) -> Problem:
         raise InputError("A stored tuning does not hold the `state` from which its runs started; tune again.")
     file = parse(tuned.scene, "the stored scene")
     within = bool(min(tuned.most_penetration, tuned.most_force) < np.inf)
-    method = named_choices(tuned.method)._replace(within=within, amplitudes=amplitude_of(tuned.quantity) is not None)
+    amplitudes = amplitude_of(tuned.quantity) is not None
+    method = named_choices(tuned.method)._replace(within=within, amplitudes=amplitudes, vibration=True)
     limits = {"most_penetration": tuned.most_penetration, "most_force": tuned.most_force}
     scattering = None
     if tuned.places is not None:

@@ -163,7 +163,7 @@ def test_mixed_period_numbers_keep_the_order_of_lanes():
 def test_a_single_lane_has_no_lane_dimension():
     percent = np.random.default_rng(16).uniform(10, 20, 40)
     found = reduction(as_power(percent), np.array([2.0, 4.0]), np.array(2, np.int32))
-    assert [value.shape for value in found] == [(2,), *[()] * 7]
+    assert [value.shape for value in found] == [(2,), *[()] * 9]
     np.testing.assert_allclose(found.P_d, percent.mean(), rtol=1e-12)
 
 
