@@ -11,7 +11,6 @@ from jaxshroud.batch.sampling import EventStates, SampleGrid, Stretch, concatena
 from jaxshroud.batch.states import final_states
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
-from jaxshroud.scene.typed import Tree
 
 
 class SampledRun(NamedTuple):
@@ -27,7 +26,7 @@ def march_in_stretches(
     march: Callable[[Any, Stretch], Any],
     scenes: Scene,
     lanes: Any,
-    first: Tree,
+    first: Any,
     grid: SampleGrid,
     motion_of: Callable[[Any], Motion] = lambda states: states.motion,
 ) -> SampledRun:

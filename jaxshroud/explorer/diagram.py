@@ -14,7 +14,7 @@ from jaxshroud.verbs.sweep import sweep
 COARSE_VALUES = 200
 DIAGRAM_LEVELS = 3  # each with half the spacing of the one before
 MAP_COARSE, MAP_LEVELS = 13, 3  # values along each key of a map
-ReportPeriods = Callable[[int, int], None]  # lane-periods done, and in all
+ReportPeriods = Callable[[float, int], None]  # lane-periods done, and in all
 
 
 class Window(NamedTuple):

@@ -81,7 +81,7 @@ class YieldingProgress:
             time.sleep(0.005)
         self.go_on()
 
-    def __call__(self, done: int, total: int) -> None:
+    def __call__(self, done: float, total: int) -> None:
         """Report that `done` of `total` are done."""
         since = time.monotonic()
         self.give_way()

@@ -151,8 +151,8 @@ def equivalent_contact(blades: LinearBlades, rows: np.ndarray, steps: int) -> Eq
         along = _relative_motion(blades, motion.q)
         force = -(blades.axes @ on_left) if oscillates else np.zeros(2)
         np.divide(force, along, out=K, where=np.isfinite(along))
-    damping = K.imag / blades.omega
-    return Equivalent(bool(oscillates or presses), K.real, damping, relative_damping_ratio(blades, K.real, damping))
+    k, c = np.real(K), np.imag(K) / blades.omega
+    return Equivalent(bool(oscillates or presses), k, c, relative_damping_ratio(blades, k, c))
 
 
 def _contact_force(blades: LinearBlades, motion: HarmonicMotion, drive: Harmonic | float = 0.0) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The quantities of `Quantity` over the kept periods of runs."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -70,7 +70,7 @@ def is_comparable(of: str, scene: Scene) -> bool:
     return bool(np.all((P_0 > 0) & np.isfinite(P_0)))
 
 
-def check_vibration(of: str, scenes: Scene, lanes: Callable[[np.ndarray], np.bool_] = np.any) -> None:
+def check_vibration(of: str, scenes: Scene, lanes: Callable[[Any], Any] = np.any) -> None:
     """Raise an InputError where `of` is compared with nothing in these `lanes` of one scene or many.
 
     Args:
@@ -89,7 +89,7 @@ def check_vibration(of: str, scenes: Scene, lanes: Callable[[np.ndarray], np.boo
     raise InputError(f"{nothing}, and {lost}; give it a drive.F_0.")
 
 
-def check_resonance(of: str, scenes: Scene, lanes: Callable[[np.ndarray], np.bool_] = np.any) -> None:
+def check_resonance(of: str, scenes: Scene, lanes: Callable[[Any], Any] = np.any) -> None:
     """Raise an InputError where `of` is compared with an infinite amplitude: every motion is a reduction by 100 %.
 
     The arguments are those of `check_vibration`.

@@ -163,7 +163,7 @@ def marched_problem(
     """
     periods, done = run["n_periods"] + run["transient"], [spent]
 
-    def tick(lane_periods: int, _: int) -> None:
+    def tick(lane_periods: int | float, _: int) -> None:
         if progress is not None:
             progress(min(done[0] + lane_periods, in_all), in_all)
 

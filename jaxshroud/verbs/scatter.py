@@ -102,8 +102,8 @@ def scatter(
     if nominal.row is not None:
         check_row(nominal)
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, rows=True)
-    for key, values in (conditions or {}).items():
-        check_condition(key, values, nominal.row_size)
+    for key, of_condition in (conditions or {}).items():
+        check_condition(key, of_condition, nominal.row_size)
     condition_values = {key: np.ravel(values).astype(float) for key, values in (conditions or {}).items()}
     per_draw = math.prod(map(len, condition_values.values()))
     check_objective(of, nominal)
