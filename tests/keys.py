@@ -14,7 +14,8 @@ A file gives a number in its table, `[shroud] gap = "0.022 mm"`, in SI units or 
 `--along` and `jaxshroud.vary` call it by its key, `shroud.gap`. What is there per blade is one number for alike blades
 or a pair `[left, right]`; `blades.m[0]` is the left blade's alone. Exactly one of `contact.k` and `contact.gamma` is
 given. What is there per interface is one number for the two blades of a pair, which have one interface, and one number
-or a list in a [row of blades](#rows-of-blades).
+or a list in a [row of blades](#rows-of-blades). Lists have brackets wherever they are written,
+`--set 'drive.beta=[10 deg, 0.5]'`, and the decimal mark is a point: `3,57` is refused.
 
 | key | symbol | unit | range | per | default | example | |
 |---|---|---|---|---|---|---|---|

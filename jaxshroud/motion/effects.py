@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxshroud.scene.keys import parse_key
 
+TOLD_DIFFERENCE = 1.0  # percentage points: where P_d and P_d_vibration differ by more, both are told
 NEGLIGIBLE_WIDTH = 1e-6  # over the number: a smaller half width is rounding
 EXACT_DIGITS = 6  # digits of an exact number
 FLAT_QUANTILES = (0.05, 0.95)  # between which P_d moves: single windows do not count
@@ -136,3 +137,26 @@ def effects(value: Mapping[str, float], ci: Mapping[str, float], number: Mapping
         step, per = effect_step(key, level)
         results.append(Effect(key, level, per, value[key] * step, ci[key] * step))
     return sorted(results, key=lambda e: -abs(e.change) if math.isfinite(e.change) else math.inf)
+
+
+def told_difference(P_d: Any, P_d_vibration: Any, counted: str = "P_d") -> str:
+    """One sentence where a static deflection makes P_d differ from that of the vibration alone; else empty.
+
+    Args:
+        P_d: By Eq. (22), of one lane or of many, of which the one that differs the most is told [%].
+        P_d_vibration: About the mean position [%]; None where it is not known.
+        counted: Which of them counted: "P_d", "P_d_worst" or "P_d_vibration".
+    """
+    if P_d_vibration is None:
+        return ""
+    with_deflection, alone = (np.ravel(np.asarray(a, float)) for a in (P_d, P_d_vibration))
+    apart = np.nan_to_num(np.abs(with_deflection - alone), nan=0.0)
+    differing = int(np.sum(apart > TOLD_DIFFERENCE))
+    if not differing:
+        return ""
+    at = int(np.argmax(apart))
+    where = f", most of {differing} that differ" if len(apart) > 1 else ""
+    return (
+        f"P_d is {with_deflection[at]:.2f} %, with the static deflection that Eq. (22) counts as vibration, and "
+        f"P_d_vibration, of the vibration alone, {alone[at]:.2f} %{where}; {counted} counted"
+    )

@@ -9,8 +9,6 @@ from jaxshroud.model.geometry import gyration_of_sides
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 
-TOLD_DIFFERENCE = 1.0  # percentage points: where P_d and P_d_vibration differ by more, both are told
-
 
 class Positions(NamedTuple):
     """The mean positions of blocks in each of some periods."""
@@ -63,26 +61,3 @@ def vibration_square(square: Any, means: Any, gyration: Any) -> Any:
     X, Y, S, V = means
     R = ((1 - V) ** 2 + S**2) ** 0.5
     return square - X**2 - Y**2 - 2 * gyration * S**2 / (R + 1 - V)
-
-
-def told_difference(P_d: Any, P_d_vibration: Any, counted: str = "P_d") -> str:
-    """One sentence where a static deflection makes P_d differ from that of the vibration alone; else empty.
-
-    Args:
-        P_d: By Eq. (22), of one lane or of many, of which the one that differs the most is told [%].
-        P_d_vibration: About the mean position [%]; None where it is not known.
-        counted: Which of them counted: "P_d", "P_d_worst" or "P_d_vibration".
-    """
-    if P_d_vibration is None:
-        return ""
-    with_deflection, alone = (np.ravel(np.asarray(a, float)) for a in (P_d, P_d_vibration))
-    apart = np.nan_to_num(np.abs(with_deflection - alone), nan=0.0)
-    differing = int(np.sum(apart > TOLD_DIFFERENCE))
-    if not differing:
-        return ""
-    at = int(np.argmax(apart))
-    where = f", most of {differing} that differ" if len(apart) > 1 else ""
-    return (
-        f"P_d is {with_deflection[at]:.2f} %, with the static deflection that Eq. (22) counts as vibration, and "
-        f"P_d_vibration, of the vibration alone, {alone[at]:.2f} %{where}; {counted} counted"
-    )

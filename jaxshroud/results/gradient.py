@@ -7,8 +7,7 @@ import numpy as np
 
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, FlagsVariable, Variable, lanes_in_shape, lanes_in_words
-from jaxshroud.motion.effects import Effect, effects, with_interval
-from jaxshroud.motion.vibration import told_difference
+from jaxshroud.motion.effects import Effect, effects, told_difference, with_interval
 from jaxshroud.results.base import Labels, Result, result_from_dataset
 from jaxshroud.results.orbit import ORBIT_FLAGS, Orbit, RowOrbit
 from jaxshroud.scene.checks import InputError

@@ -7,8 +7,7 @@ import numpy as np
 from jaxshroud.io.lane_status import FLAGS
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Variable
-from jaxshroud.motion.effects import with_interval
-from jaxshroud.motion.vibration import told_difference
+from jaxshroud.motion.effects import told_difference, with_interval
 from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads
 from jaxshroud.results.base import Result
 from jaxshroud.results.equivalent import WithEquivalent, sentences_of

@@ -12,7 +12,7 @@ from jaxshroud.io.lane_status import count_by_status, status_name
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.model.modes import Status
-from jaxshroud.motion.vibration import told_difference
+from jaxshroud.motion.effects import told_difference
 from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads
 from jaxshroud.results.base import Result
 from jaxshroud.results.sweep import SweepResult

@@ -9,8 +9,7 @@ import numpy as np
 from jaxshroud.io.scene_numbers import has_row
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
-from jaxshroud.motion.effects import between, flat_text
-from jaxshroud.motion.vibration import told_difference
+from jaxshroud.motion.effects import between, flat_text, told_difference
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import is_reduction, unit_of

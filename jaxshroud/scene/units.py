@@ -93,7 +93,7 @@ def to_si(unit: str, value: Any) -> Any:
         return [to_si(unit, v) for v in value]
     if not isinstance(value, str):
         return value
-    if "," in value and any(map(str.isdigit, value)):
+    if "," in value and any(map(str.isdigit, value)) and "[" not in value:
         raise ValueError("has a comma: the decimal mark is a point, as in 3.57, and a list has brackets, as in [3, 57]")
     match = QUANTITY.fullmatch(value)
     if match is None:

@@ -72,6 +72,8 @@ def _address_in_file(path: str) -> str:
     try:
         with open_regular(Path(path)) as file:
             return str(json.load(file)["address"])
+    except FileNotFoundError:
+        raise
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(f"{path}: not the file of a scheduler; `dask scheduler --scheduler-file` writes one") from None
 

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxshroud.motion.effects import between, with_interval
-from jaxshroud.motion.vibration import told_difference
+from jaxshroud.motion.effects import between, told_difference, with_interval
 from jaxshroud.plotting.documents import Section
 from jaxshroud.plotting.style import shade
 from jaxshroud.results.attractors import Attractors

@@ -10,7 +10,8 @@ from jaxshroud.batch.xla import one_lane
 from jaxshroud.march.method import FAST, FOR_P_D, Taylor, choices
 from jaxshroud.model.linear import free_power
 from jaxshroud.motion.averages import averages
-from jaxshroud.motion.vibration import Positions, square_about_mean, told_difference
+from jaxshroud.motion.effects import told_difference
+from jaxshroud.motion.vibration import Positions, square_about_mean
 from jaxshroud.scene.scene import without_given
 
 PRESSED = """
@@ -200,7 +201,7 @@ def test_means_are_over_whole_orbits():
     # is settled to 1e-9. Over all 64 the mean force would be 0.5 % and the impacts 0.4 % off.
     scene = js.load("table1", PERIOD_7).scene
     run = {"transient": 600, "method": "balanced", "forces": True}
-    whole, more = (js.sweep(scene, {"drive.F_0": [scene.drive.F_0[0]]}, n_periods=n, **run) for n in (63, 64))
+    whole, more = (js.sweep(scene, {"drive.F_0": [float(scene.drive.F_0[0])]}, n_periods=n, **run) for n in (63, 64))
     assert whole.period_number[0] == more.period_number[0] == 7
     for name in ("N_mean", "N_max", "friction_work", "slip", "impacts", "time_apart", "time_slip", "P_d_vibration"):
         np.testing.assert_allclose(getattr(more, name), getattr(whole, name), rtol=1e-7, err_msg=name)

@@ -215,7 +215,7 @@ def test_results_name_blades_and_interfaces_of_rows_by_number():
 
 def test_titles_of_long_lists_are_short():
     gaps = ", ".join(["25 um"] * 11 + ["26 um"])
-    assert load(RING, [f"shroud.gap={gaps}"]).title.endswith(", but gap = 12 values")
+    assert load(RING, [f"shroud.gap=[{gaps}]"]).title.endswith(", but gap = 12 values")
     assert load(RING, ["row.blades=6", "row.closed=false"]).title.endswith(", but blades = 6, closed = false")
 
 

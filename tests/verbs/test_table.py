@@ -228,7 +228,7 @@ MARKED = {  # what is wrong in the first row; the second one is right
     "a formula": ("=A1+B1,0.3", "is not a number"),
     "an underscore": ("1_000,0.3", "unit"),
     "a hexadecimal": ("0x10,0.3", "unit"),
-    "a quoted decimal comma": ('"0,022",0.3', "unit"),
+    "a quoted decimal comma": ('"0,022",0.3', "the decimal mark is a point"),
     "a decimal comma": ("0,022,0.3", "3 cells"),
     "too few cells": ("0.02", "1 cell,"),
     "a list": ('"[1, 2]",0.3', "is not a number"),
