@@ -288,8 +288,12 @@ def _best_row(summary: Mapping[str, Any]) -> dict[str, str]:
     """The largest P_d with its interval and where it is, if there is one."""
     if summary["largest P_d"] is None:
         return {}
-    P_d, ci, *values = summary["largest P_d"].values()
-    keys = list(summary["largest P_d"])[2:]
-    shown = [display_value(*parse_key(key)[0].parts, value) for key, value in zip(keys, values, strict=True)]
-    place = ", ".join(f"{key} = {text}" for key, text in zip(keys, shown, strict=True))
+    P_d, ci, *_ = summary["largest P_d"].values()
+    place = ", ".join(_number_text(key, value) for key, value in [*summary["largest P_d"].items()][2:])
     return {"largest P_d": f"{with_interval(P_d, ci, '%')}, at {place}"}
+
+
+def _number_text(head: str, value: float) -> str:
+    """A number of a summary in the unit that its head names, or in the unit of pictures."""
+    key, _, unit = head.rstrip("]").partition(" [")
+    return f"{key} = {f'{value:.6g} {unit}' if unit else display_value(*parse_key(key)[0].parts, value)}"

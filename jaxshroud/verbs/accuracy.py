@@ -123,6 +123,7 @@ START_SIGNS = np.array(  # of x, y, theta of both blades
     ]
 )
 ROUNDINGS = 125.0  # errors over what such a shift makes of itself, where faces rock thousands of times
+ROUNDED_BELOW = 1e-8  # accuracies for which that was measured, at 1e-9; for others what a shift makes counts once
 ACCEPTABLE_RATIO = 2.0  # to the smallest error, if no error is small enough: the first such setting is taken
 
 
@@ -284,15 +285,16 @@ def estimated_errors(scenes: Scene, setting: Setting, steps: int, ends: EndState
 def missed_lanes(scenes: Scene, choice: Choice, ends: EndStates = end_states) -> np.ndarray:
     """Whether each lane (leading axis) may miss the accuracy: whether four marches to the horizon differ too much.
 
-    Their starts are moved, and what that makes of itself counts `ROUNDINGS` times: all methods know whether blades turn
-    against each other up to the rounding of their angles, and nearly parallel faces ask that some thousand times. A
-    fifth, finer march with twice the steps tells what flat contact drops.
+    Their starts are moved, and what that makes of itself counts `ROUNDINGS` times for accuracies near rounding: all
+    methods know whether blades turn against each other up to the rounding of their angles, and nearly parallel faces
+    ask that some thousand times. A fifth, finer march with twice the steps tells what flat contact drops.
     """
+    weight = ROUNDINGS if choice.accuracy < ROUNDED_BELOW else 1.0
     flat = jax.tree.map(np.asarray, scenes)
     moved = [_with_moved_start(flat, min(START_SHIFT, choice.accuracy / 1e3) * signs) for signs in START_SIGNS]
     states = [ends(start, choice.steps, choice.method) for start in moved]
     finer = ends(moved[-1], 2 * choice.steps, choice.setting.finer(1).exact.method)
-    grown = [ROUNDINGS * state_errors(one, other) for one, other in combinations(states, 2)]
+    grown = [weight * state_errors(one, other) for one, other in combinations(states, 2)]
     return ~(np.max([*grown, state_errors(states[0], finer)], axis=0) <= choice.accuracy)
 
 

@@ -63,8 +63,9 @@ VERBS = {
 }
 UNCOMPARED = ("no drive", "one blade undriven")  # the left blade does not vibrate without contact: P_0 = 0
 COMPARING = ("power", "gradient", "table", "scatter", "tune", "tune x", "report", "trade")
-OF_MANY = ("simulate", "sweep", "power", "orbit", "lyapunov", "sweep lyapunov", "gradient", "gradient of x", "rollout")
+OF_MANY = ("simulate", "sweep", "power", "orbit", "lyapunov", "sweep lyapunov", "gradient", "gradient of x")
 LONG = ("report", "trade", "fit", "tune x", "basins", "sweep lyapunov", "gradient of x")
+COMMONEST = ("never touches", "always stuck")
 EVERY_DAY = {
     **dict.fromkeys(("simulate events", "sweep", "gradient", "check"), ("never touches", "always stuck", "no drive")),
     "diagnose": ("never touches",),
@@ -75,9 +76,10 @@ def set_of(verb, case):
     """The marks of a verb in a case; what is refused costs next to nothing."""
     if verb in COMPARING and case in UNCOMPARED:
         return ()
-    if verb in LONG or (case == "no friction" and verb not in ("simulate events", "diagnose", "power")):
-        return (pytest.mark.full, pytest.mark.studies)
-    return () if case in EVERY_DAY.get(verb, ()) else (pytest.mark.full,)
+    if case in EVERY_DAY.get(verb, ()):
+        return ()
+    often = case in COMMONEST and verb not in LONG
+    return (pytest.mark.full,) if often else (pytest.mark.full, pytest.mark.studies)
 
 
 def scene_of(case):
