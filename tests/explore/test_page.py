@@ -330,8 +330,9 @@ def test_junk_and_answers_without_a_socket_begin_nothing_and_print_nothing(chrom
         assert len(urllib.request.urlopen(server.address).read()) > 1000
     assert (process.num_threads(), len(process.children(recursive=True))) == began
     for path in ("autoload.js?bokeh-autoload-element=1", "metadata"):
-        with pytest.raises(urllib.error.HTTPError, match="404"):
+        with pytest.raises(urllib.error.HTTPError, match="404") as refused:
             urllib.request.urlopen(f"{server.address}/{path}")
+        refused.value.close()
     token = re.search(r'"token":"([^"]+)"', page)[1]
     socket = f"ws{server.address.removeprefix('http')}/ws"
 
@@ -343,6 +344,8 @@ def test_junk_and_answers_without_a_socket_begin_nothing_and_print_nothing(chrom
                 await connection.write_message(message, binary=isinstance(message, bytes))
                 await asyncio.sleep(0.02)
         connection.close()
+        while await connection.read_message() is not None:  # until it is closed
+            pass
 
     for words in (["bokeh", token], ["bokeh", token[:-3]], ["bokeh", "junk"], ["other", token]):
         with ThreadPoolExecutor(1) as apart:  # from the loop of the browser's driver
