@@ -56,6 +56,8 @@ def write(path: Path, content: bytes | memoryview, *, is_result: bool = True) ->
     Raises:
         WriteError: The path cannot be written; then no part of the file exists.
     """
+    if not path.name:
+        raise WriteError(f"{path}: is a folder; give the name of a file")
     try:
         if is_result and _waiting is not None:
             remove_leftovers(path)

@@ -125,7 +125,7 @@ def stack_scenes(scenes: Sequence[Scene]) -> Scene:
         InputError: They differ in their parts, in the misprints kept, or in which numbers they have (k or gamma).
     """
     what = "scenes are stacked if they have the same parts, the same reading and the same numbers"
-    if not scenes:
+    if not len(scenes):
         raise InputError(f"{what}; there is none")
     for i, other in enumerate(scenes[1:], 1):
         if jax.tree.structure(other) != jax.tree.structure(scenes[0]):
