@@ -1,5 +1,6 @@
 """Float64 and strict promotion for every test, and run-time type checks; what runs, and on how many processes."""
 
+import gc
 import importlib
 import os
 import pkgutil
@@ -7,12 +8,14 @@ import shutil
 import sys
 import tempfile
 from contextlib import nullcontext
+from pathlib import Path
 
 import jax
 import psutil
 import pytest
 from jaxtyping import install_import_hook
 
+MOST_MAPS = 20_000
 MADE = None if "JAX_COMPILATION_CACHE_DIR" in os.environ else tempfile.mkdtemp(prefix="compiled-")
 if MADE:  # what is compiled once serves all processes of this run: workers, commands and notebooks
     for name, value in {"jax_compilation_cache_dir": MADE, "jax_persistent_cache_min_compile_time_secs": 0.0}.items():
@@ -41,6 +44,20 @@ def no_kept_programs():
     """Commands load programs without tracing them; what a test calls afterwards is traced, whatever it has patched."""
     yield
     keep_programs(None)
+
+
+def memory_maps():
+    """How many memory maps this process has; 0 where the system does not tell."""
+    return Path("/proc/self/maps").read_bytes().count(b"\n") if sys.platform == "linux" else 0
+
+
+@pytest.fixture(autouse=True, scope="module")
+def few_programs():
+    """Each compiled program has memory maps of its own; Linux gives a process 65,530, beyond which XLA crashes."""
+    yield
+    if memory_maps() > MOST_MAPS:
+        jax.clear_caches()
+        gc.collect()
 
 
 def pytest_addoption(parser):

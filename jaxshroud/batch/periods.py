@@ -204,8 +204,13 @@ def _begin_period(lanes: Lane, models: Model) -> tuple[Lane, Float[Array, " lane
     return _with_empty_tally(lanes), _total_energies(lanes, models)
 
 
-def _end_period(lanes: Lane, stored_before: Any, models: Model, periods, steps: Any) -> tuple[Lane, Sample]:
-    """The lanes at the end of a period of so many `steps`, and its sample."""
+def _end_period(
+    lanes: Lane, stored_before: Any, models: Model, periods, steps: Any, ended: Any = True
+) -> tuple[Lane, Sample]:
+    """The lanes at the end of a period of so many `steps`, if it has `ended`, and its sample.
+
+    Selecting between lanes before and after it would have XLA work out the faults anew for every number of the sample.
+    """
     gain, jumps = lanes.tally.integrals, lanes.tally.jumps
     logged: dict[str, Any] = {}
     works, energies, astray = (), _total_energies(lanes, models), jnp.zeros_like(periods, bool)
@@ -228,7 +233,7 @@ def _end_period(lanes: Lane, stored_before: Any, models: Model, periods, steps: 
     sample = Sample(with_zeros(lanes.state).motion, power, *works, **filled(logged | integrated, periods))
     overflowed = ~jnp.isfinite(sum(jax.tree.leaves(sample), energies))
     fault = jnp.where(overflowed, Status.NOT_FINITE, jnp.where(astray, Status.UNBALANCED, Status.OK))
-    status = jnp.where(lanes.status == Status.OK, fault, lanes.status).astype(lanes.status.dtype)
+    status = jnp.where(ended & (lanes.status == Status.OK), fault, lanes.status).astype(lanes.status.dtype)
     lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
     return lanes, jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
 
@@ -275,10 +280,8 @@ def run_block(
         stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
         lanes, passes = march(lanes, Fixed(models, grids, stops), method, each, passes=passes)
         over = on & ~jnp.any(running(lanes, stops))
-        ended, sample = _end_period(
-            with_clock_reset(lanes, lanes.step == clock.steps), energies, models, periods, clock.per_period
-        )
-        lanes = select_tree(over, ended, lanes)
+        lanes = with_clock_reset(lanes, over & (lanes.step == clock.steps))
+        lanes, sample = _end_period(lanes, energies, models, periods, clock.per_period, ended=over)
         return (Interim(lanes, energies, (on | inside) & ~over), passes), (sample, over)
 
     (end, _), (samples, over) = lax.scan(one, (begin, limits.passes), jnp.arange(block, dtype=jnp.int32))

@@ -138,8 +138,9 @@ def _end_row_period(
     period: Float[Array, " lanes"],
     steps: Float[Array, ""],
     each: EachLane,
+    ended: Any = True,
 ) -> tuple[RowLane, RowSample]:
-    """The rows at the end of a period of so many `steps`, and its sample."""
+    """`batch.periods._end_period` for rows."""
     tally, log = lanes.tally, lanes.tally.log
     gain: Any = tally.integrals
     assert log is not None  # only flows with tangents have none
@@ -157,7 +158,7 @@ def _end_row_period(
     told = {"motion": lanes.state.motion, "largest": log.largest, "extent": log.extent} | sums
     sample = RowSample(power=gain.power / period, **works, **filled(told, gain.power), times=times_of(log))
     totals = (jnp.sum(jnp.atleast_2d(a), axis=0) for a in jax.tree.leaves(sample))
-    overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(sum(totals, gained))
+    overflowed = ended & (lanes.status == Status.OK) & ~jnp.isfinite(sum(totals, gained))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
     lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
     return lanes, jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
@@ -179,9 +180,8 @@ def run_row_block(
         stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
         lanes, passes = march_rows(lanes, RowFixed(model, grids, stops), method, each, passes)
         over = on & ~jnp.any(running(lanes, stops))
-        arrived = with_clock_reset(lanes, lanes.step == clock.steps)
-        ended, sample = _end_row_period(arrived, energies, model, period, clock.per_period, each)
-        lanes = select_tree(over, ended, lanes)
+        lanes = with_clock_reset(lanes, over & (lanes.step == clock.steps))
+        lanes, sample = _end_row_period(lanes, energies, model, period, clock.per_period, each, ended=over)
         return (Interim(lanes, energies, (on | inside) & ~over), passes), (lanes_first(sample), over)
 
     first = begin._replace(lanes=lanes_last(begin.lanes)), limits.passes

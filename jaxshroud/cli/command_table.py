@@ -162,6 +162,7 @@ COMMANDS = {
         arguments=("most_periods", "tolerance", "amplitudes"),
         files=("orbit.nc", "summary.json"),
         rows=True,
+        module="orbits",
     ),
     "lyapunov": Command(
         "Lyapunov exponents of the motion that a scene settles on, with intervals.",

@@ -17,6 +17,7 @@ from jaxshroud.cli.terminal import (
     require_free,
 )
 from jaxshroud.io.store import write_json
+from jaxshroud.march.method import FOR_P_D
 from jaxshroud.motion.bifurcation import grazing_margins
 from jaxshroud.motion.effects import Effect, with_interval
 from jaxshroud.motion.levels import check_resonance, check_vibration
@@ -155,4 +156,4 @@ def _relative_error(exact: float, slopes: list[float]) -> float:
     return min(abs(slope - exact) for slope in slopes) / abs(exact)
 
 
-gradient_command = Computation(prepare=_gradient_arguments, run=_call_gradient, output=_output_gradient)
+gradient_command = Computation(prepare=_gradient_arguments, usual=FOR_P_D, run=_call_gradient, output=_output_gradient)

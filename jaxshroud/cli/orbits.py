@@ -29,6 +29,7 @@ from jaxshroud.cli.terminal import (
     refuse_existing,
 )
 from jaxshroud.io.store import write_json
+from jaxshroud.march.method import FOR_P_D
 from jaxshroud.motion.effects import between, with_interval
 from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.branch import Branch
@@ -178,8 +179,13 @@ def _output_attractors(completed: CompletedCall) -> None:
     print_result(completed, {name: summary[name] for name in IN_ATTRACTORS_TABLE})
 
 
+orbit_command = Computation(usual=FOR_P_D)
 branch_command = Computation(
-    overrides=_branch_overrides, prepare=_branch_arguments, scenes=_ends_of_branch, output=_output_branch
+    overrides=_branch_overrides,
+    prepare=_branch_arguments,
+    scenes=_ends_of_branch,
+    usual=FOR_P_D,
+    output=_output_branch,
 )
-attractors_command = Computation(output=_output_attractors)
-basins_command = Computation(prepare=_basins_arguments, run=_call_basins, output=_output_attractors)
+attractors_command = Computation(usual=FOR_P_D, output=_output_attractors)
+basins_command = Computation(prepare=_basins_arguments, usual=FOR_P_D, run=_call_basins, output=_output_attractors)

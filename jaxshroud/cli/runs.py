@@ -20,7 +20,7 @@ from jaxshroud.cli.computation import (
 )
 from jaxshroud.cli.terminal import CommandError, files_written, input_errors_at, print_columns
 from jaxshroud.io.restart import StoredEnd, stored_end
-from jaxshroud.march.method import FAST_WITH_LEDGER, FOR_P_D_WITH_LEDGER, REFERENCE
+from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, REFERENCE
 from jaxshroud.march.tableau import MIN_STEPS
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.effects import with_interval
@@ -150,7 +150,7 @@ simulate_command = Computation(
     run=_simulate_from_end,
     output=_output_run,
 )
-diagnose_command = Computation(usual=FAST_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_diagnosis)
+diagnose_command = Computation(usual=FOR_P_D_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_diagnosis)
 power_command = Computation(
     prepare=_power_arguments, usual=FOR_P_D_WITH_LEDGER, run=call_with_accuracy_warnings, output=_output_power
 )

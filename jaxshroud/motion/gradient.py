@@ -23,7 +23,7 @@ from jaxshroud.motion.amplitude_slopes import AmplitudeSlope, amplitude_slope, l
 from jaxshroud.motion.amplitudes import amplitude_values
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.motion.levels import is_comparable, levels_of
-from jaxshroud.motion.orbit import PeriodicOrbit
+from jaxshroud.motion.orbit import PeriodicOrbit, area_and_free_power, vibration_reduction
 from jaxshroud.motion.shooting import moved_start, nearby_orbits
 from jaxshroud.motion.vibration import vibration_square
 from jaxshroud.programs.kept import kept
@@ -127,18 +127,15 @@ def _power_slope(
     slope = np.asarray(directional_derivatives(*repeated, stacked(directions), power_by.T, of))
     both = _Reductions()
     if is_reduction(of):
-        both = _Reductions(orbit.P_d, _vibration_level(problem.scene, tangents.power, by_numbers.means))
+        both = _Reductions(
+            orbit.P_d, vibration_reduction(problem.scene, by_numbers, *area_and_free_power(problem.scene))
+        )
     if of == "P_d_worst":
         found = [(-level, -by) for level, by in zip(power_reduction(orbit.P, orbit.P_0), slope.T, strict=True)]
         worst = largest_level(found, "blades tie")
         return AmplitudeSlope(-worst.level, -worst.slope, worst.flags), both
     counts = slice(1 if orbit.scene.row is None else None)
     return AmplitudeSlope(orbit.P_d if of == "P_d" else float(orbit.P[counts].sum()), slope), both
-
-
-def _vibration_level(scene: Scene, power: np.ndarray, means: np.ndarray) -> float:
-    """P_d of the vibration alone on an orbit [%]."""
-    return float(_quantities("P_d_vibration", *repeat_lane((without_given(scene), (power, means)), 1))[0])
 
 
 def _vibration_slope(orbit: PeriodicOrbit, problem: TangentProblem) -> Algorithm[tuple[AmplitudeSlope, _Reductions]]:
@@ -152,7 +149,7 @@ def _vibration_slope(orbit: PeriodicOrbit, problem: TangentProblem) -> Algorithm
     scenes, squares, directions = *repeat_lane((scene, squares), len(problem.directions)), stacked(problem.directions)
     by = power_by.T, np.moveaxis(means_by, -1, 0)
     slope = directional_derivatives(scenes, squares, directions, by, "P_d_vibration")
-    level = _vibration_level(problem.scene, whole.power, whole.means)
+    level = vibration_reduction(problem.scene, whole, *area_and_free_power(problem.scene))
     return AmplitudeSlope(level, np.asarray(slope)), _Reductions(orbit.P_d, level)
 
 

@@ -13,10 +13,12 @@ from jaxshroud.batch.states import state_size
 from jaxshroud.batch.tangents import Tangents
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import Choices
+from jaxshroud.model.geometry import gyration_of_sides
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import closed_forms
+from jaxshroud.motion.vibration import vibration_square
 from jaxshroud.scene.keys import blade_count
 from jaxshroud.scene.scene import Scene, without_given
 
@@ -52,6 +54,7 @@ class PeriodicOrbit:
     P: np.ndarray  # (blades,) Eq. (23) [m^4]; NaN without an orbit
     P_0: np.ndarray  # (blades,) [m^4]
     P_d: float  # of the left blade, Eq. (24), or of a whole row [%]
+    P_d_vibration: float  # that of the vibration about the mean position alone [%]; NaN where it was not integrated
     residual: float  # closing error relative to the largest value of each quantity
     multipliers: np.ndarray  # (numbers,) Floquet multipliers, largest first, including those of sliders
     conditioning: (
@@ -166,6 +169,15 @@ def reduction_of(scene: Scene, P: np.ndarray, P_0: np.ndarray) -> float:
     return float(power_reduction(P[counts].sum(), P_0[counts].sum()))
 
 
+def vibration_reduction(scene: Scene, tangents: Tangents, area: float, P_0: np.ndarray) -> float:
+    """P_d of the vibration about the mean position alone [%]; NaN where that was not integrated."""
+    if tangents.means is None:
+        return float("nan")
+    gyration = gyration_of_sides(float(scene.shroud.l_oa), float(scene.shroud.l_ab))
+    square = vibration_square(tangents.power[: tangents.means.shape[-1]], tangents.means, gyration)
+    return reduction_of(scene, area * square, P_0)
+
+
 def area_and_free_power(scene: Scene) -> tuple[float, np.ndarray]:
     """The area of a block [m^2] and the power of all blades without contact [m^4] of one scene."""
     area, P_0, _ = closed_forms(repeat_lane(without_given(scene), 1))
@@ -203,6 +215,7 @@ def describe_orbit(
         P=P,
         P_0=P_0,
         P_d=reduction_of(scene, P, P_0),
+        P_d_vibration=vibration_reduction(scene, tangents, area, P_0),
         residual=shot.residual,
         multipliers=multipliers,
         conditioning=conditioning,
@@ -229,6 +242,7 @@ def no_orbit(
         P=np.full(len(P_0), np.nan),
         P_0=P_0,
         P_d=float("nan"),
+        P_d_vibration=float("nan"),
         residual=float("nan"),
         multipliers=np.full(state_size(scene.row_size), np.nan + 0j),
         conditioning=float("nan"),

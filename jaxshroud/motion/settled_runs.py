@@ -29,6 +29,7 @@ class LaneEnds(NamedTuple):
     sizes: np.ndarray  # (lanes, 6) largest magnitudes of displacements
     P_d: np.ndarray  # [%]
     ci: np.ndarray  # half width of its 95 % interval
+    P_d_vibration: np.ndarray  # that of the vibration about the mean position alone; NaN where it was not integrated
 
 
 def run_until_settled(scene: Scene, states: State, max_periods: int, steps: int, method, ticker: Tick) -> LaneEnds:
@@ -64,7 +65,14 @@ def lane_ends(scenes: Scene, runs: Runs) -> LaneEnds:
     status, sizes = np.asarray(runs.last.status), period_maxima(samples).max(axis=1)
     number = np.where((orbit.settling.verdict == SETTLED) & (status == Status.OK), orbit.number, 0)
     return LaneEnds(
-        final_states(runs.last.state), status, number, motion_rows(samples.motion), sizes, power.P_d, power.ci
+        final_states(runs.last.state),
+        status,
+        number,
+        motion_rows(samples.motion),
+        sizes,
+        power.P_d,
+        power.ci,
+        power.P_d_vibration,
     )
 
 

@@ -22,7 +22,20 @@ ATTRACTOR_KINDS = ("periodic", "family", "aperiodic")
 UNDECIDED, STOPPED = -1, -2
 PATH_POINTS = 2048  # at most, of a stored path
 ATTRACTOR_NUMBERS = (
-    *("kind", "period_number", "starts", "P_d", "P_d_ci", "P_d_least", "P_d_most", "residual", "u_s", "mode", "case"),
+    *(
+        "kind",
+        "period_number",
+        "starts",
+        "P_d",
+        "P_d_ci",
+        "P_d_vibration",
+        "P_d_least",
+        "P_d_most",
+        "residual",
+        "u_s",
+        "mode",
+        "case",
+    ),
 )
 
 
@@ -59,6 +72,9 @@ class Attractors(Result):
     share_high = Variable("upper end of its 95 % interval", "1")
     P_d = Variable("vibration-power reduction of the left blade; of several starts the mean", "percent")
     P_d_ci = Variable("half width of its 95 % interval; 0 on an orbit", "percent")
+    P_d_vibration = Variable(
+        "that of the vibration about the mean position alone; of several starts the mean", "percent"
+    )
     P_d_least = Variable("least of any start, where they differ", "percent")
     P_d_most = Variable("largest of any start, where they differ", "percent")
     distance = Variable("from the nearest other attractor, in sizes of the motion; inf where it is alone", "1")
@@ -122,6 +138,7 @@ class Attractors(Result):
                 "share_95": [self.share_low[i], self.share_high[i]],
                 "P_d": self.P_d[i],
                 "P_d_ci": self.P_d_ci[i],
+                "P_d_vibration": self.P_d_vibration[i],
                 "P_d_range": [self.P_d_least[i], self.P_d_most[i]],
                 "distance": self.distance[i],
             }
@@ -213,13 +230,16 @@ def _attractor_row(attractor: "Attractor", ends: "LaneEnds", path: np.ndarray) -
     """The values of one attractor."""
     lanes, cycle = attractor.lanes, attractor.cycle
     P_d, ci = ends.P_d[lanes], ends.ci[lanes]
-    mean = float(P_d.mean()) if cycle is None or attractor.kind != "periodic" else cycle.P_d
+    mean, vibration = float(P_d.mean()), float(ends.P_d_vibration[lanes].mean())
+    if cycle is not None and attractor.kind == "periodic":
+        mean, vibration = cycle.P_d, cycle.P_d_vibration
     is_family = cycle is not None and attractor.kind != "periodic"
     return {
         "kind": ATTRACTOR_KINDS.index(attractor.kind),
         "period_number": attractor.q,
         "starts": len(lanes),
         "P_d": mean,
+        "P_d_vibration": vibration,
         "P_d_ci": 0.0 if cycle is not None else float(np.sqrt(np.nanmean(ci**2) / len(lanes))),
         "P_d_least": float(P_d.min()) if is_family else mean,
         "P_d_most": float(P_d.max()) if is_family else mean,

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from jaxshroud.plotting.style import LookOptions
     from jaxshroud.results.sweep import SweepResult
 
+BRANCH_NUMBERS = ("q", "P", "P_d", "P_d_vibration", "multipliers", "residual", "conditioning", "status")
 BRANCH_GAP = {"units": "m", "long_name": "initial gap"}
 SHORT_OF_POINTS, LOST = "most points", "lost"
 END_REASONS = {
@@ -76,6 +77,7 @@ class Branch(WithAmplitudes, Result):
     samples = Variable("x, y [m] and theta [rad] at the end of each period", None, ("turn", "displacement"))
     P = Variable("average power, Eq. (23)", "m4", ("blade",))
     P_d = Variable("vibration-power reduction of the left blade, Eq. (24)", "percent")
+    P_d_vibration = Variable("that of the vibration about the mean position alone", "percent")
     multipliers = ComplexVariable(
         "Floquet multipliers, largest first, the slider's own among them", "1", ("multiplier",)
     )
@@ -310,7 +312,7 @@ def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> d
     cycle, displacements = point.cycle, 3 * len(point.cycle.P)
     samples = np.full((turns, displacements), np.nan)
     samples[: cycle.q] = touch.samples[:, :displacements]
-    numbers = {n: getattr(cycle, n) for n in ("q", "P", "P_d", "multipliers", "residual", "conditioning", "status")}
+    numbers = {name: getattr(cycle, name) for name in BRANCH_NUMBERS}
     return {
         **numbers,
         **touch.amplitudes,

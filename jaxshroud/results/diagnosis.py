@@ -137,6 +137,8 @@ class Diagnosis(Trajectory):
     P_d = Variable("vibration-power reduction over the first n periods", "percent", ("curve",))
     P_d_ci = Variable("half width of its 95 % interval; NaN below two batches", "percent", ("curve",))
     P_d_settled = Attribute(bool)
+    P_d_vibration = Attribute()  # of the vibration about the mean position alone, over all periods [percent]
+    P_d_vibration_ci = Attribute()
 
     @property
     def largest_force(self) -> float:
@@ -154,6 +156,7 @@ class Diagnosis(Trajectory):
     def summary(self) -> dict[str, JSONValue]:
         """Everything but the samples, in plain numbers, as `diagnosis.json` holds it."""
         final = {} if self.P_d is None else {"P_d": float(self.P_d[-1]), "P_d_ci": float(self.P_d_ci[-1])}
+        final |= {name: getattr(self, name) for name in ("P_d_vibration", "P_d_vibration_ci") if final}
         names = ("verdict", "evidence", "period_number", "periods", "return_error", "K")
         numbers = {
             **{name: getattr(self, name) for name in names},

@@ -41,7 +41,7 @@ ORBIT_FLAGS = (
     "failed",
     "not run",
 )
-ORBIT_NUMBERS = ("q", "P_d", "residual", "conditioning", "doubt", "updates", "periods", "status")
+ORBIT_NUMBERS = ("q", "P_d", "P_d_vibration", "residual", "conditioning", "doubt", "updates", "periods", "status")
 
 
 def component_names(row: RowSize | None = None) -> list[str]:
@@ -76,6 +76,7 @@ class Orbit(WithAmplitudes, Result):
     P = Variable("average power, Eq. (23); NaN without an orbit", "m4", ("blade",))
     P_0 = Variable("average power without contact, closed form", "m4", ("blade",))
     P_d = Variable("vibration-power reduction of the left blade, or of a row, Eq. (24)", "percent", alone=True)
+    P_d_vibration = Variable("that of the vibration about the mean position alone", "percent", alone=True)
     residual = Variable("closing error relative to the largest value of each quantity", "1", alone=True)
     multipliers = ComplexVariable(
         "Floquet multipliers, largest first, the slider's own among them", "1", ("multiplier",)

@@ -22,6 +22,8 @@ class RowDiagnosis(RowTrajectory):
     largest_exponent_ci = Attribute()
     P_d = Attribute()  # of the row [percent]
     P_d_ci = Attribute()
+    P_d_vibration = Attribute()  # of the vibration about the mean position alone [percent]
+    P_d_vibration_ci = Attribute()
     P_d_worst = Attribute()  # of the worst blade [percent]
     P = Variable("average power of each blade, Eq. (23)", "m4", ("blade",))
     P_0 = Variable("average power of each blade without contact, closed form", "m4", ("blade",))
@@ -29,7 +31,19 @@ class RowDiagnosis(RowTrajectory):
     def summary(self) -> dict[str, JSONValue]:
         """Everything but the samples, in plain numbers, as `diagnosis.json` holds it."""
         names = ("verdict", "evidence", "period_number", "periods", "largest_exponent", "largest_exponent_ci")
-        of_row = ("P_d", "P_d_ci", "P_d_worst", "P", "P_0", "x_peak", "slip", "loss_friction", "energy_residual")
+        of_row = (
+            "P_d",
+            "P_d_ci",
+            "P_d_vibration",
+            "P_d_vibration_ci",
+            "P_d_worst",
+            "P",
+            "P_0",
+            "x_peak",
+            "slip",
+            "loss_friction",
+            "energy_residual",
+        )
         times = ("time_apart", "time_stick", "time_slip")
         numbers = {name: getattr(self, name) for name in (*names, *of_row, *times)}
         wave = self.wave

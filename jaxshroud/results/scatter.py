@@ -36,6 +36,7 @@ class Scatter(Result):
     drawn = Variable("the numbers of each draw, in SI units", None, ("draw", "key"))
     P_d = Variable("vibration-power reduction of each draw", "percent", ("draw",))
     P_d_ci = Variable("half width of its 95 % interval", "percent", ("draw",))
+    P_d_vibration = Variable("that of the vibration about the mean position alone", "percent", ("draw",))
     level = Variable("another quantity, `of`, of each draw, in SI units; the statistics are of it", None, ("draw",))
     status = Variable("how the march of each draw ended", None, ("draw",), stored=np.int8, more=FLAGS)
     first = Variable("share of the variance that a number has alone", "1", ("key",))

@@ -9,7 +9,7 @@ from jaxshroud.batch.runs import Progress, Ticker, initial_states
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.io.scene_numbers import dimension, key_attrs
-from jaxshroud.march.method import Method, method_of
+from jaxshroud.march.method import FOR_P_D, Method, method_of
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.attractors import FoundAttractors, attractors_of
 from jaxshroud.motion.random_starts import START_SPREAD, random_starts, start_range
@@ -95,7 +95,7 @@ def _single_scene(
     count_argument("most_periods", most_periods, 64)
     single = one_scene(verb, scene)
     resolved = resolve_options(scene, method=method)
-    march = with_tangents(resolved, one_lane(single))
+    march = with_tangents(resolved, one_lane(single), FOR_P_D)
     provenance, _ = resolved.provenance(resolved.transient, march.steps)
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
     return in_precision(single, march.method.precision), shooting, {**provenance, **march.attributes}

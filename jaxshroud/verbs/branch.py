@@ -11,7 +11,7 @@ from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.io.variable import jax_lane_arrays
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import FOR_P_D, Method
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import StagedProgress, run_alone
 from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, continuation_problem, first_point
@@ -145,7 +145,7 @@ def continued(
     resolved = resolve_options(scene, method=method, rows=True)
     if numbered.row is not None:
         check_row(numbered)
-    march = with_tangents(resolved, scenes_at(numbered, [along], np.array([[low], [value], [high]])))
+    march = with_tangents(resolved, scenes_at(numbered, [along], np.array([[low], [value], [high]])), FOR_P_D)
     march = march._replace(steps=whole_parts(march.steps, numbered))
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
     here = jax_lane_arrays(scenes_at(numbered, [along], np.array([[value]])), (0,))

@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxshroud.batch.runs import Progress, Ticker
 from jaxshroud.batch.xla import one_lane
-from jaxshroud.march.method import FAST_WITH_LEDGER, Method, method_of
+from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, Method, method_of
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import run_alone
@@ -82,7 +82,7 @@ def diagnose(
     """
     if one_scene("diagnose", scene, rows=True).row is not None:
         return row_diagnosis(scene, transient, method, state, progress, throw)
-    lanes = request_lanes(scene, transient=transient, method=method, usual=FAST_WITH_LEDGER, verb="diagnose")
+    lanes = request_lanes(scene, transient=transient, method=method, usual=FOR_P_D_WITH_LEDGER, verb="diagnose")
     march = lanes.march._replace(method=lanes.march.method._replace(ledger=True))
     ((precise, initial),) = lanes.with_states(lanes.scenes, state)
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
@@ -98,7 +98,7 @@ def diagnose(
     run = simulate(scene, n_periods=n_periods, events=events, method=same_march, state=settled, throw=throw)
     evidence = {} if stopped else _settled_evidence(scene, precise, verdict, march)
     if march.choice is not None:
-        ends = partial(end_states, ledger=True)  # by the programs of the verdict
+        ends = partial(end_states, ledger=True, vibration=True)  # by the programs of the verdict
         warn_missed(missed_lanes(lanes.resolved.lanes, march.choice, ends), march.choice)
     return _diagnosis(run, verdict, evidence)
 
@@ -121,7 +121,8 @@ def _settled_evidence(
         return known
     curve = power(scene, n_periods=POWER_PERIODS, transient=0, stable_within=1e-12, method=same_march, state=settled)
     settled_number = int(curve.final["settled"])  # files cannot hold booleans
-    return {**known, "n": curve.n, "P_d": curve.P_d, "P_d_ci": curve.P_d_ci, "P_d_settled": settled_number}
+    alone = {name: float(curve.final[name]) for name in ("P_d_vibration", "P_d_vibration_ci")}
+    return {**known, **alone, "n": curve.n, "P_d": curve.P_d, "P_d_ci": curve.P_d_ci, "P_d_settled": settled_number}
 
 
 def _diagnosis(run: Trajectory, verdict: Verdict, settled_evidence: dict[str, object]) -> Diagnosis:

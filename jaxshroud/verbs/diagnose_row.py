@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, run_lanes
 from jaxshroud.batch.states import final_states
-from jaxshroud.march.method import FAST_WITH_LEDGER, Method
+from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, Method
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -55,7 +55,7 @@ def row_diagnosis(
     """`diagnose` of a row: its period number, waves, P_d, and the growth of a nearby run."""
     resolved = resolve_options(scene, transient=transient, method=method, verb="diagnose", rows=True)
     check_row(resolved.scene)
-    march = plan_march(resolved, resolved.lanes, FAST_WITH_LEDGER)
+    march = plan_march(resolved, resolved.lanes, FOR_P_D_WITH_LEDGER)
     march = march._replace(method=march.method._replace(ledger=True))
     scenes = in_precision(without_given(resolved.lanes), march.method.precision)
     start = resolved.states(state, scenes)
@@ -115,6 +115,8 @@ def _with_verdict(run: RowTrajectory, found: RowEvidence) -> RowDiagnosis:
         "largest_exponent_ci": found.growth.ci,
         "P_d": float(found.power.P_d[0]),
         "P_d_ci": float(found.power.ci[0]),
+        "P_d_vibration": float(found.power.P_d_vibration[0]),
+        "P_d_vibration_ci": float(found.power.vibration_ci[0]),
         "P_d_worst": float(power_reduction(found.power.P, found.P_0).min()),
         "P": found.power.P[0],
         "P_0": found.P_0[0],

@@ -8,7 +8,7 @@ import numpy as np
 from jaxshroud.batch.runs import Plan, Progress
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import FAST, FOR_P_D, Method
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import run_alone, run_together
 from jaxshroud.motion.gradient import (
@@ -133,7 +133,7 @@ def gradient(
             check(of, resolved.lanes, np.all)
     numbered = [with_numbers(one, wrt) for one in resolved.scenes]
     numbers = [[level_of(one, key) for key in wrt] for one in numbered]
-    lanes = RequestedLanes(resolved, with_tangents(resolved, resolved.lanes))
+    lanes = RequestedLanes(resolved, with_tangents(resolved, resolved.lanes, FOR_P_D if is_reduction(of) else FAST))
     throw, march = throw or not lanes.shape, lanes.march
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
     plan = Plan(lanes.resolved.transient, lanes.resolved.n_periods, march.steps, 0.0, march.method)

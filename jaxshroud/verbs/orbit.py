@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxshroud.batch.runs import Plan, Progress, run_lanes
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import FOR_P_D, Method
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.amplitudes import amplitude_values
@@ -90,7 +90,7 @@ def orbit(
         count_argument("q", q, 1)
         if state is None:
             raise InputError("Argument `q` needs a `state` close to the orbit.")
-    lanes = request_lanes(scene, method=method, dims=dims, verb="orbit", rows=True)
+    lanes = request_lanes(scene, method=method, dims=dims, verb="orbit", usual=FOR_P_D, rows=True)
     march = lanes.march
     tolerance = CLOSING_TOLERANCE[march.method.precision] if tolerance is None else tolerance
     shooting = ShootingOptions(march.steps, tolerance, march.method)

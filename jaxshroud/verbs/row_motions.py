@@ -86,6 +86,7 @@ def _motion_values(
         "share_high": high,
         "P_d": over(np.mean, run.P_d),
         "P_d_ci": over(np.max, run.P_d_ci),
+        "P_d_vibration": over(np.mean, run.P_d_vibration),
         "P_d_least": over(np.min, run.P_d),
         "P_d_most": over(np.max, run.P_d),
         "P_d_worst": over(np.min, run.P_d_worst),

@@ -130,7 +130,9 @@ def scatter(
     P_d_ci = np.take_along_axis(P_d_ci, np.argmin(P_d, axis=0)[None], axis=0)[0]  # of the least
     stopped, status = int(np.sum(status != Status.OK)), status.max(axis=0)
     P_d = np.where(status == Status.OK, P_d.min(axis=0), np.nan)
+    alone = np.where(status == Status.OK, reshaped(run.P_d_vibration).min(axis=0), np.nan)
     values: dict[str, object] = {"P_d": np.ravel(P_d[:2]), "P_d_ci": np.ravel(P_d_ci[:2]), "of": of}
+    values |= {"P_d_vibration": np.ravel(alone[:2])}
     level = P_d
     if of != "P_d":
         every = reshaped(_levels(run, of, nominal.row is not None))

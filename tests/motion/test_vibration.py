@@ -157,6 +157,7 @@ def test_the_derivative_of_the_vibration_is_exact(pressed):
     found = js.orbit(scene, method=method)
     keys = ["friction.mu", "contact.k", "shroud.gap"]
     exact = js.gradient(scene, keys, of="P_d_vibration", orbit=found)
+    assert found.P_d_vibration == pytest.approx(exact.level, abs=1e-9)
     by_differences = js.differences(found, keys, 1e-3, of="P_d_vibration")
     for key in keys:
         assert exact.value[key] == pytest.approx(by_differences[key], rel=1e-5), key
@@ -167,6 +168,27 @@ def test_the_derivative_of_the_vibration_is_exact(pressed):
     assert of_P_d.P_d_vibration == pytest.approx(exact.level, abs=1e-9)
     assert "P_d counted" in of_P_d.static_deflection
     assert "P_d_vibration counted" in exact.static_deflection
+
+
+NEAR = {"start": 0.49, "stop": 0.5, "most_points": 3}
+TELLING = {
+    "orbit": lambda scene, how: js.orbit(scene, method=how["method"]),
+    "branch": lambda scene, how: js.branch(scene, "drive.F_0", **NEAR, method=how["method"]),
+    "attractors": lambda scene, how: js.attractors(scene, 4, most_periods=256, method=how["method"]),
+    "diagnose": lambda scene, how: js.diagnose(scene, transient=how["transient"], method=how["method"]),
+    "scatter": lambda scene, how: js.scatter(scene, {"contact.k": 1.0}, draws=4, **how),
+}
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("verb", TELLING)
+def test_who_tells_the_reduction_tells_that_of_the_vibration(pressed, verb):
+    # Stuck, which is linear: the reduction does not depend on the force either.
+    scene = pressed()
+    found = TELLING[verb](scene, SHORT)
+    told = np.ravel(found.P_d_vibration)
+    np.testing.assert_allclose(told, stuck_reduction(scene), atol=2e-6)
+    assert np.all(np.abs(told - np.ravel(found.P_d)[-1]) > 50)
 
 
 @pytest.mark.full
