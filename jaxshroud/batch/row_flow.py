@@ -71,7 +71,7 @@ def _row_samples_in_lanes(scenes: Scene, states: State, schedule: Schedule) -> R
         lanes = eqx.tree_at(lambda lane: lane.tally, lanes, empty)
         lanes, sample = next_row_sample(lanes, jnp.int32(schedule.every), model, period, clock, schedule.method, each)
         gain: Any = lanes.tally.integrals.power
-        power = gain / time
+        power = gain / time[None]
         overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(jnp.sum(power, axis=0))
         status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
         lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)

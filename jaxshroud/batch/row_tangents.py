@@ -10,6 +10,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Int
 
 from jaxshroud.batch.duals import Dual, differentiable
@@ -94,7 +95,7 @@ def end_row_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane |
 def _end_of_rows(lanes: RowLane, model: RowModel, time: Any, each: EachLane) -> FlowWithMoments:
     """The flow of rows, lanes last, after `time` seconds."""
     gain: Any = lanes.tally.integrals
-    mean = lambda tree: jax.tree.map(lambda a: a / time, filled(tree, gain.power))
+    mean = lambda tree: jax.tree.map(lambda a: a / lax.broadcast_to_rank(time, a.ndim), filled(tree, gain.power))
     power = mean(gain.power)
     overflowed = (lanes.status == Status.OK) & ~jnp.isfinite(jnp.sum(power, axis=0))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)

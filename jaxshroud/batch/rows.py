@@ -156,7 +156,7 @@ def _end_row_period(
     means = mean_position(tally, lanes.state.motion, period, steps, blade_positions)
     sums = {"moments": gain.moments, "means": means}
     told = {"motion": lanes.state.motion, "largest": log.largest, "extent": log.extent} | sums
-    sample = RowSample(power=gain.power / period, **works, **filled(told, gain.power), times=times_of(log))
+    sample = RowSample(power=gain.power / period[None], **works, **filled(told, gain.power), times=times_of(log))
     totals = (jnp.sum(jnp.atleast_2d(a), axis=0) for a in jax.tree.leaves(sample))
     overflowed = ended & (lanes.status == Status.OK) & ~jnp.isfinite(sum(totals, gained))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.derivative_limits import first_order_only
@@ -308,4 +309,5 @@ def at_event(quantities, slopes, guard, rate):
 def _at_event_jvp(primals, tangents):
     quantities, slopes, _, rate = first_order_only(primals)
     shift = -tangents[2] / rate
-    return quantities, jax.tree.map(lambda d, slope: d + slope * shift, tangents[0], slopes)
+    moved = lambda d, slope: d + slope * lax.broadcast_to_rank(shift, slope.ndim)
+    return quantities, jax.tree.map(moved, tangents[0], slopes)

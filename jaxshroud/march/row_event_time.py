@@ -34,10 +34,10 @@ class RowCrossing(NamedTuple):
 
 def one_after_the_other(crossing: RowCrossing, lane: RowLane, place: Any, h: OfLanes, method: Choices) -> RowCrossing:
     """The crossing of the event at `place` alone, in a step of `h` seconds, with those that are left."""
-    search, here = lane.search, jnp.arange(len(crossing.fires), dtype=jnp.int32)[:, None] == place
+    search, here = lane.search, jnp.arange(len(crossing.fires), dtype=jnp.int32)[:, None] == place[None]
     assert search.pending is not None
     moves = search.length > 0
-    first, eligible = crossing.fires & here, crossing.fires & (search.pending | moves)
+    first, eligible = crossing.fires & here, crossing.fires & (search.pending | moves[None])
     fires = jnp.any(first, axis=0)
     waits = ~moves & jnp.any(first & search.pending, axis=0)
     finest = event_tolerance(jnp.zeros((), bool), method.locate, method.rk.order, True, h.dtype)
@@ -46,7 +46,7 @@ def one_after_the_other(crossing: RowCrossing, lane: RowLane, place: Any, h: OfL
         crossing.kind,
         fires & (moves | waits),
         jnp.where(waits, finest * h, crossing.delay),
-        jnp.where(fires, eligible & ~first, search.pending),
+        jnp.where(fires[None], eligible & ~first, search.pending),
     )
 
 

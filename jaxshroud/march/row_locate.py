@@ -89,7 +89,7 @@ def row_outcome(search: RowSearch, outcome: InterfaceOutcome, low: Guards) -> Ro
     hits, any_hit = jnp.sum(hit, axis=0, dtype=jnp.int32), jnp.any(hit, axis=0)
     first = jnp.argmax(jnp.where(hit, outcome.share, -1.0), axis=0).astype(jnp.int32)
     place = first if search.target is None else jnp.where(any_hit, first, search.target.place)
-    here = jnp.arange(len(hit), dtype=jnp.int32)[:, None] == place
+    here = jnp.arange(len(hit), dtype=jnp.int32)[:, None] == place[None]
     at_place = lambda a: jnp.sum(jnp.where(here, a, jnp.zeros_like(a)), axis=0, dtype=a.dtype)
     now = select(any_hit | ~search.bracketing, low, outcome.guards)
     return RowOutcome(

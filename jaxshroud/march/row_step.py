@@ -60,13 +60,14 @@ def row_step(
     u_s = start.u_s if model.interfaces.spring.flows else ABSENT
     none = jax.tree.map(lambda a: jnp.zeros((stages, *a.shape), a.dtype), (start.motion, u_s))
     slopes, gain = jax.lax.fori_loop(0, stages, stage, (none, nothing))
-    return RowStepEnd(_advanced(start, h, b, slopes, model), waves[1.0], jax.tree.map(lambda g: h * g, gain))
+    gain = jax.tree.map(lambda g: jax.lax.broadcast_to_rank(h, g.ndim) * g, gain)
+    return RowStepEnd(_advanced(start, h, b, slopes, model), waves[1.0], gain)
 
 
 def _advanced(start: State, h: OfLanes, weights: Array, slopes: tuple[Motion, Any], model: RowModel) -> State:
     """The start + h sum(weights * slopes), the slopes of all stages along the first axis."""
     by_stage = weights[:, None, None]
-    add = lambda z, k: z + h * jnp.sum(by_stage * k, axis=0)
+    add = lambda z, k: z + h[None] * jnp.sum(by_stage * k, axis=0)
     motion = jax.tree.map(add, start.motion, slopes[0])
     u_s = add(start.u_s, slopes[1]) if model.interfaces.spring.flows else start.u_s
     return State(motion, u_s, start.mode, start.case)

@@ -1,6 +1,7 @@
 """The fastest motion of a scene, and the steps per period that it requires."""
 
 import math
+from collections.abc import Callable
 from functools import cache
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -59,7 +60,7 @@ def largest_frequency(scene: Scene) -> Scalar:
         InputError: The scene has a row of blades.
     """
     require_pair("`largest_frequency`", scene.row)
-    return _frequencies(_stiffness_of(scene), jnp)[0]
+    return _frequencies(_stiffness_of(scene), jnp, jnp.linalg.eigvalsh)[0]
 
 
 class _Stiffness(NamedTuple):
@@ -109,12 +110,28 @@ def _relaxation(scene: Scene) -> Scalar:
     return jnp.maximum(rate(speed), rate(-speed))
 
 
-def _frequencies(of: _Stiffness, xp: ModuleType) -> tuple[Any, Any]:
-    """The largest frequency with contact and friction springs, and with neither [rad/s], by NumPy or JAX."""
-    squares, floor = xp.linalg.eigvalsh(of.squares)[..., -1], xp.asarray(of.fading)
+def _frequencies(of: _Stiffness, xp: ModuleType, eigenvalues: Callable[[Any], Any]) -> tuple[Any, Any]:
+    """The largest frequency with contact and friction springs, and with neither [rad/s], by NumPy or JAX.
+
+    `eigenvalues` gives those of symmetric matrices, the largest one last.
+    """
+    squares, floor = eigenvalues(of.squares)[..., -1], xp.asarray(of.fading)
     own = xp.maximum(xp.sqrt(squares[..., 2]), floor)
     engaged = xp.maximum(xp.sqrt(xp.maximum(squares[..., 0], squares[..., 1])), floor)
     return xp.maximum(engaged, xp.asarray(of.haste)), own
+
+
+def largest_eigenvalue(M: Float[Array, "... n n"]) -> Float[Array, "... 1"]:
+    """The largest eigenvalue of symmetric, positive semidefinite matrices, by products of matrices alone.
+
+    LAPACK's routines for many matrices wait for threads of the pool in which they run themselves: for ever where
+    several devices of a CPU run at once. Squaring so often leaves an error of 2^-40 / e of the eigenvalue, where the
+    next one is nearest; else none.
+    """
+    total = lambda P: jnp.trace(P, axis1=-2, axis2=-1)[..., None, None]
+    scaled = lambda P: P / jnp.where(total(P) == 0, 1.0, total(P))
+    P = lax.fori_loop(0, 40, lambda _, P: scaled(P @ P), scaled(M))
+    return total(P @ M)[..., 0]
 
 
 def contact_gradients(
@@ -171,7 +188,8 @@ def judge_step(scene: Scene, steps: Int[Array, ""], method: Tableau | TaylorOpti
     alone = jax.tree.map(lambda a: jnp.asarray(a)[None], scene)
     stiffness, period = _batched_stiffness(alone if scene.row is None else _bounding_pairs(alone))
     h = period / steps.astype(period.dtype)
-    angle, relaxed = (jnp.max(rate * h) for rate in (_frequencies(stiffness, jnp)[0], stiffness.relaxation))
+    rates = _frequencies(stiffness, jnp, largest_eigenvalue)[0], stiffness.relaxation
+    angle, relaxed = (jnp.max(rate * h) for rate in rates)
     return StepVerdict((angle <= unstable) & (relaxed <= MAX_RELAXATION_RATE), angle / inaccurate)
 
 
@@ -241,7 +259,7 @@ def lanes_that_auto_steps_follow(scenes: Scene) -> np.ndarray:
     finite = np.isfinite(stiffness.squares).all(axis=(-3, -2, -1)) & np.isfinite(period)
     lanes = np.flatnonzero(finite)
     chosen = jax.tree.map(lambda a: a[lanes], stiffness)
-    of = _Fastest(*_frequencies(chosen, np), period[lanes], chosen.relaxation)
+    of = _Fastest(*_frequencies(chosen, np, np.linalg.eigvalsh), period[lanes], chosen.relaxation)
     finite[lanes] = _needed_steps(of, RK4) < MAX_AUTO_STEPS
     return finite.reshape(count, -1).all(axis=1)  # of a row: at every interface
 
@@ -279,7 +297,7 @@ def _fastest(scenes: Scene, batch_dims: int) -> _Fastest:
         scenes = _bounding_pairs(scenes)
     stiffness, period = _batched_stiffness(scenes)
     stiffness = jax.tree.map(np.asarray, stiffness)
-    return _Fastest(*_frequencies(stiffness, np), np.asarray(period), stiffness.relaxation)
+    return _Fastest(*_frequencies(stiffness, np, np.linalg.eigvalsh), np.asarray(period), stiffness.relaxation)
 
 
 @kept()

@@ -298,7 +298,7 @@ def mean_position(tally: Any, end: Motion, period: Any, steps: Any, at: Callable
     """
     sums = None if tally.log is None else tally.log.positions
     if sums is None:
-        return jax.tree.map(lambda a: a / period, tally.integrals.means)
+        return jax.tree.map(lambda a: a / jax.lax.broadcast_to_rank(period, a.ndim), tally.integrals.means)
     return jax.tree.map(lambda total, half: (total - half) / steps, sums, half_position(at(end)))
 
 

@@ -178,9 +178,9 @@ def clusters(case: Array, model: RowModel) -> Cluster:
     breaks = jnp.cumsum(~flat, axis=0, dtype=jnp.int32)  # interfaces that are not flat, up to each
     label = jnp.concatenate([jnp.zeros_like(breaks[:1]), breaks[:-1] if closed else breaks])  # left of each block
     all_round = breaks[-1] == 0 if closed else jnp.zeros_like(flat[0])
-    wraps = label == breaks[-1] if closed else jnp.zeros_like(label, bool)  # its cluster goes on at block 0
+    wraps = label == breaks[-1:] if closed else jnp.zeros_like(label, bool)  # its cluster goes on at block 0
     place = jnp.arange(len(I), dtype=jnp.int32)[:, None]
-    first = jnp.where(wraps & ~all_round, place - len(I), jnp.broadcast_to(place, label.shape))
+    first = jnp.where(wraps & ~all_round[None], place - len(I), jnp.broadcast_to(place, label.shape))
     label = jnp.where(wraps, 0, label)
     same = label[:, None] == label[None]
     inertia = jnp.sum(jnp.where(same, I[None], 0.0), axis=1)
@@ -204,7 +204,7 @@ def passed_torques(own: OfBlades, cluster: Cluster, model: RowModel) -> OfInterf
     """
     excess = model.blades.I * (own - cluster.mean(own))
     torque = jnp.sum(jnp.where(cluster.before, excess[None], 0.0), axis=1)
-    return torque - jnp.where(cluster.all_round, jnp.mean(torque, axis=0), 0.0)
+    return torque - jnp.where(cluster.all_round, jnp.mean(torque, axis=0), 0.0)[None]
 
 
 def relative_torques(own: OfBlades, case: Array, cluster: Cluster, model: RowModel) -> OfInterfaces:

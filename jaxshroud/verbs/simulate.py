@@ -70,9 +70,10 @@ def simulate(
     Returns:
         The initial state, after what happens there at once, and then every `every`-th of
         `n_periods * steps_per_period` steps, start-up included, with the contact forces `N` and `F` [N], `v`, `u` and
-        `contact_point` [m]. A model without contact has none of these, a model whose blocks do not turn has no
-        `contact_point`, and without friction `F` is 0. Amplitudes are those of the second half of the run, from the
-        cubics between its steps, whichever of these are kept. A row of blades gives a `RowTrajectory`.
+        `contact_point` [m], which is NaN while the faces are apart (JAX's `debug_nans` takes that for an error). A
+        model without contact has none of these, a model whose blocks do not turn has no `contact_point`, and without
+        friction `F` is 0. Amplitudes are those of the second half of the run, from the cubics between its steps,
+        whichever of these are kept. A row of blades gives a `RowTrajectory`.
 
     Raises:
         ValueError: A count is not a positive integer, the samples would not fit into memory, or `events` is set for

@@ -114,6 +114,7 @@ def compiled():
     jax.monitoring.unregister_event_duration_listener(heard)
 
 
+@pytest.mark.full
 def test_one_compilation_serves_all_sizes(table1, compiled):
     sweep(table1, {"contact.gamma": [1.0, 2.0]}, n_periods=2, method=RungeKutta(steps=100), transient=0)
     compiled.clear()

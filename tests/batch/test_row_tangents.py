@@ -72,7 +72,7 @@ class Course:
         return best
 
 
-@pytest.mark.studies(only=["chain of 4"])
+@pytest.mark.studies(only=["chain of 4", "ring of 4 in anti-phase"])
 @pytest.mark.full(but=["ring of 3 in x"])
 @pytest.mark.parametrize("name", ROWS)
 def test_tangents_are_those_of_differences(name):

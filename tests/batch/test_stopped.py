@@ -91,15 +91,15 @@ def check_masks(run, scene, lanes, statuses):
             np.testing.assert_allclose(told, np.array(alone) / len(lanes), rtol=1e-10)
 
 
-@pytest.mark.studies(only=["period_map"])
-@pytest.mark.full(but=["rollout"])
+@pytest.mark.studies(only=["period_map", "sweep_function"])
+@pytest.mark.full
 @pytest.mark.parametrize("run", [rolled, mapped, swept], ids=["rollout", "period_map", "sweep_function"])
 def test_a_masked_lane_leaves_the_derivatives_of_the_others_alone(run):
     statuses = [Status.OK, Status.BAD_INPUT, Status.NOT_FINITE, Status.BAD_INPUT]
     check_masks(run, scene_of('["x"]'), [GOOD, NEGATIVE, HUGE, UNSTABLE], statuses)
 
 
-@pytest.mark.studies(only=["period_map"])
+@pytest.mark.studies(only=["period_map", "sweep_function"])
 @pytest.mark.full(but=["rollout"])
 @pytest.mark.parametrize("run", [rolled, mapped, swept], ids=["rollout", "period_map", "sweep_function"])
 def test_unstable_steps_are_bad_input_and_coarse_ones_are_told(run):
@@ -133,6 +133,7 @@ def test_a_lane_without_further_trials_is_masked_as_well():
     check_masks(run, scene_of('["x"]'), [GOOD, FEEBLE], [Status.OK, Status.OUT_OF_TRIALS])
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_turned_and_chattering_lanes_are_masked_as_well():
     # The printed levers contradict each other where cases meet: a chatter without an end.

@@ -11,7 +11,7 @@ RANGE = ["--along", "contact.gamma", "--start", "2", "--stop", "2.6"]
 
 
 @pytest.mark.studies(only=["branch-branch.nc"])  # the command is on its page, which tests/test_docs.py runs
-@pytest.mark.full(but=["basins-basins.nc"])
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("words", "files"),
     [

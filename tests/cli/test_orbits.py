@@ -36,6 +36,7 @@ def test_an_orbit_is_written_as_the_verb_returns_it(scene, tmp_path, capsys):
         assert part in table
 
 
+@pytest.mark.full
 def test_exponents_are_written_as_the_verb_returns_them(scene, tmp_path, capsys):
     words = ["lyapunov", *SCENE, "--periods", "8", "--transient", "4", "--out", str(tmp_path / "out")]
     assert cli.main(words) == 0

@@ -151,6 +151,7 @@ def test_a_run_is_written_without_what_it_does_not_use(computed):
     assert not packages & {"matplotlib", "diffrax", "optax", "scipy.stats", "scipy.linalg", *LEFT_OUT}
 
 
+@pytest.mark.full
 def test_what_draws_random_numbers_is_not_imported_before_it_draws():
     code = "import sys, jaxshroud; jaxshroud.tune, jaxshroud.report, jaxshroud.scatter; print(*sys.modules)"
     assert not {"scipy.stats", "dask", "pint"} & set(started(code).split())
@@ -175,6 +176,7 @@ print(float(read("data.nc")["a"].sum()))
 """
 
 
+@pytest.mark.full
 def test_a_notebook_keeps_dask(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert started(IN_A_NOTEBOOK).strip() == "4.0"

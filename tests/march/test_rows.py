@@ -184,6 +184,7 @@ def test_engine_orders_that_blades_cannot_tell_apart():
     assert furthest(control, first) > 1e-8
 
 
+@pytest.mark.full
 def test_engine_orders_forward_and_backward_mirror_each_other_without_a_moment():
     backward = ring(-1, M_0=0.0)
     later = tuple(a + math.pi for a in backward.phase)  # half a period

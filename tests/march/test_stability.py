@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxshroud.march.stability import largest_frequency, step_report, steps_for, stiffest
+from jaxshroud.march.stability import largest_eigenvalue, largest_frequency, step_report, steps_for, stiffest
 from jaxshroud.march.tableau import RK4
 from jaxshroud.scene.checks import StepTooLongError
 from jaxshroud.scene.vary import vary
@@ -58,6 +58,16 @@ def frequency_by_hand(scene, friction: bool = True) -> float:
     pairs = [gradients(scene, upper) for upper in (True, False)]
     stiffness = [springs + k * np.outer(v, v) + k_d * np.outer(u, u) for v, u in pairs]
     return np.sqrt(max(np.linalg.eigvals(inverse @ K).real.max() for K in stiffness))
+
+
+@pytest.mark.parametrize("gap", [1.0, 1e-3, 1e-9, 1e-12, 1e-15, 0.0])
+def test_squares_find_the_largest_eigenvalue_beside_others(gap):
+    # 2^40 products leave 2^-40 / e = 3e-13 of it, where the next one is as near as that.
+    random = np.random.default_rng(7)
+    turned = np.linalg.qr(random.standard_normal((64, 6, 6)))[0]
+    M = 1e9 * turned @ (np.array([1, 1 - gap, 0.3, 0.1, 0, 0])[:, None] * turned.swapaxes(-1, -2))
+    np.testing.assert_allclose(largest_eigenvalue(jnp.asarray(M))[:, 0], np.linalg.eigvalsh(M)[:, -1], rtol=1e-12)
+    assert float(largest_eigenvalue(jnp.zeros((6, 6)))[0]) == 0
 
 
 @pytest.mark.parametrize("gamma", [0.0, 2.5, 100.0])

@@ -100,7 +100,12 @@ def test_means_are_over_all_periods_never_within_each():
 
 
 @pytest.mark.parametrize(
-    "method", [pytest.param(Taylor(), marks=pytest.mark.full), js.RungeKutta(steps=400), js.RungeKutta("tsit5", 400)]
+    "method",
+    [
+        pytest.param(Taylor(), marks=pytest.mark.full),
+        pytest.param(js.RungeKutta(steps=400), marks=pytest.mark.full),
+        js.RungeKutta("tsit5", 400),
+    ],
 )
 def test_the_mean_position_is_that_of_the_samples(method):
     # A rubbing pair with torsion over three periods from rest, against the mean of 2,000 samples a period by the
@@ -180,6 +185,7 @@ TELLING = {
 }
 
 
+@pytest.mark.studies(only=["attractors", "diagnose", "scatter"])
 @pytest.mark.full
 @pytest.mark.parametrize("verb", TELLING)
 def test_who_tells_the_reduction_tells_that_of_the_vibration(pressed, verb):
@@ -217,6 +223,7 @@ PERIOD_7 = [
 ]
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_means_are_over_whole_orbits():
     # An orbit of period 7: means, maxima and shares of 9 orbits do not depend on the period that 64 have more. The run

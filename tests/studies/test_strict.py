@@ -44,6 +44,35 @@ def test_a_long_public_function_passes_strict_settings(name):
     run_strictly(name)
 
 
+def ring(*sets):
+    return js.load("row_ring12", ["row.blades=3", "drive.engine_order=1", *sets]).scene
+
+
+IN_X, BRIEF = 'parts.motion=["x"]', {"n_periods": 2, "transient": 1, "method": METHOD}
+OF_ROWS = {
+    "simulate": lambda: js.simulate(ring(IN_X), n_periods=1, method=METHOD),
+    "sweep": lambda: js.sweep(ring(), {"contact.gamma": [1.0, 2.0]}, amplitudes=True, **BRIEF),
+    "power": lambda: js.power(ring(), **BRIEF),
+    "rollout": lambda: js.rollout(ring(IN_X), None, 1, method=METHOD),
+    "sweep_function": lambda: js.sweep_function(1, 0, METHOD)(jax.tree.map(lambda a: jnp.asarray(a)[None], ring(IN_X))),
+    "orbit": lambda: js.orbit(ring(IN_X), most_periods=32, method=METHOD),
+    "gradient": lambda: js.gradient(ring(IN_X), ["shroud.gap"], **BRIEF),
+    "diagnose": lambda: js.diagnose(ring(IN_X), transient=8, method=METHOD),
+    "branch": lambda: js.branch(ring(IN_X), "drive.omega", start=530.0, stop=540.0, most_points=3, method=METHOD),
+    "mistune": lambda: js.mistune(
+        ring(IN_X), along={"drive.omega": [900.0, 905.0]}, sigmas=[0.01], n_patterns=2, updates=0, **BRIEF
+    ),
+}
+
+
+@pytest.mark.studies
+@pytest.mark.full
+@pytest.mark.parametrize("name", OF_ROWS)
+def test_rows_pass_strict_settings(name):
+    with jax.numpy_rank_promotion("raise"), jax.debug_nans(True):
+        OF_ROWS[name]()
+
+
 def test_every_public_function_is_tried_or_named():
     public = {name for name in js.__all__ if inspect.isfunction(getattr(js, name))}
     assert public == {*QUICK, *USUAL, *LONG, *OTHERS} - {"sweep_function()"}

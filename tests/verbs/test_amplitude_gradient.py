@@ -93,6 +93,7 @@ def excess(omega):
     return (high + low - 2 * mean) / (high - low)
 
 
+@pytest.mark.full
 def test_a_tie_of_two_peaks_is_flagged():
     tied = float(brentq(excess, 820, 870, xtol=1e-6))  # pyright: ignore[reportArgumentType]
     near = [
@@ -106,6 +107,7 @@ def test_a_tie_of_two_peaks_is_flagged():
     assert any(np.diff([a.level, b.level]) == pytest.approx(0.01 * at, rel=1e-3) for a, b in pairwise(near))
 
 
+@pytest.mark.full
 def test_many_scenes_are_each_alone():
     gaps = [1e-5, 3e-5]
     together = js.gradient(js.scenes_from({"shroud.gap": gaps}, scene_at()), KEYS, of="x_peak", method=FINE)
@@ -115,6 +117,7 @@ def test_many_scenes_are_each_alone():
             assert together.value[key][i] == pytest.approx(alone.value[key], rel=1e-9)
 
 
+@pytest.mark.full
 def test_the_smoothed_gradient_of_an_amplitude_tends_to_the_exact_one(found):
     scene, keys = with_numbers(scene_at(), KEYS[:1]), KEYS[:1]
     plan = Plan(64, 4, 1600, 0.0, FAST)

@@ -103,6 +103,7 @@ def test_a_worker_says_what_it_lacks(monkeypatch, lacking, told):
     assert asked({}).startswith(told)
 
 
+@pytest.mark.full
 def test_what_is_sent_names_no_module_of_this_package():
     # By its name, a worker without the package or without jax would end while it reads it, in silence.
     told = "print(cloudpickle.dumps(cluster._worker_function()).hex())"

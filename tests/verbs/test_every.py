@@ -20,7 +20,9 @@ WAYS = {  # a march of each kind that has samples
 TOLD = [f"{name}_{of}" for name in ("x", "y", "theta") for of in ("mean", "rms", "peak", "free")]
 
 
-@pytest.mark.parametrize("way", [pytest.param(w, marks=pytest.mark.full) if w == "series" else w for w in WAYS])
+@pytest.mark.parametrize(
+    "way", [pytest.param(w, marks=pytest.mark.full) if w in ("series", "row") else w for w in WAYS]
+)
 def test_amplitudes_and_counts_do_not_depend_on_what_is_kept(way):
     # The same steps are marched, and each of the second half counts: only the order of sums differs, to rounding. 7 and
     # 150 divide neither the period nor the run, of whose steps some follow the last sample.

@@ -129,6 +129,7 @@ def test_exponents_of_a_batch_are_those_of_a_loop(scenes, each):
     assert np.all(np.isfinite(state.exponents[:, 0]))
 
 
+@pytest.mark.full
 def test_a_lane_that_stops_is_flagged_and_the_others_go_on(overflowing, found):
     with pytest.warns(LaneWarning, match="Orbit of 3 lanes, 1 failed: 2 found"):
         some = js.orbit(overflowing, **STEPS)

@@ -51,6 +51,7 @@ def test_the_interval_covers_the_slope_of_a_dense_sweep(gamma):
     assert np.mean([abs(g.value[0] - true) <= g.ci[0] / 4 for g in found]) < 0.7
 
 
+@pytest.mark.full
 def test_the_smoothed_gradient_tends_to_the_exact_one():
     scene = with_numbers(scene_at(2.5), ["contact.gamma"])
     found = orbit(scene)

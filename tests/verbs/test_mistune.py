@@ -308,6 +308,7 @@ def test_a_pattern_with_a_lane_that_stopped_is_left_out(monkeypatch):
     assert any("left out" in line for line in found.messages)
 
 
+@pytest.mark.full
 def test_the_command_writes_what_the_verb_finds_and_says_what_is_wrong(tmp_path, capsys):
     words = ["mistune", "row_ring12", "--set", 'parts.motion=["x"]', "--along", "drive.omega", "--n-patterns", "20"]
     ends = ["--start", "1000", "--stop", "1400", "--num", "21", "--linear", "stuck", "--out", str(tmp_path / "out")]

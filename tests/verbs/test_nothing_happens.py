@@ -68,7 +68,6 @@ LONG = ("report", "trade", "fit", "tune x", "basins", "sweep lyapunov", "gradien
 COMMONEST = ("never touches", "always stuck")
 EVERY_DAY = {
     **dict.fromkeys(("simulate events", "sweep", "gradient", "check"), ("never touches", "always stuck", "no drive")),
-    "diagnose": ("never touches",),
 }
 
 

@@ -24,6 +24,7 @@ def test_numbers_and_operations_grow_as_the_number_of_blades():
     assert [(one.blades, one.interfaces) for one in told] == [(3, 3), (4, 4), (5, 5)]
 
 
+@pytest.mark.full
 def test_a_chain_of_two_costs_about_as_much_as_the_pair():
     # The row looks at its events and its search with further operations; a stage counted once would be 4 times less.
     pair = js.explain(js.load("table1", [IN_X]).scene)

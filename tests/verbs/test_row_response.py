@@ -138,6 +138,7 @@ def broken():
     return js.response(scene, "drive.omega", 920.5, 924.2, num=2, **how)
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_a_broken_branch_is_followed_to_where_sweeps_settle(broken):
     branch, swept = broken.branch(), broken.sweep()

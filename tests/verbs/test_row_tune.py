@@ -49,6 +49,7 @@ def slope_error(of, over, other=None):
     return np.abs(slope[0] - difference).max() / np.abs(difference).max()
 
 
+@pytest.mark.full
 def test_slopes_are_those_of_the_worst_blade():
     # Differences of second order err by about h^2 = 1e-8 in the unit cube.
     over = {"row.mistuning[1]": (-0.05, 0.05)}
@@ -85,6 +86,7 @@ def test_labels_number_the_blades_of_a_row():
     assert quantity("row.mistuning[0]", in_row=True)[0].startswith("mistuning, blade 0")
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_a_ring_is_tuned_for_its_worst_blade(tmp_path):
     found = js.tune(MISTUNED, OVER, of="P_d_worst", goal="worst", conditions={"drive.F_0": [60.0, 80.0]},

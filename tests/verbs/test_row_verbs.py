@@ -112,6 +112,7 @@ def asked(verb, *args, **more):
     return found, [str(one.message) for one in told if one.category is js.AccuracyWarning]
 
 
+@pytest.mark.full
 def test_an_accuracy_of_a_row_is_not_examined_and_says_so():
     # Until rows are tried for accuracies, all below 1e-3 are one method, bit for bit.
     scene = js.load("row_ring12", CHAIN).scene

@@ -72,6 +72,7 @@ def test_errors_fall_with_the_step_and_with_located_events(measured):
     assert all(m.cost > 0 and 0 <= m.period <= 1 for m in measured)
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_the_front_is_not_beaten(measured):
     kept = measured.front
@@ -135,7 +136,7 @@ def test_other_accuracies_are_refused(asked):
         accuracy_level(asked)
 
 
-@pytest.mark.studies(only=["0-0", "0-1", "0-2", "0-3", "1-2"])  # studies/promises.py judges many more
+@pytest.mark.studies(only=["0-0", "0-1", "0-2", "0-3", "1-2", "1-3"])  # studies/promises.py judges many more
 @pytest.mark.full
 @pytest.mark.parametrize(("tilt", "index"), CLASSES)
 def test_promised_accuracies_are_kept_on_unseen_scenes(tilt, index):
@@ -210,6 +211,7 @@ def test_what_all_settings_have_wrong_is_marked():
     np.testing.assert_array_equal(missed_lanes(lanes, choice), [True, False])
 
 
+@pytest.mark.full
 def test_who_asks_for_an_accuracy_in_python_is_warned_of_lanes_that_miss_it(table1, monkeypatch):
     wrong = Choice(1e-8, Setting("rk4", "cubic", "float64", 1.0), 100, True)
     monkeypatch.setattr(options, "choose", lambda *_, **__: wrong)
