@@ -176,6 +176,17 @@ def test_the_command_writes_a_ranked_table_and_keeps_cells_as_they_were(tmp_path
     assert cli.main(["table", "d.csv", *words, "--out", "r.csv"]) == 2  # exists
 
 
+def test_a_wide_design_is_printed_in_part():
+    best = {f"part {i}": "x" * 500 for i in range(300)} | {"rank": 1, "P_d": 12.5}
+    shown = command._shown_design(best)
+    assert len(shown) == command.SHOWN_ENTRIES + 1
+    assert list(shown)[:2] == ["part 0", "part 1"]
+    assert shown["further columns"] == len(best) - command.SHOWN_ENTRIES
+    assert list(shown)[-2:] == ["rank", "P_d"]
+    assert max(len(str(cell)) for cell in shown.values()) == command.LONGEST_CELL + len(" ... ")
+    assert command._shown_design({"rank": 1}) == {"rank": 1}
+
+
 HEADS = "shroud.gap [mm],friction.mu\n"
 REFUSED = {  # what is wrong as a whole -> the file, and what the line must say
     "empty file": (b"", "has no designs"),
