@@ -73,7 +73,7 @@ class Course:
 
 
 @pytest.mark.studies(only=["chain of 4", "ring of 4 in anti-phase"])
-@pytest.mark.full(but=["ring of 3 in x"])
+@pytest.mark.full
 @pytest.mark.parametrize("name", ROWS)
 def test_tangents_are_those_of_differences(name):
     # Differences of fourth order lose some five digits to rounding. Where symmetry makes events simultaneous, one side

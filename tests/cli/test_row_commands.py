@@ -43,6 +43,7 @@ def test_a_row_that_goes_on_differently_says_how(first, capsys):
     assert "row.mistuning was" in capsys.readouterr().err
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("ring", "told"),
     [

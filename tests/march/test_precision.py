@@ -113,6 +113,7 @@ def test_float64_is_refused_where_there_are_no_such_digits(scene, verb):
         verb(single)
 
 
+@pytest.mark.full
 def test_an_orbit_in_float32_closes(scene):
     single, double = (js.orbit(scene, method=m.replace(steps=200)) for m in (SINGLE, js.RungeKutta()))
     assert single.flags == double.flags == ()

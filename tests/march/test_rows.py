@@ -210,6 +210,7 @@ def test_rings_of_other_sizes_under_the_same_interblade_phase_move_alike():
     assert slower > 1e-2
 
 
+@pytest.mark.full
 def test_a_travelling_wave_with_impacts_and_friction():
     # Four times the damping settles the start to rounding in 40 periods.
     damping = {name: 4 * getattr(ring(1), name)[0] for name in ("c_x", "c_y", "c_T")}

@@ -139,6 +139,7 @@ def test_results_are_stored_with_their_flags(found, tmp_path):
     assert exact.plot() is not None
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("of", ["x_rms", "x_mean", "P"])
 def test_exact_slopes_of_a_tuning_are_those_of_its_objective(of):
     plan = Plan(64, 4, 400, 0.0, FAST._replace(amplitudes=of != "P"))

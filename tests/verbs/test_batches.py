@@ -88,6 +88,7 @@ def test_the_argument_counts_then_the_file_then_the_default():
         parse(file.text().replace("[run]", '[run]\naccuracy = "fast"'), "both")
 
 
+@pytest.mark.full
 def test_an_accuracy_and_steps_of_a_file_replace_each_other():
     file = js.load("fig09_best", ['parts.motion=["x"]', "run.periods=1", "run.transient=1"])
     chosen, steps = js.simulate(file), js.simulate(file, method=js.RungeKutta(steps=150))

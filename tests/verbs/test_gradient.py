@@ -66,6 +66,7 @@ def test_the_smoothed_gradient_tends_to_the_exact_one():
     assert "structured" not in got.flags
 
 
+@pytest.mark.full
 def test_chaos_is_told_from_order():
     calm = gradient(scene_at(2.5), ["shroud.gap"])
     assert (calm.kind, calm.flags, calm.ci) == ("periodic", (), {"shroud.gap": 0.0})

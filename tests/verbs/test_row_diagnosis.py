@@ -15,6 +15,7 @@ def wave():
     return js.diagnose(js.load("row_ring12", [*RING, "blades.c_x=40"]).scene, **HOW)
 
 
+@pytest.mark.full
 def test_a_tuned_ring_that_follows_its_drive_is_a_wave(wave, tmp_path):
     assert wave.verdict == "travelling wave of period 1"
     assert wave.period_number == 1

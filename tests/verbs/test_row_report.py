@@ -36,6 +36,7 @@ def swept_draws(scene, found):
     return js.sweep(js.scenes_from({key: found.drawn[:, i] for i, key in enumerate(found.keys)}, scene), **SHORT)
 
 
+@pytest.mark.full
 def test_draws_of_the_mistuning_are_patterns(scattered):
     scene, found = scattered
     assert found.keys == tuple(f"row.mistuning[{i}]" for i in range(3))

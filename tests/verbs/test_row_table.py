@@ -19,6 +19,7 @@ def ranked():
         return js.table(js.load("row_ring12", CHAIN).scene, DESIGNS, by="P_d_worst", **HOW)
 
 
+@pytest.mark.full
 def test_a_table_of_rows_is_the_sweep_of_its_designs(ranked):
     scene = js.load("row_ring12", CHAIN)
     designs = js.scenes_from({"shroud.gap[1]": [10e-6, 40e-6], "contact.gamma": [2.0, 4.0]}, scene)
