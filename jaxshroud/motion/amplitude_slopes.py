@@ -48,7 +48,7 @@ class Extreme(NamedTuple):
 def amplitude_slope(orbit: PeriodicOrbit, amplitude: Amplitude, problem: TangentProblem) -> Algorithm[AmplitudeSlope]:
     """The derivatives of an amplitude along the directions of a problem, which begins at the start of the orbit."""
     assert orbit.jacobian is not None  # there is an orbit
-    method = orbit.method._replace(amplitudes=True)
+    method = orbit.method._replace(amplitudes=True, vibration=False)
     whole = yield Derivatives(problem, orbit.q, orbit.steps_per_period, method)
     shift = moved_start(orbit.jacobian.by_state, whole.by_parameter, orbit.free_sliders)
     by = whole.moments_by_parameter + whole.moments_by_state @ shift
@@ -138,5 +138,5 @@ def _tangents_at(
 
 def _flow_to(turns: float, orbit: PeriodicOrbit, problem: TangentProblem) -> Derivatives:
     """The request for the flow over so many drive periods; the start and the end of an orbit are one place."""
-    method = orbit.method._replace(amplitudes=True)
+    method = orbit.method._replace(amplitudes=True, vibration=False)
     return Derivatives(problem, 1, orbit.steps_per_period, method, turns % orbit.q or float(orbit.q))

@@ -211,7 +211,8 @@ class ContactSummary(NamedTuple):
 def contact_summary(point: BranchPoint) -> Algorithm[ContactSummary]:
     """The contacts of the orbit of a point."""
     cycle = point.cycle
-    method = cycle.method._replace(ledger=False, within=cycle.scene.row is None, amplitudes=True)
+    logged = {"within": cycle.scene.row is None, "amplitudes": True}
+    method = cycle.method._replace(ledger=False, vibration=False, **logged)
     plan = Plan(0, cycle.q, cycle.steps_per_period, 0.0, method)
     runs: Runs = yield Periods(cycle.scene, cycle.start, plan)
     log = runs.last.tally.log

@@ -171,7 +171,7 @@ def _levels_nearby(orbit: PeriodicOrbit, scenes: Scene, of: Quantity) -> np.ndar
     if amplitude_of(of) is None:
         levels = np.asarray(_quantities(cast(Power, of), scenes, power if means is None else (power, means)))
         return levels.min(axis=-1) if of == "P_d_worst" else levels
-    plan = Plan(0, orbit.q, orbit.steps_per_period, 0.0, orbit.method._replace(amplitudes=True))
+    plan = Plan(0, orbit.q, orbit.steps_per_period, 0.0, orbit.method._replace(amplitudes=True, vibration=False))
     runs = run_lanes(scenes, starts, plan, lambda _: None)
     values = amplitude_values(scenes, runs.samples, np.full(len(power), orbit.q))[of]
     values = values[:, 0] if scenes.row is None else values.max(axis=-1)

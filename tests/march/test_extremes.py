@@ -57,6 +57,7 @@ def parameters(scene) -> reference.Parameters:
     return reference.Parameters(**blades, **drive, **shroud, **contact, m_y=pair(b.inertia_y), omega=float(d.omega))
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_the_second_opinion_agrees_at_every_single_extreme(table1):
     # One period from rest. The second opinion knows no flat contact, turns of more than 1.2 rad, and no patience.

@@ -39,6 +39,7 @@ def test_a_report_judges_by_what_is_asked(tmp_path):
         calm.save(tmp_path / "report.doc")
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_a_report_in_conditions_is_of_these():
     scatters, conditions = {"shroud.gap": (1e-5, 3e-5)}, {"drive.F_0": [50.0, 100.0]}

@@ -157,6 +157,7 @@ def test_a_broken_branch_is_followed_to_where_sweeps_settle(broken):
     assert abs(last.mean() / last.max() - 1) > 0.1
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_the_response_of_a_row_is_stored_and_drawn_again(broken, tmp_path):
     broken.save(tmp_path / "response.nc")

@@ -105,6 +105,7 @@ def test_a_ring_is_tuned_for_its_worst_blade(tmp_path):
     assert json.loads(json.dumps(again.summary()))["in_row"] is True
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_a_design_is_judged_over_patterns():
     small = {"search": js.SearchOptions(2, 1, 1), "n_periods": 4, "transient": 8, "method": METHOD}

@@ -84,6 +84,7 @@ def test_the_front_is_not_beaten(measured):
     assert best.error <= 1e-2
 
 
+@pytest.mark.studies
 @pytest.mark.full
 def test_smooth_contact_is_an_approximation_of_the_spring(measured):
     *_, wide, narrow, adaptive = measured
@@ -136,7 +137,7 @@ def test_other_accuracies_are_refused(asked):
         accuracy_level(asked)
 
 
-@pytest.mark.studies(only=["0-0", "0-1", "0-2", "0-3", "1-2", "1-3"])  # studies/promises.py judges many more
+@pytest.mark.studies(only=["0-0", "0-1", "0-2", "0-3", "1-0", "1-2", "1-3"])  # studies/promises.py judges many more
 @pytest.mark.full
 @pytest.mark.parametrize(("tilt", "index"), CLASSES)
 def test_promised_accuracies_are_kept_on_unseen_scenes(tilt, index):
