@@ -34,6 +34,7 @@ VERBS = {
     "orbit": ("orbit",),
     "gradient": ("gradient", "--wrt", "shroud.gap"),
 }
+ONE_FILE = {"simulate": "ring.nc", "gradient": "ring.json"}  # of commands that write no folder
 FOREIGN = {"notes.txt": b"of somebody else", ".run-20261125.nc": b"hidden"}
 HEEDING = """
 import signal, sys
@@ -52,7 +53,7 @@ def interrupted(verb: str, blades: int, number: signal.Signals, delay: float, fo
         (out / name).write_bytes(content)
     name, *words = VERBS[verb]
     ring = ("row_ring12", "--set", f"row.blades={blades}", "--set", "drive.engine_order=3")
-    place = out / "ring.nc" if name == "simulate" else out
+    place = out / ONE_FILE.get(name, "")
     command = [sys.executable, "-c", HEEDING, name, *ring, *words, "--out", str(place)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     time.sleep(delay)
@@ -88,7 +89,7 @@ def is_whole(path: Path) -> bool:
 
 def is_well(run: dict[str, Any]) -> bool:
     """Whether a run ended soon, as an interrupted one, and left nothing that is not whole."""
-    ended = run["status"] == 130 if run["ran"] else True
+    ended = run["status"] == (130 if run["ran"] else 0)
     return ended and run["seconds"] <= LONGEST and run["whole"] and run["foreign kept"] and not run["partial"]
 
 
