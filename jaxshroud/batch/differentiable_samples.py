@@ -23,7 +23,7 @@ from jaxshroud.batch.duals import Dual, dual_lanes
 from jaxshroud.batch.flow_states import Flow
 from jaxshroud.batch.periods import LaneSelector, advance, march, whole_tree
 from jaxshroud.batch.stopped import replaced_where
-from jaxshroud.batch.tangents import begin_flow, dual_flow_constants, end_flow, flow_constants
+from jaxshroud.batch.tangents import begin_flow, dual_flow_constants, end_flow, flow_constants, mean_over
 from jaxshroud.batch.xla import (
     FOR_SERIES,
     accepts_options,
@@ -86,7 +86,7 @@ def sampled_flow(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int
 
     Returns:
         A `Flow`, or a `Dual` of one, with axes (lane, sample): the states, the mean square displacements since the
-        previous sample, and the statuses.
+        previous sample, and the statuses; with `vibration` the mean positions likewise.
     """
     mapping = WITH_TANGENTS if isinstance(scenes, Dual) else WITHOUT_TANGENTS
     first = mapping.over(vmapped)(partial(begin_flow, method=schedule.method), scenes, states)
@@ -141,7 +141,8 @@ def _next_sample(lanes: Tree, trials: Int[Array, " lanes"], fixed: Tree, schedul
 
 def _sample_lane(lane: Lane, model: Model, period: Scalar, schedule: Schedule) -> tuple[Lane, Flow]:
     """The lane as it continues after a sample, and the sample."""
-    flow = end_flow(lane, model, period * (schedule.every / schedule.steps))
+    time = period * (schedule.every / schedule.steps)
+    flow = end_flow(lane, model, time)._replace(means=mean_over(time, lane.tally.integrals.means))
     places = lambda lane: (lane.tally.integrals, lane.step, lane.status)
     empty = jax.tree.map(jnp.zeros_like, lane.tally.integrals)
     step = jnp.where(lane.step == schedule.steps, 0, lane.step)

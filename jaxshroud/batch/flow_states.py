@@ -25,6 +25,7 @@ class Flow(NamedTuple):
     status: Int[Array, "..."]
     margins: EventMargins | None = None  # so far; None unless the method has `margins`
     coarseness: Scalar | None = None  # see `StepVerdict`; None within a march
+    means: Means | None = None  # averaged over time; None unless a march has `vibration`
 
 
 class FlowWithMoments(NamedTuple):

@@ -95,6 +95,7 @@ class RowStrobe(NamedTuple):
 
     motion: Motion  # at the end of each kept period, (lanes, periods, N)
     power: Float[Array, "..."]  # mean square displacement of each block over these, (lanes, N) [m^2]
+    means: Any  # `Means` of each block over these, fields (lanes, N); None unless the method has `vibration`
     status: Int[Array, "..."]  # (lanes,)
 
 
@@ -107,11 +108,12 @@ def row_strobe(scenes: Scene, states: State, transient: int, kept: int, steps: i
 
         def one(lanes: Any, _: Any) -> Any:
             lanes, sample = period(lanes, True)
-            return lanes, lanes_first((sample.motion, sample.power))
+            return lanes, lanes_first((sample.motion, sample.power, sample.means))
 
         begin = rows_at_start(states, row_models(scenes)[0], method, each)
-        last, (motion, power) = lax.scan(skip_samples(one, transient), begin, jnp.arange(kept))
+        last, (motion, power, means) = lax.scan(skip_samples(one, transient), begin, jnp.arange(kept))
         motion = jax.tree.map(lambda a: jnp.moveaxis(a, 0, 1), motion)
-        return RowStrobe(motion, jnp.mean(power, axis=0), last.status)
+        power, means = jax.tree.map(lambda a: jnp.mean(a, axis=0), (power, means))
+        return RowStrobe(motion, power, means, last.status)
 
     return batching_by_lanes(run)(*values_only((scenes, states)))

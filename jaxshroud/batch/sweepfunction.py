@@ -27,9 +27,11 @@ from jaxshroud.batch.tangents import as_differentiable
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
 from jaxshroud.march.stepper import require_row_contact
-from jaxshroud.model.linear import area, free_power, power_reduction
+from jaxshroud.model.geometry import gyration
+from jaxshroud.model.linear import area, free_power, power_reduction, vibration_square
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
+from jaxshroud.model.rhs import Means
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import PerBlade, Scene
@@ -43,6 +45,7 @@ class Strobe(eqx.Module):
     motion: Motion  # at the end of each kept period, fields (lanes, n_periods, blades)
     P: PerBlade  # average power over the kept periods, Eq. (23), (lanes, blades) [m^4]
     P_d: Float[Array, "..."]  # its reduction on the left blade, Eq. (24), of a row that of all, (lanes,) [%]
+    P_d_vibration: Float[Array, "..."]  # the same of the displacements about their means over these periods
     status: Int[Array, "..."]  # (lanes,), see `Status`
     coarseness: Float[Array, "..."]  # omega_max h over the method's limit of accuracy: inaccurate above 1, (lanes,)
     P_0: PerBlade | None = None  # power without contact, of rows alone, (lanes, blades) [m^4]; see `free_power`
@@ -72,6 +75,7 @@ class _LaneOutcomes(NamedTuple):
 
     motion: Motion  # of each blade, (lanes, periods)
     power: tuple[Any, ...]  # mean square displacement over block and periods, (lanes,) [m^2]
+    means: Any  # `Means` over the periods, of the left block or of each block of a row, (lanes,)
     status: Any  # (lanes,); None of tangents
 
 
@@ -115,7 +119,8 @@ def sweep_function(
     """
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
-    plan = _SweepPlan(transient, n_periods, *explicit(method))
+    steps, choices = explicit(method)
+    plan = _SweepPlan(transient, n_periods, steps, choices._replace(vibration=True))
 
     @typed
     def function(scenes: Scene, states: State | None = None) -> Strobe:
@@ -147,11 +152,20 @@ def _run_sweep(scenes: Scene, states: State, plan: _SweepPlan, method: Choices) 
     A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(told)
     motion = Motion(*(jnp.stack(blades, axis=-1) for blades in outcomes.motion))
     left_or_all = lambda a: a[:, 0] if scenes.row is None else a.sum(axis=-1)
-    P = A[:, None] * replaced_where(stopped, jnp.stack(outcomes.power, axis=-1), 0.0)
-    P_d = power_reduction(left_or_all(P), left_or_all(P_0))
+    square, means = replaced_where(stopped, (jnp.stack(outcomes.power, axis=-1), _by_blade(outcomes.means)), 0.0)
+    about_mean = jax.vmap(vibration_square)(square[:, : means.shape[-1]], means, jax.vmap(gyration)(told.shroud))
+    P, P_vibration = A[:, None] * square, A[:, None] * about_mean
+    P_d, P_d_vibration = (power_reduction(left_or_all(a), left_or_all(P_0)) for a in (P, P_vibration))
     motion = jax.tree.map(lambda a: nan_where(jnp.isnan(a), a), motion)
-    P, P_d = nan_where(stopped, (P, P_d))
-    return Strobe(motion, P, P_d, outcomes.status, jnp.zeros_like(A), None if scenes.row is None else P_0)
+    P, P_d, P_d_vibration = nan_where(stopped, (P, P_d, P_d_vibration))
+    own = None if scenes.row is None else P_0
+    return Strobe(motion, P, P_d, P_d_vibration, outcomes.status, jnp.zeros_like(A), own)
+
+
+def _by_blade(means: Means) -> Float[Array, "lanes 4 blades"]:
+    """Means of lanes, of the left block alone or of each of a row."""
+    blades = lambda a: a if isinstance(a, tuple) else (a,)
+    return jnp.stack([jnp.stack(blades(a), axis=-1) for a in means], axis=1)
 
 
 def _by_chunks(run: Callable[[Any], Tree], lanes: Any, count: int) -> Tree:
@@ -169,8 +183,10 @@ def _differentiable_chunk(scenes: Scene, states: State, plan: _SweepPlan) -> _La
 
     def push(primals, tangents):
         run, flow = jax.vmap(partial(samples_and_tangents, schedule=plan.schedule))(primals, perturbed_only(tangents))
-        motion, power = lost_tangents(run.status != Status.OK, (flow.state.motion, flow.power))
-        slope = _LaneOutcomes(motion, jax.tree.map(lambda a: jnp.mean(a, axis=1), power), None)
+        told = flow.state.motion, flow.power, flow.means
+        motion, power, means = lost_tangents(run.status != Status.OK, told)
+        power, means = jax.tree.map(lambda a: jnp.mean(a, axis=1), (power, means))
+        slope = _LaneOutcomes(motion, power, means, None)
         value = outcomes_of(*primals)
         return value, no_tangents(value, slope)
 
@@ -181,8 +197,9 @@ def _differentiable_chunk(scenes: Scene, states: State, plan: _SweepPlan) -> _La
 def _chunk_of_rows(rows: Scene, states: State, plan: _SweepPlan) -> _LaneOutcomes:
     """The results of a chunk of rows, by the kernels of the verb `sweep`."""
     strobe = row_strobe(rows, states, *plan)
-    motion, power = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), (strobe.motion, strobe.power))
-    return _LaneOutcomes(motion, power, strobe.status)
+    told = strobe.motion, strobe.power, strobe.means
+    motion, power, means = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), told)
+    return _LaneOutcomes(motion, power, means, strobe.status)
 
 
 def _lane_outcomes(scenes: Scene, states: State, plan: _SweepPlan) -> _LaneOutcomes:
@@ -192,4 +209,5 @@ def _lane_outcomes(scenes: Scene, states: State, plan: _SweepPlan) -> _LaneOutco
     one = skip_samples(lambda lanes, _: period(lanes, True), plan.transient)
     last, sample = lax.scan(one, begin, jnp.arange(plan.kept))
     lanes_first = jax.tree.map(lambda a: a.T, sample.motion)
-    return _LaneOutcomes(lanes_first, jax.tree.map(lambda a: jnp.mean(a, axis=0), sample.power), last.status)
+    power, means = jax.tree.map(lambda a: jnp.mean(a, axis=0), (sample.power, sample.means))
+    return _LaneOutcomes(lanes_first, power, means, last.status)

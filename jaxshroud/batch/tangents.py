@@ -40,6 +40,7 @@ from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, worked_out
 from jaxshroud.scene.keys import find_key, number_shape
 from jaxshroud.scene.numbers import given_of, numbers_of
 from jaxshroud.scene.scene import Scene, without_given
+from jaxshroud.scene.typed import Tree
 
 LANES_PER_FLOW = (16, 64)  # for few and for many lanes: a loop of fewer does not amortise its dispatch
 ROW_LANES_PER_FLOW = 16  # of rows, whose kernels have as many numbers again for each blade
@@ -64,8 +65,13 @@ def end_flow(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
 def end_flow_with_moments(lane: Lane, scene_model: Model, time: Scalar) -> FlowWithMoments:
     """`end_flow`, with the moments and the means where they are kept."""
     sums, flow = lane.tally.integrals, end_flow(lane, scene_model, time)
-    moments, means = jax.tree.map(lambda a: a / time, filled((sums.moments, sums.means), time))
+    moments, means = mean_over(time, (sums.moments, sums.means))
     return FlowWithMoments(flow.state, flow.power, flow.status, moments, means)
+
+
+def mean_over(time: Scalar, integrals: Tree) -> Tree:
+    """The means over `time` of what was integrated."""
+    return jax.tree.map(lambda a: a / time, filled(integrals, time))
 
 
 def flow_constants(models: Model, periods: PerLane, steps: Int[Array, " lanes"], turns: PerLane | None = None) -> Fixed:

@@ -87,6 +87,23 @@ def power_reduction(P: Any, P_0: Any) -> Any:
     return where(driven, 100 * (1 - P / where(driven, P_0, 1.0)), jnp.nan)
 
 
+def vibration_square(square: Any, means: Any, gyration: Any) -> Any:
+    """The mean square displacement about the mean position, from means over all of the time.
+
+    Args:
+        square: The mean square displacement about the position of rest, (blades,) [m^2].
+        means: The means of x, y [m], sin(theta) and 1 - cos(theta), (4, blades).
+        gyration: Polar second moment of a block's area per area [m^2].
+
+    Returns:
+        <x^2> - <x>^2 + <y^2> - <y>^2 + (2 J_A / A) (1 - R), R^2 = <cos theta>^2 + <sin theta>^2: the square
+        displacement averaged over a block that turns about its mean direction.
+    """
+    X, Y, S, V = means
+    R = ((1 - V) ** 2 + S**2) ** 0.5
+    return square - X**2 - Y**2 - 2 * gyration * S**2 / (R + 1 - V)
+
+
 def free_oscillations(scene: Scene) -> FreeOscillation:
     """The free oscillations of both blocks in x, y and theta: fields (2, 3)."""
     b, free = scene.mistuned_blades, steady_amplitudes(scene)

@@ -17,7 +17,7 @@ from jaxshroud.batch.runs import Plan, initial_states, run_lanes
 from jaxshroud.batch.tangents import TangentProblem, direction
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.model.geometry import gyration
-from jaxshroud.model.linear import area, free_power, power_reduction
+from jaxshroud.model.linear import area, free_power, power_reduction, vibration_square
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.amplitude_slopes import AmplitudeSlope, amplitude_slope, largest_level
 from jaxshroud.motion.amplitudes import amplitude_values
@@ -25,7 +25,6 @@ from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.motion.levels import is_comparable, levels_of
 from jaxshroud.motion.orbit import PeriodicOrbit, area_and_free_power, vibration_reduction
 from jaxshroud.motion.shooting import moved_start, nearby_orbits
-from jaxshroud.motion.vibration import vibration_square
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.checks import InputError, NumericalError
 from jaxshroud.scene.grids import scenes_at

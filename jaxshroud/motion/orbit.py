@@ -14,11 +14,10 @@ from jaxshroud.batch.tangents import Tangents
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import Choices
 from jaxshroud.model.geometry import gyration_of_sides
-from jaxshroud.model.linear import power_reduction
+from jaxshroud.model.linear import power_reduction, vibration_square
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import closed_forms
-from jaxshroud.motion.vibration import vibration_square
 from jaxshroud.scene.keys import blade_count
 from jaxshroud.scene.scene import Scene, without_given
 

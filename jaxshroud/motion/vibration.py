@@ -1,6 +1,6 @@
 """The vibration about the mean position: what is left of the power without a static deflection."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,16 +48,3 @@ def square_about_mean(square: FloatArray, at: Positions) -> FloatArray:
     tilt = S / (R + 1 - V)  # the tangent of half the mean angle
     turned = S / R * (at.sin - (1 - at.versine) * tilt)
     return square - X * (2 * at.x - X) - Y * (2 * at.y - Y) - 2 * at.gyration[:, None, None] * turned
-
-
-def vibration_square(square: Any, means: Any, gyration: Any) -> Any:
-    """The mean of `square_about_mean` from means over all periods alone; it has derivatives.
-
-    Args:
-        square: The mean square displacement about the position of rest, (blades,) [m^2].
-        means: The means of x, y [m], sin(theta) and 1 - cos(theta), (4, blades).
-        gyration: Polar second moment of a block's area per area [m^2].
-    """
-    X, Y, S, V = means
-    R = ((1 - V) ** 2 + S**2) ** 0.5
-    return square - X**2 - Y**2 - 2 * gyration * S**2 / (R + 1 - V)

@@ -190,8 +190,22 @@ def test_a_sweep_function_has_the_samples_of_the_verb():
     assert np.array_equal(got.status, verb.status)
     regular = np.isin(verb.period_number, (0, 1, 2, 4))
     np.testing.assert_allclose(got.P_d[regular], verb.P_d[regular], atol=1e-10)
+    np.testing.assert_allclose(got.P_d_vibration[regular], verb.P_d_vibration[regular], atol=1e-10)
     with pytest.raises(js.InputError, match="one leading axis"):
         f(scene)
+
+
+def test_a_sweep_function_tells_the_vibration_alone():
+    # Interference holds the blades apart, which P_d counts as vibration. Against means of the verb's samples.
+    scene = with_parts(js.load("table1", ["shroud.gap=-20um", "drive.F_0=20", *FULL]).scene, motion=("x",))
+    method = js.RungeKutta(steps=STEPS)
+    found = js.sweep_function(2, 8, method)(jax.tree.map(lambda a: jnp.asarray(a)[None], scene))
+    run = js.simulate(scene, n_periods=10, every=1, method=method)
+    x = run.motion.x[-2 * STEPS :, 0]
+    of_vibration, of_all = np.var(x), np.mean(x**2)
+    share = (100 - found.P_d_vibration[0]) / (100 - found.P_d[0])
+    np.testing.assert_allclose(share, of_vibration / of_all, rtol=1e-5)
+    assert share < 0.9
 
 
 @pytest.mark.studies

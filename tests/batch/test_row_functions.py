@@ -55,6 +55,7 @@ def test_functions_of_rows_have_the_numbers_of_sweep(ring, rolled):
     np.testing.assert_array_equal(got.P_0, swept.P_0)
     np.testing.assert_allclose(got.P, swept.P, rtol=1e-14)
     np.testing.assert_allclose(got.P_d, swept.P_d, rtol=1e-14)
+    np.testing.assert_allclose(got.P_d_vibration, swept.P_d_vibration, rtol=1e-13)
     assert np.all(got.status == Status.OK)
     assert found.status[1].tolist() == [Status.OK, Status.BAD_INPUT, Status.OK]  # the others go on
     per_gap = js.sweep(ring, {"shroud.gap": GAPS}, n_periods=3, transient=0, method=RK4)

@@ -33,8 +33,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "explore"))
 from browser import Tab, browser, chromium, served
 
 ENTRIES, SEED, CLOSED = 200, 40, 5
-ANSWER = 5000  # within which a field answers [ms]
-AT_LAST = 60_000  # the same where it must say something, as other programs may be busy
+ANSWER = 5000  # within which a field answers that has nothing to change [ms]
+AT_LAST = 60_000  # the same where it has, as other programs may be busy
 LONGEST_WORK = 5.0  # of a tab that is closed [s]
 TAKEN = "number", "unit", "list"  # kinds whose numbers a scene can have
 RAN = "() => window.ran !== undefined || document.querySelectorAll('img[src=x], svg[onload]').length > 0"
@@ -85,7 +85,8 @@ def _number(draw: random.Random, key: str) -> Entry:
         unit = draw.choice(list(units))
         shown = float(f"{value / per * units[unit]:.6g}")
         return Entry(key, f"{shown!r}{draw.choice(['', ' '])}{unit}", shown / units[unit], "unit")
-    return Entry(key, draw.choice([repr(value), f"{value:.6e}", f" {value!r} "]), value / per, "number")
+    text = draw.choice([repr(value), f"{value:.6e}", f" {value!r} "])
+    return Entry(key, text, float(text) / per, "number")
 
 
 def _list(draw: random.Random, key: str) -> Entry:
@@ -129,9 +130,11 @@ def shown(tab: Tab) -> dict[str, str]:
     return dict(zip(FIELDS, tab.page.evaluate(code, list(FIELDS)), strict=True))
 
 
-def typed(tab: Tab, key: str, text: str, patience: int = ANSWER) -> str:
-    """Type a text and enter it: what is said beside the field, once the server has answered, in `patience` ms."""
+def typed(tab: Tab, key: str, text: str, meant: float | list[float] | None) -> str:
+    """Type a text and enter it: what is said beside the field, once the server has answered."""
     before, said = shown(tab)[key], tab.text(f"message {key}")
+    changes = meant is None or not _alike(_number_in(before, FIELDS[key][0]), meant)
+    patience = AT_LAST if changes else ANSWER
     field = tab.field(key)
     field.fill(text)
     field.press("Enter")
@@ -146,8 +149,7 @@ def typed(tab: Tab, key: str, text: str, patience: int = ANSWER) -> str:
 def faults(tab: Tab, entry: Entry) -> list[str]:
     """What is wrong with what became of an entry."""
     per, right, _ = FIELDS[entry.key]
-    patience = AT_LAST if entry.meant is None else ANSWER
-    before, said = shown(tab), typed(tab, entry.key, entry.text, patience)
+    before, said = shown(tab), typed(tab, entry.key, entry.text, entry.meant)
     after, found = shown(tab), []
     if said:
         found += ["lost"] if entry.meant is not None and entry.kind in TAKEN else []
@@ -159,7 +161,8 @@ def faults(tab: Tab, entry: Entry) -> list[str]:
         found.append("altered")
     if tab.page.evaluate(RAN):
         found.append("executed")
-    if typed(tab, entry.key, repr(right)) or not _alike(_number_in(shown(tab)[entry.key], per), right / per):
+    said = typed(tab, entry.key, repr(right), right / per)
+    if said or not _alike(_number_in(shown(tab)[entry.key], per), right / per):
         found.append("wedged")
     return found
 
