@@ -42,7 +42,7 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import Tree
 
 Tick = Callable[[float], None]  # called with the number of lane-periods done, which need not be whole
-Progress = Callable[[float, int], None]  # called with the lane-periods done so far, to two decimals, and in all
+Progress = Callable[[float, int], None]  # called with the lane-periods done, to two decimals, and in all; 0: not known
 
 
 def initial_states(scenes: Scene) -> State:

@@ -115,7 +115,7 @@ class ProgressRate:
         self.first: tuple[float, float] | None = None  # the time [s] of the first report and what was done by then
 
     def __call__(self, done: float, total: int) -> None:
-        """Report that `done` of `total` units are done."""
+        """Report that `done` of `total` units are done; a total of 0 is not known."""
         if done and (self.first is None or done < self.done):
             self.first = self.clock(), done
         self.done, self.total = done, total
@@ -130,7 +130,7 @@ class ProgressRate:
     def __str__(self) -> str:
         if not self.rate:
             return ""
-        if self.done < KNOWN_SHARE * self.total:
+        if not KNOWN_SHARE * self.total <= self.done < self.total:
             return f", {self.rate:.3g}/s"
         left = timedelta(seconds=round((self.total - self.done) / self.rate))
         return f", {self.rate:.3g}/s, {left} left"
@@ -160,7 +160,7 @@ class ProgressLines:
 
     def __str__(self) -> str:
         since, done = timedelta(seconds=round(self.clock() - self.start)), self.rate.done
-        share = f"{done} of {self.rate.total}" if done else "none"
+        share = (f"{done} of {self.rate.total}" if self.rate.total else str(done)) if done else "none"
         return f"{self.unit}: {share} in {since}{self.rate}{_compiling_text()}"
 
     def __enter__(self) -> "ProgressLines":
@@ -210,7 +210,7 @@ def progress_bar(unit: str):
 
         def report(done: float, total: int) -> None:
             rate(done, total)
-            bar.update(task, completed=done, total=total)
+            bar.update(task, completed=done, total=total or None)
 
         yield report
 

@@ -5,6 +5,7 @@ result. It is thus written for one lane, while equal requests of many lanes are 
 goes first, so that the lanes of small batches wait for more requests.
 """
 
+import math
 from collections import defaultdict
 from collections.abc import Generator, Hashable, Sequence
 from typing import Any, NamedTuple
@@ -97,9 +98,9 @@ class StagedProgress:
         before = self.total
 
         def told(done: int | float, total: int) -> None:
-            self.total = before + total
+            self.total = before + max(math.ceil(done), total)
             if self.report is not None:
-                self.report(before + done, self.total)
+                self.report(before + done, self.total if total else 0)
 
         return told
 
@@ -111,8 +112,9 @@ def run_together(
 
     Args:
         algorithms: One for each lane.
-        progress: Called with (lane-periods done, lane-periods at most) at the beginning and after every batch.
-        periods: An upper estimate of the drive periods of one lane.
+        progress: Called with (lane-periods done, lane-periods in all) at the beginning and after every batch; the
+            latter is 0, not known, while a lane is beyond the estimate.
+        periods: An estimate of the drive periods of one lane.
 
     Raises:
         Interrupted: On Ctrl-C; `done` has the results so far, and None for the other lanes.
@@ -148,7 +150,8 @@ def run_together(
             advance(lane, answer)
         if progress is not None:
             simulated[list(results)] = periods
-            progress(int(np.minimum(simulated, periods).sum()), periods * len(simulated))
+            is_beyond = bool(np.any(simulated > periods))
+            progress(int(simulated.sum()), 0 if is_beyond else periods * len(simulated))
     return [results[lane] for lane in range(len(algorithms))]
 
 

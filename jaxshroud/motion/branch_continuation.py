@@ -249,7 +249,7 @@ def _with_grazings(
     progress: StagedProgress,
 ) -> list[ContinuedBranch]:
     """The branches with their grazing points, and the contact summaries of all points."""
-    touches = [_contacts_of_all(contact_summary(p) for p in points) for points, _ in branches]
+    touches = [_contacts_of_all(points, progress) for points, _ in branches]
     places = [
         (b, i)
         for b, (points, _) in enumerate(branches)
@@ -261,7 +261,7 @@ def _with_grazings(
     located = run_together(locating, progress.stage(), DERIVATIVES_OF_SPECIAL_POINT * q)
     grazings = [(b, i, p) for (b, i), p in zip(places, located, strict=True) if isinstance(p, BranchPoint)]
     for (b, i, point), touch in zip(
-        grazings[::-1], _contacts_of_all(contact_summary(p) for _, _, p in grazings)[::-1], strict=True
+        grazings[::-1], _contacts_of_all([p for _, _, p in grazings], progress)[::-1], strict=True
     ):
         branches[b][0].insert(i, point)
         touches[b].insert(i, touch)
@@ -288,5 +288,7 @@ def with_errors(
     return branches
 
 
-def _contacts_of_all(algorithms) -> list[ContactSummary]:
-    return [one for one in run_together(list(algorithms)) if not isinstance(one, Exception)]
+def _contacts_of_all(points: list[BranchPoint], progress: StagedProgress) -> list[ContactSummary]:
+    q = max((point.cycle.q for point in points), default=0)
+    summaries = run_together([contact_summary(point) for point in points], progress.stage(), q)
+    return [one for one in summaries if not isinstance(one, Exception)]

@@ -70,7 +70,8 @@ def branch(
         most_periods: Drive periods after which the search ends if the motion has not repeated.
         method: How to march: a method, or the accuracy that chooses one; see `method_for`. Steps in a ring of alike
             blades are rounded up to a multiple of the parts into which a travelling wave divides the period.
-        progress: Called with (drive periods done, drive periods in all), as far as it is known what is to be done.
+        progress: Called with (drive periods done, drive periods in all), as far as it is known what is to be done; the
+            latter is 0 while it is not.
 
     Returns:
         The branches (of rows of blades a `RowBranch`), point by point, including their special points; each point is

@@ -71,7 +71,8 @@ def response(
         n_periods: Drive periods kept of each value of the sweeps; by default 64.
         transient: Drive periods run and discarded first; by default 64.
         method: How to march: a method, or the accuracy that chooses one; see `method_for`.
-        progress: Called with (lane-periods done, lane-periods in all) of each part.
+        progress: Called with (lane-periods done, lane-periods in all) of each part; the latter is 0 while it is
+            not known.
 
     Returns:
         The sweeps, the branches (of rows a `RowBranch`) where there is a periodic orbit to begin with, and the peaks.

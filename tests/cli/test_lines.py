@@ -2,11 +2,13 @@
 
 import threading
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from jaxshroud.cli import terminal
 from jaxshroud.cli.terminal import LINE_INTERVAL, ProgressLines
+from jaxshroud.motion.batched_algorithms import StagedProgress, run_together
 from jaxshroud.programs.kept import kept
 
 
@@ -75,6 +77,36 @@ def test_the_end_is_told_once_a_tenth_is_done_and_of_each_part_anew():
     clock.now += 10
     lines(4.5, 10)
     assert str(lines) == "periods: 4.5 of 10 in 0:01:29, 0.25/s, 0:00:22 left"
+
+
+def test_an_end_that_is_not_known_is_not_told():
+    # A branch goes on beyond its estimate, for instance: "0:00:00 left" for minutes would be untrue.
+    clock, told = Clock(), []
+    lines = ProgressLines("periods", clock=clock)
+    stages = StagedProgress(lines)
+
+    def taking(requests):
+        for _ in range(requests):
+            clock.now += 10
+            yield Pause(periods=1)
+            told.append(str(lines))
+
+    run_together([taking(6)], stages.stage(), periods=4)
+    assert told[2] == "periods: 2 of 4 in 0:00:30, 0.1/s, 0:00:20 left"
+    assert told[5] == "periods: 5 in 0:01:00, 0.1/s"  # beyond the estimate
+    run_together([taking(2)], stages.stage(), periods=2)
+    assert str(lines) == "periods: 6 of 6 in 0:01:20, 0.1/s"  # what comes next is not known
+
+
+class Pause(NamedTuple):
+    """A request of nothing."""
+
+    periods: int
+    alike: int = 0
+
+    @staticmethod
+    def answers(requests):
+        return requests
 
 
 def test_a_short_command_writes_none(capsys):

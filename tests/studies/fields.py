@@ -112,15 +112,14 @@ def entries(n: int, seed: int) -> list[Entry]:
     return [makers[i % len(makers)](draw, draw.choice(list(FIELDS))) for i in range(n)]
 
 
-def _number_in(shown: str, per: float) -> Any:
-    """What a field shows, in SI units."""
-    value = json.loads(shown)
-    return [one / per for one in value] if isinstance(value, list) else value / per
-
-
-def _alike(found: Any, meant: Any) -> bool:
-    """Whether numbers are those that were meant, but for the rounding of a unit; alike numbers are one."""
-    found, meant = (value if isinstance(value, list) else [value] * 2 for value in (found, meant))
+def _shows(shown: str, per: float, meant: Any) -> bool:
+    """Whether a field shows the numbers that were meant, but for the rounding of a unit; alike numbers are one."""
+    try:
+        value = json.loads(shown)
+    except json.JSONDecodeError:  # what was refused stays in the field
+        return False
+    of_blades = lambda value: value if isinstance(value, list) else [value] * 2
+    found, meant = [one / per for one in of_blades(value)], of_blades(meant)
     return all(math.isclose(f, m, rel_tol=1e-15) for f, m in zip(found, meant, strict=True))
 
 
@@ -133,7 +132,7 @@ def shown(tab: Tab) -> dict[str, str]:
 def typed(tab: Tab, key: str, text: str, meant: float | list[float] | None) -> str:
     """Type a text and enter it: what is said beside the field, once the server has answered."""
     before, said = shown(tab)[key], tab.text(f"message {key}")
-    changes = meant is None or not _alike(_number_in(before, FIELDS[key][0]), meant)
+    changes = meant is None or not _shows(before, FIELDS[key][0], meant)
     patience = AT_LAST if changes else ANSWER
     field = tab.field(key)
     field.fill(text)
@@ -155,14 +154,14 @@ def faults(tab: Tab, entry: Entry) -> list[str]:
         found += ["lost"] if entry.meant is not None and entry.kind in TAKEN else []
     elif entry.meant is None:
         found.append("lost")
-    elif not _alike(_number_in(after[entry.key], per), entry.meant):
+    elif not _shows(after[entry.key], per, entry.meant):
         found.append("altered")
     if any(after[key] != before[key] for key in FIELDS if key != entry.key):
         found.append("altered")
     if tab.page.evaluate(RAN):
         found.append("executed")
     said = typed(tab, entry.key, repr(right), right / per)
-    if said or not _alike(_number_in(shown(tab)[entry.key], per), right / per):
+    if said or not _shows(shown(tab)[entry.key], per, right / per):
         found.append("wedged")
     return found
 
