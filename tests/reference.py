@@ -512,6 +512,17 @@ def simulate(p: Parameters, n_periods: int, rtol: float = 1e-12) -> Outcome:
     return Outcome(run.status, run.t, *place, *history, mean, energy)
 
 
+def positions_at(p: Parameters, times: np.ndarray, rtol: float = 1e-12) -> tuple[np.ndarray, dict[str, int]]:
+    """The positions (times, 6) at growing times, and the events until the last; NaN from where the run has stopped."""
+    run, found = _Run(p, rtol), np.full((len(times), 6), np.nan)
+    for i, t in enumerate(times):
+        run.advance(t)
+        if run.status != "ok":
+            break
+        found[i] = run.y[:6]
+    return found, run.counts
+
+
 def table1(**changes) -> Parameters:
     """Table 1, gap and F_0 of Table 2, gamma = k / k_x = 2.5; one number given for a pair fills both."""
     values: dict[str, Any] = {

@@ -76,13 +76,16 @@ WITHOUT_TANGENTS, WITH_TANGENTS = (
 )
 
 
-def sampled_flow(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int[Array, " lanes"]]:
+def sampled_flow(
+    scenes: Any, states: Any, schedule: Schedule, wanted: Int[Array, ""] | None = None
+) -> tuple[Any, Int[Array, " lanes"]]:
     """The samples of lanes, and the number of trials of each lane, which are counted only where they are bounded.
 
     Args:
         scenes: Scenes with a leading lane axis, or a `Dual` of these.
         states: Their initial states, likewise.
         schedule: How far they are run.
+        wanted: The samples that are wanted, from which on lanes rest; None: all.
 
     Returns:
         A `Flow`, or a `Dual` of one, with axes (lane, sample): the states, the mean square displacements since the
@@ -94,8 +97,9 @@ def sampled_flow(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int
     steps = jnp.full(mapping.values(periods).shape, schedule.steps, jnp.int32)
     fixed = mapping.constants(models, periods, steps)
 
-    def one(carry, _):
-        lanes, trials = _next_sample(carry[0], carry[1], fixed, schedule, mapping)
+    def one(carry, i):
+        every = schedule.every if wanted is None else jnp.where(i < wanted, schedule.every, 0)
+        lanes, trials = _next_sample(carry[0], carry[1], fixed, schedule, mapping, every)
         lanes, flow = mapping.unzip(
             mapping.over(vmapped)(partial(_sample_lane, schedule=schedule), lanes, models, periods)
         )
@@ -118,11 +122,13 @@ def skip_samples(one: Callable, skipped: int) -> Callable:
     return after_skipping
 
 
-def _next_sample(lanes: Tree, trials: Int[Array, " lanes"], fixed: Tree, schedule: Schedule, mapping: _LaneMapping):
-    """The lanes at their next sample, and the number of trials so far."""
+def _next_sample(
+    lanes: Tree, trials: Int[Array, " lanes"], fixed: Tree, schedule: Schedule, mapping: _LaneMapping, every: Any
+):
+    """The lanes at their next sample, after `every` steps, and the number of trials so far."""
     values, method, most = mapping.values, schedule.method, schedule.most_trials
     each = mapping.over(best_mapping())
-    stop = values(lanes).step + schedule.every
+    stop = values(lanes).step + every
     fixed = eqx.tree_at(lambda fixed: values(fixed).stop, fixed, stop)
     if most is None:
         return march(lanes, fixed, method, each, values), trials
@@ -178,9 +184,19 @@ def _run_samples(scenes: Any, states: Any, schedule: Schedule) -> tuple[Any, Int
     return batching_by_lanes(lambda scenes, states: sampled_flow(scenes, states, schedule))(scenes, states)
 
 
-def samples_with_tangents(scenes: Dual, states: Dual, schedule: Schedule) -> Dual:
-    """The samples of lanes, a `Flow` with axes (lane, sample), with the tangent of each lane along its direction."""
-    return _run_compiled(scenes, states, schedule)[0]
+def samples_with_tangents(scenes: Dual, states: Dual, schedule: Schedule, wanted: int) -> Dual:
+    """The samples of lanes, a `Flow` with axes (lane, sample), with the tangent of each lane along its direction.
+
+    Only the `wanted` first ones mean anything; one compiled program serves any number of them.
+    """
+    large = stepper_for(schedule.method).large_kernels and accepts_options(series=True)
+    return (_run_large_part if large else _run_plain_part)(scenes, states, jnp.int32(wanted), schedule)[0]
+
+
+def _run_part(
+    scenes: Dual, states: Dual, wanted: Int[Array, ""], schedule: Schedule
+) -> tuple[Any, Int[Array, " lanes"]]:
+    return sampled_flow(scenes, states, schedule, wanted)
 
 
 def trial_counts(scenes: Scene, states: State, schedule: Schedule) -> Int[Array, " lanes"]:
@@ -247,3 +263,5 @@ def _unit_directions(leaves: list[Any], moving: list[bool], count: int) -> list[
 
 _run_plain = kept("schedule")(_run_samples)
 _run_large = kept("schedule", compiler_options=FOR_SERIES)(_run_samples)
+_run_plain_part = kept("schedule")(_run_part)
+_run_large_part = kept("schedule", compiler_options=FOR_SERIES)(_run_part)

@@ -28,13 +28,14 @@ class SampledMotions(NamedTuple):
     end_by: np.ndarray  # (lanes, 13) tangent of the state at the end
 
 
-def motions_with_tangents(scenes: Dual, states: Dual, schedule: Schedule) -> SampledMotions:
+def motions_with_tangents(scenes: Dual, states: Dual, schedule: Schedule, wanted: int | None = None) -> SampledMotions:
     """The sampled motions of lanes from their states, with tangents along the direction of each lane.
 
     Args:
         scenes: Scenes with a leading lane axis, and one direction for each lane.
         states: The initial states and their directions, likewise.
         schedule: How far they are run.
+        wanted: The samples that are wanted, of which there are so many; None: all. They do not depend on it.
 
     Raises:
         InputError: The samples would not fit into memory.
@@ -45,13 +46,14 @@ def motions_with_tangents(scenes: Dual, states: Dual, schedule: Schedule) -> Sam
     def run(check: Check, at: np.ndarray) -> SampledMotions:
         check()
         scene, state = jax.tree.map(lambda a: np.asarray(a)[at], (scenes, states))
-        return _sampled_chunk(scene, state, schedule)
+        return _sampled_chunk(scene, state, schedule, schedule.samples if wanted is None else wanted)
 
     return in_chunks(run, lanes, LANES_PER_CHUNK)
 
 
-def _sampled_chunk(scenes: Dual, states: Dual, schedule: Schedule) -> SampledMotions:
-    value, slope = samples_with_tangents(scenes, states, schedule)
+def _sampled_chunk(scenes: Dual, states: Dual, schedule: Schedule, wanted: int) -> SampledMotions:
+    flow = samples_with_tangents(scenes, states, schedule, wanted)
+    value, slope = jax.tree.map(lambda a: a[:, :wanted], flow)
     stopped = (np.asarray(value.status) != Status.OK)[..., None]
     first = np.concatenate([*states.value.motion], axis=-1), np.concatenate([*states.tangent.motion], axis=-1)
     rows = [np.concatenate([*by_blade(flow.state.motion)], axis=-1) for flow in (value, slope)]

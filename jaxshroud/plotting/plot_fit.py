@@ -1,4 +1,4 @@
-"""Pictures of fits: the measured values, the fitted scene, and what is left over."""
+"""Pictures of fits: the measured values, the fitted scene, what is left over, and how sure each number is."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from jaxshroud.plotting.page import Page, Panel
 from jaxshroud.plotting.style import (
@@ -21,17 +22,21 @@ from jaxshroud.plotting.style import (
     Properties,
     fitting_title,
     legend_below,
+    quantity,
 )
+from jaxshroud.scene.keys import parse_key
 
 SIDE_MARKS = {"left": (BLUE, "o"), "right": (ORANGE, "s")}  # blade -> colour and mark
 MEASURE_STYLES = {"": "-", "rms": "-", "peak": "--"}
 MEASURE_WORDS = {"": "", "rms": "RMS ", "peak": "peak "}
 MILLISECONDS = 1e3
 LIMITS_SHOWN = 2.0  # standard deviations of the noise
+NUMBER_HEIGHT = 1.25  # of the panels of a number [inch]
+MOST_RISE = 3.0  # of a profile, over that at the ends of intervals
 
 
 def fit_page(ds: xr.Dataset, look: Look) -> Page[xr.Dataset]:
-    """A panel for each measured quantity, and the residuals over the noise below.
+    """A panel for each measured quantity and the residuals over the noise; below, valleys and profile of each number.
 
     Args:
         ds: A fit.
@@ -40,8 +45,55 @@ def fit_page(ds: xr.Dataset, look: Look) -> Page[xr.Dataset]:
     quantities = dict.fromkeys(str(name).partition("_")[0] for name in ds["channel"].to_numpy())
     panels = [Panel(name, partial(_draw_quantity, name=name, look=look)) for name in quantities]
     title = fitting_title(str(ds.attrs.get("title", "")), [str(key) for key in ds["key"].to_numpy()])
-    size = COLUMN_WIDTH, 1.5 + 1.5 * len(panels)
-    return Page(ds, [*panels, Panel("residuals", _draw_residuals, 0.6)], title, size, shared="x", finish=_add_legend)
+    panels.append(Panel("residuals", _draw_residuals, 0.6))
+    below = _numbers_page(ds)
+    size = COLUMN_WIDTH, 1.5 * len(panels) + below.size[1]
+    single = [*panels, *below.panels]
+    return Page(ds, panels, title, size, shared="x", finish=_add_legend, below=below, single=single)
+
+
+def _numbers_page(ds: xr.Dataset) -> Page[xr.Dataset]:
+    """The valleys that were found, and the profile, of each number."""
+    panels = []
+    for i, key in enumerate(map(str, ds["key"].to_numpy())):
+        panels += [Panel(f"valleys {key}", partial(_draw_valleys, key=key, i=i))]
+        panels += [Panel(f"profile {key}", partial(_draw_profile, key=key, i=i))]
+    size = COLUMN_WIDTH, NUMBER_HEIGHT * len(panels) / 2
+    return Page(ds, panels, "", size, columns=2, finish=lambda figure, axes, _: figure.align_ylabels([*axes.values()]))
+
+
+def _draw_valleys(panel: Axes, ds: xr.Dataset, key: str, i: int) -> None:
+    """chi^2 of every minimum that was found, within the bounds of a number."""
+    label, scale = quantity(key)
+    places, chi2 = scale * ds["minima_at"].to_numpy()[:, i], ds["minima"].to_numpy() / float(ds.attrs["freedom"])
+    panel.plot(places[1:], chi2[1:], ls="", marker="o", ms=3, mfc="none", mec=GREY)
+    panel.plot(places[:1], chi2[:1], ls="", marker="o", ms=3.5, color=INK)
+    low, high = (scale * float(ds[f"bound_{end}"][i]) for end in ("low", "high"))
+    panel.set(xlim=(low, high), xlabel=label, ylabel="minima of $\\chi^2$\nover freedom")
+    if low > 0:
+        panel.set_xscale("log")
+        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+        panel.xaxis.set_minor_formatter(NullFormatter())
+    panel.set_yscale("log")
+    panel.set_ylim(chi2.min() / 2, chi2.max() * 2)
+
+
+def _draw_profile(panel: Axes, ds: xr.Dataset, key: str, i: int) -> None:
+    """How chi^2 rises away from a number, and its interval."""
+    least, best, symbol = float(ds.attrs["chi2"]), float(ds["best"][i]), parse_key(key)[0].symbol
+    unit, factor = ("%", 100 / abs(best)) if best else parse_key(key)[0].shown
+    away = lambda number: factor * (np.asarray(number) - best)
+    rise = (ds["profile_chi2"][i].to_numpy() - least) / (float(ds.attrs["profile_limit"]) - least)
+    panel.axhline(1.0, color=GREY, lw=0.7, ls="--")
+    panel.plot(away(ds["profile_at"][i]), rise, color=INK, marker="o", ms=2.2, lw=0.7)
+    low, high = (float(away(ds[end][i])) for end in ("low", "high"))
+    if np.isfinite(low):
+        panel.axvspan(low, high, color=BLUE, alpha=0.2, lw=0)
+    else:
+        panel.text(0.5, 0.95, "not determined", ha="center", va="top", transform=panel.transAxes)
+    panel.set(xlabel=f"change of ${symbol}$ [{unit}]", ylabel="rise of $\\chi^2$\nover that of 95 %")
+    panel.locator_params(axis="x", nbins=4)
+    panel.set_ylim(-0.1 * MOST_RISE, max(1.2, min(MOST_RISE, 1.1 * float(np.nanmax(rise, initial=0.0)))))
 
 
 def _place_axis(ds: xr.Dataset) -> tuple[str, float]:

@@ -1,6 +1,7 @@
 """The numbers of a scene from measurements, with their intervals and what stays unknown."""
 
 import json
+import math
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -14,13 +15,18 @@ class FittedNumber(NamedTuple):
     """A fitted number with its 95 % interval, in SI units."""
 
     value: float
-    low: float
+    low: float  # NaN where the data do not determine the number; see `Fit.notes`
     high: float
     by: Literal["jacobian", "profile"]  # of the fit made linear, or where chi^2 rises above its limit
 
     def holds(self, value: float) -> bool:
-        """Whether the interval holds a value."""
+        """Whether the interval holds a value; without one it holds none."""
         return self.low <= value <= self.high
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether the data determine the number, so that it has an interval."""
+        return not math.isnan(self.low)
 
 
 class Fit(Result):
@@ -33,8 +39,8 @@ class Fit(Result):
     required = ("best", "measured")
 
     best = Variable("fitted number, in SI units", None, ("key",))
-    low = Variable("lower end of its 95 % interval", None, ("key",))
-    high = Variable("upper end of its 95 % interval", None, ("key",))
+    low = Variable("lower end of its 95 % interval; NaN where the data do not determine it", None, ("key",))
+    high = Variable("upper end of its 95 % interval; NaN where the data do not determine it", None, ("key",))
     by_profile = Variable("whether the interval is found by profile", None, ("key",), stored=np.int8, kind=bool)
     bound_low = Variable("lower bound of the number", None, ("key",))
     bound_high = Variable("upper bound of the number", None, ("key",))
@@ -45,7 +51,11 @@ class Fit(Result):
     sigma = Variable("standard deviation of the noise, given or estimated", None, ("row", "channel"))
     curve_at = Variable("places of the curve that is drawn, as `at`", None, ("point",))
     curve = Variable("the fitted scene at these places", None, ("point", "channel"))
-    minima = Variable("chi^2 where each start ended, that of the fit first", None, ("start",))
+    minima = Variable("chi^2 of each minimum that was found, that of the fit first", None, ("start",))
+    minima_at = Variable("numbers of these, in SI units", None, ("start", "key"))
+    profile_at = Variable("values of each number on its profile, growing, in SI units", None, ("key", "node"))
+    profile_chi2 = Variable("least chi^2 that the other numbers permit there", None, ("key", "node"))
+    profile_limit = Attribute()  # chi^2 at the ends of intervals
     chi2 = Attribute()  # sum of squares of residuals over their noise
     freedom = Attribute(int)  # values less numbers
     evaluations = Attribute(int)  # of the model with its derivatives
@@ -118,7 +128,8 @@ class Fit(Result):
         )
 
     def __repr__(self) -> str:
-        numbers = ", ".join(f"{key} {n.value:.5g} ({n.low:.5g} to {n.high:.5g})" for key, n in self.numbers.items())
+        ends = lambda n: f"{n.low:.5g} to {n.high:.5g}" if n.is_determined else "not determined"
+        numbers = ", ".join(f"{key} {n.value:.5g} ({ends(n)})" for key, n in self.numbers.items())
         notes = f"; {'; '.join(self.notes)}" if self.notes else ""
         return (
             f"Fit: {numbers}; chi2 {self.chi2:.4g} for {self.freedom} degrees of freedom{notes}; "

@@ -13,17 +13,13 @@ from jaxshroud.batch.runs import Progress
 from jaxshroud.io.measurements import measurements_from, read_measurements
 from jaxshroud.march.method import Method
 from jaxshroud.march.stability import stiffest
-from jaxshroud.motion.estimation import (
-    MOST_EVALUATIONS,
-    Data,
-    Estimate,
-    NumberInterval,
-    estimate,
-    intervals,
-    linear_departure,
-)
-from jaxshroud.motion.identifiability import findings
+from jaxshroud.motion.estimation import MOST_EVALUATIONS, Estimate, estimate
+from jaxshroud.motion.identifiability import Findings, findings
+from jaxshroud.motion.lengthening import evaluations_of_search
 from jaxshroud.motion.measured import steps_between_samples
+from jaxshroud.motion.misfit import Data, Misfit
+from jaxshroud.motion.profiles import ProfiledNumber, better_place, profiles
+from jaxshroud.motion.searches import MOST_SEARCHES, MOST_STEPS, descended, estimate_of_history
 from jaxshroud.results.fit import Fit
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
@@ -37,6 +33,10 @@ from jaxshroud.verbs.lanes import one_scene, with_tangents
 from jaxshroud.verbs.options import MarchPlan, resolve_options
 
 CURVE_POINTS = 1000  # of the fitted history that is drawn
+FEWEST_POINTS = 8  # of a search
+USUAL_SEARCHES = 2
+MOST_BETTER = 3  # times that a profile shows a better place, from which the fit goes on
+NODE_EVALUATIONS = 60  # about so many for the profile of a number
 
 
 @typed
@@ -105,16 +105,40 @@ def fit(
     problem = fit_problem(nominal, data, {key: (float(low), float(high)) for key, (low, high) in over.items()})
     resolved = resolve_options(scene, method=method)
     march = with_tangents(resolved, fit_corners(problem))
-    model = _model_of(problem, data, march, most_periods)
-    points = _first_points(problem, scan, seed)
-    report = _Counted(model, len(points) + starts * MOST_EVALUATIONS, progress)
-    found = estimate(report, _weighted(data), points, min(starts, len(points)))
-    departure = linear_departure(found)
-    ends = intervals(found, departure)
-    notes = findings(found, tuple(over), ends, departure, data.kind == "history")
+    model = model_of(problem, data, march, most_periods)
+    found, profiled = _estimated(problem, data, model, (scan, starts, seed), progress)
+    ends = [number.interval for number in profiled]
+    told = findings(found, tuple(over), ends, profiled, problem.values, data.kind == "history")
     attrs, _ = resolved.provenance(resolved.transient, march.steps)
     settings = {"steps_per_period": model.steps, "method": str(march.method), "seed": seed, "data_kind": data.kind}
-    return _result(problem, data, model, found, ends, {**settings, "notes_json": json.dumps(notes)}, attrs)
+    return _result(problem, data, model, found, profiled, told, settings, attrs)
+
+
+def _estimated(
+    problem: Problem, data: Measurements, model: FitModel, search: tuple[int, int, int], progress: Progress | None
+) -> tuple[Estimate, list[ProfiledNumber]]:
+    """The best fit, with the profiles of its numbers."""
+    (scan, starts, seed), keys, weighted = search, len(problem.over), _weighted(data)
+    nodes = NODE_EVALUATIONS * keys
+    if data.kind == "response":
+        points = _first_points(problem, scan, seed)
+        counted = _Counted(model, len(points) + starts * MOST_EVALUATIONS + nodes, progress)
+        found = estimate(Misfit(counted, weighted, counted.skip), points, min(starts, len(points)))
+    else:
+        count = max(scan // USUAL_SEARCHES, FEWEST_POINTS)
+        draws = [_first_points(problem, count, seed, n) for n in range(MOST_SEARCHES)]
+        most = USUAL_SEARCHES * (evaluations_of_search(count) + 2 * starts * MOST_STEPS) + nodes
+        counted = _Counted(model, most, progress)
+        rng = np.random.default_rng(seed)
+        found = estimate_of_history(Misfit(counted, weighted, counted.skip), data.at, draws, starts, rng)
+    profiled = profiles(found)
+    for _ in range(MOST_BETTER):
+        better = better_place(found, profiled)
+        if better is None or data.kind == "response":
+            break
+        found = descended(found.misfit, found, better)
+        profiled = profiles(found)
+    return found, profiled
 
 
 def fit_problem(nominal: Scene, data: Measurements, over: Mapping[str, tuple[float, float]]) -> Problem:
@@ -146,25 +170,29 @@ def fit_corners(problem: Problem) -> Scene:
     return design_corners(problem._replace(conditions=ends))
 
 
-def _model_of(problem: Problem, data: Measurements, march: MarchPlan, most_periods: int) -> FitModel:
+def model_of(problem: Problem, data: Measurements, march: MarchPlan, most_periods: int) -> FitModel:
     """The model of the measurements."""
     corners = fit_corners(problem)
     omega_max, _ = stiffest(corners, 1)
     slowest, fastest = (float(f(np.asarray(corners.drive.omega))) for f in (np.min, np.max))
-    steps = steps_between_samples(omega_max, math.tau / slowest, march.steps)
+    steps = steps_between_samples(omega_max, math.tau / slowest, march.steps, data.kind)
     if data.kind == "history":
         return HistoryModel(problem, data, steps, march.method, math.tau / fastest)
     return ResponseModel(problem, data, steps, march.method, most_periods)
 
 
-def _first_points(problem: Problem, scan: int, seed: int) -> np.ndarray:
-    """Points of the unit cube that are tried first: that of the scene, if it is within the bounds, and Sobol points."""
+def _first_points(problem: Problem, scan: int, seed: int, search: int = 0) -> np.ndarray:
+    """Points of the unit cube that are tried first: that of the scene, if it is within the bounds, and Sobol points.
+
+    Further searches have other points than the first, and without that of the scene.
+    """
     from scipy.stats import qmc
 
     own = problem.cube(np.array([[_own_value(problem, key) for key in problem.over]]))
-    sequence = qmc.Sobol(len(problem.over), rng=np.random.default_rng(seed))
+    sequence = qmc.Sobol(len(problem.over), rng=np.random.default_rng([seed, search] if search else seed))
     drawn = sequence.random_base2(math.ceil(math.log2(scan)))[:scan]
-    return np.concatenate([own, drawn]) if np.all((own >= 0) & (own <= 1)) else drawn
+    is_within = not search and bool(np.all((own >= 0) & (own <= 1)))
+    return np.concatenate([own, drawn]) if is_within else drawn
 
 
 def _own_value(problem: Problem, key: str) -> float:
@@ -188,12 +216,16 @@ class _Counted:
     def __init__(self, model: FitModel, most: int, progress: Progress | None):
         self.model, self.done, self.most, self.progress = model, 0, most, progress
 
-    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        predicted = self.model(points)
-        self.done += len(points)
-        if self.progress is not None:
-            self.progress(min(self.done, self.most), self.most)
+    def __call__(self, points: np.ndarray, rows: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        predicted = self.model(points, rows)
+        self.skip(len(points))
         return predicted
+
+    def skip(self, count: int) -> None:
+        """Count evaluations without making them."""
+        self.done += count
+        if self.progress is not None:
+            self.progress(self.done, self.most if self.done <= self.most else 0)
 
 
 def _result(
@@ -201,20 +233,30 @@ def _result(
     data: Measurements,
     model: FitModel,
     found: Estimate,
-    ends: Sequence[NumberInterval],
+    profiled: Sequence[ProfiledNumber],
+    told: Findings,
     settings: Mapping[str, object],
     attrs: Mapping[str, object],
 ) -> Fit:
     """The result in SI units."""
-    place = lambda i, u: float(problem.values(np.where(np.arange(len(found.u)) == i, u, found.u)[None])[0, i])
+    ends = [number.interval for number in profiled]
+    nodes = max(len(number.nodes) for number in profiled)
+    padded = lambda values: np.pad(np.asarray(values, float), (0, nodes - len(values)), constant_values=np.nan)
+
+    def place(i: int, u: float) -> float:
+        return float(problem.values(np.where(np.arange(len(found.u)) == i, u, found.u)[None])[0, i])
+
+    def end(i: int, u: float) -> float:
+        return place(i, u) if told.determined[i] else np.nan
+
     of_data = found.misfit.data
     fitted = np.where(found.known, np.ravel(of_data.values) + found.residuals * np.ravel(of_data.sigma), np.nan)
     curve_at, curve = model.curve(found.u, CURVE_POINTS)
     low, high = np.array(list(problem.over.values())).T
     values = {
         "best": problem.values(found.u[None])[0],
-        "low": [place(i, interval.low) for i, interval in enumerate(ends)],
-        "high": [place(i, interval.high) for i, interval in enumerate(ends)],
+        "low": [end(i, interval.low) for i, interval in enumerate(ends)],
+        "high": [end(i, interval.high) for i, interval in enumerate(ends)],
         "by_profile": [interval.by == "profile" for interval in ends],
         "bound_low": low,
         "bound_high": high,
@@ -226,11 +268,16 @@ def _result(
         "curve_at": curve_at,
         "curve": curve,
         "minima": [minimum.chi2 for minimum in found.minima],
+        "minima_at": problem.values(np.array([minimum.u for minimum in found.minima])),
+        "profile_at": [padded([place(i, u[i]) for u, _ in one.nodes]) for i, one in enumerate(profiled)],
+        "profile_chi2": [padded(one.profile.chi2) for one in profiled],
+        "profile_limit": found.chi2 + found.limit,
         "chi2": found.chi2,
         "freedom": found.freedom,
         "evaluations": found.misfit.evaluations,
         "sigma_is_known": int(of_data.sigma_is_known),
         **settings,
+        "notes_json": json.dumps(told.notes),
     }
     keys = list(problem.over)
     coords = {"key": keys, "other": keys, "channel": list(data.names)}

@@ -25,9 +25,12 @@ class HistoryModel:
         self.method = as_differentiable(method)
         self.schedule = history_schedule(float(data.at[-1]), shortest_period, steps, self.method)
 
-    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements at the measured times (points, n, channels), and slopes in the unit cube (..., keys)."""
-        values, slopes = self._at(points, self.data)
+    def __call__(self, points: np.ndarray, rows: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements at the measured times (points, n, channels), and slopes in the unit cube (..., keys).
+
+        After the first `rows` of them they are NaN.
+        """
+        values, slopes = self._at(points, self.data, rows)
         return values, slopes * self.problem.rates(points)[:, None, None, :]
 
     def curve(self, u: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -35,9 +38,9 @@ class HistoryModel:
         t = np.linspace(0.0, self.data.at[-1], count)
         return t, self._at(u[None], self.data._replace(at=t)).values[0]
 
-    def _at(self, points: np.ndarray, data: Measurements) -> Predicted:
+    def _at(self, points: np.ndarray, data: Measurements, rows: int | None = None) -> Predicted:
         scenes = in_precision(scenes_of(self.problem, self.problem.values(points)), self.method.precision)
-        return predicted_history(scenes, tuple(self.problem.over), data, self.schedule)
+        return predicted_history(scenes, tuple(self.problem.over), data, self.schedule, rows or len(data.at))
 
 
 class ResponseModel:
@@ -51,8 +54,9 @@ class ResponseModel:
         self.aim = ShootingOptions(steps, CLOSING_TOLERANCE[method.precision], method)
         self.latest: dict[int, State] = {}  # by frequencies
 
-    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, points: np.ndarray, rows: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Amplitudes at the measured frequencies (points, n, channels), and slopes in the unit cube (..., keys)."""
+        del rows  # all frequencies are one batch
         orbits = self._orbits(points)
         values, slopes = orbit_amplitudes_by(orbits, tuple(self.problem.over), self.data.channels)
         by_point = lambda a: a.reshape(len(points), -1, *a.shape[1:])

@@ -6,8 +6,11 @@ from scipy.optimize import brentq
 from scipy.stats import norm, t
 
 import jaxshroud as js
-from jaxshroud.motion.estimation import Data, Misfit, estimate, intervals, linear_departure
+from jaxshroud.motion.estimation import estimate
 from jaxshroud.motion.identifiability import findings
+from jaxshroud.motion.misfit import Data, Misfit, noise_of_neighbours
+from jaxshroud.motion.profiles import profiles
+from jaxshroud.motion.searches import estimate_of_history
 
 TIMES = np.linspace(0, 1, 40)
 STARTS = np.random.default_rng(0).random((8, 2))
@@ -40,17 +43,28 @@ def measured(predict, truth, noise, rng, *, known=False):
     return Data(exact + noise * rng.standard_normal(exact.shape), np.full(exact.shape, noise if known else 1.0), known)
 
 
+def misfit_of(predict, data):
+    """The misfit of a model that computes all of its values at once."""
+    return Misfit(lambda points, rows: predict(points), data)
+
+
 def found_in(predict, data):
-    found = estimate(predict, data, STARTS, 2)
-    departure = linear_departure(found)
-    ends = intervals(found, departure)
-    return found, ends, findings(found, ("a", "b"), ends, departure, True)
+    """The fit to a response, its intervals, and what is said."""
+    found = estimate(misfit_of(predict, data), STARTS, 2)
+    return found, *told_of(found, is_history=False)
+
+
+def told_of(found, *, is_history):
+    numbers = profiles(found)
+    ends = [number.interval for number in numbers]
+    told = findings(found, ("a", "b"), ends, numbers, lambda u: u, is_history)
+    return ends, told
 
 
 @pytest.mark.parametrize("known", [True, False])
 def test_intervals_of_a_line_are_those_of_linear_regression(known):
     data = measured(line, (0.4, 0.5), 0.02, np.random.default_rng(1), known=known)
-    found, ends, notes = found_in(line, data)
+    found, ends, told = found_in(line, data)
     design = np.stack([np.ones_like(TIMES), TIMES], -1)
     exact, rest, *_ = np.linalg.lstsq(design, data.values[:, 0])
     variance = 0.02**2 if known else rest[0] / (len(TIMES) - 2)
@@ -60,7 +74,8 @@ def test_intervals_of_a_line_are_those_of_linear_regression(known):
     np.testing.assert_allclose(found.u, exact, rtol=1e-7)  # the descent's tolerance
     np.testing.assert_allclose([e.high - e.low for e in ends], 2 * half, rtol=1e-6)
     assert {e.by for e in ends} == {"jacobian"}
-    assert notes == []
+    assert told.notes == []
+    assert told.determined == [True, True]
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
@@ -93,8 +108,9 @@ def test_a_profile_ends_where_chi2_says():
 
 
 def test_numbers_of_which_only_the_product_is_known_are_named():
-    _, ends, notes = found_in(product, measured(product, (0.5, 0.6), 0.01, np.random.default_rng(4)))
-    assert any(note.startswith("a cannot be told from b here (correlation -1.0") for note in notes)
+    _, ends, told = found_in(product, measured(product, (0.5, 0.6), 0.01, np.random.default_rng(4)))
+    assert told.determined == [False, False]
+    assert any(note.startswith("a cannot be told from b here (correlation -1.0") for note in told.notes)
     assert all(e.by == "profile" for e in ends)
     for end in ends:  # either may be anything from 0.3, where the other is 1, to 1
         np.testing.assert_allclose((end.low, end.high), (0.3, 1.0), atol=0.02)
@@ -103,21 +119,22 @@ def test_numbers_of_which_only_the_product_is_known_are_named():
 
 def test_a_number_without_influence_is_named():
     still = lambda points: (line(points)[0] * 0 + points[:, :1, None], line(points)[1] * np.array([1.0, 0.0]))
-    _, ends, notes = found_in(still, measured(still, (0.5, 0.5), 0.01, np.random.default_rng(5)))
-    assert notes == ["the data do not depend on b here"]
+    _, ends, told = found_in(still, measured(still, (0.5, 0.5), 0.01, np.random.default_rng(5)))
+    assert told.notes == ["the data do not depend on b here"]
+    assert told.determined == [True, False]
     assert (ends[1].low, ends[1].high) == (0, 1)
 
 
 def test_a_truth_outside_the_bounds_is_named():
-    _, _, notes = found_in(line, measured(line, (0.5, 1.5), 0.01, np.random.default_rng(6)))
-    assert any("b ends at its bound" in note for note in notes)
-    assert any("neighbouring residuals are alike" in note for note in notes)  # of a line that does not fit
+    _, _, told = found_in(line, measured(line, (0.5, 1.5), 0.01, np.random.default_rng(6)))
+    assert any("b ends at its bound" in note for note in told.notes)
+    assert any("neighbouring residuals are alike" in note for note in told.notes)  # of a line that does not fit
 
 
 def test_noise_that_is_stated_too_small_is_named():
     data = measured(line, (0.4, 0.5), 0.02, np.random.default_rng(7))
-    _, _, notes = found_in(line, data._replace(sigma=np.full(data.values.shape, 0.004), sigma_is_known=True))
-    assert any(note.startswith("the residuals are 5") or note.startswith("the residuals are 4.") for note in notes)
+    _, _, told = found_in(line, data._replace(sigma=np.full(data.values.shape, 0.004), sigma_is_known=True))
+    assert any(note.startswith("the residuals are 5") or note.startswith("the residuals are 4.") for note in told.notes)
 
 
 def test_derivatives_that_grow_along_a_record_are_named():
@@ -127,8 +144,9 @@ def test_derivatives_that_grow_along_a_record_are_named():
         values, slopes = points[:, :1] + points[:, 1:] * rise, np.stack([np.full_like(rise, 1e-6), rise], -1)
         return values[..., None], slopes[:, :, None]
 
-    _, _, notes = found_in(grows, measured(grows, (0.5, 0.5), 0.01, np.random.default_rng(10), known=True))
-    assert any("as in chaos" in note for note in notes)
+    found, *_ = found_in(grows, measured(grows, (0.5, 0.5), 0.01, np.random.default_rng(10), known=True))
+    _, told = told_of(found, is_history=True)
+    assert any("as in chaos" in note for note in told.notes)
 
 
 def test_each_channel_has_its_own_noise():
@@ -144,19 +162,87 @@ def test_each_channel_has_its_own_noise():
 
 def test_where_the_model_says_nothing_a_descent_turns_back():
     half = lambda points: tuple(np.where(points[:, 1] < 0.7, a.T, np.nan).T for a in line(points))
-    found, _, notes = found_in(half, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(9)))
+    found, _, told = found_in(half, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(9)))
     assert abs(found.u[1] - 0.5) < 0.05
-    assert notes == []
+    assert told.notes == []
+    assert told.determined == [True, True]
     later = lambda points: (np.where(TIMES[:, None] < 0.9, line(points)[0], np.nan), line(points)[1])
-    _, _, notes = found_in(later, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(9)))
-    assert "of 4 of 40 values the fitted scene says nothing: it stops, or finds no orbit there" in notes
+    _, _, told = found_in(later, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(9)))
+    assert "of 4 of 40 values the fitted scene says nothing: it stops, or finds no orbit there" in told.notes
     nowhere = lambda points: tuple(a * np.nan for a in line(points))
     with pytest.raises(js.NumericalError, match="says nothing of the data"):
-        estimate(nowhere, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(9)), STARTS, 2)
+        estimate(misfit_of(nowhere, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(9))), STARTS, 2)
 
 
 def test_residuals_and_slopes_are_computed_once_for_each_point():
-    misfit = Misfit(line, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(1)))
+    misfit = misfit_of(line, measured(line, (0.4, 0.5), 0.02, np.random.default_rng(1)))
     misfit.at(np.array([0.1, 0.2]))
     misfit.at(np.array([0.1, 0.2]))
     assert misfit.evaluations == 1
+
+
+LONG = np.linspace(0, 1, 200)
+
+
+def chirp(points):
+    """Values and slopes of u_0 sin(400 u_1 t), whose sum of squares has some hundred valleys along u_1."""
+    phase = 400 * points[:, 1:] * LONG
+    values, slopes = points[:, :1] * np.sin(phase), [np.sin(phase), 400 * LONG * points[:, :1] * np.cos(phase)]
+    return values[..., None], np.stack(slopes, -1)[:, :, None]
+
+
+def history_of(truth, seed, *, known, predict=chirp):
+    exact = predict(np.array([truth]))[0][0]
+    noise = 0.02 * np.random.default_rng(seed).standard_normal(exact.shape)
+    return Data(exact + noise, np.full(exact.shape, 0.02 if known else 1.0), known)
+
+
+def search(data, seed, predict=chirp):
+    rng = np.random.default_rng(seed)
+    draws = [rng.random((16, 2)) for _ in range(4)]
+    return estimate_of_history(misfit_of(predict, data), LONG, draws, 4, rng)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_record_is_lengthened_into_its_valley(known):
+    truth, found_by_starts = (0.6, 0.37), []
+    for seed in range(5):
+        data = history_of(truth, seed, known=known)
+        found = search(data, seed)
+        ends, told = told_of(found, is_history=True)
+        assert told == ([True, True], [])
+        assert all(e.low <= u <= e.high for e, u in zip(ends, found.u, strict=True))
+        np.testing.assert_allclose(found.u, truth, rtol=0, atol=5 * 0.02 / np.sqrt(200))
+        np.testing.assert_allclose(np.mean(found.misfit.data.sigma), 0.02, rtol=0.25)
+        by_starts = estimate(misfit_of(chirp, data), np.random.default_rng(seed).random((64, 2)), 4)
+        found_by_starts.append(abs(by_starts.u[1] - truth[1]) < 1e-3)
+    assert not all(found_by_starts)  # control: descents over the whole record miss it
+
+
+def test_a_wrong_valley_has_no_interval():
+    # The fit is held in a neighbouring valley, as where a search missed the right one.
+    data = history_of((0.6, 0.37), 0, known=False)
+    near = lambda points: chirp(np.stack([points[:, 0], 0.39 + 0.02 * points[:, 1]], -1))
+    scaled = lambda points: (near(points)[0], near(points)[1] * np.array([1.0, 0.02]))
+    _, told = told_of(search(data, 0, scaled), is_history=True)
+    assert told.determined == [False, False]
+    assert any("times the noise that neighbours have" in note for note in told.notes)
+    assert any("neighbouring residuals are alike" in note for note in told.notes)
+
+
+def test_two_valleys_that_fit_as_well_are_both_told():
+    folded = lambda points: chirp(np.stack([points[:, 0], np.abs(points[:, 1] - 0.5)], -1))
+    signs = lambda points: np.stack([np.ones(len(points)), np.sign(points[:, 1] - 0.5)], -1)[:, None, None]
+    both = lambda points: (folded(points)[0], folded(points)[1] * signs(points))
+    data = history_of((0.6, 0.1), 1, known=True, predict=both)
+    _, told = told_of(search(data, 1, both), is_history=True)
+    assert told.determined == [True, False]
+    assert any(note.startswith("1 of the starts end elsewhere and fit as well") for note in told.notes)
+
+
+def test_noise_is_what_neighbours_differ_by():
+    rng, at = np.random.default_rng(3), np.sort(np.random.default_rng(4).random(2000))
+    noise = 0.01 * rng.standard_normal((2000, 2)) * [1.0, 2.0]
+    smooth = np.sin(20 * at)[:, None] * [1.0, -1.0]
+    np.testing.assert_allclose(noise_of_neighbours(noise + smooth, at), [0.01, 0.02], rtol=0.1)
+    assert np.std(noise + smooth, axis=0).min() > 0.5  # control: what is smooth is large

@@ -115,7 +115,7 @@ def entries(n: int, seed: int) -> list[Entry]:
 def _shows(shown: str, per: float, meant: Any) -> bool:
     """Whether a field shows the numbers that were meant, but for the rounding of a unit; alike numbers are one."""
     try:
-        value = json.loads(shown)
+        value = json.loads(shown, parse_int=float)
     except json.JSONDecodeError:  # what was refused stays in the field
         return False
     of_blades = lambda value: value if isinstance(value, list) else [value] * 2

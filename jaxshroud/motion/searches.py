@@ -1,0 +1,94 @@
+"""The best fit to a time history: independent searches along the record, until two of them end alike."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxshroud.motion.descents import Points, descend_together
+from jaxshroud.motion.estimation import Estimate, Minimum, check_known, estimate_at
+from jaxshroud.motion.lengthening import lengthened
+from jaxshroud.motion.misfit import FEWEST_NOISE, Misfit, noise_of_neighbours
+
+MOST_SEARCHES = 4
+MOST_STEPS = 30  # down chi^2 from the ends of searches
+LEAST_GAIN = 1e-6  # of chi^2 over that of one degree of freedom, at which these end
+APART_PLACES = 0.02  # of a number over its range, from which places differ
+ALIKE = 0.1  # square of the distance of two predictions over the noise of one datum, below which they are one
+
+
+def estimate_of_history(
+    misfit: Misfit, at: np.ndarray, draws: Sequence[np.ndarray], candidates: int, rng: np.random.Generator
+) -> Estimate:
+    """The best fit to a time history, with every other minimum at which a search ended.
+
+    Args:
+        misfit: Of the whole record.
+        at: The times of its samples.
+        draws: The points (points, keys) in which each search begins.
+        candidates: The ends of a search that are followed to their minima.
+        rng: Of the searches.
+
+    Raises:
+        NumericalError: The model says nothing of the data at any of the points.
+    """
+    ends, best, alike = [], [], 0
+    for points in draws:
+        found = lengthened(misfit, points, rng)
+        check_known(found)
+        found = _distinct(found.take(slice(0, candidates)))
+        if not misfit.data.sigma_is_known:
+            misfit = misfit.with_sigma(_noise_of(misfit, found, at))
+        found = _at_minima(misfit, found.u)
+        ends.append(found.u)
+        best.append(found.u[0])
+        alike = _count_alike(Points.at(misfit, np.array(best)))
+        if alike > 1:
+            break
+    minima = _at_minima(misfit, np.concatenate(ends))
+    each = zip(minima.u, minima.chi2(misfit.size), strict=True)
+    return estimate_at(misfit, [Minimum(u, float(chi2)) for u, chi2 in each], alike, len(best))
+
+
+def descended(misfit: Misfit, found: Estimate, u: np.ndarray) -> Estimate:
+    """The estimate from a place with less chi^2 than that of the fit."""
+    minima = _at_minima(misfit, np.array([u, *(minimum.u for minimum in found.minima)]))
+    each = zip(minima.u, minima.chi2(misfit.size), strict=True)
+    return estimate_at(misfit, [Minimum(u, float(chi2)) for u, chi2 in each], 1, found.searches + 1)
+
+
+def _noise_of(misfit: Misfit, ends: Points, at: np.ndarray) -> np.ndarray:
+    """The noise of each channel by the residuals of the best point; of few samples their root mean square."""
+    data = misfit.data
+    left = ends.residuals.values[0].reshape(data.values.shape) * data.sigma
+    noise = noise_of_neighbours(left, at) if len(at) > 2 else np.sqrt(np.mean(left**2, axis=0))
+    return np.maximum(noise, FEWEST_NOISE * np.sqrt(np.mean(data.values**2, axis=0)))
+
+
+def _at_minima(misfit: Misfit, u: np.ndarray) -> Points:
+    """The distinct minima below some places, the least first."""
+    points = Points.at(misfit, u)
+    gain = LEAST_GAIN * np.min(points.chi2(misfit.size)) / misfit.size
+    points = descend_together(misfit, points, misfit.samples, MOST_STEPS, gain)
+    return _distinct(points.take(np.argsort(points.chi2(misfit.size), kind="stable")))
+
+
+def _distinct(points: Points) -> Points:
+    """The points that differ in place or in what they predict, the first of each kind."""
+    kept: list[int] = []
+    for i in range(len(points.u)):
+        near = [j for j in kept if np.max(np.abs(points.u[i] - points.u[j])) < APART_PLACES]
+        if not any(_are_alike(points, j, i) for j in near):
+            kept.append(i)
+    return points.take(kept)
+
+
+def _count_alike(points: Points) -> int:
+    """How many of the points predict what the best of them does."""
+    best = int(np.argmin(np.sum(points.residuals.values**2, axis=1)))
+    return sum(_are_alike(points, best, i) for i in range(len(points.u)))
+
+
+def _are_alike(points: Points, i: int, j: int) -> bool:
+    """Whether two points predict the same but for a small part of the noise."""
+    one, other = points.residuals.values[i], points.residuals.values[j]
+    return float(np.sum((one - other) ** 2)) <= ALIKE * float(np.mean(one**2))
