@@ -98,7 +98,7 @@ def sampled_flow(
     fixed = mapping.constants(models, periods, steps)
 
     def one(carry, i):
-        every = schedule.every if wanted is None else jnp.where(i < wanted, schedule.every, 0)
+        every = schedule.every if wanted is None else jnp.where(i < wanted, jnp.int32(schedule.every), 0)
         lanes, trials = _next_sample(carry[0], carry[1], fixed, schedule, mapping, every)
         lanes, flow = mapping.unzip(
             mapping.over(vmapped)(partial(_sample_lane, schedule=schedule), lanes, models, periods)
@@ -106,7 +106,9 @@ def sampled_flow(
         return (lanes, trials), flow
 
     next_kept = skip_samples(one, schedule.skipped)
-    (_, trials), flows = lax.scan(next_kept, (lanes, jnp.zeros_like(steps)), jnp.arange(schedule.samples))
+    (_, trials), flows = lax.scan(
+        next_kept, (lanes, jnp.zeros_like(steps)), jnp.arange(schedule.samples, dtype=jnp.int32)
+    )
     return jax.tree.map(lambda a: jnp.moveaxis(a, 0, 1), flows), trials
 
 

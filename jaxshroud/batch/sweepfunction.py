@@ -152,7 +152,7 @@ def _run_sweep(scenes: Scene, states: State, plan: _SweepPlan, method: Choices) 
     A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(told)
     motion = Motion(*(jnp.stack(blades, axis=-1) for blades in outcomes.motion))
     left_or_all = lambda a: a[:, 0] if scenes.row is None else a.sum(axis=-1)
-    square, means = replaced_where(stopped, (jnp.stack(outcomes.power, axis=-1), _by_blade(outcomes.means)), 0.0)
+    square, means = replaced_where(stopped, (jnp.stack(outcomes.power, axis=-1), _blades_last(outcomes.means)), 0.0)
     about_mean = jax.vmap(vibration_square)(square[:, : means.shape[-1]], means, jax.vmap(gyration)(told.shroud))
     P, P_vibration = A[:, None] * square, A[:, None] * about_mean
     P_d, P_d_vibration = (power_reduction(left_or_all(a), left_or_all(P_0)) for a in (P, P_vibration))
@@ -162,7 +162,7 @@ def _run_sweep(scenes: Scene, states: State, plan: _SweepPlan, method: Choices) 
     return Strobe(motion, P, P_d, P_d_vibration, outcomes.status, jnp.zeros_like(A), own)
 
 
-def _by_blade(means: Means) -> Float[Array, "lanes 4 blades"]:
+def _blades_last(means: Means) -> Float[Array, "lanes 4 blades"]:
     """Means of lanes, of the left block alone or of each of a row."""
     blades = lambda a: a if isinstance(a, tuple) else (a,)
     return jnp.stack([jnp.stack(blades(a), axis=-1) for a in means], axis=1)

@@ -102,7 +102,7 @@ def estimate(misfit: Misfit, points: np.ndarray, n_starts: int) -> Estimate:
         NumericalError: The model says nothing of the data at any of the points.
     """
     first = Points.at(misfit, points)
-    check_known(first)
+    check_says_something(first)
     best_first = np.argsort(first.chi2(misfit.data.values.size), kind="stable")[:n_starts]
     minima = sorted((descend(misfit, points[i]) for i in best_first), key=lambda found: found.chi2)
     best = minima[0]
@@ -112,7 +112,7 @@ def estimate(misfit: Misfit, points: np.ndarray, n_starts: int) -> Estimate:
     return estimate_at(misfit, minima)
 
 
-def check_known(points: Points) -> None:
+def check_says_something(points: Points) -> None:
     """Raise NumericalError if the model says nothing of the data at any point."""
     if not points.residuals.known.any():
         raise NumericalError("The model says nothing of the data at any start: its runs stop, or find no orbit.")

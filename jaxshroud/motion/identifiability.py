@@ -18,9 +18,9 @@ BENT = "the model is not linear within the intervals, which are found by profile
 ILL_FIT = 4.0  # standard deviations of chi^2 above its expectation
 BY_NEIGHBOURS = 1.8  # how much larger these are where the noise is that of neighbouring residuals
 CONTRAST = 1e-4  # probability with which the halves of white noise differ as much
-NARROWEST, WIDEST = 0.4, 2.5  # widths of an interval by profile over that of the linear one
+NARROWEST_PROFILE, WIDEST_PROFILE = 0.4, 2.5  # widths of an interval by profile over that of the linear one
 
-Values = Callable[[np.ndarray], np.ndarray]  # places (n, keys) in the unit cube -> numbers in SI units
+NumbersAt = Callable[[np.ndarray], np.ndarray]  # places (n, keys) in the unit cube -> numbers in SI units
 
 
 class Findings(NamedTuple):
@@ -35,7 +35,7 @@ def findings(
     keys: Sequence[str],
     ends: Sequence[NumberInterval],
     profiled: Sequence[ProfiledNumber],
-    values: Values,
+    values: NumbersAt,
     is_history: bool,
 ) -> Findings:
     """What the data determine. Of a time history doubts of the fit as a whole take back all intervals.
@@ -62,7 +62,7 @@ def findings(
     return Findings([not (one or (is_history and doubts)) for one in lost], notes)
 
 
-def _undetermined(found: Estimate, i: int, key: str, interval: NumberInterval, values: Values) -> str:
+def _undetermined(found: Estimate, i: int, key: str, interval: NumberInterval, values: NumbersAt) -> str:
     """Why the data do not determine a number; empty if they do."""
     u = found.u[i]
     if found.influence[i] < NO_INFLUENCE:
@@ -77,17 +77,17 @@ def _undetermined(found: Estimate, i: int, key: str, interval: NumberInterval, v
     return f"the data do not bound {key} from above: 95 % above {low:.4g}" if interval.open[1] else ""
 
 
-def _roughness(found: Estimate, i: int, key: str, interval: NumberInterval, values: Values) -> str:
+def _roughness(found: Estimate, i: int, key: str, interval: NumberInterval, values: NumbersAt) -> str:
     """What is said of a number whose interval by profile is of another size than the linear one."""
     ratio = (interval.high - interval.low) / (2 * found.half_widths[i])
-    if NARROWEST <= ratio <= WIDEST:
+    if NARROWEST_PROFILE <= ratio <= WIDEST_PROFILE:
         return ""
     low, high = _in_si(found, i, (interval.low, interval.high), values)
     return f"chi2 is no parabola along {key}, whose interval would be {low:.4g} to {high:.4g}"
 
 
-def _in_si(found: Estimate, i: int, ends: Sequence[float], values: Values) -> list[float]:
-    """Values of one number in SI units."""
+def _in_si(found: Estimate, i: int, ends: Sequence[float], values: NumbersAt) -> list[float]:
+    """NumbersAt of one number in SI units."""
     return values(np.array([np.where(np.arange(len(found.u)) == i, end, found.u) for end in ends]))[:, i].tolist()
 
 
@@ -114,7 +114,7 @@ def _is_outside(interval: NumberInterval, u: float) -> bool:
     return not interval.low <= u <= interval.high
 
 
-def _other_minima(alike: list[Minimum], keys: Sequence[str], values: Values) -> list[str]:
+def _other_minima(alike: list[Minimum], keys: Sequence[str], values: NumbersAt) -> list[str]:
     if not alike:
         return []
     numbers = ", ".join(f"{key} = {v:.4g}" for key, v in zip(keys, values(alike[0].u[None])[0], strict=True))

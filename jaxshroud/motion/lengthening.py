@@ -13,11 +13,11 @@ from jaxshroud.motion.misfit import Misfit
 
 PARTS = 8  # of the record, each longer than the one before it by the same factor
 SHORTEST_PART = 1 / 12  # of the record
-FEWEST_SAMPLES = 8  # of a part
+FEWEST_OF_PART = 8  # of a part
 STEPS, LAST_STEPS = 3, 10  # down chi^2, over a part and over the whole record
-LEAST_GAIN = 1e-3  # of chi^2 over that of one residual, below which a point rests
+LEAST_GAIN_OF_PART = 1e-3  # of chi^2 over that of one residual, below which a point rests
 KEPT = 0.25  # share of the points that stay
-SPREAD = 2.0  # standard deviations of what the data leave open within which others are drawn
+SPREAD_OF_DRAWS = 2.0  # standard deviations of what the data leave open within which others are drawn
 PRIOR = 12.0  # inverse square of a standard deviation: that of a number which is anywhere in its range
 
 
@@ -38,14 +38,14 @@ def lengthened(misfit: Misfit, u: np.ndarray, rng: np.random.Generator) -> Point
 def _descended(misfit: Misfit, u: np.ndarray, samples: int, steps: int) -> Points:
     """The points after some steps down chi^2 of a part of the record, the best first."""
     rows, points = samples * misfit.channels, Points.at(misfit, u, samples)
-    least_gain = LEAST_GAIN * float(np.min(points.chi2(rows))) / rows
+    least_gain = LEAST_GAIN_OF_PART * float(np.min(points.chi2(rows))) / rows
     points = descend_together(misfit, points, samples, steps, least_gain)
     return points.take(np.argsort(points.chi2(rows), kind="stable"))
 
 
 def parts_of_record(samples: int) -> list[int]:
     """The samples in each part of a record of so many, the shortest first and the whole record last."""
-    shortest = min(max(FEWEST_SAMPLES, round(SHORTEST_PART * samples)), samples)
+    shortest = min(max(FEWEST_OF_PART, round(SHORTEST_PART * samples)), samples)
     return np.unique(np.round(np.geomspace(shortest, samples, PARTS)).astype(int)).tolist()
 
 
@@ -59,7 +59,7 @@ def _drawn_anew(points: Points, rows: int, rng: np.random.Generator) -> np.ndarr
     spread = np.linalg.cholesky(np.linalg.inv(known))
     parents = np.arange(count - len(best.u)) % len(best.u)
     away = np.einsum("pkl,pl->pk", spread[parents], rng.standard_normal((len(parents), keys)))
-    return np.concatenate([best.u, _reflected(best.u[parents] + SPREAD * away)])
+    return np.concatenate([best.u, _reflected(best.u[parents] + SPREAD_OF_DRAWS * away)])
 
 
 def _reflected(u: np.ndarray) -> np.ndarray:

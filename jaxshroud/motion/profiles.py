@@ -16,7 +16,7 @@ AT_BOUND = 1e-3  # distance from a bound, over the range, at which a number ends
 WIDEST_STEP = 0.25  # from node to node, over the range
 NODES = (0.5, 1.0, 1.5, 2.0, 2.5, 4.0, 8.0, 16.0, 32.0, 64.0)  # over the half width of the linear interval
 NODE_STEPS = 10  # down chi^2 at a node
-REFINEMENTS = 4  # of a profile where it crosses its limit
+MOST_REFINEMENTS = 4  # of a profile where it crosses its limit
 COARSE = 0.1  # distance of that from the next node, in chi^2 and over the half width, from which there is one more
 ENOUGH_OF_CHI2 = 1e-3  # of its rise at the ends of an interval
 DEEPER = 0.01  # the same of a place that is better than the fit
@@ -31,32 +31,23 @@ class NumberInterval(NamedTuple):
     open: tuple[bool, bool] = (False, False)  # whether the data leave an end at the bound
 
 
-class Profile(NamedTuple):
-    """The least chi^2 that the other numbers permit, at values of one number, in the unit cube."""
-
-    at: np.ndarray  # (nodes,), growing
-    chi2: np.ndarray  # (nodes,)
-
-
 class _Side:
     """A profile on one side of the best fit, node by node outwards."""
 
-    def __init__(self, found: Estimate, i: int, sign: int):
-        self.found, self.i, self.sign = found, i, sign
-        self.ridge = found.covariance[:, i] / found.covariance[i, i]
-        self.half = min(float(found.half_widths[i]), WIDEST_STEP)
-        self.nodes = [(found.u, 0.0)]  # places, and how far chi^2 is above that of the fit
+    def __init__(self, i: int, sign: int, u: np.ndarray, limit: float, half: float, ridge: np.ndarray):
+        self.i, self.sign, self.limit, self.half, self.ridge = i, sign, limit, half, ridge
+        self.nodes = [(u, 0.0)]  # places, and how far chi^2 is above that of the fit
 
     @property
     def goes_on(self) -> bool:
         """Whether chi^2 has not risen to its limit yet, nor the number reached its bound."""
         u, excess = self.nodes[-1]
         to_bound = u[self.i] if self.sign < 0 else 1.0 - u[self.i]
-        return excess <= self.found.limit and float(to_bound) > 0.0
+        return excess <= self.limit and float(to_bound) > 0.0
 
     def next_start(self, reach: float) -> np.ndarray:
         """Where the others begin at the next node: along the line through the latest two, or the linear ridge."""
-        value = float(np.clip(self.found.u[self.i] + self.sign * reach * self.half, 0.0, 1.0))
+        value = float(np.clip(self.nodes[0][0][self.i] + self.sign * reach * self.half, 0.0, 1.0))
         latest, along = self.nodes[-1][0], self.ridge
         if len(self.nodes) > 1:
             rise = latest - self.nodes[-2][0]
@@ -68,13 +59,13 @@ class _Side:
     @property
     def crossing(self) -> int | None:
         """The first node at which chi^2 is above its limit; None if there is none."""
-        return next((n for n, (_, excess) in enumerate(self.nodes) if excess > self.found.limit), None)
+        return next((n for n, (_, excess) in enumerate(self.nodes) if excess > self.limit), None)
 
     def between(self, least: float = 0.0) -> np.ndarray:
         """The place before it where chi^2 crosses its limit, its root taken as linear, `least` of the way from both."""
         assert self.crossing is not None
         (before, low), (beyond, high) = self.nodes[self.crossing - 1 : self.crossing + 1]
-        root, first, last = (math.sqrt(max(a, 0.0)) for a in (self.found.limit, low, high))
+        root, first, last = (math.sqrt(max(a, 0.0)) for a in (self.limit, low, high))
         share = (root - first) / (last - first)
         return before + min(max(share, least), 1 - least) * (beyond - before)
 
@@ -85,7 +76,7 @@ class _Side:
             return False
         (before, low), (beyond, high) = self.nodes[self.crossing - 1 : self.crossing + 1]
         is_wide = abs(float(beyond[self.i] - before[self.i])) > COARSE * self.half
-        return is_wide and min(self.found.limit - low, high - self.found.limit) > COARSE * self.found.limit
+        return is_wide and min(self.limit - low, high - self.limit) > COARSE * self.limit
 
     @property
     def end(self) -> tuple[float, bool]:
@@ -97,9 +88,10 @@ class _Side:
 class ProfiledNumber(NamedTuple):
     """The profile of one number."""
 
-    found: Estimate
     low: _Side
     high: _Side
+    half: float  # width of the interval of the fit made linear
+    confounded: bool  # whether it cannot be told from another number
 
     @property
     def nodes(self) -> list[tuple[np.ndarray, float]]:
@@ -107,48 +99,49 @@ class ProfiledNumber(NamedTuple):
         return [*self.low.nodes[:0:-1], *self.high.nodes]
 
     @property
-    def profile(self) -> Profile:
-        """The profile as arrays."""
-        return Profile(
-            np.array([u[self.low.i] for u, _ in self.nodes]),
-            np.array([self.found.chi2 + excess for _, excess in self.nodes]),
-        )
+    def value(self) -> float:
+        """The number at the fit."""
+        return float(self.low.nodes[0][0][self.low.i])
 
     @property
     def linear(self) -> tuple[float, float]:
         """The interval of the fit made linear."""
-        u, half = float(self.found.u[self.low.i]), float(self.found.half_widths[self.low.i])
-        return u - half, u + half
+        return self.value - self.half, self.value + self.half
 
     @property
     def is_bent(self) -> bool:
         """Whether an end of the profile departs from the linear interval, where that is within the bounds."""
-        (low, high), half = self.linear, (self.linear[1] - self.linear[0]) / 2
+        low, high = self.linear
         away = [abs(self.low.end[0] - max(low, 0.0)), abs(self.high.end[0] - min(high, 1.0))]
-        return float(max(away)) > NONLINEAR * half
+        return float(max(away)) > NONLINEAR * self.half
 
     @property
     def interval(self) -> NumberInterval:
         """The 95 % interval: of the linear model, or by profile where that is wide, confounded or not linear."""
-        i, (low, high) = self.low.i, self.linear
         (first, first_open), (last, last_open) = self.low.end, self.high.end
-        confounded = np.max(np.abs(np.delete(self.found.correlation[i], i)), initial=0.0) > CONFOUNDED
-        at_bound = not AT_BOUND < self.found.u[i] < 1 - AT_BOUND
-        wide = (high - low) / 2 > WIDE_INTERVAL
-        if wide or confounded or at_bound or first_open or last_open or self.is_bent:
+        at_bound = not AT_BOUND < self.value < 1 - AT_BOUND
+        is_wide = self.half > WIDE_INTERVAL
+        if is_wide or self.confounded or at_bound or first_open or last_open or self.is_bent:
             return NumberInterval(first, last, "profile", (first_open, last_open))
-        return NumberInterval(low, high, "jacobian")
+        return NumberInterval(*self.linear, "jacobian")
+
+
+def _unprofiled(found: Estimate, i: int) -> ProfiledNumber:
+    """The profile of a number, of which nothing but the fit is known yet."""
+    half, covariance = float(found.half_widths[i]), found.covariance
+    common = found.u, found.limit, min(half, WIDEST_STEP), covariance[:, i] / covariance[i, i]
+    correlation = float(np.max(np.abs(np.delete(found.correlation[i], i)), initial=0.0))
+    return ProfiledNumber(_Side(i, -1, *common), _Side(i, 1, *common), half, correlation > CONFOUNDED)
 
 
 def profiles(found: Estimate) -> list[ProfiledNumber]:
     """The profiles of all numbers, whose nodes are computed together."""
-    keys = len(found.u)
-    numbers = [ProfiledNumber(found, _Side(found, i, -1), _Side(found, i, 1)) for i in range(keys)]
+    numbers = [_unprofiled(found, i) for i in range(len(found.u))]
     every = [side for number in numbers for side in (number.low, number.high)]
     for reach in NODES:
         going = [side for side in every if side.goes_on]
         _add_nodes(found, going, [side.next_start(reach) for side in going], [len(side.nodes) for side in going])
-    for _ in range(REFINEMENTS):
+    for _ in range(MOST_REFINEMENTS):
         coarse = [side for side in every if side.is_coarse]
         _add_nodes(found, coarse, [side.between(0.2) for side in coarse], [side.crossing for side in coarse])
     return numbers

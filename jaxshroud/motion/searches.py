@@ -5,15 +5,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxshroud.motion.descents import Points, descend_together
-from jaxshroud.motion.estimation import Estimate, Minimum, check_known, estimate_at
+from jaxshroud.motion.estimation import Estimate, Minimum, check_says_something, estimate_at
 from jaxshroud.motion.lengthening import lengthened
 from jaxshroud.motion.misfit import FEWEST_NOISE, Misfit, noise_of_neighbours
 
 MOST_SEARCHES = 4
 MOST_STEPS = 30  # down chi^2 from the ends of searches
-LEAST_GAIN = 1e-6  # of chi^2 over that of one degree of freedom, at which these end
+LEAST_GAIN_AT_MINIMA = 1e-6  # of chi^2 over that of one degree of freedom, at which these end
 APART_PLACES = 0.02  # of a number over its range, from which places differ
-ALIKE = 0.1  # square of the distance of two predictions over the noise of one datum, below which they are one
+ALIKE_PREDICTIONS = (
+    0.1  # square of the distance of two predictions over the noise of one datum, below which they are one
+)
 
 
 def estimate_of_history(
@@ -34,7 +36,7 @@ def estimate_of_history(
     ends, best, alike = [], [], 0
     for points in draws:
         found = lengthened(misfit, points, rng)
-        check_known(found)
+        check_says_something(found)
         found = _distinct(found.take(slice(0, candidates)))
         if not misfit.data.sigma_is_known:
             misfit = misfit.with_sigma(_noise_of(misfit, found, at))
@@ -67,7 +69,7 @@ def _noise_of(misfit: Misfit, ends: Points, at: np.ndarray) -> np.ndarray:
 def _at_minima(misfit: Misfit, u: np.ndarray) -> Points:
     """The distinct minima below some places, the least first."""
     points = Points.at(misfit, u)
-    gain = LEAST_GAIN * np.min(points.chi2(misfit.size)) / misfit.size
+    gain = LEAST_GAIN_AT_MINIMA * np.min(points.chi2(misfit.size)) / misfit.size
     points = descend_together(misfit, points, misfit.samples, MOST_STEPS, gain)
     return _distinct(points.take(np.argsort(points.chi2(misfit.size), kind="stable")))
 
@@ -91,4 +93,4 @@ def _count_alike(points: Points) -> int:
 def _are_alike(points: Points, i: int, j: int) -> bool:
     """Whether two points predict the same but for a small part of the noise."""
     one, other = points.residuals.values[i], points.residuals.values[j]
-    return float(np.sum((one - other) ** 2)) <= ALIKE * float(np.mean(one**2))
+    return float(np.sum((one - other) ** 2)) <= ALIKE_PREDICTIONS * float(np.mean(one**2))

@@ -32,7 +32,8 @@ class FittedNumber(NamedTuple):
 class Fit(Result):
     """The best fit of a scene to measurements.
 
-    The panels of its picture are those of the measured quantities, "x", "y" or "theta", and "residuals".
+    The panels of its picture are those of the measured quantities, "x", "y" or "theta", "residuals", and for each
+    number "valleys KEY", the minima that were found, and "profile KEY", how chi^2 rises away from it.
     """
 
     stored_as = "fit"
@@ -95,8 +96,13 @@ class Fit(Result):
 
     @property
     def sigma_is_known(self) -> bool:
-        """Whether the noise was given; else it is estimated from the residuals."""
+        """Whether the noise was given; else it is estimated, see `noise_from`."""
         return bool(self._sigma_is_known)
+
+    @property
+    def noise_from(self) -> str:
+        """What the noise is estimated from, where it is not given."""
+        return "neighbouring residuals" if self.data_kind == "history" else "the residuals"
 
     @property
     def noise(self) -> dict[str, float]:

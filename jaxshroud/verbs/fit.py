@@ -57,23 +57,28 @@ def fit(
     A time history starts from the scene's initial motion at drive phase 0, where `t` is 0; it may be recorded from
     later on. A frequency response is that of the motion on which the scene settles at each frequency.
 
+    Over a whole history with contact chi^2 has many valleys. The numbers are therefore sought along its beginning
+    first, by many points at once, and then along ever longer parts of it, until two independent searches end alike.
+
     Args:
         scene: One scene, or a scene file, whose [run] counts where an argument is not given.
         measurements: A CSV file or a table of columns by headers `name [unit]`: `t [s]` and displacements,
             `x_left [mm]`, `theta_right [deg]`, ...; or `omega [rad/s]`, `f [Hz]`, or `speed [rpm]` with `engine_order`,
             and amplitudes about the mean, `x_rms_left [um]`, `x_peak_right [um]`, ... Columns `x_left_sigma [mm]`, ...
-            give the standard deviation of the noise of each value; without them that of each channel is estimated from
-            what is left over.
+            give the standard deviation of the noise of each value; without them that of each channel is estimated: of a
+            history by how far residuals depart from the line through both neighbours, so that a bad fit has a large
+            chi^2; of a response by the residuals themselves.
         over: Keys as for `vary`, each with its bounds in SI units.
-        scan: Points within the bounds that are tried first, besides the scene itself.
-        starts: The best of them from which least squares begin.
+        scan: Points within the bounds that are tried first, besides the scene itself; half in each search of a history.
+        starts: The best of them from which least squares begin, of a history the ends of a search.
         most_periods: Drive periods after which a motion that has not repeated is treated as aperiodic, in a response.
         seed: Seed of the points.
         method: How to march: a method, or the accuracy that chooses one; see `method_for`.
         progress: Called with (evaluations of the model done, evaluations at most) now and then.
 
     Returns:
-        The best fit, with intervals and `notes` on what the data do not determine.
+        The best fit, with 95 % intervals and `notes`. A number that the data do not determine has none, nor has any
+        number of a history whose residuals are no noise, or that fits as well elsewhere.
 
     Raises:
         KeyNameError: The scene has no such number.
@@ -82,7 +87,8 @@ def fit(
         NumericalError: No start runs to its end, or none finds an orbit.
 
     Source:
-        scipy.optimize.least_squares (trust region reflective) in scaled numbers, with the tangents of the march; on
+        Damped Gauss-Newton steps of a batch of points (`motion/descents.py`), of responses
+        scipy.optimize.least_squares (trust region reflective), in scaled numbers with the tangents of the march; on
         orbits by the implicit function theorem. Intervals are those of the fit made linear (Student's t where the noise
         is estimated), or the profile of chi^2 where they are wide, confounded or not linear.
 
@@ -270,7 +276,7 @@ def _result(
         "minima": [minimum.chi2 for minimum in found.minima],
         "minima_at": problem.values(np.array([minimum.u for minimum in found.minima])),
         "profile_at": [padded([place(i, u[i]) for u, _ in one.nodes]) for i, one in enumerate(profiled)],
-        "profile_chi2": [padded(one.profile.chi2) for one in profiled],
+        "profile_chi2": [padded([found.chi2 + rise for _, rise in one.nodes]) for one in profiled],
         "profile_limit": found.chi2 + found.limit,
         "chi2": found.chi2,
         "freedom": found.freedom,

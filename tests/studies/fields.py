@@ -33,8 +33,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "explore"))
 from browser import Tab, browser, chromium, served
 
 ENTRIES, SEED, CLOSED = 200, 40, 5
-ANSWER = 5000  # within which a field answers that has nothing to change [ms]
-AT_LAST = 60_000  # the same where it has, as other programs may be busy
+ANSWER = 5000  # within which a field answers [ms]
+AT_LAST = 60_000  # the same where it has to say something, or to take it back, as other programs may be busy
 LONGEST_WORK = 5.0  # of a tab that is closed [s]
 TAKEN = "number", "unit", "list"  # kinds whose numbers a scene can have
 RAN = "() => window.ran !== undefined || document.querySelectorAll('img[src=x], svg[onload]').length > 0"
@@ -132,8 +132,7 @@ def shown(tab: Tab) -> dict[str, str]:
 def typed(tab: Tab, key: str, text: str, meant: float | list[float] | None) -> str:
     """Type a text and enter it: what is said beside the field, once the server has answered."""
     before, said = shown(tab)[key], tab.text(f"message {key}")
-    changes = meant is None or not _shows(before, FIELDS[key][0], meant)
-    patience = AT_LAST if changes else ANSWER
+    patience = AT_LAST if meant is None else ANSWER
     field = tab.field(key)
     field.fill(text)
     field.press("Enter")
@@ -142,6 +141,11 @@ def typed(tab: Tab, key: str, text: str, meant: float | list[float] | None) -> s
     code += " return (said.visible && said.text !== old[2]) || !old.slice(0, 2).includes(value); }"
     with contextlib.suppress(PlaywrightTimeout):  # what is shown already is no change
         tab.page.wait_for_function(code, arg=[key, text, before, said], timeout=patience)
+    since = time.monotonic()
+    while meant is not None and tab.text(f"message {key}") and 1e3 * (time.monotonic() - since) < AT_LAST:
+        if tab.text(f"message {key}") != said:  # of this text
+            break
+        time.sleep(0.1)
     return tab.text(f"message {key}")
 
 

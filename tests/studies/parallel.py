@@ -167,11 +167,17 @@ def main() -> None:
     """Write the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--opinions", action="store_true", help="form the third opinions anew")
+    parser.add_argument("--seed", type=int, default=SEED, help="of other pairs, whose figures are printed alone")
+    words = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    scenes = drawn()
-    if parser.parse_args().opinions:
+    scenes = drawn(seed=words.seed)
+    lanes = lanes_of(scenes)
+    if words.seed != SEED:
+        print(json.dumps(figures(asked(lanes), formed(scenes)), indent=1))
+        return
+    if words.opinions:
         np.savez_compressed(FILE, **formed(scenes)._asdict())
-    by, lanes = kept(), lanes_of(scenes)
+    by = kept()
     about = {"command": "python tests/studies/parallel.py", "version": __version__, "scenes": SCENES, "seed": SEED}
     about |= {"not judged": np.flatnonzero(~by.judged).tolist(), "most switches": int(by.switches.max())}
     some = slice(0, None, ALONE)

@@ -1,18 +1,20 @@
-"""A seeded sample of the twin experiment."""
+"""A seeded sample of the twin experiments."""
 
 import numpy as np
 import pytest
 import twin_fit
+from twin_histories import drawn
 
 pytestmark = pytest.mark.studies
 
 
-def test_the_truth_is_within_what_a_fit_says():
-    # Of 3 draws 2 are recovered but in one sample of 140; of 15 intervals of 95 %, 11 or fewer hold in one of 180.
-    found = twin_fit.figures(3, seed=1)
-    assert found["recovered"] >= 2
-    assert sum(found["held"].values()) >= 12
+def test_numbers_of_histories_are_found_and_held():
+    # Of 95 % intervals of some seven numbers two are missed in one sample of twenty, three in one of 250.
+    told = twin_fit.figures(drawn(2, seed=3), seeds=1)
+    assert told["found by all seeds, alike"] == 2
+    assert told["claimed"] >= 2 / 3 * told["numbers"]
+    assert told["claimed"] - told["claimed and held"] <= 2
+    assert told["widest claimed over linear"] <= twin_fit.WIDEST
     # Control: a tenth of the intervals holds few.
-    error, half = (np.array([list(one[name].values()) for one in found["each"]]) for name in ("error", "half width"))
-    assert np.sum(np.abs(error) <= 0.1 * half) <= 6
-    assert all(0.7 < np.mean(one["noise"]) / np.mean(found["each"][0]["noise"]) < 1.4 for one in found["each"])
+    errors = np.concatenate([fit["error over the half width"] for one in told["each"] for fit in one["fits"]])
+    assert np.sum(np.abs(errors) <= 0.1) <= len(errors) // 2

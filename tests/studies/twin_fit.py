@@ -1,8 +1,8 @@
 """Twin experiments of `fit` with time histories: python tests/studies/twin_fit.py [--histories N] [--seeds N]
 
 Two to five numbers are to be found in 20 noisy histories (1 %) of two to four periods with contact, half of them of
-light blocks, made by the plain reference integrator (`twin_histories.py`); half of them do not tell their noise. Each is
-fitted with three seeds of the search. A fit counts as *found* where chi^2, with the true noise, is at most 5 % above
+light blocks, made by the plain reference integrator (`twin_histories.py`); half of them do not tell their noise. Each
+is fitted with three seeds of the search. A fit counts as *found* where chi^2, with the true noise, is at most 5 % above
 that at the truth. A number is *claimed* where it has an interval, and *held* where that holds the truth; its width is
 compared with that of the linear interval at the truth. Seeds are *alike* where all their numbers agree to a tenth of
 these intervals. `twin_fit.json` has every fit.
@@ -66,11 +66,10 @@ def told(history: History, truth: Truth, seed: int) -> dict[str, Any]:
         found = js.fit(history.scene, history.table, history.bounds, seed=seed, method=METHOD)
     numbers, noise = found.numbers, history.sigma
     low, high = (cube(history, [getattr(n, end) for n in numbers.values()]) for end in ("low", "high"))
+    error = cube(history, found.best) - cube(history, [*history.truth.values()])
     return {
         "chi2 over that at the truth": float(np.sum(((found.fitted - found.measured) / noise) ** 2)) / truth.chi2,
-        "error over the half width": (
-            (cube(history, found.best) - cube(history, [*history.truth.values()])) / truth.half
-        ).tolist(),
+        "error over the half width": (error / truth.half).tolist(),
         "claimed": [n.is_determined for n in numbers.values()],
         "held": [n.holds(history.truth[key]) for key, n in numbers.items()],
         "width": ((high - low) / 2 / truth.half).tolist(),
@@ -103,7 +102,7 @@ def counts(histories: list[dict[str, Any]]) -> dict[str, Any]:
     of_all = lambda name: [value for fit in fits for value in fit[name]]
     claimed = of_all("claimed")
     widths = [w for w, claim in zip(of_all("width"), claimed, strict=True) if claim]
-    unlike = [one for one in histories if not one["seeds alike"]]
+    unlike = [fit for one in histories if not one["seeds alike"] for fit in one["fits"]]
     return {
         "histories": len(histories),
         "found by all seeds, alike": sum(
