@@ -13,7 +13,7 @@ from jaxshroud.motion.misfit import Misfit
 
 PARTS = 8  # of the record, each longer than the one before it by the same factor
 SHORTEST_PART = 1 / 12  # of the record
-FEWEST_OF_PART = 8  # of a part
+FEWEST_OF_PART = 8  # samples
 STEPS, LAST_STEPS = 3, 10  # down chi^2, over a part and over the whole record
 LEAST_GAIN_OF_PART = 1e-3  # of chi^2 over that of one residual, below which a point rests
 KEPT = 0.25  # share of the points that stay

@@ -13,9 +13,7 @@ MOST_SEARCHES = 4
 MOST_STEPS = 30  # down chi^2 from the ends of searches
 LEAST_GAIN_AT_MINIMA = 1e-6  # of chi^2 over that of one degree of freedom, at which these end
 APART_PLACES = 0.02  # of a number over its range, from which places differ
-ALIKE_PREDICTIONS = (
-    0.1  # square of the distance of two predictions over the noise of one datum, below which they are one
-)
+ALIKE_PREDICTIONS = 0.1  # square of their distance, over the noise of one datum, below which they are one
 
 
 def estimate_of_history(
@@ -27,7 +25,7 @@ def estimate_of_history(
         misfit: Of the whole record.
         at: The times of its samples.
         draws: The points (points, keys) in which each search begins.
-        candidates: The ends of a search that are followed to their minima.
+        candidates: The distinct ends of a search that are followed to their minima, at most.
         rng: Of the searches.
 
     Raises:
@@ -37,7 +35,7 @@ def estimate_of_history(
     for points in draws:
         found = lengthened(misfit, points, rng)
         check_says_something(found)
-        found = _distinct(found.take(slice(0, candidates)))
+        found = _distinct(found).take(slice(0, candidates))
         if not misfit.data.sigma_is_known:
             misfit = misfit.with_sigma(_noise_of(misfit, found, at))
         found = _at_minima(misfit, found.u)
@@ -46,16 +44,20 @@ def estimate_of_history(
         alike = _count_alike(Points.at(misfit, np.array(best)))
         if alike > 1:
             break
-    minima = _at_minima(misfit, np.concatenate(ends))
-    each = zip(minima.u, minima.chi2(misfit.size), strict=True)
-    return estimate_at(misfit, [Minimum(u, float(chi2)) for u, chi2 in each], alike, len(best))
+    return estimate_at(misfit, _minima(misfit, np.concatenate(ends)), alike, len(best))
 
 
 def descended(misfit: Misfit, found: Estimate, u: np.ndarray) -> Estimate:
     """The estimate from a place with less chi^2 than that of the fit."""
-    minima = _at_minima(misfit, np.array([u, *(minimum.u for minimum in found.minima)]))
-    each = zip(minima.u, minima.chi2(misfit.size), strict=True)
-    return estimate_at(misfit, [Minimum(u, float(chi2)) for u, chi2 in each], 1, found.searches + 1)
+    minima = _minima(misfit, np.array([u, *(minimum.u for minimum in found.minima)]))
+    is_same = _count_alike(Points.at(misfit, np.array([minima[0].u, found.u]))) > 1
+    return estimate_at(misfit, minima, found.alike if is_same else 1, found.searches + (not is_same))
+
+
+def _minima(misfit: Misfit, u: np.ndarray) -> list[Minimum]:
+    """The distinct minima below some places, the least first."""
+    found = _at_minima(misfit, u)
+    return [Minimum(place, float(chi2)) for place, chi2 in zip(found.u, found.chi2(misfit.size), strict=True)]
 
 
 def _noise_of(misfit: Misfit, ends: Points, at: np.ndarray) -> np.ndarray:
@@ -67,7 +69,7 @@ def _noise_of(misfit: Misfit, ends: Points, at: np.ndarray) -> np.ndarray:
 
 
 def _at_minima(misfit: Misfit, u: np.ndarray) -> Points:
-    """The distinct minima below some places, the least first."""
+    """The points at these minima."""
     points = Points.at(misfit, u)
     gain = LEAST_GAIN_AT_MINIMA * np.min(points.chi2(misfit.size)) / misfit.size
     points = descend_together(misfit, points, misfit.samples, MOST_STEPS, gain)
