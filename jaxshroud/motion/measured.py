@@ -1,7 +1,7 @@
 """Measured motions, and the same quantities of the model with their exact derivatives."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -75,7 +75,7 @@ def _predicted(values: np.ndarray, slopes: np.ndarray, data: Measurements, keys:
 
 
 @kept()
-def _at_times(sampled: list[np.ndarray], omega, omega_by, t, per_period):
+def _at_times(sampled: list[Any], omega, omega_by, t, per_period):
     """The displacements of lanes at times (n,), and their derivatives: (lanes, n, 6) each."""
 
     def one_lane(place, rate, omega):
