@@ -8,9 +8,9 @@ import numpy as np
 
 from jaxshroud.motion.estimation import Estimate, Minimum
 from jaxshroud.motion.profiles import AT_BOUND, CONFOUNDED, WIDE_INTERVAL, NumberInterval, ProfiledNumber
+from jaxshroud.motion.searches import APART_PLACES
 
 NO_INFLUENCE = 1.0  # change of all data over their noise that a number makes across its range
-APART_MINIMA = 0.02  # distance of two minima over the range
 SENSITIVITY_GROWTH = (
     1e3  # of derivatives from the first half of a history to the second, from which its end is in doubt
 )
@@ -33,7 +33,6 @@ class Findings(NamedTuple):
 def findings(
     found: Estimate,
     keys: Sequence[str],
-    ends: Sequence[NumberInterval],
     profiled: Sequence[ProfiledNumber],
     values: NumbersAt,
     is_history: bool,
@@ -43,11 +42,11 @@ def findings(
     Args:
         found: The fit.
         keys: Its numbers.
-        ends: Their intervals.
         profiled: Their profiles.
         values: The numbers of a place.
         is_history: Whether the data are a time history.
     """
+    ends = [number.interval for number in profiled]
     doubts = [*_silence(found), *_doubts_of_residuals(found, is_history), *_doubts_of_search(found)]
     reasons = [_undetermined(found, i, keys[i], ends[i], values) for i in range(len(keys))]
     if is_history:
@@ -87,7 +86,7 @@ def _roughness(found: Estimate, i: int, key: str, interval: NumberInterval, valu
 
 
 def _in_si(found: Estimate, i: int, ends: Sequence[float], values: NumbersAt) -> list[float]:
-    """NumbersAt of one number in SI units."""
+    """Values of one number in SI units."""
     return values(np.array([np.where(np.arange(len(found.u)) == i, end, found.u) for end in ends]))[:, i].tolist()
 
 
@@ -106,7 +105,7 @@ def _as_good(found: Estimate, ends: Sequence[NumberInterval]) -> list[Minimum]:
     """The other minima that fit as well, and lie outside of the intervals of numbers on which the data depend."""
     felt = found.influence >= NO_INFLUENCE
     alike = [m for m in found.minima[1:] if m.chi2 < found.chi2 + found.limit]
-    apart = [m for m in alike if np.max(np.abs(m.u - found.u)[felt], initial=0.0) > APART_MINIMA]
+    apart = [m for m in alike if np.max(np.abs(m.u - found.u)[felt], initial=0.0) > APART_PLACES]
     return [m for m in apart if any(_is_outside(ends[i], m.u[i]) for i in np.flatnonzero(felt).tolist())]
 
 

@@ -90,7 +90,7 @@ class ProfiledNumber(NamedTuple):
 
     low: _Side
     high: _Side
-    half: float  # width of the interval of the fit made linear
+    half: float  # width of half the interval of the fit made linear
     confounded: bool  # whether it cannot be told from another number
 
     @property

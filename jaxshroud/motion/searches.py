@@ -55,7 +55,7 @@ def descended(misfit: Misfit, found: Estimate, u: np.ndarray) -> Estimate:
 
 
 def _minima(misfit: Misfit, u: np.ndarray) -> list[Minimum]:
-    """The distinct minima below some places, the least first."""
+    """These minima with their chi^2."""
     found = _at_minima(misfit, u)
     return [Minimum(place, float(chi2)) for place, chi2 in zip(found.u, found.chi2(misfit.size), strict=True)]
 
@@ -69,7 +69,7 @@ def _noise_of(misfit: Misfit, ends: Points, at: np.ndarray) -> np.ndarray:
 
 
 def _at_minima(misfit: Misfit, u: np.ndarray) -> Points:
-    """The points at these minima."""
+    """The distinct points at the minima below some places, the least first."""
     points = Points.at(misfit, u)
     gain = LEAST_GAIN_AT_MINIMA * np.min(points.chi2(misfit.size)) / misfit.size
     points = descend_together(misfit, points, misfit.samples, MOST_STEPS, gain)

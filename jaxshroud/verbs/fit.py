@@ -113,8 +113,7 @@ def fit(
     march = with_tangents(resolved, fit_corners(problem))
     model = model_of(problem, data, march, most_periods)
     found, profiled = _estimated(problem, data, model, (scan, starts, seed), progress)
-    ends = [number.interval for number in profiled]
-    told = findings(found, tuple(over), ends, profiled, problem.values, data.kind == "history")
+    told = findings(found, tuple(over), profiled, problem.values, data.kind == "history")
     attrs, _ = resolved.provenance(resolved.transient, march.steps)
     settings = {"steps_per_period": model.steps, "method": str(march.method), "seed": seed, "data_kind": data.kind}
     return _result(problem, data, model, found, profiled, told, settings, attrs)

@@ -56,9 +56,8 @@ def found_in(predict, data):
 
 def told_of(found, *, is_history):
     numbers = profiles(found)
-    ends = [number.interval for number in numbers]
-    told = findings(found, ("a", "b"), ends, numbers, lambda u: u, is_history)
-    return ends, told
+    told = findings(found, ("a", "b"), numbers, lambda u: u, is_history)
+    return [number.interval for number in numbers], told
 
 
 @pytest.mark.parametrize("known", [True, False])
