@@ -32,6 +32,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from reference_row_runs import row_runs
 from reference_runs import Given, Run, Values, on_attractors, runs
 
 import jaxshroud as js
@@ -51,6 +52,11 @@ RULES = {
     "errors": {"float64": 1e-3},
     "chaotic": {"float64": 0.0, "float32": 0.0},
 }
+
+
+def all_runs() -> list[Run]:
+    """The runs of pairs and of rows, by groups."""
+    return sorted([*runs(), *row_runs()], key=lambda run: run.group)
 
 
 class Compared(NamedTuple):
@@ -169,13 +175,16 @@ def stored() -> Stored:
 
 
 def store(group: str) -> None:
-    """Run the groups whose names begin so, and write the file."""
+    """Run the groups whose names begin so, and write the file; which runs graze is asked anew of those that moved."""
     kept = stored() if FILE.exists() else Stored(on_attractors(), {}, {})
     given = Given(kept.starts)
-    for run in timed(run for run in runs() if run.group.startswith(group)):
-        kept.runs[run.path] = then = run.values(given)
+    for run in timed(run for run in all_runs() if run.group.startswith(group)):
+        then, before = run.values(given), kept.runs.get(run.path, {})
+        kept.runs[run.path] = then
         if "raised" in then:
             print(f"raised: {run.path}: {then['message free'].tobytes().decode()}", flush=True)
+        if before and compared(run, then, before).share <= NEAR:
+            continue
         kept.grazing.pop(run.path, None)
         if (share := by_rounding(run, given, then)) is not None:
             kept.grazing[run.path] = share
@@ -185,7 +194,7 @@ def store(group: str) -> None:
 def write(kept: Stored) -> None:
     """Write the file."""
     arrays = {f"starts/{name}": a for name, a in kept.starts.items()}
-    for run in runs():
+    for run in all_runs():
         arrays |= {f"{run.path}/{name}": np.array(a) for name, a in kept.runs.get(run.path, {}).items()}
     arrays["grazing"] = np.frombuffer(json.dumps(kept.grazing).encode(), np.uint8)
     np.savez_compressed(FILE, **packed(arrays))
@@ -256,7 +265,7 @@ def main() -> int:
     if options.store:
         store(options.only)
         return 0
-    groups = compare([run for run in runs() if run.group.startswith(options.only)], options.moved)
+    groups = compare([run for run in all_runs() if run.group.startswith(options.only)], options.moved)
     print(table(groups))
     for g in groups:
         for path, told in g["failed"].items():
