@@ -8,7 +8,7 @@ import pickle
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import wraps
+from functools import cache, wraps
 from inspect import signature
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -223,6 +223,7 @@ class _Loaded(NamedTuple):
 
     run: Callable[..., Sequence[Any]]
     results: bytes  # their tree
+    uses_lapack: bool
 
 
 def _loaded(name: str) -> _Loaded | None:
@@ -234,7 +235,7 @@ def _loaded(name: str) -> _Loaded | None:
         executable, arguments, leaves, results = pickle.loads(content)
         given, found = jax.tree.structure((tuple(range(arguments)), {})), jax.tree.structure(tuple(range(leaves)))
         run = serialize_executable.deserialize_and_load(executable, given, found, execution_devices=jax.devices()[:1])
-        return _Loaded(run, results)
+        return _Loaded(run, results, b"lapack" in executable)
     except Exception as error:  # of whatever type JAX may raise for a program of another machine
         _warn_unusable(error)
         return None
@@ -245,7 +246,15 @@ def _program_of(loaded: _Loaded | None) -> Program | None:
     if loaded is None:
         return None
     structure = jax.tree.structure(pickle.loads(loaded.results))
+    if loaded.uses_lapack:
+        _find_lapack()
     return lambda leaves: jax.tree.unflatten(structure, loaded.run(*leaves))
+
+
+@cache
+def _find_lapack() -> None:
+    """Let JAX look up the functions of LAPACK, which it does while it traces: a program without them would crash."""
+    jax.jit(jax.lax.linalg.lu).lower(jax.ShapeDtypeStruct((1, 1), np.float32))
 
 
 _ahead = Ahead(_loaded)

@@ -345,6 +345,29 @@ def test_inside_a_transformation_the_function_is_traced(folder):
     assert not entries(folder)
 
 
+LINEAR = """
+import sys
+from pathlib import Path
+import jax.numpy as jnp
+import numpy as np
+from jaxshroud.programs import key as keys
+from jaxshroud.programs.kept import keep_programs, kept
+
+keys.source_hash = lambda: "sources"
+keep_programs(Path(sys.argv[1]))
+f = lambda a: jnp.linalg.solve(a, jnp.ones(3))
+f.__module__, f.__qualname__ = "jaxshroud.programs.example", "f"
+print(kept()(f)(2 * np.eye(3)))
+"""
+
+
+def test_a_loaded_program_finds_the_functions_of_lapack(tmp_path):
+    for _ in range(2):  # without them the second process, which traces nothing, crashes
+        told = subprocess.run([sys.executable, "-c", LINEAR, str(tmp_path)], capture_output=True, text=True)
+        assert (told.returncode, told.stdout) == (0, "[0.5 0.5 0.5]\n"), told.stderr
+    assert len(entries(tmp_path / "programs")) == 1
+
+
 RACE = """
 import sys, time
 import jax, numpy as np
