@@ -44,10 +44,8 @@ from .results.fit import FittedNumber as FittedNumber
 from .results.gradient import Gradient as Gradient
 from .results.mistuned import Mistuned as Mistuned
 from .results.orbit import Orbit as Orbit
-from .results.orbit import RowOrbit as RowOrbit
 from .results.power import PowerResult as PowerResult
 from .results.response import Response as Response
-from .results.row import RowTrajectory as RowTrajectory
 from .results.row_diagnosis import RowDiagnosis as RowDiagnosis
 from .results.row_motions import RowMotions as RowMotions
 from .results.scatter import Report as Report

@@ -133,7 +133,7 @@ def automatic_steps(scene: Scene) -> int | None:
 
 def _result(case: Case, scene: Scene, steps: int, runs) -> Result:
     status = Status(int(runs.last.status)).name
-    end = np.concatenate([np.stack(pair)[:, -1] for pair in runs.samples.motion])
+    end = np.concatenate([a[-1] for a in runs.samples.motion])
     if status != "OK":
         return Result(case, steps, status, "the cause", 0.0 if np.all(np.isnan(end)) else 1.0)
     if not int(runs.last.tally.log.counters.onset_slip) + int(runs.last.tally.log.counters.onset_stick):

@@ -28,12 +28,12 @@ def run(scenes: list[Scene], periods: int, steps: int, method: Choices = REFEREN
 
 def ends(runs: Runs) -> np.ndarray:
     """Final motions (lanes, 12): x, y, theta and their rates, left blade before right."""
-    return np.concatenate([np.stack(pair, axis=-1)[:, -1] for pair in runs.samples.motion], axis=-1)
+    return np.concatenate([a[:, -1] for a in runs.samples.motion], axis=-1)
 
 
 def sizes(runs: Runs) -> np.ndarray:
     """Largest value of each quantity over both blades and all period ends, (lanes, 12)."""
-    largest = [np.abs(np.stack(pair)).max(axis=(0, 2)) for pair in runs.samples.motion]
+    largest = [np.abs(a).max(axis=(1, 2)) for a in runs.samples.motion]
     return np.repeat(np.stack(largest, axis=-1), 2, axis=-1)
 
 

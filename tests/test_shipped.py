@@ -5,12 +5,13 @@ import pytest
 from jaxshroud import Status, load, method_for, scenes_from, shipped, simulate
 from jaxshroud.march.method import RungeKutta
 from jaxshroud.march.stability import ACCURACY_LIMIT, largest_frequency
+from jaxshroud.scene.layout import PAIR
 
 OTHERS = [
     *(name for name in shipped() if name.endswith("_best")),
     *("table1_light", "griffin", "dry_friction_2dof", "engine_order", "row_ring12", "row_chain5"),
 ]
-ROWS = [name for name in shipped() if load(name).row_size is not None]  # run in verbs/test_row_verbs.py
+ROWS = [name for name in shipped() if load(name).layout != PAIR]  # run in verbs/test_row_verbs.py
 PRINTED = [name for name in shipped() if name not in OTHERS]
 
 

@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.states import by_blade
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.quantities import DISPLACEMENTS
 
@@ -53,7 +52,7 @@ class RunningAmplitudes:
     def __init__(self, first: Motion, interval: np.ndarray):
         """`first` is the sample that the next ones follow at `interval` [s], (lanes,); fields (lanes, blades)."""
         self._h = interval[:, None, None, None]
-        q, rate = _displacements(Motion(*(a[:, None] for a in by_blade(first))))
+        q, rate = _displacements(Motion(*(a[:, None] for a in first)))
         self._origin, self._last = q[:, 0], (q, rate)
         self._count, self._sum, self._squares = 0, np.zeros_like(q[:, 0]), np.zeros_like(q[:, 0])
         self._highest, self._lowest = np.full_like(q[:, 0], -np.inf), np.full_like(q[:, 0], np.inf)

@@ -56,7 +56,7 @@ def admit(scene: Scene, state: State, steps: int, method: Choices) -> Admitted:
 @kept("tableau")
 def _admitted(scene: Scene, state: State, steps: Int[Array, ""], tableau: Tableau | TaylorOptions) -> Admitted:
     numbers = {**fields_of(scene), **inputs_of(scene)}
-    ranges = [jnp.all(key_in(ALL_KEYS[key], scene.row_size).range.holds(value)) for key, value in numbers.items()]
+    ranges = [jnp.all(key_in(ALL_KEYS[key], scene.layout).range.holds(value)) for key, value in numbers.items()]
     starts = [jnp.all(jnp.isfinite(a)) for a in jax.tree.leaves((state.motion, state.u_s))]
     step = judge_step(scene, steps, tableau)
     good = reduce(jnp.logical_and, [*ranges, *starts, step.stable])

@@ -17,10 +17,11 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import energy_residual, is_unbalanced, total_energy
 from jaxshroud.march.stepper import StageGroups, alone, begin_lane, stepper_for
 from jaxshroud.march.tally import Tally, left_position_at, log_of_new_period, mean_position, times_of
-from jaxshroud.model.arithmetic import Pair, filled, is_absent, traced_once
+from jaxshroud.model.arithmetic import filled, is_absent, traced_once
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
-from jaxshroud.scene.keys import Motion, RowSize, blade_count
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
@@ -89,29 +90,30 @@ def with_clock_reset(lanes: Tree, where: Bool[Array, "..."], lane_of: LaneSelect
 
 
 LANES_PER_CALL = 64  # long enough to amortise the dispatch of the loop; lanes rarely wait for each other
-ROW_BLADES_PER_CALL = 192  # of all lanes of a chunk of rows: the numbers of more do not stay in the cache
+BLADES_PER_CALL = 192  # of all lanes of a chunk: the numbers of more do not stay in the cache
 ANY_PASSES = np.iinfo(np.int32).max  # without a bound
 BLADE_TRIALS_OF_FIRST_CALL = 1 << 16  # some 0.1 s, see `CallPace`
 PERIODS_PER_CALL = 32  # the grain of progress reports and of memory, see also `CallPace`
 
 
-def lanes_per_call(row: RowSize | None) -> int:
-    """The lanes of a chunk, which share a compiled program: of pairs, or of rows of so many blades; a power of two."""
-    if row is None:
-        return LANES_PER_CALL
-    return 2 ** min(max(ROW_BLADES_PER_CALL // row.blades, 4).bit_length() - 1, LANES_PER_CALL.bit_length() - 1)
+def lanes_per_call(layout: Layout) -> int:
+    """The lanes of a chunk, which share a compiled program; a power of two."""
+    return 2 ** min(max(BLADES_PER_CALL // layout.blades, 4).bit_length() - 1, LANES_PER_CALL.bit_length() - 1)
 
 
 class Sample(NamedTuple):
-    """One period of one lane: the motion at its end and its integrals; NaN once the lane has stopped."""
+    """One period of one lane: the motion at its end and its integrals; NaN once the lane has stopped.
+
+    In compiled functions numbers of blades are pairs, and those of contact have no axis; see `batch.march_programs`.
+    """
 
     motion: Motion
-    power: Pair  # mean square displacement over block and period [m^2]
+    power: Any  # mean square displacement over block and period [m^2]
     work: Any = None  # of the drive [J]; None without a ledger, as are the next three
     gross: Any = None  # integral of the magnitude of the drive's power [J]
     dropped: Any = None  # energy of the rocking motion that flat contact ended [J]
     residual: Any = None  # of the energy balance [J]
-    largest: Any = None  # magnitudes of x, y [m] and theta [rad], three pairs; None if not logged
+    largest: Any = None  # magnitudes of x, y [m] and theta [rad] of each blade; None if not logged
     friction: Any = None  # lost in the sliding contact [J]; None without a ledger, as is the next
     viscous: Any = None  # lost in the dampers [J]
     switched: Any = None  # gained by the contact springs at events: at loaded case switches [J]
@@ -121,7 +123,7 @@ class Sample(NamedTuple):
     moments: Any = None  # `Moments` over the period
     extent: Any = None  # `DisplacementRange` of the period
     means: Any = None  # `Means` over the period, each number for the left block or for every block of a row
-    times: Any = None  # `ContactTimes` of the period, of a row those of all interfaces together
+    times: Any = None  # `ContactTimes` of the period
 
 
 class Clock(NamedTuple):
@@ -168,9 +170,9 @@ def one_call(most: int) -> CallLimits:
     return CallLimits(jnp.int32(most), jnp.int32(ANY_PASSES))
 
 
-def first_passes(lanes: int, row: RowSize | None) -> int:
+def first_passes(lanes: int, layout: Layout) -> int:
     """The passes of the first call to the device, whose time is not known: some milliseconds for so many lanes."""
-    return max(BLADE_TRIALS_OF_FIRST_CALL // (lanes * blade_count(row)), 1)
+    return max(BLADE_TRIALS_OF_FIRST_CALL // (lanes * layout.blades), 1)
 
 
 def periods_within(

@@ -25,10 +25,12 @@ from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
 from jaxshroud.march.observables import contact_forces
 from jaxshroud.model.arithmetic import Scalar, filled, sincos_turns
 from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import Model, State, initial_state, prepared_model
+from jaxshroud.model.prepared import Model, State, prepared_model
 from jaxshroud.model.rhs import drive_wave
 from jaxshroud.programs.kept import is_traced
-from jaxshroud.scene.checks import MAX_COUNT, InputError, count_argument, require_pair
+from jaxshroud.scene.capabilities import require_capability
+from jaxshroud.scene.checks import MAX_COUNT, InputError, count_argument
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
@@ -125,7 +127,7 @@ def rollout(
     schedule = _schedule(n_periods, every, method, most_trials)
     require_single_scene("rollout", scene)
     scene, state = _in_method_precision(scene, state, schedule.method)
-    if scene.row is not None:
+    if scene.layout != PAIR:
         return _row_rollout(scene, state, schedule._replace(method=explicit(method)[1]._replace(margins=True)), save)
     schedule = schedule._replace(method=schedule.method._replace(margins=True))
     begin = admit(scene, state, schedule.steps, schedule.method)
@@ -172,7 +174,8 @@ def _sample_times(begin: Admitted, schedule: Schedule) -> tuple[Float[Array, " s
 
 
 def _row_rollout(scene: Scene, state: State, schedule: Schedule, save: Callable[[Moment], PyTree]) -> Rollout:
-    require_pair("Argument `most_trials`", None if schedule.most_trials is None else scene.row)
+    if schedule.most_trials is not None:
+        require_capability("Argument `most_trials`", scene.layout)
     check_row_start(scene, state, schedule.method)
     begin = admit(scene, state, schedule.steps, schedule.method)
     flow = row_flow(begin.scene, begin.start, schedule)
@@ -208,7 +211,7 @@ def most_trials(
         >>> 200 < js.most_trials(scene, 1, method=js.RungeKutta(steps=200)) < 600
         True
     """
-    require_pair("`most_trials`", scene.row)
+    require_capability("`most_trials`", scene.layout)
     require_single_scene("most_trials", scene)
     schedule = _schedule(n_periods, None, method, MAX_COUNT)
     counts = trial_counts(*one_lane(_in_method_precision(scene, state, schedule.method)), schedule)
@@ -231,8 +234,7 @@ def _schedule(n_periods: int, every: int | None, method: Method, most_trials: in
 def _in_method_precision(scene: Scene, state: State | None, method: Choices) -> tuple[Scene, State]:
     """The scene and the initial state in the precision of the method."""
     scene = in_precision(scene, method.precision)
-    own = initial_state(scene.initial) if scene.row is None else initial_states(scene)
-    return scene, own if state is None else in_precision(state, method.precision)
+    return scene, initial_states(scene) if state is None else in_precision(state, method.precision)
 
 
 def _moment_at(t: Scalar, turns: Scalar, state: State, stopped: Bool[Array, ""], model: Model) -> Moment:
@@ -276,7 +278,7 @@ def period_map(
         ValueError: A count is too small, the scene has leading axes or a row of blades, or float64 is not enabled.
         TypeError: It is differentiated twice, but contact has events, whose derivatives are of first order only.
     """
-    require_pair("`period_map`", scene.row)
+    require_capability("`period_map`", scene.layout)
     require_single_scene("period_map", scene)
     count_argument("n_periods", n_periods, 1)
     if most_trials is not None:

@@ -175,7 +175,7 @@ def march_row_samples(scenes: Scene, states: State, grid: SampleGrid, method: Ch
         first = host(_first_sample(scenes, begun, clock.start, each))
 
     def march(lanes: RowLane, stretch: Stretch) -> tuple[RowLane, RowSamples, None]:
-        pace, done, blocks = CallPace(first_passes(len(lanes.status), scenes.row_size)), 0, []
+        pace, done, blocks = CallPace(first_passes(len(lanes.status), scenes.layout)), 0, []
         interim = Interim(lanes, np.zeros(lanes.status.shape, np.int32), np.bool_(False))
         while done < stretch.samples:
 

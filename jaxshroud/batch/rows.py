@@ -205,23 +205,23 @@ def row_period_function(
     return run
 
 
-def as_samples(row: RowSample) -> Sample:
-    """The samples of rows, (periods, lanes, blades), in the form of those of pairs: a number for each blade."""
-    each_blade = lambda tree: jax.tree.map(lambda a: tuple(np.moveaxis(a, -1, 0)), tree)
+def row_sample(row: RowSample) -> Sample:
+    """Samples of rows in the form of those of pairs, with axes of blades and interfaces."""
+    row = jax.tree.map(np.asarray, row)
     total = lambda a: None if a is None else a.sum(axis=-1)
     return Sample(
-        motion=each_blade(row.motion),
-        power=each_blade(row.power),
+        motion=row.motion,
+        power=row.power,
         work=total(row.drive),
         gross=total(row.gross),
         dropped=row.dropped,
         residual=row.residual,
-        largest=each_blade(row.largest),
-        friction=total(row.friction),
+        largest=row.largest,
+        friction=row.friction,
         viscous=total(row.viscous),
-        switched=total(row.switched),
-        moments=each_blade(row.moments),
-        extent=each_blade(row.extent),
-        means=each_blade(row.means),
-        times=jax.tree.map(total, row.times),
+        switched=row.switched,
+        moments=row.moments,
+        extent=row.extent,
+        means=row.means,
+        times=row.times,
     )

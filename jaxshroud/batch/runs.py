@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.closed_form import free_runs
+from jaxshroud.batch.march_programs import PAIR_MARCHES, RunLog, march_programs, run_log
 from jaxshroud.batch.pace import CallPace
 from jaxshroud.batch.periods import (
     LANES_PER_CALL,
@@ -22,19 +23,14 @@ from jaxshroud.batch.periods import (
     Interim,
     Sample,
     at_start_of_period,
-    begin_lanes,
     first_passes,
     lanes_per_call,
-    run_block,
 )
-from jaxshroud.batch.rows import as_samples, begin_rows, run_row_block
 from jaxshroud.batch.threads import Check, Interrupted, concatenated_lanes, in_chunks
 from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stepper import require_contact
 from jaxshroud.march.tableau import Tableau, TaylorOptions
-from jaxshroud.march.tally import Counters
-from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.programs.kept import is_traced
@@ -48,7 +44,7 @@ Progress = Callable[[float, int], None]  # called with the lane-periods done, to
 def initial_states(scenes: Scene) -> State:
     """The initial state of each scene (leading axis), which lets nothing be compiled."""
     like = jnp if is_traced(scenes) else np
-    motion, one = scenes.initial, scenes.drive.omega if scenes.row is None else scenes.friction.mu  # at each interface
+    motion, one = scenes.initial, scenes.friction.mu  # at each interface
     nothing = like.zeros_like(one, np.int32)
     return State(motion, like.zeros_like(one, motion.x.dtype), nothing, nothing)
 
@@ -106,9 +102,10 @@ class Ticker:
 class Runs:
     """The results of a batch of lanes."""
 
-    samples: Any  # Sample of arrays (lanes, kept, ...)
-    before: Any  # Tally at the start of the kept periods
-    last: Any  # Lane at the end
+    samples: Any  # Sample of arrays (lanes, kept), with a last axis of blades or of interfaces
+    before: RunLog  # at the start of the kept periods
+    log: RunLog  # at the end
+    last: Any  # the lanes at the end, as compiled loops carry them
 
 
 def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray | None = None) -> Runs:
@@ -130,10 +127,11 @@ def run_lanes(scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: n
         begin = np.where(arrived, plan.phase, 0.0)
         samples, last = free_runs(scenes, states, plan.transient, plan.kept, plan.phase, plan.method, begin)
         ticker(lanes * (plan.transient + plan.kept))
-        return Runs(samples, jax.tree.map(np.zeros_like, last.tally), last)
+        log = run_log(last)
+        return Runs(PAIR_MARCHES.sample(samples), jax.tree.map(np.zeros_like, log), log, last)
     try:
-        width = lanes_per_call(scenes.row_size)
-        pace = CallPace(first_passes(width, scenes.row_size))
+        width = lanes_per_call(scenes.layout)
+        pace = CallPace(first_passes(width, scenes.layout))
         run = lambda chunk, tick: _run_chunk(chunk, plan, pace, tick)
         return chunk_by_chunk(run, (scenes, states, arrived), ticker, width)
     except Interrupted as stopped:
@@ -186,15 +184,15 @@ def _unfinished_like(like: Runs) -> Runs:
 
 def _run_chunk(chunk: tuple[Scene, State, np.ndarray], plan: Plan, pace: CallPace, tick: Tick) -> Runs:
     scenes, states, arrived = chunk
-    lanes: Any = (begin_lanes if scenes.row is None else begin_rows)(scenes, states, plan.method)
+    lanes = march_programs(scenes.layout).begin(scenes, states, plan.method)
     if plan.lead_in is not None and not arrived.all():
         led_in, _ = run_periods(scenes, lanes, plan.lead_in, 1, plan.method, pace, lambda _: tick(0), keep=False)
         lanes = select_lanes(arrived, lanes, led_in)
     run = partial(run_periods, clock=plan.clock, method=plan.method, pace=pace, tick=tick)
     lanes, _ = run(scenes, lanes, n=plan.transient, keep=False)
-    before = lanes.tally
+    before = run_log(lanes)
     lanes, samples = run(scenes, lanes, n=plan.kept)
-    return jax.tree.map(np.asarray, Runs(samples, before, lanes))
+    return jax.tree.map(np.asarray, Runs(samples, before, run_log(lanes), lanes))
 
 
 def select_lanes(which: np.ndarray, a: Tree, b: Tree) -> Tree:
@@ -218,22 +216,22 @@ def run_periods(
         keep: Whether samples are returned.
 
     Returns:
-        The lanes at the end, and samples (lanes, periods) with more rows.
+        The lanes at the end, and their samples, see `Runs`.
     """
-    block = run_block if scenes.row is None else run_row_block
+    programs = march_programs(scenes.layout)
     blocks: list[Sample] = []
     interim, done, told = at_start_of_period(lanes), 0, 0.0
     while done < n:
 
         def call(passes: np.int32, left: int = n - done, interim: Interim = interim) -> tuple[Interim, int, Any]:
             limits = CallLimits(jnp.int32(min(left, PERIODS_PER_CALL)), jnp.asarray(passes))
-            end, ended, samples = block(scenes, interim, clock, limits, method, PERIODS_PER_CALL, best_mapping())
+            options = method, PERIODS_PER_CALL, best_mapping()
+            end, ended, samples = programs.block(scenes, interim, clock, limits, *options)
             return end, int(ended), samples
 
         interim, ended, samples = pace.timed(call, lambda result: result[0].inside)
         if keep and ended:
-            ours = samples if scenes.row is None else as_samples(jax.tree.map(np.asarray, samples))
-            blocks.append(jax.tree.map(lambda a, n=ended: in_float64(a)[:n].T, ours))
+            blocks.append(jax.tree.map(lambda a, n=ended: in_float64(a)[:n].swapaxes(0, 1), programs.sample(samples)))
         done += ended
         now = done + (_part_of_period(interim.lanes, clock) if interim.inside else 0.0)
         tick(now - told)
@@ -251,7 +249,7 @@ def zeno_warning(scenes: Scene, runs: Runs, plan: Plan) -> str | None:
     """The report on the first lane (leading axis) that stopped with TOO_MANY_EVENTS."""
     if scenes.parts.contact == "none":
         return None
-    whole = np.isfinite(runs.samples.power[0]).sum(axis=-1)
+    whole = np.isfinite(runs.samples.power[..., 0]).sum(axis=-1)
     period = np.where((whole > 0) | (plan.transient == 0), plan.transient + whole + 1, 0)
     return zeno_report(scenes, runs.last, period, plan.clock, plan.method)
 
@@ -276,17 +274,14 @@ def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, meth
     stopped = np.flatnonzero(np.asarray(last.status) == Status.TOO_MANY_EVENTS)
     if not len(stopped):
         return None
-    if scenes.row is not None:
-        return (
-            f"in period {period[stopped[0]]} events of a row follow each other without an end; try more steps a period"
-        )
-    copies = np.full(1 if len(period) == 1 else LANES_PER_CALL, stopped[0])  # as many as the compiled program has
+    # as many as the compiled program has
+    copies = np.full(1 if len(period) == 1 else lanes_per_call(scenes.layout), stopped[0])
     scene, lane = jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[copies]), (scenes, last))
     places = lambda lane: (lane.status, lane.search.events)
     again = eqx.tree_at(places, lane, (jnp.zeros_like(lane.status), jnp.zeros_like(lane.search.events)))
     after: Any = run_periods(scene, again, clock, 1, method, CallPace(1024), lambda _: None, keep=False)[0]
-    counts = [filled(of.tally.log.counters, of.status) for of in (lane, after)]
-    more = {n: int(getattr(counts[1], n)[0] - getattr(counts[0], n)[0]) for n in Counters.__annotations__}
+    counts = [vars(run_log(of).counters) for of in (lane, after)]
+    more = {n: int(np.sum(counts[1][n][0] - a[0])) for n, a in counts[0].items()}
     events = ", ".join(f"{n} {name}" for name, n in sorted(more.items(), key=lambda item: -item[1]) if n)
     done = (float(lane.step[0]) + float(lane.search.done[0])) / float(clock.per_period)
     when = f"period {period[stopped[0]]}" if period[stopped[0]] else "a period of the transient"
@@ -321,7 +316,7 @@ def projected_seconds(
         beside: How many lanes are run at once where values are continued one by one; None: all.
         progress: Called with (lane-periods done, lane-periods in all) of this measurement.
     """
-    count, chunk = len(scenes.drive.omega), lanes_per_call(scenes.row_size)
+    count, chunk = len(scenes.drive.omega), lanes_per_call(scenes.layout)
     width = beside or chunk
     starting = np.arange(0, count, width)
     brief = replace(plan, transient=PROJECTED_PERIODS, kept=PROJECTED_PERIODS)

@@ -9,7 +9,7 @@ from jaxshroud.batch.differentiable_samples import Schedule, samples_with_tangen
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.size_limits import check_memory
-from jaxshroud.batch.states import by_blade, to_vector
+from jaxshroud.batch.states import by_blade, motion_rows, to_vector
 from jaxshroud.batch.threads import Check, in_chunks
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -53,16 +53,16 @@ def motions_with_tangents(scenes: Dual, states: Dual, schedule: Schedule, wanted
 
 def _sampled_chunk(scenes: Dual, states: Dual, schedule: Schedule, wanted: int) -> SampledMotions:
     flow = samples_with_tangents(scenes, states, schedule, wanted)
-    value, slope = jax.tree.map(lambda a: a[:, :wanted], flow)
-    stopped = (np.asarray(value.status) != Status.OK)[..., None]
+    value, slope = by_blade(jax.tree.map(lambda a: a[:, :wanted], flow))
+    stopped = (value.status != Status.OK)[..., None]
     first = np.concatenate([*states.value.motion], axis=-1), np.concatenate([*states.tangent.motion], axis=-1)
-    rows = [np.concatenate([*by_blade(flow.state.motion)], axis=-1) for flow in (value, slope)]
+    rows = [motion_rows(flow.state.motion) for flow in (value, slope)]
     rows = [np.where(stopped, np.nan, row) for row in rows]
     (place, rate), (place_by, rate_by) = (
         np.split(np.concatenate([start[:, None], row], axis=1), 2, axis=-1)
         for start, row in zip(first, rows, strict=True)
     )
-    last = jax.tree.map(lambda a: np.asarray(a)[:, -1], slope.state)
+    last = jax.tree.map(lambda a: a[:, -1], slope.state)
     return SampledMotions(place, rate, place_by, rate_by, to_vector(last))
 
 

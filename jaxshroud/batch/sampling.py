@@ -23,6 +23,7 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
 from jaxshroud.programs.kept import kept
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import Scene
 
 SAMPLES_PER_BLOCK = 1024  # samples per call
@@ -119,7 +120,7 @@ def march_by_steps(
 ) -> SampledMarch:
     """March lanes (leading axis) with samples at the ends of steps; `tick` gets the number of further steps."""
     clock, blocks, done = grid.clock(scenes), [], 0
-    pace, begun = CallPace(first_passes(len(lanes.status), None)), np.int32(0)
+    pace, begun = CallPace(first_passes(len(lanes.status), PAIR)), np.int32(0)
     while done < stretch.samples:
 
         def call(passes: np.int32, left: int = stretch.samples - done, lanes: Lane = lanes, begun: Any = begun) -> Any:

@@ -13,15 +13,10 @@ from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
 from jaxshroud.model.rhs import drive_wave
 from jaxshroud.programs.kept import kept
-from jaxshroud.scene.keys import Motion, RowSize, blade_count
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.scene import Scene
-
-STATE_SIZE = 13  # numbers in a state of the pair
-
-
-def state_size(row: RowSize | None) -> int:
-    """How many numbers a state has: six of each blade, and a slider at each interface."""
-    return STATE_SIZE if row is None else 6 * row.blades + row.interfaces
+from jaxshroud.scene.typed import Tree
 
 
 def carried_state(state: State, model: Model) -> State:
@@ -55,23 +50,27 @@ def as_arrays(motion: Motion) -> Motion:
     return Motion(*map(jnp.stack, motion))
 
 
-def by_blade(motion: Motion) -> Motion:
-    """Motions of pairs (each (...,)), or of rows, as NumPy arrays (..., blades)."""
-    return Motion(*(np.stack(a, axis=-1) if isinstance(a, tuple) else np.asarray(a) for a in motion))
+def by_blade(tree: Tree) -> Tree:
+    """The tree as NumPy arrays: those of each blade (...,), which are a tuple, as one (..., blades)."""
+    of_blades = lambda a: type(a) is tuple and not isinstance(a[0], tuple)
+    return jax.tree.map(lambda a: np.stack(a, axis=-1) if of_blades(a) else np.asarray(a), tree, is_leaf=of_blades)
+
+
+def by_interface(tree: Tree) -> Tree:
+    """The tree of numbers of one interface (...,) as NumPy arrays (..., 1)."""
+    return jax.tree.map(lambda a: np.asarray(a)[..., None], tree)
 
 
 def motion_rows(motion: Motion) -> np.ndarray:
-    """Motions of pairs (each (...,)), or of rows, as vectors (..., 6 blades)."""
-    return np.concatenate(by_blade(motion), axis=-1)
+    """Motions, fields (..., blades), as vectors (..., 6 blades)."""
+    return np.concatenate(motion, axis=-1)
 
 
 def final_states(state: State) -> State:
     """The final state of a compiled loop as an initial state for users."""
-    if not isinstance(state.motion.x, tuple):  # of a row
-        x = np.asarray(state.motion.x)
-        return State(filled(state.motion, x), filled(state.u_s, state.mode.astype(x.dtype)), state.mode, state.case)
-    state = with_zeros(state)
-    return State(by_blade(state.motion), state.u_s, state.mode, state.case)
+    like = np.asarray(jax.tree.leaves(state.motion.x)[0])
+    motion, u_s = filled(state.motion, like), filled(state.u_s, np.asarray(state.mode, like.dtype))
+    return State(by_blade(motion), u_s, state.mode, state.case)
 
 
 def in_scene_precision(state: State, scene: Scene) -> State:
@@ -81,17 +80,16 @@ def in_scene_precision(state: State, scene: Scene) -> State:
 
 
 def to_vector(state: State) -> np.ndarray:
-    """States (motions as arrays (..., blades) or as pairs) as vectors (..., `state_size`)."""
-    motion, u_s = by_blade(state.motion), np.asarray(state.u_s)
-    sliders = u_s if u_s.ndim == motion.x.ndim else u_s[..., None]
-    return np.concatenate([*motion, sliders], axis=-1)
+    """States, the motion with fields (..., blades), as vectors (..., `Layout.state_size`)."""
+    sliders = np.reshape(state.u_s, (*np.shape(state.motion.x)[:-1], -1))
+    return np.concatenate([*state.motion, sliders], axis=-1)
 
 
-def from_vector(vector: np.ndarray, mode: Any, case: Any, row: RowSize | None = None) -> State:
+def from_vector(vector: np.ndarray, mode: Any, case: Any, layout: Layout = PAIR) -> State:
     """The inverse of `to_vector`."""
-    blades = blade_count(row)
+    blades = layout.blades
     motion = Motion(*(vector[..., i : i + blades] for i in range(0, 6 * blades, blades)))
-    return State(motion, vector[..., 12] if row is None else vector[..., 6 * blades :], mode, case)
+    return State(motion, layout.at_interfaces(vector[..., 6 * blades :]), mode, case)
 
 
 SAMPLES_PER_CALL = 1024  # one program for runs of any length

@@ -34,6 +34,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Means
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import Tree, typed
 from jaxshroud.scene.valid import in_precision
@@ -75,7 +76,7 @@ class _LaneOutcomes(NamedTuple):
 
     motion: Motion  # of each blade, (lanes, periods)
     power: tuple[Any, ...]  # mean square displacement over block and periods, (lanes,) [m^2]
-    means: Any  # `Means` over the periods, of the left block or of each block of a row, (lanes,)
+    means: Any  # `Means` over the periods, of each block that counts, (lanes,)
     status: Any  # (lanes,); None of tangents
 
 
@@ -130,8 +131,6 @@ def sweep_function(
             )
         scenes = in_precision(scenes, plan.method.precision)
         begin = initial_states(scenes) if states is None else in_precision(states, plan.method.precision)
-        if scenes.row is not None:
-            require_row_contact(scenes.parts.contact, plan.method)
         lanes = jax.vmap(lambda scene, state: admit(scene, state, plan.steps, plan.method))(scenes, begin)
         strobe = _run_sweep(lanes.scene, lanes.start, plan, plan.method)
         told = status_if_admitted(strobe.status, lanes.good), lanes.coarseness, nan_where(~lanes.good, strobe.P_0)
@@ -139,33 +138,6 @@ def sweep_function(
         return eqx.tree_at(places, strobe, told, is_leaf=lambda a: a is None)
 
     return function
-
-
-@compiled("plan", "method")
-def _run_sweep(scenes: Scene, states: State, plan: _SweepPlan, method: Choices) -> Strobe:
-    """Run all lanes, chunk by chunk; `method` is that of the plan, passed for the decorator."""
-    del method
-    run = _differentiable_chunk if scenes.row is None else _chunk_of_rows
-    outcomes = _by_chunks(lambda chunk: run(chunk[0], chunk[1], plan), (scenes, states), len(scenes.drive.omega))
-    stopped = outcomes.status != Status.OK
-    told = scenes if scenes.row is not None else replaced_where(stopped, scenes, 1.0)  # of numbers out of all bounds
-    A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(told)
-    motion = Motion(*(jnp.stack(blades, axis=-1) for blades in outcomes.motion))
-    left_or_all = lambda a: a[:, 0] if scenes.row is None else a.sum(axis=-1)
-    square, means = replaced_where(stopped, (jnp.stack(outcomes.power, axis=-1), _blades_last(outcomes.means)), 0.0)
-    about_mean = jax.vmap(vibration_square)(square[:, : means.shape[-1]], means, jax.vmap(gyration)(told.shroud))
-    P, P_vibration = A[:, None] * square, A[:, None] * about_mean
-    P_d, P_d_vibration = (power_reduction(left_or_all(a), left_or_all(P_0)) for a in (P, P_vibration))
-    motion = jax.tree.map(lambda a: nan_where(jnp.isnan(a), a), motion)
-    P, P_d, P_d_vibration = nan_where(stopped, (P, P_d, P_d_vibration))
-    own = None if scenes.row is None else P_0
-    return Strobe(motion, P, P_d, P_d_vibration, outcomes.status, jnp.zeros_like(A), own)
-
-
-def _blades_last(means: Means) -> Float[Array, "lanes 4 blades"]:
-    """Means of lanes, of the left block alone or of each of a row."""
-    blades = lambda a: a if isinstance(a, tuple) else (a,)
-    return jnp.stack([jnp.stack(blades(a), axis=-1) for a in means], axis=1)
 
 
 def _by_chunks(run: Callable[[Any], Tree], lanes: Any, count: int) -> Tree:
@@ -178,7 +150,7 @@ def _by_chunks(run: Callable[[Any], Tree], lanes: Any, count: int) -> Tree:
 
 
 def _differentiable_chunk(scenes: Scene, states: State, plan: _SweepPlan) -> _LaneOutcomes:
-    """The results of a chunk of lanes; their derivatives are those of the samples of the lanes."""
+    """The results of a chunk of pairs; their derivatives are those of the samples of the lanes."""
     outcomes_of = jax.custom_jvp(batching_by_lanes(lambda scenes, states: _lane_outcomes(scenes, states, plan)))
 
     def push(primals, tangents):
@@ -191,11 +163,13 @@ def _differentiable_chunk(scenes: Scene, states: State, plan: _SweepPlan) -> _La
         return value, no_tangents(value, slope)
 
     outcomes_of.defjvp(push, symbolic_zeros=True)
-    return outcomes_of(scenes, states)
+    found = outcomes_of(scenes, states)
+    return found._replace(means=Means(*((left,) for left in found.means)))
 
 
 def _chunk_of_rows(rows: Scene, states: State, plan: _SweepPlan) -> _LaneOutcomes:
     """The results of a chunk of rows, by the kernels of the verb `sweep`."""
+    require_row_contact(rows.parts.contact, plan.method)
     strobe = row_strobe(rows, states, *plan)
     told = strobe.motion, strobe.power, strobe.means
     motion, power, means = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), told)
@@ -211,3 +185,43 @@ def _lane_outcomes(scenes: Scene, states: State, plan: _SweepPlan) -> _LaneOutco
     lanes_first = jax.tree.map(lambda a: a.T, sample.motion)
     power, means = jax.tree.map(lambda a: jnp.mean(a, axis=0), (sample.power, sample.means))
     return _LaneOutcomes(lanes_first, power, means, last.status)
+
+
+class _Kernel(NamedTuple):
+    """What a sweep of pairs or of rows is made of."""
+
+    run: Callable[[Scene, State, _SweepPlan], _LaneOutcomes]  # the results of a chunk of lanes
+    within_bounds: Callable[[Any, Scene], Scene]  # (stopped, scenes) -> scenes without numbers out of all bounds
+    counted: Callable[[Any], Any]  # the sum of numbers (lanes, blades) of the blades that count
+    told: Callable[[Any], Any]  # P_0 of the result
+
+
+PAIR_SWEEPS = _Kernel(
+    _differentiable_chunk,
+    lambda stopped, scenes: replaced_where(stopped, scenes, 1.0),
+    lambda a: a[:, 0],
+    lambda _: None,
+)
+ROW_SWEEPS = _Kernel(_chunk_of_rows, lambda _, scenes: scenes, lambda a: a.sum(axis=-1), lambda P_0: P_0)
+
+
+@compiled("plan", "method")
+def _run_sweep(scenes: Scene, states: State, plan: _SweepPlan, method: Choices) -> Strobe:
+    """Run all lanes, chunk by chunk; `method` is that of the plan, passed for the decorator."""
+    del method
+    kernel = PAIR_SWEEPS if scenes.layout == PAIR else ROW_SWEEPS
+    run = lambda chunk: kernel.run(chunk[0], chunk[1], plan)
+    outcomes = _by_chunks(run, (scenes, states), len(scenes.drive.omega))
+    stopped = outcomes.status != Status.OK
+    told = kernel.within_bounds(stopped, scenes)
+    A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(told)
+    motion = Motion(*(jnp.stack(blades, axis=-1) for blades in outcomes.motion))
+    power = jnp.stack(outcomes.power, axis=-1)
+    means = jnp.stack([jnp.stack(blades, axis=-1) for blades in outcomes.means], axis=1)
+    square, means = replaced_where(stopped, (power, means), 0.0)
+    about_mean = jax.vmap(vibration_square)(square[:, : means.shape[-1]], means, jax.vmap(gyration)(told.shroud))
+    P, P_vibration = A[:, None] * square, A[:, None] * about_mean
+    P_d, P_d_vibration = (power_reduction(kernel.counted(a), kernel.counted(P_0)) for a in (P, P_vibration))
+    motion = jax.tree.map(lambda a: nan_where(jnp.isnan(a), a), motion)
+    P, P_d, P_d_vibration = nan_where(stopped, (P, P_d, P_d_vibration))
+    return Strobe(motion, P, P_d, P_d_vibration, outcomes.status, jnp.zeros_like(A), kernel.told(P_0))

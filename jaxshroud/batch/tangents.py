@@ -21,10 +21,10 @@ from jaxshroud.batch.periods import CallLimits, first_passes, march, periods_wit
 from jaxshroud.batch.row_tangents import begin_row_flows, end_row_flows, row_flow_with_tangents
 from jaxshroud.batch.states import (
     by_blade,
+    by_interface,
     carried_state,
     from_vector,
     in_scene_precision,
-    state_size,
     to_vector,
     with_zeros,
 )
@@ -38,12 +38,13 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, worked_out
 from jaxshroud.scene.keys import find_key, number_shape
+from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.numbers import given_of, numbers_of
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import Tree
 
 LANES_PER_FLOW = (16, 64)  # for few and for many lanes: a loop of fewer does not amortise its dispatch
-ROW_LANES_PER_FLOW = 16  # of rows, whose kernels have as many numbers again for each blade
+ROW_LANES_PER_FLOW = (16, 16)  # of rows, whose kernels have as many numbers again for each blade
 
 
 def begin_flow(scene: Scene, state: State, method: Choices) -> tuple[Lane, Model, Scalar]:
@@ -152,10 +153,12 @@ def as_differentiable(method: Choices) -> Choices:
 def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, turns: np.ndarray | None = None) -> Dual:
     """`flow_with_tangents` of any number of lanes, in chunks that share one compiled function; NumPy arrays.
 
+    Numbers of blades have a last axis of them; a row's means are of all blades, those of the pair of the left block.
     With `turns` (lanes,) they run as many drive periods each, of any length, `n` times; `steps` are those of a period.
     """
     lanes = len(scenes.value.drive.omega)
-    width = LANES_PER_FLOW[lanes > LANES_PER_FLOW[0] * 2] if scenes.value.row is None else ROW_LANES_PER_FLOW
+    few, many = flow_programs(scenes.value.layout).lanes_per_call
+    width = many if lanes > 2 * few else few
     if turns is None and method.amplitudes:  # one program for both
         turns = np.ones(lanes)
 
@@ -170,12 +173,12 @@ def _run_in_calls(
     scenes: Dual, states: Dual, n: int, steps: int, turns: np.ndarray | None, method: Choices, check: Check
 ) -> Dual:
     """The flow of lanes, in calls to the device that are short enough for an interruption to take effect soon."""
-    omega, row = scenes.value.drive.omega, scenes.value.row_size
+    omega, layout = scenes.value.drive.omega, scenes.value.layout
     counts, lengths = jnp.int32(steps), None
     if turns is not None:
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
-    program = PAIR_FLOWS if row is None else ROW_FLOWS
-    lanes, done, pace = program.begin(scenes, states, method), 0, CallPace(first_passes(len(omega), row))
+    program = flow_programs(layout)
+    lanes, done, pace = program.begin(scenes, states, method), 0, CallPace(first_passes(len(omega), layout))
     while done < n:
         check()
 
@@ -186,7 +189,8 @@ def _run_in_calls(
 
         lanes, ended = pace.timed(call, lambda result, left=n - done: result[1] < left)
         done += ended
-    return jax.tree.map(np.asarray, program.end(scenes, lanes, jnp.int32(n), lengths))
+    value, slope = map(program.expanded, program.end(scenes, lanes, jnp.int32(n), lengths))
+    return Dual(value, slope)
 
 
 class FlowPrograms(NamedTuple):
@@ -195,10 +199,21 @@ class FlowPrograms(NamedTuple):
     begin: Callable[..., Dual]
     run: Callable[..., tuple[Dual, Int[Array, ""]]]
     end: Callable[..., Dual]
+    expanded: Callable[[FlowWithMoments], FlowWithMoments]  # with an axis of blades, in NumPy arrays
+    lanes_per_call: tuple[int, int]  # where there are few, and where there are many
 
 
-PAIR_FLOWS = FlowPrograms(begin_flows, flow_with_tangents, end_flows)
-ROW_FLOWS = FlowPrograms(begin_row_flows, row_flow_with_tangents, end_row_flows)
+def _expanded_pairs(flow: FlowWithMoments) -> FlowWithMoments:
+    return by_blade(flow._replace(means=by_interface(flow.means)))  # of the left block alone
+
+
+PAIR_FLOWS = FlowPrograms(begin_flows, flow_with_tangents, end_flows, _expanded_pairs, LANES_PER_FLOW)
+ROW_FLOWS = FlowPrograms(begin_row_flows, row_flow_with_tangents, end_row_flows, by_blade, ROW_LANES_PER_FLOW)
+
+
+def flow_programs(layout: Layout) -> FlowPrograms:
+    """The compiled functions of a flow of lanes of a layout."""
+    return PAIR_FLOWS if layout == PAIR else ROW_FLOWS
 
 
 def without_direction(states: State) -> Dual:
@@ -210,8 +225,7 @@ def without_direction(states: State) -> Dual:
 def end_as_start(end: Dual) -> Dual:
     """The states at the end of a flow, as initial states of the next."""
     state, tangent = end.value.state, end.tangent.state
-    moved = State(by_blade(tangent.motion), tangent.u_s, None, None)
-    return Dual(State(by_blade(state.motion), state.u_s, state.mode, state.case), moved)
+    return Dual(state, State(tangent.motion, tangent.u_s, None, None))
 
 
 class Tangents(NamedTuple):
@@ -251,7 +265,7 @@ class TangentProblem(NamedTuple):
     @property
     def by_start(self) -> int:
         """The number of directions of the initial state."""
-        return state_size(self.scene.row_size) if self.by_state else 0
+        return self.scene.layout.state_size if self.by_state else 0
 
     @property
     def lanes(self) -> int:
@@ -264,20 +278,20 @@ class TangentProblem(NamedTuple):
         lanes, state, scene = self.lanes, in_scene_precision(self.state, self.scene), without_given(self.scene)
         still = [jax.tree.map(np.zeros_like, scene)] * (lanes - len(self.directions))
         along = jax.tree.map(lambda *a: np.stack(a), *still, *self.directions)
-        size = state_size(scene.row_size)
+        size = scene.layout.state_size
         unit = np.zeros((lanes, size), scene.drive.omega.dtype)
         unit[: self.by_start] = np.eye(size)[: self.by_start]
-        shift = from_vector(unit, None, None, scene.row_size)
+        shift = from_vector(unit, None, None, scene.layout)
         return Dual(repeat_lane(scene, lanes), along), Dual(repeat_lane(state, lanes), shift)
 
     def tangents(self, flows: Dual) -> Tangents:
         """The tangents from the flow of its lanes."""
         (value, slope), end = flows, jax.tree.map(lambda a: a[0], end_as_start(flows).value)
         by, count = to_vector(slope.state), self.by_start
-        power, power_by = np.stack([a[0] for a in value.power]), np.stack(slope.power)
+        power, power_by = value.power[0], np.ascontiguousarray(slope.power.T)
         parts = by[:count].T, power_by[:, :count], by[count:].T, power_by[:, count:]
         found, more = Tangents(end, to_vector(end), power, int(value.status[0]), *parts), {}
-        for name, array in (("moments", _moments_array), ("means", means_array)):
+        for name, array in (("moments", _moments_array), ("means", _means_array)):
             if getattr(value, name) is not None:
                 a, a_by = (array(getattr(flow, name)) for flow in flows)
                 more |= {name: a[..., 0], f"{name}_by_state": a_by[..., :count]}
@@ -287,12 +301,12 @@ class TangentProblem(NamedTuple):
 
 def _moments_array(moments: Any) -> np.ndarray:
     """Moments, (2, 3, blades, lanes)."""
-    return np.array([list(m) for m in moments])
+    return np.array([[a.T for a in m] for m in moments])
 
 
-def means_array(means: Any) -> np.ndarray:
+def _means_array(means: Any) -> np.ndarray:
     """Means of x, y, sin(theta) and 1 - cos(theta), (4, blades, lanes)."""
-    return np.array([np.atleast_2d(a) for a in means])
+    return np.array([a.T for a in means])
 
 
 def batched_tangents(
@@ -340,16 +354,16 @@ def direction(scene: Scene, key: str) -> Scene:
 
     Numbers that are worked out from it move with it. What the scenes are given by is left out.
     """
-    (row, place), numbers, given = find_key(key, row=scene.row_size), numbers_of(scene), given_of(scene)
+    (row, place), numbers, given = find_key(key, layout=scene.layout), numbers_of(scene), given_of(scene)
     holder = given if row.name in DERIVED_BY_KEY else numbers
     old = holder[row.name]
-    unit = np.ones(()) if place is None else np.eye(number_shape(row, scene.row_size)[0])[place]
+    unit = np.ones(()) if place is None else np.eye(number_shape(row, scene.layout)[0])[place]
     unit = np.broadcast_to(unit, old.shape).astype(old.dtype)
 
     def dependent(value: Any) -> dict[str, Any]:
         if holder is given:
-            return worked_out(numbers, {**given, row.name: value}, {row.name}, scene.row_size)
-        return worked_out({**numbers, row.name: value}, given, {row.name}, scene.row_size)
+            return worked_out(numbers, {**given, row.name: value}, {row.name}, scene.layout)
+        return worked_out({**numbers, row.name: value}, given, {row.name}, scene.layout)
 
     rates = jax.jvp(dependent, (old,), (unit,))[1] if given else {}
     rates |= {} if holder is given else {row.name: unit}

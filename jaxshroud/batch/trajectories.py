@@ -10,7 +10,9 @@ from jaxtyping import Array, Float
 
 from jaxshroud.batch.cubics import SampledAmplitudes
 from jaxshroud.batch.dense_output import march_with_dense_output
-from jaxshroud.batch.periods import begin_lanes
+from jaxshroud.batch.periods import begin_lanes, lanes_per_call
+from jaxshroud.batch.row_samples import march_row_samples
+from jaxshroud.batch.rows import row_energy_residual, row_ledger
 from jaxshroud.batch.runs import Tick, chunk_by_chunk
 from jaxshroud.batch.sampling import (
     SampledMarch,
@@ -26,15 +28,26 @@ from jaxshroud.batch.stretches import march_in_stretches
 from jaxshroud.march.carry import Lane
 from jaxshroud.march.events import evaluate_guards
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import total_energy
+from jaxshroud.march.observables import ContactForces, energy_residual, total_energy
+from jaxshroud.march.row_carry import RowTally
 from jaxshroud.march.start import EVENTS_AT_START, next_at_start
 from jaxshroud.march.stepper import stepper_for
-from jaxshroud.model.arithmetic import is_absent, sincos_turns
+from jaxshroud.march.tally import Tally
+from jaxshroud.model.arithmetic import filled, is_absent, sincos_turns
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State, prepared_model
-from jaxshroud.model.rhs import drive_wave
+from jaxshroud.model.rhs import Ledger, drive_wave
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene
+
+
+class EnergyBalance(NamedTuple):
+    """The energy balance of lanes (leading axis) over a run [J]."""
+
+    works: Ledger  # of all blades; friction of each interface, where users see an axis of them
+    of_blades: dict[str, np.ndarray]  # works on each blade of a row, (lanes, blades), by the names of results
+    residual: np.ndarray
+    dropped: np.ndarray  # by beginnings of flat contact
 
 
 class Trajectories(NamedTuple):
@@ -42,9 +55,10 @@ class Trajectories(NamedTuple):
 
     samples: dict[str, Any]  # name -> values (lanes, 1 + samples, ...)
     amplitudes: SampledAmplitudes | None  # over the steps that count; None if there are none
-    last: Lane
+    last: Any  # a `Lane` or a `RowLane`
     energies: tuple[np.ndarray, np.ndarray]  # stored before and after [J]
     events: dict[str, Any] | None  # the same of both sides of every event, with `t` [steps] and `after`
+    balance: EnergyBalance | None = None  # None without a ledger
 
 
 def trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick) -> Trajectories:
@@ -60,11 +74,39 @@ def trajectories(scenes: Scene, states: State, grid: SampleGrid, method: Choices
     Raises:
         Interrupted: On Ctrl-C, without results.
     """
-    run = lambda chunk, tick: _trajectories_of_chunk(chunk[0], chunk[1], grid, method, tick)
-    return chunk_by_chunk(run, (scenes, states), ticker)
+    of_chunk, balance = (_of_pairs, _balance_of_pairs) if scenes.row is None else (_of_rows, _balance_of_rows)
+    run = lambda chunk, tick: of_chunk(chunk[0], chunk[1], grid, method, tick)
+    marched = chunk_by_chunk(run, (scenes, states), ticker, lanes_per_call(scenes.layout))
+    before, after = marched.energies
+    with np.errstate(invalid="ignore"):  # of energies that overflowed
+        return marched._replace(balance=balance(marched.last.tally, after - before))
 
 
-def _trajectories_of_chunk(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> Trajectories:
+def _balance_of_pairs(tally: Tally, gained: np.ndarray) -> EnergyBalance | None:
+    gain, jumps = tally.integrals.ledger, tally.jumps
+    if gain is None or jumps is None:
+        return None
+    residual = np.asarray(energy_residual(*jax.tree.map(jnp.asarray, (gain, jumps, gained))))
+    return EnergyBalance(filled(gain, gain.drive), {}, residual, np.asarray(filled(jumps.dropped, gain.gross)))
+
+
+def _balance_of_rows(tally: RowTally, gained: np.ndarray) -> EnergyBalance | None:
+    if tally.integrals.ledger is None:
+        return None
+    works = row_ledger(tally)
+    of_blades = {"blade_work_drive": np.asarray(works.drive), "blade_loss_viscous": np.asarray(works.viscous)}
+    in_all = Ledger(*(np.asarray(a).sum(axis=-1) for a in works))._replace(friction=works.friction)
+    residual = np.asarray(row_energy_residual(jax.tree.map(jnp.asarray, tally), jnp.asarray(gained), -1))
+    return EnergyBalance(in_all, of_blades, residual, np.asarray(tally.dropped, float))
+
+
+def _of_rows(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> Trajectories:
+    marched = march_row_samples(scenes, states, grid, method._replace(forces=True), tick)
+    state, forces = marched.samples
+    return Trajectories(_by_name(state, forces), marched.amplitudes, marched.last, marched.energies, None)
+
+
+def _of_pairs(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> Trajectories:
     lanes, first = _begin_sampled(scenes, states, method)
     first = _begun(scenes, first, grid.turns)
     before = stored_energies(scenes, lanes)
@@ -130,13 +172,17 @@ def _begin_sampled(scenes: Scene, states: State, method: Choices) -> tuple[Lane,
 
 def _values(scenes: Scene, states: State, turns: np.ndarray) -> dict[str, Any]:
     """The stored values of states (lanes, samples) at phases of the drive (samples,) [turns]."""
-    contact = sampled_contact_forces(scenes, states, turns)._asdict()
+    return _by_name(states, sampled_contact_forces(scenes, states, turns))
+
+
+def _by_name(states: State, forces: ContactForces) -> dict[str, Any]:
+    """What is told of states and forces, by the names of results; what a model lacks is left out."""
     return {
         "motion": states.motion,
         "u_s": np.where(states.mode == Mode.APART, np.nan, states.u_s),
         "mode": states.mode,
         "case": states.case,
-        **{name: a for name, a in contact.items() if not is_absent(a)},
+        **{name: a for name, a in forces._asdict().items() if not is_absent(a)},
     }
 
 

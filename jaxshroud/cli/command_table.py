@@ -35,7 +35,6 @@ class Command(NamedTuple):
     arguments: tuple[str, ...] = ()  # of the verb: options of the same name, or n_periods and transient of [run]
     files: tuple[str, ...] = ()  # written into the folder --out; none: --out is the file
     unit: str = "lane-periods"  # of progress
-    rows: bool = False  # whether it knows rows of blades
     module: str = ""  # of `cli` with NAME_command, for a command that has something special
 
 
@@ -52,7 +51,6 @@ COMMANDS = {
         ),
         arguments=("n_periods", "every", "events"),
         unit="steps",
-        rows=True,
         module="runs",
     ),
     "sweep": Command(
@@ -86,7 +84,6 @@ COMMANDS = {
             "--amplitudes",
             "--out",
         ),
-        rows=True,
         module="sweep",
     ),
     "explore": Command(
@@ -102,7 +99,6 @@ COMMANDS = {
             ),
             shared_option("--force", help="replace an existing file"),
         ),
-        rows=True,
         module="explore",
     ),
     "table": Command(
@@ -119,7 +115,6 @@ COMMANDS = {
             shared_option("--out", help="ranked table; or .nc", metavar="FILE.csv"),
         ),
         arguments=("n_periods", "transient", "by"),
-        rows=True,
         module="table",
     ),
     "diagnose": Command(
@@ -129,7 +124,6 @@ COMMANDS = {
         arguments=("transient",),
         files=("diagnosis.nc", "diagnosis.json", "diagnosis.png", "diagnosis.pdf"),
         unit="periods",
-        rows=True,
         module="runs",
     ),
     "power": Command(
@@ -146,7 +140,6 @@ COMMANDS = {
         arguments=("n_periods", "transient", "stable_within", "forces", "amplitudes"),
         files=("power.nc", "power.json", "power.png"),
         unit="periods",
-        rows=True,
         module="runs",
     ),
     "orbit": Command(
@@ -161,7 +154,6 @@ COMMANDS = {
         ),
         arguments=("most_periods", "tolerance", "amplitudes"),
         files=("orbit.nc", "summary.json"),
-        rows=True,
         module="orbits",
     ),
     "lyapunov": Command(
@@ -188,7 +180,6 @@ COMMANDS = {
         ),
         arguments=("n_periods", "transient", "of", "sigma", "pairs", "seed"),
         unit="periods",
-        rows=True,
         module="gradient",
     ),
     "tune": Command(
@@ -223,7 +214,6 @@ COMMANDS = {
         ),
         files=("tune.nc", "tune.json", "tune.png", "best.toml"),
         module="design",
-        rows=True,
     ),
     "fit": Command(
         "Find numbers of a scene from measurements, with intervals and what the data do not determine.",
@@ -261,7 +251,6 @@ COMMANDS = {
         ),
         arguments=("n_periods", "transient", "of", "at_least", "draws", "seed"),
         files=("scatter.nc", "scatter.png", "summary.json"),
-        rows=True,
         module="design",
     ),
     "report": Command(
@@ -286,7 +275,6 @@ COMMANDS = {
         ),
         arguments=("of", "draws", "starts", "seed"),
         unit="parts",
-        rows=True,
         module="design",
     ),
     "branch": Command(
@@ -310,7 +298,6 @@ COMMANDS = {
         files=("branch.nc", "branch.png", "summary.json"),
         unit="drive periods",
         module="orbits",
-        rows=True,
     ),
     "response": Command(
         "Frequency response: an amplitude over a number, swept both ways and followed as a branch, with its peaks.",
@@ -341,7 +328,6 @@ COMMANDS = {
         ),
         arguments=("n_periods", "transient", "num", "most_points", "doublings"),
         files=("response.nc", "response.png", "summary.json"),
-        rows=True,
         module="response",
     ),
     "mistune": Command(
@@ -386,7 +372,6 @@ COMMANDS = {
             *("scan", "starts", "updates", "seed", "resume"),
         ),
         files=("mistune.nc", "mistune.png", "summary.json"),
-        rows=True,
         module="mistune",
     ),
     "attractors": Command(
@@ -445,7 +430,6 @@ COMMANDS = {
         "Say what the model of a scene consists of, what it lacks and what it costs.",
         'jaxshroud explain table1 --set \'parts.motion=["x", "y"]\'',
         SIMULATION,
-        rows=True,
         module="describe",
     ),
     "check": Command(
@@ -465,7 +449,6 @@ COMMANDS = {
             "--force",
         ),
         arguments=("engine_orders", "start", "stop"),
-        rows=True,
         files=("check.nc", "check.json", "check.png"),
         module="describe",
     ),

@@ -59,7 +59,7 @@ def _tune_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, A
 def _tuning_corners(call: VerbCall) -> Scene:
     """The scenes at the ends of the bounds; a tuning that cannot be run, or would be too large, is refused."""
     file, options, arguments = call
-    scattering = scattering_of(arguments["scatters"], options.draws, options.seed, file.row_size)
+    scattering = scattering_of(arguments["scatters"], options.draws, options.seed, file.layout)
     robustness_request(scattering is not None, options.loss, options.at_least, options.check_draws, options.motions)
     problem = problem_of(file.scene, arguments["over"], arguments["conditions"], scattering, options.of)
     check_comparable(problem)

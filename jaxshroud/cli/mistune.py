@@ -81,7 +81,7 @@ def _print_projection_of_march(call: VerbCall) -> None:
         return
     direction = chosen["direction"]
     scenes = _lanes_of(call, "values" if direction == "independent" else "patterns")
-    resolved = resolve_options(call.file, method=chosen["method"], verb="mistune", rows=True)
+    resolved = resolve_options(call.file, method=chosen["method"], verb="mistune")
     march = plan_march(resolved, scenes, FOR_P_D)
     method = march.method._replace(amplitudes=True)
     plan = Plan(chosen["transient"], chosen["n_periods"], march.steps, 0.0, method)

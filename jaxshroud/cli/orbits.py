@@ -37,6 +37,7 @@ from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.axes import axis
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import Scene
 
 BACKGROUND_FILE = "sweep.nc"  # the sweep behind a branch
@@ -91,7 +92,7 @@ def _background_sweep(completed: CompletedCall) -> SweepResult | None:
             n_periods=run.periods,
             transient=run.transient,
             method=completed.arguments["method"],
-            amplitudes=file.row_size is not None,
+            amplitudes=file.layout != PAIR,
             progress=report,
         )
     with_origin(sweep, file).save(options.out / BACKGROUND_FILE)

@@ -9,7 +9,7 @@ from jaxshroud.batch.runs import Plan, projected_seconds
 from jaxshroud.batch.size_limits import results_size, sweep_memory
 from jaxshroud.batch.threads import cores
 from jaxshroud.cli.terminal import progress_bar
-from jaxshroud.scene.keys import blade_count
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.parts import Direction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.valid import in_precision
@@ -86,7 +86,7 @@ def print_projection_of_long_run(
         return
     scenes = in_precision(scenes, plan.method.precision)
     cpu, wall = _projected_times(scenes, plan, directions, lanes_per_value)
-    kept, blades = plan.kept, blade_count(scenes.row_size)
+    kept, blades = plan.kept, scenes.layout.blades
     wall_told = None if elsewhere else repeats * wall
     held = {"lanes_held": lanes_held, "samples": samples, "place": place, "blades": blades}
     print_projection(lanes, kept, repeats * cpu, wall_told, **held)
@@ -101,13 +101,13 @@ def _is_long(lanes: int, periods: int, steps: int, scenes: Scene) -> bool:
         steps: Steps in a period.
         scenes: Their scenes.
     """
-    row = scenes.row_size
-    if row is None:
+    layout = scenes.layout
+    if layout == PAIR:
         return lanes * periods * steps > LONG_RUN_STEPS
-    trials = steps + (EVENT_STEPS * row.blades if "theta" in scenes.parts.motion else 0)
-    width = lanes_per_call(row)
+    trials = steps + (EVENT_STEPS * layout.blades if "theta" in scenes.parts.motion else 0)
+    width = lanes_per_call(layout)
     full = lanes if lanes == 1 else -(-lanes // width) * width
-    return full * periods * row.blades * trials > LONG_ROW_STEPS
+    return full * periods * layout.blades * trials > LONG_ROW_STEPS
 
 
 def _projected_times(
@@ -121,6 +121,6 @@ def _projected_times(
             seconds[lanes] = projected_seconds(scenes, plan, beside=lanes, progress=report)
     cpu = [seconds[at_once(way)] for way in directions]
     together = lambda way: len(scenes.drive.omega) if way == "independent" else lanes_per_value
-    width = lanes_per_call(scenes.row_size)
+    width = lanes_per_call(scenes.layout)
     busy = [min(cores(), -(-together(way) // width)) for way in directions]
     return sum(cpu), sum(each / n for each, n in zip(cpu, busy, strict=True))

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from jaxshroud.cli.command_table import COMMANDS
 from jaxshroud.cli.terminal import CommandError, input_errors_at
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.march.method import Choices, Method, RungeKutta, Taylor
@@ -17,7 +16,7 @@ from jaxshroud.scene.config import load
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.accuracy import Choice
-from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, choose_method, plan_march, refuse_row, resolve_options
+from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, check_verb, choose_method, plan_march, resolve_options
 
 METHOD_OPTIONS = ("tableau", "order", "step_tolerance", "locate", "precision")
 CHOSEN_BY_ACCURACY = ("steps_per_period", *METHOD_OPTIONS)
@@ -27,13 +26,12 @@ def load_scene(options: argparse.Namespace, overrides: Sequence[str] = ()) -> Sc
     """The scene file of the options with its overrides, then those of [run], then `overrides`.
 
     Raises:
-        InputError: It is invalid, or has a row of blades, which the command does not know.
+        InputError: It is invalid, or the command does not know scenes of its layout.
     """
     run = {name: getattr(options, name, None) for name in ("periods", "steps_per_period", "transient")}
     of_run = [f"run.{name}={value}" for name, value in run.items() if value is not None]
     file = load(options.scene, [*options.set, *of_run, *overrides])
-    if not COMMANDS[options.verb].rows:
-        refuse_row(options.verb, file)
+    check_verb(options.verb, file)
     return file
 
 
@@ -75,7 +73,7 @@ def _resolved_options(file: SceneFile, options: argparse.Namespace, usual: Choic
     named = any(getattr(options, name) is not None for name in METHOD_OPTIONS)
     method = _method_of_options(options, usual) if named else options.accuracy
     with accuracy_warnings_printed():
-        return resolve_options(file, method=method, rows=True)
+        return resolve_options(file, method=method)
 
 
 def _method_of_options(options: argparse.Namespace, usual: Choices) -> Method:

@@ -29,6 +29,7 @@ from jaxshroud.motion.short_runs import trajectory_ends
 from jaxshroud.results.amplitudes import amplitude_numbers, load_numbers
 from jaxshroud.results.row_diagnosis import RowDiagnosis
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.verbs.accuracy import LEVELS
 from jaxshroud.verbs.options import check_row
 
@@ -99,7 +100,7 @@ def _power_arguments(file: SceneFile, options: argparse.Namespace) -> Mapping[st
     if not options.stable_within > 0:
         raise CommandError(f"--tolerance must be positive, but is {options.stable_within}")
     with input_errors_at(file.name):
-        if file.row_size is not None:
+        if file.layout != PAIR:
             check_row(file.scene, forces=options.forces)
         check_size(1, file.run.transient, file.run.periods)
         check_vibration("P_d", file.scene)

@@ -41,7 +41,7 @@ from jaxshroud.scene.axes import axis
 from jaxshroud.scene.checks import MAX_VALUES
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.scene.keys import blade_count, parse_key
+from jaxshroud.scene.keys import parse_key
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
@@ -81,12 +81,11 @@ def sweep_command(options: argparse.Namespace) -> None:
     """Simulate a scene for many values of its numbers."""
     file = with_axes(load_scene(options), options)
     _check_numbers(options)
-    if file.row_size is not None:
-        check_row(file.scene, lyapunov=options.lyapunov, forces=options.forces)
+    check_row(file.scene, lyapunov=options.lyapunov, forces=options.forces)
     start = time.perf_counter()
     request = SweepRequest(file, options, _claim_store(file, options), start)
     with input_errors_at(file.name):
-        run, blades = file.sweep_run, blade_count(file.row_size)
+        run, blades = file.sweep_run, file.layout.blades
         check_size(request.lanes, run.transient, run.periods, request.lanes_held, blades)
     scenes = _scenes_of_lanes(file)
     periods = file.sweep_run.transient + file.sweep_run.periods
@@ -187,7 +186,7 @@ def _is_stored(file: SceneFile, options: argparse.Namespace) -> bool:
         raise CommandError("--scheduler needs a store, which keeps what workers have computed; leave out --store nc")
     if options.store is not None:
         return options.store == "zarr"
-    samples, blades = not options.no_samples, blade_count(file.row_size)
+    samples, blades = not options.no_samples, file.layout.blades
     size = results_size(_lane_count(file), file.sweep_run.periods, samples=samples, blades=blades)
     return bool(options.resume or options.scheduler or size > MOST_IN_FILE)
 

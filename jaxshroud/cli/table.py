@@ -43,7 +43,7 @@ def _scenes_of_designs(call: VerbCall) -> Scene:
 def _print_projection_of_long_table(call: VerbCall) -> None:
     """Print what a long table will take."""
     scenes = without_given(_scenes_of_designs(call))
-    resolved = resolve_options(call.file, method=call.arguments["method"], verb="table", rows=True)
+    resolved = resolve_options(call.file, method=call.arguments["method"], verb="table")
     march = plan_march(resolved, scenes, FOR_P_D)
     method = march.method._replace(ledger=True, forces=scenes.row is None, amplitudes=True)
     plan = Plan(call.arguments["transient"], call.arguments["n_periods"], march.steps, 0.0, method)

@@ -9,6 +9,7 @@ from jaxshroud.explorer.exploration import Exploration
 from jaxshroud.explorer.fields import DIGITS, FIRST_FIELDS, NumberField, number_fields
 from jaxshroud.explorer.look import above_each_other, beside, styled, wide
 from jaxshroud.explorer.words import note_html
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.parts import ACCURACIES
 from jaxshroud.scene.shown import override_of
 
@@ -93,7 +94,7 @@ class Controls:
         numbers = number_fields(exploration.file)
         self.fields = {number.key.name: FieldWidgets(number, change) for number in numbers}
         layouts = [widgets.layout for widgets in self.fields.values()]
-        self.silent, in_row = False, exploration.file.row_size is not None
+        self.silent, in_row = False, exploration.file.layout != PAIR
         keys = [key for key in CHOICES if not in_row or key in CHOICES_OF_ROWS]
         self.choices = {
             key: Select(title=key, options=list(CHOICES[key]), name=f"choice {key}", width_policy="max", **style)

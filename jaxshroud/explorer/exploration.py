@@ -19,6 +19,7 @@ from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.options import plan_march, resolve_options
 from jaxshroud.verbs.row_accuracy import row_choice
@@ -97,9 +98,9 @@ def method_on_page(file: SceneFile, accuracy: str | float, go_on: Continue = lam
     """
     smooth = file.tables["parts"]["contact"] == "smooth"
     wish = RungeKutta("rk4", "auto") if smooth else accuracy
-    if file.row_size is not None and not smooth:
+    if file.layout != PAIR and not smooth:
         wish = method_of("auto", row_choice(accuracy, asked=False).method)
-    resolved = resolve_options(file.scene, method=wish, verb="explore", rows=True)
+    resolved = resolve_options(file.scene, method=wish, verb="explore")
     _check_length(resolved.lanes)
 
     def ends(*of: Any) -> np.ndarray:

@@ -83,7 +83,7 @@ def few_digits(key: Key, value: float) -> float:
 def number_fields(file: SceneFile) -> list[NumberField]:
     """The fields of the numbers that a scene gives."""
     given = file.given_tables
-    rows = [key_in(ALL_KEYS[name], file.row_size) for name in FIELD_KEYS]
+    rows = [key_in(ALL_KEYS[name], file.layout) for name in FIELD_KEYS]
     return [_number_field(row, given[row.parts[0]][row.parts[1]], file) for row in rows if _gives(given, row)]
 
 

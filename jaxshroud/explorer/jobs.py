@@ -10,7 +10,6 @@ from jaxshroud.explorer.exploration import Exploration, method_on_page
 from jaxshroud.explorer.worker import Continue, Job
 from jaxshroud.march.method import Method
 from jaxshroud.results.diagnosis import Diagnosis
-from jaxshroud.results.row import RowTrajectory
 from jaxshroud.results.row_diagnosis import RowDiagnosis
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.trajectory import Trajectory
@@ -143,7 +142,7 @@ def run_job(
     exploration: Exploration,
     method: Choose,
     periods: int,
-    show: Callable[[Trajectory | RowTrajectory], None],
+    show: Callable[[Trajectory], None],
 ) -> Job:
     """The motion of one scene."""
 

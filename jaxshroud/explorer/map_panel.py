@@ -21,7 +21,7 @@ from jaxshroud.explorer.look import (
     wide,
 )
 from jaxshroud.io.lane_status import status_name
-from jaxshroud.io.scene_numbers import dimension
+from jaxshroud.io.scene_numbers import dimension, layout_in
 from jaxshroud.plotting.plot_sweep import MOTION_COLOURS, colour_indices
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.keys import parse_key
@@ -113,7 +113,7 @@ class MapPanel:
         self.legend.text = legend_html(set(data["motion"].tolist()))
 
     def _cell_columns(self, piece: SweepResult, across: Window, up: Window, level: int) -> dict[str, np.ndarray]:
-        dims = [dimension(window.key, "interface" in piece.data.dims) for window in (across, up)]
+        dims = [dimension(window.key, layout_in(piece.data).names) for window in (across, up)]
         data = piece.data.transpose(*dims, ...)
         x, y = np.meshgrid(*(data[dim].to_numpy() for dim in dims), indexing="ij")
         sizes = [

@@ -10,7 +10,7 @@ from jaxshroud.motion.spectrum import amplitude_spectrum, whole_periods
 from jaxshroud.motion.waves import blade_spectrum
 from jaxshroud.plotting.animation import ARROW, MILLIMETRES
 from jaxshroud.plotting.film import Blocks, fitting_factor, last_frames, stored_blocks
-from jaxshroud.plotting.plot_row import HARMONICS
+from jaxshroud.plotting.plot_blades import HARMONICS
 from jaxshroud.plotting.plot_run import CASE_STYLES, MODE_STYLES
 from jaxshroud.plotting.run_data import FEWEST_SAMPLES, RunData, contact_data, run_data
 
@@ -124,7 +124,7 @@ def ring_columns(run: RunData) -> PlotColumns:
     ds = run.ds
     peak, free, count = ds["x_peak"].to_numpy(), ds["x_free"].to_numpy(), ds.sizes["blade"]
     angle = 2 * np.pi * np.arange(count) / count
-    closed = bool(ds.attrs["closed"])
+    closed = ds.sizes["interface"] == count
     x, y = (np.sin(angle), np.cos(angle)) if closed else (np.linspace(-1, 1, count), np.zeros(count))
     names = {"name_x": (0.78 if closed else 1.0) * x, "name_y": 0.78 * y if closed else y - 0.25}
     place = {"x": x, "y": y, **names, "name": list(map(str, range(count)))}

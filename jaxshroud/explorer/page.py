@@ -31,6 +31,7 @@ from jaxshroud.explorer.saves import OF_A_SERVER, template_variables
 from jaxshroud.explorer.wishes import DiagramWish, MapWish, RunWish, SaveWish, VerdictWish, Wish
 from jaxshroud.explorer.words import motion_html, status_html, verdict_html
 from jaxshroud.scene.checks import StepTooLongError
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.parts import Direction
 
 FINER = "finer"  # what follows a level that is not the last
@@ -58,10 +59,10 @@ class TabPage:
         """
         self.document, self.start, self.exploration, self.methods = document, exploration, exploration, methods
         self.selected, self.results = {}, {}
-        self.amount = Amount() if exploration.file.row_size is None else OF_A_ROW
+        self.amount = Amount() if exploration.file.layout == PAIR else OF_A_ROW
         self.take_engine, self.engine, self.shows = engine, None, {}
         self.numbers = dict.fromkeys(WORKERS, 0)  # of the last wishes
-        self.recolouring, in_row = Recolouring(), exploration.file.row_size is not None
+        self.recolouring, in_row = Recolouring(), exploration.file.layout != PAIR
         self.controls = Controls(exploration, self.change, accuracy)
         self.controls.reset.on_click(lambda event: self.reset())
         self.controls.accuracy.on_change("value", lambda attr, old, new: self.compute())

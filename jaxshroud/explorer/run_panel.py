@@ -33,7 +33,6 @@ from jaxshroud.explorer.motion_columns import (
 )
 from jaxshroud.plotting.plot_run import CASE_STYLES, MODE_STYLES
 from jaxshroud.plotting.style import ORANGE
-from jaxshroud.results.row import RowTrajectory
 from jaxshroud.results.trajectory import Trajectory
 
 SOURCES = {
@@ -162,7 +161,7 @@ class RunPanel:
         waves.hover.tooltips = [("nodal diameter", "@diameter"), ("", "@amplitude{0.000e+0} m")]
         return [ring, waves]
 
-    def show(self, result: Trajectory | RowTrajectory) -> None:
+    def show(self, result: Trajectory) -> None:
         """Show a run.
 
         Args:
@@ -200,7 +199,7 @@ def arrow_columns(frames: PlotColumns) -> PlotColumns:
     return columns if np.isfinite(columns["x0"]).all() else {name: [] for name in ends}
 
 
-def run_columns(result: Trajectory | RowTrajectory, row_of_blades: bool) -> dict[str, PlotColumns]:
+def run_columns(result: Trajectory, row_of_blades: bool) -> dict[str, PlotColumns]:
     """The columns of all sources that a run changes."""
     run = prepared_run(result.data)
     if run is None:

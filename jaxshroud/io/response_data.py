@@ -10,13 +10,8 @@ if TYPE_CHECKING:
 
 BRANCH_PREFIX, MEMBER = "branch_", "member"
 BRANCH_ENDS = "branch_ends"  # the attribute with the ends of each member's branches
-BRANCH_KIND = "branch_kind"  # the attribute with the kind of the branches, those of rows of blades
+BRANCH_KIND = "branch_kind"  # the attribute with the kind of the branches as results
 BETWEEN_MEMBERS = " | "
-
-
-def is_of_row(data: "xr.Dataset") -> bool:
-    """Whether a sweep, a branch or a response is that of a row of blades."""
-    return "P_d_worst" in data
 
 
 def joined_points(branches: "Sequence[xr.Dataset | None]") -> "xr.Dataset":

@@ -10,7 +10,7 @@ from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.scene.checks import SceneError, StoreError
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.keys import Motion, RowSize, blade_count
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import ContactPart
 from jaxshroud.scene.schema import PHYSICS_TABLES
 
@@ -47,9 +47,9 @@ def stored_end(path: FilePath, scene_file: SceneFile) -> StoredEnd:
         name = Status(int(status)).name if status in set(Status) else f"status {status:g}"
         _fail(path, f"the run stopped ({name}); start from an earlier file")
     differences = _scene_changes(path, ds, scene_file)
-    row = scene_file.row_size
-    dims, shape = (("time",), ()) if row is None else (("time", "interface"), (row.interfaces,))
-    blades = ("time", "blade"), (blade_count(row),)
+    layout = scene_file.layout
+    dims, shape = ("time", "interface")[: 1 + len(layout.interface_shape)], layout.interface_shape
+    blades = ("time", "blade"), (layout.blades,)
     motion = Motion(*(_last_sample(path, ds, name, *blades) for name in Motion._fields))
     mode, case = (_last_sample(path, ds, name, dims, shape).astype(int) for name in ("mode", "case"))
     for pair in zip(mode.flat, case.flat, strict=True):
@@ -115,8 +115,8 @@ def _scene_changes(path: FilePath, ds: "xr.Dataset", scene_file: SceneFile) -> t
         stored = parse(str(ds.attrs.get("scene", "")), "its scene")
     except SceneError as error:
         _fail(path, f"{error}; give a file written by `jaxshroud simulate`")
-    if stored.row_size != scene_file.row_size:
-        change = f"it is of {_row_text(stored.row_size)}, but this scene of {_row_text(scene_file.row_size)}"
+    if stored.layout != scene_file.layout:
+        change = f"it is of {stored.layout.text}, but this scene of {scene_file.layout.text}"
         _fail(path, f"{change}; give a file of the same model")
     for name, old, new in zip(stored.scene.parts._fields, stored.scene.parts, scene_file.scene.parts, strict=True):
         if old != new:
@@ -130,10 +130,6 @@ def _scene_changes(path: FilePath, ds: "xr.Dataset", scene_file: SceneFile) -> t
         for key in {**before, **now}
         if (old := before.get(key)) != (new := now.get(key))
     )
-
-
-def _row_text(row: RowSize | None) -> str:
-    return "a pair" if row is None else f"{'a ring' if row.closed else 'an open chain'} of {row.blades}"
 
 
 def _value_text(value: object) -> str:

@@ -1,13 +1,14 @@
 """The numbers of scenes as dimensions and variables of results, and the scenes restored from these."""
 
 import tomllib
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxshroud.scene.keys import ALL_KEYS, Key, Motion, parse_key
-from jaxshroud.scene.measurements import BLADES
-from jaxshroud.scene.replacing import replaced_tables
+from jaxshroud.scene.layout import PAIR, Layout
+from jaxshroud.scene.replacing import layout_of, replaced_tables
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -16,46 +17,43 @@ if TYPE_CHECKING:
     from jaxshroud.scene.scene import Scene
 
 
-def dimension(key: str, in_row: bool = False) -> str:
+def dimension(key: str, names: Sequence[str] = PAIR.names) -> str:
     """The name of the dimension along `key`: its last word, or `initial_x` where a variable is called `x`.
 
-    One blade is `_left` or `_right`, and in a row, as one interface, its number: `k_x_17`.
+    One blade has its name, of those in `names`, at the end, and one interface its number: `k_x_left`, `k_x_17`.
     """
     number, index = parse_key(key)
     table, stem = number.parts
     stem = f"{table}_{stem}" if stem in Motion._fields or stem in ("period", "blade") else stem
-    if index is None:
-        return stem
-    return f"{stem}_{index if _is_of_row(number, index, in_row) else BLADES[index]}"
+    return stem if index is None else f"{stem}_{_name_of(number, index, names)}"
 
 
-def _is_of_row(number: Key, index: int, in_row: bool) -> bool:
-    return in_row or number.per_interface or index >= len(BLADES)
+def _name_of(number: Key, index: int, names: Sequence[str]) -> str:
+    """The name of a blade, or the number of an interface, and of a blade whose name is not known."""
+    return dict(enumerate(() if number.per_interface else names)).get(index, str(index))
 
 
-def key_attrs(key: str, in_row: bool = False) -> dict[str, str]:
-    """The attributes of the variable that holds a number of scenes."""
-    return {"key": key, "units": parse_key(key)[0].netcdf, "long_name": key_label(key, in_row)}
+def key_attrs(key: str, names: Sequence[str] = PAIR.names) -> dict[str, str]:
+    """The attributes of the variable that holds a number of scenes whose blades have these names."""
+    return {"key": key, "units": parse_key(key)[0].netcdf, "long_name": key_label(key, names)}
 
 
-def key_label(key: str, in_row: bool = False) -> str:
-    """The description of a scene's number with its symbol, as axes show it."""
+def key_label(key: str, names: Sequence[str] = PAIR.names) -> str:
+    """The description of a number of a scene with its symbol, as axes show it; `names` are those of the blades."""
     number, index = parse_key(key)
-    return f"{number.label}{_place_of(number, index, in_row)} ${number.symbol}$"
+    place = "" if index is None else f", {_words_of(number, _name_of(number, index, names))}"
+    return f"{number.label}{place} ${number.symbol}$"
 
 
-def _place_of(number: Key, index: int | None, in_row: bool) -> str:
-    """The blade or interface that a key names, as the end of a description."""
-    if index is None:
-        return ""
-    if _is_of_row(number, index, in_row):
-        return f", {'interface' if number.per_interface else 'blade'} {index}"
-    return f", {BLADES[index]} blade"
+def _words_of(number: Key, name: str) -> str:
+    """A blade or an interface in words: "left blade", "blade 3"."""
+    kind = "interface" if number.per_interface else "blade"
+    return f"{kind} {name}" if name.isdigit() else f"{name} {kind}"
 
 
-def has_row(scene_text: str) -> bool:
-    """Whether a scene, as TOML, has a row of blades."""
-    return "\n[row]" in f"\n{scene_text}"
+def layout_in(data: "xr.Dataset") -> Layout:
+    """The layout of the scene that a dataset holds."""
+    return layout_of(tomllib.loads(data.attrs.get("scene", "")))
 
 
 def scene_text_of_lane(data: "xr.Dataset") -> str:

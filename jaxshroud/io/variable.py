@@ -30,10 +30,10 @@ class Variable(Generic[Value]):
     Args:
         long_name: What the quantity is.
         units: SI units as NetCDF writes them; None for flags and counts.
-        dims: The dimensions that follow those of the lanes.
+        dims: The dimensions that follow those of the lanes; `interface` is dropped where there is but that of a pair.
         stored: The type in the dataset, where it differs from that of the given values.
         kind: The type that users get, where it differs from the stored one.
-        alone: Whether the result of a single scene holds the value as an attribute and gives a plain number.
+        alone: Whether a value without dimensions is an attribute, and a plain number, in the result of a single scene.
         more: Further attributes of the variable.
     """
 
@@ -130,16 +130,18 @@ class CountsVariable(Variable[Mapping[str, Any]]):
     Args:
         long_name: What is counted.
         prefix: The prefix of the names in the dataset.
+        dims: The dimensions that follow those of the lanes.
     """
 
-    def __init__(self, long_name: str, prefix: str = ""):
-        super().__init__(long_name, alone=True)
+    def __init__(self, long_name: str, prefix: str = "", dims: tuple[str, ...] = ()):
+        super().__init__(long_name, dims=dims, alone=True)
         self.label, self.prefix = f"{long_name}: ", prefix
 
     def entries(self, values: Mapping[str, Any], lanes: tuple[str, ...]) -> Iterator[Entry]:
         """One variable for each counter."""
         for name, n in values.items():
-            yield f"{self.prefix}{name}", (lanes, np.asarray(n), {"long_name": f"{self.label}{name}"})
+            dims = (*lanes, *self.dims)
+            yield f"{self.prefix}{name}", (dims, np.asarray(n), {"long_name": f"{self.label}{name}"})
 
     def among(self, data: "xr.Dataset") -> list[str]:
         """The names of the counters' variables."""

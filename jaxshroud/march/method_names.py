@@ -10,6 +10,5 @@ Locate = Literal["bisection", "cubic", "none", "series"]
 RESPONSES = tuple(f"{q}_{kind}" for q in ("x", "y", "theta") for kind in ("peak", "rms"))  # amplitudes over a number
 LINEAR_STATES = ("apart", "sliding", "stuck", "corner")  # of contact, in which a row is linear
 LOADS = ("v_max", "N_max", "F_max", "friction_work", "slip", "archard", "impacts", "approach_max", "impulse_max")
-OF_ROWS = ("P_d_worst",)  # reductions that rows of blades alone have
-LARGEST_FIRST = ("P_d", "P_d_vibration", *OF_ROWS)  # reductions; of other numbers the smallest is first
+LARGEST_FIRST = ("P_d", "P_d_vibration", "P_d_worst")  # reductions; of other numbers the smallest is first
 RANKED_BY = (*LARGEST_FIRST, *RESPONSES, *LOADS)

@@ -21,7 +21,9 @@ from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.model.prepared import springs
 from jaxshroud.model.row import pair_at
 from jaxshroud.programs.kept import kept
-from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument, require_pair
+from jaxshroud.scene.capabilities import require_capability
+from jaxshroud.scene.checks import MAX_AUTO_STEPS, InputError, StepTooLongError, count_argument
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 
@@ -59,7 +61,7 @@ def largest_frequency(scene: Scene) -> Scalar:
     Raises:
         InputError: The scene has a row of blades.
     """
-    require_pair("`largest_frequency`", scene.row)
+    require_capability("`largest_frequency`", scene.layout)
     return _frequencies(_stiffness_of(scene), jnp, jnp.linalg.eigvalsh)[0]
 
 
@@ -186,7 +188,7 @@ def judge_step(scene: Scene, steps: Int[Array, ""], method: Tableau | TaylorOpti
         return StepVerdict(jnp.ones((), bool), jnp.zeros_like(scene.drive.omega))
     scene = lax.stop_gradient(scene)
     alone = jax.tree.map(lambda a: jnp.asarray(a)[None], scene)
-    stiffness, period = _batched_stiffness(alone if scene.row is None else _bounding_pairs(alone))
+    stiffness, period = _batched_stiffness(_bounding_pairs(alone))
     h = period / steps.astype(period.dtype)
     rates = _frequencies(stiffness, jnp, largest_eigenvalue)[0], stiffness.relaxation
     angle, relaxed = (jnp.max(rate * h) for rate in rates)
@@ -254,8 +256,7 @@ def _needed_steps(of: "_Fastest", method: Tableau | TaylorOptions) -> np.ndarray
 def lanes_that_auto_steps_follow(scenes: Scene) -> np.ndarray:
     """Whether "auto" steps of RK4 follow each lane (leading axis): others have numbers too large, or are too stiff."""
     count = len(scenes.drive.omega)
-    scenes = scenes if scenes.row is None else _bounding_pairs(scenes)
-    stiffness, period = jax.tree.map(np.asarray, _batched_stiffness(scenes))
+    stiffness, period = jax.tree.map(np.asarray, _batched_stiffness(_bounding_pairs(scenes)))
     finite = np.isfinite(stiffness.squares).all(axis=(-3, -2, -1)) & np.isfinite(period)
     lanes = np.flatnonzero(finite)
     chosen = jax.tree.map(lambda a: a[lanes], stiffness)
@@ -292,24 +293,25 @@ def _fastest(scenes: Scene, batch_dims: int) -> _Fastest:
     NumPy computes the eigenvalues: JAX would import scipy.linalg, which takes longer than everything else here.
     """
     flat = lambda a: np.asarray(a).reshape(-1, *np.shape(a)[batch_dims:])
-    scenes = jax.tree.map(flat, scenes)
-    if scenes.row is not None:
-        scenes = _bounding_pairs(scenes)
-    stiffness, period = _batched_stiffness(scenes)
+    stiffness, period = _batched_stiffness(_bounding_pairs(jax.tree.map(flat, scenes)))
     stiffness = jax.tree.map(np.asarray, stiffness)
     return _Fastest(*_frequencies(stiffness, np, np.linalg.eigvalsh), np.asarray(period), stiffness.relaxation)
 
 
+def _bounding_pairs(scenes: Scene) -> Scene:
+    """Pairs (leading axis) that are at least as stiff as the scenes."""
+    return scenes if scenes.layout == PAIR else _pairs_of_rows(scenes)
+
+
 @kept()
-def _bounding_pairs(rows: Scene) -> Scene:
-    """Pairs (leading axis) at least as stiff as rows: those at every interface, with twice the stiffness of contact.
+def _pairs_of_rows(rows: Scene) -> Scene:
+    """The pairs at every interface of rows, with twice the stiffness of contact.
 
     A blade between two neighbours is held on both sides, and no blade by more.
     """
 
     def pairs(row: Scene) -> Scene:
-        assert row.row is not None
-        at = jax.vmap(lambda j: pair_at(row, j))(jnp.arange(row.row.interfaces))
+        at = jax.vmap(lambda j: pair_at(row, j))(jnp.arange(row.layout.interfaces))
         stiffness = lambda s: (s.contact.k, s.friction.k_d)
         return eqx.tree_at(stiffness, at, tuple(2 * k for k in stiffness(at)))
 

@@ -16,6 +16,7 @@ from jaxshroud.march.taylor_trial import (
 )
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.prepared import Model, State
+from jaxshroud.scene.capabilities import LIMITED, NO_CONTACT
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import ContactPart
@@ -87,9 +88,9 @@ def require_contact(contact: ContactPart, method: Choices) -> None:
 def require_row_contact(contact: ContactPart, method: Choices = REFERENCE) -> None:
     """Raise InputError unless a row of blades with contact of that kind is marched by the method."""
     if contact == "none":
-        raise InputError("A row without contact is many single blades: simulate one of them as a pair.")
+        raise InputError(LIMITED[NO_CONTACT].refusal())
     if stepper_for(method) is not RUNGE_KUTTA:
-        raise InputError("A row of blades is marched by Runge-Kutta methods, not by power series; js.RungeKutta().")
+        raise InputError(LIMITED["the method taylor"].refusal("The method taylor"))
 
 
 def begin_lane(state: State, model: Model, method: Choices) -> Lane:

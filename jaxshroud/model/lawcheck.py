@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxshroud.scene.checks import InputError, require_pair
+from jaxshroud.scene.capabilities import require_capability
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.laws import Laws
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
@@ -70,7 +71,7 @@ def check_laws(scene: Scene) -> None:
         ...
         jaxshroud.scene.checks.InputError: The normal law gives out more work than it gets (v = 1.1e-05 m, -0.0059 m/s).
     """
-    require_pair("`check_laws`", scene.row)
+    require_capability("`check_laws`", scene.layout)
     laws = scene.laws
     if laws is None:
         raise InputError("This scene has no own laws; see js.with_laws.")

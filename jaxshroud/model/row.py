@@ -91,9 +91,10 @@ def prepared_row(scene: Scene) -> RowModel:
 
 
 def pair_at(scene: Scene, j: Any) -> Scene:
-    """The pair of blades at interface `j` of a row, without their mistuning, which contact does not feel."""
+    """The pair of blades at interface `j`, without their mistuning, which contact does not feel; a pair is its own."""
     row, s, d = scene.row, scene.shroud, scene.drive
-    assert row is not None
+    if row is None:
+        return scene
     sides = jnp.stack([j, (j + 1) % row.blades])
     take = lambda tree: jax.tree.map(lambda a: a[sides], tree)
     width = None if scene.contact.width is None else scene.contact.width[j]

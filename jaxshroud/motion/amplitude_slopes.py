@@ -52,7 +52,7 @@ def amplitude_slope(orbit: PeriodicOrbit, amplitude: Amplitude, problem: Tangent
     whole = yield Derivatives(problem, orbit.q, orbit.steps_per_period, method)
     shift = moved_start(orbit.jacobian.by_state, whole.by_parameter, orbit.free_sliders)
     by = whole.moments_by_parameter + whole.moments_by_state @ shift
-    counts = slice(1 if orbit.scene.row is None else None)  # the left blade of a pair, all blades of a row
+    counts = orbit.scene.layout.counting
     (mean, square), (mean_by, square_by) = whole.moments[:, amplitude.row, counts], by[:, amplitude.row, counts]
     if amplitude.measure == "mean":
         return largest_level([*zip(mean, mean_by, strict=True)], "blades tie")

@@ -16,7 +16,7 @@ from jaxshroud.scene.scene import Scene
 
 
 def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str, np.ndarray]:
-    """The values of `WithAmplitudes` by their names, (lanes, 2) each; nothing unless they were kept.
+    """The values of `WithAmplitudes` by their names, (lanes, blades) each; nothing unless they were kept.
 
     Args:
         scenes: The scenes (leading axis).
@@ -27,9 +27,10 @@ def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict
         return {}
     counted, time = counted_periods(samples, number), math.tau / np.asarray(scenes.drive.omega, float)
     shares = (counted / counted.sum(axis=-1, keepdims=True) / time[:, None])[:, None]
-    mean, square = ([np.sum(shares * np.stack(pair, axis=1), axis=-1) for pair in moment] for moment in samples.moments)
-    highest = [_largest_of(np.stack(pair, axis=1), counted) for pair in samples.extent.highest]
-    lowest = [-_largest_of(-np.stack(pair, axis=1), counted) for pair in samples.extent.lowest]
+    by_period = lambda a: np.stack(np.moveaxis(a, -1, 0), axis=1)  # periods side by side: sums are pairwise
+    mean, square = ([np.sum(shares * by_period(a), axis=-1) for a in moment] for moment in samples.moments)
+    highest = [_largest_of(a, counted) for a in samples.extent.highest]
+    lowest = [-_largest_of(-a, counted) for a in samples.extent.lowest]
     values = {}
     for i, (name, free) in enumerate(zip(DISPLACEMENTS, free_amplitudes(scenes), strict=True)):
         values[f"{name}_mean"] = mean[i]
@@ -41,17 +42,22 @@ def amplitude_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict
 
 def counted_periods(samples: Sample, number: np.ndarray) -> np.ndarray:
     """Which periods count, (lanes, periods): the latest whole orbits."""
-    n, q = np.shape(samples.power[0])[1], np.maximum(number, 1)
+    n, q = np.shape(samples.power)[1], np.maximum(number, 1)
     return np.arange(n) >= (n - n // q * q)[:, None]
 
 
 def _largest_of(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
-    """The largest of values (lanes, 2, periods) over the periods that count."""
-    return np.where(counted[:, None], values, -np.inf).max(axis=-1)
+    """The largest of values (lanes, periods, ...) over the periods that count, (lanes, ...)."""
+    return np.where(_like(counted, values), values, -np.inf).max(axis=1)
+
+
+def _like(counted: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Which periods count, with as many axes as the values (lanes, periods, ...)."""
+    return counted.reshape(*counted.shape, *[1] * (values.ndim - 2))
 
 
 def free_amplitudes(scenes: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The amplitudes of x, y and theta without contact, (lanes, 2) each."""
+    """The amplitudes of x, y and theta without contact, (lanes, blades) each."""
     count = len(scenes.drive.omega)
     chunk = lambda _, lanes: _free_amplitudes(jax.tree.map(lambda a: np.asarray(a)[lanes], scenes))
     x, y, theta = in_chunks(chunk, count, 1 if count == 1 else LANES_PER_CALL)
@@ -64,12 +70,13 @@ def _free_amplitudes(scenes: Scene):
 
 
 def counted_mean(values: np.ndarray, counted: np.ndarray) -> np.ndarray:
-    """The mean of values (lanes, periods) over the periods that count."""
-    return np.sum(np.where(counted, values, 0.0), axis=-1) / counted.sum(axis=-1)
+    """The mean of values (lanes, periods, ...) over the periods that count, (lanes, ...)."""
+    number = counted.sum(axis=-1).reshape(-1, *[1] * (values.ndim - 2))
+    return np.sum(np.where(_like(counted, values), values, 0.0), axis=1) / number
 
 
 def load_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str, np.ndarray]:
-    """The values of `WithLoads` by their names, (lanes,) each; nothing unless they were kept.
+    """The values of `WithLoads` by their names, of each lane and interface; nothing unless they were kept.
 
     Args:
         scenes: The scenes (leading axis).
@@ -78,16 +85,16 @@ def load_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str,
     """
     if samples.forces is None:
         return {}
-    period, counted = math.tau / np.asarray(scenes.drive.omega, float), counted_periods(samples, number)
+    period, counted = math.tau / np.asarray(scenes.drive.omega, float)[:, None], counted_periods(samples, number)
     mean = lambda a: counted_mean(a, counted)
-    largest = lambda a: np.where(counted, a, -np.inf).max(axis=-1)
+    largest = lambda a: _largest_of(a, counted)
     N, N_slip, time_slip, slip = map(mean, samples.loads)
     impacts = mean(samples.impacts.number)
-    own, mu = scenes.parts.contact == "own", np.asarray(scenes.friction.mu, float)
+    own, mu = scenes.parts.contact == "own", np.asarray(scenes.friction.mu, float).reshape(len(period), -1)
     work = mean(samples.friction)
     N_max, F_max = map(largest, samples.forces)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return {
+        values = {
             "N_max": N_max,
             "F_max": F_max,
             "N_mean": N / period,
@@ -101,6 +108,7 @@ def load_values(scenes: Scene, samples: Sample, number: np.ndarray) -> dict[str,
             "impulse_max": largest(samples.impacts.impulse),
             "impulse_mean": mean(samples.impacts.impulse_sum) / mean(samples.impacts.ended),
         }
+    return {name: scenes.layout.at_interfaces(a) for name, a in values.items()}
 
 
 def sampled_amplitude_values(scenes: Scene, amplitudes: SampledAmplitudes | None) -> dict[str, np.ndarray]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jaxshroud.batch.periods import LANES_PER_CALL, Sample
 from jaxshroud.batch.threads import in_chunks
-from jaxshroud.march.tally import ContactTimes
+from jaxshroud.march.tally import ContactTimes, displacements_of
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import corners
 from jaxshroud.model.linear import area, free_power, power_reduction, steady_amplitudes
@@ -25,6 +25,7 @@ from jaxshroud.motion.period import (
 from jaxshroud.motion.statistics import MIN_CORRELATION_TIMES, confidence_interval, correlation_times
 from jaxshroud.motion.vibration import Positions, positions_of, square_about_mean
 from jaxshroud.programs.kept import kept
+from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import FloatArray
 
@@ -32,7 +33,7 @@ NEGLIGIBLE_DRIFT = 0.01  # percentage points; a smaller drift does not count
 
 
 class Reduction(NamedTuple):
-    """The power of both blades and the reduction of the left one, for each lane."""
+    """The power of all blades and the reduction of those that count, for each lane."""
 
     P: FloatArray  # (..., blades) [m^4]
     P_d: FloatArray  # (...) [%]
@@ -53,29 +54,29 @@ class VibrationPower(NamedTuple):
     positions: Positions
     area: FloatArray  # (lanes,) of a block [m^2]
 
-    def series(self, n: int, P_0: FloatArray, whole_row: bool) -> FloatArray:
+    def series(self, n: int, P_0: FloatArray, layout: Layout) -> FloatArray:
         """P_d of the vibration in each of the latest `n` periods (lanes, n) [%], about the mean position over all."""
         latest = lambda a: a[:, a.shape[1] - n :]
         x, y, sine, versine = map(latest, self.positions[:4])
         at = self.positions._replace(x=x, y=y, sin=sine, versine=versine)
         square = square_about_mean(latest(self.square)[..., : x.shape[-1]], at)
-        return power_series_of(self.area[:, None, None] * square, P_0, whole_row)
+        return power_series_of(self.area[:, None, None] * square, P_0, layout)
 
 
 def reduction(
     power: FloatArray,
     P_0: FloatArray,
     number: NDArray[np.int32],
-    whole_row: bool = False,
+    layout: Layout = PAIR,
     vibration: VibrationPower | None = None,
 ) -> Reduction:
     """The reduction P_d, by the rule of the paper for the number n of averaged periods.
 
     Args:
-        power: P of each kept period, (..., n, 2) [m^4], oldest first.
-        P_0: Power without contact, (..., 2) [m^4].
+        power: P of each kept period, (..., n, blades) [m^4], oldest first.
+        P_0: Power without contact, (..., blades) [m^4].
         number: Period number of each lane, 0 if aperiodic.
-        whole_row: P_d is that of all blades together, 100 (1 - sum P / sum P_0), rather than that of the left one.
+        layout: Which blades count: P_d is 100 (1 - sum P / sum P_0) over these.
         vibration: What P_d of the vibration alone needs, for one leading axis; None where it was not kept.
 
     Returns:
@@ -94,7 +95,7 @@ def reduction(
             flat[group],
             base[group],
             int(q),
-            whole_row,
+            layout,
             jax.tree.map(lambda a, group=group: a[group], vibration),
         )
         for q, group in zip(np.unique(number), groups, strict=True)
@@ -103,21 +104,20 @@ def reduction(
     return Reduction(*(np.concatenate(a)[order].reshape(lanes + a[0].shape[1:]) for a in zip(*reductions, strict=True)))
 
 
-def power_series_of(power: FloatArray, P_0: FloatArray, whole_row: bool) -> FloatArray:
-    """P_d of each period (lanes, n) [%], of the left blade or of the whole row."""
-    if whole_row:
-        return power_reduction(power.sum(axis=-1), P_0.sum(axis=-1)[:, None])
-    return power_reduction(power[..., 0], P_0[:, :1])
+def power_series_of(power: FloatArray, P_0: FloatArray, layout: Layout) -> FloatArray:
+    """P_d of each period (lanes, n) [%], of the blades that count."""
+    total = lambda a: a[..., layout.counting].sum(axis=-1)
+    return power_reduction(total(power), total(P_0)[:, None])
 
 
 def _reduction_of_period(
-    power: FloatArray, P_0: FloatArray, number: int, whole_row: bool, vibration: VibrationPower | None
+    power: FloatArray, P_0: FloatArray, number: int, layout: Layout, vibration: VibrationPower | None
 ) -> Reduction:
     q = max(number, 1)
     n = power.shape[1] // q * q
     used = power[:, power.shape[1] - n :]
     P = used.mean(axis=1)
-    percent = power_series_of(used, P_0, whole_row)
+    percent = power_series_of(used, P_0, layout)
     settling_result, ci, times = (
         series_settling(percent, number, NEGLIGIBLE_DRIFT),
         confidence_interval(percent, q),
@@ -125,7 +125,7 @@ def _reduction_of_period(
     )
     settled = settling_result.verdict == SETTLED
     short = ~(times >= MIN_CORRELATION_TIMES) & ~(settled & (number > 0))
-    alone = np.full_like(percent, np.nan) if vibration is None else vibration.series(n, P_0, whole_row)
+    alone = np.full_like(percent, np.nan) if vibration is None else vibration.series(n, P_0, layout)
     of_vibration = alone.mean(axis=1), confidence_interval(alone, q)
     return Reduction(P, percent.mean(axis=1), ci, settled, np.full(len(P), n), *settling_result, short, *of_vibration)
 
@@ -202,19 +202,18 @@ def _tilts(scenes: Scene) -> Array:
 
 def displacements(samples: Sample) -> np.ndarray:
     """The displacements x, y and theta of the blades at the ends of periods, (lanes, n, 3 blades)."""
-    z = samples.motion
-    return np.stack([np.asarray(a, float) for pair in (z.x, z.y, z.theta) for a in pair], axis=-1)
+    return np.concatenate(displacements_of(samples.motion), axis=-1, dtype=float)
 
 
 def period_maxima(samples: Sample) -> np.ndarray:
     """The largest magnitude of each of the `displacements` within each period, (lanes, n, 3 blades)."""
     if samples.largest is None:
         return np.abs(displacements(samples))
-    return np.stack([np.asarray(a, float) for pair in samples.largest for a in pair], axis=-1)
+    return np.concatenate(samples.largest, axis=-1, dtype=float)
 
 
 def closing_tolerances_of(scenes: Scene, samples: Sample, tolerance: float, precision: str) -> np.ndarray:
-    """The differences of displacements (lanes, 6) that count as zero, at that tolerance relative to their sizes."""
+    """The differences of displacements (lanes, 3 blades) that count as zero, relative to their sizes."""
     lever = closed_forms(scenes)[2].astype(float)
     return closing_tolerances(period_maxima(samples).max(axis=1), lever, tolerance, precision)
 
@@ -227,6 +226,6 @@ def averages(
     orbit = repetition(
         displacements(samples), period_maxima(samples).max(axis=-2), lever, period_tol, scenes.drive.omega.dtype
     )
-    square, positions = np.stack(samples.power, axis=-1), positions_of(scenes, samples)
+    square, positions = samples.power, positions_of(scenes, samples)
     vibration = None if positions is None else VibrationPower(square, positions, A)
-    return orbit, reduction(A[:, None, None] * square, P_0, orbit.number, scenes.row is not None, vibration), P_0
+    return orbit, reduction(A[:, None, None] * square, P_0, orbit.number, scenes.layout, vibration), P_0

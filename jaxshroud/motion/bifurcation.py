@@ -8,7 +8,6 @@ import numpy as np
 from jaxshroud.batch.runs import Plan, Runs, run_lanes
 from jaxshroud.batch.states import motion_rows
 from jaxshroud.batch.xla import one_lane
-from jaxshroud.model.arithmetic import filled
 from jaxshroud.motion.amplitudes import amplitude_values
 from jaxshroud.motion.batched_algorithms import Algorithm, Periods
 from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, corrected_point
@@ -215,10 +214,9 @@ def contact_summary(point: BranchPoint) -> Algorithm[ContactSummary]:
     method = cycle.method._replace(ledger=False, vibration=False, **logged)
     plan = Plan(0, cycle.q, cycle.steps_per_period, 0.0, method)
     runs: Runs = yield Periods(cycle.scene, cycle.start, plan)
-    log = runs.last.tally.log
-    counters = filled(log.counters, log.time_apart)
-    onsets = int(np.sum(counters.onset_slip[0] + counters.onset_stick[0]))
-    slowest, miss = (float(a[0]) for a in log.within[2:]) if cycle.scene.row is None else (np.nan, np.nan)
+    counters, within = runs.log.counters, runs.log.within
+    onsets = int(np.sum(np.asarray(counters.onset_slip)[0] + np.asarray(counters.onset_stick)[0]))
+    slowest, miss = (np.nan, np.nan) if within is None else (float(a[0].min()) for a in within[2:])
     amplitudes = amplitude_values(one_lane(cycle.scene), runs.samples, np.array([cycle.q]))
     return ContactSummary(
         onsets, slowest, miss, motion_rows(runs.samples.motion)[0], {name: a[0] for name, a in amplitudes.items()}
@@ -259,10 +257,10 @@ def grazing_margins(orbit: PeriodicOrbit) -> GrazingMargins:
     """The grazing margins of an orbit, from its onsets and from the extremes inside its steps."""
     method = orbit.method._replace(ledger=False, within=orbit.scene.row is None)
     plan = Plan(0, orbit.q, orbit.steps_per_period, 0.0, method)
-    log = run_lanes(one_lane(orbit.scene), one_lane(orbit.start), plan, lambda _: None).last.tally.log
-    counters = {name: int(np.sum(n[0])) for name, n in vars(filled(log.counters, log.time_apart)).items()}
-    if orbit.scene.row is not None:
+    log = run_lanes(one_lane(orbit.scene), one_lane(orbit.start), plan, lambda _: None).log
+    counters = {name: int(np.sum(n[0])) for name, n in vars(log.counters).items()}
+    if log.within is None:
         return GrazingMargins(counters, np.nan, np.nan)
-    fastest, gentlest, miss = (float(a[0]) for a in log.within[1:])
+    fastest, gentlest, miss = (float(a[0].min()) for a in log.within[1:])
     slowest = gentlest / fastest if np.isfinite(gentlest) else np.nan
     return GrazingMargins(counters, slowest, miss if np.isfinite(miss) else np.nan)

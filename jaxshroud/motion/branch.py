@@ -22,7 +22,6 @@ from jaxshroud.motion.orbit import PeriodicOrbit, ShootingState, describe_orbit,
 from jaxshroud.motion.shooting import FOLLOWED_TOLERANCE, ShootingOptions, with_determined_sliders
 from jaxshroud.motion.travelling_wave import TravellingWave, travelling_wave
 from jaxshroud.scene.grids import scenes_at
-from jaxshroud.scene.keys import blade_count
 from jaxshroud.scene.scene import Scene
 
 MAX_CORRECTOR_UPDATES = 8
@@ -52,7 +51,7 @@ class ContinuationProblem(NamedTuple):
     @property
     def weights(self) -> np.ndarray:
         """The weights (numbers,) that undo the unit of sliders in closing errors."""
-        place = np.arange(len(self.units)) < 6 * blade_count(self.scene.row_size)
+        place = np.arange(len(self.units)) < 6 * self.scene.layout.blades
         return np.where(place, 1.0, SLIDER_SCALE)
 
     def at(self, value: float) -> Scene:
@@ -156,7 +155,7 @@ def _closed_point(
 def _state_at(problem: ContinuationProblem, y: np.ndarray, like: State) -> State:
     """The state of a point, with the contact modes and cases of another."""
     numbers = (y[:-1] * problem.units).astype(problem.scene.drive.omega.dtype)
-    return from_vector(numbers, like.mode, like.case, problem.scene.row_size)
+    return from_vector(numbers, like.mode, like.case, problem.scene.layout)
 
 
 def _jacobian(problem: ContinuationProblem, tangents: Tangents) -> np.ndarray:

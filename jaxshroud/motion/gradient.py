@@ -28,7 +28,7 @@ from jaxshroud.motion.shooting import moved_start, nearby_orbits
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.checks import InputError, NumericalError
 from jaxshroud.scene.grids import scenes_at
-from jaxshroud.scene.quantities import Power, Quantity, amplitude_of, is_reduction
+from jaxshroud.scene.quantities import Power, Quantity, amplitude_of, counted_amplitude, is_reduction
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.scene.vary import level_of, offsets, with_numbers
@@ -133,7 +133,7 @@ def _power_slope(
         found = [(-level, -by) for level, by in zip(power_reduction(orbit.P, orbit.P_0), slope.T, strict=True)]
         worst = largest_level(found, "blades tie")
         return AmplitudeSlope(-worst.level, -worst.slope, worst.flags), both
-    counts = slice(1 if orbit.scene.row is None else None)
+    counts = orbit.scene.layout.counting
     return AmplitudeSlope(orbit.P_d if of == "P_d" else float(orbit.P[counts].sum()), slope), both
 
 
@@ -172,8 +172,7 @@ def _levels_nearby(orbit: PeriodicOrbit, scenes: Scene, of: Quantity) -> np.ndar
         return levels.min(axis=-1) if of == "P_d_worst" else levels
     plan = Plan(0, orbit.q, orbit.steps_per_period, 0.0, orbit.method._replace(amplitudes=True, vibration=False))
     runs = run_lanes(scenes, starts, plan, lambda _: None)
-    values = amplitude_values(scenes, runs.samples, np.full(len(power), orbit.q))[of]
-    values = values[:, 0] if scenes.row is None else values.max(axis=-1)
+    values = counted_amplitude(amplitude_values(scenes, runs.samples, np.full(len(power), orbit.q))[of], scenes.layout)
     return np.where(np.isfinite(power[:, 0]), values, np.nan)
 
 
@@ -185,13 +184,11 @@ def _quantity(of: Power, scene: Scene, power):
     if of == "P_d_vibration":
         square, means = power
         of, power = "P_d", vibration_square(square[: means.shape[-1]], means, gyration(scene.shroud))
-    if scene.row is None:
-        P = area(scene.shroud) * power[0]
-        return P if of == "P" else power_reduction(P, free_power(scene)[0])
-    P = area(scene.shroud) * power
+    counts = scene.layout.counting
+    P = area(scene.shroud) * power[counts]
     if of == "P_d_worst":
-        return power_reduction(P, free_power(scene))
-    return jnp.sum(P) if of == "P" else power_reduction(jnp.sum(P), jnp.sum(free_power(scene)))
+        return power_reduction(P, free_power(scene)[counts])
+    return jnp.sum(P) if of == "P" else power_reduction(jnp.sum(P), jnp.sum(free_power(scene)[counts]))
 
 
 @kept("of")

@@ -11,7 +11,7 @@ from jaxshroud.model.linear import area, free_power, power_reduction
 from jaxshroud.motion.amplitudes import amplitude_values
 from jaxshroud.motion.averages import averages, closed_forms, half_diagonal
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.quantities import Quantity, amplitude_of, is_reduction
+from jaxshroud.scene.quantities import Quantity, amplitude_of, counted_amplitude, is_reduction
 from jaxshroud.scene.scene import Scene, without_given
 
 
@@ -30,25 +30,25 @@ def levels_of(of: Quantity, scenes: Scene, samples: Sample) -> Levels:
         return Levels(power.P_d, power.ci, motion.number)
     if of == "P_d_vibration":
         return Levels(power.P_d_vibration, power.vibration_ci, motion.number)
-    counts = slice(1 if scenes.row is None else None)  # the left blade of a pair, all blades of a row
+    counts = scenes.layout.counting
     if of == "P":
         return Levels(power.P[:, counts].sum(axis=1), power.ci * P_0[:, counts].sum(axis=1) / 100, motion.number)
     if of == "P_d_worst":
         value = power_reduction(power.P, P_0).min(axis=1)
     else:
-        value = amplitude_values(scenes, samples, motion.number)[of][:, counts].max(axis=1)
+        value = counted_amplitude(amplitude_values(scenes, samples, motion.number)[of], scenes.layout)
     return Levels(value, np.full_like(value, np.nan), motion.number)
 
 
 def free_level(of: Quantity, scene: Scene) -> float:
-    """What a quantity is compared with: P_0, or the RMS displacement of the left block without contact; NaN for P_d.
+    """What a quantity is compared with: P_0, or the RMS displacement of a block without contact; NaN for P_d.
 
-    Of a row it is the sum of all P_0, or the largest of these displacements. Angles are compared with that displacement
-    over half the longer diagonal of a block [rad].
+    It is the sum of P_0 over the blades that count, or the largest of their displacements. Angles are compared with
+    that displacement over half the longer diagonal of a block [rad].
     """
     if is_reduction(of):
         return np.nan
-    amplitude, P_0 = amplitude_of(of), np.asarray(free_power(scene))[: 1 if scene.row is None else None]
+    amplitude, P_0 = amplitude_of(of), np.asarray(free_power(scene))[scene.layout.counting]
     if amplitude is None:
         return float(P_0.sum())
     lever = float(half_diagonal(scene.shroud)) if amplitude.displacement == "theta" else 1.0
@@ -58,9 +58,7 @@ def free_level(of: Quantity, scene: Scene) -> float:
 def compared_powers(of: str, scenes: Scene) -> np.ndarray:
     """The powers without contact with which `of` of one scene or many is compared, (lanes, powers) [m^4]."""
     lanes = scenes if np.ndim(scenes.drive.omega) else one_lane(scenes)
-    P_0 = closed_forms(without_given(lanes))[1].astype(float)
-    if scenes.row is None:
-        return P_0[:, :1]
+    P_0 = closed_forms(without_given(lanes))[1].astype(float)[:, scenes.layout.counting]
     return P_0 if of == "P_d_worst" else P_0.sum(axis=1, keepdims=True)
 
 

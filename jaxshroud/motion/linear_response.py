@@ -12,7 +12,6 @@ from jaxtyping import Array, Float, Int
 from jaxshroud.march.stability import contact_gradients
 from jaxshroud.model.geometry import corners
 from jaxshroud.model.natural_modes import NaturalContact, contact_stiffness, drive_load, free_directions, linear_contact
-from jaxshroud.model.row import pair_at
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene
 
@@ -21,9 +20,8 @@ UPPER_CORNERS = 1  # the case whose corners are looked at
 
 def touching_gradients(scene: Scene) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
     """dv/dq and du/dq of a pair, or at any interface of a row, where the upper corners meet without a gap."""
-    pair = scene if scene.row is None else pair_at(scene, 0)  # all interfaces have its faces
-    touching = corners(pair.shroud, pair.contact.reading)._replace(gap=jnp.zeros_like(pair.shroud.gap))
-    return contact_gradients(UPPER_CORNERS, touching, jnp.concatenate([pair.blades.m] * 3))
+    touching = corners(scene.shroud, scene.contact.reading)._replace(gap=jnp.zeros_like(scene.shroud.alpha))
+    return contact_gradients(UPPER_CORNERS, touching, jnp.concatenate([scene.blades.m[:2]] * 3))
 
 
 class LinearSystem(NamedTuple):

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.runs import Plan, Tick
-from jaxshroud.batch.states import STATE_SIZE, final_states, from_vector, to_vector
+from jaxshroud.batch.states import final_states, from_vector, to_vector
 from jaxshroud.batch.tangents import TangentProblem, as_differentiable, end_as_start, run_flow
 from jaxshroud.march.method import Choices
 from jaxshroud.model.modes import Mode, Status
@@ -16,6 +16,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, Periods
 from jaxshroud.motion.orbit import free_sliders
 from jaxshroud.motion.statistics import confidence_interval
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.scene import Scene
 
@@ -212,7 +213,7 @@ def largest_exponents(
     """
     lanes, unit = len(scenes.drive.omega), energy_units(scenes)
     numbers = np.arange(lanes) if numbers is None else numbers
-    tangents = np.random.default_rng(0).standard_normal((numbers.max() + 1, STATE_SIZE))[numbers] * unit
+    tangents = np.random.default_rng(0).standard_normal((numbers.max() + 1, PAIR.state_size))[numbers] * unit
     tangents[:, -1] = 0.0
     no_change, method = jax.tree.map(np.zeros_like, scenes), as_differentiable(method)
     alignment_blocks, blocks = ALIGNMENT_PERIODS // RENORMALIZATION_PERIODS, max(round(n / RENORMALIZATION_PERIODS), 1)

@@ -15,11 +15,11 @@ import numpy as np
 from jaxshroud.batch.cubics import cubic_mean, hermite_largest
 from jaxshroud.batch.differentiable_samples import Schedule
 from jaxshroud.batch.sampled_tangents import SampledMotions, motions_with_tangents
-from jaxshroud.batch.states import STATE_SIZE
 from jaxshroud.batch.tangents import TangentProblem, as_differentiable, direction
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import moved_start
 from jaxshroud.programs.kept import kept
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.measurements import MEASURES, Channel
 
 
@@ -59,7 +59,7 @@ def _amplitudes_of_alike(orbits: Sequence[PeriodicOrbit], keys: Sequence[str]) -
     problems = [TangentProblem(orbit.scene, orbit.start, directions) for orbit in orbits]
     scenes, states = jax.tree.map(lambda *a: np.concatenate(a), *(problem.duals for problem in problems))
     motions = motions_with_tangents(scenes, states, schedule)
-    by_orbit = jax.tree.map(lambda a: a.reshape(len(orbits), STATE_SIZE + len(keys), *a.shape[1:]), motions)
+    by_orbit = jax.tree.map(lambda a: a.reshape(len(orbits), PAIR.state_size + len(keys), *a.shape[1:]), motions)
     moved = [_moved_along(orbit, jax.tree.map(lambda a, i=i: a[i], by_orbit)) for i, orbit in enumerate(orbits)]
     interval = [math.tau / float(orbit.scene.drive.omega) / steps for orbit in orbits]
     values, slopes = _amplitudes_and_slopes(*(np.stack(a) for a in zip(*moved, strict=True)), np.array(interval))
@@ -68,9 +68,9 @@ def _amplitudes_of_alike(orbits: Sequence[PeriodicOrbit], keys: Sequence[str]) -
 
 def _moved_along(orbit: PeriodicOrbit, motions: SampledMotions) -> tuple[np.ndarray, ...]:
     """The samples of an orbit (place and rate), and their derivatives (keys, samples, 6) where it stays closed."""
-    by_start, by_number = np.split(motions.end_by, [STATE_SIZE])
+    by_start, by_number = np.split(motions.end_by, [PAIR.state_size])
     shift = moved_start(by_start.T, by_number.T, orbit.slider_is_free)
-    along = lambda by: by[STATE_SIZE:] + np.einsum("zk,znc->knc", shift, by[:STATE_SIZE])
+    along = lambda by: by[PAIR.state_size :] + np.einsum("zk,znc->knc", shift, by[: PAIR.state_size])
     return motions.place[0], motions.rate[0], along(motions.place_by), along(motions.rate_by)
 
 

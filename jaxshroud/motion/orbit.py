@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxshroud.batch.states import state_size
 from jaxshroud.batch.tangents import Tangents
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import Choices
@@ -18,7 +17,6 @@ from jaxshroud.model.linear import power_reduction, vibration_square
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import closed_forms
-from jaxshroud.scene.keys import blade_count
 from jaxshroud.scene.scene import Scene, without_given
 
 # The promised relative errors of derivatives; an orbit for which they cannot be kept is ill conditioned.
@@ -113,9 +111,9 @@ def _state_units(scene: Scene) -> np.ndarray:
     `half_diagonal`, with which `conditioning` and `doubt` would change.
     """
     lever = np.hypot(float(scene.shroud.l_oa), float(scene.shroud.l_ab)) / 2
-    blades = blade_count(scene.row_size)
+    blades = scene.layout.blades
     place = np.repeat([1.0, 1.0, 1 / lever], blades)
-    sliders = np.ones(state_size(scene.row_size) - 6 * blades)
+    sliders = np.ones(scene.layout.interfaces)
     return np.concatenate([place, float(scene.drive.omega) * place, sliders])
 
 
@@ -164,7 +162,7 @@ def without_sliders(multipliers: np.ndarray, free: int) -> np.ndarray:
 
 def reduction_of(scene: Scene, P: np.ndarray, P_0: np.ndarray) -> float:
     """P_d of the left blade of a pair, or of a whole row [%]."""
-    counts = slice(1 if scene.row is None else None)
+    counts = scene.layout.counting
     return float(power_reduction(P[counts].sum(), P_0[counts].sum()))
 
 
@@ -243,7 +241,7 @@ def no_orbit(
         P_d=float("nan"),
         P_d_vibration=float("nan"),
         residual=float("nan"),
-        multipliers=np.full(state_size(scene.row_size), np.nan + 0j),
+        multipliers=np.full(scene.layout.state_size, np.nan + 0j),
         conditioning=float("nan"),
         doubt=float("nan"),
         flags=(flag,),

@@ -37,14 +37,14 @@ class Peak(NamedTuple):
 
 
 class Peaked(NamedTuple):
-    """The amplitude whose peaks are sought: that of the blade of a row that swings most, of a pair the left blade's."""
+    """The amplitude whose peaks are sought: the largest of the blades that count."""
 
     problem: ContinuationProblem
     of: str
 
     def level(self, touch: ContactSummary) -> float:
         """The amplitude of an orbit."""
-        return float(counted_amplitude(touch.amplitudes[self.of], self.problem.scene.row is not None))
+        return float(counted_amplitude(touch.amplitudes[self.of], self.problem.scene.layout))
 
 
 def branch_peaks(problem: ContinuationProblem, branches: Sequence[ContinuedBranch], of: str) -> list[Peak]:
@@ -58,12 +58,11 @@ def branch_peaks(problem: ContinuationProblem, branches: Sequence[ContinuedBranc
         and "jump" not in {point.kind for point in branch.points[i : i + 2]}
     ]
     peaks = run_together([_peak(peaked, branches[b], b, i) for b, i in places])
-    found = [peak for peak in peaks if isinstance(peak, Peak)]
-    return found if problem.scene.row is None else _without_copies(found)
+    return _without_copies([peak for peak in peaks if isinstance(peak, Peak)])
 
 
 def _without_copies(peaks: Sequence[Peak]) -> list[Peak]:
-    """The peaks of a row without those of the same motion of other blades, which a broken branch passes as well."""
+    """The peaks without those of the same motion of other blades, which a broken branch of a row passes as well."""
     kept: list[Peak] = []
     for peak in peaks:
         if not any(_is_copy(peak, other) for other in kept):

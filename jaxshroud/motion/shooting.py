@@ -8,12 +8,11 @@ from numpy.typing import DTypeLike
 
 from jaxshroud.batch.duals import Dual
 from jaxshroud.batch.runs import Plan, select_lanes
-from jaxshroud.batch.states import final_states, from_vector, motion_rows, state_size, to_vector
+from jaxshroud.batch.states import final_states, from_vector, motion_rows, to_vector
 from jaxshroud.batch.tangents import (
     TangentProblem,
     Tangents,
     as_differentiable,
-    means_array,
     run_flow,
     without_direction,
 )
@@ -36,7 +35,6 @@ from jaxshroud.motion.orbit import (
     no_orbit,
 )
 from jaxshroud.motion.period import repetition
-from jaxshroud.scene.keys import blade_count
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
@@ -66,7 +64,7 @@ def settled_orbit(scene: Scene, state: State, max_periods: int, aim: ShootingOpt
     the motion was only passing by, and the run goes on.
     """
     steps, method = aim.steps, aim.method
-    blades = blade_count(scene.row_size)
+    blades = scene.layout.blades
     simulated, samples, largest, orbit = 0, np.empty((0, 6 * blades)), np.empty((0, 3 * blades)), None
     lever = float(half_diagonal(scene.shroud))
     for periods in range(PERIODS_BETWEEN_CHECKS, max_periods + PERIODS_BETWEEN_CHECKS, PERIODS_BETWEEN_CHECKS):
@@ -142,12 +140,12 @@ def _scales(scene: Scene, samples: np.ndarray) -> np.ndarray:
     faster than its stiffest spring.
     """
     omega_max, period = stiffest(scene, 0)
-    blades = blade_count(scene.row_size)
+    blades = scene.layout.blades
     place, rate = np.abs(samples[:, : 6 * blades]).reshape(-1, 2, 3, blades).max(axis=(0, 3))
     place = np.maximum(place, rate / omega_max)
     rate = np.maximum(rate, 2 * np.pi / period * place)
     size = np.concatenate([place, rate])
-    sliders = np.full(state_size(scene.row_size) - 6 * blades, place[0] or 1.0)
+    sliders = np.full(scene.layout.interfaces, place[0] or 1.0)
     return np.append(np.repeat(np.where(size > 0, size, 1.0), blades), sliders)
 
 
@@ -174,7 +172,7 @@ def _shoot(
             break
         step = _shooting_step(tangents.by_state * sizes / sizes[:, None], miss, free)
         z = (z + sizes * step).astype(z.dtype)
-        state = from_vector(z, tangents.end.mode, tangents.end.case, scene.row_size)
+        state = from_vector(z, tangents.end.mode, tangents.end.case, scene.layout)
     assert best is not None
     return best._replace(updates=updates)
 
@@ -220,7 +218,7 @@ def nearby_orbits(orbit: PeriodicOrbit, scenes: Scene, *, vibration: bool = Fals
     no_change, method = jax.tree.map(np.zeros_like, scenes), as_differentiable(orbit.method)
     method = method._replace(vibration=vibration)
     power, smallest = np.full((lanes, len(orbit.P)), np.nan), np.full(lanes, np.inf)
-    means = np.full((lanes, 4, 1 if scenes.row is None else len(orbit.P)), np.nan) if vibration else None
+    means = np.full((lanes, 4, scenes.layout.counted), np.nan) if vibration else None
     for _ in range(MAX_NEWTON_UPDATES):
         flows = run_flow(
             Dual(scenes, no_change), without_direction(states), orbit.q, orbit.steps_per_period, method
@@ -228,14 +226,14 @@ def nearby_orbits(orbit: PeriodicOrbit, scenes: Scene, *, vibration: bool = Fals
         z, end = to_vector(states), to_vector(flows.state)
         miss = np.max(np.abs(end - z) / sizes, axis=1)
         improved = miss < smallest
-        power[improved], smallest[improved] = np.stack(flows.power, axis=-1)[improved], miss[improved]
+        power[improved], smallest[improved] = flows.power[improved], miss[improved]
         if means is not None:
-            means[improved] = np.moveaxis(means_array(flows.means), -1, 0)[improved]
+            means[improved] = np.stack(flows.means, axis=1)[improved]
         starts = select_lanes(improved, states, starts)
         if not improved.any():
             break
         step = moved_start(orbit.jacobian.by_state, (end - z).T, orbit.free_sliders).T
-        states = from_vector(z + step, flows.state.mode, flows.state.case, scenes.row_size)
+        states = from_vector(z + step, flows.state.mode, flows.state.case, scenes.layout)
     closed = smallest <= FOLLOWED_TOLERANCE[orbit.method.precision]
     return NearbyOrbits(starts, np.where(closed[:, None], power, np.nan), means)
 

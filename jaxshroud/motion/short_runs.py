@@ -41,7 +41,7 @@ def gap_slopes(scenes: Scene, steps: int, method: Choices) -> np.ndarray | None:
         return None
     dual = Dual(without_given(scenes), direction(scenes, "shroud.gap"))
     flow = run_flow(dual, without_direction(initial_states(scenes)), HORIZON, steps, as_differentiable(method))
-    return np.asarray(flow.tangent.power[0])
+    return flow.tangent.power[:, 0]
 
 
 def softened(scenes: Scene, width: float) -> Scene:

@@ -48,10 +48,10 @@ class TravellingWave(NamedTuple):
 
 def wave_symmetry(scene: Scene) -> WaveSymmetry | None:
     """The symmetry of travelling waves of a scene; None unless it is a ring of alike blades under an engine order."""
-    row = scene.row
-    if row is None or not row.closed or not _is_tuned(scene):
+    layout = scene.layout
+    if not layout.closed or not _is_tuned(scene):
         return None
-    N, order = row.blades, order_of_phases(scene.drive.phase)
+    N, order = layout.blades, order_of_phases(scene.drive.phase)
     if order is None:
         return None
     common = math.gcd(order, N)

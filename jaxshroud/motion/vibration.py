@@ -13,7 +13,7 @@ from jaxshroud.scene.typed import FloatArray
 class Positions(NamedTuple):
     """The mean positions of blocks in each of some periods."""
 
-    x: FloatArray  # (lanes, periods, blades) [m]: the left blade of a pair, or all of a row; so are the next three
+    x: FloatArray  # (lanes, periods, blades that count) [m], as the next three
     y: FloatArray
     sin: FloatArray  # of theta
     versine: FloatArray  # 1 - cos(theta)
@@ -24,10 +24,8 @@ def positions_of(scenes: Scene, samples: Sample) -> Positions | None:
     """The mean positions in each kept period of scenes (leading axis); None where they were not integrated."""
     if samples.means is None:
         return None
-    x, y, sine, versine = (
-        np.stack(a, axis=-1) if isinstance(a, tuple) else np.asarray(a)[..., None] for a in samples.means
-    )
     sides = (np.asarray(a, float) for a in (scenes.shroud.l_oa, scenes.shroud.l_ab))
+    x, y, sine, versine = samples.means
     return Positions(x, y, sine, versine, gyration_of_sides(*sides))
 
 

@@ -82,7 +82,7 @@ def save_animation(
         )
     frames, blocks = last_frames(run, periods), stored_blocks(ds)
     factor = factor or fitting_factor(frames, blocks)
-    new_film = RowFilm if ds.attrs.get("kind") == "row" else PairFilm
+    new_film = RowFilm if "interface" in ds.dims else PairFilm
     with mpl.rc_context(STYLE), tempfile.TemporaryDirectory() as folder:
         film = new_film(frames, blocks, factor, title_of(ds) if title is None else title)
         film.fix_layout()

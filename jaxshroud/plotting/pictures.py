@@ -20,7 +20,6 @@ from jaxshroud.plotting.plot_diagnosis import diagnosis_page, power_page
 from jaxshroud.plotting.plot_fit import fit_page
 from jaxshroud.plotting.plot_mistuned import mistuned_page
 from jaxshroud.plotting.plot_orbit import lyapunov_page, orbit_page
-from jaxshroud.plotting.plot_row import row_page
 from jaxshroud.plotting.plot_row_branch import row_branch_page
 from jaxshroud.plotting.plot_row_motions import row_motions_page
 from jaxshroud.plotting.plot_run import run_page
@@ -35,14 +34,12 @@ from jaxshroud.scene.checks import InputError
 # Kind of a result -> the function that makes its page from its content, the look and options of its own.
 PAGES: dict[str, Callable[..., Page]] = {
     "trajectory": run_page,
-    "row": row_page,
     "sweep": sweep_page,
     "amplitude": amplitude_page,
     "response": response_page,
     "power": power_page,
     "diagnosis": diagnosis_page,
     "orbit": orbit_page,
-    "row_orbit": orbit_page,
     "lyapunov": lyapunov_page,
     "branch": branch_page,
     "row_branch": row_branch_page,

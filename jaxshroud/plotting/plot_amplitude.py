@@ -9,7 +9,8 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from jaxshroud.io.response_data import is_of_row, points_of_member
+from jaxshroud.io.response_data import points_of_member
+from jaxshroud.io.scene_numbers import layout_in
 from jaxshroud.model.modes import BIFURCATION_KINDS, WAVE_RESIDUAL, Status
 from jaxshroud.plotting.page import Page, Panel
 from jaxshroud.plotting.plot_branch import LINE_STYLES, MARKER_SIZE, MARKERS, retraced, stability_runs
@@ -34,7 +35,6 @@ from jaxshroud.plotting.style import (
     legend_below,
 )
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.quantities import counted_amplitude
 
 DISPLACEMENT_SYMBOLS = {"x": "x_1", "y": "y_1", "theta": r"\theta_1"}
 KINDS = {"peak": "amplitude of", "rms": "RMS of", "mean": "mean of"}
@@ -69,13 +69,14 @@ def amplitude_unit(of: str, largest: float, look: Look) -> AmplitudeUnit:
 def _unit_in(ds: xr.Dataset, of: str, largest: float, look: Look) -> AmplitudeUnit:
     """The unit of the amplitude that counts in a dataset."""
     unit = amplitude_unit(of, largest, look)
-    return unit._replace(label=f"largest {unit.label.replace('_1', '')}") if is_of_row(ds) else unit
+    several = layout_in(ds).counted > 1
+    return unit._replace(label=f"largest {unit.label.replace('_1', '')}") if several else unit
 
 
 def _levels_of(ds: xr.Dataset, name: str) -> xr.DataArray:
     """The amplitude that counts, without the dimension `blade`."""
     levels = ds[name].transpose(..., "blade")
-    return levels.isel(blade=0).copy(data=counted_amplitude(levels.to_numpy(), is_of_row(ds)))
+    return levels.isel(blade=0).copy(data=levels.to_numpy()[..., layout_in(ds).counting].max(axis=-1))
 
 
 class AmplitudeContent(NamedTuple):

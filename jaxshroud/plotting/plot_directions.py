@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from jaxshroud.model.modes import Status
 from jaxshroud.plotting.page import Page, Panel
 from jaxshroud.plotting.scales import ParameterAxis, first_blade, gap_of_lanes, parameter_axis, scale_of, title_of
-from jaxshroud.plotting.style import BLUE, COLUMN_WIDTH, GREY, INK, ORANGE, AnyFigure, Look, legend_below
+from jaxshroud.plotting.style import BLUE, COLUMN_WIDTH, GREY, INK, ORANGE, AnyFigure, Look, Properties, legend_below
 
 DIRECTION_STYLES = {  # direction -> label, colour, marker, size
     "independent": ("from rest", GREY, "o", 3.2),
@@ -21,6 +21,7 @@ DIRECTION_STYLES = {  # direction -> label, colour, marker, size
     "backward": ("backward", ORANGE, "o", 1.0),
 }
 SHADE = "#e8e8e8"
+REDUCTIONS: Mapping[str, Properties] = {"P_d_worst": {"mfc": "white", "mew": 0.5}, "P_d": {"mew": 0}}
 
 
 class Directions(NamedTuple):
@@ -78,15 +79,19 @@ def _draw_direction_samples(panel: Axes, directions: Directions) -> None:
     panel.set(xlabel=label, ylabel=scale.label(first_blade(ds)))
 
 
+def _reductions_in(ds: xr.Dataset) -> list[str]:
+    """The reductions that a result has, P_d last."""
+    return [name for name in REDUCTIONS if name in ds]
+
+
 def _draw_direction_power(panel: Axes, directions: Directions) -> None:
     _mark_jumps(panel, directions)
     ds, (values, _, label), _ = directions
     for direction, (_label, color, marker, size) in DIRECTION_STYLES.items():
         lanes, style = ds.sel(direction=direction), {"ms": size + 0.5, "color": color}
         power = lambda name, of=lanes: np.where(of["status"].to_numpy() == Status.OK, of[name].to_numpy(), np.nan)
-        if "P_d_worst" in ds:
-            panel.plot(values, power("P_d_worst"), marker, mfc="white", mew=0.5, **style)
-        panel.plot(values, power("P_d"), marker, mew=0, **style)
+        for name in _reductions_in(ds):
+            panel.plot(values, power(name), marker, **style | REDUCTIONS[name])
     panel.set(xlabel=label, ylabel="$P_d$ [%]")
 
 
@@ -98,8 +103,8 @@ def _direction_handles(ds: xr.Dataset) -> list[Artist]:
         Line2D([], [], ls="", marker=marker, ms=size + 1.5, mew=0, color=color, label=label)
         for label, color, marker, size in DIRECTION_STYLES.values()
     ]
-    if "P_d_worst" in ds:
-        handles.append(Line2D([], [], ls="", marker="o", ms=3.7, mfc="white", mew=0.5, color=INK, label="worst blade"))
+    for look in (REDUCTIONS[name] for name in _reductions_in(ds)[:-1]):
+        handles.append(Line2D([], [], ls="", marker="o", ms=3.7, color=INK, label="worst blade", **look))
     if "jump" not in ds:
         return handles
     if ds["jump"].to_numpy().any():

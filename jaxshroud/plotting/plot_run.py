@@ -13,7 +13,8 @@ from matplotlib.patches import Patch
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.motion.spectrum import amplitude_spectrum, label_lines, whole_periods
 from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.run_data import ContactData, RunData, contact_data, run_data
+from jaxshroud.plotting.plot_blades import BLADE_PANELS
+from jaxshroud.plotting.run_data import ContactData, RunData, contact_data, mean_gap, run_data
 from jaxshroud.plotting.scales import axis_limits, scale_of, title_of
 from jaxshroud.plotting.style import (
     BLUE,
@@ -179,8 +180,8 @@ def run_page(ds: xr.Dataset, look: Look, *, kind: str | None = None, settled_fro
     Args:
         ds: A stored run. The samples from the first that is not finite are left out.
         look: The appearance asked for.
-        kind: One of `RUN_PAGES`: "motion", "forces" or "all" for a page of panels, or the name of a panel. By default
-            "motion", where a panel that cannot be drawn shows the reason.
+        kind: One of `RUN_PAGES`: "motion", "forces" or "all" for a page of panels, or the name of a panel; of a row one
+            of `ROW_PAGES`. By default "motion", where a panel that cannot be drawn shows the reason.
         settled_from: The share of the run that all panels but the time history leave out as its transient.
 
     Raises:
@@ -188,22 +189,23 @@ def run_page(ds: xr.Dataset, look: Look, *, kind: str | None = None, settled_fro
     """
     if "status" in ds.variables:
         raise InputError("A picture shows one run of many: choose it by `lane`.")
+    pages = ROW_PAGES if "interface" in ds.dims else RUN_PAGES
     if kind is not None:
-        word_argument("kind", kind, RUN_PAGES)
-    panels = RUN_PAGES[kind or "motion"]
+        word_argument("kind", kind, pages)
+    panels = pages[kind or "motion"]
     if kind is None:
         panels = [panel._replace(draw=_or_reason(panel.draw)) for panel in panels]
-    rows = (len(panels) + 1) // 2
-    run = run_data(ds, settled_from, scale_of(np.asarray(ds.attrs["gap"]), look.unit))
+    rows = (sum(panel.columns for panel in panels) + 1) // 2
+    run = run_data(ds, settled_from, scale_of(mean_gap(ds), look.unit))
     return Page(
         run,
         panels,
         title_of(ds),
         (PAGE_WIDTH, 2.2 * rows) if len(panels) > 1 else (COLUMN_WIDTH, 2.5),
-        columns=min(len(panels), 2),
+        columns=min(sum(panel.columns for panel in panels), 2),
         finish=_add_run_legend,
         nothing="" if run is not None else "the run has no finite step",
-        single=RUN_PANELS,
+        single=[panel for page in pages.values() for panel in page if len(page) == 1],
     )
 
 
@@ -280,6 +282,7 @@ RUN_PAGES: dict[str, Sequence[Panel]] = {
     "forces": CONTACT_PANELS,
     "all": RUN_PANELS,
 }
+ROW_PAGES = {**{panel.name: (panel,) for panel in BLADE_PANELS}, "motion": BLADE_PANELS}
 
 
 def _draw_last_periods(panel: Axes, t: PlotArray, x: PlotArray, mode: IntegerArray) -> None:

@@ -1,6 +1,6 @@
 """Pictures of the influence of a scene's numbers: tornado charts, and the distribution of P_d."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +8,7 @@ import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 
-from jaxshroud.io.scene_numbers import has_row, key_label
+from jaxshroud.io.scene_numbers import key_label, layout_in
 from jaxshroud.motion.effects import Effect, effects
 from jaxshroud.plotting.page import Page, Panel, Summary
 from jaxshroud.plotting.style import (
@@ -24,10 +24,11 @@ from jaxshroud.plotting.style import (
     fitting_title,
     legend_below,
 )
-from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.quantities import quantity_symbol, unit_of
 
 MOST_BARS = 24
+LONG_LABEL = 40  # letters of a label of numbers, symbols as formulas: beside it the axis below has less room
 EFFECT_UNITS = {"%": ("percentage points", 1.0), "m^4": ("m$^4$", 1.0), "m": ("µm", 1e6), "rad": ("mrad", 1e3)}
 DRAW_UNITS = {"m^4": ("m$^4$", 1.0), "m": ("mm", 1e3)}  # unit -> as pictures show it, and how many of these it is
 
@@ -38,19 +39,25 @@ class Bars(NamedTuple):
     of: str  # the quantity that they change, a `Quantity`
     effects: list[Effect]
     left_out: int  # number of smaller effects that are not shown
-    in_row: bool = False  # they are those of a row of blades
+    blades: tuple[str, ...] = PAIR.names
+
+    @property
+    def labels(self) -> list[str]:
+        """The label of each number, with its change where that is not 1 %."""
+        per = ("" if e.per == "1 %" else f" (per {e.per})" for e in self.effects)
+        return [f"{short_label(e.key, self.blades)}{change}" for e, change in zip(self.effects, per, strict=True)]
 
 
 def gradient_page(data: Summary, look: Look) -> Page[Bars]:
     """The effect of 1 % more of each number (1 degree for angles), the largest on top.
 
     Args:
-        data: `of`, `title`, and `value`, `ci` and `number` by their keys, as `gradient.json` holds them; `in_row`.
+        data: `of`, `title`, and `value`, `ci` and `number` by their keys, as `gradient.json` holds them; `blades`.
         look: The appearance asked for.
     """
     changes = [e for e in effects(data["value"], data["ci"], data["number"]) if np.isfinite(e.change)]
     changes = [e for e in changes if e.change] or changes
-    bars = Bars(data["of"], changes[:MOST_BARS], len(changes[MOST_BARS:]), bool(data.get("in_row")))
+    bars = Bars(data["of"], changes[:MOST_BARS], len(changes[MOST_BARS:]), tuple(data.get("blades", PAIR.names)))
     size = COLUMN_WIDTH, 1.1 + 0.21 * max(len(bars.effects), 2)
     title = fitting_title(str(data.get("title", "")))
     return Page(bars, GRADIENT_PANELS, title, size, nothing="" if bars.effects else "there is no derivative")
@@ -65,9 +72,9 @@ def _draw_bars(panel: Axes, bars: Bars) -> None:
     if ci.any():
         panel.errorbar(change, rows, xerr=ci, fmt="none", ecolor=INK, elinewidth=0.8, capsize=1.5)
     panel.axvline(0.0, color=INK, lw=0.7)
-    panel.set_yticks(rows, [_effect_label(e, bars.in_row) for e in shown])
+    panel.set_yticks(rows, bars.labels)
     panel.tick_params(axis="y", length=0, which="both")
-    fold = "\n" if bars.in_row else " "  # the labels of its numbers are long
+    fold = "\n" if max(map(len, bars.labels)) > LONG_LABEL else " "
     more = f", {bars.left_out} smaller ones left out" if bars.left_out else ""
     panel.set(xlabel=f"{quantity_symbol(bars.of)} per 1 % more{fold}[{unit}]{more}", ylim=(len(shown) - 0.4, -0.6))
 
@@ -75,14 +82,9 @@ def _draw_bars(panel: Axes, bars: Bars) -> None:
 GRADIENT_PANELS = (Panel("effects", _draw_bars),)
 
 
-def _effect_label(e: Effect, in_row: bool) -> str:
-    """The label of the number, with its change where that is not 1 %."""
-    per = "" if e.per == "1 %" else f" (per {e.per})"
-    if in_row:
-        return f"{key_label(e.key, in_row)}{per}"
-    row, blade = find_key(e.key)
-    side = "" if blade is None else f", {('left', 'right')[blade]}"
-    return f"{row.label}{side} ${row.symbol}${per}"
+def short_label(key: str, names: Sequence[str]) -> str:
+    """The label of a number where room is short: a blade with a name is called by its name alone."""
+    return key_label(key, names).replace(" blade $", " $")
 
 
 BEYOND_SHARE = {"<": "goes below 0", ">": "goes above 1"}  # mark -> its meaning
@@ -133,11 +135,9 @@ def _draw_variance_shares(panel: Axes, ds: xr.Dataset) -> None:
 
 
 def _share_labels(ds: xr.Dataset) -> list[str]:
-    """The label of each number; of a row with its blade or interface."""
-    keys = [str(key) for key in ds["key"].to_numpy()]
-    if has_row(str(ds.attrs.get("scene", ""))):
-        return [key_label(key, in_row=True) for key in keys]
-    return [f"{row.label} ${row.symbol}$" for row, _ in map(find_key, keys)]
+    """The label of each number."""
+    names = layout_in(ds).names
+    return [short_label(str(key), names) for key in ds["key"].to_numpy()]
 
 
 def _add_scatter_legend(figure: AnyFigure, axes: Mapping[str, Axes], ds: xr.Dataset) -> None:

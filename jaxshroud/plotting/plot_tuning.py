@@ -1,6 +1,6 @@
 """Pictures of tunings, and of the robustness of the tuned design."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from math import ceil
 from typing import NamedTuple
@@ -31,6 +31,7 @@ from jaxshroud.plotting.style import (
     legend_below,
     quantity,
 )
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.quantities import is_reduction, quantity_symbol
 
 SHARE_LABEL = "share of draws below"
@@ -82,9 +83,14 @@ def _reduction_symbol(robust: Summary) -> str:
     return quantity_symbol(of) if is_reduction(of) else f"reduction of {quantity_symbol(of)}"
 
 
+def _names(data: Summary) -> Sequence[str]:
+    """The names of the blades."""
+    return data.get("blades", PAIR.names)
+
+
 def _draw_loss(panel: Axes, robust: Summary, key: str) -> None:
     interval, loss = robust["intervals"][key], robust["loss"]
-    label, unit = quantity(key, in_row="in_row" in robust)
+    label, unit = quantity(key, names=_names(robust))
     values, losses = (np.array(interval[name], float) for name in ("looked", "loss"))
     low, high = interval["low"], interval["high"]
     panel.axvspan(low * unit, high * unit, color=SKY, alpha=0.25, lw=0, zorder=0)
@@ -201,7 +207,7 @@ def _draw_paths(panel: Axes, tuning: TuningData) -> None:
     """All paths on the map of the objective."""
     data, points, best = tuning.data, tuning.points, tuning.best
     (x_key, x_ends), (y_key, y_ends) = data["over"].items()
-    (x_label, x_unit), (y_label, y_unit) = (quantity(key, in_row="in_row" in data) for key in (x_key, y_key))
+    (x_label, x_unit), (y_label, y_unit) = (quantity(key, names=_names(data)) for key in (x_key, y_key))
     x, y = np.array(data["map"]["first"]) * x_unit, np.array(data["map"]["second"]) * y_unit
     mesh = panel.pcolormesh(
         x, y, np.array(data["map"]["objective"], float).T, cmap="viridis", shading="nearest", rasterized=True
@@ -232,7 +238,7 @@ def _draw_keys(panel: Axes, tuning: TuningData) -> None:
         value = np.concatenate([path[:, i], rounds[1:, i]])
         share = np.log(value / low) / np.log(high / low) if low > 0 else (value - low) / (high - low)
         style: Properties = {"color": colors[i % len(colors)], "marker": "" if i < len(colors) else ".", "ms": 3}
-        panel.plot(share[: len(path)], label=key_label(key, "in_row" in data), **style)
+        panel.plot(share[: len(path)], label=key_label(key, _names(data)), **style)
         panel.plot(np.arange(len(path) - 1, len(share)), share[len(path) - 1 :], ls=ROUND_DASHES, **style)
     panel.set(xlabel=STEP_LABEL, ylabel="place between the bounds", ylim=(-0.02, 1.02), title="the best path")
     panel.legend(loc="best")

@@ -38,7 +38,7 @@ class RowFilm(Film):
 
     def __init__(self, frames: xr.Dataset, blocks: Blocks, factor: float, title: str):
         self.frames, self.blocks, self.factor = frames, blocks, factor
-        self.closed = bool(frames.attrs["closed"])
+        self.closed = frames.sizes["interface"] == frames.sizes["blade"]
         gaps = np.broadcast_to(blocks.gap, frames.sizes["interface"])
         self.places = np.arange(frames.sizes["blade"] + 1) * blocks.l_oa
         self.places[1 : len(gaps) + 1] += factor * np.cumsum(gaps)

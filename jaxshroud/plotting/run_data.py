@@ -28,9 +28,9 @@ class RunData:
     ds: xr.Dataset  # its samples up to the last finite one
     scale: Scale
     t: PlotArray  # [drive periods]
-    x: PlotArray  # (n, 2)
+    x: PlotArray  # (n, blades)
     v: PlotArray  # of the left blade [m/s]
-    mode: IntegerArray
+    mode: IntegerArray  # (n,), in a row (n, interfaces)
     settled: BoolArray  # samples after the transient
     ends: BoolArray  # those of them that are at the end of a period
     rate: Fraction  # samples per period
@@ -53,12 +53,17 @@ def run_data(ds: xr.Dataset, settled_from: float = 0.5, scale: Scale | None = No
     ds = ds.isel(time=slice(0, int(not_finite.argmax()) if not_finite.any() else None))
     if ds.sizes["time"] < 2:
         return None
-    scale, steps = scale or scale_of(np.asarray(ds.attrs["gap"])), int(ds.attrs["steps_per_period"])
+    scale, steps = scale or scale_of(mean_gap(ds)), int(ds.attrs["steps_per_period"])
     t = _in_periods(ds, ds["time"].to_numpy())
     settled = t > t[0] + settled_from * (t[-1] - t[0]) + 1e-9  # without the sample that ends the transient
     ends = settled & (np.rint(t * steps) % steps == 0)
     x, v = ds["x"].to_numpy() * scale.factor, ds["v_x"].to_numpy()[:, 0]
     return RunData(ds, scale, t, x, v, ds["mode"].to_numpy(), settled, ends, Fraction(steps, int(ds.attrs["every"])))
+
+
+def mean_gap(ds: xr.Dataset) -> PlotArray:
+    """The gap of a single run, that of a row on average [m]."""
+    return np.array(float(np.mean(ds["gap"] if "gap" in ds else ds.attrs["gap"])))
 
 
 def _in_periods(ds: xr.Dataset, time: PlotArray) -> PlotArray:

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxshroud.io.lane_status import status_name
+from jaxshroud.io.scene_numbers import layout_in
 from jaxshroud.model.modes import Status
 from jaxshroud.plotting.style import DEFAULT_LOOK, LENGTHS, Look, PlotArray, Properties, fitting_title, quantity
 from jaxshroud.scene.checks import InputError, word_argument
@@ -60,8 +61,8 @@ def scale_of(gap: PlotArray, unit: str | None = None) -> Scale:
 
 
 def first_blade(ds: xr.Dataset) -> str:
-    """The index of the first blade of a sweep in symbols: blades of a row are numbered from 0."""
-    return "0" if "P_d_worst" in ds else "1"
+    """The index of the first blade of a sweep in symbols."""
+    return layout_in(ds).indices[0]
 
 
 def axis_limits(values: PlotArray, min_length: float = 0.0) -> tuple[float, float]:

@@ -24,6 +24,7 @@ from jaxshroud.io.scene_numbers import key_label
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.derived_inputs import alternative_keys
 from jaxshroud.scene.keys import ALL_KEYS, parse_key
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.title import CHANGE_SEPARATOR, subject_of
 
 GREEK = "alpha|beta|gamma|zeta|theta|phi|omega|tau|mu|sigma"
@@ -269,15 +270,20 @@ def shade(figure: Figure, low: float, high: float) -> None:
         panel.axvspan(low, high, color=SKY, alpha=0.25, lw=0, zorder=0)
 
 
-def quantity(key: str, look: Look = DEFAULT_LOOK, unit: str = "SI", in_row: bool = False) -> tuple[str, float]:
-    """The axis label of a number of a scene, and its factor from SI units; an unknown key gets the given unit."""
+def quantity(
+    key: str, look: Look = DEFAULT_LOOK, unit: str = "SI", names: Sequence[str] = PAIR.names
+) -> tuple[str, float]:
+    """The axis label of a number of a scene, and its factor from SI units; an unknown key gets the given unit.
+
+    `names` are those of the blades.
+    """
     stem = key.partition("[")[0]
     if stem not in QUANTITIES:
         return f"{key} [{unit}]" if unit else key, 1.0
     _, _, unit, factor = QUANTITIES[stem]
     if ALL_KEYS[stem].unit == "m" and look.unit in LENGTHS:
         unit, factor = LENGTHS[look.unit]
-    label = key_label(key, in_row)
+    label = key_label(key, names)
     return f"{label} [{unit}]" if unit else label, float(factor)
 
 

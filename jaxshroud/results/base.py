@@ -17,6 +17,7 @@ from jaxshroud.io.store import JSONValue, json_values, read, write_dataset, writ
 from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import InputError, StoreError
+from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.typed import typed
 from jaxshroud.version import __version__
 
@@ -77,6 +78,7 @@ class Result:
         coords: Mapping[str, object] | None = None,
         attrs: Mapping[str, object] | None = None,
         more: Mapping[str, object] | None = None,
+        layout: Layout | None = None,
     ) -> Self:
         """A result from its values.
 
@@ -86,6 +88,7 @@ class Result:
             coords: Coordinates as xarray takes them.
             attrs: Attributes of the dataset, such as its origin.
             more: Further variables as xarray takes them, such as the numbers that differ between scenes.
+            layout: Of the scenes, which tells whether users see an axis of interfaces; None where they always do.
         """
         import xarray as xr
 
@@ -95,7 +98,8 @@ class Result:
             value = values.get(name)
             if value is None:
                 continue
-            for entry, (dims, array, attributes) in variable.entries(value, tuple(lanes)):
+            for entry, (declared, array, attributes) in variable.entries(value, tuple(lanes)):
+                dims = declared if layout is None else layout.dims(declared)
                 if variable.alone and not dims:
                     scalars |= {entry: array.item(), **variable.more}
                 else:

@@ -13,7 +13,8 @@ from jaxshroud.model.modes import BIFURCATION_KINDS, MULTIPLIER_KINDS, WAVE_RESI
 from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Result
 from jaxshroud.results.orbit import component_names
-from jaxshroud.scene.keys import Motion, blade_count
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
@@ -101,9 +102,9 @@ class Branch(WithAmplitudes, Result):
     ) -> "Branch":
         """The result from branches that were followed along a number within limits."""
         turns = max(point.cycle.q for branch in branches for point in branch.points)
-        of_row = branches[0].points[0].cycle.scene.row_size
-        kind = cls if of_row is None else RowBranch
-        row_of = _branch_row if of_row is None else _point_of_row
+        layout = branches[0].points[0].cycle.scene.layout
+        kind = cls if layout == PAIR else RowBranch
+        row_of = _branch_row if layout == PAIR else _point_of_row
         rows = [row_of(b, i, one, turns) for b, one in enumerate(branches) for i in range(len(one.points))]
         values: dict[str, Any] = {
             name: np.stack([np.asarray(row[name]) for row in rows]) for name in rows[0] if name != "motion"
@@ -111,8 +112,8 @@ class Branch(WithAmplitudes, Result):
         values["motion"] = Motion(*(np.stack(field) for field in zip(*(row["motion"] for row in rows), strict=True)))
         gap = values.pop("gap")
         values |= {"along": along, "ends_of_branches": "; ".join(", ".join(branch.ends) for branch in branches)}
-        blades = blade_count(of_row)
-        coords = {"blade": np.arange(blades), "displacement": component_names(of_row)[: 3 * blades]}
+        blades = layout.blades
+        coords = {"blade": np.arange(blades), "displacement": component_names(layout)[: 3 * blades]}
         attributes = {**attrs, "start": limits[0], "stop": limits[1]}
         gap_dims = ("point", "interface")[: gap.ndim]
         result = kind.from_values(

@@ -8,7 +8,7 @@ import numpy as np
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.results.base import Result
-from jaxshroud.scene.keys import RowSize
+from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.parts import COORDINATES
 
 MOTION_NAMES = {"x": "bending along x", "y": "bending along y", "theta": "torsion"}
@@ -85,15 +85,15 @@ class Campbell(Result):
         modes: Sequence[NaturalMode],
         engine_orders: Sequence[float],
         attributes: Mapping[str, float],
-        row: RowSize | None = None,
+        layout: Layout = PAIR,
     ) -> "Campbell":
-        """The result from the modes, the engine orders, `speed`, `drive_order`, `start` and `stop`, and the row."""
+        """The result from the modes, the engine orders, `speed`, `drive_order`, `start` and `stop`, and the layout."""
         columns = {name: [getattr(mode, name) for mode in modes] for name in ("contact", "zeta", "energy", "driven")}
         frequency = np.array([mode.frequency for mode in modes])
         crossing = crossing_speeds(frequency, engine_orders)
         margin = 100 * (attributes["speed"] / crossing - 1)
         values = {**columns, "frequency": frequency, "crossing_speed": crossing, "margin": margin, **attributes}
-        values["excited"] = excited_by(modes, engine_orders, row)
+        values["excited"] = excited_by(modes, engine_orders, layout)
         coords = {
             "family": [mode.name for mode in modes],
             "engine_order": [float(order) for order in engine_orders],
@@ -117,13 +117,13 @@ def crossings_between(
     speed: float,
     start: float,
     stop: float,
-    row: RowSize | None = None,
+    layout: Layout = PAIR,
 ) -> tuple[Crossing, ...]:
     """The crossings from the speed `start` to `stop`, both included, the slowest first.
 
     Margins are those of `speed` [rad/s].
     """
-    excited = excited_by(modes, engine_orders, row)
+    excited = excited_by(modes, engine_orders, layout)
     crossing = crossing_speeds(np.array([mode.frequency for mode in modes]), engine_orders)
     inside = np.argwhere((crossing >= start * (1 - AT_END)) & (crossing <= stop * (1 + AT_END)))
     found = (
@@ -141,19 +141,17 @@ def crossings_between(
     return tuple(sorted(found, key=lambda crossing: crossing.speed))
 
 
-def excited_by(
-    modes: Sequence[NaturalMode], engine_orders: Sequence[float], row: RowSize | None
-) -> list[list[bool]] | None:
+def excited_by(modes: Sequence[NaturalMode], engine_orders: Sequence[float], layout: Layout) -> list[list[bool]] | None:
     """Whether each engine order excites each mode of a tuned ring; None for other scenes.
 
     Order EO excites nodal diameter EO modulo N, aliased into 0 to N/2; orders that are not whole excite all.
     """
     known = all(mode.blades.startswith(("nodal diameter", "each blade")) for mode in modes)
-    if row is None or not row.closed or not known:
+    if not layout.closed or not known:
         return None
 
     def excites(order: float, blades: str) -> bool:
-        diameter = min(order % row.blades, -order % row.blades)
+        diameter = min(order % layout.blades, -order % layout.blades)
         return blades == "each blade" or order % 1 != 0 or blades == f"nodal diameter {diameter:g}"
 
     return [[excites(float(order), mode.blades) for order in engine_orders] for mode in modes]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from jaxshroud.results.base import PlainResult
-from jaxshroud.scene.keys import RowSize
+from jaxshroud.scene.layout import PAIR, Layout, row_layout
 
 if TYPE_CHECKING:
     from jaxshroud.results.campbell import Campbell, Crossing, NaturalMode
@@ -57,9 +57,9 @@ class DataSheet(PlainResult):
         from jaxshroud.results.campbell import Campbell
 
         attributes = {name: getattr(self, name) for name in ("speed", "drive_order", "start", "stop")}
-        return Campbell.of_modes(self.modes, self.engine_orders, attributes, self.row_size)
+        return Campbell.of_modes(self.modes, self.engine_orders, attributes, self.layout)
 
     @property
-    def row_size(self) -> RowSize | None:
-        """The size of a row; None of a pair."""
-        return RowSize(len(self.inertia), self.closed) if self.gaps else None
+    def layout(self) -> Layout:
+        """The layout of the blades."""
+        return row_layout(len(self.inertia), self.closed) if self.gaps else PAIR

@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
+from jaxshroud.io.scene_numbers import layout_in
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, FlagsVariable, Variable, lanes_in_shape, lanes_in_words
 from jaxshroud.motion.effects import Effect, effects, told_difference, with_interval
 from jaxshroud.results.base import Labels, Result, result_from_dataset
-from jaxshroud.results.orbit import ORBIT_FLAGS, Orbit, RowOrbit
+from jaxshroud.results.orbit import ORBIT_FLAGS, Orbit
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.quantities import unit_of
 
@@ -150,7 +151,7 @@ class Gradient(Result):
             {
                 **{name: getattr(self, name) for name in names},
                 "number": {effect.key: effect.number for effect in self.effects},
-                **({"in_row": True} if self._in_row else {}),
+                "blades": self._blades,
                 "orbit": orbit,
                 "method": str(cycle.method),
                 "steps_per_period": cycle.steps_per_period,
@@ -161,20 +162,20 @@ class Gradient(Result):
     def _picture_content(self) -> dict[str, object]:
         number = {effect.key: effect.number for effect in self.effects}
         title = self.data.attrs.get("title", "")
-        content = {"of": self.of, "value": self.value, "ci": self.ci, "number": number, "title": title}
-        return {**content, "in_row": self._in_row}
+        values = {"of": self.of, "value": self.value, "ci": self.ci, "number": number}
+        return {**values, "title": title, "blades": self._blades}
 
     @property
-    def _in_row(self) -> bool:
-        """Whether it is of a row of blades."""
-        return self.data.attrs.get(f"{ORBIT_PREFIX}kind") == RowOrbit.stored_as
+    def _blades(self) -> tuple[str, ...]:
+        """The names of the blades, for the labels of pictures."""
+        return layout_in(self.data).names
 
     def _by_key(self, values: np.ndarray) -> dict[str, Any]:
         columns = np.moveaxis(values, -1, 0)
         return dict(zip(self.wrt, columns if values.ndim > 1 else columns.tolist(), strict=True))
 
     @property
-    def orbit(self) -> Any:  # an `Orbit` or a `RowOrbit`
+    def orbit(self) -> Any:  # an `Orbit`
         """The orbit, or the orbits of many scenes, with their flags, multipliers and bifurcations."""
         if self.orbits is not None:
             return self.orbits

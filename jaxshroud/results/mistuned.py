@@ -12,6 +12,7 @@ from jaxshroud.model.modes import Status
 from jaxshroud.motion.amplification import whitehead_factor
 from jaxshroud.results.base import Result
 from jaxshroud.results.sweep import DIRECTION
+from jaxshroud.scene.layout import row_layout
 
 QUANTILE_SHARES = (0.05, 0.5, 0.95)
 PATTERN_DIMS = ("design", "sigma", "pattern")
@@ -192,11 +193,12 @@ def mistuned_coordinates(
     along: str, values: np.ndarray, designs: Sequence[str], sigmas: np.ndarray, directions: Sequence[str], blades: int
 ) -> dict[str, object]:
     """The coordinates of the result as xarray takes them."""
+    names = row_layout(blades, True).names
     return {
         "design": list(designs),
         "sigma": ("sigma", sigmas, {"units": "1", "long_name": "standard deviation of the mistuning"}),
         "share": ("share", np.array(QUANTILE_SHARES), {"long_name": "share of patterns below"}),
         DIRECTION: list(directions),
-        "value": ("value", values, key_attrs(along, True) | {"dimension": dimension(along, True)}),
+        "value": ("value", values, key_attrs(along, names) | {"dimension": dimension(along, names)}),
         "blade": np.arange(blades),
     }

@@ -20,7 +20,8 @@ from jaxshroud.io.variable import (
 from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Labels, Result
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.keys import Motion, RowSize, blade_count
+from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import PAIR, Layout
 
 if TYPE_CHECKING:
     from jaxshroud.batch.tangents import Tangents
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from jaxshroud.scene.scene import Scene
 
 OfOrbit = TypeVar("OfOrbit")
-SIDES = ("left", "right")
 ORBIT_FLAGS = (
     "aperiodic",
     "stopped",
@@ -44,18 +44,18 @@ ORBIT_FLAGS = (
 ORBIT_NUMBERS = ("q", "P_d", "P_d_vibration", "residual", "conditioning", "doubt", "updates", "periods", "status")
 
 
-def component_names(row: RowSize | None = None) -> list[str]:
+def component_names(layout: Layout = PAIR) -> list[str]:
     """The names of the numbers of a state, in the order of vectors."""
-    sides = SIDES if row is None else range(row.blades)
-    sliders = ["slider"] if row is None else [f"slider_{j}" for j in range(row.interfaces)]
-    return [f"{name}_{side}" for name in Motion._fields for side in sides] + sliders
+    sliders = [f"slider_{j}" for j in range(*layout.interface_shape)] if layout.interface_shape else ["slider"]
+    return [f"{name}_{blade}" for name in Motion._fields for blade in layout.names] + sliders
 
 
 class Orbit(WithAmplitudes, Result):
-    """Periodic orbits, or for lanes without one the reason. Those of rows of blades are `RowOrbit`s.
+    """Periodic orbits, or for lanes without one the reason.
 
-    Arrays start with the axes of the scenes. A single scene has no leading axes, and a plain number for every quantity
-    that each orbit has one value of.
+    Arrays start with the axes of the scenes. In a row of blades what is told of contact ends with the interface, P_d is
+    that of all blades together, and "not unique" is said where any slider stays wherever it starts. A single scene has
+    no leading axes, and a plain number for every quantity that each orbit has one value of.
 
     The `flags` of a lane are empty for an orbit that can be relied upon. Else they are some of "aperiodic" (the motion
     never nearly repeated), "not converged" (Newton's method did not close the orbit), "unstable" (a multiplier is
@@ -69,9 +69,9 @@ class Orbit(WithAmplitudes, Result):
     stored_as = "orbit"
 
     motion = MotionVariable("at the start of the orbit, drive phase 0")
-    u_s = Variable("slider at the start", "m")
-    mode = Variable("contact mode at the start")
-    case = Variable("contact case at the start")
+    u_s = Variable("slider at the start", "m", ("interface",))
+    mode = Variable("contact mode at the start", None, ("interface",))
+    case = Variable("contact case at the start", None, ("interface",))
     q = Variable("period number; 0: no orbit", alone=True, kind=int)
     P = Variable("average power, Eq. (23); NaN without an orbit", "m4", ("blade",))
     P_0 = Variable("average power without contact, closed form", "m4", ("blade",))
@@ -91,8 +91,15 @@ class Orbit(WithAmplitudes, Result):
     power_by_start = Variable("d mean square displacement / d start", None, ("blade", "by_component"))
     mean_square = Variable("mean square displacement over block and time", "m2", ("blade",))
     end = Variable("state at the end of the orbit, in SI units", None, ("component",))
-    end_mode = Variable("contact mode at the end")
-    end_case = Variable("contact case at the end")
+    end_mode = Variable("contact mode at the end", None, ("interface",))
+    end_case = Variable("contact case at the end", None, ("interface",))
+    wave_parts = Variable(
+        "parts of the period over which a travelling wave repeats; 0: no ring of alike blades", kind=int, alone=True
+    )
+    wave_residual = Variable(
+        "distance from a travelling wave, relative to the largest of each quantity", "1", alone=True
+    )
+    wave_multipliers = ComplexVariable("multipliers of the map over a part and the shift back", "1", ("multiplier",))
 
     scenes: "Scene | None" = None  # in memory, unless read from a file
     choices: "Choices | None" = None
@@ -120,11 +127,10 @@ class Orbit(WithAmplitudes, Result):
         first = cycles[0]
         values |= {name: lanes_in_shape([*a], shape) for name, a in (amplitudes or {}).items()}
         values |= {"method": str(first.method), "steps_per_period": first.steps_per_period}
-        row = first.scene.row_size
-        names = component_names(row)
-        coords = {"blade": np.arange(blade_count(row)), "component": names, "by_component": names}
-        kind = cls if row is None else RowOrbit
-        result = kind.from_values(values, coords=coords, **labels)
+        layout = first.scene.layout
+        names = component_names(layout)
+        coords = {"blade": np.arange(layout.blades), "component": names, "by_component": names}
+        result = cls.from_values(values, coords=coords, layout=layout, **labels)
         result.scenes = jax.tree.map(lambda *a: lanes_in_shape(a, shape), *(cycle.scene for cycle in cycles))
         result.choices = first.method
         return result
@@ -166,7 +172,7 @@ class Orbit(WithAmplitudes, Result):
 
         if not np.any(self.found):
             return None
-        lanes, end = np.shape(self.q), from_vector(self.end, self.end_mode, self.end_case, self.scene.row_size)
+        lanes, end = np.shape(self.q), from_vector(self.end, self.end_mode, self.end_case, self.scene.layout)
         by_numbers = (np.empty((*lanes, self.data.sizes[name], 0)) for name in ("component", "blade"))
         return Tangents(end, self.end, self.mean_square, self.status, self.M, self.power_by_start, *by_numbers)
 
@@ -189,6 +195,17 @@ class Orbit(WithAmplitudes, Result):
     def bifurcation(self) -> tuple[str, float] | np.ndarray:
         """The bifurcation that the leading multiplier approaches, and its distance 1 - abs(multiplier)."""
         return self._of_each(lambda cycle: cycle.bifurcation)
+
+    @property
+    def wave_bifurcation(self) -> tuple[str, float]:
+        """What the leading multiplier of the reduced map of a single ring approaches, and its distance from it.
+
+        At a "fold" the motion stays a travelling wave; elsewhere on the unit circle begins its "localisation", but for
+        -1 in a ring of an odd number of blades, a "flip".
+        """
+        from jaxshroud.motion.travelling_wave import wave_bifurcation
+
+        return wave_bifurcation(self.wave_multipliers, self.data.sizes["blade"])
 
     def cycle(self, *lane: int) -> "PeriodicOrbit":
         """The orbit of one lane, as the algorithms take it; a single scene has no index.
@@ -249,39 +266,6 @@ class Orbit(WithAmplitudes, Result):
         closed = f"closed to {self.residual:.1e}, {largest}; " if self.found else ""
         flags = f"flags: {', '.join(self.flags) or 'none'}"
         return f"Orbit: {motion}; {closed}{flags}; {self.periods} periods simulated; {method}"
-
-
-class RowOrbit(Orbit):
-    """Periodic orbits of rows of blades, as `Orbit`: what is told of contact ends with the interface.
-
-    P_d is that of all blades together. "not unique" is said where any slider stays wherever it starts.
-    """
-
-    stored_as = "row_orbit"
-
-    u_s = Variable("slider at the start", "m", ("interface",))
-    mode = Variable("contact mode at the start", None, ("interface",))
-    case = Variable("contact case at the start", None, ("interface",))
-    end_mode = Variable("contact mode at the end", None, ("interface",))
-    end_case = Variable("contact case at the end", None, ("interface",))
-    wave_parts = Variable(
-        "parts of the period over which a travelling wave repeats; 0: no ring of alike blades", kind=int, alone=True
-    )
-    wave_residual = Variable(
-        "distance from a travelling wave, relative to the largest of each quantity", "1", alone=True
-    )
-    wave_multipliers = ComplexVariable("multipliers of the map over a part and the shift back", "1", ("multiplier",))
-
-    @property
-    def wave_bifurcation(self) -> tuple[str, float]:
-        """What the leading multiplier of the reduced map of a single ring approaches, and its distance from it.
-
-        At a "fold" the motion stays a travelling wave; elsewhere on the unit circle begins its "localisation", but for
-        -1 in a ring of an odd number of blades, a "flip".
-        """
-        from jaxshroud.motion.travelling_wave import wave_bifurcation
-
-        return wave_bifurcation(self.wave_multipliers, self.data.sizes["blade"])
 
 
 def _orbit_row(cycle: "PeriodicOrbit") -> dict[str, Any]:

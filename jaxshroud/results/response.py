@@ -12,15 +12,14 @@ from jaxshroud.io.response_data import (
     BRANCH_KIND,
     BRANCH_PREFIX,
     MEMBER,
-    is_of_row,
     joined_points,
     points_of_member,
 )
-from jaxshroud.io.scene_numbers import dimension, key_attrs
+from jaxshroud.io.scene_numbers import dimension, key_attrs, layout_in
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
-from jaxshroud.results.base import Result
-from jaxshroud.results.branch import Branch, RowBranch
+from jaxshroud.results.base import Result, result_from_dataset
+from jaxshroud.results.branch import Branch
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.quantities import unit_of
 from jaxshroud.scene.typed import typed
@@ -62,7 +61,7 @@ class Response(Result):
     peak_low = Variable("where the amplitude is 1/sqrt(2) of the peak, below it; NaN if there is no such place")
     peak_high = Variable("where the amplitude is 1/sqrt(2) of the peak, above it; NaN if there is no such place")
     peak_zeta = Variable("damping ratio that the width means, half the width over the value; NaN without a width", "1")
-    peak_blades = Variable("amplitude of each blade at the peak; in rows only", dims=("blade",))
+    peak_blades = Variable("amplitude of each blade at the peak, where several blades count", dims=("blade",))
     free_value = Variable("where the peak without contact is: value of the first number", dims=(MEMBER,))
     free_amplitude = Variable("amplitude of the peak without contact", dims=(MEMBER,))
     along = Attribute(str)
@@ -86,16 +85,16 @@ class Response(Result):
 
         sweeps = xr.concat([m.sweep.data for m in members], MEMBER, combine_attrs="drop", data_vars="all")
         rows = [(i, peak) for i, member in enumerate(members) for peak in member.peaks]
-        in_row = is_of_row(sweeps)
+        layout = layout_in(members[0].sweep.data)
         data = sweeps.assign(_peak_variables(rows, along, of))
-        if in_row:
-            data = data.assign(peak_blades=_amplitudes_of_blades(rows, of, sweeps.sizes["blade"]))
+        if layout.counted > 1:
+            data = data.assign(peak_blades=_amplitudes_of_blades(rows, of, layout.blades))
         data = data.assign(
             free_value=(MEMBER, [m.free[0] for m in members]), free_amplitude=(MEMBER, [m.free[1] for m in members])
         )
         data = data.merge(joined_points([None if m.branch is None else m.branch.data for m in members]))
         for key, values in over.items():
-            data = data.assign_coords({dimension(key, in_row): (MEMBER, values, key_attrs(key, in_row))})
+            data = data.assign_coords({dimension(key, layout.names): (MEMBER, values, key_attrs(key, layout.names))})
         words = {
             "along": along,
             "over": next(iter(over), ""),
@@ -103,7 +102,7 @@ class Response(Result):
             "peak_reasons": "; ".join(peak.reason for _, peak in rows),
             "branch_reasons": "; ".join(m.reason for m in members),
             BRANCH_ENDS: BETWEEN_MEMBERS.join(m.branch.ends_of_branches if m.branch else "" for m in members),
-            BRANCH_KIND: (RowBranch if in_row else Branch).stored_as,
+            BRANCH_KIND: next((m.branch.stored_as for m in members if m.branch), Branch.stored_as),
         }
         marched = {n: members[0].sweep.data.attrs[n] for n in MARCH_ATTRS if n in members[0].sweep.data.attrs}
         data.attrs = {**attrs, **marched, **words, "kind": cls.stored_as}
@@ -116,7 +115,7 @@ class Response(Result):
 
     @property
     def _dim(self) -> str:
-        return dimension(self.along, is_of_row(self.data))
+        return dimension(self.along, layout_in(self.data).names)
 
     def sweep(self, member: int = 0) -> SweepResult:
         """The sweep of a member."""
@@ -125,12 +124,10 @@ class Response(Result):
         attrs = {"axes": self._dim, "complete": 1, "kind": SweepResult.stored_as}
         return SweepResult(data[own].drop_vars([BRANCH_PREFIX + "point"], errors="ignore").assign_attrs(attrs))
 
-    def branch(self, member: int = 0) -> Branch | None:
-        """The branches of a member, of rows a `RowBranch`; None where no periodic orbit was found to begin with."""
+    def branch(self, member: int = 0) -> Any:  # a `Branch`, or None
+        """The branches of a member, a `Branch`; None where no periodic orbit was found to begin with."""
         points = points_of_member(self.data, member)
-        if points is None:
-            return None
-        return RowBranch(points) if is_of_row(self.data) else Branch(points)
+        return None if points is None else result_from_dataset(points, "response")
 
     @property
     def peaks(self) -> list[dict[str, Any]]:

@@ -2,10 +2,10 @@
 
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
-from jaxshroud.results.row import RowTrajectory
+from jaxshroud.results.trajectory import Trajectory
 
 
-class RowDiagnosis(RowTrajectory):
+class RowDiagnosis(Trajectory):
     """A run of settled motion of a row, and the verdict on it.
 
     The samples are those of the periods that follow the ones that gave the evidence; for a scene that stops they are

@@ -17,6 +17,7 @@ from jaxshroud.motion.period import UNKNOWN_IF_SETTLED
 from jaxshroud.results.amplitudes import WithAmplitudes, WithLoads, amplitude_numbers, largest_of_lanes, load_numbers
 from jaxshroud.results.base import Result
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.units import in_rpm
 
@@ -199,18 +200,21 @@ def _settling_numbers(result: SweepResult, ok: np.ndarray) -> dict[str, float]:
     }
 
 
-def sweep_coordinates(axes: Mapping[str, np.ndarray], period: np.ndarray, row: int | None = None) -> dict[str, object]:
+def sweep_coordinates(axes: Mapping[str, np.ndarray], period: np.ndarray, layout: Layout) -> dict[str, object]:
     """The coordinates of a sweep as xarray takes them.
 
     Args:
         axes: Key -> values of each axis.
         period: The number of each kept period, counted from t = 0.
-        row: The number of blades of a row; None: the pair.
+        layout: The layout of the scenes.
     """
-    in_row, blades = row is not None, range(row or 2)
-    dims = {key: dimension(key, in_row) for key in axes}
-    swept = {dims[key]: (dims[key], values, key_attrs(key, in_row)) for key, values in axes.items()}
-    return {**swept, "period": ("period", period, {"long_name": "drive periods since t = 0"}), "blade": blades}
+    dims = {key: dimension(key, layout.names) for key in axes}
+    swept = {dims[key]: (dims[key], values, key_attrs(key, layout.names)) for key, values in axes.items()}
+    return {
+        **swept,
+        "period": ("period", period, {"long_name": "drive periods since t = 0"}),
+        "blade": range(layout.blades),
+    }
 
 
 def overlay_directions(results: Mapping[str, SweepResult]) -> SweepResult:

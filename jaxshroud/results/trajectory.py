@@ -18,10 +18,11 @@ from jaxshroud.io.variable import (
     with_events,
 )
 from jaxshroud.model.modes import Mode
+from jaxshroud.motion.waves import BladeSpectrum, RowWave, blade_spectrum, participation_ratio, row_wave
 from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Result
 from jaxshroud.scene.checks import InputError
-from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ SAMPLE_BEFORE_EVENT = "sample that the event comes after"
 CONTACT_POINT = (
     "where contact acts, up the left block's face from its middle; of flat contact the resultant; NaN when apart"
 )
+OF_CONTACT = ("time", "interface")  # the dimensions of what is told of contact
 
 
 class RunEvents(Variable["Trajectory | None"]):
@@ -73,36 +75,45 @@ class RunEvents(Variable["Trajectory | None"]):
 class Trajectory(WithAmplitudes, Result):
     """The samples of one run or of many, the initial state first: after what happens there at once.
 
-    Arrays start with the axes of the scenes, and those of `motion` end with the blade. A single scene has no leading
-    axes, and a plain number for every quantity that each run has one value of.
+    Arrays start with the axes of the scenes, and those of `motion` end with the blade. In a row of blades what is told
+    of contact ends with the interface: interface j is between blades j and j + 1. A single scene has no leading axes,
+    and a plain number for every quantity that each run has one value of. Amplitudes are those of the second half of
+    the run.
     """
 
     stored_as = "trajectory"
 
     motion = MotionVariable("NaN after the run has stopped", dims=("time",))
-    u_s = Variable("slider of the friction element; NaN when apart", "m", ("time",))
-    mode = Variable("contact mode", None, ("time",), stored=np.int8, kind=np.int32, more=MODES)
-    case = Variable(CASES, None, ("time",), stored=np.int8, kind=np.int32)
-    N = Variable("normal force of contact; 0 when apart", "N", ("time",))
-    F = Variable("friction force of contact, positive against sliding to larger u; 0 when apart", "N", ("time",))
-    v = Variable("penetration at the corner in contact; when apart, negative: the gap left there", "m", ("time",))
-    u = Variable("slide of the left block against the right one, up the face", "m", ("time",))
-    contact_point = Variable(CONTACT_POINT, "m", ("time",))
+    u_s = Variable("slider of the friction element; NaN when apart", "m", OF_CONTACT)
+    mode = Variable("contact mode", None, OF_CONTACT, stored=np.int8, kind=np.int32, more=MODES)
+    case = Variable(CASES, None, OF_CONTACT, stored=np.int8, kind=np.int32)
+    N = Variable("normal force of contact; 0 when apart", "N", OF_CONTACT)
+    F = Variable("friction force of contact, positive against sliding to larger u; 0 when apart", "N", OF_CONTACT)
+    v = Variable("penetration at the corner in contact; when apart, negative: the gap left there", "m", OF_CONTACT)
+    u = Variable("slide of the left block against the right one, up the face", "m", OF_CONTACT)
+    contact_point = Variable(CONTACT_POINT, "m", OF_CONTACT)
     events = RunEvents("states on both sides of every event, the earlier one first; None where they were not kept")
     status = Variable("how the run ended", alone=True, kind=int, more=FLAGS)
-    counters = CountsVariable("events", prefix="count_")
+    counters = CountsVariable("events", prefix="count_", dims=("interface",))
     energy_residual = Variable("energy residual over the drive's work; NaN without a ledger", "1", alone=True)
     energy_dropped = Variable(
         "energy dropped by beginnings of flat contact, over the drive's gross work", "1", alone=True
     )
     work_drive = Variable("work of the drive over the run", "J", alone=True)
     loss_viscous = Variable("lost in the dampers over the run", "J", alone=True)
-    loss_friction = Variable("lost in sliding contact over the run", "J", alone=True)
-    time_apart = Variable("fraction of the time of the whole run: apart", "1", alone=True)
-    time_stick = Variable("fraction of the time of the whole run: stick", "1", alone=True)
-    time_slip = Variable("fraction of the time of the whole run: slip", "1", alone=True)
+    loss_friction = Variable("lost in sliding contact over the run", "J", ("interface",), alone=True)
+    blade_work_drive = Variable("work of the drive on each blade over the run; in rows only", "J", ("blade",))
+    blade_loss_viscous = Variable("lost in the dampers of each blade over the run; in rows only", "J", ("blade",))
+    slip = Variable("path of the slider on the face in a drive period, on average", "m", ("interface",), alone=True)
+    N_mean = Variable("mean normal force over the run, the time apart included", "N", ("interface",), alone=True)
+    N_slip = Variable(
+        "mean normal force over the run while the faces slip; NaN if they do not", "N", ("interface",), alone=True
+    )
+    time_apart = Variable("fraction of the time of the whole run: apart", "1", ("interface",), alone=True)
+    time_stick = Variable("fraction of the time of the whole run: stick", "1", ("interface",), alone=True)
+    time_slip = Variable("fraction of the time of the whole run: slip", "1", ("interface",), alone=True)
     omega = Variable("circular frequency of the drive", "rad s-1", alone=True)
-    gap = Variable("initial gap", "m", alone=True)
+    gap = Variable("initial gap", "m", ("interface",), alone=True)
     every = Attribute(int)  # steps from one sample to the next
     turns = Attribute(name="end_turns")  # drive phase of the last sample [turns]
 
@@ -116,9 +127,74 @@ class Trajectory(WithAmplitudes, Result):
         """The state at the last sample, from which a run can go on; the slider is 0 when apart."""
         from jaxshroud.model.prepared import State
 
-        mode, u_s = self.mode[..., -1], self.u_s[..., -1]
-        motion = Motion(*(a[..., -1, :] for a in self.motion))
-        return State(motion, np.where(mode == Mode.APART, 0, u_s).astype(u_s.dtype), mode, self.case[..., -1])
+        end = type(self)(self.data.isel(time=-1))
+        u_s = np.where(end.mode == Mode.APART, 0, end.u_s).astype(end.u_s.dtype)
+        return State(end.motion, u_s, end.mode, end.case)
+
+    @property
+    def closed(self) -> bool:
+        """Whether the last blade touches the first."""
+        return self.data.sizes.get("interface", 1) == self.data.sizes["blade"]
+
+    @typed
+    def spectrum(self, name: str = "x", periods: int = 1) -> BladeSpectrum:
+        """The motion of the last periods as waves: amplitudes by harmonic and nodal diameter, see `blade_spectrum`.
+
+        Args:
+            name: "x", "y" or "theta".
+            periods: Drive periods.
+
+        Raises:
+            ValueError: The samples do not divide the period, or there are too few.
+        """
+        return blade_spectrum(getattr(self.motion, name), self._samples_per_period, periods)
+
+    @property
+    def wave_distance(self) -> np.ndarray:
+        """The share of the motion that is no travelling wave of the drive, (...): 0 to rounding for such a wave.
+
+        It is told over the last whole orbit, without one over the second half of the run, and of x, y and theta for the
+        one for which it is the largest; `wave` tells which. NaN where the phases are those of no engine order, the run
+        has stopped or nothing moves.
+        """
+        if "status" in self.data.attrs:
+            return np.asarray(self.wave.distance.share)
+        lanes = np.shape(self.status)
+        return np.array([self.lane(*at).wave.distance.share for at in np.ndindex(lanes)]).reshape(lanes)
+
+    @property
+    def wave(self) -> RowWave:
+        """How far a single run is from a travelling wave of its drive; its `words` tell it.
+
+        Raises:
+            ValueError: There are many runs.
+        """
+        if "status" not in self.data.attrs:
+            raise InputError("`wave` is that of one run of many: choose it by `lane`.")
+        motion = {name: getattr(self.motion, name) for name in COORDINATES}
+        return row_wave(motion, self._samples_per_period, self._order, self._repeats)
+
+    @property
+    def _order(self) -> int | None:
+        """The engine order modulo N of a single run, by the phases of its scene; None where there is none."""
+        from jaxshroud.scene.config import parse
+        from jaxshroud.scene.engine_order import order_of_phases
+
+        return order_of_phases(parse(self.scene, "the scene of this result").scene.drive.phase) if self.scene else None
+
+    @property
+    def _repeats(self) -> int:
+        """The drive periods after which the motion is known to repeat; 0 where the samples have to tell."""
+        return 0
+
+    @property
+    def participation_ratio(self) -> np.ndarray:
+        """How many blades take part in the motion, of all: 1 if all alike, 1/N if one alone, (...)."""
+        return participation_ratio(self.x_rms)
+
+    @property
+    def _samples_per_period(self) -> float:
+        return self.steps_per_period / self.every
 
     def with_events(self) -> "xr.Dataset":
         """All that varies in time, at the samples and on both sides of each event, in order of time."""
@@ -142,12 +218,15 @@ class Trajectory(WithAmplitudes, Result):
     ) -> "Figure":
         """Time history, phase portrait, Poincare points and spectrum of a single run, or panels of contact.
 
+        Of a row the displacements over blades and time, amplitudes, and nodal diameters.
+
         Args:
             ax: Draw one panel there, by default the first.
             panel: Draw only this panel: "history", "phase", "poincare", "spectrum", "forces", "ribbon" (states and
-                cases over the period), "loop" (friction force over slide) or "path" (the point of contact on the face).
-            kind: The whole figure: one of the panels, or a page of the first four ("motion"), of the others ("forces")
-                or of "all".
+                cases over the period), "loop" (friction force over slide) or "path" (the point of contact on the face);
+                of rows "map", "amplitudes" or "diameters".
+            kind: The whole figure: one of the panels, or a page of the first four ("motion"), of the contact ("forces")
+                or of all these ("all"); of a row "motion" has the last three.
             settled_from: The share of the run that all panels but the time history leave out as its transient.
             options: The options of `Result.plot`.
 
@@ -187,7 +266,8 @@ class Trajectory(WithAmplitudes, Result):
         if np.ndim(self.status):
             lanes = " x ".join(map(str, np.shape(self.status)))
             return f"Trajectory of {lanes} lanes: {self.t.shape[-1]} samples of each; {self.ended}"
-        events = ", ".join(f"{n} {name}" for name, n in self.counters.items() if n) or "none"
+        counts = {name: np.sum(n) for name, n in self.counters.items()}
+        events = ", ".join(f"{n} {name}" for name, n in counts.items() if n) or "none"
         return (
             f"Trajectory: {len(self.t)} samples from {self.t[0]:.4g} to {self.t[-1]:.4g} s; "
             f"{self.ended.split(maxsplit=1)[1]}; events: {events}; energy residual {self.energy_residual:.1e}"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 
-from jaxshroud.io.scene_numbers import has_row
+from jaxshroud.io.scene_numbers import layout_in
 from jaxshroud.io.store import JSONValue, json_values
 from jaxshroud.io.variable import Attribute, Variable
 from jaxshroud.motion.effects import between, flat_text, told_difference
@@ -256,13 +256,13 @@ class Tuned(Result):
         }
         scatter = {key: {"half_width": half, "relative": relative} for key, (half, relative) in self.scatters.items()}
         more = {} if self.places is None else {"draws": len(self.places), "samples": len(self.sampled)}
-        more |= ({} if self.quantity == "P_d" else {"of": self.of}) | self._row
+        more |= ({} if self.quantity == "P_d" else {"of": self.of}) | {"blades": self._blades}
         return {**{name: getattr(self, name) for name in names}, "intervals": intervals, "scatter": scatter, **more}
 
     @property
-    def _row(self) -> dict[str, bool]:
-        """What pictures have to know of a row: that its blades have numbers."""
-        return {"in_row": True} if has_row(self.scene) else {}
+    def _blades(self) -> tuple[str, ...]:
+        """The names of the blades, for the labels of pictures."""
+        return layout_in(self.data).names
 
     def summary(self, drawn: Mapping[str, object] | None = None) -> dict[str, JSONValue]:
         """The design, its checks and its search in plain numbers, as `tune.json` holds them.
@@ -278,7 +278,7 @@ class Tuned(Result):
             {
                 **{name: getattr(self, name) for name in (*outcome, *request)},
                 **tuned,
-                **self._row,
+                "blades": self._blades,
                 "method": str(self.method),
                 "steps_per_period": self.steps_per_period,
                 **{name: getattr(self, name) for name in ("flat", "static_deflection") if getattr(self, name)},
@@ -324,7 +324,7 @@ class Tuned(Result):
 
         names = (*SEARCH, "goal", "over", "design")
         content = {name: getattr(self, name) for name in names} | {"map": drawn, "robust": self.robust}
-        content["of"] = self.quantity
+        content |= {"of": self.quantity, "blades": self._blades}
         content["title"] = self.data.attrs.get("title") or "tuning"
         if panel == "robust" and self.robust is not None:
             return picture("robustness", content, ax, **options)

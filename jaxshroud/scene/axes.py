@@ -77,8 +77,8 @@ def axes(scene_file: SceneFile, sweep: SweepTable, where: str) -> tuple[Axis, ..
 
 def _known_row(scene_file: SceneFile, key: str, where: str) -> Key:
     """The row of a key, which the scene has."""
-    row, _ = find_key(key, where, scene_file.row_size)
-    check_known(key, scene_file.given, where, scene_file.row_size)
+    row, _ = find_key(key, where, scene_file.layout)
+    check_known(key, scene_file.given, where, scene_file.layout)
     return row
 
 

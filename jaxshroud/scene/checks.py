@@ -101,12 +101,6 @@ def count_argument(name: str, value: int, minimum: int) -> None:
         raise InputError(f"Argument `{name}` must be at most {MAX_COUNT}, but is larger.")
 
 
-def require_pair(what: str, row: object, where: str = "") -> None:
-    """Raise InputError if a scene has a `row` of blades, of which `what` does not know yet; `where` comes first."""
-    if row is not None:
-        raise InputError(f"{where}{what} does not know rows of blades yet.")
-
-
 def seed_argument(value: int) -> None:
     """Raise ValueError unless `value` is a valid seed."""
     if value < 0:

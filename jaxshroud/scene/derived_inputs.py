@@ -25,7 +25,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxshroud.scene.checks import KeyNameError, SceneError
-from jaxshroud.scene.keys import ALL_KEYS, KEYS, Key, RowSize, find_key, parse_key
+from jaxshroud.scene.keys import ALL_KEYS, KEYS, Key, find_key, parse_key
+from jaxshroud.scene.layout import PAIR, Layout
 
 BLOCK = "block"  # what a file gives as moment of inertia to have that of the block
 Numbers = Mapping[str, Any]  # key -> array, or None for what a word gives
@@ -122,74 +123,74 @@ DERIVED_BY_KEY = {key.name: derived for derived in DERIVED_INPUTS for key in der
 
 
 @lru_cache(maxsize=16)
-def inputs_in(row: RowSize | None) -> tuple[DerivedInput, ...]:
+def inputs_in(layout: Layout) -> tuple[DerivedInput, ...]:
     """All derived inputs of scenes with a row, or of the pair, in the order of their evaluation."""
-    if row is None:
+    if layout == PAIR:
         return DERIVED_INPUTS
 
     def phases(order: Any) -> Any:
-        return math.tau * order * order.__array_namespace__().arange(row.blades, dtype=order.dtype) / row.blades
+        return math.tau * order * order.__array_namespace__().arange(layout.blades, dtype=order.dtype) / layout.blades
 
     return _derived_input(["drive.engine_order"], "drive.phase", [], phases), *DERIVED_INPUTS
 
 
 @lru_cache(maxsize=16)
-def inputs_by_key(row: RowSize | None) -> Mapping[str, DerivedInput]:
+def inputs_by_key(layout: Layout) -> Mapping[str, DerivedInput]:
     """The derived input that a key gives; that of the phases for the engine order of a row."""
-    return {key.name: derived for derived in reversed(inputs_in(row)) for key in derived.keys}
+    return {key.name: derived for derived in reversed(inputs_in(layout)) for key in derived.keys}
 
 
-def inputs_that_count(given: Numbers, row: RowSize | None) -> dict[str, Any]:
+def inputs_that_count(given: Numbers, layout: Layout) -> dict[str, Any]:
     """The inputs without those that give nothing, such as a speed without an engine order."""
-    by_key = inputs_by_key(row)
+    by_key = inputs_by_key(layout)
     return {key: value for key, value in given.items() if key not in by_key or by_key[key].counts(given)}
 
 
-def alternative_keys(key: str, row: RowSize | None = None) -> list[str]:
+def alternative_keys(key: str, layout: Layout = PAIR) -> list[str]:
     """The keys that give the same quantity as `key`."""
-    by_key = inputs_by_key(row)
+    by_key = inputs_by_key(layout)
     number = by_key[key].number.name if key in by_key else key
-    inputs = [derived for derived in inputs_in(row) if derived.number.name == number]
+    inputs = [derived for derived in inputs_in(layout) if derived.number.name == number]
     groups = [[number], *([one.name for one in derived.keys] for derived in inputs)]
     names = [name for names in groups if key not in names for name in names]
     return [name for name in names if name not in by_key or by_key[name].number.name == number]
 
 
-def same_quantity(key: str, other: str, row: RowSize | None = None) -> bool:
+def same_quantity(key: str, other: str, layout: Layout = PAIR) -> bool:
     """Whether two keys name, or give, one number of the scene or parts of it, and are not those of different blades."""
     (a, index_a), (b, index_b) = ((number.name, index) for number, index in (parse_key(key), parse_key(other)))
     if {a, b} <= {"contact.k", "contact.gamma"}:
         return True
     if a != b:
-        return b in alternative_keys(a, row)
+        return b in alternative_keys(a, layout)
     return index_a is None or index_b is None or index_a == index_b
 
 
-def check_independent(keys: Sequence[str], row: RowSize | None = None) -> None:
+def check_independent(keys: Sequence[str], layout: Layout = PAIR) -> None:
     """Raise a KeyNameError where two keys are different names of one number of a scene."""
     names = [parse_key(key)[0].name for key in keys]
     for i, name in enumerate(names):
         for other in names[:i]:
-            if name != other and same_quantity(other, name, row):
+            if name != other and same_quantity(other, name, layout):
                 raise KeyNameError(f"{other} and {name} are one number; name one of them")
 
 
-def check_disjoint(keys: Sequence[str], row: RowSize | None = None) -> None:
+def check_disjoint(keys: Sequence[str], layout: Layout = PAIR) -> None:
     """Raise a KeyNameError where two keys set one number, or that of one blade and of all."""
     for i, key in enumerate(keys):
         for other in keys[:i]:
-            if same_quantity(other, key, row):
+            if same_quantity(other, key, layout):
                 partly = "" if parse_key(other)[0].name != parse_key(key)[0].name else ", at least partly,"
                 raise KeyNameError(f"{other} and {key} are{partly} one number; name one of them")
 
 
-def check_known(key: str, given: Collection[str], where: str = "", row: RowSize | None = None) -> None:
+def check_known(key: str, given: Collection[str], where: str = "", layout: Layout = PAIR) -> None:
     """Raise a KeyNameError, which begins with `where`, unless a scene that is `given` so has what a key needs.
 
     These are the engine order for a speed, and the frequency of the other blade for that of one.
     """
-    number, index = find_key(key, where, row)
-    derived = inputs_by_key(row).get(number.name)
+    number, index = find_key(key, where, layout)
+    derived = inputs_by_key(layout).get(number.name)
     if derived is None:
         return
     where = f"{where}: " if where else ""
@@ -200,9 +201,9 @@ def check_known(key: str, given: Collection[str], where: str = "", row: RowSize 
             f"or name {derived.number.name}"
         )
     if index is not None and number.name not in given:
-        blades = "both blades" if row is None else "all blades"
         raise KeyNameError(
-            f"{where}the scene does not give {number.name}; name it for {blades}, or {derived.number.name}[{index}]"
+            f"{where}the scene does not give {number.name}; "
+            f"name it for {layout.number_words}, or {derived.number.name}[{index}]"
         )
 
 
@@ -213,37 +214,35 @@ def check_order(given: Numbers, where: str = "") -> None:
         raise SceneError(f"{where}drive.engine_order must be greater than 0 where drive.speed gives the frequency")
 
 
-def in_given_form(numbers: Numbers, given: Numbers, row: RowSize | None = None) -> dict[str, Any]:
+def in_given_form(numbers: Numbers, given: Numbers, layout: Layout = PAIR) -> dict[str, Any]:
     """What a scene is given by: its numbers without those that are worked out, and the inputs; None for a word."""
-    derived = {one.number.name for one in inputs_in(row) if one.counts(given)}
+    derived = {one.number.name for one in inputs_in(layout) if one.counts(given)}
     return {key: value for key, value in numbers.items() if key not in derived} | dict(given)
 
 
-def in_tables(
-    numbers: Mapping[str, Any], given: Mapping[str, Any], row: RowSize | None = None
-) -> dict[str, dict[str, Any]]:
+def in_tables(numbers: Mapping[str, Any], given: Mapping[str, Any], layout: Layout = PAIR) -> dict[str, dict[str, Any]]:
     """Values by table and name, as a scene is given, from its numbers and its inputs."""
     tables: dict[str, dict[str, Any]] = {key.partition(".")[0]: {} for key in numbers}
-    for key, value in in_given_form(numbers, given, row).items():
+    for key, value in in_given_form(numbers, given, layout).items():
         table, name = key.split(".")
         tables[table][name] = BLOCK if value is None else value
     return tables
 
 
-def worked_out(numbers: Numbers, given: Numbers, changed: set[str], row: RowSize | None = None) -> dict[str, Any]:
+def worked_out(numbers: Numbers, given: Numbers, changed: set[str], layout: Layout = PAIR) -> dict[str, Any]:
     """The numbers that are worked out from others of which some have `changed`, in turn."""
     numbers, results = dict(numbers), {}
-    for derived in inputs_in(row):
+    for derived in inputs_in(layout):
         depends_on = {*derived.marks, *derived.needed(numbers)}
         if derived.counts(given) and depends_on & (changed | set(results)):
             results[derived.number.name] = numbers[derived.number.name] = derived.value(numbers, given)
     return results
 
 
-def consistent(numbers: Numbers, given: Numbers, row: RowSize | None = None) -> dict[str, Any]:
+def consistent(numbers: Numbers, given: Numbers, layout: Layout = PAIR) -> dict[str, Any]:
     """The inputs that give the numbers, to rounding: others were replaced in the scene without `vary`."""
-    kept, by_key = dict(given), inputs_by_key(row)
-    for derived in inputs_in(row):
+    kept, by_key = dict(given), inputs_by_key(layout)
+    for derived in inputs_in(layout):
         if not derived.counts(given):
             continue
         number = np.asarray(numbers[derived.number.name])
@@ -252,4 +251,4 @@ def consistent(numbers: Numbers, given: Numbers, row: RowSize | None = None) -> 
             for name in derived.marks:
                 if by_key.get(name, derived) is derived:
                     kept.pop(name, None)
-    return inputs_that_count(kept, row)
+    return inputs_that_count(kept, layout)

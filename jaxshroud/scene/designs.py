@@ -165,7 +165,7 @@ def _key_columns(heads: Sequence[str], scene: Scene) -> list[KeyColumn]:
     if not columns:
         raise SceneError('no column names a number of the scene; a head is a key and its unit, e.g. "shroud.gap [mm]"')
     for a, b in combinations(columns, 2):
-        if a.key == b.key or same_quantity(a.key, b.key, scene.row_size):
+        if a.key == b.key or same_quantity(a.key, b.key, scene.layout):
             raise SceneError(f"columns `{a.head}` and `{b.head}` give one number; keep one of them")
     return columns
 
@@ -177,8 +177,8 @@ def _key_column(head: str, scene: Scene) -> KeyColumn | None:
     if not _may_be_a_key(name):
         return None
     where = f"column {toml_text(head)}"
-    row, _ = find_key(name, where, scene.row_size)
-    check_known(name, inputs_of(scene), where, scene.row_size)
+    row, _ = find_key(name, where, scene.layout)
+    check_known(name, inputs_of(scene), where, scene.layout)
     unit = (match["unit"] or "").strip() if match else ""
     if unit in NO_UNIT:
         return KeyColumn(head, name, row, "")

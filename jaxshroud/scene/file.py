@@ -9,10 +9,10 @@ import numpy as np
 import tomli_w
 
 from jaxshroud.scene.derived_inputs import in_tables, same_quantity
-from jaxshroud.scene.keys import RowSize
+from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.messages import fail
 from jaxshroud.scene.parts import Direction, reading_text
-from jaxshroud.scene.replacing import row_size_of
+from jaxshroud.scene.replacing import layout_of
 from jaxshroud.scene.schema import RunTable, Table
 from jaxshroud.scene.typed import typed
 
@@ -47,7 +47,7 @@ class SceneFile:
 
     def __post_init__(self):
         keys = [a.key for a in self.axes]
-        if len(keys) > 2 or (len(keys) == 2 and same_quantity(keys[0], keys[1], self.row_size)):
+        if len(keys) > 2 or (len(keys) == 2 and same_quantity(keys[0], keys[1], self.layout)):
             fail(self.name, f"[sweep] along: {', '.join(keys)} is no grid; give one or two independent keys")
 
     @cached_property
@@ -58,15 +58,15 @@ class SceneFile:
         return scene_of(self.tables, self.given)
 
     @property
-    def row_size(self) -> RowSize | None:
+    def layout(self) -> Layout:
         """The size of the row; None: the pair."""
-        return row_size_of(self.tables)
+        return layout_of(self.tables)
 
     @property
     def given_tables(self) -> dict[str, dict[str, Any]]:
         """The physics as it is given, in SI units, as written by `text`."""
         entries = {f"{t}.{n}": v for t, table in self.tables.items() for n, v in table.items()}
-        return in_tables(entries, self.given, self.row_size)
+        return in_tables(entries, self.given, self.layout)
 
     @property
     def sweep_run(self) -> RunTable:

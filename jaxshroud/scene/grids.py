@@ -11,7 +11,8 @@ from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.checks import InputError, SceneError
 from jaxshroud.scene.derived_inputs import check_disjoint
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.keys import RowSize, find_key, number_shape
+from jaxshroud.scene.keys import find_key, number_shape
+from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.numbers import fields_of, replaced
 from jaxshroud.scene.parts import reading_text
 from jaxshroud.scene.scene import Scene
@@ -26,9 +27,9 @@ def grid_of_scenes(scene: Scene, axes: Mapping[str, np.ndarray]) -> Scene:
         KeyNameError: There is no such number.
         SceneError: A value is out of its range.
     """
-    check_disjoint(list(axes), scene.row_size)
+    check_disjoint(list(axes), scene.layout)
     for key, values in axes.items():
-        check_values(find_key(key, row=scene.row_size)[0], np.asarray(values), key)
+        check_values(find_key(key, layout=scene.layout)[0], np.asarray(values), key)
     return _with_axes(scene, dict(zip(axes, np.ix_(*axes.values()), strict=True)), tuple(map(len, axes.values())))
 
 
@@ -43,16 +44,16 @@ def _with_axes(scene: Scene, values: Mapping[str, np.ndarray], shape: tuple[int,
     own = np.shape(scene.drive.omega)
     lanes = (*own, *shape)
     beside = jax.tree.map(lambda a: like.reshape(a, (*own, *(1 for _ in shape), *np.shape(a)[len(own) :])), scene)
-    columns = {key: _per_number(key, column, len(own), scene.row_size) for key, column in values.items()}
+    columns = {key: _per_number(key, column, len(own), scene.layout) for key, column in values.items()}
     varied = replaced(beside, columns)
     return jax.tree.map(lambda a: jnp.asarray(like.broadcast_to(a, (*lanes, *np.shape(a)[len(lanes) :]))), varied)
 
 
-def _per_number(key: str, values: np.ndarray, own_axes: int, row: RowSize | None) -> np.ndarray:
+def _per_number(key: str, values: np.ndarray, own_axes: int, layout: Layout) -> np.ndarray:
     """Values with an axis for each of the scenes' own, and one of the blades or interfaces for a number of all."""
-    number, index = find_key(key, row=row)
+    number, index = find_key(key, layout=layout)
     values = values.reshape(*(1 for _ in range(own_axes)), *values.shape)
-    return values[..., None] if number_shape(number, row) and index is None else values
+    return values[..., None] if number_shape(number, layout) and index is None else values
 
 
 @typed
@@ -79,12 +80,12 @@ def scenes_from(table: object, base: Scene | SceneFile) -> Scene:
         ((2,), (2, 2))
     """
     scene = base.scene if isinstance(base, SceneFile) else base
-    columns = {key: _column(key, column, scene.row_size) for key, column in columns_of(table).items()}
+    columns = {key: _column(key, column, scene.layout) for key, column in columns_of(table).items()}
     sizes = {key: column.size for key, column in columns.items()}
     if not sizes or len(set(sizes.values())) > 1 or 0 in sizes.values():
         lengths = ", ".join(f"{key}: {n}" for key, n in sizes.items()) or "no column"
         raise SceneError(f"a table needs columns of one length and at least one row, but has {lengths}")
-    check_disjoint(list(columns), scene.row_size)
+    check_disjoint(list(columns), scene.layout)
     return scenes_at(scene, list(columns), np.stack(list(columns.values()), axis=-1))
 
 
@@ -104,9 +105,9 @@ def columns_of(table: object) -> dict[str, Any]:
         ) from None
 
 
-def _column(key: str, values: Any, row: RowSize | None) -> np.ndarray:
+def _column(key: str, values: Any, layout: Layout) -> np.ndarray:
     """The values of one number, checked."""
-    number, _ = find_key(key, row=row)
+    number, _ = find_key(key, layout=layout)
     try:
         column = np.asarray(values, float)
     except (TypeError, ValueError):
@@ -146,6 +147,10 @@ def _unlike_part(first: Scene, other: Scene) -> str:
 def _what_it_has(scene: Scene) -> dict[str, str]:
     """What must be alike in scenes that are stacked, each in words."""
     parts = {name: f"parts.{name} = {value!r}" for name, value in scene.parts._asdict().items()}
-    row = "no row" if scene.row is None else f"a row of {scene.row.blades}{' (a ring)' if scene.row.closed else ''}"
     reading = f"the reading {reading_text(scene.contact.reading)!r}"
-    return {**parts, "row": row, "reading": reading, **{key: key for key in (*fields_of(scene), *scene.given)}}
+    return {
+        **parts,
+        "layout": scene.layout.text,
+        "reading": reading,
+        **{key: key for key in (*fields_of(scene), *scene.given)},
+    }

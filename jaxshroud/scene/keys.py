@@ -7,6 +7,7 @@ from types import EllipsisType
 from typing import Any, NamedTuple
 
 from jaxshroud.scene.checks import KeyNameError, hint
+from jaxshroud.scene.layout import PAIR, Layout
 
 
 class Motion(NamedTuple):
@@ -27,23 +28,6 @@ class Motion(NamedTuple):
 AT_REST = Motion(*[(0.0, 0.0)] * 6)
 KEY_PATTERN = re.compile(r"(?P<name>.*?)(\[(?P<index>0|[1-9]\d{0,3})\])?")
 MIN_BLADES, MAX_BLADES = 2, 512  # of a row
-
-
-class RowSize(NamedTuple):
-    """The size of a row of blades: an open chain, or a ring, whose last blade touches the first."""
-
-    blades: int
-    closed: bool = False
-
-    @property
-    def interfaces(self) -> int:
-        """The number of interfaces; interface j is between blades j and j + 1."""
-        return self.blades if self.closed else self.blades - 1
-
-
-def blade_count(row: RowSize | None) -> int:
-    """How many blades a scene has; without a row it is the pair."""
-    return 2 if row is None else row.blades
 
 
 class Range(NamedTuple):
@@ -233,60 +217,72 @@ def keys_of_table(table: str) -> list[Key]:
     return [row for row in KEYS.values() if row.parts[0] == table]
 
 
-def number_shape(key: Key, row: RowSize | None = None) -> tuple[int, ...]:
-    """The shape of a number of a scene with a row, or of the pair: () or the number of its blades or interfaces."""
+def number_shape(key: Key, layout: Layout = PAIR) -> tuple[int, ...]:
+    """The shape of a number of a scene: () or the number of its blades or interfaces."""
     if key.pair:
-        return (2 if row is None else row.blades,)
-    return (row.interfaces,) if key.per_interface and row is not None else ()
+        return (layout.blades,)
+    return layout.interface_shape if key.per_interface else ()
 
 
-def key_in(key: Key, row: RowSize | None) -> Key:
+def list_words(key: Key, layout: Layout) -> str:
+    """What a list of a number of each blade or interface is called."""
+    kind = "interface" if key.per_interface else "blade"
+    size, names = number_shape(key, layout)[0], ", ".join(layout.names)
+    return f"a pair [{names}]" if layout == PAIR else f"a list of {size}, one for each {kind}"
+
+
+def key_in(key: Key, layout: Layout) -> Key:
     """A key as in a scene with a row, whose engine order also gives the phases: it may be 0, and is whole in a ring."""
-    if row is None or key.name != "drive.engine_order":
+    if layout == PAIR or key.name != "drive.engine_order":
         return key
-    return key._replace(range=ANY_WHOLE if row.closed else ANY)
+    return key._replace(range=ANY_WHOLE if layout.closed else ANY)
 
 
-def parse_key(key: str, where: str = "", row: RowSize | None = None) -> tuple[Key, int | None]:
+def key_names(layout: Layout) -> list[str]:
+    """The names of the numbers of a scene; `row.mistuning` is one of rows."""
+    return [name for name in ALL_KEYS if layout != PAIR or name not in ROW_KEYS]
+
+
+def parse_key(key: str, where: str = "", layout: Layout = PAIR) -> tuple[Key, int | None]:
     """The number that a key names in some scene, and the index of its blade or interface, whatever that is.
 
-    The arguments, and what is raised, are those of `find_key`; the row says which keys a message suggests.
+    The arguments, and what is raised, are those of `find_key`; the layout says which keys a message suggests.
     """
     match = KEY_PATTERN.fullmatch(key)
     if match is None or match["name"] not in ALL_KEYS:
-        raise _unknown_key(key, where, row)
+        raise _unknown_key(key, where, layout)
     return ALL_KEYS[match["name"]], None if match["index"] is None else int(match["index"])
 
 
-def find_key(key: str, where: str = "", row: RowSize | None = None) -> tuple[Key, int | None]:
+def find_key(key: str, where: str = "", layout: Layout = PAIR) -> tuple[Key, int | None]:
     """The number with a key, and the index of its blade or interface (None: all, or the only one).
 
     Args:
         key: `table.name`, or `table.name[i]` for blade or interface i alone, from 0: 0 or 1 for a blade of the pair,
             which has one interface.
         where: The place that an error message names first.
-        row: The row of the scene; None: the pair.
+        layout: The layout of the scene.
 
     Raises:
         KeyNameError: There is no such number.
     """
-    number, index = parse_key(key, where, row)
-    if row is None and (number.name in ROW_KEYS or index not in (None, 0, 1)):
-        raise _unknown_key(key, where, row)
+    number, index = parse_key(key, where, layout)
+    if number.name not in key_names(layout):
+        raise _unknown_key(key, where, layout)
     if index is None:
-        return key_in(number, row), None
-    shape = number_shape(number, row)
+        return key_in(number, layout), None
+    shape = number_shape(number, layout)
     if not shape:
         raise KeyNameError(f"{_place(where)}{number.name} is one number, not one per blade; drop the [{index}]")
     if index >= shape[0]:
         kind = "interfaces" if number.per_interface else "blades"
-        raise KeyNameError(f"{_place(where)}{key}: the row has {shape[0]} {kind}, from [0] to [{shape[0] - 1}]")
-    return key_in(number, row), index
+        raise KeyNameError(f"{_place(where)}{key}: the scene has {shape[0]} {kind}, from [0] to [{shape[0] - 1}]")
+    return key_in(number, layout), index
 
 
-def _unknown_key(key: str, where: str, row: RowSize | None) -> KeyNameError:
+def _unknown_key(key: str, where: str, layout: Layout) -> KeyNameError:
     """The error for a key that names no number."""
-    key, known = " ".join(key.split()), [name for name in ALL_KEYS if row is not None or name not in ROW_KEYS]
+    key, known = " ".join(key.split()), key_names(layout)
     candidates = [candidate for candidate in known if candidate.endswith(f".{key}")]
     cure = f"; did you mean `{candidates[0]}`?" if candidates else hint(key, known)
     return KeyNameError(f"{_place(where)}the scene has no number `{key}`{cure}")
@@ -296,11 +292,11 @@ def _place(where: str) -> str:
     return f"{where}: " if where else ""
 
 
-def key_parts(key: str, row: RowSize | None = None) -> tuple[str, str, int | None]:
+def key_parts(key: str, layout: Layout = PAIR) -> tuple[str, str, int | None]:
     """The table, the name and the index (None: all, or the only one) of a key, see `find_key`.
 
     Raises:
         KeyNameError: There is no such number.
     """
-    number, index = find_key(key, row=row)
+    number, index = find_key(key, layout=layout)
     return *number.parts, index

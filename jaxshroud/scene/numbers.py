@@ -38,7 +38,7 @@ def given_of(scene: Scene) -> dict[str, Any]:
     if not scene.given or is_traced((scene.given, fields_of(scene))):
         return scene.given
     given = {k: None if v is None else np.asarray(v) for k, v in scene.given.items()}
-    return consistent(numbers_of(scene), given, scene.row_size)
+    return consistent(numbers_of(scene), given, scene.layout)
 
 
 def replaced(scene: Scene, values: Mapping[str, Any]) -> Scene:
@@ -60,7 +60,7 @@ def replaced(scene: Scene, values: Mapping[str, Any]) -> Scene:
         values = {key: jnp.asarray(value, dtype) for key, value in values.items()}
     else:
         numbers, given, values = (_on_host(part) for part in (numbers, given, values))
-    new, inputs = replace_numbers(numbers, given, values, lanes, scene.row_size)
+    new, inputs = replace_numbers(numbers, given, values, lanes, scene.layout)
     if not is_traced(inputs):
         check_order(inputs)
     return _with_leaves(scene, numbers, new, inputs)
@@ -69,7 +69,7 @@ def replaced(scene: Scene, values: Mapping[str, Any]) -> Scene:
 def expressed_by(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """The same scene, given by these of its numbers or inputs (key -> value), from which nothing is worked out."""
     numbers, given = fields_of(scene), given_of(scene)
-    renamed = renamed_numbers(numbers, given, values, np.shape(scene.drive.omega), scene.row_size)
+    renamed = renamed_numbers(numbers, given, values, np.shape(scene.drive.omega), scene.layout)
     return _with_leaves(scene, numbers, *renamed)
 
 

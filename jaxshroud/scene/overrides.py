@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from jaxshroud.scene.derived_inputs import alternative_keys
-from jaxshroud.scene.keys import ALL_KEYS, KEYS, RowSize, find_key, number_shape
+from jaxshroud.scene.keys import ALL_KEYS, KEYS, find_key, list_words, number_shape
+from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.messages import fail, toml_text
 from jaxshroud.scene.replacing import STIFFNESS_KEYS
 from jaxshroud.scene.schema import TABLE_MODELS, RowTable, row_table_of
@@ -68,7 +69,7 @@ def check_is_no_speed(where: str, key: str, value: Any, engine_order: Any) -> No
 def override(document: dict[str, Any], text: str) -> tuple[str, str]:
     """Set one key of the `document` in place; its table and name are returned."""
     match, row = OVERRIDE.fullmatch(text), row_table_of(document)
-    if match is None or (row is None and match[3] not in (None, "0", "1")):
+    if match is None:
         fail("--set", f"{toml_text(text)} is not table.key=value, e.g. --set contact.gamma=3")
     table, name, value = match[1], match[2], literal(match[4])
     rows = document.setdefault(table, {})
@@ -80,7 +81,7 @@ def override(document: dict[str, Any], text: str) -> tuple[str, str]:
             return "", ""  # likewise
     check_is_no_speed("--set", f"{table}.{name}", value, rows.get("engine_order"))
     rows[name] = value
-    alternatives = [tuple(key.split(".")) for key in alternative_keys(f"{table}.{name}", _size_of(row))]
+    alternatives = [tuple(key.split(".")) for key in alternative_keys(f"{table}.{name}", _layout_of(row))]
     for rival_table, rival_key in [*EXCLUSIVE_KEYS.get((table, name), []), *alternatives]:
         if isinstance(document.get(rival_table), dict):
             document[rival_table].pop(rival_key, None)
@@ -91,27 +92,28 @@ def _list_with(
     rows: dict[str, Any], table: str, name: str, index: int, value: Any, row: RowTable | None
 ) -> list[Any] | None:
     """The list of a table with the value of one blade or interface replaced; None where the file has an error."""
-    size = _list_length(table, name, index, row)
+    layout = _layout_of(row)
+    size = _list_length(table, name, index, layout)
     old = _old_value(rows, table, name, row)
-    others = [*alternative_keys(f"{table}.{name}", _size_of(row)), STIFFNESS_KEYS.get(f"{table}.{name}")]
+    others = [*alternative_keys(f"{table}.{name}", layout), STIFFNESS_KEYS.get(f"{table}.{name}")]
     if old is None and any(others):
-        cure = "set both blades, [left, right]" if row is None else f"set all {size}"
-        fail("--set", f"[{table}] {name}[{index}]: the file does not give `{name}`; {cure}")
+        words = list_words(ALL_KEYS[f"{table}.{name}"], layout)
+        fail("--set", f"[{table}] {name}[{index}]: the file does not give `{name}`; set {words}")
     numbers = old if isinstance(old, list) else [old] * size
     if old is None or len(numbers) != size:
         return None
     return [value if i == index else v for i, v in enumerate(numbers)]
 
 
-def _list_length(table: str, name: str, index: int, row: RowTable | None) -> int:
+def _list_length(table: str, name: str, index: int, layout: Layout) -> int:
     """The number of values of a key, one of which is that with the `index`."""
     key, is_known = f"{table}.{name}", table in TABLE_MODELS and name in TABLE_MODELS[table].model_fields
-    shape = number_shape(ALL_KEYS[key], _size_of(row)) if key in ALL_KEYS else ()
+    shape = number_shape(ALL_KEYS[key], layout) if key in ALL_KEYS else ()
     if is_known and not shape:
         kind = "one number, " if key in KEYS else ""
         fail("--set", f"[{table}] {name} is {kind}not one per blade; drop the [{index}]")
     if shape:
-        find_key(f"{key}[{index}]", "--set", _size_of(row))
+        find_key(f"{key}[{index}]", "--set", layout)
     return shape[0] if shape else 2  # of an unknown key, which is reported later
 
 
@@ -122,5 +124,5 @@ def _old_value(rows: dict[str, Any], table: str, name: str, row: RowTable | None
     return rows.get(name, rows.get("m") if name == "m_y" else 0.0 if table == "initial" else None)
 
 
-def _size_of(row: RowTable | None) -> RowSize | None:
-    return None if row is None else row.size
+def _layout_of(row: RowTable | None) -> Layout:
+    return PAIR if row is None else row.layout

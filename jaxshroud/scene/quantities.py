@@ -7,7 +7,9 @@ static deflection contributes.
 
 from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
+from jaxshroud.scene.capabilities import require_capability
 from jaxshroud.scene.checks import InputError, word_argument
+from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.parts import Parts
 
 if TYPE_CHECKING:
@@ -57,9 +59,9 @@ def amplitude_of(of: str) -> Amplitude | None:
     return Amplitude(displacement, measure)  # pyright: ignore[reportArgumentType]  # `of` is a `Quantity`
 
 
-def counted_amplitude(amplitudes: "np.ndarray", in_row: bool) -> "np.ndarray":
-    """The amplitude that counts, of those of each blade (..., blades): the largest in a row, the left one of a pair."""
-    return amplitudes.max(axis=-1) if in_row else amplitudes[..., 0]
+def counted_amplitude(amplitudes: "np.ndarray", layout: Layout) -> "np.ndarray":
+    """The amplitude that counts, of those of each blade (..., blades): the largest of the blades that count, (...)."""
+    return amplitudes[..., layout.counting].max(axis=-1)
 
 
 def unit_of(of: str) -> str:
@@ -84,12 +86,11 @@ def quantity_symbol(of: str) -> str:
     return rf"${letter}_\mathrm{{{amplitude.measure}}}$"
 
 
-def check_quantity(of: str, parts: Parts, in_row: bool = False) -> None:
-    """Raise an InputError unless `of` is a quantity of scenes with these parts, of a pair or of a row."""
+def check_quantity(of: str, parts: Parts, layout: Layout = PAIR) -> None:
+    """Raise an InputError unless `of` is a quantity of scenes with these parts and this layout."""
     word_argument("of", of, QUANTITY_WORDS)
     amplitude = amplitude_of(of)
-    if of == "P_d_worst" and not in_row:
-        raise InputError("`of` is P_d_worst, that of the worst blade of a row, but the scene is a pair; take P_d.")
+    require_capability(of, layout, asked=f"Argument `of` = {of!r}")
     if amplitude is not None and not parts.has(amplitude.displacement, 0):
         raise InputError(
             f"`of` is {of}, but the blades of this scene do not move in {amplitude.displacement}; "

@@ -19,7 +19,8 @@ from jaxshroud.scene.derived_inputs import (
     inputs_that_count,
     worked_out,
 )
-from jaxshroud.scene.keys import ALL_KEYS, Key, RowSize, find_key, number_shape
+from jaxshroud.scene.keys import ALL_KEYS, Key, find_key, number_shape
+from jaxshroud.scene.layout import PAIR, Layout, row_layout
 
 NO_WIDTH = "The scene's contact is not smooth: it has no width."
 STIFFNESS_KEYS = {"contact.k": "contact.gamma", "contact.gamma": "contact.k"}  # each drops the other
@@ -30,7 +31,7 @@ def replace_numbers(
     given: Numbers,
     values: Mapping[str, Any],
     lanes: tuple[int, ...] = (),
-    row: RowSize | None = None,
+    layout: Layout = PAIR,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """The numbers and the inputs of a scene with some replaced.
 
@@ -39,13 +40,14 @@ def replace_numbers(
         given: The inputs by which the scene is given; None for a word.
         values: Key -> array, which broadcasts with the number, or, for one blade, with the blade's.
         lanes: The shape of the leading axes.
-        row: The row of the scene, whose numbers are as many as its blades or interfaces; None: the pair.
+        layout: The layout of the scene.
 
     Raises:
         KeyNameError: There is no such number, or the scene lacks what a key needs.
     """
-    numbers, given = renamed_numbers(numbers, given, values, lanes, row)
-    return numbers | worked_out(numbers, given, {find_key(key, row=row)[0].name for key in values}, row), given
+    numbers, given = renamed_numbers(numbers, given, values, lanes, layout)
+    changed = {find_key(key, layout=layout)[0].name for key in values}
+    return numbers | worked_out(numbers, given, changed, layout), given
 
 
 def renamed_numbers(
@@ -53,25 +55,25 @@ def renamed_numbers(
     given: Numbers,
     values: Mapping[str, Any],
     lanes: tuple[int, ...] = (),
-    row: RowSize | None = None,
+    layout: Layout = PAIR,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """The same without anything worked out: other names for what the scene has."""
     numbers, given = dict(numbers), dict(given)
     for key, value in values.items():
-        number, index = find_key(key, row=row)
-        check_known(key, given, row=row)
+        number, index = find_key(key, layout=layout)
+        check_known(key, given, layout=layout)
         if number.name == "contact.width" and number.name not in numbers:
             raise KeyNameError(NO_WIDTH)
         is_input = number.name in DERIVED_BY_KEY
         holder, xp = given if is_input else numbers, value.__array_namespace__()
-        own = number_shape(number, row)
+        own = number_shape(number, layout)
         if index is not None:
             value = xp.where(np.arange(*own) == index, value[..., None], _all_of(number, index, holder, numbers))
-        for other in (*alternative_keys(number.name, row), *([] if is_input else [number.name])):
+        for other in (*alternative_keys(number.name, layout), *([] if is_input else [number.name])):
             given.pop(other, None)
         numbers.pop(STIFFNESS_KEYS.get(number.name, ""), None)
         holder[number.name] = xp.broadcast_to(value, np.broadcast_shapes(value.shape, (*lanes, *own)))
-    return numbers, inputs_that_count(given, row)
+    return numbers, inputs_that_count(given, layout)
 
 
 def _all_of(number: Key, index: int, holder: Numbers, numbers: Numbers) -> Any:
@@ -92,24 +94,23 @@ def replaced_tables(
         given: The inputs from which numbers were worked out.
         values: Key -> number or pair in SI units.
     """
-    row = row_size_of(tables)
+    layout = layout_of(tables)
     entries = {f"{table}.{name}": value for table, part in tables.items() for name, value in part.items()}
     words = {key: value for key, value in entries.items() if key not in ALL_KEYS}
-    numbers = {key: _as_array(key, value, row) for key, value in entries.items() if key in ALL_KEYS}
-    inputs = {key: None if value is None else _as_array(key, value, row) for key, value in given.items()}
+    numbers = {key: _as_array(key, value, layout) for key, value in entries.items() if key in ALL_KEYS}
+    inputs = {key: None if value is None else _as_array(key, value, layout) for key, value in given.items()}
     arrays = {key: np.asarray(v, float) for key, v in values.items()}
-    numbers, inputs = replace_numbers(numbers, inputs, arrays, row=row)
-    return in_tables(words | plain_numbers(numbers), plain_numbers(inputs), row)
+    numbers, inputs = replace_numbers(numbers, inputs, arrays, layout=layout)
+    return in_tables(words | plain_numbers(numbers), plain_numbers(inputs), layout)
 
 
-def row_size_of(tables: Mapping[str, Mapping[str, Any]]) -> RowSize | None:
-    """The size of the row of a scene, from its tables; None: the pair."""
-    row = tables.get("row")
-    return None if row is None else RowSize(row["blades"], row["closed"])
+def layout_of(tables: Mapping[str, Any]) -> Layout:
+    """The layout of a scene, from its tables: that of its row, or the pair."""
+    return row_layout(tables["row"]["blades"], tables["row"]["closed"]) if "row" in tables else PAIR
 
 
-def _as_array(key: str, value: Any, row: RowSize | None) -> np.ndarray:
-    return np.broadcast_to(np.asarray(value, float), number_shape(ALL_KEYS[key], row))
+def _as_array(key: str, value: Any, layout: Layout) -> np.ndarray:
+    return np.broadcast_to(np.asarray(value, float), number_shape(ALL_KEYS[key], layout))
 
 
 def plain_numbers(numbers: Numbers) -> dict[str, float | list[float] | None]:

@@ -8,7 +8,8 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from jaxshroud.scene.derived_inputs import BLOCK, DerivedInput, check_order, inputs_by_key, inputs_in
-from jaxshroud.scene.keys import ALL_KEYS, KEYS, Key, RowSize, key_in
+from jaxshroud.scene.keys import ALL_KEYS, KEYS, Key, key_in
+from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.messages import fail, problem_text, toml_text
 from jaxshroud.scene.overrides import check_is_no_speed
 from jaxshroud.scene.replacing import plain_numbers
@@ -20,7 +21,7 @@ GivenValues = dict[str, Any]  # key -> a number in SI units, or one per blade; N
 
 
 def resolve_derived_inputs(
-    document: Document, name: str, overridden: Collection[tuple[str, str]] = (), row: RowSize | None = None
+    document: Document, name: str, overridden: Collection[tuple[str, str]] = (), layout: Layout = PAIR
 ) -> GivenValues:
     """Replace derived inputs by the numbers of the scene, in place.
 
@@ -28,7 +29,7 @@ def resolve_derived_inputs(
         document: The document of a scene file.
         name: The name of the file in messages.
         overridden: The tables and keys that were overridden, for which messages name `--set`.
-        row: The row of the scene; None: the pair.
+        layout: The layout of the scene.
 
     Returns:
         The inputs that were given.
@@ -38,12 +39,12 @@ def resolve_derived_inputs(
     """
     given: GivenValues = {}
     is_set = lambda keys: any(key.parts in overridden for key in keys)
-    for derived in inputs_in(row):
+    for derived in inputs_in(layout):
         table, number = derived.number.parts
-        rows, own = document.get(table), [key for key in derived.keys if inputs_by_key(row)[key.name] is derived]
+        rows, own = document.get(table), [key for key in derived.keys if inputs_by_key(layout)[key.name] is derived]
         if isinstance(rows, dict) and _is_given(derived, own, rows):
-            values = _given_by(derived, own, rows, "--set" if is_set(derived.keys) else name, row)
-            needed = [_required_values(document, needs, row) for needs in derived.needs]
+            values = _given_by(derived, own, rows, "--set" if is_set(derived.keys) else name, layout)
+            needed = [_required_values(document, needs, layout) for needs in derived.needs]
             rows[number] = _scene_value(derived, values, needed)
             given |= plain_numbers(dict(zip(derived.marks, values or [None], strict=True)))
     drive = document.get("drive")
@@ -65,9 +66,7 @@ def _is_given(derived: DerivedInput, own: Collection[Key], rows: Document) -> bo
     return isinstance(word, str) and word.strip() == BLOCK
 
 
-def _given_by(
-    derived: DerivedInput, own: Sequence[Key], rows: Document, where: str, row: RowSize | None
-) -> list[Values]:
+def _given_by(derived: DerivedInput, own: Sequence[Key], rows: Document, where: str, layout: Layout) -> list[Values]:
     """The values of the keys of an input, of which its `own` give nothing else."""
     names, (table, number) = [key.parts[1] for key in derived.keys], derived.number.parts
     missing = [key for key in names if key not in rows]
@@ -76,7 +75,7 @@ def _given_by(
         fail(where, f"[{table}] lacks `{missing[0]}`, which `{present}` needs")
     if own and number in rows:
         fail(where, f"[{table}] gives both `{own[0].parts[1]}` and `{number}`; keep one of them")
-    return [_given_values(where, key_in(key, row), rows[key.parts[1]], row) for key in derived.keys]
+    return [_given_values(where, key_in(key, layout), rows[key.parts[1]], layout) for key in derived.keys]
 
 
 def _scene_value(derived: DerivedInput, values: list[Values], needed: list[Values | None]) -> Any:
@@ -90,14 +89,14 @@ def _scene_value(derived: DerivedInput, values: list[Values], needed: list[Value
 
 
 @cache
-def _adapter(key: Key, row: RowSize | None):
-    return TypeAdapter(numbers_type(key, row))
+def _adapter(key: Key, layout: Layout):
+    return TypeAdapter(numbers_type(key, layout))
 
 
-def _given_values(where: str, key: Key, value: Any, row: RowSize | None) -> Values:
+def _given_values(where: str, key: Key, value: Any, layout: Layout) -> Values:
     """The given value in SI units, one per blade."""
     try:
-        values = _adapter(key, row).validate_python(value)
+        values = _adapter(key, layout).validate_python(value)
     except ValidationError as error:
         table, name = key.parts
         about = f"e.g. {name} = {toml_text(key.example)} ({key.about})"
@@ -105,14 +104,14 @@ def _given_values(where: str, key: Key, value: Any, row: RowSize | None) -> Valu
     return values if isinstance(values, tuple) else (values,)
 
 
-def _required_values(document: Document, key: Key, row: RowSize | None) -> Values | None:
+def _required_values(document: Document, key: Key, layout: Layout) -> Values | None:
     """A number on which others depend, one per blade; None where it is missing or invalid."""
     table, entry = key.parts
     rows = document.get(table)
     if entry == "m_y" and isinstance(rows, dict) and rows.get("m_y") is None:
         key, entry = KEYS["blades.m"], "m"
     try:
-        values = _adapter(key, row).validate_python(rows.get(entry) if isinstance(rows, dict) else None)
+        values = _adapter(key, layout).validate_python(rows.get(entry) if isinstance(rows, dict) else None)
     except ValidationError:
         return None
     return values if isinstance(values, tuple) else (values,)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from jaxshroud.scene.capabilities import require_parts
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
 from jaxshroud.scene.keys import (
     ALL_KEYS,
@@ -17,11 +18,11 @@ from jaxshroud.scene.keys import (
     MIN_BLADES,
     ROW_KEYS,
     Motion,
-    RowSize,
     key_in,
     number_shape,
 )
 from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, with_checked_shapes
+from jaxshroud.scene.layout import PAIR, Layout, row_layout
 from jaxshroud.scene.parts import Parts, misprints
 from jaxshroud.scene.typed import are_numbers, short_repr, typed
 from jaxshroud.scene.valid import KEYS_BY_TABLE, check_number, check_numbers, check_shape
@@ -181,18 +182,18 @@ class Row(eqx.Module):
         if np.ndim(mistuning) > 1:
             raise InputError(f"A row has one mistuning for each blade, but its shape is {np.shape(mistuning)}.")
         self.blades, self.closed = blades, bool(closed)
-        check_number(ROW_KEYS["row.mistuning"], mistuning, self.size)
+        check_number(ROW_KEYS["row.mistuning"], mistuning, self.layout)
         self.mistuning = jnp.full(blades, mistuning, float) if np.ndim(mistuning) == 0 else per_blade(mistuning)
 
     @property
-    def size(self) -> RowSize:
-        """The number of its blades, and whether it is closed."""
-        return RowSize(self.blades, self.closed)
+    def layout(self) -> Layout:
+        """The layout of its blades."""
+        return row_layout(self.blades, self.closed)
 
     @property
     def interfaces(self) -> int:
         """The number of interfaces: as many as blades in a ring, one less in a chain."""
-        return self.size.interfaces
+        return self.layout.interfaces
 
 
 TABLE_CLASSES = {"blades": Blades, "shroud": Shroud, "contact": Contact, "friction": Friction, "drive": Drive}
@@ -228,28 +229,20 @@ class Scene(eqx.Module):
         if self.parts.contact == "own" and self.contact.reading:
             raise InputError("Own laws have no misprints: the scene's `reading` must be consistent.")
         if self.row is not None:
-            self._check_row_parts()
+            type_argument("row", self.row, Row, "Row(12, closed=True)")
+        require_parts(self.parts, self.contact.reading, self.layout)
         check_numbers("initial", self.initial)
         self._check_shapes()
         for key, value in self.given.items():
             if value is not None:
-                check_number(key_in(ALL_KEYS[key], self.row_size), value, self.row_size)
-
-    def _check_row_parts(self) -> None:
-        type_argument("row", self.row, Row, "Row(12, closed=True)")
-        if self.parts.neighbour == "rigid":
-            raise InputError('A row has no rigid neighbour: `neighbour` must be "blade".')
-        if self.contact.reading:
-            raise InputError("A row of blades has no misprints: its `reading` must be consistent.")
-        if self.parts.contact == "own":
-            raise InputError("A row of blades takes no own laws of contact.")
+                check_number(key_in(ALL_KEYS[key], self.layout), value, self.layout)
 
     def _check_shapes(self) -> None:
         for table, keys in KEYS_BY_TABLE.items():
             for name, key in keys:
                 value = getattr(getattr(self, table), name)
                 if value is not None:
-                    check_shape(key, value, self.row_size)
+                    check_shape(key, value, self.layout)
 
     @property
     def k(self) -> Number:
@@ -257,14 +250,12 @@ class Scene(eqx.Module):
         if self.contact.k is not None:
             return self.contact.k
         assert self.contact.gamma is not None  # exactly one of them is given
-        if self.row is not None:
-            return self.contact.gamma * self.left_k_x
-        return self.contact.gamma * self.blades.k_x[0]
+        return self.contact.gamma * self.left_k_x
 
     @property
     def left_k_x(self) -> Any:
         """The k_x [N/m] of the blade on the left of each interface, without mistuning, to which `gamma` refers."""
-        return self.blades.k_x[..., 0] if self.row is None else self.blades.k_x[..., : self.row.interfaces]
+        return self.layout.at_interfaces(self.blades.k_x[..., : self.layout.interfaces])
 
     @property
     def mistuned_blades(self) -> Blades:
@@ -275,21 +266,20 @@ class Scene(eqx.Module):
         return eqx.tree_at(of, self.blades, tuple(factor * k for k in of(self.blades)))
 
     @property
-    def row_size(self) -> RowSize | None:
-        """The size of the row; None: the pair."""
-        return None if self.row is None else self.row.size
+    def layout(self) -> Layout:
+        """The layout of the blades: that of the row, or the pair."""
+        return PAIR if self.row is None else self.row.layout
 
 
 def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) -> Scene:
     """The scene from tables of plain SI numbers, as in a file, and the inputs from which some were worked out."""
     row = Row(**tables["row"]) if "row" in tables else None
-    if row is not None:
-        given = {key: _in_row(key, value, row.size) for key, value in given.items()}
-        tables = {
-            table: {name: _in_row(f"{table}.{name}", value, row.size) for name, value in entries.items()}
-            for table, entries in tables.items()
-        }
-    parts = tables["parts"]
+    layout, parts = PAIR if row is None else row.layout, tables["parts"]
+    given = {key: _for_layout(key, value, layout) for key, value in given.items()}
+    tables = {
+        table: {name: _for_layout(f"{table}.{name}", value, layout) for name, value in entries.items()}
+        for table, entries in tables.items()
+    }
     return Scene(
         Blades(**tables["blades"]),
         Shroud(**tables["shroud"]),
@@ -303,11 +293,11 @@ def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) 
     )
 
 
-def _in_row(key: str, value: Any, row: RowSize) -> Any:
-    """A value of a file, a number with one entry for each blade or interface of the row."""
+def _for_layout(key: str, value: Any, layout: Layout) -> Any:
+    """A value of a file, a number with one entry for each blade or interface."""
     if key not in ALL_KEYS or value is None:
         return value
-    return np.broadcast_to(np.asarray(value, float), number_shape(ALL_KEYS[key], row))
+    return np.full(number_shape(ALL_KEYS[key], layout), value, float)
 
 
 def without_given(scene: Scene) -> Scene:

@@ -24,6 +24,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from jaxshroud.scene.capabilities import require_parts
 from jaxshroud.scene.checks import DEFAULT_TRANSIENT, MAX_AUTO_STEPS, MAX_COUNT, did_you_mean
 from jaxshroud.scene.keys import (
     FROM_0,
@@ -32,10 +33,11 @@ from jaxshroud.scene.keys import (
     ROW_KEYS,
     Key,
     Range,
-    RowSize,
     keys_of_table,
+    list_words,
     number_shape,
 )
+from jaxshroud.scene.layout import PAIR, Layout, row_layout
 from jaxshroud.scene.parts import ACCURACIES, MOTIONS, ContactPart, Direction, FrictionPart, Neighbour, misprints
 from jaxshroud.scene.units import to_si
 
@@ -60,28 +62,23 @@ def number_type(number: Key) -> Any:
     return Annotated[value, BeforeValidator(partial(to_si, number.unit))]
 
 
-def numbers_type(number: Key, row: RowSize | None) -> Any:
+def numbers_type(number: Key, layout: Layout) -> Any:
     """The pydantic type of what a file gives for a key: one number, or one for each blade or interface."""
-    one, shape = number_type(number), number_shape(number, row)
+    one, shape = number_type(number), number_shape(number, layout)
     if not shape:
         return one
-    words = "a pair [left, right]" if row is None else _list_words(number, shape[0])
-    many = Annotated[tuple[one, ...], BeforeValidator(partial(_as_list, shape[0], words))]
+    many = Annotated[tuple[one, ...], BeforeValidator(partial(_as_list, shape[0], list_words(number, layout)))]
     return Annotated[many, BeforeValidator(partial(to_si, number.unit))]
 
 
-def _list_words(number: Key, size: int) -> str:
-    return f"a list of {size}, one for each {'interface' if number.per_interface else 'blade'}"
-
-
-def _entry(number: Key, row: RowSize | None) -> Any:
+def _entry(number: Key, layout: Layout) -> Any:
     """The pydantic type of a key."""
-    value = numbers_type(number, row)
+    value = numbers_type(number, layout)
     return Annotated[value if number.default is ... else value | None, key(number.about, number.example)]
 
 
-def _default(number: Key, row: RowSize | None) -> Any:
-    shape = number_shape(number, row)
+def _default(number: Key, layout: Layout) -> Any:
+    shape = number_shape(number, layout)
     return (number.default,) * shape[0] if shape and isinstance(number.default, float) else number.default
 
 
@@ -101,9 +98,9 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-def _number_table(table: str, row: RowSize | None, **further: Any) -> type[Table]:
+def _number_table(table: str, layout: Layout, **further: Any) -> type[Table]:
     """The model of a table of numbers with `further` fields."""
-    fields: dict[str, Any] = {n.parts[1]: (_entry(n, row), _default(n, row)) for n in keys_of_table(table)}
+    fields: dict[str, Any] = {n.parts[1]: (_entry(n, layout), _default(n, layout)) for n in keys_of_table(table)}
     return create_model(f"{table.title()}Table", __base__=Table, **fields, **further)
 
 
@@ -145,7 +142,9 @@ def _one_per_blade(value: Any, info: Any) -> Any:
     if (blades := info.data.get("blades")) is None:
         return ()  # an error of the number of blades, which is reported
     shown = value.drawn(blades) if isinstance(value, RandomMistuning) else value
-    return tuple(_in_range(MISTUNING.range, v) for v in _as_list(blades, _list_words(MISTUNING, blades), shown))
+    return tuple(
+        _in_range(MISTUNING.range, v) for v in _as_list(blades, list_words(MISTUNING, row_layout(blades, True)), shown)
+    )
 
 
 class RowTable(Table):
@@ -160,9 +159,9 @@ class RowTable(Table):
     ] = 0.0
 
     @property
-    def size(self) -> RowSize:
-        """The size of the row."""
-        return RowSize(self.blades, self.closed)
+    def layout(self) -> Layout:
+        """The layout of the row."""
+        return row_layout(self.blades, self.closed)
 
 
 def _coordinates(value: Any) -> Any:
@@ -249,11 +248,8 @@ def _one_stiffness(contact: Any) -> Any:
     return contact
 
 
-def _row_has_no_words_of_the_pair(file: Any) -> Any:
-    if file.row is not None and file.parts.neighbour == "rigid":
-        raise ValueError('[parts] neighbour = "rigid" is for the pair; drop it, or the table [row]')
-    if file.row is not None and file.contact.reading:
-        raise ValueError('[contact] reading must be "consistent" in a row of blades')
+def _parts_are_of_its_layout(file: Any, layout: Layout) -> Any:
+    require_parts(file.parts, file.contact.reading, layout)
     return file
 
 
@@ -272,12 +268,13 @@ READING = (Annotated[frozenset[str], BeforeValidator(misprints), key("misprints 
 TITLE = Annotated[str, key("what the scene shows, in one line", "Fig. 9", pattern="^.*$")]
 
 
-def _table_models(row: RowSize | None) -> dict[str, type[Table]]:
-    """The models of all tables of a file with a row, or of the pair."""
+@lru_cache(maxsize=16)
+def _table_models(layout: Layout) -> dict[str, type[Table]]:
+    """The models of all tables of a file."""
     return {
-        **{table: _number_table(table, row) for table in ("blades", "shroud")},
-        "contact": _number_table("contact", row, reading=READING),
-        **{table: _number_table(table, row) for table in ("friction", "drive", "initial")},
+        **{table: _number_table(table, layout) for table in ("blades", "shroud")},
+        "contact": _number_table("contact", layout, reading=READING),
+        **{table: _number_table(table, layout) for table in ("friction", "drive", "initial")},
         "parts": PartsTable,
         "run": RunTable,
         "sweep": SweepTable,
@@ -285,7 +282,7 @@ def _table_models(row: RowSize | None) -> dict[str, type[Table]]:
     }
 
 
-TABLE_MODELS = _table_models(None)
+TABLE_MODELS = _table_models(PAIR)
 PHYSICS_TABLES = tuple(TABLE_MODELS)[:7]
 ROW_TYPE: TypeAdapter[Any] = TypeAdapter(create_model("FileWithRow", row=(RowTable | None, None)))  # of any file
 
@@ -299,9 +296,9 @@ def row_table_of(document: dict[str, Any]) -> RowTable | None:
 
 
 @lru_cache(maxsize=16)
-def scene_file_type(row: RowSize | None) -> Any:
-    """The pydantic type of a file with a row, or of the pair."""
-    models = TABLE_MODELS if row is None else _table_models(row)
+def scene_file_type(layout: Layout) -> Any:
+    """The pydantic type of a file."""
+    models = _table_models(layout)
     fields: dict[str, Any] = {
         "title": (TITLE, ""),
         **{table: (model, ...) for table, model in models.items()},
@@ -312,5 +309,7 @@ def scene_file_type(row: RowSize | None) -> Any:
         "row": (RowTable | None, None),
     }
     file: Any = create_model("File", __base__=Table, **fields)
-    checked: Any = Annotated[file, AfterValidator(_smooth_has_a_width), AfterValidator(_row_has_no_words_of_the_pair)]
+    checked: Any = Annotated[
+        file, AfterValidator(_smooth_has_a_width), AfterValidator(partial(_parts_are_of_its_layout, layout=layout))
+    ]
     return TypeAdapter(checked)

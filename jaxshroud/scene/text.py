@@ -16,16 +16,16 @@ from jaxshroud.scene.scene import Scene
 
 def given_numbers_of(scene: Scene) -> dict[str, np.ndarray]:
     """What a scene, or many (leading axes), is given by: numbers by their keys, as NumPy arrays in SI units."""
-    given = in_given_form(numbers_of(scene), given_of(scene), scene.row_size)
+    given = in_given_form(numbers_of(scene), given_of(scene), scene.layout)
     return {key: np.asarray(value) for key, value in given.items() if value is not None}
 
 
 def tables_of(scene: Scene) -> dict[str, dict[str, Any]]:
     """One scene as it is given, in plain numbers by table and key, with one number for equal blades."""
-    tables = in_tables(plain_numbers(numbers_of(scene)), plain_numbers(given_of(scene)), scene.row_size)
+    tables = in_tables(plain_numbers(numbers_of(scene)), plain_numbers(given_of(scene)), scene.layout)
     tables["contact"]["reading"] = reading_text(scene.contact.reading)
-    if scene.row is not None:
-        tables = {"row": {**scene.row.size._asdict(), **tables.pop("row")}, **tables}
+    if row := scene.row:
+        tables = {"row": {"blades": row.blades, "closed": row.closed, **tables.pop("row")}, **tables}
     return {**tables, "parts": {**scene.parts._asdict(), "motion": list(scene.parts.motion)}}
 
 

@@ -9,7 +9,8 @@ from jax.core import Tracer
 from numpy.typing import NDArray
 
 from jaxshroud.scene.checks import InputError, Precision, SceneError
-from jaxshroud.scene.keys import KEYS, Key, RowSize, find_key, number_shape
+from jaxshroud.scene.keys import KEYS, Key, find_key, list_words, number_shape
+from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.typed import are_numbers, short_repr
 from jaxshroud.scene.units import to_si
 
@@ -33,28 +34,28 @@ def check_numbers(table: str, holder: object) -> None:
     per_blade = [(key, value) for key, value in given if key.pair]
     if len({np.shape(value)[-1:] for _, value in per_blade}) > 1:
         for key, value in per_blade:
-            check_shape(key, value, None)
+            check_shape(key, value, PAIR)
     for key, value in given:
         _check_range(key, value)
 
 
-def check_continuous(key: str, row: RowSize | None) -> None:
+def check_continuous(key: str, layout: Layout) -> None:
     """Raise a SceneError for a number that is whole, such as a ring's engine order: between its values lies nothing."""
-    if find_key(key, row=row)[0].range.whole:
+    if find_key(key, layout=layout)[0].range.whole:
         raise SceneError(f"{key} is a whole number here, which nothing can follow or differentiate; name another one")
 
 
-def check_number(key: Key, value: Any, row: RowSize | None = None) -> None:
+def check_number(key: Key, value: Any, layout: Layout = PAIR) -> None:
     """Raise SceneError unless all of `value` is in the range of a key; traced values pass.
 
     Args:
         key: The key.
         value: A number, or an array with any leading axes; (..., 2) for a number per blade.
-        row: The row of the scene, whose numbers are as many as its blades or interfaces; None: the pair.
+        layout: The layout of the scene.
     """
     _check_is_number(key, value)
     if np.shape(value):
-        check_shape(key, value, row)
+        check_shape(key, value, layout)
     _check_range(key, value)
 
 
@@ -63,15 +64,12 @@ def _check_is_number(key: Key, value: Any) -> None:
         _fail_range(key, f"{key.name} = {short_repr(value)} must be a valid number")
 
 
-def check_shape(key: Key, value: Any, row: RowSize | None) -> None:
-    """Raise SceneError unless the last axis of a number per blade or interface is that of the row."""
-    shape, own = np.shape(value), number_shape(key, row)
+def check_shape(key: Key, value: Any, layout: Layout) -> None:
+    """Raise SceneError unless the last axis of a number per blade or interface is that of the layout."""
+    shape, own = np.shape(value), number_shape(key, layout)
     if not own or shape[-1:] == own:
         return
-    if row is None:
-        _fail_range(key, f"{key.name} must be one number or a pair [left, right], but its shape is {shape}")
-    kind = "interfaces" if key.per_interface else "blades"
-    _fail_range(key, f"{key.name} must have a value for each of the {own[0]} {kind}, but its shape is {shape}")
+    _fail_range(key, f"{key.name} must be one number or {list_words(key, layout)}, but its shape is {shape}")
 
 
 def _check_range(key: Key, value: Any) -> None:

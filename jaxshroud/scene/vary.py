@@ -11,7 +11,7 @@ from jaxtyping import ArrayLike
 from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, check_independent, check_known, inputs_by_key, inputs_in
-from jaxshroud.scene.keys import ALL_KEYS, KEYS, ROW_KEYS, find_key, number_shape
+from jaxshroud.scene.keys import ALL_KEYS, KEYS, find_key, number_shape
 from jaxshroud.scene.numbers import expressed_by, fields_of, given_of, numbers_of, replaced
 from jaxshroud.scene.replacing import NO_WIDTH
 from jaxshroud.scene.scene import Scene
@@ -44,10 +44,10 @@ def _input_of(scene: Scene, name: str) -> Any:
     Raises:
         KeyNameError: The number does not determine it.
     """
-    derived, given = inputs_by_key(scene.row_size)[name], given_of(scene)
+    derived, given = inputs_by_key(scene.layout)[name], given_of(scene)
     if derived.counts(given):
         return given[name]
-    check_known(name, given, row=scene.row_size)
+    check_known(name, given, layout=scene.layout)
     if derived.inverse is None:
         raise KeyNameError(f"the scene does not give {name}; name {derived.number.name}")
     return derived.given_value(numbers_of(scene))
@@ -72,11 +72,11 @@ def vary(scene: Scene, key: str, value: ArrayLike | Sequence[ArrayLike]) -> Scen
         KeyNameError: There is no such number, or the scene has no engine order for a speed.
         SceneError: The value is out of its range; traced values are not checked.
     """
-    named, index = find_key(key, row=scene.row_size)
+    named, index = find_key(key, layout=scene.layout)
     number: Any = jnp.asarray(value, dtype=float) if isinstance(value, tuple | list) else value
-    check_number(named if index is None else named._replace(pair=False, per_interface=False), number, scene.row_size)
+    check_number(named if index is None else named._replace(pair=False, per_interface=False), number, scene.layout)
     lanes, own = np.shape(scene.drive.omega), np.shape(number)
-    shape = (*lanes, *number_shape(named, scene.row_size)) if index is None else lanes
+    shape = (*lanes, *number_shape(named, scene.layout)) if index is None else lanes
     if np.broadcast_shapes(own, shape) != shape:
         raise SceneError(f"{key} has the shape {shape}, but its value has {own}; see js.scenes_from")
     return replaced(scene, {key: number})
@@ -88,8 +88,8 @@ def with_numbers(scene: Scene, keys: Sequence[str]) -> Scene:
     Raises:
         KeyNameError: There is no such number, or two keys are one.
     """
-    check_independent(keys, scene.row_size)
-    names = dict.fromkeys(find_key(key, row=scene.row_size)[0].name for key in keys)
+    check_independent(keys, scene.layout)
+    names = dict.fromkeys(find_key(key, layout=scene.layout)[0].name for key in keys)
     return expressed_by(scene, {name: np.asarray(_named_number(scene, name)) for name in names})
 
 
@@ -103,7 +103,7 @@ def value_of(scene: Scene, key: str) -> float:
     """
     if is_traced(scene):
         raise InputError(f"`value_of` returns a plain number, of which JAX traces nothing: take scene.{key} itself.")
-    named, index = find_key(key, row=scene.row_size)
+    named, index = find_key(key, layout=scene.layout)
     values = _all_values(scene, key)
     if index is None and len(set(values)) > 1:
         kind = "interfaces" if named.per_interface else "blades"
@@ -121,14 +121,14 @@ def level_of(scene: Scene, key: str) -> float:
 def offsets(scene: Scene, key: str) -> dict[str, float]:
     """The numbers with a key, by keys of one value each, and their differences from `level_of`."""
     values = _all_values(scene, key)
-    if find_key(key, row=scene.row_size)[1] is not None or len(set(values)) == 1:
+    if find_key(key, layout=scene.layout)[1] is not None or len(set(values)) == 1:
         return {key: 0.0}
     return {f"{key}[{i}]": value - float(np.mean(values)) for i, value in enumerate(values)}
 
 
 def _all_values(scene: Scene, key: str) -> list[float]:
     """The number with a key, or one for each blade or interface."""
-    name = find_key(key, row=scene.row_size)[0].name
+    name = find_key(key, layout=scene.layout)[0].name
     return [float(v) for v in np.atleast_1d(np.asarray(_named_number(scene, name)))]
 
 
@@ -139,8 +139,8 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
     only sets the origin of time, and an engine order, which acts as the speed does. Inputs stand for the numbers that
     are worked out from them. Numbers that differ between the blades, or the interfaces of a row, have one key each.
     """
-    parts, row, keys = scene.parts, scene.row_size, []
-    derived = {one.number.name: one for one in inputs_in(row) if one.counts(given_of(scene))}
+    parts, layout, keys = scene.parts, scene.layout, []
+    derived = {one.number.name: one for one in inputs_in(layout) if one.counts(given_of(scene))}
     unused = _UNUSED["initial"] | {"contact.k" if scene.contact.k is None else "contact.gamma", "drive.phase"}
     unused |= set() if "y" in parts.motion else _UNUSED["y"]
     unused |= set() if "theta" in parts.motion else _UNUSED["theta"]
@@ -148,15 +148,15 @@ def numbers_that_count(scene: Scene) -> tuple[str, ...]:
     unused |= set() if parts.contact == "smooth" else {"contact.width"}
     unused |= set() if parts.friction != "none" else _UNUSED["friction"]
     unused |= set() if parts.contact != "none" else _UNUSED["contact"] | _UNUSED["friction"]
-    for number in (key for key in (*KEYS, *(ROW_KEYS if row else ())) if key not in unused):
+    for number in (key for key in fields_of(scene) if key not in unused):
         if number in derived and not derived[number].keys:
             continue
         key = derived[number].keys[-1].name if number in derived else number
-        values, shape = np.asarray(_named_number(scene, key)), number_shape(ALL_KEYS[key], row)
+        values, shape = np.asarray(_named_number(scene, key)), number_shape(ALL_KEYS[key], layout)
         differ = bool(shape) and bool(np.any(values[..., :1] != values))
         moving = 1 if parts.neighbour == "rigid" else math.prod(shape)
         keys += [f"{key}[{i}]" for i in range(moving)] if differ else [key]
-    phases = () if parts.neighbour == "rigid" else range(1, 2 if row is None else row.blades)
+    phases = () if parts.neighbour == "rigid" else range(1, layout.blades)
     return (*keys, *(f"drive.phase[{i}]" for i in phases))
 
 

@@ -14,7 +14,6 @@ from jaxshroud.batch.tangents import (
     as_differentiable,
     direction,
     end_as_start,
-    means_array,
     run_flow,
     without_direction,
 )
@@ -164,10 +163,10 @@ def _reduction_slopes(problem: Problem, scene: Dual, end: Dual) -> np.ndarray:
 def _power_slopes(problem: Problem, scene: Dual, end: Dual) -> np.ndarray:
     """The derivative of a power of each lane, (lanes,)."""
     of = cast(Power, problem.of)
-    power, by_tangent = (np.stack(flow.power, axis=-1) for flow in end)
+    power, by_tangent = (flow.power for flow in end)
     squares, by = power, by_tangent
     if of == "P_d_vibration":
-        means, means_by = (np.moveaxis(means_array(flow.means), -1, 0) for flow in end)
+        means, means_by = (np.stack(flow.means, axis=1) for flow in end)
         squares, by = (power, means), (by_tangent, means_by)
     slope = np.asarray(directional_derivatives(scene.value, squares, scene.tangent, by, of), float)
     if of != "P_d_worst":
@@ -177,9 +176,9 @@ def _power_slopes(problem: Problem, scene: Dual, end: Dual) -> np.ndarray:
 
 
 def _amplitude_slopes(amplitude: Amplitude, scene: Dual, end: Dual) -> np.ndarray:
-    """The derivative of a mean's magnitude or of an RMS value, the largest of a row, of each lane, (lanes,)."""
-    counts = slice(1 if scene.value.row is None else None)
-    moments = [[np.stack(m[amplitude.row], axis=-1)[:, counts] for m in flow.moments] for flow in end]
+    """The derivative of the largest magnitude of a mean, or RMS value, of the blades that count, (lanes,)."""
+    counts = scene.value.layout.counting
+    moments = [[m[amplitude.row][:, counts] for m in flow.moments] for flow in end]
     (mean, square), (mean_by, square_by) = moments
     rms = np.sqrt(np.maximum(square - mean**2, 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):  # a blade that stands still

@@ -139,13 +139,12 @@ def continued(
     if q is not None and state is None:
         raise InputError("Argument `q` needs a `state` close to the orbit.")
     low, high = ends
-    numbered = with_numbers(one_scene("branch", scene, rows=True), [along])
+    numbered = with_numbers(one_scene("branch", scene), [along])
     value = value_of(numbered, along) if at is None else float(at)
     if not low <= value <= high:
         raise InputError(f"{along} = {value:g} is outside of its range, {low:g} to {high:g}; say where with `at`.")
-    resolved = resolve_options(scene, method=method, rows=True)
-    if numbered.row is not None:
-        check_row(numbered)
+    resolved = resolve_options(scene, method=method)
+    check_row(numbered)
     march = with_tangents(resolved, scenes_at(numbered, [along], np.array([[low], [value], [high]])), FOR_P_D)
     march = march._replace(steps=whole_parts(march.steps, numbered))
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
@@ -172,7 +171,7 @@ def range_of(scene: Scene | SceneFile, along: str, start: float | None, stop: fl
     if along.startswith("initial."):
         advice = "follow a number of the scene, or vary starts by `sweep` and `basins`"
         raise InputError(f"{along} is where a run starts, and an orbit does not depend on it: {advice}.")
-    check_continuous(along, (scene.scene if isinstance(scene, SceneFile) else scene).row_size)
+    check_continuous(along, (scene.scene if isinstance(scene, SceneFile) else scene).layout)
     own: Sequence[float] = ()
     if isinstance(scene, SceneFile):
         own = next((np.asarray(axis.values).tolist() for axis in scene.axes if axis.key == along), ())

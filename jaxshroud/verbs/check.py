@@ -73,9 +73,8 @@ def check(
         >>> [(mode.name, round(mode.frequency, 2)) for mode in sheet.modes if mode.contact == "apart"][:2]
         [('torsion, either blade', 143.51), ('bending along x, either blade', 177.94)]
     """
-    scene = one_scene("check", scene, rows=True)
-    if scene.row is not None:
-        check_row(scene)
+    scene = one_scene("check", scene)
+    check_row(scene)
     arrays = jax.tree.map(np.asarray, scene)
     free, k, gyration_of_block, lever, system, load = jax.tree.map(np.asarray, _free_and_touching(scene))
     b, s = arrays.mistuned_blades, arrays.shroud
@@ -130,7 +129,7 @@ def _over_speed(
     return {
         **{"drive_order": drive_order, "is_own_order": own is not None, "engine_orders": orders},
         **{"speed": speed, "start": float(start), "stop": stop},
-        "crossings": crossings_between(modes, orders, speed, start, stop, scene.row_size),
+        "crossings": crossings_between(modes, orders, speed, start, stop, scene.layout),
     }
 
 
@@ -142,7 +141,7 @@ def _free_and_touching(
 
     The system and the load on it are those of blades whose upper corners meet: there is no gap between them.
     """
-    shroud = scene.shroud if scene.row is None else pair_at(scene, 0).shroud  # all interfaces have its faces
+    shroud = pair_at(scene, 0).shroud  # all interfaces have its faces
     system = linear_contact(scene, touching_gradients(scene))
     return steady_amplitudes(scene), scene.k, gyration(shroud), half_diagonal(shroud), system, drive_load(scene)
 

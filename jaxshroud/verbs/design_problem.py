@@ -17,10 +17,12 @@ from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import stiffnesses
 from jaxshroud.motion.levels import check_resonance, check_vibration, free_level, levels_of
 from jaxshroud.results.tuned import PENALTY, DesignJudgement
+from jaxshroud.scene.capabilities import require_capability
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.derived_inputs import check_disjoint
 from jaxshroud.scene.grids import scenes_at
-from jaxshroud.scene.keys import RowSize, find_key
+from jaxshroud.scene.keys import find_key
+from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.quantities import Quantity, amplitude_of, check_quantity, is_reduction
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import check_continuous, check_values, in_precision
@@ -106,15 +108,15 @@ def problem_of(
         KeyError: The scene has no such number.
         ValueError: Bounds are not in order, a key is both tuned and a condition, or a number scatters out of its range.
     """
-    check_bounds(over, scene.row_size)
+    check_bounds(over, scene.layout)
     check_objective(of, scene)
     free = free_level(of, scene)
     shared = set(over) & set(conditions)
     if shared:
         raise InputError(f"{sorted(shared)[0]} is both tuned and an operating condition.")
-    check_disjoint([*over, *conditions], scene.row_size)
+    check_disjoint([*over, *conditions], scene.layout)
     for key, values in conditions.items():
-        check_condition(key, values, scene.row_size)
+        check_condition(key, values, scene.layout)
     condition_values = {key: tuple(float(v) for v in np.ravel(values)) for key, values in conditions.items()}
     n_scattering = 0 if scattering is None else min(len(scattering.keys), 4)
     n_corners = math.prod(map(len, condition_values.values())) << (min(len(over), 8) + n_scattering)
@@ -143,10 +145,10 @@ def check_comparable(problem: Problem) -> None:
 
 def check_objective(of: Quantity, scene: Scene) -> None:
     """Raise an InputError unless `of` is a quantity of the scene by which motions can be told to be better."""
-    check_quantity(of, scene.parts, scene.row is not None)
+    check_quantity(of, scene.parts, scene.layout)
     amplitude = amplitude_of(of)
-    if scene.row is not None and amplitude is not None and amplitude.measure == "mean":
-        raise InputError(f"`of` is {of}, whose sign differs from blade to blade of a row; take an RMS value or a peak.")
+    if amplitude is not None and amplitude.measure == "mean":
+        require_capability("a mean displacement as an aim", scene.layout, asked=f"Argument `of` = {of!r}")
 
 
 def _check_scattering(problem: Problem) -> None:
@@ -159,25 +161,25 @@ def _check_scattering(problem: Problem) -> None:
     extreme = problem._replace(scattering=scattering.at_ends())
     ends = varied_numbers(extreme, problem.values(cube_corners(len(problem.over))))
     columns = ends[:, [problem.keys.index(key) for key in scattering.keys]]
-    check_ends(scattering.keys, columns, problem.scene.row_size)
+    check_ends(scattering.keys, columns, problem.scene.layout)
 
 
-def check_condition(key: str, values: Sequence[float], row: RowSize | None) -> None:
+def check_condition(key: str, values: Sequence[float], layout: Layout) -> None:
     """Raise an InputError unless there are values, all in the range of the number."""
     if not np.size(values):
         raise InputError(f"The operating condition {key} has no value.")
-    check_values(find_key(key, row=row)[0], np.ravel(values).astype(float), f"{key}, as an operating condition,")
+    check_values(find_key(key, layout=layout)[0], np.ravel(values).astype(float), f"{key}, as an operating condition,")
 
 
-def check_bounds(over: Mapping[str, tuple[float, float]], row: RowSize | None = None) -> None:
+def check_bounds(over: Mapping[str, tuple[float, float]], layout: Layout = PAIR) -> None:
     """Raise an InputError unless there is a number, and the bounds of each are finite, in order and in its range."""
     if not over:
         raise InputError("Argument `over` must name at least one number.")
     for key, (low, high) in over.items():
         if not -np.inf < low < high < np.inf:
             raise InputError(f"The bounds of {key} must be finite and in order, but are {low} and {high}.")
-        check_continuous(key, row)
-        check_values(find_key(key, row=row)[0], np.array([low, high]), f"{key}, at its bounds,")
+        check_continuous(key, layout)
+        check_values(find_key(key, layout=layout)[0], np.array([low, high]), f"{key}, at its bounds,")
 
 
 def varied_numbers(problem: Problem, designs: np.ndarray) -> np.ndarray:
@@ -225,13 +227,12 @@ def judge_designs(problem: Problem, designs: np.ndarray, tick: Tick) -> DesignJu
         level, ci, number = levels_of(problem.of, scenes, runs.samples)
         reduction = problem.reduction(level)
     shape = len(designs), problem.runs
-    log = runs.last.tally.log
-    v_max = np.asarray((log if scenes.row or log.within is None else log.within).v_max, float)
+    v_max = np.asarray((runs.log.within or runs.log).v_max, float)
     ok = np.asarray(runs.last.status) == Status.OK
     P_d = np.where(ok & np.isfinite(reduction), reduction, -np.inf).reshape(shape)
     objective = P_d.mean(axis=1) if problem.goal == "mean" else P_d.min(axis=1)
     with np.errstate(invalid="ignore", over="ignore"):  # a lane that stopped has no penetration
-        N_max = stiffnesses(scenes) * v_max  # of a row at each interface
+        N_max = stiffnesses(scenes).reshape(len(v_max), -1) * v_max  # at each interface
         v, force = (a.reshape(len(designs), -1).max(axis=1) for a in (v_max, N_max))
         excess = np.maximum(v / problem.most_penetration - 1, 0) + np.maximum(force / problem.most_force - 1, 0)
     score = np.where(np.isfinite(objective), objective - PENALTY * excess, -np.inf)

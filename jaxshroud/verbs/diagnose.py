@@ -80,7 +80,7 @@ def diagnose(
         >>> js.diagnose(scene, method=js.RungeKutta(steps=100)).verdict
         'period 1'
     """
-    if one_scene("diagnose", scene, rows=True).row is not None:
+    if one_scene("diagnose", scene).row is not None:
         return row_diagnosis(scene, transient, method, state, progress, throw)
     lanes = request_lanes(scene, transient=transient, method=method, usual=FOR_P_D_WITH_LEDGER, verb="diagnose")
     march = lanes.march._replace(method=lanes.march.method._replace(ledger=True))

@@ -17,8 +17,8 @@ from jaxshroud.motion.averages import Reduction, averages
 from jaxshroud.motion.nearby_run import ALIGNED, NearbyGrowth, nearby_growth
 from jaxshroud.motion.period import SETTLED, Repetition
 from jaxshroud.motion.waves import RowWave
-from jaxshroud.results.row import RowTrajectory
 from jaxshroud.results.row_diagnosis import RowDiagnosis
+from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene, without_given
@@ -53,7 +53,7 @@ def row_diagnosis(
     throw: bool,
 ) -> RowDiagnosis:
     """`diagnose` of a row: its period number, waves, P_d, and the growth of a nearby run."""
-    resolved = resolve_options(scene, transient=transient, method=method, verb="diagnose", rows=True)
+    resolved = resolve_options(scene, transient=transient, method=method, verb="diagnose")
     check_row(resolved.scene)
     march = plan_march(resolved, resolved.lanes, FOR_P_D_WITH_LEDGER)
     march = march._replace(method=march.method._replace(ledger=True))
@@ -65,7 +65,6 @@ def row_diagnosis(
     shown = found.periods if stopped else max(LEAST_SHOWN, SHOWN_ORBITS * q)
     begin = jax.tree.map(lambda a: np.asarray(a)[0], start if stopped else found.last)
     run = simulate(scene, n_periods=shown, method=march.as_method, state=begin, throw=throw)
-    assert isinstance(run, RowTrajectory)
     return _with_verdict(run, found)
 
 
@@ -102,7 +101,7 @@ def _sizes(scenes: Scene, runs: Runs) -> Motion:
     return Motion(x, y, theta, omega * x, omega * y, omega * theta)
 
 
-def _with_verdict(run: RowTrajectory, found: RowEvidence) -> RowDiagnosis:
+def _with_verdict(run: Trajectory, found: RowEvidence) -> RowDiagnosis:
     """The run, with the verdict and what it rests on."""
     wave = RowDiagnosis(run.data.assign_attrs(period_number=int(found.orbit.number[0]))).wave
     verdict, reasons = _verdict(wave if run.closed else None, found)

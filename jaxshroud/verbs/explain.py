@@ -65,9 +65,8 @@ def explain(scene: Scene | SceneFile, method: Method | None = None) -> Explanati
         >>> told.events
         ('contact',)
     """
-    scene, method_choices = one_scene("explain", scene, rows=True), FAST if method is None else choices(method)
-    if scene.row is not None:
-        check_row(scene)
+    scene, method_choices = one_scene("explain", scene), FAST if method is None else choices(method)
+    check_row(scene)
     closed = scene.parts.contact == "none"
     size, full_size = _trial_sizes(scene, method_choices)
     omega_max, period = stiffest(scene, 0)
@@ -82,13 +81,14 @@ def explain(scene: Scene | SceneFile, method: Method | None = None) -> Explanati
         omega_max=omega_max,
         steps={} if closed else steps | {"auto": steps_for(scene, 0, "auto", method_choices.tableau)},
         advice=tuple(_advice(scene)),
-        **({} if scene.row is None else {"blades": scene.row.blades, "interfaces": scene.row.interfaces}),
+        blades=scene.layout.blades,
+        interfaces=scene.layout.interfaces,
     )
 
 
 def _model_of_contact(scene: Scene) -> Model:
-    """The constants of the pair, or of the pair at the first interface of a row."""
-    return prepared_model(scene if scene.row is None else pair_at(scene, 0))
+    """The constants of the pair at the first interface."""
+    return prepared_model(pair_at(scene, 0))
 
 
 def _trial_sizes(scene: Scene, method: Choices) -> tuple[TrialSize, TrialSize]:

@@ -120,13 +120,11 @@ def gradient(
         method=method,
         dims=dims,
         verb="gradient",
-        rows=True,
     )
-    if resolved.scene.row is not None:
-        check_row(resolved.scene)
+    check_row(resolved.scene)
     if isinstance(wrt, str):
         wrt = numbers_that_count(resolved.scene) if wrt == "all" else (wrt,)
-    check_quantity(of, resolved.scene.parts, resolved.scene.row is not None)
+    check_quantity(of, resolved.scene.parts, resolved.scene.layout)
     _check_names(wrt, resolved.scene)
     if is_reduction(of):
         for check in (check_vibration, check_resonance):
@@ -176,7 +174,7 @@ def on_orbit(found: Orbit, wrt: Sequence[str], of: Quantity = "P_d") -> Gradient
         ValueError: There is no such `of`.
     """
     cycle = found.cycle()
-    check_quantity(of, cycle.scene.parts, cycle.scene.row is not None)
+    check_quantity(of, cycle.scene.parts, cycle.scene.layout)
     numbers = [[level_of(cycle.scene, key) for key in wrt]]
     return Gradient.of_slopes([run_alone(orbit_gradient(cycle, wrt, of))], wrt, of, found, numbers)
 
@@ -185,7 +183,7 @@ def _check_names(wrt: Sequence[str], scene: Scene) -> None:
     if not len(wrt):
         raise InputError("Argument `wrt` must name at least one number of the scene.")
     for key in wrt:
-        check_continuous(key, scene.row_size)
+        check_continuous(key, scene.layout)
 
 
 @typed
@@ -217,5 +215,5 @@ def differences(found: Orbit, wrt: Sequence[str], step: float, of: Quantity = "P
     positive_argument("step", step)
     cycle = found.cycle()
     _check_names(wrt, cycle.scene)
-    check_quantity(of, cycle.scene.parts, cycle.scene.row is not None)
+    check_quantity(of, cycle.scene.parts, cycle.scene.layout)
     return differences_on(cycle, wrt, step, of)

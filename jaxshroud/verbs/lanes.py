@@ -24,8 +24,8 @@ from jaxshroud.verbs.options import (
     MarchPlan,
     ResolvedOptions,
     check_row,
+    check_verb,
     plan_march,
-    refuse_row,
     refuse_traced,
     resolve_options,
 )
@@ -71,18 +71,13 @@ def request_lanes(
     dims: Sequence[str] | None = None,
     verb: str,
     usual: Choices = FAST,
-    rows: bool = False,
 ) -> RequestedLanes:
     """The lanes of a scene, and their march with tangents, from the arguments of `resolve_options`.
 
-    `usual` is the method where only steps are given, with or without a ledger; `rows` says whether the verb knows rows
-    of blades.
+    `usual` is the method where only steps are given, with or without a ledger.
     """
-    resolved = resolve_options(
-        scene, n_periods=n_periods, transient=transient, method=method, dims=dims, verb=verb, rows=rows
-    )
-    if resolved.scene.row is not None:
-        check_row(resolved.scene)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, dims=dims, verb=verb)
+    check_row(resolved.scene)
     return RequestedLanes(resolved, with_tangents(resolved, resolved.lanes, usual))
 
 
@@ -138,15 +133,13 @@ def warn_failed(result: R, throw: bool) -> R:
     return result
 
 
-def one_scene(verb: str, scene: Scene | SceneFile, rows: bool = False) -> Scene:
+def one_scene(verb: str, scene: Scene | SceneFile) -> Scene:
     """The single scene that a verb takes.
 
     Raises:
-        InputError: There are many scenes, they are traced, or the scene has a row of blades and the verb knows no
-            `rows`.
+        InputError: There are many scenes, they are traced, or the verb does not know scenes of this layout.
     """
-    if not rows:
-        refuse_row(verb, scene)
+    check_verb(verb, scene)
     scene = scene.scene if isinstance(scene, SceneFile) else scene
     refuse_traced(scene)
     shape = np.shape(scene.drive.omega)

@@ -114,7 +114,7 @@ def mistune(
         (1, 1, 20)
     """
     resolved = resolve_options(
-        scene, n_periods=n_periods, transient=transient, method=method, of_sweep=True, verb="mistune", rows=True
+        scene, n_periods=n_periods, transient=transient, method=method, of_sweep=True, verb="mistune"
     )
     row = _mistuned_row(scene, along, of)
     _check_driven(row)
@@ -159,9 +159,7 @@ def _mistuned_row(scene: Scene | SceneFile, along: Mapping[str, Any] | None, of:
     word_argument("of", of, RESPONSES)
     if along is None and isinstance(scene, SceneFile):
         along = {axis.key: axis.values for axis in scene.axes}
-    one = one_scene("mistune", scene, rows=True)
-    if one.row is None:
-        raise InputError("`mistune` is about rows of blades, but this scene has a pair; add a table [row].")
+    one = one_scene("mistune", scene)
     if of.split("_")[0] not in one.parts.motion:
         raise InputError(f"Argument `of` is {of}, but the blades of this scene move in {', '.join(one.parts.motion)}.")
     refuse_traced(along)
@@ -170,7 +168,7 @@ def _mistuned_row(scene: Scene | SceneFile, along: Mapping[str, Any] | None, of:
         raise InputError("Argument `along` must name one key with at least two values that increase.")
     ((key, values),) = axes.items()
     with_numbers(one, [key])
-    return MistunedRow(vary(one, "row.mistuning", np.zeros(one.row.blades)), key, values, of)
+    return MistunedRow(vary(one, "row.mistuning", np.zeros(one.layout.blades)), key, values, of)
 
 
 def pattern_rows(
@@ -224,16 +222,15 @@ def _patterns_of(
     """The patterns of all lanes, see `_Drawn`."""
     count_argument("n_patterns", n_patterns, 1)
     seed_argument(seed)
-    size = row.scene.row_size
-    assert size is not None
     if not len(designs) or len(set(designs)) < len(designs):
         raise InputError(f"Argument `designs` must name patterns, each once, but is {list(designs)}.")
     if not len(sigmas) or not all(0 < sigma < 1 for sigma in sigmas) or np.any(np.diff(sigmas) <= 0):
         raise InputError(f"Argument `sigmas` must be shares from 0 to 1 that increase, but is {list(sigmas)}.")
-    none = np.zeros((1, size.blades))
-    about = mistuned_designs(designs, [0.0], none, size).reshape(-1, size.blades)
-    drawn = mistuned_designs(designs, sigmas, random_patterns(n_patterns, size.blades, seed), size)
-    return np.concatenate([none, about, drawn.reshape(-1, size.blades)])
+    layout = row.scene.layout
+    none = np.zeros((1, layout.blades))
+    about = mistuned_designs(designs, [0.0], none, layout).reshape(-1, layout.blades)
+    drawn = mistuned_designs(designs, sigmas, random_patterns(n_patterns, layout.blades, seed), layout)
+    return np.concatenate([none, about, drawn.reshape(-1, layout.blades)])
 
 
 def _marched(

@@ -20,7 +20,8 @@ from jaxshroud.march.stepper import require_row_contact
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.short_runs import end_states
 from jaxshroud.programs.kept import is_traced
-from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument, require_pair
+from jaxshroud.scene.capabilities import NO_CONTACT, require_capability
+from jaxshroud.scene.checks import DEFAULT_TRANSIENT, InputError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import ALL_KEYS, number_shape
 from jaxshroud.scene.scene import Scene, without_given
@@ -83,7 +84,8 @@ class ResolvedOptions(NamedTuple):
         """
         if state is None:
             return initial_states(lanes)
-        shape = np.shape(state.u_s)[: np.ndim(state.u_s) - (lanes.row is not None)]  # less the axis of interfaces
+        without_interfaces = np.ndim(state.u_s) - len(lanes.layout.interface_shape)
+        shape = np.shape(state.u_s)[:without_interfaces]
         precise: State = in_precision(state, "float64" if lanes.drive.omega.dtype == float else "float32")
         if shape and shape != self.shape:
             raise InputError(f"Argument `state` has leading axes {shape}, but the scenes have {self.shape}.")
@@ -140,7 +142,6 @@ def resolve_options(
     dims: Sequence[str] | None = None,
     of_sweep: bool = False,
     verb: str = "",
-    rows: bool = False,
 ) -> ResolvedOptions:
     """Resolve the arguments that all verbs share: the argument, else the file's [run], else the default.
 
@@ -153,16 +154,14 @@ def resolve_options(
         method: How to march: a method, or the accuracy that chooses one.
         dims: Names of the leading axes.
         of_sweep: Take the kept periods from the file's [sweep] keep instead of its [run] periods.
-        verb: The verb that is asked, for messages.
-        rows: The verb knows rows of blades.
+        verb: The verb that is asked; "" where that is known to take the scene.
 
     Raises:
-        InputError: Leading axes disagree, `dims` names a different number of them, or the scene has a row of blades
-            and the verb knows none.
+        InputError: Leading axes disagree, `dims` names a different number of them, or the verb does not know scenes of
+            this layout.
         ValueError: A count is too small.
     """
-    if not rows:
-        refuse_row(verb, scene)
+    check_verb(verb, scene)
     file = scene if isinstance(scene, SceneFile) else None
     run = None if file is None else file.sweep_run if of_sweep else file.run
     steps, explicit, accuracy = _method_options(method)
@@ -311,17 +310,18 @@ def method_for(scenes: Scene, accuracy: str | float = ACCURACY) -> Method:
     return plan_march(resolved, resolved.lanes, FAST, periods=math.inf).as_method
 
 
-def refuse_row(what: str, scene: Scene | SceneFile) -> None:
-    """Raise an InputError if the scene has a row of blades, of which `what`, a verb, does not know yet."""
+def check_verb(verb: str, scene: Scene | SceneFile) -> None:
+    """Raise an InputError if the scene has a row of blades, or a pair, which a verb does not know."""
     where = f"{scene.name}: " if isinstance(scene, SceneFile) else ""
-    require_pair(f"`{what}`" if what else "this verb", scene.row_size, where)
+    require_capability(f"`{verb}`", scene.layout, where)
 
 
 def check_row(scene: Scene, **asked: bool) -> None:
-    """Raise an InputError where a row of blades lacks contact, or an argument asks for what rows do not have yet."""
-    require_row_contact(scene.parts.contact)
-    for name, value in asked.items():
-        require_pair(f"Argument `{name}`", scene.row if value else None)
+    """Raise an InputError where a row of blades lacks contact, or an argument asks for what its layout lacks."""
+    if scene.parts.contact == "none":
+        require_capability(NO_CONTACT, scene.layout)
+    for name in filter(asked.get, asked):
+        require_capability(f"Argument `{name}`", scene.layout)
 
 
 def refuse_traced(tree: object) -> None:
@@ -340,7 +340,7 @@ def leading_axes(scene: Scene) -> tuple[int, ...]:
         InputError: The numbers disagree in their leading axes, or one of these is empty.
     """
     refuse_traced(scene)
-    ranks = {key: len(number_shape(ALL_KEYS[key], scene.row_size)) for key in numbers_of(scene)}
+    ranks = {key: len(number_shape(ALL_KEYS[key], scene.layout)) for key in numbers_of(scene)}
     shapes = {key: a.shape[: a.ndim - ranks[key]] for key, a in numbers_of(scene).items()}
     first_keys: dict[tuple[int, ...], str] = {}
     for key, shape in shapes.items():

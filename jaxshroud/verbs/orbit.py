@@ -61,7 +61,7 @@ def orbit(
         dims: Names of the leading axes; by default `lane`.
 
     Returns:
-        The orbit or orbits; see their `flags` before using them. Rows of blades give a `RowOrbit`, which has the
+        The orbit or orbits; see their `flags` before using them. That of a row of blades has the
         multipliers of the reduced map of travelling waves too where a ring has alike blades. A lane that stops or
         cannot be solved has NaN and a flag; the others are not affected.
 
@@ -90,7 +90,7 @@ def orbit(
         count_argument("q", q, 1)
         if state is None:
             raise InputError("Argument `q` needs a `state` close to the orbit.")
-    lanes = request_lanes(scene, method=method, dims=dims, verb="orbit", usual=FOR_P_D, rows=True)
+    lanes = request_lanes(scene, method=method, dims=dims, verb="orbit", usual=FOR_P_D)
     march = lanes.march
     tolerance = CLOSING_TOLERANCE[march.method.precision] if tolerance is None else tolerance
     shooting = ShootingOptions(march.steps, tolerance, march.method)
@@ -106,7 +106,7 @@ def orbit(
 
 
 def _wave_values(cycles: Sequence[PeriodicOrbit]) -> dict[str, np.ndarray]:
-    """What `RowOrbit` tells of travelling waves, (lanes, ...) each."""
+    """What an `Orbit` of a row tells of travelling waves, (lanes, ...) each."""
     waves = run_together([travelling_wave(cycle) for cycle in cycles])
     found = [wave if isinstance(wave, TravellingWave) else None for wave in waves]
     none = np.full(len(cycles[0].multipliers), np.nan + 0j)

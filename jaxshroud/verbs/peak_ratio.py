@@ -60,7 +60,7 @@ class PeakRatio(NamedTuple):
 def peak_ratio(scene: Scene, along: str, low: float, high: float, of: str, run: Mapping[str, Any]) -> PeakRatio | None:
     """The peaks of an amplitude with and without contact; None where no run comes to its end.
 
-    It is that of the left blade, or of the blade of a row that swings most.
+    It is the largest of the blades that count.
 
     The sweeps go over the range, then about their largest value once more, with the same number of values.
 
@@ -75,7 +75,7 @@ def peak_ratio(scene: Scene, along: str, low: float, high: float, of: str, run: 
     ends, values, apart, found = (low, high), np.linspace(low, high, VALUES), np.nan, []
     for _ in range(ZOOMS):
         swept = sweep(scene, {along: values}, direction="both", amplitudes=True, **run)
-        levels = counted_amplitude(getattr(swept, of), scene.row is not None)
+        levels = counted_amplitude(getattr(swept, of), scene.layout)
         if not np.isfinite(levels).any():
             break
         top = int(np.unravel_index(np.nanargmax(levels), levels.shape)[-1])
@@ -96,13 +96,13 @@ def _peak_in(value: float, level: float, ends: tuple[float, float]) -> PeakOfSwe
 def free_peak(scene: Scene, along: str, low: float, high: float, of: str) -> PeakOfSweep:
     """Where an amplitude without contact is largest in a range of a number, and that amplitude."""
     name, kind = of.split("_")
-    row, in_row = DISPLACEMENTS.index(name), scene.row is not None
+    row = DISPLACEMENTS.index(name)
     share = 1.0 if kind == "peak" else np.sqrt(0.5)
     numbered, values, at, level = with_numbers(scene, [along]), np.array([low, high]), low, 0.0
     for _ in range(FREE_ZOOMS):
         values = np.linspace(values[0], values[-1], FREE_VALUES)
         every = free_amplitudes(scenes_at(numbered, [along], values[:, None]))[row]
-        levels = counted_amplitude(every, in_row)
+        levels = counted_amplitude(every, scene.layout)
         top = int(levels.argmax())
         at, level, values = float(values[top]), float(levels[top]), values[max(top - 1, 0) : top + 2]
     return _peak_in(at, level * share, (low, high))

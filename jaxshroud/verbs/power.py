@@ -83,11 +83,12 @@ def _summaries(
     joined = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
     orbit, reduction, P_0 = averages(scenes, joined, period_tol)
     A = closed_forms(scenes)[0].astype(float)
-    series = power_series_of(A[:, None, None] * np.stack(joined.power, axis=-1), P_0, scenes.row is not None)
+    series = power_series_of(A[:, None, None] * joined.power, P_0, scenes.layout)
     residual = np.full(len(A), np.nan) if joined.residual is None else relative_residual(joined)
     kept = amplitude_values(scenes, joined, orbit.number) | load_values(scenes, joined, orbit.number)
     counted = counted_periods(joined, orbit.number)
-    kept |= {name: counted_mean(getattr(joined, sample), counted) for name, sample in WORKS.items()}
+    total = lambda a: a.reshape(*a.shape[:2], -1).sum(axis=-1)  # of all interfaces
+    kept |= {name: counted_mean(total(getattr(joined, sample)), counted) for name, sample in WORKS.items()}
     kept |= {"final_P_d_vibration": reduction.P_d_vibration, "final_P_d_vibration_ci": reduction.vibration_ci}
     if scenes.row is not None:
         kept["final_P_d_worst"] = power_reduction(reduction.P, P_0).min(axis=-1)
@@ -215,10 +216,8 @@ def power(
         method=method,
         dims=dims,
         verb="power",
-        rows=True,
     )
-    if resolved.scene.row is not None:
-        check_row(resolved.scene, forces=forces)
+    check_row(resolved.scene, forces=forces)
     lanes = resolved.lanes
     check_size(len(lanes.drive.omega), resolved.transient, resolved.n_periods)
     if not stable_within > 0:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxshroud.batch.runs import Plan, Progress, Ticker
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.xla import repeat_lane
-from jaxshroud.march.method import FOR_P_D, Method, method_of
+from jaxshroud.march.method import FOR_P_D, Method
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.results.attractors import Attractors
@@ -19,7 +19,7 @@ from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import Tuned
 from jaxshroud.scene.checks import NumericalError
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.keys import blade_count
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS
 from jaxshroud.scene.quantities import RequiredReduction
 from jaxshroud.scene.scene import Scene
@@ -34,8 +34,9 @@ from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, check_row, plan_march, resolve_options
 from jaxshroud.verbs.peak_ratio import VALUES, ZOOMS, peak_ratio
 from jaxshroud.verbs.power import power
+from jaxshroud.verbs.report_findings import DesignFindings
 from jaxshroud.verbs.report_request import Bounds, Conditions, check_report, report_request, varied_by
-from jaxshroud.verbs.report_row import row_findings
+from jaxshroud.verbs.report_row import RowFindings
 from jaxshroud.verbs.report_sections import Limits, ReportData, sections_of, worst_of
 from jaxshroud.verbs.report_verdict import report_verdict
 from jaxshroud.verbs.row_motions import row_motions
@@ -126,15 +127,14 @@ def report(
         >>> js.report(scene, at_least=90.0, **small).verdict
         'fails'
     """
-    design = one_scene("report", scene, rows=True)
-    if design.row is not None:
-        check_row(design)
+    design = one_scene("report", scene)
+    check_row(design)
     limits = Limits(at_least, most_force, most_penetration)
     limits, bounds, conditions = report_request(design, limits, scatters or {}, conditions or {}, tuned, of)
-    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, rows=True)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     judged_by = of or _reduction_of(tuned)
     check_report(design, resolved, limits, bounds, conditions, (draws, starts, seed), judged_by)
-    lanes, blades = len(SINGLE_DIRECTIONS) * max(GAPS, ZOOMS * VALUES), blade_count(design.row_size)
+    lanes, blades = len(SINGLE_DIRECTIONS) * max(GAPS, ZOOMS * VALUES), design.layout.blades
     check_size(lanes, resolved.transient, resolved.n_periods, blades=blades)
     march = plan_march(resolved, varied_by(design, bounds, conditions), FOR_P_D)
     problem = _problem(design, conditions, limits)._replace(of=judged_by)
@@ -146,8 +146,7 @@ def report(
     sections = sections_of(data, verdict, reasons, str(provenance["scene"]), command)
     results = data.runs.lane(data.worst), data.over_gap, data.spread, data.slopes
     motions = data.motions[data.worst], tuple(data.motions)
-    diagnosis = None if data.row is None else data.row.diagnosis
-    return Report(title, verdict, reasons, *results, *motions, sections, diagnosis)
+    return Report(title, verdict, reasons, *results, *motions, sections, data.findings.diagnosis)
 
 
 def _reduction_of(tuned: Tuned | None) -> RequiredReduction:
@@ -177,20 +176,20 @@ def _report_data(
     """
     draws, starts, seed = counts
     design, rows, of = problem.scene, problem.rows, cast(RequiredReduction, problem.of)
-    in_row = design.row is not None
-    ticker = Ticker(7 + bool(scatters) + in_row + len(rows), progress)
+    kind = DesignFindings if design.layout == PAIR else RowFindings
+    ticker = Ticker(8 + bool(scatters) + len(rows), progress)
 
     def done(part: T) -> T:
         ticker(1)
         return part
 
-    method = march.as_method if in_row else method_of(march.steps, march.method)  # pairs are not tried again in parts
+    method = march._replace(choice=None).as_method  # methods are not tried again in parts
     run_options: RunOptions = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": method}
     scenes = scenes_of(problem, SCENE_ITSELF)
-    runs = done(sweep(scenes, dims=["condition"], forces=not in_row, ledger=in_row, amplitudes=in_row, **run_options))
+    runs = done(sweep(scenes, dims=["condition"], **kind.run_for, **run_options))
     if np.all(runs.status != Status.OK):
         raise NumericalError(f"The design stops before its end, with {Status(int(runs.status[0])).name}.")
-    choices = march.method._replace(within=design.parts.contact == "spring" and not in_row)
+    choices = march.method._replace(within=kind.within and design.parts.contact == "spring")
     problem = problem._replace(plan=Plan(resolved.transient, resolved.n_periods, march.steps, 0.0, choices))
     judged = judge_designs(problem, SCENE_ITSELF, lambda _: None)
     checks = done(verify_design(problem, SCENE_ITSELF[0], seed))
@@ -203,7 +202,7 @@ def _report_data(
         draw_options = {"conditions": problem.conditions, "at_least": limits.at_least, "draws": draws, "seed": seed}
         spread = done(scatter(design, scatters, of=of, **draw_options, **run_options))
     slopes = done(gradient(worst, "all", of=of, **run_options))
-    motions = [done(_motions_of(scene, (starts, seed), march, run_options)) for scene in in_conditions]
+    found = [done(_motions_of(scene, (starts, seed), march, run_options)) for scene in in_conditions]
     return ReportData(
         sheets=[check(scene) for scene in in_conditions],
         limits=limits,
@@ -217,30 +216,30 @@ def _report_data(
         peaks=done(peak_ratio(worst, "drive.omega", *_speeds_about(worst), "x_peak", run_options)),
         spread=spread,
         slopes=slopes,
-        motions=motions,
-        on_motions=[_on_motions(*pair, run_options) for pair in zip(in_conditions, motions, strict=True)],
+        motions=[motions for motions, _ in found],
+        on_motions=[runs for _, runs in found],
         of=of,
-        row=done(row_findings(scenes, at, runs, run_options)) if in_row else None,
+        findings=done(kind.of_runs(scenes, at, runs, run_options)),
     )
 
 
-def _motions_of(scene: Scene, counts: tuple[int, int], march: MarchPlan, run_options: RunOptions) -> Attractors:
-    """The coexisting motions of a scene, from so many random starts with that seed."""
+def _motions_of(
+    scene: Scene, counts: tuple[int, int], march: MarchPlan, run_options: RunOptions
+) -> tuple[Attractors, SweepResult | RowMotions | None]:
+    """The coexisting motions of a scene, from so many random starts with that seed, and runs on them, if there are any.
+
+    The motions of a row are told by runs themselves.
+    """
     starts, seed = counts
-    if scene.row is None:
-        return attractors(scene, starts, seed=seed, method=run_options["method"])
-    return row_motions(scene, starts, seed, march, run_options["transient"], run_options["n_periods"])
-
-
-def _on_motions(scene: Scene, motions: Attractors, run_options: RunOptions) -> SweepResult | RowMotions | None:
-    """Runs on the motions that coexist in a scene, with their forces; None without any."""
+    if scene.layout != PAIR:
+        found = row_motions(scene, starts, seed, march, run_options["transient"], run_options["n_periods"])
+        return found, found if found.names else None
+    motions = attractors(scene, starts, seed=seed, method=run_options["method"])
     if not motions.names:
-        return None
-    if isinstance(motions, RowMotions):
-        return motions
+        return motions, None
     states = State(motions.motion, motions.u_s, motions.mode, motions.case)
     lanes = repeat_lane(scene, len(motions.names))
-    return sweep(lanes, state=states, forces=True, **{**run_options, "transient": 0})
+    return motions, sweep(lanes, state=states, forces=True, **{**run_options, "transient": 0})
 
 
 def _speeds_about(scene: Scene) -> tuple[float, float]:

@@ -59,7 +59,7 @@ def varied_by(scene: Scene, scatters: Bounds, conditions: Conditions) -> Scene:
     """
     scene = with_numbers(scene, list(dict.fromkeys([*scatters, *conditions])))
     for key, values in conditions.items():
-        check_condition(key, values, scene.row_size)
+        check_condition(key, values, scene.layout)
     in_conditions = scenes_at(scene, list(conditions), np.array(list(product(*conditions.values())), float))
     if not scatters:
         return in_conditions
@@ -87,7 +87,7 @@ def check_report(
         counts: Draws of the scatter, random starts, and the seed of both.
         of: The reduction that is judged.
     """
-    check_quantity(of, scene.parts, scene.row is not None)
+    check_quantity(of, scene.parts, scene.layout)
     draws, starts, seed = counts
     for name in ("most_force", "most_penetration"):
         if not (value := getattr(limits, name)) > 0:

@@ -1,8 +1,8 @@
 """What the report on a row of blades has beside that of a pair: waves, blades, interfaces and modes."""
 
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import jax
 import numpy as np
@@ -17,6 +17,7 @@ from jaxshroud.scene.quantities import RequiredReduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.diagnose import diagnose
 from jaxshroud.verbs.doubts import LEAST_DRIVEN
+from jaxshroud.verbs.report_findings import DesignFindings
 from jaxshroud.verbs.sheet_tables import mode_rows
 
 MM_PER_M = 1e3
@@ -25,15 +26,45 @@ WAVE_LINES, LEAST_WAVE = 6, 1e-3  # of a table of waves, and their least amplitu
 DOUBTFUL_VERDICTS = ("transient not over", "undecided", "stopped")
 
 
-class RowFindings(NamedTuple):
-    """What is computed of a row beyond what is computed of a pair."""
+@dataclass(frozen=True)
+class RowFindings(DesignFindings):
+    """The findings on a row, of all its blades and interfaces; its diagnosis is of the worst condition."""
 
-    diagnosis: RowDiagnosis  # of the worst condition
-    forces: np.ndarray  # (conditions,) largest normal force of each run, transients included [N]
-    P_d: np.ndarray  # (conditions,) of all blades [percent]
-    blade_P_d: np.ndarray  # (conditions, blades) [percent]
-    peaks: np.ndarray  # (conditions, blades) amplitude of x [m]
-    free: np.ndarray  # and without contact
+    run_for: ClassVar[dict[str, Any]] = {"ledger": True, "amplitudes": True}
+    within: ClassVar[bool] = False
+    forces_of: ClassVar[str] = "whole runs, transients included"
+    force_place: ClassVar[str] = ", taken at events and at the ends of steps"
+    amplitudes_of: ClassVar[tuple[str, ...]] = (
+        "P_d is that of all blades; amplitudes are those of the blade that swings most.",
+    )
+    motions_by: ClassVar[tuple[str, ...]] = (
+        "Runs from rest with random rates, told apart by their points at the strobe; no orbit is closed. In a ring "
+        "the copies of a motion that begin at another blade count each.",
+    )
+    motion_heads: ClassVar[tuple[str, ...]] = ("least of the worst blade [%]", "largest amplitude of x [mm]")
+
+    largest: np.ndarray | None = None  # (conditions,) normal force of each run, transients included [N]
+
+    @classmethod
+    def of_runs(cls, scenes: Scene, worst: int, runs: SweepResult, run_options: Mapping[str, Any]) -> "RowFindings":
+        """The findings on a design in all its conditions (leading axis), with a diagnosis of the worst."""
+        how = {name: run_options[name] for name in ("transient", "method")}
+        diagnosis = diagnose(jax.tree.map(lambda a: np.asarray(a)[worst], scenes), **how)
+        return cls(runs, worst, diagnosis, (stiffnesses(scenes) * runs.penetrations).max(axis=-1))
+
+    @property
+    def forces(self) -> np.ndarray | None:
+        """The largest normal force in each condition, transients included [N]."""
+        return self.largest
+
+    def friction_head(self, at_worst: str) -> str:
+        """What the largest friction force is called; `at_worst` names the worst condition."""
+        return f"largest friction force at the steps{at_worst}"
+
+    @property
+    def blade_P_d(self) -> np.ndarray:
+        """The P_d of each blade in each condition, (conditions, blades) [percent]."""
+        return power_reduction(self.runs.P, self.runs.P_0)
 
     @property
     def periods(self) -> float:
@@ -58,7 +89,7 @@ class RowFindings(NamedTuple):
 
     def cells(self, of: RequiredReduction, condition: int) -> list[str]:
         """What a table tells of the row in a condition beside the reduction that is judged."""
-        of_all = [f"{self.P_d[condition]:.5g}"] if of == "P_d_worst" else []
+        of_all = [f"{self.runs.P_d[condition]:.5g}"] if of == "P_d_worst" else []
         return [*of_all, self.worst_blade(condition), self.largest_peak(condition)]
 
     def worst_blade(self, condition: int) -> str:
@@ -69,28 +100,32 @@ class RowFindings(NamedTuple):
 
     def largest_peak(self, condition: int) -> str:
         """The largest amplitude of x in a condition [mm], and the blade that has it."""
-        peaks = self.peaks[condition]
+        peaks = self.runs.x_peak[condition]
         blade = int(np.argmax(np.where(np.isfinite(peaks), peaks, -np.inf)))
         return f"{MM_PER_M * peaks[blade]:.5g} (blade {blade})"
 
+    def motion_cells(self, motions: Any, motion: int) -> list[str]:
+        """The least P_d of any blade on a coexisting motion, and the largest amplitude."""
+        return motions.blade_cells(motion)
 
-def row_findings(scenes: Scene, worst: int, runs: SweepResult, run_options: Mapping[str, Any]) -> RowFindings:
-    """The findings on a row in all its conditions (leading axis), of which one is the worst."""
-    how = {name: run_options[name] for name in ("transient", "method")}
-    diagnosis = diagnose(jax.tree.map(lambda a: np.asarray(a)[worst], scenes), **how)
-    assert isinstance(diagnosis, RowDiagnosis)
-    forces = (stiffnesses(scenes) * runs.penetrations).max(axis=-1)
-    return RowFindings(diagnosis, forces, runs.P_d, power_reduction(runs.P, runs.P_0), runs.x_peak, runs.x_free)
+    def level_words(self, level: str) -> list[str]:
+        """The sentence on the level at which slopes are taken."""
+        return [level]
 
+    def sections(self, sheet: DataSheet, about: list[str]) -> list[Section]:
+        """The sections on modes, waves, blades and interfaces in the worst condition."""
+        return [
+            _modes_section(sheet, about),
+            _waves_section(self.diagnosis, about),
+            _blades_section(self, about),
+            _interfaces_section(self, about),
+        ]
 
-def row_sections(findings: RowFindings, sheet: DataSheet, worst: int, about: list[str]) -> list[Section]:
-    """The sections of a row in its worst condition; each begins with the paragraphs `about`."""
-    return [
-        _modes_section(sheet, about),
-        _waves_section(findings.diagnosis, about),
-        _blades_section(findings, worst, about),
-        _interfaces_section(findings, about),
-    ]
+    @property
+    def doubts(self) -> list[str]:
+        """What a longer run leaves open in the worst condition."""
+        run = self.diagnosis
+        return [f"a longer run is judged {run.evidence}"] if run.verdict in DOUBTFUL_VERDICTS else []
 
 
 def _modes_section(sheet: DataSheet, about: list[str]) -> Section:
@@ -134,8 +169,9 @@ def _wave_table(run: RowDiagnosis) -> list[list[str]]:
     return table
 
 
-def _blades_section(findings: RowFindings, worst: int, about: list[str]) -> Section:
-    reductions, peaks, free = (a[worst] for a in (findings.blade_P_d, findings.peaks, findings.free))
+def _blades_section(findings: RowFindings, about: list[str]) -> Section:
+    runs = findings.runs
+    reductions, peaks, free = (a[findings.worst] for a in (findings.blade_P_d, runs.x_peak, runs.x_free))
     table = [["blade", "P_d [%]", "amplitude of x [mm]", "without contact [mm]"]]
     order = np.argsort(np.where(np.isfinite(reductions), reductions, np.inf), kind="stable")
     for i in order[:MOST_LINES]:
@@ -152,7 +188,7 @@ def _interfaces_section(findings: RowFindings, about: list[str]) -> Section:
     table = [["interface", *titles, "apart, stick, slip [%]"]]
     order = np.sort(np.argsort(-normal, kind="stable")[:MOST_LINES])
     for i in order:
-        numbers = (normal[i], run.N_mean[i], run.N_slip[i], friction[i], MM_PER_M * run.slip[i] / periods)
+        numbers = (normal[i], run.N_mean[i], run.N_slip[i], friction[i], MM_PER_M * run.slip[i])
         shares = (f"{100 * share[i]:.1f}" for share in (run.time_apart, run.time_stick, run.time_slip))
         work = run.loss_friction[i] / periods
         table.append([str(i), *(f"{number:.4g}" for number in (*numbers, work)), ", ".join(shares)])

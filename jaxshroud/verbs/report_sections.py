@@ -19,7 +19,8 @@ from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import DesignJudgement, Tuned
 from jaxshroud.scene.quantities import RequiredReduction
 from jaxshroud.verbs.peak_ratio import PeakRatio
-from jaxshroud.verbs.report_row import MM_PER_M, RowFindings, row_sections
+from jaxshroud.verbs.report_findings import DesignFindings
+from jaxshroud.verbs.report_row import MM_PER_M
 from jaxshroud.verbs.sheet_tables import lines_of, rows_of
 from jaxshroud.version import __version__
 
@@ -47,11 +48,11 @@ class ReportData(NamedTuple):
     slopes: Gradient
     motions: Sequence[Attractors]  # one for each condition
     on_motions: Sequence[SweepResult | RowMotions | None]  # runs on these, one for each condition; None without any
+    findings: DesignFindings
     tuned: Tuned | None = None  # where the design comes from
     power: PowerResult | None = None  # of the worst condition
     peaks: PeakRatio | None = None  # of the worst condition, over the drive frequency
     of: RequiredReduction = "P_d"  # the reduction that is judged
-    row: RowFindings | None = None  # on a row of blades
 
     @property
     def worst(self) -> int:
@@ -71,18 +72,9 @@ class ReportData(NamedTuple):
     @property
     def friction(self) -> float:
         """The largest friction force of the design's runs [N]."""
-        of_row = None if self.row is None else self.row.friction
-        return largest_value([of_row, *(getattr(run, "F_max", None) for run in (self.runs, *self.on_motions))])
-
-    @property
-    def forces(self) -> np.ndarray | None:
-        """The largest normal force in each condition [N], where it was kept."""
-        return self.runs.N_max if self.row is None else self.row.forces
-
-    @property
-    def friction_work(self) -> float:
-        """The work of friction in a drive period of the worst condition [J]."""
-        return float(self.runs.lane(self.worst).friction_work) if self.row is None else self.row.friction_work
+        return largest_value(
+            [self.findings.friction, *(getattr(run, "F_max", None) for run in (self.runs, *self.on_motions))]
+        )
 
     @property
     def levels(self) -> np.ndarray:
@@ -119,7 +111,7 @@ def sections_of(data: ReportData, verdict: str, reasons: Sequence[str], text: st
         Section("Verdict", [f"{verdict}: {'; '.join(reasons)}."], _limits(data)),
         _sheet(data),
         _conditions(data),
-        *_sections_of_row(data),
+        *data.findings.sections(data.sheets[data.worst], _one_condition(data)),
         _mechanism_section(data),
         _gap(data),
         _scatter(data),
@@ -155,20 +147,12 @@ def _limits(data: ReportData) -> list[list[str]]:
         its_mean = data.tuned is not None and (data.tuned.quantity, data.tuned.goal) == (data.of, "mean")
         tuned = ", which was tuned" if its_mean else ""
         table.append([f"{data.of}, mean of the conditions{tuned}", f"{judged.P_d[0].mean():.5g} %", "-"])
-    if data.row is not None:
-        cells = zip(data.row.heads(data.of), data.row.cells(data.of, data.worst), strict=True)
-        table += [[f"{head}{_at_worst(data)}", cell, "-"] for head, cell in cells]
-    at_steps = "" if data.row is None else f" at the steps{_at_worst(data)}"
-    table.append([f"largest friction force{at_steps}", f"{data.friction:.5g} N", "-"])
-    table.append([f"work of friction per period{_at_worst(data)}", f"{data.friction_work:.5g} J", "-"])
+    found, at_worst = data.findings, _at_worst(data)
+    cells = zip(found.heads(data.of), found.cells(data.of, data.worst), strict=True)
+    table += [[f"{head}{at_worst}", cell, "-"] for head, cell in cells]
+    table.append([found.friction_head(at_worst), f"{data.friction:.5g} N", "-"])
+    table.append([f"work of friction per period{at_worst}", f"{found.friction_work:.5g} J", "-"])
     return table
-
-
-def _sections_of_row(data: ReportData) -> list[Section]:
-    """The sections that only rows have."""
-    if data.row is None:
-        return []
-    return row_sections(data.row, data.sheets[data.worst], data.worst, _one_condition(data))
 
 
 def _at_worst(data: ReportData) -> str:
@@ -191,18 +175,16 @@ def _sheet(data: ReportData) -> Section:
 def _conditions(data: ReportData) -> Section | None:
     if not data.conditions:
         return None
-    judged, forces = data.judged, data.forces
-    of_row = [] if data.row is None else data.row.heads(data.of)
+    judged, found = data.judged, data.findings
+    forces = found.forces
     titles = f"{data.of} [%] +- points", "period number", "largest normal force [N]"
-    table = [[*data.conditions, *titles, *of_row]]
+    table = [[*data.conditions, *titles, *found.heads(data.of)]]
     for i, row in enumerate(data.rows):
         number = int(judged.period_number[0, i])
         cells = [with_interval(judged.P_d[0, i], judged.ci[0, i]), str(number) if number else "aperiodic"]
         force = "-" if forces is None else f"{float(forces[i]):.5g}"
-        blades = [] if data.row is None else data.row.cells(data.of, i)
-        table.append([*(f"{value:.6g}" for value in row), *cells, force, *blades])
-    periods = "the kept periods" if data.row is None else "whole runs, transients included"
-    words = f"All combinations, in SI units. The worst is {data.where(data.worst)}; forces are of {periods}."
+        table.append([*(f"{value:.6g}" for value in row), *cells, force, *found.cells(data.of, i)])
+    words = f"All combinations, in SI units. The worst is {data.where(data.worst)}; forces are of {found.forces_of}."
     return Section("Operating conditions", [words], table)
 
 
@@ -211,8 +193,7 @@ def _mechanism_section(data: ReportData) -> Section | None:
         return None
     P_d = f"P_d is {with_interval(data.power.final['P_d'], data.power.final['ci'], '%')}."
     peaks = [] if data.peaks is None else [data.peaks.words]
-    if data.row is not None:
-        peaks.append("P_d is that of all blades; amplitudes are those of the blade that swings most.")
+    peaks += data.findings.amplitudes_of
     final = data.power.final
     if told := told_difference(final["P_d"], final["P_d_vibration"], data.of):
         P_d = f"{P_d} {told}."
@@ -291,14 +272,13 @@ def _sensitivity(data: ReportData) -> Section:
         "smoothed": f"Averaged over a neighbourhood of {slopes.sigma:g} of each value: the motion has no orbit.",
     }.get(slopes.kind, "There is none.")
     flags = f"Flags: {', '.join(slopes.flags)}." if slopes.flags else "No flags."
-    level = [] if data.row is None else [f"{data.of} there is {with_interval(slopes.level, slopes.level_ci, '%')}."]
+    level = data.findings.level_words(f"{data.of} there is {with_interval(slopes.level, slopes.level_ci, '%')}.")
     return Section("Sensitivity", [*_one_condition(data), kind, *level, flags], table, slopes.plot(title=""))
 
 
 def _motions_section(data: ReportData) -> Section:
     titles = "motion", "share of starts", "P_d [%] +- points", "least [%]", "largest normal force [N]"
-    of_row = [] if data.row is None else ["least of the worst blade [%]", "largest amplitude of x [mm]"]
-    table = [[*data.conditions, *titles, *of_row]]
+    table = [[*data.conditions, *titles, *data.findings.motion_heads]]
     for i, (motions, runs) in enumerate(zip(data.motions, data.on_motions, strict=True)):
         forces = None if runs is None else runs.N_max
         for j, name in enumerate(motions.names):
@@ -306,19 +286,15 @@ def _motions_section(data: ReportData) -> Section:
             P_d = with_interval(motions.P_d[j], motions.P_d_ci[j])
             force = "-" if forces is None else f"{float(forces[j]):.5g}"
             cells = [name, share, P_d, f"{motions.P_d_least[j]:.5g}", force]
-            cells += motions.blade_cells(j) if isinstance(motions, RowMotions) else []
+            cells += data.findings.motion_cells(motions, j)
             table.append([*(f"{value:.6g}" for value in data.rows[i]), *cells])
     undecided = np.mean([motions.undecided for motions in data.motions])
     each = " in each condition" if data.conditions else ""
     words = [
         f"From {data.motions[0].label.size} random starts{each}; {undecided:.0%} were left undecided, or stopped.",
         *([f"The picture is of the worst condition, {data.where(data.worst)}."] if data.conditions else []),
+        *data.findings.motions_by,
     ]
-    if data.row is not None:
-        words.append(
-            "Runs from rest with random rates, told apart by their points at the strobe; no orbit is closed. In a ring "
-            "the copies of a motion that begin at another blade count each."
-        )
     return Section("Coexisting motions", words, table, data.motions[data.worst].plot(title=""))
 
 
@@ -335,8 +311,8 @@ def _checks(data: ReportData) -> Section:
         f"The energy balance is left open by {residual} in the worst period; P_d has {settled}{_at_worst(data)}, with "
         f"period number {int(run.period_number) or 'none'}."
     )
-    at = "" if data.row is None else ", taken at events and at the ends of steps"
-    return Section("Checks", [words, f"Forces are of whole runs, transients included{at}."], table)
+    place = data.findings.force_place
+    return Section("Checks", [words, f"Forces are of whole runs, transients included{place}."], table)
 
 
 def _origin(data: ReportData, text: str, command: str) -> Section:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from jaxshroud.verbs.ascent import checks_agree
-from jaxshroud.verbs.report_row import DOUBTFUL_VERDICTS
 from jaxshroud.verbs.report_sections import ReportData, largest_value
 
 MAX_RESIDUAL = 1e-4  # energy residual over the drive's work: about a hundredth of a percentage point of P_d
@@ -51,7 +50,7 @@ def _report_doubts(data: ReportData) -> Iterator[str]:
     if not runs.P_d_settled.all():
         i = int(np.argmin(runs.P_d_settled))
         yield f"P_d still drifts, or cannot be told to have settled{_at(data, i)}"
-    yield from _doubts_of_row(data)
+    yield from (f"{doubt}{_at(data, data.worst)}" for doubt in data.findings.doubts)
     if spread is not None:
         if at_least is not None and spread.probability_low < REQUIRED_PROBABILITY <= spread.probability_high:
             question = f"whether {at_least:g} % is met with probability {REQUIRED_PROBABILITY:g}"
@@ -66,12 +65,6 @@ def _report_doubts(data: ReportData) -> Iterator[str]:
         if motions.undecided > 0:
             left = f"{motions.undecided:.0%} of {motions.label.size} starts were left undecided, or stopped"
             yield f"{left}{_at(data, i)}"
-
-
-def _doubts_of_row(data: ReportData) -> Iterator[str]:
-    """The doubts about the motion of a row in its worst condition."""
-    if data.row is not None and data.row.diagnosis.verdict in DOUBTFUL_VERDICTS:
-        yield f"a longer run is judged {data.row.diagnosis.evidence}{_at(data, data.worst)}"
 
 
 def _doubts_of_sheets(data: ReportData) -> Iterator[str]:

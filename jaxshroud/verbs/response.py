@@ -14,6 +14,7 @@ from jaxshroud.results.response import Member, Response
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import InputError, NumericalError, count_argument, word_argument
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, vary, with_numbers
@@ -105,12 +106,11 @@ def response(
         raise InputError("Argument `over` must be one number, and another one than `along`.")
     if not all(values.size for values in family.values()):
         raise InputError("Argument `over` needs at least one value of its number.")
-    plain = one_scene("response", scene, rows=True)
-    if plain.row is not None:
-        check_row(plain)
+    plain = one_scene("response", scene)
+    check_row(plain)
     changes = [(key, float(v)) for key, values in family.items() for v in values] or [None]
     scenes = [plain if change is None else vary(with_numbers(plain, [change[0]]), *change) for change in changes]
-    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, of_sweep=True, rows=True)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, of_sweep=True)
     run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": resolved.as_argument}
     values = np.linspace(low, high, num)
     in_succession = int(plain.row is not None) if doublings is None else doublings
@@ -135,7 +135,7 @@ def _member(
     swept = sweep(scene, {along: values}, direction="both", amplitudes=True, progress=progress, **run)
     free = free_peak(scene, along, low, high, of)[:2]
     own, reason = value_of(with_numbers(scene, [along]), along), "no lane from rest settles on a periodic orbit"
-    for place in _places(swept, values, own, scene.row is not None) if at is None else [at]:
+    for place in _places(swept, values, own, scene.layout) if at is None else [at]:
         try:
             found = continued(
                 scene, along, (low, high), BranchStart(place), *sizes, method=run["method"], progress=progress
@@ -148,14 +148,14 @@ def _member(
     return Member(swept, None, [], free, reason)
 
 
-def _places(swept: SweepResult, values: np.ndarray, own: float, in_row: bool) -> list[float]:
+def _places(swept: SweepResult, values: np.ndarray, own: float, layout: Layout) -> list[float]:
     """Where the branch may begin: values at which the sweep from rest has an orbit, settled and short ones first.
 
     Of rows those on which all blades swing alike are before others: a travelling wave, from which broken ones begin.
     """
     lanes = swept.data.sel(direction="independent")
     number, settled = lanes["period_number"].to_numpy(), lanes["settled"].to_numpy() == 1
-    unlike = _is_broken(lanes["x_rms"].to_numpy()) if in_row else np.zeros(len(values), bool)
+    unlike = _is_broken(lanes["x_rms"].to_numpy()[:, layout.counting])
     rank = lambda i: (number[i] == 0, not settled[i], unlike[i], number[i], abs(values[i] - own))
     order = sorted(range(len(values)), key=rank)
     return [float(values[i]) for i in order[:MAX_TRIED_PLACES]]

@@ -20,7 +20,7 @@ from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
-from jaxshroud.scene.keys import blade_count
+from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d, counted_amplitude, is_reduction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
@@ -98,12 +98,11 @@ def scatter(
         >>> found.P_d.shape, found.total.shape
         ((16,), (2,))
     """
-    nominal = one_scene("scatter", scene, rows=True)
-    if nominal.row is not None:
-        check_row(nominal)
-    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, rows=True)
+    nominal = one_scene("scatter", scene)
+    check_row(nominal)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     for key, of_condition in (conditions or {}).items():
-        check_condition(key, of_condition, nominal.row_size)
+        check_condition(key, of_condition, nominal.layout)
     condition_values = {key: np.ravel(values).astype(float) for key, values in (conditions or {}).items()}
     per_draw = math.prod(map(len, condition_values.values()))
     check_objective(of, nominal)
@@ -135,7 +134,7 @@ def scatter(
     values |= {"P_d_vibration": np.ravel(alone[:2])}
     level = P_d
     if of != "P_d":
-        every = reshaped(_levels(run, of, nominal.row is not None))
+        every = reshaped(_levels(run, of, nominal.layout))
         worst = every.min(axis=0) if is_reduction(of) else every.max(axis=0)
         level = np.where(status == Status.OK, worst, np.nan)
         values |= {"level": np.ravel(level[:2])}
@@ -150,12 +149,12 @@ def scatter(
     return Scatter.from_values({**values, **settings}, coords={"key": list(bounds)}, attrs=attrs)
 
 
-def _levels(run: SweepResult, of: Quantity, in_row: bool) -> np.ndarray:
-    """A quantity other than P_d of all lanes, of a pair that of the left blade."""
+def _levels(run: SweepResult, of: Quantity, layout: Layout) -> np.ndarray:
+    """A quantity other than P_d of all lanes, of the blades that count."""
     values = np.asarray(getattr(run, of), float)
     if is_reduction(of):
         return values
-    return values.sum(axis=-1) if in_row and of == "P" else counted_amplitude(values, in_row)
+    return values[..., layout.counting].sum(axis=-1) if of == "P" else counted_amplitude(values, layout)
 
 
 def draw_rows(
@@ -175,14 +174,14 @@ def draw_rows(
         KeyError: The scene has no such number.
         ValueError: See `scatter`.
     """
-    check_bounds(bounds, scene.row_size)
+    check_bounds(bounds, scene.layout)
     with_numbers(scene, list(bounds))
     seed_argument(seed)
     count_argument("draws", draws, 2)
     check_at_least(at_least)
     n = 1 << (draws - 1).bit_length()
     lanes = (2 + len(bounds)) * n * per_draw
-    check_size(lanes, resolved.transient, resolved.n_periods, lanes, blade_count(scene.row_size))
+    check_size(lanes, resolved.transient, resolved.n_periods, lanes, scene.layout.blades)
     return saltelli_rows(n, np.array(list(bounds.values()), float), seed)
 
 

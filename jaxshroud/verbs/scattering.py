@@ -8,7 +8,8 @@ import numpy as np
 from jaxshroud.results.attractors import share_interval
 from jaxshroud.results.tuned import HalfWidth
 from jaxshroud.scene.checks import InputError, count_argument
-from jaxshroud.scene.keys import RowSize, find_key
+from jaxshroud.scene.keys import ROW_KEYS, find_key
+from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import is_number
 from jaxshroud.scene.valid import check_values
@@ -105,7 +106,7 @@ def scatter_bounds(scene: Scene, scatters: Mapping[str, Spread]) -> dict[str, tu
         InputError: A half width is not positive, or a share of zero.
     """
     bounds = {}
-    for key, spread in _by_blade(scatters, scene.row_size).items():
+    for key, spread in _by_blade(scatters, scene.layout).items():
         width = _half_width(key, spread)
         if width is None:
             low, high = np.asarray(spread, float).tolist()
@@ -118,22 +119,20 @@ def scatter_bounds(scene: Scene, scatters: Mapping[str, Spread]) -> dict[str, tu
     return bounds
 
 
-def scattering_of(
-    scatters: Mapping[str, Spread], draws: int, seed: int, row: RowSize | None = None
-) -> Scattering | None:
+def scattering_of(scatters: Mapping[str, Spread], draws: int, seed: int, layout: Layout = PAIR) -> Scattering | None:
     """The scatter about a design, with quasi-random draws; None if no number scatters.
 
     Args:
         scatters: Keys with half widths, see `half_widths`.
         draws: The number of draws, rounded up to a power of 2.
         seed: Of the draws.
-        row: The size of the row, whose `row.mistuning` scatters for each blade by itself: draws of it are patterns.
+        layout: The layout of the scene; the mistuning of a row scatters for each blade by itself, in patterns.
 
     Raises:
         InputError: See `half_widths`.
     """
     count_argument("draws", draws, 1)
-    widths = half_widths(_by_blade(scatters, row))
+    widths = half_widths(_by_blade(scatters, layout))
     if not widths:
         return None
     from scipy.stats import qmc
@@ -144,9 +143,9 @@ def scattering_of(
     return Scattering(tuple(widths), sizes, relative, places)
 
 
-def _by_blade(scatters: Mapping[str, Spread], row: RowSize | None) -> dict[str, Spread]:
+def _by_blade(scatters: Mapping[str, Spread], layout: Layout) -> dict[str, Spread]:
     """The scatters with `row.mistuning` by a key for each blade."""
-    each = lambda key: [f"{key}[{i}]" for i in range(row.blades)] if row and key == "row.mistuning" else [key]
+    each = lambda key: [f"{key}[{i}]" for i in range(layout.blades)] if key in ROW_KEYS else [key]
     return {one: spread for key, spread in scatters.items() for one in each(key)}
 
 
@@ -166,10 +165,10 @@ def check_overlap(scattering: Scattering, keys: Sequence[str]) -> None:
                 raise InputError(f"{key} and {other} are partly the same number; name the blades' numbers one by one.")
 
 
-def check_ends(keys: Sequence[str], values: np.ndarray, row: RowSize | None = None) -> None:
+def check_ends(keys: Sequence[str], values: np.ndarray, layout: Layout = PAIR) -> None:
     """Raise a SceneError where a number of `values` (n, keys) is out of its range at an end of its scatter."""
     for key, column in zip(keys, values.T, strict=True):
-        check_values(find_key(key, row=row)[0], column, f"{key}, at an end of its scatter,")
+        check_values(find_key(key, layout=layout)[0], column, f"{key}, at an end of its scatter,")
 
 
 def probability_values(P_d: np.ndarray, at_least: float) -> dict[str, float]:

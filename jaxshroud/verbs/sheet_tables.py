@@ -47,7 +47,7 @@ def shown_modes(sheet: DataSheet) -> list[NaturalMode]:
     """The modes that are printed: all of few; of many those that the drive's order excites, the most driven ones."""
     if len(sheet.modes) <= MOST_MODES:
         return list(sheet.modes)
-    excited = excited_by(sheet.modes, [sheet.drive_order], sheet.row_size)
+    excited = excited_by(sheet.modes, [sheet.drive_order], sheet.layout)
     known = range(len(sheet.modes)) if excited is None else [i for i, (drives,) in enumerate(excited) if drives]
     most = sorted(known, key=lambda i: -sheet.modes[i].driven)[:MOST_MODES]
     return [sheet.modes[i] for i in sorted(most)]

@@ -1,7 +1,7 @@
 """Trajectories of one scene or many, with all of their start-up."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,16 +14,16 @@ from jaxshroud.batch.size_limits import STEP_BYTES, check_memory
 from jaxshroud.batch.trajectories import Trajectories, trajectories
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import REFERENCE, Choices, Method
-from jaxshroud.march.observables import energy_residual, is_unbalanced
+from jaxshroud.march.observables import is_unbalanced
 from jaxshroud.march.tally import Counters, times_of
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.model.rhs import Ledger
+from jaxshroud.model.rhs import ContactLoads
 from jaxshroud.motion.amplitudes import sampled_amplitude_values
 from jaxshroud.motion.averages import contact_shares
 from jaxshroud.motion.short_runs import trajectory_ends
-from jaxshroud.results.row import RowTrajectory
+from jaxshroud.results.base import Labels
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.file import SceneFile
@@ -32,7 +32,6 @@ from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import missed_lanes, warn_missed
 from jaxshroud.verbs.options import ResolvedOptions, check_row, in_shape, plan_march, resolve_options
-from jaxshroud.verbs.simulate_row import marched_row_values
 
 
 @typed
@@ -73,7 +72,7 @@ def simulate(
         `contact_point` [m], which is NaN while the faces are apart (JAX's `debug_nans` takes that for an error). A
         model without contact has none of these, a model whose blocks do not turn has no `contact_point`, and without
         friction `F` is 0. Amplitudes are those of the second half of the run, from the cubics between its steps,
-        whichever of these are kept. A row of blades gives a `RowTrajectory`.
+        whichever of these are kept. What is told of contact in a row ends with the interface.
 
     Raises:
         ValueError: A count is not a positive integer, the samples would not fit into memory, or `events` is set for
@@ -92,10 +91,8 @@ def simulate(
         ((201,), (201, 2), 0)
     """
     count_argument("every", every, 1)
-    resolved = resolve_options(scene, n_periods=n_periods, method=method, dims=dims, verb="simulate", rows=True)
-    in_row = resolved.scene.row is not None
-    if in_row:
-        check_row(resolved.scene, events=events)
+    resolved = resolve_options(scene, n_periods=n_periods, method=method, dims=dims, verb="simulate")
+    check_row(resolved.scene, events=events)
     if events and (resolved.shape or resolved.scene.parts.contact != "spring"):
         raise InputError("Argument `events` keeps those of one scene with located contact; simulate it alone.")
     lanes = resolved.lanes
@@ -110,16 +107,14 @@ def simulate(
     if scenes.parts.contact == "none":
         values = _values_without_contact(scenes, states, grid)
     else:
-        marched = marched_row_values if in_row else _marched_values
-        values = marched(scenes, states, grid, march.method, Ticker(len(scenes.drive.omega) * length, progress))
+        values = _marched_values(scenes, states, grid, march.method, Ticker(len(scenes.drive.omega) * length, progress))
     chatter, at_events = values.pop("chatter", None), values.pop("events", None)
     step_length = np.asarray(scenes.drive.period, float)[:, None] / march.steps
     after = float((turns + (index[-1] % march.steps) / march.steps) % 1)
     common = {"turns": after, "every": every, "chatter": chatter, **march.attributes}
     if at_events is not None:
         values["events"] = {**at_events, "t": t + at_events["t"] * step_length}
-    gap = {} if in_row else {"gap": scenes.shroud.gap}
-    columns = {"omega": scenes.drive.omega, **gap, **values, "t": t + index * step_length}
+    columns = {"omega": scenes.drive.omega, "gap": scenes.shroud.gap, **values, "t": t + index * step_length}
     result = _trajectory(resolved, in_shape(columns, resolved.shape), common)
     warn_failures(result.status, chatter, throw=throw)
     if march.choice is not None:
@@ -132,30 +127,23 @@ def _trajectory(resolved: ResolvedOptions, values: dict[str, Any], common: dict[
     attributes, numbers = resolved.provenance(0, common["steps_per_period"])
     times = values.pop("t")
     time = {"units": "s", "long_name": "time"}
-    row = resolved.scene.row
-    coords: dict[str, Any] = {"blade": [0, 1]} if row is None else {"blade": range(row.blades)}
-    coords |= {} if row is None else {"interface": range(row.interfaces)}
-    coords |= {} if resolved.shape else {"time": ("time", times, time)}
-    kind, common = (Trajectory, common) if row is None else (RowTrajectory, {**common, "closed": int(row.closed)})
+    layout = resolved.scene.layout
+    coords = {**layout.coords, **({} if resolved.shape else {"time": ("time", times, time)})}
     more = {"t": ((*resolved.dims, "time"), times, time)} if resolved.shape else {}
-    return kind.from_values(
-        {**values, **common}, lanes=resolved.dims, coords=coords, attrs=attributes, more={**numbers, **more}
-    )
+    labels: Labels = {"lanes": resolved.dims, "attrs": attributes, "more": {**numbers, **more}}
+    return Trajectory.from_values({**values, **common}, coords=coords, layout=layout, **labels)
 
 
 def _marched_values(scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Ticker) -> dict[str, Any]:
     """The values of lanes (leading axis) that are marched."""
     marched = trajectories(scenes, states, grid, method, ticker)
-    last, log = marched.last, marched.last.tally.log
+    log, at_start = marched.last.tally.log, marched.samples["mode"][:, 0]
     assert log is not None  # as derivatives are not computed
-    energy = _energy_check(scenes, marched)
     return {
         **marched.samples,
-        "status": energy.status,
-        "counters": {n: np.asarray(a) for n, a in vars(filled(log.counters, last.status)).items()},
-        "energy_residual": energy.residual.astype(float),
-        "energy_dropped": energy.dropped.astype(float),
-        **_works(last.tally.integrals.ledger),
+        "counters": {n: np.asarray(a) for n, a in vars(filled(log.counters, at_start)).items()},
+        **_energy_values(scenes, marched),
+        **_load_values(scenes, marched.last.tally.integrals.loads, at_start, grid),
         **contact_shares(times_of(log)),
         **sampled_amplitude_values(scenes, marched.amplitudes),
         "chatter": _chatter(scenes, marched, grid, method),
@@ -163,46 +151,47 @@ def _marched_values(scenes: Scene, states: State, grid: SampleGrid, method: Choi
     }
 
 
-class _EnergyCheck(NamedTuple):
-    """The energy balance of lanes, NaN without a ledger, and their status with what it shows."""
-
-    residual: np.ndarray  # over the work of the drive
-    dropped: np.ndarray  # over the gross work
-    status: np.ndarray
-
-
-def _energy_check(scenes: Scene, marched: Trajectories) -> _EnergyCheck:
-    """The energy balance and the status of marched lanes (leading axis)."""
-    last, (before, after) = marched.last, marched.energies
-    tally, missing = last.tally, np.full(len(before), np.nan)
+def _energy_values(scenes: Scene, marched: Trajectories) -> dict[str, np.ndarray]:
+    """The works [J], the energy balance, NaN without a ledger, and the status of lanes with what it shows."""
+    last, (before, after), balance = marched.last, marched.energies, marched.balance
     with np.errstate(invalid="ignore"):  # of energies that overflowed
-        gained = after - before
-    finite = np.isfinite(sum(np.asarray(a, float) for a in jax.tree.leaves((tally.integrals, gained))))
+        integrals = jax.tree.leaves((last.tally.integrals, after - before))
+        finite = np.isfinite(sum(np.asarray(a, float).reshape(len(before), -1).sum(axis=-1) for a in integrals))
     status = np.where((last.status == Status.OK) & ~finite, Status.NOT_FINITE, last.status)
-    gain, jumps = tally.integrals.ledger, tally.jumps
-    if gain is None or jumps is None:
-        return _EnergyCheck(missing, missing, status)
-    residual = np.asarray(energy_residual(*jax.tree.map(jnp.asarray, (gain, jumps, gained))))
+    if balance is None:
+        missing = np.full(len(before), np.nan)
+        return {"status": status, "energy_residual": missing, "energy_dropped": missing}
+    gain, residual = balance.works, balance.residual
     if scenes.laws is not None:
         astray = is_unbalanced(*map(jnp.asarray, (residual, gain.gross, before, after)))
         status = np.where((status == Status.OK) & np.asarray(astray), Status.UNBALANCED, status)
-    dropped = np.asarray(filled(jumps.dropped, gain.gross)) / np.where(gain.gross > 0, gain.gross, 1.0)
-    return _EnergyCheck(residual / np.where(gain.drive == 0, 1.0, np.abs(gain.drive)), dropped, status)
+    works = {"work_drive": gain.drive, "loss_viscous": gain.viscous, "loss_friction": gain.friction}
+    return {
+        "status": status,
+        "energy_residual": (residual / np.where(gain.drive == 0, 1.0, np.abs(gain.drive))).astype(float),
+        "energy_dropped": (balance.dropped / np.where(gain.gross > 0, gain.gross, 1.0)).astype(float),
+        **{name: np.asarray(a, float) for name, a in {**works, **balance.of_blades}.items()},
+    }
 
 
-def _works(gain: Ledger | None) -> dict[str, np.ndarray]:
-    """The work of the drive and the losses over the whole run [J]; nothing without a ledger."""
-    if gain is None:
+def _load_values(
+    scenes: Scene, loads: ContactLoads | None, like: np.ndarray, grid: SampleGrid
+) -> dict[str, np.ndarray]:
+    """What wears the faces over the whole run, if it was logged."""
+    if loads is None:
         return {}
-    works = {"work_drive": gain.drive, "loss_viscous": gain.viscous, "loss_friction": filled(gain.friction, gain.drive)}
-    return {name: np.asarray(a, float) for name, a in works.items()}
+    N, N_slip, time_slip, slip = (np.asarray(a, float) for a in filled(loads, like.astype(scenes.drive.omega.dtype)))
+    periods = grid.length / grid.steps
+    duration = np.asarray(scenes.drive.period, float)[:, None] * periods
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return {"slip": slip / periods, "N_mean": N / duration, "N_slip": N_slip / time_slip}
 
 
 def _chatter(scenes: Scene, marched: Trajectories, grid: SampleGrid, method: Choices) -> str | None:
     """The report on events that follow each other without end; None if there are none."""
-    last, log = marched.last, marched.last.tally.log
-    assert log is not None  # as derivatives are not computed
-    steps = (log.time_apart + log.time_stick + log.time_slip) / grid.step_lengths(scenes)
+    last, times = marched.last, times_of(marched.last.tally.log)
+    took = sum(np.asarray(a).reshape(len(last.status), -1)[:, 0] for a in times)  # the same at all interfaces
+    steps = took / grid.step_lengths(scenes)
     whole = np.round((steps - last.step - last.search.done) / grid.steps).astype(int)
     return zeno_report(scenes, last, whole + 1, grid.clock(scenes), method)
 

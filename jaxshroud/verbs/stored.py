@@ -157,7 +157,7 @@ def store_sweep(sweep: SweepTask, path: Path, scheduler: str | None = None) -> S
         sizes = _stored_block_sizes(path, len(grid.shape)) or block_sizes(sweep, on_workers=client is not None)
         attributes = _identity(sweep) | identity | {"blocks": SIZE_SEPARATOR.join(map(str, sizes))}
         dimensions = dict(zip(grid.dims, map(LaneDimension, grid.shape, sizes), strict=True))
-        coords = sweep_coordinates(grid.axes, period, grid.lanes.row and grid.lanes.row.blades)
+        coords = sweep_coordinates(grid.axes, period, grid.lanes.layout)
         if len(sweep.directions) > 1:
             dimensions = {DIRECTION: LaneDimension(len(SINGLE_DIRECTIONS), 1), **dimensions}
             coords = {DIRECTION: list(SINGLE_DIRECTIONS), **coords}

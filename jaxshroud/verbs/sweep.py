@@ -20,7 +20,6 @@ from jaxshroud.results.sweep import SweepResult, overlay_directions
 from jaxshroud.scene.checks import InputError, StoreError, tolerance_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.scene.keys import blade_count
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
@@ -136,10 +135,8 @@ def sweep(
         dims=dims,
         of_sweep=True,
         verb="sweep",
-        rows=True,
     )
-    if resolved.scene.row is not None:
-        check_row(resolved.scene, lyapunov=lyapunov, forces=forces)
+    check_row(resolved.scene, lyapunov=lyapunov, forces=forces)
     if not 0 <= phase < 2 * np.pi:
         raise InputError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     tolerance_argument("period_tol", period_tol)
@@ -148,7 +145,7 @@ def sweep(
     lanes = len(directions) * math.prod(grid.shape)
     path = _store_path(store, resume)
     lanes_in_memory = None if keep_samples and path is None else min(lanes, MAX_LANES_AT_ONCE)
-    blades = blade_count(resolved.scene.row_size)
+    blades = resolved.scene.layout.blades
     check_size(lanes, resolved.transient, resolved.n_periods, lanes_in_memory, blades)
     grid = grid._replace(lanes=without_given(grid.lanes))
     march = plan_march(grid.resolved, grid.lanes, FOR_P_D._replace(ledger=ledger))

@@ -10,13 +10,11 @@ import numpy as np
 from jaxshroud.batch.continuation import SweepHandover, continued_runs, independent_runs
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.batch.runs import Plan, Runs, Ticker, in_float64, zeno_warning
-from jaxshroud.batch.states import by_blade, final_states
+from jaxshroud.batch.states import final_states
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.scene_numbers import dimension
-from jaxshroud.march.row_carry import RowLog
 from jaxshroud.march.stability import steps_for
-from jaxshroud.march.tally import ContactTimes, Counters, Log
-from jaxshroud.model.arithmetic import filled
+from jaxshroud.march.tally import ContactTimes
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -52,8 +50,7 @@ class Grid(NamedTuple):
     @property
     def dims(self) -> tuple[str, ...]:
         """The names of the lanes' axes."""
-        in_row = self.lanes.row is not None
-        return (*self.resolved.dims, *(dimension(key, in_row) for key in self.axes))
+        return (*self.resolved.dims, *(dimension(key, self.lanes.layout.names) for key in self.axes))
 
 
 class SweepSettings(NamedTuple):
@@ -169,7 +166,7 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
     if march.choice is not None:
         numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.choice, partial(end_states, vibration=True))}
     periods = np.arange(plan.transient + 1, plan.transient + plan.kept + 1)
-    coords = sweep_coordinates(grid.axes, periods, grid.lanes.row and grid.lanes.row.blades)
+    coords = sweep_coordinates(grid.axes, periods, grid.lanes.layout)
     attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
     more = {name: variable for name, variable in differing.items() if name not in grid.dims}
     if "gap" not in grid.dims and (grid.axes or "gap" not in more):
@@ -205,34 +202,24 @@ def _exponents(grid: Grid, runs: Runs, settings: SweepSettings) -> dict[str, np.
     return {"lyapunov": exponent, "lyapunov_ci": ci}
 
 
-def _of_all_interfaces(log: Log | RowLog) -> Log | RowLog:
-    """The log of lanes (leading axis), of rows that of all interfaces together."""
-    if isinstance(log, Log):
-        return log
-    total = lambda a: a.sum(axis=-1)
-    return log._replace(v_max=log.v_max.max(axis=-1), counters=jax.tree.map(total, log.counters))
-
-
 def _row_numbers(runs: Runs, reductions: np.ndarray) -> dict[str, np.ndarray]:
     """The variables that only rows have, from the power reduction of each blade (lanes, blades)."""
-    return {"P_d_worst": reductions.min(axis=-1), "interface_v_max": runs.last.tally.log.v_max}
+    return {"P_d_worst": reductions.min(axis=-1), "interface_v_max": runs.log.v_max}
 
 
 def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[str, object]:
     """The variables of the result for lanes (leading axis), without exponents."""
     runs = jax.tree.map(in_float64, runs)
-    motion = by_blade(runs.samples.motion)
     (number, settling), power, P_0 = averages(scenes, runs.samples, settings.period_tol)
-    log, before = (_of_all_interfaces(log) for log in (runs.last.tally.log, runs.before.log))
     counted = counted_periods(runs.samples, number)
-    times = ContactTimes(*(counted_mean(t, counted) for t in runs.samples.times))
+    times = ContactTimes(*(counted_mean(t.sum(axis=-1), counted) for t in runs.samples.times))
     with np.errstate(invalid="ignore", divide="ignore"):
         residual = relative_residual(runs.samples) if settings.plan.method.ledger else None
         dropped = relative_drop(runs.samples) if settings.plan.method.ledger else None
-    counts = [filled(of.counters, runs.last.status) for of in (log, before)]
-    counters = {n: np.asarray(getattr(counts[0], n) - getattr(counts[1], n)) for n in Counters.__annotations__}
+    told = lambda end, start: (end - start).sum(axis=-1, dtype=np.int32)  # of all interfaces
+    events = jax.tree.map(told, runs.log.counters, runs.before.counters)
     return {
-        "motion": motion,
+        "motion": runs.samples.motion,
         "P": power.P,
         "P_0": P_0,
         "P_d": power.P_d,
@@ -248,10 +235,10 @@ def _lane_numbers(scenes: Scene, runs: Runs, settings: SweepSettings) -> dict[st
         "settling": settling.verdict,
         "periods_more": settling.periods_more,
         "status": runs.last.status,
-        "v_max": log.v_max,
+        "v_max": runs.log.v_max.max(axis=-1),
         **contact_shares(times),
         **({} if residual is None else {"energy_residual": residual, "energy_dropped": dropped}),
-        "counters": counters,
+        "counters": vars(events),
         **({} if scenes.row is None else _row_numbers(runs, power_reduction(power.P, P_0))),
         **load_values(scenes, runs.samples, number),
         **amplitude_values(scenes, runs.samples, number),

@@ -9,13 +9,14 @@ from jaxshroud.batch.runs import Progress
 from jaxshroud.io.lane_status import LaneWarning, warn_failures
 from jaxshroud.io.variable import Attribute
 from jaxshroud.march.method import Method
-from jaxshroud.march.method_names import LARGEST_FIRST, LOADS, OF_ROWS, RANKED_BY
+from jaxshroud.march.method_names import LARGEST_FIRST, LOADS, RANKED_BY
 from jaxshroud.march.stability import lanes_that_auto_steps_follow
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.levels import check_vibration
 from jaxshroud.motion.period import NOT_SETTLED, SETTLED
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.table import ROW, DesignTable
+from jaxshroud.scene.capabilities import require_capability
 from jaxshroud.scene.checks import InputError, SceneError, did_you_mean
 from jaxshroud.scene.designs import Designs, read_designs
 from jaxshroud.scene.file import SceneFile
@@ -84,13 +85,13 @@ def table(
     if by not in RANKED_BY:
         known = ", ".join(RANKED_BY)
         raise InputError(f"Argument `by` must be one of {known}, but is {by!r}{did_you_mean(by, RANKED_BY)}")
-    base = one_scene("table", scene, rows=True)
+    base = one_scene("table", scene)
     check_ranking(by, base)
     rows = designs if isinstance(designs, Designs) else checked_designs(designs, base)
     scenes = rows.scenes(base)
-    if by in ("P_d", *OF_ROWS):
+    if by in ("P_d", "P_d_worst"):
         check_vibration(by, scenes, np.all)
-    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, rows=True)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     with warnings.catch_warnings(action="ignore", category=LaneWarning):  # told below, of all rows
         swept = sweep(
             scenes,
@@ -111,12 +112,9 @@ def table(
 
 def check_ranking(by: str, base: Scene) -> None:
     """Raise an InputError where designs of a scene have no number `by` to be ranked by."""
-    if base.row is None and by in OF_ROWS:
-        raise InputError(f"Argument `by` = {by!r} is a number of a row of blades; the scene has a pair.")
-    if base.row is not None:
-        check_row(base)
-        if by in LOADS and by != "v_max":
-            raise InputError(f"Argument `by` = {by!r} does not know rows of blades yet.")
+    check_row(base)
+    name = "a load but v_max" if by in LOADS[1:] else by
+    require_capability(name, base.layout, asked=f"Argument `by` = {by!r}")
 
 
 def checked_designs(

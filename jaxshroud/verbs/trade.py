@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxshroud.batch.adaptive import adaptive_gap_slopes, adaptive_samples
 from jaxshroud.batch.closed_form import free_runs
+from jaxshroud.batch.march_programs import PAIR_MARCHES
 from jaxshroud.batch.runs import Progress, initial_states
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.march.method import FAST, Method, choices
@@ -57,8 +58,8 @@ class Adaptive(NamedTuple):
         if self.solver in IMPLICIT and periods > SHORT_PERIODS:
             return None
         solved = adaptive_samples(softened(scenes, self.width), periods, self.solver, self.rtol)
-        samples, steps = jax.tree.map(np.asarray, solved)
-        finite = np.isfinite(samples.power[0]).all(axis=1)
+        samples, steps = PAIR_MARCHES.sample(solved[0]), np.asarray(solved[1])
+        finite = np.isfinite(samples.power[..., 0]).all(axis=1)
         return ShortRuns(samples, np.where(finite, Status.OK, Status.NOT_FINITE), round(float(steps.mean())))
 
     def slopes(self, scenes: Scene) -> np.ndarray | None:
@@ -107,7 +108,7 @@ class ClosedForm(NamedTuple):
     def run(self, scenes: Scene, periods: int) -> ShortRuns:
         """Samples and status of lanes (leading axis) from the initial states of their scenes."""
         samples, last = free_runs(scenes, initial_states(scenes), 0, periods, 0.0, FAST)
-        return ShortRuns(samples, last.status, 0)
+        return ShortRuns(PAIR_MARCHES.sample(samples), last.status, 0)
 
     def slopes(self, scenes: Scene) -> None:
         """None: the power does not depend on the gap."""

@@ -133,20 +133,19 @@ def tune(
         >>> 2e-5 <= found.design["shroud.gap"] <= 4e-5
         True
     """
-    nominal = one_scene("tune", scene, rows=True)
-    if nominal.row is not None:
-        check_row(nominal)
+    nominal = one_scene("tune", scene)
+    check_row(nominal)
     seed_argument(seed)
     for name, limit in dict(most_penetration=most_penetration, most_force=most_force).items():
         if not limit > 0:
             raise InputError(f"Argument `{name}` must be positive, but is {limit}.")
-    scattering = scattering_of(scatters or {}, draws, seed, nominal.row_size)
+    scattering = scattering_of(scatters or {}, draws, seed, nominal.layout)
     check_only_P_d("at_least", at_least, of)
     motions = motions if of == "P_d" and nominal.row is None else 0
     robust_request = robustness_request(scattering is not None, loss, at_least, check_draws, motions, seed)
     problem = problem_of(nominal, over, conditions or {}, scattering, of)
     check_comparable(problem)
-    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, rows=True)
+    resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method)
     march = with_tangents(resolved, design_corners(problem), FOR_P_D)
     within = bool(min(most_penetration, most_force) < np.inf)
     choices = march.method._replace(within=within, amplitudes=amplitude_of(of) is not None)

@@ -48,10 +48,10 @@ def test_a_lead_in_from_another_phase_kicks_the_branch(scenes):
     # Control: the same state taken as one at phase 0, which it is not.
     plan = Plan(0, 40, STEPS, PHASE, FAST)
     first = run_lanes(lane(scenes, 0), initial_states(lane(scenes, 0)), plan, quiet)
-    last = np.asarray(first.samples.motion.x[0])[0, -1]
+    last = first.samples.motion.x[0, -1, 0]
     for arrived, off in ((np.ones(1, bool), 0.0), (None, 0.3)):
         then = run_lanes(lane(scenes, 1), final_states(first.last.state), plan, quiet, arrived)
-        kick = abs(np.asarray(then.samples.motion.x[0])[0, 0] - last) / np.abs(first.samples.motion.x).max()
+        kick = abs(then.samples.motion.x[0, 0, 0] - last) / np.abs(first.samples.motion.x).max()
         assert kick < 1e-8 if off == 0 else kick > off
 
 

@@ -33,7 +33,7 @@ def test_a_projection_is_as_long_as_the_run():
 def test_a_trial_ends_after_a_share_of_the_run_or_some_seconds(periods, seconds):
     # Calls of half a second of the clock and of the processor, each of which makes a third of a period of a chunk.
     scene, clock = js.load("row_chain5").scene, [0.0]
-    width = lanes_per_call(scene.row_size)
+    width = lanes_per_call(scene.layout)
     lanes = js.scenes_from({"contact.gamma": np.linspace(1.0, 2.0, 20 * width)}, scene)
 
     def run_lanes(some, states, plan, tick):

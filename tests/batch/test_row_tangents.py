@@ -6,7 +6,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.batch.duals import Dual
-from jaxshroud.batch.states import from_vector, state_size, to_vector
+from jaxshroud.batch.states import from_vector, to_vector
 from jaxshroud.batch.tangents import as_differentiable, direction, run_flow
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march import row_event_time
@@ -36,7 +36,7 @@ class Course:
         self.scene, self.method = without_given(file.scene), as_differentiable(method)
         run = js.simulate(file.scene, n_periods=3, method=js.RungeKutta("dopri8", steps=STEPS))
         self.start = jax.tree.map(np.asarray, run.last)
-        rng, size = np.random.default_rng(0), state_size(self.scene.row_size)
+        rng, size = np.random.default_rng(0), self.scene.layout.state_size
         self.z, blades = to_vector(self.start), self.scene.row.blades
         scale = np.abs(self.z[: 6 * blades].reshape(6, blades)).max(axis=1)
         self.scale = np.append(np.repeat(np.where(scale > 0, scale, 1.0), blades), np.full(size - 6 * blades, scale[0]))
@@ -50,7 +50,7 @@ class Course:
         """The end and the powers of the lanes, `step` along their directions, in their sizes; with their tangents."""
         scenes, none = repeat_lane(self.scene, LANES), np.zeros_like(self.along)
         scenes = jax.tree.map(lambda a, d: a + step * d, scenes, self.number)
-        state = lambda z: from_vector(z, None, None, self.scene.row_size)
+        state = lambda z: from_vector(z, None, None, self.scene.layout)
         begin = repeat_lane(self.start, LANES)
         moved = state(self.z + step * self.along)
         begin = type(begin)(moved.motion, moved.u_s, begin.mode, begin.case)
@@ -58,7 +58,7 @@ class Course:
         flows = run_flow(Dual(scenes, by), Dual(begin, state(none if along is None else along)), 1, STEPS, self.method)
         assert np.all(flows.value.status == Status.OK)
         in_sizes = lambda flow: np.concatenate(
-            [to_vector(flow.state) / self.scale, np.stack(flow.power, -1) / self.scale[0] ** 2], axis=-1
+            [to_vector(flow.state) / self.scale, flow.power / self.scale[0] ** 2], axis=-1
         )
         return in_sizes(flows.value), in_sizes(flows.tangent)
 

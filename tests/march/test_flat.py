@@ -58,7 +58,7 @@ def test_without_torque_from_rest(table1, name):
     assert np.log2(error[0] / error[1]) > order - 0.6
     assert np.abs(energy_residual(fine)) < 1e-7
     theta = truth.samples.motion.theta
-    np.testing.assert_array_equal(theta[0], theta[1])
+    np.testing.assert_array_equal(theta[..., 0], theta[..., 1])
 
 
 def test_corner_contact_alone_is_a_relay_without_bound(table1):

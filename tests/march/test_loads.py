@@ -20,13 +20,13 @@ MARCHES = {
 
 def tallied(samples: Sample) -> dict[str, np.ndarray]:
     """The numbers of each period (lanes, periods, ...) by the names of the opinions."""
-    columns = lambda pairs: np.stack([a for pair in pairs for a in pair], axis=-1)
+    columns = lambda displacements: np.concatenate(displacements, axis=-1)
     return {
         **{name: columns(getattr(samples.moments, name)) for name in ("first", "second")},
         **{name: columns(getattr(samples.extent, name)) for name in ("highest", "lowest")},
-        "loads": np.stack(samples.loads, axis=-1),
-        "impacts": np.stack([getattr(samples.impacts, name) for name in load_opinions.IMPACTS], axis=-1),
-        "friction": np.asarray(samples.friction),
+        "loads": columns(samples.loads),
+        "impacts": columns([getattr(samples.impacts, name) for name in load_opinions.IMPACTS]),
+        "friction": samples.friction[..., 0],
     }
 
 

@@ -7,6 +7,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud import sweep as sweep_verb
+from jaxshroud.batch import march_programs, sampling, tangents
 from jaxshroud.model.prepared import initial_state
 from jaxshroud.motion.shooting import CLOSING_TOLERANCE
 
@@ -25,24 +26,18 @@ def computed(monkeypatch):
     """The types of the scenes that compiled functions are called with."""
     seen = set()
 
-    def watched(module, name):
-        run = getattr(module, name)
-
+    def watched(run):
         def call(scenes, states, *args):
             numbers = jax.tree.leaves((scenes, states))
             seen.update(str(a.dtype) for a in numbers if jnp.issubdtype(a.dtype, jnp.floating))
             return run(scenes, states, *args)
 
-        monkeypatch.setattr(module, name, call)
+        return call
 
-    import importlib
-
-    for module, name in (
-        ("batch.runs", "run_block"),
-        ("batch.tangents", "flow_with_tangents"),
-        ("batch.sampling", "_block_of_samples"),
-    ):
-        watched(importlib.import_module(f"jaxshroud.{module}"), name)
+    marches, flows = march_programs.PAIR_MARCHES, tangents.PAIR_FLOWS
+    monkeypatch.setattr(march_programs, "PAIR_MARCHES", marches._replace(block=watched(marches.block)))
+    monkeypatch.setattr(tangents, "PAIR_FLOWS", flows._replace(run=watched(flows.run)))
+    monkeypatch.setattr(sampling, "_block_of_samples", watched(sampling._block_of_samples))
     return seen
 
 

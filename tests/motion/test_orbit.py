@@ -10,7 +10,6 @@ import pytest
 import jaxshroud as js
 from jaxshroud import load, value_of
 from jaxshroud.batch.duals import Dual
-from jaxshroud.batch.states import STATE_SIZE
 from jaxshroud.batch.tangents import as_differentiable, direction, end_as_start, run_flow, tangents, without_direction
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march import events, rk_trial
@@ -24,6 +23,7 @@ from jaxshroud.motion.orbit import ShootingState, describe_orbit
 from jaxshroud.motion.shooting import moved_start
 from jaxshroud.results.orbit import Orbit
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.vary import vary
 from jaxshroud.verbs.gradient import differences, on_orbit
 
@@ -142,9 +142,9 @@ def test_shooting_does_what_a_long_transient_does():
     dual = Dual(repeat_lane(scene, n), jax.tree.map(lambda *a: np.stack(a), *along))
     settled = run_flow(dual, without_direction(repeat_lane(initial_state(scene.initial), n)), long, 400, method)
     last = run_flow(dual, end_as_start(settled), found.q, 400, method)
-    P = float(area(scene.shroud)) * last.value.power[0][0]
+    P = float(area(scene.shroud)) * last.value.power[0, 0]
     assert pytest.approx(found.P[0], rel=1e-10) == P
-    by = np.stack(last.tangent.power, axis=-1)
+    by = last.tangent.power
     exact = on_orbit(found, keys).value
     slope = directional_derivatives(dual.value, np.stack(last.value.power, axis=-1), dual.tangent, by, "P_d")
     np.testing.assert_allclose(slope, list(exact.values()), rtol=1e-7)
@@ -163,7 +163,7 @@ def test_permanent_stick_is_not_unique():
     # pressed together still change case, which moves the slider.
     found = orbit(scene_of(("contact.gamma=2.5",)))
     M = found.jacobian.by_state.copy()
-    M[-1], M[:-1, -1] = np.eye(STATE_SIZE)[-1], 0.1 * np.arange(1, STATE_SIZE)
+    M[-1], M[:-1, -1] = np.eye(PAIR.state_size)[-1], 0.1 * np.arange(1, PAIR.state_size)
     end = State(found.start.motion, found.start.u_s, np.int32(Mode.STICK), np.int32(1))
     shot = ShootingState(found.start, found.jacobian._replace(by_state=M, end=end), 0.0, 1)
     held = Orbit.of_cycles([describe_orbit(found.scene, shot, 1, 1e-11, 8, 400, FAST)])
@@ -196,9 +196,9 @@ def test_permanent_stick_is_not_unique_through_case_switches():
     assert np.abs(step - exact).max() <= 1e-8 * np.abs(exact).max()
     # Control: a slider that is only held where its row is that of the unit matrix to the last bit is not held here.
     at = found.jacobian
-    assert not np.array_equal(at.by_state[-1], np.eye(STATE_SIZE)[-1])
+    assert not np.array_equal(at.by_state[-1], np.eye(PAIR.state_size)[-1])
     by = tangents(found.scene, found.start, [direction(found.scene, "shroud.gap")], n=found.q, **how(found))
-    free = np.linalg.solve(np.eye(STATE_SIZE) - at.by_state, by.by_parameter)
+    free = np.linalg.solve(np.eye(PAIR.state_size) - at.by_state, by.by_parameter)
     held = moved_start(at.by_state, by.by_parameter, True)
     assert np.abs(free - held).max() > 0.01 * np.abs(held).max()
 

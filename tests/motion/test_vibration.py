@@ -128,8 +128,7 @@ def test_power_alone_is_unchanged():
     runs = [
         run_lanes(scenes, initial_states(scenes), Plan(0, 3, 100, 0.0, one), lambda _: None) for one in (FAST, FOR_P_D)
     ]
-    for a, b in zip(*(run.samples.power for run in runs), strict=True):
-        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(*(run.samples.power for run in runs))
     assert runs[0].samples.means is None
     assert np.isnan(averages(scenes, runs[0].samples)[1].P_d_vibration).all()
 

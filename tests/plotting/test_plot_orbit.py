@@ -17,14 +17,14 @@ from jaxshroud.plotting.style import BLUE, ORANGE
 MULTIPLIERS = np.array([-1.2, 0.5 + 0.3j, 0.5 - 0.3j, 0.0])
 
 
-def orbit(kind="orbit", multipliers=MULTIPLIERS, reduced=None, **attrs):
+def orbit(multipliers=MULTIPLIERS, reduced=None, **attrs):
     """A stored orbit, as far as its picture looks."""
     parts = {"multipliers_real": multipliers.real, "multipliers_imag": multipliers.imag}
     data = {name: ("multiplier", values) for name, values in parts.items()}
     if reduced is not None:
         data |= {f"wave_multipliers_{part}": ("wave", getattr(reduced, part)) for part in ("real", "imag")}
         attrs["wave_parts"] = 3
-    return xr.Dataset(data, attrs={"kind": kind, "status": 0, "q": 2, "title": "", **attrs})
+    return xr.Dataset(data, attrs={"kind": "orbit", "status": 0, "q": 2, "title": "", **attrs})
 
 
 def marks(axes, color):
@@ -46,7 +46,7 @@ def test_multipliers_outside_the_unit_circle_stand_out():
 
 def test_a_ring_shows_the_multipliers_of_its_wave_too():
     reduced = np.array([0.9j, -0.9j])
-    figure = drawn(picture("row_orbit", orbit("row_orbit", reduced=reduced)))
+    figure = drawn(picture("orbit", orbit(reduced=reduced)))
     assert not complaints(figure)
     for value in reduced:
         assert np.abs(marks(figure.axes[0], BLUE) - value).min() < 1e-12
@@ -97,6 +97,6 @@ def test_a_run_of_a_row_has_its_motion_and_no_other_kind(tmp_path):
     ds = ds.assign(extent).assign_coords(blade=np.arange(4))
     draw_dataset(tmp_path / "run.nc", ds, place, "motion")
     assert place.stat().st_size > 10_000
-    with pytest.raises(CommandError, match=r"run\.nc: A run of a row has the picture motion, and no forces"):
+    with pytest.raises(CommandError, match=r"run\.nc: Argument `kind` cannot be 'forces'"):
         draw_dataset(tmp_path / "run.nc", ds, place, "forces")
-    assert isinstance(js.RowTrajectory(ds).plot(kind="motion").axes, list)
+    assert isinstance(js.Trajectory(ds).plot(kind="motion").axes, list)

@@ -28,7 +28,7 @@ def stored(closed, x=0.0):
     contact = {"mode": mode, "N": N, "v": none + 1e-6, "contact_point": none}
     data = motion | {name: (("time", "interface"), values) for name, values in contact.items()}
     attrs = {"omega": OMEGA, "steps_per_period": STEPS, "every": 1, "scene": SCENE, "title": "", "end_turns": 0.0}
-    return xr.Dataset(data, {"time": tau / OMEGA}, attrs | {"status": 0, "closed": int(closed), "kind": "row"})
+    return xr.Dataset(data, {"time": tau / OMEGA}, attrs | {"status": 0, "gap": GAP, "kind": "trajectory"})
 
 
 def film(ds, factor):
@@ -81,9 +81,9 @@ def test_one_of_many_runs_of_a_row_is_a_row():
     for name in ("status", "scene"):
         many.attrs.pop(name)
     with pytest.raises(js.InputError, match="one run of many"):
-        js.RowTrajectory(many).wave  # noqa: B018  computed when it is asked for
-    run = js.RowTrajectory(many).lane(1)
-    assert isinstance(run, js.RowTrajectory)
+        js.Trajectory(many).wave  # noqa: B018  computed when it is asked for
+    run = js.Trajectory(many).lane(1)
+    assert isinstance(run, js.Trajectory)
     assert np.isnan(run.wave_distance)  # there is no scene here, and without it no engine order
     assert "no engine order" in run.wave.words
 

@@ -1,6 +1,7 @@
 """Rows of blades as a user writes them down: files, keys, engine orders, mistuning and what is refused."""
 
 import inspect
+import re
 import tomllib
 
 import equinox as eqx
@@ -13,9 +14,11 @@ import jaxshroud as js
 from jaxshroud.batch.runs import initial_states
 from jaxshroud.io.scene_numbers import dimension, key_label
 from jaxshroud.scene.axes import axis
+from jaxshroud.scene.capabilities import LIMITED
 from jaxshroud.scene.checks import InputError, KeyNameError, SceneError
 from jaxshroud.scene.config import load, parse
-from jaxshroud.scene.keys import ALL_KEYS, ROW_KEYS, RowSize, find_key, number_shape
+from jaxshroud.scene.keys import ALL_KEYS, ROW_KEYS, find_key, number_shape
+from jaxshroud.scene.layout import row_layout
 from jaxshroud.scene.numbers import numbers_of
 from jaxshroud.scene.parts import MISPRINTS
 from jaxshroud.scene.scene import Row, with_laws, with_parts
@@ -85,7 +88,7 @@ def test_every_number_has_the_shape_of_its_key(name):
         per_blade = key.startswith(("blades", "initial", "row")) or key.split(".")[1] in ("beta", "F_0", "M_0", "phase")
         per_interface = key.startswith(("contact", "friction")) or key == "shroud.gap"
         want = (blades,) if per_blade else (interfaces,) if per_interface else ()
-        assert value.shape == want == number_shape(ALL_KEYS[key], scene.row_size), key
+        assert value.shape == want == number_shape(ALL_KEYS[key], scene.layout), key
     assert leading_axes(scene) == ()
     assert {value.dtype for value in jax.tree.leaves(scene)} == {jnp.result_type(float)}
 
@@ -203,13 +206,14 @@ def test_numbers_are_read_by_their_keys():
 
 def test_results_name_blades_and_interfaces_of_rows_by_number():
     names = {
-        key: dimension(key, in_row=True) for key in ("shroud.gap[0]", "blades.m[1]", "initial.x[3]", "drive.omega")
+        key: dimension(key, row_layout(5, True).names)
+        for key in ("shroud.gap[0]", "blades.m[1]", "initial.x[3]", "drive.omega")
     }
     assert [*names.values()] == ["gap_0", "m_1", "initial_x_3", "omega"]
-    assert key_label("shroud.gap[0]", in_row=True) == r"initial gap, interface 0 $\Delta$"
+    assert key_label("shroud.gap[0]", row_layout(5, True).names) == r"initial gap, interface 0 $\Delta$"
     assert (dimension("blades.m[1]"), key_label("blades.m[1]")) == ("m_right", "mass, right blade $m$")
     lanes = js.scenes_from({"shroud.gap[3]": [1e-5, 2e-5], "blades.m[0]": [0.1, 0.2]}, load(CHAIN))
-    more = resolve_options(lanes, rows=True).provenance(1, 100)[1]
+    more = resolve_options(lanes).provenance(1, 100)[1]
     assert {name: dims for name, (dims, *_) in more.items()} == {"gap": ("lane", "interface"), "m": ("lane", "blade")}
 
 
@@ -280,9 +284,9 @@ WRONG_FILES = {
     ),
     "reading": (
         bare("blades = 3", "gamma = 2.5", 'gamma = 2.5\nreading = "printed"'),
-        '[contact] reading must be "consistent" in a row of blades',
+        "`contact.reading` but consistent is of the pair alone",
     ),
-    "rigid": (bare("blades = 3") + '[parts]\nneighbour = "rigid"', '[parts] neighbour = "rigid" is for the pair'),
+    "rigid": (bare("blades = 3") + '[parts]\nneighbour = "rigid"', '`parts.neighbour` = "rigid" is of the pair alone'),
 }
 
 
@@ -300,11 +304,14 @@ def test_wrong_rows_are_told_in_one_line(case):
 @pytest.mark.parametrize(
     ("overrides", "expected"),
     [
-        (["shroud.gap[12]=1 um"], "--set: shroud.gap[12]: the row has 12 interfaces, from [0] to [11]"),
-        (["blades.m[12]=1"], "--set: blades.m[12]: the row has 12 blades, from [0] to [11]"),
+        (["shroud.gap[12]=1 um"], "--set: shroud.gap[12]: the scene has 12 interfaces, from [0] to [11]"),
+        (["blades.m[12]=1"], "--set: blades.m[12]: the scene has 12 blades, from [0] to [11]"),
         (["shroud.alpha[3]=1"], "--set: [shroud] alpha is one number, not one per blade; drop the [3]"),
-        (["contact.k[3]=1e5"], "--set: [contact] k[3]: the file does not give `k`; set all 12"),
-        (["drive.phase[3]=1"], "--set: [drive] phase[3]: the file does not give `phase`; set all 12"),
+        (["contact.k[3]=1e5"], "--set: [contact] k[3]: the file does not give `k`; set a list of 12, one for each"),
+        (
+            ["drive.phase[3]=1"],
+            "--set: [drive] phase[3]: the file does not give `phase`; set a list of 12, one for each",
+        ),
         (["row.closed[0]=true"], "--set: [row] closed is not one per blade; drop the [0]"),
         (["row.blades=1"], "--set: [row] blades = 1 must be greater than or equal to 2"),
         (["drive.engine_order=2.5"], "--set: [drive] engine_order = 2.5 must be a whole number"),
@@ -323,29 +330,44 @@ def test_wrong_overrides_of_rows(overrides, expected):
 
 
 def test_what_python_refuses(table1):
-    ring, size = load(RING).scene, RowSize(12, closed=True)
+    ring, size = load(RING).scene, row_layout(12, True)
     for ask, told in (
-        (lambda: js.vary(ring, "shroud.gap[12]", 1.0), r"the row has 12 interfaces, from \[0\] to \[11\]"),
+        (lambda: js.vary(ring, "shroud.gap[12]", 1.0), r"the scene has 12 interfaces, from \[0\] to \[11\]"),
         (lambda: js.vary(ring, "shroud.alpha[0]", 1.0), "is one number, not one per blade"),
         (lambda: js.vary(ring, "contact.k[0]", 1e5), r"given by contact\.gamma; name contact\.k for all interfaces"),
-        (lambda: js.vary(ring, "blades.m", np.ones(2)), r"a value for each of the 12 blades, but its shape is \(2,\)"),
+        (
+            lambda: js.vary(ring, "blades.m", np.ones(2)),
+            r"one number or a list of 12, one for each blade, but its shape is \(2,\)",
+        ),
         (lambda: js.vary(ring, "drive.engine_order", 2.5), "must be a whole number"),
         (lambda: js.vary(ring, "drive.engine_order", np.inf), "must be a finite number"),
         (lambda: js.vary(ring, "drive.f[0]", 2.5), "is one number, not one per blade"),
         (lambda: js.vary(js.vary(ring, "drive.speed", 9.0), "drive.engine_order", 0.0), "must be greater than 0 where"),
         (lambda: js.vary(ring, "row.mistuning[0]", -1.0), "must be greater than -1"),
         (lambda: js.vary(table1, "row.mistuning[0]", 0.0), "the scene has no number `row.mistuning"),
-        (lambda: js.vary(table1, "blades.m[2]", 0.1), "the scene has no number"),
+        (lambda: js.vary(table1, "blades.m[2]", 0.1), "the scene has 2 blades"),
         (lambda: with_numbers(ring, ["drive.engine_order", "drive.phase"]), "are one number; name one of them"),
         (lambda: js.value_of(js.vary(ring, "drive.phase", 0.0), "drive.engine_order"), r"does not give drive\.engine_"),
-        (lambda: find_key("row.mistuing", row=size), "did you mean `row.mistuning`"),
+        (lambda: find_key("row.mistuing", layout=size), "did you mean `row.mistuning`"),
         (lambda: Row(1), "A row has from 2 to 512 blades, not 1"),
-        (lambda: Row(3, mistuning=np.zeros(2)), r"a value for each of the 3 blades, but its shape is \(2,\)"),
+        (
+            lambda: Row(3, mistuning=np.zeros(2)),
+            r"one number or a list of 3, one for each blade, but its shape is \(2,\)",
+        ),
         (lambda: _replaced(ring, row=None), r"must be one number or a pair \[left, right\], but its shape is \(12,\)"),
-        (lambda: _replaced(table1, row=Row(3)), r"blades\.m must have a value for each of the 3 blades, but its shape"),
-        (lambda: _replaced(ring, contact=js.Contact(None, np.ones(12), MISPRINTS)), "`reading` must be consistent"),
-        (lambda: _replaced(ring, parts=js.Parts(neighbour="rigid")), "A row has no rigid neighbour"),
-        (lambda: with_laws(ring, js.Hertz(1e7)), "A row of blades takes no own laws of contact"),
+        (
+            lambda: _replaced(table1, row=Row(3)),
+            r"blades\.m must be one number or a list of 3, one for each blade, but its shape",
+        ),
+        (
+            lambda: _replaced(ring, contact=js.Contact(None, np.ones(12), MISPRINTS)),
+            "`contact.reading` but consistent is of the pair",
+        ),
+        (
+            lambda: _replaced(ring, parts=js.Parts(neighbour="rigid")),
+            "every blade of a row has a neighbour that is a blade",
+        ),
+        (lambda: with_laws(ring, js.Hertz(1e7)), "the kernels of rows know springs and smooth contact only"),
     ):
         with pytest.raises(InputError, match=told):
             ask()
@@ -399,5 +421,5 @@ def test_every_public_function_of_scenes_knows_rows_or_refuses_them():
 
 @pytest.mark.parametrize("verb", list(_verbs()))
 def test_verbs_that_know_no_rows_refuse_them_by_name(verb):
-    with pytest.raises(InputError, match=f"`{verb}` does not know rows of blades yet"):
+    with pytest.raises(InputError, match=re.escape(LIMITED[f"`{verb}`"].refusal())):
         _verbs()[verb]()

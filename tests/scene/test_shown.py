@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from jaxshroud.scene.config import SceneError, load, parse
-from jaxshroud.scene.keys import ALL_KEYS, RowSize, number_shape
+from jaxshroud.scene.keys import ALL_KEYS, number_shape
+from jaxshroud.scene.layout import PAIR, row_layout
 from jaxshroud.scene.shown import override_of, read_shown, shown_text
 
 VALUES = 1000  # of each key and shape
-SHAPES = None, RowSize(3), RowSize(12, True)  # of the pair, of a chain and of a ring
+SHAPES = PAIR, row_layout(3, False), row_layout(12, True)  # of the pair, of a chain and of a ring
 
 
 def draw(of: random.Random) -> float:

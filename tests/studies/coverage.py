@@ -159,7 +159,9 @@ def chaotic(gamma: float, moment: float, periods: int) -> np.ndarray:
     method = choices(js.RungeKutta("tsit5"))
     came = run_lanes(scenes, states, Plan(DISCARDED, periods, STEPS, 0.0, method), lambda _: None)
     assert not came.last.status.any()
-    return 100 * (1 - float(area(scene.shroud)) * np.asarray(came.samples.power[0]) / float(js.free_power(scene)[0]))
+    return 100 * (
+        1 - float(area(scene.shroud)) * np.asarray(came.samples.power[..., 0]) / float(js.free_power(scene)[0])
+    )
 
 
 def of_the_model(periods: int) -> dict[str, Any]:

@@ -63,7 +63,7 @@ def _together(rows: list[Reading], points: list[Point], plan: Plan) -> Found:
 
 def _wander(lanes: Scene, runs: Runs, P_0: np.ndarray) -> np.ndarray:
     """How far P_d(n) is from its last value, at most, over the second half of n (lanes,)."""
-    P = np.asarray(jax.vmap(area)(lanes.shroud), float)[:, None] * np.asarray(runs.samples.power[0])
+    P = np.asarray(jax.vmap(area)(lanes.shroud), float)[:, None] * np.asarray(runs.samples.power[..., 0])
     n = P.shape[1]
     mean = 100 * (1 - np.cumsum(P, axis=1) / np.arange(1, n + 1) / P_0[:, :1])
     return np.abs(mean[:, n // 2 :] - mean[:, -1:]).max(axis=1)

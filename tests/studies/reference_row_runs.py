@@ -47,7 +47,9 @@ def simulated(scene: tuple[str, ...], given: Given, periods: int = 2) -> Values:
     """What `simulate` gives of a row."""
     came = js.simulate(given.scene(*scene), n_periods=periods, method=COARSE, every=40)
     counts = np.stack([np.asarray(count) for count in came.counters.values()])
-    works = told(came, "work_drive", "loss_viscous", "loss_friction", "slip", "N_mean", "x_peak", "y_rms")
+    works = told(came, "loss_friction", "N_mean", "x_peak", "y_rms")
+    works |= {"work_drive": rows(came.blade_work_drive), "loss_viscous": rows(came.blade_loss_viscous)}
+    works |= {"slip": rows(periods * came.slip)}
     times = told(came, "time_apart", "time_stick", "time_slip")
     contact = told(came, "N", "F", "v", "u", "mode", "case", "status")
     return {"motion": rows(*came.motion), "events": counts, **works, **times, **contact}

@@ -36,6 +36,7 @@ from jaxshroud.batch.states import final_states  # noqa: E402
 from jaxshroud.march.method import FAST, Method, choices  # noqa: E402
 from jaxshroud.model.prepared import State  # noqa: E402
 from jaxshroud.motion.averages import averages  # noqa: E402
+from jaxshroud.scene.layout import PAIR  # noqa: E402
 from jaxshroud.verbs.options import plan_march, resolve_options  # noqa: E402
 
 NEAR, DOUBTS, NUDGE = 0.02, 1.5, 2.0**-50
@@ -64,7 +65,7 @@ class Found(NamedTuple):
 def shipped() -> list[str]:
     """The scenes that say an accuracy."""
     files = {name: js.load(name) for name in js.shipped()}
-    return [name for name, file in files.items() if file.run.accuracy is not None and file.row_size is None]
+    return [name for name, file in files.items() if file.run.accuracy is not None and file.layout == PAIR]
 
 
 def lanes_of(file: js.SceneFile) -> js.Scene:

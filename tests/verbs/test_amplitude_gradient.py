@@ -88,8 +88,8 @@ def excess(omega):
     cycle = js.orbit(scene_at(f"drive.omega={omega!r}"), method=FINE).cycle()
     plan = Plan(0, 1, 1600, 0.0, FAST._replace(amplitudes=True))
     samples = run_lanes(*stacked([(cycle.scene, cycle.start)]), plan, quiet).samples
-    mean = samples.moments.first[0][0][0, 0] * omega / (2 * np.pi)
-    high, low = (end[0][0][0, 0] for end in (samples.extent.highest, samples.extent.lowest))
+    mean = samples.moments.first[0][0, 0, 0] * omega / (2 * np.pi)
+    high, low = (end[0][0, 0, 0] for end in (samples.extent.highest, samples.extent.lowest))
     return (high + low - 2 * mean) / (high - low)
 
 

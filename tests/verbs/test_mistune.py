@@ -99,7 +99,7 @@ def test_the_tuned_ring_amplifies_by_one_and_patterns_of_sigma_zero_are_designs(
 
 
 def test_intentional_patterns_are_what_they_are_called():
-    size = LINEAR.row_size
+    size = LINEAR.layout
     np.testing.assert_array_equal(design_pattern("alternate:0.02", size), np.tile([0.02, -0.02], 6))
     np.testing.assert_allclose(
         design_pattern("harmonic:6:0.02", size), design_pattern("alternate:0.02", size), atol=1e-16

@@ -92,6 +92,7 @@ def report_data(**more):
         "motions": [],
         "on_motions": [None, run([150.0, 151.0], [95.0, 20.0], [7e-4, 7e-4])],
     }
+    fields["findings"] = SimpleNamespace(friction=None)
     return ReportData(**(fields | more))
 
 

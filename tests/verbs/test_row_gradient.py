@@ -46,7 +46,7 @@ def test_all_blades_together_are_the_sum_of_each(mistuned, tmp_path):
     assert together == pytest.approx(sum(each), rel=1e-9)  # a linear map of rounding errors
     slope.save(tmp_path / "gradient.nc")
     again = js.Gradient.load(tmp_path / "gradient.nc")
-    assert type(again.orbit) is js.RowOrbit
+    assert type(again.orbit) is js.Orbit
     assert again.value == slope.value
     np.testing.assert_array_equal(again.orbit.mode, mistuned.mode)
     assert again.orbit.cycle().free_sliders.shape == (3,)
@@ -92,5 +92,5 @@ def test_blades_that_tie_are_told():
 
 
 def test_a_pair_has_no_worst_blade():
-    with pytest.raises(ValueError, match="P_d_worst, that of the worst blade of a row, but the scene is a pair"):
+    with pytest.raises(ValueError, match="'P_d_worst' is of rows of blades alone"):
         js.gradient(js.load("table1", ['parts.motion=["x"]']).scene, ["shroud.gap"], of="P_d_worst")

@@ -58,9 +58,12 @@ def test_the_force_is_that_of_the_interface_where_it_is_largest(scattered):
 @pytest.mark.parametrize(
     ("ask", "told"),
     [
-        (lambda: js.scatter(ring(), {"row.mistuning": 0.02}, of="x_mean", **SHORT), "whose sign differs from blade to"),
+        (lambda: js.scatter(ring(), {"row.mistuning": 0.02}, of="x_mean", **SHORT), "its sign differs from blade to"),
         (lambda: js.scatter(ring(), {"row.mistuning": 2.0}, draws=2, **SHORT), "must be greater than -1"),
-        (lambda: js.report(js.load("table1", PAIR).scene, of="P_d_worst", **SHORT), "the scene is a pair; take P_d"),
+        (
+            lambda: js.report(js.load("table1", PAIR).scene, of="P_d_worst", **SHORT),
+            "the left one; take P_d",
+        ),
         (lambda: js.report(ring("drive.F_0=0"), **SHORT), "no blade of the row vibrates, and there is no P_d"),
         (lambda: js.report(ring("drive.F_0[1]=0"), of="P_d_worst", **SHORT), "there is no P_d_worst"),
         (lambda: js.report(ring(), conditions={"shroud.gap[3]": [1e-5]}, **SHORT), r"interfaces, from [0] to [2]"),
@@ -90,7 +93,7 @@ def test_the_worst_blade_is_set_as_a_symbol():
 def test_motions_of_a_row_are_told_apart_by_their_copies():
     # Four blades in anti-phase beyond the loss of their wave's stability: the broken motion and its copies.
     scene = js.load("row_ring12", ["row.blades=4", "drive.engine_order=2", 'parts.motion=["x"]', "drive.omega=923"])
-    resolved = resolve_options(scene, method=js.RungeKutta("dopri8", steps=60), rows=True)
+    resolved = resolve_options(scene, method=js.RungeKutta("dopri8", steps=60))
     march = plan_march(resolved, resolved.lanes, FAST)
     found = row_motions(scene.scene, 10, 0, march, 64, 32)
     assert 2 <= len(found.share) <= 4
@@ -124,8 +127,8 @@ def test_a_report_of_a_chain_of_two_has_the_numbers_of_the_pair(small, tmp_path)
     np.testing.assert_allclose(found.run.x_peak, pair.x_peak[0], rtol=1e-9)
     run = found.diagnosis
     periods = (run.t.size - 1) / run.steps_per_period
-    for got, want in ((run.slip[0], pair.slip), (run.loss_friction[0], pair.friction_work)):
-        assert got / periods == pytest.approx(float(want[0]), rel=1e-6)  # of other periods of a settled motion
+    for got, want in ((run.slip[0], pair.slip), (run.loss_friction[0] / periods, pair.friction_work)):
+        assert got == pytest.approx(float(want[0]), rel=1e-6)  # of other periods of a settled motion
     assert run.N.max() == pytest.approx(float(pair.N_max[0]), rel=1e-2)  # at the steps, and within them
     # What is asked of the worst blade fails where all blades together would do.
     assert found.verdict == "fails"

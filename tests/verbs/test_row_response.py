@@ -11,6 +11,7 @@ from jaxshroud.cli import commands as cli
 from jaxshroud.cli.response import _blades_text
 from jaxshroud.plotting.plot_amplitude import BROKEN_LOOK
 from jaxshroud.plotting.plot_branch import MARKERS
+from jaxshroud.scene import layout
 from jaxshroud.scene.quantities import counted_amplitude
 from jaxshroud.verbs.response import _places
 
@@ -126,8 +127,8 @@ def test_a_chain_of_two_responds_like_the_pair(chain):
 
 def test_the_amplitude_of_a_row_is_that_of_its_largest_blade():
     levels = np.array([[1.0, 3.0, 2.0], [4.0, 1.0, np.nan]])
-    np.testing.assert_array_equal(counted_amplitude(levels, in_row=True), [3.0, np.nan])
-    np.testing.assert_array_equal(counted_amplitude(levels, in_row=False), [1.0, 4.0])
+    np.testing.assert_array_equal(counted_amplitude(levels, layout.row_layout(3, closed=True)), [3.0, np.nan])
+    np.testing.assert_array_equal(counted_amplitude(levels, layout.PAIR), [1.0, 4.0])
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +151,7 @@ def test_a_broken_branch_is_followed_to_where_sweeps_settle(broken):
     assert broken.values[0] < one.value < broken.values[1]
     # Both branches end at the last value, where the sweeps from rest and upwards are on the broken one.
     wave, last = (branch.x_peak[points[-1]] for points in (waves, others))
-    settled = counted_amplitude(swept.x_peak, in_row=True)[:2, -1]
+    settled = counted_amplitude(swept.x_peak, layout.row_layout(swept.x_peak.shape[-1], closed=True))[:2, -1]
     np.testing.assert_allclose(settled, last.max(), rtol=1e-3)  # what is left of the transient
     # Controls: neither the wave nor the mean of all blades is there.
     assert abs(wave.max() / last.max() - 1) > 0.1
@@ -186,9 +187,12 @@ def test_a_wave_is_begun_with_where_there_is_one(broken):
     data = broken.sweep().data
     swept = js.SweepResult(data.assign(settled=1 + 0 * data["settled"], period_number=1 + 0 * data["period_number"]))
     wave, other = broken.values.tolist()
-    assert _places(swept, broken.values, own=other, in_row=True) == [wave, other]
+    assert _places(swept, broken.values, own=other, layout=layout.row_layout(data.sizes["blade"], True)) == [
+        wave,
+        other,
+    ]
     # Control: by the distance alone, as for a pair.
-    assert _places(swept, broken.values, own=other, in_row=False) == [other, wave]
+    assert _places(swept, broken.values, own=other, layout=layout.PAIR) == [other, wave]
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def test_a_row_too_stiff_at_one_interface_is_wrong():
     ("scene", "by", "told"),
     [
         ("row_ring12", "N_max", "`by` = 'N_max' does not know rows of blades yet"),
-        ("table1", "P_d_worst", "`by` = 'P_d_worst' is a number of a row of blades"),
+        ("table1", "P_d_worst", "`by` = 'P_d_worst' is of rows of blades alone"),
     ],
 )
 def test_numbers_that_a_scene_lacks_rank_no_designs(scene, by, told, tmp_path, capsys):

@@ -66,7 +66,7 @@ def test_slopes_are_those_of_the_objective(of):
 
 
 def test_a_scatter_of_the_mistuning_draws_patterns():
-    scattering = scattering_of({"row.mistuning": 0.02}, 4, 0, MISTUNED.row_size)
+    scattering = scattering_of({"row.mistuning": 0.02}, 4, 0, MISTUNED.layout)
     assert scattering is not None
     assert scattering.keys == tuple(f"row.mistuning[{i}]" for i in range(3))
     found = scenes_of(problem("P_d", scattering=scattering), np.array([[2e-5]])).row.mistuning
@@ -76,14 +76,16 @@ def test_a_scatter_of_the_mistuning_draws_patterns():
 
 
 def test_requests_that_rows_do_not_know_are_told():
-    with pytest.raises(ValueError, match="x_mean, whose sign differs from blade to blade of a row"):
+    with pytest.raises(
+        ValueError, match="'x_mean' is of the pair alone: its sign differs from blade to blade of a row"
+    ):
         js.tune(MISTUNED, OVER, of="x_mean", **SHORT)
-    with pytest.raises(KeyError, match=r"the row has 3 interfaces, from \[0\] to \[2\]"):
+    with pytest.raises(KeyError, match=r"the scene has 3 interfaces, from \[0\] to \[2\]"):
         js.tune(MISTUNED, {"shroud.gap[3]": (5e-6, 1e-4)}, **SHORT)
 
 
 def test_labels_number_the_blades_of_a_row():
-    assert quantity("row.mistuning[0]", in_row=True)[0].startswith("mistuning, blade 0")
+    assert quantity("row.mistuning[0]", names=MISTUNED.layout.names)[0].startswith("mistuning, blade 0")
 
 
 @pytest.mark.studies
@@ -102,7 +104,7 @@ def test_a_ring_is_tuned_for_its_worst_blade(tmp_path):
     found.save(tmp_path / "tune.nc")
     again = js.Tuned.load(tmp_path / "tune.nc")
     assert again.summary() == found.summary()
-    assert json.loads(json.dumps(again.summary()))["in_row"] is True
+    assert json.loads(json.dumps(again.summary()))["blades"] == list(MISTUNED.layout.names)
 
 
 @pytest.mark.studies

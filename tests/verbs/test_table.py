@@ -210,7 +210,7 @@ REFUSED = {  # what is wrong as a whole -> the file, and what the line must say
     "another quantity": (b"shroud.gap [N]\n1\n", "a length is needed"),
     "a frequency": (b"drive.omega [Hz]\n1\n", "circular frequency"),
     "a unit of a pure number": (b"friction.mu [mm]\n1\n", "a pure number is needed"),
-    "a third blade": (b"blades.m[2] [g]\n80\n", "no number"),
+    "a third blade": (b"blades.m[2] [g]\n80\n", "the scene has 2 blades"),
     "a blade of the scene": (b"shroud.gap[0] [mm]\n1\n", "one number, not one per blade"),
     "one column twice": (b"friction.mu,friction.mu\n1,2\n", "two columns"),
     "one number twice": (b"shroud.gap [mm],shroud.gap [um]\n1,2\n", "give one number"),
