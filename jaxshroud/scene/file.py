@@ -59,7 +59,7 @@ class SceneFile:
 
     @property
     def layout(self) -> Layout:
-        """The size of the row; None: the pair."""
+        """The layout of the blades: that of the row, or the pair."""
         return layout_of(self.tables)
 
     @property
