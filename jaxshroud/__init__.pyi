@@ -32,7 +32,6 @@ from .results.attractors import Basins as Basins
 from .results.base import Result as Result
 from .results.base import open as open
 from .results.branch import Branch as Branch
-from .results.branch import RowBranch as RowBranch
 from .results.campbell import Campbell as Campbell
 from .results.campbell import Crossing as Crossing
 from .results.campbell import NaturalMode as NaturalMode
