@@ -11,7 +11,7 @@ from jaxshroud.model.linear import power_reduction
 from jaxshroud.motion.averages import stiffnesses
 from jaxshroud.plotting.documents import Section
 from jaxshroud.results.data_sheet import DataSheet
-from jaxshroud.results.row_diagnosis import RowDiagnosis
+from jaxshroud.results.diagnosis import Diagnosis
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.quantities import RequiredReduction
 from jaxshroud.scene.scene import Scene
@@ -138,7 +138,7 @@ def _modes_section(sheet: DataSheet, about: list[str]) -> Section:
     return Section("Natural modes", [*about, words], [head, *rows] if driven else [])
 
 
-def _waves_section(run: RowDiagnosis, about: list[str]) -> Section:
+def _waves_section(run: Diagnosis, about: list[str]) -> Section:
     paragraphs = [*about, f"{run.evidence[:1].upper()}{run.evidence[1:]}."]
     if run.verdict == "stopped":
         return Section("Waves and localisation", paragraphs)
@@ -148,15 +148,15 @@ def _waves_section(run: RowDiagnosis, about: list[str]) -> Section:
         f"{1 / blades:.3g} where one of the {blades} swings alone."
     )
     if not run.closed:
-        return Section("Waves and localisation", paragraphs, figure=run.plot(panel="map", title=""))
+        return Section("Waves and localisation", paragraphs, figure=run.plot(kind="map", title=""))
     paragraphs.append(
         "Below are the largest waves of x over the last period: a travelling wave has one nodal diameter for each "
         "harmonic. The share outside of one is of the square of the motion."
     )
-    return Section("Waves and localisation", paragraphs, _wave_table(run), run.plot(panel="diameters", title=""))
+    return Section("Waves and localisation", paragraphs, _wave_table(run), run.plot(kind="diameters", title=""))
 
 
-def _wave_table(run: RowDiagnosis) -> list[list[str]]:
+def _wave_table(run: Diagnosis) -> list[list[str]]:
     """The largest waves of the last period in x."""
     spectrum = run.spectrum()
     amplitude = spectrum.amplitude[1:]
@@ -176,7 +176,7 @@ def _blades_section(findings: RowFindings, about: list[str]) -> Section:
     order = np.argsort(np.where(np.isfinite(reductions), reductions, np.inf), kind="stable")
     for i in order[:MOST_LINES]:
         table.append([str(i), f"{reductions[i]:.5g}", f"{MM_PER_M * peaks[i]:.5g}", f"{MM_PER_M * free[i]:.5g}"])
-    figure = findings.diagnosis.plot(panel="amplitudes", title="")
+    figure = findings.diagnosis.plot(kind="amplitudes", title="")
     words = f"Those that gain the least first.{_left_out(len(order), 'blades')}"
     return Section("Blades", [*about, words], table, figure)
 
