@@ -84,7 +84,7 @@ def _final_text(P_d: float, ci: float | None, n: int, settled: bool, period_numb
 
 DIAGNOSIS_WIDTH, ROW_HEIGHT = 180 / 25.4, 46 / 25.4  # [inch]
 LEAST_PAGE = 130 / 25.4  # of three panels side by side; a narrower page has two [inch]
-COLUMNS_OF = {"history": 3, "ribbon": 2, "map": 3}  # columns of the panels that span several
+COLUMNS_OF = {"history": 3, "ribbon": 2, "map": 2}  # columns of the panels that span several
 NARROW_COLUMNS_OF = {"history": 2, "map": 2, "summary": 2}
 NAMES_AT, VALUES_AT = -0.15, 0.38  # places of the columns of the summary, relative to the width of its panel
 EVIDENCE_LETTERS = 19  # in a line of the title, per inch
@@ -271,7 +271,7 @@ def diagnosis_rows(result: object) -> dict[str, str]:
         rows["P_d"] = _interval_text(diagnosis.P_d[-1], diagnosis.P_d_ci[-1], "%")
     if diagnosis.P_d_worst is not None:
         rows["worst P_d"] = f"{diagnosis.P_d_worst:.4g} %"
-        rows["participation ratio"] = f"{float(diagnosis.participation_ratio):.4g}"
+        rows["participation"] = f"{float(diagnosis.participation_ratio):.4g}"
     if diagnosis.time_apart is not None:
         times = diagnosis.time_apart, diagnosis.time_stick, diagnosis.time_slip
         shares = [f"{100 * float(np.mean(time)):.3g}" for time in times]  # of a row over all interfaces
