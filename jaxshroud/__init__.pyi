@@ -45,7 +45,6 @@ from .results.mistuned import Mistuned as Mistuned
 from .results.orbit import Orbit as Orbit
 from .results.power import PowerResult as PowerResult
 from .results.response import Response as Response
-from .results.row_motions import RowMotions as RowMotions
 from .results.scatter import Report as Report
 from .results.scatter import Scatter as Scatter
 from .results.sweep import SweepResult as SweepResult

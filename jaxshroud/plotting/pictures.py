@@ -20,7 +20,6 @@ from jaxshroud.plotting.plot_diagnosis import diagnosis_page, power_page
 from jaxshroud.plotting.plot_fit import fit_page
 from jaxshroud.plotting.plot_mistuned import mistuned_page
 from jaxshroud.plotting.plot_orbit import lyapunov_page, orbit_page
-from jaxshroud.plotting.plot_row_motions import row_motions_page
 from jaxshroud.plotting.plot_run import run_page
 from jaxshroud.plotting.plot_sensitivity import gradient_page, scatter_page
 from jaxshroud.plotting.plot_sweep import sweep_page
@@ -42,7 +41,6 @@ PAGES: dict[str, Callable[..., Page]] = {
     "lyapunov": lyapunov_page,
     "branch": branch_page,
     "attractors": attractors_page,
-    "row_motions": row_motions_page,
     "basins": basins_page,
     "gradient": gradient_page,
     "scatter": scatter_page,

@@ -100,13 +100,11 @@ class RowFindings(DesignFindings):
 
     def largest_peak(self, condition: int) -> str:
         """The largest amplitude of x in a condition [mm], and the blade that has it."""
-        peaks = self.runs.x_peak[condition]
-        blade = int(np.argmax(np.where(np.isfinite(peaks), peaks, -np.inf)))
-        return f"{MM_PER_M * peaks[blade]:.5g} (blade {blade})"
+        return _largest_cell(self.runs.x_peak[condition])
 
     def motion_cells(self, motions: Any, motion: int) -> list[str]:
-        """The least P_d of any blade on a coexisting motion, and the largest amplitude."""
-        return motions.blade_cells(motion)
+        """The least P_d of any blade on a coexisting motion [percent], and the largest amplitude of x [mm]."""
+        return [f"{motions.P_d_worst[motion]:.5g}", _largest_cell(motions.x_peak[motion])]
 
     def level_words(self, level: str) -> list[str]:
         """The sentence on the level at which slopes are taken."""
@@ -197,6 +195,12 @@ def _interfaces_section(findings: RowFindings, about: list[str]) -> Section:
         f"at the steps.{_left_out(normal.size, 'interfaces')}"
     )
     return Section("Loads at the interfaces", [*about, words], table)
+
+
+def _largest_cell(peaks: np.ndarray) -> str:
+    """The largest of the blades' amplitudes [m] in mm, and the blade that has it."""
+    blade = int(np.argmax(np.where(np.isfinite(peaks), peaks, -np.inf)))
+    return f"{MM_PER_M * peaks[blade]:.5g} (blade {blade})"
 
 
 def _left_out(count: int, what: str) -> str:
