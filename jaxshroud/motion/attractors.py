@@ -18,7 +18,6 @@ from jaxshroud.motion.settled_runs import LaneEnds, lane_ends, replace_lanes, ru
 from jaxshroud.motion.shooting import ShootingOptions, closed_orbit, moved_start, shortest_orbit, state_scales
 from jaxshroud.motion.verdict import VERDICT_ROUNDS, verdicts
 from jaxshroud.motion.verdict_evidence import Stretches
-from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
 
@@ -199,7 +198,7 @@ def _with_slider(cycle: PeriodicOrbit, u_s: float, aim: ShootingOptions) -> Algo
     orbit, begin = cycle, float(cycle.start.u_s)
     for stride in range(1, SLIDER_MOVES + 1):
         z = to_vector(orbit.start)
-        z[PAIR.state_size - 1] = begin + (u_s - begin) * stride / SLIDER_MOVES
+        z[cycle.scene.layout.state_size - 1] = begin + (u_s - begin) * stride / SLIDER_MOVES
         state = from_vector(z, orbit.start.mode, orbit.start.case)
         orbit = yield from closed_orbit(orbit.scene, state, cycle.q, aim)
         if "not converged" in orbit.flags or not orbit.slider_is_free:

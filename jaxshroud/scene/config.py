@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from jaxshroud.scene.axes import axes, axis
 from jaxshroud.scene.checks import SceneError, did_you_mean, hint
 from jaxshroud.scene.file import Axis, SceneFile, table_values
-from jaxshroud.scene.layout import PAIR
+from jaxshroud.scene.layout import layout_with
 from jaxshroud.scene.messages import fail, first_problem
 from jaxshroud.scene.overrides import override
 from jaxshroud.scene.resolve_inputs import resolve_derived_inputs
@@ -74,7 +74,7 @@ def _scene_file(document: dict[str, Any], name: str, overrides: Sequence[str]) -
     of_row_first = sorted(overrides, key=lambda text: not text.lstrip().startswith("row."))  # they size the lists
     overridden = {override(document, text) for text in of_row_first}
     row = _validated(ROW_TYPE, document, name, overridden).row
-    layout = PAIR if row is None else row.layout
+    layout = layout_with(row)
     given = resolve_derived_inputs(document, name, overridden, layout)
     file = _validated(scene_file_type(layout), document, name, overridden)
     physics = {table: getattr(file, table) for table in ("row", *PHYSICS_TABLES)}

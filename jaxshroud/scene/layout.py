@@ -57,6 +57,11 @@ class Layout(NamedTuple):
 PAIR = Layout(2, False, ("left", "right"), 1, ("1", "2"), (), "a pair")
 
 
+def layout_with(row: Any) -> Layout:
+    """The layout of scenes with a row of blades, or of pairs without one."""
+    return PAIR if row is None else row.layout
+
+
 @lru_cache(maxsize=64)
 def row_layout(blades: int, closed: bool) -> Layout:
     """The layout of a row, all of whose blades count; they are called by their numbers."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from jaxshroud.scene.derived_inputs import alternative_keys
 from jaxshroud.scene.keys import ALL_KEYS, KEYS, find_key, list_words, number_shape
-from jaxshroud.scene.layout import PAIR, Layout
+from jaxshroud.scene.layout import Layout, layout_with
 from jaxshroud.scene.messages import fail, toml_text
 from jaxshroud.scene.replacing import STIFFNESS_KEYS
 from jaxshroud.scene.schema import TABLE_MODELS, RowTable, row_table_of
@@ -81,7 +81,7 @@ def override(document: dict[str, Any], text: str) -> tuple[str, str]:
             return "", ""  # likewise
     check_is_no_speed("--set", f"{table}.{name}", value, rows.get("engine_order"))
     rows[name] = value
-    alternatives = [tuple(key.split(".")) for key in alternative_keys(f"{table}.{name}", _layout_of(row))]
+    alternatives = [tuple(key.split(".")) for key in alternative_keys(f"{table}.{name}", layout_with(row))]
     for rival_table, rival_key in [*EXCLUSIVE_KEYS.get((table, name), []), *alternatives]:
         if isinstance(document.get(rival_table), dict):
             document[rival_table].pop(rival_key, None)
@@ -92,7 +92,7 @@ def _list_with(
     rows: dict[str, Any], table: str, name: str, index: int, value: Any, row: RowTable | None
 ) -> list[Any] | None:
     """The list of a table with the value of one blade or interface replaced; None where the file has an error."""
-    layout = _layout_of(row)
+    layout = layout_with(row)
     size = _list_length(table, name, index, layout)
     old = _old_value(rows, table, name, row)
     others = [*alternative_keys(f"{table}.{name}", layout), STIFFNESS_KEYS.get(f"{table}.{name}")]
@@ -122,7 +122,3 @@ def _old_value(rows: dict[str, Any], table: str, name: str, row: RowTable | None
     if row is not None and (table, name) == ("row", "mistuning"):
         return list(row.mistuning)
     return rows.get(name, rows.get("m") if name == "m_y" else 0.0 if table == "initial" else None)
-
-
-def _layout_of(row: RowTable | None) -> Layout:
-    return PAIR if row is None else row.layout

@@ -22,7 +22,7 @@ from jaxshroud.scene.keys import (
     number_shape,
 )
 from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, with_checked_shapes
-from jaxshroud.scene.layout import PAIR, Layout, row_layout
+from jaxshroud.scene.layout import Layout, layout_with, row_layout
 from jaxshroud.scene.parts import Parts, misprints
 from jaxshroud.scene.typed import are_numbers, short_repr, typed
 from jaxshroud.scene.valid import KEYS_BY_TABLE, check_number, check_numbers, check_shape
@@ -268,13 +268,13 @@ class Scene(eqx.Module):
     @property
     def layout(self) -> Layout:
         """The layout of the blades: that of the row, or the pair."""
-        return PAIR if self.row is None else self.row.layout
+        return layout_with(self.row)
 
 
 def scene_of(tables: Mapping[str, Mapping[str, Any]], given: Mapping[str, Any]) -> Scene:
     """The scene from tables of plain SI numbers, as in a file, and the inputs from which some were worked out."""
     row = Row(**tables["row"]) if "row" in tables else None
-    layout, parts = PAIR if row is None else row.layout, tables["parts"]
+    layout, parts = layout_with(row), tables["parts"]
     given = {key: _for_layout(key, value, layout) for key, value in given.items()}
     tables = {
         table: {name: _for_layout(f"{table}.{name}", value, layout) for name, value in entries.items()}
