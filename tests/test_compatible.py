@@ -78,6 +78,7 @@ def test_commands_of_readme(tmp_path, monkeypatch, capsys):
         assert files <= {p.name for p in (tmp_path / name).iterdir()}
 
 
+@pytest.mark.full
 def test_python_of_readme(capsys):
     small = 'js.load("table1", [\'parts.motion=["x"]\']).scene'
     assert PYTHON.count('js.load("table1").scene') == 1

@@ -9,10 +9,11 @@ import pytest
 
 import jaxshroud
 
-LONG = [  # seconds each; pages of the documentation show the same
-    f"jaxshroud.verbs.{verb}"
-    for verb in ("attractors", "branch", "diagnose", "fit", "report", "response", "trade", "tune")
-]
+LONG = {  # seconds each; pages of the documentation show the same
+    *("jaxshroud.batch.rollout", "jaxshroud.batch.sweepfunction"),
+    *(f"jaxshroud.verbs.{verb}" for verb in ("attractors", "branch", "diagnose", "fit", "options", "report")),
+    *(f"jaxshroud.verbs.{verb}" for verb in ("response", "trade", "tune")),
+}
 
 
 def with_examples():

@@ -66,6 +66,7 @@ def test_lanes_that_start_afresh_are_led_in_beside_those_that_go_on(scenes):
         jax.tree.map(close, lane(both.samples.motion, i), one.samples.motion)
 
 
+@pytest.mark.full
 def test_closed_forms_go_on_at_a_phase_too(scene):
     free = load("table1", ["parts.contact=none"]).scene
     along = {"drive.F_0": [60.0, 60.0]}

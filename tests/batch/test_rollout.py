@@ -195,6 +195,7 @@ def test_a_sweep_function_has_the_samples_of_the_verb():
         f(scene)
 
 
+@pytest.mark.full
 def test_a_sweep_function_tells_the_vibration_alone():
     # Interference holds the blades apart, which P_d counts as vibration. Against means of the verb's samples.
     scene = with_parts(js.load("table1", ["shroud.gap=-20um", "drive.F_0=20", *FULL]).scene, motion=("x",))
@@ -266,7 +267,7 @@ def test_a_rollout_by_power_series_is_differentiated(table1):
     assert float(inside(gap)) == pytest.approx(float(slope), rel=1e-9)
 
 
-@pytest.mark.full(but=["taylor 8 1e-07, events by series, float64"])
+@pytest.mark.full
 @pytest.mark.parametrize("method", [js.RungeKutta(locate="bisection"), js.Taylor(order=8, tolerance=1e-7)], ids=str)
 def test_a_start_in_overlap_sticks_whatever_the_rates(method):
     # The element starts unstretched under N > 0. By the rates it would slip, as k_d |u'| > mu k v' here, with mu N at
@@ -280,7 +281,7 @@ def test_a_start_in_overlap_sticks_whatever_the_rates(method):
     assert abs(F) < 0.05 * 0.5 * N
 
 
-@pytest.mark.full(but=["spring"])
+@pytest.mark.full
 @pytest.mark.parametrize("contact", ["spring", "smooth", "none"])
 def test_numbers_out_of_their_ranges_are_told_where_nothing_can_be_raised(contact):
     width = ["contact.width=1e-4"] if contact == "smooth" else []

@@ -100,7 +100,7 @@ def test_a_masked_lane_leaves_the_derivatives_of_the_others_alone(run):
 
 
 @pytest.mark.studies(only=["period_map", "sweep_function"])
-@pytest.mark.full(but=["rollout"])
+@pytest.mark.full
 @pytest.mark.parametrize("run", [rolled, mapped, swept], ids=["rollout", "period_map", "sweep_function"])
 def test_unstable_steps_are_bad_input_and_coarse_ones_are_told(run):
     scenes = scenes_at(scene_of('["x"]'), [GOOD, COARSE, UNSTABLE, NEGATIVE], 22e-6)

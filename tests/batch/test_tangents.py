@@ -253,12 +253,14 @@ def test_jax_differentiates_the_period_map():
     np.testing.assert_allclose(reverse[1], at.power_by_state[0, :2], rtol=1e-7)
 
 
+@pytest.mark.full
 def test_too_few_trials_are_told():
     scene = with_parts(scene_at(4.2), motion=("x",))
     flow_end = period_map(scene, initial_state(scene.initial), method=js.RungeKutta(steps=50), most_trials=20)
     assert np.isnan(flow_end.power[0])
 
 
+@pytest.mark.full
 def test_second_derivatives_through_events_are_refused():
     # Ignoring how the slopes at an event move with its instant, JAX would give -6.627 here for -6.643.
     scene = with_parts(scene_at(4.2), motion=("x",))

@@ -25,6 +25,7 @@ def test_the_table_has_every_command_of_both_checkouts(cold, tmp_path, capsys):
     assert "scenes" in capsys.readouterr().out
 
 
+@pytest.mark.full
 def test_a_command_that_fails_gives_no_figures(tmp_path):
     (tmp_path / "jaxshroud.py").write_text("raise SystemExit('broken')")
     with pytest.raises(RuntimeError, match=r"scenes of .* ended with 1: broken"):

@@ -112,7 +112,7 @@ def ended(process):
 
 
 @SIGNALS
-@pytest.mark.full(but=["SIGINT"])
+@pytest.mark.full
 def test_an_interrupted_sweep_keeps_the_lanes_that_had_ended(tmp_path, number):
     out = tmp_path / "s"
     process = begun(COMMAND.format(pause=0), *LONG, "--out", out)

@@ -19,6 +19,7 @@ def scene():
     return load("table1", CHANGES).scene
 
 
+@pytest.mark.full
 def test_an_orbit_is_written_as_the_verb_returns_it(scene, tmp_path, capsys):
     assert cli.main(["orbit", *SCENE, "--most-periods", "128", "--out", str(tmp_path / "out")]) == 0
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["orbit.nc", "summary.json"]

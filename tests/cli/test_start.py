@@ -102,6 +102,7 @@ def test_words_are_answered_without_what_computes():
     assert not told[-1][1] & HEAVY
 
 
+@pytest.mark.full
 def test_a_stored_run_is_drawn_without_jax(stored, drawn):
     status, packages = drawn["run"]
     assert status == 0
@@ -196,7 +197,7 @@ print(config.jax_enable_x64, config.jax_compilation_cache_dir, config.jax_persis
 """
 
 
-@pytest.mark.full(but=["the cache of its own"])
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("environment", "expected"),
     [
@@ -227,6 +228,7 @@ def test_a_device_that_is_not_there_is_one_line():
     assert (done.returncode, done.stdout, done.stderr) == (1, "", told)
 
 
+@pytest.mark.full
 def test_a_home_that_cannot_be_written_is_one_line(tmp_path):
     (tmp_path / "file").touch()
     home = str(tmp_path / "file" / "home")

@@ -87,6 +87,7 @@ def test_a_finer_level_keeps_the_values_of_the_one_before():
             assert (fine[1::2] == window.new_values(level)).all()
 
 
+@pytest.mark.full
 def test_levels_that_are_joined_are_the_sweep_of_all_values(exploration):
     window, length, quiet = Window("contact.gamma", 1.0, 3.0), Amount(1, 2), lambda done, total: None
     run = lambda values: diagram(exploration.file, window, values, "independent", length, METHOD, quiet)

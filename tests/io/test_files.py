@@ -42,6 +42,7 @@ except StoreError as error:
 """
 
 
+@pytest.mark.full
 def test_a_full_disk_is_one_line_and_nothing_is_left(tmp_path):
     # In a process of its own: HDF5's files used to be left open, and the end of the interpreter to be a fault.
     words = [sys.executable, "-c", FULL, str(tmp_path / "a.nc")]

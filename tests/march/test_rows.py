@@ -224,6 +224,7 @@ def test_a_travelling_wave_with_impacts_and_friction():
     assert lag(1, -1) > 1e-7
 
 
+@pytest.mark.full
 def test_alike_blades_in_phase_do_not_feel_each_other():
     gaps = {"gap": 22e-6}, {"gap": -1e-4}, {"gap": 1.0}
     rows = [ring(0, M_0=0.0, **gap) for gap in gaps] + [ring(1, M_0=0.0)]
@@ -293,6 +294,7 @@ def wave_frequencies(p, coupling):
     return np.sqrt(np.sort(np.linalg.eigvalsh(D / p.m[0]).ravel())) / (2 * math.pi)
 
 
+@pytest.mark.full
 def test_natural_frequencies_of_stuck_rows():
     got = stuck_frequencies(ring(0))
     printed = np.sort([177.94, 522.69, 522.69, 688.04, 974.62, 1224.71, 1224.71, 1446.13])

@@ -59,7 +59,7 @@ def imbalance(scene, steps):
     return np.max(np.abs(run.samples.residual).max(axis=-1) / run.samples.gross.mean(axis=-1))
 
 
-@pytest.mark.full(but=["x-damped, lugre"])
+@pytest.mark.full
 @pytest.mark.parametrize("laws", LAWS.values(), ids=LAWS)
 @pytest.mark.parametrize(
     ("options", "motion"),
@@ -217,6 +217,7 @@ def fast_bristles():
     return js.with_laws(base.scene, js.DampedSpring(2e5, 6e5, 3e-5, 20.0), js.LuGre(1e6, 30.0, 0.3, 1.0))
 
 
+@pytest.mark.full
 def test_the_rate_of_an_internal_state_belongs_to_the_check_of_the_step():
     scene = fast_bristles()
     with pytest.raises(StepTooLongError, match=r"internal state of the friction law follows at up to 36\.5 per step"):

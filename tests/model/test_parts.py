@@ -49,6 +49,7 @@ def test_no_torsion_is_stiff_torsion_without_torque(table1, M_0):
     assert falls(with_parts(scene, motion=("x", "y")), stiff, steps=20000, periods=1) < 1e-3
 
 
+@pytest.mark.full
 def test_bending_along_x_alone_is_stiff_bending_along_y(table1):
     scene = vary(table1, "drive.M_0", 0.0)
     flat = with_parts(scene, motion=("x", "y"))
@@ -86,7 +87,7 @@ def test_no_contact_is_a_gap_that_never_closes(table1):
     np.testing.assert_allclose(*power, rtol=1e-10)
 
 
-@pytest.mark.full(but=["changes1-critically damped"])
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("changes", "name"),
     [

@@ -77,6 +77,7 @@ def test_intervals_of_a_line_are_those_of_linear_regression(known):
     assert told.determined == [True, True]
 
 
+@pytest.mark.full
 def test_intervals_hold_the_truth_as_often_as_they_say():
     # 2 x 150 intervals of 95 %: below 0.91 and above 0.99 less than once in a thousand times.
     rng, held, narrow = np.random.default_rng(2), [], []

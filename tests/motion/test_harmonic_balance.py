@@ -93,6 +93,7 @@ GAPS = {"never apart": {}, "apart for half of the time": {"shroud.gap": 0.0, "dr
 ENOUGH = {"never apart": 1e-5, "apart for half of the time": 1e-4}  # of 31 harmonics, relative
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", GAPS)
 def test_harmonic_balance_approaches_the_march(case):
     # Forces with corners have coefficients that fall as the square of the order, their motion's as the fourth power.

@@ -71,14 +71,7 @@ def case(request):
     return orbit(scene_of(overrides)), q, events
 
 
-@pytest.mark.full(
-    but=[
-        "stick onset",
-        "loaded switch 1-2",
-        "all switches",
-        "period 3",
-    ]
-)
+@pytest.mark.full(but=["loaded switch 1-2", "all switches"])
 def test_orbits_of_every_kind_are_found(case):
     found, q, events = case
     assert found.q == q
@@ -178,6 +171,7 @@ STICKS = ("shroud.gap=-0.0004", "friction.mu=5", "drive.M_0=1", "drive.F_0=20") 
 FEW = ["shroud.gap", "contact.gamma", "friction.k_d", "drive.omega", "drive.M_0[0]"]
 
 
+@pytest.mark.full
 def test_permanent_stick_is_not_unique_through_case_switches():
     # Each switch rewrites the slider's place, which leaves a rounding in its row of the Jacobian.
     found = orbit(load("table1", STICKS).scene, method=js.RungeKutta(steps="auto"))

@@ -51,6 +51,7 @@ def test_a_torus_is_not_seen_before_the_last_round():
     assert judgement(known, last=False)[0] == "undecided"
 
 
+@pytest.mark.full
 def test_scenes_are_judged_each_on_its_own():
     # The first two settle; the third begins so far out that its squares overflow, which stops no other.
     rows = [[0.5, 1e-6], [2.5, 1e-6], [2.5, 1e200]]

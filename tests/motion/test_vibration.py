@@ -66,6 +66,7 @@ def stuck_reduction(scene) -> float:
     return 100 * (1 - (amplitude / free) ** 2)
 
 
+@pytest.mark.full
 def test_a_static_deflection_is_no_vibration(pressed):
     # Stuck, the pair is linear: x rests at its static deflection, y vibrates with k_d as a spring. The transient leaves
     # exp(-c_x/2 200 T) of itself. P_d of Eq. (22) is 60 points lower, which the means within each period would not be.
@@ -122,6 +123,7 @@ def test_the_mean_position_is_that_of_the_samples(method):
         assert float(found[0].mean()) == pytest.approx(expected, abs=3e-6 * np.abs(exact).max())
 
 
+@pytest.mark.full
 def test_power_alone_is_unchanged():
     # What is kept beside the power changes no bit of the motion or of P_d.
     scenes = one_lane(without_given(js.load("table1").scene))

@@ -361,6 +361,7 @@ print(kept()(f)(2 * np.eye(3)))
 """
 
 
+@pytest.mark.full
 def test_a_loaded_program_finds_the_functions_of_lapack(tmp_path):
     for _ in range(2):  # without them the second process, which traces nothing, crashes
         told = subprocess.run([sys.executable, "-c", LINEAR, str(tmp_path)], capture_output=True, text=True)

@@ -76,6 +76,7 @@ def test_panels_are_drawn_on_the_users_axes(name, panels, results):
         results[name].plot(ax=Figure().subplots(), panel="nonsense")
 
 
+@pytest.mark.full
 def test_no_jax_is_needed_to_read_and_draw():
     program = """
 import pkgutil, sys, jaxshroud.io, jaxshroud.plotting, jaxshroud.results

@@ -102,6 +102,7 @@ def test_an_accuracy_and_steps_of_a_file_replace_each_other():
             assert (told.steps_per_period, told.accuracy) == run
 
 
+@pytest.mark.full
 def test_an_accuracy_of_a_file_is_of_located_contact():
     words = ["parts.contact=smooth", "contact.width=5um", 'parts.motion=["x"]', "run.periods=1"]
     run = js.simulate(js.load("fig09_best", words))

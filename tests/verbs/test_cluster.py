@@ -236,6 +236,7 @@ def test_a_scheduler_that_is_lost_leaves_a_store_to_go_on_with(scene, tmp_path, 
     assert whole.complete
 
 
+@pytest.mark.full
 def test_workers_of_ones_own_listen_on_this_machine_only():
     with cluster.connected_client("local:1"):
         processes = [psutil.Process(), *psutil.Process().children(recursive=True)]

@@ -64,6 +64,7 @@ def test_apart_and_given_modes_are_kept():
 RING = ['parts.motion=["x"]', "row.blades=3", "row.closed=true", "drive.engine_order=1"]
 
 
+@pytest.mark.full
 def test_first_sample_of_a_ring():
     # Pressed all round, every interface has N = k v, where it had 0 beside v > 0, and sticks.
     scene = js.load("table1", ["shroud.gap=-0.2mm", *RING]).scene

@@ -197,6 +197,7 @@ def measured(tmp_path):
     return tmp_path / "measured.csv"
 
 
+@pytest.mark.full
 def test_the_command_writes_the_fit_and_the_scene_that_it_found(measured, tmp_path, capsys):
     out = tmp_path / "fit"
     assert cli.main(["fit", *SCENE_WORDS, str(measured), *ASKED, "--out", str(out)]) == 0

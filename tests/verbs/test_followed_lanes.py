@@ -190,6 +190,7 @@ def test_equations_that_cannot_be_solved_are_flagged(scenes, found, monkeypatch)
         js.gradient(one.scene, ["shroud.gap"], orbit=one, **STEPS)
 
 
+@pytest.mark.full
 def test_results_come_back_from_files(found, scenes, tmp_path):
     found.save(tmp_path / "orbits.nc")
     back = js.open(tmp_path / "orbits.nc")

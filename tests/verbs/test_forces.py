@@ -113,7 +113,7 @@ def wear(p: reference.Parameters, ds) -> Wear:
 
 
 @LONG
-@pytest.mark.full(but=["table1"])
+@pytest.mark.full
 def test_the_wear_of_the_faces_is_that_of_the_run(marched):
     p, run, swept = marched
     own, whole = wear(p, run.with_events()), run.with_events()
@@ -135,7 +135,7 @@ def test_the_wear_of_the_faces_is_that_of_the_run(marched):
     assert float(np.nansum(np.abs(np.diff(whole["u_s"].to_numpy())))) > 0
 
 
-@pytest.mark.full(but=["rk4, events by cubic, float64, 400 steps a period"])
+@pytest.mark.full
 @pytest.mark.parametrize("method", [js.RungeKutta(steps=400), js.Taylor(order=8, tolerance=1e-10)], ids=str)
 def test_blocks_that_start_pressed_together_do_not_collide(table1, method):
     got = sweep(table1, {"shroud.gap": [-2e-4]}, n_periods=1, transient=0, forces=True, method=method)

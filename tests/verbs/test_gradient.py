@@ -78,6 +78,7 @@ def test_chaos_is_told_from_order():
     assert "aperiodic" in wild.flags
 
 
+@pytest.mark.full
 def test_a_neighbourhood_with_bifurcations_is_structured():
     # Around gamma = 4.4 lie a period doubling and windows.
     scene = with_numbers(scene_at(4.4), ["contact.gamma"])

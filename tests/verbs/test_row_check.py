@@ -72,7 +72,8 @@ def test_the_sheet_of_a_ring_is_written_and_drawn(sheet, tmp_path, capsys):
     assert (tmp_path / "check.png").exists()
 
 
-@pytest.mark.parametrize("mistuned", [pytest.param(False, marks=pytest.mark.full), True])
+@pytest.mark.full
+@pytest.mark.parametrize("mistuned", [False, True])
 def test_the_sheet_of_many_blades_is_a_page(mistuned, tmp_path, capsys):
     # A page has some 60 lines; what is left out is counted, and in the file. What stays is what the drive excites.
     pattern = ["row.mistuning=[" + ",".join(f"{0.001 * (i % 7 - 3)}" for i in range(60)) + "]"] * mistuned

@@ -45,6 +45,7 @@ def test_draws_of_the_mistuning_are_patterns(scattered):
     assert np.ptp(found.drawn, axis=1).min() > 0  # no draw moves all blades alike
 
 
+@pytest.mark.full
 def test_the_force_is_that_of_the_interface_where_it_is_largest(scattered):
     scene, found = scattered
     swept = swept_draws(scene, found)

@@ -152,6 +152,7 @@ def test_revolutions_per_minute_are_speeds(unit):
         js.load("engine_order", [f'drive.omega="1300 {unit}"'])
 
 
+@pytest.mark.full
 def test_a_sweep_over_speeds_tells_its_best_in_revolutions_per_minute():
     base = js.load("engine_order", ['parts.motion=["x"]'])
     speeds = np.array([1300.0, 1450.0])
@@ -159,6 +160,7 @@ def test_a_sweep_over_speeds_tells_its_best_in_revolutions_per_minute():
     assert swept.summary()["largest P_d"]["drive.speed [rpm]"] == speeds[np.argmax(swept.P_d)]
 
 
+@pytest.mark.full
 def test_the_command_writes_a_ranked_table_and_keeps_cells_as_they_were(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "d.csv").write_text("part no,drive.speed [rpm],friction.mu\n007,1300,0.30\n008,1400,0.20\n009,x,0.2\n")

@@ -178,6 +178,7 @@ def test_growth_of_errors_is_taken_into_account():
     assert missed(Choice(1e-6, tilted, tilted.steps(*stiffest(lanes, 1)), True)) > 0.1
 
 
+@pytest.mark.full
 def test_a_promise_that_is_broken_is_found(table1):
     # Control: a setting far too coarse for what it is said to reach.
     lanes = neighbourhood(table1, 8)

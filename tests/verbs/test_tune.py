@@ -152,6 +152,7 @@ TINY_SEARCH = js.SearchOptions(scan=8, n_starts=1, updates=1)
 TINY = {"search": TINY_SEARCH, "n_periods": 4, "transient": 4, "method": js.RungeKutta(steps=100)}
 
 
+@pytest.mark.full
 def test_designs_that_stop_do_not_spoil_the_search(scene):
     # Most starts are so far out that the squares of the numbers overflow.
     found = tune(scene, {"initial.x[0]": (1e-6, 1e200)}, **{**TINY, "search": js.SearchOptions(16, 8, 2)})
@@ -207,6 +208,7 @@ def test_penetration_within_steps():
     assert ends[1] > ends[0] / 8
 
 
+@pytest.mark.full
 def test_a_tuning_comes_back_from_its_file(scene, tmp_path):
     over = {"shroud.gap": (2e-5, 4e-5), "contact.gamma": (1.0, 2.0)}
     found = tune(scene, over, conditions={"drive.F_0": [40.0, 60.0]}, **TINY)
