@@ -50,15 +50,21 @@ class AcceptedTrial(NamedTuple):
 
 def penetrations(state: State, model: RowModel, each: Each) -> OfInterfaces:
     """The penetration at each interface [m]."""
-    v = lambda state, model: place_contact(state.motion, state, model)[2].v
-    return over(each, v, pair_states(state, model.closed), model.interfaces)
+    return over(each, _penetration, pair_states(state, model.closed), model.interfaces)
+
+
+def _penetration(state: State, model: Model) -> Scalar:
+    return place_contact(state.motion, state, model)[2].v
 
 
 def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, each: Each) -> RowLog:
     """The log of a row that starts from `state`; `at` are zeros."""
     displacements = displacements_of(state.motion)
     counters = jax.tree.map(lambda a: jnp.zeros(at.shape, a.dtype), no_events(model.interfaces))
-    within = initial_extrema(jnp.maximum(penetrations(state, model, each), 0.0)) if method.within else None
+    within = None
+    if method.within:
+        at_start = lambda state, model: initial_extrema(jnp.maximum(_penetration(state, model), 0.0))
+        within = over(each, at_start, pair_states(state, model.closed), model.interfaces)
     return RowLog(
         *(at, at, at, at),
         jax.tree.map(jnp.zeros_like, displacements),
@@ -79,12 +85,13 @@ def updated_row_tally(tally: RowTally, trial: AcceptedTrial, model: RowModel, ea
 
 
 def _updated_row_log(log: RowLog, trial: AcceptedTrial, model: RowModel, each: Each) -> RowLog:
-    start, h, change, extent, positions = trial.start, trial.h, trial.change, log.extent, log.positions
+    start, end, h, extent, positions = trial.start, trial.end.state, trial.h, log.extent, log.positions
     if extent is not None:
-        extent = over(each, updated_range, extent, start.motion, trial.motion, h)
+        extent = over(each, updated_range, extent, start.motion, end.motion, h)
     if positions is not None:
         positions = updated_positions(positions, trial.complete, blade_positions(trial.motion))
     apart, stick = trial.mode == Mode.APART, trial.mode == Mode.STICK
+    change = trial.change
     assert change.counters is not None
     spent = lambda before, during: before + jnp.where(during, h, 0.0)
     return RowLog(
