@@ -32,7 +32,6 @@ from .results.attractors import Basins as Basins
 from .results.base import Result as Result
 from .results.base import open as open
 from .results.branch import Branch as Branch
-from .results.branch import RowBranch as RowBranch
 from .results.campbell import Campbell as Campbell
 from .results.campbell import Crossing as Crossing
 from .results.campbell import NaturalMode as NaturalMode
@@ -46,8 +45,6 @@ from .results.mistuned import Mistuned as Mistuned
 from .results.orbit import Orbit as Orbit
 from .results.power import PowerResult as PowerResult
 from .results.response import Response as Response
-from .results.row_diagnosis import RowDiagnosis as RowDiagnosis
-from .results.row_motions import RowMotions as RowMotions
 from .results.scatter import Report as Report
 from .results.scatter import Scatter as Scatter
 from .results.sweep import SweepResult as SweepResult

@@ -27,7 +27,6 @@ from jaxshroud.motion.effects import with_interval
 from jaxshroud.motion.levels import check_vibration
 from jaxshroud.motion.short_runs import trajectory_ends
 from jaxshroud.results.amplitudes import amplitude_numbers, load_numbers
-from jaxshroud.results.row_diagnosis import RowDiagnosis
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import PAIR
 from jaxshroud.verbs.accuracy import LEVELS
@@ -76,23 +75,9 @@ def _output_run(completed: CompletedCall) -> None:
 
 def _output_diagnosis(completed: CompletedCall) -> None:
     write_files(completed)
-    if isinstance(completed.result, RowDiagnosis):
-        print_result(completed, _row_diagnosis_rows(completed.result))
-        return
     from jaxshroud.plotting.plot_diagnosis import diagnosis_rows
 
     print_result(completed, {**diagnosis_rows(completed.result), "evidence": completed.result.evidence})
-
-
-def _row_diagnosis_rows(found: RowDiagnosis) -> dict[str, Any]:
-    return {
-        "verdict": found.verdict,
-        "P_d": with_interval(found.P_d, found.P_d_ci, "%"),
-        "P_d of the worst blade": f"{found.P_d_worst:.4g} %",
-        "participation ratio": f"{float(found.participation_ratio):.4g}",
-        "energy residual": f"{found.energy_residual:.1e} of the drive's work",
-        "evidence": found.evidence,
-    }
 
 
 def _power_arguments(file: SceneFile, options: argparse.Namespace) -> Mapping[str, Any]:

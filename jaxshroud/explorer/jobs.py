@@ -10,7 +10,6 @@ from jaxshroud.explorer.exploration import Exploration, method_on_page
 from jaxshroud.explorer.worker import Continue, Job
 from jaxshroud.march.method import Method
 from jaxshroud.results.diagnosis import Diagnosis
-from jaxshroud.results.row_diagnosis import RowDiagnosis
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.parts import Direction
@@ -160,7 +159,7 @@ def verdict_job(
     exploration: Exploration,
     method: Choose,
     first: Yield,
-    show: Callable[[Diagnosis | RowDiagnosis], None],
+    show: Callable[[Diagnosis], None],
 ) -> Job:
     """The verdict on the motion of one scene, once all else is done."""
 

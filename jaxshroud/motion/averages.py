@@ -110,6 +110,22 @@ def power_series_of(power: FloatArray, P_0: FloatArray, layout: Layout) -> Float
     return power_reduction(total(power), total(P_0)[:, None])
 
 
+def convergence(series: FloatArray, number: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """How the average of P_d converges.
+
+    Args:
+        series: P_d of each period (n,) [%], oldest first.
+        number: The period number, 0 if aperiodic.
+
+    Returns:
+        Numbers of periods, spaced logarithmically; the average over the first so many, and its half width.
+    """
+    q = max(number, 1)
+    n = q * np.unique(np.geomspace(1, max(len(series) // q, 1), 200).astype(int))
+    n = n[n <= len(series)]
+    return n, np.cumsum(series)[n - 1] / n, np.array([confidence_interval(series[:m], q) for m in n])
+
+
 def _reduction_of_period(
     power: FloatArray, P_0: FloatArray, number: int, layout: Layout, vibration: VibrationPower | None
 ) -> Reduction:

@@ -20,8 +20,6 @@ from jaxshroud.plotting.plot_diagnosis import diagnosis_page, power_page
 from jaxshroud.plotting.plot_fit import fit_page
 from jaxshroud.plotting.plot_mistuned import mistuned_page
 from jaxshroud.plotting.plot_orbit import lyapunov_page, orbit_page
-from jaxshroud.plotting.plot_row_branch import row_branch_page
-from jaxshroud.plotting.plot_row_motions import row_motions_page
 from jaxshroud.plotting.plot_run import run_page
 from jaxshroud.plotting.plot_sensitivity import gradient_page, scatter_page
 from jaxshroud.plotting.plot_sweep import sweep_page
@@ -42,9 +40,7 @@ PAGES: dict[str, Callable[..., Page]] = {
     "orbit": orbit_page,
     "lyapunov": lyapunov_page,
     "branch": branch_page,
-    "row_branch": row_branch_page,
     "attractors": attractors_page,
-    "row_motions": row_motions_page,
     "basins": basins_page,
     "gradient": gradient_page,
     "scatter": scatter_page,

@@ -15,14 +15,20 @@ from jaxshroud.model.modes import BIFURCATION_KINDS, WAVE_RESIDUAL, Status
 from jaxshroud.plotting.page import Page, Panel
 from jaxshroud.plotting.plot_branch import LINE_STYLES, MARKER_SIZE, MARKERS, retraced, stability_runs
 from jaxshroud.plotting.plot_directions import DIRECTION_STYLES
-from jaxshroud.plotting.scales import ParameterAxis, parameter_axis, title_of
+from jaxshroud.plotting.scales import (
+    DISPLACEMENT_SYMBOLS,
+    AmplitudeUnit,
+    ParameterAxis,
+    amplitude_unit,
+    parameter_axis,
+    title_of,
+)
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,
     GREEN,
     GREY,
     INK,
-    LENGTHS,
     ORANGE,
     PINK,
     RED,
@@ -36,8 +42,6 @@ from jaxshroud.plotting.style import (
 )
 from jaxshroud.scene.checks import InputError
 
-DISPLACEMENT_SYMBOLS = {"x": "x_1", "y": "y_1", "theta": r"\theta_1"}
-KINDS = {"peak": "amplitude of", "rms": "RMS of", "mean": "mean of"}
 FREE_LOOK: Properties = {"color": GREY, "lw": 0.8, "ls": (0, (1.2, 1.2))}
 MEMBER_COLOURS = (BLUE, ORANGE, GREEN, PINK, RED, SKY)
 BROKEN_LOOK: Properties = {"color": RED, "lw": 0.9}  # of waves whose shift is broken
@@ -46,24 +50,6 @@ LOCALISATION_LOOK: Properties = {
     **{"ms": MARKER_SIZE, "mec": INK, "mew": 0.5},
 }
 MAX_IN_LEGEND = 8  # members of a family
-
-
-class AmplitudeUnit(NamedTuple):
-    """The unit of an amplitude in a picture."""
-
-    factor: float
-    label: str
-
-
-def amplitude_unit(of: str, largest: float, look: Look) -> AmplitudeUnit:
-    """The unit for an amplitude such as "x_peak", by its largest value or as the look says."""
-    name, kind = of.split("_")
-    label = f"{KINDS[kind]} ${DISPLACEMENT_SYMBOLS[name]}$"
-    if name == "theta":
-        return AmplitudeUnit(180 / np.pi, f"{label} [°]")
-    unit = look.unit if look.unit in LENGTHS else "mm" if largest >= 1e-4 else "um"
-    text, factor = LENGTHS[unit]
-    return AmplitudeUnit(factor, f"{label} [{text}]")
 
 
 def _unit_in(ds: xr.Dataset, of: str, largest: float, look: Look) -> AmplitudeUnit:

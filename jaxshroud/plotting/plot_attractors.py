@@ -10,16 +10,24 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.scales import parameter_axis, scale_of, title_of
+from jaxshroud.plotting.scales import legend_above, parameter_axis, scale_of, title_of
 from jaxshroud.plotting.style import (
+    BLUE,
     COLOURS,
     COLUMN_WIDTH,
     DARK,
+    GREEN,
     GREY,
+    INK,
+    ORANGE,
     PALE,
+    PINK,
     QUANTITIES,
+    RED,
+    SKY,
     STOPPED_STYLE,
     AnyFigure,
     Look,
@@ -33,6 +41,9 @@ NARROWEST, WIDENING = 0.8, 0.7  # width of the line of the last orbit, and what 
 CHAOS_WIDTH = 0.4  # of the line of an aperiodic attractor, which crosses itself
 SMALLEST, GROWTH = 3.0, 1.8  # size of the mark of the last attractor, and what each earlier one is larger [pt]
 STROBE_STYLE: Properties = {"marker": "o", "ls": "", "mec": "white", "mew": 0.5, "ms": SMALLEST}
+MOTION_LOOKS = list(zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True))  # of the most frequent motions
+MICRONS_PER_M = 1e6
+MOST_FREE = 2.0  # times the largest amplitude: larger ones without contact would hide the differences
 
 
 class AttractorsData(Protocol):
@@ -89,9 +100,12 @@ def _nested(i: int, count: int, least: float, more: float) -> float:
 
 
 def attractors_page(attractors: AttractorsData, look: Look) -> Page[AttractorsData]:
-    """The orbits of coexisting attractors, the shares of starts that lead to them, and their P_d."""
+    """The orbits of attractors, the shares of starts that lead to them, and their P_d; of a row the amplitudes."""
     nothing = "" if len(attractors.share) else "no attractor was found"
-    size, title = (COLUMN_WIDTH, 4.2), title_of(attractors.data)
+    title = title_of(attractors.data)
+    if "x_peak" in attractors.data:
+        return Page(attractors, ROW_PANELS, title, (COLUMN_WIDTH, 2.9), nothing=nothing)
+    size = COLUMN_WIDTH, 4.2
     return Page(attractors, ATTRACTOR_PANELS, title, size, columns=2, finish=_share_rows, nothing=nothing)
 
 
@@ -154,11 +168,31 @@ def _draw_attractor_power(panel: Axes, attractors: AttractorsData) -> None:
 
 
 SHARE_LIMITS = -0.04, 1.04  # a mark at 0 or 1 is whole
+
+
+def _draw_motion_amplitudes(panel: Axes, attractors: AttractorsData) -> None:
+    """The amplitude of each blade on the most frequent motions, and without contact unless that is far larger."""
+    ds = attractors.data
+    blades, peaks = ds["blade"].to_numpy(), MICRONS_PER_M * ds["x_peak"].to_numpy()
+    free = MICRONS_PER_M * ds["x_free"].to_numpy()[0]
+    for i, (color, marker) in enumerate(MOTION_LOOKS[: len(peaks)]):
+        label = f"motion {i + 1}: $P_d$ = {float(ds['P_d'][i]):.4g} %"
+        panel.plot(blades, peaks[i], marker, ls="-", lw=0.7, ms=4 - 0.4 * i, color=color, label=label)
+    top, most = (float(np.nanmax(levels, initial=0.0)) for levels in (peaks, free))
+    if most < MOST_FREE * top:
+        panel.plot(blades, free, "_", ms=9, color=INK, label="without contact")
+        top = max(top, most)
+    panel.set(xlabel="blade", ylabel="amplitude of $x$ [μm]", ylim=(0, 1.08 * top or 1.0))
+    panel.xaxis.set_major_locator(MaxNLocator(integer=True))
+    legend_above(panel)
+
+
 ATTRACTOR_PANELS = (
     Panel("orbits", _draw_orbits, 2.3, 2),
     Panel("shares", _draw_shares),
     Panel("P_d", _draw_attractor_power),
 )
+ROW_PANELS = (Panel("amplitudes", _draw_motion_amplitudes),)
 
 
 def basins_page(basins: BasinsData, look: Look) -> Page[BasinsData]:

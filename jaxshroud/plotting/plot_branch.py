@@ -11,16 +11,26 @@ from matplotlib.lines import Line2D
 
 from jaxshroud.model.modes import BIFURCATION_KINDS, Status
 from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.scales import ParameterAxis, parameter_axis, scale_of, title_of
+from jaxshroud.plotting.scales import (
+    LEAST_SPAN,
+    ParameterAxis,
+    amplitude_unit,
+    limit_zoom,
+    parameter_axis,
+    scale_of,
+    title_of,
+)
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,
+    DEFAULT_LOOK,
     GREEN,
     GREY,
     INK,
     ORANGE,
     PINK,
     RED,
+    SKY,
     AnyFigure,
     BoolArray,
     Look,
@@ -80,6 +90,7 @@ MARKERS = {
 MARKER_SIZE, SMALL_SIZE = 3.5, 2.2
 LINE_STYLES = {True: "-", False: "--"}
 LINE_LOOK: Properties = {"lw": 0.9, "color": BLUE}
+SWEEP_LOOK: Properties = {"ms": 2, "mew": 0, "color": GREY, "zorder": 1}
 
 
 class BranchData(NamedTuple):
@@ -101,11 +112,12 @@ def branch_page(ds: xr.Dataset, look: Look, *, over: xr.Dataset | None = None) -
     Raises:
         ValueError: The sweep is along another number.
     """
-    title = title_of(ds, ("x_1", "P_d"))
-    return Page(branch_data(ds, over), BRANCH_PANELS, title, (COLUMN_WIDTH, 4.6), shared="x", finish=finish_branch)
+    panels, replaced = (ROW_PANELS, ()) if "interface" in ds.dims else (PAIR_PANELS, ("x_1", "P_d"))
+    size = COLUMN_WIDTH, 4.6
+    return Page(_branch_data(ds, over), panels, title_of(ds, replaced), size, shared="x", finish=_finish_branch)
 
 
-def branch_data(ds: xr.Dataset, over: xr.Dataset | None) -> BranchData:
+def _branch_data(ds: xr.Dataset, over: xr.Dataset | None) -> BranchData:
     """The content of a page of branches.
 
     Raises:
@@ -116,17 +128,17 @@ def branch_data(ds: xr.Dataset, over: xr.Dataset | None) -> BranchData:
     return BranchData(ds.assign(retraced=("point", retraced(ds))), parameter_axis(ds["value"]), over)
 
 
-def finish_branch(figure: AnyFigure, axes: Mapping[str, Axes], branches: BranchData) -> None:
+def _finish_branch(figure: AnyFigure, axes: Mapping[str, Axes], branches: BranchData) -> None:
     """Add the legend and the limits of the common axis."""
     sweep = branches.sweep
-    shown = np.concatenate([branches.axis.values, [] if sweep is None else sweep_values(sweep)])
+    shown = np.concatenate([branches.axis.values, [] if sweep is None else _sweep_values(sweep)])
     margin = 0.02 * float(np.ptp(shown)) or 1.0
     axes["P_d"].set(xlim=(shown.min() - margin, shown.max() + margin))
     figure.align_ylabels([*axes.values()])
     legend_below(figure, _branch_handles(branches.ds, sweep))
 
 
-def sweep_values(sweep: xr.Dataset) -> PlotArray:
+def _sweep_values(sweep: xr.Dataset) -> PlotArray:
     """The values of the number along which a sweep was made, in the unit of pictures."""
     return parameter_axis(sweep[str(sweep.attrs["axes"])]).values
 
@@ -142,7 +154,7 @@ def stability_runs(ds: xr.Dataset) -> Iterator[tuple[bool, slice]]:
             first = i
 
 
-def draw_branch_lines(panel: Axes, ds: xr.Dataset, x: PlotArray, y: PlotArray) -> None:
+def _draw_branch_lines(panel: Axes, ds: xr.Dataset, x: PlotArray, y: PlotArray) -> None:
     """Draw the curves y (points, any) over x, each orbit once, and mark the special points."""
     y = np.where(ds["retraced"].to_numpy()[:, None], np.nan, y)
     for stable, part in stability_runs(ds):
@@ -167,21 +179,21 @@ def _draw_branch_samples(panel: Axes, branches: BranchData) -> None:
         sweep_scale = scale_of(gaps[1], unit)
         x = (sweep["x"].transpose(sweep.attrs["axes"], "period", "blade").to_numpy()[:, :, 0].T * sweep_scale.factor).T
         x = np.where(sweep["status"].to_numpy()[:, None] == Status.OK, x, np.nan)
-        repeated = np.broadcast_to(sweep_values(sweep)[:, None], x.shape)
+        repeated = np.broadcast_to(_sweep_values(sweep)[:, None], x.shape)
         panel.plot(repeated.ravel(), x.ravel(), ".", ms=1.2, mew=0, color=GREY, alpha=0.5, rasterized=True, zorder=1)
     y = (ds["samples"].to_numpy()[:, :, 0].T * scale.factor).T
-    draw_branch_lines(panel, ds, values, y)
+    _draw_branch_lines(panel, ds, values, y)
     panel.set(xlabel=label, ylabel=scale.label("1"))
 
 
-def draw_multiplier(panel: Axes, branches: BranchData) -> None:
+def _draw_multiplier(panel: Axes, branches: BranchData) -> None:
     """The magnitude of the largest multiplier, without that of a free slider."""
     ds, (values, _, label), _ = branches
     multipliers = ds["multipliers_real"].to_numpy() + 1j * ds["multipliers_imag"].to_numpy()
     neutral = ds["slider_is_free"].to_numpy()[:, None] & (np.abs(multipliers - 1) < 1e-9)
     largest = np.where(neutral, 0, np.abs(multipliers)).max(axis=1)
     panel.axhline(1, color=GREY, lw=0.6)
-    draw_branch_lines(panel, ds, values, largest[:, None])
+    _draw_branch_lines(panel, ds, values, largest[:, None])
     if largest.max() > 5:
         panel.set_yscale("log")
     panel.set(xlabel=label, ylabel=r"largest $|\mu|$")
@@ -190,16 +202,52 @@ def draw_multiplier(panel: Axes, branches: BranchData) -> None:
 def _draw_branch_power(panel: Axes, branches: BranchData) -> None:
     ds, (values, _, label), sweep = branches
     if sweep is not None:
-        P_d = np.where(sweep["status"].to_numpy() == Status.OK, sweep["P_d"].to_numpy(), np.nan)
-        panel.plot(sweep_values(sweep), P_d, ".", ms=2, mew=0, color=GREY, zorder=1)
-    draw_branch_lines(panel, ds, values, ds["P_d"].to_numpy()[:, None])
+        _draw_sweep(panel, sweep, sweep["P_d"].to_numpy()[:, None])
+    _draw_branch_lines(panel, ds, values, ds["P_d"].to_numpy()[:, None])
     panel.set(xlabel=label, ylabel="$P_d$ [%]")
 
 
-BRANCH_PANELS = (
+def _draw_blades(panel: Axes, branches: BranchData) -> None:
+    """The amplitude of each blade: one line where all are alike."""
+    ds, (values, _, label), sweep = branches
+    levels = ds["x_peak"].to_numpy()
+    unit = amplitude_unit("x_peak", float(levels.max()), DEFAULT_LOOK)
+    if sweep is not None and "x_peak" in sweep:
+        _draw_sweep(panel, sweep, unit.factor * sweep["x_peak"].transpose(..., "blade").to_numpy())
+    _draw_branch_lines(panel, ds, values, unit.factor * levels)
+    panel.set(xlabel=label, ylabel=unit.label.replace("_1", ""))
+
+
+def _draw_sweep(panel: Axes, sweep: xr.Dataset, levels: np.ndarray) -> None:
+    """The values (lanes, any) of a sweep whose lanes are OK."""
+    ok = sweep["status"].to_numpy() == Status.OK
+    panel.plot(_sweep_values(sweep), np.where(ok[:, None], levels, np.nan), ".", **SWEEP_LOOK)
+
+
+def _draw_reductions(panel: Axes, branches: BranchData) -> None:
+    """P_d of the row, and in pale that of the worst blade where it differs."""
+    ds, (values, _, label), sweep = branches
+    row, worst = ds["P_d"].to_numpy(), ds["P_d_worst"].to_numpy()
+    if sweep is not None:
+        _draw_sweep(panel, sweep, sweep["P_d"].to_numpy()[:, None])
+    if np.max(row - worst) > LEAST_SPAN:
+        hidden = ds["retraced"].to_numpy() | (row - worst < 0.01 * LEAST_SPAN)
+        panel.plot(values, np.where(hidden, np.nan, worst), ".", ms=2, color=SKY, label="worst blade")
+        panel.legend(loc="best", frameon=False)
+    _draw_branch_lines(panel, ds, values, row[:, None])
+    limit_zoom(panel, np.concatenate([row, worst]), LEAST_SPAN)
+    panel.set(xlabel=label, ylabel="$P_d$ [%]")
+
+
+PAIR_PANELS = (
     Panel("samples", _draw_branch_samples, 3),
-    Panel("multiplier", draw_multiplier, 1.1),
+    Panel("multiplier", _draw_multiplier, 1.1),
     Panel("P_d", _draw_branch_power, 1.5),
+)
+ROW_PANELS = (
+    Panel("amplitude", _draw_blades, 3),
+    Panel("multiplier", _draw_multiplier, 1.1),
+    Panel("P_d", _draw_reductions, 1.5),
 )
 
 

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 
 from jaxshroud.motion.effects import exponent_text, with_interval
 from jaxshroud.plotting.page import Page, Panel, Summary
+from jaxshroud.plotting.plot_blades import BLADE_PANELS
 from jaxshroud.plotting.plot_run import CONTACT_PANELS, MOTION_PANELS, contact_handles
 from jaxshroud.plotting.run_data import RunData, contact_data, run_data
 from jaxshroud.plotting.scales import LEAST_SPAN, axis_limits, interval_ends, is_visible, title_of
@@ -83,8 +84,8 @@ def _final_text(P_d: float, ci: float | None, n: int, settled: bool, period_numb
 
 DIAGNOSIS_WIDTH, ROW_HEIGHT = 180 / 25.4, 46 / 25.4  # [inch]
 LEAST_PAGE = 130 / 25.4  # of three panels side by side; a narrower page has two [inch]
-COLUMNS_OF = {"history": 3, "ribbon": 2}  # columns of the panels that span several
-NARROW_COLUMNS_OF = {"history": 2, "summary": 2}
+COLUMNS_OF = {"history": 3, "ribbon": 2, "map": 2}  # columns of the panels that span several
+NARROW_COLUMNS_OF = {"history": 2, "map": 2, "summary": 2}
 NAMES_AT, VALUES_AT = -0.15, 0.38  # places of the columns of the summary, relative to the width of its panel
 EVIDENCE_LETTERS = 19  # in a line of the title, per inch
 MOST_EXPONENTS = 6  # exponents shown at most
@@ -111,9 +112,11 @@ class DiagnosisResult(Protocol):
     P_d: np.ndarray
     P_d_ci: np.ndarray
     P_d_settled: bool
-    time_apart: float | None
-    time_stick: float
-    time_slip: float
+    P_d_worst: float | None
+    participation_ratio: np.ndarray
+    time_apart: float | np.ndarray | None
+    time_stick: float | np.ndarray
+    time_slip: float | np.ndarray
     energy_residual: float
 
     @property
@@ -142,7 +145,8 @@ class DiagnosisData(NamedTuple):
 def diagnosis_page(diagnosis: DiagnosisResult, look: Look) -> Page[DiagnosisData]:
     """Motion, contact, P_d, energy, stability and a summary, without the panels that the model has no data for."""
     content = DiagnosisData(diagnosis, run_data(diagnosis.data, 0.0))
-    panels = [panel for panel in DIAGNOSIS_PANELS if _is_shown(panel.name, content)]
+    known = ROW_PANELS if "interface" in diagnosis.data.dims else PAIR_PANELS
+    panels = [panel for panel in known if _is_shown(panel.name, content)]
     if look.inches(DIAGNOSIS_WIDTH) < LEAST_PAGE:
         columns, panels = 2, [panel._replace(columns=NARROW_COLUMNS_OF.get(panel.name, 1)) for panel in panels]
     else:
@@ -265,8 +269,12 @@ def diagnosis_rows(result: object) -> dict[str, str]:
         rows["largest multiplier"] = f"{np.max(np.abs(diagnosis.multipliers)):.4g}"
     if diagnosis.P_d is not None and np.isfinite(diagnosis.P_d).any():
         rows["P_d"] = _interval_text(diagnosis.P_d[-1], diagnosis.P_d_ci[-1], "%")
+    if diagnosis.P_d_worst is not None:
+        rows["worst P_d"] = f"{diagnosis.P_d_worst:.4g} %"
+        rows["participation"] = f"{float(diagnosis.participation_ratio):.4g}"
     if diagnosis.time_apart is not None:
-        shares = [f"{100 * share:.3g}" for share in (diagnosis.time_apart, diagnosis.time_stick, diagnosis.time_slip)]
+        times = diagnosis.time_apart, diagnosis.time_stick, diagnosis.time_slip
+        shares = [f"{100 * float(np.mean(time)):.3g}" for time in times]  # of a row over all interfaces
         rows["apart, stick, slip"] = f"{', '.join(shares)} %"
     if np.isfinite(diagnosis.largest_force):
         rows["largest force"] = f"{diagnosis.largest_force:.4g} N"
@@ -278,10 +286,11 @@ def _interval_text(value: float, ci: float, unit: str = "") -> str:
     return with_interval(value, ci, unit).replace("+-", "±")
 
 
-DIAGNOSIS_PANELS = (
+PAIR_PANELS = (
     *(_of_run(panel) for panel in (*MOTION_PANELS, *sorted(CONTACT_PANELS, key=lambda panel: panel.name != "ribbon"))),
     Panel("power", _draw_curve),
     Panel("energy", _draw_energy),
     Panel("stability", _draw_stability),
     Panel("summary", _draw_summary),
 )
+ROW_PANELS = (*map(_of_run, BLADE_PANELS), *PAIR_PANELS[-4:])

@@ -10,8 +10,14 @@ from matplotlib.ticker import MaxNLocator
 
 from jaxshroud.motion.amplification import whitehead_factor
 from jaxshroud.plotting.page import Page, Panel
-from jaxshroud.plotting.plot_amplitude import AmplitudeUnit, amplitude_unit
-from jaxshroud.plotting.scales import ParameterAxis, legend_above, parameter_axis, title_of
+from jaxshroud.plotting.scales import (
+    AmplitudeUnit,
+    ParameterAxis,
+    amplitude_unit,
+    legend_above,
+    parameter_axis,
+    title_of,
+)
 from jaxshroud.plotting.style import (
     BLUE,
     COLUMN_WIDTH,

@@ -15,6 +15,8 @@ from jaxshroud.plotting.style import DEFAULT_LOOK, LENGTHS, Look, PlotArray, Pro
 from jaxshroud.scene.checks import InputError, word_argument
 
 LEAST_SPAN = 0.1  # percentage points on an axis of P_d: a shorter one would show the rounding errors of an orbit
+DISPLACEMENT_SYMBOLS = {"x": "x_1", "y": "y_1", "theta": r"\theta_1"}
+AMPLITUDE_KINDS = {"peak": "amplitude of", "rms": "RMS of", "mean": "mean of"}
 VISIBLE_SHARE = 3e-3  # of an axis: narrower bands are invisible
 
 
@@ -140,3 +142,21 @@ def _cell_edges(values: PlotArray) -> PlotArray:
         return values.sum() + np.array([-0.5, 0.5])
     middle = (values[1:] + values[:-1]) / 2
     return np.array([2 * values[0] - middle[0], *middle, 2 * values[-1] - middle[-1]])
+
+
+class AmplitudeUnit(NamedTuple):
+    """The unit of an amplitude in a picture."""
+
+    factor: float
+    label: str
+
+
+def amplitude_unit(of: str, largest: float, look: Look) -> AmplitudeUnit:
+    """The unit for an amplitude such as "x_peak", by its largest value or as the look says."""
+    name, kind = of.split("_")
+    label = f"{AMPLITUDE_KINDS[kind]} ${DISPLACEMENT_SYMBOLS[name]}$"
+    if name == "theta":
+        return AmplitudeUnit(180 / np.pi, f"{label} [°]")
+    unit = look.unit if look.unit in LENGTHS else "mm" if largest >= 1e-4 else "um"
+    text, factor = LENGTHS[unit]
+    return AmplitudeUnit(factor, f"{label} [{text}]")

@@ -59,7 +59,11 @@ class Attractors(Result):
     that never slips (permanent stick keeps the slider wherever it is, so the family counts as one attractor), and 2
     for aperiodic motion.
 
-    The panels of its picture are "orbits", "shares" and "P_d".
+    The motions of a row, which a report finds, are told apart by their points at the strobe over the kept periods: no
+    orbit is closed, and nothing is said of their stability but that runs stay on them. In a ring the copies of a motion
+    that begin at another blade are motions of their own.
+
+    The panels of its picture are "orbits", "shares" and "P_d", of a row "amplitudes".
     """
 
     stored_as = "attractors"
@@ -86,6 +90,11 @@ class Attractors(Result):
     case = Variable("contact case there")
     path_x = Variable("x of the left blade along it", "m", ("along",))
     path_v_x = Variable("v_x of the left blade along it", "m s-1", ("along",))
+    P_d_worst = Variable("least reduction of any blade of a row, of any start", "percent")
+    x_peak = Variable("amplitude of x of each blade of a row, from the first of the starts", "m", ("blade",))
+    x_free = Variable("amplitude of x of each blade of a row without contact, closed form", "m", ("blade",))
+    N_max = Variable("largest normal force of a row from any start, at events and ends of steps", "N")
+    v_max = Variable("largest penetration of a row, likewise", "m")
     gap = Attribute()  # of the scene [m]
     label = Variable("the attractor that a start ends on; -1: undecided, -2: its run stopped")
     status = Variable("how each start's run ended", stored=np.int8, kind=np.int32, more=FLAGS)
@@ -151,7 +160,9 @@ class Attractors(Result):
             "worst": worst,
             "method": f"{self.method}, {self.steps_per_period} steps a period",
         }
-        return json_values({**numbers, "attractors": rows, **self.source})
+        names = "P_d_worst", "x_peak", "N_max", "v_max"
+        of_row = {name: a for name in names if (a := getattr(self, name)) is not None}
+        return json_values({**numbers, "attractors": rows, **self.source, **of_row})
 
     def _picture_content(self) -> Self:
         return self

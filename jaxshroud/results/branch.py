@@ -14,7 +14,6 @@ from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Result
 from jaxshroud.results.orbit import component_names
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.typed import typed
 
 if TYPE_CHECKING:
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
 
     from jaxshroud.model.prepared import State
     from jaxshroud.motion.branch_continuation import ContinuedBranch
+    from jaxshroud.motion.travelling_wave import TravellingWave
     from jaxshroud.plotting.style import LookOptions
     from jaxshroud.results.sweep import SweepResult
 
@@ -60,7 +60,11 @@ class Branch(WithAmplitudes, Result):
     Neimark-Sacker point or a branch point, where a multiplier passes the unit circle; a corner, where a multiplier
     jumps across it; a jump, where the orbit itself jumps between the previous point and this one (stick or a case
     switch appears or disappears under load); a grazing, where contact appears or disappears with zero closing speed;
-    in rings a localisation, where the shift of a travelling wave breaks.
+    in rings a localisation, where the shift of a travelling wave breaks: there a multiplier of the reduced map of the
+    wave leaves the unit circle elsewhere than at 1.
+
+    In a row of blades what is told of contact ends with the interface, and P_d is that of all blades together.
+    Waves are told of rings alone.
     """
 
     stored_as = "branch"
@@ -72,12 +76,13 @@ class Branch(WithAmplitudes, Result):
     stable = Variable("all multipliers are within the unit circle", stored=np.int8, kind=bool)
     q = Variable("period number")
     motion = MotionVariable("at drive phase 0")
-    u_s = Variable("slider at drive phase 0", "m")
-    mode = Variable("contact mode at drive phase 0")
-    case = Variable("contact case at drive phase 0")
+    u_s = Variable("slider at drive phase 0", "m", ("interface",))
+    mode = Variable("contact mode at drive phase 0", None, ("interface",))
+    case = Variable("contact case at drive phase 0", None, ("interface",))
     samples = Variable("x, y [m] and theta [rad] at the end of each period", None, ("turn", "displacement"))
     P = Variable("average power, Eq. (23)", "m4", ("blade",))
-    P_d = Variable("vibration-power reduction of the left blade, Eq. (24)", "percent")
+    P_d = Variable("vibration-power reduction of the left blade, or of a row, Eq. (24)", "percent")
+    P_d_worst = Variable("that of the blade of a row that gains the least", "percent")
     P_d_vibration = Variable("that of the vibration about the mean position alone", "percent")
     multipliers = ComplexVariable(
         "Floquet multipliers, largest first, the slider's own among them", "1", ("multiplier",)
@@ -88,6 +93,11 @@ class Branch(WithAmplitudes, Result):
     onsets = Variable("beginnings of contact in an orbit")
     slowest_onset = Variable("closing speed at the gentlest onset; inf without contact", "m s-1")
     nearest_miss = Variable("least distance that corners come to without touching; inf where there is none", "m")
+    wave_parts = Variable("parts of the period over which a travelling wave repeats; 0: no alike blades", kind=int)
+    wave_residual = Variable("distance from a travelling wave, relative to the largest of each quantity", "1")
+    wave_multipliers = ComplexVariable(
+        "multipliers of the map over a part and the shift back, free sliders left out (NaN)", "1", ("multiplier",)
+    )
     status = Variable("how the march ended", stored=np.int8, kind=np.int32, more=FLAGS)
     along = Attribute(str)
     ends_of_branches = Attribute(str, "ends")
@@ -103,22 +113,17 @@ class Branch(WithAmplitudes, Result):
         """The result from branches that were followed along a number within limits."""
         turns = max(point.cycle.q for branch in branches for point in branch.points)
         layout = branches[0].points[0].cycle.scene.layout
-        kind = cls if layout == PAIR else RowBranch
-        row_of = _branch_row if layout == PAIR else _point_of_row
-        rows = [row_of(b, i, one, turns) for b, one in enumerate(branches) for i in range(len(one.points))]
+        rows = [_branch_row(b, i, one, turns) for b, one in enumerate(branches) for i in range(len(one.points))]
         values: dict[str, Any] = {
             name: np.stack([np.asarray(row[name]) for row in rows]) for name in rows[0] if name != "motion"
         }
         values["motion"] = Motion(*(np.stack(field) for field in zip(*(row["motion"] for row in rows), strict=True)))
         gap = values.pop("gap")
         values |= {"along": along, "ends_of_branches": "; ".join(", ".join(branch.ends) for branch in branches)}
-        blades = layout.blades
-        coords = {"blade": np.arange(blades), "displacement": component_names(layout)[: 3 * blades]}
+        coords = {"blade": np.arange(layout.blades), "displacement": component_names(layout)[: 3 * layout.blades]}
         attributes = {**attrs, "start": limits[0], "stop": limits[1]}
-        gap_dims = ("point", "interface")[: gap.ndim]
-        result = kind.from_values(
-            values, lanes=("point",), coords=coords, attrs=attributes, more={"gap": (gap_dims, gap, BRANCH_GAP)}
-        )
+        more = {"gap": (("point", "interface")[: gap.ndim], gap, BRANCH_GAP)}
+        result = cls.from_values(values, lanes=("point",), coords=coords, attrs=attributes, more=more, layout=layout)
         for name in ("value", "value_error"):
             result.data[name].attrs |= {"key": along, "units": key_attrs(along)["units"]}
         return result
@@ -144,10 +149,23 @@ class Branch(WithAmplitudes, Result):
 
     def _crossing_multiplier(self, kind: str, point: int) -> complex:
         """The multiplier that is nearest to where those of special points of that kind pass the unit circle."""
-        crossing, multipliers = {"flip": -1.0, "fold": 1.0, "branch point": 1.0}.get(kind), self.multipliers[point]
+        multipliers = self.multipliers[point]
+        crossing = {"flip": -1.0, "fold": 1.0, "branch point": 1.0}.get(kind)
+        is_left_out = self.slider_is_free[point] & (np.abs(multipliers - 1) < 1e-9)
+        if kind == "localisation":
+            from jaxshroud.motion.travelling_wave import keeps_shift
+
+            multipliers = self.wave_multipliers[point]
+            is_left_out = keeps_shift(multipliers) | np.isnan(multipliers)
         distances = np.abs(np.abs(multipliers) - 1) if crossing is None else np.abs(multipliers - crossing)
-        is_free_slider = self.slider_is_free[point] & (np.abs(multipliers - 1) < 1e-9)
-        return complex(multipliers[np.argmin(np.where(is_free_slider, np.inf, distances))])
+        return complex(multipliers[np.argmin(np.where(is_left_out, np.inf, distances))])
+
+    @property
+    def is_wave(self) -> np.ndarray:
+        """Whether each orbit is a travelling wave, (points,)."""
+        if self.wave_residual is None:
+            return np.zeros(len(self.value), bool)
+        return self.wave_residual <= WAVE_RESIDUAL
 
     @property
     def doubts(self) -> list[str]:
@@ -205,7 +223,16 @@ class Branch(WithAmplitudes, Result):
             "closed to": self.residual.max(),
             "method": f"{self.method}, {self.steps_per_period} steps a period",
         }
-        return json_values({**numbers, "along": self.along, "special": rows, "ends": self.ends, **self.source})
+        numbers |= {"along": self.along, "special": rows, "ends": self.ends, **self.source}
+        return json_values(self._row_numbers() | numbers)
+
+    def _row_numbers(self) -> dict[str, object]:
+        """The number of travelling waves of a ring of alike blades, and the range of P_d of a row's worst blade."""
+        is_alike = self.wave_parts is not None and self.wave_parts.any()
+        waves: dict[str, object] = {"travelling waves": int(self.is_wave.sum())} if is_alike else {}
+        if self.P_d_worst is None:
+            return waves
+        return waves | {"P_d of the worst blade": [float(self.P_d_worst.min()), float(self.P_d_worst.max())]}
 
     @typed
     def plot(
@@ -244,73 +271,13 @@ class Branch(WithAmplitudes, Result):
         )
 
 
-class RowBranch(Branch):
-    """Branches of rows of blades, as `Branch`: what is told of contact ends with the interface.
-
-    P_d is that of all blades together. At a special point of kind "localisation" a multiplier of the reduced map of a
-    travelling wave leaves the unit circle elsewhere than at 1: the shift from blade to blade breaks there. Near misses
-    and closing speeds are not told.
-    """
-
-    stored_as = "row_branch"
-
-    u_s = Variable("slider at drive phase 0", "m", ("interface",))
-    mode = Variable("contact mode at drive phase 0", None, ("interface",))
-    case = Variable("contact case at drive phase 0", None, ("interface",))
-    P_d = Variable("vibration-power reduction of all blades, Eq. (24)", "percent")
-    P_d_worst = Variable("vibration-power reduction of the blade that gains the least", "percent")
-    wave_parts = Variable(
-        "parts of the period over which a travelling wave repeats; 0: no ring of alike blades", kind=int
-    )
-    wave_residual = Variable("distance from a travelling wave, relative to the largest of each quantity", "1")
-    wave_multipliers = ComplexVariable(
-        "multipliers of the map over a part and the shift back, free sliders left out (NaN)", "1", ("multiplier",)
-    )
-
-    @property
-    def is_wave(self) -> np.ndarray:
-        """Whether each orbit is a travelling wave, (points,)."""
-        return self.wave_residual <= WAVE_RESIDUAL
-
-    def _crossing_multiplier(self, kind: str, point: int) -> complex:
-        """That of `Branch`; at localisation, of those that break the shift of a travelling wave."""
-        if kind != "localisation":
-            return super()._crossing_multiplier(kind, point)
-        from jaxshroud.motion.travelling_wave import keeps_shift
-
-        multipliers = self.wave_multipliers[point]
-        distances = np.where(keeps_shift(multipliers), np.inf, np.abs(np.abs(multipliers) - 1))
-        return complex(multipliers[np.nanargmin(distances)])
-
-    def summary(self) -> dict[str, JSONValue]:
-        """That of `Branch`, with the number of travelling waves and the worst blade's range of P_d."""
-        worst = [float(self.P_d_worst.min()), float(self.P_d_worst.max())]
-        waves = {"travelling waves": int(self.is_wave.sum())} if self.wave_parts.any() else {}
-        return {**json_values({**waves, "P_d of the worst blade": worst}), **super().summary()}
-
-
-def _point_of_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> dict[str, Any]:
-    """The values of point `i` of a branch of a row."""
-    from jaxshroud.model.linear import power_reduction
-
-    values, point = _branch_row(number, i, branch, turns), branch.points[i]
-    wave, cycle = point.wave, point.cycle
-    multipliers = np.full(len(cycle.multipliers), np.nan + 0j)
-    if wave is not None:
-        multipliers[: len(wave.others)] = wave.others
-    return {
-        **{name: value for name, value in values.items() if name not in ("slowest_onset", "nearest_miss")},
-        "P_d_worst": power_reduction(cycle.P, cycle.P_0).min(),
-        "wave_parts": 0 if wave is None else wave.symmetry.parts,
-        "wave_residual": np.nan if wave is None else wave.residual,
-        "wave_multipliers": multipliers,
-    }
-
-
 def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> dict[str, Any]:
     """The values of point `i` of a branch, with its samples filled up to `turns`."""
+    from jaxshroud.model.linear import power_reduction
+
     point, touch = branch.points[i], branch.touches[i]
-    cycle, displacements = point.cycle, 3 * len(point.cycle.P)
+    cycle, layout = point.cycle, point.cycle.scene.layout
+    displacements = 3 * layout.blades
     samples = np.full((turns, displacements), np.nan)
     samples[: cycle.q] = touch.samples[:, :displacements]
     numbers = {name: getattr(cycle, name) for name in BRANCH_NUMBERS}
@@ -329,5 +296,16 @@ def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> d
         "onsets": touch.onsets,
         "slowest_onset": touch.slowest,
         "nearest_miss": touch.miss,
+        **({"P_d_worst": power_reduction(cycle.P, cycle.P_0).min()} if layout.counted > 1 else {}),
+        **(_wave_values(point.wave, len(cycle.multipliers)) if layout.closed else {}),
         "gap": np.asarray(cycle.scene.shroud.gap, float),
     }
+
+
+def _wave_values(wave: "TravellingWave | None", size: int) -> dict[str, Any]:
+    """What is told of the travelling wave of a ring's orbit with so many multipliers."""
+    multipliers = np.full(size, np.nan + 0j)
+    if wave is None:
+        return {"wave_parts": 0, "wave_residual": np.nan, "wave_multipliers": multipliers}
+    multipliers[: len(wave.others)] = wave.others
+    return {"wave_parts": wave.symmetry.parts, "wave_residual": wave.residual, "wave_multipliers": multipliers}

@@ -114,12 +114,15 @@ class Diagnosis(Trajectory):
     """A run of settled motion, and the verdict on it.
 
     The samples are those of the periods that follow the ones that gave the evidence; for a scene that stops they are
-    those of its start.
+    those of its start. P_d is that of the left blade, or of a row; the largest exponent of a row is that of a nearby
+    run, and it has neither multipliers nor a K.
     """
 
     stored_as = "diagnosis"
 
-    verdict = Attribute(str)  # "period 2", "quasi-periodic", "chaotic", "transient not over", "undecided", "stopped"
+    # "period 2", "travelling wave of period 1", "quasi-periodic", "chaotic", "transient not over", "undecided" or
+    # "stopped"
+    verdict = Attribute(str)
     evidence = Attribute(str)  # the verdict with its reasons, a sentence
     period_number = Attribute(int)  # 0 where the motion is not periodic
     periods = Attribute(int)  # that were run before the samples
@@ -139,6 +142,13 @@ class Diagnosis(Trajectory):
     P_d_settled = Attribute(bool)
     P_d_vibration = Attribute()  # of the vibration about the mean position alone, over all periods [percent]
     P_d_vibration_ci = Attribute()
+    P_d_worst = Attribute()  # of the blade of a row that gains the least [percent]
+    P = Variable("average power of each blade, Eq. (23); in rows only", "m4", ("blade",))
+    P_0 = Variable("average power of each blade without contact, closed form; in rows only", "m4", ("blade",))
+
+    @property
+    def _repeats(self) -> int:
+        return self.period_number
 
     @property
     def largest_force(self) -> float:
@@ -151,7 +161,11 @@ class Diagnosis(Trajectory):
     def powers(self) -> dict[str, float]:
         """The mean powers over the samples [W]: of the drive, and those lost in the dampers and in friction."""
         works = {"drive": self.work_drive, "viscous": self.loss_viscous, "friction": self.loss_friction}
-        return {name: work / float(self.t[-1] - self.t[0]) for name, work in works.items() if work is not None}
+        return {
+            name: float(np.sum(work)) / float(self.t[-1] - self.t[0])
+            for name, work in works.items()
+            if work is not None
+        }
 
     def summary(self) -> dict[str, JSONValue]:
         """Everything but the samples, in plain numbers, as `diagnosis.json` holds it."""
@@ -175,7 +189,19 @@ class Diagnosis(Trajectory):
             "method": str(self.method),
             "steps_per_period": self.steps_per_period,
         }
-        return json_values({**numbers, **self.origin})
+        return json_values({**numbers, **self._row_numbers(), **self.origin})
+
+    def _row_numbers(self) -> dict[str, object]:
+        """What a row has beside: its worst blade, the power, amplitude and slip of each, and its waves."""
+        if self.P_d_worst is None:
+            return {}
+        names = "P_d_worst", "P", "P_0", "x_peak", "slip", "loss_friction"
+        return {
+            **{name: getattr(self, name) for name in names},
+            "wave_distance": self.wave.distance.share,
+            "wave": self.wave.words,
+            "participation_ratio": float(self.participation_ratio),
+        }
 
     def _exponent_rows(self) -> list[list[float | str]]:
         """Each exponent with the half width of its interval."""

@@ -14,8 +14,8 @@ from jaxshroud.motion.effects import between, flat_text
 from jaxshroud.plotting.documents import Section, save_document
 from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.base import Result
+from jaxshroud.results.diagnosis import Diagnosis
 from jaxshroud.results.gradient import Gradient
-from jaxshroud.results.row_diagnosis import RowDiagnosis
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.quantities import unit_of
 from jaxshroud.scene.typed import typed
@@ -131,7 +131,7 @@ class Report:
     attractors: Attractors
     coexisting: tuple[Attractors, ...]  # one for each condition
     sections: Sequence[Section]
-    diagnosis: RowDiagnosis | None = None  # of a row of blades
+    diagnosis: Diagnosis | None = None  # of a row of blades
 
     @typed
     def save(self, path: str | Path) -> None:

@@ -74,10 +74,9 @@ def branch(
             latter is 0 while it is not.
 
     Returns:
-        The branches (of rows of blades a `RowBranch`), point by point, including their special points; each point is
-        closed to 1e-9 (float64). This closing error is not the error of the march: where a multiplier crosses the
-        unit circle, `special` says how far a march with half the step, or a tenth of the tolerance, shifts that
-        point, with a warning where it is much.
+        The branches, point by point, including their special points; each point is closed to 1e-9 (float64). This
+        closing error is not the error of the march: where a multiplier crosses the unit circle, `special` says how far
+        a march with half the step, or a tenth of the tolerance, shifts that point, with a warning where it is much.
 
     Raises:
         InputError: The range is empty or does not hold the value, or there are many scenes.

@@ -17,15 +17,14 @@ from jaxshroud.motion.short_runs import end_states
 from jaxshroud.motion.verdict import VERDICT_ROUNDS, Verdict, verdict_text, verdicts
 from jaxshroud.motion.verdict_evidence import Stretches
 from jaxshroud.results.diagnosis import Diagnosis
-from jaxshroud.results.row_diagnosis import RowDiagnosis
-from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.verbs.accuracy import missed_lanes, warn_missed
-from jaxshroud.verbs.diagnose_row import row_diagnosis
-from jaxshroud.verbs.lanes import one_scene, request_lanes
-from jaxshroud.verbs.options import MarchPlan
+from jaxshroud.verbs.diagnose_row import JudgedMotion, motion_of_row
+from jaxshroud.verbs.lanes import RequestedLanes, one_scene, with_tangents
+from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, check_row, resolve_options
 from jaxshroud.verbs.power import power
 from jaxshroud.verbs.simulate import simulate
 
@@ -43,7 +42,7 @@ def diagnose(
     state: State | None = None,
     progress: Progress | None = None,
     throw: bool = False,
-) -> Diagnosis | RowDiagnosis:
+) -> Diagnosis:
     """The kind of motion that a scene settles on, the evidence for it, and the samples that show it.
 
     The return map, the largest exponent and the 0-1 test each have their own stretch of the run, one after the other.
@@ -52,8 +51,8 @@ def diagnose(
     whole interval of the exponent is positive and K exceeds a half; quasi-periodic where the exponent is 0 within a
     narrow interval and K is near 0.
 
-    A row of blades gives a `RowDiagnosis`: the period number of all blades, whether the motion is a travelling wave,
-    and the growth of a nearby run in place of exponents from tangents; orbits are not closed by Newton's method.
+    Of a row of blades it tells whether the motion is a travelling wave, and the growth of a nearby run in place of
+    exponents from tangents; there is no 0-1 test, and orbits are not closed by Newton's method.
 
     Args:
         scene: One scene, or a scene file, whose [run] counts where an argument is not given.
@@ -80,27 +79,44 @@ def diagnose(
         >>> js.diagnose(scene, method=js.RungeKutta(steps=100)).verdict
         'period 1'
     """
-    if one_scene("diagnose", scene).row is not None:
-        return row_diagnosis(scene, transient, method, state, progress, throw)
-    lanes = request_lanes(scene, transient=transient, method=method, usual=FOR_P_D_WITH_LEDGER, verb="diagnose")
-    march = lanes.march._replace(method=lanes.march.method._replace(ledger=True))
-    ((precise, initial),) = lanes.with_states(lanes.scenes, state)
+    one_scene("diagnose", scene)
+    resolved = resolve_options(scene, transient=transient, method=method, verb="diagnose")
+    check_row(resolved.scene)
+    judge = motion_of_pair if resolved.scene.layout == PAIR else motion_of_row
+    found = judge(scene, resolved, state, progress)
+    shown = {"n_periods": found.shown, "events": found.events, "method": found.method}
+    run = simulate(scene, state=found.start, throw=throw, **shown)
+    diagnosis = Diagnosis.from_values(found.told(run), layout=resolved.scene.layout).data
+    data = run.data.assign(diagnosis.data_vars).assign_attrs(diagnosis.attrs)
+    if found.status != Status.OK and run.status == Status.OK:  # the verdict's march went further than the samples
+        data = data.assign_attrs(status=found.status)
+    return Diagnosis(data)
+
+
+def motion_of_pair(
+    scene: Scene | SceneFile, resolved: ResolvedOptions, state: State | None, progress: Progress | None
+) -> JudgedMotion:
+    """The motion of a pair: by its returns, the exponent of a tangent, the 0-1 test and Newton's method."""
+    march = with_tangents(resolved, resolved.lanes, FOR_P_D_WITH_LEDGER)
+    march = march._replace(method=march.method._replace(ledger=True))
+    ((precise, initial),) = RequestedLanes(resolved, march).with_states(resolved.scenes, state)
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
-    before = lanes.resolved.transient
-    ticker = Ticker(before + (2**VERDICT_ROUNDS - 1) * Stretches().all, progress)
-    (verdict,) = verdicts(one_lane(precise), one_lane(initial), before, shooting, tick=ticker)
-    stopped = verdict.kind == "stopped"
-    same_march = method_of(march.steps, march.method)
-    settled = initial if stopped else verdict.evidence.last
-    shown = MIN_STORED_ORBITS * verdict.q if verdict.q else APERIODIC_PERIODS
-    n_periods = verdict.periods if stopped else max(MIN_STORED_PERIODS, shown)
-    events = precise.parts.contact == "spring" and not stopped
-    run = simulate(scene, n_periods=n_periods, events=events, method=same_march, state=settled, throw=throw)
-    evidence = {} if stopped else _settled_evidence(scene, precise, verdict, march)
+    ticker = Ticker(resolved.transient + (2**VERDICT_ROUNDS - 1) * Stretches().all, progress)
+    (verdict,) = verdicts(one_lane(precise), one_lane(initial), resolved.transient, shooting, tick=ticker)
     if march.choice is not None:
         ends = partial(end_states, ledger=True, vibration=True)  # by the programs of the verdict
-        warn_missed(missed_lanes(lanes.resolved.lanes, march.choice, ends), march.choice)
-    return _diagnosis(run, verdict, evidence)
+        warn_missed(missed_lanes(resolved.lanes, march.choice, ends), march.choice)
+    stopped = verdict.kind == "stopped"
+    shown = MIN_STORED_ORBITS * verdict.q if verdict.q else APERIODIC_PERIODS
+    settled = {} if stopped else _settled_evidence(scene, precise, verdict, march)
+    return JudgedMotion(
+        int(np.int32(verdict.evidence.status)),
+        initial if stopped else verdict.evidence.last,
+        verdict.periods if stopped else max(MIN_STORED_PERIODS, shown),
+        precise.parts.contact == "spring" and not stopped,
+        method_of(march.steps, march.method),
+        lambda _: _verdict_values(verdict) | settled,
+    )
 
 
 def _settled_evidence(
@@ -125,10 +141,10 @@ def _settled_evidence(
     return {**known, **alone, "n": curve.n, "P_d": curve.P_d, "P_d_ci": curve.P_d_ci, "P_d_settled": settled_number}
 
 
-def _diagnosis(run: Trajectory, verdict: Verdict, settled_evidence: dict[str, object]) -> Diagnosis:
-    """The run, with its verdict and the evidence for it."""
+def _verdict_values(verdict: Verdict) -> dict[str, object]:
+    """The verdict and its first evidence, by the names of `Diagnosis`."""
     evidence = verdict.evidence
-    attributes = {
+    return {
         "verdict": verdict.words,
         "evidence": verdict_text(verdict),
         "period_number": verdict.q,
@@ -137,11 +153,6 @@ def _diagnosis(run: Trajectory, verdict: Verdict, settled_evidence: dict[str, ob
         "largest_exponent": evidence.exponent,
         "largest_exponent_ci": evidence.ci,
         "K": evidence.K,
+        "P_d_settled": 0,
+        "slider_stuck": 0,
     }
-    diagnosis = Diagnosis.from_values({**attributes, "P_d_settled": 0, "slider_stuck": 0, **settled_evidence}).data
-    data = run.data.assign(diagnosis.data_vars).assign_attrs(diagnosis.attrs)
-    if (
-        evidence.status != Status.OK and run.status == Status.OK
-    ):  # the march of the verdict went further than the samples
-        data = data.assign_attrs(status=int(np.int32(evidence.status)))
-    return Diagnosis(data)

@@ -1,5 +1,6 @@
 """The kind of motion that one row of blades settles on, with the evidence for it."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -13,23 +14,33 @@ from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, Method
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.averages import Reduction, averages
+from jaxshroud.motion.averages import Reduction, averages, closed_forms, convergence, power_series_of
 from jaxshroud.motion.nearby_run import ALIGNED, NearbyGrowth, nearby_growth
 from jaxshroud.motion.period import SETTLED, Repetition
 from jaxshroud.motion.waves import RowWave
-from jaxshroud.results.row_diagnosis import RowDiagnosis
+from jaxshroud.results.diagnosis import Diagnosis
 from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.options import MarchPlan, check_row, plan_march, resolve_options
-from jaxshroud.verbs.simulate import simulate
+from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, plan_march
 
 FIRST_STRETCH, ROUNDS = 64, 3  # of the evidence; each round is twice as long
 GROWTH_PERIODS = 64  # of the nearby run
 LEAST_SHOWN, SHOWN_ORBITS = 8, 2  # at least
 WAVE = 1e-6  # of the square of the motion outside a travelling wave: less is one
+
+
+class JudgedMotion(NamedTuple):
+    """The motion that a scene settles on, and how it is shown."""
+
+    status: int  # of the march that gave the evidence
+    start: State  # of the samples
+    shown: int  # periods that are sampled
+    events: bool  # whether the states at events are kept too
+    method: Method
+    told: Callable[[Trajectory], dict[str, object]]  # the verdict and its evidence, by the names of `Diagnosis`
 
 
 class RowEvidence(NamedTuple):
@@ -38,34 +49,31 @@ class RowEvidence(NamedTuple):
     status: int
     orbit: Repetition
     power: Reduction
+    series: np.ndarray  # P_d of each of the latest whole orbits' periods [%]
     P_0: np.ndarray  # (1, N) [m^4]
     periods: int  # run in all
     last: State  # one lane (leading axis)
     growth: NearbyGrowth
 
 
-def row_diagnosis(
-    scene: Scene | SceneFile,
-    transient: int | None,
-    method: Method | str | float | None,
-    state: State | None,
-    progress: Progress | None,
-    throw: bool,
-) -> RowDiagnosis:
-    """`diagnose` of a row: its period number, waves, P_d, and the growth of a nearby run."""
-    resolved = resolve_options(scene, transient=transient, method=method, verb="diagnose")
-    check_row(resolved.scene)
+def motion_of_row(
+    scene: Scene | SceneFile, resolved: ResolvedOptions, state: State | None, progress: Progress | None
+) -> JudgedMotion:
+    """The motion of a row: by the returns of all blades, waves, and the growth of a nearby run."""
     march = plan_march(resolved, resolved.lanes, FOR_P_D_WITH_LEDGER)
     march = march._replace(method=march.method._replace(ledger=True))
     scenes = in_precision(without_given(resolved.lanes), march.method.precision)
     start = resolved.states(state, scenes)
     found = _evidence(scenes, start, march, resolved.transient, progress)
     stopped = found.status != Status.OK
-    q = int(found.orbit.number[0])
-    shown = found.periods if stopped else max(LEAST_SHOWN, SHOWN_ORBITS * q)
-    begin = jax.tree.map(lambda a: np.asarray(a)[0], start if stopped else found.last)
-    run = simulate(scene, n_periods=shown, method=march.as_method, state=begin, throw=throw)
-    return _with_verdict(run, found)
+    return JudgedMotion(
+        found.status,
+        jax.tree.map(lambda a: np.asarray(a)[0], start if stopped else found.last),
+        found.periods if stopped else max(LEAST_SHOWN, SHOWN_ORBITS * int(found.orbit.number[0])),
+        False,
+        march.as_method,
+        partial(_told, found),
+    )
 
 
 def _evidence(scenes: Scene, states: State, march: MarchPlan, transient: int, progress: Progress | None) -> RowEvidence:
@@ -86,7 +94,15 @@ def _evidence(scenes: Scene, states: State, march: MarchPlan, transient: int, pr
     if status == Status.OK:
         one = partial(_after_a_period, scenes, march, ticker)
         growth = nearby_growth(states, _sizes(scenes, runs), one, GROWTH_PERIODS)
-    return RowEvidence(status, orbit, power, P_0, done, states, growth)
+    return RowEvidence(status, orbit, power, _latest_series(scenes, runs, orbit, P_0), P_0, done, states, growth)
+
+
+def _latest_series(scenes: Scene, runs: Runs, orbit: Repetition, P_0: np.ndarray) -> np.ndarray:
+    """P_d of each period of the latest whole orbits [%]."""
+    P = closed_forms(scenes)[0].astype(float)[:, None, None] * runs.samples.power
+    q = max(int(orbit.number[0]), 1)
+    series = power_series_of(P, P_0, scenes.layout)[0]
+    return series[len(series) % q :]
 
 
 def _after_a_period(scenes: Scene, march: MarchPlan, ticker: Ticker, states: State) -> tuple[State, bool]:
@@ -101,28 +117,32 @@ def _sizes(scenes: Scene, runs: Runs) -> Motion:
     return Motion(x, y, theta, omega * x, omega * y, omega * theta)
 
 
-def _with_verdict(run: Trajectory, found: RowEvidence) -> RowDiagnosis:
-    """The run, with the verdict and what it rests on."""
-    wave = RowDiagnosis(run.data.assign_attrs(period_number=int(found.orbit.number[0]))).wave
-    verdict, reasons = _verdict(wave if run.closed else None, found)
-    values = {
+def _told(found: RowEvidence, run: Trajectory) -> dict[str, object]:
+    """The verdict and what it rests on; waves are those of the run that is shown."""
+    q, power = int(found.orbit.number[0]), found.power
+    wave = Diagnosis(run.data.assign_attrs(period_number=q)).wave if run.closed else None
+    verdict, reasons = _verdict(wave, found)
+    n, P_d, ci = convergence(found.series, q)
+    return {
         "verdict": verdict,
         "evidence": f"{verdict}: {'; '.join(reasons)}",
-        "period_number": int(found.orbit.number[0]),
+        "period_number": q,
         "periods": found.periods,
+        "return_error": np.nan,
         "largest_exponent": found.growth.exponent,
         "largest_exponent_ci": found.growth.ci,
-        "P_d": float(found.power.P_d[0]),
-        "P_d_ci": float(found.power.ci[0]),
-        "P_d_vibration": float(found.power.P_d_vibration[0]),
-        "P_d_vibration_ci": float(found.power.vibration_ci[0]),
-        "P_d_worst": float(power_reduction(found.power.P, found.P_0).min()),
-        "P": found.power.P[0],
+        "K": np.nan,
+        "n": n,
+        "P_d": P_d,
+        "P_d_ci": ci,
+        "P_d_settled": int(power.settled[0]),
+        "P_d_vibration": float(power.P_d_vibration[0]),
+        "P_d_vibration_ci": float(power.vibration_ci[0]),
+        "P_d_worst": float(power_reduction(power.P, found.P_0).min()),
+        "slider_stuck": 0,
+        "P": power.P[0],
         "P_0": found.P_0[0],
     }
-    told = RowDiagnosis.from_values(values).data
-    data = run.data.assign(told.data_vars).assign_attrs(told.attrs)
-    return RowDiagnosis(data)
 
 
 def _verdict(wave: RowWave | None, found: RowEvidence) -> tuple[str, list[str]]:

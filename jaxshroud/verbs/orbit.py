@@ -99,14 +99,14 @@ def orbit(
         starts = lanes.with_states(lanes.scenes, state)
         cycles = cycles_of(starts, q, most_periods, shooting, progress, throw or not lanes.shape)
         more = orbit_amplitudes(cycles) if amplitudes else {}
-        orbits = result_of(cycles, more if lanes.scenes[0].row is None else more | _wave_values(cycles))
+        orbits = result_of(cycles, more | _wave_values(cycles) if lanes.scenes[0].layout.closed else more)
     except Interrupted as stopped:
         raise Interrupted(stopped.done and result_of(stopped.done)) from None
     return warn_failed(orbits, throw)
 
 
 def _wave_values(cycles: Sequence[PeriodicOrbit]) -> dict[str, np.ndarray]:
-    """What an `Orbit` of a row tells of travelling waves, (lanes, ...) each."""
+    """What an `Orbit` of a ring tells of travelling waves, (lanes, ...) each."""
     waves = run_together([travelling_wave(cycle) for cycle in cycles])
     found = [wave if isinstance(wave, TravellingWave) else None for wave in waves]
     none = np.full(len(cycles[0].multipliers), np.nan + 0j)

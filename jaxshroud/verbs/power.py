@@ -19,12 +19,11 @@ from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.amplitudes import amplitude_values, counted_mean, counted_periods, load_values
-from jaxshroud.motion.averages import Reduction, averages, closed_forms, power_series_of, relative_residual
+from jaxshroud.motion.averages import Reduction, averages, closed_forms, convergence, power_series_of, relative_residual
 from jaxshroud.motion.equivalent import equivalent_values
 from jaxshroud.motion.levels import check_vibration
 from jaxshroud.motion.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
 from jaxshroud.motion.short_runs import end_states
-from jaxshroud.motion.statistics import confidence_interval
 from jaxshroud.results.base import Labels
 from jaxshroud.results.power import PowerResult
 from jaxshroud.scene.checks import InputError, tolerance_argument
@@ -142,15 +141,6 @@ def _lane_summary(run: _LaneRun, tolerance: float) -> LaneSummary:
         status=run.status,
         more=run.more,
     )
-
-
-def _convergence(summary: LaneSummary) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The number n of periods, the average of P_d over the first n, and its interval; n is spaced logarithmically."""
-    series, q = summary.series, max(summary.period_number, 1)
-    orbits = max(len(series) // q, 1)
-    n = q * np.unique(np.geomspace(1, orbits, 200).astype(int))
-    n = n[n <= len(series)]
-    return n, np.cumsum(series)[n - 1] / n, np.array([confidence_interval(series[:m], q) for m in n])
 
 
 @typed
@@ -301,7 +291,7 @@ def _power_result(
     resolved: ResolvedOptions, summaries: list[LaneSummary], march: MarchPlan, chatter: str | None
 ) -> PowerResult:
     """The result of all lanes; curves of convergence are padded to one length."""
-    curves = [_convergence(summary) for summary in summaries]
+    curves = [convergence(summary.series, summary.period_number) for summary in summaries]
     longest = max(len(n) for n, _, _ in curves)
     padded = lambda values, fill: np.append(values, np.full(longest - len(values), fill, values.dtype))
     n, P_d, ci = (np.stack([padded(curve[k], fill) for curve in curves]) for k, fill in enumerate((0, np.nan, np.nan)))

@@ -13,7 +13,6 @@ from jaxshroud.march.method import FOR_P_D, Method
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.results.attractors import Attractors
-from jaxshroud.results.row_motions import RowMotions
 from jaxshroud.results.scatter import Report
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import Tuned
@@ -225,7 +224,7 @@ def _report_data(
 
 def _motions_of(
     scene: Scene, counts: tuple[int, int], march: MarchPlan, run_options: RunOptions
-) -> tuple[Attractors, SweepResult | RowMotions | None]:
+) -> tuple[Attractors, SweepResult | Attractors | None]:
     """The coexisting motions of a scene, from so many random starts with that seed, and runs on them, if there are any.
 
     The motions of a row are told by runs themselves.

@@ -11,7 +11,7 @@ from jaxshroud.model.linear import power_reduction
 from jaxshroud.motion.averages import stiffnesses
 from jaxshroud.plotting.documents import Section
 from jaxshroud.results.data_sheet import DataSheet
-from jaxshroud.results.row_diagnosis import RowDiagnosis
+from jaxshroud.results.diagnosis import Diagnosis
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.quantities import RequiredReduction
 from jaxshroud.scene.scene import Scene
@@ -100,13 +100,11 @@ class RowFindings(DesignFindings):
 
     def largest_peak(self, condition: int) -> str:
         """The largest amplitude of x in a condition [mm], and the blade that has it."""
-        peaks = self.runs.x_peak[condition]
-        blade = int(np.argmax(np.where(np.isfinite(peaks), peaks, -np.inf)))
-        return f"{MM_PER_M * peaks[blade]:.5g} (blade {blade})"
+        return _largest_cell(self.runs.x_peak[condition])
 
     def motion_cells(self, motions: Any, motion: int) -> list[str]:
-        """The least P_d of any blade on a coexisting motion, and the largest amplitude."""
-        return motions.blade_cells(motion)
+        """The least P_d of any blade on a coexisting motion [percent], and the largest amplitude of x [mm]."""
+        return [f"{motions.P_d_worst[motion]:.5g}", _largest_cell(motions.x_peak[motion])]
 
     def level_words(self, level: str) -> list[str]:
         """The sentence on the level at which slopes are taken."""
@@ -138,7 +136,7 @@ def _modes_section(sheet: DataSheet, about: list[str]) -> Section:
     return Section("Natural modes", [*about, words], [head, *rows] if driven else [])
 
 
-def _waves_section(run: RowDiagnosis, about: list[str]) -> Section:
+def _waves_section(run: Diagnosis, about: list[str]) -> Section:
     paragraphs = [*about, f"{run.evidence[:1].upper()}{run.evidence[1:]}."]
     if run.verdict == "stopped":
         return Section("Waves and localisation", paragraphs)
@@ -148,15 +146,15 @@ def _waves_section(run: RowDiagnosis, about: list[str]) -> Section:
         f"{1 / blades:.3g} where one of the {blades} swings alone."
     )
     if not run.closed:
-        return Section("Waves and localisation", paragraphs, figure=run.plot(panel="map", title=""))
+        return Section("Waves and localisation", paragraphs, figure=run.plot(kind="map", title=""))
     paragraphs.append(
         "Below are the largest waves of x over the last period: a travelling wave has one nodal diameter for each "
         "harmonic. The share outside of one is of the square of the motion."
     )
-    return Section("Waves and localisation", paragraphs, _wave_table(run), run.plot(panel="diameters", title=""))
+    return Section("Waves and localisation", paragraphs, _wave_table(run), run.plot(kind="diameters", title=""))
 
 
-def _wave_table(run: RowDiagnosis) -> list[list[str]]:
+def _wave_table(run: Diagnosis) -> list[list[str]]:
     """The largest waves of the last period in x."""
     spectrum = run.spectrum()
     amplitude = spectrum.amplitude[1:]
@@ -176,7 +174,7 @@ def _blades_section(findings: RowFindings, about: list[str]) -> Section:
     order = np.argsort(np.where(np.isfinite(reductions), reductions, np.inf), kind="stable")
     for i in order[:MOST_LINES]:
         table.append([str(i), f"{reductions[i]:.5g}", f"{MM_PER_M * peaks[i]:.5g}", f"{MM_PER_M * free[i]:.5g}"])
-    figure = findings.diagnosis.plot(panel="amplitudes", title="")
+    figure = findings.diagnosis.plot(kind="amplitudes", title="")
     words = f"Those that gain the least first.{_left_out(len(order), 'blades')}"
     return Section("Blades", [*about, words], table, figure)
 
@@ -197,6 +195,12 @@ def _interfaces_section(findings: RowFindings, about: list[str]) -> Section:
         f"at the steps.{_left_out(normal.size, 'interfaces')}"
     )
     return Section("Loads at the interfaces", [*about, words], table)
+
+
+def _largest_cell(peaks: np.ndarray) -> str:
+    """The largest of the blades' amplitudes [m] in mm, and the blade that has it."""
+    blade = int(np.argmax(np.where(np.isfinite(peaks), peaks, -np.inf)))
+    return f"{MM_PER_M * peaks[blade]:.5g} (blade {blade})"
 
 
 def _left_out(count: int, what: str) -> str:

@@ -13,7 +13,6 @@ from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.data_sheet import DataSheet
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.power import PowerResult
-from jaxshroud.results.row_motions import RowMotions
 from jaxshroud.results.scatter import Scatter
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import DesignJudgement, Tuned
@@ -47,7 +46,7 @@ class ReportData(NamedTuple):
     spread: Scatter | None  # of the worst condition of each draw
     slopes: Gradient
     motions: Sequence[Attractors]  # one for each condition
-    on_motions: Sequence[SweepResult | RowMotions | None]  # runs on these, one for each condition; None without any
+    on_motions: Sequence[SweepResult | Attractors | None]  # runs on these, one for each condition; None without any
     findings: DesignFindings
     tuned: Tuned | None = None  # where the design comes from
     power: PowerResult | None = None  # of the worst condition

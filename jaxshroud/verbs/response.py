@@ -76,7 +76,7 @@ def response(
             not known.
 
     Returns:
-        The sweeps, the branches (of rows a `RowBranch`) where there is a periodic orbit to begin with, and the peaks.
+        The sweeps, the branches where there is a periodic orbit to begin with, and the peaks.
         Branches that are not connected to the one followed are not found, but the sweeps may show their motions.
 
     Raises:

@@ -13,8 +13,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import stiffnesses
 from jaxshroud.motion.orbit_distance import SweptMotion, number_motions, set_distance
 from jaxshroud.motion.random_starts import START_SPREAD, random_row_starts
-from jaxshroud.results.attractors import ATTRACTOR_KINDS, STOPPED, UNDECIDED, share_interval
-from jaxshroud.results.row_motions import RowMotions
+from jaxshroud.results.attractors import ATTRACTOR_KINDS, STOPPED, UNDECIDED, Attractors, share_interval
 from jaxshroud.results.sweep import SweepResult, swept_motions
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
@@ -22,7 +21,7 @@ from jaxshroud.verbs.options import MarchPlan
 from jaxshroud.verbs.sweep import sweep
 
 
-def row_motions(scene: Scene, starts: int, seed: int, march: MarchPlan, transient: int, n_periods: int) -> RowMotions:
+def row_motions(scene: Scene, starts: int, seed: int, march: MarchPlan, transient: int, n_periods: int) -> Attractors:
     """The motions on which a row settles from random starts, and the share of starts that lead to each.
 
     Starts are at rest, with random rates. A start that has not settled after the transient is undecided.
@@ -56,8 +55,8 @@ def row_motions(scene: Scene, starts: int, seed: int, march: MarchPlan, transien
     return _found(of_starts | {"label": label} | _motion_values(run, motions, numbers, force, starts), scene, attrs)
 
 
-def _found(values: Mapping[str, object], scene: Scene, attrs: dict[str, int | str]) -> RowMotions:
-    return RowMotions.of_values(values, ("start",), attrs, {"blade": range(len(scene.initial.x))})
+def _found(values: Mapping[str, object], scene: Scene, attrs: dict[str, int | str]) -> Attractors:
+    return Attractors.of_values(values, ("start",), attrs, {"blade": range(len(scene.initial.x))})
 
 
 def _most_frequent_first(numbers: np.ndarray) -> np.ndarray:
@@ -70,7 +69,7 @@ def _most_frequent_first(numbers: np.ndarray) -> np.ndarray:
 def _motion_values(
     run: SweepResult, motions: list[SweptMotion], numbers: np.ndarray, force: np.ndarray, starts: int
 ) -> dict[str, object]:
-    """The values of each motion, by the names of `RowMotions`."""
+    """The values of each motion, by the names of `Attractors`."""
     groups = [np.flatnonzero(numbers == number) for number in range(numbers.max(initial=-1) + 1)]
     first = [int(group[0]) for group in groups]
     over = lambda reduce, values: np.array([reduce(np.asarray(values)[group]) for group in groups])

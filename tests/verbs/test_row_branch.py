@@ -40,7 +40,7 @@ def test_localisation_is_where_the_reduced_map_breaks_the_shift(broken):
 
 @pytest.mark.full
 def test_every_blade_of_a_followed_wave_is_alike(broken, tmp_path):
-    assert isinstance(broken, js.RowBranch)
+    assert isinstance(broken, js.Branch)
     assert (broken.multipliers.shape[1], broken.u_s.shape[1]) == (28, 4)
     assert broken.residual.max() < 1e-9
     waves = np.flatnonzero((broken.branch == 0) & (broken.kind == 0))
@@ -54,7 +54,7 @@ def test_every_blade_of_a_followed_wave_is_alike(broken, tmp_path):
     assert np.abs(reduced - period).max() > 0.05
     broken.save(tmp_path / "branch.nc")
     again = js.open(tmp_path / "branch.nc")
-    assert isinstance(again, js.RowBranch)
+    assert isinstance(again, js.Branch)
     np.testing.assert_array_equal(again.wave_multipliers, broken.wave_multipliers)
     assert again.special == broken.special
 

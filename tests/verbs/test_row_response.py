@@ -165,7 +165,7 @@ def test_the_response_of_a_row_is_stored_and_drawn_again(broken, tmp_path):
     again = js.open(tmp_path / "response.nc")
     assert again.summary() == broken.summary()
     ours, theirs = again.branch(), broken.branch()
-    assert isinstance(ours, js.RowBranch)
+    assert isinstance(ours, js.Branch)
     assert (ours.ends, ours.special, ours.summary()) == (theirs.ends, theirs.special, theirs.summary())
     for name in ("P_d_worst", "wave_multipliers", "x_peak", "u_s"):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
