@@ -107,7 +107,7 @@ def csv_text(data: "xr.Dataset", rows: Rows | None = None) -> str:
     data = _with_speeds_in_rpm(data)
     for name, variable in data.data_vars.items():
         if set(variable.dims) <= {*dims, *PLACES} and not (dims and set(variable.dims) <= PLACES - {*dims}):
-            columns |= {head: column.variable for head, column in columns_of(str(name), variable)}
+            columns |= {head: column.variable for head, column in columns_by_place(str(name), variable)}
     coords = {name: data.coords[name].variable for name in data.coords if set(data.coords[name].dims) <= set(dims)}
     if not dims:
         lines = [*columns], [column.item() for column in columns.values()]
@@ -140,7 +140,7 @@ def _row_dims(data: "xr.Dataset", rows: Rows | None) -> tuple[str, ...]:
     return lanes if rows == "lane" or (rows is None and lanes) else samples
 
 
-def columns_of(name: str, variable: "xr.DataArray") -> "Iterator[tuple[str, xr.DataArray]]":
+def columns_by_place(name: str, variable: "xr.DataArray") -> "Iterator[tuple[str, xr.DataArray]]":
     """The columns of a variable with their heads: one for each blade or interface, where it has values for these."""
     for place in PLACES & {*variable.dims}:
         for i in range(variable.sizes[place]):

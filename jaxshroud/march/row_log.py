@@ -50,10 +50,10 @@ class AcceptedTrial(NamedTuple):
 
 def penetrations(state: State, model: RowModel, each: Each) -> OfInterfaces:
     """The penetration at each interface [m]."""
-    return over(each, _penetration, pair_states(state, model.closed), model.interfaces)
+    return over(each, _penetration_at, pair_states(state, model.closed), model.interfaces)
 
 
-def _penetration(state: State, model: Model) -> Scalar:
+def _penetration_at(state: State, model: Model) -> Scalar:
     return place_contact(state.motion, state, model)[2].v
 
 
@@ -63,7 +63,7 @@ def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices
     counters = jax.tree.map(lambda a: jnp.zeros(at.shape, a.dtype), no_events(model.interfaces))
     within = None
     if method.within:
-        at_start = lambda state, model: initial_extrema(jnp.maximum(_penetration(state, model), 0.0))
+        at_start = lambda state, model: initial_extrema(jnp.maximum(_penetration_at(state, model), 0.0))
         within = over(each, at_start, pair_states(state, model.closed), model.interfaces)
     return RowLog(
         *(at, at, at, at),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxshroud.io.convert import columns_of
+from jaxshroud.io.convert import columns_by_place
 from jaxshroud.io.files import write
 from jaxshroud.io.lane_status import count_by_status, status_name
 from jaxshroud.io.store import JSONValue, json_values
@@ -110,7 +110,7 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
         columns: dict[str, Any] = {RANK: rank, **dict(zip(self.heads, self.cells.T, strict=True))}
         ordered = [name for name in {**vars(DesignTable), **self.variables} if name in self.data.data_vars]
         for name in (name for name in ordered if name not in (RANK, "cells")):
-            columns |= {head: column.to_numpy() for head, column in columns_of(name, self.data[name])}
+            columns |= {head: column.to_numpy() for head, column in columns_by_place(name, self.data[name])}
         columns["status"] = np.array([status_name(code) for code in self.status.tolist()])
         return pd.DataFrame(columns, index=pd.Index(self.data[ROW].to_numpy(), name=ROW))
 
