@@ -55,5 +55,5 @@ def run_log(lanes: Any) -> RunLog:
     """The log of lanes of pairs or of rows (leading axis), which counts no events that cannot happen."""
     log, count = lanes.tally.log, len(lanes.status)
     counters = filled(log.counters, np.zeros(np.shape(log.v_max), np.int32))
-    kept = log.v_max, counters, getattr(log, "within", None)
+    kept = log.v_max, counters, log.within
     return RunLog(*jax.tree.map(lambda a: np.reshape(a, (count, -1)), kept))

@@ -93,7 +93,10 @@ class RowSample(NamedTuple):
     dropped: Any  # energy of the rocking motion that flat contact ended [J]
     residual: Any  # of the energy balance [J]
     largest: Any  # magnitudes of x, y [m] and theta [rad]
-    moments: Any  # `Moments` of each blade; None unless requested, as are the next two
+    forces: Any  # `ContactPeaks` at each interface; None unless requested, as are the next five
+    loads: Any  # `ContactLoads` at each interface
+    impacts: Any  # `Impacts` at each interface
+    moments: Any  # `Moments` of each blade
     extent: Any  # `DisplacementRange` of each blade
     means: Any  # `Means` of each blade
     times: Any  # `ContactTimes` at each interface
@@ -155,8 +158,10 @@ def _end_row_period(
         }
     means = mean_position(tally, lanes.state.motion, period, steps, blade_positions)
     sums = {"moments": gain.moments, "means": means}
-    told = {"motion": lanes.state.motion, "largest": log.largest, "extent": log.extent} | sums
-    sample = RowSample(power=gain.power / period[None], **works, **filled(told, gain.power), times=times_of(log))
+    of_blades = {"motion": lanes.state.motion, "largest": log.largest, "extent": log.extent} | sums
+    of_contact = {"forces": log.forces, "loads": gain.loads, "impacts": log.impacts, "times": times_of(log)}
+    told = filled(of_blades, gain.power) | filled(of_contact, tally.springs)
+    sample = RowSample(power=gain.power / period[None], **works, **told)
     totals = (jnp.sum(jnp.atleast_2d(a), axis=0) for a in jax.tree.leaves(sample))
     overflowed = ended & (lanes.status == Status.OK) & ~jnp.isfinite(sum(totals, gained))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
@@ -220,6 +225,9 @@ def row_sample(row: RowSample) -> Sample:
         friction=row.friction,
         viscous=total(row.viscous),
         switched=row.switched,
+        forces=row.forces,
+        loads=row.loads,
+        impacts=row.impacts,
         moments=row.moments,
         extent=row.extent,
         means=row.means,

@@ -101,7 +101,7 @@ def _balance_of_rows(tally: RowTally, gained: np.ndarray) -> EnergyBalance | Non
 
 
 def _of_rows(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> Trajectories:
-    marched = march_row_samples(scenes, states, grid, method._replace(forces=True), tick)
+    marched = march_row_samples(scenes, states, grid, method._replace(loads=True), tick)
     state, forces = marched.samples
     return Trajectories(_by_name(state, forces), marched.amplitudes, marched.last, marched.energies, None)
 

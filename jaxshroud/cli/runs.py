@@ -86,7 +86,7 @@ def _power_arguments(file: SceneFile, options: argparse.Namespace) -> Mapping[st
         raise CommandError(f"--tolerance must be positive, but is {options.stable_within}")
     with input_errors_at(file.name):
         if file.layout != PAIR:
-            check_row(file.scene, forces=options.forces)
+            check_row(file.scene)
         check_size(1, file.run.transient, file.run.periods)
         check_vibration("P_d", file.scene)
     return {}

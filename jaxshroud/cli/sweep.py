@@ -81,7 +81,7 @@ def sweep_command(options: argparse.Namespace) -> None:
     """Simulate a scene for many values of its numbers."""
     file = with_axes(load_scene(options), options)
     _check_numbers(options)
-    check_row(file.scene, lyapunov=options.lyapunov, forces=options.forces)
+    check_row(file.scene, lyapunov=options.lyapunov)
     start = time.perf_counter()
     request = SweepRequest(file, options, _claim_store(file, options), start)
     with input_errors_at(file.name):

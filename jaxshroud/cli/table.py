@@ -45,7 +45,7 @@ def _print_projection_of_long_table(call: VerbCall) -> None:
     scenes = without_given(_scenes_of_designs(call))
     resolved = resolve_options(call.file, method=call.arguments["method"], verb="table")
     march = plan_march(resolved, scenes, FOR_P_D)
-    method = march.method._replace(ledger=True, forces=scenes.row is None, amplitudes=True)
+    method = march.method._replace(ledger=True, forces=True, amplitudes=True)
     plan = Plan(call.arguments["transient"], call.arguments["n_periods"], march.steps, 0.0, method)
     lanes = len(scenes.drive.omega)
     if lanes * (plan.transient + plan.kept) * plan.steps_per_period <= LONG_TABLE_STEPS:

@@ -3,7 +3,7 @@
 import io
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -98,19 +98,16 @@ WRITERS: dict[str, Callable[["xr.Dataset", Path, Rows | None], None]] = {".csv":
 def csv_text(data: "xr.Dataset", rows: Rows | None = None) -> str:
     """All variables with one value per row, as comma-separated text: a header with units, then a line for each row.
 
-    Coordinates come first. A variable with a value for each blade becomes two columns, `x[0]` and `x[1]`. What is the
-    same in all rows is left out, see `constants_of`. Speeds of rotation are in rpm.
+    Coordinates come first. A variable with a value for each blade or interface becomes as many columns, `x[0]`, `x[1]`
+    and so on. What is the same in all rows is left out, see `constants_of`. Speeds of rotation are in rpm.
     """
     import xarray as xr
 
     dims, columns = _row_dims(data, rows), {}
     data = _with_speeds_in_rpm(data)
     for name, variable in data.data_vars.items():
-        if set(variable.dims) <= {*dims, "blade"} and not (dims and set(variable.dims) <= PLACES - {*dims}):
-            sides = range(variable.sizes["blade"]) if "blade" in variable.dims else (None,)
-            for side in sides:
-                column = variable if side is None else variable.isel(blade=side)
-                columns[column_head(str(name), side, column)] = column.variable
+        if set(variable.dims) <= {*dims, *PLACES} and not (dims and set(variable.dims) <= PLACES - {*dims}):
+            columns |= {head: column.variable for head, column in columns_by_place(str(name), variable)}
     coords = {name: data.coords[name].variable for name in data.coords if set(data.coords[name].dims) <= set(dims)}
     if not dims:
         lines = [*columns], [column.item() for column in columns.values()]
@@ -143,10 +140,19 @@ def _row_dims(data: "xr.Dataset", rows: Rows | None) -> tuple[str, ...]:
     return lanes if rows == "lane" or (rows is None and lanes) else samples
 
 
-def column_head(name: str, side: int | None, column: "xr.DataArray") -> str:
-    """The head of a column: the name of a variable, the blade if there are two, and the unit."""
+def columns_by_place(name: str, variable: "xr.DataArray") -> "Iterator[tuple[str, xr.DataArray]]":
+    """The columns of a variable with their heads: one for each blade or interface, where it has values for these."""
+    for place in PLACES & {*variable.dims}:
+        for i in range(variable.sizes[place]):
+            yield column_head(name, i, variable), variable.isel({place: i})
+        return
+    yield column_head(name, None, variable), variable
+
+
+def column_head(name: str, place: int | None, column: "xr.DataArray") -> str:
+    """The head of a column: the name of a variable, the blade or interface if there are several, and the unit."""
     units = column.attrs.get("units", "")
-    head = name if side is None else f"{name}[{side}]"
+    head = name if place is None else f"{name}[{place}]"
     return f"{head} [{units}]" if units not in ("", "1") else head
 
 

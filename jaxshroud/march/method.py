@@ -50,6 +50,7 @@ class Choices(NamedTuple):
     derivative: bool = False  # the times of events are differentiable, at the cost of further trials for each
     within: bool = False  # log the extremes inside the steps too
     forces: bool = False  # log the largest contact forces, the loads and the impacts
+    loads: bool = False  # integrate the loads alone
     amplitudes: bool = False  # log the extremes of the displacements and integrate their moments
     margins: bool = False  # log how clearly events happened, with derivatives too
     vibration: bool = False  # integrate the position of the blocks, about which they vibrate
@@ -62,7 +63,7 @@ class Choices(NamedTuple):
     def recorded(self) -> Recorded:
         """The integrals that are computed beside the power."""
         means = self.vibration and not self.sums_positions
-        return Recorded(self.ledger, self.amplitudes, self.forces, means)
+        return Recorded(self.ledger, self.amplitudes, self.forces or self.loads, means)
 
     @property
     def sums_positions(self) -> bool:

@@ -15,7 +15,17 @@ from jaxshroud.march.locate import (
     Target,
 )
 from jaxshroud.march.row_step import OfLanes
-from jaxshroud.march.tally import Counters, DisplacementRange, EventMargins, displacements_of, half_position
+from jaxshroud.march.tally import (
+    ContactPeaks,
+    Counters,
+    DisplacementRange,
+    EventMargins,
+    Impacts,
+    StepExtrema,
+    displacements_of,
+    half_position,
+)
+from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Integrals, Means
 from jaxshroud.model.row import (
@@ -51,7 +61,7 @@ class RowSearch(NamedTuple):
 
 
 class RowLog(NamedTuple):
-    """What has happened so far: at each interface, and the largest displacement of each blade."""
+    """A `Log` of what has happened at each interface, and of the displacements of each blade."""
 
     time_apart: OfInterfaces  # [s]
     time_stick: OfInterfaces  # [s]
@@ -59,8 +69,21 @@ class RowLog(NamedTuple):
     v_max: OfInterfaces  # largest penetration at ends of trials [m]
     largest: tuple[Any, Any, Any]  # magnitudes of x, y [m] and theta [rad] at ends of trials, (N, lanes) each
     counters: Counters
-    extent: DisplacementRange | None  # of each blade; None unless it was requested
+    within: StepExtrema | None  # None unless it was requested, as are the next three
+    forces: ContactPeaks | None
+    impacts: Impacts | None
+    extent: DisplacementRange | None  # of each blade
     positions: Means | None  # of each blade, as of a `Log`
+
+    @property
+    def of_contact(self) -> tuple[StepExtrema | None, ContactPeaks | None, Impacts | None]:
+        """What trials are searched for at each interface."""
+        return self.within, self.forces, self.impacts
+
+    @property
+    def searches_contact(self) -> bool:
+        """Whether it has any of these."""
+        return any(one is not None for one in self.of_contact)
 
 
 class RowTally(NamedTuple):
@@ -92,13 +115,37 @@ class RowFixed(NamedTuple):
     stop: Int[Array, " lanes"]  # the march ends at the start of this step
 
 
+class Lift(NamedTuple):
+    """Whether contact begins or ends at an interface."""
+
+    onset: Bool[Array, ""]
+    impact: Bool[Array, ""]  # an onset from a gap
+    separation: Bool[Array, ""]
+
+
+class InterfaceChange(NamedTuple):
+    """The change of one interface at an event."""
+
+    u_s: Any
+    mode: Int[Array, ""]
+    case: Int[Array, ""]
+    becomes_flat: Bool[Array, ""]
+    turns: Int[Array, ""] | None  # changes of case within this step; None where the blocks do not turn
+    jumped: Bool[Array, ""]  # guards may have jumped
+    springs: Scalar  # energy gained by the contact springs [J]
+    counters: Counters | None  # None where there is no log
+    v: Scalar  # penetration before it [m]
+    margins: EventMargins | None  # None where they are not logged
+    lift: Lift | None  # None where no log asks for it
+
+
 def tally_of_new_period(tally: RowTally, z: Motion) -> RowTally:
-    """The tally with what is told of each period reset, at the motion `z`."""
+    """The tally with what is told of each period reset, at the motion `z`, as `log_of_new_period` does."""
     zeros, log = jax.tree.map(jnp.zeros_like, tally)._replace(margins=tally.margins), tally.log
     if log is None:
         return zeros
     extent = None if log.extent is None else DisplacementRange(displacements_of(z), displacements_of(z))
     positions = None if log.positions is None else half_position(blade_positions(z))
-    return zeros._replace(
-        log=zeros.log._replace(v_max=log.v_max, counters=log.counters, extent=extent, positions=positions)
-    )
+    impacts = None if log.impacts is None else zeros.log.impacts._replace(now=log.impacts.now)
+    lasting = {"v_max": log.v_max, "counters": log.counters, "within": log.within, "impacts": impacts}
+    return zeros._replace(log=zeros.log._replace(**lasting, extent=extent, positions=positions))

@@ -14,14 +14,14 @@ from jax import lax
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.carry import MAX_EVENTS_PER_STEP, NEGLIGIBLE_REST, TimeGrid, change_at, running, updated_margins
-from jaxshroud.march.events import FLAT_RETURN, EventKind, any_of, event_kinds, place_contact
+from jaxshroud.march.events import FLAT_RETURN, EventKind, any_of, event_kinds
 from jaxshroud.march.locate import Target, select
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import updated_range
 from jaxshroud.march.row_carry import (
+    InterfaceChange,
+    Lift,
     RowFixed,
     RowLane,
-    RowLog,
     RowSearch,
     RowTally,
     RowTarget,
@@ -29,28 +29,21 @@ from jaxshroud.march.row_carry import (
 from jaxshroud.march.row_event_time import RowCrossing, differentiable_event_end, one_after_the_other
 from jaxshroud.march.row_guards import interface_view, row_guards, row_torques
 from jaxshroud.march.row_locate import InterfaceOutcome, RowDecision, interface_outcome, judge_row, row_outcome
+from jaxshroud.march.row_log import AcceptedTrial, new_row_log, penetrations, updated_row_tally
 from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_interval, row_step
 from jaxshroud.march.tally import (
     Counters,
-    DisplacementRange,
     EventMargins,
     count_event,
-    displacements_of,
-    half_position,
-    no_events,
     no_margins,
-    updated_positions,
 )
 from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Scalar, is_absent, zeros_for
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import (
     Each,
-    OfInterfaces,
     RowModel,
     blade_energies,
-    blade_positions,
     clusters,
     clusters_of,
     over,
@@ -71,41 +64,14 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Row
     guards = None
     if model.interfaces.spring.modal:
         guards = zeros_for(lambda: row_guards(state, (lanes, lanes), model, each))
-    log = None if method.derivative else _empty_log(state, at, model, method)
+    log = None if method.derivative else new_row_log(state, at, model, method, each)
     margins = no_margins(at) if method.margins else None
     return RowLane(state, count, search, guards, RowTally(nothing, at, lanes, log, margins), count)
-
-
-def _empty_log(state: State, at: OfInterfaces, model: RowModel, method: Choices) -> RowLog:
-    """The log of a row that starts from `state`; `at` are zeros."""
-    shape = at.shape
-    counters = jax.tree.map(lambda a: jnp.zeros(shape, a.dtype), no_events(model.interfaces))
-    largest = jax.tree.map(jnp.zeros_like, displacements_of(state.motion))
-    extent = (
-        DisplacementRange(displacements_of(state.motion), displacements_of(state.motion)) if method.amplitudes else None
-    )
-    positions = half_position(blade_positions(state.motion)) if method.sums_positions else None
-    return RowLog(at, at, at, at, largest, counters, extent, positions)
 
 
 # A rocking motion that has turned so often within a step returns twice within `FLAT_RETURN` of it. What an interface
 # predicts of its own return fails where its neighbours rock as well: their torques change with every turn of theirs.
 MAX_TURNS_PER_STEP = round(2 / FLAT_RETURN)
-
-
-class InterfaceChange(NamedTuple):
-    """The change of one interface at an event."""
-
-    u_s: Any
-    mode: Int[Array, ""]
-    case: Int[Array, ""]
-    becomes_flat: Bool[Array, ""]
-    turns: Int[Array, ""] | None  # changes of case within this step; None where the blocks do not turn
-    jumped: Bool[Array, ""]  # guards may have jumped
-    springs: Scalar  # energy gained by the contact springs [J]
-    counters: Counters | None  # None where there is no log
-    v: Scalar  # penetration before it [m]
-    margins: EventMargins | None  # None where they are not logged
 
 
 def interface_change(
@@ -122,8 +88,12 @@ def interface_change(
     margins: EventMargins | None,
     turns: Int[Array, ""] | None,
     model: Model,
+    lifts: bool,
 ) -> InterfaceChange:
-    """The change of one interface whose trial ended in `start`, and at an event there if `fire` is true."""
+    """The change of one interface whose trial ended in `start`, and at an event there if `fire` is true.
+
+    With `lifts` it tells whether contact begins or ends.
+    """
     if not is_absent(joint):
         model = eqx.tree_at(lambda m: m.mobility.joint, model, joint)
     view = interface_view(torque, start, model)
@@ -145,6 +115,7 @@ def interface_change(
         None if counters is None else count_event(counters, change.transition, fire, inside),
         v,
         None if margins is None else updated_margins(margins, change, fire, model),
+        Lift(change.onset, change.impact, change.separation) if lifts else None,
     )
 
 
@@ -203,8 +174,8 @@ def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> Ro
     several = jnp.sum(decision.fire[None] & verdict.outcome.hit, axis=0) > 1
     recheck = decision.fire & (jnp.any(change.jumped, axis=0) | several) & violated
     next_search, step = _next_row_search(search._replace(turns=change.turns), lane.step, decision.fire, recheck)
-    complete = step > lane.step
-    tally = _updated_tally(lane.tally, end.gain, interval.h, lane.state, after, change, dropped, complete, each)
+    trial = AcceptedTrial(lane.state, lane.state.mode, interval.h, end, after.motion, change, dropped, step > lane.step)
+    tally = updated_row_tally(lane.tally, trial, model, each)
     limit = MAX_EVENTS_PER_STEP * len(verdict.outcome.hit)
     lost = verdict.not_finite, next_search.events > limit
     status = jnp.where(accept, _status(after, *lost), Status.OK).astype(jnp.int32)
@@ -223,7 +194,7 @@ def _change_of_row(lane: RowLane, end: RowStepEnd, verdict: RowVerdict, fixed: R
     (model, grid, _), crossing, log = fixed, verdict.crossing, lane.tally.log
     return over(
         each,
-        interface_change,
+        partial(interface_change, lifts=log is not None and log.searches_contact),
         verdict.torque,
         verdict.joint,
         pair_states(end.state, model.closed),
@@ -286,67 +257,20 @@ def _next_row_search(search: RowSearch, step: Any, fire: Any, recheck: Any) -> t
     return after, step + complete.astype(jnp.int32)
 
 
-def _updated_tally(
-    tally: RowTally,
-    gain: Integrals,
-    h: OfLanes,
-    start: State,
-    after: State,
-    change: InterfaceChange,
-    dropped: OfLanes,
-    complete: Bool[Array, " lanes"],
-    each: Each,
-) -> RowTally:
-    """The tally after an accepted trial of `h` seconds from `start`, at the end of a step where it is `complete`."""
-    now = None if tally.log is None else _updated_row_log(tally.log, h, start, after, change, complete, each)
-    integrals = jax.tree.map(jnp.add, tally.integrals, gain)
-    return RowTally(integrals, tally.springs + change.springs, tally.dropped + dropped, now, change.margins)
-
-
-def _updated_row_log(
-    log: RowLog,
-    h: OfLanes,
-    start: State,
-    after: State,
-    change: InterfaceChange,
-    complete: Bool[Array, " lanes"],
-    each: Each,
-) -> RowLog:
-    extent, positions = log.extent, log.positions
-    if extent is not None:
-        extent = over(each, updated_range, extent, start.motion, after.motion, h)
-    if positions is not None:
-        positions = updated_positions(positions, complete, blade_positions(after.motion))
-    apart, stick = start.mode == Mode.APART, start.mode == Mode.STICK
-    assert change.counters is not None
-    spent = lambda before, during: before + jnp.where(during, h, 0.0)
-    return RowLog(
-        spent(log.time_apart, apart),
-        spent(log.time_stick, stick),
-        spent(log.time_slip, ~apart & ~stick),
-        jnp.maximum(log.v_max, jnp.where(apart, 0.0, change.v)),
-        jax.tree.map(lambda most, q: jnp.maximum(most, jnp.abs(q)), log.largest, displacements_of(after.motion)),
-        change.counters,
-        extent,
-        positions,
-    )
-
-
 def _without_events(
     lane: RowLane, end: RowStepEnd, active: Any, h: OfLanes, model: RowModel, method: Choices, each: Each
 ) -> RowLane:
     """The rows after a trial of smooth contact, which is accepted in any case."""
     no = jnp.zeros_like(active)
-    v = over(
-        each, lambda s, m: place_contact(s.motion, s, m)[2].v, pair_states(end.state, model.closed), model.interfaces
-    )
+    v = penetrations(end.state, model, each)
     touches = jnp.where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS))
     counters = None if lane.tally.log is None else lane.tally.log.counters
-    change = InterfaceChange(ABSENT, touches, touches, no, None, no, jnp.zeros_like(v), counters, v, lane.tally.margins)
-    seen = State(lane.state.motion, lane.state.u_s, touches, lane.state.case)
+    told = jnp.zeros_like(v), counters, v, lane.tally.margins, Lift(no, no, no)
+    change = InterfaceChange(ABSENT, touches, touches, no, None, no, *told)
     next_search, step = _next_row_search(lane.search, lane.step, no, no)
-    zero, complete = jnp.zeros_like(h), step > lane.step
-    tally = _updated_tally(lane.tally, end.gain, h, seen, end.state, change, zero, complete, each)
+    motion = end.state.motion
+    trial = AcceptedTrial(lane.state, touches, h, end, motion, change, jnp.zeros_like(h), step > lane.step)
+    tally = updated_row_tally(lane.tally, trial, model, each)
     status = _status(end.state, ~_is_finite(end.state), no).astype(jnp.int32)
     return RowLane(
         select(active, end.state, lane.state),

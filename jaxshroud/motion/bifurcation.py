@@ -250,17 +250,16 @@ class GrazingMargins(NamedTuple):
 
     counters: dict[str, int]  # events on the orbit
     slowest_onset: float  # closing speed at the gentlest onset, over the largest on the orbit; NaN without contact
-    nearest_miss: float  # least distance of the corners at a near miss [m]; NaN if there is none; both NaN for rows
+    nearest_miss: float  # least distance of the corners at a near miss [m]; NaN if there is none
 
 
 def grazing_margins(orbit: PeriodicOrbit) -> GrazingMargins:
     """The grazing margins of an orbit, from its onsets and from the extremes inside its steps."""
-    method = orbit.method._replace(ledger=False, within=orbit.scene.row is None)
+    method = orbit.method._replace(ledger=False, within=True)
     plan = Plan(0, orbit.q, orbit.steps_per_period, 0.0, method)
     log = run_lanes(one_lane(orbit.scene), one_lane(orbit.start), plan, lambda _: None).log
     counters = {name: int(np.sum(n[0])) for name, n in vars(log.counters).items()}
-    if log.within is None:
-        return GrazingMargins(counters, np.nan, np.nan)
-    fastest, gentlest, miss = (float(a[0].min()) for a in log.within[1:])
+    _, speeds, onsets, misses = log.within
+    fastest, gentlest, miss = float(speeds.max()), float(onsets.min()), float(misses.min())
     slowest = gentlest / fastest if np.isfinite(gentlest) else np.nan
     return GrazingMargins(counters, slowest, miss if np.isfinite(miss) else np.nan)

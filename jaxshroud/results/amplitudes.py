@@ -10,6 +10,7 @@ from jaxshroud.io.variable import Variable
 MEAN, RMS = "mean of {}", "root mean square of {} about its mean"
 PEAK = "amplitude of {}: its largest distance from its mean, between steps too"
 FREE = "amplitude of {} without contact, closed form"
+EACH = ("interface",)
 
 
 class WithAmplitudes:
@@ -30,20 +31,23 @@ class WithAmplitudes:
 
 
 class WithLoads:
-    """The loads of contact over the latest whole orbits of the kept periods, in results that were asked for forces."""
+    """The loads of contact over the latest whole orbits of the kept periods, in results that were asked for forces.
 
-    N_max = Variable("largest normal force of contact", "N")
-    F_max = Variable("largest magnitude of the friction force", "N")
-    N_mean = Variable("mean normal force, the time apart included", "N")
-    N_slip = Variable("mean normal force while the faces slip; NaN if they do not", "N")
-    friction_work = Variable("work that friction takes in a drive period, on average", "J")
-    slip = Variable("path of the slider on the face in a drive period, on average; NaN for own laws", "m")
-    archard = Variable("integral of N |u_s'| over a drive period, on average: friction work / mu", "J")
-    impacts = Variable("contacts that begin from a gap in a drive period, on average", "1")
-    approach_max = Variable("largest closing speed of an impact; 0 without any", "m s-1")
-    approach_mean = Variable("mean closing speed of impacts; NaN without any", "m s-1")
-    impulse_max = Variable("largest impulse of the normal force in one contact; 0 if none ends", "N s")
-    impulse_mean = Variable("mean impulse of the normal force of the contacts that end; NaN if none does", "N s")
+    Of a row they are those of each interface.
+    """
+
+    N_max = Variable("largest normal force of contact", "N", EACH)
+    F_max = Variable("largest magnitude of the friction force", "N", EACH)
+    N_mean = Variable("mean normal force, the time apart included", "N", EACH)
+    N_slip = Variable("mean normal force while the faces slip; NaN if they do not", "N", EACH)
+    friction_work = Variable("work that friction takes in a drive period, on average", "J", EACH)
+    slip = Variable("path of the slider on the face in a drive period, on average; NaN for own laws", "m", EACH)
+    archard = Variable("integral of N |u_s'| over a drive period, on average: friction work / mu", "J", EACH)
+    impacts = Variable("contacts that begin from a gap in a drive period, on average", "1", EACH)
+    approach_max = Variable("largest closing speed of an impact; 0 without any", "m s-1", EACH)
+    approach_mean = Variable("mean closing speed of impacts; NaN without any", "m s-1", EACH)
+    impulse_max = Variable("largest impulse of the normal force in one contact; 0 if none ends", "N s", EACH)
+    impulse_mean = Variable("mean impulse of the normal force of the contacts that end; NaN if none does", "N s", EACH)
 
 
 def load_numbers(result: Any, ok: np.ndarray) -> dict[str, float]:
@@ -62,10 +66,10 @@ def load_numbers(result: Any, ok: np.ndarray) -> dict[str, float]:
 def amplitude_numbers(result: Any, ok: np.ndarray) -> dict[str, float]:
     """The largest amplitudes of all lanes, if they were kept."""
     peaks = {"x [m]": result.x_peak, "y [m]": result.y_peak, "theta [rad]": result.theta_peak}
-    of_either = {f"largest amplitude of {name}": None if a is None else a.max(axis=-1) for name, a in peaks.items()}
-    return largest_of_lanes(ok, of_either)
+    return largest_of_lanes(ok, {f"largest amplitude of {name}": a for name, a in peaks.items()})
 
 
 def largest_of_lanes(ok: np.ndarray, quantities: Mapping[str, np.ndarray | None]) -> dict[str, float]:
-    """The largest value of each quantity that was kept, among the lanes that are OK."""
-    return {name: float(np.max(a, where=ok, initial=0.0)) for name, a in quantities.items() if a is not None}
+    """The largest value of each quantity that was kept, of any blade or interface in the lanes that are OK."""
+    counted = lambda a: np.reshape(ok, np.shape(ok) + (1,) * (np.ndim(a) - np.ndim(ok)))
+    return {name: float(np.max(a, where=counted(a), initial=0.0)) for name, a in quantities.items() if a is not None}

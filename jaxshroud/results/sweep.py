@@ -213,7 +213,7 @@ def sweep_coordinates(axes: Mapping[str, np.ndarray], period: np.ndarray, layout
     return {
         **swept,
         "period": ("period", period, {"long_name": "drive periods since t = 0"}),
-        "blade": range(layout.blades),
+        **layout.coords,
     }
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxshroud.io.convert import column_head
+from jaxshroud.io.convert import columns_by_place
 from jaxshroud.io.files import write
 from jaxshroud.io.lane_status import count_by_status, status_name
 from jaxshroud.io.store import JSONValue, json_values
@@ -30,7 +30,8 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
     """A table of designs: what was given, and the numbers of each row, in the order of the rows.
 
     Rows that are wrong have the status BAD_INPUT and a `reason`; their numbers are NaN. With rows that stopped they
-    have no rank (0) and come last. Blades come last in arrays that have a value for each: two, or those of a row.
+    have no rank (0) and come last. Blades come last in arrays that have a value for each: two, or those of a row;
+    so do interfaces in the loads of a row.
     """
 
     stored_as = "table"
@@ -79,7 +80,8 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
     def to_pandas(self) -> "pd.DataFrame":
         """The table with the numbers of each row: given columns as numbers where all of their cells are, else texts.
 
-        The index is the number of the row, from 1; heads have units. Numbers per blade have a column for each.
+        The index is the number of the row, from 1; heads have units. Numbers per blade or interface have a column for
+        each.
         """
         import pandas as pd
 
@@ -108,10 +110,7 @@ class DesignTable(WithAmplitudes, WithLoads, Result):
         columns: dict[str, Any] = {RANK: rank, **dict(zip(self.heads, self.cells.T, strict=True))}
         ordered = [name for name in {**vars(DesignTable), **self.variables} if name in self.data.data_vars]
         for name in (name for name in ordered if name not in (RANK, "cells")):
-            variable = self.data[name]
-            for blade in range(variable.sizes["blade"]) if "blade" in variable.dims else (None,):
-                head = column_head(name, blade, variable)
-                columns[head] = variable.to_numpy() if blade is None else variable.to_numpy()[:, blade]
+            columns |= {head: column.to_numpy() for head, column in columns_by_place(name, self.data[name])}
         columns["status"] = np.array([status_name(code) for code in self.status.tolist()])
         return pd.DataFrame(columns, index=pd.Index(self.data[ROW].to_numpy(), name=ROW))
 

@@ -27,7 +27,6 @@ class Capability(NamedTuple):
 
 
 NO_CONTACT = '`parts.contact` = "none"'  # which scenes may have, and verbs refuse
-NO_TALLY = "the march of a row keeps no forces, impacts and extremes within its steps"
 TWO_BLADES = "it reads the state as the 13 numbers of two blades with one slider"
 CAPABILITIES = (
     Capability("`attractors`", "pair so far", "motions are told apart by orbits of two blades with one slider"),
@@ -41,10 +40,8 @@ CAPABILITIES = (
     Capability("`largest_frequency`", "pair so far", "`explain` gives a bound of that of a row, as `omega_max`"),
     Capability("`check_laws`", "pair so far", "the kernels of rows know springs and smooth contact only"),
     Capability("Argument `events`", "pair so far", "the march of a row keeps no states on both sides of its events"),
-    Capability("Argument `forces`", "pair so far", NO_TALLY),
     Capability("Argument `lyapunov`", "pair so far", TWO_BLADES),
     Capability("Argument `most_trials`", "pair so far", "the march of a row takes no bound of its trials"),
-    Capability("a load but v_max", "pair so far", NO_TALLY),
     Capability("the method taylor", "pair so far", "rows are marched by Runge-Kutta methods, not by power series"),
     Capability('`parts.contact` = "own"', "pair so far", "the kernels of rows know springs and smooth contact only"),
     Capability(NO_CONTACT, "pair", "a row without contact is many single blades; simulate one as a pair"),

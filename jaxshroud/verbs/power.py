@@ -24,6 +24,7 @@ from jaxshroud.motion.equivalent import equivalent_values
 from jaxshroud.motion.levels import check_vibration
 from jaxshroud.motion.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
 from jaxshroud.motion.short_runs import end_states
+from jaxshroud.results.base import Labels
 from jaxshroud.results.power import PowerResult
 from jaxshroud.scene.checks import InputError, tolerance_argument
 from jaxshroud.scene.file import SceneFile
@@ -167,7 +168,7 @@ def power(
             at most this [percentage points]: at once where P_d has settled on an orbit, else over at least 30
             correlation times and in two tests in succession, the second after twice as many periods. (Stopping at the
             first interval that is short enough would select those that are too short.)
-        forces: Keep contact forces, slip, normal load and impacts too, see `sweep`; not of rows.
+        forces: Keep contact forces, slip, normal load and impacts too, see `sweep`.
         amplitudes: Keep amplitudes too, see `sweep`.
         period_tol: Tolerance of the period number, see `periodicity`.
         n_periods: Drive periods kept at most, even if P_d is not stable yet; by default 64.
@@ -207,7 +208,7 @@ def power(
         dims=dims,
         verb="power",
     )
-    check_row(resolved.scene, forces=forces)
+    check_row(resolved.scene)
     lanes = resolved.lanes
     check_size(len(lanes.drive.omega), resolved.transient, resolved.n_periods)
     if not stable_within > 0:
@@ -304,5 +305,6 @@ def _power_result(
     lanes |= {name: np.stack([one.more[name] for one in summaries]) for name in summaries[0].more}
     attributes, differing = resolved.provenance(resolved.transient, march.steps)
     values = {**in_shape(lanes, resolved.shape), "chatter": chatter, **march.attributes}
-    coords = {"blade": np.arange(columns["P"].shape[-1])}
-    return PowerResult.from_values(values, lanes=resolved.dims, coords=coords, attrs=attributes, more=differing)
+    labels: Labels = {"lanes": resolved.dims, "attrs": attributes, "more": differing}
+    layout = resolved.scene.layout
+    return PowerResult.from_values(values, coords=layout.coords, layout=layout, **labels)

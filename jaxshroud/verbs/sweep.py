@@ -81,7 +81,7 @@ def sweep(
             them. Forces are taken on both sides of every event, and inside each step from cubics through the values and
             rates at its ends, so that the part of a maximum that is missed falls as the fourth power of the step; the
             friction of smooth contact is taken at the ends of steps only. With them come the loads that wear the faces
-            (slip, normal load, impacts).
+            (slip, normal load, impacts). Of rows of blades all of these are told for each interface.
         amplitudes: Keep the mean of x, y and theta of both blades, their root mean square about it, and their amplitude
             (largest distance from the mean), at a third more time.
         keep_samples: Keep the samples of each lane. Without them memory is bounded: for maps of many lanes.
@@ -136,7 +136,7 @@ def sweep(
         of_sweep=True,
         verb="sweep",
     )
-    check_row(resolved.scene, lyapunov=lyapunov, forces=forces)
+    check_row(resolved.scene, lyapunov=lyapunov)
     if not 0 <= phase < 2 * np.pi:
         raise InputError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     tolerance_argument("period_tol", period_tol)

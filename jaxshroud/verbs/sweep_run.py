@@ -178,8 +178,8 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
         )
     complete = int(not np.any(numbers["status"] == Status.NOT_RUN))
     attrs = {**attributes, "axes": ",".join(grid.dims), "complete": complete}
-    values = {**in_shape(numbers, grid.shape), **common}
-    return SweepResult.from_values(values, lanes=grid.dims, coords=coords, attrs=attrs, more=more)
+    values, layout = {**in_shape(numbers, grid.shape), **common}, grid.lanes.layout
+    return SweepResult.from_values(values, lanes=grid.dims, coords=coords, attrs=attrs, more=more, layout=layout)
 
 
 def _exponents(grid: Grid, runs: Runs, settings: SweepSettings) -> dict[str, np.ndarray]:

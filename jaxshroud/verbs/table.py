@@ -9,7 +9,7 @@ from jaxshroud.batch.runs import Progress
 from jaxshroud.io.lane_status import LaneWarning, warn_failures
 from jaxshroud.io.variable import Attribute
 from jaxshroud.march.method import Method
-from jaxshroud.march.method_names import LARGEST_FIRST, LOADS, RANKED_BY
+from jaxshroud.march.method_names import LARGEST_FIRST, RANKED_BY
 from jaxshroud.march.stability import lanes_that_auto_steps_follow
 from jaxshroud.model.modes import Status
 from jaxshroud.motion.levels import check_vibration
@@ -20,6 +20,7 @@ from jaxshroud.scene.capabilities import require_capability
 from jaxshroud.scene.checks import InputError, SceneError, did_you_mean
 from jaxshroud.scene.designs import Designs, read_designs
 from jaxshroud.scene.file import SceneFile
+from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.verbs.lanes import one_scene
@@ -52,7 +53,7 @@ def table(
         by: The number by which designs are ranked: the largest P_d (in rows of blades also `P_d_worst`), or the
             smallest amplitude (`x_peak`, `theta_rms` and so on; the largest one of all blades) or load (`N_max`,
             `v_max`, `friction_work`, `slip`, `archard`, `impacts`, `F_max`, `approach_max`, `impulse_max`; of rows of
-            blades `v_max` alone).
+            blades the largest one of all interfaces).
         n_periods: Drive periods kept; by default 64.
         transient: Drive periods run and discarded first; by default 64.
         method: How to march: a method, or the accuracy that chooses one for all rows; see `method_for`.
@@ -62,8 +63,8 @@ def table(
         The table. A row that is wrong (no number, an unknown unit, out of its range, too stiff to be followed) has the
         status BAD_INPUT and a reason; a row that stopped has its status. Neither has a rank, and no other row is
         affected. Rows run some thousands at a time, without samples. Where the scene has a row of N blades, powers and
-        amplitudes have N columns each; what is told of contact is that of all interfaces together, `v_max` the largest;
-        P_d is that of all blades, beside that of the worst one; there are no loads but `v_max`.
+        amplitudes have N columns each, and loads one for each interface; `v_max` and the shares of the time are those
+        of all interfaces together; P_d is that of all blades, beside that of the worst one.
 
     Raises:
         SceneError: A head is wrong, two columns give one number, or no row is right.
@@ -98,14 +99,13 @@ def table(
             n_periods=resolved.n_periods,
             transient=resolved.transient,
             method=resolved.as_argument,
-            ledger=base.row is not None,
-            forces=base.row is None,
+            forces=True,
             amplitudes=True,
             keep_samples=False,
             progress=progress,
             dims=(ROW,),
         )
-    result = _table_of(rows, swept, by)
+    result = _table_of(rows, swept, by, base.layout)
     warn_failures(result.status, result.chatter)
     return result
 
@@ -113,8 +113,7 @@ def table(
 def check_ranking(by: str, base: Scene) -> None:
     """Raise an InputError where designs of a scene have no number `by` to be ranked by."""
     check_row(base)
-    name = "a load but v_max" if by in LOADS[1:] else by
-    require_capability(name, base.layout, asked=f"Argument `by` = {by!r}")
+    require_capability(by, base.layout, asked=f"Argument `by` = {by!r}")
 
 
 def checked_designs(
@@ -138,7 +137,7 @@ def checked_designs(
     return designs
 
 
-def _table_of(designs: Designs, swept: SweepResult, by: str) -> DesignTable:
+def _table_of(designs: Designs, swept: SweepResult, by: str, layout: Layout) -> DesignTable:
     """The result of all rows from the sweep of those that are right."""
     count, right = len(designs.reasons), designs.right
     found: dict[str, Any] = {name: getattr(swept, name, None) for name in DesignTable.variables}
@@ -148,9 +147,9 @@ def _table_of(designs: Designs, swept: SweepResult, by: str) -> DesignTable:
     values["rank"] = _ranks(values[by], by, values["status"] == Status.OK)
     values |= {"reason": np.array(designs.reasons), "cells": designs.cells, "by": by}
     values |= {name: found[name] for name in ("method", "steps_per_period", "accuracy", "chatter")}
-    coords = {ROW: np.arange(1, count + 1), "column": list(designs.heads), "blade": swept.data["blade"].to_numpy()}
+    coords = {ROW: np.arange(1, count + 1), "column": list(designs.heads), **layout.coords}
     origin = {name: swept.data.attrs[name] for name in ("title", "scene") if name in swept.data.attrs}
-    return DesignTable.from_values(values, lanes=(ROW,), coords=coords, attrs=origin)
+    return DesignTable.from_values(values, lanes=(ROW,), coords=coords, attrs=origin, layout=layout)
 
 
 def _judged(swept: SweepResult) -> dict[str, np.ndarray]:

@@ -93,8 +93,7 @@ def tune(
             percent below `Tuned.free`, a constant: P_0 of the scene, or its RMS displacement without contact. This
             reduction is then meant by P_d everywhere; `Tuned.level` is the quantity itself. Slopes of peaks are taken
             across a neighbourhood.
-        most_penetration: Largest allowed penetration in every condition, transients included [m]; of a row that at the
-            ends of steps and at events.
+        most_penetration: Largest allowed penetration in every condition, transients included [m].
         most_force: Largest allowed normal force of the contact, likewise [N].
         scatters: Keys of numbers that scatter uniformly, with half widths: a number in SI units, or a share of the
             number itself such as "20%".

@@ -13,8 +13,8 @@ SHORT = {**HOW, "n_periods": 4, "transient": 4}
 SCENES_BY_GAP = {"shroud.gap": [2e-5, 3e-5]}
 VERBS = {
     "simulate": lambda scene: js.simulate(scene, n_periods=2, **HOW),
-    "sweep": lambda scene: js.sweep(scene, SCENES_BY_GAP, ledger=True, amplitudes=True, **SHORT),
-    "power": lambda scene: js.power(scene, amplitudes=True, **SHORT),
+    "sweep": lambda scene: js.sweep(scene, SCENES_BY_GAP, forces=True, amplitudes=True, **SHORT),
+    "power": lambda scene: js.power(scene, forces=True, amplitudes=True, **SHORT),
     "orbit": lambda scene: js.orbit(scene, **HOW),
     "branch": lambda scene: js.branch(scene, "drive.omega", 900.0, 901.0, at=900.5, most_points=3, **HOW),
     "gradient": lambda scene: js.gradient(scene, ["shroud.gap"], **HOW),

@@ -23,12 +23,12 @@ def ranked():
 def test_a_table_of_rows_is_the_sweep_of_its_designs(ranked):
     scene = js.load("row_ring12", CHAIN)
     designs = js.scenes_from({"shroud.gap[1]": [10e-6, 40e-6], "contact.gamma": [2.0, 4.0]}, scene)
-    swept = js.sweep(designs, ledger=True, amplitudes=True, **HOW)
+    swept = js.sweep(designs, forces=True, amplitudes=True, **HOW)
     right = [0, 2]
-    for name in ("P", "P_0", "P_d", "P_d_worst", "x_peak", "v_max", "time_slip", "energy_residual"):
+    for name in ("P", "P_0", "P_d", "P_d_worst", "x_peak", "v_max", "time_slip", "energy_residual", "N_max", "slip"):
         np.testing.assert_array_equal(getattr(ranked, name)[right], getattr(swept, name), err_msg=name)
     assert ranked.x_peak.shape == (3, 3)
-    assert ranked.N_max is None
+    assert ranked.N_max.shape == (3, 2)
 
 
 def test_rows_are_ranked_and_told_in_columns_for_each_blade(ranked, tmp_path):
@@ -38,6 +38,7 @@ def test_rows_are_ranked_and_told_in_columns_for_each_blade(ranked, tmp_path):
     assert ranked.rank[1] == 0
     frame = ranked.to_pandas()
     np.testing.assert_array_equal(frame["x_peak[2] [m]"], ranked.x_peak[:, 2])
+    np.testing.assert_array_equal(frame["N_max[1] [N]"], ranked.N_max[:, 1])
     assert {"P[0] [m4]", "P[2] [m4]", "P_d_worst [percent]"} <= {*frame.columns}
     ranked.save(tmp_path / "table.nc")
     np.testing.assert_array_equal(js.open(tmp_path / "table.nc").data["blade"], [0, 1, 2])
@@ -51,15 +52,16 @@ def test_a_row_too_stiff_at_one_interface_is_wrong():
     assert "too stiff" in found.reason[1]
 
 
-@pytest.mark.parametrize(
-    ("scene", "by", "told"),
-    [
-        ("row_ring12", "N_max", "`by` = 'N_max' does not know rows of blades yet"),
-        ("table1", "P_d_worst", "`by` = 'P_d_worst' is of rows of blades alone"),
-    ],
-)
-def test_numbers_that_a_scene_lacks_rank_no_designs(scene, by, told, tmp_path, capsys):
+@pytest.mark.full
+def test_designs_are_ranked_by_the_largest_load_of_all_interfaces():
+    found = js.table(js.load("row_ring12", CHAIN).scene, {"contact.gamma": [4.0, 2.0]}, by="friction_work", **HOW)
+    largest = found.friction_work.max(axis=-1)
+    assert found.rank.tolist() == [1 + (largest[0] > largest[1]), 1 + (largest[1] > largest[0])]
+
+
+def test_numbers_that_a_scene_lacks_rank_no_designs(tmp_path, capsys):
     (tmp_path / "designs.csv").write_text("shroud.gap [um]\n20\n")
-    words = ["table", str(tmp_path / "designs.csv"), "--scene", scene, "--by", by]
+    words = ["table", str(tmp_path / "designs.csv"), "--scene", "table1", "--by", "P_d_worst"]
     assert cli.main([*words, "--out", str(tmp_path / "out.csv")]) == 2
+    told = "`by` = 'P_d_worst' is of rows of blades alone"
     assert told in capsys.readouterr().err.splitlines()[-1]
