@@ -104,7 +104,7 @@ def attractors_page(attractors: AttractorsData, look: Look) -> Page[AttractorsDa
     nothing = "" if len(attractors.share) else "no attractor was found"
     title = title_of(attractors.data)
     if "x_peak" in attractors.data:
-        return Page(attractors, ROW_PANELS, title, (COLUMN_WIDTH, 2.9), nothing=nothing)
+        return Page(attractors, ROW_MOTION_PANELS, title, (COLUMN_WIDTH, 2.9), nothing=nothing)
     size = COLUMN_WIDTH, 4.2
     return Page(attractors, ATTRACTOR_PANELS, title, size, columns=2, finish=_share_rows, nothing=nothing)
 
@@ -192,7 +192,7 @@ ATTRACTOR_PANELS = (
     Panel("shares", _draw_shares),
     Panel("P_d", _draw_attractor_power),
 )
-ROW_PANELS = (Panel("amplitudes", _draw_motion_amplitudes),)
+ROW_MOTION_PANELS = (Panel("amplitudes", _draw_motion_amplitudes),)
 
 
 def basins_page(basins: BasinsData, look: Look) -> Page[BasinsData]:

@@ -112,7 +112,7 @@ def branch_page(ds: xr.Dataset, look: Look, *, over: xr.Dataset | None = None) -
     Raises:
         ValueError: The sweep is along another number.
     """
-    panels, replaced = (ROW_PANELS, ()) if "interface" in ds.dims else (PAIR_PANELS, ("x_1", "P_d"))
+    panels, replaced = (ROW_BRANCH_PANELS, ()) if "interface" in ds.dims else (PAIR_BRANCH_PANELS, ("x_1", "P_d"))
     size = COLUMN_WIDTH, 4.6
     return Page(_branch_data(ds, over), panels, title_of(ds, replaced), size, shared="x", finish=_finish_branch)
 
@@ -239,12 +239,12 @@ def _draw_reductions(panel: Axes, branches: BranchData) -> None:
     panel.set(xlabel=label, ylabel="$P_d$ [%]")
 
 
-PAIR_PANELS = (
+PAIR_BRANCH_PANELS = (
     Panel("samples", _draw_branch_samples, 3),
     Panel("multiplier", _draw_multiplier, 1.1),
     Panel("P_d", _draw_branch_power, 1.5),
 )
-ROW_PANELS = (
+ROW_BRANCH_PANELS = (
     Panel("amplitude", _draw_blades, 3),
     Panel("multiplier", _draw_multiplier, 1.1),
     Panel("P_d", _draw_reductions, 1.5),

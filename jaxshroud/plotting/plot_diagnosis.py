@@ -145,7 +145,7 @@ class DiagnosisData(NamedTuple):
 def diagnosis_page(diagnosis: DiagnosisResult, look: Look) -> Page[DiagnosisData]:
     """Motion, contact, P_d, energy, stability and a summary, without the panels that the model has no data for."""
     content = DiagnosisData(diagnosis, run_data(diagnosis.data, 0.0))
-    known = ROW_PANELS if "interface" in diagnosis.data.dims else PAIR_PANELS
+    known = ROW_DIAGNOSIS_PANELS if "interface" in diagnosis.data.dims else DIAGNOSIS_PANELS
     panels = [panel for panel in known if _is_shown(panel.name, content)]
     if look.inches(DIAGNOSIS_WIDTH) < LEAST_PAGE:
         columns, panels = 2, [panel._replace(columns=NARROW_COLUMNS_OF.get(panel.name, 1)) for panel in panels]
@@ -286,11 +286,11 @@ def _interval_text(value: float, ci: float, unit: str = "") -> str:
     return with_interval(value, ci, unit).replace("+-", "±")
 
 
-PAIR_PANELS = (
+DIAGNOSIS_PANELS = (
     *(_of_run(panel) for panel in (*MOTION_PANELS, *sorted(CONTACT_PANELS, key=lambda panel: panel.name != "ribbon"))),
     Panel("power", _draw_curve),
     Panel("energy", _draw_energy),
     Panel("stability", _draw_stability),
     Panel("summary", _draw_summary),
 )
-ROW_PANELS = (*map(_of_run, BLADE_PANELS), *PAIR_PANELS[-4:])
+ROW_DIAGNOSIS_PANELS = (*map(_of_run, BLADE_PANELS), *DIAGNOSIS_PANELS[-4:])

@@ -297,12 +297,12 @@ def _branch_row(number: int, i: int, branch: "ContinuedBranch", turns: int) -> d
         "slowest_onset": touch.slowest,
         "nearest_miss": touch.miss,
         **({"P_d_worst": power_reduction(cycle.P, cycle.P_0).min()} if layout.counted > 1 else {}),
-        **(_wave_values(point.wave, len(cycle.multipliers)) if layout.closed else {}),
+        **(_values_of_wave(point.wave, len(cycle.multipliers)) if layout.closed else {}),
         "gap": np.asarray(cycle.scene.shroud.gap, float),
     }
 
 
-def _wave_values(wave: "TravellingWave | None", size: int) -> dict[str, Any]:
+def _values_of_wave(wave: "TravellingWave | None", size: int) -> dict[str, Any]:
     """What is told of the travelling wave of a ring's orbit with so many multipliers."""
     multipliers = np.full(size, np.nan + 0j)
     if wave is None:

@@ -72,7 +72,7 @@ def motion_of_row(
         found.periods if stopped else max(LEAST_SHOWN, SHOWN_ORBITS * int(found.orbit.number[0])),
         False,
         march.as_method,
-        partial(_told, found),
+        partial(_row_evidence, found),
     )
 
 
@@ -117,7 +117,7 @@ def _sizes(scenes: Scene, runs: Runs) -> Motion:
     return Motion(x, y, theta, omega * x, omega * y, omega * theta)
 
 
-def _told(found: RowEvidence, run: Trajectory) -> dict[str, object]:
+def _row_evidence(found: RowEvidence, run: Trajectory) -> dict[str, object]:
     """The verdict and what it rests on; waves are those of the run that is shown."""
     q, power = int(found.orbit.number[0]), found.power
     wave = Diagnosis(run.data.assign_attrs(period_number=q)).wave if run.closed else None

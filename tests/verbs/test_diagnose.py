@@ -8,7 +8,7 @@ import pytest
 import jaxshroud as js
 from jaxshroud.cli import commands as cli
 from jaxshroud.plotting.page import Page
-from jaxshroud.plotting.plot_diagnosis import PAIR_PANELS
+from jaxshroud.plotting.plot_diagnosis import DIAGNOSIS_PANELS
 
 # Bending along x alone, damped so that it settles soon.
 SMALL = ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]
@@ -96,6 +96,6 @@ def test_the_command_writes_page_and_numbers(tmp_path, capsys):
 
 def test_panels_fill_rows_of_three():
     names = ["history", "phase", "poincare", "ribbon", "loop", "summary"]
-    panels = [panel for panel in PAIR_PANELS if panel.name in names]
+    panels = [panel for panel in DIAGNOSIS_PANELS if panel.name in names]
     rows = Page(None, panels, "", (1.0, 1.0), columns=3).rows
     assert rows == [["history"] * 3, ["phase", "poincare", ""], ["ribbon", "ribbon", "loop"], ["summary", "", ""]]
