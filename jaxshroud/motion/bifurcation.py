@@ -201,8 +201,8 @@ class ContactSummary(NamedTuple):
     """The contacts of an orbit."""
 
     onsets: int
-    slowest: float  # closing speed at the gentlest onset [m/s]; infinite without contact, NaN for rows
-    miss: float  # least distance of the corners at a near miss [m]; infinite if there is none, NaN for rows
+    slowest: float  # closing speed at the gentlest onset [m/s]; infinite without contact
+    miss: float  # least distance of the corners at a near miss [m]; infinite if there is none
     samples: np.ndarray  # (q, 6 blades) motion at the end of each of its periods
     amplitudes: dict[str, np.ndarray]  # (blades,) each
 
@@ -210,13 +210,12 @@ class ContactSummary(NamedTuple):
 def contact_summary(point: BranchPoint) -> Algorithm[ContactSummary]:
     """The contacts of the orbit of a point."""
     cycle = point.cycle
-    logged = {"within": cycle.scene.row is None, "amplitudes": True}
-    method = cycle.method._replace(ledger=False, vibration=False, **logged)
+    method = cycle.method._replace(ledger=False, vibration=False, within=True, amplitudes=True)
     plan = Plan(0, cycle.q, cycle.steps_per_period, 0.0, method)
     runs: Runs = yield Periods(cycle.scene, cycle.start, plan)
     counters, within = runs.log.counters, runs.log.within
     onsets = int(np.sum(np.asarray(counters.onset_slip)[0] + np.asarray(counters.onset_stick)[0]))
-    slowest, miss = (np.nan, np.nan) if within is None else (float(a[0].min()) for a in within[2:])
+    slowest, miss = (float(a[0].min()) for a in within[2:])
     amplitudes = amplitude_values(one_lane(cycle.scene), runs.samples, np.array([cycle.q]))
     return ContactSummary(
         onsets, slowest, miss, motion_rows(runs.samples.motion)[0], {name: a[0] for name, a in amplitudes.items()}
@@ -228,10 +227,8 @@ def grazing_point(problem: ContinuationProblem, here: BranchPoint, there: Branch
 
     The test function is the distance of the nearest miss or, where there is one more contact, the negative depth of the
     gentlest onset, which is proportional to the square of its closing speed. None where an onset appears or vanishes
-    with a finite speed, and for rows, whose near misses are not told.
+    with a finite speed.
     """
-    if problem.scene.row is not None:
-        return None
     fewer = min((yield from contact_summary(here)).onsets, (yield from contact_summary(there)).onsets)
     size, omega = problem.units[0], float(problem.scene.drive.omega)
 

@@ -98,3 +98,18 @@ def test_localisation_is_found_wherever_the_neighbouring_points_are():
     assert [len(one.special) for one in found] == list(ranges.values())
     values = [[special.value for special in one.special if special.value > 1150.0] for one in found]
     np.testing.assert_allclose(*values, rtol=1e-7)
+
+
+@pytest.mark.studies
+@pytest.mark.full
+def test_a_chain_of_two_grazes_where_the_pair_does():
+    in_x, march = [*IN_X, "blades.c_x=5"], {"method": js.RungeKutta(steps=100)}
+    pair = js.load("table1", [*in_x, 'blades.I="block"', "contact.k=3e5", "drive.F_0=60", "drive.M_0=0.3"]).scene
+    chain = js.load(
+        "row_ring12", [*in_x, "row.blades=2", "row.closed=false", "drive.engine_order=1", "contact.k=3e5"]
+    ).scene
+    exact, found = (js.branch(scene, "drive.omega", 480.0, 580.0, most_points=40, **march) for scene in (pair, chain))
+    assert [one.kind for one in found.special] == [one.kind for one in exact.special] == ["fold", "fold", "grazing"]
+    for one, other in zip(found.special, exact.special, strict=True):
+        assert one.value == pytest.approx(other.value, rel=1e-10)
+    np.testing.assert_allclose(found.slowest_onset, exact.slowest_onset, rtol=1e-6)
