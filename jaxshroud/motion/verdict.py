@@ -106,6 +106,7 @@ def judgement(e: Evidence, last: bool = True) -> tuple[MotionKind, int]:
     Chaos and tori are accepted in the last round only: of motions that seem chaotic for some hundred periods, one in
     ten settles on an orbit later, and a slow decay resembles a torus. Where a copy of the run settles on an orbit, the
     chaos of the run itself may end as well, or coexist with the orbit. Beside a neutral orbit nothing is a transient.
+    Where Newton's method does not close an orbit, as in a bottleneck beside a fold, its return does not make it one.
     """
     if e.status != Status.OK:
         return "stopped", 0
@@ -116,7 +117,8 @@ def judgement(e: Evidence, last: bool = True) -> tuple[MotionKind, int]:
             return "periodic", e.cycle.q
         if not is_neutral:
             return "transient not over", 0
-    if e.q and e.away <= MAX_ORBIT_OFFSET and shrinks:
+    is_doubtful = e.cycle is not None and "not converged" in e.cycle.flags
+    if e.q and e.away <= MAX_ORBIT_OFFSET and shrinks and not is_doubtful:
         return "periodic", e.q
     if last and grows and e.K > CHAOTIC_K:
         if e.settled is None or not e.settled.q:

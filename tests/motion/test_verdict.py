@@ -1,5 +1,7 @@
 """Which verdict evidence leads to, and verdicts on a few scenes."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -60,6 +62,9 @@ def test_beside_a_neutral_orbit_nothing_is_a_transient():
     assert judgement(beside)[0] == "undecided"
     assert judgement(beside._replace(away=1e-4))[0] == "periodic"
     assert judgement(beside._replace(q=0, drifts=False))[0] == "quasi-periodic"
+    open_orbit = replace(neutral, flags=("not converged",))  # as in a bottleneck beside a fold
+    returns = evidence(-0.05, 0.01, 0.05, q=1, error=1e-9, cycle=open_orbit, away=1e-4)
+    assert judgement(returns)[0] != "periodic"
 
 
 def test_a_torus_is_not_seen_before_the_last_round():
