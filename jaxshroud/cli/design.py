@@ -23,7 +23,6 @@ from jaxshroud.cli.terminal import (
 from jaxshroud.io.files import write
 from jaxshroud.io.store import write_json
 from jaxshroud.march.method import FOR_P_D
-from jaxshroud.motion.effects import between
 from jaxshroud.motion.levels import check_vibration
 from jaxshroud.results.scatter import SHARES, Report, Scatter
 from jaxshroud.results.tuned import Tuned
@@ -197,7 +196,7 @@ def _output_scatter(completed: CompletedCall) -> None:
     rows = {
         f"median of {scatter.quantity}": f"{scatter.median:.4g} {unit}",
         "nine draws in ten": f"{scatter.likely_low:.4g} to {scatter.likely_high:.4g} {unit}",
-        **({"flat": scatter.flat} if scatter.flat else {}),
+        **{name: getattr(scatter, name) for name in ("flat", "undefined") if getattr(scatter, name)},
         **({f"P_d at least {scatter.at_least:g} %": f"probability {scatter.chance}"} if at_least else {}),
         "stopped": f"{scatter.stopped} of {scatter.runs} runs",
         "written": files_written(),
@@ -207,8 +206,8 @@ def _output_scatter(completed: CompletedCall) -> None:
 
 def _share_cells(scatter: Scatter, i: int) -> list[str]:
     """A number with its bounds and its shares of the variance, with their intervals."""
-    shares = [[getattr(scatter, f"{name}{end}")[i] for end in ("", "_low", "_high")] for name in SHARES]
-    return [scatter.keys[i], f"{scatter.low[i]:.6g}", f"{scatter.high[i]:.6g}", *(between(*share) for share in shares)]
+    shares = [scatter.share_text(name, i) for name in SHARES]
+    return [scatter.keys[i], f"{scatter.low[i]:.6g}", f"{scatter.high[i]:.6g}", *shares]
 
 
 # Report

@@ -294,5 +294,6 @@ def _best_row(summary: Mapping[str, Any]) -> dict[str, str]:
 
 def _number_text(head: str, value: float) -> str:
     """A number of a summary in the unit that its head names, or in the unit of pictures."""
-    key, _, unit = head.rstrip("]").partition(" [")
-    return f"{key} = {f'{value:.6g} {unit}' if unit else display_value(*parse_key(key)[0].parts, value)}"
+    key, _, unit = head.partition(" [")
+    in_unit = f"{value:.6g} {unit.removesuffix(']')}" if unit else display_value(*parse_key(key)[0].parts, value)
+    return f"{key} = {in_unit}"

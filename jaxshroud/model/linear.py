@@ -15,6 +15,7 @@ from jaxshroud.scene.scene import PerBlade, Scene, Shroud
 from jaxshroud.scene.typed import typed
 
 SWING_POINTS = 128  # points over one drive period: exact to rounding while the torsion amplitude is below 50 rad
+RESONANCE_ROUNDINGS = 4  # rounding units between k and m omega^2 that count as none
 
 
 class Amplitudes(NamedTuple):
@@ -26,7 +27,10 @@ class Amplitudes(NamedTuple):
 
 
 def steady_amplitudes(scene: Scene) -> Amplitudes:
-    """The steady response of the free blades to the drive (Sec. 3.1); infinite at an undamped natural frequency."""
+    """The steady response of the free blades to the drive (Sec. 3.1); infinite at an undamped natural frequency.
+
+    The drive is at that frequency where rounding alone tells them apart.
+    """
     b, d, omega = scene.mistuned_blades, scene.drive, scene.drive.omega
     has = scene.parts.has
     moves = lambda name: has(name, 0) if scene.row is not None else jnp.array([has(name, 0), has(name, 1)])
@@ -34,8 +38,10 @@ def steady_amplitudes(scene: Scene) -> Amplitudes:
     def response(name, load, m, c, k):
         load = jnp.where(moves(name), load, 0.0)
         force = lax.complex(load * jnp.cos(d.phase), load * jnp.sin(d.phase))
-        stiffness = lax.complex(k - m * omega**2, c * omega)
-        is_undamped = stiffness == 0  # and driven at its natural frequency
+        detuning, loss = k - m * omega**2, c * omega
+        stiffness = lax.complex(detuning, loss)
+        # driven at its natural frequency, up to the rounding of numbers
+        is_undamped = (loss == 0) & (jnp.abs(detuning) <= RESONANCE_ROUNDINGS * jnp.finfo(omega.dtype).eps * k)
         unbounded = jnp.where(load == 0, 0.0, jnp.inf)
         return jnp.where(is_undamped, unbounded, force / jnp.where(is_undamped, 1.0, stiffness))
 

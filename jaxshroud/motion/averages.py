@@ -29,6 +29,7 @@ from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import FloatArray
 
+POWER_ROUNDINGS = 20  # rounding units by which the power of an orbit was found to be off, threefold
 NEGLIGIBLE_DRIFT = 0.01  # percentage points; a smaller drift does not count
 
 
@@ -244,4 +245,14 @@ def averages(
     )
     square, positions = samples.power, positions_of(scenes, samples)
     vibration = None if positions is None else VibrationPower(square, positions, A)
-    return orbit, reduction(A[:, None, None] * square, P_0, orbit.number, scenes.layout, vibration), P_0
+    power = reduction(A[:, None, None] * square, P_0, orbit.number, scenes.layout, vibration)
+    return orbit, _with_rounding(power, float(np.finfo(scenes.drive.omega.dtype).eps)), P_0
+
+
+def _with_rounding(power: Reduction, unit: float) -> Reduction:
+    """The reduction with intervals that are no narrower than the rounding of a march makes them."""
+    of_rounding = lambda P_d: POWER_ROUNDINGS * unit * np.abs(100 - P_d)
+    return power._replace(
+        ci=np.maximum(power.ci, of_rounding(power.P_d)),
+        vibration_ci=np.maximum(power.vibration_ci, of_rounding(power.P_d_vibration)),
+    )

@@ -193,8 +193,7 @@ def branches_from(
     backward = first._replace(tangent=-first.tangent)
     both = [continue_branch(problem, first, max_points), continue_branch(problem, backward, max_points)]
     arcs = run_together(both, progress.stage(), _periods_of_arc(max_points, first.cycle.q))
-    forward_arc, backward_arc = (_unless_failed(arc, Arc([first], "lost")) for arc in arcs)
-    branches = [(_reversed(backward_arc.points) + forward_arc.points[1:], (backward_arc.end, forward_arc.end))]
+    branches = [joined_arcs(*(_unless_failed(arc, Arc([first], "lost")) for arc in arcs))]
     latest = branches
     for _ in range(doublings):
         origins = [
@@ -203,6 +202,14 @@ def branches_from(
         latest = _emanating_branches(problem, origins, max_points, progress)
         branches += latest
     return _with_grazings(problem, branches, progress)
+
+
+def joined_arcs(forward: Arc, backward: Arc) -> tuple[list[BranchPoint], tuple[str, str]]:
+    """The branch through the first point of two arcs, and its ends; of a closed one either arc is the whole."""
+    for arc in (forward, backward):
+        if arc.end == "closed":
+            return arc.points, ("closed", "closed")
+    return _reversed(backward.points) + forward.points[1:], (backward.end, forward.end)
 
 
 def _periods_of_arc(max_points: int, q: int) -> int:

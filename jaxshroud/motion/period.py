@@ -10,7 +10,8 @@ from jaxshroud.scene.checks import tolerance_argument
 from jaxshroud.scene.typed import FloatArray, series_argument, typed
 
 NOT_SETTLED, SETTLED, UNKNOWN_IF_SETTLED = 0, 1, 2
-LARGEST_PERIOD = 16  # that is recognised
+LARGEST_PERIOD = 16  # that is recognised in any run that is longer
+LARGEST_LONG_PERIOD = 64  # that is recognised where it occurs three times
 MEAN_BLOCKS = 4
 MIN_PERIODS = 16  # with fewer, motions near an unstable orbit have seemed settled
 MIN_ORBITS = 8  # for an estimate of the decay; with fewer the slowest decay is assumed
@@ -21,6 +22,9 @@ TOLERANCE_MARGIN = 2.0  # around the tolerance, within which a period number is 
 STEADY_RATIO = 0.6  # ratio of late to early return errors: above it nothing converges, below a half something does
 # order and largest relative error of a linear prediction of a regular series
 PREDICTION_ORDER, PREDICTION_ERROR = 8, 0.1
+# A motion passes by what is no orbit where each return is further on by so much of the mean step, and in all, in
+# tolerances, by more than rounding, while the steps shrink more slowly than any decay that is waited for.
+STEADY_SHARE, NEGLIGIBLE_MOVE, SLOWEST_DECAY = 0.8, 1e-9, 1 - REMAINING_FACTOR / MAX_DECAY_BLOCKS
 MAX_MEAN_SHIFT = 1.5  # largest difference of the halves of a stationary run, in half widths of its interval
 
 
@@ -40,7 +44,8 @@ def settling(samples: FloatArray, near: FloatArray, q: int) -> Settling:
         q: The period number; 0: aperiodic.
 
     Returns:
-        For an orbit "yes" where its remaining change is less than `near`, and its period number is certain. For
+        For an orbit "yes" where its remaining change is less than `near`, its period number is certain, and it does not
+        move on steadily, as near a fold, where motions pass by what is no orbit, as slowly as one likes. For
         aperiodic motion "yes" where the means and mean squares of both halves agree within their intervals, over at
         least 30 correlation times, no return error shrinks, and the motion is not regular: a vibration that decays over
         thousands of periods cannot be distinguished from one that lasts.
@@ -51,7 +56,7 @@ def settling(samples: FloatArray, near: FloatArray, q: int) -> Settling:
     changes, step = block_changes(scaled, q)
     to_go, rate = _remaining_change(changes, samples.shape[1] // q)
     verdict = np.where(to_go <= 1, SETTLED, np.where(rate < 1, NOT_SETTLED, UNKNOWN_IF_SETTLED))
-    doubtful = _return_errors(scaled, q).max(axis=1) * TOLERANCE_MARGIN > 1
+    doubtful = _passes_by(scaled, q, rate) | (_return_errors(scaled, q).max(axis=1) * TOLERANCE_MARGIN > 1)
     for p in range(1, q):
         if q % p == 0:
             doubtful |= _return_errors(scaled, p).max(axis=1) <= TOLERANCE_MARGIN
@@ -75,10 +80,11 @@ def series_settling(series: FloatArray, q: int, near: float) -> Settling:
     changes, step = block_changes(series[..., None], q)
     to_go, rate = _remaining_change(changes, n // q)
     offset = np.abs(series.mean(axis=1) - series[:, n - max(step, 1) :].mean(axis=1)) + to_go
+    certain = (n >= MIN_PERIODS) & ~_passes_by(series[..., None] / near, q, rate)
     with np.errstate(invalid="ignore"):
         verdict = np.where(
             offset <= near,
-            SETTLED if n >= MIN_PERIODS else UNKNOWN_IF_SETTLED,
+            np.where(certain, SETTLED, UNKNOWN_IF_SETTLED),
             np.where(rate < 1, NOT_SETTLED, UNKNOWN_IF_SETTLED),
         )
     return _settling_from_decay(verdict, offset / near, rate, step)
@@ -96,6 +102,22 @@ def block_changes(samples: FloatArray, q: int) -> tuple[FloatArray, int]:
     orbits = n // q // blocks
     means = samples[:, n - blocks * orbits * q :].reshape(lanes, blocks, orbits, q, k).mean(axis=2)
     return np.linalg.norm(np.diff(means, axis=1), axis=-1).max(axis=-1), orbits * q
+
+
+def _passes_by(scaled: FloatArray, q: int, rate: FloatArray) -> NDArray[np.bool_]:
+    """Whether lanes seem to pass by an orbit: samples (lanes, n, k), in tolerances, move on in one direction.
+
+    The steps shrink by `rate` from block to block.
+    """
+    orbits = scaled.shape[1] // q
+    if orbits < 2:
+        return np.zeros(len(scaled), bool)
+    points = scaled[:, scaled.shape[1] - orbits * q :].reshape(len(scaled), orbits, -1)
+    whole = points[:, -1] - points[:, 0]
+    steps = np.einsum("loi,li->lo", np.diff(points, axis=1), whole)
+    length = np.linalg.norm(whole, axis=-1)
+    is_steady = (length > NEGLIGIBLE_MOVE) & (steps.min(axis=1) >= STEADY_SHARE * steps.mean(axis=1))
+    return is_steady & (rate > SLOWEST_DECAY)
 
 
 def _remaining_change(changes: FloatArray, orbits: int) -> tuple[FloatArray, FloatArray]:
@@ -193,20 +215,22 @@ MIN_REPEATS = 3  # times that a period must occur within the samples
 class Periodicity(NamedTuple):
     """The period numbers of lanes; both arrays have the shape of the lanes."""
 
-    number: NDArray[np.int32]  # 1..16; 0 means aperiodic
+    number: NDArray[np.int32]  # see `periodicity`; 0 means aperiodic
     settled: NDArray[np.bool_]  # whether the transient is known to be over, see `settling`
 
 
 class Repetition(NamedTuple):
     """The period number and the settling of lanes, from all their displacements."""
 
-    number: NDArray[np.int32]  # 1..16; 0 means aperiodic
+    number: NDArray[np.int32]  # see `periodicity`; 0 means aperiodic
     settling: Settling
 
 
 @typed
 def periodicity(x: ArrayLike, period_tol: float = PERIOD_TOLERANCE) -> Periodicity:
-    """The smallest q <= 16 for which the return map of one displacement closes over all kept samples.
+    """The smallest q for which the return map of one displacement closes over all kept samples.
+
+    Numbers up to 16 are found in every run that is longer, and numbers up to 64 where they are kept three times.
 
     Args:
         x: Stroboscopic samples (..., n), one per drive period, oldest first.
@@ -227,7 +251,7 @@ def periodicity(x: ArrayLike, period_tol: float = PERIOD_TOLERANCE) -> Periodici
 def repetition(
     samples: FloatArray, sizes: FloatArray, lever: FloatArray, tolerance: float, precision: DTypeLike
 ) -> Repetition:
-    """The smallest q <= 16 for which the return map of every displacement closes over all kept samples.
+    """The smallest q for which the return map of every displacement closes over all kept samples, as `periodicity`.
 
     Args:
         samples: x, y [m] and theta [rad] of the blades at the strobe, (..., n, 3 blades), oldest first.
@@ -246,16 +270,23 @@ def _repetition_of(samples: FloatArray, near: FloatArray) -> Repetition:
     lanes, (n, k) = samples.shape[:-2], samples.shape[-2:]
     flat, close = samples.reshape(-1, n, k), near.reshape(-1, 1, k)
     number = np.zeros(len(flat), np.int32)
-    with np.errstate(invalid="ignore"):  # a stopped lane has NaN, which never closes
-        for q in range(min(LARGEST_PERIOD, n - 1), 0, -1):
-            closed = (np.abs(flat[:, q:] - flat[:, :-q]) <= close).all(axis=(1, 2))
-            number = np.where(closed & np.isfinite(flat).all(axis=(1, 2)), q, number)
+    still_open = np.flatnonzero(np.isfinite(flat).all(axis=(1, 2)))  # a stopped lane has NaN
+    for q in range(1, _largest_period(n) + 1):
+        z, near_zero = flat[still_open], close[still_open]
+        closed = (np.abs(z[:, q:] - z[:, :-q]) <= near_zero).all(axis=(1, 2))
+        number[still_open[closed]] = q
+        still_open = still_open[~closed]
     verdict, more = np.full(len(flat), UNKNOWN_IF_SETTLED, np.int8), np.full(len(flat), np.nan)
     for q in np.unique(number):
         lanes_with_q = np.flatnonzero((number == q) & np.isfinite(flat).all(axis=(1, 2)))
         if len(lanes_with_q):
             verdict[lanes_with_q], more[lanes_with_q] = settling(flat[lanes_with_q], close[lanes_with_q, 0], int(q))
     return Repetition(number.astype(np.int32).reshape(lanes), Settling(verdict.reshape(lanes), more.reshape(lanes)))
+
+
+def _largest_period(n: int) -> int:
+    """The largest period number that `n` samples can show."""
+    return max(min(LARGEST_PERIOD, n - 1), min(LARGEST_LONG_PERIOD, n // MIN_REPEATS))
 
 
 def closing_tolerances(sizes: FloatArray, lever: FloatArray, tolerance: float, precision: DTypeLike) -> FloatArray:

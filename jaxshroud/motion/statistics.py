@@ -118,8 +118,13 @@ def saltelli_rows(n: int, ends: np.ndarray, seed: int) -> np.ndarray:
     return low + (high - low) * np.stack([A, B, *mixed])
 
 
-def variance_indices(values: np.ndarray, seed: int) -> SobolIndices:
-    """Indices from the finite outputs (2 + keys, n) at the `saltelli_rows`; intervals by resampling the rows."""
+def variance_indices(values: np.ndarray, seed: int, rounding: float = 0.0) -> SobolIndices:
+    """Indices from the finite outputs (2 + keys, n) at the `saltelli_rows`; intervals by resampling the rows.
+
+    All are NaN where the outputs vary by no more than `rounding`: their variance has no shares.
+    """
+    if np.ptp(values) <= rounding:
+        return SobolIndices(*np.full((6, len(values) - 2), np.nan))
     rows = np.random.default_rng(seed).integers(values.shape[1], size=(RESAMPLES, values.shape[1]))
     first, total = _estimates(values[:, None])
     resampled = _estimates(values[:, rows])

@@ -13,6 +13,7 @@ from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import stacked
 from jaxshroud.motion.effects import with_interval
 from jaxshroud.motion.lyapunov import ALIGNMENT_PERIODS
+from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import ShootingOptions
 from jaxshroud.motion.verdict_evidence import Evidence, Stretches, Tick, gather_evidence, settled_copies
 from jaxshroud.scene.scene import Scene
@@ -21,7 +22,7 @@ MotionKind = Literal["periodic", "quasi-periodic", "chaotic", "transient not ove
 VERDICT_ROUNDS = 3  # each twice as long as the previous one, where that was inconclusive
 CHAOTIC_K, REGULAR_K = 0.5, 0.2  # K above which the 0-1 test speaks for chaos, and below which for regular motion
 MAX_ORBIT_OFFSET = 1e-2  # of a displacement's size: largest distance of the run from its orbit at the end
-# exponent per period that counts as 0 on a torus, and largest half width of its interval
+# exponent per period that counts as 0, and largest half width of its interval
 ZERO_EXPONENT, MAX_EXPONENT_CI = 1e-4, 0.05
 
 
@@ -104,14 +105,20 @@ def judgement(e: Evidence, last: bool = True) -> tuple[MotionKind, int]:
 
     Chaos and tori are accepted in the last round only: of motions that seem chaotic for some hundred periods, one in
     ten settles on an orbit later, and a slow decay resembles a torus. Where a copy of the run settles on an orbit, the
-    chaos of the run itself may end as well, or coexist with the orbit.
+    chaos of the run itself may end as well, or coexist with the orbit. Beside a neutral orbit nothing is a transient.
+    Where Newton's method does not close an orbit, as in a bottleneck beside a fold, its return does not make it one.
     """
     if e.status != Status.OK:
         return "stopped", 0
+    is_neutral = e.cycle is not None and e.cycle.sound and _is_neutral(e.cycle)
     grows, shrinks = e.exponent - e.ci > 0, e.exponent + e.ci < 0
     if e.cycle is not None and e.cycle.sound and not grows:
-        return ("periodic", e.cycle.q) if e.away <= MAX_ORBIT_OFFSET else ("transient not over", 0)
-    if e.q and e.away <= MAX_ORBIT_OFFSET and shrinks:
+        if e.away <= MAX_ORBIT_OFFSET:
+            return "periodic", e.cycle.q
+        if not is_neutral:
+            return "transient not over", 0
+    is_doubtful = e.cycle is not None and "not converged" in e.cycle.flags
+    if e.q and e.away <= MAX_ORBIT_OFFSET and shrinks and not is_doubtful:
         return "periodic", e.q
     if last and grows and e.K > CHAOTIC_K:
         if e.settled is None or not e.settled.q:
@@ -125,7 +132,12 @@ def judgement(e: Evidence, last: bool = True) -> tuple[MotionKind, int]:
         and e.K < REGULAR_K
     ):
         return "quasi-periodic", 0
-    return ("transient not over" if shrinks or e.drifts else "undecided"), 0
+    return ("transient not over" if (shrinks or e.drifts) and not is_neutral else "undecided"), 0
+
+
+def _is_neutral(orbit: PeriodicOrbit) -> bool:
+    """Whether a stable orbit draws no motion to itself: its exponent counts as 0."""
+    return bool(abs(orbit.others[0]) >= np.exp(-ZERO_EXPONENT * orbit.q))
 
 
 def verdict_text(verdict: Verdict) -> str:

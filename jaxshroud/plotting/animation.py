@@ -32,6 +32,7 @@ from jaxshroud.plotting.style import (
     STYLE,
     PlotArray,
     Properties,
+    as_is,
     new_figure,
 )
 from jaxshroud.scene.checks import InputError
@@ -84,7 +85,7 @@ def save_animation(
     factor = factor or fitting_factor(frames, blocks)
     new_film = RowFilm if "interface" in ds.dims else PairFilm
     with mpl.rc_context(STYLE), tempfile.TemporaryDirectory() as folder:
-        film = new_film(frames, blocks, factor, title_of(ds) if title is None else title)
+        film = new_film(frames, blocks, factor, title_of(ds) if title is None else as_is(title))
         film.fix_layout()
         writer, temporary = Writers[path.suffix](fps=PER_SECOND), Path(folder, path.name)
         with writer.saving(film.figure, str(temporary), DPI):

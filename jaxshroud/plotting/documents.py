@@ -13,7 +13,7 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
 from jaxshroud.io.files import write
-from jaxshroud.plotting.style import markup, typeset, unicode_text
+from jaxshroud.plotting.style import as_is, markup, typeset, unicode_text
 from jaxshroud.scene.checks import InputError
 
 DOTS = 180  # per inch, of pictures
@@ -93,9 +93,9 @@ def pdf_document(title: str, sections: Sequence[Section]) -> bytes:
     """The report as PDF: pages of text with the pictures between them."""
     content = io.BytesIO()
     with PdfPages(content, metadata={"Title": unicode_text(title), "CreationDate": None}) as pages:
-        lines = [title if "$" in title else typeset(title), "=" * min(len(title), TEXT_COLUMNS), ""]
+        lines = [typeset(as_is(title)), "=" * min(len(title), TEXT_COLUMNS), ""]
         for section in sections:
-            lines += [*section_lines(section), ""]
+            lines += [*map(as_is, section_lines(section)), ""]
             if section.figure is not None:
                 _print_lines(pages, lines)
                 pages.savefig(section.figure)

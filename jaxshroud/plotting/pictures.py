@@ -26,7 +26,7 @@ from jaxshroud.plotting.plot_sweep import sweep_page
 from jaxshroud.plotting.plot_trade import trade_page
 from jaxshroud.plotting.plot_tuning import robustness_page, tuning_page
 from jaxshroud.plotting.scales import figure_of
-from jaxshroud.plotting.style import STYLE, Look, fit_title, new_figure, show_message, typeset
+from jaxshroud.plotting.style import STYLE, Look, as_is, fit_title, new_figure, show_message, typeset
 from jaxshroud.scene.checks import InputError
 
 # Kind of a result -> the function that makes its page from its content, the look and options of its own.
@@ -106,7 +106,7 @@ def _draw_alone(page: Page, name: str | None, ax: Axes, look: Look) -> None:
         if getattr(look, option) is not None:
             raise InputError(f"`{option}` belongs to the figure; leave it out, or leave `ax` out.")
     if look.title is not None:
-        ax.set_title(typeset(look.title))
+        ax.set_title(typeset(as_is(look.title)))
     _set_xlabel([ax], look)
 
 
@@ -129,7 +129,7 @@ def _set_xlabel(axes: list[Axes], look: Look) -> None:
     if len({ax.get_xlabel() for ax in labelled}) > 1:
         raise InputError("This picture has several x axes; label one of its panels, drawn alone.")
     for ax in labelled:
-        ax.set_xlabel(typeset(look.xlabel))
+        ax.set_xlabel(typeset(as_is(look.xlabel)))
 
 
 def set_ticks(axes: Axes) -> None:

@@ -30,15 +30,21 @@ from jaxshroud.scene.title import CHANGE_SEPARATOR, subject_of
 GREEK = "alpha|beta|gamma|zeta|theta|phi|omega|tau|mu|sigma"
 SYMBOL = re.compile(rf"(?<![\w\\])(?:({GREEK}|[A-Za-z])_({GREEK}|\w{{1,2}})|({GREEK}))(?!\w)")
 UNIT_POWER = re.compile(r"\b([a-z]+)\^(-?\d)\b")
-DECIMAL = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-]?)0*(\d+)\b")
+DECIMAL = re.compile(r"(?<![\w.\\])(\d+(?:\.\d+)?)e([+-]?)0*(\d+)\b")
+FORMULA_END = re.compile(r"(?<!\\)\$")  # either end
 KEY = re.compile(rf"\b((?:{'|'.join(sorted({key.partition('.')[0] for key in ALL_KEYS}))})\.[A-Za-z]\w*(?:\[\d+\])?)")
 KEY_NAMES = {row.parts[1] for row in ALL_KEYS.values()}
 OVER, AVERAGED_PERIODS, DIAGRAM_QUANTITIES = " over ", "n", ("x_1", "P_d")  # in titles that announce a diagram
 
 
+def as_is(text: str) -> str:
+    """Text from outside for matplotlib, which draws its dollars."""
+    return text.replace("$", r"\$")
+
+
 def typeset(text: str) -> str:
     """Text with its symbols, powers of units and powers of ten set as formulas; existing formulas stay unchanged."""
-    parts = text.split("$")
+    parts = FORMULA_END.split(text)
     for i in range(0, len(parts), 2):
         plain = SYMBOL.sub(lambda match: f"${_formula(*match.groups())}$", parts[i])
         plain = UNIT_POWER.sub(r"\1$^{\2}$", plain)
@@ -47,9 +53,11 @@ def typeset(text: str) -> str:
 
 
 def markup(text: str) -> str:
-    """Text as HTML with formulas as in `typeset`; keys of a scene are set as code."""
-    if text.count("$") % 2:  # no formulas
-        return escape(text)
+    """Text as HTML with formulas as in `typeset`; its dollars are shown, and keys of a scene are set as code."""
+    return "$".join(map(_markup_between_dollars, text.split("$")))
+
+
+def _markup_between_dollars(text: str) -> str:
     parts = KEY.split(re.sub(r"\b[A-Za-z](?= / \w)", r"$\g<0>$", text))  # every second part is a key
     written = [escape(part).replace("P_d_worst", "$P_{d,worst}$") for part in parts[::2]]
     parts[::2] = [_as_html(typeset(part)).replace("+-", "&plusmn;") for part in written]
@@ -85,7 +93,7 @@ def unicode_text(text: str) -> str:
 def wrapped(text: str, width: int) -> str:
     """Text in lines of about `width` visible characters; formulas are not broken."""
     lines, length = [""], 0
-    for word in re.findall(r"(?:\$[^$]*\$|[^\s$])+", text):
+    for word in re.findall(r"(?:\\\$|\$(?:\\\$|[^$])*\$|[^\s$])+", text):
         size = _visible_length(word)
         if length and length + 1 + size > width:
             lines, length = [*lines, ""], 0
@@ -142,7 +150,7 @@ def fitting_title(title: str, keys: Iterable[str] = (), shows: Collection[str] =
     fixed = ", ".join(
         change for change in changes.split(", ") if change.partition(" = ")[0].removeprefix("initial ") not in varied
     )
-    return CHANGE_SEPARATOR.join(filter(None, (heading, fixed)))
+    return as_is(CHANGE_SEPARATOR.join(filter(None, (heading, fixed))))
 
 
 def _is_true(text: str, varied: set[str], shows: Collection[str]) -> bool:
@@ -236,7 +244,7 @@ class Picture(Figure):
 
 def new_figure(title: str, width: float, height: float, look: Look = DEFAULT_LOOK) -> Figure:
     """An empty figure of `width` by `height` [inch], or of the width that the look asks for."""
-    width, title = look.inches(width), typeset(title if look.title is None else look.title)
+    width, title = look.inches(width), typeset(title if look.title is None else as_is(look.title))
     figure = Picture(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     if title:
@@ -279,7 +287,7 @@ def quantity(
     """
     stem = key.partition("[")[0]
     if stem not in QUANTITIES:
-        return f"{key} [{unit}]" if unit else key, 1.0
+        return as_is(f"{key} [{unit}]" if unit else key), 1.0
     _, _, unit, factor = QUANTITIES[stem]
     if ALL_KEYS[stem].unit == "m" and look.unit in LENGTHS:
         unit, factor = LENGTHS[look.unit]

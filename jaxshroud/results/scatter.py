@@ -82,6 +82,18 @@ class Scatter(Result):
         return "" if self.P_d_ci is None or self.quantity != "P_d" else flat_text(self.P_d, self.P_d_ci)
 
     @property
+    def undefined(self) -> str:
+        """What to say where the quantity does not vary, and has no shares of a variance; else empty."""
+        if not np.isnan(self.total).all():
+            return ""
+        return f"shares are undefined: {self.quantity} of the draws varies by no more than rounding"
+
+    def share_text(self, name: str, i: int) -> str:
+        """The share of number `i`, "first" or "total", with its 95 % interval."""
+        share, low, high = (getattr(self, f"{name}{end}")[i] for end in ("", "_low", "_high"))
+        return "undefined" if np.isnan(share) else between(share, low, high)
+
+    @property
     def chance(self) -> str:
         """The probability that `at_least` is met, and its 95 % interval, as text."""
         return between(self.probability, self.probability_low, self.probability_high)
@@ -102,7 +114,9 @@ class Scatter(Result):
             for i, key in enumerate(self.keys)
         }
         names += [] if self.quantity == "P_d" else ["of"]
-        numbers = {name: getattr(self, name) for name in names} | ({"flat": self.flat} if self.flat else {})
+        numbers = {name: getattr(self, name) for name in names} | {
+            name: getattr(self, name) for name in ("flat", "undefined") if getattr(self, name)
+        }
         return json_values({**numbers, "over": shares, "method": str(self.method), **self.source})
 
     def __repr__(self) -> str:
@@ -110,9 +124,10 @@ class Scatter(Result):
         if self.at_least is not None:
             requirement = f"; at least {self.at_least:g} % with probability {self.chance}"
         shares = ", ".join(f"{key} {share:.2g}" for key, share in zip(self.keys, self.total, strict=True))
+        shares = self.undefined or f"total shares: {shares}"
         return (
             f"Scatter of {self.quantity} over {len(self.P_d)} draws: {self.median:.4g} {unit}, nine in ten between "
-            f"{self.likely_low:.4g} and {self.likely_high:.4g} {unit}{requirement}; total shares: {shares}; "
+            f"{self.likely_low:.4g} and {self.likely_high:.4g} {unit}{requirement}; {shares}; "
             f"{self.stopped} of {self.runs} runs stopped; {self.method}, {self.steps_per_period} steps a period"
         )
 

@@ -48,6 +48,8 @@ def axis(
     if (values is None and None in ends) or (values is not None and ends != [None] * 3):
         fail(where, "needs either values, or start, stop and num")
     given = [start, stop] if values is None else _value_list(values)
+    if len(given) > 1 and "" in map(str, given):
+        fail(where, f"value {given.index('') + 1} of {len(given)} is empty; give values between single commas")
     _same_units(where, given)
     points = _values_in_range(where, scene_file, row, given)
     size = len(points) if num is None else num

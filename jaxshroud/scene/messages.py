@@ -100,6 +100,6 @@ def _of_table(table: str, _: str, first: ErrorDetails, __: Mapping[str, Any]) ->
     if first["type"] == "missing":
         return f"[{table}] is missing; add this table with {', '.join(TABLE_MODELS[table].model_fields)}"
     if table not in TABLE_MODELS:
-        return f'{table} must be one line of text, e.g. {table} = "Fig. 9"'
+        return f'{table} must be one line of text without control characters, e.g. {table} = "Fig. 9"'
     is_own_message = first["type"] in ("value_error", NO_STIFFNESS)
     return f"[{table}] {problem_text(first) if is_own_message else 'must be a table of keys'}"

@@ -1,7 +1,7 @@
 """Numbers of a scene replaced, and with them those that are worked out from them: arrays of NumPy or JAX by their keys.
 
-The numbers of a scene are worked out where NumPy computes them in the same order as for a file, in float64: what `vary`
-gives for a value is, bit for bit, what an override gives.
+The numbers of a scene are worked out where NumPy computes them in the same order as for a file, in float64: the
+scene that `vary` makes of a value is, bit for bit, that of an override.
 """
 
 from collections.abc import Mapping

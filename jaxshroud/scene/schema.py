@@ -265,7 +265,7 @@ def _smooth_has_a_width(file: Any) -> Any:
 
 
 READING = (Annotated[frozenset[str], BeforeValidator(misprints), key("misprints kept", "consistent")], frozenset())
-TITLE = Annotated[str, key("what the scene shows, in one line", "Fig. 9", pattern="^.*$")]
+TITLE = Annotated[str, key("what the scene shows, in one line", "Fig. 9", pattern=r"^[\P{Cc}\t]*$")]
 
 
 @lru_cache(maxsize=16)

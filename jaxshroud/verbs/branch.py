@@ -27,7 +27,7 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_continuous, in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
-from jaxshroud.verbs.lanes import one_scene, with_tangents
+from jaxshroud.verbs.lanes import check_known_period, one_scene, with_tangents
 from jaxshroud.verbs.options import check_row, resolve_options
 
 
@@ -63,7 +63,8 @@ def branch(
         at: The value at which the first orbit is found; by default the scene's own.
         q: The period number, if it is known. Newton's method then starts from the given state, without a run, and
             closes the orbit whether or not it is stable.
-        state: Where to start, at drive phase 0; by default `scene.initial`, apart.
+        state: Where to start, at drive phase 0; by default `scene.initial`, apart. Needed with `q`: a state close to
+            the orbit.
         most_points: Largest number of points of a branch in one direction.
         doublings: How many times in succession orbits of twice the period are followed from flips, and broken ones
             from localisation.
@@ -79,7 +80,8 @@ def branch(
         a march with half the step, or a tenth of the tolerance, shifts that point, with a warning where it is much.
 
     Raises:
-        InputError: The range is empty or does not hold the value, or there are many scenes.
+        InputError: The range is empty or does not hold the value, there are many scenes, or `q` is given without a
+            state.
         NumericalError: The scene settles on no periodic orbit there; give another value, or a state with its `q`.
         Interrupted: Ctrl-C.
 
@@ -135,8 +137,7 @@ def continued(
 ) -> FoundBranches:
     """The branches of a scene; the arguments and the errors are those of `branch`."""
     at, q, state, most_periods = begin
-    if q is not None and state is None:
-        raise InputError("Argument `q` needs a `state` close to the orbit.")
+    check_known_period(q, state)
     low, high = ends
     numbered = with_numbers(one_scene("branch", scene), [along])
     value = value_of(numbered, along) if at is None else float(at)

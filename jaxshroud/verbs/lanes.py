@@ -15,7 +15,7 @@ from jaxshroud.march.method import FAST, Choices, Method
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.prepared import State
 from jaxshroud.results.base import Labels, Result
-from jaxshroud.scene.checks import InputError, NumericalError
+from jaxshroud.scene.checks import InputError, NumericalError, count_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T
@@ -131,6 +131,15 @@ def warn_failed(result: R, throw: bool) -> R:
     if result.failed:
         warnings.warn(f"{result!r}", LaneWarning, stacklevel=4)
     return result
+
+
+def check_known_period(q: int | None, state: State | None) -> None:
+    """Raise an InputError unless a period number that is given is positive and comes with a state near the orbit."""
+    if q is None:
+        return
+    count_argument("q", q, 1)
+    if state is None:
+        raise InputError("Argument `q` needs a `state` close to the orbit.")
 
 
 def one_scene(verb: str, scene: Scene | SceneFile) -> Scene:

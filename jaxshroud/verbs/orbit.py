@@ -18,11 +18,11 @@ from jaxshroud.motion.shooting import CLOSING_TOLERANCE, ShootingOptions, closed
 from jaxshroud.motion.travelling_wave import TravellingWave, travelling_wave
 from jaxshroud.results.diagnosis import Lyapunov
 from jaxshroud.results.orbit import Orbit
-from jaxshroud.scene.checks import InputError, count_argument, positive_argument
+from jaxshroud.scene.checks import count_argument, positive_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.verbs.lanes import request_lanes, results_of_all, warn_failed
+from jaxshroud.verbs.lanes import check_known_period, request_lanes, results_of_all, warn_failed
 
 
 @typed
@@ -55,7 +55,7 @@ def orbit(
         amplitudes: March each orbit once more, for the amplitudes of x, y and theta.
         method: How to march: a method, or the accuracy that chooses one; see `method_for`.
         state: Where to start, at drive phase 0: one state for all lanes, or one for each; by default `scene.initial`,
-            apart.
+            apart. Needed with `q`: a state close to the orbit.
         progress: Called with (lane-periods done, lane-periods at most).
         throw: Raise where a lane stops or cannot be solved, rather than warn.
         dims: Names of the leading axes; by default `lane`.
@@ -86,10 +86,7 @@ def orbit(
     count_argument("most_periods", most_periods, 1)
     if tolerance is not None:
         positive_argument("tolerance", tolerance)
-    if q is not None:
-        count_argument("q", q, 1)
-        if state is None:
-            raise InputError("Argument `q` needs a `state` close to the orbit.")
+    check_known_period(q, state)
     lanes = request_lanes(scene, method=method, dims=dims, verb="orbit", usual=FOR_P_D)
     march = lanes.march
     tolerance = CLOSING_TOLERANCE[march.method.precision] if tolerance is None else tolerance

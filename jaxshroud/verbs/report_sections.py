@@ -13,7 +13,7 @@ from jaxshroud.results.attractors import Attractors
 from jaxshroud.results.data_sheet import DataSheet
 from jaxshroud.results.gradient import Gradient
 from jaxshroud.results.power import PowerResult
-from jaxshroud.results.scatter import Scatter
+from jaxshroud.results.scatter import SHARES, Scatter
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.results.tuned import DesignJudgement, Tuned
 from jaxshroud.scene.quantities import RequiredReduction
@@ -217,13 +217,7 @@ def _scatter(data: ReportData) -> Section | None:
     spread = data.spread
     table = [["number", "low [SI]", "high [SI]", "share alone", "share in all"]]
     for i, key in enumerate(spread.keys):
-        shares = [
-            between(share[i], low[i], high[i])
-            for share, low, high in (
-                (spread.first, spread.first_low, spread.first_high),
-                (spread.total, spread.total_low, spread.total_high),
-            )
-        ]
+        shares = [spread.share_text(name, i) for name in SHARES]
         table.append([key, f"{spread.low[i]:.6g}", f"{spread.high[i]:.6g}", *shares])
     words = (
         f"{len(spread.P_d)} draws, uniform between the bounds: median {spread.median:.4g} %, nine in ten between "

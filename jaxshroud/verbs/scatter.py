@@ -14,7 +14,8 @@ from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import stiffnesses
 from jaxshroud.motion.levels import check_vibration
-from jaxshroud.motion.statistics import saltelli_rows, variance_indices
+from jaxshroud.motion.period import CLOSING_ROUNDINGS
+from jaxshroud.motion.statistics import SobolIndices, saltelli_rows, variance_indices
 from jaxshroud.results.scatter import Scatter
 from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.checks import InputError, count_argument, seed_argument
@@ -81,7 +82,8 @@ def scatter(
         P_d of the draws, and `level` where `of` is another quantity, the quantiles, the probability, the largest normal
         force of any run, and for each number its share of the variance alone (`first`) and including its interactions
         (`total`), with 95 % intervals, whose estimated ends may lie outside 0 to 1. Draws that stopped count as missing
-        `at_least`, and as the mean of all others in the shares.
+        `at_least`, and as the mean of all others in the shares. Shares are NaN where the quantity varies by no more
+        than rounding (`Scatter.undefined`).
 
     Raises:
         KeyError: The scene has no such number.
@@ -138,7 +140,7 @@ def scatter(
         worst = every.min(axis=0) if is_reduction(of) else every.max(axis=0)
         level = np.where(status == Status.OK, worst, np.nan)
         values |= {"level": np.ravel(level[:2])}
-    values |= _statistics(level, at_least) | variance_indices(_with_mean(level), seed)._asdict()
+    values |= _statistics(level, at_least) | _shares(level, of, seed, str(run.method))._asdict()
     values |= {"low": ends[:, 0], "high": ends[:, 1], "drawn": np.concatenate(rows[:2]), "status": np.ravel(status[:2])}
     forces = stiffnesses(scenes) * run.penetrations
     values |= {"v_max": np.nanmax(run.v_max, initial=0), "N_max": np.nanmax(forces, initial=0)}
@@ -213,6 +215,13 @@ def _ratio_to_scene(scene: Scene, key: str, value: float | None) -> float:
             f"{key} scatters and is an operating condition, but is 0 in the scene: no condition has a ratio to that."
         )
     return value / nominal
+
+
+def _shares(level: np.ndarray, of: Quantity, seed: int, method: str) -> SobolIndices:
+    """The shares of the variance of a quantity by a method, given in words, with the rounding of its precision."""
+    values, precision = _with_mean(level), "float32" if "float32" in method else "float64"
+    size = 100.0 if is_reduction(of) else float(np.abs(values).max())  # a reduction is a difference from 100 %
+    return variance_indices(values, seed, CLOSING_ROUNDINGS * float(np.finfo(precision).eps) * size)
 
 
 def _with_mean(level: np.ndarray) -> np.ndarray:

@@ -493,3 +493,10 @@ def test_a_scene_that_stops_is_a_numerical_failure(tmp_path, capsys):
     assert cli.main([*words, "--out", str(tmp_path / "g.json")]) == 1
     told = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("periods: ")]
     assert told == ["numerical failure: The march stops in this scene; there is nothing to differentiate."]
+
+
+def test_the_best_lane_of_a_sweep_over_one_blade_is_named(capsys, tmp_path):
+    words = ["--along", "initial.x[0]", "--values", "0,1e-4", "--periods", "2", "--transient", "0"]
+    out = ["--steps-per-period", "100", "--out", str(tmp_path / "s")]
+    assert cli.main(["sweep", "table1", *SMALL, "--set", "blades.c_x=40", *words, *out]) == 0
+    assert ", at initial.x[0] = " in capsys.readouterr().out

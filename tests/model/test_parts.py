@@ -11,6 +11,7 @@ from jaxshroud.batch.operation_count import lowered_operations, trial_size
 from jaxshroud.batch.periods import begin_lanes
 from jaxshroud.batch.runs import initial_states
 from jaxshroud.march.method import FAST, FAST_WITH_LEDGER
+from jaxshroud.model.linear import steady_amplitudes
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.vary import vary
@@ -131,6 +132,17 @@ def test_an_undamped_resonance_is_not_finite(table1):
     assert np.isnan(got.P_d[0])
     with pytest.warns(js.LaneWarning, match="NOT_FINITE"):
         assert js.simulate(free, n_periods=2, method=js.RungeKutta(steps=10)).status == Status.NOT_FINITE
+
+
+@pytest.mark.parametrize("ulps", [-2, -1, 0, 1, 2])
+def test_a_free_amplitude_is_never_one_of_rounding(table1, ulps):
+    # omega = sqrt(k / m) is rounded: k - m omega^2 is a few units of the last place, or none.
+    scene = varied(table1, drive__omega=float(np.sqrt(1e5 / 0.08)), blades__c_x=0.0)
+    k = 1e5 + ulps * float(np.spacing(1e5))
+    free = steady_amplitudes(vary(scene, "blades.k_x", k))
+    assert np.isinf(np.abs(free.x)).all()
+    assert np.isfinite(np.abs(free.y)).all()
+    assert np.isfinite(np.abs(steady_amplitudes(vary(scene, "blades.k_x", k * (1 + 1e-12))).x)).all()  # control
 
 
 REDUCED = [

@@ -13,6 +13,7 @@ from jaxshroud.motion.period import (
     UNKNOWN_IF_SETTLED,
     periodicity,
     repetition,
+    series_settling,
     settling,
 )
 
@@ -31,9 +32,28 @@ def test_a_repeated_orbit_has_its_length_as_period(q):
     assert int(periodicity(1e-9 * orbit(q)).number) == q  # metres or micrometres: the tolerance is relative
 
 
-def test_seventeen_points_are_aperiodic():
-    found = periodicity(orbit(LARGEST_PERIOD + 1))
+@pytest.mark.parametrize(("q", "n", "number"), [(17, 96, 17), (24, 72, 24), (24, 71, 0), (32, 96, 32), (64, 192, 64)])
+def test_longer_orbits_are_found_where_they_are_kept_three_times(q, n, number):
+    assert int(periodicity(orbit(q, n)).number) == number
+
+
+def test_what_returns_after_more_periods_than_are_found_is_aperiodic():
+    found = periodicity(orbit(65, 260))
     assert (int(found.number), bool(found.settled)) == (0, True)  # neither periodic nor on its way there
+
+
+@pytest.mark.parametrize("q", [1, 3, 12])
+@pytest.mark.parametrize("since", [-60.0, 0.0, 60.0])
+def test_what_passes_by_an_orbit_slowly_is_not_settled(q, since):
+    # Beside a fold x' = a + x^2 has no orbit, but passes by with steps of 5e-9: x = sqrt(a) tan(sqrt(a) t).
+    a, t = 5e-9, since + np.arange(128 // q + 1)
+    drift = np.repeat(np.sqrt(a) * np.tan(np.sqrt(a) * t), q)[:128]
+    passing = periodicity(orbit(q, 128) + drift)
+    assert (int(passing.number), bool(passing.settled)) == (q, False)
+    power = series_settling(30 + orbit(q, 128)[None] + drift, q, 0.01)
+    assert power.verdict[0] == UNKNOWN_IF_SETTLED
+    noise = 1e-13 * np.random.default_rng(q).standard_normal(128)
+    assert bool(periodicity(orbit(q, 128) + noise).settled)  # control: an orbit that rounding moves
 
 
 @pytest.mark.parametrize("q", [1, 2, 5, 16])

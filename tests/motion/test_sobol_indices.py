@@ -43,6 +43,8 @@ def test_estimates_are_those_of_scipy():
     np.testing.assert_allclose(ours.first, theirs.first_order, rtol=1e-12, atol=1e-14)
 
 
-def test_what_does_not_vary_has_no_shares():
-    still = variance_indices(np.ones((3, 8)), 0)
-    assert all(np.all(part == 0) for part in still)
+def test_what_varies_by_rounding_alone_has_no_shares():
+    noise = 1e-13 * np.random.default_rng(0).standard_normal((3, 8))
+    for still in (np.ones((3, 8)), np.zeros((3, 8)), noise):
+        assert all(np.all(np.isnan(part)) for part in variance_indices(still, 0, rounding=1e-12))
+    assert np.all(np.isfinite(variance_indices(noise, 0)))  # control

@@ -1,5 +1,8 @@
 """Which verdict evidence leads to, and verdicts on a few scenes."""
 
+from dataclasses import replace
+
+import jax
 import numpy as np
 import pytest
 
@@ -7,7 +10,8 @@ from jaxshroud import Status, load
 from jaxshroud.batch.runs import initial_states
 from jaxshroud.march.method import FAST
 from jaxshroud.model.prepared import initial_state
-from jaxshroud.motion.shooting import ShootingOptions
+from jaxshroud.motion.batched_algorithms import run_alone
+from jaxshroud.motion.shooting import ShootingOptions, closed_orbit
 from jaxshroud.motion.verdict import Verdict, judgement, verdict_text, verdicts
 from jaxshroud.motion.verdict_evidence import Evidence, SettledCopies, Stretches, settled_copies
 from jaxshroud.scene.grids import scenes_at
@@ -44,6 +48,23 @@ def test_evidence_leads_to_a_verdict(known, kind):
     assert judgement(known)[0] == kind
     told = verdict_text(Verdict(*judgement(known), known, 416))
     assert ("NOT_FINITE" in told) if kind == "stopped" else ("65–128" in told)
+
+
+def test_beside_a_neutral_orbit_nothing_is_a_transient():
+    # One block at the end of its spring, without damping: each start is an orbit, or a torus, of its own.
+    free = load("table1", ['parts.motion=["x"]', "shroud.gap=1", "blades.c_x=0"]).scene
+    scene = jax.tree.map(np.asarray, scenes_at(free, ["blades.k_x"], np.array([[1.1e5]])))
+    rest = closed_orbit(jax.tree.map(lambda a: a[0], scene), initial_state(free.initial), 1, AIM)
+    neutral = run_alone(rest)
+    assert neutral.sound
+    assert abs(neutral.others[0]) > 1 - 1e-5  # the rest is what the march loses
+    beside = evidence(-1e-9, 1e-10, 0.05, q=1, error=1e-4, cycle=neutral, away=0.1, drifts=True)
+    assert judgement(beside)[0] == "undecided"
+    assert judgement(beside._replace(away=1e-4))[0] == "periodic"
+    assert judgement(beside._replace(q=0, drifts=False))[0] == "quasi-periodic"
+    open_orbit = replace(neutral, flags=("not converged",))  # as in a bottleneck beside a fold
+    returns = evidence(-0.05, 0.01, 0.05, q=1, error=1e-9, cycle=open_orbit, away=1e-4)
+    assert judgement(returns)[0] != "periodic"
 
 
 def test_a_torus_is_not_seen_before_the_last_round():

@@ -1,6 +1,7 @@
 """What users may ask of a picture, and words of pictures."""
 
 import re
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -179,3 +180,15 @@ def test_results_take_the_same_words():
 def test_numbers_of_a_scene_are_named_as_quantities():
     assert key_attrs("initial.v_x[0]")["long_name"] == "initial velocity, left blade $v_x(0)$"
     assert key_attrs("drive.F_0") == {"key": "drive.F_0", "units": "N", "long_name": "force amplitude $F_0$"}
+
+
+@pytest.mark.parametrize("text", [r"$\frac{1}$", "$5 to $6", r"a\$b$", "$", "$$x_1$$ by mu", "1e3 $", r"\1e3 $ x_1"])
+def test_dollars_from_outside_are_drawn(text, tmp_path):
+    for options, times in (({"title": text}, 1), ({"xlabel": text}, 2), ({}, 1)):
+        figure = picture("sweep", gamma_sweep(5).assign_attrs(title=text), **options)
+        save_figure(figure, tmp_path / "a.svg")
+        drawn_text = "".join(ElementTree.parse(tmp_path / "a.svg").getroot().itertext())  # its letters are text
+        assert drawn_text.count("$") == times * text.count("$")
+    alone = Figure()
+    picture("sweep", gamma_sweep(5), alone.subplots(), title=text)
+    alone.draw_without_rendering()

@@ -106,6 +106,7 @@ def set_key(name, value):
         ),
         (edited('"test"', '"""a\nb"""'), "my.toml: title must be one line of text"),
         (edited('"test"', "3"), "my.toml: title must be one line of text"),
+        (edited('"test"', r'"a\u0000b"'), "my.toml: title must be one line of text without control characters"),
     ],
 )
 def test_unknown_and_missing_names(text, expected):

@@ -5,6 +5,8 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.batch.tangents import flow_with_tangents
+from jaxshroud.motion.branch import BranchPoint
+from jaxshroud.motion.branch_continuation import Arc, joined_arcs
 from jaxshroud.results.branch import BIFURCATION_KINDS
 
 KEY, STEPS = "contact.gamma", {"method": js.RungeKutta(steps=100)}
@@ -127,3 +129,27 @@ def test_what_is_saved_is_what_is_opened(found, tmp_path):
 def test_wrong_arguments_are_told(arguments, told):
     with pytest.raises(js.InputError, match=told):
         js.branch(SCENE, *arguments, **STEPS)
+
+
+@pytest.mark.parametrize(("q", "told"), [(2, "`q` needs a `state`"), (0, "`q` must be positive")])
+def test_a_known_period_number_is_checked(q, told):
+    with pytest.raises(js.InputError, match=told):
+        js.branch(SCENE, KEY, 1.5, 3.7, q=q, **STEPS)
+
+
+def points_called(letters):
+    """Points of a branch that are known by their kinds."""
+    return [BranchPoint(np.zeros(1), 0.0, None, (), np.zeros(1), 0, kind=letter) for letter in letters]
+
+
+@pytest.mark.parametrize("lost", [0, 1, None])
+def test_a_closed_branch_is_told_once(lost):
+    # Both ways around the same points: the first one, two folds, and the first one again.
+    ways = [Arc(points_called("aFbGa"), "closed"), Arc(points_called("aGbFa"), "closed")]
+    arcs = [Arc(points_called("a"), "lost") if i == lost else way for i, way in enumerate(ways)]
+    points, ends = joined_arcs(*arcs)
+    assert ends == ("closed", "closed")
+    assert sorted(point.kind for point in points) == sorted("aFbGa")
+    open_points, ends = joined_arcs(Arc(points_called("abc"), "stop"), Arc(points_called("ade"), "lost"))
+    assert "".join(point.kind for point in open_points) == "edabc"
+    assert ends == ("lost", "stop")

@@ -276,6 +276,8 @@ def axes(line):
     [
         ("--along shroud.gap --values 1mm,2", '"2" has no unit, but "1mm" before it has'),
         ("--along shroud.gap --start 1mm --stop 2 --num 3", '"2" has no unit'),
+        ("--along contact.gamma --values 3,,2", "value 2 of 3 is empty"),
+        ("--along contact.gamma --values 3,2,", "value 3 of 3 is empty"),
         ("--num 1e20", "--num must be a whole number"),
         ("--num 100000000000000000000", "--num must be at most 10000000"),
         ("--along  --num 5", "the scene has no number ``"),

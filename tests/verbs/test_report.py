@@ -120,12 +120,13 @@ def test_text_is_escaped_and_broken_into_pages():
         ("drive.F_0 by 2e-05", "<code>drive.F_0</code> by 2 &times; 10<sup>&minus;5</sup>"),
         ("P_d +- 3 m^2 & more", "<i>P</i><sub><i>d</i></sub> &plusmn; 3 m<sup>2</sup> &amp; more"),
         ("a steps_per_period of 5 $", "a steps_per_period of 5 $"),
+        (r"$\frac{1}$ to M_0", r"$\frac{1}$ to <i>M</i><sub>0</sub>"),
     ],
 )
 def test_symbols_of_pages_are_typeset(text, typeset):
     document = html_document(text, [Section(text, [text], [[text], [text]])]).decode()
     assert document.count(f">{typeset}<") >= 5  # wherever it is
-    assert b"/Type /Page" in pdf_document(text, [])
+    assert b"/Type /Page" in pdf_document(text, [Section(text, [text], verbatim=text)])
 
 
 @pytest.mark.parametrize("gap", [2e-5, 0.0, -1e-5])

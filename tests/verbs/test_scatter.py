@@ -5,6 +5,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.motion.effects import effect_step, effects
+from jaxshroud.plotting.style import save_figure
 from jaxshroud.scene.vary import numbers_that_count
 
 SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene
@@ -52,6 +53,17 @@ def test_a_scatter_is_stored_and_drawn(found, tmp_path):
     assert repr(again) == repr(found)
     assert len(again.plot().axes) == 2
     assert again.plot(title="Mine").get_suptitle() == "Mine"
+
+
+@pytest.mark.parametrize(("over", "of"), [({"drive.F_0": (30.0, 60.0)}, "P_d"), ({"friction.mu": (0.2, 0.4)}, "P")])
+def test_shares_of_what_does_not_vary_are_undefined(over, of, tmp_path):
+    # Blades that never touch are linear: P_d does not depend on the force, and nothing on friction.
+    found = js.scatter(js.vary(SCENE, "shroud.gap", 1.0), over, of=of, draws=4, **SHORT)
+    assert np.isnan([found.first, found.first_low, found.first_high, found.total]).all()
+    assert found.share_text("total", 0) == "undefined"
+    assert "varies by no more than rounding" in repr(found)
+    assert found.summary()["undefined"] == found.undefined
+    save_figure(found.plot(), tmp_path / "a.png")
 
 
 def test_a_draw_that_stops_counts_as_missed(tmp_path):
