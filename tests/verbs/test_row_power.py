@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.cli import commands as cli
 
 IN_X = ['parts.motion=["x"]']
 CHAIN = [*IN_X, "row.blades=2", "row.closed=false", "drive.engine_order=1"]
@@ -57,10 +56,3 @@ def test_a_row_tells_its_losses_and_no_equivalents(powers, tmp_path):
     np.testing.assert_array_equal(again.data["blade"], [0, 1])
     assert again.summary() == one.summary()
     again.plot()
-
-
-def test_forces_of_rows_are_refused_in_one_line(tmp_path, capsys):
-    out = tmp_path / "power"
-    assert cli.main(["power", "row_ring12", "--forces", "--out", str(out)]) == 2
-    assert "`forces` does not know rows of blades yet" in capsys.readouterr().err.splitlines()[-1]
-    assert not out.exists()
