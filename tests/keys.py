@@ -27,8 +27,8 @@ A file may give frequencies, damping ratios and speeds instead, from which these
 (formulas: `jaxshroud/scene/derived_inputs.py`), and `I = "block"` for the moment of inertia of the block
 itself. Two keys for one quantity are an error. These are keys like all others: `--set`, `--along`, `--over`, `--range`,
 `--wrt`, `--tolerance` and `jaxshroud.vary` take them, and `--along K` makes for each value, bit for bit, the scene that
-`--set K=value` makes; [how it is marched](verbs/sweep.md#one-value-and-its-neighbours) may depend on the other values. A
-scene remembers what it is given by: where `blades.m` changes, a scene that is given by `f_x`
+`--set K=value` makes; [how it is marched](verbs/sweep.md#one-value-and-its-neighbours) may depend on the other values.
+A scene remembers what it is given by: where `blades.m` changes, a scene that is given by `f_x`
 and `zeta_x` keeps these, and `k_x` and `c_x` follow. Numbers that are replaced in Python without `vary` are simply
 numbers: the inputs that no longer give them do not count.
 
