@@ -42,6 +42,7 @@ CHAOS_WIDTH = 0.4  # of the line of an aperiodic attractor, which crosses itself
 SMALLEST, GROWTH = 3.0, 1.8  # size of the mark of the last attractor, and what each earlier one is larger [pt]
 STROBE_STYLE: Properties = {"marker": "o", "ls": "", "mec": "white", "mew": 0.5, "ms": SMALLEST}
 MOTION_LOOKS = list(zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True))  # of the most frequent motions
+SHARE_LIMITS = -0.04, 1.04  # a mark at 0 or 1 is whole
 MICRONS_PER_M = 1e6
 MOST_FREE = 2.0  # times the largest amplitude: larger ones without contact would hide the differences
 
@@ -165,9 +166,6 @@ def _draw_attractor_power(panel: Axes, attractors: AttractorsData) -> None:
         panel.plot([attractors.P_d[i]], [i], "o", ms=3, mfc=colour(i) if i != attractors.worst else "white", **style)
     panel.margins(x=0.15)
     panel.set(xlabel="$P_d$ [%] (worst: hollow)")
-
-
-SHARE_LIMITS = -0.04, 1.04  # a mark at 0 or 1 is whole
 
 
 def _draw_motion_amplitudes(panel: Axes, attractors: AttractorsData) -> None:

@@ -2,8 +2,6 @@
 
 from functools import partial
 
-import numpy as np
-
 from jaxshroud.batch.runs import Progress, Ticker
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, Method, method_of
@@ -110,7 +108,7 @@ def motion_of_pair(
     shown = MIN_STORED_ORBITS * verdict.q if verdict.q else APERIODIC_PERIODS
     settled = {} if stopped else _settled_evidence(scene, precise, verdict, march)
     return JudgedMotion(
-        int(np.int32(verdict.evidence.status)),
+        int(verdict.evidence.status),
         initial if stopped else verdict.evidence.last,
         verdict.periods if stopped else max(MIN_STORED_PERIODS, shown),
         precise.parts.contact == "spring" and not stopped,
