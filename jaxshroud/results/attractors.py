@@ -93,8 +93,8 @@ class Attractors(Result):
     P_d_worst = Variable("least reduction of any blade of a row, of any start", "percent")
     x_peak = Variable("amplitude of x of each blade of a row, from the first of the starts", "m", ("blade",))
     x_free = Variable("amplitude of x of each blade of a row without contact, closed form", "m", ("blade",))
-    N_max = Variable("largest normal force of a row from any start, at events and ends of steps", "N")
-    v_max = Variable("largest penetration of a row, likewise", "m")
+    N_max = Variable("largest normal force of a row over the kept periods, from any start", "N")
+    v_max = Variable("largest penetration of a row from any start, at events and ends of steps", "m")
     gap = Attribute()  # of the scene [m]
     label = Variable("the attractor that a start ends on; -1: undecided, -2: its run stopped")
     status = Variable("how each start's run ended", stored=np.int8, kind=np.int32, more=FLAGS)

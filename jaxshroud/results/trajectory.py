@@ -21,7 +21,7 @@ from jaxshroud.model.modes import Mode
 from jaxshroud.motion.waves import BladeSpectrum, RowWave, blade_spectrum, participation_ratio, row_wave
 from jaxshroud.results.amplitudes import WithAmplitudes
 from jaxshroud.results.base import Result
-from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.checks import InputError, count_argument, word_argument
 from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.typed import typed
 
@@ -145,8 +145,10 @@ class Trajectory(WithAmplitudes, Result):
             periods: Drive periods.
 
         Raises:
-            ValueError: The samples do not divide the period, or there are too few.
+            ValueError: There is no such displacement, the samples do not divide the period, or there are too few.
         """
+        word_argument("name", name, COORDINATES)
+        count_argument("periods", periods, 1)
         return blade_spectrum(getattr(self.motion, name), self._samples_per_period, periods)
 
     @property

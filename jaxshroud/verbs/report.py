@@ -188,7 +188,7 @@ def _report_data(
     runs = done(sweep(scenes, dims=["condition"], **kind.run_for, **run_options))
     if np.all(runs.status != Status.OK):
         raise NumericalError(f"The design stops before its end, with {Status(int(runs.status[0])).name}.")
-    choices = march.method._replace(within=kind.within and design.parts.contact == "spring")
+    choices = march.method._replace(within=design.parts.contact == "spring")
     problem = problem._replace(plan=Plan(resolved.transient, resolved.n_periods, march.steps, 0.0, choices))
     judged = judge_designs(problem, SCENE_ITSELF, lambda _: None)
     checks = done(verify_design(problem, SCENE_ITSELF[0], seed))

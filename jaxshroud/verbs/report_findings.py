@@ -19,9 +19,6 @@ class DesignFindings:
     """The findings on a pair. A table has no columns and a paragraph no words beside those of all designs."""
 
     run_for: ClassVar[dict[str, Any]] = {"forces": True}  # arguments of `sweep` for the runs of all conditions
-    within: ClassVar[bool] = True  # penetrations are followed within steps
-    forces_of: ClassVar[str] = "the kept periods"
-    force_place: ClassVar[str] = ""  # where forces are taken, as the end of a sentence
     amplitudes_of: ClassVar[tuple[str, ...]] = ()  # sentences on whose numbers are told
     motions_by: ClassVar[tuple[str, ...]] = ()  # sentences on how coexisting motions are found
     motion_heads: ClassVar[tuple[str, ...]] = ()  # heads of `motion_cells`
@@ -38,21 +35,12 @@ class DesignFindings:
     @property
     def forces(self) -> np.ndarray | None:
         """The largest normal force in each condition [N], where it was kept."""
-        return self.runs.N_max
-
-    @property
-    def friction(self) -> float | None:
-        """The largest friction force of the worst condition [N]; None where the runs tell it."""
-        return None
+        return None if self.runs.N_max is None else self.runs.N_max.reshape(self.runs.P_d.size, -1).max(axis=-1)
 
     @property
     def friction_work(self) -> float:
-        """The work of friction in a drive period of the worst condition, on average [J]."""
-        return float(self.runs.lane(self.worst).friction_work)
-
-    def friction_head(self, at_worst: str) -> str:
-        """What the largest friction force is called; `at_worst` names the worst condition."""
-        return "largest friction force"
+        """The work of friction in a drive period of the worst condition, of all interfaces, on average [J]."""
+        return float(np.sum(self.runs.lane(self.worst).friction_work))
 
     def heads(self, of: RequiredReduction) -> list[str]:
         """The heads of `cells`."""

@@ -8,7 +8,6 @@ import jax
 import numpy as np
 
 from jaxshroud.model.linear import power_reduction
-from jaxshroud.motion.averages import stiffnesses
 from jaxshroud.plotting.documents import Section
 from jaxshroud.results.data_sheet import DataSheet
 from jaxshroud.results.diagnosis import Diagnosis
@@ -30,10 +29,7 @@ DOUBTFUL_VERDICTS = ("transient not over", "undecided", "stopped")
 class RowFindings(DesignFindings):
     """The findings on a row, of all its blades and interfaces; its diagnosis is of the worst condition."""
 
-    run_for: ClassVar[dict[str, Any]] = {"ledger": True, "amplitudes": True}
-    within: ClassVar[bool] = False
-    forces_of: ClassVar[str] = "whole runs, transients included"
-    force_place: ClassVar[str] = ", taken at events and at the ends of steps"
+    run_for: ClassVar[dict[str, Any]] = {"forces": True, "amplitudes": True}
     amplitudes_of: ClassVar[tuple[str, ...]] = (
         "P_d is that of all blades; amplitudes are those of the blade that swings most.",
     )
@@ -43,44 +39,17 @@ class RowFindings(DesignFindings):
     )
     motion_heads: ClassVar[tuple[str, ...]] = ("least of the worst blade [%]", "largest amplitude of x [mm]")
 
-    largest: np.ndarray | None = None  # (conditions,) normal force of each run, transients included [N]
-
     @classmethod
     def of_runs(cls, scenes: Scene, worst: int, runs: SweepResult, run_options: Mapping[str, Any]) -> "RowFindings":
         """The findings on a design in all its conditions (leading axis), with a diagnosis of the worst."""
         how = {name: run_options[name] for name in ("transient", "method")}
         diagnosis = diagnose(jax.tree.map(lambda a: np.asarray(a)[worst], scenes), **how)
-        return cls(runs, worst, diagnosis, (stiffnesses(scenes) * runs.penetrations).max(axis=-1))
-
-    @property
-    def forces(self) -> np.ndarray | None:
-        """The largest normal force in each condition, transients included [N]."""
-        return self.largest
-
-    def friction_head(self, at_worst: str) -> str:
-        """What the largest friction force is called; `at_worst` names the worst condition."""
-        return f"largest friction force at the steps{at_worst}"
+        return cls(runs, worst, diagnosis)
 
     @property
     def blade_P_d(self) -> np.ndarray:
         """The P_d of each blade in each condition, (conditions, blades) [percent]."""
         return power_reduction(self.runs.P, self.runs.P_0)
-
-    @property
-    def periods(self) -> float:
-        """The drive periods of the diagnosis's samples."""
-        run = self.diagnosis
-        return (run.t.shape[-1] - 1) * run.every / run.steps_per_period
-
-    @property
-    def friction(self) -> float:
-        """The largest friction force at any sample of the worst condition [N]."""
-        return float(np.nanmax(np.abs(self.diagnosis.F), initial=0.0))
-
-    @property
-    def friction_work(self) -> float:
-        """The work of friction of all interfaces in a drive period, on average [J]."""
-        return float(np.sum(self.diagnosis.loss_friction)) / self.periods
 
     def heads(self, of: RequiredReduction) -> list[str]:
         """The heads of `cells`."""
@@ -180,19 +149,25 @@ def _blades_section(findings: RowFindings, about: list[str]) -> Section:
 
 
 def _interfaces_section(findings: RowFindings, about: list[str]) -> Section:
-    run, periods = findings.diagnosis, findings.periods
-    normal, friction = (np.nanmax(np.abs(a), axis=0) for a in (run.N, run.F))
-    titles = "largest N [N]", "mean N [N]", "N in slip [N]", "largest friction [N]", "slip [mm]", "friction work [J]"
-    table = [["interface", *titles, "apart, stick, slip [%]"]]
-    order = np.sort(np.argsort(-normal, kind="stable")[:MOST_LINES])
-    for i in order:
-        numbers = (normal[i], run.N_mean[i], run.N_slip[i], friction[i], MM_PER_M * run.slip[i])
-        shares = (f"{100 * share[i]:.1f}" for share in (run.time_apart, run.time_stick, run.time_slip))
-        work = run.loss_friction[i] / periods
-        table.append([str(i), *(f"{number:.4g}" for number in (*numbers, work)), ", ".join(shares)])
+    run, shown = findings.runs.lane(findings.worst), findings.diagnosis
+    columns = {
+        "largest N [N]": run.N_max,
+        "mean N [N]": run.N_mean,
+        "N in slip [N]": run.N_slip,
+        "largest friction [N]": run.F_max,
+        "slip [mm]": MM_PER_M * run.slip,
+        "friction work [J]": run.friction_work,
+        "impacts": run.impacts,
+    }
+    times = np.stack([np.ravel(a) for a in (shown.time_apart, shown.time_stick, shown.time_slip)], axis=1)
+    numbers = np.stack([np.ravel(a) for a in columns.values()], axis=1)
+    table = [["interface", *columns, "apart, stick, slip [%]"]]
+    for i in np.sort(np.argsort(-numbers[:, 0], kind="stable")[:MOST_LINES]):
+        shares = ", ".join(f"{100 * share:.1f}" for share in times[i])
+        table.append([str(i), *(f"{number:.4g}" for number in numbers[i]), shares])
     words = (
-        f"Of {periods:g} drive periods of the settled motion; slip and work are those of one period, forces are taken "
-        f"at the steps.{_left_out(normal.size, 'interfaces')}"
+        "Of the kept periods, extremes within steps too; slip, work and impacts are those of one period. Times are "
+        f"those of the run that is shown.{_left_out(len(numbers), 'interfaces')}"
     )
     return Section("Loads at the interfaces", [*about, words], table)
 

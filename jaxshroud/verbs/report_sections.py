@@ -71,9 +71,7 @@ class ReportData(NamedTuple):
     @property
     def friction(self) -> float:
         """The largest friction force of the design's runs [N]."""
-        return largest_value(
-            [self.findings.friction, *(getattr(run, "F_max", None) for run in (self.runs, *self.on_motions))]
-        )
+        return largest_value([getattr(run, "F_max", None) for run in (self.runs, *self.on_motions)])
 
     @property
     def levels(self) -> np.ndarray:
@@ -149,7 +147,7 @@ def _limits(data: ReportData) -> list[list[str]]:
     found, at_worst = data.findings, _at_worst(data)
     cells = zip(found.heads(data.of), found.cells(data.of, data.worst), strict=True)
     table += [[f"{head}{at_worst}", cell, "-"] for head, cell in cells]
-    table.append([found.friction_head(at_worst), f"{data.friction:.5g} N", "-"])
+    table.append(["largest friction force", f"{data.friction:.5g} N", "-"])
     table.append([f"work of friction per period{at_worst}", f"{found.friction_work:.5g} J", "-"])
     return table
 
@@ -183,7 +181,7 @@ def _conditions(data: ReportData) -> Section | None:
         cells = [with_interval(judged.P_d[0, i], judged.ci[0, i]), str(number) if number else "aperiodic"]
         force = "-" if forces is None else f"{float(forces[i]):.5g}"
         table.append([*(f"{value:.6g}" for value in row), *cells, force, *found.cells(data.of, i)])
-    words = f"All combinations, in SI units. The worst is {data.where(data.worst)}; forces are of {found.forces_of}."
+    words = f"All combinations, in SI units. The worst is {data.where(data.worst)}; forces are of the kept periods."
     return Section("Operating conditions", [words], table)
 
 
@@ -304,8 +302,7 @@ def _checks(data: ReportData) -> Section:
         f"The energy balance is left open by {residual} in the worst period; P_d has {settled}{_at_worst(data)}, with "
         f"period number {int(run.period_number) or 'none'}."
     )
-    place = data.findings.force_place
-    return Section("Checks", [words, f"Forces are of whole runs, transients included{place}."], table)
+    return Section("Checks", [words, "Forces are of whole runs, transients included."], table)
 
 
 def _origin(data: ReportData, text: str, command: str) -> Section:

@@ -10,7 +10,6 @@ from jaxshroud.batch.states import final_states
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.averages import stiffnesses
 from jaxshroud.motion.orbit_distance import SweptMotion, number_motions, set_distance
 from jaxshroud.motion.random_starts import START_SPREAD, random_row_starts
 from jaxshroud.results.attractors import ATTRACTOR_KINDS, STOPPED, UNDECIDED, Attractors, share_interval
@@ -47,12 +46,12 @@ def row_motions(scene: Scene, starts: int, seed: int, march: MarchPlan, transien
         return _found(of_starts | dict.fromkeys(("share", "P_d_least"), np.empty(0)), scene, attrs)
     arrived: State = jax.tree.map(lambda a: np.asarray(a)[running], final_states(last.state))
     settled = repeat_lane(scene, len(running))
-    run = sweep(settled, state=arrived, amplitudes=True, n_periods=n_periods, transient=0, method=march.as_method)
+    how = {"n_periods": n_periods, "transient": 0, "method": march.as_method}
+    run = sweep(settled, state=arrived, forces=True, amplitudes=True, **how)
     motions = swept_motions(run.data)
     numbers = _most_frequent_first(np.where(run.status == Status.OK, number_motions(motions), UNDECIDED))
     label[running] = np.where(run.status == Status.OK, numbers, STOPPED)
-    force = (stiffnesses(settled) * run.penetrations).max(axis=-1)
-    return _found(of_starts | {"label": label} | _motion_values(run, motions, numbers, force, starts), scene, attrs)
+    return _found(of_starts | {"label": label} | _motion_values(run, motions, numbers, starts), scene, attrs)
 
 
 def _found(values: Mapping[str, object], scene: Scene, attrs: dict[str, int | str]) -> Attractors:
@@ -66,9 +65,7 @@ def _most_frequent_first(numbers: np.ndarray) -> np.ndarray:
     return np.array([rank.get(int(number), UNDECIDED) for number in numbers])
 
 
-def _motion_values(
-    run: SweepResult, motions: list[SweptMotion], numbers: np.ndarray, force: np.ndarray, starts: int
-) -> dict[str, object]:
+def _motion_values(run: SweepResult, motions: list[SweptMotion], numbers: np.ndarray, starts: int) -> dict[str, object]:
     """The values of each motion, by the names of `Attractors`."""
     groups = [np.flatnonzero(numbers == number) for number in range(numbers.max(initial=-1) + 1)]
     first = [int(group[0]) for group in groups]
@@ -92,7 +89,7 @@ def _motion_values(
         "distance": _distances([motions[i].orbit for i in first]),
         "x_peak": run.x_peak[first],
         "x_free": run.x_free[first],
-        "N_max": over(np.max, force),
+        "N_max": over(np.max, run.N_max),
         "v_max": over(np.max, run.v_max),
     }
 

@@ -85,7 +85,7 @@ def runs(seed: int, lightest: float, heaviest: float, n: int) -> list[Run]:
         came = run_lanes(scenes, states, Plan(0, PIECE, STEPS, 0.0, method), lambda _: None)
         states, status = final_states(came.last.state), np.asarray(came.last.status)
         s = came.samples
-        all_lanes = Stretch(displacements(s), period_maxima(s), np.stack(s.power, axis=-1))
+        all_lanes = Stretch(displacements(s), period_maxima(s), s.power)
         for i, pair in enumerate(windows):
             for (begin, end), parts in zip(pair, found[i], strict=True):
                 cut = slice(max(begin - at, 0), max(end - at, 0))
