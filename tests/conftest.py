@@ -27,7 +27,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 # Checking types is a third of the time of tracing: the long runs, of tests and studies, do without. Workers inherit it.
 TYPES = "JAXSHROUD_CHECK_TYPES"
-CHECKED = os.environ.setdefault(TYPES, "0" if {"--full", "--studies"} & {*sys.argv} else "1") == "1"
+CHECKED = os.environ.setdefault(TYPES, "0" if {"--full", "--studies", "--release"} & {*sys.argv} else "1") == "1"
 COMPUTING = [f"jaxshroud.{folder}" for folder in ("scene", "model", "march", "batch", "motion", "verbs")]
 with install_import_hook(COMPUTING, "beartype.beartype") if CHECKED else nullcontext():
     import jaxshroud
@@ -64,6 +64,7 @@ def pytest_addoption(parser):
     parser.addoption("--full", action="store_true", help="run the tests that are left out without this, and only these")
     parser.addoption("--benchmark", action="store_true", help="run the side-by-side timings too")
     parser.addoption("--studies", action="store_true", help="run seeded samples of the studies too")
+    parser.addoption("--release", action="store_true", help="run what takes too long for every day too")
 
 
 def pytest_unconfigure():
@@ -108,8 +109,9 @@ def full_among(items):
 
 
 def pytest_collection_modifyitems(config, items):
-    for mark, reason in {"benchmark": "timings run only with --benchmark", "studies": "run with --studies"}.items():
+    for mark in ("benchmark", "studies", "release"):
         if not config.getoption(f"--{mark}"):
+            reason = f"run with --{mark}"
             for item in items:
                 if is_marked(item, mark):
                     item.add_marker(pytest.mark.skip(reason=reason))

@@ -132,7 +132,7 @@ def small(monkeypatch, tmp_path):
     monkeypatch.setattr(js, "load", lambda path, more=(): load(path, [*more, *settled]), raising=False)
 
 
-@pytest.mark.studies(only=["docs/engineer.md"])  # its notebook runs
+@pytest.mark.release(only=["docs/engineer.md"])  # its notebook runs
 @pytest.mark.full
 @pytest.mark.parametrize("path", SHELL, ids=names(SHELL))
 def test_commands_of_a_page_run(path, small, capsys):

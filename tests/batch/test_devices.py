@@ -38,7 +38,7 @@ assert set(found["all"].status.to_numpy()) == {js.Status.OK}
 """
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_two_devices_find_the_bits_of_one():
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"

@@ -21,7 +21,7 @@ def scene():
     return js.load("table1", ["shroud.gap=1", "drive.M_0=5"]).scene
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_march_that_never_touches_has_the_closed_form(scene):
     # In the transient, from rest: neither a sine nor of mean zero. Series err by their tolerance, and squares by more.

@@ -76,7 +76,7 @@ def test_an_option_that_xla_refuses_is_left_out(monkeypatch):
     assert doubled(jnp.ones(()), by=3) == 3
 
 
-@pytest.mark.studies(only=["rk4-cubic-motion1", "dopri8-cubic-motion2"])
+@pytest.mark.release(only=["rk4-cubic-motion1", "dopri8-cubic-motion2"])
 @pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "motion"), [("rk4-bisection", ("x",)), ("rk4-cubic", ("x", "y")), ("dopri8-cubic", ("x",))]

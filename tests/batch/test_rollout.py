@@ -51,7 +51,7 @@ def slopes_of(scene, numbers, periods, steps, method=PLAIN):
     return quotients(jax.jit(jax.vmap(f)), numbers), tangents
 
 
-@pytest.mark.studies(only=["flat", "cases"])  # studies/slopes.py
+@pytest.mark.release(only=["flat", "cases"])  # studies/slopes.py
 @pytest.mark.full(but=["x"])
 @pytest.mark.parametrize(
     ("options", "motion", "periods", "steps", "kinds"),
@@ -122,7 +122,7 @@ def test_samples_and_forces_are_those_of_simulate():
     assert first.events + second.events == sum(counted.values())
 
 
-@pytest.mark.studies(only=["taylor 12 1e-10, events by series, float64"])
+@pytest.mark.release(only=["taylor 12 1e-10, events by series, float64"])
 @pytest.mark.full
 @pytest.mark.parametrize("method", [js.RungeKutta("dopri8"), js.Taylor()], ids=str)
 def test_what_is_told_of_events_is_what_samples_show(method):
@@ -209,7 +209,7 @@ def test_a_sweep_function_tells_the_vibration_alone():
     assert share < 0.9
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_sweep_function_carries_tangents():
     # Against fourth-order differences of its own samples; under jit and vmap the samples are the same.
@@ -250,7 +250,7 @@ def test_a_sweep_function_runs_on_many_devices():
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_rollout_by_power_series_is_differentiated(table1):
     """Outside of `jax.jit` too, where what it compiles for series is its own choice: otherwise it takes minutes."""

@@ -72,7 +72,7 @@ class Course:
         return best
 
 
-@pytest.mark.studies(only=["chain of 4", "ring of 4 in anti-phase"])
+@pytest.mark.release(only=["chain of 4", "ring of 4 in anti-phase"])
 @pytest.mark.full
 @pytest.mark.parametrize("name", ROWS)
 def test_tangents_are_those_of_differences(name):
@@ -89,7 +89,7 @@ def test_tangents_without_the_instants_of_events_are_wrong(monkeypatch):
     assert np.min(Course(ROWS["chain of 4"], naive).error()) > 1e-2
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_simultaneous_events_have_instants_of_their_own(monkeypatch):
     # Control: events of one instant that move as the first of them does.

@@ -91,7 +91,7 @@ def check_masks(run, scene, lanes, statuses):
             np.testing.assert_allclose(told, np.array(alone) / len(lanes), rtol=1e-10)
 
 
-@pytest.mark.studies(only=["period_map", "sweep_function"])
+@pytest.mark.release(only=["period_map", "sweep_function"])
 @pytest.mark.full
 @pytest.mark.parametrize("run", [rolled, mapped, swept], ids=["rollout", "period_map", "sweep_function"])
 def test_a_masked_lane_leaves_the_derivatives_of_the_others_alone(run):
@@ -99,7 +99,7 @@ def test_a_masked_lane_leaves_the_derivatives_of_the_others_alone(run):
     check_masks(run, scene_of('["x"]'), [GOOD, NEGATIVE, HUGE, UNSTABLE], statuses)
 
 
-@pytest.mark.studies(only=["period_map", "sweep_function"])
+@pytest.mark.release(only=["period_map", "sweep_function"])
 @pytest.mark.full
 @pytest.mark.parametrize("run", [rolled, mapped, swept], ids=["rollout", "period_map", "sweep_function"])
 def test_unstable_steps_are_bad_input_and_coarse_ones_are_told(run):
@@ -115,7 +115,7 @@ def test_unstable_steps_are_bad_input_and_coarse_ones_are_told(run):
     assert out.coarseness[0] < 1 < out.coarseness[1]
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_stability_is_that_of_the_method_and_series_need_none():
     scene = js.vary(scene_of('["x"]'), "contact.gamma", 400.0)  # omega h = 3.2 with 100 steps
@@ -125,7 +125,7 @@ def test_stability_is_that_of_the_method_and_series_need_none():
     assert rk4.coarseness > order_8.coarseness > 0 == series.coarseness
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_lane_without_further_trials_is_masked_as_well():
     # It begins well: samples before it stopped count where those that are NaN are masked.
@@ -133,7 +133,7 @@ def test_a_lane_without_further_trials_is_masked_as_well():
     check_masks(run, scene_of('["x"]'), [GOOD, FEEBLE], [Status.OK, Status.OUT_OF_TRIALS])
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_turned_and_chattering_lanes_are_masked_as_well():
     # The printed levers contradict each other where cases meet: a chatter without an end.
@@ -143,7 +143,7 @@ def test_turned_and_chattering_lanes_are_masked_as_well():
     check_masks(rolled, scene, [GOOD, TURNING, CHATTERING], statuses)
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_mask_inside_of_save_counts():
     save = lambda at: (jnp.where(jnp.isnan(at.N), 0.0, jnp.sqrt(100.0 + at.N)), at.state.mode)
@@ -160,7 +160,7 @@ def test_a_mask_inside_of_save_counts():
     assert mode.dtype == jnp.int32
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_smooth_contact_is_masked_as_well():
     # JAX itself differentiates it.

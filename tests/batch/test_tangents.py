@@ -104,7 +104,7 @@ def test_one_period_jacobian_in_chaos():
         assert np.max(error_of(scene, only, np.repeat(along[lane : lane + 1], 16, axis=0), STEPS + 1)) <= 1e-7
 
 
-@pytest.mark.studies(only=["dopri8-cubic-motion2"])
+@pytest.mark.release(only=["dopri8-cubic-motion2"])
 @pytest.mark.full(but=["rk4-bisection-motion0"])
 @pytest.mark.parametrize(
     ("name", "locate", "motion"),
@@ -119,7 +119,7 @@ def test_jacobian_of_other_methods(name, locate, motion):
     assert np.max(error_of(scene, states, along, steps, method)) <= 1e-6
 
 
-@pytest.mark.studies(only=["motion1"])
+@pytest.mark.release(only=["motion1"])
 @pytest.mark.full
 @pytest.mark.parametrize("motion", [("x",), ("x", "y", "theta")])
 def test_jacobian_by_series(motion):
@@ -130,7 +130,7 @@ def test_jacobian_by_series(motion):
     assert np.max(error_of(scene, states, along, method=method)) <= 1e-6
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_naive_tangents_by_series_are_wrong(monkeypatch):
     # Control: events whose instants have no derivative.
@@ -172,7 +172,7 @@ def two_trajectories(scene, state, n, apart=1e-7):
     return np.log(growth)
 
 
-@pytest.mark.studies(only=["gamma 5.5", "gamma 10"])
+@pytest.mark.release(only=["gamma 5.5", "gamma 10"])
 @pytest.mark.full
 @pytest.mark.parametrize("gamma", CHAOTIC.values(), ids=CHAOTIC)
 def test_largest_exponent_is_that_of_two_trajectories(gamma, monkeypatch):

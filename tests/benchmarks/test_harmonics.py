@@ -18,7 +18,7 @@ def test_harmonics_of_two_codes():
         np.testing.assert_allclose(other, plain, rtol=1e-6)
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_small_run_of_harmonics_is_written_and_printed(tmp_path, capsys):
     harmonics.main(["--harmonics", "1", "--rounds", "1"], tmp_path / "harmonics.json")

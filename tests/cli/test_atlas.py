@@ -10,7 +10,7 @@ SCENE = ["table1", "--set", 'parts.motion=["x"]', "--set", "blades.c_x=5", "--st
 RANGE = ["--along", "contact.gamma", "--start", "2", "--stop", "2.6"]
 
 
-@pytest.mark.studies(only=["branch-branch.nc"])  # the command is on its page, which tests/test_docs.py runs
+@pytest.mark.release(only=["branch-branch.nc"])  # the command is on its page, which tests/test_docs.py runs
 @pytest.mark.full
 @pytest.mark.parametrize(
     ("words", "files"),

@@ -442,7 +442,7 @@ def test_explain_tells_what_is_left_out(capsys):
     assert "closed form" in capsys.readouterr().out
 
 
-@pytest.mark.studies  # the command is on its page, which tests/test_docs.py runs
+@pytest.mark.release  # the command is on its page, which tests/test_docs.py runs
 @pytest.mark.full
 def test_trade_files(tmp_path, capsys, monkeypatch):
     from jaxshroud.verbs import trade

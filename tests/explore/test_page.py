@@ -229,7 +229,7 @@ def test_a_closed_tab_ends_its_work_while_it_compiles(chrome):
         assert urllib.request.urlopen(server.address).status == 200
 
 
-@pytest.mark.studies
+@pytest.mark.release
 def test_a_narrow_page_has_no_scroll_bar_to_the_side(chrome, server):
     for width in (420, 1400):
         narrow = Tab(chrome, server.address, width=width, color_scheme="dark")

@@ -387,7 +387,7 @@ def test_no_warning_of_dimensions_that_are_not_there_is_shown(run, tmp_path):
     assert not shown
 
 
-@pytest.mark.studies  # studies/kills.py
+@pytest.mark.release  # studies/kills.py
 @pytest.mark.full
 def test_a_store_killed_before_any_rename_of_a_file_ends_with_the_same_bytes(tmp_path):
     words = [sys.executable, str(Path(__file__).with_name("killed_writes.py")), str(tmp_path)]

@@ -57,7 +57,7 @@ def parameters(scene) -> reference.Parameters:
     return reference.Parameters(**blades, **drive, **shroud, **contact, m_y=pair(b.inertia_y), omega=float(d.omega))
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_the_second_opinion_agrees_at_every_single_extreme(table1):
     # One period from rest. The second opinion knows no flat contact, turns of more than 1.2 rad, and no patience.
@@ -116,7 +116,7 @@ def test_the_error_at_the_limit_of_accuracy_and_at_automatic_steps(table1):
     assert np.median(errors_over_gamma(table1, 1.5)) > 1e-3
 
 
-@pytest.mark.studies
+@pytest.mark.release
 def test_a_million_periods(table1):
     # The clock is an integer, so that no phase is lost, and nothing grows: neither the orbit's error nor the memory.
     scene = with_parts(vary(table1, "contact.gamma", 0.3), motion=("x",), neighbour="rigid")
@@ -145,7 +145,7 @@ def test_float32_at_late_times(table1):
     np.testing.assert_allclose(late.P_d, exact.P_d, rtol=1e-3)
 
 
-@pytest.mark.studies
+@pytest.mark.release
 def test_a_hundred_thousand_lanes_are_as_many_single_ones(table1):
     lanes = 100_000
     F_0 = np.linspace(1.0, 90.0, lanes)

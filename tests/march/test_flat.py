@@ -86,7 +86,7 @@ def test_random_scenes_end_with_few_events_and_converge(weak):
     assert np.median(error[0][regular] / error[1][regular]) > 14
 
 
-@pytest.mark.studies
+@pytest.mark.release
 def test_it_is_the_limit_of_a_stiff_rotational_spring(weak):
     got = [towards_the_end_of_flat_contact(p) for p in weak]
     errors = np.array([springs_apart(p, *at) for p, at in zip(weak, got, strict=True) if at is not None])

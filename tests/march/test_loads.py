@@ -50,7 +50,7 @@ def errors(name: str) -> dict[str, np.ndarray]:
     }
 
 
-@pytest.mark.studies(only=["dopri8"])
+@pytest.mark.release(only=["dopri8"])
 @pytest.mark.full(but=["rk4"])
 @pytest.mark.parametrize("name", ["rk4", "dopri8", "series"])
 def test_each_period_is_that_of_the_second_opinion(name):

@@ -137,7 +137,7 @@ def test_without_location_the_march_is_of_low_order(scenes, fine):
     assert np.all(finer > 1000 * relative_error(ends(run(scenes, 3, 8000)), ends(fine), sizes(fine)))
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_float32_errs_by_its_rounding(scenes, fine):
     # Rounding, 6e-8, of many steps and amplified by 3 periods.
@@ -279,7 +279,7 @@ def half_turn_deviation(scenes, method=REFERENCE):
     return relative_error(image, ends(plain), sizes(plain))
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_every_verb_runs_in_float32(table1):
     single, double = (RungeKutta(precision=p) for p in ("float32", "float64"))

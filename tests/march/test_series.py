@@ -182,7 +182,7 @@ def fine(scenes):
     return run(scenes, 3, 2000, FINE)
 
 
-@pytest.mark.studies(only=["16"])
+@pytest.mark.release(only=["16"])
 @FULL
 @pytest.mark.parametrize("method", SERIES.values(), ids=SERIES)
 def test_motion_events_and_energy_are_those_of_the_fine_march(scenes, fine, method):
@@ -216,7 +216,7 @@ def test_a_trial_does_not_outlast_a_quick_return():
     assert float(met.end) == pytest.approx(1e-3, abs=1e-12)
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_rocking_of_light_blades_is_that_of_the_fine_march(table1):
     # Thousands of switches in three periods between nearly parallel faces, with equal steps, by which flat contact is
@@ -234,7 +234,7 @@ def test_rocking_of_light_blades_is_that_of_the_fine_march(table1):
     assert np.all(error < 1e-4), error
 
 
-@pytest.mark.studies  # studies/series.py
+@pytest.mark.release  # studies/series.py
 @pytest.mark.full
 def test_second_opinion():
     parameters, told = opinions.scenes("consistent"), opinions.kept("consistent")
@@ -352,7 +352,7 @@ def test_an_absent_number_stays_absent_beside_series():
     assert (series + ready.mobility.inverse.theta[0]) is series
 
 
-@pytest.mark.studies  # studies/missed_events.py
+@pytest.mark.release  # studies/missed_events.py
 @pytest.mark.full
 def test_faces_rock_to_the_last_return():
     """As contact ends what pushes rocking faces back fades: by series none of the last returns is missed."""
@@ -408,7 +408,7 @@ def test_a_guard_that_rises_twice_between_two_looks_is_not_passed_over():
     np.testing.assert_allclose(met.end, first, rtol=1e-12)
 
 
-@pytest.mark.studies  # studies/missed_events.py
+@pytest.mark.release  # studies/missed_events.py
 @pytest.mark.full
 def test_a_double_crossing_inside_a_long_trial_is_met():
     # The faces switch forth and back within a trial of order 16: passed over, the state is 3.4e-4 off after two

@@ -168,7 +168,7 @@ def test_what_is_absent_is_not_carried(table1, parts):
 COMBINED = ({"motion": ("x",)}, {"neighbour": "rigid"})  # in another one of them
 
 
-@pytest.mark.studies(only=["{'friction': 'none'}"])
+@pytest.mark.release(only=["{'friction': 'none'}"])
 @pytest.mark.full
 @pytest.mark.parametrize("parts", [parts for parts in REDUCED if parts not in COMBINED], ids=str)
 def test_every_verb_runs(table1, parts):

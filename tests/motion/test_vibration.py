@@ -186,7 +186,7 @@ TELLING = {
 }
 
 
-@pytest.mark.studies(only=["attractors", "diagnose", "scatter"])
+@pytest.mark.release(only=["attractors", "diagnose", "scatter"])
 @pytest.mark.full
 @pytest.mark.parametrize("verb", TELLING)
 def test_who_tells_the_reduction_tells_that_of_the_vibration(pressed, verb):
@@ -224,7 +224,7 @@ PERIOD_7 = [
 ]
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_means_are_over_whole_orbits():
     # An orbit of period 7: means, maxima and shares of 9 orbits do not depend on the period that 64 have more. The run

@@ -57,7 +57,7 @@ def test_forces_act_at_the_contact_point_and_are_opposite():
     assert "apart" in shown.caption.get_text()
 
 
-@pytest.mark.studies  # docs/verbs/animate.md animates a run
+@pytest.mark.release  # docs/verbs/animate.md animates a run
 @pytest.mark.full
 def test_a_gif_has_sixty_frames_of_a_period(tmp_path):
     path = tmp_path / "run.gif"

@@ -88,7 +88,7 @@ def test_one_of_many_runs_of_a_row_is_a_row():
     assert "no engine order" in run.wave.words
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_stored_row_is_animated_by_the_factor_that_fits(tmp_path):
     ds = stored(closed=True, x=1e-3)

@@ -383,7 +383,7 @@ print(run.motion.x[-1].tolist(), run.u_s[-5:].tolist())
 """
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_processes_that_race_for_one_cache(tmp_path):
     # Four at once on an empty cache, then four on a full one: all the same numbers, without a word.

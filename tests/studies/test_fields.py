@@ -9,6 +9,7 @@ pytestmark = [
 ]
 
 
+@pytest.mark.release
 def test_what_is_typed_is_neither_lost_nor_altered_nor_executed():
     with fields.browser(fields.chromium()) as chrome:
         kinds, bad = fields.tried(24, 7, chrome)

@@ -7,6 +7,7 @@ import pytest
 pytestmark = pytest.mark.studies
 
 
+@pytest.mark.release
 def test_intervals_hold_the_numbers_and_are_not_too_wide():
     # 18 numbers, each in its interval with 95 %: 14 or fewer in one sample of a hundred.
     found = identify.figures(3, 0, seed=1)

@@ -11,6 +11,7 @@ pytestmark = [
 ]
 
 
+@pytest.mark.release
 def test_a_killed_sweep_ends_with_the_same_bytes(tmp_path):
     # 2,000 lanes are two blocks; of two kills one store at least is gone on with. All directions are killed below.
     found = kills.killed(2_000, 2, np.random.default_rng(3), tmp_path)
@@ -20,6 +21,7 @@ def test_a_killed_sweep_ends_with_the_same_bytes(tmp_path):
         assert store["computed_again"] == 0
 
 
+@pytest.mark.release
 @pytest.mark.full(but=["at_once"])
 @pytest.mark.parametrize("study", [kills.renamed, kills.at_once])
 def test_kills_at_renames_and_second_processes_change_no_byte(tmp_path, study):

@@ -6,6 +6,7 @@ import pytest
 pytestmark = pytest.mark.studies
 
 
+@pytest.mark.release
 def test_no_event_is_missed_by_long_trials():
     # Without the bound of what may have risen unseen, 16 of 2,000 scenes miss events at this order and tolerance.
     scenes = missed_events.drawn(12, 5)

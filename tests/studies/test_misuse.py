@@ -8,7 +8,7 @@ pytestmark = pytest.mark.studies
 
 def test_wrong_types_are_refused_in_one_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = ["True", "''", "[None]", "{}", "object", "no numbers"]
+    words = ["True", "''", "[None]"]
     wrong = [
         one for one in misuse.outcomes(misuse.targets(), {word: misuse.WRONG[word] for word in words}) if one.fault
     ]

@@ -18,6 +18,7 @@ def test_rows_of_more_blades_are_those_of_the_second_opinion():
     assert told["beyond"] == told["events counted otherwise"] == 0
 
 
+@pytest.mark.release
 def test_energy_of_random_rows():
     told = rows.energy(16, ((4, True),), periods=4)
     assert told["beyond"] == 0

@@ -26,6 +26,7 @@ def test_devices_and_workers_find_what_processes_do():
     assert all(n > 0 and math.isfinite(n) for n in numbers(found))
 
 
+@pytest.mark.release
 def test_projections_are_compared_with_runs():
     found = projection.measured(66, 64, 8, 1)
     assert set(found) == {"memory", "time"}

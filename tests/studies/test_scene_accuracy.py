@@ -10,6 +10,7 @@ import jaxshroud as js
 pytestmark = pytest.mark.studies
 
 
+@pytest.mark.release
 def test_what_an_accuracy_changes_is_a_motion_of_the_scene(monkeypatch):
     # Every 16th lane of fig09_best: RK4 at 400 steps ends on another orbit than "balanced" in four lanes, in which
     # motions coexist. What Dormand-Prince 8 reaches from rest, whatever the roundings, is the latter's.

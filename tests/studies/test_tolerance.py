@@ -6,6 +6,7 @@ import tolerance
 pytestmark = pytest.mark.studies
 
 
+@pytest.mark.release
 def test_what_is_said_of_a_design_holds():
     # Bending only, with regular motion: nothing between the values that were looked at loses more.
     tuned, own, how = tolerance.tuned_design("bending only, two loads, a limit of force")

@@ -8,6 +8,7 @@ from twin_histories import drawn
 pytestmark = pytest.mark.studies
 
 
+@pytest.mark.release
 def test_numbers_of_histories_are_found_and_held():
     # Of 95 % intervals of some seven numbers two are missed in one sample of twenty, three in one of 250.
     told = twin_fit.figures(drawn(2, seed=3), seeds=1)

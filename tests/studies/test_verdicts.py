@@ -6,6 +6,7 @@ import verdicts
 pytestmark = pytest.mark.studies
 
 
+@pytest.mark.release
 def test_verdicts_are_those_of_long_runs(monkeypatch):
     monkeypatch.setattr(verdicts, "LONGER", 5)
     monkeypatch.setattr(verdicts, "CHAOS", 200)

@@ -155,7 +155,7 @@ def test_exact_slopes_of_a_tuning_are_those_of_its_objective(of):
     assert growth.max() < 1
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_an_amplitude_is_tuned(tmp_path):
     scene, conditions, over = scene_at(), {"drive.F_0": [40.0, 60.0]}, {"shroud.gap": (5e-6, 2e-4)}

@@ -142,7 +142,7 @@ def test_a_mute_server_is_one_line_after_the_timeout_of_dask():
         cluster.connected_client(f"tcp://127.0.0.1:{mute.getsockname()[1]}").__enter__()
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_workers_that_are_lost_and_added_change_nothing(scene, tmp_path, written):
     # One of two processes is killed (SIGKILL) when a third is done, and one comes when half is.

@@ -66,7 +66,7 @@ def test_permanent_stick_is_one_family():
     assert found.P_d_most[0] >= found.P_d_least[0]
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_long_transient_is_no_motion_of_its_own(tmp_path):
     # A free blade whose amplitude falls by e in 680 periods: what it does in 576 looks aperiodic, but decays.

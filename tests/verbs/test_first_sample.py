@@ -19,7 +19,7 @@ STARTS = {  # settings, and how contact is at first
 
 
 @pytest.mark.parametrize(
-    "march", [RK4, pytest.param(js.Taylor(steps=100), marks=[pytest.mark.studies, pytest.mark.full])], ids=str
+    "march", [RK4, pytest.param(js.Taylor(steps=100), marks=[pytest.mark.release, pytest.mark.full])], ids=str
 )
 @pytest.mark.parametrize("start", [pytest.param(s, marks=pytest.mark.full) if s != "stick" else s for s in STARTS])
 def test_first_sample_is_after_the_onset(start, march):
@@ -76,7 +76,7 @@ def test_first_sample_of_a_ring():
     np.testing.assert_array_equal(ring.counters["onset_stick"] >= 1, True)
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 @pytest.mark.parametrize("motion", ['["x"]', '["x","y","theta"]'])
 def test_first_sample_of_a_chain_is_that_of_the_pair(motion):

@@ -33,7 +33,7 @@ OTHERWISE = {
 }
 
 
-LONG = pytest.mark.studies(only=["table1, series", "realistic, dopri8"])
+LONG = pytest.mark.release(only=["table1, series", "realistic, dopri8"])
 
 
 @pytest.fixture(scope="module", params=[*SCENES, *OTHERWISE])
@@ -242,7 +242,7 @@ def assert_alike(results):
         np.testing.assert_allclose(other[name], a, rtol=0, atol=near, err_msg=name)
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_sweep_shows_the_same_whatever_the_march():
     # Pressed together from the start, where contact is deepest, and touching now and then.
@@ -283,7 +283,7 @@ def test_events_are_of_one_scene_that_has_them(table1):
         simulate(stack_scenes([table1, table1]), n_periods=1, method=js.RungeKutta(steps=200), events=True)
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_events_of_a_long_method():
     """Its trials are several kernels; as one, with what is kept of events, the compiler takes minutes."""

@@ -38,7 +38,7 @@ def kernel_weighted_slope(scene, gamma):
     return np.sum(weight * xi * P_d) / np.sum(weight * xi**2) / (SIGMA * gamma)
 
 
-@pytest.mark.studies(only=["gamma 5.5"])
+@pytest.mark.release(only=["gamma 5.5"])
 @pytest.mark.full
 @pytest.mark.parametrize("gamma", CHAOTIC.values(), ids=CHAOTIC)
 def test_the_interval_covers_the_slope_of_a_dense_sweep(gamma):

@@ -78,7 +78,7 @@ def set_of(verb, case):
     if case in EVERY_DAY.get(verb, ()):
         return ()
     often = case in COMMONEST and verb not in LONG
-    return (pytest.mark.full,) if often else (pytest.mark.full, pytest.mark.studies)
+    return (pytest.mark.full,) if often else (pytest.mark.full, pytest.mark.release)
 
 
 def scene_of(case):
@@ -157,7 +157,7 @@ ROW_CASES = ("never touches", "always stuck", "no drive", "one blade undriven")
 @pytest.mark.parametrize("case", ROW_CASES)
 @pytest.mark.parametrize(
     "verb",
-    [pytest.param(v, marks=pytest.mark.studies) if v not in ("power", "sweep", "check") else v for v in ROW_VERBS],
+    [pytest.param(v, marks=pytest.mark.release) if v not in ("power", "sweep", "check") else v for v in ROW_VERBS],
 )
 def test_every_verb_of_rows_where_nothing_happens(verb, case):
     row = js.load("row_ring12", [*ROW, *CASES[case]]).scene
@@ -196,7 +196,7 @@ COMMANDS = {
 
 
 @pytest.mark.full
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.parametrize("case", ["never touches", "always stuck", "no drive", "one blade undriven", "one period"])
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_where_nothing_happens(command, case, tmp_path, monkeypatch, capsys):

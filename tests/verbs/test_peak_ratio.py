@@ -21,7 +21,7 @@ def test_the_free_peak_is_that_of_a_damped_oscillator():
     assert free_peak(SCENE, "drive.omega", 0.5 * omega, 0.9 * omega, "x_peak").at_end
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_peaks_are_those_of_a_fine_sweep():
     low, high = 900.0, 1500.0

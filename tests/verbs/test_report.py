@@ -19,7 +19,7 @@ SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"
 SHORT = {"n_periods": 32, "transient": 64, "method": js.RungeKutta(steps=100), "starts": 4, "draws": 64}
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_report_judges_by_what_is_asked(tmp_path):
     scatters = {"shroud.gap": (1e-5, 3e-5)}
@@ -39,7 +39,7 @@ def test_a_report_judges_by_what_is_asked(tmp_path):
         calm.save(tmp_path / "report.doc")
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_report_in_conditions_is_of_these():
     scatters, conditions = {"shroud.gap": (1e-5, 3e-5)}, {"drive.F_0": [50.0, 100.0]}

@@ -27,7 +27,7 @@ def apart():
     return scene, js.response(scene, "drive.omega", 900.0, 1400.0, num=3, n_periods=2, transient=60, method=SERIES)
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_peak_without_contact_has_the_place_and_the_width_of_the_closed_form(apart):
     scene, found = apart
@@ -70,7 +70,7 @@ def test_a_response_is_stored_and_drawn_again(touching, tmp_path):
     assert len(again.plot().axes) == 2
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_family_has_a_branch_and_a_peak_for_each_member():
     scene = js.load("table1", [*ONE, "blades.c_x=7", "shroud.gap=1m"]).scene
@@ -109,7 +109,7 @@ LIGHT = [*ONE, "blades.c_x=2", "shroud.gap=1m"]
 COARSE = {"num": 3, "n_periods": 2, "transient": 150, "method": js.RungeKutta("rk4", steps=60)}
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_branch_goes_on_to_the_ends_of_its_range():
     # A lightly damped peak is long in units of the motion where the branch begins: longer than 400 points, at which it

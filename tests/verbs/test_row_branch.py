@@ -88,7 +88,7 @@ def test_a_mistuned_ring_has_no_waves_to_break():
     assert np.ptp(found.x_peak, axis=1).min() > 1e-3 * found.x_peak.mean()
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_localisation_is_found_wherever_the_neighbouring_points_are():
     # The map of the period is nearly singular there: without looking beside, the longer range misses both.
@@ -100,7 +100,7 @@ def test_localisation_is_found_wherever_the_neighbouring_points_are():
     np.testing.assert_allclose(*values, rtol=1e-7)
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_chain_of_two_grazes_where_the_pair_does():
     in_x, march = [*IN_X, "blades.c_x=5"], {"method": js.RungeKutta(steps=100)}

@@ -50,7 +50,7 @@ def test_a_distance_that_rounding_hides_has_no_growth():
     assert "lost in rounding" in found.evidence
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_row_that_mistuning_breaks_is_no_wave(tmp_path, capsys):
     words = [arg for pair in (*RING, "blades.c_x=40", "row.mistuning=[0.05, 0, -0.02]") for arg in ("--set", pair)]

@@ -112,7 +112,7 @@ def small(monkeypatch):
     monkeypatch.setattr(sys.modules["jaxshroud.verbs.peak_ratio"], "VALUES", 3)
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_report_of_a_chain_of_two_has_the_numbers_of_the_pair(small, tmp_path):
     chain, how = js.load("row_ring12", [*CHAIN, UNLIKE]), {"n_periods": 4, "transient": 32, "method": METHOD}

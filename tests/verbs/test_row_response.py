@@ -84,7 +84,7 @@ def test_the_command_tells_the_blades_that_swing_most(stuck):
     assert _blades_text(told, [0, 2]) == "0, 2"
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_mistuned_ring_apart_peaks_where_its_softest_blade_does():
     scene = js.load("row_ring12", [*RING, "shroud.gap=1m", "row.mistuning=[0,-0.2,0,0]"]).scene
@@ -107,7 +107,7 @@ def chain():
     return js.response(js.load("row_ring12", CHAIN).scene, *along, num=3, most_points=8, **SHORT)
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_chain_of_two_responds_like_the_pair(chain):
     pair = js.response(
@@ -139,7 +139,7 @@ def broken():
     return js.response(scene, "drive.omega", 920.5, 924.2, num=2, **how)
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_broken_branch_is_followed_to_where_sweeps_settle(broken):
     branch, swept = broken.branch(), broken.sweep()
@@ -158,7 +158,7 @@ def test_a_broken_branch_is_followed_to_where_sweeps_settle(broken):
     assert abs(last.mean() / last.max() - 1) > 0.1
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_the_response_of_a_row_is_stored_and_drawn_again(broken, tmp_path):
     broken.save(tmp_path / "response.nc")

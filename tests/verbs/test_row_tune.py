@@ -88,7 +88,7 @@ def test_labels_number_the_blades_of_a_row():
     assert quantity("row.mistuning[0]", names=MISTUNED.layout.names)[0].startswith("mistuning, blade 0")
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_ring_is_tuned_for_its_worst_blade(tmp_path):
     found = js.tune(MISTUNED, OVER, of="P_d_worst", goal="worst", conditions={"drive.F_0": [60.0, 80.0]},
@@ -107,7 +107,7 @@ def test_a_ring_is_tuned_for_its_worst_blade(tmp_path):
     assert json.loads(json.dumps(again.summary()))["blades"] == list(MISTUNED.layout.names)
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_design_is_judged_over_patterns():
     small = {"search": js.SearchOptions(2, 1, 1), "n_periods": 4, "transient": 8, "method": METHOD}

@@ -127,7 +127,7 @@ def test_an_accuracy_of_a_row_is_not_examined_and_says_so():
         np.testing.assert_array_equal(silent.motion.x, balanced.motion.x)
 
 
-@pytest.mark.studies(only=["tune", "diagnose"])
+@pytest.mark.release(only=["tune", "diagnose"])
 @pytest.mark.full
 @pytest.mark.parametrize("verb", ["sweep", "power", "table", "scatter", "tune", "diagnose"])
 def test_verbs_say_once_that_an_accuracy_of_a_row_is_not_examined(verb):

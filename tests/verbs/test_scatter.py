@@ -118,7 +118,7 @@ ORBITS = {
 }
 
 
-@pytest.mark.studies(only=["a block's own inertia"])
+@pytest.mark.release(only=["a block's own inertia"])
 @pytest.mark.full
 @pytest.mark.parametrize(("name", "more"), ORBITS.values(), ids=ORBITS)
 def test_relative_effects_are_those_of_differences(name, more):

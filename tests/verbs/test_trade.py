@@ -59,7 +59,7 @@ def measured(table1):
     )
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_errors_fall_with_the_step_and_with_located_events(measured):
     coarse, fine, unlocated, single, *_ = measured
@@ -72,7 +72,7 @@ def test_errors_fall_with_the_step_and_with_located_events(measured):
     assert all(m.cost > 0 and 0 <= m.period <= 1 for m in measured)
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_the_front_is_not_beaten(measured):
     kept = measured.front
@@ -84,7 +84,7 @@ def test_the_front_is_not_beaten(measured):
     assert best.error <= 1e-2
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_smooth_contact_is_an_approximation_of_the_spring(measured):
     *_, wide, narrow, adaptive = measured
@@ -95,7 +95,7 @@ def test_smooth_contact_is_an_approximation_of_the_spring(measured):
     assert adaptive.gradient < wide.gradient / 2
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_a_scene_without_contact_is_traded_against_adaptive_solvers(table1):
     ways = [ClosedForm(), Adaptive("Tsit5", 1e-3), Adaptive("Tsit5", 1e-7), Adaptive("Kvaerno5", 1e-6)]
@@ -109,7 +109,7 @@ def test_a_scene_without_contact_is_traded_against_adaptive_solvers(table1):
     assert np.isnan(implicit.P_d)  # not run for so long
 
 
-@pytest.mark.studies
+@pytest.mark.release
 @pytest.mark.full
 def test_smooth_contact_is_traded_against_adaptive_solvers(table1):
     ways = [Setting("rk4", "cubic", "float64", 1.0), Adaptive("Tsit5", 1e-7)]
@@ -137,7 +137,7 @@ def test_other_accuracies_are_refused(asked):
         accuracy_level(asked)
 
 
-@pytest.mark.studies(only=["0-0", "0-1", "0-2", "0-3", "1-0", "1-2", "1-3"])  # studies/promises.py judges many more
+@pytest.mark.release(only=["0-0", "0-1", "0-2", "0-3", "1-0", "1-2", "1-3"])  # studies/promises.py judges many more
 @pytest.mark.full
 @pytest.mark.parametrize(("tilt", "index"), CLASSES)
 def test_promised_accuracies_are_kept_on_unseen_scenes(tilt, index):
@@ -158,7 +158,7 @@ def test_promised_accuracies_are_kept_on_unseen_scenes(tilt, index):
         assert np.all(missed_lanes(lanes, choice)[error > 2 * choice.accuracy])  # and these carry a warning
 
 
-@pytest.mark.studies  # studies/promises.py
+@pytest.mark.release  # studies/promises.py
 @pytest.mark.full
 def test_growth_of_errors_is_taken_into_account():
     # Nearly parallel faces, which the table has not seen: what it has for 1e-6 misses it in a third of the lanes.
@@ -252,7 +252,7 @@ def test_the_table_is_ordered(table1):
     assert stiff.setting.tolerance <= soft.setting.tolerance / 1e3
 
 
-@pytest.mark.studies(only=["method1"])
+@pytest.mark.release(only=["method1"])
 @pytest.mark.full
 @pytest.mark.parametrize("method", [js.RungeKutta(steps=200), js.Taylor(12, 1e-8, steps=200)])
 def test_both_ways_to_the_horizon_agree(table1, method):
