@@ -105,6 +105,12 @@ def reduction(
     return Reduction(*(np.concatenate(a)[order].reshape(lanes + a[0].shape[1:]) for a in zip(*reductions, strict=True)))
 
 
+def period_reductions(scenes: Scene, samples: Sample, P_0: FloatArray) -> FloatArray:
+    """P_d of each kept period of lanes (lanes, n) [%], of the blades that count."""
+    A = closed_forms(scenes)[0].astype(float)
+    return power_series_of(A[:, None, None] * samples.power, P_0, scenes.layout)
+
+
 def power_series_of(power: FloatArray, P_0: FloatArray, layout: Layout) -> FloatArray:
     """P_d of each period (lanes, n) [%], of the blades that count."""
     total = lambda a: a[..., layout.counting].sum(axis=-1)

@@ -54,9 +54,10 @@ MAX_IN_LEGEND = 8  # members of a family
 
 def _unit_in(ds: xr.Dataset, of: str, largest: float, look: Look) -> AmplitudeUnit:
     """The unit of the amplitude that counts in a dataset."""
-    unit = amplitude_unit(of, largest, look)
-    several = layout_in(ds).counted > 1
-    return unit._replace(label=f"largest {unit.label.replace('_1', '')}") if several else unit
+    if layout_in(ds).counted == 1:
+        return amplitude_unit(of, largest, look)
+    unit = amplitude_unit(of, largest, look, blade=None)
+    return unit._replace(label=f"largest {unit.label}")
 
 
 def _levels_of(ds: xr.Dataset, name: str) -> xr.DataArray:

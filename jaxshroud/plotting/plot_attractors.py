@@ -24,6 +24,7 @@ from jaxshroud.plotting.style import (
     INK,
     ORANGE,
     PALE,
+    PER_MICRO,
     PINK,
     QUANTITIES,
     RED,
@@ -43,7 +44,6 @@ SMALLEST, GROWTH = 3.0, 1.8  # size of the mark of the last attractor, and what 
 STROBE_STYLE: Properties = {"marker": "o", "ls": "", "mec": "white", "mew": 0.5, "ms": SMALLEST}
 MOTION_LOOKS = list(zip((BLUE, ORANGE, GREEN, PINK, RED, SKY), "osD^vP", strict=True))  # of the most frequent motions
 SHARE_LIMITS = -0.04, 1.04  # a mark at 0 or 1 is whole
-MICRONS_PER_M = 1e6
 MOST_FREE = 2.0  # times the largest amplitude: larger ones without contact would hide the differences
 
 
@@ -171,8 +171,8 @@ def _draw_attractor_power(panel: Axes, attractors: AttractorsData) -> None:
 def _draw_motion_amplitudes(panel: Axes, attractors: AttractorsData) -> None:
     """The amplitude of each blade on the most frequent motions, and without contact unless that is far larger."""
     ds = attractors.data
-    blades, peaks = ds["blade"].to_numpy(), MICRONS_PER_M * ds["x_peak"].to_numpy()
-    free = MICRONS_PER_M * ds["x_free"].to_numpy()[0]
+    blades, peaks = ds["blade"].to_numpy(), PER_MICRO * ds["x_peak"].to_numpy()
+    free = PER_MICRO * ds["x_free"].to_numpy()[0]
     for i, (color, marker) in enumerate(MOTION_LOOKS[: len(peaks)]):
         label = f"motion {i + 1}: $P_d$ = {float(ds['P_d'][i]):.4g} %"
         panel.plot(blades, peaks[i], marker, ls="-", lw=0.7, ms=4 - 0.4 * i, color=color, label=label)

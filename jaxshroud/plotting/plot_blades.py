@@ -7,17 +7,16 @@ from matplotlib.ticker import MaxNLocator
 from jaxshroud.motion.waves import blade_spectrum
 from jaxshroud.plotting.page import Panel
 from jaxshroud.plotting.run_data import RunData
-from jaxshroud.plotting.style import BLUE, INK
+from jaxshroud.plotting.style import BLUE, INK, PER_MICRO
 
 SHOWN_PERIODS = 3.0  # in the map, at the end of the run
 HARMONICS = 4  # of the drive, from 1
-MICRO = 1e6
 
 
 def _draw_map(panel: Axes, run: RunData) -> None:
     """The displacements of all blades over time; each row of the picture is a blade."""
     kept = run.t >= run.t[-1] - SHOWN_PERIODS - 1e-9
-    t, x = run.t[kept], MICRO * run.ds["x"].to_numpy()[kept]
+    t, x = run.t[kept], PER_MICRO * run.ds["x"].to_numpy()[kept]
     extent = float(np.abs(x).max()) or 1.0
     edges = np.arange(x.shape[1] + 1) - 0.5
     times = np.append(t, 2 * t[-1] - t[-2]) if len(t) > 1 else [0.0, 1.0]
@@ -29,7 +28,7 @@ def _draw_map(panel: Axes, run: RunData) -> None:
 
 def _draw_amplitudes(panel: Axes, run: RunData) -> None:
     """The amplitude of each blade with contact and without."""
-    peak, free = (MICRO * run.ds[name].to_numpy() for name in ("x_peak", "x_free"))
+    peak, free = (PER_MICRO * run.ds[name].to_numpy() for name in ("x_peak", "x_free"))
     blades = np.arange(len(peak))
     panel.bar(blades, peak, width=0.7, color=BLUE, label="with contact")
     panel.plot(blades, free, "_", ms=9, color=INK, label="without")

@@ -211,11 +211,11 @@ def _draw_blades(panel: Axes, branches: BranchData) -> None:
     """The amplitude of each blade: one line where all are alike."""
     ds, (values, _, label), sweep = branches
     levels = ds["x_peak"].to_numpy()
-    unit = amplitude_unit("x_peak", float(levels.max()), DEFAULT_LOOK)
+    unit = amplitude_unit("x_peak", float(levels.max()), DEFAULT_LOOK, blade=None)
     if sweep is not None and "x_peak" in sweep:
         _draw_sweep(panel, sweep, unit.factor * sweep["x_peak"].transpose(..., "blade").to_numpy())
     _draw_branch_lines(panel, ds, values, unit.factor * levels)
-    panel.set(xlabel=label, ylabel=unit.label.replace("_1", ""))
+    panel.set(xlabel=label, ylabel=unit.label)
 
 
 def _draw_sweep(panel: Axes, sweep: xr.Dataset, levels: np.ndarray) -> None:

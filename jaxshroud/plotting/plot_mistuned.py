@@ -63,8 +63,7 @@ def mistuned_page(ds: xr.Dataset, look: Look) -> Page[MistunedContent]:
         return Page(None, MISTUNED_PANELS, title, size, nothing="of every pattern a lane stopped")
     worst = tuple(int(i) for i in np.unravel_index(level.argmax(), level.shape))
     largest = float(np.nanmax(ds["amplitude"].to_numpy()))
-    unit = amplitude_unit(str(ds.attrs["of"]), largest, look)
-    unit = unit._replace(label=unit.label.replace("_1", ""))  # of all blades
+    unit = amplitude_unit(str(ds.attrs["of"]), largest, look, blade=None)
     content = MistunedContent(ds, parameter_axis(ds["value"], look), unit, worst)  # pyright: ignore[reportArgumentType]
     return Page(content, MISTUNED_PANELS, title, size, finish=_align_mistuned)
 

@@ -23,6 +23,8 @@ from jaxshroud.plotting.style import (
     INK,
     ORANGE,
     PAGE_WIDTH,
+    PER_MICRO,
+    PER_MILLI,
     PINK,
     SKY,
     TIGHT_LEGEND,
@@ -48,7 +50,6 @@ CASE_STYLES: Mapping[int, tuple[str, str]] = {
     4: ("case 4", "#EECC66"),
     FLAT: ("flat", "#994455"),
 }
-PER_MICRO, PER_MILLI = 1e6, 1e3
 
 
 def draw_ribbon(panel: Axes, run: RunData) -> None:

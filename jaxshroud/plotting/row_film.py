@@ -14,8 +14,8 @@ from matplotlib.ticker import MaxNLocator
 
 from jaxshroud.model.modes import Mode
 from jaxshroud.plotting.film import FRAME_MARGIN, Blocks, Film
-from jaxshroud.plotting.plot_run import MODE_STYLES, PER_MICRO, TIME_LABEL
-from jaxshroud.plotting.style import DARK, INK, TIGHT_LEGEND, PlotArray, Properties, new_figure
+from jaxshroud.plotting.plot_run import MODE_STYLES, TIME_LABEL
+from jaxshroud.plotting.style import DARK, INK, PER_MICRO, TIGHT_LEGEND, PlotArray, Properties, new_figure
 
 WIDTH = 4.8  # of the figure [inch]
 TALLEST = 4.2  # of the blocks [inch]

@@ -15,7 +15,7 @@ from jaxshroud.plotting.style import DEFAULT_LOOK, LENGTHS, Look, PlotArray, Pro
 from jaxshroud.scene.checks import InputError, word_argument
 
 LEAST_SPAN = 0.1  # percentage points on an axis of P_d: a shorter one would show the rounding errors of an orbit
-DISPLACEMENT_SYMBOLS = {"x": "x_1", "y": "y_1", "theta": r"\theta_1"}
+DISPLACEMENT_SYMBOLS = {"x": "x", "y": "y", "theta": r"\theta"}
 AMPLITUDE_KINDS = {"peak": "amplitude of", "rms": "RMS of", "mean": "mean of"}
 VISIBLE_SHARE = 3e-3  # of an axis: narrower bands are invisible
 
@@ -151,10 +151,11 @@ class AmplitudeUnit(NamedTuple):
     label: str
 
 
-def amplitude_unit(of: str, largest: float, look: Look) -> AmplitudeUnit:
-    """The unit for an amplitude such as "x_peak", by its largest value or as the look says."""
+def amplitude_unit(of: str, largest: float, look: Look, blade: int | None = 1) -> AmplitudeUnit:
+    """The unit for an amplitude such as "x_peak", by its largest value or as the look says; `blade` None: of all."""
     name, kind = of.split("_")
-    label = f"{AMPLITUDE_KINDS[kind]} ${DISPLACEMENT_SYMBOLS[name]}$"
+    subscript = "" if blade is None else f"_{blade}"
+    label = f"{AMPLITUDE_KINDS[kind]} ${DISPLACEMENT_SYMBOLS[name]}{subscript}$"
     if name == "theta":
         return AmplitudeUnit(180 / np.pi, f"{label} [°]")
     unit = look.unit if look.unit in LENGTHS else "mm" if largest >= 1e-4 else "um"

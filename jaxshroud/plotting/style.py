@@ -198,6 +198,7 @@ STOPPED_STYLE: Properties = {
     "hatch": "//////",
 }  # of lanes without numbers
 
+PER_MICRO, PER_MILLI = 1e6, 1e3
 LENGTHS = {"m": ("m", 1.0), "mm": ("mm", 1e3), "um": ("µm", 1e6)}  # unit of length -> its symbol, units per metre
 
 TIGHT_LEGEND: Properties = {"handlelength": 0.8, "handletextpad": 0.3, "columnspacing": 0.6, "borderaxespad": 0.1}

@@ -14,7 +14,7 @@ from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, Method
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.motion.averages import Reduction, averages, closed_forms, convergence, power_series_of
+from jaxshroud.motion.averages import Reduction, averages, convergence, period_reductions
 from jaxshroud.motion.nearby_run import ALIGNED, NearbyGrowth, nearby_growth
 from jaxshroud.motion.period import SETTLED, Repetition
 from jaxshroud.motion.waves import RowWave
@@ -99,9 +99,7 @@ def _evidence(scenes: Scene, states: State, march: MarchPlan, transient: int, pr
 
 def _latest_series(scenes: Scene, runs: Runs, orbit: Repetition, P_0: np.ndarray) -> np.ndarray:
     """P_d of each period of the latest whole orbits [%]."""
-    P = closed_forms(scenes)[0].astype(float)[:, None, None] * runs.samples.power
-    q = max(int(orbit.number[0]), 1)
-    series = power_series_of(P, P_0, scenes.layout)[0]
+    series, q = period_reductions(scenes, runs.samples, P_0)[0], max(int(orbit.number[0]), 1)
     return series[len(series) % q :]
 
 

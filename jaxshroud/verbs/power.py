@@ -19,7 +19,14 @@ from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.amplitudes import amplitude_values, counted_mean, counted_periods, load_values
-from jaxshroud.motion.averages import Reduction, averages, closed_forms, convergence, power_series_of, relative_residual
+from jaxshroud.motion.averages import (
+    Reduction,
+    averages,
+    closed_forms,
+    convergence,
+    period_reductions,
+    relative_residual,
+)
 from jaxshroud.motion.equivalent import equivalent_values
 from jaxshroud.motion.levels import check_vibration
 from jaxshroud.motion.period import NOT_SETTLED, PERIOD_TOLERANCE, Repetition
@@ -82,9 +89,8 @@ def _summaries(
     """The summaries of lanes (leading axis) after their latest periods; `was`: converged in the previous test."""
     joined = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *samples)
     orbit, reduction, P_0 = averages(scenes, joined, period_tol)
-    A = closed_forms(scenes)[0].astype(float)
-    series = power_series_of(A[:, None, None] * joined.power, P_0, scenes.layout)
-    residual = np.full(len(A), np.nan) if joined.residual is None else relative_residual(joined)
+    series = period_reductions(scenes, joined, P_0)
+    residual = np.full(len(series), np.nan) if joined.residual is None else relative_residual(joined)
     kept = amplitude_values(scenes, joined, orbit.number) | load_values(scenes, joined, orbit.number)
     counted = counted_periods(joined, orbit.number)
     total = lambda a: a.reshape(*a.shape[:2], -1).sum(axis=-1)  # of all interfaces
@@ -93,7 +99,7 @@ def _summaries(
     if scenes.row is not None:
         kept["final_P_d_worst"] = power_reduction(reduction.P, P_0).min(axis=-1)
     summaries = []
-    for i in range(len(A)):
+    for i in range(len(series)):
         lane_orbit, lane_reduction, more = jax.tree.map(lambda a, i=i: a[i], (orbit, reduction, kept))
         flags = int(status[i]), bool(was[i])
         run = _LaneRun(lane_orbit, lane_reduction, P_0[i], series[i], float(residual[i]), *flags, more)

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxshroud.batch.runs import Progress
 from jaxshroud.batch.size_limits import check_size
-from jaxshroud.march.method import Method
+from jaxshroud.march.method import Method, named_choices
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import stiffnesses
@@ -18,7 +18,7 @@ from jaxshroud.motion.period import CLOSING_ROUNDINGS
 from jaxshroud.motion.statistics import SobolIndices, saltelli_rows, variance_indices
 from jaxshroud.results.scatter import Scatter
 from jaxshroud.results.sweep import SweepResult
-from jaxshroud.scene.checks import InputError, count_argument, seed_argument
+from jaxshroud.scene.checks import InputError, Precision, count_argument, seed_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.layout import Layout
@@ -140,7 +140,8 @@ def scatter(
         worst = every.min(axis=0) if is_reduction(of) else every.max(axis=0)
         level = np.where(status == Status.OK, worst, np.nan)
         values |= {"level": np.ravel(level[:2])}
-    values |= _statistics(level, at_least) | _shares(level, of, seed, str(run.method))._asdict()
+    precision = named_choices(str(run.method)).precision
+    values |= _statistics(level, at_least) | _shares(level, of, seed, precision)._asdict()
     values |= {"low": ends[:, 0], "high": ends[:, 1], "drawn": np.concatenate(rows[:2]), "status": np.ravel(status[:2])}
     forces = stiffnesses(scenes) * run.penetrations
     values |= {"v_max": np.nanmax(run.v_max, initial=0), "N_max": np.nanmax(forces, initial=0)}
@@ -217,9 +218,9 @@ def _ratio_to_scene(scene: Scene, key: str, value: float | None) -> float:
     return value / nominal
 
 
-def _shares(level: np.ndarray, of: Quantity, seed: int, method: str) -> SobolIndices:
-    """The shares of the variance of a quantity by a method, given in words, with the rounding of its precision."""
-    values, precision = _with_mean(level), "float32" if "float32" in method else "float64"
+def _shares(level: np.ndarray, of: Quantity, seed: int, precision: Precision) -> SobolIndices:
+    """The shares of the variance of a quantity, with the rounding of the precision in which it was computed."""
+    values = _with_mean(level)
     size = 100.0 if is_reduction(of) else float(np.abs(values).max())  # a reduction is a difference from 100 %
     return variance_indices(values, seed, CLOSING_ROUNDINGS * float(np.finfo(precision).eps) * size)
 
