@@ -80,6 +80,9 @@ COMMANDS = {
             Option("--resume", "continue an interrupted run in DIR/sweep.zarr", action="store_true"),
             Option("--scheduler", "Dask scheduler to compute on: an address, its file, or local:N", metavar="WHERE"),
             Option("--ledger", "keep every lane's energy balance (10 to 20 %% slower)", action="store_true"),
+            Option(
+                "--confirm", "mark lanes that a finer march settles elsewhere (twice the time)", action="store_true"
+            ),
             "--forces",
             "--amplitudes",
             "--out",

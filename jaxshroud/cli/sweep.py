@@ -99,6 +99,8 @@ def sweep_command(options: argparse.Namespace) -> None:
         summary |= {"accuracy": result.accuracy}
     if result.inaccurate is not None:
         summary |= {"inaccurate": int(result.inaccurate.sum())}
+    if result.unconfirmed is not None:
+        summary |= {"unconfirmed": int(result.unconfirmed.sum())}
     write_json(summary, options.out / "summary.json")
     warn_status(result.status, result.chatter)
     shown = {**summary, **_best_row(summary), **_jump_places(result), "written": files_written()}
@@ -203,6 +205,7 @@ def _print_projection_of_long_run(request: SweepRequest, scenes: Scene, march: M
         plan,
         SINGLE_DIRECTIONS if request.file.direction == "both" else (request.file.direction,),
         request.row_lanes,
+        repeats=2.0 if request.options.confirm else 1.0,
         elsewhere=request.options.scheduler is not None,
         lanes_held=request.lanes_held,
         samples=not request.options.no_samples,
@@ -231,6 +234,7 @@ def _sweep(request: SweepRequest, march: MarchPlan) -> SweepResult:
                 lyapunov=options.lyapunov,
                 forces=options.forces,
                 amplitudes=options.amplitudes,
+                confirm=options.confirm,
                 keep_samples=not options.no_samples,
                 progress=report,
                 method=march.as_method,

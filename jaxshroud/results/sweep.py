@@ -83,6 +83,7 @@ class SweepResult(WithAmplitudes, WithLoads, Result):
     jump = Variable("", stored=np.int8, kind=bool)  # this and the next: only in sweeps in several directions
     coexisting = Variable("", stored=np.int8, kind=bool)
     inaccurate = Variable("estimated to miss the accuracy asked for", stored=np.int8, kind=bool)
+    unconfirmed = Variable("settled elsewhere than a finer march", stored=np.int8, kind=bool)
 
     @property
     def axes(self) -> dict[str, np.ndarray]:

@@ -273,6 +273,7 @@ def _identity(sweep: SweepTask) -> dict[str, str]:
         "ledger": str(plan.method.ledger),
         "forces": str(plan.method.forces),
         **({"amplitudes": "True"} if plan.method.amplitudes else {}),
+        **({"confirm": "True"} if settings.confirm else {}),
         "lyapunov": str(grid.precise is not None),
         "scenes": _checksum_text(grid.lanes) if grid.resolved.shape else "one",
         "start": "the scene's own" if states is None else _checksum_text(states),

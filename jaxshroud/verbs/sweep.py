@@ -25,6 +25,7 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import warn_missed
+from jaxshroud.verbs.confirm import confirmed_run
 from jaxshroud.verbs.options import (
     ResolvedOptions,
     check_row,
@@ -49,6 +50,7 @@ def sweep(
     lyapunov: bool = False,
     forces: bool = False,
     amplitudes: bool = False,
+    confirm: bool = False,
     keep_samples: bool = True,
     store: str | os.PathLike[str] | None = None,
     resume: bool = False,
@@ -84,6 +86,8 @@ def sweep(
             (slip, normal load, impacts). Of rows of blades all of these are told for each interface.
         amplitudes: Keep the mean of x, y and theta of both blades, their root mean square about it, and their amplitude
             (largest distance from the mean), at a third more time.
+        confirm: Run every lane again with half the step and a tenth of the tolerance, and mark those that settle on
+            another motion (`unconfirmed`); of independent lanes, at some twice the time.
         keep_samples: Keep the samples of each lane. Without them memory is bounded: for maps of many lanes.
         store: The folder (.zarr) of a Zarr store, to which the result is written block by block: for more lanes than
             fit in memory, and for runs that may be killed. The result is read from there.
@@ -141,6 +145,8 @@ def sweep(
         raise InputError(f"Argument `phase` must be in [0, 2 pi), but is {phase}.")
     tolerance_argument("period_tol", period_tol)
     grid, direction = _grid_of(resolved, along, direction)
+    if confirm and direction != "independent":
+        raise InputError(f"Argument `confirm` is of independent lanes, but `direction` is {direction!r}.")
     directions = SINGLE_DIRECTIONS if direction == "both" else (direction,)
     lanes = len(directions) * math.prod(grid.shape)
     path = _store_path(store, resume)
@@ -158,8 +164,8 @@ def sweep(
     )
     states = None if state is None else resolved.states(state, grid.lanes)
     plan = Plan(resolved.transient, resolved.n_periods, march.steps, phase, march.method)
-    ticker = Ticker(lanes * lane_periods(plan, lyapunov), progress)
-    settings = SweepSettings(plan, march, period_tol, ticker, keep_samples)
+    ticker = Ticker((1 + confirm) * lanes * lane_periods(plan, lyapunov), progress)
+    settings = SweepSettings(plan, march, period_tol, ticker, keep_samples, confirm=confirm)
     if path is None and scheduler is not None:
         raise InputError("Argument `scheduler` needs a `store`, which keeps what workers have computed.")
     run_direction = run_sweep if keep_samples else run_map
@@ -168,7 +174,7 @@ def sweep(
     elif direction == "both":
         result = _in_all_directions(lambda single: run_direction(grid, states, single, settings))
     else:
-        result = run_direction(grid, states, direction, settings)
+        result = confirmed_run(lambda how: run_direction(grid, states, direction, how), settings)
     warn_failures(result.status, result.chatter, throw=throw)
     if march.choice is not None:
         warn_missed(result.inaccurate, march.choice)

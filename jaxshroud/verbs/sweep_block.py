@@ -18,6 +18,7 @@ from jaxshroud.results.sweep import SweepResult
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import Direction
 from jaxshroud.scene.typed import Tree
+from jaxshroud.verbs.confirm import confirmed_run
 from jaxshroud.verbs.sweep_run import Grid, SweepSettings, run_sweep
 
 
@@ -71,7 +72,8 @@ def select_block(tree: Tree, at: Sequence[slice], shape: Sequence[int]) -> Tree:
 def compute_block(task: BlockTask) -> ComputedBlock:
     """Run the lanes of a block."""
     handover = task.handover
-    data = run_sweep(task.grid, task.states, task.direction, task.settings, handover).data
+    run = lambda settings: run_sweep(task.grid, task.states, task.direction, settings, handover)
+    data = confirmed_run(run, task.settings).data
     if not task.settings.keep_samples:
         data = data.drop_vars(Motion._fields)
     record = {"chatter": np.array(data.attrs.get("chatter", ""))}

@@ -62,6 +62,7 @@ class SweepSettings(NamedTuple):
     ticker: Ticker
     keep_samples: bool = True
     is_part: bool = False  # the lanes are one block of a larger sweep
+    confirm: bool = False  # run again, with a finer march
 
 
 def lane_periods(plan: Plan, lyapunov: bool) -> int:
