@@ -4,6 +4,7 @@ JAX's own cache of compiled programs is asked only after a function has been tra
 rest. Here a program is found by what it depends on, see `key`.
 """
 
+import logging
 import pickle
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -179,7 +180,8 @@ class Programs:
             types = [f"{jax.typeof(a)} {jax.typeof(a).weak_type}" for a in jax.tree.leaves(given)]
             parts = [self.name, keys.description(fixed), structure, *types, str(keys.settings())]
         except keys.UnknownPartError as unknown:
-            log.debug("%s: not kept, as it depends on %s", self.name, unknown)
+            level = logging.WARNING if isinstance(unknown, keys.OwnPartError) else logging.DEBUG
+            log.log(level, "%s: not kept, as it depends on %s", self.name, unknown)
             return None
         return None if around is None else "\n".join([*parts, around])
 

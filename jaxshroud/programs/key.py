@@ -31,11 +31,16 @@ class UnknownPartError(Exception):
     """A program depends on something that cannot be described."""
 
 
+class OwnPartError(UnknownPartError):
+    """That is a value of this package: a mistake here, by which the program would be compiled at every start."""
+
+
 def description(value: Any) -> str:
     """A static value as text.
 
     Raises:
         UnknownPartError: It has a part of a kind that is not known to be described completely.
+        OwnPartError: That part is of this package.
     """
     match value:
         case None | bool() | int() | str() | bytes():
@@ -58,7 +63,8 @@ def description(value: Any) -> str:
             return _function_name(value)
         case _ if type(value).__module__.split(".")[0] == "equinox" and not getattr(value, "__dict__", None):
             return _name(type(value))  # its mark of a missing field
-    raise UnknownPartError(f"{type(value).__name__} {value!r}"[:200])
+    is_own = type(value).__module__.split(".")[0] == "jaxshroud"
+    raise (OwnPartError if is_own else UnknownPartError)(f"{type(value).__name__} {value!r}"[:200])
 
 
 def _name(of: Any) -> str:

@@ -143,6 +143,25 @@ def test_what_is_not_of_the_package_is_not_kept(folder):
     assert not entries(folder)
 
 
+def test_a_value_of_the_package_that_cannot_be_described_is_heard(folder, caplog):
+    """Every start of every command would be slow, and no result wrong."""
+
+    class Part:
+        def __hash__(self):
+            return 1
+
+    own = lambda x, how: x
+    own.__module__ = "jaxshroud.programs.example"
+    with caplog.at_level(logging.WARNING):
+        kept("how")(own)(X, how=Part())  # of somebody else
+        assert not caplog.records
+        Part.__module__ = "jaxshroud.scene.example"
+        kept("how")(own)(X, how=Part())
+    assert [record.levelname for record in caplog.records] == ["WARNING"]
+    assert "not kept, as it depends on Part" in caplog.text
+    assert not entries(folder)
+
+
 def flipped(raw: bytes, at: float) -> bytes:
     place = min(int(len(raw) * at), len(raw) - 1)
     return raw[:place] + bytes([raw[place] ^ 1]) + raw[place + 1 :]
