@@ -132,7 +132,11 @@ def small(monkeypatch, tmp_path):
     monkeypatch.setattr(js, "load", lambda path, more=(): load(path, [*more, *settled]), raising=False)
 
 
-@pytest.mark.release(only=["docs/engineer.md"])  # its notebook runs
+# docs/engineer.md has a notebook, which runs.
+@pytest.mark.release(
+    only=[f"docs/{page}.md" for page in ("engineer", "row", "scale", "start")]
+    + [f"docs/verbs/{verb}.md" for verb in ("explore", "report", "response", "tune")]
+)
 @pytest.mark.full
 @pytest.mark.parametrize("path", SHELL, ids=names(SHELL))
 def test_commands_of_a_page_run(path, small, capsys):
@@ -140,6 +144,7 @@ def test_commands_of_a_page_run(path, small, capsys):
         assert cli.main(reduced(line)) == 0, (line, capsys.readouterr().err)
 
 
+@pytest.mark.release(only=["docs/derivatives.md", "docs/row.md", "docs/verbs/report.md"])
 @pytest.mark.full
 @pytest.mark.parametrize("path", PYTHON, ids=names(PYTHON))
 def test_python_of_a_page_runs(path, small, capsys):
@@ -193,6 +198,7 @@ def site(tmp_path_factory):
     return folder
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_the_site_can_be_searched_without_a_server(site):
     index = (site / "search" / "search_index.js").read_text("utf-8")  # a script: pages of a folder may not read files

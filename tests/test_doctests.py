@@ -33,6 +33,7 @@ def test_no_example_is_passed_over():
     assert {".".join(path.parts).removesuffix(".__init__") for path in paths} == set(MODULES)
 
 
+@pytest.mark.release(only=["jaxshroud.verbs.fit", "jaxshroud.verbs.report", "jaxshroud.verbs.trade"])
 @pytest.mark.parametrize(
     "module", [pytest.param(name, marks=pytest.mark.full) if name in LONG else name for name in MODULES]
 )

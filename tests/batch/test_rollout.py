@@ -79,6 +79,7 @@ def test_tangents_are_differences_through_all_events(options, motion, periods, s
     assert np.all(lanes < 1e-4), lanes
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_naive_tangents_of_a_rollout_are_wrong(monkeypatch):
     # Control: without the derivative of the events' instants every lane misses the tolerance tenfold, some by far more.
@@ -92,6 +93,7 @@ def test_naive_tangents_of_a_rollout_are_wrong(monkeypatch):
     assert np.max(error) > 0.1, error
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_reverse_is_forward_and_batches_are_loops():
     # Both modes contract the same tangents: they differ by the rounding of sums. Lanes never meet: in a batch they are
@@ -122,7 +124,7 @@ def test_samples_and_forces_are_those_of_simulate():
     assert first.events + second.events == sum(counted.values())
 
 
-@pytest.mark.release(only=["taylor 12 1e-10, events by series, float64"])
+@pytest.mark.release
 @pytest.mark.full
 @pytest.mark.parametrize("method", [js.RungeKutta("dopri8"), js.Taylor()], ids=str)
 def test_what_is_told_of_events_is_what_samples_show(method):
@@ -143,6 +145,7 @@ def test_what_is_told_of_events_is_what_samples_show(method):
     np.testing.assert_allclose(run.slowest_switch, np.abs(np.diff(turn))[crossed].min() / h * lever, rtol=1e-2)
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_a_bound_is_enough_or_told():
     scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))
@@ -176,6 +179,7 @@ def test_a_bound_is_enough_or_told():
         jax.hessian(lambda p: jnp.sum(observed(scene, p)))(numbers)
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_a_sweep_function_has_the_samples_of_the_verb():
     # The same kernels: bit by bit. Powers of orbits whose period number divides the kept periods, too.
@@ -242,6 +246,7 @@ np.testing.assert_allclose(shared.motion.x, f(scenes).motion.x, rtol=1e-9)
 """
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_a_sweep_function_runs_on_many_devices():
     # In a process of its own: the number of devices is fixed once JAX has started. With LAPACK in it, it may never end.
@@ -267,6 +272,7 @@ def test_a_rollout_by_power_series_is_differentiated(table1):
     assert float(inside(gap)) == pytest.approx(float(slope), rel=1e-9)
 
 
+@pytest.mark.release(only=["rk4, events by bisection, float64"])
 @pytest.mark.full
 @pytest.mark.parametrize("method", [js.RungeKutta(locate="bisection"), js.Taylor(order=8, tolerance=1e-7)], ids=str)
 def test_a_start_in_overlap_sticks_whatever_the_rates(method):
@@ -281,6 +287,7 @@ def test_a_start_in_overlap_sticks_whatever_the_rates(method):
     assert abs(F) < 0.05 * 0.5 * N
 
 
+@pytest.mark.release
 @pytest.mark.full
 @pytest.mark.parametrize("contact", ["spring", "smooth", "none"])
 def test_numbers_out_of_their_ranges_are_told_where_nothing_can_be_raised(contact):
@@ -300,6 +307,7 @@ def test_numbers_out_of_their_ranges_are_told_where_nothing_can_be_raised(contac
     assert mapped(3.0).status == Status.OK
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_one_bad_lane_of_a_sweep_function_leaves_the_others_alone():
     scene = js.load("table1", ['parts.motion=["x"]']).scene
@@ -329,6 +337,7 @@ def test_power_series_refuse_smooth_contact(name):
         run[name]()
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_a_start_that_is_not_finite_is_bad_input():
     scene = js.load("table1", ['parts.motion=["x"]']).scene

@@ -91,7 +91,7 @@ def check_masks(run, scene, lanes, statuses):
             np.testing.assert_allclose(told, np.array(alone) / len(lanes), rtol=1e-10)
 
 
-@pytest.mark.release(only=["period_map", "sweep_function"])
+@pytest.mark.release
 @pytest.mark.full
 @pytest.mark.parametrize("run", [rolled, mapped, swept], ids=["rollout", "period_map", "sweep_function"])
 def test_a_masked_lane_leaves_the_derivatives_of_the_others_alone(run):

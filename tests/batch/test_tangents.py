@@ -90,6 +90,7 @@ def error_of(scene, states, along, steps=STEPS, method=FAST):
     return np.min([np.abs((slope - tangent) / sizes).max(axis=1) / scale for slope in slopes], axis=0)
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_one_period_jacobian_in_chaos():
     # A random direction at each of 200 states of a chaotic orbit. Where an event falls on the end of a step, the
@@ -104,7 +105,7 @@ def test_one_period_jacobian_in_chaos():
         assert np.max(error_of(scene, only, np.repeat(along[lane : lane + 1], 16, axis=0), STEPS + 1)) <= 1e-7
 
 
-@pytest.mark.release(only=["dopri8-cubic-motion2"])
+@pytest.mark.release(only=["dopri8-cubic-motion2", "tsit5-cubic-motion1"])
 @pytest.mark.full(but=["rk4-bisection-motion0"])
 @pytest.mark.parametrize(
     ("name", "locate", "motion"),
@@ -172,7 +173,7 @@ def two_trajectories(scene, state, n, apart=1e-7):
     return np.log(growth)
 
 
-@pytest.mark.release(only=["gamma 5.5", "gamma 10"])
+@pytest.mark.release
 @pytest.mark.full
 @pytest.mark.parametrize("gamma", CHAOTIC.values(), ids=CHAOTIC)
 def test_largest_exponent_is_that_of_two_trajectories(gamma, monkeypatch):
@@ -188,6 +189,7 @@ def test_largest_exponent_is_that_of_two_trajectories(gamma, monkeypatch):
     assert by_tangents == pytest.approx(by_distance, rel=0.03)
 
 
+@pytest.mark.release(only=["0"])
 @pytest.mark.full
 @pytest.mark.parametrize("transient", [0, 64])
 def test_the_largest_exponent_of_an_orbit_is_that_of_floquet(transient):
@@ -233,6 +235,7 @@ def test_no_nan_at_the_corners_of_the_model():
     assert np.all(np.isfinite(at.by_parameter))
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_jax_differentiates_the_period_map():
     # Forward and reverse mode of the plain function against the fused tangents, with respect to a parameter and to the

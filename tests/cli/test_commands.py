@@ -96,6 +96,7 @@ def test_sweep_files(swept):
     assert sorted(p.name for p in swept.iterdir()) == ["summary.json", "sweep.nc", "sweep.png"]
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_samples_at_a_phase_lie_on_the_trajectory(tmp_path):
     words = "sweep fig10d --along contact.gamma --values 7.5,2.5 --periods 2 --transient 0 --steps-per-period 200"
@@ -131,6 +132,7 @@ def test_plot_does_not_simulate(stored, swept, monkeypatch, capsys):
         assert picture.stat().st_mtime_ns > before
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_pictures_of_a_stored_run(stored, swept, tmp_path, capsys):
     for words in (["--kind", "all", "--width", "90mm"], ["--kind", "loop", "--unit", "um", "--title", ""]):
@@ -266,6 +268,7 @@ def test_power_files(tmp_path, capsys):
         js.open(tmp_path / "power.json")
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_methods_by_name(tmp_path):
     words = ["sweep", "table1", "--along", "contact.gamma", "--values", "1,2.5", "--transient", "0", "--periods", "2"]
@@ -287,6 +290,7 @@ def test_methods_by_name(tmp_path):
         np.testing.assert_allclose(other["P_d"], swept[0]["P_d"], rtol=1e-3)
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_each_method_has_its_own_limit_of_stability(tmp_path, capsys):
     # omega_max h = 3.6: beyond RK4's 2.84, within Dormand-Prince 8's 4.09.
@@ -373,6 +377,7 @@ def test_tune_command(tmp_path, capsys):
     assert "exists" in refused(capsys, *words, "--out", out)
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_tune_command_without_a_map(tmp_path, capsys):
     out = tmp_path / "tuned"

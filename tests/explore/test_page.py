@@ -72,6 +72,7 @@ def run_copied(tab, name, tmp_path, monkeypatch, result):
     return js.open(result)
 
 
+@pytest.mark.release
 def test_the_diagram_is_the_sweep_of_the_command_that_is_copied(tab, tmp_path, monkeypatch):
     """From rest, bit for bit: also where the page came to its values level by level."""
     sweep = run_copied(tab, "sweep command", tmp_path, monkeypatch, "diagram/sweep.nc")
@@ -218,6 +219,7 @@ def test_two_tabs_do_not_disturb_each_other(tab, chrome, server):
     assert len(engines()) < with_both  # the work of a closed tab ends
 
 
+@pytest.mark.release
 def test_a_closed_tab_ends_its_work_while_it_compiles(chrome):
     """Nothing stops a compiler but the end of its process."""
     with served(*SMALL, "--set", "contact.reading=levers") as server:
@@ -260,6 +262,7 @@ MARKUP = '<img src=x onerror="window.ran=1"><script>window.ran=1</script><b>bold
 RAN = "() => window.ran === undefined && document.querySelectorAll('img[src=x], h1 b').length === 0"
 
 
+@pytest.mark.release
 def test_markup_from_outside_is_text_and_never_runs(chrome, tmp_path):
     """In the title, the file's name, what is typed, messages and units: on the page, and on the page that is saved."""
     scene = tmp_path / '<img src=x onerror="window.ran=1">.toml'
@@ -296,6 +299,7 @@ def test_markup_from_outside_is_text_and_never_runs(chrome, tmp_path):
         tab.context.close()
 
 
+@pytest.mark.release
 def test_the_browser_is_opened_without_the_token_among_its_arguments(chrome, tmp_path):
     """A browser that only notes what it is told: a file of its user alone, which leads to the page."""
     told, program = tmp_path / "told", tmp_path / "browser"
@@ -322,6 +326,7 @@ def junk(token):
     yield from ('{"msgid": "1", "msgtype": "PULL-DOC-REQ"}', "{}", '{"x": NaN}')
 
 
+@pytest.mark.release
 def test_junk_and_answers_without_a_socket_begin_nothing_and_print_nothing(chrome):
     server = Server(*SMALL)
     process = psutil.Process(server.process.pid)
@@ -359,6 +364,7 @@ def test_junk_and_answers_without_a_socket_begin_nothing_and_print_nothing(chrom
     assert server.complaints == "interrupted; nothing was written\n"
 
 
+@pytest.mark.release
 def test_a_page_tells_that_its_program_was_killed_and_a_new_one_opens(chrome):
     first = Server(*SMALL)
     tab = Tab(chrome, first.address)

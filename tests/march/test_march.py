@@ -157,6 +157,9 @@ CONVERGED = {"tsit5": 20000, "dop853": 3000, "dopri8": 3000}
 
 # Steps at which the march's own error is below 1e-8 on all scenes but the few that amplify any error, where the
 # reference does not converge either.
+@pytest.mark.release(
+    only=["printed-rk4, events by bisection, float64-80000", "printed-rk4, events by cubic, float64-80000"]
+)
 @pytest.mark.full(
     but=[
         "consistent-rk4, events by bisection, float64-80000",
@@ -190,6 +193,7 @@ def test_second_opinion(reading, method, steps):
     assert np.all(runs.last.status[comparable] == Status.OK)
 
 
+@pytest.mark.release(only=["consistent"])
 @pytest.mark.full
 @pytest.mark.parametrize("reading", opinions.DRAWS)
 def test_opinions_in_the_file_are_those_of_the_reference(reading):
@@ -203,6 +207,7 @@ def test_opinions_in_the_file_are_those_of_the_reference(reading):
         )
 
 
+@pytest.mark.release
 @pytest.mark.full(but=["rk4, events by bisection, float64"])
 @pytest.mark.parametrize("method", [REFERENCE, FAST, EXACT["dopri8-cubic"]], ids=str)
 def test_a_batch_equals_single_runs(scenes, method):
@@ -226,6 +231,7 @@ def test_a_lane_that_fails_is_marked_alone(table1):
     np.testing.assert_array_equal(got.motion.x[[0, 2]], good.motion.x)
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_the_printed_reading_overflows_at_high_stiffness(table1):
     gammas = {"contact.gamma": [0.3, 30.0, 2.5]}
@@ -235,6 +241,7 @@ def test_the_printed_reading_overflows_at_high_stiffness(table1):
     assert got.status[1] in (Status.NOT_FINITE, Status.ANGLE_OUT_OF_RANGE)
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_small_motions_scale(table1):
     # Small theta: (F_0, M_0, gap) -> s (...) leaves x / gap unchanged; the deviation shrinks in proportion to s.

@@ -53,6 +53,7 @@ def changed(p, name, place, by):
 # --- the second opinion -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.release
 @pytest.mark.full(but=["chain of 3"])
 @pytest.mark.parametrize("place", [0, 1], ids=("chain of 3", "ring of 4"))
 def test_random_rows_are_those_of_the_second_opinion(place):
@@ -347,6 +348,7 @@ def pressed_ring():
     return js.load("table1", [*row, "contact.gamma=2.5", "shroud.gap=-0.4 mm", "drive.M_0=1"]).scene
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_faces_that_rock_with_their_neighbours_come_to_rest(monkeypatch):
     # Every turn of a face changes the torques of its neighbours, by which each would tell that its own rocking ends.

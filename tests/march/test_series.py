@@ -82,6 +82,9 @@ def expanded(state: State, scene) -> dict:
     }
 
 
+@pytest.mark.release(
+    only=["M_N1_case2", "M_N1_case4", "M_N1_sign", "M_N2_case1", "friction_components", "gap_sign", "levers"]
+)
 @pytest.mark.full(but=["consistent"])
 @pytest.mark.parametrize("reading", READINGS, ids=["consistent", *MISPRINTS, *DOUBTS, "printed"])
 def test_series_obey_the_right_hand_side_in_every_mode_and_case(table1, reading):
@@ -249,6 +252,7 @@ def test_second_opinion():
     assert np.all(runs.last.status[comparable] == Status.OK)
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_samples_agree_with_a_march_that_stops_there(table1):
     # Once with 8 samples in a period and once with 40: the common ones differ by what steps of other lengths err by.
@@ -283,6 +287,7 @@ def test_samples_are_read_off_and_cost_no_trial(table1):
     assert np.any(np.diff(np.asarray(many.mode)[250:400]) != 0)  # events are among them
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_lanes_are_read_off_each_at_its_own_pace(table1):
     # Side by side each lane makes its own trials, and has the samples that it has alone.

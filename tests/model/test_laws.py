@@ -59,6 +59,7 @@ def imbalance(scene, steps):
     return np.max(np.abs(run.samples.residual).max(axis=-1) / run.samples.gross.mean(axis=-1))
 
 
+@pytest.mark.release(only=["cases-damped, lugre", "cases-hertz, coulomb"])
 @pytest.mark.full
 @pytest.mark.parametrize("laws", LAWS.values(), ids=LAWS)
 @pytest.mark.parametrize(

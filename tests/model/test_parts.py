@@ -50,6 +50,7 @@ def test_no_torsion_is_stiff_torsion_without_torque(table1, M_0):
     assert falls(with_parts(scene, motion=("x", "y")), stiff, steps=20000, periods=1) < 1e-3
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_bending_along_x_alone_is_stiff_bending_along_y(table1):
     scene = vary(table1, "drive.M_0", 0.0)
@@ -58,6 +59,7 @@ def test_bending_along_x_alone_is_stiff_bending_along_y(table1):
     assert falls(with_parts(scene, motion=("x",)), stiff, steps=10000, periods=1) < 1e-3
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_no_friction_is_none_of_its_coefficient(table1):
     # mu = 0 and k_d = 0 are the same motion, to rounding.
@@ -67,6 +69,7 @@ def test_no_friction_is_none_of_its_coefficient(table1):
     assert difference(bare, vary(table1, "friction.mu", 0.1)) > 1e-2  # control
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_a_rigid_neighbour_is_a_heavy_blade(table1):
     def heavy(s):
@@ -78,6 +81,7 @@ def test_a_rigid_neighbour_is_a_heavy_blade(table1):
     assert falls(with_parts(table1, neighbour="rigid"), [heavy(s) for s in (1e3, 1e4, 1e5)]) < 1e-3
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_no_contact_is_a_gap_that_never_closes(table1):
     scene = varied(table1, shroud__gap=1.0, initial__x=1e-4, initial__v_theta=1.0)
@@ -88,6 +92,7 @@ def test_no_contact_is_a_gap_that_never_closes(table1):
     np.testing.assert_allclose(*power, rtol=1e-10)
 
 
+@pytest.mark.release(only=["changes2-overdamped"])
 @pytest.mark.full
 @pytest.mark.parametrize(
     ("changes", "name"),
@@ -168,7 +173,13 @@ def test_what_is_absent_is_not_carried(table1, parts):
 COMBINED = ({"motion": ("x",)}, {"neighbour": "rigid"})  # in another one of them
 
 
-@pytest.mark.release(only=["{'friction': 'none'}"])
+@pytest.mark.release(
+    only=[
+        "{'friction': 'none'}",
+        "{'motion': ('x', 'y')}",
+        "{'motion': ('x',), 'friction': 'none', 'neighbour': 'rigid'}",
+    ]
+)
 @pytest.mark.full
 @pytest.mark.parametrize("parts", [parts for parts in REDUCED if parts not in COMBINED], ids=str)
 def test_every_verb_runs(table1, parts):
@@ -196,6 +207,7 @@ def test_parts_that_do_not_exist_are_refused(table1):
         vary(table1, "contact.width", 1e-7)
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_without_friction_events_are_the_same(table1):
     whole = js.simulate(vary(table1, "friction.mu", 0.0), n_periods=2, method=js.RungeKutta(steps=400))
@@ -234,6 +246,7 @@ def test_blades_without_contact_are_apart_all_the_time(table1):
     np.testing.assert_array_equal([found.time_apart, found.time_stick, found.time_slip], [[1, 1], [0, 0], [0, 0]])
 
 
+@pytest.mark.release
 @pytest.mark.full(but=["spring"])
 @pytest.mark.parametrize("contact", ["spring", "none"])
 def test_a_motion_whose_energy_overflows_has_stopped(table1, contact):

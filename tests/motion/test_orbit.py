@@ -71,6 +71,7 @@ def case(request):
     return orbit(scene_of(overrides)), q, events
 
 
+@pytest.mark.release(only=["printed", "slip onset"])
 @pytest.mark.full(but=["loaded switch 1-2", "all switches"])
 def test_orbits_of_every_kind_are_found(case):
     found, q, events = case
@@ -88,6 +89,7 @@ def scaled(values: dict, scene) -> np.ndarray:
     return np.array([slope * (abs(value_of(scene, key)) or 1) for key, slope in values.items()])
 
 
+@pytest.mark.release(only=["period 3", "printed", "slip onset"])
 @pytest.mark.full
 def test_exact_gradient_of_all_parameters(case):
     found, _, _ = case
@@ -123,6 +125,7 @@ def test_naive_gradients_can_hide(monkeypatch):
     assert naive_miss("slip onset", monkeypatch) < 1e-4
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_shooting_does_what_a_long_transient_does():
     # The slowest multiplier is 0.93 over two periods.

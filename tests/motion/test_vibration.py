@@ -155,6 +155,7 @@ def test_interference_that_displaces_a_block_is_told(pressed):
     assert not told(pressed("shroud.gap=1mm"))
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_the_derivative_of_the_vibration_is_exact(pressed):
     # On the orbit of the sliding pair, against fourth-order differences of orbits followed from scene to scene; the

@@ -112,6 +112,7 @@ def wear(p: reference.Parameters, ds) -> Wear:
     return Wear(float(worn), float(path), float(ends[pressed].sum()), ended, v_rate[onsets])
 
 
+@pytest.mark.release
 @LONG
 @pytest.mark.full
 def test_the_wear_of_the_faces_is_that_of_the_run(marched):

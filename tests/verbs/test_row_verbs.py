@@ -63,6 +63,7 @@ def test_a_stored_sweep_of_a_row_is_that_in_memory(swept, tmp_path):
     np.testing.assert_array_equal(stored.P_d, swept.P_d)
 
 
+@pytest.mark.release(only=["row_ring12"])
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["row_chain5", "row_ring12"])
 def test_a_shipped_row_is_simulated_stored_and_drawn(name, tmp_path):
@@ -145,6 +146,7 @@ def test_verbs_say_once_that_an_accuracy_of_a_row_is_not_examined(verb):
     assert told == [found.accuracy]
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_commands_say_once_that_an_accuracy_of_a_row_is_not_examined(tmp_path, capsys):
     words = [*("simulate", "row_ring12", "--periods", "1", "--force", "--out", str(tmp_path / "run.nc"))]
