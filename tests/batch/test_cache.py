@@ -19,6 +19,8 @@ def as_before():
     compilation_cache.reset_cache()
 
 
+@pytest.mark.release
+@pytest.mark.full
 @pytest.mark.usefixtures("as_before")
 def test_compiled_programs_are_kept_where_asked(tmp_path, monkeypatch):
     monkeypatch.delenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", raising=False)

@@ -108,6 +108,7 @@ def test_reverse_is_forward_and_batches_are_loops():
     np.testing.assert_allclose(batch, [alone(p) for p in few], rtol=1e-7)
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_samples_and_forces_are_those_of_simulate():
     scene = with_parts(js.load("table1", ["contact.gamma=4.2", *FULL]).scene, motion=("x",))

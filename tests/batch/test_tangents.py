@@ -202,6 +202,7 @@ def test_the_largest_exponent_of_an_orbit_is_that_of_floquet(transient):
     assert np.all(found.ci[:2] < 0.01)
 
 
+@pytest.mark.full
 def test_multipliers_without_contact_have_the_dampers_product():
     # Liouville: det M = exp(-T sum(c / m)), here with unlike blades and without ever touching.
     scene = load("table1", ['shroud.gap="5 mm"', "contact.gamma=2.5", "drive.F_0=60"]).scene

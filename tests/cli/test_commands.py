@@ -107,6 +107,7 @@ def test_samples_at_a_phase_lie_on_the_trajectory(tmp_path):
     np.testing.assert_allclose(ds["x"][0], run.motion.x[[250, 450]], rtol=1e-8)
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_continuation_starts_from_the_neighbour(tmp_path):
     words = "sweep fig10a --along contact.gamma --values 0.3,0.4 --periods 2 --transient 1 --steps-per-period 200"
@@ -147,6 +148,7 @@ def test_pictures_of_a_stored_run(stored, swept, tmp_path, capsys):
     assert "ends in .gif" in refused(capsys, "animate", stored / "long.nc", "--out", tmp_path / "a.avi")
 
 
+@pytest.mark.full
 def test_events_and_forces_are_stored_where_asked_for(stored, tmp_path):
     ds = xr.open_dataset(stored / "long.nc")
     assert {"N", "F", "v", "u", "contact_point"} <= set(ds.data_vars)
@@ -255,6 +257,7 @@ def test_a_failed_write_leaves_nothing(tmp_path, capsys, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.full
 def test_power_files(tmp_path, capsys):
     words = ["power", "fig10a", "--transient", "40", "--periods", "64", "--steps-per-period", "200"]
     assert cli.main([*words, "--out", str(tmp_path)]) == 0
@@ -407,6 +410,8 @@ def test_tune_command_refuses(tmp_path, capsys):
     assert "positive" in refused(capsys, "tune", "table1", "--over", "shroud.gap=1e-5:1e-4", "--most-force=-1", *out)
 
 
+@pytest.mark.release
+@pytest.mark.full
 def test_accuracy_is_chosen_printed_and_stored(tmp_path, capsys):
     words = [
         "sweep",
@@ -437,6 +442,7 @@ def test_automatic_steps_are_printed(tmp_path, capsys):
     assert "steps_per_period = 455, by the stiffness of the scene" in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_explain_tells_what_is_left_out(capsys):
     assert cli.main(["explain", "table1", "--set", 'parts.motion=["x", "y"]', "--set", "friction.mu=0"]) == 0
     told = capsys.readouterr().out
@@ -492,6 +498,7 @@ def test_a_numerical_failure_is_no_wrong_input(fails, error, tmp_path, capsys, m
     assert capsys.readouterr().err == f"numerical failure: {error}\n"
 
 
+@pytest.mark.full
 def test_a_scene_that_stops_is_a_numerical_failure(tmp_path, capsys):
     # Two blocks turned beyond their angle range within the first period.
     words = ["gradient", "fig10b", "--set", "drive.M_0=3000", "--wrt", "shroud.gap"]
@@ -500,6 +507,7 @@ def test_a_scene_that_stops_is_a_numerical_failure(tmp_path, capsys):
     assert told == ["numerical failure: The march stops in this scene; there is nothing to differentiate."]
 
 
+@pytest.mark.full
 def test_the_best_lane_of_a_sweep_over_one_blade_is_named(capsys, tmp_path):
     words = ["--along", "initial.x[0]", "--values", "0,1e-4", "--periods", "2", "--transient", "0"]
     out = ["--steps-per-period", "100", "--out", str(tmp_path / "s")]

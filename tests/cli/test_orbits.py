@@ -58,6 +58,8 @@ def test_exponents_are_written_as_the_verb_returns_them(scene, tmp_path, capsys)
     assert "per drive period" in printed
 
 
+@pytest.mark.release
+@pytest.mark.full
 def test_options_reach_the_verb(tmp_path, capsys):
     assert cli.main(["orbit", *SCENE, "--tolerance", "1e-3", "--out", str(tmp_path / "loose")]) == 0
     assert cli.main(["orbit", *SCENE, "--out", str(tmp_path / "close")]) == 0

@@ -113,6 +113,7 @@ def test_a_slider_changes_motion_and_diagram_by_the_keyboard_too(tab):
     assert "shroud.gap" not in tab.text("command")
 
 
+@pytest.mark.release
 def test_wrong_input_is_told_beside_its_field_and_the_page_lives_on(tab):
     field = tab.field("friction.mu")
     field.fill("minus two")

@@ -99,6 +99,8 @@ def test_levels_that_are_joined_are_the_sweep_of_all_values(exploration):
     assert parts.axes.keys() == whole.axes.keys()
 
 
+@pytest.mark.release
+@pytest.mark.full
 def test_a_slider_compiles_nothing(exploration):
     """Other numbers of one structure run by the programs that are there."""
     compiled = []

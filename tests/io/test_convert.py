@@ -158,6 +158,7 @@ def test_the_command(lanes, tmp_path, capsys):
         assert message in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_nothing_slow_is_imported(lanes, tmp_path):
     convert(lanes, tmp_path / "a.nc")
     code = (

@@ -358,6 +358,7 @@ def test_a_damaged_result_is_one_line(run, tmp_path, capsys, damage, verb):
     assert not (tmp_path / out).exists()
 
 
+@pytest.mark.full
 def test_a_file_that_fails_within_h5netcdf_ends_without_a_word(run, tmp_path, monkeypatch):
     # Its files that are half open when that fails say so once more when they are collected.
     told, whole, path = [], bytearray(run.read_bytes()), tmp_path / "a.nc"
@@ -397,6 +398,7 @@ def test_a_store_killed_before_any_rename_of_a_file_ends_with_the_same_bytes(tmp
     assert other == 0
 
 
+@pytest.mark.full
 def test_a_store_whose_words_are_no_text_is_refused(tmp_path):
     path, scene = tmp_path / "a.zarr", js.load("table1", ['parts.motion=["x"]']).scene
     short = dict(n_periods=2, transient=1, method=js.RungeKutta(steps=100))

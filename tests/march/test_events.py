@@ -128,6 +128,7 @@ def test_apart_only_the_approach_counts_and_the_case_follows_the_position(sides,
         assert int(seen(held, ready).case) == case
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("reading", [CONSISTENT, GAP_SIGN])
 def test_rates_of_the_guards_are_their_derivatives(scene, reading):
     # Along uniform motion: LIFT, TURN, HEIGHT and RUB in stick depend on the position alone. In slip RUB is itself

@@ -66,6 +66,7 @@ def test_corner_contact_alone_is_a_relay_without_bound(table1):
     assert reference.simulate(reference.table1(M_0=0.0), 1).status == "face_to_face"
 
 
+@pytest.mark.full
 def test_random_scenes_end_with_few_events_and_converge(weak):
     scenes = [scene_of(p) for p in weak]
     runs = {n: run(scenes, 3, n, FAST_WITH_LEDGER) for n in (10000, 20000, 40000)}
@@ -123,6 +124,7 @@ def springs_apart(p: reference.Parameters, t: float, state: np.ndarray, size: np
     return [float(np.max(np.abs(y - state) / size)) for y in (*z, (10 * z[-1] - z[-2]) / 9)]
 
 
+@pytest.mark.full
 def test_pressed_blocks_leave_flat_contact_at_a_corner(table1):
     # A torque that overcomes the moment of the contact forces lifts the faces off each other.
     scene = vary(vary(table1, "shroud.gap", -2e-4), "drive.M_0", 1.0)
@@ -229,6 +231,7 @@ def test_what_flat_contact_drops_is_a_term_of_the_balance():
     assert shares[1] < shares[0] / 4
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_chatter_is_told_with_its_cure():
     # The printed levers contradict each other where the cases meet, and flat contact is not in print.

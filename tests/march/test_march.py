@@ -64,6 +64,7 @@ def on_steady_motion(scene):
     return eqx.tree_at(lambda s: s.initial, scene, Motion(*at_zero))
 
 
+@pytest.mark.release(only=["dop853, events by cubic, float64", "rk4, events by cubic, float64"])
 @pytest.mark.full(but=["rk4, events by cubic, float64"])
 @pytest.mark.parametrize("method", EXACT.values(), ids=str)
 def test_apart_blades_follow_the_closed_form(table1, method):
@@ -100,6 +101,8 @@ def test_energy_balances_to_the_integrators_order(refined):
     assert np.all(falls.max(axis=0) >= method.tableau.order - 0.5)
 
 
+@pytest.mark.release
+@pytest.mark.full
 def test_the_printed_reading_does_not_balance(scenes):
     # Control: the misprints pump energy, 1 to 11 % of the drive's work.
     residual = np.abs(energy_residual(run([printed(vary(s, "drive.M_0", 100.0)) for s in scenes[:1]] * 2, 3, 2000)))
@@ -207,8 +210,8 @@ def test_opinions_in_the_file_are_those_of_the_reference(reading):
         )
 
 
-@pytest.mark.release
-@pytest.mark.full(but=["rk4, events by bisection, float64"])
+@pytest.mark.release(only=["dopri8, events by cubic, float64", "rk4, events by cubic, float64"])
+@pytest.mark.full
 @pytest.mark.parametrize("method", [REFERENCE, FAST, EXACT["dopri8-cubic"]], ids=str)
 def test_a_batch_equals_single_runs(scenes, method):
     together = run(scenes, 5, 400, method)
@@ -323,6 +326,7 @@ def test_the_printed_reading_breaks_the_half_turn(scenes):
     assert np.all(half_turn_deviation([printed(asymmetric(s)) for s in scenes[:2]]) > 1e-3)
 
 
+@pytest.mark.release(only=["tsit5, events by bisection, float64"])
 @pytest.mark.full(
     but=[
         "rk4, events by bisection, float64",
@@ -387,12 +391,15 @@ def linear_stick(scene, t):
     return np.array([(expm(A * s) @ np.concatenate([q_0, np.zeros(6), [1.0]]))[:6] for s in t])
 
 
+@pytest.mark.release
+@pytest.mark.full
 def test_no_stiffness_means_no_reduction(table1):
     # P_d tends to 0 with gamma; at gamma = 0 the overlap carries no force.
     got = sweep(table1, {"contact.gamma": [0.0, 1e-6, 1e-4]}, n_periods=4, transient=120, method=RungeKutta(steps=400))
     assert np.all(np.abs(got.P_d) <= [1e-5, 1e-4, 1e-2])
 
 
+@pytest.mark.full
 def test_the_labelled_points_of_fig_10_are_not_reproduced(table1):
     # The article prints periods 1, 2, 3 and chaos; see README.
     got = sweep(

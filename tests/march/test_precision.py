@@ -60,7 +60,7 @@ def in_short(result):
     return told.startswith(type(result).__name__) and len(told) < 400 and "array" not in told
 
 
-@pytest.mark.full(but=["simulate", "sweep", "power"])
+@pytest.mark.full(but=["simulate"])
 @pytest.mark.parametrize("verb", VERBS)
 def test_float32_is_what_is_computed(scene, computed, verb):
     result = VERBS[verb](scene)

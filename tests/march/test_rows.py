@@ -53,7 +53,7 @@ def changed(p, name, place, by):
 # --- the second opinion -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.release
+@pytest.mark.release(only=["ring of 4"])
 @pytest.mark.full(but=["chain of 3"])
 @pytest.mark.parametrize("place", [0, 1], ids=("chain of 3", "ring of 4"))
 def test_random_rows_are_those_of_the_second_opinion(place):
@@ -153,6 +153,7 @@ def reflected(z):
 PERIODS, BENDING_PERIODS, ALIKE = 5, 2, 1e-11
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_numbers_rotated_by_one_blade_rotate_the_motion():
     p = row_opinions.kept_rows(1)[0].parameters
@@ -198,6 +199,7 @@ def test_engine_orders_forward_and_backward_mirror_each_other_without_a_moment()
     assert wider > 1e-8
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_rings_of_other_sizes_under_the_same_interblade_phase_move_alike():
     small = ends_of([ring(1), ring(2)], PERIODS)

@@ -185,6 +185,7 @@ def fine(scenes):
     return run(scenes, 3, 2000, FINE)
 
 
+@pytest.mark.full
 @pytest.mark.release(only=["16"])
 @FULL
 @pytest.mark.parametrize("method", SERIES.values(), ids=SERIES)

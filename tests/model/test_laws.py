@@ -147,6 +147,7 @@ def test_what_is_not_an_own_law_is_refused(table1):
         js.load("table1", ['parts.contact="own"']).scene.parts  # noqa: B018  built when it is asked for
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_an_own_spring_is_the_spring():
     # The same forces by another way: rounding, and events found to rounding rather than to a tolerance.
@@ -229,6 +230,7 @@ def test_the_rate_of_an_internal_state_belongs_to_the_check_of_the_step():
     np.testing.assert_allclose(auto.motion.x[-1], fine.motion.x[-1], rtol=0, atol=1e-4 * size)
 
 
+@pytest.mark.full
 def test_a_march_whose_energy_does_not_balance_is_not_ok(monkeypatch):
     # Control: without that check the march is wrong by a third of the motion.
     monkeypatch.setattr(stability, "MAX_RELAXATION_RATE", np.inf)

@@ -32,6 +32,7 @@ def by_hand(factor, sign=-1.0, m=0.08, alpha=np.pi / 3, k=2.5e5, k_d=1e6):
     return np.sqrt(np.linalg.eigvalsh(K) / m) / TWO_PI
 
 
+@pytest.mark.full
 def test_a_pair_in_phase_is_free_and_out_of_phase_has_twice_the_contact():
     # The relative displacement of blades out of phase is twice their own; in phase it is zero. The frequencies are
     # those of a ring of four at nodal diameters 0 and 1, as known: 177.94, 974.62 and 522.69, 1224.71 Hz.

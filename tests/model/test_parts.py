@@ -41,6 +41,7 @@ def falls(reduced: Scene, fulls: list[Scene], order: float = 1.0, **how) -> floa
     return errors[-1]
 
 
+@pytest.mark.release
 @pytest.mark.full
 @pytest.mark.parametrize("M_0", [0.0])
 def test_no_torsion_is_stiff_torsion_without_torque(table1, M_0):
@@ -113,6 +114,7 @@ def test_the_closed_form_at_any_damping(table1, changes, name):
         np.testing.assert_allclose(field[0], at[0], rtol=0, atol=1e-9 * whole.max(), err_msg=name)
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_samples_of_a_free_scene_lie_on_one_motion(table1):
     # Whole, in two parts from the first's end, and from another phase.
@@ -127,6 +129,8 @@ def test_samples_of_a_free_scene_lie_on_one_motion(table1):
     np.testing.assert_allclose(swept.motion.x[0, 0], whole.motion.x[125], rtol=0, atol=1e-15)
 
 
+@pytest.mark.release
+@pytest.mark.full
 def test_an_undamped_resonance_is_not_finite(table1):
     scene = varied(table1, drive__omega=float(np.sqrt(1e5 / 0.08)), blades__c_x=0.0)
     scene = vary(scene, "blades.k_x", 0.08 * float(scene.drive.omega) ** 2)
@@ -235,6 +239,7 @@ def test_a_scene_is_explained(table1):
     assert any("gap" in text for text in js.explain(vary(table1, "shroud.gap", 1.0)).advice)
 
 
+@pytest.mark.full
 def test_blades_without_contact_are_apart_all_the_time(table1):
     found = js.sweep(
         with_parts(table1, contact="none"),
@@ -246,7 +251,7 @@ def test_blades_without_contact_are_apart_all_the_time(table1):
     np.testing.assert_array_equal([found.time_apart, found.time_stick, found.time_slip], [[1, 1], [0, 0], [0, 0]])
 
 
-@pytest.mark.release
+@pytest.mark.release(only=["none"])
 @pytest.mark.full(but=["spring"])
 @pytest.mark.parametrize("contact", ["spring", "none"])
 def test_a_motion_whose_energy_overflows_has_stopped(table1, contact):

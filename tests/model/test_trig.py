@@ -25,6 +25,7 @@ def test_the_polynomial_is_no_good_far_beyond_its_range():
     assert abs(float(sine) - np.sin(5.5)) > 1e-4
 
 
+@pytest.mark.full
 def test_derivatives_are_cosine_and_minus_sine():
     x, x_dot = jnp.linspace(-ANGLE_RANGE, ANGLE_RANGE, 1001), jnp.linspace(1.0, 2.0, 1001)
     _, (sine_dot, cosine_dot) = jax.jvp(sincos, (x,), (x_dot,))

@@ -91,6 +91,7 @@ def test_blades_joined_by_the_equivalents_move_as_the_first_harmonic(sampled):
 SHORT = {"n_periods": 8, "transient": 32, "method": js.RungeKutta(steps=400)}
 
 
+@pytest.mark.full
 def test_losses_are_the_work_of_the_drive():
     found = js.power(js.load("fig09_best", [*PLANE, "contact.gamma=0.3"]).scene, **SHORT)
     stored = found.work_drive - found.loss_viscous - found.loss_friction
@@ -148,6 +149,7 @@ PRESSED = [
 ]
 
 
+@pytest.mark.full(but=["60 deg"])
 @pytest.mark.parametrize("beta", ["90 deg", "60 deg"])
 def test_a_direction_along_which_nothing_moves_has_no_stiffness(beta):
     scene = js.load("table1", [*PRESSED, f"drive.beta={beta}"]).scene
@@ -165,6 +167,7 @@ def test_a_direction_along_which_nothing_moves_has_no_stiffness(beta):
         assert found.k_n == pytest.approx(5e3, rel=1e-5)
 
 
+@pytest.mark.full(but=['parts.motion=["x"]'])
 @pytest.mark.parametrize("parts", ['parts.motion=["x"]', "parts.contact=none"])
 def test_where_there_is_no_equivalent_the_reason_is_given(parts):
     found = js.power(js.load("fig09_best", [parts]).scene, **SHORT)

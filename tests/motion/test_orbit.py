@@ -204,6 +204,8 @@ def how(found) -> dict:
     return {"steps": found.steps_per_period, "method": as_differentiable(found.march_choices)}
 
 
+@pytest.mark.release
+@pytest.mark.full
 def test_permanent_flat_contact_has_one_angle():
     # A difference of the angles does not exist there. Taken for a motion of its own it would stay for ever: a second
     # multiplier of 1, and derivatives off by up to twenty times.
@@ -227,6 +229,7 @@ def orbit_near_resonance(c_x):
     return orbit(scene, state=initial_state(Motion(*place, *speed)), q=1, method=js.RungeKutta(steps=20000))
 
 
+@pytest.mark.full
 def test_ill_conditions_are_told():
     damped, nearly_free = orbit_near_resonance(1.0), orbit_near_resonance(1e-7)
     assert damped.flags == ()
@@ -260,6 +263,8 @@ def test_margins_of_grazing():
     assert none.nearest_miss > 0
 
 
+@pytest.mark.release
+@pytest.mark.full
 def test_margins_see_grazes_and_misses_within_steps():
     # Bending alone, in closed form until the blocks touch. With 37 steps a period the corners pass their least distance
     # between two ends of steps, and a graze begins and ends there.

@@ -176,6 +176,8 @@ def test_a_stopped_lane_is_nan_alone():
     np.testing.assert_array_equal(found.settled, [False, True])
 
 
+@pytest.mark.release
+@pytest.mark.full
 def test_intervals_in_float32_hold_the_reductions_in_float64():
     # Settled orbits, on which P_d of both precisions differs by up to 7 units of rounding of 100 % - P_d.
     scene = js.load("table1", ['parts.motion=["x"]', "blades.c_x=40", "drive.F_0=60"]).scene

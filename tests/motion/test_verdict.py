@@ -50,6 +50,7 @@ def test_evidence_leads_to_a_verdict(known, kind):
     assert ("NOT_FINITE" in told) if kind == "stopped" else ("65–128" in told)
 
 
+@pytest.mark.full
 def test_beside_a_neutral_orbit_nothing_is_a_transient():
     # One block at the end of its spring, without damping: each start is an orbit, or a torus, of its own.
     free = load("table1", ['parts.motion=["x"]', "shroud.gap=1", "blades.c_x=0"]).scene
@@ -89,6 +90,7 @@ def test_scenes_are_judged_each_on_its_own():
         assert one.periods == 32 + short.all
 
 
+@pytest.mark.full
 def test_copies_settle_where_there_is_an_orbit():
     scenes = scenes_at(BASE, ["contact.gamma"], np.array([[0.5], [2.5]]))
     for one in settled_copies(scenes, initial_states(scenes), 128, AIM):

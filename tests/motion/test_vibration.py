@@ -66,6 +66,7 @@ def stuck_reduction(scene) -> float:
     return 100 * (1 - (amplitude / free) ** 2)
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_a_static_deflection_is_no_vibration(pressed):
     # Stuck, the pair is linear: x rests at its static deflection, y vibrates with k_d as a spring. The transient leaves
@@ -100,6 +101,7 @@ def test_means_are_over_all_periods_never_within_each():
     assert float(of(-1).mean()) < 0.7 * found
 
 
+@pytest.mark.release(only=["method0", "method2"])
 @pytest.mark.parametrize(
     "method",
     [
@@ -199,6 +201,7 @@ def test_who_tells_the_reduction_tells_that_of_the_vibration(pressed, verb):
     assert np.all(np.abs(told - np.ravel(found.P_d)[-1]) > 50)
 
 
+@pytest.mark.release
 @pytest.mark.full
 def test_the_vibration_can_be_tuned(pressed):
     # Exact slopes of the search are the differences of the judged designs; the best design tells both reductions.

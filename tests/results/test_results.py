@@ -90,6 +90,7 @@ for room in (jaxshroud.io, jaxshroud.plotting, jaxshroud.results):
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.full
 def test_a_lane_of_many_is_a_result_of_its_own():
     base = js.load("table1", ['parts.motion=["x"]'])
     scenes = js.scenes_from({"contact.gamma": [1.0, 2.0], "drive.F_0[1]": [60.0, 50.0]}, base)

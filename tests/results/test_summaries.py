@@ -27,6 +27,7 @@ def setting(name, cost, error):
     return MeasuredSetting(name, name, 100, cost, np.full(4, error), 0.1, 0.2, 1.0, np.nan)
 
 
+@pytest.mark.full(but=["power", "trajectory"])
 @pytest.mark.parametrize("name", VERBS)
 def test_a_summary_is_json_that_files_keep(name, tmp_path):
     result = VERBS[name]()

@@ -41,6 +41,8 @@ def test_a_stored_scene_is_read_without_units():
     assert imported(program) == READ
 
 
+@pytest.mark.release
+@pytest.mark.full
 def test_a_scene_is_built_when_it_is_asked_for():
     # Control: the scan sees JAX.
     assert {"jax", "pint"} <= imported(PLAIN + "load('table1', ['shroud.gap=1e-3 inch']).scene")

@@ -80,6 +80,7 @@ def test_all_that_lists_numbers_is_made_from_the_table():
     assert documented.FILE.read_text(encoding="utf-8") == documented.page()
 
 
+@pytest.mark.full
 def test_a_new_number_is_one_line():
     program = "import tomllib\n" + NEW + USES
     told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout

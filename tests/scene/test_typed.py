@@ -108,6 +108,7 @@ def test_a_state_of_plain_numbers_is_refused(scene):
     assert "must be arrays" in refused(js.simulate, scene, js.State(scene.initial, 0.0, 0, 0), **SHORT)
 
 
+@pytest.mark.full
 def test_a_path_that_is_none_writes_nothing(scene, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = js.simulate(scene, **SHORT)
@@ -161,6 +162,8 @@ def test_every_public_function_is_held(name):
     assert " must be " in refused(getattr(js, name), **needed)
 
 
+@pytest.mark.release
+@pytest.mark.full
 def test_warnings_point_to_the_call():
     wild = js.load("table1", ["drive.M_0=1e5"])
     with pytest.warns(js.LaneWarning, match="ended with") as told:

@@ -102,6 +102,7 @@ def pure():
     return {name: (jax.jit(f), jax.device_put(argument)) for name, (f, argument) in found.items()}
 
 
+@pytest.mark.release(only=["slope"])
 @pytest.mark.studies(only=["rollout of a row", "period_map"])
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["rollout", "rollout of a row", "slope", "period_map", "sweep_function"])

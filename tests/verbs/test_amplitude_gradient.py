@@ -49,7 +49,8 @@ def error(found, of, value):
     return max(abs(quotient[key] / slope - 1) for key, slope in value.items())
 
 
-@pytest.mark.full(but=["x_peak"])
+@pytest.mark.release
+@pytest.mark.full
 @pytest.mark.parametrize("of", MEASURES)
 def test_derivatives_are_those_of_differences(found, of):
     exact = slopes(found, of)

@@ -24,6 +24,7 @@ def scenes(scene):
     return js.scenes_from({"contact.gamma": GAMMA, "drive.omega": [500.0, 536.0, 600.0]}, scene)
 
 
+@pytest.mark.full
 def test_simulated_scenes_are_those_simulated_one_by_one(scenes):
     many = js.simulate(scenes, n_periods=2, dims=["point"], **SHORT)
     assert many.data["x"].dims == ("point", "time", "blade")
@@ -49,6 +50,7 @@ def test_swept_scenes_are_a_sweep(scene):
     assert grid.data["P_d"].dims == ("point", "gap")
 
 
+@pytest.mark.full
 def test_power_of_scenes_ends_for_each_by_itself(scenes):
     keeps = dict(n_periods=128, transient=16, **SHORT)
     many, one = js.power(scenes, **keeps), js.power(jax.tree.map(lambda a: a[1], scenes), **keeps)
@@ -76,6 +78,8 @@ def test_leading_axes_that_disagree_are_refused(scene):
         js.sweep(js.scenes_from({"contact.gamma": GAMMA}, scene), dims=["a", "b"], n_periods=1, **SHORT)
 
 
+@pytest.mark.release
+@pytest.mark.full
 def test_the_argument_counts_then_the_file_then_the_default():
     file = js.load("table1", ['parts.motion=["x"]', "run.periods=2", "run.transient=1", "run.steps_per_period=150"])
     run = js.simulate(file)

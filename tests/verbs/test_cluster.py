@@ -180,6 +180,7 @@ def impatient():
         yield
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("impatient")
 def test_a_scheduler_that_is_not_there_is_one_line_and_the_store_is_kept(words, tmp_path, capsys):
     assert cli.main([*words, "--store", "zarr"]) == 0
@@ -217,6 +218,7 @@ def test_what_a_scheduler_needs_is_told(scene, words, monkeypatch, capsys):
     assert capsys.readouterr().err.endswith("install it by pip install 'jaxshroud[cluster]'\n")
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("impatient")
 def test_a_scheduler_that_is_lost_leaves_a_store_to_go_on_with(scene, tmp_path, written):
     path, lost = tmp_path / "a.zarr", []

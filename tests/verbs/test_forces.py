@@ -136,6 +136,7 @@ def test_the_wear_of_the_faces_is_that_of_the_run(marched):
     assert float(np.nansum(np.abs(np.diff(whole["u_s"].to_numpy())))) > 0
 
 
+@pytest.mark.release(only=["taylor 8 1e-10, events by series, float64"])
 @pytest.mark.full
 @pytest.mark.parametrize("method", [js.RungeKutta(steps=400), js.Taylor(order=8, tolerance=1e-10)], ids=str)
 def test_blocks_that_start_pressed_together_do_not_collide(table1, method):
@@ -147,6 +148,7 @@ def test_blocks_that_start_pressed_together_do_not_collide(table1, method):
     assert got.approach_mean > 0.8 * got.approach_max
 
 
+@pytest.mark.release(only=["realistic", "realistic, series"])
 @LONG
 @pytest.mark.full(but=["table1"])
 def test_the_friction_loop_encloses_the_tallied_work(marched):
@@ -261,6 +263,7 @@ def test_a_run_shows_the_same_whatever_the_march():
     assert_alike([run.events for run in runs])
 
 
+@pytest.mark.release(only=["more0"])
 @pytest.mark.full
 @pytest.mark.parametrize("more", [[], ["friction.mu=0"], ["shroud.gap=20mm"]])
 def test_margins_are_the_same_whatever_the_march(more):
@@ -299,6 +302,7 @@ def test_events_of_a_long_method():
     np.testing.assert_allclose(got.t, fine.t, rtol=1e-5)
 
 
+@pytest.mark.full
 def test_a_contact_that_has_not_ended_counts_in_no_impulse():
     # The blades meet within the only period, whose end is within their contact: half an oscillation on its spring is
     # 1.1 ms, the period 0.3 ms. The longest and the mean impulse are both of no contact yet.

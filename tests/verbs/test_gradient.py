@@ -86,6 +86,7 @@ def test_a_neighbourhood_with_bifurcations_is_structured():
     assert "structured" in got.flags
 
 
+@pytest.mark.full
 def test_power_itself_can_be_differentiated():
     scene = scene_at(2.5)
     P, P_d = (gradient(scene, ["shroud.gap"], of=of) for of in ("P", "P_d"))

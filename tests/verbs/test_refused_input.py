@@ -181,6 +181,8 @@ def test_words_are_checked_on_the_command_line(line, expected, capsys, tmp_path,
     assert expected in refused(capsys, *line.split())
 
 
+@pytest.mark.release
+@pytest.mark.full
 def test_explain_marches_as_the_accuracy_says(capsys):
     assert cli.main(["explain", "table1", *X[:2], "--accuracy", "balanced"]) == 0
     told = capsys.readouterr()

@@ -61,6 +61,7 @@ def test_unlike_blades_and_interfaces_are_told_one_by_one(capsys):
     assert "interface 2: the free blades do not come near enough to touch" in " ".join(out.split())
 
 
+@pytest.mark.full
 def test_the_sheet_of_a_ring_is_written_and_drawn(sheet, tmp_path, capsys):
     words = [word for one in RING for word in ("--set", one)]
     assert cli.main(["check", "row_ring12", *words, "--out", str(tmp_path)]) == 0

@@ -27,6 +27,7 @@ def test_draws_are_the_sweep_of_their_numbers(found):
     assert np.all((found.drawn >= ends[:, 0]) & (found.drawn <= ends[:, 1]))
 
 
+@pytest.mark.full
 def test_a_draw_has_the_least_P_d_of_its_conditions(tmp_path):
     conditions = {"drive.F_0": [30.0, 60.0]}
     # The scene's own F_0 counts for nothing but as what a scattering one is compared with.

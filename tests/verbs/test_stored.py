@@ -70,6 +70,7 @@ def same(found, exact):
         np.testing.assert_array_equal(found.data[name].to_numpy().view(np.uint8), variable.to_numpy().view(np.uint8))
 
 
+@pytest.mark.release(only=["forward"])
 @pytest.mark.full(but=["independent"])
 @pytest.mark.parametrize("way", WAYS)
 def test_a_store_has_the_numbers_of_a_sweep_in_memory(scene, whole, way):
@@ -218,6 +219,7 @@ def files(path):
     return {part.relative_to(path): part.read_bytes() for part in path.rglob("*") if part.is_file()}
 
 
+@pytest.mark.full
 def test_what_is_told_of_all_directions_is_not_lost_in_silence(scene, whole, tmp_path):
     exact = Path(whole["both"].data.encoding["source"])
     path = shutil.copytree(exact, tmp_path / "a.zarr")
@@ -318,6 +320,7 @@ def words(tmp_path):
     return [*asked, *short, "--store", "zarr", "--out", str(tmp_path / "s")]
 
 
+@pytest.mark.full
 def test_the_command_stores_resumes_and_draws(words, tmp_path, capsys):
     assert cli.main(words) == 0
     out = tmp_path / "s"
@@ -341,6 +344,7 @@ def test_the_command_stores_resumes_and_draws(words, tmp_path, capsys):
     assert told.count("\n") == 1
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("error", "status", "cure"),
     [((28, "No space left on device"), 1, "make room"), ((30, "Read-only"), 2, "another --out")],
@@ -404,6 +408,7 @@ def test_what_a_store_cannot_do_is_refused(words, capsys, more, told):
     assert told in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_only_large_results_are_stores_by_default(words, monkeypatch, tmp_path):
     words = [word for word in words if word not in ("--store", "zarr")]
     assert cli.main(words) == 0
@@ -413,6 +418,7 @@ def test_only_large_results_are_stores_by_default(words, monkeypatch, tmp_path):
     assert (tmp_path / "s" / "sweep.zarr").exists()
 
 
+@pytest.mark.full
 def test_scenes_and_numbers_without_samples_are_stored_too(scene, tmp_path):
     scenes = js.scenes_from({"shroud.gap": [2e-5, 3e-5, 4e-5]}, scene)
     keeps = dict(keep_samples=False, **SHORT)

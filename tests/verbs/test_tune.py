@@ -163,6 +163,7 @@ def test_designs_that_stop_do_not_spoil_the_search(scene):
     assert found.objective >= found.scanned_scores.max()
 
 
+@pytest.mark.full
 def test_an_optimum_at_its_bound_is_told(scene):
     # The stiffer a soft contact, the more vibration it takes out.
     found = tune(scene, {"contact.gamma": (0.01, 0.02)}, **{**TINY, "search": TINY_SEARCH._replace(scan=64)})
