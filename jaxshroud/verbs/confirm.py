@@ -23,7 +23,7 @@ def confirmed_run(run: Callable[[SweepSettings], SweepResult], settings: SweepSe
     if not settings.confirm:
         return result
     try:
-        finer = run(_finer(settings))
+        finer = run(_finer_settings(settings))
     except Interrupted:
         raise Interrupted(result) from None
     variable = SweepResult.variables["unconfirmed"]
@@ -31,7 +31,7 @@ def confirmed_run(run: Callable[[SweepSettings], SweepResult], settings: SweepSe
     return SweepResult(result.data.assign(dict(entries)))
 
 
-def _finer(settings: SweepSettings) -> SweepSettings:
+def _finer_settings(settings: SweepSettings) -> SweepSettings:
     plan = settings.plan
     finer = replace(plan, steps_per_period=2 * plan.steps_per_period, method=plan.method.finer)
     return settings._replace(plan=finer, march=settings.march._replace(choice=None))

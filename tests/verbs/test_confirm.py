@@ -47,7 +47,7 @@ def test_another_motion_is_marked_where_p_d_had_settled(swept, name, moved, mark
     data["P_d_ci"][:] = [1e-6, 1e-6, 1.0]  # the last one's interval holds what P_d is moved by
     runs = iter([data, data.assign({name: data[name] + moved})])
     settings = js.verbs.sweep_run.SweepSettings
-    monkeypatch.setattr(confirm, "_finer", lambda how: how)
+    monkeypatch.setattr(confirm, "_finer_settings", lambda how: how)
     result = confirmed_run(lambda _: js.SweepResult(next(runs)), settings(None, None, 1e-3, None, confirm=True))
     assert result.unconfirmed.tolist() == [marked, False, marked and name != "P_d"]
 
