@@ -61,15 +61,12 @@ def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices
     """The log of a row that starts from `state`; `at` are zeros."""
     displacements = displacements_of(state.motion)
     counters = jax.tree.map(lambda a: jnp.zeros(at.shape, a.dtype), no_events(model.interfaces))
-    within = None
-    if method.within:
-        at_start = lambda state, model: initial_extrema(jnp.maximum(_penetration_at(state, model), 0.0))
-        within = over(each, at_start, pair_states(state, model.closed), model.interfaces)
+    deepest = jnp.maximum(penetrations(state, model, each), 0.0)
     return RowLog(
-        *(at, at, at, at),
+        *(at, at, at, deepest),
         jax.tree.map(jnp.zeros_like, displacements),
         counters,
-        within,
+        over(each, initial_extrema, deepest) if method.within else None,
         ContactPeaks(at, at) if method.forces else None,
         Impacts(*[at] * 7) if method.forces else None,
         DisplacementRange(displacements, displacements) if method.amplitudes else None,

@@ -47,3 +47,14 @@ def test_what_is_not_requested_is_not_logged():
     scenes = scenes_at(js.load("row_ring12", CHAIN).scene, ["contact.gamma"], GAMMAS)
     log = begin_rows(scenes, initial_states(scenes), FAST).tally.log
     assert (log.within, log.forces, log.impacts, log.extent) == (None,) * 4
+
+
+def test_the_penetration_at_the_start_counts():
+    # Pressed together by 2 mm at rest, the blades only part: no later penetration is as large.
+    chain, pair = (
+        logged(name, [*changes, "shroud.gap=-2mm"], 200) for name, changes in (("row_ring12", CHAIN), ("table1", PAIR))
+    )
+    np.testing.assert_allclose(chain.log.v_max, pair.log.v_max, rtol=1e-12)
+    at_start = 2e-3 * np.sin(js.load("table1").scene.shroud.alpha)
+    np.testing.assert_allclose(chain.log.v_max, at_start, rtol=1e-12)
+    np.testing.assert_allclose(chain.log.within.v_max, at_start, rtol=1e-12)
