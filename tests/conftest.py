@@ -25,9 +25,8 @@ if MADE:  # what is compiled once serves all processes of this run: workers, com
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
-# Checking types is a third of the time of tracing: the long runs, of tests and studies, do without. Workers inherit it.
-TYPES = "JAXSHROUD_CHECK_TYPES"
-CHECKED = os.environ.setdefault(TYPES, "0" if {"--full", "--studies", "--release"} & {*sys.argv} else "1") == "1"
+# Types are checked where this asks for it, as that is a third of the time of tracing.
+CHECKED = os.environ.get("JAXSHROUD_CHECK_TYPES") == "1"
 COMPUTING = [f"jaxshroud.{folder}" for folder in ("scene", "model", "march", "batch", "motion", "verbs")]
 with install_import_hook(COMPUTING, "beartype.beartype") if CHECKED else nullcontext():
     import jaxshroud

@@ -7,6 +7,8 @@ from jaxshroud.march.method import RungeKutta
 from jaxshroud.march.stability import ACCURACY_LIMIT, largest_frequency
 from jaxshroud.scene.layout import PAIR
 
+pytestmark = pytest.mark.full
+
 OTHERS = [
     *(name for name in shipped() if name.endswith("_best")),
     *("table1_light", "griffin", "dry_friction_2dof", "engine_order", "row_ring12", "row_chain5"),

@@ -9,6 +9,8 @@ from jaxshroud.model.linear import area
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import InputError
 
+pytestmark = pytest.mark.full
+
 RK4 = js.RungeKutta("rk4", steps=100)
 GAPS = np.array([22e-6, 10e-6])
 

@@ -22,6 +22,8 @@ from jaxshroud.cli.terminal import interruptible
 from jaxshroud.march.method import RungeKutta
 from jaxshroud_command import END_SIGNALS
 
+pytestmark = pytest.mark.full
+
 SMALL = ["--set", 'parts.motion=["x"]']
 LONG = ["sweep", "table1", *SMALL, "--along", "contact.gamma", "--start", "1", "--stop", "8", "--num", "20000"]
 LONG += ["--transient", "10", "--periods", "10"]

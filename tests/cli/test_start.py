@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
+pytestmark = pytest.mark.full
+
 LEFT_OUT = {"dask", "distributed", "pint", "cftime"}  # that xarray would look for
 HEAVY = {"jax", "numpy", "pydantic", "matplotlib", "pandas", "xarray", "rich", "scipy", "pint"}
 # The console script for one list of words after the other; after each its exit status and all that is imported by then.

@@ -27,6 +27,8 @@ from jaxshroud.io.store import read, write_dataset, write_json
 from jaxshroud.plotting.style import new_figure, save_figure
 from jaxshroud.scene.checks import MachineError, StoreError, WriteError
 
+pytestmark = pytest.mark.full
+
 # Files of at most 10 kB: the system refuses to write on, as on a full disk.
 FULL = """
 import resource, sys

@@ -9,6 +9,8 @@ from jaxshroud.batch.periods import Sample
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import TaylorOptions, tableau
 
+pytestmark = pytest.mark.full
+
 RK4 = Choices(tableau("rk4"), "cubic", forces=True, amplitudes=True)
 MARCHES = {
     "rk4": (RK4, 10000),

@@ -15,6 +15,8 @@ from jaxshroud.motion.equivalent import (
 )
 from jaxshroud.results.equivalent import sentences_of
 
+pytestmark = pytest.mark.full
+
 PLANE = ['parts.motion=["x", "y"]']
 SERIES = js.Taylor(order=12, tolerance=1e-12, steps=200)
 # A face almost along x, pressed by N = 1 whatever x does, and a mass so heavy for its drive that x is a sine.

@@ -10,6 +10,8 @@ from jaxshroud.march.method import FAST
 from jaxshroud.motion.lyapunov import first_frames, largest_exponents, mean_exponents, next_frames
 from jaxshroud.scene.grids import scenes_at
 
+pytestmark = pytest.mark.full
+
 
 def henon(z):
     return np.array([1 - 1.4 * z[0] ** 2 + z[1], 0.3 * z[0]]), np.array([[-2.8 * z[0], 1.0], [0.3, 0.0]])

@@ -22,6 +22,8 @@ from jaxshroud.plotting.plot_run import RUN_PAGES
 from jaxshroud.plotting.style import COLOURS, PALE, fit_title, new_figure
 from jaxshroud.scene.keys import Motion
 
+pytestmark = pytest.mark.full
+
 LONG = "Table 1, the common parameters, with Fig. 10b's gap, force and gamma, but omega = 545 rad/s, M_0 = 0.1 N m"
 
 

@@ -11,6 +11,8 @@ from jaxshroud.plotting.pictures import picture
 from jaxshroud.plotting.plot_sweep import MOTION_COLOURS
 from jaxshroud.plotting.style import STYLE, save_figure
 
+pytestmark = pytest.mark.full
+
 STATUSES = {"flag_values": np.arange(4), "flag_meanings": "OK TOO_MANY_EVENTS NOT_FINITE ANGLE_OUT_OF_RANGE"}
 MOTION = ("x", "y", "theta", "v_x", "v_y", "v_theta")
 OMEGA, STEPS = 536.0, 100

@@ -9,6 +9,8 @@ from jaxshroud.plotting.plot_run import RUN_PAGES
 from jaxshroud.plotting.run_data import contact_data, run_data
 from jaxshroud.scene.checks import InputError
 
+pytestmark = pytest.mark.full
+
 OMEGA, STEPS, HALF = 536.0, 200, 0.0175
 SCENE = '[shroud]\nl_ab = 0.035\n[friction]\nmu = 0.5\n[parts]\ncontact = "spring"\n'
 

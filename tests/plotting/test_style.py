@@ -17,6 +17,8 @@ from jaxshroud.results.trajectory import Trajectory
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.config import load, parse
 
+pytestmark = pytest.mark.full
+
 FIG9 = "Fig. 9: bifurcation diagram of x_1 over the stiffness ratio gamma"
 BOTH = ("x_1", "P_d")
 

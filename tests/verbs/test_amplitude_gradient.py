@@ -17,6 +17,8 @@ from jaxshroud.verbs.ascent import exact_slopes
 from jaxshroud.verbs.design_problem import judge_designs, problem_of
 from jaxshroud.verbs.tune import problem_from_result
 
+pytestmark = pytest.mark.full
+
 # The march finds extremes by cubics between steps, whose error falls as the fourth power of the step: it is small here.
 FINE = js.RungeKutta(steps=1600)
 SHORT = {"n_periods": 4, "transient": 16, "method": js.RungeKutta(steps=100)}

@@ -10,6 +10,8 @@ from jaxshroud.motion.random_starts import _overlaps, random_starts, start_range
 from jaxshroud.plotting.style import PALE
 from jaxshroud.results.attractors import share_interval
 
+pytestmark = pytest.mark.full
+
 STEPS = {"method": js.RungeKutta(steps=100)}
 # Between the folds of test_branch: two orbits of period 1.
 SCENE = js.load("table1", ['parts.motion=["x"]', "blades.c_x=5", "contact.gamma=2.2"]).scene

@@ -28,6 +28,8 @@ from jaxshroud.verbs.design_problem import Problem, problem_of, scenes_of
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.scattering import scatter_bounds, scattering_of
 
+pytestmark = pytest.mark.full
+
 SMOOTH = ("parts.contact=smooth", "contact.width=1 um")
 FILES = {  # a scene as a designer has it, with different blades, and one of plain numbers
     "given": ("engine_order", ("blades.f_x=[95, 97]", "blades.zeta_y=[0.003, 0.004]", *SMOOTH)),

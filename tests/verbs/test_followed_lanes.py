@@ -15,6 +15,8 @@ from jaxshroud.motion.batched_algorithms import Derivatives
 from jaxshroud.scene.checks import NumericalError
 from jaxshroud.scene.grids import scenes_at
 
+pytestmark = pytest.mark.full
+
 GAMMAS = (0.5, 2.5, 5.0)
 STEPS = {"method": js.RungeKutta(steps=100)}
 KEYS = ["shroud.gap", "contact.gamma"]

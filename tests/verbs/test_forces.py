@@ -16,6 +16,8 @@ from jaxshroud.scene.grids import stack_scenes
 from jaxshroud.verbs.simulate import simulate
 from jaxshroud.verbs.sweep import sweep
 
+pytestmark = pytest.mark.full
+
 SCENES = {
     "table1": reference.table1(),
     "realistic": reference.table1(I=2.46e-5, M_0=0.5),

@@ -16,6 +16,8 @@ from jaxshroud.scene.mistuning import design_pattern, random_patterns
 from jaxshroud.verbs.mistuned_rows import MistunedRow, linear_problem
 from jaxshroud.verbs.worst_pattern import PatternProblem, SearchSize, search_worst_pattern
 
+pytestmark = pytest.mark.full
+
 N, ORDER = 12, 3
 LINEAR = js.load("row_ring12", ['parts.motion=["x", "y"]']).scene
 SPEEDS = np.linspace(1000.0, 1400.0, 41)

@@ -23,6 +23,8 @@ from jaxshroud.march.tableau import tableau
 from jaxshroud.scene.parts import Parts
 from jaxshroud.scene.scene import Contact
 
+pytestmark = pytest.mark.full
+
 X = ["--set", 'parts.motion=["x"]', "--steps-per-period", "200"]
 
 

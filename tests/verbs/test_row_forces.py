@@ -12,6 +12,8 @@ from jaxshroud.io.variable import Variable
 from jaxshroud.model.modes import Status
 from jaxshroud.results.amplitudes import WithLoads
 
+pytestmark = pytest.mark.full
+
 IN_X = 'parts.motion=["x"]'
 CHAIN = ["row.blades=2", "row.closed=false", "drive.engine_order=1"]
 PAIR = ['blades.I="block"', "contact.gamma=2.6", "drive.F_0=60", "drive.M_0=0.3", 'drive.phase=["0 deg", "180 deg"]']

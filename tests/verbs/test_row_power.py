@@ -5,6 +5,8 @@ import pytest
 
 import jaxshroud as js
 
+pytestmark = pytest.mark.full
+
 IN_X = ['parts.motion=["x"]']
 CHAIN = [*IN_X, "row.blades=2", "row.closed=false", "drive.engine_order=1"]
 PAIR = [*IN_X, 'blades.I="block"', "contact.gamma=2.6", "drive.F_0=60", "drive.M_0=0.3"]

@@ -8,6 +8,8 @@ from jaxshroud.cli import commands as cli
 from jaxshroud.io.lane_status import LaneWarning
 from jaxshroud.model.modes import Status
 
+pytestmark = pytest.mark.full
+
 CHAIN = ['parts.motion=["x"]', "row.blades=3", "row.closed=false", "drive.engine_order=1"]
 HOW = {"n_periods": 4, "transient": 2, "method": js.RungeKutta("rk4", steps=200)}
 DESIGNS = {"name": ["a", "b", "c"], "shroud.gap[1] [um]": ["10", "none", "40"], "contact.gamma": [2.0, 2.0, 4.0]}

@@ -20,6 +20,8 @@ from jaxshroud.cli import sweep as sweep_verb
 from jaxshroud.io import unfinished_store
 from jaxshroud.verbs import stored
 
+pytestmark = pytest.mark.full
+
 SHORT = dict(n_periods=2, transient=1, method=js.RungeKutta(steps=100))
 GAMMA = np.linspace(1.0, 2.0, 200)
 LINE = {"contact.gamma": GAMMA}

@@ -21,6 +21,8 @@ from jaxshroud.verbs.ascent import MAX_GROWTH, exact_slopes
 from jaxshroud.verbs.design_problem import Problem, judge_designs
 from jaxshroud.verbs.tune import objective_map, problem_from_result
 
+pytestmark = pytest.mark.full
+
 tune_module = importlib.import_module("jaxshroud.verbs.tune")
 OVER = {"shroud.gap": (5e-6, 2e-4), "contact.gamma": (0.1, 10.0)}
 SEARCH = js.SearchOptions(scan=16, n_starts=2, updates=5)
