@@ -52,7 +52,7 @@ def slopes_of(scene, numbers, periods, steps, method=PLAIN):
 
 
 @pytest.mark.release(only=["flat", "cases"])  # studies/slopes.py
-@pytest.mark.full(but=["x"])
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("options", "motion", "periods", "steps", "kinds"),
     [

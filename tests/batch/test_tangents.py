@@ -216,6 +216,7 @@ def test_multipliers_without_contact_have_the_dampers_product():
     assert np.prod(np.linalg.eigvals(at.by_state[:12, :12])).real == pytest.approx(expected, rel=1e-8)
 
 
+@pytest.mark.full
 def test_no_contact_gives_exact_zeros():
     scene = load("table1", ['shroud.gap="5 mm"', "contact.gamma=2.5", "drive.F_0=60"]).scene
     keys = ["shroud.gap", "contact.gamma", "friction.mu", "friction.k_d"]

@@ -53,7 +53,7 @@ def errors(name: str) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.release(only=["dopri8"])
-@pytest.mark.full(but=["rk4"])
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["rk4", "dopri8", "series"])
 def test_each_period_is_that_of_the_second_opinion(name):
     # Three periods from rest. The opinion reads extremes off parabolas, to 3e-7; RK4 locates events to some 1e-7.

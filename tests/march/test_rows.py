@@ -333,6 +333,7 @@ def test_amplitude_of_a_wave_in_permanent_stick():
     assert furthest(got, speeds(2)) > 1e-1
 
 
+@pytest.mark.full
 def test_energy_of_a_ring_without_one_loss_does_not_balance():
     # What is not accounted for, over the gross work of the drive: rounding. Control: an interface that does not rub.
     runs = run_rows([row_scene_of(ring(1))], PERIODS, STEPS)

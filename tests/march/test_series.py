@@ -187,7 +187,6 @@ def fine(scenes):
 
 @pytest.mark.full
 @pytest.mark.release(only=["16"])
-@FULL
 @pytest.mark.parametrize("method", SERIES.values(), ids=SERIES)
 def test_motion_events_and_energy_are_those_of_the_fine_march(scenes, fine, method):
     got = run(scenes, 3, 2000, method)

@@ -48,7 +48,7 @@ def marched_alone(method):
     return jax.jit(lambda gap, stop: after_trials(gap, stop, method, alone))
 
 
-@pytest.mark.full(but=["rk4"])
+@pytest.mark.full
 def test_a_lane_marches_alone_as_beside_others(method, marched_alone):
     # The same operations in two programs: to rounding, which 60 trials and some impacts multiply.
     beside = jax.jit(lambda gaps: after_trials(gaps, jnp.int32(STEPS), method, vmapped))(GAPS)

@@ -72,7 +72,7 @@ def case(request):
 
 
 @pytest.mark.release(only=["printed", "slip onset"])
-@pytest.mark.full(but=["loaded switch 1-2", "all switches"])
+@pytest.mark.full(but=["all switches"])
 def test_orbits_of_every_kind_are_found(case):
     found, q, events = case
     assert found.q == q

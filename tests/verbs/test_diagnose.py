@@ -25,6 +25,7 @@ def panels(figure):
     return [ax.get_title() or ax.get_title(loc="left") for ax in figure.axes]
 
 
+@pytest.mark.full
 def test_verdict_and_numbers_are_those_of_the_other_verbs(found):
     scene = js.load("table1", SMALL).scene
     orbit = js.orbit(scene, method=js.RungeKutta(steps=100))

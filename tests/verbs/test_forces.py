@@ -152,7 +152,7 @@ def test_blocks_that_start_pressed_together_do_not_collide(table1, method):
 
 @pytest.mark.release(only=["realistic", "realistic, series"])
 @LONG
-@pytest.mark.full(but=["table1"])
+@pytest.mark.full
 def test_the_friction_loop_encloses_the_tallied_work(marched):
     p, run, swept = marched
     area, sprung = enclosed(p, run.with_events())
