@@ -34,7 +34,6 @@ from jaxshroud.scene.scene import Contact
 FINE = Choices(tableau("dopri8"))
 COARSE = Choices(TaylorOptions(8, 1e-7), "series")
 SERIES = {"8": COARSE, "16": Choices(TaylorOptions(16, 1e-14), "series")}
-FULL = pytest.mark.full(but=["8"])
 MISPRINTS = ("gap_sign", "friction_components", "M_N2_case1", "M_N1_case2", "M_N1_case4", "levers")
 DOUBTS = ("corner_angles", "M_N1_sign")
 READINGS = [(), *((name,) for name in (*MISPRINTS, *DOUBTS)), MISPRINTS]
