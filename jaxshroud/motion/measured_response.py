@@ -89,6 +89,7 @@ def _amplitudes_and_slopes(place, rate, place_by, rate_by, interval):
 def _amplitudes(q, rate, h):
     """RMS and peak about the mean, (measures, 6), of one orbit (leading axis)."""
     mean = cubic_mean(q, rate, h)
-    rms = jnp.sqrt(cubic_mean((q - mean) ** 2, 2 * (q - mean) * rate, h))
+    square = cubic_mean((q - mean) ** 2, 2 * (q - mean) * rate, h)
+    rms = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)  # what stands still has no slope
     high, low = hermite_largest(q, h * rate), -hermite_largest(-q, -h * rate)
     return jnp.stack([rms[0], jnp.maximum(high - mean, mean - low)[0]])

@@ -111,7 +111,6 @@ PAIRS = [
 ]
 
 
-@pytest.mark.release(only=["diagnose-never touches"])
 @pytest.mark.parametrize(("verb", "case"), PAIRS)
 def test_every_verb_where_nothing_happens(verb, case):
     scene, how = scene_of(case), {**SHORT, **({"n_periods": 1} if case == "one period" else {})}
