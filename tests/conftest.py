@@ -87,8 +87,7 @@ def pytest_xdist_auto_num_workers(config):
 
 def is_marked(item, mark):
     """Whether a test has a mark; where the mark names parameters by `only`, whether it is of one of these."""
-    found = item.get_closest_marker(mark)
-    return found is not None and ("only" not in found.kwargs or item.callspec.id in found.kwargs["only"])
+    return any("only" not in one.kwargs or item.callspec.id in one.kwargs["only"] for one in item.iter_markers(mark))
 
 
 def full_among(items):
