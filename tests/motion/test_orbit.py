@@ -71,7 +71,7 @@ def case(request):
     return orbit(scene_of(overrides)), q, events
 
 
-@pytest.mark.release(only=["printed", "slip onset"])
+@pytest.mark.release(only=["printed", "printed, unlike blades", "slip onset", "stick onset"])
 @pytest.mark.full(but=["all switches"])
 def test_orbits_of_every_kind_are_found(case):
     found, q, events = case
@@ -89,7 +89,10 @@ def scaled(values: dict, scene) -> np.ndarray:
     return np.array([slope * (abs(value_of(scene, key)) or 1) for key, slope in values.items()])
 
 
-@pytest.mark.release(only=["period 3", "printed", "slip onset"])
+@pytest.mark.release(
+    only=["loaded switch 1-2", "loaded switch 1-4", "period 3", "printed", "printed, unlike blades"]
+    + ["slip onset", "stick onset", "unlike blades"]
+)
 @pytest.mark.full
 def test_exact_gradient_of_all_parameters(case):
     found, _, _ = case
