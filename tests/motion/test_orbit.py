@@ -89,10 +89,10 @@ def scaled(values: dict, scene) -> np.ndarray:
     return np.array([slope * (abs(value_of(scene, key)) or 1) for key, slope in values.items()])
 
 
-@pytest.mark.release(
-    only=["loaded switch 1-2", "loaded switch 1-4", "period 3", "printed", "printed, unlike blades"]
-    + ["slip onset", "stick onset", "unlike blades"]
-)
+SLOW = ("loaded switch 1-2", "loaded switch 1-4", "period 3", "printed", "printed, unlike blades", "slip onset")
+
+
+@pytest.mark.release(only=[*SLOW, "stick onset", "unlike blades"])
 @pytest.mark.full
 def test_exact_gradient_of_all_parameters(case):
     found, _, _ = case
