@@ -41,7 +41,6 @@ def test_shipped_steps_are_accurate(name):
 
 
 @pytest.mark.release(only=["engine_order"])
-@pytest.mark.full
 @pytest.mark.parametrize("name", [name for name in OTHERS if name not in ROWS])
 def test_shipped_accuracies_are_promised(name):
     file = load(name)

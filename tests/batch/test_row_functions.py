@@ -44,7 +44,6 @@ def test_a_rollout_of_a_row_has_the_numbers_of_simulate(ring, rolled):
     assert np.all(np.isinf(rolled.slowest_switch))  # without torsion
 
 
-@pytest.mark.full
 def test_functions_of_rows_have_the_numbers_of_sweep(ring, rolled):
     gamma = {"contact.gamma": [2.0, 3.0, 4.0]}
     swept = js.sweep(ring, gamma, n_periods=2, transient=1, method=RK4)
@@ -64,7 +63,6 @@ def test_functions_of_rows_have_the_numbers_of_sweep(ring, rolled):
     np.testing.assert_allclose(area(ring.shroud) * rolled.power, per_gap.P, rtol=1e-14)
 
 
-@pytest.mark.full
 def test_unstable_steps_of_a_row_are_bad_input(ring):
     # The bound of the verbs, of pairs with contact twice as stiff.
     stiff = js.vary(ring, "contact.gamma", 1e3)

@@ -114,7 +114,6 @@ def ended(process):
 
 
 @SIGNALS
-@pytest.mark.full
 def test_an_interrupted_sweep_keeps_the_lanes_that_had_ended(tmp_path, number):
     out = tmp_path / "s"
     process = begun(COMMAND.format(pause=0), *LONG, "--out", out)
@@ -137,7 +136,6 @@ def test_an_interrupted_sweep_keeps_the_lanes_that_had_ended(tmp_path, number):
     assert sorted(p.name for p in out.iterdir()) == ["summary.json", "sweep.nc"]
 
 
-@pytest.mark.full
 def test_a_second_interrupt_ends_the_process_at_once(tmp_path):
     # The first waits a second for the threads, one of which never ends.
     process = begun(COMMAND.format(pause=600), *LONG, "--out", tmp_path / "s")
@@ -148,7 +146,6 @@ def test_a_second_interrupt_ends_the_process_at_once(tmp_path):
     assert ended(process) == (130, "interrupted; nothing was written\n")
 
 
-@pytest.mark.full
 def test_the_library_interrupted_ends_without_a_fault():
     process = begun(LIBRARY)
     until(process, 20 * 64 * 20)
@@ -221,7 +218,6 @@ fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 """
 
 
-@pytest.mark.full
 def test_a_sweep_whose_terminal_is_closed_keeps_the_lanes_that_had_ended(tmp_path):
     terminal, own = os.openpty()
     words = [*LONG, "--out", str(tmp_path / "s")]

@@ -104,7 +104,6 @@ def test_words_are_answered_without_what_computes():
     assert not told[-1][1] & HEAVY
 
 
-@pytest.mark.full
 def test_a_stored_run_is_drawn_without_jax(stored, drawn):
     status, packages = drawn["run"]
     assert status == 0
@@ -154,7 +153,6 @@ def test_a_run_is_written_without_what_it_does_not_use(computed):
     assert not packages & {"matplotlib", "diffrax", "optax", "scipy.stats", "scipy.linalg", *LEFT_OUT}
 
 
-@pytest.mark.full
 def test_what_draws_random_numbers_is_not_imported_before_it_draws():
     code = "import sys, jaxshroud; jaxshroud.tune, jaxshroud.report, jaxshroud.scatter; print(*sys.modules)"
     assert not {"scipy.stats", "dask", "pint"} & set(started(code).split())
@@ -179,7 +177,6 @@ print(float(read("data.nc")["a"].sum()))
 """
 
 
-@pytest.mark.full
 def test_a_notebook_keeps_dask(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert started(IN_A_NOTEBOOK).strip() == "4.0"
@@ -199,7 +196,6 @@ print(config.jax_enable_x64, config.jax_compilation_cache_dir, config.jax_persis
 """
 
 
-@pytest.mark.full
 @pytest.mark.parametrize(
     ("environment", "expected"),
     [
@@ -221,7 +217,6 @@ def test_the_package_runs_as_a_command(module):
     assert done.stderr == "nothing: no such file; give a result written by jaxshroud\n"
 
 
-@pytest.mark.full
 def test_a_device_that_is_not_there_is_one_line():
     code = "import sys; from jaxshroud_command import main; sys.exit(main())"
     cuda = os.environ | {"JAX_PLATFORMS": "cuda"}
@@ -230,7 +225,6 @@ def test_a_device_that_is_not_there_is_one_line():
     assert (done.returncode, done.stdout, done.stderr) == (1, "", told)
 
 
-@pytest.mark.full
 def test_a_home_that_cannot_be_written_is_one_line(tmp_path):
     (tmp_path / "file").touch()
     home = str(tmp_path / "file" / "home")

@@ -44,7 +44,6 @@ except StoreError as error:
 """
 
 
-@pytest.mark.full
 def test_a_full_disk_is_one_line_and_nothing_is_left(tmp_path):
     # In a process of its own: HDF5's files used to be left open, and the end of the interpreter to be a fault.
     words = [sys.executable, "-c", FULL, str(tmp_path / "a.nc")]
@@ -360,7 +359,6 @@ def test_a_damaged_result_is_one_line(run, tmp_path, capsys, damage, verb):
     assert not (tmp_path / out).exists()
 
 
-@pytest.mark.full
 def test_a_file_that_fails_within_h5netcdf_ends_without_a_word(run, tmp_path, monkeypatch):
     # Its files that are half open when that fails say so once more when they are collected.
     told, whole, path = [], bytearray(run.read_bytes()), tmp_path / "a.nc"
@@ -391,7 +389,6 @@ def test_no_warning_of_dimensions_that_are_not_there_is_shown(run, tmp_path):
 
 
 @pytest.mark.release  # studies/kills.py
-@pytest.mark.full
 def test_a_store_killed_before_any_rename_of_a_file_ends_with_the_same_bytes(tmp_path):
     words = [sys.executable, str(Path(__file__).with_name("killed_writes.py")), str(tmp_path)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=True)
@@ -400,7 +397,6 @@ def test_a_store_killed_before_any_rename_of_a_file_ends_with_the_same_bytes(tmp
     assert other == 0
 
 
-@pytest.mark.full
 def test_a_store_whose_words_are_no_text_is_refused(tmp_path):
     path, scene = tmp_path / "a.zarr", js.load("table1", ['parts.motion=["x"]']).scene
     short = dict(n_periods=2, transient=1, method=js.RungeKutta(steps=100))

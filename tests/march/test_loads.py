@@ -53,7 +53,6 @@ def errors(name: str) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.release(only=["dopri8"])
-@pytest.mark.full
 @pytest.mark.parametrize("name", ["rk4", "dopri8", "series"])
 def test_each_period_is_that_of_the_second_opinion(name):
     # Three periods from rest. The opinion reads extremes off parabolas, to 3e-7; RK4 locates events to some 1e-7.
@@ -63,7 +62,6 @@ def test_each_period_is_that_of_the_second_opinion(name):
             assert np.all(error < 1e-8), (kind, error)
 
 
-@pytest.mark.full
 def test_unlocated_events_are_told_apart():
     # Control: with events at ends of steps every number that contact decides is wrong by a thousand tolerances.
     error = errors("unlocated")
@@ -71,7 +69,6 @@ def test_unlocated_events_are_told_apart():
         assert np.median(error[kind]) > 1e-3, (kind, error[kind])
 
 
-@pytest.mark.full
 def test_opinions_in_the_file_are_those_of_the_reference():
     parameters, told = load_opinions.scenes(), load_opinions.kept()
     for i in (0, load_opinions.RANDOM):

@@ -27,7 +27,6 @@ ELEMENT = [
 ]
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("F_0", [3000.0, 8000.0])
 def test_an_elastic_friction_element_has_its_closed_form(F_0):
     scene = js.load("table1", [*ELEMENT, f"drive.F_0={F_0}"]).scene
@@ -46,7 +45,6 @@ def test_an_elastic_friction_element_has_its_closed_form(F_0):
     assert found.c_t * 40 < 0.9 * 4 * limit / (np.pi * A)
 
 
-@pytest.mark.full
 def test_permanent_stick_is_the_linear_response():
     # Beyond its mean the stuck blade is linear: it moves as one on both springs of the face, K = k n n^T + k_d t t^T.
     F_0, omega, alpha = 300.0, 40.0, 1.0
@@ -93,7 +91,6 @@ def test_blades_joined_by_the_equivalents_move_as_the_first_harmonic(sampled):
 SHORT = {"n_periods": 8, "transient": 32, "method": js.RungeKutta(steps=400)}
 
 
-@pytest.mark.full
 def test_losses_are_the_work_of_the_drive():
     found = js.power(js.load("fig09_best", [*PLANE, "contact.gamma=0.3"]).scene, **SHORT)
     stored = found.work_drive - found.loss_viscous - found.loss_friction
@@ -106,7 +103,6 @@ def test_losses_are_the_work_of_the_drive():
     assert sentences_of(found) == found.mechanism
 
 
-@pytest.mark.full
 def test_what_case_switches_give_is_told():
     # On an orbit nothing is stored: what the drive and the switches under load give is lost, to the march's balance.
     scene = js.load("table1", ["contact.gamma=0.3", "drive.M_0=1"]).scene

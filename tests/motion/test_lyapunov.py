@@ -97,7 +97,6 @@ def test_there_are_as_many_exponents_as_states(overrides, moving, slider):
     assert ("slider in permanent stick" in repr(found)) == found.stuck
 
 
-@pytest.mark.full
 def test_a_slider_that_slips_has_lost_its_memory():
     # Griffin's oscillator, three states: x, its rate, and a slider that each slip sets anew.
     unit = [f"blades.{name}=1" for name in ("m", "I", "k_x", "k_y", "k_T")]

@@ -270,7 +270,6 @@ def test_odd_sweeps_draw():
     drawn(picture("sweep", holes))
 
 
-@pytest.mark.full
 def test_a_hundred_thousand_samples_stay_small(tmp_path):
     # Vector formats hold dots as one picture: 500 x 200 dots as paths would take about 6 MB.
     gamma = np.linspace(0, 10, 500)

@@ -77,7 +77,6 @@ def test_the_loop_encloses_the_work_of_friction():
     assert {line.get_color() for line in lines} == {"#8c8c8c", "#56B4E9", "#E69F00"}
 
 
-@pytest.mark.full
 def test_forces_are_shown_with_the_limit_of_friction():
     forces = panel("forces", run())
     assert [text.get_text() for text in forces.get_legend().get_texts()] == [r"$\pm\mu N$", "$N$", "$F$"]

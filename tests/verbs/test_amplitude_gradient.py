@@ -52,7 +52,6 @@ def error(found, of, value):
 
 
 @pytest.mark.release
-@pytest.mark.full
 @pytest.mark.parametrize("of", MEASURES)
 def test_derivatives_are_those_of_differences(found, of):
     exact = slopes(found, of)
@@ -97,7 +96,6 @@ def excess(omega):
     return (high + low - 2 * mean) / (high - low)
 
 
-@pytest.mark.full
 def test_a_tie_of_two_peaks_is_flagged():
     tied = float(brentq(excess, 820, 870, xtol=1e-6))  # pyright: ignore[reportArgumentType]
     near = [
@@ -111,7 +109,6 @@ def test_a_tie_of_two_peaks_is_flagged():
     assert any(np.diff([a.level, b.level]) == pytest.approx(0.01 * at, rel=1e-3) for a, b in pairwise(near))
 
 
-@pytest.mark.full
 def test_many_scenes_are_each_alone():
     gaps = [1e-5, 3e-5]
     together = js.gradient(js.scenes_from({"shroud.gap": gaps}, scene_at()), KEYS, of="x_peak", method=FINE)
@@ -121,7 +118,6 @@ def test_many_scenes_are_each_alone():
             assert together.value[key][i] == pytest.approx(alone.value[key], rel=1e-9)
 
 
-@pytest.mark.full
 def test_the_smoothed_gradient_of_an_amplitude_tends_to_the_exact_one(found):
     scene, keys = with_numbers(scene_at(), KEYS[:1]), KEYS[:1]
     plan = Plan(64, 4, 1600, 0.0, FAST)
@@ -143,7 +139,6 @@ def test_results_are_stored_with_their_flags(found, tmp_path):
     assert exact.plot() is not None
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("of", ["x_rms", "x_mean", "P"])
 def test_exact_slopes_of_a_tuning_are_those_of_its_objective(of):
     plan = Plan(64, 4, 400, 0.0, FAST._replace(amplitudes=of != "P"))
@@ -159,7 +154,6 @@ def test_exact_slopes_of_a_tuning_are_those_of_its_objective(of):
 
 
 @pytest.mark.release
-@pytest.mark.full
 def test_an_amplitude_is_tuned(tmp_path):
     scene, conditions, over = scene_at(), {"drive.F_0": [40.0, 60.0]}, {"shroud.gap": (5e-6, 2e-4)}
     search = js.SearchOptions(scan=4, n_starts=1, updates=2)

@@ -69,7 +69,6 @@ def test_permanent_stick_is_one_family():
 
 
 @pytest.mark.release
-@pytest.mark.full
 def test_a_long_transient_is_no_motion_of_its_own(tmp_path):
     # A free blade whose amplitude falls by e in 680 periods: what it does in 576 looks aperiodic, but decays.
     slow = js.load("table1", ['parts.motion=["x"]', "blades.c_x=0.02", "shroud.gap=20mm"]).scene

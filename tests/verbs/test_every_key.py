@@ -240,7 +240,6 @@ def test_flat_is_said():
     assert flat_text(np.array([np.nan, 1.0]), half[:2]) == ""
 
 
-@pytest.mark.full
 def test_a_sweep_over_the_speed_is_the_runs_of_overrides(tmp_path):
     # One march: each lane is what an override gives, stored and opened it keeps its key, and its picture is in rpm.
     small = ('parts.motion=["x"]', "parts.friction=none", "blades.zeta_x=0.2")

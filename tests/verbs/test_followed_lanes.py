@@ -102,7 +102,6 @@ def test_gradients_of_a_batch_are_those_of_a_loop(scenes, each, found):
         js.gradient(each[0], KEYS, orbit=found, **STEPS)
 
 
-@pytest.mark.full
 def test_kinds_of_gradients_are_told_by_lane():
     # Chaos beside an orbit: each has the derivative that it can have.
     base = load("table1", ["drive.F_0=60"]).scene
@@ -117,7 +116,6 @@ def test_kinds_of_gradients_are_told_by_lane():
     assert np.isfinite(got.orbit.P_d[1])
 
 
-@pytest.mark.full
 def test_exponents_of_a_batch_are_those_of_a_loop(scenes, each):
     few = {"n_periods": 8, "transient": 4, **STEPS}
     many = js.lyapunov(scenes, **few)
@@ -131,7 +129,6 @@ def test_exponents_of_a_batch_are_those_of_a_loop(scenes, each):
     assert np.all(np.isfinite(state.exponents[:, 0]))
 
 
-@pytest.mark.full
 def test_a_lane_that_stops_is_flagged_and_the_others_go_on(overflowing, found):
     with pytest.warns(LaneWarning, match="Orbit of 3 lanes, 1 failed: 2 found"):
         some = js.orbit(overflowing, **STEPS)
@@ -192,7 +189,6 @@ def test_equations_that_cannot_be_solved_are_flagged(scenes, found, monkeypatch)
         js.gradient(one.scene, ["shroud.gap"], orbit=one, **STEPS)
 
 
-@pytest.mark.full
 def test_results_come_back_from_files(found, scenes, tmp_path):
     found.save(tmp_path / "orbits.nc")
     back = js.open(tmp_path / "orbits.nc")

@@ -116,7 +116,6 @@ def wear(p: reference.Parameters, ds) -> Wear:
 
 @pytest.mark.release
 @LONG
-@pytest.mark.full
 def test_the_wear_of_the_faces_is_that_of_the_run(marched):
     p, run, swept = marched
     own, whole = wear(p, run.with_events()), run.with_events()
@@ -139,7 +138,6 @@ def test_the_wear_of_the_faces_is_that_of_the_run(marched):
 
 
 @pytest.mark.release(only=["taylor 8 1e-10, events by series, float64"])
-@pytest.mark.full
 @pytest.mark.parametrize("method", [js.RungeKutta(steps=400), js.Taylor(order=8, tolerance=1e-10)], ids=str)
 def test_blocks_that_start_pressed_together_do_not_collide(table1, method):
     got = sweep(table1, {"shroud.gap": [-2e-4]}, n_periods=1, transient=0, forces=True, method=method)
@@ -152,7 +150,6 @@ def test_blocks_that_start_pressed_together_do_not_collide(table1, method):
 
 @pytest.mark.release(only=["realistic", "realistic, series"])
 @LONG
-@pytest.mark.full
 def test_the_friction_loop_encloses_the_tallied_work(marched):
     p, run, swept = marched
     area, sprung = enclosed(p, run.with_events())
@@ -164,7 +161,6 @@ def test_the_friction_loop_encloses_the_tallied_work(marched):
 
 
 @LONG
-@pytest.mark.full
 def test_samples_are_those_of_a_run_without_events(marched):
     p, run, _ = marched
     plain = simulate(
@@ -248,7 +244,6 @@ def assert_alike(results):
 
 
 @pytest.mark.release
-@pytest.mark.full
 def test_a_sweep_shows_the_same_whatever_the_march():
     # Pressed together from the start, where contact is deepest, and touching now and then.
     scene, gaps = js.load("table1", BENDING).scene, {"shroud.gap": [-4e-4, 2e-5]}
@@ -257,7 +252,6 @@ def test_a_sweep_shows_the_same_whatever_the_march():
     assert_alike(runs)
 
 
-@pytest.mark.full
 def test_a_run_shows_the_same_whatever_the_march():
     scene = js.load("table1", BENDING).scene
     runs = [simulate(scene, n_periods=1, every=100, events=True, method=m) for m in MARCHES]
@@ -266,7 +260,6 @@ def test_a_run_shows_the_same_whatever_the_march():
 
 
 @pytest.mark.release(only=["more0"])
-@pytest.mark.full
 @pytest.mark.parametrize("more", [[], ["friction.mu=0"], ["shroud.gap=20mm"]])
 def test_margins_are_the_same_whatever_the_march(more):
     scene = js.load("table1", BENDING + more).scene
@@ -276,7 +269,6 @@ def test_margins_are_the_same_whatever_the_march(more):
     np.testing.assert_allclose(other[1:], one[1:], rtol=2e-7)
 
 
-@pytest.mark.full
 def test_without_contact_series_close_the_same_orbit():
     scene = js.load("table1", [*BENDING, "parts.contact=none"]).scene
     one, other = (js.orbit(scene, method=m) for m in MARCHES)
@@ -290,7 +282,6 @@ def test_events_are_of_one_scene_that_has_them(table1):
 
 
 @pytest.mark.release
-@pytest.mark.full
 def test_events_of_a_long_method():
     """Its trials are several kernels; as one, with what is kept of events, the compiler takes minutes."""
     how = {"n_periods": 1, "every": 100}
@@ -304,7 +295,6 @@ def test_events_of_a_long_method():
     np.testing.assert_allclose(got.t, fine.t, rtol=1e-5)
 
 
-@pytest.mark.full
 def test_a_contact_that_has_not_ended_counts_in_no_impulse():
     # The blades meet within the only period, whose end is within their contact: half an oscillation on its spring is
     # 1.1 ms, the period 0.3 ms. The longest and the mean impulse are both of no contact yet.

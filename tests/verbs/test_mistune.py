@@ -149,7 +149,6 @@ def test_slopes_of_a_linear_ring_are_its_differences():
         )
 
 
-@pytest.mark.full
 def test_a_gradient_comes_near_whiteheads_bound_in_its_own_case():
     zeta, k, m = 1e-4, 1e5, 0.08
     ring = js.load("row_ring12", [*ONE_MODE, f"blades.c_x={2 * zeta * np.sqrt(k * m)}"]).scene
@@ -268,7 +267,6 @@ def test_a_stored_run_goes_on_without_computing_again(marched, written):
         )
 
 
-@pytest.mark.full
 def test_rows_are_run_up_and_down_the_speeds_and_searched(marched):
     scene, told = js.load("row_ring12", SMALL).scene, []
     both = js.mistune(scene, ALONG, sigmas=[0.02], n_patterns=3, direction="both", **HOW)
@@ -310,7 +308,6 @@ def test_a_pattern_with_a_lane_that_stopped_is_left_out(monkeypatch):
     assert any("left out" in line for line in found.messages)
 
 
-@pytest.mark.full
 def test_the_command_writes_what_the_verb_finds_and_says_what_is_wrong(tmp_path, capsys):
     words = ["mistune", "row_ring12", "--set", 'parts.motion=["x"]', "--along", "drive.omega", "--n-patterns", "20"]
     ends = ["--start", "1000", "--stop", "1400", "--num", "21", "--linear", "stuck", "--out", str(tmp_path / "out")]
@@ -333,7 +330,6 @@ def test_the_command_writes_what_the_verb_finds_and_says_what_is_wrong(tmp_path,
         assert told in capsys.readouterr().err.splitlines()[-1]
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("direction", ["independent", "forward"])
 def test_a_long_march_is_projected_and_kept_in_a_store(direction, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(projection, "LONG_ROW_STEPS", 0)

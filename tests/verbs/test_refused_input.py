@@ -141,7 +141,6 @@ def test_a_method_is_named_in_words():
     assert choices(method, ledger=True).ledger
 
 
-@pytest.mark.full
 def test_a_method_that_was_chosen_is_told_with_its_accuracy():
     file = js.load("table1", ['parts.motion=["x"]', "run.periods=1"])
     chosen = js.method_for(file.scene, 1e-3)
@@ -184,7 +183,6 @@ def test_words_are_checked_on_the_command_line(line, expected, capsys, tmp_path,
 
 
 @pytest.mark.release
-@pytest.mark.full
 def test_explain_marches_as_the_accuracy_says(capsys):
     assert cli.main(["explain", "table1", *X[:2], "--accuracy", "balanced"]) == 0
     told = capsys.readouterr()

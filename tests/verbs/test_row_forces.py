@@ -53,7 +53,6 @@ def test_the_loads_of_a_chain_of_two_are_those_of_the_pair():
     assert (chain.time_apart[apart], chain.time_stick[stuck]) == (1, 1)
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("contact", ["spring", "smooth"])
 def test_the_loads_of_turning_blocks_are_those_of_the_pair(contact):
     # Under small moments, and pressed together at the start, faces are flat at times.
@@ -128,7 +127,6 @@ def plain_sums(run, scene, periods):
     )
 
 
-@pytest.mark.full
 def test_the_loads_of_a_ring_are_those_of_plain_sums_over_its_samples():
     scene = js.load("row_ring12", RING).scene
     run = js.simulate(scene, every=1, **FINE)

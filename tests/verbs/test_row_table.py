@@ -21,7 +21,6 @@ def ranked():
         return js.table(js.load("row_ring12", CHAIN).scene, DESIGNS, by="P_d_worst", **HOW)
 
 
-@pytest.mark.full
 def test_a_table_of_rows_is_the_sweep_of_its_designs(ranked):
     scene = js.load("row_ring12", CHAIN)
     designs = js.scenes_from({"shroud.gap[1]": [10e-6, 40e-6], "contact.gamma": [2.0, 4.0]}, scene)
@@ -46,7 +45,6 @@ def test_rows_are_ranked_and_told_in_columns_for_each_blade(ranked, tmp_path):
     np.testing.assert_array_equal(js.open(tmp_path / "table.nc").data["blade"], [0, 1, 2])
 
 
-@pytest.mark.full
 def test_a_row_too_stiff_at_one_interface_is_wrong():
     with pytest.warns(LaneWarning, match="BAD_INPUT"):
         found = js.table(js.load("row_ring12", CHAIN).scene, {"blades.k_x[2]": [1e5, 1e30]}, **HOW)
@@ -54,7 +52,6 @@ def test_a_row_too_stiff_at_one_interface_is_wrong():
     assert "too stiff" in found.reason[1]
 
 
-@pytest.mark.full
 def test_designs_are_ranked_by_the_largest_load_of_all_interfaces():
     found = js.table(js.load("row_ring12", CHAIN).scene, {"contact.gamma": [4.0, 2.0]}, by="friction_work", **HOW)
     largest = found.friction_work.max(axis=-1)

@@ -221,7 +221,6 @@ def files(path):
     return {part.relative_to(path): part.read_bytes() for part in path.rglob("*") if part.is_file()}
 
 
-@pytest.mark.full
 def test_what_is_told_of_all_directions_is_not_lost_in_silence(scene, whole, tmp_path):
     exact = Path(whole["both"].data.encoding["source"])
     path = shutil.copytree(exact, tmp_path / "a.zarr")
@@ -322,7 +321,6 @@ def words(tmp_path):
     return [*asked, *short, "--store", "zarr", "--out", str(tmp_path / "s")]
 
 
-@pytest.mark.full
 def test_the_command_stores_resumes_and_draws(words, tmp_path, capsys):
     assert cli.main(words) == 0
     out = tmp_path / "s"
@@ -346,7 +344,6 @@ def test_the_command_stores_resumes_and_draws(words, tmp_path, capsys):
     assert told.count("\n") == 1
 
 
-@pytest.mark.full
 @pytest.mark.parametrize(
     ("error", "status", "cure"),
     [((28, "No space left on device"), 1, "make room"), ((30, "Read-only"), 2, "another --out")],
@@ -376,7 +373,6 @@ def test_what_cannot_be_written_is_one_line_and_can_be_gone_on_with(
     assert js.open(tmp_path / "s" / "sweep.zarr").complete
 
 
-@pytest.mark.full
 def test_an_accuracy_is_kept_and_what_misses_it_is_marked(words, tmp_path):
     words = [*words[: words.index("--steps-per-period")], "--accuracy", "fast", *words[words.index("--store") :]]
     assert cli.main(words) == 0
@@ -410,7 +406,6 @@ def test_what_a_store_cannot_do_is_refused(words, capsys, more, told):
     assert told in capsys.readouterr().err
 
 
-@pytest.mark.full
 def test_only_large_results_are_stores_by_default(words, monkeypatch, tmp_path):
     words = [word for word in words if word not in ("--store", "zarr")]
     assert cli.main(words) == 0
@@ -420,7 +415,6 @@ def test_only_large_results_are_stores_by_default(words, monkeypatch, tmp_path):
     assert (tmp_path / "s" / "sweep.zarr").exists()
 
 
-@pytest.mark.full
 def test_scenes_and_numbers_without_samples_are_stored_too(scene, tmp_path):
     scenes = js.scenes_from({"shroud.gap": [2e-5, 3e-5, 4e-5]}, scene)
     keeps = dict(keep_samples=False, **SHORT)
@@ -442,7 +436,6 @@ def test_a_long_run_says_first_what_it_will_take(words, capsys, monkeypatch, lon
         assert line[0].endswith("sweep.zarr")
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("direction", ["forward", "both"])
 def test_a_long_run_in_a_direction_says_so_too(words, capsys, monkeypatch, direction):
     monkeypatch.setattr(projection, "LONG_RUN_STEPS", 0)

@@ -86,7 +86,6 @@ def test_exact_slopes_are_those_of_the_objective(scene):
         np.testing.assert_allclose(slope[..., i], (up - down) / 2e-4, rtol=1e-4, atol=1e-3)
 
 
-@pytest.mark.full
 def test_chaos_is_noticed():
     # Control: a chaotic design pushes its state apart.
     scene = vary(load("table1", ["drive.M_0=100"]).scene, "contact.gamma", 5.5)
@@ -96,7 +95,6 @@ def test_chaos_is_noticed():
     assert exact_slopes(problem, u, quiet)[1].min() > MAX_GROWTH
 
 
-@pytest.mark.full
 def test_limits_are_kept(scene, tuned):
     force = 0.5 * tuned.checks["four times as long"].force[0]
     held = tune(scene, OVER, conditions={"drive.F_0": [40.0, 60.0]}, most_force=force, **SHORT)
@@ -132,7 +130,6 @@ def test_scaled_variables():
     np.testing.assert_allclose(problem.rates(u), slope, rtol=1e-8)
 
 
-@pytest.mark.full
 def test_three_numbers_need_no_power_of_two(scene):
     over = {**OVER, "friction.mu": (0.1, 0.9)}
     small = {**SHORT, "search": SEARCH._replace(scan=6, updates=1), "n_periods": 2, "transient": 2}
@@ -154,7 +151,6 @@ TINY_SEARCH = js.SearchOptions(scan=8, n_starts=1, updates=1)
 TINY = {"search": TINY_SEARCH, "n_periods": 4, "transient": 4, "method": js.RungeKutta(steps=100)}
 
 
-@pytest.mark.full
 def test_designs_that_stop_do_not_spoil_the_search(scene):
     # Most starts are so far out that the squares of the numbers overflow.
     found = tune(scene, {"initial.x[0]": (1e-6, 1e200)}, **{**TINY, "search": js.SearchOptions(16, 8, 2)})
@@ -165,7 +161,6 @@ def test_designs_that_stop_do_not_spoil_the_search(scene):
     assert found.objective >= found.scanned_scores.max()
 
 
-@pytest.mark.full
 def test_an_optimum_at_its_bound_is_told(scene):
     # The stiffer a soft contact, the more vibration it takes out.
     found = tune(scene, {"contact.gamma": (0.01, 0.02)}, **{**TINY, "search": TINY_SEARCH._replace(scan=64)})
@@ -196,7 +191,6 @@ def test_wrong_limits_are_told(scene):
         tune(scene, {"shroud.gap": (1e-6, float("inf"))})
 
 
-@pytest.mark.full
 def test_penetration_within_steps():
     # Between the ends of steps by the cubic through v and v' there: an error of fourth order. At their ends alone, the
     # control, it is of second order at best.
@@ -211,7 +205,6 @@ def test_penetration_within_steps():
     assert ends[1] > ends[0] / 8
 
 
-@pytest.mark.full
 def test_a_tuning_comes_back_from_its_file(scene, tmp_path):
     over = {"shroud.gap": (2e-5, 4e-5), "contact.gamma": (1.0, 2.0)}
     found = tune(scene, over, conditions={"drive.F_0": [40.0, 60.0]}, **TINY)
@@ -231,7 +224,6 @@ def test_a_tuning_comes_back_from_its_file(scene, tmp_path):
     np.testing.assert_array_equal(again, was)  # the file holds all that was simulated
 
 
-@pytest.mark.full
 def test_a_tuning_starts_where_it_is_told(scene, tmp_path):
     # 1 mm apart at first, and no transient: the first periods count.
     over, far = {"shroud.gap": (2e-5, 4e-5)}, initial_state(js.AT_REST._replace(x=jnp.asarray([-1e-3, 0.0])))
@@ -243,7 +235,6 @@ def test_a_tuning_starts_where_it_is_told(scene, tmp_path):
         problem_from_result(open_result(tmp_path / "tuned.nc"))
 
 
-@pytest.mark.full
 def test_an_infeasible_tuning_is_an_error_if_asked(scene):
     over = {"shroud.gap": (2e-5, 4e-5)}
     with pytest.raises(js.NumericalError, match="does not keep the limits"):
