@@ -1,10 +1,8 @@
-"""Many lanes over many periods, in chunks on one thread per core, and the projected cost of a long run."""
+"""Many lanes over many periods, in chunks on one thread per core."""
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from time import perf_counter, process_time
 from typing import Any
 
 import equinox as eqx
@@ -245,107 +243,6 @@ def _part_of_period(lanes: Any, clock: Clock) -> float:
     return float(np.mean(part))
 
 
-def zeno_warning(scenes: Scene, runs: Runs, plan: Plan) -> str | None:
-    """The report on the first lane (leading axis) that stopped with TOO_MANY_EVENTS."""
-    if scenes.parts.contact == "none":
-        return None
-    whole = np.isfinite(runs.samples.power[..., 0]).sum(axis=-1)
-    period = np.where((whole > 0) | (plan.transient == 0), plan.transient + whole + 1, 0)
-    return zeno_report(scenes, runs.last, period, plan.clock, plan.method)
-
-
 def in_float64(a) -> np.ndarray:
     """An array, in float64 if its numbers are real."""
     return np.asarray(a, float) if np.issubdtype(np.asarray(a).dtype, np.floating) else np.asarray(a)
-
-
-def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, method: Choices) -> str | None:
-    """One line on the first lane that stopped with TOO_MANY_EVENTS: which events alternate; None if there is none.
-
-    The lane continues from where it stopped until it stops again: the events of that time are those that alternate.
-
-    Args:
-        scenes: Scenes with a leading lane axis.
-        last: The lanes at the end, with the same axis.
-        period: The number of the period in which each lane stopped, (lanes,); 0 if it is unknown.
-        clock: The time grid.
-        method: The options of the march.
-    """
-    stopped = np.flatnonzero(np.asarray(last.status) == Status.TOO_MANY_EVENTS)
-    if not len(stopped):
-        return None
-    # as many as the compiled program has
-    copies = np.full(1 if len(period) == 1 else lanes_per_call(scenes.layout), stopped[0])
-    scene, lane = jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[copies]), (scenes, last))
-    places = lambda lane: (lane.status, lane.search.events)
-    again = eqx.tree_at(places, lane, (jnp.zeros_like(lane.status), jnp.zeros_like(lane.search.events)))
-    after: Any = run_periods(scene, again, clock, 1, method, CallPace(1024), lambda _: None, keep=False)[0]
-    counts = [vars(run_log(of).counters) for of in (lane, after)]
-    more = {n: int(np.sum(counts[1][n][0] - a[0])) for n, a in counts[0].items()}
-    events = ", ".join(f"{n} {name}" for name, n in sorted(more.items(), key=lambda item: -item[1]) if n)
-    done = (float(lane.step[0]) + float(lane.search.done[0])) / float(clock.per_period)
-    when = f"period {period[stopped[0]]}" if period[stopped[0]] else "a period of the transient"
-    cure = 'reading = "consistent", as misprinted forces contradict each other where cases meet'
-    if not scene.contact.reading:
-        cure = f"{2 * round(float(clock.per_period))} steps a period, or another tableau"
-    return f"at {done:.6f} of {when} these events follow each other without an end: {events}; try {cure}"
-
-
-PROJECTED_PERIODS = 16  # of the transient, and of the kept part, of the sampled lanes
-MAX_SAMPLED_CHUNKS = 16  # that are timed
-TRIAL_SECONDS = 10.0  # after which a trial ends wherever it is: of rows a single period may take longer
-TRIAL_SHARE = 0.1  # of a run, after which its trial ends as well
-
-
-class _EnoughError(Exception):
-    """A trial has run for long enough."""
-
-
-def projected_seconds(
-    scenes: Scene, plan: Plan, seed: int = 0, *, beside: int | None = None, progress: Progress | None = None
-) -> float:
-    """The processor time that lanes will take [s], from randomly drawn chunks.
-
-    The chunks are those of the run: the lanes of a chunk wait for each other, and neighbours do so less than others. A
-    first run compiles the program of all lanes.
-
-    Args:
-        scenes: The lanes.
-        plan: The plan of the run.
-        seed: The seed of the draw.
-        beside: How many lanes are run at once where values are continued one by one; None: all.
-        progress: Called with (lane-periods done, lane-periods in all) of this measurement.
-    """
-    count, chunk = len(scenes.drive.omega), lanes_per_call(scenes.layout)
-    width = beside or chunk
-    starting = np.arange(0, count, width)
-    brief = replace(plan, transient=PROJECTED_PERIODS, kept=PROJECTED_PERIODS)
-    places = min(len(starting), MAX_SAMPLED_CHUNKS, max(MAX_SAMPLED_CHUNKS * chunk // width, 1))
-    firsts = np.random.default_rng(seed).choice(starting, places, replace=False)
-    some = [np.arange(first, min(first + width, count)) for first in firsts]
-    pieces = [np.concatenate(some)] if beside is None else some
-    whole = count * (plan.transient + plan.kept)
-    ticker = Ticker(sum(map(len, pieces)) * (brief.transient + brief.kept), progress)
-    _processor_seconds(scenes, pieces[0][:2], replace(plan, transient=0, kept=1), Ticker(0, None), 0.0, 0.0)
-    taken = 0.0
-    for i, piece in enumerate(pieces, 1):
-        most = TRIAL_SECONDS / len(pieces), TRIAL_SHARE * whole * i / len(pieces)
-        taken += _processor_seconds(scenes, piece, brief, ticker, *most)
-    return taken / ticker.done * whole
-
-
-def _processor_seconds(
-    scenes: Scene, some: np.ndarray, plan: Plan, ticker: Ticker, seconds: float, lane_periods: float
-) -> float:
-    """The processor time that some of the lanes take [s], in so many seconds at most, or until so much is done."""
-    lanes = jax.tree.map(lambda a: np.asarray(a)[some], scenes)
-    began, end = process_time(), perf_counter() + seconds
-
-    def tick(more: int | float) -> None:
-        ticker(more)
-        if ticker.done > 0 and (perf_counter() > end or ticker.done >= lane_periods):
-            raise _EnoughError
-
-    with suppress(_EnoughError):
-        run_lanes(lanes, initial_states(lanes), plan, tick)
-    return process_time() - began

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxshroud.batch.periods import PERIODS_PER_CALL, Sample
-from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, run_lanes, zeno_warning
+from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, run_lanes
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.states import final_states
+from jaxshroud.batch.zeno import zeno_warning
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, Method
 from jaxshroud.model.linear import power_reduction

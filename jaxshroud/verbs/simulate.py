@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.closed_form import free_samples
-from jaxshroud.batch.runs import Progress, Ticker, zeno_report
+from jaxshroud.batch.runs import Progress, Ticker
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.size_limits import STEP_BYTES, check_memory
 from jaxshroud.batch.trajectories import Trajectories, trajectories
+from jaxshroud.batch.zeno import zeno_report
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import REFERENCE, Choices, Method
 from jaxshroud.march.observables import is_unbalanced

@@ -9,9 +9,10 @@ import numpy as np
 
 from jaxshroud.batch.continuation import SweepHandover, continued_runs, independent_runs
 from jaxshroud.batch.periods import LANES_PER_CALL
-from jaxshroud.batch.runs import Plan, Runs, Ticker, in_float64, zeno_warning
+from jaxshroud.batch.runs import Plan, Runs, Ticker, in_float64
 from jaxshroud.batch.states import final_states
 from jaxshroud.batch.threads import Interrupted
+from jaxshroud.batch.zeno import zeno_warning
 from jaxshroud.io.scene_numbers import dimension
 from jaxshroud.march.stability import steps_for
 from jaxshroud.march.tally import ContactTimes

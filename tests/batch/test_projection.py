@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch import runs
+from jaxshroud.batch import projection
 from jaxshroud.batch.periods import lanes_per_call
 from jaxshroud.batch.runs import Plan
 from jaxshroud.march.method import FAST
@@ -20,12 +20,12 @@ def test_a_projection_is_as_long_as_the_run():
     )
     times = iter(range(8))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runs, "process_time", lambda: float(next(times)))
-        patch.setattr(runs, "TRIAL_SECONDS", np.inf)
-        patch.setattr(runs, "TRIAL_SHARE", np.inf)
-        one, ten = (runs.projected_seconds(lanes, replace(plan, kept=kept)) for kept in (8, 98))
+        patch.setattr(projection, "process_time", lambda: float(next(times)))
+        patch.setattr(projection, "TRIAL_SECONDS", np.inf)
+        patch.setattr(projection, "TRIAL_SHARE", np.inf)
+        one, ten = (projection.projected_seconds(lanes, replace(plan, kept=kept)) for kept in (8, 98))
     assert ten == pytest.approx(10 * one)
-    assert one == pytest.approx(10 / (2 * runs.PROJECTED_PERIODS))  # a second for the periods that are timed
+    assert one == pytest.approx(10 / (2 * projection.PROJECTED_PERIODS))  # a second for the periods that are timed
 
 
 # Half a second compiles. A tenth of 20 chunks of 2 periods is 4 periods of a chunk; else the trial ends beyond 10 s.
@@ -43,8 +43,8 @@ def test_a_trial_ends_after_a_share_of_the_run_or_some_seconds(periods, seconds)
 
     with pytest.MonkeyPatch.context() as patch:
         for name in ("process_time", "perf_counter"):
-            patch.setattr(runs, name, lambda: clock[0])
-        patch.setattr(runs, "run_lanes", run_lanes)
-        projected = runs.projected_seconds(lanes, Plan(0, periods, 100, 0.0, FAST))
+            patch.setattr(projection, name, lambda: clock[0])
+        patch.setattr(projection, "run_lanes", run_lanes)
+        projected = projection.projected_seconds(lanes, Plan(0, periods, 100, 0.0, FAST))
     assert projected == pytest.approx(20 * periods * 3 * 0.5)
     assert clock[0] == pytest.approx(seconds)
