@@ -1,4 +1,5 @@
 from .batch.cache import cache_compilations as cache_compilations
+from .batch.flow_states import Flow as Flow
 from .batch.rollout import Moment as Moment
 from .batch.rollout import Rollout as Rollout
 from .batch.rollout import most_trials as most_trials
@@ -6,7 +7,6 @@ from .batch.rollout import period_map as period_map
 from .batch.rollout import rollout as rollout
 from .batch.sweepfunction import Strobe as Strobe
 from .batch.sweepfunction import sweep_function as sweep_function
-from .batch.tangents import Flow as Flow
 from .batch.threads import Interrupted as Interrupted
 from .batch.xla import FOR_SERIES as FOR_SERIES
 from .io.lane_status import AccuracyWarning as AccuracyWarning

@@ -6,8 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.batch.blocks import run_block
 from jaxshroud.batch.periods import Clock, at_start_of_period, one_call
-from jaxshroud.batch.rows import RowSample, begin_rows, run_row_block
+from jaxshroud.batch.rows import ROW_KERNELS, RowSample, begin_rows
 from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.method import Choices
 from jaxshroud.march.row_carry import RowLane
@@ -63,7 +64,7 @@ def run_rows(scenes: list[Scene], periods: int, steps: int, method: Choices = EX
 def block_of_periods(batch: Any, lanes: Any, clock: Clock, n: int, method: Choices) -> tuple[Any, RowSample]:
     """The rows after `n` periods, in one call, and a block of samples."""
     begin = at_start_of_period(lanes)
-    end, _, samples = run_row_block(batch, begin, clock, one_call(n), method, BLOCK, best_mapping())
+    end, _, samples = run_block(batch, begin, clock, one_call(n), method, BLOCK, best_mapping(), ROW_KERNELS)
     return end.lanes, samples
 
 

@@ -12,13 +12,17 @@ from jaxtyping import Array, ArrayLike, Float, Int
 
 from jaxshroud.batch.cubics import RunningAmplitudes, SampledAmplitudes
 from jaxshroud.batch.free_extent import free_extent, free_means
+from jaxshroud.batch.march_protocol import March
+from jaxshroud.batch.operation_count import TrialSize
 from jaxshroud.batch.periods import Sample, begin_lanes
+from jaxshroud.batch.plan import Plan, Runs, Tick, run_log
 from jaxshroud.batch.sampling import MAX_UNKEPT, SAMPLES_PER_BLOCK, SampleGrid
 from jaxshroud.batch.size_limits import check_memory
 from jaxshroud.batch.states import carried_state
+from jaxshroud.batch.stretches import Trajectories
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
-from jaxshroud.march.tally import ContactPeaks, ContactTimes, Impacts
+from jaxshroud.march.tally import ContactPeaks, ContactTimes, Counters, Impacts
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, sine_versine
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import free_components, free_motion, free_propagators, steady_amplitudes
@@ -47,7 +51,7 @@ def nodes_needed(scenes: Scene) -> int:
 def free_runs(
     scenes: Scene, states: State, transient: int, kept: int, phase: float, method: Choices, begin: ArrayLike = 0.0
 ):
-    """The samples and the final lanes of scenes (leading axis) without contact; see `runs.Runs`.
+    """The samples and the final lanes of scenes (leading axis) without contact; see `Runs`.
 
     Args:
         scenes: The scenes.
@@ -74,6 +78,26 @@ def free_runs(
         loads, impacts = ContactLoads(*[zeros] * 4), Impacts(*[zeros] * 7)
         samples = samples._replace(forces=ContactPeaks(zeros, zeros), loads=loads, impacts=impacts)
     return jax.tree.map(np.asarray, (samples, lanes))
+
+
+def closed_form_runs(march: March, scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
+    """The runs of lanes (leading axis) without contact."""
+    begin = np.where(arrived, plan.phase, 0.0)
+    samples, last = free_runs(scenes, states, plan.transient, plan.kept, plan.phase, plan.method, begin)
+    ticker(len(arrived) * (plan.transient + plan.kept))
+    log = run_log(last)
+    return Runs(march.sample(samples), jax.tree.map(np.zeros_like, log), log, last)
+
+
+def no_steps(method: Choices) -> None:
+    """The method that steps through the closed form: none."""
+    del method
+
+
+def no_trial(scene: Scene, method: Choices) -> TrialSize:
+    """The size of a trial step of the closed form."""
+    del scene, method
+    return TrialSize(0, 0)
 
 
 @kept("periods", "nodes", "amplitudes", "vibration")
@@ -109,6 +133,23 @@ def _closed_form_samples(
         return sample, carried_state(last, prepared_model(scene)), status, times[-1] - times[0]
 
     return jax.vmap(one)(scenes, states, begin)
+
+
+def free_trajectories(
+    march: March, scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Tick
+) -> Trajectories:
+    """The trajectories of lanes (leading axis) without contact, which take no steps."""
+    del march, method, ticker
+    motion, amplitudes, status = free_samples(scenes, states.motion, grid)
+    shape = motion.x.shape[:2]
+    apart, zero = np.zeros(shape, np.int32), np.zeros(shape[0])
+    return Trajectories(
+        samples={"motion": motion, "u_s": np.full(shape, np.nan), "mode": apart, "case": apart},
+        amplitudes=amplitudes,
+        status=status,
+        counters=dict.fromkeys(Counters.__annotations__, np.zeros(shape[0], int)),
+        energy={"energy_residual": zero, "energy_dropped": zero},
+    )
 
 
 def free_samples(scenes: Scene, first: Motion, grid: SampleGrid) -> tuple[Motion, SampledAmplitudes, np.ndarray]:

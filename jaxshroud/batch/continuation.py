@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Runs, Ticker, completed_runs, initial_states, run_lanes, select_lanes
-from jaxshroud.batch.states import final_states
+from jaxshroud.batch.plan import Plan, Runs, Ticker, completed_runs
+from jaxshroud.batch.runs import run_lanes
+from jaxshroud.batch.states import final_states, initial_states
+from jaxshroud.batch.stepped_runs import select_lanes
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State

@@ -21,9 +21,9 @@ from jaxtyping import Array, Int
 
 from jaxshroud.batch.duals import Dual, dual_lanes
 from jaxshroud.batch.flow_states import Flow
+from jaxshroud.batch.flows import begin_flow, dual_flow_constants, end_flow, flow_constants, mean_over
 from jaxshroud.batch.periods import LaneSelector, advance, march, whole_tree
 from jaxshroud.batch.stopped import replaced_where
-from jaxshroud.batch.tangents import begin_flow, dual_flow_constants, end_flow, flow_constants, mean_over
 from jaxshroud.batch.xla import (
     FOR_SERIES,
     accepts_options,

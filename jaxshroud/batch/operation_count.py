@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from jaxshroud.batch.periods import advance, begin_lanes
 from jaxshroud.batch.rows import row_models, rows_at_start
-from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import one_lane, vmapped
 from jaxshroud.march.carry import Fixed, Lane, time_grid
 from jaxshroud.march.method import Choices
@@ -39,22 +39,31 @@ class TrialSize(NamedTuple):
     operations: int  # arithmetic, comparisons and selections, as XLA receives them
 
 
-def trial_size(scene: Scene, method: Choices) -> TrialSize:
-    """The size of a trial step, which is not executed."""
-    numbers, operations = map(int, _trial_size(scene, method))
-    return TrialSize(numbers, operations)
+def size_of_pair_trial(scene: Scene, method: Choices) -> TrialSize:
+    """The size of a trial step of a pair, which is not executed."""
+    return TrialSize(*map(int, _size_of_pair_trial(scene, method)))
+
+
+def size_of_row_trial(scene: Scene, method: Choices) -> TrialSize:
+    """The size of a trial step of a row, which is not executed."""
+    return TrialSize(*map(int, _size_of_row_trial(scene, method)))
+
+
+# The sizes are constants of programs: those of a kept one are read, not counted.
 
 
 @kept("method")
-def _trial_size(scene: Scene, method: Choices) -> TrialSize:
-    """The same as constants of a program: those of a kept one are read, not counted."""
-    if scene.row is not None:
-        lanes, fixed = jax.eval_shape(partial(_first_row_trial, method=method), scene)
-        traced = jax.make_jaxpr(lambda lanes, fixed: row_trial(lanes, fixed, method, vmapped))(lanes, fixed)
-        return TrialSize(sum(a.size for a in jax.tree.leaves(lanes)), sum(_counted(traced.jaxpr, of_elements=True)))
+def _size_of_pair_trial(scene: Scene, method: Choices) -> TrialSize:
     lanes, fixed = _shapes_of_trial(scene, method)
     traced = jax.make_jaxpr(lambda lanes, fixed: advance(lanes, fixed, method, vmapped))(lanes, fixed)
     return TrialSize(len(jax.tree.leaves(lanes)), sum(_counted(traced.jaxpr)))
+
+
+@kept("method")
+def _size_of_row_trial(scene: Scene, method: Choices) -> TrialSize:
+    lanes, fixed = jax.eval_shape(partial(_first_row_trial, method=method), scene)
+    traced = jax.make_jaxpr(lambda lanes, fixed: row_trial(lanes, fixed, method, vmapped))(lanes, fixed)
+    return TrialSize(sum(a.size for a in jax.tree.leaves(lanes)), sum(_counted(traced.jaxpr, of_elements=True)))
 
 
 def lowered_operations(scene: Scene, method: Choices) -> float:

@@ -10,9 +10,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxshroud.batch.states import carried_state, with_zeros
+from jaxshroud.batch.states import by_blade, by_interface, carried_state, with_zeros
 from jaxshroud.batch.xla import compiled, repeated_while, stage_groups
-from jaxshroud.march.carry import EachLane, Fixed, Lane, LaneTree, TimeGrid, running, time_grid
+from jaxshroud.march.carry import EachLane, Lane, LaneTree, TimeGrid, running, time_grid
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import energy_residual, is_unbalanced, total_energy
 from jaxshroud.march.stepper import StageGroups, alone, begin_lane, stepper_for
@@ -104,7 +104,7 @@ def lanes_per_call(layout: Layout) -> int:
 class Sample(NamedTuple):
     """One period of one lane: the motion at its end and its integrals; NaN once the lane has stopped.
 
-    In compiled functions numbers of blades are pairs, and those of contact have no axis; see `batch.march_programs`.
+    In compiled functions numbers of blades are pairs, and those of contact have no axis; see `batch.march_protocol`.
     """
 
     motion: Motion
@@ -124,6 +124,14 @@ class Sample(NamedTuple):
     extent: Any = None  # `DisplacementRange` of the period
     means: Any = None  # `Means` over the period, each number for the left block or for every block of a row
     times: Any = None  # `ContactTimes` of the period
+
+
+def pair_sample(sample: Sample) -> Sample:
+    """Samples of pairs with axes of blades and interfaces."""
+    contact = ("friction", "switched", "forces", "loads", "impacts", "times")
+    along = {name: by_interface(getattr(sample, name)) for name in contact}
+    means = by_interface(sample.means)  # of the left block alone
+    return by_blade(sample._replace(**along, means=means))
 
 
 class Clock(NamedTuple):
@@ -253,61 +261,6 @@ def _total_energies(lanes: Lane, models: Model) -> Float[Array, " lanes"]:
     return jax.vmap(lambda lane, m: total_energy(lane.state, m))(lanes, models)
 
 
-@compiled("method", "block", "each")
-def run_block(
-    scenes: Scene, begin: Interim, clock: Clock, limits: CallLimits, method: Choices, block: int, each: EachLane
-) -> tuple[Interim, Int[Array, ""], Sample]:
-    """Run up to `block` periods of every lane.
-
-    Args:
-        scenes: Scenes with a leading lane axis.
-        begin: The lanes to continue, with the same axis.
-        clock: The time grid, common to all lanes.
-        limits: What is done at most.
-        method: The options of the march.
-        block: The length of the sample axis.
-        each: How a function of one lane is applied to all.
-
-    Returns:
-        The lanes at the end, how many periods have ended, and the samples of these with axes (period, lane); further
-        ones are meaningless.
-    """
-    models, periods = _models(scenes)
-    grids = clock.grids(periods)
-
-    def one(carry, i):
-        (lanes, energies, inside), passes = carry
-        on = (i < limits.most) & (passes > 0)
-        lanes, energies = select_tree(on & ~inside, _begin_period(lanes, models), (lanes, energies))
-        stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
-        lanes, passes = march(lanes, Fixed(models, grids, stops), method, each, passes=passes)
-        over = on & ~jnp.any(running(lanes, stops))
-        lanes = with_clock_reset(lanes, over & (lanes.step == clock.steps))
-        lanes, sample = _end_period(lanes, energies, models, periods, clock.per_period, ended=over)
-        return (Interim(lanes, energies, (on | inside) & ~over), passes), (sample, over)
-
-    (end, _), (samples, over) = lax.scan(one, (begin, limits.passes), jnp.arange(block, dtype=jnp.int32))
-    return end, jnp.sum(over, dtype=jnp.int32), samples
-
-
-def _models(scenes: Scene) -> tuple[Model, Float[Array, " lanes"]]:
-    """The constants of lanes, and their drive periods."""
-    return jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
-
-
-def period_function(scenes: Scene, clock: Clock, method: Choices, each: EachLane) -> Callable[..., tuple[Lane, Sample]]:
-    """A function of lanes and a flag that, if the flag is set, runs a period of the lanes that have not stopped."""
-    models, periods = _models(scenes)
-
-    def run(lanes: Lane, on: Any) -> tuple[Lane, Sample]:
-        stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
-        lanes, energies = _begin_period(lanes, models)
-        lanes, _ = march_steps(lanes, Fixed(models, clock.grids(periods), stops), clock.steps, method, each)
-        return _end_period(lanes, energies, models, periods, clock.per_period)
-
-    return run
-
-
 @compiled("method")
 def begin_lanes(scenes: Scene, states: State, method: Choices) -> Lane:
     """The lanes at their start from `states`."""
@@ -317,3 +270,22 @@ def begin_lanes(scenes: Scene, states: State, method: Choices) -> Lane:
 def _begin_lane(scene: Scene, state: State, method: Choices) -> Lane:
     model = prepared_model(scene)
     return begin_lane(carried_state(state, model), model, method)
+
+
+def lane_models(scenes: Scene) -> tuple[Model, Float[Array, " lanes"]]:
+    """The constants of lanes, and their drive periods [s]."""
+    return jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
+
+
+def begun_pairs(lanes: Lane, models: Model, each: EachLane) -> tuple[Lane, Float[Array, " lanes"]]:
+    """Pairs at the start of a period, and the energies that they store [J]."""
+    del each
+    return _begin_period(lanes, models)
+
+
+def ended_pairs(
+    lanes: Lane, energies: Any, models: Model, periods: Any, steps: Any, each: EachLane, ended: Any = True
+) -> tuple[Lane, Sample]:
+    """Pairs at the end of a period of so many `steps`, if it has `ended`, and its samples."""
+    del each
+    return _end_period(lanes, energies, models, periods, steps, ended)

@@ -8,7 +8,9 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.periods import lanes_per_call
-from jaxshroud.batch.runs import Plan, Progress, Ticker, initial_states, run_lanes
+from jaxshroud.batch.plan import Plan, Progress, Ticker
+from jaxshroud.batch.runs import run_lanes
+from jaxshroud.batch.states import initial_states
 from jaxshroud.scene.scene import Scene
 
 PROJECTED_PERIODS = 16  # of the transient, and of the kept part, of the sampled lanes

@@ -13,13 +13,14 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from jaxshroud.batch.differentiable_samples import Schedule, differentiable_samples, trial_counts
 from jaxshroud.batch.flow_states import Flow
+from jaxshroud.batch.flows import begin_flow, end_flow, flow_constants
 from jaxshroud.batch.input_status import Admitted, admit, require_single_scene, status_if_admitted
+from jaxshroud.batch.marches import require_march
 from jaxshroud.batch.periods import march_steps
 from jaxshroud.batch.row_flow import RowFlow, check_row_start, row_flow
-from jaxshroud.batch.runs import initial_states
-from jaxshroud.batch.states import as_arrays, carried_state
+from jaxshroud.batch.states import as_arrays, carried_state, initial_states
 from jaxshroud.batch.stopped import distinct_where, nan_where, where_going
-from jaxshroud.batch.tangents import as_differentiable, begin_flow, end_flow, flow_constants
+from jaxshroud.batch.tangents import as_differentiable
 from jaxshroud.batch.xla import one_lane, vmapped
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
 from jaxshroud.march.observables import contact_forces
@@ -176,7 +177,7 @@ def _sample_times(begin: Admitted, schedule: Schedule) -> tuple[Float[Array, " s
 def _row_rollout(scene: Scene, state: State, schedule: Schedule, save: Callable[[Moment], PyTree]) -> Rollout:
     if schedule.most_trials is not None:
         require_capability("Argument `most_trials`", scene.layout)
-    check_row_start(scene, state, schedule.method)
+    check_row_start(scene, state)
     begin = admit(scene, state, schedule.steps, schedule.method)
     flow = row_flow(begin.scene, begin.start, schedule)
     f = flow.at.forces
@@ -214,6 +215,7 @@ def most_trials(
     require_capability("`most_trials`", scene.layout)
     require_single_scene("most_trials", scene)
     schedule = _schedule(n_periods, None, method, MAX_COUNT)
+    require_march(scene, schedule.method)
     counts = trial_counts(*one_lane(_in_method_precision(scene, state, schedule.method)), schedule)
     if is_traced(counts):
         raise InputError("Call `most_trials` outside jax.jit, and give its number to `rollout`.")

@@ -8,20 +8,15 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from jaxshroud.batch.blocks import period_function
 from jaxshroud.batch.differentiable_samples import Schedule, batching_by_lanes, skip_samples
 from jaxshroud.batch.periods import Clock
 from jaxshroud.batch.row_samples import RowSamples, next_row_sample
-from jaxshroud.batch.rows import (
-    lanes_first,
-    row_models,
-    row_period_function,
-    rows_at_start,
-)
+from jaxshroud.batch.rows import ROW_KERNELS, lanes_first, row_models, rows_at_start
 from jaxshroud.batch.xla import best_mapping, compiled, one_lane
 from jaxshroud.march.derivative_limits import values_only
 from jaxshroud.march.method import Choices
 from jaxshroud.march.row_carry import tally_of_new_period
-from jaxshroud.march.stepper import require_row_contact
 from jaxshroud.march.tally import EventMargins
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -39,11 +34,9 @@ class RowFlow(NamedTuple):
     margins: EventMargins  # so far, at all interfaces
 
 
-def check_row_start(scene: Scene, state: State, method: Choices) -> None:
-    """Raise InputError if the method cannot march a row, or the state is not one of such a row."""
-    assert scene.row is not None
-    require_row_contact(scene.parts.contact, method)
-    sizes = scene.row.blades, scene.row.interfaces
+def check_row_start(scene: Scene, state: State) -> None:
+    """Raise InputError if the state is not one of such a row."""
+    sizes = scene.layout.blades, scene.layout.interfaces
     if (jnp.shape(state.motion.x), jnp.shape(state.u_s)) != ((sizes[0],), (sizes[1],)):
         raise InputError("Argument `state` must have the motion of {} blades and contact at {}.".format(*sizes))
 
@@ -104,7 +97,7 @@ def row_strobe(scenes: Scene, states: State, transient: int, kept: int, steps: i
 
     def run(scenes: Scene, states: State) -> RowStrobe:
         each = best_mapping()
-        period = row_period_function(scenes, Clock.from_phase_0(steps), method, each)
+        period = period_function(scenes, Clock.from_phase_0(steps), method, each, ROW_KERNELS)
 
         def one(lanes: Any, _: Any) -> Any:
             lanes, sample = period(lanes, True)

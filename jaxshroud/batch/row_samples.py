@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 from jaxshroud.batch.cubics import SampledAmplitudes
 from jaxshroud.batch.pace import CallPace
 from jaxshroud.batch.periods import CallLimits, Clock, Interim, first_passes, select_tree
+from jaxshroud.batch.plan import Tick
 from jaxshroud.batch.rows import (
     begin_rows,
     energies_in_rows,
@@ -22,7 +23,7 @@ from jaxshroud.batch.rows import (
     updated_slider,
 )
 from jaxshroud.batch.sampling import SampleGrid, Stretch
-from jaxshroud.batch.stretches import march_in_stretches
+from jaxshroud.batch.stretches import SampledLanes, march_in_stretches, values_by_name
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, TimeGrid, running
 from jaxshroud.march.method import Choices
@@ -34,6 +35,7 @@ from jaxshroud.model.arithmetic import ABSENT, filled, sincos_turns
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.row import RowModel, over, pair_states
+from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 
 
@@ -195,3 +197,15 @@ def march_row_samples(scenes: Scene, states: State, grid: SampleGrid, method: Ch
     run = march_in_stretches(march, scenes, lanes, first, grid, lambda samples: samples.state.motion)
     energies = before, np.asarray(stored_energies_of_rows(scenes, run.lanes, each))
     return SampledRows(run.samples, run.amplitudes, host(run.lanes), energies)
+
+
+def sampled_rows(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> SampledLanes:
+    """March rows (leading axis) and keep samples with the loads; `tick` gets the number of further steps."""
+    marched = march_row_samples(scenes, states, grid, method._replace(loads=True), tick)
+    values = values_by_name(*marched.samples)
+    return SampledLanes(values, marched.amplitudes, marched.last, marched.energies, None)
+
+
+def motions_of_rows(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> Motion:
+    """The motion of the samples of rows (leading axis) alone."""
+    return march_row_samples(scenes, states, grid, method, tick).samples.state.motion

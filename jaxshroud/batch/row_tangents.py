@@ -15,8 +15,10 @@ from jaxtyping import Array, Int
 
 from jaxshroud.batch.duals import Dual, differentiable
 from jaxshroud.batch.flow_states import FlowWithMoments, canonical_slider
+from jaxshroud.batch.flows import FlowPrograms
 from jaxshroud.batch.periods import CallLimits, periods_within
 from jaxshroud.batch.rows import carried_row, lanes_first, lanes_last, march_rows, row_models
+from jaxshroud.batch.states import by_blade
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, PerLane, time_grid
 from jaxshroud.march.events import place_contact
@@ -28,6 +30,8 @@ from jaxshroud.model.modes import FLAT, Status
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.row import RowModel, clusters, over, pair_states
 from jaxshroud.scene.scene import Scene
+
+ROW_LANES_PER_FLOW = (16, 16)  # of rows, whose kernels have as many numbers again for each blade
 
 
 @compiled("method")
@@ -121,3 +125,6 @@ def canonical_row(state: State, model: RowModel, each: EachLane) -> State:
 
     u_s = over(each, slider, pair_states(state, model.closed), model.interfaces)
     return State(motion, u_s, state.mode, state.case)
+
+
+ROW_FLOWS = FlowPrograms(begin_row_flows, row_flow_with_tangents, end_row_flows, by_blade, ROW_LANES_PER_FLOW)

@@ -4,17 +4,17 @@ Outside, arrays have the axis of lanes first, as everywhere; inside the compiled
 `model.row`.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.periods import CallLimits, Clock, Interim, Sample, select_tree, with_clock_reset
+from jaxshroud.batch.blocks import PeriodKernels
+from jaxshroud.batch.periods import Sample
+from jaxshroud.batch.stretches import EnergyBalance
 from jaxshroud.batch.xla import best_mapping, compiled, repeated_while
 from jaxshroud.march.carry import EachLane, running
 from jaxshroud.march.method import Choices
@@ -169,45 +169,20 @@ def _end_row_period(
     return lanes, jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
 
 
-@compiled("method", "block", "each")
-def run_row_block(
-    scenes: Scene, begin: Interim, clock: Clock, limits: CallLimits, method: Choices, block: int, each: EachLane
-) -> tuple[Interim, Int[Array, ""], RowSample]:
-    """Run up to `block` periods of every row: `batch.periods.run_block` for rows."""
-    model, period = row_models(scenes)
-    grids = clock.grids(period)
-
-    def one(carry, i):
-        (lanes, energies, inside), passes = carry
-        on = (i < limits.most) & (passes > 0)
-        begun = _begin_row_period(lanes, model, each)
-        lanes, energies = select_tree(on & ~inside, begun, (lanes, energies))
-        stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
-        lanes, passes = march_rows(lanes, RowFixed(model, grids, stops), method, each, passes)
-        over = on & ~jnp.any(running(lanes, stops))
-        lanes = with_clock_reset(lanes, over & (lanes.step == clock.steps))
-        lanes, sample = _end_row_period(lanes, energies, model, period, clock.per_period, each, ended=over)
-        return (Interim(lanes, energies, (on | inside) & ~over), passes), (lanes_first(sample), over)
-
-    first = begin._replace(lanes=lanes_last(begin.lanes)), limits.passes
-    (end, _), (samples, over) = lax.scan(one, first, jnp.arange(block, dtype=jnp.int32))
-    return end._replace(lanes=lanes_first(end.lanes)), jnp.sum(over, dtype=jnp.int32), samples
+def balance_of_rows(tally: RowTally, gained: np.ndarray) -> EnergyBalance | None:
+    """The energy balance of rows that have `gained` energies [J]; None without a ledger."""
+    if tally.integrals.ledger is None:
+        return None
+    works = row_ledger(tally)
+    of_blades = {"blade_work_drive": np.asarray(works.drive), "blade_loss_viscous": np.asarray(works.viscous)}
+    in_all = Ledger(*(np.asarray(a).sum(axis=-1) for a in works))._replace(friction=works.friction)
+    residual = np.asarray(row_energy_residual(jax.tree.map(jnp.asarray, tally), jnp.asarray(gained), -1))
+    return EnergyBalance(in_all, of_blades, residual, np.asarray(tally.dropped, float))
 
 
-def row_period_function(
-    scenes: Scene, clock: Clock, method: Choices, each: EachLane
-) -> Callable[..., tuple[RowLane, RowSample]]:
-    """`batch.periods.period_function` for rows, lanes last."""
-    model, period = row_models(scenes)
-
-    def run(lanes: RowLane, on: Any) -> tuple[RowLane, RowSample]:
-        stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
-        lanes, energies = _begin_row_period(lanes, model, each)
-        lanes = march_rows(lanes, RowFixed(model, clock.grids(period), stops), method, each)
-        lanes = with_clock_reset(lanes, lanes.step == clock.steps)
-        return _end_row_period(lanes, energies, model, period, clock.per_period, each)
-
-    return run
+ROW_KERNELS = PeriodKernels(
+    lanes_last, lanes_first, row_models, RowFixed, march_rows, _begin_row_period, _end_row_period
+)
 
 
 def row_sample(row: RowSample) -> Sample:

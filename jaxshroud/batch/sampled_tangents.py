@@ -7,9 +7,8 @@ import numpy as np
 
 from jaxshroud.batch.differentiable_samples import Schedule, samples_with_tangents
 from jaxshroud.batch.duals import Dual
-from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.size_limits import check_memory
-from jaxshroud.batch.states import by_blade, motion_rows, to_vector
+from jaxshroud.batch.states import by_blade, initial_states, motion_rows, to_vector
 from jaxshroud.batch.threads import Check, in_chunks
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State

@@ -12,11 +12,19 @@ from jaxshroud.model.friction import Springs
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
 from jaxshroud.model.rhs import drive_wave
-from jaxshroud.programs.kept import kept
+from jaxshroud.programs.kept import is_traced, kept
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
+
+
+def initial_states(scenes: Scene) -> State:
+    """The initial state of each scene (leading axis), which lets nothing be compiled."""
+    like = jnp if is_traced(scenes) else np
+    motion, one = scenes.initial, scenes.friction.mu  # at each interface
+    nothing = like.zeros_like(one, np.int32)
+    return State(motion, like.zeros_like(one, motion.x.dtype), nothing, nothing)
 
 
 def carried_state(state: State, model: Model) -> State:

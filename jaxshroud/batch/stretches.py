@@ -9,6 +9,12 @@ import numpy as np
 from jaxshroud.batch.cubics import RunningAmplitudes, SampledAmplitudes
 from jaxshroud.batch.sampling import EventStates, SampleGrid, Stretch, concatenated_events
 from jaxshroud.batch.states import final_states
+from jaxshroud.march.observables import ContactForces
+from jaxshroud.march.tally import ContactTimes
+from jaxshroud.model.arithmetic import is_absent
+from jaxshroud.model.modes import Mode
+from jaxshroud.model.prepared import State
+from jaxshroud.model.rhs import ContactLoads, Ledger
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 
@@ -20,6 +26,39 @@ class SampledRun(NamedTuple):
     samples: Any  # (lanes, 1 + samples, ...)
     amplitudes: SampledAmplitudes | None  # over the steps that count; None if there are none
     events: EventStates | None  # None unless they are kept
+
+
+class EnergyBalance(NamedTuple):
+    """The energy balance of lanes (leading axis) over a run [J]."""
+
+    works: Ledger  # of all blades; friction of each interface, where users see an axis of them
+    of_blades: dict[str, np.ndarray]  # works on each blade of a row, (lanes, blades), by the names of results
+    residual: np.ndarray
+    dropped: np.ndarray  # by beginnings of flat contact
+
+
+class SampledLanes(NamedTuple):
+    """Lanes (leading axis) that were marched step by step, with samples."""
+
+    samples: dict[str, Any]  # as of `Trajectories`, and so are the amplitudes and the events
+    amplitudes: SampledAmplitudes | None
+    last: Any  # the lanes at the end
+    energies: tuple[np.ndarray, np.ndarray]  # stored before and after [J]
+    events: dict[str, Any] | None
+
+
+class Trajectories(NamedTuple):
+    """The trajectories of lanes (leading axis)."""
+
+    samples: dict[str, Any]  # name -> values (lanes, 1 + samples, ...)
+    amplitudes: SampledAmplitudes | None  # over the steps that count; None if there are none
+    status: np.ndarray  # (lanes,)
+    counters: dict[str, np.ndarray]  # numbers of events by their names
+    energy: dict[str, np.ndarray]  # what is told of the energy balance, by the names of results
+    loads: ContactLoads | None = None  # None unless they were requested
+    times: ContactTimes | None = None  # in each state of contact; None in closed form, as are the next two
+    last: Any = None  # the lanes at the end
+    events: dict[str, Any] | None = None  # samples of both sides of every event, with `t` [steps] and `after`
 
 
 def march_in_stretches(
@@ -54,3 +93,14 @@ def march_in_stretches(
     samples = jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks)
     amplitudes = None if running is None else running.amplitudes
     return SampledRun(lanes, samples, amplitudes, concatenated_events(events) if events else None)
+
+
+def values_by_name(states: State, forces: ContactForces) -> dict[str, Any]:
+    """What is told of states and forces, by the names of results; what a model lacks is left out."""
+    return {
+        "motion": states.motion,
+        "u_s": np.where(states.mode == Mode.APART, np.nan, states.u_s),
+        "mode": states.mode,
+        "case": states.case,
+        **{name: a for name, a in forces._asdict().items() if not is_absent(a)},
+    }

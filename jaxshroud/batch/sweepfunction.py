@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from jaxshroud.batch.blocks import PAIR_KERNELS, period_function
 from jaxshroud.batch.differentiable_samples import (
     Schedule,
     batching_by_lanes,
@@ -19,14 +20,13 @@ from jaxshroud.batch.differentiable_samples import (
     skip_samples,
 )
 from jaxshroud.batch.input_status import admit, status_if_admitted
-from jaxshroud.batch.periods import LANES_PER_CALL, Clock, begin_lanes, period_function
+from jaxshroud.batch.periods import LANES_PER_CALL, Clock, begin_lanes
 from jaxshroud.batch.row_flow import row_strobe
-from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.stopped import lost_tangents, nan_where, replaced_where
 from jaxshroud.batch.tangents import as_differentiable
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
-from jaxshroud.march.stepper import require_row_contact
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import area, free_power, power_reduction, vibration_square
 from jaxshroud.model.modes import Status
@@ -169,7 +169,6 @@ def _differentiable_chunk(scenes: Scene, states: State, plan: _SweepPlan) -> _La
 
 def _chunk_of_rows(rows: Scene, states: State, plan: _SweepPlan) -> _LaneOutcomes:
     """The results of a chunk of rows, by the kernels of the verb `sweep`."""
-    require_row_contact(rows.parts.contact, plan.method)
     strobe = row_strobe(rows, states, *plan)
     told = strobe.motion, strobe.power, strobe.means
     motion, power, means = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), told)
@@ -178,7 +177,7 @@ def _chunk_of_rows(rows: Scene, states: State, plan: _SweepPlan) -> _LaneOutcome
 
 def _lane_outcomes(scenes: Scene, states: State, plan: _SweepPlan) -> _LaneOutcomes:
     """The results of lanes, by the kernels of the verb `sweep`."""
-    period = period_function(scenes, plan.clock, plan.method, best_mapping())
+    period = period_function(scenes, plan.clock, plan.method, best_mapping(), PAIR_KERNELS)
     begin = begin_lanes(scenes, states, plan.method)
     one = skip_samples(lambda lanes, _: period(lanes, True), plan.transient)
     last, sample = lax.scan(one, begin, jnp.arange(plan.kept))

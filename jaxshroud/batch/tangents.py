@@ -4,145 +4,27 @@ Each lane carries one tangent, so that several directions of one scene are sever
 over scenes is also a batch over directions.
 """
 
-from collections.abc import Callable, Sequence
-from operator import attrgetter
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
 
-from jaxshroud.batch.duals import Dual, dual_lanes
-from jaxshroud.batch.flow_states import Flow, FlowWithMoments, canonical
+from jaxshroud.batch.duals import Dual
+from jaxshroud.batch.marches import march_of
 from jaxshroud.batch.pace import CallPace
-from jaxshroud.batch.periods import CallLimits, first_passes, march, periods_within
-from jaxshroud.batch.row_tangents import begin_row_flows, end_row_flows, row_flow_with_tangents
-from jaxshroud.batch.states import (
-    by_blade,
-    by_interface,
-    carried_state,
-    from_vector,
-    in_scene_precision,
-    to_vector,
-    with_zeros,
-)
+from jaxshroud.batch.periods import CallLimits, first_passes
+from jaxshroud.batch.states import from_vector, in_scene_precision, to_vector
 from jaxshroud.batch.threads import Check, in_chunks
-from jaxshroud.batch.xla import best_mapping, compiled, repeat_lane, vmapped
-from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, time_grid
+from jaxshroud.batch.xla import best_mapping, repeat_lane
 from jaxshroud.march.method import Choices
-from jaxshroud.march.stepper import begin_lane
-from jaxshroud.model.arithmetic import Scalar, filled
-from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import Model, State, prepared_model
+from jaxshroud.model.prepared import State
 from jaxshroud.scene.derived_inputs import DERIVED_BY_KEY, worked_out
 from jaxshroud.scene.keys import find_key, number_shape
-from jaxshroud.scene.layout import PAIR, Layout
 from jaxshroud.scene.numbers import given_of, numbers_of
 from jaxshroud.scene.scene import Scene, without_given
-from jaxshroud.scene.typed import Tree
-
-LANES_PER_FLOW = (16, 64)  # for few and for many lanes: a loop of fewer does not amortise its dispatch
-ROW_LANES_PER_FLOW = (16, 16)  # of rows, whose kernels have as many numbers again for each blade
-
-
-def begin_flow(scene: Scene, state: State, method: Choices) -> tuple[Lane, Model, Scalar]:
-    """A lane at its start, its model and the drive period."""
-    scene_model = prepared_model(scene)
-    lane = begin_lane(canonical(carried_state(state, scene_model), scene_model), scene_model, method)
-    return lane, scene_model, scene.drive.period
-
-
-def end_flow(lane: Lane, scene_model: Model, time: Scalar) -> Flow:
-    """The flow of a lane after `time` seconds."""
-    left, right = filled(lane.tally.integrals.power, time)
-    overflowed = (lane.status == Status.OK) & ~jnp.isfinite(left + right)
-    status = jnp.where(overflowed, Status.NOT_FINITE, lane.status).astype(lane.status.dtype)
-    state = with_zeros(canonical(lane.state, scene_model))
-    return Flow(state, (left / time, right / time), status, lane.tally.margins)
-
-
-def end_flow_with_moments(lane: Lane, scene_model: Model, time: Scalar) -> FlowWithMoments:
-    """`end_flow`, with the moments and the means where they are kept."""
-    sums, flow = lane.tally.integrals, end_flow(lane, scene_model, time)
-    moments, means = mean_over(time, (sums.moments, sums.means))
-    return FlowWithMoments(flow.state, flow.power, flow.status, moments, means)
-
-
-def mean_over(time: Scalar, integrals: Tree) -> Tree:
-    """The means over `time` of what was integrated."""
-    return jax.tree.map(lambda a: a / time, filled(integrals, time))
-
-
-def flow_constants(models: Model, periods: PerLane, steps: Int[Array, " lanes"], turns: PerLane | None = None) -> Fixed:
-    """The constants of lanes that run `turns` drive periods, by default one, in `steps` steps from phase 0."""
-    count = _steps_per_period(steps, periods, turns)
-    return Fixed(models, time_grid(jnp.zeros_like(count), count, periods), steps)
-
-
-def _steps_per_period(steps: Int[Array, " lanes"], periods: PerLane, turns: PerLane | None) -> PerLane:
-    count = steps.astype(periods.dtype)
-    return count if turns is None else count / turns
-
-
-def dual_flow_constants(models: Dual, periods: Dual, steps: Int[Array, " lanes"], turns: PerLane | None = None) -> Dual:
-    """The constants of the flow with tangents."""
-    fixed = flow_constants(models.value, periods.value, steps, turns)
-    count = _steps_per_period(steps, periods.value, turns)
-    still = jax.tree.map(lambda _: None, fixed)
-    along = still._replace(model=models.tangent, grid=still.grid._replace(h=periods.tangent / count))
-    return Dual(fixed, along)
-
-
-@compiled("method")
-def begin_flows(scenes: Dual, states: Dual, method: Choices) -> Dual:
-    """The lanes at their start from `states`, with tangents."""
-    return dual_lanes(vmapped)(lambda scene, state: begin_flow(scene, state, method)[0], scenes, states)
-
-
-@compiled("method", "each")
-def flow_with_tangents(
-    scenes: Dual,
-    lanes: Dual,
-    limits: CallLimits,
-    steps: Int[Array, "..."],
-    turns: PerLane | None,
-    method: Choices,
-    each: EachLane,
-) -> tuple[Dual, Int[Array, ""]]:
-    """Run lanes over drive periods from drive phase 0, with tangents, or each over a number of turns of its own.
-
-    Args:
-        scenes: Scenes with a leading lane axis, and one direction for each lane.
-        lanes: The lanes to continue, with the same axis, see `begin_flows`.
-        limits: What is done at most.
-        steps: Runge-Kutta steps in one period, or in `turns`.
-        turns: The drive periods of each lane, of any length, in the place of a period; its tangent is at that phase.
-        method: The options of the march, `as_differentiable`: else the derivatives lack the contributions of events.
-        each: How a function of one lane is applied to all.
-
-    Returns:
-        The lanes at the end, with tangents, and how many periods have ended.
-    """
-    models, periods = _dual_constants(scenes)
-    fixed = dual_flow_constants(models, periods, jnp.full_like(lanes.value.step, 1) * steps, turns)
-    run = lambda lanes, passes: march(lanes, fixed, method, dual_lanes(each), attrgetter("value"), passes=passes)
-    return periods_within(limits, run, lanes, fixed.value.stop, attrgetter("value"))
-
-
-def _dual_constants(scenes: Dual) -> tuple[Dual, Dual]:
-    """The models and the drive periods of lanes, with tangents."""
-    constants = dual_lanes(vmapped)(lambda scene: (prepared_model(scene), scene.drive.period), scenes)
-    return tuple(Dual(a, b) for a, b in zip(*constants, strict=True))  # type: ignore[return-value]
-
-
-@compiled()
-def end_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane | None) -> Dual:
-    """The `FlowWithMoments` of lanes that have run `n` periods, or as often their `turns`, with its tangent."""
-    models, periods = _dual_constants(scenes)
-    times = jax.tree.map(lambda a: n.astype(a.dtype) * (a if turns is None else turns * a), periods)
-    return dual_lanes(vmapped)(end_flow_with_moments, lanes, models, times)
 
 
 def as_differentiable(method: Choices) -> Choices:
@@ -157,7 +39,7 @@ def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, tu
     With `turns` (lanes,) they run as many drive periods each, of any length, `n` times; `steps` are those of a period.
     """
     lanes = len(scenes.value.drive.omega)
-    few, many = flow_programs(scenes.value.layout).lanes_per_call
+    few, many = march_of(scenes.value).flows.lanes_per_call
     width = many if lanes > 2 * few else few
     if turns is None and method.amplitudes:  # one program for both
         turns = np.ones(lanes)
@@ -177,7 +59,7 @@ def _run_in_calls(
     counts, lengths = jnp.int32(steps), None
     if turns is not None:
         counts, lengths = jnp.asarray(np.ceil(steps * turns), jnp.int32), jnp.asarray(turns, omega.dtype)
-    program = flow_programs(layout)
+    program = march_of(scenes.value).flows
     lanes, done, pace = program.begin(scenes, states, method), 0, CallPace(first_passes(len(omega), layout))
     while done < n:
         check()
@@ -191,29 +73,6 @@ def _run_in_calls(
         done += ended
     value, slope = map(program.expanded, program.end(scenes, lanes, jnp.int32(n), lengths))
     return Dual(value, slope)
-
-
-class FlowPrograms(NamedTuple):
-    """The compiled functions of a flow."""
-
-    begin: Callable[..., Dual]
-    run: Callable[..., tuple[Dual, Int[Array, ""]]]
-    end: Callable[..., Dual]
-    expanded: Callable[[FlowWithMoments], FlowWithMoments]  # with an axis of blades, in NumPy arrays
-    lanes_per_call: tuple[int, int]  # where there are few, and where there are many
-
-
-def _expanded_pairs(flow: FlowWithMoments) -> FlowWithMoments:
-    return by_blade(flow._replace(means=by_interface(flow.means)))  # of the left block alone
-
-
-PAIR_FLOWS = FlowPrograms(begin_flows, flow_with_tangents, end_flows, _expanded_pairs, LANES_PER_FLOW)
-ROW_FLOWS = FlowPrograms(begin_row_flows, row_flow_with_tangents, end_row_flows, by_blade, ROW_LANES_PER_FLOW)
-
-
-def flow_programs(layout: Layout) -> FlowPrograms:
-    """The compiled functions of a flow of lanes of a layout."""
-    return PAIR_FLOWS if layout == PAIR else ROW_FLOWS
 
 
 def without_direction(states: State) -> Dual:

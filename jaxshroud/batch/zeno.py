@@ -7,10 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.march_programs import run_log
+from jaxshroud.batch.marches import march_of
 from jaxshroud.batch.pace import CallPace
 from jaxshroud.batch.periods import Clock, lanes_per_call
-from jaxshroud.batch.runs import Plan, Runs, run_periods
+from jaxshroud.batch.plan import Plan, Runs, run_log
+from jaxshroud.batch.sampling import SampleGrid
+from jaxshroud.batch.stepped_runs import run_periods
+from jaxshroud.batch.stretches import Trajectories
 from jaxshroud.march.method import Choices
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.scene import Scene
@@ -21,6 +24,18 @@ def zeno_warning(scenes: Scene, runs: Runs, plan: Plan) -> str | None:
     whole = np.isfinite(runs.samples.power[..., 0]).sum(axis=-1)
     period = np.where((whole > 0) | (plan.transient == 0), plan.transient + whole + 1, 0)
     return zeno_report(scenes, runs.last, period, plan.clock, plan.method)
+
+
+def zeno_of_trajectories(scenes: Scene, marched: Trajectories, grid: SampleGrid, method: Choices) -> str | None:
+    """The same of trajectories."""
+    if not np.any(marched.status == Status.TOO_MANY_EVENTS):
+        return None
+    last, times = marched.last, marched.times
+    assert times is not None  # without steps there are no events
+    took = sum(np.asarray(a).reshape(len(last.status), -1)[:, 0] for a in times)  # the same at all interfaces
+    steps = took / grid.step_lengths(scenes)
+    whole = np.round((steps - last.step - last.search.done) / grid.steps).astype(int)
+    return zeno_report(scenes, last, whole + 1, grid.clock(scenes), method)
 
 
 def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, method: Choices) -> str | None:
@@ -43,7 +58,8 @@ def zeno_report(scenes: Scene, last: Any, period: np.ndarray, clock: Clock, meth
     scene, lane = jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[copies]), (scenes, last))
     places = lambda lane: (lane.status, lane.search.events)
     again = eqx.tree_at(places, lane, (jnp.zeros_like(lane.status), jnp.zeros_like(lane.search.events)))
-    after: Any = run_periods(scene, again, clock, 1, method, CallPace(1024), lambda _: None, keep=False)[0]
+    march, quiet = march_of(scenes), lambda _: None
+    after: Any = run_periods(march, scene, again, clock, 1, method, CallPace(1024), quiet, keep=False)[0]
     counts = [vars(run_log(of).counters) for of in (lane, after)]
     more = {n: int(np.sum(counts[1][n][0] - a[0])) for n, a in counts[0].items()}
     events = ", ".join(f"{n} {name}" for name, n in sorted(more.items(), key=lambda item: -item[1]) if n)

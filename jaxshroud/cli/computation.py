@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jaxshroud
-from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.cli.background_import import DATASETS, PDF_PICTURES, PICTURES, STATISTICS, import_in_background
 from jaxshroud.cli.command_table import COMMANDS

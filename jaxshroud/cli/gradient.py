@@ -4,7 +4,7 @@ import argparse
 import sys
 from typing import Any, cast
 
-from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_verb
 from jaxshroud.cli.drawing import draw
 from jaxshroud.cli.terminal import (

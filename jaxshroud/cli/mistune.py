@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 import jaxshroud
-from jaxshroud.batch.runs import Plan, Progress
+from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, with_origin, write_files

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import jaxshroud
-from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.cli.computation import (
     CompletedCall,

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from datetime import timedelta
 
 from jaxshroud.batch.periods import lanes_per_call
+from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.projection import projected_seconds
-from jaxshroud.batch.runs import Plan
 from jaxshroud.batch.size_limits import results_size, sweep_memory
 from jaxshroud.batch.threads import cores
 from jaxshroud.cli.terminal import progress_bar

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.size_limits import STEP_BYTES, check_memory, check_size
 from jaxshroud.cli.background_import import DATASETS
 from jaxshroud.cli.computation import (

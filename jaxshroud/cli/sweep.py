@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, NoReturn
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan
+from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.size_limits import check_size, results_size
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.cli.arg_types import count

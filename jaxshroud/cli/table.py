@@ -3,8 +3,8 @@
 import argparse
 from typing import Any
 
+from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.projection import projected_seconds
-from jaxshroud.batch.runs import Plan
 from jaxshroud.batch.threads import cores
 from jaxshroud.cli.computation import CompletedCall, Computation, VerbCall, call_with_accuracy_warnings, print_result
 from jaxshroud.cli.projection import LONG_RUN_STEPS, print_projection

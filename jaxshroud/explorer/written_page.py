@@ -2,7 +2,7 @@
 
 from bokeh.document import Document
 
-from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.explorer.diagram import diagram
 from jaxshroud.explorer.exploration import Exploration
 from jaxshroud.explorer.jobs import Methods

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from jaxshroud.march.carry import EachLane, Fixed, Lane, LaneTree
-from jaxshroud.march.method import REFERENCE, Choices
+from jaxshroud.march.method import Choices
 from jaxshroud.march.rk_trial import begin_rk, rk_trials, update_after_rk
 from jaxshroud.march.tableau import TaylorOptions
 from jaxshroud.march.taylor_trial import (
@@ -16,8 +16,6 @@ from jaxshroud.march.taylor_trial import (
 )
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.scene.capabilities import LIMITED, NO_CONTACT
-from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import ContactPart
 
@@ -62,13 +60,15 @@ class Stepper(NamedTuple):
     """Each half of a trial is one kernel of thousands of operations, for which XLA needs its own options."""
 
 
-RUNGE_KUTTA = Stepper(begin_rk, rk_trials, update_after_rk, None, ("spring", "smooth", "own"), large_kernels=False)
+RUNGE_KUTTA = Stepper(
+    begin_rk, rk_trials, update_after_rk, None, ("none", "spring", "smooth", "own"), large_kernels=False
+)
 POWER_SERIES = Stepper(
     begin_taylor,
     taylor_trials,
     update_after_taylor,
     DenseOutput(trial_and_series, motion_in_trial),
-    ("spring",),
+    ("none", "spring"),
     large_kernels=True,
 )
 
@@ -78,24 +78,8 @@ def stepper_for(method: Choices) -> Stepper:
     return POWER_SERIES if isinstance(method.tableau, TaylorOptions) else RUNGE_KUTTA
 
 
-def require_contact(contact: ContactPart, method: Choices) -> None:
-    """Raise InputError unless the method can march contact of that kind, or there is none."""
-    if contact not in ("none", *stepper_for(method).contacts):
-        what = "smooth contact" if contact == "smooth" else "own laws"
-        raise InputError(f"The method taylor knows located contact, not {what}; take a Runge-Kutta method.")
-
-
-def require_row_contact(contact: ContactPart, method: Choices = REFERENCE) -> None:
-    """Raise InputError unless a row of blades with contact of that kind is marched by the method."""
-    if contact == "none":
-        raise InputError(LIMITED[NO_CONTACT].refusal())
-    if stepper_for(method) is not RUNGE_KUTTA:
-        raise InputError(LIMITED["the method taylor"].refusal("The method taylor"))
-
-
 def begin_lane(state: State, model: Model, method: Choices) -> Lane:
-    """A lane at step 0 from a state as pairs; InputError if the method cannot march its contact."""
-    require_contact(model.parts.contact, method)
+    """A lane at step 0 from a state as pairs."""
     return stepper_for(method).begin(state, model, method)
 
 

@@ -10,10 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxshroud.batch.cubics import hermite_coefficients
-from jaxshroud.batch.row_samples import march_row_samples
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.tangents import TangentProblem, Tangents
-from jaxshroud.batch.trajectories import trajectories
+from jaxshroud.batch.trajectories import sampled_motions
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives, stacked
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import moved_start
@@ -95,12 +94,9 @@ def farthest_extremes(orbit: PeriodicOrbit, amplitude: Amplitude, mean: np.ndarr
         SampleGrid(0.0, steps, 1, steps * orbit.q),
         stacked([(without_given(orbit.scene), orbit.start)]),
     )
-    if orbit.scene.row is None:
-        motion = trajectories(scenes, states, grid, orbit.method, lambda _: None).samples["motion"]
-    else:
-        motion = march_row_samples(scenes, states, grid, orbit.method, lambda _: None).samples.state.motion
+    motion = sampled_motions(scenes, states, grid, orbit.method)
     names, period = (amplitude.displacement, f"v_{amplitude.displacement}"), float(orbit.scene.drive.period)
-    q, rate = (np.asarray(getattr(motion, name), float)[0] for name in names)
+    q, rate = (getattr(motion, name)[0] for name in names)
     extremes = [
         e for blade in range(len(mean)) for e in turning_points(q[:, blade], rate[:, blade], period, steps, blade)
     ]

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Tick, run_lanes
+from jaxshroud.batch.plan import Plan, Tick
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import from_vector, motion_rows, to_vector
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.model.modes import Status

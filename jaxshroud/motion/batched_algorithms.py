@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Progress, Runs, run_lanes
+from jaxshroud.batch.plan import Plan, Progress, Runs
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.tangents import TangentProblem, Tangents, as_differentiable, batched_tangents
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import Choices

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Runs, run_lanes
+from jaxshroud.batch.plan import Plan, Runs
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import motion_rows
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.motion.amplitudes import amplitude_values

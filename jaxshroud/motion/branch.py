@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Runs
+from jaxshroud.batch.plan import Plan, Runs
 from jaxshroud.batch.states import from_vector, to_vector
 from jaxshroud.batch.tangents import TangentProblem, Tangents, direction
 from jaxshroud.model.modes import Status

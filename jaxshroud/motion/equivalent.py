@@ -18,6 +18,7 @@ from jaxtyping import Complex, Float
 
 from jaxshroud.batch.cubics import cubic_mean
 from jaxshroud.batch.sampling import SampleGrid
+from jaxshroud.batch.states import motion_rows
 from jaxshroud.batch.trajectories import sampled_motions
 from jaxshroud.march.method import Choices
 from jaxshroud.model.linear import power_reduction
@@ -79,7 +80,8 @@ def equivalent_values(
     if scenes.parts.contact != "none" and "y" in scenes.parts.motion:
         periods = np.where(number > 0, number, HARMONIC_PERIODS)
         grid = SampleGrid(0.0, steps, 1, int(periods.max()) * steps)
-        rows = sampled_motions(scenes, states, grid, method._replace(forces=False, amplitudes=False, vibration=False))
+        plain = method._replace(forces=False, amplitudes=False, vibration=False)
+        rows = motion_rows(sampled_motions(scenes, states, grid, plain))
         for i, n in enumerate(periods.tolist()):
             blades = linear_blades(scenes, i)
             contact = equivalent_contact(blades, rows[i, : 1 + n * steps], steps)

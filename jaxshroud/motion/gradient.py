@@ -13,7 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import stdtrit
 
-from jaxshroud.batch.runs import Plan, initial_states, run_lanes
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.tangents import TangentProblem, direction
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.model.geometry import gyration

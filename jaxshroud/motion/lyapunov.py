@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.duals import Dual
-from jaxshroud.batch.runs import Plan, Tick
+from jaxshroud.batch.plan import Plan, Tick
 from jaxshroud.batch.states import final_states, from_vector, to_vector
 from jaxshroud.batch.tangents import TangentProblem, as_differentiable, end_as_start, run_flow
 from jaxshroud.march.method import Choices

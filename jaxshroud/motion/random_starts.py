@@ -6,8 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.runs import initial_states
-from jaxshroud.batch.states import carried_state
+from jaxshroud.batch.states import carried_state, initial_states
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.events import place_contact
 from jaxshroud.model.linear import steady_amplitudes

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Runs, Tick, run_lanes
+from jaxshroud.batch.plan import Plan, Runs, Tick
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import final_states, motion_rows
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.model.modes import Status

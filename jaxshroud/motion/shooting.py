@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from jaxshroud.batch.duals import Dual
-from jaxshroud.batch.runs import Plan, select_lanes
+from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.states import final_states, from_vector, motion_rows, to_vector
+from jaxshroud.batch.stepped_runs import select_lanes
 from jaxshroud.batch.tangents import (
     TangentProblem,
     Tangents,

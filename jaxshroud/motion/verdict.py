@@ -6,7 +6,8 @@ from typing import Literal, NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, run_lanes
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import final_states
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State

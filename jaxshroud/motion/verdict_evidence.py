@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxshroud.batch.runs import Plan, Runs, Tick, run_lanes
+from jaxshroud.batch.plan import Plan, Runs, Tick
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import final_states, motion_rows
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.duals import Dual
-from jaxshroud.batch.runs import Plan, initial_states
-from jaxshroud.batch.states import to_vector
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.states import initial_states, to_vector
 from jaxshroud.batch.tangents import (
     as_differentiable,
     direction,

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Progress, Ticker, initial_states
+from jaxshroud.batch.plan import Progress, Ticker
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.io.scene_numbers import dimension, key_attrs

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, no_type_check
 
 import jax
 
-from jaxshroud.batch.runs import Ticker
+from jaxshroud.batch.plan import Ticker
 from jaxshroud.batch.threads import thread_settings
 from jaxshroud.scene.checks import InputError, MachineError, StoreError
 from jaxshroud.verbs.sweep_block import BlockTask, Chain, next_task

@@ -7,9 +7,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Tick, initial_states, run_lanes
+from jaxshroud.batch.plan import Plan, Tick
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.size_limits import check_size
-from jaxshroud.batch.states import in_scene_precision
+from jaxshroud.batch.states import in_scene_precision, initial_states
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import FAST
 from jaxshroud.model.modes import Status

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from jaxshroud.batch.runs import Progress, Ticker
+from jaxshroud.batch.plan import Progress, Ticker
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, Method, method_of
 from jaxshroud.model.modes import Status

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, run_lanes
+from jaxshroud.batch.plan import Plan, Progress, Runs, Ticker
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import final_states
 from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, Method
 from jaxshroud.model.linear import power_reduction

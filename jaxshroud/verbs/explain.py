@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from jaxshroud.batch.operation_count import TrialSize, trial_size
+from jaxshroud.batch.marches import march_of
+from jaxshroud.batch.operation_count import TrialSize
+from jaxshroud.batch.runs import stepping_method
 from jaxshroud.march.events import EventKind, model_events
 from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import step_limits, steps_for, stiffest
@@ -56,7 +58,7 @@ def explain(scene: Scene | SceneFile, method: Method | None = None) -> Explanati
         blocks turn with a small part that grows as N^2, for the clusters of blocks that are flat on each other.
 
     Raises:
-        ValueError: There are many scenes, or a row without contact.
+        ValueError: There are many scenes, a row without contact, or a method that does not know the contact.
 
     Example:
         >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -67,7 +69,7 @@ def explain(scene: Scene | SceneFile, method: Method | None = None) -> Explanati
     """
     scene, method_choices = one_scene("explain", scene), FAST if method is None else choices(method)
     check_row(scene)
-    closed = scene.parts.contact == "none"
+    stepping = stepping_method(scene, method_choices)
     size, full_size = _trial_sizes(scene, method_choices)
     omega_max, period = stiffest(scene, 0)
     limits = dict(zip(("stable", "accurate"), step_limits(method_choices.tableau), strict=True))
@@ -79,7 +81,7 @@ def explain(scene: Scene | SceneFile, method: Method | None = None) -> Explanati
         operations=size.operations,
         full_operations=full_size.operations,
         omega_max=omega_max,
-        steps={} if closed else steps | {"auto": steps_for(scene, 0, "auto", method_choices.tableau)},
+        steps={} if stepping is None else steps | {"auto": steps_for(scene, 0, "auto", method_choices.tableau)},
         advice=tuple(_advice(scene)),
         blades=scene.layout.blades,
         interfaces=scene.layout.interfaces,
@@ -93,10 +95,9 @@ def _model_of_contact(scene: Scene) -> Model:
 
 def _trial_sizes(scene: Scene, method: Choices) -> tuple[TrialSize, TrialSize]:
     """The sizes of a trial step of the scene, 0 in closed form, and of the full model."""
-    full = trial_size(with_parts(scene, Parts()), method)
-    if scene.parts.contact == "none":
-        return TrialSize(0, 0), full
-    return full if scene.parts == Parts() else trial_size(scene, method), full
+    size = lambda scene: march_of(scene).trial_size(scene, method)
+    full = size(with_parts(scene, Parts()))
+    return full if scene.parts == Parts() else size(scene), full
 
 
 def _advice(scene: Scene) -> Iterator[str]:

@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.io.measurements import measurements_from, read_measurements
 from jaxshroud.march.method import Method
 from jaxshroud.march.stability import stiffest

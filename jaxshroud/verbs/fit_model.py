@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.tangents import as_differentiable
 from jaxshroud.io.variable import jax_lane_arrays
 from jaxshroud.march.method import Choices

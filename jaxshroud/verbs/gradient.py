@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Progress
+from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import FAST, FOR_P_D, Method

@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeVar
 import jax
 import numpy as np
 
+from jaxshroud.batch.runs import stepping_method
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.lane_status import LaneWarning
 from jaxshroud.io.variable import jax_lane_arrays
@@ -86,7 +87,7 @@ def with_tangents(resolved: ResolvedOptions, lanes: Scene, usual: Choices = FAST
     if resolved.method is None:
         in_precision(lanes, "float64")  # raises before any method is tried
     march = plan_march(resolved, lanes, usual)
-    if lanes.parts.contact != "none":
+    if stepping_method(lanes, march.method) is not None:
         return march
     steps = "auto" if resolved.steps is None else resolved.steps  # tangents are marched without contact too
     return march._replace(steps=steps_for(lanes, 1, steps, march.method.tableau))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.march.method import FOR_P_D, Method
 from jaxshroud.march.method_names import RESPONSES
 from jaxshroud.model.natural_modes import NaturalContact

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.periods import LANES_PER_CALL
-from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.threads import in_chunks
 from jaxshroud.model.modes import Status
 from jaxshroud.model.natural_modes import NaturalContact

@@ -10,13 +10,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.runs import initial_states, stepping_method
+from jaxshroud.batch.marches import require_march
+from jaxshroud.batch.runs import stepping_method
+from jaxshroud.batch.states import initial_states
 from jaxshroud.io.scene_numbers import scene_differences
 from jaxshroud.io.variable import jax_lane_arrays
 from jaxshroud.march.method import FAST, Choices, Method, RungeKutta, StepCount, choices, method_of
 from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.stability import steps_for
-from jaxshroud.march.stepper import require_row_contact
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.short_runs import end_states
 from jaxshroud.programs.kept import is_traced
@@ -240,7 +241,7 @@ def _method_for_rows(resolved: ResolvedOptions, usual: Choices) -> Choices:
     """
     if resolved.method is not None:
         method = choices(resolved.method, ledger=usual.ledger)
-        require_row_contact(resolved.scene.parts.contact, method)
+        require_march(resolved.scene, method)
         return method._replace(vibration=usual.vibration)
     accuracy = resolved.choosing_accuracy
     return (

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Progress, run_lanes
+from jaxshroud.batch.plan import Plan, Progress
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import FOR_P_D, Method
 from jaxshroud.model.modes import Status

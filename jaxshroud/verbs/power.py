@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxshroud.batch.periods import PERIODS_PER_CALL, Sample
-from jaxshroud.batch.runs import Plan, Progress, Runs, Ticker, run_lanes
+from jaxshroud.batch.plan import Plan, Progress, Runs, Ticker
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.states import final_states
 from jaxshroud.batch.zeno import zeno_warning

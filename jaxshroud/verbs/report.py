@@ -6,7 +6,7 @@ from typing import TypedDict, cast
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Progress, Ticker
+from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import FOR_P_D, Method

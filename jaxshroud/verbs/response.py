@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.march.method import Method
 from jaxshroud.march.method_names import RESPONSES
 from jaxshroud.motion.peaks import branch_peaks

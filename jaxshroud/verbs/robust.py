@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Tick
+from jaxshroud.batch.plan import Tick
 from jaxshroud.march.method import method_of
 from jaxshroud.results.tuned import ENDED_BY, DesignJudgement
 from jaxshroud.scene.checks import InputError, count_argument

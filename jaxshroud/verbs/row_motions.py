@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import jax
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, run_lanes
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import final_states
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.model.modes import Status

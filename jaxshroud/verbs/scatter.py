@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.march.method import Method, named_choices
 from jaxshroud.model.modes import Status

@@ -3,22 +3,16 @@
 from collections.abc import Sequence
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.batch.closed_form import free_samples
-from jaxshroud.batch.runs import Progress, Ticker
+from jaxshroud.batch.plan import Progress, Ticker
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.size_limits import STEP_BYTES, check_memory
-from jaxshroud.batch.trajectories import Trajectories, trajectories
-from jaxshroud.batch.zeno import zeno_report
+from jaxshroud.batch.trajectories import trajectories
+from jaxshroud.batch.zeno import zeno_of_trajectories
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import REFERENCE, Choices, Method
-from jaxshroud.march.observables import is_unbalanced
-from jaxshroud.march.tally import Counters, times_of
 from jaxshroud.model.arithmetic import filled
-from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import ContactLoads
 from jaxshroud.motion.amplitudes import sampled_amplitude_values
@@ -105,10 +99,8 @@ def simulate(
     check_memory("what is stored of this run", len(scenes.drive.omega) * count * STEP_BYTES)
     states = resolved.states(state, scenes)
     index = np.arange(count + 1) * every
-    if scenes.parts.contact == "none":
-        values = _values_without_contact(scenes, states, grid)
-    else:
-        values = _marched_values(scenes, states, grid, march.method, Ticker(len(scenes.drive.omega) * length, progress))
+    ticker = Ticker(len(scenes.drive.omega) * length, progress)
+    values = _sampled_values(scenes, states, grid, march.method, ticker)
     chatter, at_events = values.pop("chatter", None), values.pop("events", None)
     step_length = np.asarray(scenes.drive.period, float)[:, None] / march.steps
     after = float((turns + (index[-1] % march.steps) / march.steps) % 1)
@@ -135,43 +127,19 @@ def _trajectory(resolved: ResolvedOptions, values: dict[str, Any], common: dict[
     return Trajectory.from_values({**values, **common}, coords=coords, layout=layout, **labels)
 
 
-def _marched_values(scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Ticker) -> dict[str, Any]:
-    """The values of lanes (leading axis) that are marched."""
-    marched = trajectories(scenes, states, grid, method, ticker)
-    log, at_start = marched.last.tally.log, marched.samples["mode"][:, 0]
-    assert log is not None  # as derivatives are not computed
+def _sampled_values(scenes: Scene, states: State, grid: SampleGrid, method: Choices, ticker: Ticker) -> dict[str, Any]:
+    """The values of lanes (leading axis)."""
+    found = trajectories(scenes, states, grid, method, ticker)
     return {
-        **marched.samples,
-        "counters": {n: np.asarray(a) for n, a in vars(filled(log.counters, at_start)).items()},
-        **_energy_values(scenes, marched),
-        **_load_values(scenes, marched.last.tally.integrals.loads, at_start, grid),
-        **contact_shares(times_of(log)),
-        **sampled_amplitude_values(scenes, marched.amplitudes),
-        "chatter": _chatter(scenes, marched, grid, method),
-        "events": marched.events,
-    }
-
-
-def _energy_values(scenes: Scene, marched: Trajectories) -> dict[str, np.ndarray]:
-    """The works [J], the energy balance, NaN without a ledger, and the status of lanes with what it shows."""
-    last, (before, after), balance = marched.last, marched.energies, marched.balance
-    with np.errstate(invalid="ignore"):  # of energies that overflowed
-        integrals = jax.tree.leaves((last.tally.integrals, after - before))
-        finite = np.isfinite(sum(np.asarray(a, float).reshape(len(before), -1).sum(axis=-1) for a in integrals))
-    status = np.where((last.status == Status.OK) & ~finite, Status.NOT_FINITE, last.status)
-    if balance is None:
-        missing = np.full(len(before), np.nan)
-        return {"status": status, "energy_residual": missing, "energy_dropped": missing}
-    gain, residual = balance.works, balance.residual
-    if scenes.laws is not None:
-        astray = is_unbalanced(*map(jnp.asarray, (residual, gain.gross, before, after)))
-        status = np.where((status == Status.OK) & np.asarray(astray), Status.UNBALANCED, status)
-    works = {"work_drive": gain.drive, "loss_viscous": gain.viscous, "loss_friction": gain.friction}
-    return {
-        "status": status,
-        "energy_residual": (residual / np.where(gain.drive == 0, 1.0, np.abs(gain.drive))).astype(float),
-        "energy_dropped": (balance.dropped / np.where(gain.gross > 0, gain.gross, 1.0)).astype(float),
-        **{name: np.asarray(a, float) for name, a in {**works, **balance.of_blades}.items()},
+        **found.samples,
+        "status": found.status,
+        "counters": found.counters,
+        **found.energy,
+        **_load_values(scenes, found.loads, found.samples["mode"][:, 0], grid),
+        **({} if found.times is None else contact_shares(found.times)),
+        **sampled_amplitude_values(scenes, found.amplitudes),
+        "chatter": zeno_of_trajectories(scenes, found, grid, method),
+        "events": found.events,
     }
 
 
@@ -186,30 +154,3 @@ def _load_values(
     duration = np.asarray(scenes.drive.period, float)[:, None] * periods
     with np.errstate(invalid="ignore", divide="ignore"):
         return {"slip": slip / periods, "N_mean": N / duration, "N_slip": N_slip / time_slip}
-
-
-def _chatter(scenes: Scene, marched: Trajectories, grid: SampleGrid, method: Choices) -> str | None:
-    """The report on events that follow each other without end; None if there are none."""
-    last, times = marched.last, times_of(marched.last.tally.log)
-    took = sum(np.asarray(a).reshape(len(last.status), -1)[:, 0] for a in times)  # the same at all interfaces
-    steps = took / grid.step_lengths(scenes)
-    whole = np.round((steps - last.step - last.search.done) / grid.steps).astype(int)
-    return zeno_report(scenes, last, whole + 1, grid.clock(scenes), method)
-
-
-def _values_without_contact(scenes: Scene, states: State, grid: SampleGrid) -> dict[str, Any]:
-    """The values of lanes (leading axis) in closed form."""
-    motion, amplitudes, status = free_samples(scenes, states.motion, grid)
-    shape = motion.x.shape[:2]
-    apart, zero = np.zeros(shape, np.int32), np.zeros(shape[0])
-    return {
-        "motion": motion,
-        **sampled_amplitude_values(scenes, amplitudes),
-        "u_s": np.full(shape, np.nan),
-        "mode": apart,
-        "case": apart,
-        "status": status,
-        "counters": dict.fromkeys(Counters.__annotations__, np.zeros(shape[0], int)),
-        "energy_residual": zero,
-        "energy_dropped": zero,
-    }

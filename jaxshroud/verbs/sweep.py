@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import ArrayLike
 
-from jaxshroud.batch.runs import Plan, Progress, Ticker
+from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.lane_status import warn_failures

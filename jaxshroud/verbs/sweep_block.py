@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxshroud.batch.cache import cache_compilations, cache_folder
 from jaxshroud.batch.continuation import SweepHandover
-from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.threads import jax_settings, single_threaded
 from jaxshroud.io.block_records import Record
 from jaxshroud.model.prepared import State

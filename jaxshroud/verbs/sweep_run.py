@@ -9,8 +9,10 @@ import numpy as np
 
 from jaxshroud.batch.continuation import SweepHandover, continued_runs, independent_runs
 from jaxshroud.batch.periods import LANES_PER_CALL
-from jaxshroud.batch.runs import Plan, Runs, Ticker, in_float64
+from jaxshroud.batch.plan import Plan, Runs, Ticker
+from jaxshroud.batch.runs import stepping_method
 from jaxshroud.batch.states import final_states
+from jaxshroud.batch.stepped_runs import in_float64
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.zeno import zeno_warning
 from jaxshroud.io.scene_numbers import dimension
@@ -195,7 +197,7 @@ def _exponents(grid: Grid, runs: Runs, settings: SweepSettings) -> dict[str, np.
         states = jax.tree.map(in_float64, final_states(runs.last.state))
         lanes, states = jax.tree.map(lambda a: np.asarray(a)[running], (with_phase_shift(scenes, plan.phase), states))
         steps = plan.steps_per_period
-        if scenes.parts.contact == "none":  # tangents are marched without contact too
+        if stepping_method(scenes, plan.method) is None:  # tangents are marched step by step
             steps = steps_for(lanes, 1, "auto", plan.method.tableau)
         method = plan.method._replace(precision="float64")
         numbers = None if grid.numbers is None else grid.numbers[running]

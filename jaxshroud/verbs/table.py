@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxshroud.batch.runs import Progress
+from jaxshroud.batch.plan import Progress
 from jaxshroud.io.lane_status import LaneWarning, warn_failures
 from jaxshroud.io.variable import Attribute
 from jaxshroud.march.method import Method

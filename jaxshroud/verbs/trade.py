@@ -8,10 +8,11 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.adaptive import adaptive_gap_slopes, adaptive_samples
-from jaxshroud.batch.closed_form import free_runs
-from jaxshroud.batch.march_programs import PAIR_MARCHES
-from jaxshroud.batch.runs import Progress, initial_states
+from jaxshroud.batch.periods import pair_sample
+from jaxshroud.batch.plan import Plan, Progress
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.size_limits import check_size
+from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST, Method, choices
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.modes import Status
@@ -58,7 +59,7 @@ class Adaptive(NamedTuple):
         if self.solver in IMPLICIT and periods > SHORT_PERIODS:
             return None
         solved = adaptive_samples(softened(scenes, self.width), periods, self.solver, self.rtol)
-        samples, steps = PAIR_MARCHES.sample(solved[0]), np.asarray(solved[1])
+        samples, steps = pair_sample(solved[0]), np.asarray(solved[1])
         finite = np.isfinite(samples.power[..., 0]).all(axis=1)
         return ShortRuns(samples, np.where(finite, Status.OK, Status.NOT_FINITE), round(float(steps.mean())))
 
@@ -107,8 +108,8 @@ class ClosedForm(NamedTuple):
 
     def run(self, scenes: Scene, periods: int) -> ShortRuns:
         """Samples and status of lanes (leading axis) from the initial states of their scenes."""
-        samples, last = free_runs(scenes, initial_states(scenes), 0, periods, 0.0, FAST)
-        return ShortRuns(PAIR_MARCHES.sample(samples), last.status, 0)
+        runs = run_lanes(scenes, initial_states(scenes), Plan(0, periods, 1, 0.0, FAST), lambda _: None)
+        return ShortRuns(runs.samples, runs.last.status, 0)
 
     def slopes(self, scenes: Scene) -> None:
         """None: the power does not depend on the gap."""

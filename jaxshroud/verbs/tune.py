@@ -9,7 +9,7 @@ from typing import cast
 
 import numpy as np
 
-from jaxshroud.batch.runs import Plan, Progress, Ticker
+from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.march.method import FOR_P_D, Method, named_choices
 from jaxshroud.model.prepared import State

@@ -13,16 +13,16 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 import jaxshroud as js
-from jaxshroud.batch import runs
+from jaxshroud.batch import stepped_runs
 
-used, run_block = set(), runs.run_block
+used, run_block = set(), stepped_runs.run_block
 
 def told(*arguments):
     end, *rest = run_block(*arguments)
     used.update(device.id for device in end.lanes.status.devices())
     return end, *rest
 
-runs.run_block = told
+stepped_runs.run_block = told
 scene = js.load("table1", ['parts.motion=["x"]']).scene
 found = {}
 for name, device in {"one": jax.devices()[1], "all": None}.items():

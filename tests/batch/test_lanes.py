@@ -9,7 +9,7 @@ from side_by_side import EXACT, with_parts
 from jaxshroud import sweep, vary
 from jaxshroud.batch import xla
 from jaxshroud.batch.periods import advance, begin_lanes
-from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import best_mapping, fused, vmapped
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.method import RungeKutta, Taylor

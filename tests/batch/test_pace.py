@@ -7,7 +7,7 @@ import pytest
 import jaxshroud as js
 from jaxshroud.batch import pace
 from jaxshroud.batch.pace import CallPace
-from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.tangents import TangentProblem, as_differentiable, batched_tangents, direction
 from jaxshroud.march.method import explicit
 

@@ -8,7 +8,7 @@ import pytest
 import jaxshroud as js
 from jaxshroud.batch import projection
 from jaxshroud.batch.periods import lanes_per_call
-from jaxshroud.batch.runs import Plan
+from jaxshroud.batch.plan import Plan
 from jaxshroud.march.method import FAST
 
 

@@ -13,7 +13,8 @@ from side_by_side import with_parts
 import jaxshroud as js
 from jaxshroud import load, period_map, value_of, vary
 from jaxshroud.batch.duals import Dual
-from jaxshroud.batch.runs import Plan, run_lanes
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import final_states, from_vector, to_vector
 from jaxshroud.batch.tangents import as_differentiable, direction, run_flow, tangents
 from jaxshroud.batch.xla import repeat_lane

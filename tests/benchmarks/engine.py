@@ -10,8 +10,9 @@ import numpy as np
 from jax import lax
 from problem import PERIODS, Problem
 
-from jaxshroud.batch.periods import LANES_PER_CALL, Clock, advance, at_start_of_period, begin_lanes, one_call, run_block
-from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.blocks import PAIR_KERNELS, run_block
+from jaxshroud.batch.periods import LANES_PER_CALL, Clock, advance, at_start_of_period, begin_lanes, one_call
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import FOR_SERIES, best_mapping
 from jaxshroud.march.carry import Fixed, Lane, running
 from jaxshroud.march.method import Choices
@@ -109,7 +110,7 @@ def prepare_scenes(scenes: Scene, method: Choices, chunk: int, periods: int) -> 
         clock = Clock(jnp.asarray(0.0), jnp.int32(steps), jnp.asarray(float(steps)))
         limits = one_call(periods)
         ends = [
-            run_block(s, at_start_of_period(a), clock, limits, method, periods, best_mapping())[0]
+            run_block(s, at_start_of_period(a), clock, limits, method, periods, best_mapping(), PAIR_KERNELS)[0]
             for s, a in zip(pieces, begun, strict=True)
         ]
         return np.concatenate([motions(end.lanes) for end in ends])

@@ -11,7 +11,8 @@ from test_peers import RESULTS
 
 from jaxshroud import load, orbit, simulate, tune
 from jaxshroud.batch.duals import Dual
-from jaxshroud.batch.runs import Plan, initial_states
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.tangents import as_differentiable, direction, run_flow, without_direction
 from jaxshroud.march.method import FAST, Choices, RungeKutta
 from jaxshroud.march.tableau import tableau

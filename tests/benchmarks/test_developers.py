@@ -10,7 +10,9 @@ import pytest
 from test_peers import RESULTS, one_core  # noqa: F401
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, initial_states, run_lanes
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
+from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("default")]

@@ -19,8 +19,9 @@ from peers import scalar_c
 from problem import PERIODS, Problem, errors, problem
 from test_peers import RESULTS, one_core  # noqa: F401
 
-from jaxshroud.batch.periods import LANES_PER_CALL, Clock, at_start_of_period, begin_lanes, one_call, run_block
-from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.blocks import PAIR_KERNELS, run_block
+from jaxshroud.batch.periods import LANES_PER_CALL, Clock, at_start_of_period, begin_lanes, one_call
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import fused
 from jaxshroud.march.carry import Fixed
 from jaxshroud.march.method import FAST, Choices
@@ -107,7 +108,7 @@ def test_general_parameters():
 
     def march(each):
         begin, limits = at_start_of_period(lanes), one_call(PERIODS)
-        return lambda: jax.block_until_ready(run_block(scenes, begin, clock, limits, FAST, PERIODS, each))
+        return lambda: jax.block_until_ready(run_block(scenes, begin, clock, limits, FAST, PERIODS, each, PAIR_KERNELS))
 
     taken = alternately(15, general=march(fused), constant=march(constant))
     record("seconds, parameters in the lanes and constant", taken | {"ratio": taken["general"] / taken["constant"]})

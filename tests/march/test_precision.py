@@ -7,7 +7,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud import sweep as sweep_verb
-from jaxshroud.batch import march_programs, sampling, tangents
+from jaxshroud.batch import marches, sampling, stepped_runs
 from jaxshroud.model.prepared import initial_state
 from jaxshroud.motion.shooting import CLOSING_TOLERANCE
 
@@ -34,9 +34,9 @@ def computed(monkeypatch):
 
         return call
 
-    marches, flows = march_programs.PAIR_MARCHES, tangents.PAIR_FLOWS
-    monkeypatch.setattr(march_programs, "PAIR_MARCHES", marches._replace(block=watched(marches.block)))
-    monkeypatch.setattr(tangents, "PAIR_FLOWS", flows._replace(run=watched(flows.run)))
+    flows = marches.PAIRS.flows
+    monkeypatch.setattr(marches, "PAIRS", marches.PAIRS._replace(flows=flows._replace(run=watched(flows.run))))
+    monkeypatch.setattr(stepped_runs, "run_block", watched(stepped_runs.run_block))
     monkeypatch.setattr(sampling, "_block_of_samples", watched(sampling._block_of_samples))
     return seen
 

@@ -3,8 +3,10 @@
 import numpy as np
 
 import jaxshroud as js
+from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.rows import begin_rows
-from jaxshroud.batch.runs import Plan, initial_states, run_lanes
+from jaxshroud.batch.runs import run_lanes
+from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST
 from jaxshroud.scene.grids import scenes_at
 

@@ -12,8 +12,8 @@ from side_by_side import counts, ends, energy_residual, relative_error, run, sce
 
 import jaxshroud as js
 from jaxshroud import Status, load, vary
-from jaxshroud.batch.runs import initial_states
 from jaxshroud.batch.sampling import SampleGrid
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.trajectories import trajectories
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.events import EventKind, evaluate_guards

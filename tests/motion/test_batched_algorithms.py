@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxshroud import load
-from jaxshroud.batch.runs import Plan
+from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.tangents import TangentProblem
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import FAST

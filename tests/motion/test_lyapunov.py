@@ -5,7 +5,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud import load
-from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST
 from jaxshroud.motion.lyapunov import first_frames, largest_exponents, mean_exponents, next_frames
 from jaxshroud.scene.grids import scenes_at

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.runs import initial_states
+from jaxshroud.batch.states import initial_states
 from jaxshroud.io.scene_numbers import dimension, key_label
 from jaxshroud.scene.axes import axis
 from jaxshroud.scene.capabilities import LIMITED

@@ -25,7 +25,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, initial_states, run_lanes
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
+from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import choices
 from jaxshroud.model.linear import area

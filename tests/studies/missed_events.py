@@ -27,7 +27,9 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from jaxshroud.batch.runs import Plan, initial_states, run_lanes  # noqa: E402
+from jaxshroud.batch.plan import Plan  # noqa: E402
+from jaxshroud.batch.runs import run_lanes  # noqa: E402
+from jaxshroud.batch.states import initial_states  # noqa: E402
 from jaxshroud.march.method import Choices  # noqa: E402
 from jaxshroud.march.tableau import TaylorOptions, tableau  # noqa: E402
 from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud  # noqa: E402

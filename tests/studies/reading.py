@@ -20,7 +20,9 @@ from reading_report import PLAUSIBLE, labelled, report
 from reading_scenes import POINTS, Point, Reading, readings, scenes
 from reading_verdict import STOPPED, Found
 
-from jaxshroud.batch.runs import Plan, Runs, initial_states, run_lanes
+from jaxshroud.batch.plan import Plan, Runs
+from jaxshroud.batch.runs import run_lanes
+from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.linear import area

@@ -30,7 +30,7 @@ from test_orbit import PARAMETERS, SCENES, scaled
 from test_orbit import scene_of as orbit_scene
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Runs
+from jaxshroud.batch.plan import Runs
 from jaxshroud.march.method import Choices, Method
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.model.modes import Status

@@ -26,8 +26,9 @@ import jax
 import numpy as np
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, initial_states, run_lanes
-from jaxshroud.batch.states import final_states
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
+from jaxshroud.batch.states import final_states, initial_states
 from jaxshroud.march.method import choices
 from jaxshroud.model.linear import area
 from jaxshroud.motion.averages import displacements, half_diagonal, period_maxima, reduction

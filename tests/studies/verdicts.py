@@ -33,8 +33,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, initial_states, run_lanes
-from jaxshroud.batch.states import final_states, to_vector
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
+from jaxshroud.batch.states import final_states, initial_states, to_vector
 from jaxshroud.batch.states import motion_rows as rows_of
 from jaxshroud.march.method import choices
 from jaxshroud.motion.averages import closing_tolerances_of, displacements

@@ -7,7 +7,8 @@ import pytest
 from scipy.optimize import brentq
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, run_lanes
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
 from jaxshroud.march.method import FAST
 from jaxshroud.motion import amplitude_slopes
 from jaxshroud.motion.batched_algorithms import stacked

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.tangents import flow_with_tangents
+from jaxshroud.batch.flows import flow_with_tangents
 from jaxshroud.motion.branch import BranchPoint
 from jaxshroud.motion.branch_continuation import Arc, joined_arcs
 from jaxshroud.results.branch import BIFURCATION_KINDS

@@ -7,7 +7,7 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud import load, sweep
-from jaxshroud.batch.runs import Plan
+from jaxshroud.batch.plan import Plan
 from jaxshroud.march.method import FAST
 from jaxshroud.motion.gradient import scenes_around, smoothed_gradient
 from jaxshroud.scene.vary import with_numbers

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan
+from jaxshroud.batch.plan import Plan
 from jaxshroud.march.method import FAST
 from jaxshroud.results.tuned import DesignJudgement
 from jaxshroud.verbs import robust as robustness

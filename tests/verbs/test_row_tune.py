@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan
+from jaxshroud.batch.plan import Plan
 from jaxshroud.march.method import choices
 from jaxshroud.plotting.style import quantity
 from jaxshroud.verbs.ascent import MAX_GROWTH, exact_slopes

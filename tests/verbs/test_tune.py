@@ -9,7 +9,9 @@ import pytest
 import jaxshroud as js
 from jaxshroud import load, power, tune, vary
 from jaxshroud import open as open_result
-from jaxshroud.batch.runs import Plan, initial_states, run_lanes
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
+from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import FAST
 from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.tableau import tableau

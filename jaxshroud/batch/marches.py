@@ -1,0 +1,76 @@
+"""The three marches, and which of them scenes take."""
+
+from operator import attrgetter
+
+from jaxshroud.batch.blocks import PAIR_KERNELS
+from jaxshroud.batch.closed_form import closed_form_runs, free_trajectories, no_steps, no_trial
+from jaxshroud.batch.flows import PAIR_FLOWS
+from jaxshroud.batch.march_protocol import March
+from jaxshroud.batch.operation_count import size_of_pair_trial, size_of_row_trial
+from jaxshroud.batch.pair_samples import balance_of_pairs, motions_of_pairs, sampled_pairs
+from jaxshroud.batch.periods import begin_lanes, pair_sample
+from jaxshroud.batch.row_samples import motions_of_rows, sampled_rows
+from jaxshroud.batch.row_tangents import ROW_FLOWS
+from jaxshroud.batch.rows import ROW_KERNELS, balance_of_rows, begin_rows, row_sample
+from jaxshroud.batch.stepped_runs import stepped_runs
+from jaxshroud.batch.stepped_trajectories import stepped_trajectories
+from jaxshroud.march.method import Choices
+from jaxshroud.march.stepper import POWER_SERIES, RUNGE_KUTTA, stepper_for
+from jaxshroud.scene.capabilities import LIMITED
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.layout import PAIR
+from jaxshroud.scene.scene import Scene
+
+PAIRS = March(
+    begin=begin_lanes,
+    kernels=PAIR_KERNELS,
+    sample=pair_sample,
+    run=stepped_runs,
+    trajectories=stepped_trajectories,
+    sampled=sampled_pairs,
+    motions=motions_of_pairs,
+    balance=balance_of_pairs,
+    flows=PAIR_FLOWS,
+    trial_size=size_of_pair_trial,
+    stepping=attrgetter("tableau"),
+    contacts=("spring", "smooth", "own"),
+    steppers=(RUNGE_KUTTA, POWER_SERIES),
+)
+ROWS = March(
+    begin=begin_rows,
+    kernels=ROW_KERNELS,
+    sample=row_sample,
+    run=stepped_runs,
+    trajectories=stepped_trajectories,
+    sampled=sampled_rows,
+    motions=motions_of_rows,
+    balance=balance_of_rows,
+    flows=ROW_FLOWS,
+    trial_size=size_of_row_trial,
+    stepping=attrgetter("tableau"),
+    contacts=("spring", "smooth"),
+    steppers=(RUNGE_KUTTA,),
+)
+# Samples and periods of blades that never touch are known; where tangents are wanted they are marched as pairs are.
+WITHOUT_CONTACT = PAIRS._replace(
+    run=closed_form_runs, trajectories=free_trajectories, trial_size=no_trial, stepping=no_steps, contacts=("none",)
+)
+
+
+def march_of(scenes: Scene) -> March:
+    """The march of scenes, by their layout and their contact."""
+    if scenes.layout != PAIR:
+        return ROWS
+    return WITHOUT_CONTACT if scenes.parts.contact == "none" else PAIRS
+
+
+def require_march(scenes: Scene, method: Choices) -> None:
+    """Raise InputError unless the march of scenes and the stepper of the method know their contact and each other."""
+    march, stepper, contact = march_of(scenes), stepper_for(method), scenes.parts.contact
+    if contact not in march.contacts:
+        raise InputError(LIMITED[f'`parts.contact` = "{contact}"'].refusal())
+    if stepper not in march.steppers:
+        raise InputError(LIMITED["the method taylor"].refusal("The method taylor"))
+    if contact not in stepper.contacts:
+        what = "smooth contact" if contact == "smooth" else "own laws"
+        raise InputError(f"The method taylor knows located contact, not {what}; take a Runge-Kutta method.")

@@ -1,0 +1,148 @@
+"""Periods of many lanes step by step, in chunks on one thread per core and in calls to the device that are short."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxshroud.batch.blocks import run_block
+from jaxshroud.batch.march_protocol import March
+from jaxshroud.batch.pace import CallPace
+from jaxshroud.batch.periods import (
+    LANES_PER_CALL,
+    PERIODS_PER_CALL,
+    CallLimits,
+    Clock,
+    Interim,
+    Sample,
+    at_start_of_period,
+    first_passes,
+    lanes_per_call,
+)
+from jaxshroud.batch.plan import Plan, Runs, Tick, completed_runs, run_log
+from jaxshroud.batch.threads import Check, Interrupted, concatenated_lanes, in_chunks
+from jaxshroud.batch.xla import best_mapping
+from jaxshroud.march.method import Choices
+from jaxshroud.model.modes import Status
+from jaxshroud.model.prepared import State
+from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import Tree
+
+
+def stepped_runs(march: March, scenes: Scene, states: State, plan: Plan, ticker: Tick, arrived: np.ndarray) -> Runs:
+    """The runs of lanes (leading axis), in chunks that share one compiled function, one thread per core."""
+    width = lanes_per_call(scenes.layout)
+    pace = CallPace(first_passes(width, scenes.layout))
+    run = lambda chunk, tick: _run_chunk(march, chunk, plan, pace, tick)
+    try:
+        return chunk_by_chunk(run, (scenes, states, arrived), ticker, width)
+    except Interrupted as stopped:
+        joined = lambda runs: concatenated_lanes(runs, len(arrived))
+        raise Interrupted(completed_runs(stopped.done, joined)) from None
+
+
+def chunk_by_chunk(run: Callable[[Any, Tick], Tree], lanes: Any, ticker: Tick, width: int = LANES_PER_CALL) -> Tree:
+    """The results of `run(lanes, tick)` for one chunk of lanes after another, concatenated.
+
+    Args:
+        run: A function of a chunk and of a callback that reports progress; it is compiled for one lane alone, or for
+            `width`.
+        lanes: A tree of arrays with a leading axis.
+        ticker: Called with the progress, summed over the lanes.
+        width: Lanes of a chunk, see `lanes_per_call`.
+
+    Raises:
+        Interrupted: As in `in_chunks`.
+    """
+    count = len(jax.tree.leaves(lanes)[0])
+    width = 1 if count == 1 else width
+
+    def one(check: Check, at: np.ndarray) -> Tree:
+        n = min(width, count - int(at[0]))
+
+        def tick(done: int | float) -> None:
+            ticker(done * n)
+            check()
+
+        return run(jax.tree.map(lambda a: np.asarray(a)[at], lanes), tick)
+
+    return in_chunks(one, count, width)
+
+
+def _run_chunk(march: March, chunk: tuple[Scene, State, np.ndarray], plan: Plan, pace: CallPace, tick: Tick) -> Runs:
+    scenes, states, arrived = chunk
+    lanes = march.begin(scenes, states, plan.method)
+    if plan.lead_in is not None and not arrived.all():
+        led_in, _ = run_periods(march, scenes, lanes, plan.lead_in, 1, plan.method, pace, lambda _: tick(0), keep=False)
+        lanes = select_lanes(arrived, lanes, led_in)
+    run = partial(run_periods, clock=plan.clock, method=plan.method, pace=pace, tick=tick)
+    lanes, _ = run(march, scenes, lanes, n=plan.transient, keep=False)
+    before = run_log(lanes)
+    lanes, samples = run(march, scenes, lanes, n=plan.kept)
+    return jax.tree.map(np.asarray, Runs(samples, before, run_log(lanes), lanes))
+
+
+def select_lanes(which: np.ndarray, a: Tree, b: Tree) -> Tree:
+    """Trees of arrays with a leading axis: `a` where `which`, else `b`."""
+    return jax.tree.map(lambda a, b: np.where(which.reshape(-1, *[1] * (np.ndim(a) - 1)), a, b), a, b)
+
+
+def run_periods(
+    march: March,
+    scenes: Scene,
+    lanes: Any,
+    clock: Clock,
+    n: int,
+    method: Choices,
+    pace: CallPace,
+    tick: Tick,
+    keep: bool = True,
+) -> tuple[Any, Sample | None]:
+    """Run `n` periods of lanes (leading axis), in calls to the device that are short.
+
+    Args:
+        march: That of the scenes.
+        scenes: The scenes.
+        lanes: The lanes, or rows, at the start of a period.
+        clock: The time grid.
+        n: Periods.
+        method: The options of the march.
+        pace: How much a call does.
+        tick: Called after every call with the number of periods that it made, parts of one included.
+        keep: Whether samples are returned.
+
+    Returns:
+        The lanes at the end, and their samples, see `Runs`.
+    """
+    blocks: list[Sample] = []
+    interim, done, told = at_start_of_period(lanes), 0, 0.0
+    while done < n:
+
+        def call(passes: np.int32, left: int = n - done, interim: Interim = interim) -> tuple[Interim, int, Any]:
+            limits = CallLimits(jnp.int32(min(left, PERIODS_PER_CALL)), jnp.asarray(passes))
+            options = method, PERIODS_PER_CALL, best_mapping(), march.kernels
+            end, ended, samples = run_block(scenes, interim, clock, limits, *options)
+            return end, int(ended), samples
+
+        interim, ended, samples = pace.timed(call, lambda result: result[0].inside)
+        if keep and ended:
+            blocks.append(jax.tree.map(lambda a, n=ended: in_float64(a)[:n].swapaxes(0, 1), march.sample(samples)))
+        done += ended
+        now = done + (_part_of_period(interim.lanes, clock) if interim.inside else 0.0)
+        tick(now - told)
+        told = now
+    return interim.lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks) if blocks else None
+
+
+def _part_of_period(lanes: Any, clock: Clock) -> float:
+    """The part of a period that lanes have marched, on average; those that have stopped need no more."""
+    part = np.where(np.asarray(lanes.status) == Status.OK, np.asarray(lanes.step) / int(clock.steps), 1.0)
+    return float(np.mean(part))
+
+
+def in_float64(a) -> np.ndarray:
+    """An array, in float64 if its numbers are real."""
+    return np.asarray(a, float) if np.issubdtype(np.asarray(a).dtype, np.floating) else np.asarray(a)
