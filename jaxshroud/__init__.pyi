@@ -1,6 +1,6 @@
 from .batch.cache import cache_compilations as cache_compilations
 from .batch.flow_states import Flow as Flow
-from .batch.rollout import Moment as Moment
+from .batch.pure_march import Moment as Moment
 from .batch.rollout import Rollout as Rollout
 from .batch.rollout import most_trials as most_trials
 from .batch.rollout import period_map as period_map

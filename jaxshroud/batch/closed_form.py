@@ -140,7 +140,7 @@ def free_trajectories(
 ) -> Trajectories:
     """The trajectories of lanes (leading axis) without contact, which take no steps."""
     del march, method, ticker
-    motion, amplitudes, status = free_samples(scenes, states.motion, grid)
+    motion, amplitudes, status = _free_samples(scenes, states.motion, grid)
     shape = motion.x.shape[:2]
     apart, zero = np.zeros(shape, np.int32), np.zeros(shape[0])
     return Trajectories(
@@ -152,7 +152,7 @@ def free_trajectories(
     )
 
 
-def free_samples(scenes: Scene, first: Motion, grid: SampleGrid) -> tuple[Motion, SampledAmplitudes, np.ndarray]:
+def _free_samples(scenes: Scene, first: Motion, grid: SampleGrid) -> tuple[Motion, SampledAmplitudes, np.ndarray]:
     """The samples of scenes (leading axis) without contact, where their displacements lie, and their status.
 
     Fields of the motion have axes (lanes, samples, 2), those of the `first` one (lanes, 2). The status is that of the

@@ -132,6 +132,11 @@ def end_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane | Non
     return dual_lanes(vmapped)(end_flow_with_moments, lanes, models, times)
 
 
+def as_differentiable(method: Choices) -> Choices:
+    """The method with derivatives of the times of events, and without the logs that a flow does not need."""
+    return method._replace(derivative=True, ledger=False, within=False, forces=False)
+
+
 class FlowPrograms(NamedTuple):
     """The compiled functions of a flow."""
 

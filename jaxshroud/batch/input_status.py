@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.batch.marches import require_march
 from jaxshroud.batch.stopped import replaced_where
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import judge_step
@@ -50,11 +49,7 @@ def admit(scene: Scene, state: State, steps: int, method: Choices) -> Admitted:
     All numbers of the scene must be in the ranges of their keys, those of the state finite, and the steps stable.
     Where they are not, numbers that are valid take their place: the derivatives of invalid ones are not finite, and
     would make NaN of 0 in reverse mode.
-
-    Raises:
-        InputError: The march of the scene, or the stepper of the method, does not know its contact.
     """
-    require_march(scene, method)
     return _admitted(scene, state, np.int32(steps), method.tableau)
 
 

@@ -10,6 +10,7 @@ from jaxshroud.batch.flows import FlowPrograms
 from jaxshroud.batch.operation_count import TrialSize
 from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.plan import Plan, Runs, Tick
+from jaxshroud.batch.pure_march import PureMarch
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.stretches import EnergyBalance, SampledLanes, Trajectories
 from jaxshroud.march.method import Choices
@@ -46,6 +47,8 @@ class March(NamedTuple):
     """(tally, gained energies [J]) -> the energy balance of lanes; None without a ledger."""
     flows: FlowPrograms
     """Whole periods with tangents, step by step."""
+    pure: PureMarch
+    """What it does inside JAX's transformations."""
     trial_size: Callable[[Scene, Choices], TrialSize]
     """(scene, method) -> the size of a trial step of one lane."""
     stepping: Callable[[Choices], Tableau | TaylorOptions | None]

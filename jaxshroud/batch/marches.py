@@ -7,8 +7,10 @@ from jaxshroud.batch.closed_form import closed_form_runs, free_trajectories, no_
 from jaxshroud.batch.flows import PAIR_FLOWS
 from jaxshroud.batch.march_protocol import March
 from jaxshroud.batch.operation_count import size_of_pair_trial, size_of_row_trial
+from jaxshroud.batch.pair_functions import PURE_PAIRS
 from jaxshroud.batch.pair_samples import balance_of_pairs, motions_of_pairs, sampled_pairs
 from jaxshroud.batch.periods import begin_lanes, pair_sample
+from jaxshroud.batch.row_flow import PURE_ROWS
 from jaxshroud.batch.row_samples import motions_of_rows, sampled_rows
 from jaxshroud.batch.row_tangents import ROW_FLOWS
 from jaxshroud.batch.rows import ROW_KERNELS, balance_of_rows, begin_rows, row_sample
@@ -31,6 +33,7 @@ PAIRS = March(
     motions=motions_of_pairs,
     balance=balance_of_pairs,
     flows=PAIR_FLOWS,
+    pure=PURE_PAIRS,
     trial_size=size_of_pair_trial,
     stepping=attrgetter("tableau"),
     contacts=("spring", "smooth", "own"),
@@ -46,6 +49,7 @@ ROWS = March(
     motions=motions_of_rows,
     balance=balance_of_rows,
     flows=ROW_FLOWS,
+    pure=PURE_ROWS,
     trial_size=size_of_row_trial,
     stepping=attrgetter("tableau"),
     contacts=("spring", "smooth"),

@@ -2,55 +2,36 @@
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Int, PyTree
 
 from jaxshroud.batch.differentiable_samples import Schedule, differentiable_samples, trial_counts
 from jaxshroud.batch.flow_states import Flow
-from jaxshroud.batch.flows import begin_flow, end_flow, flow_constants
+from jaxshroud.batch.flows import as_differentiable, begin_flow, end_flow, flow_constants
 from jaxshroud.batch.input_status import Admitted, admit, require_single_scene, status_if_admitted
-from jaxshroud.batch.marches import require_march
+from jaxshroud.batch.marches import march_of, require_march
 from jaxshroud.batch.periods import march_steps
-from jaxshroud.batch.row_flow import RowFlow, check_row_start, row_flow
-from jaxshroud.batch.states import as_arrays, carried_state, initial_states
+from jaxshroud.batch.pure_march import Moment, SampledMoments
+from jaxshroud.batch.states import as_arrays, initial_states
 from jaxshroud.batch.stopped import distinct_where, nan_where, where_going
-from jaxshroud.batch.tangents import as_differentiable
 from jaxshroud.batch.xla import one_lane, vmapped
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
-from jaxshroud.march.observables import contact_forces
-from jaxshroud.model.arithmetic import Scalar, filled, sincos_turns
+from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
-from jaxshroud.model.prepared import Model, State, prepared_model
-from jaxshroud.model.rhs import drive_wave
+from jaxshroud.model.prepared import State
 from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.capabilities import require_capability
 from jaxshroud.scene.checks import MAX_COUNT, InputError, count_argument
-from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 
 TRIAL_MARGIN = 1.25, 64  # factor and offset for the trials of scenes nearby
-
-
-OfContact = Float[Array, "..."]  # of a row at each interface
-
-
-class Moment(NamedTuple):
-    """The argument of `save` in a rollout: one sample."""
-
-    t: Scalar  # [s]
-    state: State  # fields of `motion` (2,), of a row (blades,), as contact and forces are (interfaces,)
-    N: OfContact  # normal force of contact [N]
-    F: OfContact  # friction force [N]
-    v: OfContact  # penetration [m]; when apart the negative remaining gap
-    u: OfContact  # slide of the left block against the right one [m]
 
 
 class Rollout(eqx.Module):
@@ -128,33 +109,21 @@ def rollout(
     schedule = _schedule(n_periods, every, method, most_trials)
     require_single_scene("rollout", scene)
     scene, state = _in_method_precision(scene, state, schedule.method)
-    if scene.layout != PAIR:
-        return _row_rollout(scene, state, schedule._replace(method=explicit(method)[1]._replace(margins=True)), save)
-    schedule = schedule._replace(method=schedule.method._replace(margins=True))
+    require_march(scene, schedule.method)
     begin = admit(scene, state, schedule.steps, schedule.method)
-    flow = differentiable_samples(begin.scene, begin.start, schedule)
-    model, (times, turns) = prepared_model(begin.scene), _sample_times(begin, schedule)
-    states = eqx.tree_at(lambda s: s.motion, flow.state, jax.vmap(as_arrays)(flow.state.motion))
-    stopped = flow.status != Status.OK
-    at = lambda t, turns, state, stopped: _moment_at(t, turns, state, stopped, model)
-    moments = jax.vmap(at)(times, turns, states, stopped)
-    return _as_rollout(moments, jnp.stack(flow.power, -1), flow, save, begin)
+    return _as_rollout(march_of(scene).pure.moments(begin, schedule), save, begin)
 
 
-def _as_rollout(
-    moments: Moment,
-    power: Float[Array, "samples blades"],
-    flow: Flow | RowFlow,
-    save: Callable[[Moment], PyTree],
-    begin: Admitted,
-) -> Rollout:
+def _as_rollout(sampled: SampledMoments, save: Callable[[Moment], PyTree], begin: Admitted) -> Rollout:
     """The result of sampled moments, with NaN once the lane has stopped."""
-    stopped = flow.status != Status.OK
+    moments, stopped = sampled.moments, sampled.status != Status.OK
     lost = eqx.tree_at(_of_motion, moments, nan_where(stopped, _of_motion(moments)))
     kept = eqx.tree_at(_of_motion, moments, distinct_where(stopped, _of_motion(moments)))
     saved = where_going(stopped, jax.vmap(save)(kept), jax.vmap(save)(lost))
-    mean = nan_where(stopped[-1], jnp.mean(power, axis=0))
-    state, status, margins = jax.tree.map(lambda a: a[-1], (lost.state, flow.status, lax.stop_gradient(flow.margins)))
+    mean = nan_where(stopped[-1], jnp.mean(sampled.power, axis=0))
+    state, status, margins = jax.tree.map(
+        lambda a: a[-1], (lost.state, sampled.status, lax.stop_gradient(sampled.margins))
+    )
     status = status_if_admitted(status, begin.good)
     events, onset, switch = margins
     return Rollout(saved, state, mean, status, events, onset, switch, begin.coarseness)
@@ -164,25 +133,6 @@ def _of_motion(moment: Moment) -> tuple[Any, ...]:
     """The numbers of a moment that depend on the motion."""
     state = moment.state
     return state.motion, state.u_s, moment.N, moment.F, moment.v, moment.u
-
-
-def _sample_times(begin: Admitted, schedule: Schedule) -> tuple[Float[Array, " samples"], Float[Array, " samples"]]:
-    """The times [s] of samples, and the phases of the drive there [turns]."""
-    index, steps = np.arange(1, schedule.samples + 1) * schedule.every, schedule.steps
-    period = nan_where(~begin.good, begin.scene.drive.period)
-    turns = jnp.asarray(index % steps / steps, period.dtype)
-    return period * jnp.asarray(index / steps, turns.dtype), turns
-
-
-def _row_rollout(scene: Scene, state: State, schedule: Schedule, save: Callable[[Moment], PyTree]) -> Rollout:
-    if schedule.most_trials is not None:
-        require_capability("Argument `most_trials`", scene.layout)
-    check_row_start(scene, state)
-    begin = admit(scene, state, schedule.steps, schedule.method)
-    flow = row_flow(begin.scene, begin.start, schedule)
-    f = flow.at.forces
-    moments = Moment(_sample_times(begin, schedule)[0], flow.at.state, f.N, f.F, f.v, f.u)
-    return _as_rollout(moments, flow.power, flow, save, begin)
 
 
 @typed
@@ -216,6 +166,7 @@ def most_trials(
     require_single_scene("most_trials", scene)
     schedule = _schedule(n_periods, None, method, MAX_COUNT)
     require_march(scene, schedule.method)
+    schedule = schedule._replace(method=as_differentiable(schedule.method))
     counts = trial_counts(*one_lane(_in_method_precision(scene, state, schedule.method)), schedule)
     if is_traced(counts):
         raise InputError("Call `most_trials` outside jax.jit, and give its number to `rollout`.")
@@ -230,21 +181,13 @@ def _schedule(n_periods: int, every: int | None, method: Method, most_trials: in
         count_argument(name, count, 1)
     if steps % every:
         raise InputError(f"Argument `every` = {every} must divide the method's steps = {steps}.")
-    return Schedule(n_periods * steps // every, every, steps, as_differentiable(how), most_trials)
+    return Schedule(n_periods * steps // every, every, steps, how, most_trials)
 
 
 def _in_method_precision(scene: Scene, state: State | None, method: Choices) -> tuple[Scene, State]:
     """The scene and the initial state in the precision of the method."""
     scene = in_precision(scene, method.precision)
     return scene, initial_states(scene) if state is None else in_precision(state, method.precision)
-
-
-def _moment_at(t: Scalar, turns: Scalar, state: State, stopped: Bool[Array, ""], model: Model) -> Moment:
-    carried = carried_state(state, model)
-    forces = contact_forces(drive_wave(*sincos_turns(turns), model.drive), carried, model)
-    of_contact = filled((forces.N, forces.F, forces.v, forces.u), forces.v)
-    # of the motion in any mode, so that the NaN of a stopped lane reaches all numbers in reverse mode
-    return Moment(t, state, *(jnp.where(stopped, state.motion.x[0], a) for a in of_contact))
 
 
 @typed
@@ -287,6 +230,7 @@ def period_map(
         count_argument("most_trials", most_trials, 1)
     steps, how = explicit(method)
     scene, state = (in_precision(tree, how.precision) for tree in (scene, state))
+    require_march(scene, how)
     how = as_differentiable(how)
     begin = admit(scene, state, steps, how)
     if scene.parts.contact == "smooth":

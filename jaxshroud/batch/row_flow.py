@@ -10,7 +10,9 @@ from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.blocks import period_function
 from jaxshroud.batch.differentiable_samples import Schedule, batching_by_lanes, skip_samples
+from jaxshroud.batch.input_status import Admitted
 from jaxshroud.batch.periods import Clock
+from jaxshroud.batch.pure_march import LaneOutcomes, Moment, PureMarch, SampledMoments, SweepPlan, sample_times
 from jaxshroud.batch.row_samples import RowSamples, next_row_sample
 from jaxshroud.batch.rows import ROW_KERNELS, lanes_first, row_models, rows_at_start
 from jaxshroud.batch.xla import best_mapping, compiled, one_lane
@@ -20,6 +22,7 @@ from jaxshroud.march.row_carry import tally_of_new_period
 from jaxshroud.march.tally import EventMargins
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
+from jaxshroud.scene.capabilities import require_capability
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
@@ -34,14 +37,7 @@ class RowFlow(NamedTuple):
     margins: EventMargins  # so far, at all interfaces
 
 
-def check_row_start(scene: Scene, state: State) -> None:
-    """Raise InputError if the state is not one of such a row."""
-    sizes = scene.layout.blades, scene.layout.interfaces
-    if (jnp.shape(state.motion.x), jnp.shape(state.u_s)) != ((sizes[0],), (sizes[1],)):
-        raise InputError("Argument `state` must have the motion of {} blades and contact at {}.".format(*sizes))
-
-
-def row_flow(scene: Scene, state: State, schedule: Schedule) -> RowFlow:
+def _row_flow(scene: Scene, state: State, schedule: Schedule) -> RowFlow:
     """The samples of one row by a `schedule` without a bound of trials; a TypeError where it is differentiated."""
     flows = _sampled_rows(*one_lane(values_only((scene, state))), schedule)
     return jax.tree.map(lambda a: a[0], flows)
@@ -110,3 +106,39 @@ def row_strobe(scenes: Scene, states: State, transient: int, kept: int, steps: i
         return RowStrobe(motion, power, means, last.status)
 
     return batching_by_lanes(run)(*values_only((scenes, states)))
+
+
+def _check_row_start(scene: Scene, state: State) -> None:
+    """Raise InputError if the state is not one of such a row."""
+    sizes = scene.layout.blades, scene.layout.interfaces
+    if (jnp.shape(state.motion.x), jnp.shape(state.u_s)) != ((sizes[0],), (sizes[1],)):
+        raise InputError("Argument `state` must have the motion of {} blades and contact at {}.".format(*sizes))
+
+
+def _moments_of_row(begin: Admitted, schedule: Schedule) -> SampledMoments:
+    """The samples of a row, whose derivatives raise a TypeError."""
+    if schedule.most_trials is not None:
+        require_capability("Argument `most_trials`", begin.scene.layout)
+    _check_row_start(begin.scene, begin.start)
+    schedule = schedule._replace(method=schedule.method._replace(margins=True))
+    flow = _row_flow(begin.scene, begin.start, schedule)
+    f = flow.at.forces
+    moments = Moment(sample_times(begin, schedule)[0], flow.at.state, f.N, f.F, f.v, f.u)
+    return SampledMoments(moments, flow.power, flow.status, flow.margins)
+
+
+def _chunk_of_rows(rows: Scene, states: State, plan: SweepPlan) -> LaneOutcomes:
+    """The results of a chunk of rows, by the kernels of the verb `sweep`."""
+    strobe = row_strobe(rows, states, *plan)
+    told = strobe.motion, strobe.power, strobe.means
+    motion, power, means = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), told)
+    return LaneOutcomes(motion, power, means, strobe.status)
+
+
+PURE_ROWS = PureMarch(
+    moments=_moments_of_row,
+    outcomes=_chunk_of_rows,
+    within_bounds=lambda _, scenes: scenes,
+    counted=lambda a: a.sum(axis=-1),
+    told=lambda P_0: P_0,
+)

@@ -22,7 +22,7 @@ from jaxshroud.batch.rows import (
     row_models,
     updated_slider,
 )
-from jaxshroud.batch.sampling import SampleGrid, Stretch
+from jaxshroud.batch.sampling import SampleGrid, Stretch, sampled_in_calls
 from jaxshroud.batch.stretches import SampledLanes, march_in_stretches, values_by_name
 from jaxshroud.batch.xla import best_mapping, compiled
 from jaxshroud.march.carry import EachLane, TimeGrid, running
@@ -177,22 +177,14 @@ def march_row_samples(scenes: Scene, states: State, grid: SampleGrid, method: Ch
         first = host(_first_sample(scenes, begun, clock.start, each))
 
     def march(lanes: RowLane, stretch: Stretch) -> tuple[RowLane, RowSamples, None]:
-        pace, done, blocks = CallPace(first_passes(len(lanes.status), scenes.layout)), 0, []
-        interim = Interim(lanes, np.zeros(lanes.status.shape, np.int32), np.bool_(False))
-        while done < stretch.samples:
+        def block(interim: Interim, limits: CallLimits) -> tuple[Interim, Any, RowSamples]:
+            every = jnp.int32(stretch.apart)
+            return _row_samples(scenes, interim, clock, every, limits, method, ROW_SAMPLES_PER_CALL, each)
 
-            def call(passes: np.int32, left: int = stretch.samples - done, interim: Interim = interim) -> Any:
-                limits = CallLimits(jnp.int32(min(left, ROW_SAMPLES_PER_CALL)), jnp.asarray(passes))
-                end, ended, samples = _row_samples(
-                    scenes, interim, clock, jnp.int32(stretch.apart), limits, method, ROW_SAMPLES_PER_CALL, each
-                )
-                return end, int(ended), samples
-
-            interim, ended, block = pace.timed(call, lambda result: result[0].inside)
-            blocks.append(jax.tree.map(lambda a, n=ended: np.moveaxis(np.asarray(a)[:n], 0, 1), block))
-            done += ended
-            tick(ended * stretch.apart)
-        return interim.lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks), None
+        pace = CallPace(first_passes(len(lanes.status), scenes.layout))
+        begin = Interim(lanes, np.zeros(lanes.status.shape, np.int32), np.bool_(False))
+        end, samples = sampled_in_calls(block, begin, stretch, ROW_SAMPLES_PER_CALL, pace, tick)
+        return end.lanes, samples, None
 
     run = march_in_stretches(march, scenes, lanes, first, grid, lambda samples: samples.state.motion)
     energies = before, np.asarray(stored_energies_of_rows(scenes, run.lanes, each))

@@ -23,8 +23,8 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
 from jaxshroud.programs.kept import kept
-from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import Scene
+from jaxshroud.scene.typed import Tree
 
 SAMPLES_PER_BLOCK = 1024  # samples per call
 MAX_UNKEPT = 1 << 19  # samples of all lanes that are held at once, where only some of them are kept
@@ -119,22 +119,53 @@ def march_by_steps(
     scenes: Scene, lanes: Lane, stretch: Stretch, grid: SampleGrid, method: Choices, tick: Callable[[int], None]
 ) -> SampledMarch:
     """March lanes (leading axis) with samples at the ends of steps; `tick` gets the number of further steps."""
-    clock, blocks, done = grid.clock(scenes), [], 0
-    pace, begun = CallPace(first_passes(len(lanes.status), PAIR)), np.int32(0)
+    clock, each = grid.clock(scenes), best_mapping()
+
+    def block(interim: tuple[Any, Lane], limits: CallLimits) -> tuple[tuple[Any, Lane], Any, State]:
+        begun, lanes = interim
+        every = np.int32(stretch.apart)
+        begun, lanes, ended, states = _block_of_samples(scenes, lanes, begun, clock, every, limits, method, each)
+        return (begun, lanes), ended, states
+
+    pace = CallPace(first_passes(len(lanes.status), scenes.layout))
+    (_, lanes), states = sampled_in_calls(block, (np.int32(0), lanes), stretch, SAMPLES_PER_BLOCK, pace, tick)
+    return SampledMarch(lanes, states)
+
+
+def sampled_in_calls(
+    block: Callable[[Any, CallLimits], tuple[Any, Any, Tree]],
+    interim: Any,
+    stretch: Stretch,
+    most: int,
+    pace: CallPace,
+    tick: Callable[[int], None],
+) -> tuple[Any, Tree]:
+    """March over a stretch in calls to the device that are short.
+
+    Args:
+        block: A call: what lies between two calls, how many samples have ended, and samples (leading axis, then the
+            lanes), of which further ones are meaningless.
+        interim: What lies before the first call.
+        stretch: The stretch.
+        most: The samples of a call at most.
+        pace: How much a call does.
+        tick: Called with the number of further steps.
+
+    Returns:
+        What lies after the last call, and the samples (lanes, samples, ...).
+    """
+    blocks, done = [], 0
     while done < stretch.samples:
 
-        def call(passes: np.int32, left: int = stretch.samples - done, lanes: Lane = lanes, begun: Any = begun) -> Any:
-            limits = CallLimits(jnp.int32(min(left, SAMPLES_PER_BLOCK)), jnp.asarray(passes))
-            begun, lanes, ended, block = _block_of_samples(
-                scenes, lanes, begun, clock, np.int32(stretch.apart), limits, method, best_mapping()
-            )
-            return begun, lanes, int(ended), block
+        def call(passes: np.int32, left: int = stretch.samples - done, interim: Any = interim) -> Any:
+            after, ended, samples = block(interim, CallLimits(jnp.int32(min(left, most)), jnp.asarray(passes)))
+            return after, int(ended), samples
 
-        begun, lanes, ended, block = pace.timed(call, lambda result, left=stretch.samples - done: result[2] < left)
-        blocks.append(jax.tree.map(lambda a, n=ended: np.moveaxis(np.asarray(a)[:n], 0, 1), block))
+        interim, ended, samples = pace.timed(call, lambda result, left=stretch.samples - done: result[1] < left)
+        blocks.append(jax.tree.map(lambda a, n=ended: np.moveaxis(np.asarray(a)[:n], 0, 1), samples))
         done += ended
         tick(ended * stretch.apart)
-    return SampledMarch(lanes, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks))
+    return interim, jax.tree.map(lambda *a: np.concatenate(a, axis=1), *blocks)
 
 
 @compiled("method", "each")

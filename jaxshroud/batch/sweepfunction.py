@@ -1,8 +1,7 @@
 """A whole sweep as one pure function, for JAX's own transformations."""
 
 from collections.abc import Callable
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,31 +9,20 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.batch.blocks import PAIR_KERNELS, period_function
-from jaxshroud.batch.differentiable_samples import (
-    Schedule,
-    batching_by_lanes,
-    no_tangents,
-    perturbed_only,
-    samples_and_tangents,
-    skip_samples,
-)
 from jaxshroud.batch.input_status import admit, status_if_admitted
-from jaxshroud.batch.periods import LANES_PER_CALL, Clock, begin_lanes
-from jaxshroud.batch.row_flow import row_strobe
+from jaxshroud.batch.marches import march_of, require_march
+from jaxshroud.batch.periods import LANES_PER_CALL
+from jaxshroud.batch.pure_march import SweepPlan
 from jaxshroud.batch.states import initial_states
-from jaxshroud.batch.stopped import lost_tangents, nan_where, replaced_where
-from jaxshroud.batch.tangents import as_differentiable
-from jaxshroud.batch.xla import best_mapping, compiled
+from jaxshroud.batch.stopped import nan_where, replaced_where
+from jaxshroud.batch.xla import compiled
 from jaxshroud.march.method import EXPLICIT, Choices, Method, explicit
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import area, free_power, power_reduction, vibration_square
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
-from jaxshroud.model.rhs import Means
 from jaxshroud.scene.checks import InputError, count_argument
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import PerBlade, Scene
 from jaxshroud.scene.typed import Tree, typed
 from jaxshroud.scene.valid import in_precision
@@ -50,34 +38,6 @@ class Strobe(eqx.Module):
     status: Int[Array, "..."]  # (lanes,), see `Status`
     coarseness: Float[Array, "..."]  # omega_max h over the method's limit of accuracy: inaccurate above 1, (lanes,)
     P_0: PerBlade | None = None  # power without contact, of rows alone, (lanes, blades) [m^4]; see `free_power`
-
-
-class _SweepPlan(NamedTuple):
-    """The static arguments of a sweep."""
-
-    transient: int
-    kept: int
-    steps: int
-    method: Choices
-
-    @property
-    def clock(self) -> Clock:
-        """The grid of whole periods from drive phase 0."""
-        return Clock.from_phase_0(self.steps)
-
-    @property
-    def schedule(self) -> Schedule:
-        """The schedule of the same run with derivatives."""
-        return Schedule(self.kept, self.steps, self.steps, as_differentiable(self.method), skipped=self.transient)
-
-
-class _LaneOutcomes(NamedTuple):
-    """The results of lanes (leading axis)."""
-
-    motion: Motion  # of each blade, (lanes, periods)
-    power: tuple[Any, ...]  # mean square displacement over block and periods, (lanes,) [m^2]
-    means: Any  # `Means` over the periods, of each block that counts, (lanes,)
-    status: Any  # (lanes,); None of tangents
 
 
 @typed
@@ -121,7 +81,7 @@ def sweep_function(
     count_argument("n_periods", n_periods, 1)
     count_argument("transient", transient, 0)
     steps, choices = explicit(method)
-    plan = _SweepPlan(transient, n_periods, steps, choices._replace(vibration=True))
+    plan = SweepPlan(transient, n_periods, steps, choices._replace(vibration=True))
 
     @typed
     def function(scenes: Scene, states: State | None = None) -> Strobe:
@@ -129,6 +89,7 @@ def sweep_function(
             raise InputError(
                 "A sweep function takes scenes with one leading axis, as of js.scenes_from; or use js.rollout."
             )
+        require_march(scenes, plan.method)
         scenes = in_precision(scenes, plan.method.precision)
         begin = initial_states(scenes) if states is None else in_precision(states, plan.method.precision)
         lanes = jax.vmap(lambda scene, state: admit(scene, state, plan.steps, plan.method))(scenes, begin)
@@ -149,70 +110,15 @@ def _by_chunks(run: Callable[[Any], Tree], lanes: Any, count: int) -> Tree:
     return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], results)
 
 
-def _differentiable_chunk(scenes: Scene, states: State, plan: _SweepPlan) -> _LaneOutcomes:
-    """The results of a chunk of pairs; their derivatives are those of the samples of the lanes."""
-    outcomes_of = jax.custom_jvp(batching_by_lanes(lambda scenes, states: _lane_outcomes(scenes, states, plan)))
-
-    def push(primals, tangents):
-        run, flow = jax.vmap(partial(samples_and_tangents, schedule=plan.schedule))(primals, perturbed_only(tangents))
-        told = flow.state.motion, flow.power, flow.means
-        motion, power, means = lost_tangents(run.status != Status.OK, told)
-        power, means = jax.tree.map(lambda a: jnp.mean(a, axis=1), (power, means))
-        slope = _LaneOutcomes(motion, power, means, None)
-        value = outcomes_of(*primals)
-        return value, no_tangents(value, slope)
-
-    outcomes_of.defjvp(push, symbolic_zeros=True)
-    found = outcomes_of(scenes, states)
-    return found._replace(means=Means(*((left,) for left in found.means)))
-
-
-def _chunk_of_rows(rows: Scene, states: State, plan: _SweepPlan) -> _LaneOutcomes:
-    """The results of a chunk of rows, by the kernels of the verb `sweep`."""
-    strobe = row_strobe(rows, states, *plan)
-    told = strobe.motion, strobe.power, strobe.means
-    motion, power, means = jax.tree.map(lambda a: tuple(jnp.moveaxis(a, -1, 0)), told)
-    return _LaneOutcomes(motion, power, means, strobe.status)
-
-
-def _lane_outcomes(scenes: Scene, states: State, plan: _SweepPlan) -> _LaneOutcomes:
-    """The results of lanes, by the kernels of the verb `sweep`."""
-    period = period_function(scenes, plan.clock, plan.method, best_mapping(), PAIR_KERNELS)
-    begin = begin_lanes(scenes, states, plan.method)
-    one = skip_samples(lambda lanes, _: period(lanes, True), plan.transient)
-    last, sample = lax.scan(one, begin, jnp.arange(plan.kept))
-    lanes_first = jax.tree.map(lambda a: a.T, sample.motion)
-    power, means = jax.tree.map(lambda a: jnp.mean(a, axis=0), (sample.power, sample.means))
-    return _LaneOutcomes(lanes_first, power, means, last.status)
-
-
-class _Kernel(NamedTuple):
-    """What a sweep of pairs or of rows is made of."""
-
-    run: Callable[[Scene, State, _SweepPlan], _LaneOutcomes]  # the results of a chunk of lanes
-    within_bounds: Callable[[Any, Scene], Scene]  # (stopped, scenes) -> scenes without numbers out of all bounds
-    counted: Callable[[Any], Any]  # the sum of numbers (lanes, blades) of the blades that count
-    told: Callable[[Any], Any]  # P_0 of the result
-
-
-PAIR_SWEEPS = _Kernel(
-    _differentiable_chunk,
-    lambda stopped, scenes: replaced_where(stopped, scenes, 1.0),
-    lambda a: a[:, 0],
-    lambda _: None,
-)
-ROW_SWEEPS = _Kernel(_chunk_of_rows, lambda _, scenes: scenes, lambda a: a.sum(axis=-1), lambda P_0: P_0)
-
-
 @compiled("plan", "method")
-def _run_sweep(scenes: Scene, states: State, plan: _SweepPlan, method: Choices) -> Strobe:
+def _run_sweep(scenes: Scene, states: State, plan: SweepPlan, method: Choices) -> Strobe:
     """Run all lanes, chunk by chunk; `method` is that of the plan, passed for the decorator."""
     del method
-    kernel = PAIR_SWEEPS if scenes.layout == PAIR else ROW_SWEEPS
-    run = lambda chunk: kernel.run(chunk[0], chunk[1], plan)
+    pure = march_of(scenes).pure
+    run = lambda chunk: pure.outcomes(chunk[0], chunk[1], plan)
     outcomes = _by_chunks(run, (scenes, states), len(scenes.drive.omega))
     stopped = outcomes.status != Status.OK
-    told = kernel.within_bounds(stopped, scenes)
+    told = pure.within_bounds(stopped, scenes)
     A, P_0 = jax.vmap(lambda scene: (area(scene.shroud), free_power(scene)))(told)
     motion = Motion(*(jnp.stack(blades, axis=-1) for blades in outcomes.motion))
     power = jnp.stack(outcomes.power, axis=-1)
@@ -220,7 +126,7 @@ def _run_sweep(scenes: Scene, states: State, plan: _SweepPlan, method: Choices) 
     square, means = replaced_where(stopped, (power, means), 0.0)
     about_mean = jax.vmap(vibration_square)(square[:, : means.shape[-1]], means, jax.vmap(gyration)(told.shroud))
     P, P_vibration = A[:, None] * square, A[:, None] * about_mean
-    P_d, P_d_vibration = (power_reduction(kernel.counted(a), kernel.counted(P_0)) for a in (P, P_vibration))
+    P_d, P_d_vibration = (power_reduction(pure.counted(a), pure.counted(P_0)) for a in (P, P_vibration))
     motion = jax.tree.map(lambda a: nan_where(jnp.isnan(a), a), motion)
     P, P_d, P_d_vibration = nan_where(stopped, (P, P_d, P_d_vibration))
-    return Strobe(motion, P, P_d, P_d_vibration, outcomes.status, jnp.zeros_like(A), kernel.told(P_0))
+    return Strobe(motion, P, P_d, P_d_vibration, outcomes.status, jnp.zeros_like(A), pure.told(P_0))

@@ -27,11 +27,6 @@ from jaxshroud.scene.numbers import given_of, numbers_of
 from jaxshroud.scene.scene import Scene, without_given
 
 
-def as_differentiable(method: Choices) -> Choices:
-    """The method with derivatives of the times of events, and without the logs that a flow does not need."""
-    return method._replace(derivative=True, ledger=False, within=False, forces=False)
-
-
 def run_flow(scenes: Dual, states: Dual, n: int, steps: int, method: Choices, turns: np.ndarray | None = None) -> Dual:
     """`flow_with_tangents` of any number of lanes, in chunks that share one compiled function; NumPy arrays.
 

@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.plan import Plan, Progress, Runs
 from jaxshroud.batch.runs import run_lanes
-from jaxshroud.batch.tangents import TangentProblem, Tangents, as_differentiable, batched_tangents
+from jaxshroud.batch.tangents import TangentProblem, Tangents, batched_tangents
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.march.method import Choices
 from jaxshroud.model.prepared import State

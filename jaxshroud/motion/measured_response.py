@@ -14,8 +14,9 @@ import numpy as np
 
 from jaxshroud.batch.cubics import cubic_mean, hermite_largest
 from jaxshroud.batch.differentiable_samples import Schedule
+from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.sampled_tangents import SampledMotions, motions_with_tangents
-from jaxshroud.batch.tangents import TangentProblem, as_differentiable, direction
+from jaxshroud.batch.tangents import TangentProblem, direction
 from jaxshroud.motion.orbit import PeriodicOrbit
 from jaxshroud.motion.shooting import moved_start
 from jaxshroud.programs.kept import kept

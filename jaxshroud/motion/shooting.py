@@ -7,16 +7,11 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from jaxshroud.batch.duals import Dual
+from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.states import final_states, from_vector, motion_rows, to_vector
 from jaxshroud.batch.stepped_runs import select_lanes
-from jaxshroud.batch.tangents import (
-    TangentProblem,
-    Tangents,
-    as_differentiable,
-    run_flow,
-    without_direction,
-)
+from jaxshroud.batch.tangents import TangentProblem, Tangents, run_flow, without_direction
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest

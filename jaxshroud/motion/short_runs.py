@@ -6,12 +6,13 @@ import jax
 import numpy as np
 
 from jaxshroud.batch.duals import Dual
+from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.sampling import SampleGrid
 from jaxshroud.batch.states import initial_states, motion_rows
-from jaxshroud.batch.tangents import as_differentiable, direction, run_flow, without_direction
+from jaxshroud.batch.tangents import direction, run_flow, without_direction
 from jaxshroud.batch.trajectories import trajectories
 from jaxshroud.march.method import Choices
 from jaxshroud.model.linear import free_rms_displacement

@@ -8,15 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.duals import Dual
+from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.states import initial_states, to_vector
-from jaxshroud.batch.tangents import (
-    as_differentiable,
-    direction,
-    end_as_start,
-    run_flow,
-    without_direction,
-)
+from jaxshroud.batch.tangents import direction, end_as_start, run_flow, without_direction
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import closed_forms

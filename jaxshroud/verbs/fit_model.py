@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.states import initial_states
-from jaxshroud.batch.tangents import as_differentiable
 from jaxshroud.io.variable import jax_lane_arrays
 from jaxshroud.march.method import Choices
 from jaxshroud.model.prepared import State

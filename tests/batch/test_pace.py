@@ -6,9 +6,10 @@ import pytest
 
 import jaxshroud as js
 from jaxshroud.batch import pace
+from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.pace import CallPace
 from jaxshroud.batch.states import initial_states
-from jaxshroud.batch.tangents import TangentProblem, as_differentiable, batched_tangents, direction
+from jaxshroud.batch.tangents import TangentProblem, batched_tangents, direction
 from jaxshroud.march.method import explicit
 
 RK4 = js.RungeKutta(steps=100)

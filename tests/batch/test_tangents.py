@@ -13,10 +13,11 @@ from side_by_side import with_parts
 import jaxshroud as js
 from jaxshroud import load, period_map, value_of, vary
 from jaxshroud.batch.duals import Dual
+from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import final_states, from_vector, to_vector
-from jaxshroud.batch.tangents import as_differentiable, direction, run_flow, tangents
+from jaxshroud.batch.tangents import direction, run_flow, tangents
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march import rk_trial, taylor_trial
 from jaxshroud.march.method import FAST, Choices

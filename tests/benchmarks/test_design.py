@@ -11,9 +11,10 @@ from test_peers import RESULTS
 
 from jaxshroud import load, orbit, simulate, tune
 from jaxshroud.batch.duals import Dual
+from jaxshroud.batch.flows import as_differentiable
 from jaxshroud.batch.plan import Plan
 from jaxshroud.batch.states import initial_states
-from jaxshroud.batch.tangents import as_differentiable, direction, run_flow, without_direction
+from jaxshroud.batch.tangents import direction, run_flow, without_direction
 from jaxshroud.march.method import FAST, Choices, RungeKutta
 from jaxshroud.march.tableau import tableau
 from jaxshroud.verbs.design_problem import judge_designs

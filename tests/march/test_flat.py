@@ -8,7 +8,8 @@ import pytest
 import reference
 from side_by_side import EXACT, counts, ends, energy_residual, relative_error, run, scene_of, sizes
 
-from jaxshroud.batch.tangents import as_differentiable, direction, tangents
+from jaxshroud.batch.flows import as_differentiable
+from jaxshroud.batch.tangents import direction, tangents
 from jaxshroud.io.lane_status import LaneWarning
 from jaxshroud.march.events import evaluate_guards
 from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE, RungeKutta

@@ -10,7 +10,8 @@ import pytest
 import jaxshroud as js
 from jaxshroud import load, value_of
 from jaxshroud.batch.duals import Dual
-from jaxshroud.batch.tangents import as_differentiable, direction, end_as_start, run_flow, tangents, without_direction
+from jaxshroud.batch.flows import as_differentiable
+from jaxshroud.batch.tangents import direction, end_as_start, run_flow, tangents, without_direction
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march import events, rk_trial
 from jaxshroud.march.method import FAST
