@@ -55,7 +55,7 @@ ROWS = March(
     contacts=("spring", "smooth"),
     steppers=(RUNGE_KUTTA,),
 )
-# Samples and periods of blades that never touch are known; where tangents are wanted they are marched as pairs are.
+# Blades that never touch have a closed form; where tangents or motions alone are wanted, they are marched as pairs.
 WITHOUT_CONTACT = PAIRS._replace(
     run=closed_form_runs, trajectories=free_trajectories, trial_size=no_trial, stepping=no_steps, contacts=("none",)
 )
