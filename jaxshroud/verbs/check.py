@@ -26,10 +26,9 @@ from jaxshroud.scene.engine_order import engine_order_of
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
+from jaxshroud.verbs.checks import check_row, one_scene
 from jaxshroud.verbs.doubts import LEAST_DRIVEN, doubts_of
-from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_of
-from jaxshroud.verbs.options import check_row
 
 USUAL_ORDERS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)  # that are shown beside the scene's own
 MAX_ORDERS = 100

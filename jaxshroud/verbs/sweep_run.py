@@ -28,7 +28,9 @@ from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.parts import Direction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.accuracy import missed_lanes
-from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, in_shape
+from jaxshroud.verbs.asked import MarchPlan
+from jaxshroud.verbs.leading_axes import in_shape
+from jaxshroud.verbs.options import ResolvedOptions
 
 MAX_LANES_AT_ONCE = 4096  # lanes whose samples are in memory at once where the result does not keep them
 
@@ -164,8 +166,8 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
     """The result from the numbers of all lanes (leading axis)."""
     plan, march = settings.plan, settings.march
     common = {"phase": plan.phase, "period_tol": settings.period_tol, "chatter": chatter, **march.attributes}
-    if march.choice is not None:
-        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.choice, partial(end_states, vibration=True))}
+    if march.tried is not None:
+        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.tried, partial(end_states, vibration=True))}
     periods = np.arange(plan.transient + 1, plan.transient + plan.kept + 1)
     coords = sweep_coordinates(grid.axes, periods, grid.lanes.layout)
     attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
