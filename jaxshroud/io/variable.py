@@ -105,11 +105,8 @@ class Attribute(Variable[Value]):
         yield self.name, ((), np.asarray(values), {})
 
 
-class MethodAttribute(Variable["Method"]):
+class MethodAttribute(Attribute["Method"]):
     """The method of a march with its steps, as verbs take it; files hold a text of `method_as_json`."""
-
-    def __init__(self):
-        super().__init__("", kind=str, alone=True)
 
     def read(self, data: "xr.Dataset") -> "Method | None":
         """The method, or None of a result that was not marched.

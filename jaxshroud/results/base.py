@@ -163,7 +163,8 @@ class Result:
 
         By default these are the numbers of a single lane, the count of lanes for each status, and the origin.
         """
-        values = {name: getattr(self, name) for name, variable in self.variables.items() if variable.alone}
+        alone = [name for name, v in self.variables.items() if v.alone and not isinstance(v, MethodAttribute)]
+        values = {name: getattr(self, name) for name in alone}
         numbers = {name: value for name, value in values.items() if value is not None and not np.ndim(value)}
         numbers |= {"method": str(self.method), "status": count_by_status(self.status)}
         return json_values({**numbers, **self.origin})
