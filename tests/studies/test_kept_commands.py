@@ -1,0 +1,31 @@
+"""Programs of commands stay on disk: a sample of the study, and all before a release."""
+
+import json
+
+import kept_commands
+import pytest
+
+pytestmark = pytest.mark.studies
+SAMPLE = ("simulate pair", "sweep row")
+NAMES = [pytest.param(case.name, marks=() if case.name in SAMPLE else pytest.mark.release) for case in kept_commands.cases()]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_second_start_compiles_nothing(name):
+    then = json.loads(kept_commands.FILE.read_text("utf-8"))["commands"][name]
+    now = kept_commands.found([name])[name]
+    assert now["not kept"] == []
+    assert now["compiled again"] == 0
+    assert now["compiled first"] <= then["compiled first"]
+
+
+def test_a_program_that_is_not_kept_is_seen(monkeypatch):
+    # Control: a static value that cannot be described, as a march that held a choice would have.
+    spoilt = kept_commands.CHILD.replace(
+        "status = ",
+        "from jaxshroud.march import method\nmethod.Choices.__module__, described = 'elsewhere', None\nstatus = ",
+    )
+    monkeypatch.setattr(kept_commands, "CHILD", spoilt)
+    now = kept_commands.found(["simulate pair"])["simulate pair"]
+    assert now["not kept"]
+    assert now["compiled again"] > 0
