@@ -161,7 +161,8 @@ def sweep(
     )
     states = None if state is None else resolved.states(state, grid.lanes)
     plan = Plan(resolved.transient, resolved.n_periods, march.steps, phase, march.method)
-    ticker = Ticker((1 + confirm) * lanes * lane_periods(plan, lyapunov), progress)
+    periods = lane_periods(plan, lyapunov) + confirm * lane_periods(plan, lyapunov=False)
+    ticker = Ticker(lanes * periods, progress)
     settings = SweepSettings(plan, march, period_tol, ticker, keep_samples, confirm=confirm)
     if path is None and scheduler is not None:
         raise InputError("Argument `scheduler` needs a `store`, which keeps what workers have computed.")

@@ -65,6 +65,7 @@ class SweepSettings(NamedTuple):
     keep_samples: bool = True
     is_part: bool = False  # the lanes are one block of a larger sweep
     confirm: bool = False  # run again, with a finer march
+    confirms: bool = False  # it is that finer march, of which exponents do not count
 
 
 def lane_periods(plan: Plan, lyapunov: bool) -> int:
@@ -188,7 +189,7 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
 def _exponents(grid: Grid, runs: Runs, settings: SweepSettings) -> dict[str, np.ndarray]:
     """The largest exponent of each lane (leading axis) and its interval, NaN where it stopped; {} if not requested."""
     scenes = grid.precise
-    if scenes is None:
+    if scenes is None or settings.confirms:
         return {}
     plan, running = settings.plan, np.flatnonzero(runs.last.status == Status.OK)
     exponent, ci = np.full((2, len(runs.last.status)), np.nan)

@@ -7,10 +7,13 @@ import pytest
 
 pytestmark = pytest.mark.studies
 SAMPLE = ("simulate pair", "sweep row")
-NAMES = [pytest.param(case.name, marks=() if case.name in SAMPLE else pytest.mark.release) for case in kept_commands.cases()]
+NAMES = [
+    pytest.param(case.name, marks=() if case.name in SAMPLE else pytest.mark.release) for case in kept_commands.cases()
+]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.release(only=[name for name in ALL if name not in SAMPLE])
+@pytest.mark.parametrize("name", ALL)
 def test_a_second_start_compiles_nothing(name):
     then = json.loads(kept_commands.FILE.read_text("utf-8"))["commands"][name]
     now = kept_commands.found([name])[name]

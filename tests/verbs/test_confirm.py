@@ -71,6 +71,15 @@ def test_lanes_that_follow_others_are_not_confirmed(scene):
 
 
 @pytest.mark.full
+def test_exponents_are_of_the_march_itself(scene, swept):
+    done = []
+    with_exponents = js.sweep(scene, ALONG, confirm=True, lyapunov=True, progress=lambda *at: done.append(at), **SMALL)
+    assert np.isfinite(with_exponents.lyapunov).all()
+    np.testing.assert_array_equal(with_exponents.unconfirmed, swept.unconfirmed)
+    assert done[-1][0] == done[-1][1]  # nothing is projected that is not run
+
+
+@pytest.mark.full
 def test_an_attractor_that_hangs_on_the_tolerance_is_marked():
     scene, kept = js.load("table1", ["drive.M_0=0.1"]).scene, {"n_periods": 48, "transient": 48, "confirm": True}
     coarse, fine = (js.Taylor(order=14, tolerance=tolerance, steps=200) for tolerance in (1e-9, 1e-10))
