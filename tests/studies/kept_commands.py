@@ -1,8 +1,9 @@
 """Does every program of every command stay on disk? python tests/studies/kept_commands.py
 
 Each command of `snapshot_commands` starts twice, in processes of its own: with an empty cache, and with what the first
-start has kept. `kept_commands.json` has, for each command, how many programs XLA compiled in both, and which functions
-were not kept, and why. A program that is compiled again makes every start of a command slow, and nothing else shows it.
+start has kept. `kept_commands.json` has, for each command, how many programs XLA compiled in both, how many were traced
+and lowered in the second, and which functions were not kept, and why. A program that is lowered again makes every start
+of a command slow, and nothing else shows it.
 
 `--only NAME` prints one command.
 """
@@ -29,7 +30,7 @@ import json, logging, sys
 from jax import monitoring
 from jaxshroud.cli import commands
 
-lost, compiled, loaded = [], [], []
+lost, compiled, loaded, lowered = [], [], [], []
 handler = logging.Handler()
 handler.emit = lambda record: lost.append(record.getMessage()) if "not kept" in record.getMessage() else None
 log = logging.getLogger("jaxshroud.programs")
@@ -37,9 +38,12 @@ log.addHandler(handler)
 log.setLevel(logging.DEBUG)
 count = lambda event, seconds, **_: compiled.append(event) if event.endswith("backend_compile_duration") else None
 monitoring.register_event_duration_secs_listener(count)
+trace = lambda event, seconds, **_: lowered.append(event) if event.endswith("to_mlir_module_duration") else None
+monitoring.register_event_duration_secs_listener(trace)
 monitoring.register_event_listener(lambda event, **_: loaded.append(event) if event.endswith("cache_hits") else None)
 status = commands.main(sys.argv[1:])
-print(json.dumps({"status": status, "compiled": len(compiled) - len(loaded), "not kept": lost}), file=sys.stderr)
+told = {"status": status, "compiled": len(compiled) - len(loaded), "lowered": len(lowered), "not kept": lost}
+print(json.dumps(told), file=sys.stderr)
 """
 
 
@@ -60,7 +64,12 @@ def _of_command(case: Case, folder: Path) -> dict[str, Any]:
     first, again = (_start(case, folder, start) for start in ("first", "again"))
     assert first["status"] == again["status"] == 0, case.name
     lost = sorted({*first["not kept"], *again["not kept"]})
-    return {"compiled first": first["compiled"], "compiled again": again["compiled"], "not kept": lost}
+    return {
+        "compiled first": first["compiled"],
+        "compiled again": again["compiled"],
+        "lowered again": again["lowered"],
+        "not kept": lost,
+    }
 
 
 def _start(case: Case, folder: Path, start: str) -> dict[str, Any]:
