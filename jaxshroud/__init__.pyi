@@ -99,8 +99,8 @@ from .verbs.explain import explain as explain
 from .verbs.fit import fit as fit
 from .verbs.gradient import differences as differences
 from .verbs.gradient import gradient as gradient
+from .verbs.method_for import method_for as method_for
 from .verbs.mistune import mistune as mistune
-from .verbs.options import method_for as method_for
 from .verbs.orbit import lyapunov as lyapunov
 from .verbs.orbit import orbit as orbit
 from .verbs.power import power as power

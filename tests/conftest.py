@@ -64,6 +64,7 @@ def pytest_addoption(parser):
     parser.addoption("--benchmark", action="store_true", help="run the side-by-side timings too")
     parser.addoption("--studies", action="store_true", help="run seeded samples of the studies too")
     parser.addoption("--release", action="store_true", help="run what takes too long for every day too")
+    parser.addoption("--part", default="1/1", help="run one part of the files, as K/M: files K, K + M, ...")
 
 
 def pytest_unconfigure():
@@ -117,8 +118,18 @@ def pytest_collection_modifyitems(config, items):
         return
     full = full_among(items)
     kept = [item for item in items if (item in full) is config.getoption("--full")]
+    kept = part_of(kept, *map(int, config.getoption("--part").split("/")))
     config.hook.pytest_deselected(items=[item for item in items if item not in kept])
     items[:] = kept
+
+
+def part_of(items, part, parts):
+    """The tests of part 1, 2, ... of so many, by files; the notebooks are in every part."""
+    if not 1 <= part <= parts:
+        raise pytest.UsageError(f"--part {part}/{parts}: there is no such part")
+    files = sorted({item.path for item in items if item.path.name != "test_notebooks.py"})
+    others = {path for i, path in enumerate(files) if i % parts != part - 1}
+    return [item for item in items if item.path not in others]
 
 
 @pytest.fixture(scope="session")

@@ -84,7 +84,7 @@ def test_the_scan_sees_imports():
     # Control: a command imports physics at the top, and a type of arguments inside a function.
     assert "scene.schema" in USES["scene.config"]
     assert "verbs.sweep" in USES["cli.sweep"]
-    assert "verbs.accuracy" in USES["cli.arg_types"]
+    assert "verbs.setting" in USES["cli.arg_types"]
 
 
 @pytest.mark.parametrize("module", [module for module in INNER if folder(module) not in EDGES])

@@ -97,7 +97,7 @@ def steps(text: str) -> int | str:
 
 def accuracy(text: str) -> str:
     """The name or the number of an accuracy."""
-    from jaxshroud.verbs.accuracy import NAMED, accuracy_level
+    from jaxshroud.verbs.setting import NAMED, accuracy_level
 
     try:
         accuracy_level(text)

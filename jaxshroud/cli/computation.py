@@ -155,7 +155,7 @@ class Computation:
         pictures = (*(PICTURES if ".png" in formats else ()), *(PDF_PICTURES if ".pdf" in formats else ()))
         import_in_background((*self.imports, *pictures))
         march = resolve_march(call.file, scenes, call.options, self.usual, **self.trials(call))
-        return call._replace(arguments={**call.arguments, "method": march.as_method})
+        return call._replace(arguments={**call.arguments, "method": march.again})
 
 
 def _plain_arguments(names: Sequence[str], file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:

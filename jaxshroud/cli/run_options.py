@@ -15,8 +15,11 @@ from jaxshroud.scene.axes import axis, size_in_si
 from jaxshroud.scene.config import load
 from jaxshroud.scene.file import Axis, SceneFile
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.accuracy import Choice
-from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, check_verb, choose_method, plan_march, resolve_options
+from jaxshroud.verbs.asked import MarchPlan
+from jaxshroud.verbs.checks import check_verb
+from jaxshroud.verbs.options import ResolvedOptions, resolve_options
+from jaxshroud.verbs.plan import choose_method, plan_march
+from jaxshroud.verbs.setting import Choice
 
 METHOD_OPTIONS = ("tableau", "order", "step_tolerance", "locate", "precision")
 CHOSEN_BY_ACCURACY = ("steps_per_period", *METHOD_OPTIONS)
@@ -49,8 +52,8 @@ def resolve_march(
     """
     with input_errors_at(f"{file.name}: [run]"):
         march = plan_march(_resolved_options(file, options, usual), scenes, usual, **trials)
-    _print_choice(file, scenes, march.choice, options)
-    if march.choice is None and scenes.parts.contact != "none":
+    _print_choice(file, scenes, march.tried, options)
+    if march.tried is None and scenes.parts.contact != "none":
         _print_steps(file, scenes, march)
     return march
 
@@ -61,7 +64,7 @@ def resolve_method(
     """The same without steps, which may be too long, and by the word of the table where it has one."""
     with input_errors_at(f"{file.name}: [run]"):
         method, choice = choose_method(_resolved_options(file, options, usual), scenes, usual, periods=0)
-    _print_choice(file, scenes, choice, options)
+    _print_choice(file, scenes, MarchPlan(0, method, choice).tried, options)
     return method, choice
 
 

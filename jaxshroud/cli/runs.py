@@ -29,8 +29,8 @@ from jaxshroud.motion.short_runs import trajectory_ends
 from jaxshroud.results.amplitudes import amplitude_numbers, load_numbers
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import PAIR
-from jaxshroud.verbs.accuracy import LEVELS
-from jaxshroud.verbs.options import check_row
+from jaxshroud.verbs.checks import check_row
+from jaxshroud.verbs.setting import LEVELS
 
 
 def _simulate_arguments(file: SceneFile, options: argparse.Namespace) -> dict[str, Any]:

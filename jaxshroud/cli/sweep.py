@@ -45,7 +45,8 @@ from jaxshroud.scene.keys import parse_key
 from jaxshroud.scene.parts import SINGLE_DIRECTIONS
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.title import display_value
-from jaxshroud.verbs.options import MarchPlan, check_row
+from jaxshroud.verbs.asked import MarchPlan
+from jaxshroud.verbs.checks import check_row
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE, sweep
 
 RESUME_ADVICE = "; the same command with --resume goes on"
@@ -237,7 +238,7 @@ def _sweep(request: SweepRequest, march: MarchPlan) -> SweepResult:
                 confirm=options.confirm,
                 keep_samples=not options.no_samples,
                 progress=report,
-                method=march.as_method,
+                method=march.again,
                 **stored,
             )
         except Interrupted as interrupt:

@@ -16,7 +16,8 @@ from jaxshroud.results.base import ORIGIN
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.options import plan_march, resolve_options
+from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.sweep import MAX_LANES_AT_ONCE
 from jaxshroud.verbs.table import check_ranking, checked_designs
 

@@ -19,10 +19,11 @@ from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.grids import grid_of_scenes
-from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.options import plan_march, resolve_options
-from jaxshroud.verbs.row_accuracy import row_choice
+from jaxshroud.verbs.asked import Asked
+from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.plan import plan_march
+from jaxshroud.verbs.setting import accuracy_level
 
 # Tables whose entries decide what is in a compiled program.
 STRUCTURE_TABLES = ("parts", "row")
@@ -97,10 +98,8 @@ def method_on_page(file: SceneFile, accuracy: str | float, go_on: Continue = lam
         InputError: The scene needs so many steps that a page would show nothing for minutes.
     """
     smooth = file.tables["parts"]["contact"] == "smooth"
-    wish = RungeKutta("rk4", "auto") if smooth else accuracy
-    if file.layout != PAIR and not smooth:
-        wish = method_of("auto", row_choice(accuracy, asked=False).method)
-    resolved = resolve_options(file.scene, method=wish, verb="explore")
+    by_accuracy = Asked(accuracy_level(accuracy), by_argument=False)
+    resolved = resolve_options(file.scene, method=RungeKutta("rk4", "auto") if smooth else by_accuracy, verb="explore")
     _check_length(resolved.lanes)
 
     def ends(*of: Any) -> np.ndarray:

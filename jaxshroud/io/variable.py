@@ -13,6 +13,8 @@ from jaxshroud.scene.typed import Tree
 if TYPE_CHECKING:
     import xarray as xr
 
+    from jaxshroud.march.method import Method
+
 MOTION = {row.parts[1]: (row.netcdf, row.about) for row in keys_of_table("initial")}  # name -> units, long name
 Entry = tuple[str, tuple[tuple[str, ...], np.ndarray, Mapping[str, object]]]  # name; dimensions, values, attributes
 Value = TypeVar("Value")  # that a result gives for a variable
@@ -101,6 +103,20 @@ class Attribute(Variable[Value]):
     def entries(self, values: Value, lanes: tuple[str, ...]) -> Iterator[Entry]:
         """One value without dimensions."""
         yield self.name, ((), np.asarray(values), {})
+
+
+class MethodAttribute(Attribute["Method"]):
+    """The method of a march with its steps, as verbs take it; files hold a text of `method_as_json`."""
+
+    def read(self, data: "xr.Dataset") -> "Method | None":
+        """The method, or None of a result that was not marched.
+
+        Raises:
+            InputError: The file does not say by which method.
+        """
+        from jaxshroud.march.method import method_from_json  # which needs JAX
+
+        return method_from_json(str(data.attrs[self.name])) if self.name in data.attrs else None
 
 
 class MotionVariable(Variable[Motion]):

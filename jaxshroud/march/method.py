@@ -1,5 +1,6 @@
 """The method of a march: the options that a user chooses, and those that the march itself adds."""
 
+import json
 from typing import Any, Literal, NamedTuple, get_args
 
 import equinox as eqx
@@ -7,7 +8,7 @@ import jax
 import numpy as np
 
 from jaxshroud.march.method_names import TABLEAUS, Locate
-from jaxshroud.march.tableau import DEFAULT_TOLERANCE, RK4, Tableau, TaylorOptions, named_taylor, tableau
+from jaxshroud.march.tableau import DEFAULT_TOLERANCE, RK4, Tableau, TaylorOptions, tableau
 from jaxshroud.model.rhs import Recorded
 from jaxshroud.scene.checks import InputError, Precision, checked, count_argument, type_argument, word_argument
 
@@ -134,13 +135,6 @@ def steps_argument(steps: Any) -> StepCount | None:
     return int(steps)
 
 
-def choice_argument(choice: Any) -> Any:
-    """What is known of a method that was chosen for an accuracy; InputError for anything else."""
-    if choice is not None and not hasattr(choice, "accuracy"):
-        raise InputError(f"Argument `choice` is set by js.method_for alone, but is {choice!r}.")
-    return choice
-
-
 class RungeKutta(eqx.Module):
     """A march in steps of equal length by a Runge-Kutta method, with events located inside the steps.
 
@@ -150,7 +144,6 @@ class RungeKutta(eqx.Module):
             file, else "auto".
         locate: "cubic" (few trials), "bisection" (the reference), or "none": events where steps end.
         precision: "float64" or "float32".
-        choice: Set by `method_for`.
 
     Raises:
         ValueError: A word is unknown, in which case the message suggests one, or a number is out of range.
@@ -165,7 +158,6 @@ class RungeKutta(eqx.Module):
     steps: StepCount | None = eqx.field(static=True)
     locate: Locate = eqx.field(static=True)
     precision: Precision = eqx.field(static=True)
-    choice: Any = eqx.field(static=True, repr=False)  # what `method_for` knows of it
 
     def __init__(
         self,
@@ -173,14 +165,12 @@ class RungeKutta(eqx.Module):
         steps: StepCount | None = None,
         locate: Locate = "cubic",
         precision: Precision = "float64",
-        *,
-        choice: Any = None,
     ):
         self.tableau = as_tableau(tableau)
         self.steps = steps_argument(steps)
         word_argument("locate", locate, get_args(Locate)[:-1])
         word_argument("precision", precision, Precision)
-        self.locate, self.precision, self.choice = locate, precision, choice_argument(choice)
+        self.locate, self.precision = locate, precision
 
     def replace(self, **changes: Any) -> "RungeKutta":
         """The same method with some of its arguments replaced."""
@@ -203,7 +193,6 @@ class Taylor(eqx.Module):
             contact, which begins where a rocking would return within 1/24 of a step. Where that happens, an error of
             that size is left at any tolerance, and falls with more steps. By default as of `RungeKutta`.
         precision: "float64" or "float32".
-        choice: Set by `method_for`.
 
     Raises:
         ValueError: A number is out of range, or a word is not known.
@@ -218,7 +207,6 @@ class Taylor(eqx.Module):
     tolerance: float = eqx.field(static=True)
     steps: StepCount | None = eqx.field(static=True)
     precision: Precision = eqx.field(static=True)
-    choice: Any = eqx.field(static=True, repr=False)  # what `method_for` knows of it
 
     def __init__(
         self,
@@ -226,13 +214,11 @@ class Taylor(eqx.Module):
         tolerance: float = DEFAULT_TOLERANCE,
         steps: StepCount | None = None,
         precision: Precision = "float64",
-        *,
-        choice: Any = None,
     ):
         TaylorOptions(order, tolerance)
         word_argument("precision", precision, Precision)
         self.order, self.tolerance, self.steps = order, float(tolerance), steps_argument(steps)
-        self.precision, self.choice = precision, choice_argument(choice)
+        self.precision = precision
 
     def replace(self, **changes: Any) -> "Taylor":
         """The same method with some of its arguments replaced."""
@@ -272,18 +258,33 @@ def explicit(method: Method) -> tuple[int, Choices]:
     return method.steps, choices(method)
 
 
-def method_of(steps: StepCount, chosen: Choices, choice: Any = None) -> Method:
+def method_of(steps: StepCount, chosen: Choices) -> Method:
     """The method that such choices belong to."""
     if isinstance(chosen.tableau, TaylorOptions):
-        return Taylor(chosen.taylor.order, float(chosen.taylor.tolerance), steps, chosen.precision, choice=choice)
-    return RungeKutta(chosen.rk, steps, chosen.locate, chosen.precision, choice=choice)
+        return Taylor(chosen.taylor.order, float(chosen.taylor.tolerance), steps, chosen.precision)
+    return RungeKutta(chosen.rk, steps, chosen.locate, chosen.precision)
 
 
-def named_choices(text: str) -> Choices:
-    """The options, without a ledger, whose `str` is the `text`."""
-    name, by, precision = text.split(", ")
-    method = named_taylor(name) if name.startswith("taylor") else tableau(name)
-    return Choices(method, by.removeprefix("events by "), False, precision)  # type: ignore[arg-type]
+def method_as_json(method: Method) -> str:
+    """A method as files hold it; of a tableau of the user's own they hold the name alone."""
+    if isinstance(method, Taylor):
+        numbers = {"order": method.order, "tolerance": method.tolerance}
+        return json.dumps({"tableau": "taylor", **numbers, "steps": method.steps, "precision": method.precision})
+    options = {"steps": method.steps, "locate": method.locate, "precision": method.precision}
+    return json.dumps({"tableau": method.tableau.name, **options})
+
+
+def method_from_json(text: str) -> Method:
+    """The method of a text of `method_as_json`.
+
+    Raises:
+        InputError: It is no such text, or names a tableau of the user's own.
+    """
+    try:
+        options = json.loads(text)
+        return Taylor(**options) if options.pop("tableau") == "taylor" else RungeKutta(**json.loads(text))
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(f"The file does not say by which method it was marched: {error}") from None
 
 
 EXPLICIT = RungeKutta(steps=400)  # of pure functions, by default

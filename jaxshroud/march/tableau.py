@@ -55,12 +55,6 @@ class TaylorOptions(NamedTuple):
         return np.exp(1j * omega_h)
 
 
-def named_taylor(text: str) -> TaylorOptions:
-    """The march of that `name`."""
-    _, order, tolerance = text.split()
-    return TaylorOptions(int(order), float(tolerance))
-
-
 MIN_STEPS = 8  # per period: the phase advance of a step must stay within the range of `trig`
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxshroud.io.lane_status import FLAGS, count_by_status, status_messages
 from jaxshroud.io.scene_numbers import scene_text_of_lane
 from jaxshroud.io.store import JSONValue, json_values, read, write_dataset, write_json
-from jaxshroud.io.variable import Attribute, Variable
+from jaxshroud.io.variable import Attribute, MethodAttribute, Variable
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.checks import InputError, StoreError
 from jaxshroud.scene.layout import Layout
@@ -53,7 +53,8 @@ class Result:
     variables: ClassVar[dict[str, Variable]]
 
     status = Variable("how each lane ended", stored=np.int8, kind=np.int32, more=FLAGS)
-    method = Attribute(str)
+    method = Attribute(str)  # in words
+    march = MethodAttribute()  # the same as verbs take it
     steps_per_period = Attribute(int)
     accuracy = Attribute(str)  # the accuracy asked for, and the method chosen for it
     chatter = Attribute(str)  # the contact changes that alternate in the first lane with TOO_MANY_EVENTS
@@ -162,7 +163,8 @@ class Result:
 
         By default these are the numbers of a single lane, the count of lanes for each status, and the origin.
         """
-        values = {name: getattr(self, name) for name, variable in self.variables.items() if variable.alone}
+        alone = [name for name, v in self.variables.items() if v.alone and not isinstance(v, MethodAttribute)]
+        values = {name: getattr(self, name) for name in alone}
         numbers = {name: value for name, value in values.items() if value is not None and not np.ndim(value)}
         numbers |= {"method": str(self.method), "status": count_by_status(self.status)}
         return json_values({**numbers, **self.origin})

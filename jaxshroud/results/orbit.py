@@ -122,11 +122,14 @@ class Orbit(WithAmplitudes, Result):
         """
         import jax
 
+        from jaxshroud.march.method import method_as_json, method_of
+
         rows = [_orbit_row(cycle) for cycle in cycles]
         values = {name: lanes_in_shape([row[name] for row in rows], shape) for name in rows[0]}
         first = cycles[0]
         values |= {name: lanes_in_shape([*a], shape) for name, a in (amplitudes or {}).items()}
         values |= {"method": str(first.method), "steps_per_period": first.steps_per_period}
+        values |= {"march": method_as_json(method_of(first.steps_per_period, first.method))}
         layout = first.scene.layout
         names = component_names(layout)
         coords = {"blade": np.arange(layout.blades), "component": names, "by_component": names}
@@ -153,9 +156,9 @@ class Orbit(WithAmplitudes, Result):
     @property
     def march_choices(self) -> "Choices":
         """The static options of the march."""
-        from jaxshroud.march.method import named_choices
+        from jaxshroud.march.method import choices
 
-        return named_choices(self.data.attrs["method"]) if self.choices is None else self.choices
+        return choices(self.march) if self.choices is None else self.choices
 
     @property
     def start(self) -> "State":

@@ -201,7 +201,17 @@ class Response(Result):
         return f"Response of {self.of} along {self.along}: {members} member{'s' * (members > 1)}, {top}; {self.ended}"
 
 
-MARCH_ATTRS = ("method", "steps_per_period", "accuracy", "drive_phase", "period_tol", "title", "scene", "source")
+MARCH_ATTRS = (
+    "method",
+    "march",
+    "steps_per_period",
+    "accuracy",
+    "drive_phase",
+    "period_tol",
+    "title",
+    "scene",
+    "source",
+)
 
 
 EQUAL_BLADES = 1e-6  # relative distance of amplitudes of blades that count as one

@@ -18,7 +18,7 @@ Tree = TypeVar("Tree")  # of arrays
 Function = TypeVar("Function", bound=Callable)
 FloatArray = NDArray[np.float64]
 TYPE_EXAMPLES = {"SceneFile": ' such as js.load("table1")', "RungeKutta": ' such as js.RungeKutta("dopri8")'}
-INTERNAL_TYPES = ("Choices", "Choice")  # types that users do not make, which messages leave out
+INTERNAL_TYPES = ("Choices", "Asked")  # types that users do not make, which messages leave out
 
 
 class TypeCheck(NamedTuple):

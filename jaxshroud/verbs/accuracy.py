@@ -4,11 +4,9 @@ import json
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,91 +15,19 @@ import numpy as np
 from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.march.method import Choices
-from jaxshroud.march.method_names import Locate
 from jaxshroud.march.stability import stiffest, stiffness_ratio
-from jaxshroud.march.tableau import MIN_STEPS, TOLERANCE_RANGE, TaylorOptions, tableau
 from jaxshroud.motion.averages import least_tilt
 from jaxshroud.motion.short_runs import (
     HORIZON,
-    ShortRuns,
     end_states,
-    gap_slopes,
-    run_from_start,
-    softened,
     state_errors,
 )
-from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
+from jaxshroud.verbs.setting import Choice, Setting, accuracy_level
 
-LEVELS = tuple(10.0**-n for n in range(2, 11))
-
-
-class Setting(NamedTuple):
-    """A method with its step or tolerance; the steps of power series only count time."""
-
-    tableau: str
-    locate: Locate
-    precision: str
-    product: float  # omega_max h
-    width: float = 0.0  # of smooth contact in place of the spring, see `softened`; 0: the contact of the scene
-    order: int = 0  # of power series; 0: a Runge-Kutta method
-    tolerance: float = 0.0  # of power series
-
-    @property
-    def method(self) -> Choices:
-        """The static choices of the march, without the step."""
-        stepping = TaylorOptions(self.order, self.tolerance) if self.order else tableau(self.tableau)
-        return Choices(stepping, self.locate, False, self.precision)  # type: ignore[arg-type]
-
-    def finer(self, n: int) -> "Setting":
-        """The setting with the step halved `n` times, and the tolerance of power series divided by 10 as often."""
-        tolerance = max(self.tolerance / 10**n, TOLERANCE_RANGE[0]) if self.order else 0.0
-        return self._replace(product=self.product / 2**n, tolerance=tolerance)
-
-    @property
-    def exact(self) -> "Setting":
-        """The setting with the most accurate locator, in float64."""
-        return self._replace(locate="series" if self.order else "cubic", precision="float64")
-
-    @property
-    def kind(self) -> str:
-        """The method in words, without its numbers."""
-        located = {"cubic": "", "bisection": ", bisection", "none": ", not located", "series": ""}[self.locate]
-        single = ", float32" if self.precision == "float32" else ""
-        return f"{self.tableau}{single}{located}{', smooth' if self.width else ''}"
-
-    def steps(self, omega_max: float, period: float) -> int:
-        """The steps per period for a scene with that largest frequency."""
-        least = MIN_SERIES_STEPS if self.order else MIN_STEPS
-        return max(int(np.ceil(omega_max * period / self.product)), least)
-
-    def run(self, scenes: Scene, periods: int) -> ShortRuns:
-        """March lanes (leading axis) from the initial states of their scenes."""
-        scenes = softened(scenes, self.width)
-        return run_from_start(scenes, periods, self.steps(*stiffest(scenes, 1)), self.method)
-
-    def slopes(self, scenes: Scene) -> np.ndarray | None:
-        """The derivative of each lane's power over the horizon with respect to the gap; None if there is none."""
-        scenes = softened(scenes, self.width)
-        return gap_slopes(scenes, self.steps(*stiffest(scenes, 1)), self.method)
-
-    def __str__(self) -> str:
-        if self.order:
-            return f"{self.kind}, order {self.order} to {self.tolerance:.0e}"
-        width = f", width {self.width:.3g}" if self.width else ""
-        return f"{self.kind}{width}, {self.product:.3g}"
-
-
-def by_series(order: int, tolerance: float, product: float = 1.0) -> Setting:
-    """A setting of power series; their steps only serve to count events and flat contact."""
-    return Setting("taylor", "series", "float64", product, order=order, tolerance=tolerance)
-
-
-NAMED = {"fast": 1e-3, "balanced": 1e-6, "reference": 1e-10}
 STIFFNESS_CLASSES = (1.5, 4.0, 12.0, np.inf)  # upper bounds of omega_max over the largest frequency without contact
 MAX_PROBED_LANES = 256  # on which a setting is tried before it is chosen
-MIN_SERIES_STEPS = 200  # per period; they cost power series nothing, and trajectories are sampled at them
 PROMISED_SHARE = 0.95  # of the lanes, for which an accuracy is promised
 MAX_FINER_SETTINGS = 3  # tried beyond those of the table, each with half the step or a tenth of the tolerance
 ERROR_MARGIN = 3.0  # an estimated error is one draw: where motions multiply errors, another may be larger by this
@@ -127,49 +53,10 @@ ROUNDED_BELOW = 1e-8  # accuracies for which that was measured, at 1e-9; for oth
 ACCEPTABLE_RATIO = 2.0  # to the smallest error, if no error is small enough: the first such setting is taken
 
 
-@dataclass(frozen=True)
-class Choice:
-    """A setting chosen for an accuracy."""
-
-    accuracy: float  # error of the state after three periods, see `state_errors`, that 95 % of lanes keep
-    setting: Setting
-    steps: int  # per period
-    promised: bool  # False: the accuracy cannot be reached, and this setting is about the best
-    reached: float = np.nan  # error that 95 % of the probed lanes keep, by comparison with a finer march
-
-    @property
-    def method(self) -> Choices:
-        """The static choices of the march, without a ledger."""
-        return self.setting.method
-
-    def __str__(self) -> str:
-        product = "" if self.setting.order else " (omega_max h)"
-        text = f"accuracy {self.accuracy:.0e}: {self.setting}{product}, {self.steps} steps a period"
-        if self.promised:
-            return text
-        best = f"{self.reached:.0e} is the best for 95 % of runs"
-        return f"{text}; not to be had: {best}, as impacts multiply errors and flat contact drops its rocking"
-
-
 @cache
 def _accuracy_table() -> list[list[dict[str, list]]]:
     """For tilted and for nearly parallel faces, and each class of stiffness: the promised levels, with settings."""
     return json.loads((Path(__file__).parent / "accuracy.json").read_text("utf-8"))
-
-
-def accuracy_level(accuracy: Any) -> float:
-    """The accuracy that a name or a number stands for.
-
-    Raises:
-        ValueError: It is neither one of `NAMED` nor a number from 1e-10 to 1e-2.
-    """
-    try:
-        value = NAMED[accuracy] if isinstance(accuracy, str) and accuracy in NAMED else float(accuracy)
-    except (TypeError, ValueError):  # of an array of many numbers, or of one that is traced
-        value = np.nan
-    if not LEVELS[-1] * 0.999 <= value <= LEVELS[0] * 1.001:
-        raise InputError(f"must be {', '.join(NAMED)} or a number from 1e-10 to 1e-2, but is {accuracy!r}")
-    return value
 
 
 def choose(
@@ -289,6 +176,7 @@ def missed_lanes(scenes: Scene, choice: Choice, ends: EndStates = end_states) ->
     methods know whether blades turn against each other up to the rounding of their angles, and nearly parallel faces
     ask that some thousand times. A fifth, finer march with twice the steps tells what flat contact drops.
     """
+    assert choice.steps is not None  # it was tried
     weight = ROUNDINGS if choice.accuracy < ROUNDED_BELOW else 1.0
     flat = jax.tree.map(np.asarray, scenes)
     moved = [_with_moved_start(flat, min(START_SHIFT, choice.accuracy / 1e3) * signs) for signs in START_SIGNS]

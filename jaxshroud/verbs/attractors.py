@@ -10,7 +10,7 @@ from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.io.scene_numbers import dimension, key_attrs
-from jaxshroud.march.method import FOR_P_D, Method, method_of
+from jaxshroud.march.method import FOR_P_D, method_of
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.attractors import FoundAttractors, attractors_of
 from jaxshroud.motion.random_starts import START_SPREAD, random_starts, start_range
@@ -23,7 +23,9 @@ from jaxshroud.scene.keys import Motion, key_parts
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.lanes import one_scene, with_tangents
+from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.checks import one_scene
+from jaxshroud.verbs.lanes import with_tangents
 from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.simulate import simulate
 
@@ -38,7 +40,7 @@ def attractors(
     spread: float = START_SPREAD,
     seed: int = 0,
     most_periods: int = 1024,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     progress: Progress | None = None,
 ) -> Attractors:
     """The motions that a scene can settle on, from random starts, and the share of starts that lead to each.
@@ -90,7 +92,7 @@ def _single_scene(
     verb: str,
     scene: Scene | SceneFile,
     most_periods: int,
-    method: Method | str | float | None,
+    method: MethodArgument,
 ) -> tuple[Scene, ShootingOptions, dict[str, int | str]]:
     """The single scene in the precision of its march, the options of Newton's method, and the attributes of results."""
     count_argument("most_periods", most_periods, 64)
@@ -131,7 +133,7 @@ def basins(
     ranges: Sequence[tuple[float, float] | None] | None = None,
     num: int = 100,
     most_periods: int = 512,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     progress: Progress | None = None,
 ) -> Basins:
     """The basins of attraction in a plane: the coexisting motion that each start in it leads to.

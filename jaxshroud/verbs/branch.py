@@ -12,7 +12,7 @@ from jaxshroud.batch.threads import Interrupted
 from jaxshroud.batch.xla import one_lane
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.io.variable import jax_lane_arrays
-from jaxshroud.march.method import FOR_P_D, Method
+from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import StagedProgress, run_alone
 from jaxshroud.motion.branch import BranchPoint, ContinuationProblem, continuation_problem, first_point
@@ -28,8 +28,10 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_continuous, in_precision
 from jaxshroud.scene.vary import value_of, with_numbers
-from jaxshroud.verbs.lanes import check_known_period, one_scene, with_tangents
-from jaxshroud.verbs.options import check_row, resolve_options
+from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.checks import check_known_period, check_row, one_scene
+from jaxshroud.verbs.lanes import with_tangents
+from jaxshroud.verbs.options import resolve_options
 
 
 @typed
@@ -45,7 +47,7 @@ def branch(
     most_points: int = 400,
     doublings: int = 1,
     most_periods: int = 1024,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     progress: Progress | None = None,
 ) -> Branch:
     """Follow the periodic orbit that a scene settles on along one of its numbers, past folds, stable or not.
@@ -133,7 +135,7 @@ def continued(
     begin: BranchStart,
     most_points: int,
     doublings: int,
-    method: Method | str | float | None,
+    method: MethodArgument,
     progress: Progress | None,
 ) -> FoundBranches:
     """The branches of a scene; the arguments and the errors are those of `branch`."""

@@ -15,7 +15,6 @@ from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import Amplitudes, steady_amplitudes
 from jaxshroud.model.natural_modes import LinearContact, drive_load, linear_contact
-from jaxshroud.model.row import pair_at
 from jaxshroud.motion.averages import half_diagonal
 from jaxshroud.motion.linear_response import touching_gradients
 from jaxshroud.programs.kept import kept
@@ -26,10 +25,9 @@ from jaxshroud.scene.engine_order import engine_order_of
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
+from jaxshroud.verbs.checks import check_row, one_scene
 from jaxshroud.verbs.doubts import LEAST_DRIVEN, doubts_of
-from jaxshroud.verbs.lanes import one_scene
 from jaxshroud.verbs.natural_frequencies import RAD_PER_CYCLE, modes_of
-from jaxshroud.verbs.options import check_row
 
 USUAL_ORDERS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)  # that are shown beside the scene's own
 MAX_ORDERS = 100
@@ -141,7 +139,7 @@ def _free_and_touching(
 
     The system and the load on it are those of blades whose upper corners meet: there is no gap between them.
     """
-    shroud = pair_at(scene, 0).shroud  # all interfaces have its faces
+    shroud = scene.shroud
     system = linear_contact(scene, touching_gradients(scene))
     return steady_amplitudes(scene), scene.k, gyration(shroud), half_diagonal(shroud), system, drive_load(scene)
 

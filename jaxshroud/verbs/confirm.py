@@ -34,7 +34,7 @@ def confirmed_run(run: Callable[[SweepSettings], SweepResult], settings: SweepSe
 def _finer_settings(settings: SweepSettings) -> SweepSettings:
     plan = settings.plan
     finer = replace(plan, steps_per_period=2 * plan.steps_per_period, method=plan.method.finer)
-    return settings._replace(plan=finer, march=settings.march._replace(choice=None))
+    return settings._replace(plan=finer, march=settings.march.untried, confirms=True)
 
 
 def _ends_elsewhere(result: SweepResult, finer: SweepResult) -> np.ndarray:

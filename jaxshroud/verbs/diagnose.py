@@ -4,7 +4,7 @@ from functools import partial
 
 from jaxshroud.batch.plan import Progress, Ticker
 from jaxshroud.batch.xla import one_lane
-from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, Method, method_of
+from jaxshroud.march.method import FOR_P_D_WITH_LEDGER
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import run_alone
@@ -20,9 +20,11 @@ from jaxshroud.scene.layout import PAIR
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.verbs.accuracy import missed_lanes, warn_missed
+from jaxshroud.verbs.asked import MarchPlan, MethodArgument
+from jaxshroud.verbs.checks import check_row, one_scene
 from jaxshroud.verbs.diagnose_row import JudgedMotion, motion_of_row
-from jaxshroud.verbs.lanes import RequestedLanes, one_scene, with_tangents
-from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, check_row, resolve_options
+from jaxshroud.verbs.lanes import RequestedLanes, with_tangents
+from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.power import power
 from jaxshroud.verbs.simulate import simulate
 
@@ -36,7 +38,7 @@ def diagnose(
     scene: Scene | SceneFile,
     *,
     transient: int | None = None,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     state: State | None = None,
     progress: Progress | None = None,
     throw: bool = False,
@@ -101,9 +103,9 @@ def motion_of_pair(
     shooting = ShootingOptions(march.steps, CLOSING_TOLERANCE[march.method.precision], march.method)
     ticker = Ticker(resolved.transient + (2**VERDICT_ROUNDS - 1) * Stretches().all, progress)
     (verdict,) = verdicts(one_lane(precise), one_lane(initial), resolved.transient, shooting, tick=ticker)
-    if march.choice is not None:
+    if march.tried is not None:
         ends = partial(end_states, ledger=True, vibration=True)  # by the programs of the verdict
-        warn_missed(missed_lanes(resolved.lanes, march.choice, ends), march.choice)
+        warn_missed(missed_lanes(resolved.lanes, march.tried, ends), march.tried)
     stopped = verdict.kind == "stopped"
     shown = MIN_STORED_ORBITS * verdict.q if verdict.q else APERIODIC_PERIODS
     settled = {} if stopped else _settled_evidence(scene, precise, verdict, march)
@@ -112,7 +114,7 @@ def motion_of_pair(
         initial if stopped else verdict.evidence.last,
         verdict.periods if stopped else max(MIN_STORED_PERIODS, shown),
         precise.parts.contact == "spring" and not stopped,
-        method_of(march.steps, march.method),
+        march.untried.again,
         lambda _: _verdict_values(verdict) | settled,
     )
 
@@ -123,7 +125,7 @@ def _settled_evidence(
     """The exponents of all directions, the multipliers and the convergence of P_d of the settled motion."""
     periods, settled = MIN_STORED_PERIODS if verdict.q else APERIODIC_PERIODS, verdict.evidence.last
     spectrum = run_alone(lyapunov_exponents(precise, settled, periods, 0, march.steps, march.method))
-    same_march = method_of(march.steps, march.method)
+    same_march = march.untried.again
     cycle = verdict.evidence.cycle if verdict.kind == "periodic" else None
     known = {
         "exponents": spectrum.exponents,

@@ -11,7 +11,7 @@ import numpy as np
 from jaxshroud.batch.plan import Plan, Progress, Runs, Ticker
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.states import final_states
-from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, Method
+from jaxshroud.march.method import FOR_P_D_WITH_LEDGER
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -25,7 +25,9 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, plan_march
+from jaxshroud.verbs.asked import Asked, MarchPlan
+from jaxshroud.verbs.options import ResolvedOptions
+from jaxshroud.verbs.plan import plan_march
 
 FIRST_STRETCH, ROUNDS = 64, 3  # of the evidence; each round is twice as long
 GROWTH_PERIODS = 64  # of the nearby run
@@ -40,7 +42,7 @@ class JudgedMotion(NamedTuple):
     start: State  # of the samples
     shown: int  # periods that are sampled
     events: bool  # whether the states at events are kept too
-    method: Method
+    method: Asked
     told: Callable[[Trajectory], dict[str, object]]  # the verdict and its evidence, by the names of `Diagnosis`
 
 
@@ -72,7 +74,7 @@ def motion_of_row(
         jax.tree.map(lambda a: np.asarray(a)[0], start if stopped else found.last),
         found.periods if stopped else max(LEAST_SHOWN, SHOWN_ORBITS * int(found.orbit.number[0])),
         False,
-        march.as_method,
+        march.untried.again,
         partial(_row_evidence, found),
     )
 

@@ -22,8 +22,7 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.parts import MOTIONS, Parts
 from jaxshroud.scene.scene import Scene, Shroud, with_parts
 from jaxshroud.scene.typed import typed
-from jaxshroud.verbs.lanes import one_scene
-from jaxshroud.verbs.options import check_row
+from jaxshroud.verbs.checks import check_row, one_scene
 
 EVENTS = {EventKind.LIFT: "contact", EventKind.TURN: "corner pair", EventKind.HEIGHT: "tip", EventKind.RUB: "friction"}
 

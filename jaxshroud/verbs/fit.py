@@ -11,7 +11,6 @@ import numpy as np
 
 from jaxshroud.batch.plan import Progress
 from jaxshroud.io.measurements import measurements_from, read_measurements
-from jaxshroud.march.method import Method
 from jaxshroud.march.stability import stiffest
 from jaxshroud.motion.estimation import MOST_EVALUATIONS, Estimate, estimate
 from jaxshroud.motion.identifiability import Findings, findings
@@ -27,10 +26,12 @@ from jaxshroud.scene.measurements import Measurements
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of
+from jaxshroud.verbs.asked import MarchPlan, MethodArgument
+from jaxshroud.verbs.checks import one_scene
 from jaxshroud.verbs.design_problem import Problem, design_corners, problem_of
 from jaxshroud.verbs.fit_model import FitModel, HistoryModel, ResponseModel
-from jaxshroud.verbs.lanes import one_scene, with_tangents
-from jaxshroud.verbs.options import MarchPlan, resolve_options
+from jaxshroud.verbs.lanes import with_tangents
+from jaxshroud.verbs.options import resolve_options
 
 CURVE_POINTS = 1000  # of the fitted history that is drawn
 FEWEST_POINTS = 8  # of a search
@@ -49,7 +50,7 @@ def fit(
     starts: int = 4,
     most_periods: int = 512,
     seed: int = 0,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     progress: Progress | None = None,
 ) -> Fit:
     """Find the numbers of a scene with which it moves as was measured, their 95 % intervals, and what stays unknown.
@@ -115,7 +116,7 @@ def fit(
     found, profiled = _estimated(problem, data, model, (scan, starts, seed), progress)
     told = findings(found, tuple(over), profiled, problem.values, data.kind == "history")
     attrs, _ = resolved.provenance(resolved.transient, march.steps)
-    settings = {"steps_per_period": model.steps, "method": str(march.method), "seed": seed, "data_kind": data.kind}
+    settings = {**march._replace(steps=model.steps, choice=None).attributes, "seed": seed, "data_kind": data.kind}
     return _result(problem, data, model, found, profiled, told, settings, attrs)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.march.method import FAST, FOR_P_D, Method
+from jaxshroud.march.method import FAST, FOR_P_D
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.batched_algorithms import run_alone, run_together
 from jaxshroud.motion.gradient import (
@@ -30,8 +30,10 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import check_continuous
 from jaxshroud.scene.vary import level_of, numbers_that_count, with_numbers
+from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.checks import check_row
 from jaxshroud.verbs.lanes import RequestedLanes, results_of_all, warn_failed, with_tangents
-from jaxshroud.verbs.options import check_row, resolve_options
+from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.orbit import cycles_of
 
 
@@ -48,7 +50,7 @@ def gradient(
     most_periods: int = 512,
     n_periods: int | None = None,
     transient: int | None = None,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     state: State | None = None,
     progress: Progress | None = None,
     throw: bool = False,

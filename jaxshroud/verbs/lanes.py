@@ -12,24 +12,19 @@ from jaxshroud.batch.runs import stepping_method
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.lane_status import LaneWarning
 from jaxshroud.io.variable import jax_lane_arrays
-from jaxshroud.march.method import FAST, Choices, Method
+from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.stability import steps_for
 from jaxshroud.model.prepared import State
 from jaxshroud.results.base import Labels, Result
-from jaxshroud.scene.checks import InputError, NumericalError, count_argument
+from jaxshroud.scene.checks import NumericalError
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.options import (
-    MarchPlan,
-    ResolvedOptions,
-    check_row,
-    check_verb,
-    plan_march,
-    refuse_traced,
-    resolve_options,
-)
+from jaxshroud.verbs.asked import MarchPlan, MethodArgument
+from jaxshroud.verbs.checks import check_row
+from jaxshroud.verbs.options import ResolvedOptions, resolve_options
+from jaxshroud.verbs.plan import plan_march
 
 R = TypeVar("R", bound=Result)
 
@@ -68,7 +63,7 @@ def request_lanes(
     *,
     n_periods: int | None = None,
     transient: int | None = None,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     dims: Sequence[str] | None = None,
     verb: str,
     usual: Choices = FAST,
@@ -84,13 +79,13 @@ def request_lanes(
 
 def with_tangents(resolved: ResolvedOptions, lanes: Scene, usual: Choices = FAST) -> MarchPlan:
     """The plan by which lanes (leading axis) are marched with tangents: in float64 unless the method says otherwise."""
-    if resolved.method is None:
+    if resolved.asked.method is None and resolved.asked.plan is None:
         in_precision(lanes, "float64")  # raises before any method is tried
     march = plan_march(resolved, lanes, usual)
     if stepping_method(lanes, march.method) is not None:
         return march
-    steps = "auto" if resolved.steps is None else resolved.steps  # tangents are marched without contact too
-    return march._replace(steps=steps_for(lanes, 1, steps, march.method.tableau))
+    # tangents are marched without contact too
+    return march._replace(steps=steps_for(lanes, 1, resolved.asked.given_steps, march.method.tableau))
 
 
 def results_of_all(
@@ -132,28 +127,3 @@ def warn_failed(result: R, throw: bool) -> R:
     if result.failed:
         warnings.warn(f"{result!r}", LaneWarning, stacklevel=4)
     return result
-
-
-def check_known_period(q: int | None, state: State | None) -> None:
-    """Raise an InputError unless a period number that is given is positive and comes with a state near the orbit."""
-    if q is None:
-        return
-    count_argument("q", q, 1)
-    if state is None:
-        raise InputError("Argument `q` needs a `state` close to the orbit.")
-
-
-def one_scene(verb: str, scene: Scene | SceneFile) -> Scene:
-    """The single scene that a verb takes.
-
-    Raises:
-        InputError: There are many scenes, they are traced, or the verb does not know scenes of this layout.
-    """
-    check_verb(verb, scene)
-    scene = scene.scene if isinstance(scene, SceneFile) else scene
-    refuse_traced(scene)
-    shape = np.shape(scene.drive.omega)
-    if shape:
-        lanes = " x ".join(map(str, shape))
-        raise InputError(f"`{verb}` takes one scene, but was given {lanes} of them; call it for each.")
-    return scene

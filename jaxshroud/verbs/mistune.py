@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.batch.plan import Progress
-from jaxshroud.march.method import FOR_P_D, Method
+from jaxshroud.march.method import FOR_P_D
 from jaxshroud.march.method_names import RESPONSES
 from jaxshroud.model.natural_modes import NaturalContact
 from jaxshroud.motion.amplification import RowResponses, largest_amplitudes
@@ -25,7 +25,9 @@ from jaxshroud.scene.parts import SINGLE_DIRECTIONS, Direction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray, typed
 from jaxshroud.scene.vary import vary, with_numbers
-from jaxshroud.verbs.lanes import one_scene
+from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.checks import one_scene, refuse_traced
+from jaxshroud.verbs.leading_axes import flatten_lanes
 from jaxshroud.verbs.mistuned_rows import (
     MistunedRow,
     linear_problem,
@@ -33,7 +35,8 @@ from jaxshroud.verbs.mistuned_rows import (
     swept_responses,
     with_patterns,
 )
-from jaxshroud.verbs.options import ResolvedOptions, flatten_lanes, plan_march, refuse_traced, resolve_options
+from jaxshroud.verbs.options import ResolvedOptions, resolve_options
+from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.worst_pattern import PatternProblem, SearchSize, search_worst_pattern
 
 
@@ -56,7 +59,7 @@ def mistune(
     resume: bool = False,
     n_periods: int | None = None,
     transient: int | None = None,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     progress: Progress | None = None,
 ) -> Mistuned:
     """The amplification of rows with random patterns of mistuning, with quantiles and their intervals.
@@ -245,7 +248,7 @@ def _marched(
     """The responses of rows with contact, and how a search runs them."""
     scenes = grid_of_scenes(with_patterns(row.scene, patterns), {row.along: row.values})
     march = plan_march(resolved, flatten_lanes(scenes, 2), FOR_P_D)
-    run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": march.as_method}
+    run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": march.again}
     periods = resolved.n_periods + resolved.transient
     main = periods * len(patterns) * len(row.values) * (len(SINGLE_DIRECTIONS) if direction == "both" else 1)
     problem = partial(marched_problem, row, run, progress, main)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxshroud.batch.plan import Plan, Progress
 from jaxshroud.batch.runs import run_lanes
 from jaxshroud.batch.threads import Interrupted
-from jaxshroud.march.method import FOR_P_D, Method
+from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.amplitudes import amplitude_values
@@ -23,7 +23,9 @@ from jaxshroud.scene.checks import count_argument, positive_argument
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.verbs.lanes import check_known_period, request_lanes, results_of_all, warn_failed
+from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.checks import check_known_period
+from jaxshroud.verbs.lanes import request_lanes, results_of_all, warn_failed
 
 
 @typed
@@ -34,7 +36,7 @@ def orbit(
     most_periods: int = 1024,
     tolerance: float | None = None,
     amplitudes: bool = False,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     state: State | None = None,
     progress: Progress | None = None,
     throw: bool = False,
@@ -152,7 +154,7 @@ def lyapunov(
     *,
     n_periods: int | None = None,
     transient: int | None = None,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     state: State | None = None,
     progress: Progress | None = None,
     throw: bool = False,

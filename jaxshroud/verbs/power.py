@@ -16,7 +16,7 @@ from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.states import final_states
 from jaxshroud.batch.zeno import zeno_warning
 from jaxshroud.io.lane_status import warn_failures
-from jaxshroud.march.method import FOR_P_D_WITH_LEDGER, Method
+from jaxshroud.march.method import FOR_P_D_WITH_LEDGER
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -41,7 +41,11 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import missed_lanes, warn_missed
-from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, check_row, in_shape, plan_march, resolve_options
+from jaxshroud.verbs.asked import MarchPlan, MethodArgument
+from jaxshroud.verbs.checks import check_row
+from jaxshroud.verbs.leading_axes import in_shape
+from jaxshroud.verbs.options import ResolvedOptions, resolve_options
+from jaxshroud.verbs.plan import plan_march
 
 FIRST_PERIODS = 2 * PERIODS_PER_CALL  # kept periods before the first test of convergence
 
@@ -161,7 +165,7 @@ def power(
     period_tol: float = PERIOD_TOLERANCE,
     n_periods: int | None = None,
     transient: int | None = None,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     state: State | None = None,
     progress: Progress | None = None,
     throw: bool = False,
@@ -233,8 +237,8 @@ def power(
         summaries = _with_equivalents(scenes, ends, summaries, march)
     result = _power_result(resolved, summaries, march, chatter)
     warn_failures(result.status, chatter, throw=throw)
-    if march.choice is not None:
-        warn_missed(missed_lanes(lanes, march.choice, partial(end_states, ledger=True, vibration=True)), march.choice)
+    if march.tried is not None:
+        warn_missed(missed_lanes(lanes, march.tried, partial(end_states, ledger=True, vibration=True)), march.tried)
     return result
 
 

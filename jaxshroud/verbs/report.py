@@ -9,7 +9,7 @@ import numpy as np
 from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.xla import repeat_lane
-from jaxshroud.march.method import FOR_P_D, Method
+from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.results.attractors import Attractors
@@ -25,13 +25,15 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import T, typed
 from jaxshroud.scene.vary import level_of, with_numbers
 from jaxshroud.verbs.ascent import verify_design
+from jaxshroud.verbs.asked import Asked, MarchPlan, MethodArgument
 from jaxshroud.verbs.attractors import attractors
 from jaxshroud.verbs.check import check
+from jaxshroud.verbs.checks import check_row, one_scene
 from jaxshroud.verbs.design_problem import Problem, judge_designs, scenes_of
 from jaxshroud.verbs.gradient import gradient
-from jaxshroud.verbs.lanes import one_scene
-from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, check_row, plan_march, resolve_options
+from jaxshroud.verbs.options import ResolvedOptions, resolve_options
 from jaxshroud.verbs.peak_ratio import VALUES, ZOOMS, peak_ratio
+from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.power import power
 from jaxshroud.verbs.report_findings import DesignFindings
 from jaxshroud.verbs.report_request import Bounds, Conditions, check_report, report_request, varied_by
@@ -54,7 +56,7 @@ class RunOptions(TypedDict):
 
     n_periods: int
     transient: int
-    method: Method
+    method: Asked
 
 
 @typed
@@ -74,7 +76,7 @@ def report(
     command: str = "",
     n_periods: int | None = None,
     transient: int | None = None,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     progress: Progress | None = None,
 ) -> Report:
     """The report on a design: data sheet, forces, scatter, sensitivities, coexisting motions, checks and a verdict.
@@ -182,7 +184,7 @@ def _report_data(
         ticker(1)
         return part
 
-    method = march._replace(choice=None).as_method  # methods are not tried again in parts
+    method = march.untried.again  # methods are not tried again in parts
     run_options: RunOptions = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": method}
     scenes = scenes_of(problem, SCENE_ITSELF)
     runs = done(sweep(scenes, dims=["condition"], **kind.run_for, **run_options))

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from jaxshroud.batch.plan import Progress
-from jaxshroud.march.method import Method
 from jaxshroud.march.method_names import RESPONSES
 from jaxshroud.motion.peaks import branch_peaks
 from jaxshroud.results.branch import Branch
@@ -18,9 +17,10 @@ from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, vary, with_numbers
+from jaxshroud.verbs.asked import MethodArgument
 from jaxshroud.verbs.branch import BranchStart, continued, range_of
-from jaxshroud.verbs.lanes import one_scene
-from jaxshroud.verbs.options import check_row, resolve_options
+from jaxshroud.verbs.checks import check_row, one_scene
+from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.peak_ratio import free_peak
 from jaxshroud.verbs.sweep import sweep
 
@@ -44,7 +44,7 @@ def response(
     doublings: int | None = None,
     n_periods: int | None = None,
     transient: int | None = None,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     progress: Progress | None = None,
 ) -> Response:
     """An amplitude over one number of a scene, by default over the drive frequency.
@@ -111,7 +111,7 @@ def response(
     changes = [(key, float(v)) for key, values in family.items() for v in values] or [None]
     scenes = [plain if change is None else vary(with_numbers(plain, [change[0]]), *change) for change in changes]
     resolved = resolve_options(scene, n_periods=n_periods, transient=transient, method=method, of_sweep=True)
-    run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": resolved.as_argument}
+    run = {"n_periods": resolved.n_periods, "transient": resolved.transient, "method": resolved.asked}
     values = np.linspace(low, high, num)
     in_succession = int(plain.row is not None) if doublings is None else doublings
     sizes = (most_points or MOST_POINTS, in_succession)

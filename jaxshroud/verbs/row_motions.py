@@ -17,7 +17,7 @@ from jaxshroud.results.attractors import ATTRACTOR_KINDS, STOPPED, UNDECIDED, At
 from jaxshroud.results.sweep import SweepResult, swept_motions
 from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.valid import in_precision
-from jaxshroud.verbs.options import MarchPlan
+from jaxshroud.verbs.asked import MarchPlan
 from jaxshroud.verbs.sweep import sweep
 
 
@@ -47,7 +47,7 @@ def row_motions(scene: Scene, starts: int, seed: int, march: MarchPlan, transien
         return _found(of_starts | dict.fromkeys(("share", "P_d_least"), np.empty(0)), scene, attrs)
     arrived: State = jax.tree.map(lambda a: np.asarray(a)[running], final_states(last.state))
     settled = repeat_lane(scene, len(running))
-    how = {"n_periods": n_periods, "transient": 0, "method": march.as_method}
+    how = {"n_periods": n_periods, "transient": 0, "method": march.again}
     run = sweep(settled, state=arrived, forces=True, amplitudes=True, **how)
     motions = swept_motions(run.data)
     numbers = _most_frequent_first(np.where(run.status == Status.OK, number_motions(motions), UNDECIDED))

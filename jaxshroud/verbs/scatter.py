@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxshroud.batch.plan import Progress
 from jaxshroud.batch.size_limits import check_size
-from jaxshroud.march.method import Method, named_choices
+from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.averages import stiffnesses
@@ -26,9 +26,11 @@ from jaxshroud.scene.quantities import Quantity, amplitude_of, check_only_P_d, c
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of, with_numbers
+from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.checks import check_row, one_scene
 from jaxshroud.verbs.design_problem import check_bounds, check_condition, check_objective
-from jaxshroud.verbs.lanes import one_scene
-from jaxshroud.verbs.options import ResolvedOptions, check_row, resolve_options
+from jaxshroud.verbs.options import ResolvedOptions, resolve_options
+from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.scattering import Spread, probability_values, scatter_bounds
 from jaxshroud.verbs.sweep import sweep
 
@@ -47,7 +49,7 @@ def scatter(
     seed: int = 0,
     n_periods: int | None = None,
     transient: int | None = None,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     state: State | None = None,
     progress: Progress | None = None,
     throw: bool = False,
@@ -115,11 +117,12 @@ def scatter(
     scenes = _scenes(nominal, list(bounds), rows.reshape(-1, len(bounds)), condition_values)
     if is_reduction(of):
         check_vibration(of, scenes, lambda lacks: lacks.reshape(per_draw, -1).all(axis=1).any())  # all of a condition
+    march = plan_march(resolved, scenes, FOR_P_D)
     run = sweep(
         scenes,
         n_periods=resolved.n_periods,
         transient=resolved.transient,
-        method=resolved.as_argument,
+        method=march.again,
         state=state,
         amplitudes=amplitude_of(of) is not None,
         keep_samples=False,
@@ -140,15 +143,14 @@ def scatter(
         worst = every.min(axis=0) if is_reduction(of) else every.max(axis=0)
         level = np.where(status == Status.OK, worst, np.nan)
         values |= {"level": np.ravel(level[:2])}
-    precision = named_choices(str(run.method)).precision
+    precision = march.method.precision
     values |= _statistics(level, at_least) | _shares(level, of, seed, precision)._asdict()
     values |= {"low": ends[:, 0], "high": ends[:, 1], "drawn": np.concatenate(rows[:2]), "status": np.ravel(status[:2])}
     forces = stiffnesses(scenes) * run.penetrations
     values |= {"v_max": np.nanmax(run.v_max, initial=0), "N_max": np.nanmax(forces, initial=0)}
     values |= {"conditions_json": json.dumps({key: at.tolist() for key, at in condition_values.items()})}
-    settings: dict[str, object] = {"method": str(run.method), "steps_per_period": run.steps_per_period, "seed": seed}
-    settings |= {"accuracy": run.accuracy, "stopped": stopped, "runs": lanes}
-    attrs = {"title": "", "scene": resolved.provenance(resolved.transient, run.steps_per_period)[0]["scene"]}
+    settings: dict[str, object] = {**march.attributes, "seed": seed, "stopped": stopped, "runs": lanes}
+    attrs = {"title": "", "scene": resolved.provenance(resolved.transient, march.steps)[0]["scene"]}
     return Scatter.from_values({**values, **settings}, coords={"key": list(bounds)}, attrs=attrs)
 
 

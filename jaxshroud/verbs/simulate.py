@@ -11,7 +11,7 @@ from jaxshroud.batch.size_limits import STEP_BYTES, check_memory
 from jaxshroud.batch.trajectories import trajectories
 from jaxshroud.batch.zeno import zeno_of_trajectories
 from jaxshroud.io.lane_status import warn_failures
-from jaxshroud.march.method import REFERENCE, Choices, Method
+from jaxshroud.march.method import REFERENCE, Choices
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import ContactLoads
@@ -26,7 +26,11 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import missed_lanes, warn_missed
-from jaxshroud.verbs.options import ResolvedOptions, check_row, in_shape, plan_march, resolve_options
+from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.checks import check_row
+from jaxshroud.verbs.leading_axes import in_shape
+from jaxshroud.verbs.options import ResolvedOptions, resolve_options
+from jaxshroud.verbs.plan import plan_march
 
 
 @typed
@@ -39,7 +43,7 @@ def simulate(
     t: float = 0.0,
     events: bool = False,
     n_periods: int | None = None,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     progress: Progress | None = None,
     throw: bool = False,
     dims: Sequence[str] | None = None,
@@ -110,8 +114,8 @@ def simulate(
     columns = {"omega": scenes.drive.omega, "gap": scenes.shroud.gap, **values, "t": t + index * step_length}
     result = _trajectory(resolved, in_shape(columns, resolved.shape), common)
     warn_failures(result.status, chatter, throw=throw)
-    if march.choice is not None:
-        warn_missed(missed_lanes(lanes, march.choice, trajectory_ends), march.choice)
+    if march.tried is not None:
+        warn_missed(missed_lanes(lanes, march.tried, trajectory_ends), march.tried)
     return result
 
 

@@ -260,7 +260,7 @@ def _identity(sweep: SweepTask) -> dict[str, str]:
     grid, states, direction, settings = sweep
     plan = settings.plan
     attributes, _ = grid.resolved.provenance(plan.transient, plan.steps_per_period)
-    march = {name: str(value) for name, value in settings.march.attributes.items()}
+    march = {name: str(value) for name, value in settings.march.attributes.items() if name != "march"}  # as in words
     return {
         **words_of(attributes["scene"]),
         **{f"the sweep along {key}": _values_text(values) for key, values in grid.axes.items()},

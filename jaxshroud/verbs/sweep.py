@@ -13,7 +13,7 @@ from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.batch.size_limits import check_size
 from jaxshroud.batch.threads import Interrupted
 from jaxshroud.io.lane_status import warn_failures
-from jaxshroud.march.method import FOR_P_D, Method
+from jaxshroud.march.method import FOR_P_D
 from jaxshroud.model.prepared import State
 from jaxshroud.motion.period import PERIOD_TOLERANCE
 from jaxshroud.results.sweep import SweepResult, overlay_directions
@@ -25,15 +25,12 @@ from jaxshroud.scene.scene import Scene, without_given
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.valid import in_precision
 from jaxshroud.verbs.accuracy import warn_missed
+from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.checks import check_row, refuse_traced
 from jaxshroud.verbs.confirm import confirmed_run
-from jaxshroud.verbs.options import (
-    ResolvedOptions,
-    check_row,
-    flatten_lanes,
-    plan_march,
-    refuse_traced,
-    resolve_options,
-)
+from jaxshroud.verbs.leading_axes import flatten_lanes
+from jaxshroud.verbs.options import ResolvedOptions, resolve_options
+from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.stored import SweepTask, store_sweep
 from jaxshroud.verbs.sweep_run import MAX_LANES_AT_ONCE, Grid, SweepSettings, lane_periods, run_map, run_sweep
 
@@ -57,7 +54,7 @@ def sweep(
     scheduler: str | None = None,
     n_periods: int | None = None,
     transient: int | None = None,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     state: State | None = None,
     progress: Progress | None = None,
     throw: bool = False,
@@ -164,7 +161,8 @@ def sweep(
     )
     states = None if state is None else resolved.states(state, grid.lanes)
     plan = Plan(resolved.transient, resolved.n_periods, march.steps, phase, march.method)
-    ticker = Ticker((1 + confirm) * lanes * lane_periods(plan, lyapunov), progress)
+    periods = lane_periods(plan, lyapunov) + confirm * lane_periods(plan, lyapunov=False)
+    ticker = Ticker(lanes * periods, progress)
     settings = SweepSettings(plan, march, period_tol, ticker, keep_samples, confirm=confirm)
     if path is None and scheduler is not None:
         raise InputError("Argument `scheduler` needs a `store`, which keeps what workers have computed.")
@@ -176,8 +174,8 @@ def sweep(
     else:
         result = confirmed_run(lambda how: run_direction(grid, states, direction, how), settings)
     warn_failures(result.status, result.chatter, throw=throw)
-    if march.choice is not None:
-        warn_missed(result.inaccurate, march.choice)
+    if march.tried is not None:
+        warn_missed(result.inaccurate, march.tried)
     return result
 
 

@@ -31,7 +31,9 @@ from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.parts import Direction
 from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.accuracy import missed_lanes
-from jaxshroud.verbs.options import MarchPlan, ResolvedOptions, in_shape
+from jaxshroud.verbs.asked import MarchPlan
+from jaxshroud.verbs.leading_axes import in_shape
+from jaxshroud.verbs.options import ResolvedOptions
 
 MAX_LANES_AT_ONCE = 4096  # lanes whose samples are in memory at once where the result does not keep them
 
@@ -66,6 +68,7 @@ class SweepSettings(NamedTuple):
     keep_samples: bool = True
     is_part: bool = False  # the lanes are one block of a larger sweep
     confirm: bool = False  # run again, with a finer march
+    confirms: bool = False  # it is that finer march, of which exponents do not count
 
 
 def lane_periods(plan: Plan, lyapunov: bool) -> int:
@@ -167,8 +170,8 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
     """The result from the numbers of all lanes (leading axis)."""
     plan, march = settings.plan, settings.march
     common = {"phase": plan.phase, "period_tol": settings.period_tol, "chatter": chatter, **march.attributes}
-    if march.choice is not None:
-        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.choice, partial(end_states, vibration=True))}
+    if march.tried is not None:
+        numbers = numbers | {"inaccurate": missed_lanes(grid.lanes, march.tried, partial(end_states, vibration=True))}
     periods = np.arange(plan.transient + 1, plan.transient + plan.kept + 1)
     coords = sweep_coordinates(grid.axes, periods, grid.lanes.layout)
     attributes, differing = grid.resolved.provenance(plan.transient, plan.steps_per_period)
@@ -189,7 +192,7 @@ def _sweep_result(grid: Grid, numbers: dict[str, object], chatter: str | None, s
 def _exponents(grid: Grid, runs: Runs, settings: SweepSettings) -> dict[str, np.ndarray]:
     """The largest exponent of each lane (leading axis) and its interval, NaN where it stopped; {} if not requested."""
     scenes = grid.precise
-    if scenes is None:
+    if scenes is None or settings.confirms:
         return {}
     plan, running = settings.plan, np.flatnonzero(runs.last.status == Status.OK)
     exponent, ci = np.full((2, len(runs.last.status)), np.nan)

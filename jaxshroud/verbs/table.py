@@ -8,7 +8,6 @@ import numpy as np
 from jaxshroud.batch.plan import Progress
 from jaxshroud.io.lane_status import LaneWarning, warn_failures
 from jaxshroud.io.variable import Attribute
-from jaxshroud.march.method import Method
 from jaxshroud.march.method_names import LARGEST_FIRST, RANKED_BY
 from jaxshroud.march.stability import lanes_that_auto_steps_follow
 from jaxshroud.model.modes import Status
@@ -23,8 +22,9 @@ from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.layout import Layout
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import typed
-from jaxshroud.verbs.lanes import one_scene
-from jaxshroud.verbs.options import check_row, resolve_options
+from jaxshroud.verbs.asked import MethodArgument
+from jaxshroud.verbs.checks import check_row, one_scene
+from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.sweep import sweep
 
 STABLE_WITHIN = 0.1  # half width at which P_d counts as known [percentage points]
@@ -38,7 +38,7 @@ def table(
     by: str = "P_d",
     n_periods: int | None = None,
     transient: int | None = None,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     progress: Progress | None = None,
 ) -> DesignTable:
     """The numbers of many designs, and their ranks.
@@ -98,7 +98,7 @@ def table(
             scenes,
             n_periods=resolved.n_periods,
             transient=resolved.transient,
-            method=resolved.as_argument,
+            method=resolved.asked,
             forces=True,
             amplitudes=True,
             keep_samples=False,
@@ -146,7 +146,9 @@ def _table_of(designs: Designs, swept: SweepResult, by: str, layout: Layout) -> 
     values["status"][np.setdiff1d(np.arange(count), right)] = Status.BAD_INPUT
     values["rank"] = _ranks(values[by], by, values["status"] == Status.OK)
     values |= {"reason": np.array(designs.reasons), "cells": designs.cells, "by": by}
-    values |= {name: found[name] for name in ("method", "steps_per_period", "accuracy", "chatter")}
+    values |= {
+        name: swept.data.attrs.get(name) for name in ("method", "march", "steps_per_period", "accuracy", "chatter")
+    }
     coords = {ROW: np.arange(1, count + 1), "column": list(designs.heads), **layout.coords}
     origin = {name: swept.data.attrs[name] for name in ("title", "scene") if name in swept.data.attrs}
     return DesignTable.from_values(values, lanes=(ROW,), coords=coords, attrs=origin, layout=layout)

@@ -35,8 +35,8 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.typed import typed
 from jaxshroud.scene.vary import value_of
-from jaxshroud.verbs.accuracy import Setting, by_series
-from jaxshroud.verbs.lanes import one_scene
+from jaxshroud.verbs.checks import one_scene
+from jaxshroud.verbs.setting import Setting, by_series
 
 SHORT_PERIODS = 16  # periods that even slow methods can be run for
 IMPLICIT = {"Kvaerno5"}

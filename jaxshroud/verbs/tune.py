@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxshroud.batch.plan import Plan, Progress, Ticker
 from jaxshroud.batch.size_limits import check_size
-from jaxshroud.march.method import FOR_P_D, Method, named_choices
+from jaxshroud.march.method import FOR_P_D, choices
 from jaxshroud.model.prepared import State
 from jaxshroud.results.tuned import DesignJudgement, Tuned
 from jaxshroud.scene.checks import InputError, NumericalError, seed_argument
@@ -32,6 +32,8 @@ from jaxshroud.verbs.ascent import (
     polish_design,
     verify_design,
 )
+from jaxshroud.verbs.asked import MarchPlan, MethodArgument
+from jaxshroud.verbs.checks import check_row, one_scene
 from jaxshroud.verbs.design_problem import (
     Goal,
     Problem,
@@ -41,8 +43,8 @@ from jaxshroud.verbs.design_problem import (
     judge_designs,
     problem_of,
 )
-from jaxshroud.verbs.lanes import one_scene, with_tangents
-from jaxshroud.verbs.options import check_row, resolve_options
+from jaxshroud.verbs.lanes import with_tangents
+from jaxshroud.verbs.options import resolve_options
 from jaxshroud.verbs.robust import RobustnessRequest, robustness, robustness_request
 from jaxshroud.verbs.scattering import Scattering, scattering_of
 
@@ -67,7 +69,7 @@ def tune(
     seed: int = 0,
     n_periods: int | None = None,
     transient: int | None = None,
-    method: Method | str | float | None = None,
+    method: MethodArgument = None,
     state: State | None = None,
     progress: Progress | None = None,
     throw: bool = False,
@@ -234,7 +236,7 @@ def _tuned_result(problem: Problem, values: dict[str, object], coords: dict[str,
         "conditions_json": json.dumps(problem.conditions),
         "start": "scene" if problem.state is None else "given",
     }
-    march = {"method": str(plan.method), "steps_per_period": plan.steps_per_period}
+    march = MarchPlan(plan.steps_per_period, plan.method).attributes
     run = {"periods": plan.kept, "transient": plan.transient, "steps_per_period": plan.steps_per_period}
     attrs = {"title": "", "scene": text_of(problem.scene, run)}
     tuned = Tuned.from_values({**values, **request, **march}, coords=coords, attrs=attrs)
@@ -255,7 +257,7 @@ def problem_from_result(tuned: Tuned) -> Problem:
     file = parse(tuned.scene, "the stored scene")
     within = bool(min(tuned.most_penetration, tuned.most_force) < np.inf)
     amplitudes = amplitude_of(tuned.quantity) is not None
-    method = named_choices(tuned.method)._replace(within=within, amplitudes=amplitudes, vibration=True)
+    method = choices(tuned.march)._replace(within=within, amplitudes=amplitudes, vibration=True)
     limits = {"most_penetration": tuned.most_penetration, "most_force": tuned.most_force}
     scattering = None
     if tuned.places is not None:

@@ -21,15 +21,8 @@ from jaxshroud.march.stability import stiffest, stiffness_ratio
 from jaxshroud.motion.averages import least_tilt
 from jaxshroud.motion.short_runs import HORIZON, end_states, state_errors
 from jaxshroud.scene.vary import vary
-from jaxshroud.verbs.accuracy import (
-    LEVELS,
-    PARALLEL,
-    PARALLEL_TILT,
-    STIFFNESS_CLASSES,
-    TILTED,
-    Setting,
-    by_series,
-)
+from jaxshroud.verbs.accuracy import PARALLEL, PARALLEL_TILT, STIFFNESS_CLASSES, TILTED
+from jaxshroud.verbs.setting import LEVELS, Setting, by_series
 from jaxshroud.verbs.trade import REFERENCE_SETTING
 
 MARGIN, SHARE, LANES = 3.0, 0.98, 64

@@ -24,7 +24,8 @@ from jaxshroud.scene.parts import MISPRINTS
 from jaxshroud.scene.scene import Row, with_laws, with_parts
 from jaxshroud.scene.text import text_of
 from jaxshroud.scene.vary import numbers_that_count, with_numbers
-from jaxshroud.verbs.options import leading_axes, resolve_options
+from jaxshroud.verbs.leading_axes import leading_axes
+from jaxshroud.verbs.options import resolve_options
 
 RING, CHAIN = "row_ring12", "row_chain5"
 BARE = """

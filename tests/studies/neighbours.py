@@ -20,7 +20,7 @@ import jax
 import numpy as np
 
 import jaxshroud as js
-from jaxshroud.march.method import Method, method_of, named_choices
+from jaxshroud.march.method import Method
 from jaxshroud.version import __version__
 
 jax.config.update("jax_enable_x64", True)
@@ -60,7 +60,7 @@ def study_of(name: str, count: int = VALUES) -> dict[str, dict[str, int]]:
     step = LARGEST // VALUES
     values, others = grid[::step][:count], np.delete(grid, np.s_[::step])
     by_accuracy = swept(scene, key, grid, None)
-    chosen = method_of(by_accuracy.steps_per_period, named_choices(by_accuracy.method))
+    chosen = by_accuracy.march
     for given, method in (("accuracy", None), ("method", chosen)):
         of_all = by_accuracy if method is None else swept(scene, key, grid, method)
         for size in BATCHES:

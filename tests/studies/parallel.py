@@ -28,7 +28,8 @@ from side_by_side import scene_of
 
 from jaxshroud.motion.short_runs import HORIZON, end_states, state_errors
 from jaxshroud.scene.scene import Scene
-from jaxshroud.verbs.accuracy import Choice, choose, missed_lanes
+from jaxshroud.verbs.accuracy import choose, missed_lanes
+from jaxshroud.verbs.setting import Choice
 from jaxshroud.version import __version__
 
 FILE = Path(__file__).with_suffix(".npz")

@@ -38,7 +38,8 @@ from jaxshroud.march.method import FAST, Method, choices  # noqa: E402
 from jaxshroud.model.prepared import State  # noqa: E402
 from jaxshroud.motion.averages import averages  # noqa: E402
 from jaxshroud.scene.layout import PAIR  # noqa: E402
-from jaxshroud.verbs.options import plan_march, resolve_options  # noqa: E402
+from jaxshroud.verbs.options import resolve_options  # noqa: E402
+from jaxshroud.verbs.plan import plan_march  # noqa: E402
 
 NEAR, DOUBTS, NUDGE = 0.02, 1.5, 2.0**-50
 BEFORE, FINE = js.RungeKutta(steps=400), js.RungeKutta("dopri8", steps=6400)
@@ -153,7 +154,7 @@ def compared(name: str, every: int = EVERY) -> dict[str, Any]:
     """One scene before and after, with the lanes that change."""
     file = js.load(name)
     every_lane, numbers = lanes_of(file), some_of(file, every)
-    how = plan_march(resolve_options(file, of_sweep=True), every_lane, FAST).as_method  # as `sweep` does
+    how = plan_march(resolve_options(file, of_sweep=True), every_lane, FAST).again  # as `sweep` does
     scenes = jax.tree.map(lambda a: np.asarray(a)[numbers], every_lane)
     span = file.run.transient, file.sweep_run.periods
     before, after = (marched(scenes, method, *span) for method in (BEFORE, how))

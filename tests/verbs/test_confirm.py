@@ -59,7 +59,7 @@ def test_an_interruption_of_the_second_run_keeps_the_first(swept):
         return js.SweepResult(swept.data.drop_vars("unconfirmed"))
 
     plan = js.batch.runs.Plan(2, 4, 100, 0.0, js.march.method.Choices())
-    march = js.verbs.options.MarchPlan(100, plan.method, None)
+    march = js.verbs.asked.MarchPlan(100, plan.method)
     with pytest.raises(Interrupted) as stopped:
         confirmed_run(run, js.verbs.sweep_run.SweepSettings(plan, march, 1e-3, None, confirm=True))
     assert stopped.value.done.unconfirmed is None
@@ -68,6 +68,15 @@ def test_an_interruption_of_the_second_run_keeps_the_first(swept):
 def test_lanes_that_follow_others_are_not_confirmed(scene):
     with pytest.raises(ValueError, match="`confirm` is of independent lanes"):
         js.sweep(scene, ALONG, confirm=True, direction="forward", **SMALL)
+
+
+@pytest.mark.full
+def test_exponents_are_of_the_march_itself(scene, swept):
+    done = []
+    with_exponents = js.sweep(scene, ALONG, confirm=True, lyapunov=True, progress=lambda *at: done.append(at), **SMALL)
+    assert np.isfinite(with_exponents.lyapunov).all()
+    np.testing.assert_array_equal(with_exponents.unconfirmed, swept.unconfirmed)
+    assert done[-1][0] == done[-1][1]  # nothing is projected that is not run
 
 
 @pytest.mark.full

@@ -8,7 +8,6 @@ import reference
 from side_by_side import scene_of
 
 import jaxshroud as js
-from jaxshroud.march.method import method_of, named_choices
 from jaxshroud.model.modes import Mode
 from jaxshroud.motion.bifurcation import grazing_margins
 from jaxshroud.scene.checks import InputError
@@ -166,7 +165,7 @@ def test_samples_are_those_of_a_run_without_events(marched):
     plain = simulate(
         scene_of(p),
         n_periods=PERIODS,
-        method=method_of(STEPS, named_choices(run.method)),
+        method=run.march,
         every=EVERY,
     )
     # The same trials; programs that are compiled apart may round differently.

@@ -10,7 +10,8 @@ import jaxshroud as js
 from jaxshroud.march.method import FAST
 from jaxshroud.model.linear import power_reduction
 from jaxshroud.plotting.documents import TABLE_COLUMNS, Section, html_document, pdf_document, section_lines
-from jaxshroud.verbs.options import plan_march, resolve_options
+from jaxshroud.verbs.options import resolve_options
+from jaxshroud.verbs.plan import plan_march
 from jaxshroud.verbs.row_motions import row_motions
 
 METHOD = js.RungeKutta("dopri8", steps=100)

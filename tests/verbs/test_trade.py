@@ -20,17 +20,8 @@ from jaxshroud.motion.short_runs import HORIZON, end_states, state_errors, traje
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.vary import vary
 from jaxshroud.verbs import accuracy, options
-from jaxshroud.verbs.accuracy import (
-    PARALLEL,
-    STIFFNESS_CLASSES,
-    TILTED,
-    Choice,
-    Setting,
-    accuracy_level,
-    by_series,
-    choose,
-    missed_lanes,
-)
+from jaxshroud.verbs.accuracy import PARALLEL, STIFFNESS_CLASSES, TILTED, choose, missed_lanes
+from jaxshroud.verbs.setting import Choice, Setting, accuracy_level, by_series
 from jaxshroud.verbs.trade import REFERENCE_SETTING, Adaptive, ClosedForm, measure_settings, neighbourhood
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
