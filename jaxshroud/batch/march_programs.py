@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxshroud.batch.periods import Sample, begin_lanes, run_block
 from jaxshroud.batch.rows import begin_rows, row_sample, run_row_block
-from jaxshroud.batch.states import by_blade, by_interface
+from jaxshroud.batch.states import by_blade, by_blade_or_interface, by_interface
 from jaxshroud.march.tally import Counters
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.scene.layout import PAIR, Layout
@@ -31,7 +31,7 @@ def pair_sample(sample: Sample) -> Sample:
     contact = ("friction", "switched", "forces", "loads", "impacts", "times")
     along = {name: by_interface(getattr(sample, name)) for name in contact}
     means = by_interface(sample.means)  # of the left block alone
-    return by_blade(sample._replace(**along, means=means))
+    return by_blade(sample._replace(**along, means=means, own=by_blade_or_interface(sample.own)))
 
 
 PAIR_MARCHES = MarchPrograms(begin_lanes, run_block, pair_sample)

@@ -13,10 +13,11 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxshroud.batch.states import carried_state, with_zeros
 from jaxshroud.batch.xla import compiled, repeated_while, stage_groups
 from jaxshroud.march.carry import EachLane, Fixed, Lane, LaneTree, TimeGrid, running, time_grid
+from jaxshroud.march.log import log_of_new_period
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import energy_residual, is_unbalanced, total_energy
 from jaxshroud.march.stepper import StageGroups, alone, begin_lane, stepper_for
-from jaxshroud.march.tally import Tally, left_position_at, log_of_new_period, mean_position, times_of
+from jaxshroud.march.tally import Log, Tally, left_position_at, mean_position
 from jaxshroud.model.arithmetic import filled, is_absent, traced_once
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
@@ -124,6 +125,10 @@ class Sample(NamedTuple):
     extent: Any = None  # `DisplacementRange` of the period
     means: Any = None  # `Means` over the period, each number for the left block or for every block of a row
     times: Any = None  # `ContactTimes` of the period
+    own: Any = None  # values of the method's own observables at its end, by their names
+
+
+LOGGED_BY_PERIOD = tuple(name for name in Log._fields if name in Sample._fields)
 
 
 class Clock(NamedTuple):
@@ -201,9 +206,9 @@ def select_tree(which: Bool[Array, ""], a: Tree, b: Tree) -> Tree:
     return jax.tree.map(lambda a, b: jnp.where(which, a, b), a, b)
 
 
-def _begin_period(lanes: Lane, models: Model) -> tuple[Lane, Float[Array, " lanes"]]:
+def _begin_period(lanes: Lane, models: Model, method: Choices) -> tuple[Lane, Float[Array, " lanes"]]:
     """The lanes with an empty tally, and the energies that they store."""
-    return _with_empty_tally(lanes), _total_energies(lanes, models)
+    return _with_empty_tally(lanes, method), _total_energies(lanes, models)
 
 
 def _end_period(
@@ -225,26 +230,25 @@ def _end_period(
     power = filled(gain.power, periods)
     log = lanes.tally.log
     if log is not None:
-        logged |= {"largest": log.largest, "forces": log.forces, "impacts": log.impacts, "extent": log.extent}
-        logged |= {"times": times_of(log)}
+        logged |= {name: getattr(log, name) for name in LOGGED_BY_PERIOD}
     if gain.ledger is not None:
         logged |= {"friction": gain.ledger.friction, "viscous": gain.ledger.viscous}
     means = mean_position(lanes.tally, lanes.state.motion, periods, steps, left_position_at)
     integrated = {"loads": gain.loads, "moments": gain.moments, "means": means}
     power = power[0] / periods, power[1] / periods
     sample = Sample(with_zeros(lanes.state).motion, power, *works, **filled(logged | integrated, periods))
-    overflowed = ~jnp.isfinite(sum(jax.tree.leaves(sample), energies))
+    overflowed = ~jnp.isfinite(sum(jax.tree.leaves(sample._replace(own=None)), energies))
     fault = jnp.where(overflowed, Status.NOT_FINITE, jnp.where(astray, Status.UNBALANCED, Status.OK))
     status = jnp.where(ended & (lanes.status == Status.OK), fault, lanes.status).astype(lanes.status.dtype)
     lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
     return lanes, jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
 
 
-def _with_empty_tally(lanes: Lane) -> Lane:
+def _with_empty_tally(lanes: Lane, method: Choices) -> Lane:
     """The lanes with the sums of a sample reset: in float32, late periods would lose digits in a long sum."""
     tally = lanes.tally
     integrals, jumps = jax.tree.map(jnp.zeros_like, (tally.integrals, tally.jumps))
-    log = None if tally.log is None else jax.vmap(log_of_new_period)(tally.log, lanes.state.motion)
+    log = None if tally.log is None else log_of_new_period(tally.log, lanes.state.motion, method)
     return eqx.tree_at(lambda lane: lane.tally, lanes, Tally(integrals, jumps, log, tally.margins))
 
 
@@ -278,7 +282,7 @@ def run_block(
     def one(carry, i):
         (lanes, energies, inside), passes = carry
         on = (i < limits.most) & (passes > 0)
-        lanes, energies = select_tree(on & ~inside, _begin_period(lanes, models), (lanes, energies))
+        lanes, energies = select_tree(on & ~inside, _begin_period(lanes, models, method), (lanes, energies))
         stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
         lanes, passes = march(lanes, Fixed(models, grids, stops), method, each, passes=passes)
         over = on & ~jnp.any(running(lanes, stops))
@@ -301,7 +305,7 @@ def period_function(scenes: Scene, clock: Clock, method: Choices, each: EachLane
 
     def run(lanes: Lane, on: Any) -> tuple[Lane, Sample]:
         stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
-        lanes, energies = _begin_period(lanes, models)
+        lanes, energies = _begin_period(lanes, models, method)
         lanes, _ = march_steps(lanes, Fixed(models, clock.grids(periods), stops), clock.steps, method, each)
         return _end_period(lanes, energies, models, periods, clock.per_period)
 

@@ -12,7 +12,7 @@ from jaxshroud.batch.cubics import SampledAmplitudes
 from jaxshroud.batch.dense_output import march_with_dense_output
 from jaxshroud.batch.periods import begin_lanes, lanes_per_call
 from jaxshroud.batch.row_samples import march_row_samples
-from jaxshroud.batch.rows import row_energy_residual, row_ledger
+from jaxshroud.batch.rows import row_energy_residual, row_jumps, row_ledger
 from jaxshroud.batch.runs import Tick, chunk_by_chunk
 from jaxshroud.batch.sampling import (
     SampledMarch,
@@ -29,7 +29,6 @@ from jaxshroud.march.carry import Lane
 from jaxshroud.march.events import evaluate_guards
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import ContactForces, energy_residual, total_energy
-from jaxshroud.march.row_carry import RowTally
 from jaxshroud.march.start import EVENTS_AT_START, next_at_start
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.march.tally import Tally
@@ -55,7 +54,7 @@ class Trajectories(NamedTuple):
 
     samples: dict[str, Any]  # name -> values (lanes, 1 + samples, ...)
     amplitudes: SampledAmplitudes | None  # over the steps that count; None if there are none
-    last: Any  # a `Lane` or a `RowLane`
+    last: Any  # lanes, or rows
     energies: tuple[np.ndarray, np.ndarray]  # stored before and after [J]
     events: dict[str, Any] | None  # the same of both sides of every event, with `t` [steps] and `after`
     balance: EnergyBalance | None = None  # None without a ledger
@@ -90,14 +89,14 @@ def _balance_of_pairs(tally: Tally, gained: np.ndarray) -> EnergyBalance | None:
     return EnergyBalance(filled(gain, gain.drive), {}, residual, np.asarray(filled(jumps.dropped, gain.gross)))
 
 
-def _balance_of_rows(tally: RowTally, gained: np.ndarray) -> EnergyBalance | None:
+def _balance_of_rows(tally: Tally, gained: np.ndarray) -> EnergyBalance | None:
     if tally.integrals.ledger is None:
         return None
     works = row_ledger(tally)
     of_blades = {"blade_work_drive": np.asarray(works.drive), "blade_loss_viscous": np.asarray(works.viscous)}
     in_all = Ledger(*(np.asarray(a).sum(axis=-1) for a in works))._replace(friction=works.friction)
     residual = np.asarray(row_energy_residual(jax.tree.map(jnp.asarray, tally), jnp.asarray(gained), -1))
-    return EnergyBalance(in_all, of_blades, residual, np.asarray(tally.dropped, float))
+    return EnergyBalance(in_all, of_blades, residual, np.asarray(row_jumps(tally).dropped, float))
 
 
 def _of_rows(scenes: Scene, states: State, grid: SampleGrid, method: Choices, tick: Tick) -> Trajectories:

@@ -27,7 +27,9 @@ StageGroups = tuple[int, ...]  # numbers of stages after which a long trial is s
 class DenseOutput(NamedTuple):
     """The motion inside the trials, where the stepper knows it."""
 
-    trial: Callable[[Lane, Fixed, Choices], tuple[Any, Any]]  # of one lane: its next trial, and the interpolant there
+    trial: Callable[
+        [Lane, Fixed[Model], Choices], tuple[Any, Any]
+    ]  # of one lane: its next trial, and the interpolant there
     motion: Callable[[Any, Scalar, Scalar, Scalar], Motion]  # (interpolant, period [s], steps per period, steps)
 
 

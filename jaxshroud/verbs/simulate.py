@@ -15,7 +15,7 @@ from jaxshroud.batch.trajectories import Trajectories, trajectories
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import REFERENCE, Choices, Method
 from jaxshroud.march.observables import is_unbalanced
-from jaxshroud.march.tally import Counters, times_of
+from jaxshroud.march.tally import Counters
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -144,7 +144,7 @@ def _marched_values(scenes: Scene, states: State, grid: SampleGrid, method: Choi
         "counters": {n: np.asarray(a) for n, a in vars(filled(log.counters, at_start)).items()},
         **_energy_values(scenes, marched),
         **_load_values(scenes, marched.last.tally.integrals.loads, at_start, grid),
-        **contact_shares(times_of(log)),
+        **contact_shares(log.times),
         **sampled_amplitude_values(scenes, marched.amplitudes),
         "chatter": _chatter(scenes, marched, grid, method),
         "events": marched.events,
@@ -189,7 +189,7 @@ def _load_values(
 
 def _chatter(scenes: Scene, marched: Trajectories, grid: SampleGrid, method: Choices) -> str | None:
     """The report on events that follow each other without end; None if there are none."""
-    last, times = marched.last, times_of(marched.last.tally.log)
+    last, times = marched.last, marched.last.tally.log.times
     took = sum(np.asarray(a).reshape(len(last.status), -1)[:, 0] for a in times)  # the same at all interfaces
     steps = took / grid.step_lengths(scenes)
     whole = np.round((steps - last.step - last.search.done) / grid.steps).astype(int)
