@@ -149,9 +149,13 @@ def is_finite(z: Motion) -> Bool[Array, ""]:
     return jnp.isfinite(sum(jax.tree.leaves(z)))  # a sum with a number that is not finite is not finite
 
 
-def status_of(z: Motion, lost: Bool[Array, ""], events: Int[Array, ""]) -> Int[Array, ""]:
-    """The status of a lane at the motion `z`, `lost` if that is not finite, after so many `events` in a step."""
-    turned = any_of([lost, *(jnp.abs(theta) > ANGLE_RANGE for theta in jax.tree.leaves(z.theta))])
-    status = where(events > MAX_EVENTS_PER_STEP, Status.TOO_MANY_EVENTS, Status.OK)
+def turned_too_far(z: Motion, lost: Bool[Array, ""]) -> Bool[Array, ""]:
+    """Whether a block has turned too far at the motion `z` of a pair, or that is `lost`."""
+    return any_of([lost, *(jnp.abs(theta) > ANGLE_RANGE for theta in jax.tree.leaves(z.theta))])
+
+
+def status_of(turned: Bool[Array, "..."], lost: Bool[Array, "..."], too_many: Bool[Array, "..."]) -> Int[Array, "..."]:
+    """The status where a block has `turned` too far, the motion is not finite, or a step has `too_many` events."""
+    status = where(too_many, Status.TOO_MANY_EVENTS, Status.OK)
     status = where(turned, Status.ANGLE_OUT_OF_RANGE, status)
     return where(lost, Status.NOT_FINITE, status).astype(jnp.int32)

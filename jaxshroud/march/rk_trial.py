@@ -9,7 +9,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.carry import (
-    NEGLIGIBLE_REST,
+    MAX_EVENTS_PER_STEP,
     EachLane,
     Fixed,
     Lane,
@@ -18,6 +18,7 @@ from jaxshroud.march.carry import (
     is_finite,
     running,
     status_of,
+    turned_too_far,
     updated_lanes,
     updated_margins,
 )
@@ -30,11 +31,12 @@ from jaxshroud.march.events import (
     forces_jump,
     place_contact,
 )
-from jaxshroud.march.locate import Search, at_event, at_least_two, judge_trial, new_search, select, select_guard
+from jaxshroud.march.locate import at_event, at_least_two, judge_trial, select, select_guard
 from jaxshroud.march.log import AcceptedTrial, new_tally, updated_tally
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import BladeTrial, Ending, InterfaceTrial, Lift
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
+from jaxshroud.march.search import Search, following_search, new_search
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where, zeros_for
 from jaxshroud.model.friction import Slider
 from jaxshroud.model.modes import FLAT, Mode, Status
@@ -164,7 +166,7 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Mo
     # where guards may have jumped, or several were violated, a guard that still is fires in a trial of length zero
     jumped = decision.several | (kind == EventKind.TURN) | (kind == EventKind.HEIGHT) | (transition.after.case == FLAT)
     recheck = fire & jumped & any_of(guards.value[kind] > 0 for kind in event_kinds(guards.value))
-    next_search, step = _next_search(search, lane.step, fire, recheck, method)
+    next_search, step = following_search(search, lane.step, fire, recheck, method.locate)
     trial = AcceptedTrial(
         InterfaceTrial(h, start.mode, view.at.v, None, start, z, lift, gain.loads, model),
         BladeTrial(start.motion, z, z, h, lane.step, step),
@@ -172,7 +174,7 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Mo
     )
     tally = updated_tally(lane.tally, gain, jumps, trial, method)
     tally = tally._replace(margins=updated_margins(tally.margins, change, fire, model))
-    status = where(accept, status_of(z, decision.not_finite, next_search.events), Status.OK).astype(jnp.int32)
+    status = where(accept, _status(z, decision.not_finite, next_search), Status.OK).astype(jnp.int32)
     return Lane(
         select(accept, state, start),
         where(accept, step, lane.step),
@@ -181,6 +183,11 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Mo
         select(accept, tally, lane.tally),
         where(running(lane, stop), status, lane.status),
     )
+
+
+def _status(z: Motion, lost: Bool[Array, ""], after: Search) -> Int[Array, ""]:
+    """The status at the end `z` of an accepted trial, and `after` it."""
+    return status_of(turned_too_far(z, lost), lost, after.events > MAX_EVENTS_PER_STEP)
 
 
 def _with_slider_of(start: State, end: State) -> State:
@@ -193,14 +200,14 @@ def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: F
     (model, grid, stop), accept = fixed, decision.accept
     z, no, no_jumps = end.state.motion, jnp.zeros_like(accept), jax.tree.map(jnp.zeros_like, lane.tally.jumps)
     at = place_contact(z, lane.state, model)[2]
-    next_search, step = _next_search(lane.search, lane.step, no, no, method)
+    next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
     mode, h = where(at.v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)), trial_interval(lane, grid).h
     trial = AcceptedTrial(
         InterfaceTrial(h, mode, at.v, None, lane.state, z, Lift(no, no, no), end.gain.loads, model),
         BladeTrial(lane.state.motion, z, z, h, lane.step, step),
     )
     tally = updated_tally(lane.tally, end.gain, no_jumps, trial, method)
-    status = where(accept, status_of(z, decision.not_finite, next_search.events), Status.OK).astype(jnp.int32)
+    status = where(accept, _status(z, decision.not_finite, next_search), Status.OK).astype(jnp.int32)
     before = (lane.state, lane.step, lane.search, lane.tally)
     state, step, search, tally = select(accept, (end.state, step, next_search, tally), before)
     return Lane(state, step, search, None, tally, where(running(lane, stop), status, lane.status))
@@ -227,16 +234,3 @@ def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fi
         rate,
     )
     return State(z, u_s if model.spring.flows else start.u_s, start.mode, start.case), Q, gain, length
-
-
-def _next_search(
-    search: Search, step: Int[Array, ""], fire: Bool[Array, ""], recheck: Bool[Array, ""], method: Choices
-) -> tuple[Search, Int[Array, ""]]:
-    """The search of the next trial, and the clock, after an accepted trial."""
-    done = search.done + search.length
-    complete = done >= 1 - NEGLIGIBLE_REST[done.dtype.itemsize]
-    done = where(complete, 0.0, done)
-    events = where(complete, 0, search.events + fire.astype(jnp.int32))
-    after = new_search(done, where(recheck, 0.0, 1 - done), recheck, events, method.locate, method.derivative)
-    # a trial that ended at the maximum of a guard leaves it there, where the next trial need not look for it
-    return after._replace(probing=search.probing & ~fire & ~complete), step + complete.astype(jnp.int32)

@@ -4,35 +4,9 @@ from typing import Any, NamedTuple
 
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.locate import Target
 from jaxshroud.march.observable import Lift
-from jaxshroud.march.row_step import OfLanes
 from jaxshroud.march.tally import EventMargins
 from jaxshroud.model.arithmetic import Scalar
-
-
-class RowTarget(NamedTuple):
-    """The guard that a search closes in on: its interface, and its values at the upper end of the bracket."""
-
-    place: Int[Array, " lanes"]
-    guard: Target
-
-
-class RowSearch(NamedTuple):
-    """The search of a row inside its current step, as `locate.Search`; every field (lanes,)."""
-
-    done: OfLanes
-    length: OfLanes
-    low: OfLanes
-    high: OfLanes
-    bracketing: Bool[Array, " lanes"]
-    probing: Bool[Array, " lanes"]
-    inside: Bool[Array, " lanes"]
-    recheck: Bool[Array, " lanes"]
-    events: Int[Array, " lanes"]
-    target: RowTarget | None  # None unless events are located by cubics
-    pending: Bool[Array, "interfaces lanes"] | None  # events at this very instant; None: no derivatives
-    turns: Int[Array, "interfaces lanes"] | None  # changes of case within this step; None where blocks do not turn
 
 
 class InterfaceChange(NamedTuple):

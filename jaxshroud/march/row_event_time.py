@@ -15,8 +15,9 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.march.carry import Fixed, Lane
 from jaxshroud.march.locate import at_event, event_tolerance, select_guard
 from jaxshroud.march.method import Choices
+from jaxshroud.march.rk_step import interval_in_step
 from jaxshroud.march.row_guards import row_guards
-from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_interval, row_step
+from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_step
 from jaxshroud.model.arithmetic import ABSENT
 from jaxshroud.model.prepared import State
 from jaxshroud.model.row import Each, RowModel, clusters_of
@@ -81,7 +82,7 @@ def _at_root(
 
     def after(length: OfLanes) -> tuple[Any, OfLanes]:
         row, constants = lax.stop_gradient((lane, fixed))
-        interval = row_interval(row.step, row.search.done, length, constants.grid)
+        interval = interval_in_step(row.step, row.search.done, length, constants.grid)
         cluster = clusters_of(row.state, constants.model)
         stepped = row_step(interval, row.state, cluster, constants.model, method, each)
         return moving(stepped), guard(stepped, constants)

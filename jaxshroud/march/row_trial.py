@@ -15,20 +15,21 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.carry import (
     MAX_EVENTS_PER_STEP,
-    NEGLIGIBLE_REST,
     Fixed,
     Lane,
     TimeGrid,
     change_at,
     running,
+    status_of,
     updated_margins,
 )
 from jaxshroud.march.events import FLAT_RETURN, EventKind, any_of, event_kinds
-from jaxshroud.march.locate import Target, select
+from jaxshroud.march.locate import select
 from jaxshroud.march.log import value_in
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Ending, Lift
-from jaxshroud.march.row_carry import InterfaceChange, RowSearch, RowTarget
+from jaxshroud.march.rk_step import interval_in_step, trial_interval
+from jaxshroud.march.row_carry import InterfaceChange
 from jaxshroud.march.row_event_time import RowCrossing, differentiable_event_end, one_after_the_other
 from jaxshroud.march.row_guards import interface_view, row_guards, row_torques
 from jaxshroud.march.row_locate import InterfaceOutcome, RowDecision, interface_outcome, judge_row, row_outcome
@@ -40,7 +41,8 @@ from jaxshroud.march.row_log import (
     takers_of_one,
     updated_row_tally,
 )
-from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_interval, row_step
+from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_step
+from jaxshroud.march.search import following_search, new_search
 from jaxshroud.march.tally import EnergyJumps, EventMargins, Log, Tally, no_margins
 from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Scalar, is_absent, zeros_for
 from jaxshroud.model.modes import FLAT, Mode, Status
@@ -59,12 +61,12 @@ from jaxshroud.model.row import (
 def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lane:
     """A row at step 0. The first trial has length zero: it sets the guards, and a start in overlap is an onset."""
     lanes, shape = jnp.zeros_like(state.motion.x[0]), jnp.shape(state.mode)
-    count, no, at = jnp.zeros(lanes.shape, jnp.int32), jnp.zeros(lanes.shape, bool), jnp.zeros(shape, lanes.dtype)
-    target = RowTarget(count, Target(count, lanes, lanes, lanes, count)) if method.locate == "cubic" else None
+    count, at = jnp.zeros(lanes.shape, jnp.int32), jnp.zeros(shape, lanes.dtype)
     pending = jnp.zeros(shape, bool) if method.derivative else None
     turns = jnp.zeros(shape, jnp.int32) if model.turns_by_events else None
-    search = RowSearch(lanes, lanes, lanes, lanes, no, no, no, ~no, count, target, pending, turns)
-    zero_step = row_interval(count, lanes, lanes, TimeGrid(lanes, lanes, lanes))
+    search = new_search(lanes, lanes, jnp.ones(lanes.shape, bool), count, method.locate, False, of_row=True)
+    search = search._replace(pending=pending, turns=turns)
+    zero_step = interval_in_step(count, lanes, lanes, TimeGrid(lanes, lanes, lanes))
     nothing = zeros_for(lambda: row_step(zero_step, state, clusters_of(state, model), model, method, each).gain)
     guards = None
     if model.interfaces.spring.modal:
@@ -142,7 +144,7 @@ def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
     lane, end, (model, grid, stop) = lax.stop_gradient((lane, end, fixed))
     assert lane.guards is not None  # contact has events
     search = lane.search
-    h = row_interval(lane.step, search.done, search.length, grid).h
+    h = trial_interval(lane, grid).h
     torque, joint = row_torques(end.state, end.wave, model, each)
     counts = (search.length > 0) | search.recheck
     pairs = pair_states(end.state, model.closed)
@@ -161,7 +163,7 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     """One trial step of every lane that has neither arrived nor failed, and what follows from its end."""
     model, grid, stop = fixed
     cluster = clusters_of(lane.state, model)
-    interval = row_interval(lane.step, lane.search.done, lane.search.length, grid)
+    interval = trial_interval(lane, grid)
     end = row_step(interval, lane.state, cluster, model, method, each)
     if not model.interfaces.spring.modal:
         return _without_events(lane, end, running(lane, stop), interval.h, model, method, each)
@@ -180,12 +182,15 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     violated = any_of([jnp.any(guards.value[kind] > 0, axis=0) for kind in event_kinds(guards.value)])
     several = jnp.sum(decision.fire[None] & verdict.outcome.hit, axis=0) > 1
     recheck = decision.fire & (jnp.any(change.jumped, axis=0) | several) & violated
-    next_search, step = _next_row_search(search._replace(turns=change.turns), lane.step, decision.fire, recheck)
+    next_search, step = following_search(
+        search._replace(turns=change.turns), lane.step, decision.fire, recheck, method.locate
+    )
     trial = RowTrial(lane.state, lane.state.mode, interval.h, end, after.motion, change, dropped, lane.step, step)
     tally = updated_row_tally(lane.tally, trial, model, method, each)
     limit = MAX_EVENTS_PER_STEP * len(verdict.outcome.hit)
-    lost = verdict.not_finite, next_search.events > limit
-    status = jnp.where(accept, _status(after, *lost), Status.OK).astype(jnp.int32)
+    too_many = next_search.events > limit
+    status = status_of(_turned(after, verdict.not_finite), verdict.not_finite, too_many)
+    status = jnp.where(accept, status, Status.OK).astype(jnp.int32)
     return Lane(
         select(accept, after, lane.state),
         jnp.where(accept, step, lane.step),
@@ -246,29 +251,10 @@ def _is_finite(state: State) -> Bool[Array, " lanes"]:
     return jnp.isfinite(sum(jnp.sum(a, axis=0) for a in jax.tree.leaves(state.motion)))
 
 
-def _status(state: State, not_finite: Any, too_many: Any) -> Int[Array, " lanes"]:
-    """The status at the end of an accepted trial."""
-    turned = not_finite
-    if not is_absent(state.motion.theta):
-        turned = turned | jnp.any(jnp.abs(state.motion.theta) > ANGLE_RANGE, axis=0)
-    status = jnp.where(too_many, Status.TOO_MANY_EVENTS, Status.OK)
-    status = jnp.where(turned, Status.ANGLE_OUT_OF_RANGE, status)
-    return jnp.where(not_finite, Status.NOT_FINITE, status)
-
-
-def _next_row_search(search: RowSearch, step: Any, fire: Any, recheck: Any) -> tuple[RowSearch, Any]:
-    """The search of the next trial, and the clock, after an accepted trial."""
-    done = search.done + search.length
-    complete = done >= 1 - NEGLIGIBLE_REST[done.dtype.itemsize]
-    done = jnp.where(complete, 0.0, done)
-    events = jnp.where(complete, 0, search.events + fire.astype(jnp.int32))
-    zero, no = jnp.zeros_like(done), jnp.zeros_like(fire)
-    length = jnp.where(recheck, 0.0, 1 - done)
-    probing = search.probing & ~fire & ~complete
-    target = None if search.target is None else jax.tree.map(jnp.zeros_like, search.target)
-    turns = None if search.turns is None else jnp.where(complete, 0, search.turns)
-    after = RowSearch(done, length, zero, zero, no, probing, no, recheck, events, target, search.pending, turns)
-    return after, step + complete.astype(jnp.int32)
+def _turned(state: State, lost: Bool[Array, " lanes"]) -> Bool[Array, " lanes"]:
+    """Whether a block has turned too far, or the motion is `lost`."""
+    theta = state.motion.theta
+    return lost if is_absent(theta) else lost | jnp.any(jnp.abs(theta) > ANGLE_RANGE, axis=0)
 
 
 def _without_events(
@@ -280,11 +266,12 @@ def _without_events(
     touches = jnp.where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS))
     told = jnp.zeros_like(v), _of_events(lane.tally.log, method), v, lane.tally.margins, Lift(no, no, no)
     change = InterfaceChange(ABSENT, touches, touches, no, None, no, *told)
-    next_search, step = _next_row_search(lane.search, lane.step, no, no)
+    next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
     motion = end.state.motion
     trial = RowTrial(lane.state, touches, h, end, motion, change, jnp.zeros_like(h), lane.step, step)
     tally = updated_row_tally(lane.tally, trial, model, method, each)
-    status = _status(end.state, ~_is_finite(end.state), no).astype(jnp.int32)
+    lost = ~_is_finite(end.state)
+    status = status_of(_turned(end.state, lost), lost, no)
     return Lane(
         select(active, end.state, lane.state),
         jnp.where(active, step, lane.step),

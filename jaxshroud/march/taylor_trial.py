@@ -13,6 +13,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.carry import (
+    MAX_EVENTS_PER_STEP,
     NEGLIGIBLE_REST,
     EachLane,
     Fixed,
@@ -22,6 +23,7 @@ from jaxshroud.march.carry import (
     is_finite,
     running,
     status_of,
+    turned_too_far,
     updated_lanes,
     updated_margins,
 )
@@ -259,7 +261,8 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method
     )
     tally = updated_tally(lane.tally, trial.gain, change.jumps, accepted, method)
     tally = tally._replace(margins=updated_margins(tally.margins, change, fire, model))
-    status = status_of(z, ~is_finite(z), jnp.maximum(next_search.events, next_search.tries))
+    lost, tries = ~is_finite(z), jnp.maximum(next_search.events, next_search.tries)
+    status = status_of(turned_too_far(z, lost), lost, tries > MAX_EVENTS_PER_STEP)
     state = select(fire, transition.after, State(z, start.u_s, start.mode, start.case))
     # contact may begin flat although one end of the overlap already pulls
     next_search = next_search._replace(recheck=next_search.recheck | (fire & (transition.after.case == FLAT)))
