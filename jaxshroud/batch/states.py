@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxshroud.march.log import is_pair
+from jaxshroud.march.log import is_of_blades
 from jaxshroud.march.observables import ContactForces, contact_forces
 from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
 from jaxshroud.model.friction import Springs
@@ -53,7 +53,9 @@ def as_arrays(motion: Motion) -> Motion:
 
 def by_blade(tree: Tree) -> Tree:
     """The tree as NumPy arrays: those of each blade (...,), which are a tuple, as one (..., blades)."""
-    return jax.tree.map(lambda a: np.stack(a, axis=-1) if is_pair(a) else np.asarray(a), tree, is_leaf=is_pair)
+    return jax.tree.map(
+        lambda a: np.stack(a, axis=-1) if is_of_blades(a) else np.asarray(a), tree, is_leaf=is_of_blades
+    )
 
 
 def by_interface(tree: Tree) -> Tree:
@@ -63,8 +65,8 @@ def by_interface(tree: Tree) -> Tree:
 
 def by_blade_or_interface(tree: Tree) -> Tree:
     """The tree as NumPy arrays: tuples of those of each blade (...,) as (..., blades), others as (..., 1)."""
-    stacked = lambda a: np.stack(a, axis=-1) if is_pair(a) else np.asarray(a)[..., None]
-    return jax.tree.map(stacked, tree, is_leaf=is_pair)
+    stacked = lambda a: np.stack(a, axis=-1) if is_of_blades(a) else np.asarray(a)[..., None]
+    return jax.tree.map(stacked, tree, is_leaf=is_of_blades)
 
 
 def motion_rows(motion: Motion) -> np.ndarray:

@@ -112,11 +112,11 @@ def of_blades(one: Observable, f: Callable[..., Any], *trees: Any) -> Any:
     return jax.tree.map(lambda a, b: (a, b), left, right, is_leaf=is_absent)
 
 
-def is_pair(tree: Any) -> bool:
-    """Whether a tree is a pair of numbers of blades."""
-    return type(tree) is tuple and len(tree) == 2 and not isinstance(tree[0], tuple)
+def is_of_blades(tree: Any) -> bool:
+    """Whether a tree is a plain tuple of numbers, one of each blade."""
+    return type(tree) is tuple and len(tree) > 0 and not isinstance(tree[0], tuple)
 
 
 def _of_side(i: int, tree: Any) -> Any:
     """A tree with the numbers of one blade in place of pairs."""
-    return jax.tree.map(lambda a: a[i] if is_pair(a) else a, tree, is_leaf=is_pair)
+    return jax.tree.map(lambda a: a[i] if is_of_blades(a) else a, tree, is_leaf=is_of_blades)

@@ -200,7 +200,8 @@ EXTENT = Observable(
 
 
 def _updated_positions(before: Means, trial: BladeTrial) -> Means:
-    add = lambda total, a: total + where(trial.complete, a, 0.0)
+    complete = trial.complete
+    add = lambda total, a: total + where(complete, a, 0.0)
     return jax.tree.map(add, before, blade_positions(trial.after))
 
 

@@ -47,7 +47,7 @@ class Stepper(NamedTuple):
     - `Pair`s: the motion, the drive and its wave, the power, `Mobility.share` and `joint`;
     - one mode, case and slider in `State`, one set of four guards, and one event in a trial;
     - flat contact, in which both blocks turn as one, and the torques at its two ends;
-    - one set of `Counters`, times of contact, `StepExtrema` and `ContactPeaks` in a `Tally`.
+    - one `Log` in a `Tally`, whose values are those of one interface and of pairs.
     """
 
     begin: Callable[[State, Model, Choices], Lane]
