@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.blocks import run_block
-from jaxshroud.batch.periods import Clock, at_start_of_period, one_call
-from jaxshroud.batch.rows import ROW_KERNELS, RowSample, begin_rows
+from jaxshroud.batch.periods import Clock, Sample, at_start_of_period, one_call
+from jaxshroud.batch.rows import ROW_KERNELS, begin_rows
 from jaxshroud.batch.xla import best_mapping
+from jaxshroud.march.carry import Lane
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_carry import RowLane
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.prepared import State
 from jaxshroud.scene.keys import Motion
@@ -24,8 +24,8 @@ BLOCK, LANES = 4, 8  # periods and lanes in one call: one program for any number
 class RowRuns(NamedTuple):
     """Runs of rows, and what a further run of them takes."""
 
-    samples: RowSample  # (periods, lanes, ...)
-    last: RowLane  # as many lanes as the program has
+    samples: Sample  # (periods, lanes, ...)
+    last: Lane  # as many lanes as the program has
     batch: Scene  # likewise
     method: Choices
 
@@ -61,7 +61,7 @@ def run_rows(scenes: list[Scene], periods: int, steps: int, method: Choices = EX
     return RowRuns(jax.tree.map(lambda *a: np.concatenate(a), *kept), lanes, batch, method)
 
 
-def block_of_periods(batch: Any, lanes: Any, clock: Clock, n: int, method: Choices) -> tuple[Any, RowSample]:
+def block_of_periods(batch: Any, lanes: Any, clock: Clock, n: int, method: Choices) -> tuple[Any, Sample]:
     """The rows after `n` periods, in one call, and a block of samples."""
     begin = at_start_of_period(lanes)
     end, _, samples = run_block(batch, begin, clock, one_call(n), method, BLOCK, best_mapping(), ROW_KERNELS)

@@ -20,7 +20,7 @@ from jaxshroud.batch.periods import (
     with_clock_reset,
 )
 from jaxshroud.batch.xla import compiled
-from jaxshroud.march.carry import EachLane, Fixed, PerLane, TimeGrid, running
+from jaxshroud.march.carry import EachLane, Fixed, PerLane, running
 from jaxshroud.march.method import Choices
 from jaxshroud.model.modes import Status
 from jaxshroud.scene.scene import Scene
@@ -38,12 +38,10 @@ class PeriodKernels(NamedTuple):
     """The inverse of `inward`, of samples too."""
     constants: Callable[[Scene], tuple[Any, PerLane]]
     """(scenes) -> the models of lanes, and their drive periods [s]."""
-    fixed: Callable[[Any, TimeGrid, Int[Array, " lanes"]], Any]
-    """(models, grids, steps at which lanes stop) -> the constants of lanes during a march."""
     march: Callable[..., Any]
     """(lanes, constants, method, each, passes=None) -> the lanes where they stop, see `march`."""
-    begin: Callable[[Any, Any, EachLane], tuple[Any, PerLane]]
-    """(lanes, models, each) -> the lanes at the start of a period, and the energies that they store [J]."""
+    begin: Callable[[Any, Any, Choices, EachLane], tuple[Any, PerLane]]
+    """(lanes, models, method, each) -> the lanes at the start of a period, and the energies that they store [J]."""
     end: Callable[..., tuple[Any, Any]]
     """(lanes, energies, models, periods, steps, each, ended=True) -> the lanes at its end, and its samples."""
 
@@ -81,9 +79,9 @@ def run_block(
     def one(carry, i):
         (lanes, energies, inside), passes = carry
         on = (i < limits.most) & (passes > 0)
-        lanes, energies = select_tree(on & ~inside, kernels.begin(lanes, models, each), (lanes, energies))
+        lanes, energies = select_tree(on & ~inside, kernels.begin(lanes, models, method, each), (lanes, energies))
         stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
-        lanes, passes = kernels.march(lanes, kernels.fixed(models, grids, stops), method, each, passes=passes)
+        lanes, passes = kernels.march(lanes, Fixed(models, grids, stops), method, each, passes=passes)
         over = on & ~jnp.any(running(lanes, stops))
         lanes = with_clock_reset(lanes, over & (lanes.step == clock.steps))
         lanes, sample = kernels.end(lanes, energies, models, periods, clock.per_period, each, ended=over)
@@ -105,12 +103,12 @@ def period_function(
 
     def run(lanes: Any, on: Any) -> tuple[Any, Any]:
         stops = jnp.where(on & (lanes.status == Status.OK), clock.steps, 0)
-        lanes, energies = kernels.begin(lanes, models, each)
-        lanes = kernels.march(lanes, kernels.fixed(models, clock.grids(periods), stops), method, each)
+        lanes, energies = kernels.begin(lanes, models, method, each)
+        lanes = kernels.march(lanes, Fixed(models, clock.grids(periods), stops), method, each)
         lanes = with_clock_reset(lanes, lanes.step == clock.steps)
         return kernels.end(lanes, energies, models, periods, clock.per_period, each)
 
     return run
 
 
-PAIR_KERNELS = PeriodKernels(whole_tree, whole_tree, lane_models, Fixed, march, begun_pairs, ended_pairs)
+PAIR_KERNELS = PeriodKernels(whole_tree, whole_tree, lane_models, march, begun_pairs, ended_pairs)

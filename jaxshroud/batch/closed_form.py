@@ -69,7 +69,7 @@ def free_runs(
     samples, *end = _closed_form_samples(
         scenes, states, begin, jnp.full_like(turns, transient), turns, kept, nodes, method.amplitudes, method.vibration
     )
-    places = lambda lane: [lane.state, lane.status, lane.tally.log.time_apart]
+    places = lambda lane: [lane.state, lane.status, lane.tally.log.times.apart]
     lanes = eqx.tree_at(places, begin_lanes(scenes, states, method), end)
     zeros: Any = np.zeros(np.shape(samples.power[0]))
     works = dict.fromkeys(("work", "gross", "dropped", "residual", "friction", "viscous", "switched"), zeros)

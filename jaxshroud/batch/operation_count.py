@@ -13,7 +13,6 @@ from jaxshroud.batch.states import initial_states
 from jaxshroud.batch.xla import one_lane, vmapped
 from jaxshroud.march.carry import Fixed, Lane, time_grid
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_carry import RowFixed, RowLane
 from jaxshroud.march.row_trial import row_trial
 from jaxshroud.model.prepared import initial_state, prepared_model
 from jaxshroud.programs.kept import kept
@@ -109,9 +108,9 @@ def _first_trial(scene: Scene, method: Choices) -> tuple[Lane, Fixed]:
     return begin_lanes(scenes, states, method), Fixed(jax.vmap(prepared_model)(scenes), steps, stop)
 
 
-def _first_row_trial(scene: Scene, method: Choices) -> tuple[RowLane, RowFixed]:
+def _first_row_trial(scene: Scene, method: Choices) -> tuple[Lane, Fixed]:
     """The same of a row, with the leading axis of lanes last."""
     scenes = one_lane(scene)
     models, period = row_models(scenes)
     lanes, stop = rows_at_start(initial_states(scenes), models, method, vmapped), jnp.ones((1,), jnp.int32)
-    return lanes, RowFixed(models, time_grid(jnp.zeros_like(period), stop.astype(period.dtype), period), stop)
+    return lanes, Fixed(models, time_grid(jnp.zeros_like(period), stop.astype(period.dtype), period), stop)

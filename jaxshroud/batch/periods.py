@@ -10,13 +10,14 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxshroud.batch.states import by_blade, by_interface, carried_state, with_zeros
+from jaxshroud.batch.states import by_blade, by_blade_or_interface, by_interface, carried_state, with_zeros
 from jaxshroud.batch.xla import compiled, repeated_while, stage_groups
 from jaxshroud.march.carry import EachLane, Lane, LaneTree, TimeGrid, running, time_grid
+from jaxshroud.march.log import log_of_new_period
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import energy_residual, is_unbalanced, total_energy
 from jaxshroud.march.stepper import StageGroups, alone, begin_lane, stepper_for
-from jaxshroud.march.tally import Tally, left_position_at, log_of_new_period, mean_position, times_of
+from jaxshroud.march.tally import Log, Tally, left_position_at, mean_position
 from jaxshroud.model.arithmetic import filled, is_absent, traced_once
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
@@ -124,6 +125,10 @@ class Sample(NamedTuple):
     extent: Any = None  # `DisplacementRange` of the period
     means: Any = None  # `Means` over the period, each number for the left block or for every block of a row
     times: Any = None  # `ContactTimes` of the period
+    own: Any = None  # values of the method's own observables at its end, by their names
+
+
+LOGGED_BY_PERIOD = tuple(name for name in Log._fields if name in Sample._fields)
 
 
 def pair_sample(sample: Sample) -> Sample:
@@ -131,7 +136,7 @@ def pair_sample(sample: Sample) -> Sample:
     contact = ("friction", "switched", "forces", "loads", "impacts", "times")
     along = {name: by_interface(getattr(sample, name)) for name in contact}
     means = by_interface(sample.means)  # of the left block alone
-    return by_blade(sample._replace(**along, means=means))
+    return by_blade(sample._replace(**along, means=means, own=by_blade_or_interface(sample.own)))
 
 
 class Clock(NamedTuple):
@@ -209,11 +214,6 @@ def select_tree(which: Bool[Array, ""], a: Tree, b: Tree) -> Tree:
     return jax.tree.map(lambda a, b: jnp.where(which, a, b), a, b)
 
 
-def _begin_period(lanes: Lane, models: Model) -> tuple[Lane, Float[Array, " lanes"]]:
-    """The lanes with an empty tally, and the energies that they store."""
-    return _with_empty_tally(lanes), _total_energies(lanes, models)
-
-
 def _end_period(
     lanes: Lane, stored_before: Any, models: Model, periods, steps: Any, ended: Any = True
 ) -> tuple[Lane, Sample]:
@@ -233,26 +233,25 @@ def _end_period(
     power = filled(gain.power, periods)
     log = lanes.tally.log
     if log is not None:
-        logged |= {"largest": log.largest, "forces": log.forces, "impacts": log.impacts, "extent": log.extent}
-        logged |= {"times": times_of(log)}
+        logged |= {name: getattr(log, name) for name in LOGGED_BY_PERIOD}
     if gain.ledger is not None:
         logged |= {"friction": gain.ledger.friction, "viscous": gain.ledger.viscous}
     means = mean_position(lanes.tally, lanes.state.motion, periods, steps, left_position_at)
     integrated = {"loads": gain.loads, "moments": gain.moments, "means": means}
     power = power[0] / periods, power[1] / periods
     sample = Sample(with_zeros(lanes.state).motion, power, *works, **filled(logged | integrated, periods))
-    overflowed = ~jnp.isfinite(sum(jax.tree.leaves(sample), energies))
+    overflowed = ~jnp.isfinite(sum(jax.tree.leaves(sample._replace(own=None)), energies))
     fault = jnp.where(overflowed, Status.NOT_FINITE, jnp.where(astray, Status.UNBALANCED, Status.OK))
     status = jnp.where(ended & (lanes.status == Status.OK), fault, lanes.status).astype(lanes.status.dtype)
     lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
     return lanes, jax.tree.map(lambda a: jnp.where(lanes.status == Status.OK, a, jnp.nan), sample)
 
 
-def _with_empty_tally(lanes: Lane) -> Lane:
+def _with_empty_tally(lanes: Lane, method: Choices) -> Lane:
     """The lanes with the sums of a sample reset: in float32, late periods would lose digits in a long sum."""
     tally = lanes.tally
     integrals, jumps = jax.tree.map(jnp.zeros_like, (tally.integrals, tally.jumps))
-    log = None if tally.log is None else jax.vmap(log_of_new_period)(tally.log, lanes.state.motion)
+    log = None if tally.log is None else log_of_new_period(tally.log, lanes.state.motion, method)
     return eqx.tree_at(lambda lane: lane.tally, lanes, Tally(integrals, jumps, log, tally.margins))
 
 
@@ -277,10 +276,10 @@ def lane_models(scenes: Scene) -> tuple[Model, Float[Array, " lanes"]]:
     return jax.vmap(lambda scene: (prepared_model(scene), scene.drive.period))(scenes)
 
 
-def begun_pairs(lanes: Lane, models: Model, each: EachLane) -> tuple[Lane, Float[Array, " lanes"]]:
+def begun_pairs(lanes: Lane, models: Model, method: Choices, each: EachLane) -> tuple[Lane, Float[Array, " lanes"]]:
     """Pairs at the start of a period, and the energies that they store [J]."""
     del each
-    return _begin_period(lanes, models)
+    return _with_empty_tally(lanes, method), _total_energies(lanes, models)
 
 
 def ended_pairs(

@@ -18,7 +18,7 @@ from jaxshroud.batch.rows import ROW_KERNELS, lanes_first, row_models, rows_at_s
 from jaxshroud.batch.xla import best_mapping, compiled, one_lane
 from jaxshroud.march.derivative_limits import values_only
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_carry import tally_of_new_period
+from jaxshroud.march.row_log import tally_of_new_period
 from jaxshroud.march.tally import EventMargins
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -56,7 +56,7 @@ def _row_samples_in_lanes(scenes: Scene, states: State, schedule: Schedule) -> R
     time = period * (schedule.every / steps)
 
     def one(lanes, _):
-        empty = tally_of_new_period(lanes.tally, lanes.state.motion)
+        empty = tally_of_new_period(lanes.tally, lanes.state.motion, schedule.method)
         lanes = eqx.tree_at(lambda lane: lane.tally, lanes, empty)
         lanes, sample = next_row_sample(lanes, jnp.int32(schedule.every), model, period, clock, schedule.method, each)
         gain: Any = lanes.tally.integrals.power

@@ -25,10 +25,9 @@ from jaxshroud.batch.rows import (
 from jaxshroud.batch.sampling import SampleGrid, Stretch, sampled_in_calls
 from jaxshroud.batch.stretches import SampledLanes, march_in_stretches, values_by_name
 from jaxshroud.batch.xla import best_mapping, compiled
-from jaxshroud.march.carry import EachLane, TimeGrid, running
+from jaxshroud.march.carry import EachLane, Fixed, Lane, TimeGrid, running
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import ContactForces
-from jaxshroud.march.row_carry import RowFixed, RowLane
 from jaxshroud.march.row_guards import interface_view, row_contact_forces, row_torques
 from jaxshroud.march.start import EVENTS_AT_START, next_at_start
 from jaxshroud.model.arithmetic import ABSENT, filled, sincos_turns
@@ -65,7 +64,7 @@ def _row_samples(
         (lanes, stops, inside), passes = carry
         on = (i < limits.most) & (passes > 0)
         stops = jnp.where(on & ~inside, lanes.step + every, stops)
-        fixed = RowFixed(model, grids, jnp.where(on, stops, 0))
+        fixed = Fixed(model, grids, jnp.where(on, stops, 0))
         lanes, passes = march_rows(lanes, fixed, method, each, passes)
         over = on & ~jnp.any(running(lanes, stops))
         ended, sample = _row_sample(lanes, model, clock, grids, each)
@@ -80,30 +79,28 @@ def _row_samples(
 
 
 def next_row_sample(
-    lanes: RowLane,
+    lanes: Lane,
     every: Int[Array, ""],
     model: RowModel,
     period: Float[Array, " lanes"],
     clock: Clock,
     method: Choices,
     each: EachLane,
-) -> tuple[RowLane, RowSamples]:
+) -> tuple[Lane, RowSamples]:
     """The rows `every` steps later, and their states and forces there; lanes last."""
     grids = clock.grids(period)
-    lanes = march_rows(lanes, RowFixed(model, grids, lanes.step + every), method, each)
+    lanes = march_rows(lanes, Fixed(model, grids, lanes.step + every), method, each)
     return _row_sample(lanes, model, clock, grids, each)
 
 
-def _row_sample(
-    lanes: RowLane, model: RowModel, clock: Clock, grids: TimeGrid, each: EachLane
-) -> tuple[RowLane, RowSamples]:
+def _row_sample(lanes: Lane, model: RowModel, clock: Clock, grids: TimeGrid, each: EachLane) -> tuple[Lane, RowSamples]:
     """The rows as they continue after a sample, and the sample."""
     turns = grids.start + lanes.step.astype(grids.start.dtype) * grids.turn
     lanes = eqx.tree_at(lambda lane: lane.step, lanes, lanes.step % clock.steps)
     return lanes, _sampled(lanes, turns, model, each)
 
 
-def _sampled(lanes: RowLane, turns: Float[Array, " lanes"], model: RowModel, each: EachLane) -> RowSamples:
+def _sampled(lanes: Lane, turns: Float[Array, " lanes"], model: RowModel, each: EachLane) -> RowSamples:
     forces = row_contact_forces(lanes.state, each(sincos_turns, turns), model, each)
     zero = jnp.zeros(lanes.state.mode.shape, turns.dtype)
     lost = lanes.status != Status.OK
@@ -116,13 +113,13 @@ def _sampled(lanes: RowLane, turns: Float[Array, " lanes"], model: RowModel, eac
 
 
 @compiled("each")
-def _first_sample(scenes: Scene, lanes: RowLane, start: Any, each: EachLane) -> RowSamples:
+def _first_sample(scenes: Scene, lanes: Lane, start: Any, each: EachLane) -> RowSamples:
     model, period = row_models(scenes)
     return lanes_first(_sampled(lanes_last(lanes), jnp.broadcast_to(start, period.shape), model, each))
 
 
 @compiled("each")
-def _rows_once_begun(scenes: Scene, lanes: RowLane, start: Any, each: EachLane) -> RowLane:
+def _rows_once_begun(scenes: Scene, lanes: Lane, start: Any, each: EachLane) -> Lane:
     """The rows (leading axis) once all has happened that happens at the instant of their start."""
     model, period = row_models(scenes)
     lanes = lanes_last(lanes)
@@ -141,7 +138,7 @@ def _rows_once_begun(scenes: Scene, lanes: RowLane, start: Any, each: EachLane) 
 
 
 @compiled("each")
-def stored_energies_of_rows(scenes: Scene, lanes: RowLane, each: EachLane) -> Float[Array, " lanes"]:
+def stored_energies_of_rows(scenes: Scene, lanes: Lane, each: EachLane) -> Float[Array, " lanes"]:
     """The energies stored in blades and contact springs of rows (leading axis) [J]."""
     return energies_in_rows(lanes_last(lanes).state, row_models(scenes)[0], each)
 
@@ -154,7 +151,7 @@ class SampledRows(NamedTuple):
 
     samples: RowSamples  # (lanes, 1 + samples, ...)
     amplitudes: SampledAmplitudes | None  # over the steps that count; None if there are none
-    last: RowLane
+    last: Lane
     energies: tuple[np.ndarray, np.ndarray]  # stored before and after [J]
 
 
@@ -176,7 +173,7 @@ def march_row_samples(scenes: Scene, states: State, grid: SampleGrid, method: Ch
         begun = _rows_once_begun(scenes, lanes, clock.start, each)
         first = host(_first_sample(scenes, begun, clock.start, each))
 
-    def march(lanes: RowLane, stretch: Stretch) -> tuple[RowLane, RowSamples, None]:
+    def march(lanes: Lane, stretch: Stretch) -> tuple[Lane, RowSamples, None]:
         def block(interim: Interim, limits: CallLimits) -> tuple[Interim, Any, RowSamples]:
             every = jnp.int32(stretch.apart)
             return _row_samples(scenes, interim, clock, every, limits, method, ROW_SAMPLES_PER_CALL, each)

@@ -20,10 +20,9 @@ from jaxshroud.batch.periods import CallLimits, periods_within
 from jaxshroud.batch.rows import carried_row, lanes_first, lanes_last, march_rows, row_models
 from jaxshroud.batch.states import by_blade
 from jaxshroud.batch.xla import best_mapping, compiled
-from jaxshroud.march.carry import EachLane, PerLane, time_grid
+from jaxshroud.march.carry import EachLane, Fixed, Lane, PerLane, time_grid
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_carry import RowFixed, RowLane
 from jaxshroud.march.row_trial import begin_row
 from jaxshroud.model.arithmetic import filled, is_absent
 from jaxshroud.model.modes import FLAT, Status
@@ -39,7 +38,7 @@ def begin_row_flows(scenes: Dual, states: Dual, method: Choices) -> Dual:
     """`begin_flows` for rows; the lanes are last."""
     each, (value, along) = differentiable(best_mapping()), states
 
-    def begin(scenes: Scene, motion: Any, u_s: Any) -> RowLane:
+    def begin(scenes: Scene, motion: Any, u_s: Any) -> Lane:
         model, state = row_models(scenes)[0], lanes_last(State(motion, u_s, value.mode, value.case))
         return begin_row(canonical_row(carried_row(state, model), model, each), model, method, each)
 
@@ -67,12 +66,12 @@ def row_flow_with_tangents(
 ) -> tuple[Dual, Int[Array, ""]]:
     """`flow_with_tangents` for rows, with the same arguments; the lanes are last."""
 
-    def flow(scenes: Scene, lanes: RowLane) -> tuple[RowLane, Int[Array, ""]]:
+    def flow(scenes: Scene, lanes: Lane) -> tuple[Lane, Int[Array, ""]]:
         model, period = row_models(scenes)
         stop = jnp.ones_like(lanes.step) * steps
         count = stop.astype(period.dtype)
         grid = time_grid(jnp.zeros_like(period), count if turns is None else count / turns, period)
-        fixed = RowFixed(model, grid, stop)
+        fixed = Fixed(model, grid, stop)
         run = lambda lanes, passes: march_rows(lanes, fixed, method, differentiable(each), passes)
         return periods_within(limits, run, lanes, stop)
 
@@ -85,7 +84,7 @@ def end_row_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane |
     """`end_flows` for rows; powers and moments are tuples of all blades."""
     each = differentiable(best_mapping())
 
-    def end(scenes: Scene, lanes: RowLane) -> FlowWithMoments:
+    def end(scenes: Scene, lanes: Lane) -> FlowWithMoments:
         model, period = row_models(scenes)
         time = n.astype(period.dtype) * (period if turns is None else turns * period)
         flow = lanes_first(_end_of_rows(lanes, model, time, each))
@@ -96,7 +95,7 @@ def end_row_flows(scenes: Dual, lanes: Dual, n: Int[Array, ""], turns: PerLane |
     return _with_tangent(end, (scenes.value, lanes.value), (scenes.tangent, lanes.tangent))
 
 
-def _end_of_rows(lanes: RowLane, model: RowModel, time: Any, each: EachLane) -> FlowWithMoments:
+def _end_of_rows(lanes: Lane, model: RowModel, time: Any, each: EachLane) -> FlowWithMoments:
     """The flow of rows, lanes last, after `time` seconds."""
     gain: Any = lanes.tally.integrals
     mean = lambda tree: jax.tree.map(lambda a: a / lax.broadcast_to_rank(time, a.ndim), filled(tree, gain.power))

@@ -4,7 +4,7 @@ Outside, arrays have the axis of lanes first, as everywhere; inside the compiled
 `model.row`.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -13,15 +13,15 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.batch.blocks import PeriodKernels
-from jaxshroud.batch.periods import Sample
+from jaxshroud.batch.periods import LOGGED_BY_PERIOD, Sample
 from jaxshroud.batch.stretches import EnergyBalance
 from jaxshroud.batch.xla import best_mapping, compiled, repeated_while
-from jaxshroud.march.carry import EachLane, running
+from jaxshroud.march.carry import EachLane, Fixed, Lane, running
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import contact_spring_energy, energy_residual, slider_position
-from jaxshroud.march.row_carry import RowFixed, RowLane, RowTally, tally_of_new_period
+from jaxshroud.march.row_log import tally_of_new_period
 from jaxshroud.march.row_trial import begin_row, row_trial
-from jaxshroud.march.tally import EnergyJumps, mean_position, times_of
+from jaxshroud.march.tally import EnergyJumps, Tally, mean_position
 from jaxshroud.model.arithmetic import ABSENT, filled, is_absent
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State
@@ -48,17 +48,17 @@ def row_models(scenes: Scene) -> tuple[RowModel, Float[Array, " lanes"]]:
     return models, scenes.drive.period
 
 
-def begin_rows(scenes: Scene, states: State, method: Choices) -> RowLane:
+def begin_rows(scenes: Scene, states: State, method: Choices) -> Lane:
     """The rows at their start from `states`, whose motion is (lanes, N), and whose contact is (lanes, E)."""
     return _begin_rows(scenes, states, method, best_mapping())
 
 
 @compiled("method", "each")
-def _begin_rows(scenes: Scene, states: State, method: Choices, each: EachLane) -> RowLane:
+def _begin_rows(scenes: Scene, states: State, method: Choices, each: EachLane) -> Lane:
     return lanes_first(rows_at_start(states, row_models(scenes)[0], method, each))
 
 
-def rows_at_start(states: State, model: RowModel, method: Choices, each: EachLane) -> RowLane:
+def rows_at_start(states: State, model: RowModel, method: Choices, each: EachLane) -> Lane:
     """The rows, lanes last, at their start from `states`, lanes first."""
     return begin_row(carried_row(lanes_last(states), model), model, method, each)
 
@@ -72,34 +72,10 @@ def carried_row(state: State, model: RowModel) -> State:
     return State(motion, ABSENT if is_absent(spring.lag) else state.u_s, mode, state.case)
 
 
-def march_rows(
-    lanes: RowLane, fixed: RowFixed, method: Choices, each: EachLane, passes: Int[Array, ""] | None = None
-) -> Any:
+def march_rows(lanes: Lane, fixed: Fixed, method: Choices, each: EachLane, passes: Int[Array, ""] | None = None) -> Any:
     """Run every row to the start of step `stop`, or until its status is not OK; `passes` as in `periods.march`."""
     going = lambda lanes: jnp.any(running(lanes, fixed.stop))
     return repeated_while(going, lambda lanes: row_trial(lanes, fixed, method, each), lanes, True, passes)
-
-
-class RowSample(NamedTuple):
-    """One period of one row: the motion at its end and its integrals; NaN once the row has stopped."""
-
-    motion: Motion
-    power: Any  # mean square displacement of each block over the period [m^2]
-    drive: Any  # work on each blade [J]; None without a ledger, as are the next six
-    gross: Any  # integral of the magnitude of its power [J]
-    viscous: Any  # lost in the dampers of each blade [J]
-    friction: Any  # lost in sliding at each interface [J]
-    switched: Any  # gained by the contact springs of each interface at events [J]
-    dropped: Any  # energy of the rocking motion that flat contact ended [J]
-    residual: Any  # of the energy balance [J]
-    largest: Any  # magnitudes of x, y [m] and theta [rad]
-    forces: Any  # `ContactPeaks` at each interface; None unless requested, as are the next five
-    loads: Any  # `ContactLoads` at each interface
-    impacts: Any  # `Impacts` at each interface
-    moments: Any  # `Moments` of each blade
-    extent: Any  # `DisplacementRange` of each blade
-    means: Any  # `Means` of each blade
-    times: Any  # `ContactTimes` at each interface
 
 
 def energies_in_rows(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
@@ -108,15 +84,21 @@ def energies_in_rows(state: State, model: RowModel, each: EachLane) -> Float[Arr
     return jnp.sum(blade_energies(state.motion, model, each), axis=0) + jnp.sum(springs, axis=0)
 
 
-def row_ledger(tally: RowTally) -> Ledger:
+def row_jumps(tally: Tally) -> EnergyJumps:
+    """The energy that jumped at the events of a row, at each interface and in all."""
+    assert tally.jumps is not None  # rows keep them
+    return tally.jumps
+
+
+def row_ledger(tally: Tally) -> Ledger:
     """The works of a row, of each blade and each interface, with zeros where there is no friction."""
-    return filled(tally.integrals.ledger, tally.springs)
+    return filled(tally.integrals.ledger, row_jumps(tally).springs)
 
 
-def row_energy_residual(tally: RowTally, gained: Any, axis: int) -> Any:
+def row_energy_residual(tally: Tally, gained: Any, axis: int) -> Any:
     """The residual of the energy balance of rows [J] that have `gained` energy; blades and interfaces along an axis."""
     total = lambda a: a.sum(axis=axis)
-    jumps = EnergyJumps(total(tally.springs), tally.dropped)
+    jumps = EnergyJumps(total(row_jumps(tally).springs), row_jumps(tally).dropped)
     return energy_residual(jax.tree.map(total, row_ledger(tally)), jumps, gained)
 
 
@@ -128,48 +110,51 @@ def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, 
     return State(motion, u_s, state.mode, state.case)
 
 
-def _begin_row_period(lanes: RowLane, model: RowModel, each: EachLane) -> tuple[RowLane, Float[Array, " lanes"]]:
+def _begin_row_period(
+    lanes: Lane, model: RowModel, method: Choices, each: EachLane
+) -> tuple[Lane, Float[Array, " lanes"]]:
     """The rows with an empty tally, and the energies that they store."""
-    empty = tally_of_new_period(lanes.tally, lanes.state.motion)
+    empty = tally_of_new_period(lanes.tally, lanes.state.motion, method)
     return eqx.tree_at(lambda lane: lane.tally, lanes, empty), energies_in_rows(lanes.state, model, each)
 
 
 def _end_row_period(
-    lanes: RowLane,
+    lanes: Lane,
     before: Float[Array, " lanes"],
     model: RowModel,
     period: Float[Array, " lanes"],
     steps: Float[Array, ""],
     each: EachLane,
     ended: Any = True,
-) -> tuple[RowLane, RowSample]:
-    """`batch.periods._end_period` for rows."""
-    tally, log = lanes.tally, lanes.tally.log
+) -> tuple[Lane, Sample]:
+    """`batch.periods._end_period` for rows; the works in a sample are those of each blade."""
+    tally, log, jumps = lanes.tally, lanes.tally.log, row_jumps(lanes.tally)
     gain: Any = tally.integrals
     assert log is not None  # only flows with tangents have none
     gained = energies_in_rows(lanes.state, model, each) - before
-    works: dict[str, Any] = dict.fromkeys(("drive", "gross", "viscous", "friction", "switched", "dropped", "residual"))
+    works: dict[str, Any] = {}
     if gain.ledger is not None:
-        works = row_ledger(tally)._asdict()
+        ledger = row_ledger(tally)
+        works = {"work": ledger.drive, "gross": ledger.gross, "viscous": ledger.viscous, "friction": ledger.friction}
         works |= {
-            "switched": tally.springs,
-            "dropped": tally.dropped,
+            "switched": jumps.springs,
+            "dropped": jumps.dropped,
             "residual": row_energy_residual(tally, gained, 0),
         }
     means = mean_position(tally, lanes.state.motion, period, steps, blade_positions)
+    logged = {name: getattr(log, name) for name in LOGGED_BY_PERIOD}
     sums = {"moments": gain.moments, "means": means}
-    of_blades = {"motion": lanes.state.motion, "largest": log.largest, "extent": log.extent} | sums
-    of_contact = {"forces": log.forces, "loads": gain.loads, "impacts": log.impacts, "times": times_of(log)}
-    told = filled(of_blades, gain.power) | filled(of_contact, tally.springs)
-    sample = RowSample(power=gain.power / period[None], **works, **told)
-    totals = (jnp.sum(jnp.atleast_2d(a), axis=0) for a in jax.tree.leaves(sample))
+    of_blades = {"motion": lanes.state.motion, "largest": logged.pop("largest"), "extent": logged.pop("extent")} | sums
+    told = filled(of_blades, gain.power) | filled({"loads": gain.loads} | logged, jumps.springs)
+    sample = Sample(power=gain.power / period[None], **works, **told)
+    totals = (jnp.sum(jnp.atleast_2d(a), axis=0) for a in jax.tree.leaves(sample._replace(own=None)))
     overflowed = ended & (lanes.status == Status.OK) & ~jnp.isfinite(sum(totals, gained))
     status = jnp.where(overflowed, Status.NOT_FINITE, lanes.status).astype(lanes.status.dtype)
     lanes = eqx.tree_at(lambda lane: lane.status, lanes, status)
     return lanes, jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), sample)
 
 
-def balance_of_rows(tally: RowTally, gained: np.ndarray) -> EnergyBalance | None:
+def balance_of_rows(tally: Tally, gained: np.ndarray) -> EnergyBalance | None:
     """The energy balance of rows that have `gained` energies [J]; None without a ledger."""
     if tally.integrals.ledger is None:
         return None
@@ -177,34 +162,14 @@ def balance_of_rows(tally: RowTally, gained: np.ndarray) -> EnergyBalance | None
     of_blades = {"blade_work_drive": np.asarray(works.drive), "blade_loss_viscous": np.asarray(works.viscous)}
     in_all = Ledger(*(np.asarray(a).sum(axis=-1) for a in works))._replace(friction=works.friction)
     residual = np.asarray(row_energy_residual(jax.tree.map(jnp.asarray, tally), jnp.asarray(gained), -1))
-    return EnergyBalance(in_all, of_blades, residual, np.asarray(tally.dropped, float))
+    return EnergyBalance(in_all, of_blades, residual, np.asarray(row_jumps(tally).dropped, float))
 
 
-ROW_KERNELS = PeriodKernels(
-    lanes_last, lanes_first, row_models, RowFixed, march_rows, _begin_row_period, _end_row_period
-)
+ROW_KERNELS = PeriodKernels(lanes_last, lanes_first, row_models, march_rows, _begin_row_period, _end_row_period)
 
 
-def row_sample(row: RowSample) -> Sample:
-    """Samples of rows in the form of those of pairs, with axes of blades and interfaces."""
-    row = jax.tree.map(np.asarray, row)
+def row_sample(row: Sample) -> Sample:
+    """Samples of rows, in which the works on their blades are added up."""
     total = lambda a: None if a is None else a.sum(axis=-1)
-    return Sample(
-        motion=row.motion,
-        power=row.power,
-        work=total(row.drive),
-        gross=total(row.gross),
-        dropped=row.dropped,
-        residual=row.residual,
-        largest=row.largest,
-        friction=row.friction,
-        viscous=total(row.viscous),
-        switched=row.switched,
-        forces=row.forces,
-        loads=row.loads,
-        impacts=row.impacts,
-        moments=row.moments,
-        extent=row.extent,
-        means=row.means,
-        times=row.times,
-    )
+    row = jax.tree.map(np.asarray, row)
+    return row._replace(work=total(row.work), gross=total(row.gross), viscous=total(row.viscous))

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.march.log import is_of_blades
 from jaxshroud.march.observables import ContactForces, contact_forces
 from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
 from jaxshroud.model.friction import Springs
@@ -60,13 +61,20 @@ def as_arrays(motion: Motion) -> Motion:
 
 def by_blade(tree: Tree) -> Tree:
     """The tree as NumPy arrays: those of each blade (...,), which are a tuple, as one (..., blades)."""
-    of_blades = lambda a: type(a) is tuple and not isinstance(a[0], tuple)
-    return jax.tree.map(lambda a: np.stack(a, axis=-1) if of_blades(a) else np.asarray(a), tree, is_leaf=of_blades)
+    return jax.tree.map(
+        lambda a: np.stack(a, axis=-1) if is_of_blades(a) else np.asarray(a), tree, is_leaf=is_of_blades
+    )
 
 
 def by_interface(tree: Tree) -> Tree:
     """The tree of numbers of one interface (...,) as NumPy arrays (..., 1)."""
     return jax.tree.map(lambda a: np.asarray(a)[..., None], tree)
+
+
+def by_blade_or_interface(tree: Tree) -> Tree:
+    """The tree as NumPy arrays: tuples of those of each blade (...,) as (..., blades), others as (..., 1)."""
+    stacked = lambda a: np.stack(a, axis=-1) if is_of_blades(a) else np.asarray(a)[..., None]
+    return jax.tree.map(stacked, tree, is_leaf=is_of_blades)
 
 
 def motion_rows(motion: Motion) -> np.ndarray:

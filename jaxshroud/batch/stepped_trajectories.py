@@ -12,7 +12,6 @@ from jaxshroud.batch.stepped_runs import chunk_by_chunk
 from jaxshroud.batch.stretches import EnergyBalance, Trajectories
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import is_unbalanced
-from jaxshroud.march.tally import times_of
 from jaxshroud.model.arithmetic import filled
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
@@ -42,7 +41,7 @@ def stepped_trajectories(
         counters={name: np.asarray(a) for name, a in vars(counters).items()},
         energy=_energy_values(balance, len(before)),
         loads=last.tally.integrals.loads,
-        times=times_of(last.tally.log),
+        times=last.tally.log.times,
         last=last,
         events=marched.events,
     )

@@ -1,7 +1,7 @@
 """The state that a lane carries through the march, its constants, and what an event changes in it."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -19,6 +19,7 @@ from jaxshroud.march.events import (
     transition,
 )
 from jaxshroud.march.method import Choices
+from jaxshroud.march.observable import Lift
 from jaxshroud.march.tally import EnergyJumps, EventMargins, Tally
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Pair, Scalar, where
 from jaxshroud.model.modes import FLAT, Mode, Status
@@ -47,14 +48,14 @@ def time_grid(start: PerLane, steps: PerLane, period: PerLane) -> TimeGrid:
 
 
 class Lane(eqx.Module):
-    """The loop state of one lane."""
+    """The loop state of one lane, or of a row: numbers of blades are pairs, or (N, lanes), see `model.row`."""
 
     state: State
-    step: Int[Array, ""]  # the clock: integer index of the current step in the period
+    step: Int[Array, "..."]  # the clock: integer index of the current step in the period
     search: Any  # a `Search`, or a `TaylorSearch` for power series
     guards: Guards | None  # at the start of the trial; None where there are no events
     tally: Tally
-    status: Int[Array, ""]
+    status: Int[Array, "..."]
 
     @property
     def differentiable(self) -> tuple[Any, ...]:
@@ -64,15 +65,18 @@ class Lane(eqx.Module):
         return self.state, *self.search.differentiable, sums.power, *optional
 
 
-class Fixed(NamedTuple):
-    """The constants of a lane during a march."""
+AnyModel = TypeVar("AnyModel")  # a `Model`, or a `RowModel`
 
-    model: Model
+
+class Fixed(NamedTuple, Generic[AnyModel]):
+    """The constants of a lane, or of a row, during a march."""
+
+    model: AnyModel
     grid: TimeGrid
     stop: Int[Array, "..."]  # the march ends at the start of this step
 
 
-def running(lane: Any, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
+def running(lane: Lane, stop: Int[Array, "..."]) -> Bool[Array, "..."]:
     """Whether a lane, or a row, has not arrived at the start of step `stop` and has not failed."""
     return (lane.step < stop) & (lane.status == Status.OK)
 
@@ -94,14 +98,12 @@ class EventChange(NamedTuple):
 
     view: GuardEvaluation
     transition: Transition
-    onset: Bool[Array, ""]
-    impact: Bool[Array, ""]  # an onset from a gap
-    separation: Bool[Array, ""]
+    lift: Lift
     jumps: EnergyJumps  # 0 without an event
 
 
 def event_change(
-    z: Motion, Q: Pair, start: State, fire: Bool[Array, ""], kind: Int[Array, ""], delay: Scalar, fixed: Fixed
+    z: Motion, Q: Pair, start: State, fire: Bool[Array, ""], kind: Int[Array, ""], delay: Scalar, fixed: Fixed[Model]
 ) -> EventChange:
     """The change of a lane at the motion `z`, where an event of `kind` happens if `fire` is true."""
     return change_at(evaluate_guards(z, Q, start, fixed.model), z, start, fire, kind, delay, fixed.grid.h, fixed.model)
@@ -123,18 +125,22 @@ def change_at(
     lift, apart = fire & (kind == EventKind.LIFT), start.mode == Mode.APART
     jumps = jax.tree.map(lambda a: where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
     onset = lift & apart
-    return EventChange(view, change, onset, onset & ~starts_in_overlap(view, delay), lift & ~apart, jumps)
+    return EventChange(view, change, Lift(onset, onset & ~starts_in_overlap(view, delay), lift & ~apart), jumps)
 
 
-def updated_margins(before: EventMargins, change: EventChange, fire: Bool[Array, ""], model: Model) -> EventMargins:
-    """The margins after a trial that ends in a `change`, if `fire` is true."""
+def updated_margins(
+    before: EventMargins | None, change: EventChange, fire: Bool[Array, ""], model: Model
+) -> EventMargins | None:
+    """The margins, if they are kept, after a trial that ends in a `change` if `fire` is true."""
+    if before is None:
+        return None
     turn, rate, slowest = change.transition, change.view.rate, before.slowest_switch
     if has_torsion(model):
         of_case = (turn.kind == EventKind.TURN) | (turn.kind == EventKind.HEIGHT)
         switched = fire & of_case & (turn.before.case != FLAT) & (turn.after.case != FLAT)
         speed = jnp.abs(where(turn.kind == EventKind.TURN, rate.turn * model.block.a_x, rate.height))
         slowest = where(switched, jnp.minimum(slowest, speed), slowest)
-    onset = where(change.impact, jnp.minimum(before.slowest_onset, rate.v), before.slowest_onset)
+    onset = where(change.lift.impact, jnp.minimum(before.slowest_onset, rate.v), before.slowest_onset)
     return EventMargins(before.events + fire.astype(jnp.int32), onset, slowest)
 
 
@@ -143,9 +149,13 @@ def is_finite(z: Motion) -> Bool[Array, ""]:
     return jnp.isfinite(sum(jax.tree.leaves(z)))  # a sum with a number that is not finite is not finite
 
 
-def status_of(z: Motion, lost: Bool[Array, ""], events: Int[Array, ""]) -> Int[Array, ""]:
-    """The status of a lane at the motion `z`, `lost` if that is not finite, after so many `events` in a step."""
-    turned = any_of([lost, *(jnp.abs(theta) > ANGLE_RANGE for theta in jax.tree.leaves(z.theta))])
-    status = where(events > MAX_EVENTS_PER_STEP, Status.TOO_MANY_EVENTS, Status.OK)
+def turned_too_far(z: Motion, lost: Bool[Array, ""]) -> Bool[Array, ""]:
+    """Whether a block has turned too far at the motion `z` of a pair, or that is `lost`."""
+    return any_of([lost, *(jnp.abs(theta) > ANGLE_RANGE for theta in jax.tree.leaves(z.theta))])
+
+
+def status_of(turned: Bool[Array, "..."], lost: Bool[Array, "..."], too_many: Bool[Array, "..."]) -> Int[Array, "..."]:
+    """The status where a block has `turned` too far, the motion is not finite, or a step has `too_many` events."""
+    status = where(too_many, Status.TOO_MANY_EVENTS, Status.OK)
     status = where(turned, Status.ANGLE_OUT_OF_RANGE, status)
     return where(lost, Status.NOT_FINITE, status).astype(jnp.int32)

@@ -10,55 +10,10 @@ from jaxtyping import Array, Bool, Int
 from jaxshroud.march.derivative_limits import first_order_only
 from jaxshroud.march.events import EventKind, Guards, Violated, any_of, event_kinds
 from jaxshroud.march.method_names import Locate
+from jaxshroud.march.search import Search, Target
 from jaxshroud.model.arithmetic import Pair, Scalar, is_absent, traced_once, where
 
 CUBIC_TRIALS = 5  # in one bracket; after these, every other trial bisects it
-
-
-class Target(NamedTuple):
-    """The guard that a search closes in on, at the upper end of the bracket."""
-
-    kind: Int[Array, ""]
-    value: Scalar
-    rate: Scalar
-    slip_path: Scalar
-    tries: Int[Array, ""]
-
-
-class Search(NamedTuple):
-    """The search of a lane inside its current step; lengths are fractions of a step."""
-
-    done: Scalar  # the part that is accepted
-    length: Scalar  # of the next trial
-    low: Scalar  # the bracket of the event, measured from `done`
-    high: Scalar
-    bracketing: Bool[Array, ""]
-    probing: Bool[Array, ""]  # the next trial ends where a guard seems to have a maximum
-    inside: Bool[Array, ""]  # the bracket was found by such a trial
-    recheck: Bool[Array, ""]  # guards may have jumped: a violated guard counts even in a trial of length zero
-    events: Int[Array, ""]  # in this step
-    target: Target | None  # None unless events are located by cubics
-    refinements: Int[Array, ""] | None  # times that the event was located, for its derivative; None: no derivatives
-
-    @property
-    def differentiable(self) -> tuple[Any, ...]:
-        """The fields that may have a tangent."""
-        return self.done, self.length
-
-
-def new_search(
-    done: Scalar,
-    length: Scalar,
-    recheck: Bool[Array, ""],
-    events: Int[Array, ""],
-    locate: Locate,
-    derivative: bool,
-) -> Search:
-    """A search without a bracket."""
-    zero, no, none = jnp.zeros_like(done), jnp.zeros((), bool), jnp.zeros((), jnp.int32)
-    target = Target(none, zero, zero, zero, none) if locate == "cubic" else None
-    refinements = none if derivative and locate != "none" else None
-    return Search(done, length, zero, zero, no, no, no, recheck, events, target, refinements)
 
 
 def select(condition: Bool[Array, "..."], yes, no):

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 from jaxshroud.march.method_names import TABLEAUS, Locate
+from jaxshroud.march.observable import Observable
 from jaxshroud.march.tableau import DEFAULT_TOLERANCE, RK4, Tableau, TaylorOptions, tableau
 from jaxshroud.model.rhs import Recorded
 from jaxshroud.scene.checks import InputError, Precision, checked, count_argument, type_argument, word_argument
@@ -55,6 +56,7 @@ class Choices(NamedTuple):
     amplitudes: bool = False  # log the extremes of the displacements and integrate their moments
     margins: bool = False  # log how clearly events happened, with derivatives too
     vibration: bool = False  # integrate the position of the blocks, about which they vibrate
+    observables: tuple[Observable, ...] = ()  # a user's own, logged beside the built-in ones
 
     def __check_init__(self):
         locator_for(self.tableau, self.locate)

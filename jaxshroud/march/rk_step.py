@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Int
 
 from jaxshroud.march.carry import Lane, TimeGrid
 from jaxshroud.march.method import Choices
@@ -23,11 +24,15 @@ class TrialInterval(NamedTuple):
     h: Scalar  # its length [s]
 
 
+def interval_in_step(step: Int[Array, "..."], done: Scalar, length: Scalar, grid: TimeGrid) -> TrialInterval:
+    """The time interval of so much of a `step` after the part that is `done`."""
+    at = step.astype(done.dtype) + done
+    return TrialInterval(grid.start + at * grid.turn, length * grid.turn, length * grid.h)
+
+
 def trial_interval(lane: Lane, grid: TimeGrid) -> TrialInterval:
-    """The time interval of the lane's next trial step."""
-    done = lane.step.astype(lane.search.done.dtype) + lane.search.done
-    length = lane.search.length
-    return TrialInterval(grid.start + done * grid.turn, length * grid.turn, length * grid.h)
+    """The time interval of the next trial step of a lane, or of a row."""
+    return interval_in_step(lane.step, lane.search.done, lane.search.length, grid)
 
 
 class Stages(NamedTuple):

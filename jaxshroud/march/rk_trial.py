@@ -9,7 +9,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.carry import (
-    NEGLIGIBLE_REST,
+    MAX_EVENTS_PER_STEP,
     EachLane,
     Fixed,
     Lane,
@@ -18,6 +18,7 @@ from jaxshroud.march.carry import (
     is_finite,
     running,
     status_of,
+    turned_too_far,
     updated_lanes,
     updated_margins,
 )
@@ -30,19 +31,12 @@ from jaxshroud.march.events import (
     forces_jump,
     place_contact,
 )
-from jaxshroud.march.locate import Search, at_event, at_least_two, judge_trial, new_search, select, select_guard
+from jaxshroud.march.locate import at_event, at_least_two, judge_trial, select, select_guard
+from jaxshroud.march.log import AcceptedTrial, new_tally, updated_tally
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import closing_speed, updated_extrema, updated_impacts, updated_peaks, updated_range
+from jaxshroud.march.observable import BladeTrial, Ending, InterfaceTrial, Lift
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
-from jaxshroud.march.tally import (
-    LogUpdates,
-    count_event,
-    displacements_of,
-    left_position_at,
-    new_tally,
-    updated_positions,
-    updated_tally,
-)
+from jaxshroud.march.search import Search, following_search, new_search
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where, zeros_for
 from jaxshroud.model.friction import Slider
 from jaxshroud.model.modes import FLAT, Mode, Status
@@ -71,10 +65,10 @@ def rk_trials(
 ) -> LaneTree:
     """`Stepper.trial`: a `StepEnd` of every lane."""
 
-    def group(stage_count: int, lane: Lane, stages: Stages, fixed: Fixed) -> Stages:
+    def group(stage_count: int, lane: Lane, stages: Stages, fixed: Fixed[Model]) -> Stages:
         return rk_stages(stages, stage_count, trial_interval(lane, fixed.grid), lane.state, fixed.model, method)[0]
 
-    def end(lane: Lane, stages: Stages, fixed: Fixed) -> StepEnd:
+    def end(lane: Lane, stages: Stages, fixed: Fixed[Model]) -> StepEnd:
         return rk_step(stages, trial_interval(lane, fixed.grid), lane.state, fixed.model, method)
 
     stages = NO_STAGES
@@ -86,10 +80,10 @@ def rk_trials(
 def update_after_rk(lanes: LaneTree, ends: LaneTree, fixed: LaneTree, method: Choices, each: EachLane) -> LaneTree:
     """`Stepper.update`. With derivatives, and with long tallies, the decision is a kernel of its own."""
 
-    def decide(lane: Lane, end: StepEnd, fixed: Fixed) -> Decision:
+    def decide(lane: Lane, end: StepEnd, fixed: Fixed[Model]) -> Decision:
         return decide_trial(lane, end, fixed, method)
 
-    def apply(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed) -> Lane:
+    def apply(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Model]) -> Lane:
         return apply_decision(lane, end, decision, fixed, method)
 
     if not method.derivative and not method.has_long_tally:
@@ -116,7 +110,7 @@ class Decision(NamedTuple):
         return ()
 
 
-def decide_trial(lane: Lane, end: StepEnd, fixed: Fixed, method: Choices) -> Decision:
+def decide_trial(lane: Lane, end: StepEnd, fixed: Fixed[Model], method: Choices) -> Decision:
     """Decide on a trial step that ended at `end`. Nothing here has a derivative."""
     lane, end, fixed = lax.stop_gradient((lane, end, fixed))
     (model, grid, stop), search = fixed, lane.search
@@ -150,7 +144,7 @@ def decide_trial(lane: Lane, end: StepEnd, fixed: Fixed, method: Choices) -> Dec
     )
 
 
-def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, method: Choices) -> Lane:
+def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Model], method: Choices) -> Lane:
     """The lane after a trial that ended at `end`; unchanged if it has arrived or failed."""
     (model, grid, stop), search, start = fixed, lane.search, lane.state
     accept, fire, refine, kind = decision.accept, decision.fire, decision.refine, decision.kind
@@ -166,24 +160,21 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, m
         search, repeated = search._replace(length=length), select(refine, refined, repeated)
     z = state.motion
     change = event_change(z, Q, _with_slider_of(start, state), fire, kind, decision.delay, fixed)
-    view, transition, onset, impact, separation, jumps = change
+    view, transition, lift, jumps = change
     state = select(fire, transition.after, state)
     guards = select(fire, transition.guards, view.guards)
     # where guards may have jumped, or several were violated, a guard that still is fires in a trial of length zero
     jumped = decision.several | (kind == EventKind.TURN) | (kind == EventKind.HEIGHT) | (transition.after.case == FLAT)
     recheck = fire & jumped & any_of(guards.value[kind] > 0 for kind in event_kinds(guards.value))
-    next_search, step = _next_search(search, lane.step, fire, recheck, method)
-    log_updates = LogUpdates(
-        lambda counters: count_event(counters, transition, fire, search.inside),
-        lambda before: updated_extrema(before, start, z, h, start.mode == Mode.APART, onset, model),
-        lambda before: updated_peaks(before, start, z, h, model),
-        lambda before: updated_impacts(before, gain.loads, closing_speed(z, start, model), impact, separation),
-        lambda before: updated_range(before, start.motion, z, h),
-        lambda before: updated_positions(before, step > lane.step, left_position_at(z)),
-        lambda before: updated_margins(before, change, fire, model),
+    next_search, step = following_search(search, lane.step, fire, recheck, method.locate)
+    trial = AcceptedTrial(
+        InterfaceTrial(h, start.mode, view.at.v, None, start, z, lift, gain.loads, model),
+        BladeTrial(start.motion, z, z, h, lane.step, step),
+        Ending(transition, fire, search.inside),
     )
-    tally = updated_tally(lane.tally, gain, jumps, h, start.mode, view.at.v, displacements_of(z), log_updates)
-    status = where(accept, status_of(z, decision.not_finite, next_search.events), Status.OK).astype(jnp.int32)
+    tally = updated_tally(lane.tally, gain, jumps, trial, method)
+    tally = tally._replace(margins=updated_margins(tally.margins, change, fire, model))
+    status = where(accept, _status(z, decision.not_finite, next_search), Status.OK).astype(jnp.int32)
     return Lane(
         select(accept, state, start),
         where(accept, step, lane.step),
@@ -194,35 +185,35 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, m
     )
 
 
+def _status(z: Motion, lost: Bool[Array, ""], after: Search) -> Int[Array, ""]:
+    """The status at the end `z` of an accepted trial, and `after` it."""
+    return status_of(turned_too_far(z, lost), lost, after.events > MAX_EVENTS_PER_STEP)
+
+
 def _with_slider_of(start: State, end: State) -> State:
     """The state at the start of the trial, with the slider, or the state of a user law, of its end."""
     return State(start.motion, end.u_s, start.mode, start.case)
 
 
-def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed, method: Choices) -> Lane:
+def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Model], method: Choices) -> Lane:
     """`apply_decision` without events."""
     (model, grid, stop), accept = fixed, decision.accept
     z, no, no_jumps = end.state.motion, jnp.zeros_like(accept), jax.tree.map(jnp.zeros_like, lane.tally.jumps)
     at = place_contact(z, lane.state, model)[2]
-    next_search, step = _next_search(lane.search, lane.step, no, no, method)
+    next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
     mode, h = where(at.v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS)), trial_interval(lane, grid).h
-    log_updates = LogUpdates(
-        lambda counters: counters,
-        lambda before: updated_extrema(before, lane.state, z, h, no, no, model),
-        lambda before: updated_peaks(before, lane.state, z, h, model),
-        lambda before: before,
-        lambda before: updated_range(before, lane.state.motion, z, h),
-        lambda before: updated_positions(before, step > lane.step, left_position_at(z)),
-        lambda before: before,
+    trial = AcceptedTrial(
+        InterfaceTrial(h, mode, at.v, None, lane.state, z, Lift(no, no, no), end.gain.loads, model),
+        BladeTrial(lane.state.motion, z, z, h, lane.step, step),
     )
-    tally = updated_tally(lane.tally, end.gain, no_jumps, h, mode, at.v, displacements_of(z), log_updates)
-    status = where(accept, status_of(z, decision.not_finite, next_search.events), Status.OK).astype(jnp.int32)
+    tally = updated_tally(lane.tally, end.gain, no_jumps, trial, method)
+    status = where(accept, _status(z, decision.not_finite, next_search), Status.OK).astype(jnp.int32)
     before = (lane.state, lane.step, lane.search, lane.tally)
     state, step, search, tally = select(accept, (end.state, step, next_search, tally), before)
     return Lane(state, step, search, None, tally, where(running(lane, stop), status, lane.status))
 
 
-def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fixed: Fixed):
+def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fixed: Fixed[Model]):
     """The end of a trial where the guard of `kind` vanishes, with derivatives: state, wave, integrals and length."""
     assert end.slope is not None
     (model, grid, _), start, length = fixed, lane.state, lane.search.length
@@ -243,16 +234,3 @@ def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fi
         rate,
     )
     return State(z, u_s if model.spring.flows else start.u_s, start.mode, start.case), Q, gain, length
-
-
-def _next_search(
-    search: Search, step: Int[Array, ""], fire: Bool[Array, ""], recheck: Bool[Array, ""], method: Choices
-) -> tuple[Search, Int[Array, ""]]:
-    """The search of the next trial, and the clock, after an accepted trial."""
-    done = search.done + search.length
-    complete = done >= 1 - NEGLIGIBLE_REST[done.dtype.itemsize]
-    done = where(complete, 0.0, done)
-    events = where(complete, 0, search.events + fire.astype(jnp.int32))
-    after = new_search(done, where(recheck, 0.0, 1 - done), recheck, events, method.locate, method.derivative)
-    # a trial that ended at the maximum of a guard leaves it there, where the next trial need not look for it
-    return after._replace(probing=search.probing & ~fire & ~complete), step + complete.astype(jnp.int32)

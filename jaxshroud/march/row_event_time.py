@@ -12,14 +12,15 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
+from jaxshroud.march.carry import Fixed, Lane
 from jaxshroud.march.locate import at_event, event_tolerance, select_guard
 from jaxshroud.march.method import Choices
-from jaxshroud.march.row_carry import RowFixed, RowLane
+from jaxshroud.march.rk_step import interval_in_step
 from jaxshroud.march.row_guards import row_guards
-from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_interval, row_step
+from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_step
 from jaxshroud.model.arithmetic import ABSENT
 from jaxshroud.model.prepared import State
-from jaxshroud.model.row import Each, clusters_of
+from jaxshroud.model.row import Each, RowModel, clusters_of
 
 
 class RowCrossing(NamedTuple):
@@ -32,7 +33,7 @@ class RowCrossing(NamedTuple):
     pending: Bool[Array, "interfaces lanes"] | None  # events of this instant that are left; None: no derivatives
 
 
-def one_after_the_other(crossing: RowCrossing, lane: RowLane, place: Any, h: OfLanes, method: Choices) -> RowCrossing:
+def one_after_the_other(crossing: RowCrossing, lane: Lane, place: Any, h: OfLanes, method: Choices) -> RowCrossing:
     """The crossing of the event at `place` alone, in a step of `h` seconds, with those that are left."""
     search, here = lane.search, jnp.arange(len(crossing.fires), dtype=jnp.int32)[:, None] == place[None]
     assert search.pending is not None
@@ -51,7 +52,7 @@ def one_after_the_other(crossing: RowCrossing, lane: RowLane, place: Any, h: OfL
 
 
 def differentiable_event_end(
-    end: RowStepEnd, lane: RowLane, crossing: RowCrossing, fixed: RowFixed, method: Choices, each: Each
+    end: RowStepEnd, lane: Lane, crossing: RowCrossing, fixed: Fixed[RowModel], method: Choices, each: Each
 ) -> tuple[RowStepEnd, OfLanes]:
     """The end of a trial and its length in steps, with derivatives where it ends at the root of a guard.
 
@@ -64,10 +65,10 @@ def differentiable_event_end(
 
 def _at_root(
     end: RowStepEnd,
-    lane: RowLane,
+    lane: Lane,
     ends: Bool[Array, " lanes"],
     crossing: RowCrossing,
-    fixed: RowFixed,
+    fixed: Fixed[RowModel],
     method: Choices,
     each: Each,
 ) -> tuple[RowStepEnd, OfLanes]:
@@ -75,13 +76,13 @@ def _at_root(
     flows = fixed.model.interfaces.spring.flows
     moving = lambda end: (end.state.motion, end.state.u_s if flows else ABSENT, end.gain)
 
-    def guard(end: RowStepEnd, fixed: RowFixed) -> OfLanes:
+    def guard(end: RowStepEnd, fixed: Fixed[RowModel]) -> OfLanes:
         values = select_guard(row_guards(end.state, end.wave, fixed.model, each).value, crossing.kind)
         return jnp.sum(jnp.where(crossing.fires, values, 0.0), axis=0)
 
     def after(length: OfLanes) -> tuple[Any, OfLanes]:
         row, constants = lax.stop_gradient((lane, fixed))
-        interval = row_interval(row.step, row.search.done, length, constants.grid)
+        interval = interval_in_step(row.step, row.search.done, length, constants.grid)
         cluster = clusters_of(row.state, constants.model)
         stepped = row_step(interval, row.state, cluster, constants.model, method, each)
         return moving(stepped), guard(stepped, constants)

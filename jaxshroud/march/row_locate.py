@@ -16,7 +16,6 @@ from jaxshroud.march.events import (
 )
 from jaxshroud.march.locate import (
     CUBIC_TRIALS,
-    Target,
     at_least_two,
     event_tolerance,
     first_crossed,
@@ -26,8 +25,8 @@ from jaxshroud.march.locate import (
     select_guard,
 )
 from jaxshroud.march.method_names import Locate
-from jaxshroud.march.row_carry import RowSearch, RowTarget
 from jaxshroud.march.row_guards import interface_view
+from jaxshroud.march.search import Search, Target
 from jaxshroud.model.arithmetic import Scalar, where
 from jaxshroud.model.prepared import Model, State
 
@@ -79,16 +78,16 @@ class RowOutcome(NamedTuple):
     jumps: Bool[Array, ""]  # the forces jump at one of them
     exact: Bool[Array, ""]  # all of their guards are zero to rounding
     top: Scalar
-    crossed: RowTarget  # the guard that was crossed first
+    crossed: Target  # the guard that was crossed first
     low: Guards  # of the interface of the target, at the lower end of the bracket
 
 
-def row_outcome(search: RowSearch, outcome: InterfaceOutcome, low: Guards) -> RowOutcome:
+def row_outcome(search: Search, outcome: InterfaceOutcome, low: Guards) -> RowOutcome:
     """The outcome of each lane, from those of its interfaces."""
-    hit = outcome.hit
+    hit, target = outcome.hit, search.target
     hits, any_hit = jnp.sum(hit, axis=0, dtype=jnp.int32), jnp.any(hit, axis=0)
     first = jnp.argmax(jnp.where(hit, outcome.share, -1.0), axis=0).astype(jnp.int32)
-    place = first if search.target is None else jnp.where(any_hit, first, search.target.place)
+    place = first if target is None or target.place is None else jnp.where(any_hit, first, target.place)
     here = jnp.arange(len(hit), dtype=jnp.int32)[:, None] == place[None]
     at_place = lambda a: jnp.sum(jnp.where(here, a, jnp.zeros_like(a)), axis=0, dtype=a.dtype)
     now = select(any_hit | ~search.bracketing, low, outcome.guards)
@@ -97,7 +96,7 @@ def row_outcome(search: RowSearch, outcome: InterfaceOutcome, low: Guards) -> Ro
         jnp.any(outcome.jumps, axis=0),
         jnp.all(outcome.exact | ~hit, axis=0),
         jnp.min(outcome.top, axis=0),
-        RowTarget(place, jax.tree.map(at_place, outcome.crossed)),
+        jax.tree.map(at_place, outcome.crossed)._replace(place=place),
         jax.tree.map(at_place, now),
     )
 
@@ -109,11 +108,11 @@ class RowDecision(NamedTuple):
     fire: Bool[Array, ""]  # accept, and cross the violated guards
     move_low: Bool[Array, ""]  # the trial's end is the new lower end of the bracket
     delay: Scalar  # upper bound of the time since the event [s]
-    search: RowSearch  # if the trial is not accepted
+    search: Search  # if the trial is not accepted
 
 
 def judge_row(
-    search: RowSearch,
+    search: Search,
     outcome: RowOutcome,
     active: Bool[Array, ""],
     h: Scalar,
@@ -133,9 +132,10 @@ def judge_row(
     tolerance = event_tolerance(outcome.jumps, locate, order, derivative, high.dtype)
     target, delay, next_end = search.target, high - below, (below + high) / 2
     if target is not None:
-        chosen = select(hit, outcome.crossed.guard._replace(tries=target.guard.tries), target.guard)
-        chosen = chosen._replace(tries=where(hit | search.bracketing, target.guard.tries + 1, 0))
-        target = RowTarget(outcome.crossed.place, chosen)
+        place, tries = outcome.crossed.place, target.tries
+        chosen = select(hit, outcome.crossed._replace(tries=tries, place=None), target._replace(place=None))
+        chosen = chosen._replace(tries=where(hit | search.bracketing, tries + 1, 0))
+        target = chosen._replace(place=place)
         by_cubic, delay = next_trial_end(chosen, outcome.low, below, high, h, tolerance)
         halve = (chosen.tries > CUBIC_TRIALS) & (chosen.tries % 2 == 0)
         next_end = where(halve, next_end, by_cubic)

@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxshroud.march.carry import TimeGrid
 from jaxshroud.march.method import Choices
 from jaxshroud.march.rk_step import TrialInterval, waves_at_nodes
 from jaxshroud.model.arithmetic import ABSENT, zeros_for
@@ -24,12 +23,6 @@ class RowStepEnd(NamedTuple):
     state: State  # in the modes and cases of the step
     wave: Any  # (sin, cos) of omega t, (lanes,) each
     gain: Integrals  # of the step
-
-
-def row_interval(step: Array, done: OfLanes, length: OfLanes, grid: TimeGrid) -> TrialInterval:
-    """The time interval of the next trial step, each field (lanes,)."""
-    at = step.astype(done.dtype) + done
-    return TrialInterval(grid.start + at * grid.turn, length * grid.turn, length * grid.h)
 
 
 def row_step(

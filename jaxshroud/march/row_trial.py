@@ -13,30 +13,37 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.carry import MAX_EVENTS_PER_STEP, NEGLIGIBLE_REST, TimeGrid, change_at, running, updated_margins
-from jaxshroud.march.events import FLAT_RETURN, EventKind, any_of, event_kinds
-from jaxshroud.march.locate import Target, select
-from jaxshroud.march.method import Choices
-from jaxshroud.march.row_carry import (
-    InterfaceChange,
-    Lift,
-    RowFixed,
-    RowLane,
-    RowSearch,
-    RowTally,
-    RowTarget,
+from jaxshroud.march.carry import (
+    MAX_EVENTS_PER_STEP,
+    Fixed,
+    Lane,
+    TimeGrid,
+    change_at,
+    running,
+    status_of,
+    updated_margins,
 )
+from jaxshroud.march.events import FLAT_RETURN, EventKind, any_of, event_kinds
+from jaxshroud.march.locate import select
+from jaxshroud.march.log import value_in
+from jaxshroud.march.method import Choices
+from jaxshroud.march.observable import Ending, Lift
+from jaxshroud.march.rk_step import interval_in_step, trial_interval
+from jaxshroud.march.row_carry import InterfaceChange
 from jaxshroud.march.row_event_time import RowCrossing, differentiable_event_end, one_after_the_other
 from jaxshroud.march.row_guards import interface_view, row_guards, row_torques
 from jaxshroud.march.row_locate import InterfaceOutcome, RowDecision, interface_outcome, judge_row, row_outcome
-from jaxshroud.march.row_log import AcceptedTrial, new_row_log, penetrations, updated_row_tally
-from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_interval, row_step
-from jaxshroud.march.tally import (
-    Counters,
-    EventMargins,
-    count_event,
-    no_margins,
+from jaxshroud.march.row_log import (
+    RowTrial,
+    new_row_log,
+    penetrations,
+    takers_of_events,
+    takers_of_one,
+    updated_row_tally,
 )
+from jaxshroud.march.row_step import OfLanes, RowStepEnd, row_step
+from jaxshroud.march.search import following_search, new_search
+from jaxshroud.march.tally import EnergyJumps, EventMargins, Log, Tally, no_margins
 from jaxshroud.model.arithmetic import ABSENT, ANGLE_RANGE, Scalar, is_absent, zeros_for
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
@@ -51,22 +58,22 @@ from jaxshroud.model.row import (
 )
 
 
-def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> RowLane:
+def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lane:
     """A row at step 0. The first trial has length zero: it sets the guards, and a start in overlap is an onset."""
     lanes, shape = jnp.zeros_like(state.motion.x[0]), jnp.shape(state.mode)
-    count, no, at = jnp.zeros(lanes.shape, jnp.int32), jnp.zeros(lanes.shape, bool), jnp.zeros(shape, lanes.dtype)
-    target = RowTarget(count, Target(count, lanes, lanes, lanes, count)) if method.locate == "cubic" else None
+    count, at = jnp.zeros(lanes.shape, jnp.int32), jnp.zeros(shape, lanes.dtype)
     pending = jnp.zeros(shape, bool) if method.derivative else None
     turns = jnp.zeros(shape, jnp.int32) if model.turns_by_events else None
-    search = RowSearch(lanes, lanes, lanes, lanes, no, no, no, ~no, count, target, pending, turns)
-    zero_step = row_interval(count, lanes, lanes, TimeGrid(lanes, lanes, lanes))
+    search = new_search(lanes, lanes, jnp.ones(lanes.shape, bool), count, method.locate, False, of_row=True)
+    search = search._replace(pending=pending, turns=turns)
+    zero_step = interval_in_step(count, lanes, lanes, TimeGrid(lanes, lanes, lanes))
     nothing = zeros_for(lambda: row_step(zero_step, state, clusters_of(state, model), model, method, each).gain)
     guards = None
     if model.interfaces.spring.modal:
         guards = zeros_for(lambda: row_guards(state, (lanes, lanes), model, each))
     log = None if method.derivative else new_row_log(state, at, model, method, each)
     margins = no_margins(at) if method.margins else None
-    return RowLane(state, count, search, guards, RowTally(nothing, at, lanes, log, margins), count)
+    return Lane(state, count, search, guards, Tally(nothing, EnergyJumps(at, lanes), log, margins), count)
 
 
 # A rocking motion that has turned so often within a step returns twice within `FLAT_RETURN` of it. What an interface
@@ -84,15 +91,15 @@ def interface_change(
     inside: Bool[Array, ""],
     delay: Scalar,
     h: Scalar,
-    counters: Counters | None,
+    counted: dict[str, Any],
     margins: EventMargins | None,
     turns: Int[Array, ""] | None,
     model: Model,
-    lifts: bool,
+    method: Choices,
 ) -> InterfaceChange:
     """The change of one interface whose trial ended in `start`, and at an event there if `fire` is true.
 
-    With `lifts` it tells whether contact begins or ends.
+    With `counted`, the values of the observables that take the event, before it.
     """
     if not is_absent(joint):
         model = eqx.tree_at(lambda m: m.mobility.joint, model, joint)
@@ -104,6 +111,8 @@ def interface_change(
     becomes_flat = fire & (case == FLAT) & (start.case != FLAT)
     turned = (kind == EventKind.TURN) | (kind == EventKind.HEIGHT)
     springs, v = lax.stop_gradient((change.jumps.springs, view.at.v))
+    ending = Ending(change.transition, fire, inside)
+    takers = [one for one in takers_of_events(method) if one.name in counted]
     return InterfaceChange(
         u_s,
         mode,
@@ -112,10 +121,10 @@ def interface_change(
         None if turns is None else turns + (fire & turned).astype(jnp.int32),
         fire & (several | turned | (case == FLAT)),
         springs,
-        None if counters is None else count_event(counters, change.transition, fire, inside),
+        {one.name: one.update(counted[one.name], ending) for one in takers},
         v,
-        None if margins is None else updated_margins(margins, change, fire, model),
-        Lift(change.onset, change.impact, change.separation) if lifts else None,
+        updated_margins(margins, change, fire, model),
+        change.lift if takers_of_one("interface", method) else None,
     )
 
 
@@ -130,12 +139,12 @@ class RowVerdict(NamedTuple):
     not_finite: Bool[Array, " lanes"]
 
 
-def judge_row_trial(lane: RowLane, end: RowStepEnd, fixed: RowFixed, method: Choices, each: Each) -> RowVerdict:
+def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method: Choices, each: Each) -> RowVerdict:
     """What a trial that ended at `end` leads to."""
     lane, end, (model, grid, stop) = lax.stop_gradient((lane, end, fixed))
     assert lane.guards is not None  # contact has events
     search = lane.search
-    h = row_interval(lane.step, search.done, search.length, grid).h
+    h = trial_interval(lane, grid).h
     torque, joint = row_torques(end.state, end.wave, model, each)
     counts = (search.length > 0) | search.recheck
     pairs = pair_states(end.state, model.closed)
@@ -150,11 +159,11 @@ def judge_row_trial(lane: RowLane, end: RowStepEnd, fixed: RowFixed, method: Cho
     return RowVerdict(decision, outcome, crossing, torque, joint, ~_is_finite(end.state))
 
 
-def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> RowLane:
+def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -> Lane:
     """One trial step of every lane that has neither arrived nor failed, and what follows from its end."""
     model, grid, stop = fixed
     cluster = clusters_of(lane.state, model)
-    interval = row_interval(lane.step, lane.search.done, lane.search.length, grid)
+    interval = trial_interval(lane, grid)
     end = row_step(interval, lane.state, cluster, model, method, each)
     if not model.interfaces.spring.modal:
         return _without_events(lane, end, running(lane, stop), interval.h, model, method, each)
@@ -165,7 +174,7 @@ def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> Ro
         end, length = differentiable_event_end(end, lane, verdict.crossing, fixed, method, each)
         search = search._replace(length=length, pending=verdict.crossing.pending)
     active, accept = running(lane, stop), decision.accept | (verdict.not_finite & running(lane, stop))
-    change = _change_of_row(lane, end, verdict, fixed, each)
+    change = _change_of_row(lane, end, verdict, fixed, method, each)
     after = State(end.state.motion, change.u_s, change.mode, change.case)
     after, dropped = _as_flat(after, change.becomes_flat, model, each)
     guards = row_guards(*lax.stop_gradient((after, end.wave, model)), each)
@@ -173,13 +182,16 @@ def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> Ro
     violated = any_of([jnp.any(guards.value[kind] > 0, axis=0) for kind in event_kinds(guards.value)])
     several = jnp.sum(decision.fire[None] & verdict.outcome.hit, axis=0) > 1
     recheck = decision.fire & (jnp.any(change.jumped, axis=0) | several) & violated
-    next_search, step = _next_row_search(search._replace(turns=change.turns), lane.step, decision.fire, recheck)
-    trial = AcceptedTrial(lane.state, lane.state.mode, interval.h, end, after.motion, change, dropped, step > lane.step)
-    tally = updated_row_tally(lane.tally, trial, model, each)
+    next_search, step = following_search(
+        search._replace(turns=change.turns), lane.step, decision.fire, recheck, method.locate
+    )
+    trial = RowTrial(lane.state, lane.state.mode, interval.h, end, after.motion, change, dropped, lane.step, step)
+    tally = updated_row_tally(lane.tally, trial, model, method, each)
     limit = MAX_EVENTS_PER_STEP * len(verdict.outcome.hit)
-    lost = verdict.not_finite, next_search.events > limit
-    status = jnp.where(accept, _status(after, *lost), Status.OK).astype(jnp.int32)
-    return RowLane(
+    too_many = next_search.events > limit
+    status = status_of(_turned(after, verdict.not_finite), verdict.not_finite, too_many)
+    status = jnp.where(accept, status, Status.OK).astype(jnp.int32)
+    return Lane(
         select(accept, after, lane.state),
         jnp.where(accept, step, lane.step),
         select(accept, next_search, repeated),
@@ -189,12 +201,19 @@ def row_trial(lane: RowLane, fixed: RowFixed, method: Choices, each: Each) -> Ro
     )
 
 
-def _change_of_row(lane: RowLane, end: RowStepEnd, verdict: RowVerdict, fixed: RowFixed, each: Each) -> InterfaceChange:
+def _of_events(log: Log | None, method: Choices) -> dict[str, Any]:
+    """The values of the observables that take the event; none where there is no log."""
+    return {} if log is None else {one.name: value_in(log, one.name) for one in takers_of_events(method)}
+
+
+def _change_of_row(
+    lane: Lane, end: RowStepEnd, verdict: RowVerdict, fixed: Fixed[RowModel], method: Choices, each: Each
+) -> InterfaceChange:
     """The change of each interface."""
     (model, grid, _), crossing, log = fixed, verdict.crossing, lane.tally.log
     return over(
         each,
-        partial(interface_change, lifts=log is not None and log.searches_contact),
+        partial(interface_change, method=method),
         verdict.torque,
         verdict.joint,
         pair_states(end.state, model.closed),
@@ -204,7 +223,7 @@ def _change_of_row(lane: RowLane, end: RowStepEnd, verdict: RowVerdict, fixed: R
         lane.search.inside,
         crossing.delay,
         lax.stop_gradient(grid.h),
-        None if log is None else log.counters,
+        _of_events(log, method),
         lane.tally.margins,
         lane.search.turns,
         model.interfaces,
@@ -232,47 +251,28 @@ def _is_finite(state: State) -> Bool[Array, " lanes"]:
     return jnp.isfinite(sum(jnp.sum(a, axis=0) for a in jax.tree.leaves(state.motion)))
 
 
-def _status(state: State, not_finite: Any, too_many: Any) -> Int[Array, " lanes"]:
-    """The status at the end of an accepted trial."""
-    turned = not_finite
-    if not is_absent(state.motion.theta):
-        turned = turned | jnp.any(jnp.abs(state.motion.theta) > ANGLE_RANGE, axis=0)
-    status = jnp.where(too_many, Status.TOO_MANY_EVENTS, Status.OK)
-    status = jnp.where(turned, Status.ANGLE_OUT_OF_RANGE, status)
-    return jnp.where(not_finite, Status.NOT_FINITE, status)
-
-
-def _next_row_search(search: RowSearch, step: Any, fire: Any, recheck: Any) -> tuple[RowSearch, Any]:
-    """The search of the next trial, and the clock, after an accepted trial."""
-    done = search.done + search.length
-    complete = done >= 1 - NEGLIGIBLE_REST[done.dtype.itemsize]
-    done = jnp.where(complete, 0.0, done)
-    events = jnp.where(complete, 0, search.events + fire.astype(jnp.int32))
-    zero, no = jnp.zeros_like(done), jnp.zeros_like(fire)
-    length = jnp.where(recheck, 0.0, 1 - done)
-    probing = search.probing & ~fire & ~complete
-    target = None if search.target is None else jax.tree.map(jnp.zeros_like, search.target)
-    turns = None if search.turns is None else jnp.where(complete, 0, search.turns)
-    after = RowSearch(done, length, zero, zero, no, probing, no, recheck, events, target, search.pending, turns)
-    return after, step + complete.astype(jnp.int32)
+def _turned(state: State, lost: Bool[Array, " lanes"]) -> Bool[Array, " lanes"]:
+    """Whether a block has turned too far, or the motion is `lost`."""
+    theta = state.motion.theta
+    return lost if is_absent(theta) else lost | jnp.any(jnp.abs(theta) > ANGLE_RANGE, axis=0)
 
 
 def _without_events(
-    lane: RowLane, end: RowStepEnd, active: Any, h: OfLanes, model: RowModel, method: Choices, each: Each
-) -> RowLane:
+    lane: Lane, end: RowStepEnd, active: Any, h: OfLanes, model: RowModel, method: Choices, each: Each
+) -> Lane:
     """The rows after a trial of smooth contact, which is accepted in any case."""
     no = jnp.zeros_like(active)
     v = penetrations(end.state, model, each)
     touches = jnp.where(v < 0, jnp.int32(Mode.APART), jnp.int32(Mode.SLIP_PLUS))
-    counters = None if lane.tally.log is None else lane.tally.log.counters
-    told = jnp.zeros_like(v), counters, v, lane.tally.margins, Lift(no, no, no)
+    told = jnp.zeros_like(v), _of_events(lane.tally.log, method), v, lane.tally.margins, Lift(no, no, no)
     change = InterfaceChange(ABSENT, touches, touches, no, None, no, *told)
-    next_search, step = _next_row_search(lane.search, lane.step, no, no)
+    next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
     motion = end.state.motion
-    trial = AcceptedTrial(lane.state, touches, h, end, motion, change, jnp.zeros_like(h), step > lane.step)
-    tally = updated_row_tally(lane.tally, trial, model, each)
-    status = _status(end.state, ~_is_finite(end.state), no).astype(jnp.int32)
-    return RowLane(
+    trial = RowTrial(lane.state, touches, h, end, motion, change, jnp.zeros_like(h), lane.step, step)
+    tally = updated_row_tally(lane.tally, trial, model, method, each)
+    lost = ~_is_finite(end.state)
+    status = status_of(_turned(end.state, lost), lost, no)
+    return Lane(
         select(active, end.state, lane.state),
         jnp.where(active, step, lane.step),
         select(active, next_search, lane.search),

@@ -25,7 +25,9 @@ StageGroups = tuple[int, ...]  # numbers of stages after which a long trial is s
 class DenseOutput(NamedTuple):
     """The motion inside the trials, where the stepper knows it."""
 
-    trial: Callable[[Lane, Fixed, Choices], tuple[Any, Any]]  # of one lane: its next trial, and the interpolant there
+    trial: Callable[
+        [Lane, Fixed[Model], Choices], tuple[Any, Any]
+    ]  # of one lane: its next trial, and the interpolant there
     motion: Callable[[Any, Scalar, Scalar, Scalar], Motion]  # (interpolant, period [s], steps per period, steps)
 
 
@@ -43,7 +45,7 @@ class Stepper(NamedTuple):
     - `Pair`s: the motion, the drive and its wave, the power, `Mobility.share` and `joint`;
     - one mode, case and slider in `State`, one set of four guards, and one event in a trial;
     - flat contact, in which both blocks turn as one, and the torques at its two ends;
-    - one set of `Counters`, times of contact, `StepExtrema` and `ContactPeaks` in a `Tally`.
+    - one `Log` in a `Tally`, whose values are those of one interface and of pairs.
     """
 
     begin: Callable[[State, Model, Choices], Lane]

@@ -1,21 +1,20 @@
 """The tally of a lane: the integrals of its motion, its counts of events and the extremes of its motion so far."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
-from jaxshroud.march.events import EventKind, Transition, model_events, place_contact
-from jaxshroud.march.method import Choices
-from jaxshroud.model.arithmetic import ABSENT, Absent, Scalar, is_absent, where, zeros_for
+from jaxshroud.march.events import EventKind, model_events
+from jaxshroud.march.observable import Ending
+from jaxshroud.model.arithmetic import ABSENT, Absent, Scalar, is_absent
 from jaxshroud.model.geometry import is_upper
 from jaxshroud.model.modes import FLAT, Mode
-from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import Displacements, Integrals, Means, position_at, rhs
+from jaxshroud.model.prepared import Model
+from jaxshroud.model.rhs import Displacements, Integrals, Means, position_at
 from jaxshroud.scene.keys import Motion
 
 EventCount = Int[Array, ""] | Absent
@@ -38,10 +37,9 @@ class Counters(eqx.Module):
     grazing: EventCount  # onsets that were found inside a step
 
 
-def count_event(
-    counters: Counters, transition: Transition, fired: Bool[Array, ""], inside: Bool[Array, ""]
-) -> Counters:
-    """The `counters` with a transition added where it `fired`; `inside`: at a maximum of the guard within a step."""
+def count_event(counters: Counters, ending: Ending) -> Counters:
+    """The `counters` with the transition added in which a trial ended, if it did."""
+    transition, fired, inside = ending
     kind, mode, before = transition.kind, transition.after.mode, transition.before.mode
     onset = (kind == EventKind.LIFT) & (before == Mode.APART)
     rub = kind == EventKind.RUB
@@ -73,9 +71,9 @@ COUNTED_BY_KIND = {
 }  # counters that a model without events of that kind lacks
 
 
-def no_events(model: Model) -> Counters:
-    """The counters of the events that a model has, at zero."""
-    names, present, zero = Counters.__annotations__, model_events(model), jnp.zeros((), jnp.int32)
+def no_events(model: Model, zero: Int[Array, "..."]) -> Counters:
+    """The counters of the events that a model has, at `zero`."""
+    names, present = Counters.__annotations__, model_events(model)
     lacking = {name for kind, counted in COUNTED_BY_KIND.items() if kind not in present for name in counted}
     lacking = lacking if present else set(names)
     return Counters(**{name: ABSENT if name in lacking else zero for name in names})
@@ -98,12 +96,6 @@ class StepExtrema(NamedTuple):
     nearest_miss: (
         Scalar  # least distance at which the corners turned back without touching [m]; infinite if there is none
     )
-
-
-def initial_extrema(v: Scalar) -> StepExtrema:
-    """The extremes before the first step, which begins with the penetration `v`."""
-    zero = jnp.zeros_like(v)
-    return StepExtrema(v, zero, zero + jnp.inf, zero + jnp.inf)
 
 
 class ContactPeaks(NamedTuple):
@@ -140,20 +132,23 @@ class Impacts(NamedTuple):
     now: Scalar  # impulse of the current contact [N s]
 
 
-class Log(eqx.Module):
-    """What has happened to a lane so far."""
+class Log(NamedTuple):
+    """What has happened so far: the values of the observables of a march, by their names.
 
-    time_apart: Scalar  # [s]
-    time_stick: Scalar  # [s]
-    time_slip: Scalar  # [s]
-    v_max: Scalar  # largest penetration at the start, at the end of a step or at an event [m]
-    largest: Displacements  # magnitudes of x, y [m] and theta [rad] at ends of steps and at events
+    Numbers of contact are those of the interface, or in rows (interfaces, lanes); those of blades are pairs, or
+    (blades, lanes).
+    """
+
+    times: ContactTimes
+    v_max: Any  # largest penetration at the start, at the end of a trial or at an event [m]
+    largest: tuple[Any, Any, Any]  # magnitudes of x, y [m] and theta [rad] at ends of trials and at events
     counters: Counters
-    within: StepExtrema | None  # None unless it was requested
-    forces: ContactPeaks | None  # None unless it was requested, as are the next two
+    within: StepExtrema | None  # None unless it was requested, as are the next three
+    forces: ContactPeaks | None
     impacts: Impacts | None
     extent: DisplacementRange | None
     positions: Means | None  # summed over the ends of steps; None unless the method `sums_positions`
+    own: dict[str, Any]  # of the method's own observables
 
 
 class EnergyJumps(NamedTuple):
@@ -176,100 +171,20 @@ def no_margins(like: Float[Array, "..."]) -> EventMargins:
     return EventMargins(jnp.zeros(like.shape, jnp.int32), *[jnp.full_like(like, jnp.inf)] * 2)
 
 
-class Tally(eqx.Module):
-    """The integrals and the log of a lane so far."""
+class Tally(NamedTuple):
+    """The integrals and the log of a lane, or of a row, so far."""
 
     integrals: Integrals
     jumps: EnergyJumps | None  # None where they are not kept
     log: Log | None  # None where derivatives are computed
     margins: EventMargins | None = None  # None unless they were requested
 
-
-def new_tally(state: State, model: Model, method: Choices) -> Tally:
-    """The tally of a lane that starts from `state`."""
-    zero = jnp.zeros_like(state.motion.x[0])
-    _, none = zeros_for(partial(rhs, recorded=method.recorded), (zero, zero), state, model)
-    jumps = EnergyJumps(zero, zero if has_torsion(model) else ABSENT) if method.ledger else None
-    margins = no_margins(zero) if method.margins else None
-    if method.derivative:
-        return Tally(none, jumps, None, margins)
-    deepest = jnp.maximum(place_contact(state.motion, state, model)[2].v, 0.0)
-    within = initial_extrema(deepest) if method.within else None
-    largest = jax.tree.map(jnp.zeros_like, displacements_of(state.motion))
-    forces = ContactPeaks(zero, zero) if method.forces else None
-    impacts = Impacts(*[zero] * 7) if method.forces else None
-    at_start = displacements_of(state.motion)
-    extent = DisplacementRange(at_start, at_start) if method.amplitudes else None
-    positions = half_position(left_position_at(state.motion)) if method.sums_positions else None
-    log = Log(zero, zero, zero, deepest, largest, no_events(model), within, forces, impacts, extent, positions)
-    return Tally(none, jumps, log, margins)
-
-
-class LogUpdates(NamedTuple):
-    """How a trial updates the parts of a log."""
-
-    counts: Callable[[Counters], Counters]
-    within: Callable[[StepExtrema], StepExtrema]
-    forces: Callable[[ContactPeaks], ContactPeaks]
-    impacts: Callable[[Impacts], Impacts]
-    extent: Callable[[DisplacementRange], DisplacementRange]
-    positions: Callable[[Means], Means]
-    margins: Callable[[EventMargins], EventMargins]
-
-
-def updated_tally(
-    tally: Tally,
-    gain: Integrals,
-    jumps: EnergyJumps | None,
-    h: Scalar,
-    mode,
-    v: Scalar,
-    sizes: Displacements,
-    log_updates: LogUpdates,
-) -> Tally:
-    """The tally after `h` seconds in a `mode`, with the penetration `v` and displacements of these `sizes`."""
-    return Tally(
-        jax.tree.map(jnp.add, tally.integrals, gain),
-        None if tally.jumps is None else jax.tree.map(jnp.add, tally.jumps, jumps),
-        None if tally.log is None else _updated_log(tally.log, h, mode, v, sizes, log_updates),
-        None if tally.margins is None else log_updates.margins(tally.margins),
-    )
-
-
-def _updated_log(log: Log, h: Scalar, mode, v: Scalar, sizes: Displacements, log_updates: LogUpdates) -> Log:
-    apart, stick = mode == Mode.APART, mode == Mode.STICK
-    return Log(
-        log.time_apart + where(apart, h, 0.0),
-        log.time_stick + where(stick, h, 0.0),
-        log.time_slip + where(apart | stick, 0.0, h),
-        jnp.maximum(log.v_max, where(apart, 0.0, v)),
-        jax.tree.map(lambda most, now: jnp.maximum(most, jnp.abs(now)), log.largest, sizes),
-        log_updates.counts(log.counters),
-        None if log.within is None else log_updates.within(log.within),
-        None if log.forces is None else log_updates.forces(log.forces),
-        None if log.impacts is None else log_updates.impacts(log.impacts),
-        None if log.extent is None else log_updates.extent(log.extent),
-        None if log.positions is None else log_updates.positions(log.positions),
-    )
-
-
-def log_of_new_period(log: Log, z: Motion) -> Log:
-    """The log with what is told of each period reset, at the motion `z`; the impulse of the current contact goes on."""
-    largest, forces, impacts, times = jax.tree.map(
-        jnp.zeros_like, (log.largest, log.forces, log.impacts, times_of(log))
-    )
-    if log.impacts is not None:
-        impacts = impacts._replace(now=log.impacts.now)
-    extent = None if log.extent is None else DisplacementRange(displacements_of(z), displacements_of(z))
-    positions = None if log.positions is None else half_position(left_position_at(z))
-    places = lambda log: (log.largest, log.forces, log.impacts, log.extent, log.positions, *times_of(log))
-    reset = largest, forces, impacts, extent, positions, *times
-    return eqx.tree_at(places, log, reset, is_leaf=lambda a: a is None)
-
-
-def times_of(log: Any) -> ContactTimes:
-    """The times of a `Log`, or those at each interface of a `RowLog`."""
-    return ContactTimes(log.time_apart, log.time_stick, log.time_slip)
+    def plus(self, gain: Integrals, jumps: EnergyJumps | None) -> "Tally":
+        """The tally with the integrals and the jumps of a trial added."""
+        return self._replace(
+            integrals=jax.tree.map(jnp.add, self.integrals, gain),
+            jumps=None if self.jumps is None else jax.tree.map(jnp.add, self.jumps, jumps),
+        )
 
 
 def left_position_at(z: Motion) -> Means:
@@ -282,11 +197,11 @@ def half_position(at: Means) -> Means:
     return jax.tree.map(lambda a: a / 2, at)
 
 
-def mean_position(tally: Any, end: Motion, period: Any, steps: Any, at: Callable[[Motion], Means]) -> Any:
+def mean_position(tally: Tally, end: Motion, period: Any, steps: Any, at: Callable[[Motion], Means]) -> Any:
     """The mean of the position over a drive period, from the tally of that period alone; None where it is not kept.
 
     Args:
-        tally: A `Tally` or a `RowTally`.
+        tally: That of a lane or of a row.
         end: The motion at the end of the period.
         period: Its length [s].
         steps: The number of steps in it, of equal length.
@@ -300,11 +215,6 @@ def mean_position(tally: Any, end: Motion, period: Any, steps: Any, at: Callable
     if sums is None:
         return jax.tree.map(lambda a: a / jax.lax.broadcast_to_rank(period, a.ndim), tally.integrals.means)
     return jax.tree.map(lambda total, half: (total - half) / steps, sums, half_position(at(end)))
-
-
-def updated_positions(before: Means, complete: Bool[Array, "..."], now: Means) -> Means:
-    """The sums over the ends of steps, with the position `now` where one is `complete`."""
-    return jax.tree.map(lambda total, a: total + where(complete, a, 0.0), before, now)
 
 
 def displacements_of(z: Motion) -> tuple[Any, Any, Any]:

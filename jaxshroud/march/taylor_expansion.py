@@ -46,7 +46,7 @@ class TaylorExpansion(NamedTuple):
     unit: Scalar  # seconds per radian
 
 
-def taylor_expansion(lane: Lane, fixed: Fixed, order: int, ledger: bool) -> TaylorExpansion:
+def taylor_expansion(lane: Lane, fixed: Fixed[Model], order: int, ledger: bool) -> TaylorExpansion:
     """The Taylor expansion of a lane's motion, guards and works.
 
     The motion is expanded up to an `order`, the accelerations to two orders less, and the guards to one order less.

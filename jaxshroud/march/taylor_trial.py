@@ -13,9 +13,9 @@ from jax import lax
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.carry import (
+    MAX_EVENTS_PER_STEP,
     NEGLIGIBLE_REST,
     EachLane,
-    EventChange,
     Fixed,
     Lane,
     LaneTree,
@@ -23,34 +23,17 @@ from jaxshroud.march.carry import (
     is_finite,
     running,
     status_of,
+    turned_too_far,
     updated_lanes,
     updated_margins,
 )
 from jaxshroud.march.events import FLAT_RETURN, EventKind, any_of
 from jaxshroud.march.locate import at_event, select
+from jaxshroud.march.log import AcceptedTrial, found_by_series, new_tally, updated_tally
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observables import (
-    closing_speed_after,
-    deepest_penetration,
-    merged_extrema,
-    merged_range,
-    midpoint_magnitudes,
-    taylor_extrema,
-    taylor_peaks,
-    taylor_range,
-    updated_impacts,
-)
-from jaxshroud.march.tally import (
-    ContactPeaks,
-    DisplacementRange,
-    LogUpdates,
-    StepExtrema,
-    Tally,
-    count_event,
-    displacements_of,
-    new_tally,
-    updated_tally,
-)
+from jaxshroud.march.observable import BladeTrial, Ending, InterfaceTrial
+from jaxshroud.march.series_extremes import ContactSeries, MotionSeries, deepest_penetration
+from jaxshroud.march.tally import displacements_of
 from jaxshroud.march.taylor_events import (
     TaylorSearch,
     TrialEvent,
@@ -70,7 +53,7 @@ from jaxshroud.march.taylor_integrals import (
 from jaxshroud.model.arithmetic import Scalar, is_absent, sincos_turns, where
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.model.rhs import Displacements, Integrals, drive_wave
+from jaxshroud.model.rhs import Integrals, drive_wave
 from jaxshroud.model.series import polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 
@@ -86,23 +69,13 @@ class TaylorTrial(NamedTuple):
     length: Scalar  # in steps
     kind: Int[Array, ""]  # of the event, or of the guard that ended the trial
     event: TrialEvent  # its `end` in radians
-    extrema: "TrialExtrema | None"  # None with derivatives
+    deepest: Scalar | None  # largest penetration [m]; None with derivatives
+    by_series: tuple[Any, ...] | None  # what each observable reads off the polynomials; None with derivatives
 
     @property
     def differentiable(self) -> tuple[Any, ...]:
         """The fields that may have a tangent."""
         return self.motion, self.gain, self.length
-
-
-class TrialExtrema(NamedTuple):
-    """The extremes of a trial, for the log."""
-
-    deepest: Scalar  # largest penetration [m]
-    sizes: Displacements  # of the displacements halfway
-    within: StepExtrema | None
-    forces: ContactPeaks | None
-    extent: DisplacementRange | None
-    closing: Scalar | None  # closing speed at the end [m/s]; None unless impacts are logged
 
 
 DisplacementSeries = tuple[Any, Any, Any]  # coefficients of x, y and theta, of both blades
@@ -132,7 +105,7 @@ def update_after_taylor(
     return updated_lanes(update, method, each, lanes, trials, fixed)
 
 
-def trial_and_series(lane: Lane, fixed: Fixed, method: Choices) -> tuple[TaylorTrial, DisplacementSeries]:
+def trial_and_series(lane: Lane, fixed: Fixed[Model], method: Choices) -> tuple[TaylorTrial, DisplacementSeries]:
     """The next trial of a lane, and its displacements as polynomials in radians from the start."""
     order = method.taylor.order
     expansion, step = taylor_expansion(lane, fixed, order, method.ledger), RADIANS_PER_TURN * fixed.grid.turn
@@ -146,7 +119,9 @@ def trial_and_series(lane: Lane, fixed: Fixed, method: Choices) -> tuple[TaylorT
     if method.derivative:
         s = _differentiable_end(expansion, order, event, s, _remaining_angle(lane, fixed))
     displacements = jax.tree.map(lambda a: a.coefficients(order), displacements_of(expansion.motion))
-    extrema = None if method.derivative else _trial_extrema(expansion, s, lane, event, kind, fixed, method)
+    found = (None, None)
+    if not method.derivative:
+        found = _found_in_trial(expansion, s, lane, event, kind, fixed, method)
     gain = Integrals(
         integrated_squares(expansion, order, s, fixed.model.gyration),
         integrated_works(expansion, order, s),
@@ -155,11 +130,13 @@ def trial_and_series(lane: Lane, fixed: Fixed, method: Choices) -> tuple[TaylorT
         integrated_means(expansion, order, s) if method.vibration else None,
     )
     return TaylorTrial(
-        motion_after(displacements, expansion.unit, s), gain, s / step, kind, event, extrema
+        motion_after(displacements, expansion.unit, s), gain, s / step, kind, event, *found
     ), displacements
 
 
-def _trial_event(expansion: TaylorExpansion, lane: Lane, fixed: Fixed, order: int) -> tuple[TrialEvent, Int[Array, ""]]:
+def _trial_event(
+    expansion: TaylorExpansion, lane: Lane, fixed: Fixed[Model], order: int
+) -> tuple[TrialEvent, Int[Array, ""]]:
     """The event that ends the trial, and its kind."""
     search = lane.search
     h = jnp.minimum(
@@ -173,7 +150,7 @@ def _trial_event(expansion: TaylorExpansion, lane: Lane, fixed: Fixed, order: in
     return _first_event_of_kind(expansion, order, h, search)
 
 
-def _remaining_angle(lane: Lane, fixed: Fixed) -> Scalar:
+def _remaining_angle(lane: Lane, fixed: Fixed[Model]) -> Scalar:
     """The angle until the march stops [rad]."""
     turn = fixed.grid.turn
     return ((fixed.stop - lane.step).astype(turn.dtype) - lane.search.done) * (RADIANS_PER_TURN * turn)
@@ -188,31 +165,23 @@ def _differentiable_end(expansion: TaylorExpansion, order: int, event: TrialEven
     return where(event.fire | event.probe | (s < rest), root, rest)
 
 
-def _trial_extrema(
+def _found_in_trial(
     expansion: TaylorExpansion,
     s: Scalar,
     lane: Lane,
     event: TrialEvent,
     kind: Int[Array, ""],
-    fixed: Fixed,
+    fixed: Fixed[Model],
     method: Choices,
-) -> TrialExtrema:
-    order, start = method.taylor.order, lane.state
-    apart = start.mode == Mode.APART
-    onset = apart & event.fire & (kind == EventKind.LIFT)
-    within = taylor_extrema(expansion, order, s, apart, onset) if method.within else None
-    forces = taylor_peaks(expansion, order, s, start, fixed.model.spring) if method.forces else None
-    return TrialExtrema(
-        deepest_penetration(expansion, order, s),
-        midpoint_magnitudes(expansion, order, s),
-        within,
-        forces,
-        taylor_range(expansion, order, s) if method.amplitudes else None,
-        closing_speed_after(expansion, order, s) if method.forces else None,
-    )
+) -> tuple[Scalar, tuple[Any, ...]]:
+    """The largest penetration within `s` radians, and what each observable reads off the polynomials."""
+    order, start, (motion, v, u, *_) = method.taylor.order, lane.state, expansion
+    onset = (start.mode == Mode.APART) & event.fire & (kind == EventKind.LIFT)
+    contact = ContactSeries(v, u, expansion.unit, order, s, start, onset, fixed.model.spring)
+    return deepest_penetration(contact), found_by_series(contact, MotionSeries(motion, order, s), method)
 
 
-def _accurate_length(expansion: TaylorExpansion, order: int, tolerance: Scalar, fixed: Fixed) -> Scalar:
+def _accurate_length(expansion: TaylorExpansion, order: int, tolerance: Scalar, fixed: Fixed[Model]) -> Scalar:
     """The length at which the last terms of the speeds are `tolerance` times the largest speed [rad]."""
     largest = lambda n: reduce(jnp.maximum, (jnp.abs(c) for c in _displacement_coefficients(expansion, n, fixed)))
     speed = reduce(jnp.maximum, map(largest, (1, 2, 3)))
@@ -221,7 +190,7 @@ def _accurate_length(expansion: TaylorExpansion, order: int, tolerance: Scalar, 
     return jnp.minimum(jnp.minimum(*lengths), MAX_TRIAL_ANGLE)
 
 
-def _displacement_coefficients(expansion: TaylorExpansion, n: int, fixed: Fixed) -> list[Scalar]:
+def _displacement_coefficients(expansion: TaylorExpansion, n: int, fixed: Fixed[Model]) -> list[Scalar]:
     """The coefficients `n` of the displacements [m]; theta counts as the displacement of a corner."""
     x, y, theta = displacements_of(expansion.motion)
     lever = fixed.model.block.a_x
@@ -270,7 +239,7 @@ def motion_after(displacements: DisplacementSeries, unit: Scalar, s: Scalar) -> 
     return Motion(*values, *speeds)
 
 
-def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed, method: Choices) -> Lane:
+def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method: Choices) -> Lane:
     """The lane after its `trial`; unchanged if it has arrived or failed."""
     (model, grid, _), start, search, event = fixed, lane.state, lane.search, trial.event
     assert isinstance(search, TaylorSearch)
@@ -284,37 +253,24 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed, method: Choic
     h = trial.length * grid.h
     change = event_change(z, Q, start, fire, trial.kind, h, fixed)
     transition = change.transition
-    tally = _tally_after(lane, trial, change, h, fire, model)
-    status = status_of(z, ~is_finite(z), jnp.maximum(next_search.events, next_search.tries))
+    accepted = AcceptedTrial(
+        InterfaceTrial(h, start.mode, trial.deepest, None, start, z, change.lift, trial.gain.loads, model),
+        BladeTrial(start.motion, z, z, h, lane.step, step),
+        Ending(transition, fire, event.inside),
+        trial.by_series,
+    )
+    tally = updated_tally(lane.tally, trial.gain, change.jumps, accepted, method)
+    tally = tally._replace(margins=updated_margins(tally.margins, change, fire, model))
+    lost, tries = ~is_finite(z), jnp.maximum(next_search.events, next_search.tries)
+    status = status_of(turned_too_far(z, lost), lost, tries > MAX_EVENTS_PER_STEP)
     state = select(fire, transition.after, State(z, start.u_s, start.mode, start.case))
     # contact may begin flat although one end of the overlap already pulls
     next_search = next_search._replace(recheck=next_search.recheck | (fire & (transition.after.case == FLAT)))
     return select(active, Lane(state, step, next_search, None, tally, status), lane)
 
 
-def _tally_after(
-    lane: Lane, trial: TaylorTrial, change: EventChange, h: Scalar, fire: Bool[Array, ""], model: Model
-) -> Tally:
-    extrema, margins = trial.extrema, lane.tally.margins
-    if margins is not None:
-        margins = updated_margins(margins, change, fire, model)
-    if extrema is None:
-        return Tally(jax.tree.map(jnp.add, lane.tally.integrals, trial.gain), None, None, margins)
-    log_updates = LogUpdates(
-        lambda counters: count_event(counters, change.transition, fire, trial.event.inside),
-        lambda before: merged_extrema(before, extrema.within),  # pyright: ignore[reportArgumentType]  # kept where `before` is
-        lambda before: jax.tree.map(jnp.maximum, before, extrema.forces),
-        lambda before: updated_impacts(before, trial.gain.loads, extrema.closing, change.impact, change.separation),
-        lambda before: merged_range(before, extrema.extent),  # pyright: ignore[reportArgumentType]  # kept where `before` is
-        lambda before: before,  # there are none: series are integrated
-        lambda _: margins,  # pyright: ignore[reportArgumentType]  # likewise
-    )
-    sizes = jax.tree.map(lambda a, b: jnp.maximum(a, jnp.abs(b)), extrema.sizes, displacements_of(trial.motion))
-    return updated_tally(lane.tally, trial.gain, change.jumps, h, lane.state.mode, extrema.deepest, sizes, log_updates)
-
-
 def _next_taylor_search(
-    lane: Lane, trial: TaylorTrial, fire: Bool[Array, ""], fixed: Fixed
+    lane: Lane, trial: TaylorTrial, fire: Bool[Array, ""], fixed: Fixed[Model]
 ) -> tuple[TaylorSearch, Int[Array, ""]]:
     """The search of the next trial, and the clock."""
     search, event = lane.search, trial.event

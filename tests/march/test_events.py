@@ -11,6 +11,7 @@ import pytest
 from exact import CASES, CONSISTENT
 
 from jaxshroud.march.events import EventKind, GuardEvaluation, Transition, evaluate_guards, first_kind, transition
+from jaxshroud.march.observable import Ending
 from jaxshroud.march.tally import Counters, count_event
 from jaxshroud.model.friction import contact_energy, friction_force, stretch
 from jaxshroud.model.modes import Mode
@@ -293,8 +294,10 @@ def test_every_event_is_counted_once_under_its_name(sides, ready, name, mode, ca
     event, _ = crossed(inside(sides, mode, case, **place), kind, ready)
     yes, no = jnp.asarray(True), jnp.asarray(False)
     none = Counters(*[jnp.int32(0)] * len(Counters.__annotations__))
-    once = {field: int(number) for field, number in vars(count_event(none, event, yes, no)).items() if number}
+    once = {field: int(number) for field, number in vars(count_event(none, Ending(event, yes, no))).items() if number}
     assert once == {name: 1}
-    assert not any(vars(count_event(none, event, no, yes)).values())  # not fired, not counted
-    within = {field: int(number) for field, number in vars(count_event(none, event, yes, yes)).items() if number}
+    assert not any(vars(count_event(none, Ending(event, no, yes))).values())  # not fired, not counted
+    within = {
+        field: int(number) for field, number in vars(count_event(none, Ending(event, yes, yes))).items() if number
+    }
     assert within == {name: 1} | ({"grazing": 1} if name.startswith("onset") else {})

@@ -18,7 +18,7 @@ from jaxshroud.batch.trajectories import trajectories
 from jaxshroud.march.carry import Fixed, time_grid
 from jaxshroud.march.events import EventKind, evaluate_guards
 from jaxshroud.march.method import Choices, method_as_json, method_from_json
-from jaxshroud.march.observables import _polynomial_maximum
+from jaxshroud.march.series_extremes import _polynomial_maximum
 from jaxshroud.march.stepper import begin_lane
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.march.taylor_events import first_event, return_length

@@ -1,0 +1,159 @@
+"""The extremes of the motion and of the forces inside a trial step, by cubics through its two ends."""
+
+from functools import reduce
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from jaxshroud.march.events import place_contact
+from jaxshroud.march.locate import HermiteCubic
+from jaxshroud.march.observable import BladeTrial, InterfaceTrial
+from jaxshroud.march.tally import ContactPeaks, DisplacementRange, StepExtrema, displacements_of
+from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, where
+from jaxshroud.model.friction import normal_force, slip_sign
+from jaxshroud.model.geometry import contact_rates
+from jaxshroud.model.modes import Mode
+from jaxshroud.model.prepared import Model, State
+from jaxshroud.model.rhs import law_forces
+from jaxshroud.scene.keys import Motion
+
+
+def cubic_maximum(cubic: HermiteCubic) -> tuple[Scalar, Bool[Array, ""]]:
+    """The place of the local maximum of a cubic, and whether it lies beyond the start and up to the end."""
+    a, b, c = cubic.coefficients
+    square = b * b - 3 * a * c
+    down = jnp.sqrt(jnp.maximum(square, 0.0)) - b  # the maximum is the root a / down of the derivative
+    there = (square > 0) & (down != 0)
+    s = a / where(there, down, 1.0)
+    return s, there & (s > 0) & (s <= 1)
+
+
+def steepest_slope(cubic: HermiteCubic) -> Scalar:
+    """The magnitude of the slope of a cubic at its inflection; 0 if that is outside the interval."""
+    a, b, c = cubic.coefficients
+    bends = c != 0
+    at = -b / where(bends, 3 * c, 1.0)
+    return where(bends & (at > 0) & (at < 1), jnp.abs(a + b * at), 0.0)
+
+
+def updated_extrema(before: StepExtrema, trial: InterfaceTrial) -> StepExtrema:
+    """The extremes after a trial step, which may end in an onset."""
+    start, z, h, model = trial.start, trial.end, trial.h, trial.model
+    apart, onset = start.mode == Mode.APART, trial.lift.onset
+    (v_0, rate_0), (v_1, rate_1) = _penetration(start.motion, start, model), _penetration(z, start, model)
+    cubic = HermiteCubic(v_0, v_1, rate_0 * h, rate_1 * h)
+    s, inside = cubic_maximum(cubic)
+    top = cubic(s)
+    deepest = where(inside, jnp.maximum(top, v_1), v_1)
+    missed = apart & inside & (top < 0)
+    between = steepest_slope(cubic) / where(h > 0, h, jnp.inf)
+    fastest = jnp.maximum(between, jnp.maximum(jnp.abs(rate_0), jnp.abs(rate_1)))
+    return StepExtrema(
+        where(apart, before.v_max, jnp.maximum(before.v_max, deepest)),
+        jnp.maximum(before.fastest, fastest),
+        where(onset, jnp.minimum(before.slowest_onset, rate_1), before.slowest_onset),
+        where(missed, jnp.minimum(before.nearest_miss, -top), before.nearest_miss),
+    )
+
+
+def _penetration(z: Motion, state: State, model: Model) -> tuple[Scalar, Scalar]:
+    """The penetration v and its rate."""
+    _, case, at = place_contact(z, state, model)
+    return at.v, contact_rates(at, z, case, model.reading).v
+
+
+class _EndForces(NamedTuple):
+    """The penetration and the contact forces at one end of a trial step."""
+
+    v: Scalar
+    v_rate: Scalar
+    N: Scalar
+    F: Scalar  # absent without friction, like its rate
+    F_rate: Scalar
+
+
+def updated_peaks(before: ContactPeaks, trial: InterfaceTrial) -> ContactPeaks:
+    """The largest forces after a trial step."""
+    state, h, model = trial.start, trial.h, trial.model
+    a, b = _end_forces(state.motion, state, model), _end_forces(trial.end, state, model)
+    deepest = _cubic_peak(HermiteCubic(a.v, b.v, a.v_rate * h, b.v_rate * h))
+    own = not is_absent(model.spring.laws)
+    N = jnp.maximum(before.N, jnp.maximum(a.N, b.N) if own else normal_force(deepest, state.mode, model.spring))
+    if is_absent(a.F):
+        return ContactPeaks(N, before.F)
+    ends = jnp.maximum(jnp.abs(a.F), jnp.abs(b.F))
+    if not model.spring.flows:
+        for sign in (1.0, -1.0):
+            ends = jnp.maximum(
+                ends, _cubic_peak(HermiteCubic(sign * a.F, sign * b.F, sign * a.F_rate * h, sign * b.F_rate * h))
+            )
+    return ContactPeaks(N, jnp.maximum(before.F, where(state.mode == Mode.APART, 0.0, ends)))
+
+
+def closing_speed(trial: InterfaceTrial) -> Scalar:
+    """The rate of the penetration at the end of a trial [m/s]."""
+    return _penetration(trial.end, trial.start, trial.model)[1]
+
+
+def updated_range(before: DisplacementRange, trial: BladeTrial) -> DisplacementRange:
+    """The range of the displacements after a trial step."""
+    start, z, h = trial.start, trial.end, trial.h
+    rates = lambda z: (z.v_x, z.v_y, z.v_theta)
+
+    def within(a: Scalar, b: Scalar, rate_a: Scalar, rate_b: Scalar) -> Extent:
+        cubic = HermiteCubic(a, b, rate_a * h, rate_b * h)
+        s, turns = turning_point(cubic)
+        return extent_of(a, b, where(turns, cubic(s), b))
+
+    ends = displacements_of(start), displacements_of(z), rates(start), rates(z)
+    return merged_range(before, range_from(jax.tree.map(within, *ends)))
+
+
+class Extent(NamedTuple):
+    """The interval of a number's values."""
+
+    highest: Scalar
+    lowest: Scalar
+
+
+def extent_of(*values: Scalar) -> Extent:
+    """The interval that some values span."""
+    return Extent(reduce(jnp.maximum, values), reduce(jnp.minimum, values))
+
+
+def range_from(intervals: Any) -> DisplacementRange:
+    """The range from the interval of each displacement."""
+    end = lambda i: jax.tree.map(lambda a: a[i], intervals, is_leaf=lambda a: isinstance(a, Extent))
+    return DisplacementRange(end(0), end(1))
+
+
+def turning_point(cubic: HermiteCubic) -> tuple[Scalar, Bool[Array, ""]]:
+    """The place where a cubic turns once, and whether it does."""
+    up = where(cubic.m_0 > 0, 1.0, -1.0)
+    s, inside = cubic_maximum(HermiteCubic(*(up * a for a in cubic)))
+    return s, inside & (cubic.m_0 * cubic.m_1 < 0)
+
+
+def merged_range(a: DisplacementRange, b: DisplacementRange) -> DisplacementRange:
+    """The range of two intervals of time taken together."""
+    highest = jax.tree.map(jnp.maximum, a.highest, b.highest)
+    return DisplacementRange(highest, jax.tree.map(jnp.minimum, a.lowest, b.lowest))
+
+
+def _cubic_peak(cubic: HermiteCubic) -> Scalar:
+    """The largest value of a cubic on its interval."""
+    s, inside = cubic_maximum(cubic)
+    return jnp.maximum(jnp.maximum(cubic.g_0, cubic.g_1), where(inside, cubic(s), cubic.g_1))
+
+
+def _end_forces(z: Motion, state: State, model: Model) -> _EndForces:
+    _, case, at = place_contact(z, state, model)
+    rate, spring = contact_rates(at, z, case, model.reading), model.spring
+    N, F, _ = law_forces(at, z, state, case, model)
+    if spring.flows:
+        return _EndForces(at.v, rate.v, N, F, ABSENT)
+    slipping = spring.mu * (slip_sign(state.mode, at.v.dtype) * spring.k * rate.v)
+    F_rate = F if is_absent(F) else where(state.mode == Mode.STICK, spring.k_d * rate.u, slipping)
+    return _EndForces(at.v, rate.v, N, F, F_rate)

@@ -1,0 +1,122 @@
+"""The tally of a pair through its trials; what is logged, and how, stands in `logged`."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jaxshroud.march.events import place_contact
+from jaxshroud.march.logged import observables_of
+from jaxshroud.march.method import Choices
+from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable
+from jaxshroud.march.series_extremes import ContactSeries, MotionSeries
+from jaxshroud.march.tally import EnergyJumps, Log, Tally, no_margins
+from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, zeros_for
+from jaxshroud.model.modes import Mode
+from jaxshroud.model.prepared import Model, State, has_torsion
+from jaxshroud.model.rhs import Integrals, rhs
+from jaxshroud.scene.keys import Motion
+
+
+class AcceptedTrial(NamedTuple):
+    """A trial that was accepted, as far as the log asks."""
+
+    contact: InterfaceTrial
+    blades: BladeTrial  # of both, its fields pairs
+    ending: Ending | None = None  # None where there are no events
+    by_series: tuple[Any, ...] | None = None  # see `Observable.of_series`, of each; None for Runge-Kutta methods
+
+
+def log_of(values: Mapping[str, Any]) -> Log:
+    """The log with the values of observables by their names."""
+    built_in: dict[str, Any] = {name: values.get(name) for name in Log._fields if name != "own"}
+    return Log(**built_in, own={name: value for name, value in values.items() if name not in built_in})
+
+
+def value_in(log: Log, name: str) -> Any:
+    """The value of an observable in a log."""
+    return log.own[name] if name in log.own else getattr(log, name)
+
+
+def new_tally(state: State, model: Model, method: Choices) -> Tally:
+    """The tally of a lane that starts from `state`."""
+    zero = jnp.zeros_like(state.motion.x[0])
+    _, none = zeros_for(partial(rhs, recorded=method.recorded), (zero, zero), state, model)
+    jumps = EnergyJumps(zero, zero if has_torsion(model) else ABSENT) if method.ledger else None
+    margins = no_margins(zero) if method.margins else None
+    return Tally(none, jumps, None if method.derivative else _new_log(state, zero, model, method), margins)
+
+
+def _new_log(state: State, zero: Scalar, model: Model, method: Choices) -> Log:
+    contact = Beginning(None, zero, place_contact(state.motion, state, model)[2].v, model)
+    blades = Beginning(state.motion, zero, zero, None)
+    start = lambda one: one.start(contact) if one.per == "interface" else of_blades(one, one.start, blades)
+    return log_of({one.name: start(one) for one in observables_of(method)})
+
+
+def updated_tally(
+    tally: Tally, gain: Integrals, jumps: EnergyJumps | None, trial: AcceptedTrial, method: Choices
+) -> Tally:
+    """The tally after a trial with so much of the integrals and of the jumps at its end; margins are kept."""
+    tally = tally.plus(gain, jumps)
+    return tally if tally.log is None else tally._replace(log=updated_log(tally.log, trial, method))
+
+
+def updated_log(log: Log, trial: AcceptedTrial, method: Choices) -> Log:
+    """The log after a trial."""
+    (contact, blades, ending, by_series), observables = trial, observables_of(method)
+    contact = contact._replace(apart=contact.mode == Mode.APART)
+
+    def updated(one: Observable, by_series: Any) -> Any:
+        before = value_in(log, one.name)
+        if one.takes == "event":
+            return before if ending is None else one.update(before, ending)
+        if one.per == "interface":
+            return one.update(before, contact._replace(by_series=by_series))
+        return of_blades(one, one.update, before, blades._replace(by_series=by_series))
+
+    found = [None] * len(observables) if by_series is None else by_series
+    return log_of({one.name: updated(one, told) for one, told in zip(observables, found, strict=True)})
+
+
+def log_of_new_period(log: Log, z: Motion, method: Choices) -> Log:
+    """The log with what is told of each period reset, at the motion `z`."""
+
+    def reset(one: Observable) -> Any:
+        before = value_in(log, one.name)
+        return one.reset(before, z) if one.per == "interface" else of_blades(one, one.reset, before, z)
+
+    return log_of({one.name: reset(one) for one in observables_of(method)})
+
+
+def found_by_series(contact: ContactSeries, blades: MotionSeries, method: Choices) -> tuple[Any, ...]:
+    """What each observable reads off the polynomials of a trial."""
+
+    def found(one: Observable) -> Any:
+        if one.of_series is None:
+            return None
+        return one.of_series(contact) if one.per == "interface" else of_blades(one, one.of_series, blades)
+
+    return tuple(map(found, observables_of(method)))
+
+
+def of_blades(one: Observable, f: Callable[..., Any], *trees: Any) -> Any:
+    """`f` of each blade that an observable is of, from trees of pairs; the results are pairs again."""
+    if one.per == "left blade":
+        return f(*(_of_side(0, tree) for tree in trees))
+    if one.takes == "all":
+        return f(*trees)
+    left, right = (f(*(_of_side(i, tree) for tree in trees)) for i in (0, 1))
+    return jax.tree.map(lambda a, b: (a, b), left, right, is_leaf=is_absent)
+
+
+def is_of_blades(tree: Any) -> bool:
+    """Whether a tree is a plain tuple of numbers, one of each blade."""
+    return type(tree) is tuple and len(tree) > 0 and not isinstance(tree[0], tuple)
+
+
+def _of_side(i: int, tree: Any) -> Any:
+    """A tree with the numbers of one blade in place of pairs."""
+    return jax.tree.map(lambda a: a[i] if is_of_blades(a) else a, tree, is_leaf=is_of_blades)
