@@ -1,6 +1,6 @@
 """The moving picture of a row of blades: a ring rolled up, a chain as it is, and the displacements of all blades."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -25,8 +25,42 @@ POINTS_ON_EDGE = 32  # of a block, which is bent where the row is rolled up
 LEAST_MARK, LARGEST_MARK = 14.0, 64.0  # area of a mark without force, and with the largest [points^2]
 MOST_NUMBERED = 36  # blades
 NUMBER_PLACE = 0.8  # of a blade's number below the centre of its block, relative to the face
-BREAK = {True: "\n", False: " "}  # in the corner beside a ring there is room for short lines
 DISPLACEMENT_COLOURS = "RdBu_r"
+
+
+class Writing(NamedTuple):
+    """What is written around the blocks, and where: below the corners beside a ring, above the end of a chain."""
+
+    room: float  # for it above the blocks [inches]
+    first: tuple[int, int]  # of the first line from the upper left corner [points]
+    second: tuple[int, int]  # of the second one
+    va: str
+    told: str
+    axes: str  # what x and y are in the picture
+    most_numbered: int  # blades
+    legend: Properties
+
+
+OF_RING = Writing(
+    room=0.0,
+    first=(0, 0),
+    second=(0, -11),
+    va="top",
+    told="motion and\ngaps × {:g}",
+    axes="$x$ clockwise\n$y$ outwards",
+    most_numbered=MOST_NUMBERED,
+    legend={"loc": "upper right"},
+)
+OF_CHAIN = Writing(
+    room=0.3,
+    first=(0, 14),
+    second=(0, 2),
+    va="bottom",
+    told="motion and gaps × {:g}",
+    axes="",
+    most_numbered=0,
+    legend={"loc": "lower right", "ncols": 3},
+)
 
 
 class RowFilm(Film):
@@ -39,6 +73,7 @@ class RowFilm(Film):
     def __init__(self, frames: xr.Dataset, blocks: Blocks, factor: float, title: str):
         self.frames, self.blocks, self.factor = frames, blocks, factor
         self.closed = frames.sizes["interface"] == frames.sizes["blade"]
+        self.writing = OF_RING if self.closed else OF_CHAIN
         gaps = np.broadcast_to(blocks.gap, frames.sizes["interface"])
         self.places = np.arange(frames.sizes["blade"] + 1) * blocks.l_oa
         self.places[1 : len(gaps) + 1] += factor * np.cumsum(gaps)
@@ -47,7 +82,7 @@ class RowFilm(Film):
         self.norm, self.colours = Normalize(-extent, extent), mpl.colormaps[DISPLACEMENT_COLOURS]
         left, right, low, high = self._limits
         height = min((high - low) / (right - left) * (WIDTH - BESIDE), TALLEST)
-        self.figure = new_figure(title, WIDTH, height + MAP_HEIGHT + (0.0 if self.closed else 0.3))
+        self.figure = new_figure(title, WIDTH, height + MAP_HEIGHT + self.writing.room)
         panel, below = self.figure.subplots(2, height_ratios=[height, MAP_HEIGHT - 0.4])
         panel.set(xlim=(left, right), ylim=(low, high), aspect="equal")
         panel.set_axis_off()
@@ -113,16 +148,15 @@ class RowFilm(Film):
     def _label(self, panel: Axes) -> None:
         """Write time and exaggeration, the numbers of the blades, and what the marks mean."""
         style: Properties = {"xycoords": "axes fraction", "textcoords": "offset points"}
-        first, second, va = ((0, 0), (0, -11), "top") if self.closed else ((0, 14), (0, 2), "bottom")
-        self.caption = panel.annotate("", (0, 1), first, va=va, **style)
-        told = f"motion and{BREAK[self.closed]}gaps × {self.factor:g}"
-        panel.annotate(told, (0, 1), second, va=va, color=DARK, **style)
-        if self.closed:
-            panel.annotate("$x$ clockwise\n$y$ outwards", (0, 0), (0, 0), va="bottom", color=DARK, **style)
+        writing = self.writing
+        self.caption = panel.annotate("", (0, 1), writing.first, va=writing.va, **style)
+        told = writing.told.format(self.factor)
+        panel.annotate(told, (0, 1), writing.second, va=writing.va, color=DARK, **style)
+        panel.annotate(writing.axes, (0, 0), (0, 0), va="bottom", color=DARK, **style)
         blades = np.arange(len(self.shapes))
         down = np.full(len(blades), -NUMBER_PLACE * self.blocks.l_ab)
         places = self._drawn(np.stack([self.places[:-1], down], axis=-1))
-        if self.closed and len(blades) <= MOST_NUMBERED:
+        if len(blades) <= writing.most_numbered:
             for blade, place in zip(blades, places, strict=True):
                 panel.text(place[0], place[1], str(blade), ha="center", va="center", color=DARK, fontsize=7)
         present = set(np.unique(self.frames["mode"].to_numpy()[self._touching(self.frames)]))
@@ -130,9 +164,8 @@ class RowFilm(Film):
         styles = [style for mode, style in MODE_STYLES.items() if mode in present]
         entries = [Line2D([], [], color=color, label=name, **dot) for name, color in styles]
         if entries:
-            place = {"loc": "upper right"} if self.closed else {"loc": "lower right", "ncols": 3}
             heading: Properties = {"title": "area: $N$", "title_fontsize": 7}
-            panel.legend(handles=entries, bbox_to_anchor=(1, 1), **heading, **place, **TIGHT_LEGEND)
+            panel.legend(handles=entries, bbox_to_anchor=(1, 1), **heading, **writing.legend, **TIGHT_LEGEND)
 
     def _draw_map(self, panel: Axes) -> Line2D:
         """Draw the displacements of all blades over the time shown; the line of the present."""

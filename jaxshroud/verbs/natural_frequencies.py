@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,15 @@ ONE_BLADE = 0.95  # share of a mode's kinetic energy in one blade, beyond which 
 ALIKE = 1e-9  # relative difference below which the frequencies of both blades are one
 
 
+class ModeWords(NamedTuple):
+    """How the modes of a layout are told."""
+
+    blades: Callable[[FloatArray, FloatArray], str]
+    """(shares of a mode's energy, displacements) -> what the blades do."""
+    told_once: Callable[[list[NaturalMode], NaturalContact, int], list[NaturalMode]]
+    """(modes, their contact, number of blades) -> the lowest first, one of those that differ in nothing but place."""
+
+
 def modes_of(
     arrays: Scene, k: np.ndarray, system: LinearContact, loads: tuple[np.ndarray, np.ndarray]
 ) -> tuple[NaturalMode, ...]:
@@ -35,7 +45,7 @@ def modes_of(
     """
     blades = LinearContact(*(a if a.dtype == bool else a.astype(float) for a in system))
     load = loads[0].astype(float) + 1j * loads[1].astype(float)
-    words = _blades_in_words if arrays.row is None else partial(_waves_in_words, closed=arrays.row.closed)
+    words = WORDS_OF_PAIRS if arrays.row is None else _words_of_row(arrays.row.closed)
     found = [_modes_in(blades, contact, load * blades.moves, words) for contact in _contacts_of(arrays, k)]
     return tuple(mode for modes in found for mode in modes)
 
@@ -55,10 +65,8 @@ def _has_friction(scene: Scene) -> bool:
     return scene.parts.friction != "none" and bool(np.any((scene.friction.mu > 0) & (scene.friction.k_d > 0)))
 
 
-def _modes_in(
-    blades: LinearContact, contact: NaturalContact, load: np.ndarray, words: Callable[[FloatArray, FloatArray], str]
-) -> list[NaturalMode]:
-    """The modes in one state of contact; `words` tells what the blades do from their shares and displacements."""
+def _modes_in(blades: LinearContact, contact: NaturalContact, load: np.ndarray, words: ModeWords) -> list[NaturalMode]:
+    """The modes in one state of contact."""
     omega, zeta, shape = natural_modes(blades, contact)
     energy, driven = shape**2 * blades.mass, drive_shares(shape, load)
     modes = []
@@ -70,16 +78,14 @@ def _modes_in(
             NaturalMode(
                 contact=contact,
                 motion=COORDINATES[main],
-                blades=words(by_blade.sum(axis=0), own_shape.reshape(3, -1)[main]),
+                blades=words.blades(by_blade.sum(axis=0), own_shape.reshape(3, -1)[main]),
                 frequency=float(omega[i] / RAD_PER_CYCLE),
                 zeta=float(zeta[i]),
                 energy=tuple(by_coordinate.tolist()),
                 driven=float(driven[i]),
             )
         )
-    if words is not _blades_in_words:
-        return _waves_told_once(modes, len(blades.mass) // 3)
-    return _told_once(modes) if contact == "apart" else modes
+    return words.told_once(modes, contact, len(blades.mass) // 3)
 
 
 def _blades_in_words(shares: FloatArray, displacements: FloatArray) -> str:
@@ -105,8 +111,9 @@ def _waves_in_words(shares: FloatArray, displacements: FloatArray, closed: bool)
     return f"{'' if shares_of_waves[h] > 1 - ALIKE else 'about '}nodal diameter {h}"
 
 
-def _waves_told_once(modes: list[NaturalMode], count: int) -> list[NaturalMode]:
-    """The modes of a row, the lowest first, with one for those that differ in nothing but their place around it."""
+def _waves_told_once(modes: list[NaturalMode], contact: NaturalContact, count: int) -> list[NaturalMode]:
+    """The modes of a row, with one for those that differ in nothing but their place around it."""
+    del contact
     told: list[NaturalMode] = []
     for motion in COORDINATES:
         own = [mode for mode in modes if mode.motion == motion]
@@ -122,8 +129,11 @@ def _waves_told_once(modes: list[NaturalMode], count: int) -> list[NaturalMode]:
     return sorted(told, key=lambda mode: mode.frequency)
 
 
-def _told_once(modes: list[NaturalMode]) -> list[NaturalMode]:
-    """The modes of free blades, with one for both blades where these are alike."""
+def _told_once(modes: list[NaturalMode], contact: NaturalContact, count: int) -> list[NaturalMode]:
+    """The modes of a pair; of free blades that are alike with one for both."""
+    del count
+    if contact != "apart":
+        return modes
     told = []
     for motion in COORDINATES:
         own = [mode for mode in modes if mode.motion == motion]
@@ -131,3 +141,10 @@ def _told_once(modes: list[NaturalMode]) -> list[NaturalMode]:
             own = [replace(own[0], blades="either", driven=own[0].driven + own[1].driven)]
         told += own
     return sorted(told, key=lambda mode: mode.frequency)
+
+
+WORDS_OF_PAIRS = ModeWords(_blades_in_words, _told_once)
+
+
+def _words_of_row(closed: bool) -> ModeWords:
+    return ModeWords(partial(_waves_in_words, closed=closed), _waves_told_once)
