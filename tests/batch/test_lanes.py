@@ -125,6 +125,7 @@ def test_one_compilation_serves_all_sizes(table1, compiled):
     assert "jit(run_block)" in compiled
 
 
+@pytest.mark.full
 def test_other_values_compile_nothing(table1, compiled):
     # A number of lanes that no other test has is the control.
     how = {"n_periods": 2, "transient": 1, "method": RungeKutta(steps=100)}

@@ -49,7 +49,9 @@ jax.config.update("jax_enable_x64", True)
 from engine import scenes_of
 from problem import problem
 from jaxshroud.march.method import FAST
-from jaxshroud.batch.runs import Plan, initial_states, run_lanes
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
+from jaxshroud.batch.states import initial_states
 scenes = scenes_of(problem(512))
 run = lambda: run_lanes(scenes, initial_states(scenes), Plan(0, 32, 500, 0.0, FAST), lambda _: None)
 run()

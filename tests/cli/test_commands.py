@@ -57,6 +57,7 @@ def swept(tmp_path_factory):
     return out
 
 
+@pytest.mark.full
 def test_trajectory_file(stored):
     ds = xr.open_dataset(stored / "long.nc")
     assert dict(ds.sizes) == {"time": 301, "blade": 2}

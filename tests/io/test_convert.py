@@ -77,6 +77,7 @@ def run_csv(tmp_path_factory):
     return folder / "run.csv"
 
 
+@pytest.mark.full
 def test_what_a_run_has_once_is_beside_its_table(run_csv, capsys):
     run = js.Trajectory.load(run_csv.with_suffix(".nc"))
     shared = tomllib.loads(run_csv.with_suffix(".toml").read_text("utf-8"))

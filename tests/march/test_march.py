@@ -321,6 +321,7 @@ def test_half_turn_symmetry(scenes, method):
     assert np.all(half_turn_deviation([asymmetric(s) for s in scenes], method) <= 1e-9)
 
 
+@pytest.mark.full
 def test_the_printed_reading_breaks_the_half_turn(scenes):
     # Control: M_N2 of case 1 and M_N1 of case 4 should be images of each other, and their misprints are not.
     assert np.all(half_turn_deviation([printed(asymmetric(s)) for s in scenes[:2]]) > 1e-3)

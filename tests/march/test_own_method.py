@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
-from jaxshroud.batch.runs import Plan, initial_states, run_lanes
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
+from jaxshroud.batch.states import initial_states
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.logged import BUILT_IN, observables_of
 from jaxshroud.march.method import FAST, Choices

@@ -1,6 +1,7 @@
 """What is logged of rows within their steps, against the pair and against finer steps."""
 
 import numpy as np
+import pytest
 
 import jaxshroud as js
 from jaxshroud.batch.plan import Plan
@@ -23,6 +24,7 @@ def logged(name, changes, steps):
     return run_lanes(scenes, initial_states(scenes), Plan(0, 1, steps, 0.0, WITHIN), lambda _: None)
 
 
+@pytest.mark.full
 def test_extremes_of_a_chain_of_two_are_those_of_the_pair():
     chain, pair = logged("row_ring12", CHAIN, 200), logged("table1", PAIR, 200)
     for name, want in pair.log.within._asdict().items():

@@ -58,7 +58,7 @@ def test_an_interruption_of_the_second_run_keeps_the_first(swept):
             raise Interrupted(None)
         return js.SweepResult(swept.data.drop_vars("unconfirmed"))
 
-    plan = js.batch.runs.Plan(2, 4, 100, 0.0, js.march.method.Choices())
+    plan = js.batch.plan.Plan(2, 4, 100, 0.0, js.march.method.Choices())
     march = js.verbs.asked.MarchPlan(100, plan.method)
     with pytest.raises(Interrupted) as stopped:
         confirmed_run(run, js.verbs.sweep_run.SweepSettings(plan, march, 1e-3, None, confirm=True))

@@ -37,6 +37,7 @@ def test_verdict_and_numbers_are_those_of_the_other_verbs(found):
     assert abs(found.largest_exponent - np.log(abs(orbit.multipliers[0]))) <= found.largest_exponent_ci + 1e-3
 
 
+@pytest.mark.full
 def test_the_energy_goes_where_it_is_said_to_go(found):
     power = found.powers
     assert power["drive"] > 0

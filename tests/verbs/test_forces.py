@@ -175,7 +175,7 @@ def test_samples_are_those_of_a_run_without_events(marched):
 
 
 @LONG
-@pytest.mark.full(but=["table1"])
+@pytest.mark.full
 def test_events_change_the_state_and_not_the_place(marched):
     _, run, _ = marched
     before, after = (run.events.data.isel(time=slice(side, None, 2)) for side in (0, 1))

@@ -27,6 +27,7 @@ def swept():
     return js.sweep(js.load("row_ring12", CHAIN).scene, ALONG, **ALL_KEPT, **HOW)
 
 
+@pytest.mark.full
 def test_a_chain_of_two_is_swept_like_the_pair(swept):
     pair = js.sweep(js.load("table1", PAIR).scene, ALONG, **ALL_KEPT, **HOW)
     for name in ("P", "P_0", "x_peak", "x_rms", "v_max", "time_apart", "energy_residual"):
