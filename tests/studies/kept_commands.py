@@ -53,7 +53,7 @@ def cases() -> list[Case]:
 
 
 def found(names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """The counts of commands, by their names; commands whose results they read run before."""
+    """The counts of commands, by their names, with one cache for all; those whose results they read run before."""
     known = {case.name: case for case in cases()}
     wanted = list(dict.fromkeys(name for case in map(known.get, names) if case for name in (case.needs, case.name)))
     with TemporaryDirectory() as folder:
