@@ -21,7 +21,7 @@ from jaxshroud.cli import commands as cli
 from jaxshroud.cli.command_table import COMMANDS
 from jaxshroud.cli.parser import join_negative_values, parser
 from jaxshroud.scene.config import load
-from jaxshroud.verbs import options, stored, trade
+from jaxshroud.verbs import asked, options, stored, trade
 from jaxshroud.verbs.tune import tune
 
 ROOT = Path(__file__).parent.parent
@@ -125,7 +125,7 @@ def small(monkeypatch, tmp_path):
     (tmp_path / "designs.csv").write_text(*blocks(DOCS / "verbs" / "table.md", "csv"))
     monkeypatch.setattr(trade, "SETTINGS", {contact: ways[:2] for contact, ways in trade.SETTINGS.items()})
     monkeypatch.setattr(options, "N_PERIODS", 4)
-    monkeypatch.setattr(options, "ACCURACY", None)  # RK4, whose programs other tests compile too
+    monkeypatch.setattr(asked.Asked, "says_nothing", False)  # RK4, whose programs other tests compile too
     monkeypatch.setattr(js, "tune", partial(tune, search=js.SearchOptions(4, 1, 1)), raising=False)
     monkeypatch.setattr(stored, "MIN_BLOCK_LANES", 64)
     settled = ['parts.motion=["x"]', "blades.c_x=40", "drive.M_0=0", "run.periods=4", "run.transient=4"]

@@ -141,12 +141,14 @@ def test_a_method_is_named_in_words():
     assert choices(method, ledger=True).ledger
 
 
-def test_a_method_that_was_chosen_is_told_with_its_accuracy():
+def test_an_accuracy_is_told_with_the_method_that_it_chose():
     file = js.load("table1", ['parts.motion=["x"]', "run.periods=1"])
     chosen = js.method_for(file.scene, 1e-3)
-    run = js.simulate(file.scene, n_periods=1, method=chosen)
-    assert run.accuracy.startswith("accuracy 1e-03: ")
-    assert (run.steps_per_period, run.method) == (chosen.steps, str(choices(chosen)))
+    by_accuracy, by_method = (js.simulate(file.scene, n_periods=1, method=how) for how in (1e-3, chosen))
+    assert by_accuracy.accuracy.startswith("accuracy 1e-03: ")
+    assert by_method.accuracy is None
+    assert by_accuracy.march == by_method.march == chosen
+    assert (by_accuracy.steps_per_period, by_accuracy.method) == (chosen.steps, str(choices(chosen)))
 
 
 def test_a_reading_may_be_a_word_or_a_list():
