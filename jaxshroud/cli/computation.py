@@ -28,6 +28,7 @@ from jaxshroud.march.method import FAST, Choices
 from jaxshroud.results.base import ORIGIN
 from jaxshroud.scene.file import SceneFile
 from jaxshroud.scene.scene import Scene
+from jaxshroud.verbs.plan import Trials
 from jaxshroud.version import __version__
 
 
@@ -127,8 +128,8 @@ class Computation:
     scenes: Callable[[VerbCall], Scene] = lambda call: one_lane(call.file.scene)
     # The method where steps alone are given; None: of a verb without a method.
     usual: Choices | None = FAST
-    # How methods are tried for an accuracy, see `choose_method`.
-    trials: Callable[[VerbCall], Mapping[str, Any]] = lambda call: {}
+    # How methods are tried for an accuracy.
+    trials: Callable[[VerbCall], Trials] = lambda call: {}
     imports: Sequence[str] = (*DATASETS, *STATISTICS)  # in the background, beside what draws pictures
     announce: Callable[[VerbCall], None] = lambda call: None  # what is said before the run
     run: Callable[[VerbCall, Progress], Any] = call_verb

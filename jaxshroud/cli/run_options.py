@@ -5,7 +5,7 @@ import sys
 import warnings
 from collections.abc import Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Unpack
 
 from jaxshroud.cli.terminal import CommandError, input_errors_at
 from jaxshroud.io.lane_status import AccuracyWarning
@@ -18,7 +18,7 @@ from jaxshroud.scene.scene import Scene
 from jaxshroud.verbs.asked import MarchPlan
 from jaxshroud.verbs.checks import check_verb
 from jaxshroud.verbs.options import ResolvedOptions, resolve_options
-from jaxshroud.verbs.plan import choose_method, plan_march
+from jaxshroud.verbs.plan import Trials, choose_method, plan_march
 from jaxshroud.verbs.setting import Choice
 
 METHOD_OPTIONS = ("tableau", "order", "step_tolerance", "locate", "precision")
@@ -39,7 +39,7 @@ def load_scene(options: argparse.Namespace, overrides: Sequence[str] = ()) -> Sc
 
 
 def resolve_march(
-    file: SceneFile, scenes: Scene, options: argparse.Namespace, usual: Choices, **trials: Any
+    file: SceneFile, scenes: Scene, options: argparse.Namespace, usual: Choices, **trials: Unpack[Trials]
 ) -> MarchPlan:
     """How scenes (leading axis) are marched: refused where it is unstable, with a warning where it is inaccurate.
 
@@ -48,7 +48,7 @@ def resolve_march(
         scenes: The scenes.
         options: Of the command line.
         usual: The method where steps alone are given, with a ledger or without.
-        trials: How methods are tried, see `choose_method`.
+        trials: How methods are tried.
     """
     with input_errors_at(f"{file.name}: [run]"):
         march = plan_march(_resolved_options(file, options, usual), scenes, usual, **trials)

@@ -1,7 +1,7 @@
 """From how to march, as it was asked, to what runs."""
 
 from functools import partial
-from typing import Any
+from typing import TypedDict, Unpack
 
 from jaxshroud.batch.marches import require_march
 from jaxshroud.batch.runs import stepping_method
@@ -17,7 +17,16 @@ from jaxshroud.verbs.options import ResolvedOptions
 from jaxshroud.verbs.setting import Choice, choice_for_rows
 
 
-def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials: Any) -> MarchPlan:
+class Trials(TypedDict, total=False):
+    """How methods are tried for an accuracy."""
+
+    periods: float | None
+    """Of the run of each lane; by default those of the arguments."""
+    ends: EndStates
+    """How lanes are marched to try a method; by default by the programs of `run_lanes`."""
+
+
+def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials: Unpack[Trials]) -> MarchPlan:
     """The plan by which lanes (leading axis) are marched, from the arguments of `choose_method`.
 
     Raises:
@@ -35,12 +44,7 @@ def plan_march(resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials
 
 
 def choose_method(
-    resolved: ResolvedOptions,
-    lanes: Scene,
-    usual: Choices,
-    *,
-    periods: float | int | None = None,
-    ends: EndStates | None = None,
+    resolved: ResolvedOptions, lanes: Scene, usual: Choices, **trials: Unpack[Trials]
 ) -> tuple[Choices, Choice | None]:
     """The method by which lanes (leading axis) are marched, and the choice for an accuracy that it comes from, if any.
 
@@ -48,8 +52,7 @@ def choose_method(
         resolved: The resolved arguments.
         lanes: The scenes.
         usual: The method where only steps are given, with or without a ledger, and for P_d or not.
-        periods: Of the run of each lane; by default those of the arguments.
-        ends: How lanes are marched to try a method; by default by the programs of `run_lanes`.
+        trials: See `Trials`.
 
     Raises:
         InputError: An accuracy is requested for smooth contact or for own laws, or power series for a row.
@@ -66,7 +69,8 @@ def choose_method(
         chosen = choice_for_rows(resolved.accuracy, told=asked.by_argument)
         method, choice = chosen.method, None if asked.says_nothing else chosen
     else:
-        ends = ends or partial(end_states, ledger=usual.ledger, vibration=usual.vibration)
+        ends = trials.get("ends") or partial(end_states, ledger=usual.ledger, vibration=usual.vibration)
+        periods = trials.get("periods")
         periods = resolved.transient + resolved.n_periods if periods is None else periods
         work = len(lanes.drive.omega) * periods
         choice = choose(without_given(lanes), 1, resolved.accuracy, lane_periods=work, ends=ends)
