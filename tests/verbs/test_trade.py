@@ -19,7 +19,7 @@ from jaxshroud.march.stability import stiffest
 from jaxshroud.motion.short_runs import HORIZON, end_states, state_errors, trajectory_ends
 from jaxshroud.scene.grids import scenes_at
 from jaxshroud.scene.vary import vary
-from jaxshroud.verbs import accuracy, options
+from jaxshroud.verbs import accuracy, plan
 from jaxshroud.verbs.accuracy import PARALLEL, STIFFNESS_CLASSES, TILTED, choose, missed_lanes
 from jaxshroud.verbs.setting import Choice, Setting, accuracy_level, by_series
 from jaxshroud.verbs.trade import REFERENCE_SETTING, Adaptive, ClosedForm, measure_settings, neighbourhood
@@ -207,7 +207,7 @@ def test_what_all_settings_have_wrong_is_marked():
 @pytest.mark.full
 def test_who_asks_for_an_accuracy_in_python_is_warned_of_lanes_that_miss_it(table1, monkeypatch):
     wrong = Choice(1e-8, Setting("rk4", "cubic", "float64", 1.0), 100, True)
-    monkeypatch.setattr(options, "choose", lambda *_, **__: wrong)
+    monkeypatch.setattr(plan, "choose", lambda *_, **__: wrong)
     with pytest.warns(js.AccuracyWarning, match="1 of 1 runs miss the accuracy of 1e-08"):
         js.simulate(table1, n_periods=1, method=1e-8)
     with pytest.warns(js.AccuracyWarning, match="1 of 1"):
