@@ -68,7 +68,7 @@ def test_options_reach_the_verb(tmp_path, capsys):
     assert loose["residual"] > close["residual"]
 
 
-@pytest.mark.full(but=["orbit"])
+@pytest.mark.full
 @pytest.mark.parametrize("verb", ["orbit", "lyapunov"])
 def test_a_scene_that_stops_is_a_warning(verb, tmp_path, capsys):
     # Two blocks turned beyond their angle range within the first period.

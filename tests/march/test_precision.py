@@ -68,6 +68,7 @@ def test_float32_is_what_is_computed(scene, computed, verb):
     assert in_short(result)
 
 
+@pytest.mark.full
 def test_a_sweep_is_told_by_its_axes(scene):
     swept = sweep_verb(scene, {"contact.gamma": [1.0, 2.0], "drive.F_0": [40.0, 60.0]}, n_periods=1, **STEPS)
     told = "SweepResult along contact.gamma (2: 1 to 2) x drive.F_0 (2: 40 to 60): 1 period kept of each lane; 4 OK; "

@@ -308,6 +308,7 @@ def test_crests_of_polynomials():
         assert seen - 1e-12 <= found <= seen + 1e-6
 
 
+@pytest.mark.full
 def test_without_torque_from_rest(table1):
     # M_0 = 0: theta_1 = theta_2 for ever, and every contact is flat from its first instant.
     scene = all_numbers(vary(table1, "drive.M_0", 0.0))

@@ -139,6 +139,7 @@ def test_power_alone_is_unchanged():
     assert np.isnan(averages(scenes, runs[0].samples)[1].P_d_vibration).all()
 
 
+@pytest.mark.full
 def test_without_contact_both_agree():
     # Nothing deflects blades that never touch: both are 0 once the transient, of 2 % damping, is over.
     scene = js.load("table1", ['parts.contact="none"', "drive.M_0=10"]).scene

@@ -73,7 +73,7 @@ def same(found, exact):
 
 
 @pytest.mark.release(only=["forward"])
-@pytest.mark.full(but=["independent"])
+@pytest.mark.full
 @pytest.mark.parametrize("way", WAYS)
 def test_a_store_has_the_numbers_of_a_sweep_in_memory(scene, whole, way):
     exact = js.sweep(scene, WAYS[way], direction=way, **SHORT).data
