@@ -214,13 +214,14 @@ def select_tree(which: Bool[Array, ""], a: Tree, b: Tree) -> Tree:
     return jax.tree.map(lambda a, b: jnp.where(which, a, b), a, b)
 
 
-def _end_period(
-    lanes: Lane, stored_before: Any, models: Model, periods, steps: Any, ended: Any = True
+def ended_pairs(
+    lanes: Lane, stored_before: Any, models: Model, periods: Any, steps: Any, each: EachLane, ended: Any = True
 ) -> tuple[Lane, Sample]:
-    """The lanes at the end of a period of so many `steps`, if it has `ended`, and its sample.
+    """Pairs at the end of a period of so many `steps`, if it has `ended`, and its sample.
 
     Selecting between lanes before and after it would have XLA work out the faults anew for every number of the sample.
     """
+    del each
     gain, jumps = lanes.tally.integrals, lanes.tally.jumps
     logged: dict[str, Any] = {}
     works, energies, astray = (), _total_energies(lanes, models), jnp.zeros_like(periods, bool)
@@ -280,11 +281,3 @@ def begun_pairs(lanes: Lane, models: Model, method: Choices, each: EachLane) -> 
     """Pairs at the start of a period, and the energies that they store [J]."""
     del each
     return _with_empty_tally(lanes, method), _total_energies(lanes, models)
-
-
-def ended_pairs(
-    lanes: Lane, energies: Any, models: Model, periods: Any, steps: Any, each: EachLane, ended: Any = True
-) -> tuple[Lane, Sample]:
-    """Pairs at the end of a period of so many `steps`, if it has `ended`, and its samples."""
-    del each
-    return _end_period(lanes, energies, models, periods, steps, ended)

@@ -127,7 +127,7 @@ def _end_row_period(
     each: EachLane,
     ended: Any = True,
 ) -> tuple[Lane, Sample]:
-    """`batch.periods._end_period` for rows; the works in a sample are those of each blade."""
+    """`batch.periods.ended_pairs` for rows; the works in a sample are those of each blade."""
     tally, log, jumps = lanes.tally, lanes.tally.log, row_jumps(lanes.tally)
     gain: Any = tally.integrals
     assert log is not None  # only flows with tangents have none

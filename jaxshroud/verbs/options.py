@@ -86,7 +86,7 @@ class ResolvedOptions(NamedTuple):
         """The entry of [run] that says how it was marched."""
         if self.accuracy is not None:
             return {"accuracy": self.accuracy}
-        return {"steps_per_period": (self.asked.plan is None and self.asked.steps) or steps}
+        return {"steps_per_period": self.asked.steps or steps}
 
 
 def resolve_options(
