@@ -8,6 +8,7 @@ from collections.abc import Callable
 from operator import attrgetter
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
@@ -78,7 +79,8 @@ def dual_flow_constants(models: Dual, periods: Dual, steps: Int[Array, " lanes"]
     fixed = flow_constants(models.value, periods.value, steps, turns)
     count = _steps_per_period(steps, periods.value, turns)
     still = jax.tree.map(lambda _: None, fixed)
-    along = still._replace(model=models.tangent, grid=still.grid._replace(h=periods.tangent / count))
+    vary = lambda fixed: (fixed.model, fixed.grid.h)
+    along = eqx.tree_at(vary, still, (models.tangent, periods.tangent / count), is_leaf=lambda a: a is None)
     return Dual(fixed, along)
 
 

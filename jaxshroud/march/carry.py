@@ -68,7 +68,7 @@ class Lane(eqx.Module):
 AnyModel = TypeVar("AnyModel")  # a `Model`, or a `RowModel`
 
 
-class Fixed(NamedTuple, Generic[AnyModel]):
+class Fixed(eqx.Module, Generic[AnyModel]):
     """The constants of a lane, or of a row, during a march."""
 
     model: AnyModel

@@ -113,7 +113,7 @@ class Decision(NamedTuple):
 def decide_trial(lane: Lane, end: StepEnd, fixed: Fixed[Model], method: Choices) -> Decision:
     """Decide on a trial step that ended at `end`. Nothing here has a derivative."""
     lane, end, fixed = lax.stop_gradient((lane, end, fixed))
-    (model, grid, stop), search = fixed, lane.search
+    model, grid, stop, search = fixed.model, fixed.grid, fixed.stop, lane.search
     active, not_finite, h = running(lane, stop), ~is_finite(end.state.motion), grid.h
     if not model.spring.modal:
         no = jnp.zeros_like(active)
@@ -146,7 +146,8 @@ def decide_trial(lane: Lane, end: StepEnd, fixed: Fixed[Model], method: Choices)
 
 def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Model], method: Choices) -> Lane:
     """The lane after a trial that ended at `end`; unchanged if it has arrived or failed."""
-    (model, grid, stop), search, start = fixed, lane.search, lane.state
+    model, grid, stop = fixed.model, fixed.grid, fixed.stop
+    search, start = lane.search, lane.state
     accept, fire, refine, kind = decision.accept, decision.fire, decision.refine, decision.kind
     h = trial_interval(lane, grid).h
     if not model.spring.modal:
@@ -197,7 +198,7 @@ def _with_slider_of(start: State, end: State) -> State:
 
 def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Model], method: Choices) -> Lane:
     """`apply_decision` without events."""
-    (model, grid, stop), accept = fixed, decision.accept
+    model, grid, stop, accept = fixed.model, fixed.grid, fixed.stop, decision.accept
     z, no, no_jumps = end.state.motion, jnp.zeros_like(accept), jax.tree.map(jnp.zeros_like, lane.tally.jumps)
     at = place_contact(z, lane.state, model)[2]
     next_search, step = following_search(lane.search, lane.step, no, no, method.locate)
@@ -216,7 +217,7 @@ def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: F
 def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fixed: Fixed[Model]):
     """The end of a trial where the guard of `kind` vanishes, with derivatives: state, wave, integrals and length."""
     assert end.slope is not None
-    (model, grid, _), start, length = fixed, lane.state, lane.search.length
+    model, grid, start, length = fixed.model, fixed.grid, lane.state, lane.search.length
     flowing = lambda state: state.u_s if model.spring.flows else ABSENT
 
     def guard(z: Motion, Q: Pair, u_s: Slider) -> Scalar:

@@ -141,7 +141,8 @@ class RowVerdict(NamedTuple):
 
 def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method: Choices, each: Each) -> RowVerdict:
     """What a trial that ended at `end` leads to."""
-    lane, end, (model, grid, stop) = lax.stop_gradient((lane, end, fixed))
+    lane, end, fixed = lax.stop_gradient((lane, end, fixed))
+    model, grid, stop = fixed.model, fixed.grid, fixed.stop
     assert lane.guards is not None  # contact has events
     search = lane.search
     h = trial_interval(lane, grid).h
@@ -161,7 +162,7 @@ def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
 
 def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -> Lane:
     """One trial step of every lane that has neither arrived nor failed, and what follows from its end."""
-    model, grid, stop = fixed
+    model, grid, stop = fixed.model, fixed.grid, fixed.stop
     cluster = clusters_of(lane.state, model)
     interval = trial_interval(lane, grid)
     end = row_step(interval, lane.state, cluster, model, method, each)
@@ -210,7 +211,7 @@ def _change_of_row(
     lane: Lane, end: RowStepEnd, verdict: RowVerdict, fixed: Fixed[RowModel], method: Choices, each: Each
 ) -> InterfaceChange:
     """The change of each interface."""
-    (model, grid, _), crossing, log = fixed, verdict.crossing, lane.tally.log
+    model, grid, crossing, log = fixed.model, fixed.grid, verdict.crossing, lane.tally.log
     return over(
         each,
         partial(interface_change, method=method),

@@ -241,7 +241,8 @@ def motion_after(displacements: DisplacementSeries, unit: Scalar, s: Scalar) -> 
 
 def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method: Choices) -> Lane:
     """The lane after its `trial`; unchanged if it has arrived or failed."""
-    (model, grid, _), start, search, event = fixed, lane.state, lane.search, trial.event
+    model, grid, event = fixed.model, fixed.grid, trial.event
+    start, search = lane.state, lane.search
     assert isinstance(search, TaylorSearch)
     active, z = running(lane, fixed.stop), trial.motion
     apart = start.mode == Mode.APART
