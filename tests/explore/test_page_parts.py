@@ -129,6 +129,7 @@ def test_a_wrong_value_is_refused_with_the_place_and_the_cure(exploration):
     assert exploration.changed("shroud.gap", "30 um").file.tables["shroud"]["gap"] == pytest.approx(3e-5)
 
 
+@pytest.mark.full
 def test_a_lane_that_stopped_is_shown_as_such(exploration):
     window, quiet = Window("contact.gamma", 1.0, 3.0), lambda done, total: None
     result = diagram(exploration.file, window, window.values(0, 3), "independent", Amount(1, 2), METHOD, quiet)

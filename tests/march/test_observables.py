@@ -81,7 +81,7 @@ class Sampled:
         return v * (share if r.dy > 0 else 1 - share)
 
 
-@pytest.mark.full(but=["consistent"])
+@pytest.mark.full
 @pytest.mark.parametrize("misprints", [frozenset(), reference.PRINTED], ids=["consistent", "printed"])
 def test_equations_of_motion_close_with_the_stored_forces(misprints):
     # The second opinion's accelerations are functions of the state: what is left is rounding, 1e-14 of the forces.

@@ -73,7 +73,7 @@ def case(request):
 
 
 @pytest.mark.release(only=["printed", "printed, unlike blades", "slip onset", "stick onset"])
-@pytest.mark.full(but=["all switches"])
+@pytest.mark.full
 def test_orbits_of_every_kind_are_found(case):
     found, q, events = case
     assert found.q == q

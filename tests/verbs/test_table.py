@@ -32,6 +32,7 @@ def found(scene):
         return js.table(scene, cells, **MARCH)
 
 
+@pytest.mark.full
 def test_a_row_has_the_numbers_of_its_scene(scene, found):
     scenes = js.scenes_from({"shroud.gap": 1e-6 * np.array(GAPS), "friction.mu": FRICTION}, scene)
     swept = js.sweep(scenes, forces=True, amplitudes=True, **MARCH)
