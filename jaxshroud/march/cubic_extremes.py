@@ -14,9 +14,9 @@ from jaxshroud.march.tally import ContactPeaks, DisplacementRange, StepExtrema, 
 from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, where
 from jaxshroud.model.friction import normal_force, slip_sign
 from jaxshroud.model.geometry import contact_rates
+from jaxshroud.model.interface import law_forces
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.model.rhs import law_forces
 from jaxshroud.scene.keys import Motion
 
 

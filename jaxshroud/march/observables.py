@@ -11,9 +11,10 @@ from jaxshroud.march.tally import EnergyJumps
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, blended, where
 from jaxshroud.model.friction import Slider, contact_energy, stretch
 from jaxshroud.model.geometry import Case, ContactKinematics, Pose, is_upper, tip_is_left
+from jaxshroud.model.interface import EndTorques, law_forces
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import EndTorques, Ledger, end_torques, law_forces, stored_energy
+from jaxshroud.model.rhs import Ledger, end_torques, stored_energy
 
 
 class ContactForces(NamedTuple):

@@ -13,19 +13,10 @@ from jaxshroud.march.events import EventKind, place_contact, switch_guards
 from jaxshroud.model.arithmetic import Pair, Scalar, is_absent, sincos_turns, where
 from jaxshroud.model.friction import slider_speed, slip_sign
 from jaxshroud.model.geometry import ContactKinematics, Pose, contact_rates
+from jaxshroud.model.interface import EndTorques, Placement, placement
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import (
-    EndTorques,
-    Ledger,
-    Placement,
-    Recorded,
-    drive_wave,
-    end_torques_under,
-    placement,
-    rhs,
-    rhs_at,
-)
+from jaxshroud.model.rhs import Ledger, Recorded, drive_wave, end_torques_under, rhs, rhs_at
 from jaxshroud.model.series import Series, rate_of, truncated
 from jaxshroud.scene.keys import Motion
 

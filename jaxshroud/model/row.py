@@ -25,6 +25,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxshroud.model.arithmetic import ABSENT, is_absent
 from jaxshroud.model.geometry import rotation
+from jaxshroud.model.interface import placement
 from jaxshroud.model.modes import FLAT
 from jaxshroud.model.prepared import Excitation, InverseMasses, Model, State, prepared_model
 from jaxshroud.model.rhs import (
@@ -41,7 +42,6 @@ from jaxshroud.model.rhs import (
     blade_mean_square,
     blade_powers,
     contact_effects,
-    placement,
     position_at,
     twice_blade_energy,
 )
