@@ -3,27 +3,24 @@
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, sine_versine, where
 from jaxshroud.model.contact import Load
-from jaxshroud.model.friction import Slider, slider_speed
+from jaxshroud.model.contact_law import ContactLoads, Slider
 from jaxshroud.model.geometry import (
-    Case,
     ContactKinematics,
     Pose,
-    contact_rates,
 )
 from jaxshroud.model.interface import (
     EndTorques,
-    LawForces,
     LoadedContact,
     Placement,
+    contact_point,
     loaded_contact,
     placement,
     torques_along_face,
 )
-from jaxshroud.model.modes import FLAT, Mode
+from jaxshroud.model.modes import FLAT
 from jaxshroud.model.prepared import Excitation, InverseMasses, Model, State, has_torsion
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Blades
@@ -63,15 +60,6 @@ class Means(NamedTuple):
     y: Any
     sin: Any  # of theta [s]
     versine: Any  # 1 - cos(theta) [s]
-
-
-class ContactLoads(NamedTuple):
-    """What wears the faces, integrated in time."""
-
-    N: Scalar  # impulse of the normal force [N s]
-    N_slip: Scalar  # the part of it while the faces slip [N s]; 0 for smooth contact and user laws
-    time_slip: Scalar  # [s]; 0 for smooth contact and user laws
-    slip: Scalar  # path of the slider [m]; 0 for user laws
 
 
 class Recorded(NamedTuple):
@@ -154,18 +142,6 @@ def end_torques_under(
     return torques_along_face(model.mobility.joint * (left - right), loaded.forces, at, state, model)
 
 
-def _dissipated_power(
-    at: ContactKinematics, z: Motion, forces: LawForces, state: State, case: Case, model: Model
-) -> Scalar:
-    """The power that contact dissipates [W]: F times the speed of the slider; with user laws what they do not store."""
-    spring, rate = model.spring, contact_rates(at, z, case, model.reading)
-    if is_absent(spring.laws):
-        return forces.F * (forces.u_s if spring.smooth else slider_speed(rate.v, rate.u, state.mode, spring))
-    v, v_t = jnp.maximum(at.v, 0.0), where(at.v > 0, rate.v, 0.0)
-    stored = spring.laws.stored_power(v, state.u_s, v_t, forces.u_s)
-    return where(state.mode == Mode.APART, 0.0, forces.N * rate.v + forces.F * rate.u - stored)
-
-
 def blade_mean_square(x: Scalar, y: Scalar, versine: Scalar, gyration: Scalar) -> Scalar:
     """The square displacement averaged over a block: x^2 + y^2 + 4 (J_A/A) sin^2(theta/2) [m^2].
 
@@ -217,19 +193,6 @@ def displacement_moments(z: Motion) -> Moments:
     return Moments(first, jax.tree.map(lambda a: a * a, first))
 
 
-def _load_rates(
-    at: ContactKinematics, z: Motion, forces: LawForces, state: State, case: Case, model: Model
-) -> ContactLoads:
-    """The rates of the loads."""
-    spring, slips = model.spring, (state.mode == Mode.SLIP_PLUS) | (state.mode == Mode.SLIP_MINUS)
-    if not is_absent(spring.laws) or is_absent(spring.lag):
-        return ContactLoads(forces.N, ABSENT, ABSENT, ABSENT)
-    rate = contact_rates(at, z, case, model.reading)
-    speed = forces.u_s if spring.smooth else slider_speed(rate.v, rate.u, state.mode, spring)
-    N_slip, time_slip = (ABSENT, ABSENT) if spring.smooth else (where(slips, a, 0.0) for a in (forces.N, 1.0))
-    return ContactLoads(forces.N, N_slip, time_slip, abs(speed))
-
-
 def rhs(Q: Pair, now: State, model: Model, recorded: Recorded) -> tuple[StateDerivative, Integrals]:
     """The accelerations by Eq. (1) and the rates of the `recorded` integrals while the mode and the case are fixed.
 
@@ -249,10 +212,10 @@ class ContactEffects(NamedTuple):
 
 def contact_effects(place: Placement, now: State, model: Model, recorded: Recorded) -> ContactEffects:
     """The effects of contact where the position is known already."""
-    _, case, at, (forces, load) = place
-    parts = at, now.motion, forces, now, case, model
-    lost = _dissipated_power(*parts) if recorded.ledger else None
-    return ContactEffects(load, forces.u_s, lost, _load_rates(*parts) if recorded.loads else None)
+    (forces, load), law = place.loaded, model.law
+    point = contact_point(place.at, now.motion, now, place.case, model)
+    lost = law.dissipated_power(point, forces) if recorded.ledger else None
+    return ContactEffects(load, forces.u_s, lost, law.load_rates(point, forces) if recorded.loads else None)
 
 
 def rhs_at(
@@ -263,7 +226,7 @@ def rhs_at(
     ledger = None if contact.lost is None else works(z, Q, contact.lost, model)
     moments = displacement_moments(z) if recorded.moments else None
     a = accelerations(z, Q, contact.load, model)
-    if has_torsion(model) and model.spring.modal:
+    if has_torsion(model) and model.law.has_events:
         theta = jax.tree.map(
             lambda mean, own: where(now.case == FLAT, mean, own), parallel_mean(a.theta, model), a.theta
         )

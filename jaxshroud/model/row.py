@@ -73,7 +73,7 @@ class RowModel(eqx.Module):
     @property
     def turns_by_events(self) -> bool:
         """Whether contact moves from corner to corner by events, and may be flat."""
-        return self.turns and self.interfaces.spring.modal
+        return self.turns and self.interfaces.law.has_events
 
 
 def prepared_row(scene: Scene) -> RowModel:
