@@ -24,11 +24,11 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
 from jaxshroud.march.tally import ContactPeaks, ContactTimes, Counters, Impacts
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, sine_versine
+from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import free_components, free_motion, free_propagators, steady_amplitudes
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State, prepared_model
-from jaxshroud.model.rhs import ContactLoads
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.quantities import DISPLACEMENTS

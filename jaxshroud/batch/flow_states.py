@@ -10,7 +10,6 @@ from jaxshroud.march.events import place_contact
 from jaxshroud.march.locate import select
 from jaxshroud.march.tally import EventMargins
 from jaxshroud.model.arithmetic import Pair, Scalar, is_absent
-from jaxshroud.model.friction import stretch
 from jaxshroud.model.geometry import ContactKinematics
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
@@ -43,12 +42,12 @@ def canonical(state: State, scene_model: Model) -> State:
 
     Numbers on which no later motion depends are then unique, and have no tangent.
     """
-    if has_torsion(scene_model) and scene_model.spring.modal:
+    if has_torsion(scene_model) and scene_model.law.has_events:
         angles = lambda motion: (motion.theta, motion.v_theta)
         level = [select(state.case == FLAT, parallel_mean(pair, scene_model), pair) for pair in angles(state.motion)]
         state = eqx.tree_at(lambda s: angles(s.motion), state, tuple(level))
     at = place_contact(state.motion, state, scene_model)[2]
-    if is_absent(state.u_s) or scene_model.spring.flows:
+    if is_absent(state.u_s) or scene_model.law.flows:
         return state
     u_s = canonical_slider(at, state, scene_model)
     return eqx.tree_at(lambda s: s.u_s, state, u_s)
@@ -56,5 +55,5 @@ def canonical(state: State, scene_model: Model) -> State:
 
 def canonical_slider(at: ContactKinematics, state: State, scene_model: Model) -> Scalar:
     """The slider that the mode determines in slip and when apart; else that of the state."""
-    u_s = at.u - stretch(at.v, at.u, state.u_s, state.mode, scene_model.spring)
+    u_s = at.u - scene_model.law.stretch(at.v, at.u, state.u_s, state.mode)
     return jnp.where(state.mode == Mode.APART, 0.0, u_s)

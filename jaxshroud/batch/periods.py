@@ -18,7 +18,7 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.observables import energy_residual, is_unbalanced, total_energy
 from jaxshroud.march.stepper import StageGroups, alone, begin_lane, stepper_for
 from jaxshroud.march.tally import Log, Tally, left_position_at, mean_position
-from jaxshroud.model.arithmetic import filled, is_absent, traced_once
+from jaxshroud.model.arithmetic import filled, traced_once
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
 from jaxshroud.scene.keys import Motion
@@ -36,7 +36,7 @@ def whole_tree(lanes: Tree) -> Tree:
 
 def advance(lanes: LaneTree, fixed: LaneTree, method: Choices, each: EachLane, lane_of: LaneSelector = whole_tree):
     """Make one trial step of every running lane: by one kernel, or by several for the trial and for the update."""
-    stepper, groups = stepper_for(method), stage_groups(method, lane_of(fixed).model.spring.smooth)
+    stepper, groups = stepper_for(method), stage_groups(method, lane_of(fixed).model.law.is_long)
 
     def whole(lanes: LaneTree, fixed: LaneTree, each: EachLane, groups: StageGroups) -> LaneTree:
         trials = stepper.trial(lanes, fixed, method, each, groups)
@@ -65,7 +65,7 @@ def march(
     if most_trials is not None:
         return lax.fori_loop(0, most_trials, lambda _, lanes: once(lanes), lanes)
     stops = lane_of(fixed).stop
-    several = stage_groups(method, lane_of(fixed).model.spring.smooth) is not None
+    several = stage_groups(method, lane_of(fixed).model.law.is_long) is not None
     return repeated_while(lambda lanes: jnp.any(running(lane_of(lanes), stops)), once, lanes, several, passes)
 
 
@@ -229,7 +229,7 @@ def ended_pairs(
         residual = energy_residual(gain.ledger, jumps, energies - stored_before)
         works = gain.ledger.drive, gain.ledger.gross, filled(jumps.dropped, periods), residual
         logged["switched"] = jumps.springs
-        if not is_absent(models.spring.laws):  # the printed reading never balances, and other laws need no such check
+        if models.law.may_create_energy:  # the printed reading never balances, and other laws need no such check
             astray = is_unbalanced(residual, gain.ledger.gross, stored_before, energies)
     power = filled(gain.power, periods)
     log = lanes.tally.log

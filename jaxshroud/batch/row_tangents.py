@@ -116,7 +116,7 @@ def canonical_row(state: State, model: RowModel, each: EachLane) -> State:
         level = lambda a: jnp.where(flat, cluster.mean(a), a)
         motion = motion._replace(theta=level(motion.theta), v_theta=level(motion.v_theta))
     state = State(motion, u_s, state.mode, state.case)
-    if is_absent(u_s) or model.interfaces.spring.flows:
+    if is_absent(u_s) or model.interfaces.law.flows:
         return state
 
     def slider(state: State, model: Model) -> Any:

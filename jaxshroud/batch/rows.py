@@ -22,8 +22,8 @@ from jaxshroud.march.observables import contact_spring_energy, energy_residual, 
 from jaxshroud.march.row_log import tally_of_new_period
 from jaxshroud.march.row_trial import begin_row, row_trial
 from jaxshroud.march.tally import EnergyJumps, Tally, mean_position
-from jaxshroud.model.arithmetic import ABSENT, filled, is_absent
-from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.arithmetic import ABSENT, filled
+from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Ledger
 from jaxshroud.model.row import RowModel, blade_energies, blade_positions, over, pair_states, prepared_row
@@ -67,9 +67,8 @@ def carried_row(state: State, model: RowModel) -> State:
     """A user's state in the form that compiled loops carry."""
     moves = lambda name: name.removeprefix("v_") in model.parts.motion
     motion = Motion(*(a if moves(name) else ABSENT for name, a in zip(Motion._fields, state.motion, strict=True)))
-    spring = model.interfaces.spring
-    mode = jnp.full_like(state.mode, Mode.SMOOTH) if spring.smooth else state.mode
-    return State(motion, ABSENT if is_absent(spring.lag) else state.u_s, mode, state.case)
+    law = model.interfaces.law
+    return State(motion, law.carried_slider(state.u_s, state.mode), law.carried_mode(state.mode), state.case)
 
 
 def march_rows(lanes: Lane, fixed: Fixed, method: Choices, each: EachLane, passes: Int[Array, ""] | None = None) -> Any:

@@ -9,8 +9,6 @@ import numpy as np
 from jaxshroud.march.log import is_of_blades
 from jaxshroud.march.observables import ContactForces, contact_forces
 from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
-from jaxshroud.model.friction import Springs
-from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
 from jaxshroud.model.rhs import drive_wave
 from jaxshroud.programs.kept import is_traced, kept
@@ -33,19 +31,8 @@ def carried_state(state: State, model: Model) -> State:
     names = [name.removeprefix("v_") for name in Motion._fields]
     keep = lambda name, pair: tuple(pair[i] if model.parts.has(name, i) else ABSENT for i in (0, 1))
     motion = Motion(*(keep(name, pair) for name, pair in zip(names, as_pairs(state.motion), strict=True)))
-    mode = jnp.full_like(state.mode, Mode.SMOOTH) if model.spring.smooth else state.mode
-    return State(motion, _carried_slider(state, model.spring), mode, state.case)
-
-
-def _carried_slider(state: State, spring: Springs) -> Any:
-    """The slider, or the internal state of user laws, by default their initial one."""
-    laws = spring.laws
-    if is_absent(laws):
-        return ABSENT if is_absent(spring.lag) else state.u_s
-    if laws.friction is None:
-        return ABSENT
-    fits = jnp.shape(state.u_s) == laws.z.shape
-    return jnp.where(state.mode == Mode.APART, laws.z, state.u_s) if fits else laws.z
+    u_s = model.law.carried_slider(state.u_s, state.mode)
+    return State(motion, u_s, model.law.carried_mode(state.mode), state.case)
 
 
 def with_zeros(state: State) -> State:

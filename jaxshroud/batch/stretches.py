@@ -12,9 +12,10 @@ from jaxshroud.batch.states import final_states
 from jaxshroud.march.observables import ContactForces
 from jaxshroud.march.tally import ContactTimes
 from jaxshroud.model.arithmetic import is_absent
+from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import State
-from jaxshroud.model.rhs import ContactLoads, Ledger
+from jaxshroud.model.rhs import Ledger
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
 

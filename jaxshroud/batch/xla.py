@@ -42,8 +42,8 @@ STAGES_AT_ONCE = 7  # in one kernel
 STAGES_WITH_EVENTS = 4  # in one kernel with the rest of a trial
 DUAL_STAGES = 4  # in one kernel with tangents
 DUAL_NUMBERS = 160  # of values and tangents in one kernel; with more, two kernels are faster
-SMOOTH_STAGE_SHARE = (
-    0.75  # of these stages for smooth contact, whose laws are longer: with more, order 8 is 60 times slower
+LONG_LAW_STAGE_SHARE = (
+    0.75  # of these stages for laws that are long, as smooth contact's: with more, order 8 is 60 times slower
 )
 
 
@@ -230,7 +230,7 @@ def _probe_function(lane: Any) -> dict[str, Any]:
     return {"state": (x, v), "count": n, "held": held, "passed": passed, "done": n > 6}
 
 
-def stage_groups(method: Choices, smooth: bool) -> StageGroups | None:
+def stage_groups(method: Choices, long_law: bool) -> StageGroups | None:
     """The stages after which a trial is split into kernels; None where trial and update are one kernel together."""
     if stepper_for(method).large_kernels:
         return ()
@@ -238,7 +238,7 @@ def stage_groups(method: Choices, smooth: bool) -> StageGroups | None:
     if size <= STAGES_WITH_EVENTS and not method.derivative:
         return () if method.has_long_tally else None
     at_once = DUAL_STAGES if method.derivative else STAGES_AT_ONCE
-    at_once = int(at_once * SMOOTH_STAGE_SHARE) if smooth else at_once
+    at_once = int(at_once * LONG_LAW_STAGE_SHARE) if long_law else at_once
     return tuple(range(at_once, size, at_once))
 
 

@@ -15,13 +15,13 @@ from jaxshroud.march.events import (
     Transition,
     any_of,
     evaluate_guards,
-    starts_in_overlap,
     transition,
 )
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Lift
 from jaxshroud.march.tally import EnergyJumps, EventMargins, Tally
 from jaxshroud.model.arithmetic import ANGLE_RANGE, Pair, Scalar, where
+from jaxshroud.model.contact_law import starts_in_overlap
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State, has_torsion
 from jaxshroud.scene.keys import Motion
@@ -125,7 +125,7 @@ def change_at(
     lift, apart = fire & (kind == EventKind.LIFT), start.mode == Mode.APART
     jumps = jax.tree.map(lambda a: where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
     onset = lift & apart
-    return EventChange(view, change, Lift(onset, onset & ~starts_in_overlap(view, delay), lift & ~apart), jumps)
+    return EventChange(view, change, Lift(onset, onset & ~starts_in_overlap(view.at, delay), lift & ~apart), jumps)
 
 
 def updated_margins(

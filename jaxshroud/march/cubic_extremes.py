@@ -11,12 +11,11 @@ from jaxshroud.march.events import place_contact
 from jaxshroud.march.locate import HermiteCubic
 from jaxshroud.march.observable import BladeTrial, InterfaceTrial
 from jaxshroud.march.tally import ContactPeaks, DisplacementRange, StepExtrema, displacements_of
-from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, where
-from jaxshroud.model.friction import normal_force, slip_sign
+from jaxshroud.model.arithmetic import Scalar, is_absent, where
 from jaxshroud.model.geometry import contact_rates
+from jaxshroud.model.interface import law_forces
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.model.rhs import law_forces
 from jaxshroud.scene.keys import Motion
 
 
@@ -70,8 +69,8 @@ class _EndForces(NamedTuple):
     v: Scalar
     v_rate: Scalar
     N: Scalar
-    F: Scalar  # absent without friction, like its rate
-    F_rate: Scalar
+    F: Scalar  # absent without friction
+    F_rate: Scalar  # absent where it is not known
 
 
 def updated_peaks(before: ContactPeaks, trial: InterfaceTrial) -> ContactPeaks:
@@ -79,12 +78,11 @@ def updated_peaks(before: ContactPeaks, trial: InterfaceTrial) -> ContactPeaks:
     state, h, model = trial.start, trial.h, trial.model
     a, b = _end_forces(state.motion, state, model), _end_forces(trial.end, state, model)
     deepest = _cubic_peak(HermiteCubic(a.v, b.v, a.v_rate * h, b.v_rate * h))
-    own = not is_absent(model.spring.laws)
-    N = jnp.maximum(before.N, jnp.maximum(a.N, b.N) if own else normal_force(deepest, state.mode, model.spring))
+    N = jnp.maximum(before.N, model.law.largest_normal_force(deepest, state.mode, (a.N, b.N)))
     if is_absent(a.F):
         return ContactPeaks(N, before.F)
     ends = jnp.maximum(jnp.abs(a.F), jnp.abs(b.F))
-    if not model.spring.flows:
+    if not is_absent(a.F_rate):
         for sign in (1.0, -1.0):
             ends = jnp.maximum(
                 ends, _cubic_peak(HermiteCubic(sign * a.F, sign * b.F, sign * a.F_rate * h, sign * b.F_rate * h))
@@ -150,10 +148,6 @@ def _cubic_peak(cubic: HermiteCubic) -> Scalar:
 
 def _end_forces(z: Motion, state: State, model: Model) -> _EndForces:
     _, case, at = place_contact(z, state, model)
-    rate, spring = contact_rates(at, z, case, model.reading), model.spring
+    rate = contact_rates(at, z, case, model.reading)
     N, F, _ = law_forces(at, z, state, case, model)
-    if spring.flows:
-        return _EndForces(at.v, rate.v, N, F, ABSENT)
-    slipping = spring.mu * (slip_sign(state.mode, at.v.dtype) * spring.k * rate.v)
-    F_rate = F if is_absent(F) else where(state.mode == Mode.STICK, spring.k_d * rate.u, slipping)
-    return _EndForces(at.v, rate.v, N, F, F_rate)
+    return _EndForces(at.v, rate.v, N, F, model.law.friction_rate(rate, state.mode))

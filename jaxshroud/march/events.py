@@ -35,13 +35,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
-from jaxshroud.model.friction import Springs, contact_energy, slider_speed, slip_sign, stretch
+from jaxshroud.model.contact_law import ContactLaw, GuardCrossing
 from jaxshroud.model.geometry import (
     Case,
     ContactKinematics,
     ContactRates,
     Pose,
-    blended_case,
     contact_kinematics,
     contact_rates,
     corner_case,
@@ -50,9 +49,10 @@ from jaxshroud.model.geometry import (
     pose,
     tip_is_left,
 )
+from jaxshroud.model.interface import EndTorques
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import EndTorques, end_torques, parallel_mean, stored_energy
+from jaxshroud.model.rhs import end_torques, parallel_mean, stored_energy
 from jaxshroud.scene.keys import Motion
 
 FLAT_RETURN = 1 / 24  # of a step: a rocking motion that returns sooner than this counts as flat contact
@@ -77,10 +77,10 @@ def event_kinds(four: tuple[Any, Any, Any, Any]) -> list[EventKind]:
 
 def model_events(model: Model) -> list[EventKind]:
     """The kinds of events that a model has."""
-    if not model.spring.modal:
+    if not model.law.has_events:
         return []
     corners = [EventKind.TURN, EventKind.HEIGHT] if has_torsion(model) else []
-    return [EventKind.LIFT, *corners, *([] if is_absent(model.spring.lag) else [EventKind.RUB])]
+    return [EventKind.LIFT, *corners, *([EventKind.RUB] if model.law.has_stick else [])]
 
 
 class Guards(NamedTuple):
@@ -118,14 +118,14 @@ def guards_at(
     """`evaluate_guards` of placed blocks under known torques."""
     q, case, at = placed
     rate = contact_rates(at, z, case, model.reading)
-    return GuardEvaluation(q, at, rate, case, torques, guard_values(at, rate, torques, state, case, model.spring))
+    return GuardEvaluation(q, at, rate, case, torques, guard_values(at, rate, torques, state, case, model.law))
 
 
 def place_contact(z: Motion, state: State, model: Model) -> tuple[Pose, Any, ContactKinematics]:
     """The pose, the case and the contact kinematics of the motion `z` in the mode of `state`."""
     q = pose(z.x, z.y, z.theta)
-    smooth = model.spring.smooth and has_torsion(model)
-    case = blended_case(q, model.block, model.spring.width) if smooth else _case_at_pose(q, state, model)
+    blend = model.law.case_blend(q, model.block) if has_torsion(model) else None
+    case = _case_at_pose(q, state, model) if blend is None else blend
     return q, case, contact_kinematics(q, case, model.block, model.reading)
 
 
@@ -136,11 +136,11 @@ def _case_at_pose(q: Pose, state: State, model: Model) -> Int[Array, ""]:
 
 
 def guard_values(
-    at: ContactKinematics, rate: ContactRates, torques: EndTorques, state: State, case: Int[Array, ""], spring: Springs
+    at: ContactKinematics, rate: ContactRates, torques: EndTorques, state: State, case: Int[Array, ""], law: ContactLaw
 ) -> Guards:
     """The values and the rates of the four guards."""
     apart, flat = state.mode == Mode.APART, case == FLAT
-    values, rates = ([a] for a in _lift_guard(at, rate, apart, spring))
+    values, rates = ([a] for a in law.lift_guard(at, rate, apart))
     if is_absent(at.turn):
         values, rates = [*values, ABSENT, ABSENT], [*rates, ABSENT, ABSENT]
     else:
@@ -149,21 +149,8 @@ def guard_values(
         values += map(idle, switch_guards(at, torques, case))
         turn, height = switch_signs(case)
         rates += [still(turn * rate.turn), still(height * rate.height)]
-    rub, rub_rate, slip_path = _friction_guard(at, rate, state, spring)
+    rub, rub_rate, slip_path = law.friction_guard(at, rate, state.u_s, state.mode)
     return Guards((*values, rub), (*rates, rub_rate), slip_path)  # pyright: ignore[reportArgumentType]
-
-
-def _lift_guard(
-    at: ContactKinematics, rate: ContactRates, apart: Bool[Array, ""], spring: Springs
-) -> tuple[Scalar, Scalar]:
-    """The value and the rate of the guard LIFT: v when apart, -v in contact. User laws must push as well."""
-    lift = where(apart, 1.0, -1.0)
-    if is_absent(spring.laws):
-        return lift * at.v, lift * rate.v
-    push = spring.laws.push(jnp.maximum(at.v, 0.0), rate.v) / spring.k  # a length, as v is
-    sign = where((at.v > 0) & (push <= 0), -1.0, 1.0)  # apart although the corners overlap
-    in_contact = -jnp.minimum(at.v, push), where(push < at.v, 0.0, -rate.v)
-    return where(apart, sign * at.v, in_contact[0]), where(apart, sign * rate.v, in_contact[1])
 
 
 def switch_signs(case: Case) -> tuple[Scalar, Scalar]:
@@ -177,26 +164,6 @@ def switch_guards(at: ContactKinematics, torques: EndTorques, case: Case) -> tup
     return (
         where(flat, -torques.lower, turn * at.turn - at.turn_rounding),
         where(flat, torques.upper, height * at.height),
-    )
-
-
-def _friction_guard(
-    at: ContactKinematics, rate: ContactRates, state: State, spring: Springs
-) -> tuple[Scalar, Scalar, Scalar]:
-    """The value, the rate and the integral of the guard of the friction element."""
-    if is_absent(spring.lag):
-        return ABSENT, ABSENT, ABSENT
-    apart, stick = state.mode == Mode.APART, state.mode == Mode.STICK
-    w = at.u - state.u_s
-    sigma = slip_sign(state.mode, at.v.dtype)
-    rubs = spring.mu > 0
-    # stick may begin at its limit, where a rounding error must not count as slip
-    in_stick = jnp.abs(w) - spring.lag * at.v - 2 * at.rounding, jnp.sign(w) * rate.u - spring.lag * rate.v
-    in_slip = -sigma * slider_speed(rate.v, rate.u, state.mode, spring)
-    return (
-        where(stick, in_stick[0], where(rubs & ~apart, in_slip, -1.0)),
-        where(stick, in_stick[1], 0.0),
-        where(stick | apart | ~rubs, 0.0, -sigma * (at.u - sigma * spring.lag * at.v)),
     )
 
 
@@ -215,11 +182,11 @@ def first_kind(violated: Violated) -> Int[Array, ""]:
 
 
 def forces_jump(kind: Int[Array, ""], state: State, model: Model) -> Bool[Array, ""]:
-    """Whether the forces jump at an event of `kind`: at a loaded case switch, or at any onset of user laws."""
+    """Whether the forces jump at an event of `kind`: at a loaded case switch, or at any onset of some laws."""
     jumps = jnp.zeros_like(kind, bool)
     if has_torsion(model):
         jumps = ((kind == EventKind.TURN) | (kind == EventKind.HEIGHT)) & (state.case != FLAT)
-    return jumps if is_absent(model.spring.laws) else jumps | (kind == EventKind.LIFT)
+    return jumps | (kind == EventKind.LIFT) if model.law.jumps_at_onset else jumps
 
 
 class Transition(NamedTuple):
@@ -247,7 +214,8 @@ def transition(
 
     `rocks`: the faces are known to turn to and fro within the step, so that their next turn leads into flat contact.
     """
-    spring, at, unprojected = model.spring, view.at, z
+    law, at, unprojected = model.law, view.at, z
+    crossing = GuardCrossing(at, view.rate, state.u_s, state.mode, delay)
     case = _next_case(state, view, kind, h, model, rocks) if has_torsion(model) else view.case
     becomes_flat = (case == FLAT) & (state.case != FLAT)
     if has_torsion(model):
@@ -256,20 +224,15 @@ def transition(
 
     mode = where(
         kind == EventKind.LIFT,
-        where(state.mode == Mode.APART, _onset_mode(view, delay, spring), jnp.int32(Mode.APART)),
-        where(kind == EventKind.RUB, _mode_after_rub(at, state, spring), state.mode),
+        where(state.mode == Mode.APART, law.onset_mode(crossing), jnp.int32(Mode.APART)),
+        where(kind == EventKind.RUB, law.mode_after_rub(crossing), state.mode),
     )
-    w = stretch(at.v, at.u, state.u_s, state.mode, spring)
-    u_s = ABSENT
-    if not is_absent(spring.laws) and not is_absent(state.u_s):
-        in_contact = (state.mode != Mode.APART) & (mode != Mode.APART)
-        u_s = where(in_contact, state.u_s, spring.laws.z)
-    elif not is_absent(state.u_s):
-        u_s = where(state.mode == Mode.APART, _slider_at_onset(view, delay), new.u - w)
+    w = law.stretch(at.v, at.u, state.u_s, state.mode)
+    u_s = law.slider_after(crossing, w, mode, new.u)
     after = State(z, u_s, mode, where(mode == Mode.APART, 0, case).astype(jnp.int32))
-    guards = guard_values(new, contact_rates(new, z, case, model.reading), view.torques, after, case, spring)
-    energy = contact_energy(new.v, stretch(new.v, new.u, u_s, mode, spring), mode, spring)
-    energy = energy - contact_energy(at.v, w, state.mode, spring)
+    guards = guard_values(new, contact_rates(new, z, case, model.reading), view.torques, after, case, law)
+    energy = law.stored_energy(new.v, law.stretch(new.v, new.u, u_s, mode), mode)
+    energy = energy - law.stored_energy(at.v, w, state.mode)
     dropped = ABSENT
     if has_torsion(model):
         dropped = where(becomes_flat, stored_energy(unprojected, model) - stored_energy(z, model), 0.0)
@@ -305,35 +268,3 @@ def _returns_soon(view: GuardEvaluation, h: Scalar, model: Model) -> Bool[Array,
     lower, upper = view.torques
     returns = 2 * jnp.abs(view.rate.turn) * model.mobility.joint * (lower - upper)  # times -lower * upper
     return (lower > 0) & (upper < 0) & (returns < FLAT_RETURN * h * -lower * upper)
-
-
-def _onset_mode(view: GuardEvaluation, delay: Scalar, spring: Springs) -> Int[Array, ""]:
-    """The mode as contact begins: by the rates where v = 0, and stick where the blocks start in overlap.
-
-    In overlap the element is unstretched under a normal force: k_d abs(w) = 0 is less than mu N at any rates.
-    """
-    rate = view.rate
-    if is_absent(spring.lag):
-        return jnp.int32(Mode.SLIP_PLUS)
-    slips = ((jnp.abs(rate.u) > spring.lag * rate.v) & ~starts_in_overlap(view, delay)) | (spring.mu == 0)
-    sliding = where(rate.u < 0, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
-    return where(slips, sliding, jnp.int32(Mode.STICK))
-
-
-def starts_in_overlap(view: GuardEvaluation, delay: Scalar) -> Bool[Array, ""]:
-    """Whether an onset is that of blocks which start pressed together, rather than one from a gap."""
-    return (delay == 0) & (view.at.v > view.at.rounding)
-
-
-def _mode_after_rub(at: ContactKinematics, state: State, spring: Springs) -> Int[Array, ""]:
-    if is_absent(spring.lag):
-        return state.mode
-    sliding = where(at.u < state.u_s, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
-    return where(state.mode == Mode.STICK, sliding, jnp.int32(Mode.STICK))
-
-
-def _slider_at_onset(view: GuardEvaluation, delay: Scalar) -> Scalar:
-    """The slide u where v = 0, extrapolated back from the located time by the remaining penetration."""
-    v, rate = view.at.v, view.rate
-    closing = rate.v > 0
-    return view.at.u - rate.u * where(closing, jnp.minimum(v / where(closing, rate.v, 1.0), delay), 0.0)

@@ -146,7 +146,7 @@ FORCES = Observable(
 
 
 def _updated_impacts(before: Impacts, trial: InterfaceTrial) -> Impacts:
-    if not trial.model.spring.modal:
+    if not trial.model.law.has_events:
         return before  # without events contact neither begins nor ends at an instant
     loads, (_, impact, separation) = trial.loads, trial.lift
     assert loads is not None  # they are integrated with the forces

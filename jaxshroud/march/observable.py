@@ -13,8 +13,8 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.events import Transition
 from jaxshroud.model.arithmetic import Scalar
+from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.prepared import Model
-from jaxshroud.model.rhs import ContactLoads
 from jaxshroud.scene.keys import Motion
 
 

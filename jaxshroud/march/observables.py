@@ -9,11 +9,12 @@ from jaxshroud.march.carry import PerLane
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.tally import EnergyJumps
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, blended, where
-from jaxshroud.model.friction import Slider, contact_energy, stretch
+from jaxshroud.model.contact_law import Slider
 from jaxshroud.model.geometry import Case, ContactKinematics, Pose, is_upper, tip_is_left
+from jaxshroud.model.interface import EndTorques, law_forces
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import EndTorques, Ledger, end_torques, law_forces, stored_energy
+from jaxshroud.model.rhs import Ledger, end_torques, stored_energy
 
 
 class ContactForces(NamedTuple):
@@ -45,7 +46,7 @@ def contact_forces_at(
     point = ABSENT
     if has_torsion(model):
         place = _tip_position(at, case, model.block.l_ab)
-        if model.spring.modal:
+        if model.law.has_events:
             place = where(case == FLAT, _flat_contact_position(at, torques, model), place)
         point = where(state.mode == Mode.APART, jnp.nan, place)
     return ContactForces(N, F, at.v, at.u, point)
@@ -81,16 +82,16 @@ def total_energy(state: State, model: Model) -> Scalar:
 def contact_spring_energy(state: State, model: Model) -> Scalar:
     """The energy of the contact springs [J]."""
     at = place_contact(state.motion, state, model)[2]
-    w = stretch(at.v, at.u, state.u_s, state.mode, model.spring)
-    return contact_energy(at.v, w, state.mode, model.spring)
+    w = model.law.stretch(at.v, at.u, state.u_s, state.mode)
+    return model.law.stored_energy(at.v, w, state.mode)
 
 
 def slider_position(state: State, model: Model) -> Slider:
     """The slider, which compiled loops do not carry along in slip [m]; the state itself of laws that integrate it."""
-    if model.spring.flows:
+    if model.law.flows:
         return state.u_s
     at = place_contact(state.motion, state, model)[2]
-    return at.u - stretch(at.v, at.u, state.u_s, state.mode, model.spring)
+    return at.u - model.law.stretch(at.v, at.u, state.u_s, state.mode)
 
 
 def energy_residual(ledger: Ledger, jumps: EnergyJumps, stored: PerLane) -> PerLane:

@@ -136,5 +136,5 @@ def _stage_state(start: State, h: Scalar, weights, slopes: Any, model: Model) ->
     weights, slopes = zip(*used, strict=True)
     add = lambda z, *k: plus(z, times(h, reduce(plus, map(times, weights, k), 0)))
     motion = jax.tree.map(add, start.motion, *(k.motion for k in slopes))
-    u_s = jax.tree.map(add, start.u_s, *(k.u_s for k in slopes)) if model.spring.flows else start.u_s
+    u_s = jax.tree.map(add, start.u_s, *(k.u_s for k in slopes)) if model.law.flows else start.u_s
     return State(motion, u_s, start.mode, start.case)

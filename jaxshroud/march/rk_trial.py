@@ -38,7 +38,7 @@ from jaxshroud.march.observable import BladeTrial, Ending, InterfaceTrial, Lift
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
 from jaxshroud.march.search import Search, following_search, new_search
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where, zeros_for
-from jaxshroud.model.friction import Slider
+from jaxshroud.model.contact_law import Slider
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.scene.keys import Motion
@@ -54,7 +54,7 @@ def begin_rk(state: State, model: Model, method: Choices) -> Lane:
     zero, step = jnp.zeros_like(state.motion.x[0]), jnp.zeros((), jnp.int32)
     tally = new_tally(state, model, method)
     guards = None
-    if model.spring.modal:
+    if model.law.has_events:
         guards = zeros_for(evaluate_guards, state.motion, (zero, zero), state, model).guards
     search = new_search(zero, zero, jnp.ones((), bool), step, method.locate, method.derivative)
     return Lane(state, step, search, guards, tally, step)
@@ -115,7 +115,7 @@ def decide_trial(lane: Lane, end: StepEnd, fixed: Fixed[Model], method: Choices)
     lane, end, fixed = lax.stop_gradient((lane, end, fixed))
     model, grid, stop, search = fixed.model, fixed.grid, fixed.stop, lane.search
     active, not_finite, h = running(lane, stop), ~is_finite(end.state.motion), grid.h
-    if not model.spring.modal:
+    if not model.law.has_events:
         no = jnp.zeros_like(active)
         return Decision(active, no, no, jnp.int32(EventKind.LIFT), no, no, not_finite, jnp.zeros_like(h), search)
     assert lane.guards is not None
@@ -150,7 +150,7 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Mo
     search, start = lane.search, lane.state
     accept, fire, refine, kind = decision.accept, decision.fire, decision.refine, decision.kind
     h = trial_interval(lane, grid).h
-    if not model.spring.modal:
+    if not model.law.has_events:
         return _apply_without_events(lane, end, decision, fixed, method)
     state, Q, gain, _ = end
     repeated = decision.search._replace(done=search.done)  # which may have a derivative
@@ -218,7 +218,7 @@ def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fi
     """The end of a trial where the guard of `kind` vanishes, with derivatives: state, wave, integrals and length."""
     assert end.slope is not None
     model, grid, start, length = fixed.model, fixed.grid, lane.state, lane.search.length
-    flowing = lambda state: state.u_s if model.spring.flows else ABSENT
+    flowing = lambda state: state.u_s if model.law.flows else ABSENT
 
     def guard(z: Motion, Q: Pair, u_s: Slider) -> Scalar:
         at = _with_slider_of(start, end.state) if is_absent(u_s) else State(start.motion, u_s, start.mode, start.case)
@@ -234,4 +234,4 @@ def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fi
         value,
         rate,
     )
-    return State(z, u_s if model.spring.flows else start.u_s, start.mode, start.case), Q, gain, length
+    return State(z, u_s if model.law.flows else start.u_s, start.mode, start.case), Q, gain, length

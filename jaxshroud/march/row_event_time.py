@@ -73,7 +73,7 @@ def _at_root(
     each: Each,
 ) -> tuple[RowStepEnd, OfLanes]:
     """`differentiable_event_end` where some of the lanes end at a root."""
-    flows = fixed.model.interfaces.spring.flows
+    flows = fixed.model.interfaces.law.flows
     moving = lambda end: (end.state.motion, end.state.u_s if flows else ABSENT, end.gain)
 
     def guard(end: RowStepEnd, fixed: Fixed[RowModel]) -> OfLanes:

@@ -12,8 +12,9 @@ from jaxshroud.march.events import (
 from jaxshroud.march.observables import ContactForces, contact_forces_at
 from jaxshroud.model.arithmetic import ABSENT, Absent, Scalar, is_absent
 from jaxshroud.model.geometry import ContactKinematics
+from jaxshroud.model.interface import EndTorques, law_forces, torques_along_face
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.model.rhs import EndTorques, Recorded, law_forces, torques_along_face
+from jaxshroud.model.rhs import Recorded
 from jaxshroud.model.row import (
     Each,
     OfInterfaces,

@@ -50,7 +50,7 @@ def row_step(
 
     first = jax.tree.map(lambda a: a[0], at_stages)
     nothing = zeros_for(lambda: row_rhs(first, start, cluster, model, method.recorded, each)[1])
-    u_s = start.u_s if model.interfaces.spring.flows else ABSENT
+    u_s = start.u_s if model.interfaces.law.flows else ABSENT
     none = jax.tree.map(lambda a: jnp.zeros((stages, *a.shape), a.dtype), (start.motion, u_s))
     slopes, gain = jax.lax.fori_loop(0, stages, stage, (none, nothing))
     gain = jax.tree.map(lambda g: jax.lax.broadcast_to_rank(h, g.ndim) * g, gain)
@@ -62,5 +62,5 @@ def _advanced(start: State, h: OfLanes, weights: Array, slopes: tuple[Motion, An
     by_stage = weights[:, None, None]
     add = lambda z, k: z + h[None] * jnp.sum(by_stage * k, axis=0)
     motion = jax.tree.map(add, start.motion, slopes[0])
-    u_s = add(start.u_s, slopes[1]) if model.interfaces.spring.flows else start.u_s
+    u_s = add(start.u_s, slopes[1]) if model.interfaces.law.flows else start.u_s
     return State(motion, u_s, start.mode, start.case)

@@ -69,7 +69,7 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lan
     zero_step = interval_in_step(count, lanes, lanes, TimeGrid(lanes, lanes, lanes))
     nothing = zeros_for(lambda: row_step(zero_step, state, clusters_of(state, model), model, method, each).gain)
     guards = None
-    if model.interfaces.spring.modal:
+    if model.interfaces.law.has_events:
         guards = zeros_for(lambda: row_guards(state, (lanes, lanes), model, each))
     log = None if method.derivative else new_row_log(state, at, model, method, each)
     margins = no_margins(at) if method.margins else None
@@ -166,7 +166,7 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     cluster = clusters_of(lane.state, model)
     interval = trial_interval(lane, grid)
     end = row_step(interval, lane.state, cluster, model, method, each)
-    if not model.interfaces.spring.modal:
+    if not model.interfaces.law.has_events:
         return _without_events(lane, end, running(lane, stop), interval.h, model, method, each)
     verdict = judge_row_trial(lane, end, fixed, method, each)
     decision, search = verdict.decision, lane.search

@@ -12,7 +12,7 @@ from jaxshroud.march.locate import HermiteCubic
 from jaxshroud.march.tally import ContactPeaks, DisplacementRange, StepExtrema, displacements_of
 from jaxshroud.march.taylor_events import TRIAL_PARTS, Coefficients
 from jaxshroud.model.arithmetic import Scalar, is_absent, where
-from jaxshroud.model.friction import Springs, normal_force
+from jaxshroud.model.contact_law import LinearLaw
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import State
 from jaxshroud.model.series import Series, polynomial_value, polynomial_value_and_rate
@@ -29,7 +29,7 @@ class ContactSeries(NamedTuple):
     end: Scalar  # the end of the trial [rad]
     start: State
     onset: Bool[Array, ""]  # the trial ends in an onset
-    spring: Springs
+    law: LinearLaw
 
 
 class MotionSeries(NamedTuple):
@@ -87,13 +87,13 @@ def _polynomial_extent_of(c: Coefficients, s: Scalar) -> Extent:
 
 def taylor_peaks(inside: ContactSeries) -> ContactPeaks:
     """The largest forces [N]."""
-    state, spring, order, s = inside.start, inside.spring, inside.order, inside.end
-    N = normal_force(_polynomial_maximum(inside.v.coefficients(order - 1), s), state.mode, spring)
-    if is_absent(spring.lag):
+    state, law, order, s = inside.start, inside.law, inside.order, inside.end
+    N = law.normal_force(_polynomial_maximum(inside.v.coefficients(order - 1), s), state.mode)
+    if not law.has_stick:
         return ContactPeaks(N, jnp.zeros_like(N))
     w = (inside.u - state.u_s).coefficients(order - 1)
-    stuck = spring.k_d * jnp.maximum(_polynomial_maximum(w, s), _polynomial_maximum(_negated(w), s))
-    return ContactPeaks(N, where(state.mode == Mode.STICK, stuck, spring.mu * N))
+    size = jnp.maximum(_polynomial_maximum(w, s), _polynomial_maximum(_negated(w), s))
+    return ContactPeaks(N, law.largest_friction_force(size, N, state.mode))
 
 
 def taylor_extrema(inside: ContactSeries) -> StepExtrema:

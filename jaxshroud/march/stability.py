@@ -16,9 +16,10 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxshroud.march.method import StepCount
 from jaxshroud.march.tableau import MIN_STEPS, RK4, Tableau, TaylorOptions
 from jaxshroud.model.arithmetic import Scalar, filled
+from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.geometry import Corners, contact_kinematics, corners, pose
 from jaxshroud.model.linear import steady_amplitudes
-from jaxshroud.model.prepared import springs
+from jaxshroud.model.prepared import prepared_law
 from jaxshroud.model.row import pair_at
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.capabilities import require_capability
@@ -75,14 +76,13 @@ class _Stiffness(NamedTuple):
 
 
 def _stiffness_of(scene: Scene) -> _Stiffness:
-    b, spring = scene.blades, springs(scene)
+    b, law = scene.blades, prepared_law(scene)
     block = corners(scene.shroud, scene.contact.reading)
     mass = jnp.concatenate([b.m, b.inertia_y, b.I])
     moves = jnp.array([scene.parts.has(name, i) for name in ("x", "y", "theta") for i in (0, 1)])
     mobility = jnp.where(moves, 1 / mass, 0.0)
     blades = jnp.diag(jnp.concatenate([b.k_x, b.k_y, b.k_T]))
-    k, k_d, mu, haste = filled((spring.k, spring.k_d, spring.mu, spring.haste), mass[0])
-    k_d = scene.friction.k_d if scene.parts.contact == "own" else jnp.where(mu > 0, k_d, 0.0)
+    k, k_d, haste = filled((law.normal_stiffness, law.tangential_stiffness, law.slider_haste), mass[0])
 
     def touching(case: Int[Array, ""]) -> Float[Array, "6 6"]:
         v_q, u_q = contact_gradients(case, block, mass)
@@ -92,24 +92,16 @@ def _stiffness_of(scene: Scene) -> _Stiffness:
     damping = jnp.concatenate([b.c_x, b.c_y, b.c_T]) * mobility / 2
     excess = damping**2 - jnp.diag(blades) * mobility
     fading = jnp.max(jnp.where(excess > 0, damping + jnp.sqrt(jnp.maximum(excess, 0.0)), 0.0))
-    return _Stiffness(stiffness * jnp.sqrt(jnp.outer(mobility, mobility))[None], fading, haste, _relaxation(scene))
+    return _Stiffness(stiffness * jnp.sqrt(jnp.outer(mobility, mobility))[None], fading, haste, _relaxation(law, scene))
 
 
-def _relaxation(scene: Scene) -> Scalar:
-    """The fastest relaxation rate of the state of a user friction law: unloaded, at the speed of the free motion."""
-    laws = scene.laws
-    if laws is None or laws.friction is None:
+def _relaxation(law: ContactLaw, scene: Scene) -> Scalar:
+    """The fastest relaxation rate of the state of a user friction law, at the speed of the free motion."""
+    if not law.relaxes:
         return jnp.zeros_like(scene.drive.omega)
     free, lever = steady_amplitudes(scene), (scene.shroud.l_oa + scene.shroud.l_ab) / 2
     reach = jnp.sum(jnp.abs(free.x) + jnp.abs(free.y) + lever * jnp.abs(free.theta))
-    speed = scene.drive.omega * (reach + jnp.abs(scene.shroud.gap))
-    z = jnp.asarray(laws.z, speed.dtype)
-
-    def rate(u_t: Scalar) -> Scalar:
-        by_z = jax.jacfwd(lambda z: jnp.ravel(laws.rub(z, u_t, jnp.zeros_like(u_t))[1]))(z)
-        return jnp.max(jnp.sum(jnp.abs(by_z.reshape(z.size, z.size)), axis=-1))
-
-    return jnp.maximum(rate(speed), rate(-speed))
+    return law.relaxation(scene.drive.omega * (reach + jnp.abs(scene.shroud.gap)))
 
 
 def _frequencies(of: _Stiffness, xp: ModuleType, eigenvalues: Callable[[Any], Any]) -> tuple[Any, Any]:

@@ -11,21 +11,12 @@ from jaxtyping import Array, Int
 from jaxshroud.march.carry import Fixed, Lane
 from jaxshroud.march.events import EventKind, place_contact, switch_guards
 from jaxshroud.model.arithmetic import Pair, Scalar, is_absent, sincos_turns, where
-from jaxshroud.model.friction import slider_speed, slip_sign
+from jaxshroud.model.contact_law import linear_law
 from jaxshroud.model.geometry import ContactKinematics, Pose, contact_rates
+from jaxshroud.model.interface import EndTorques, Placement, placement
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import (
-    EndTorques,
-    Ledger,
-    Placement,
-    Recorded,
-    drive_wave,
-    end_torques_under,
-    placement,
-    rhs,
-    rhs_at,
-)
+from jaxshroud.model.rhs import Ledger, Recorded, drive_wave, end_torques_under, rhs, rhs_at
 from jaxshroud.model.series import Series, rate_of, truncated
 from jaxshroud.scene.keys import Motion
 
@@ -92,7 +83,7 @@ def per_radian(model: Model, unit: Scalar) -> Model:
     """The model with time in units of `unit` seconds: masses stay, and forces are in kg m / unit^2."""
     forces = lambda m: (m.blades.k_x, m.blades.k_y, m.blades.k_T, m.drive.F_x, m.drive.F_y, m.drive.M_0)
     dampers = lambda m: (m.blades.c_x, m.blades.c_y, m.blades.c_T)
-    springs = lambda m: (m.spring.k, m.spring.k_d)
+    springs = lambda m: linear_law(m.law).stiffnesses
     for places, factor in ((forces, unit * unit), (dampers, unit), (springs, unit * unit)):
         scaled = jax.tree.map(lambda a, factor=factor: a * factor, places(model))
         model = eqx.tree_at(places, model, scaled, is_leaf=is_absent)
@@ -128,19 +119,13 @@ def _switch_series(Q: Pair, place: Placement, now: State, model: Model, order: i
     leans = EndTorques(*(truncated(a, order - 2) for a in torques))
     turn, height = switch_guards(at._replace(height=truncated(at.height, order - 1)), leans, now.case)
     # where contact ends, LIFT is first
-    flat, torque = now.case == FLAT, model.spring.k * model.block.l_ab * at.rounding
+    flat, torque = now.case == FLAT, model.law.normal_stiffness * model.block.l_ab * at.rounding
     slack = where(flat, torque, 0.0), where(flat, torque, at.rounding)
     return [(EventKind.TURN, turn - slack[0]), (EventKind.HEIGHT, height - slack[1])]
 
 
 def _friction_series(at: ContactKinematics, now: State, model: Model) -> list[GuardSeries]:
-    """The guards of the friction element: one for each direction in stick; slip needs the first only."""
-    spring = model.spring
-    if is_absent(spring.lag):
-        return []
-    apart, stick = now.mode == Mode.APART, now.mode == Mode.STICK
-    w, limit = at.u - now.u_s, spring.lag * at.v + 2 * at.rounding  # stick may begin at its limit
+    """The guards of the friction element."""
     rate = contact_rates(at, now.motion, now.case, model.reading)
-    slipping = -slip_sign(now.mode, at.v.dtype) * slider_speed(rate.v, rate.u, now.mode, spring)
-    other = where(apart | (spring.mu <= 0), -1.0, slipping)
-    return [(EventKind.RUB, where(stick, w - limit, other)), (EventKind.RUB, where(stick, -w - limit, -1.0))]
+    guards = linear_law(model.law).friction_series(at, rate, now.u_s, now.mode)
+    return [(EventKind.RUB, guard) for guard in guards]

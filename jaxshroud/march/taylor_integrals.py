@@ -12,10 +12,10 @@ from numpy.polynomial.legendre import Legendre
 from jaxshroud.march.tableau import TOLERANCE_RANGE
 from jaxshroud.march.taylor_expansion import TaylorExpansion
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
-from jaxshroud.model.friction import Springs, normal_force, slider_speed
+from jaxshroud.model.contact_law import ContactLoads, LinearLaw
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import State
-from jaxshroud.model.rhs import ContactLoads, Ledger, Means, Moments, mean_square
+from jaxshroud.model.rhs import Ledger, Means, Moments, mean_square
 from jaxshroud.model.series import Series, polynomial_value
 
 EXTRA_WORK_TERMS = 4  # further terms of the works: without them the error of squares is 100 times the tolerance
@@ -76,14 +76,14 @@ def _integrated_square(coefficients: tuple[Scalar, ...], order: int, s: Scalar) 
     return s * sum(w * polynomial_value(coefficients, s * t) ** 2 for t, w in rule)
 
 
-def integrated_loads(expansion: TaylorExpansion, order: int, s: Scalar, state: State, spring: Springs) -> ContactLoads:
+def integrated_loads(expansion: TaylorExpansion, order: int, s: Scalar, state: State, law: LinearLaw) -> ContactLoads:
     """The loads over `s` radians; in slip the slider never turns, so that its path is the distance of its ends."""
     impulse = polynomial_value(_integrated(expansion.v, order - 1), s) * expansion.unit
-    N = normal_force(impulse, state.mode, spring)
-    if is_absent(spring.lag):
+    N = law.normal_force(impulse, state.mode)
+    if not law.has_stick:
         return ContactLoads(N, ABSENT, ABSENT, ABSENT)
     gained = lambda a: polynomial_value(a.coefficients(order - 1), s) - a[0]
-    moved = slider_speed(gained(expansion.v), gained(expansion.u), state.mode, spring)
+    moved = law.slider_speed(gained(expansion.v), gained(expansion.u), state.mode)
     slips = (state.mode == Mode.SLIP_PLUS) | (state.mode == Mode.SLIP_MINUS)
     return ContactLoads(N, where(slips, N, 0.0), where(slips, s * expansion.unit, 0.0), jnp.abs(moved))
 

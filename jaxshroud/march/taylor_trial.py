@@ -51,6 +51,7 @@ from jaxshroud.march.taylor_integrals import (
     integrated_works,
 )
 from jaxshroud.model.arithmetic import Scalar, is_absent, sincos_turns, where
+from jaxshroud.model.contact_law import linear_law
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.model.rhs import Integrals, drive_wave
@@ -126,7 +127,7 @@ def trial_and_series(lane: Lane, fixed: Fixed[Model], method: Choices) -> tuple[
         integrated_squares(expansion, order, s, fixed.model.gyration),
         integrated_works(expansion, order, s),
         integrated_moments(expansion, order, s) if method.amplitudes else None,
-        integrated_loads(expansion, order, s, lane.state, fixed.model.spring) if method.forces else None,
+        integrated_loads(expansion, order, s, lane.state, linear_law(fixed.model.law)) if method.forces else None,
         integrated_means(expansion, order, s) if method.vibration else None,
     )
     return TaylorTrial(
@@ -177,7 +178,7 @@ def _found_in_trial(
     """The largest penetration within `s` radians, and what each observable reads off the polynomials."""
     order, start, (motion, v, u, *_) = method.taylor.order, lane.state, expansion
     onset = (start.mode == Mode.APART) & event.fire & (kind == EventKind.LIFT)
-    contact = ContactSeries(v, u, expansion.unit, order, s, start, onset, fixed.model.spring)
+    contact = ContactSeries(v, u, expansion.unit, order, s, start, onset, linear_law(fixed.model.law))
     return deepest_penetration(contact), found_by_series(contact, MotionSeries(motion, order, s), method)
 
 

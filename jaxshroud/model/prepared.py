@@ -6,14 +6,17 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent
-from jaxshroud.model.friction import Springs
+from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar
+from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.geometry import (
     Corners,
     corners,
     gyration,
 )
 from jaxshroud.model.linear import steady_amplitudes
+from jaxshroud.model.smooth_contact import SmoothContact
+from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringContact
+from jaxshroud.model.user_contact import UserContact
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import Parts
 from jaxshroud.scene.scene import Blades, PerBlade, Scene
@@ -73,7 +76,7 @@ class Model(eqx.Module):
 
     blades: Blades
     block: Corners
-    spring: Springs
+    law: ContactLaw
     drive: Excitation
     gyration: Scalar  # J_A / A [m^2]
     mobility: Mobility
@@ -86,11 +89,9 @@ def prepared_model(scene: Scene) -> Model:
     d, s = scene.drive, scene.shroud
     drive = Excitation(d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase))
     reading = scene.contact.reading
-    constants = scene.blades, corners(s, reading), springs(scene), drive, gyration(s)
-    blades, block, spring, drive, size = as_pairs(constants)
-    if scene.laws is not None:
-        spring = spring._replace(laws=scene.laws)
-    return Model(blades, block, spring, drive, size, _mobility(scene), reading, scene.parts)
+    block, law, size = corners(s, reading), prepared_law(scene), gyration(s)
+    blades, block, drive, size = as_pairs((scene.blades, block, drive, size))
+    return Model(blades, block, law, drive, size, _mobility(scene), reading, scene.parts)
 
 
 def _mobility(scene: Scene) -> Mobility:
@@ -101,20 +102,26 @@ def _mobility(scene: Scene) -> Mobility:
     return Mobility(InverseMasses(of("x", b.m), of("y", b.inertia_y), of("theta", b.I)), share, joint)
 
 
-def springs(scene: Scene) -> Springs:
-    """The contact springs of a scene, guarded against 0/0."""
-    k, k_d, mu = scene.k, scene.friction.k_d, scene.friction.mu
+def prepared_law(scene: Scene) -> ContactLaw:
+    """The law of contact of a scene."""
+    k, width = scene.k, scene.contact.width
     if scene.parts.contact == "none":
-        return Springs(ABSENT, ABSENT, ABSENT, ABSENT)
-    if scene.parts.contact == "own":
-        return Springs(k, ABSENT, ABSENT, ABSENT)
-    width = ABSENT if scene.contact.width is None else scene.contact.width
-    haste = width if is_absent(width) else _free_speed(scene) / width
-    if scene.parts.friction == "none":
-        return Springs(k, ABSENT, ABSENT, ABSENT, width, haste)
+        return NoContact()
+    if scene.laws is not None:
+        return UserContact(k, scene.friction.k_d, scene.laws)
+    haste = ABSENT if width is None else _free_speed(scene) / width
+    friction = None if scene.parts.friction == "none" else _friction_element(k, scene)
+    if width is not None:
+        return SmoothContact(k, *(friction or (ABSENT, ABSENT, ABSENT)), width, haste)
+    return SpringContact(k) if friction is None else BilinearContact(k, *friction)
+
+
+def _friction_element(k: Scalar, scene: Scene) -> tuple[Scalar, Scalar, Scalar]:
+    """The stiffness k_d, mu and the lag of the friction element, guarded against 0/0."""
+    k_d, mu = scene.friction.k_d, scene.friction.mu
     has_friction = (k > 0) & (k_d > 0) & (mu > 0)
     lag = mu * k / jnp.where(has_friction, k_d, 1.0)
-    return Springs(k, k_d, jnp.where(has_friction, mu, 0.0), jnp.where(has_friction, lag, 0.0), width, haste)
+    return k_d, jnp.where(has_friction, mu, 0.0), jnp.where(has_friction, lag, 0.0)
 
 
 def _free_speed(scene: Scene) -> Scalar:

@@ -3,26 +3,25 @@
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, sine_versine, where
-from jaxshroud.model.contact import Load, contact_load, sprung_load
-from jaxshroud.model.friction import Slider, Springs, friction_force, normal_force, slider_speed, smooth_slider_rate
+from jaxshroud.model.contact import Load
+from jaxshroud.model.contact_law import ContactLoads, Slider
 from jaxshroud.model.geometry import (
-    Case,
     ContactKinematics,
-    ContactRates,
     Pose,
-    blended_case,
-    contact_kinematics,
-    contact_rates,
-    is_upper,
-    pose,
-    tip_is_left,
 )
-from jaxshroud.model.modes import FLAT, Mode
+from jaxshroud.model.interface import (
+    EndTorques,
+    LoadedContact,
+    Placement,
+    contact_point,
+    loaded_contact,
+    placement,
+    torques_along_face,
+)
+from jaxshroud.model.modes import FLAT
 from jaxshroud.model.prepared import Excitation, InverseMasses, Model, State, has_torsion
-from jaxshroud.model.series import Series
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Blades
 
@@ -61,15 +60,6 @@ class Means(NamedTuple):
     y: Any
     sin: Any  # of theta [s]
     versine: Any  # 1 - cos(theta) [s]
-
-
-class ContactLoads(NamedTuple):
-    """What wears the faces, integrated in time."""
-
-    N: Scalar  # impulse of the normal force [N s]
-    N_slip: Scalar  # the part of it while the faces slip [N s]; 0 for smooth contact and user laws
-    time_slip: Scalar  # [s]; 0 for smooth contact and user laws
-    slip: Scalar  # path of the slider [m]; 0 for user laws
 
 
 class Recorded(NamedTuple):
@@ -133,32 +123,6 @@ def parallel_mean(pair: Pair, model: Model) -> Pair:
     return mean, pair[1] if is_absent(pair[1]) else mean
 
 
-class LawForces(NamedTuple):
-    """The forces by the laws of contact."""
-
-    N: Scalar  # [N]
-    F: Scalar  # [N]
-    u_s: Slider  # rate of the slider, where it is integrated with the motion
-
-
-class LoadedContact(NamedTuple):
-    """The forces of contact, and what they are to the blocks."""
-
-    forces: LawForces
-    load: Load
-
-
-class EndTorques(NamedTuple):
-    """The torques on theta_1 - theta_2 of parallel blocks with contact at either end of the faces' overlap.
-
-    Each is the reduced inertia times the relative angular acceleration; absent where the blocks do not turn. Where the
-    lower torque is positive and the upper one negative, a resultant in between keeps the blocks parallel.
-    """
-
-    lower: Scalar  # of contact at corner b or d [N m]
-    upper: Scalar  # of contact at corner a or c [N m]
-
-
 def end_torques(z: Motion, Q: Pair, at: ContactKinematics, state: State, model: Model) -> EndTorques:
     """The torques at both ends of the overlap, from that at the corner of the current case.
 
@@ -167,7 +131,7 @@ def end_torques(z: Motion, Q: Pair, at: ContactKinematics, state: State, model: 
     """
     if not has_torsion(model):
         return EndTorques(ABSENT, ABSENT)
-    return end_torques_under(_loaded_contact(at, z, state, state.case, model), z, Q, at, state, model)
+    return end_torques_under(loaded_contact(at, z, state, state.case, model), z, Q, at, state, model)
 
 
 def end_torques_under(
@@ -176,62 +140,6 @@ def end_torques_under(
     """`end_torques` of blocks that turn where the forces are known already."""
     left, right = accelerations(z, Q, loaded.load, model).theta
     return torques_along_face(model.mobility.joint * (left - right), loaded.forces, at, state, model)
-
-
-def torques_along_face(
-    torque: Scalar, forces: LawForces, at: ContactKinematics, state: State, model: Model
-) -> EndTorques:
-    """`end_torques` from the `torque` with contact at the corner of the current case."""
-    N, F, _ = forces
-    k = _contact_stiffness(state, model)
-    along, corner = N * model.block.l_ab, (F - k * at.u) * at.v if isinstance(at.v, Series) else F * at.v - N * at.u
-    shift = where(is_upper(state.case), along, ABSENT) - where(tip_is_left(state.case), corner, ABSENT)
-    at_d, higher = torque + shift, at.height > 0
-    return EndTorques(at_d + where(higher, corner, ABSENT), at_d - along + where(higher, ABSENT, corner))
-
-
-def law_forces(at: ContactKinematics, z: Motion, state: State, case: Case, model: Model) -> LawForces:
-    """The normal and the friction force of the motion `z` in the mode of `state`."""
-    spring = model.spring
-    if not is_absent(spring.laws):
-        return _own_law_forces(at, contact_rates(at, z, case, model.reading), state, spring)
-    N = normal_force(at.v, state.mode, spring)
-    F = friction_force(at.v, at.u, state.u_s, state.mode, spring)
-    return LawForces(N, F, smooth_slider_rate(at.v, at.u, state.u_s, state.mode, spring))
-
-
-def _own_law_forces(at: ContactKinematics, rate: ContactRates, state: State, spring: Springs) -> LawForces:
-    touches = state.mode != Mode.APART
-    N = where(touches, jnp.maximum(spring.laws.push(jnp.maximum(at.v, 0.0), rate.v), 0.0), 0.0)
-    if is_absent(state.u_s):
-        return LawForces(N, ABSENT, ABSENT)
-    F, z_t = spring.laws.rub(state.u_s, rate.u, N)
-    return LawForces(N, where(touches, F, 0.0), where(touches, z_t, jnp.zeros_like(z_t)))
-
-
-def _dissipated_power(
-    at: ContactKinematics, z: Motion, forces: LawForces, state: State, case: Case, model: Model
-) -> Scalar:
-    """The power that contact dissipates [W]: F times the speed of the slider; with user laws what they do not store."""
-    spring, rate = model.spring, contact_rates(at, z, case, model.reading)
-    if is_absent(spring.laws):
-        return forces.F * (forces.u_s if spring.smooth else slider_speed(rate.v, rate.u, state.mode, spring))
-    v, v_t = jnp.maximum(at.v, 0.0), where(at.v > 0, rate.v, 0.0)
-    stored = spring.laws.stored_power(v, state.u_s, v_t, forces.u_s)
-    return where(state.mode == Mode.APART, 0.0, forces.N * rate.v + forces.F * rate.u - stored)
-
-
-def _loaded_contact(at: ContactKinematics, z: Motion, state: State, case: Case, model: Model) -> LoadedContact:
-    forces = law_forces(at, z, state, case, model)
-    N, F = forces.N, forces.F
-    if isinstance(at.v, Series) and model.spring.modal and has_torsion(model) and not model.reading:
-        return LoadedContact(forces, sprung_load(at, _contact_stiffness(state, model), N, F, case, model.block))
-    return LoadedContact(forces, contact_load(at, N, F, case, model.block, model.reading))
-
-
-def _contact_stiffness(state: State, model: Model) -> Scalar:
-    """The contact stiffness; absent when apart."""
-    return where(state.mode == Mode.APART, ABSENT, model.spring.k)
 
 
 def blade_mean_square(x: Scalar, y: Scalar, versine: Scalar, gyration: Scalar) -> Scalar:
@@ -269,24 +177,6 @@ class StateDerivative(NamedTuple):
     u_s: Slider
 
 
-class Placement(NamedTuple):
-    """The position of the blocks against each other, and what it makes of contact."""
-
-    pose: Pose
-    case: Case
-    at: ContactKinematics
-    loaded: LoadedContact
-
-
-def placement(now: State, model: Model) -> Placement:
-    """The position of both blocks, and the kinematics and the forces of their contact in the current case."""
-    z, spring = now.motion, model.spring
-    q = pose(z.x, z.y, z.theta)
-    case = blended_case(q, model.block, spring.width) if spring.smooth and has_torsion(model) else now.case
-    at = contact_kinematics(q, case, model.block, model.reading)
-    return Placement(q, case, at, _loaded_contact(at, z, now, case, model))
-
-
 def position_at(x: Any, y: Any, theta: Any) -> Means:
     """The position at some displacements, of any shape."""
     return Means(x, y, *((theta, theta) if is_absent(theta) else sine_versine(theta)))
@@ -301,19 +191,6 @@ def displacement_moments(z: Motion) -> Moments:
     """The rates of the moments."""
     first = (z.x, z.y, z.theta)
     return Moments(first, jax.tree.map(lambda a: a * a, first))
-
-
-def _load_rates(
-    at: ContactKinematics, z: Motion, forces: LawForces, state: State, case: Case, model: Model
-) -> ContactLoads:
-    """The rates of the loads."""
-    spring, slips = model.spring, (state.mode == Mode.SLIP_PLUS) | (state.mode == Mode.SLIP_MINUS)
-    if not is_absent(spring.laws) or is_absent(spring.lag):
-        return ContactLoads(forces.N, ABSENT, ABSENT, ABSENT)
-    rate = contact_rates(at, z, case, model.reading)
-    speed = forces.u_s if spring.smooth else slider_speed(rate.v, rate.u, state.mode, spring)
-    N_slip, time_slip = (ABSENT, ABSENT) if spring.smooth else (where(slips, a, 0.0) for a in (forces.N, 1.0))
-    return ContactLoads(forces.N, N_slip, time_slip, abs(speed))
 
 
 def rhs(Q: Pair, now: State, model: Model, recorded: Recorded) -> tuple[StateDerivative, Integrals]:
@@ -335,10 +212,10 @@ class ContactEffects(NamedTuple):
 
 def contact_effects(place: Placement, now: State, model: Model, recorded: Recorded) -> ContactEffects:
     """The effects of contact where the position is known already."""
-    _, case, at, (forces, load) = place
-    parts = at, now.motion, forces, now, case, model
-    lost = _dissipated_power(*parts) if recorded.ledger else None
-    return ContactEffects(load, forces.u_s, lost, _load_rates(*parts) if recorded.loads else None)
+    (forces, load), law = place.loaded, model.law
+    point = contact_point(place.at, now.motion, now, place.case, model)
+    lost = law.dissipated_power(point, forces) if recorded.ledger else None
+    return ContactEffects(load, forces.u_s, lost, law.load_rates(point, forces) if recorded.loads else None)
 
 
 def rhs_at(
@@ -349,7 +226,7 @@ def rhs_at(
     ledger = None if contact.lost is None else works(z, Q, contact.lost, model)
     moments = displacement_moments(z) if recorded.moments else None
     a = accelerations(z, Q, contact.load, model)
-    if has_torsion(model) and model.spring.modal:
+    if has_torsion(model) and model.law.has_events:
         theta = jax.tree.map(
             lambda mean, own: where(now.case == FLAT, mean, own), parallel_mean(a.theta, model), a.theta
         )

@@ -25,6 +25,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxshroud.model.arithmetic import ABSENT, is_absent
 from jaxshroud.model.geometry import rotation
+from jaxshroud.model.interface import placement
 from jaxshroud.model.modes import FLAT
 from jaxshroud.model.prepared import Excitation, InverseMasses, Model, State, prepared_model
 from jaxshroud.model.rhs import (
@@ -41,7 +42,6 @@ from jaxshroud.model.rhs import (
     blade_mean_square,
     blade_powers,
     contact_effects,
-    placement,
     position_at,
     twice_blade_energy,
 )
@@ -73,7 +73,7 @@ class RowModel(eqx.Module):
     @property
     def turns_by_events(self) -> bool:
         """Whether contact moves from corner to corner by events, and may be flat."""
-        return self.turns and self.interfaces.spring.modal
+        return self.turns and self.interfaces.law.has_events
 
 
 def prepared_row(scene: Scene) -> RowModel:

@@ -13,8 +13,8 @@ from jaxshroud.batch.zeno import zeno_of_trajectories
 from jaxshroud.io.lane_status import warn_failures
 from jaxshroud.march.method import REFERENCE, Choices
 from jaxshroud.model.arithmetic import filled
+from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.prepared import State
-from jaxshroud.model.rhs import ContactLoads
 from jaxshroud.motion.amplitudes import sampled_amplitude_values
 from jaxshroud.motion.averages import contact_shares
 from jaxshroud.motion.short_runs import trajectory_ends

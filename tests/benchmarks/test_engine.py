@@ -102,11 +102,11 @@ def test_general_parameters():
     def constant(f, lanes, fixed):
         def with_constants(lane, k, lag, grid, stop):
             known = jax.tree.map(lambda a: jnp.full((), a), numbers)
-            spring = known.spring._replace(k=k, lag=lag)
-            return f(lane, Fixed(eqx.tree_at(lambda m: m.spring, known, spring), grid, stop))
+            varied = eqx.tree_at(lambda m: (m.law.k, m.law.lag), known, (k, lag))
+            return f(lane, Fixed(varied, grid, stop))
 
-        spring = fixed.model.spring
-        return fused(with_constants, lanes, spring.k, spring.lag, fixed.grid, fixed.stop)
+        law = fixed.model.law
+        return fused(with_constants, lanes, law.k, law.lag, fixed.grid, fixed.stop)
 
     def march(each):
         begin, limits = at_start_of_period(lanes), one_call(PERIODS)

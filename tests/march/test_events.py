@@ -13,7 +13,6 @@ from exact import CASES, CONSISTENT
 from jaxshroud.march.events import EventKind, GuardEvaluation, Transition, evaluate_guards, first_kind, transition
 from jaxshroud.march.observable import Ending
 from jaxshroud.march.tally import Counters, count_event
-from jaxshroud.model.friction import contact_energy, friction_force, stretch
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
 from jaxshroud.scene.scene import Contact
@@ -78,7 +77,7 @@ def values(held: State, model: Model) -> np.ndarray:
 
 
 def force(view: GuardEvaluation, state: State, model: Model) -> float:
-    return float(friction_force(view.at.v, view.at.u, state.u_s, state.mode, model.spring))
+    return float(model.law.friction_force(view.at.v, view.at.u, state.u_s, state.mode))
 
 
 def inside(sides, mode: Mode, case: int, v=V, height=None, theta=None, v_rate=0.0, u_rate=None, w=0.5) -> State:
@@ -267,8 +266,8 @@ def test_a_loaded_case_switch_carries_the_stretch(sides, ready, mode, kind, plac
 def test_energy_after_an_event_is_that_of_the_state_after_it(sides, ready):
     # The booked jump and the energy of the new mode are the same function.
     event, after = crossed(inside(sides, Mode.SLIP_PLUS, 1, height=0.0), EventKind.HEIGHT, ready)
-    w = stretch(after.at.v, after.at.u, event.after.u_s, event.after.mode, ready.spring)
-    new = contact_energy(after.at.v, w, event.after.mode, ready.spring)
+    w = ready.law.stretch(after.at.v, after.at.u, event.after.u_s, event.after.mode)
+    new = ready.law.stored_energy(after.at.v, w, event.after.mode)
     np.testing.assert_allclose(new - event.energy, (K * V**2 + K_D * (LAG * V) ** 2) / 2, rtol=1e-10)
 
 

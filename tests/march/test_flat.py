@@ -14,7 +14,6 @@ from jaxshroud.io.lane_status import LaneWarning
 from jaxshroud.march.events import evaluate_guards
 from jaxshroud.march.method import FAST_WITH_LEDGER, REFERENCE, RungeKutta
 from jaxshroud.march.tally import Counters
-from jaxshroud.model.friction import normal_force
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import State, as_pairs, prepared_model
 from jaxshroud.model.rhs import Recorded, rhs
@@ -194,7 +193,7 @@ def test_torques_at_the_ends_of_the_overlap_are_those_of_its_corners(mode):
             np.testing.assert_allclose(view.torques, ends, rtol=0, atol=1e-12)
         highs += int(view.at.height > 0)
         # Control: the whole face instead of the overlap.
-        face = view.torques.lower - float(normal_force(view.at.v, held.mode, ready.spring)) * 30e-3
+        face = view.torques.lower - float(ready.law.normal_force(view.at.v, held.mode)) * 30e-3
         assert abs(face - view.torques.upper) > 1e-4 * abs(ends[0] - ends[1])
     assert 0 < highs < 12
 

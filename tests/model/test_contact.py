@@ -11,8 +11,8 @@ import reference
 from exact import CASES, CONSISTENT, MISPRINTS, PRINTED, furthest
 
 from jaxshroud.model.contact import contact_load
-from jaxshroud.model.friction import Springs, friction_force, normal_force
 from jaxshroud.model.modes import Mode
+from jaxshroud.model.spring_contact import BilinearContact
 
 DRAW = exact.draw(2000, seed=4)
 SHROUDS = exact.shrouds(DRAW.sides)
@@ -220,9 +220,9 @@ def test_the_full_printed_reading_is_the_article_word_for_word(case):
 def in_mode(reading, case, shroud, q, u_s, mode):
     """R_x, R_y, M_1, M_2, N, F, v, u of the package in one mode."""
     at, block = exact.touch_at(shroud, q, case, reading)
-    spring = Springs(*(jnp.asarray(value) for value in (K, K_D, MU, MU * K / K_D)))
-    N = normal_force(at.v, mode, spring)
-    F = friction_force(at.v, at.u, u_s, mode, spring)
+    law = BilinearContact(*(jnp.asarray(value) for value in (K, K_D, MU, MU * K / K_D)))
+    N = law.normal_force(at.v, mode)
+    F = law.friction_force(at.v, at.u, u_s, mode)
     load = contact_load(at, N, F, case, block, reading)
     return jnp.stack([load.R_x, load.R_y, *load.M, N, F, at.v, at.u])
 

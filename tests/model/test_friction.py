@@ -9,22 +9,14 @@ import pytest
 
 from jaxshroud.batch.states import as_arrays
 from jaxshroud.march.events import EventKind, evaluate_guards, first_kind, transition
-from jaxshroud.model.friction import (
-    Springs,
-    contact_energy,
-    friction_force,
-    normal_force,
-    slider_speed,
-    slip_sign,
-    stretch,
-)
 from jaxshroud.model.modes import Mode
-from jaxshroud.model.prepared import Model, State, as_pairs, initial_state, prepared_model, springs
+from jaxshroud.model.prepared import Model, State, as_pairs, initial_state, prepared_law, prepared_model
+from jaxshroud.model.spring_contact import BilinearContact, slip_sign
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.vary import vary
 
 K, K_D, MU = 1e6, 1e6, 0.5
-SPRING = Springs(*(jnp.asarray(value) for value in (K, K_D, MU, MU * K / K_D)))
+LAW = BilinearContact(*(jnp.asarray(value) for value in (K, K_D, MU, MU * K / K_D)))
 STILL = (jnp.asarray(0.0), jnp.asarray(0.0))  # no drive
 MODES = jnp.arange(4, dtype=jnp.int32)
 AMPLITUDE, STEPS = 2e-4, 64  # [m]; steps in a quarter of a cycle
@@ -41,7 +33,7 @@ def led(model: Model, motions: Motion) -> tuple[jax.Array, jax.Array]:
         fired = transition(z, held, view, first_kind(violated), jnp.asarray(0.0), jnp.asarray(0.0), model).after
         stayed = State(z, held.u_s, held.mode, held.case)
         held = jax.tree.map(lambda a, b: jnp.where(due, a, b), fired, stayed)
-        return held, (friction_force(view.at.v, view.at.u, held.u_s, held.mode, model.spring), view.at.u)
+        return held, (model.law.friction_force(view.at.v, view.at.u, held.u_s, held.mode), view.at.u)
 
     first = as_arrays(jax.tree.map(lambda a: a[0], motions))
     return jax.lax.scan(step, as_pairs(initial_state(first)), motions)[1]
@@ -86,13 +78,13 @@ def test_a_cycle_within_the_slack_loses_nothing(table1):
 
 def test_force_and_stretch_by_mode():
     v, u, u_s = (jnp.asarray(value) for value in (3e-4, 5e-4, 4e-4))
-    F = [float(friction_force(v, u, u_s, mode, SPRING)) for mode in MODES]
-    w = [float(stretch(v, u, u_s, mode, SPRING)) for mode in MODES]
+    F = [float(LAW.friction_force(v, u, u_s, mode)) for mode in MODES]
+    w = [float(LAW.stretch(v, u, u_s, mode)) for mode in MODES]
     np.testing.assert_allclose(F, [0.0, 100.0, 150.0, -150.0], rtol=1e-12)  # k_d (u - u_s); +- mu k v
     np.testing.assert_allclose(w, np.array(F) / K_D, rtol=1e-12)  # Eq. (2) in every mode
-    np.testing.assert_allclose([normal_force(v, mode, SPRING) for mode in MODES], [0.0, 300.0, 300.0, 300.0])
+    np.testing.assert_allclose([LAW.normal_force(v, mode) for mode in MODES], [0.0, 300.0, 300.0, 300.0])
     assert [float(slip_sign(mode, v.dtype)) for mode in MODES] == [0.0, 0.0, 1.0, -1.0]
-    energy = [float(contact_energy(v, jnp.asarray(s), mode, SPRING)) for s, mode in zip(w, MODES, strict=True)]
+    energy = [float(LAW.stored_energy(v, jnp.asarray(s), mode)) for s, mode in zip(w, MODES, strict=True)]
     np.testing.assert_allclose(energy, [0.0, *(300.0**2 / (2 * K) + f**2 / (2 * K_D) for f in F[1:])], rtol=1e-12)
 
 
@@ -100,10 +92,10 @@ def test_force_and_stretch_by_mode():
 def test_the_force_does_not_jump_where_sliding_begins(sigma):
     v = jnp.asarray(3e-4)
     u_s = jnp.asarray(1e-4)
-    u = u_s + sigma * SPRING.lag * v  # the limit k_d |w| = mu N
+    u = u_s + sigma * LAW.lag * v  # the limit k_d |w| = mu N
     slip = jnp.int32(Mode.SLIP_PLUS if sigma > 0 else Mode.SLIP_MINUS)
-    sticking = friction_force(v, u, u_s, jnp.int32(Mode.STICK), SPRING)
-    np.testing.assert_allclose(friction_force(v, u, u_s, slip, SPRING), sticking, rtol=1e-12)
+    sticking = LAW.friction_force(v, u, u_s, jnp.int32(Mode.STICK))
+    np.testing.assert_allclose(LAW.friction_force(v, u, u_s, slip), sticking, rtol=1e-12)
 
 
 def test_the_slider_moves_as_the_corner_less_the_stretch():
@@ -114,14 +106,14 @@ def test_the_slider_moves_as_the_corner_less_the_stretch():
     @jax.vmap
     def both(v, u, v_rate, u_rate):
         def moved(mode):
-            slider = lambda v, u: u - stretch(v, u, u, mode, SPRING)
-            return jax.jvp(slider, (v, u), (v_rate, u_rate))[1], slider_speed(v_rate, u_rate, mode, SPRING)
+            slider = lambda v, u: u - LAW.stretch(v, u, u, mode)
+            return jax.jvp(slider, (v, u), (v_rate, u_rate))[1], LAW.slider_speed(v_rate, u_rate, mode)
 
         return [moved(mode) for mode in MODES[2:]]
 
     for derivative, speed in both(v, u, v_rate, u_rate):
         np.testing.assert_allclose(speed, derivative, rtol=1e-13, atol=1e-14)
-    assert not any(float(slider_speed(v[0], u[0], mode, SPRING)) for mode in MODES[:2])  # no slider, or a held one
+    assert not any(float(LAW.slider_speed(v[0], u[0], mode)) for mode in MODES[:2])  # no slider, or a held one
 
 
 @pytest.mark.parametrize("key", ["contact.k", "friction.k_d", "friction.mu"])
@@ -129,11 +121,11 @@ def test_no_stiffness_or_no_coefficient_is_no_friction(table1, key):
     @eqx.filter_jit
     @eqx.filter_value_and_grad
     def summed(value):
-        spring = springs(vary(table1, key, value))
+        law = prepared_law(vary(table1, key, value))
         v, u, u_s = jnp.asarray(1e-4), jnp.asarray(3e-4), jnp.asarray(1e-4)
-        F = jnp.stack([friction_force(v, u, u_s, mode, spring) for mode in MODES[2:]])
-        speed = slider_speed(v, u, MODES[2], spring)
-        return jnp.sum(F**2) + spring.mu + spring.lag + 0.0 * speed
+        F = jnp.stack([law.friction_force(v, u, u_s, mode) for mode in MODES[2:]])
+        speed = law.slider_speed(v, u, MODES[2])
+        return jnp.sum(F**2) + law.mu + law.lag + 0.0 * speed
 
     value, slope = summed(jnp.asarray(0.0))
     # Friction is switched, so the slope at 0 is that of no friction; what matters is that 0/0 leaves no NaN behind.

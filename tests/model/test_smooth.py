@@ -9,9 +9,8 @@ from side_by_side import EXACT, ends, relative_error, run, sizes, with_parts
 import jaxshroud as js
 from jaxshroud.march.method import FAST_WITH_LEDGER
 from jaxshroud.march.stability import largest_frequency
-from jaxshroud.model.friction import contact_energy, friction_force, normal_force, stretch
 from jaxshroud.model.modes import Mode, Status
-from jaxshroud.model.prepared import springs
+from jaxshroud.model.prepared import prepared_law
 from jaxshroud.scene.vary import vary
 
 MODE = jnp.int32(Mode.SMOOTH)
@@ -19,20 +18,20 @@ GAMMA = np.linspace(0.5, 8.0, 8)
 
 
 def test_the_laws_are_the_corners_hyperbolas(table1):
-    spring = springs(with_parts(table1, 1e-6, contact="smooth"))
+    law = prepared_law(with_parts(table1, 1e-6, contact="smooth"))
     v = jnp.asarray([-1e-4, 0.0, 1e-4])
-    N = jax.vmap(lambda v: normal_force(v, MODE, spring))(v)
-    k = float(spring.k)
+    N = jax.vmap(law.normal_force)(v)
+    k = float(law.k)
     # Far away the force is the spring's, or width^2 / 4 abs(v) of it; in between it is k width / 2.
     np.testing.assert_allclose(N, k * np.array([1e-12 / 4e-4, 5e-7, 1e-4 + 1e-12 / 4e-4]), rtol=1e-4)
-    energy = lambda v: contact_energy(v, jnp.zeros(()), MODE, spring)
+    energy = lambda v: law.stored_energy(v, jnp.zeros(()), MODE)
     np.testing.assert_allclose(jax.vmap(jax.grad(energy))(v), N, rtol=1e-9)
-    limit = float(spring.lag) * 1e-4
-    F = lambda w: float(friction_force(jnp.asarray(1e-4), jnp.asarray(w), jnp.zeros(()), MODE, spring))
+    limit = float(law.lag) * 1e-4
+    F = lambda w: float(law.friction_force(jnp.asarray(1e-4), jnp.asarray(w), jnp.zeros(()), MODE))
     assert F(0.0) == 0.0
-    assert F(0.1 * limit) == pytest.approx(float(spring.k_d) * 0.1 * limit, rel=1e-2)
-    assert F(5 * limit) == pytest.approx(-F(-5 * limit)) == pytest.approx(float(spring.k_d) * limit, rel=1e-3)
-    assert float(stretch(jnp.asarray(-1e-3), jnp.asarray(1e-4), jnp.zeros(()), MODE, spring)) < 1e-8  # apart
+    assert F(0.1 * limit) == pytest.approx(float(law.k_d) * 0.1 * limit, rel=1e-2)
+    assert F(5 * limit) == pytest.approx(-F(-5 * limit)) == pytest.approx(float(law.k_d) * limit, rel=1e-3)
+    assert float(law.stretch(jnp.asarray(-1e-3), jnp.asarray(1e-4), jnp.zeros(()), MODE)) < 1e-8  # apart
 
 
 def differences(table1, widths, periods=1, **parts):
