@@ -25,19 +25,18 @@ the faces part with the third power of time, and the sign of g means nothing unt
 of the blocks therefore counts only beyond that error.
 """
 
-from collections.abc import Iterable
-from enum import IntEnum
-from functools import partial, reduce
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from jaxshroud.march.event import Event, EventInstant, Events, always, next_mode
+from jaxshroud.march.guards import ContactNow, Guard, GuardEvaluation, Guards, any_of
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
 from jaxshroud.model.friction import Springs, contact_energy, slider_speed, slip_sign, stretch
 from jaxshroud.model.geometry import (
-    Case,
     ContactKinematics,
     ContactRates,
     Pose,
@@ -45,7 +44,6 @@ from jaxshroud.model.geometry import (
     contact_kinematics,
     contact_rates,
     corner_case,
-    is_upper,
     natural_case,
     pose,
     tip_is_left,
@@ -58,67 +56,116 @@ from jaxshroud.scene.keys import Motion
 FLAT_RETURN = 1 / 24  # of a step: a rocking motion that returns sooner than this counts as flat contact
 
 
-class EventKind(IntEnum):
-    """The guards, in order of precedence where several are crossed."""
-
-    LIFT = 0
-    TURN = 1
-    HEIGHT = 2
-    RUB = 3
+def _guard_of_lift(now: ContactNow) -> Guard:
+    return Guard(*_lift_guard(now.at, now.rate, now.apart, now.model.spring))
 
 
-PerKind = tuple[Scalar, Scalar, Scalar, Scalar]  # one number for each `EventKind`
+def _guard_of_turn(now: ContactNow) -> Guard:
+    return now.of_corners[0]
 
 
-def event_kinds(four: tuple[Any, Any, Any, Any]) -> list[EventKind]:
-    """The kinds of events for which there is a number."""
-    return [kind for kind in EventKind if not is_absent(four[kind])]
+def _guard_of_height(now: ContactNow) -> Guard:
+    return now.of_corners[1]
 
 
-def model_events(model: Model) -> list[EventKind]:
-    """The kinds of events that a model has."""
-    if not model.spring.modal:
-        return []
-    corners = [EventKind.TURN, EventKind.HEIGHT] if has_torsion(model) else []
-    return [EventKind.LIFT, *corners, *([] if is_absent(model.spring.lag) else [EventKind.RUB])]
+def _guard_of_rub(now: ContactNow) -> Guard:
+    return Guard(*_friction_guard(now.at, now.rate, now.state, now.model.spring))
 
 
-class Guards(NamedTuple):
-    """The guards of the current mode: negative while the mode lasts, and absent where the model lacks the event."""
-
-    value: PerKind
-    rate: PerKind  # d(value)/dt; unknown, and set to 0, for RUB in slip and for TURN and HEIGHT in flat contact
-    slip_path: Scalar  # in slip the path of the slider, an integral of the guard RUB; else 0
+def _mode_after_lift(instant: EventInstant) -> Int[Array, ""]:
+    view, state, delay, model = instant
+    return where(state.mode == Mode.APART, _onset_mode(view, delay, model.spring), jnp.int32(Mode.APART))
 
 
-Violated = dict[EventKind, Bool[Array, ""]]  # whether each guard of the model is above zero
+def _mode_after_friction(instant: EventInstant) -> Int[Array, ""]:
+    return _mode_after_rub(instant.view.at, instant.state, instant.model.spring)
 
 
-class GuardEvaluation(NamedTuple):
-    """The contact kinematics and the guards at the end of a trial step."""
-
-    q: Pose
-    at: ContactKinematics
-    rate: ContactRates
-    case: Int[Array, ""]  # the current case; when apart, the case of the position
-    torques: EndTorques
-    guards: Guards
+def _turn_rounding(at: ContactKinematics) -> Scalar:
+    return at.turn_rounding
 
 
-@partial(jax.jit, inline=True)
-def evaluate_guards(z: Motion, Q: Pair, state: State, model: Model) -> GuardEvaluation:
+def _has_user_laws(model: Model) -> bool:
+    return not is_absent(model.spring.laws)
+
+
+def _has_friction_element(model: Model) -> bool:
+    return not is_absent(model.spring.lag)
+
+
+LIFT = Event(
+    name="lift",
+    label="contact",
+    guard=_guard_of_lift,
+    transition=_mode_after_lift,
+    forces_jump=_has_user_laws,
+    counters=("onset_slip", "separation", "grazing"),
+)
+TURN = Event(
+    name="turn",
+    label="corner pair",
+    guard=_guard_of_turn,
+    switches_case=True,
+    exists=has_torsion,
+    forces_jump=always,
+    rounding=_turn_rounding,
+    counters=("switch_14", "switch_23", "flat", "flat_corner"),
+)
+HEIGHT = Event(
+    name="height",
+    label="tip",
+    guard=_guard_of_height,
+    switches_case=True,
+    exists=has_torsion,
+    forces_jump=always,
+    counters=("switch_12", "switch_34"),
+)
+RUB = Event(
+    name="rub",
+    label="friction",
+    guard=_guard_of_rub,
+    transition=_mode_after_friction,
+    exists=_has_friction_element,
+    counters=("onset_stick", "stick_slip", "slip_stick"),
+)
+EVENTS = (LIFT, TURN, HEIGHT, RUB)  # in order of precedence
+
+
+def number_of(event: Event) -> int:
+    """The number of a built-in event."""
+    return EVENTS.index(event)
+
+
+def happens(kind: Int[Array, ""], *events: Event) -> Bool[Array, ""]:
+    """Whether the event of number `kind` is one of these built-in ones."""
+    return any_of(kind == number_of(event) for event in events)
+
+
+def model_events(model: Model) -> list[Event]:
+    """The built-in events that a model has."""
+    return [event for event in EVENTS if event.exists(model)] if model.spring.modal else []
+
+
+@partial(jax.jit, inline=True, static_argnames=("events",))
+def evaluate_guards(z: Motion, Q: Pair, state: State, model: Model, events: Events = EVENTS) -> GuardEvaluation:
     """The contact kinematics and the guards of the motion `z` in the mode of `state`; `Q` is the drive's wave."""
     placed = place_contact(z, state, model)
-    return guards_at(placed, z, end_torques(z, Q, placed[2], state, model), state, model)
+    return guards_at(placed, z, end_torques(z, Q, placed[2], state, model), state, model, events)
 
 
 def guards_at(
-    placed: tuple[Pose, Any, ContactKinematics], z: Motion, torques: EndTorques, state: State, model: Model
+    placed: tuple[Pose, Any, ContactKinematics],
+    z: Motion,
+    torques: EndTorques,
+    state: State,
+    model: Model,
+    events: Events = EVENTS,
 ) -> GuardEvaluation:
     """`evaluate_guards` of placed blocks under known torques."""
     q, case, at = placed
     rate = contact_rates(at, z, case, model.reading)
-    return GuardEvaluation(q, at, rate, case, torques, guard_values(at, rate, torques, state, case, model.spring))
+    guards = guard_values(at, rate, torques, state, case, model, events)
+    return GuardEvaluation(q, at, rate, case, torques, guards)
 
 
 def place_contact(z: Motion, state: State, model: Model) -> tuple[Pose, Any, ContactKinematics]:
@@ -136,21 +183,21 @@ def _case_at_pose(q: Pose, state: State, model: Model) -> Int[Array, ""]:
 
 
 def guard_values(
-    at: ContactKinematics, rate: ContactRates, torques: EndTorques, state: State, case: Int[Array, ""], spring: Springs
+    at: ContactKinematics,
+    rate: ContactRates,
+    torques: EndTorques,
+    state: State,
+    case: Int[Array, ""],
+    model: Model,
+    events: Events,
 ) -> Guards:
-    """The values and the rates of the four guards."""
-    apart, flat = state.mode == Mode.APART, case == FLAT
-    values, rates = ([a] for a in _lift_guard(at, rate, apart, spring))
-    if is_absent(at.turn):
-        values, rates = [*values, ABSENT, ABSENT], [*rates, ABSENT, ABSENT]
-    else:
-        idle = lambda g: where(apart, -1.0, g)
-        still = lambda g: where(apart | flat, 0.0, g)
-        values += map(idle, switch_guards(at, torques, case))
-        turn, height = switch_signs(case)
-        rates += [still(turn * rate.turn), still(height * rate.height)]
-    rub, rub_rate, slip_path = _friction_guard(at, rate, state, spring)
-    return Guards((*values, rub), (*rates, rub_rate), slip_path)  # pyright: ignore[reportArgumentType]
+    """The values, the rates and the integrals of the guards that a model has."""
+    now = ContactNow(at, rate, torques, state, case, state.mode == Mode.APART, case == FLAT, model)
+    guards = [event.guard(now) if event.exists(model) else NO_GUARD for event in events]
+    return Guards(*zip(*guards, strict=True))
+
+
+NO_GUARD = Guard(ABSENT, ABSENT)
 
 
 def _lift_guard(
@@ -164,20 +211,6 @@ def _lift_guard(
     sign = where((at.v > 0) & (push <= 0), -1.0, 1.0)  # apart although the corners overlap
     in_contact = -jnp.minimum(at.v, push), where(push < at.v, 0.0, -rate.v)
     return where(apart, sign * at.v, in_contact[0]), where(apart, sign * rate.v, in_contact[1])
-
-
-def switch_signs(case: Case) -> tuple[Scalar, Scalar]:
-    """The signs that theta_1 - theta_2 and the height take when they leave a case."""
-    return where(is_upper(case), -1.0, 1.0), where(is_upper(case) == tip_is_left(case), 1.0, -1.0)
-
-
-def switch_guards(at: ContactKinematics, torques: EndTorques, case: Case) -> tuple[Scalar, Scalar]:
-    """The values of the guards TURN and HEIGHT in contact."""
-    (turn, height), flat = switch_signs(case), case == FLAT
-    return (
-        where(flat, -torques.lower, turn * at.turn - at.turn_rounding),
-        where(flat, torques.upper, height * at.height),
-    )
 
 
 def _friction_guard(
@@ -200,28 +233,6 @@ def _friction_guard(
     )
 
 
-def any_of(flags: Iterable[Bool[Array, "..."]]) -> Bool[Array, "..."]:
-    """Whether any of the flags is true."""
-    return reduce(jnp.logical_or, flags)
-
-
-def first_kind(violated: Violated) -> Int[Array, ""]:
-    """The kind of the violated guard that takes precedence."""
-    *others, last = violated
-    kind = jnp.asarray(last, jnp.int32)
-    for k in reversed(others):
-        kind = where(violated[k], jnp.int32(k), kind)
-    return kind
-
-
-def forces_jump(kind: Int[Array, ""], state: State, model: Model) -> Bool[Array, ""]:
-    """Whether the forces jump at an event of `kind`: at a loaded case switch, or at any onset of user laws."""
-    jumps = jnp.zeros_like(kind, bool)
-    if has_torsion(model):
-        jumps = ((kind == EventKind.TURN) | (kind == EventKind.HEIGHT)) & (state.case != FLAT)
-    return jumps if is_absent(model.spring.laws) else jumps | (kind == EventKind.LIFT)
-
-
 class Transition(NamedTuple):
     """A transition: the state after the event, and the energy that it adds and drops."""
 
@@ -242,9 +253,11 @@ def transition(
     h: Scalar,
     model: Model,
     rocks: Bool[Array, ""] | None = None,
+    events: Events = EVENTS,
 ) -> Transition:
-    """The transition of `kind` at the motion `z`; the guard was crossed at most `delay` [s] ago, in a step of `h`.
+    """The transition of the event of number `kind` at the motion `z`, in a step of `h` [s].
 
+    The guard was crossed at most `delay` [s] ago.
     `rocks`: the faces are known to turn to and fro within the step, so that their next turn leads into flat contact.
     """
     spring, at, unprojected = model.spring, view.at, z
@@ -254,11 +267,7 @@ def transition(
         z = jax.tree.map(lambda parallel, own: where(becomes_flat, parallel, own), _as_parallel(z, model), z)
     new = contact_kinematics(view.q, case, model.block, model.reading)
 
-    mode = where(
-        kind == EventKind.LIFT,
-        where(state.mode == Mode.APART, _onset_mode(view, delay, spring), jnp.int32(Mode.APART)),
-        where(kind == EventKind.RUB, _mode_after_rub(at, state, spring), state.mode),
-    )
+    mode = next_mode(kind, EventInstant(view, state, delay, model), events)
     w = stretch(at.v, at.u, state.u_s, state.mode, spring)
     u_s = ABSENT
     if not is_absent(spring.laws) and not is_absent(state.u_s):
@@ -267,7 +276,7 @@ def transition(
     elif not is_absent(state.u_s):
         u_s = where(state.mode == Mode.APART, _slider_at_onset(view, delay), new.u - w)
     after = State(z, u_s, mode, where(mode == Mode.APART, 0, case).astype(jnp.int32))
-    guards = guard_values(new, contact_rates(new, z, case, model.reading), view.torques, after, case, spring)
+    guards = guard_values(new, contact_rates(new, z, case, model.reading), view.torques, after, case, model, events)
     energy = contact_energy(new.v, stretch(new.v, new.u, u_s, mode, spring), mode, spring)
     energy = energy - contact_energy(at.v, w, state.mode, spring)
     dropped = ABSENT
@@ -289,12 +298,12 @@ def _next_case(
     model: Model,
     rocks: Bool[Array, ""] | None,
 ) -> Int[Array, ""]:
-    """The case after an event of `kind`."""
-    now, turn = view.case, kind == EventKind.TURN
+    """The case after the event of number `kind`."""
+    now, turn = view.case, happens(kind, TURN)
     neighbour = where(turn, 5 - now, now + where(tip_is_left(now), 1, -1))
     corner = where(now == FLAT, corner_case(~turn, view.at.height), neighbour)
-    case = where(turn | (kind == EventKind.HEIGHT), corner, now)
-    touches = (kind == EventKind.LIFT) & (state.mode == Mode.APART)
+    case = where(turn | happens(kind, HEIGHT), corner, now)
+    touches = happens(kind, LIFT) & (state.mode == Mode.APART)
     level = touches & (view.at.turn == 0) & (view.rate.turn == 0)
     soon = _returns_soon(view, h, model) if rocks is None else rocks | _returns_soon(view, h, model)
     return where(level | (turn & (now != FLAT) & soon), FLAT, case)

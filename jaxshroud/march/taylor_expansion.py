@@ -9,7 +9,8 @@ from jax import lax
 from jaxtyping import Array, Int
 
 from jaxshroud.march.carry import Fixed, Lane
-from jaxshroud.march.events import EventKind, place_contact, switch_guards
+from jaxshroud.march.events import HEIGHT, LIFT, RUB, TURN, number_of, place_contact
+from jaxshroud.march.guards import switch_guards
 from jaxshroud.model.arithmetic import Pair, Scalar, is_absent, sincos_turns, where
 from jaxshroud.model.friction import slider_speed, slip_sign
 from jaxshroud.model.geometry import ContactKinematics, Pose, contact_rates
@@ -30,7 +31,9 @@ from jaxshroud.model.series import Series, rate_of, truncated
 from jaxshroud.scene.keys import Motion
 
 RADIANS_PER_TURN = 2 * math.pi
-GuardSeries = tuple[EventKind, Any]  # with a `Series`, which stands for a Scalar in the model's equations
+GuardSeries = tuple[
+    int, Any
+]  # the number of the event, and a `Series`, which stands for a Scalar in the model's equations
 
 
 class TaylorExpansion(NamedTuple):
@@ -72,7 +75,7 @@ def taylor_expansion(lane: Lane, fixed: Fixed[Model], order: int, ledger: bool) 
     works = rhs(Q, State(truncated_motion, start.u_s, start.mode, case), model, Recorded(ledger))[1].ledger
 
     at = place.at._replace(v=truncated(place.at.v, order - 1), u=truncated(place.at.u, order - 1))
-    lift = EventKind.LIFT, where(start.mode == Mode.APART, 1.0, -1.0) * at.v
+    lift = number_of(LIFT), where(start.mode == Mode.APART, 1.0, -1.0) * at.v
     guards = [lift, *_switch_series(Q, place, now, model, order), *_friction_series(at, now, model)]
     return TaylorExpansion(now.motion, at.v, at.u, guards, place.pose, works, case, unit)
 
@@ -83,7 +86,7 @@ def without_derivatives(expansion: TaylorExpansion) -> TaylorExpansion:
     def without(a: Any) -> Any:
         if isinstance(a, Series):
             return a.of_each(lax.stop_gradient)
-        return a if isinstance(a, EventKind) else lax.stop_gradient(a)
+        return a if isinstance(a, int) else lax.stop_gradient(a)
 
     return jax.tree.map(without, expansion)
 
@@ -130,7 +133,7 @@ def _switch_series(Q: Pair, place: Placement, now: State, model: Model, order: i
     # where contact ends, LIFT is first
     flat, torque = now.case == FLAT, model.spring.k * model.block.l_ab * at.rounding
     slack = where(flat, torque, 0.0), where(flat, torque, at.rounding)
-    return [(EventKind.TURN, turn - slack[0]), (EventKind.HEIGHT, height - slack[1])]
+    return [(number_of(TURN), turn - slack[0]), (number_of(HEIGHT), height - slack[1])]
 
 
 def _friction_series(at: ContactKinematics, now: State, model: Model) -> list[GuardSeries]:
@@ -143,4 +146,5 @@ def _friction_series(at: ContactKinematics, now: State, model: Model) -> list[Gu
     rate = contact_rates(at, now.motion, now.case, model.reading)
     slipping = -slip_sign(now.mode, at.v.dtype) * slider_speed(rate.v, rate.u, now.mode, spring)
     other = where(apart | (spring.mu <= 0), -1.0, slipping)
-    return [(EventKind.RUB, where(stick, w - limit, other)), (EventKind.RUB, where(stick, -w - limit, -1.0))]
+    in_either_direction = where(stick, w - limit, other), where(stick, -w - limit, -1.0)
+    return [(number_of(RUB), guard) for guard in in_either_direction]
