@@ -8,15 +8,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxshroud.march.event import Events, case_switches
 from jaxshroud.march.events import (
-    EventKind,
-    GuardEvaluation,
-    Guards,
+    EVENTS,
+    LIFT,
+    TURN,
     Transition,
-    any_of,
     evaluate_guards,
+    happens,
     transition,
 )
+from jaxshroud.march.guards import GuardEvaluation, Guards, any_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Lift
 from jaxshroud.march.tally import EnergyJumps, EventMargins, Tally
@@ -103,10 +105,18 @@ class EventChange(NamedTuple):
 
 
 def event_change(
-    z: Motion, Q: Pair, start: State, fire: Bool[Array, ""], kind: Int[Array, ""], delay: Scalar, fixed: Fixed[Model]
+    z: Motion,
+    Q: Pair,
+    start: State,
+    fire: Bool[Array, ""],
+    kind: Int[Array, ""],
+    delay: Scalar,
+    fixed: Fixed[Model],
+    events: Events = EVENTS,
 ) -> EventChange:
-    """The change of a lane at the motion `z`, where an event of `kind` happens if `fire` is true."""
-    return change_at(evaluate_guards(z, Q, start, fixed.model), z, start, fire, kind, delay, fixed.grid.h, fixed.model)
+    """The change of a lane at the motion `z`, where the event of number `kind` happens if `fire` is true."""
+    view = evaluate_guards(z, Q, start, fixed.model, events)
+    return change_at(view, z, start, fire, kind, delay, fixed.grid.h, fixed.model, events=events)
 
 
 def change_at(
@@ -119,10 +129,11 @@ def change_at(
     h: Scalar,
     model: Model,
     rocks: Bool[Array, ""] | None = None,
+    events: Events = EVENTS,
 ) -> EventChange:
     """`event_change` where the guards are known already, in a step of `h` [s]; `rocks` as of `transition`."""
-    change = transition(z, start, view, kind, delay, h, model, rocks)
-    lift, apart = fire & (kind == EventKind.LIFT), start.mode == Mode.APART
+    change = transition(z, start, view, kind, delay, h, model, rocks, events)
+    lift, apart = fire & happens(kind, LIFT), start.mode == Mode.APART
     jumps = jax.tree.map(lambda a: where(fire, a, 0.0), EnergyJumps(change.energy, change.dropped))
     onset = lift & apart
     return EventChange(view, change, Lift(onset, onset & ~starts_in_overlap(view.at, delay), lift & ~apart), jumps)
@@ -136,9 +147,9 @@ def updated_margins(
         return None
     turn, rate, slowest = change.transition, change.view.rate, before.slowest_switch
     if has_torsion(model):
-        of_case = (turn.kind == EventKind.TURN) | (turn.kind == EventKind.HEIGHT)
+        of_case = any_of(case_switches(turn.kind, EVENTS))
         switched = fire & of_case & (turn.before.case != FLAT) & (turn.after.case != FLAT)
-        speed = jnp.abs(where(turn.kind == EventKind.TURN, rate.turn * model.block.a_x, rate.height))
+        speed = jnp.abs(where(happens(turn.kind, TURN), rate.turn * model.block.a_x, rate.height))
         slowest = where(switched, jnp.minimum(slowest, speed), slowest)
     onset = where(change.lift.impact, jnp.minimum(before.slowest_onset, rate.v), before.slowest_onset)
     return EventMargins(before.events + fire.astype(jnp.int32), onset, slowest)

@@ -25,26 +25,23 @@ the faces part with the third power of time, and the sign of g means nothing unt
 of the blocks therefore counts only beyond that error.
 """
 
-from collections.abc import Iterable
-from enum import IntEnum
-from functools import partial, reduce
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
-from jaxshroud.model.contact_law import ContactLaw, GuardCrossing
+from jaxshroud.march.event import Event, EventInstant, Events, always, next_mode
+from jaxshroud.march.guards import ContactNow, Guard, GuardEvaluation, Guards, any_of
+from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, where
 from jaxshroud.model.geometry import (
-    Case,
     ContactKinematics,
     ContactRates,
     Pose,
     contact_kinematics,
     contact_rates,
     corner_case,
-    is_upper,
     natural_case,
     pose,
     tip_is_left,
@@ -58,67 +55,116 @@ from jaxshroud.scene.keys import Motion
 FLAT_RETURN = 1 / 24  # of a step: a rocking motion that returns sooner than this counts as flat contact
 
 
-class EventKind(IntEnum):
-    """The guards, in order of precedence where several are crossed."""
-
-    LIFT = 0
-    TURN = 1
-    HEIGHT = 2
-    RUB = 3
+def _guard_of_lift(now: ContactNow) -> Guard:
+    return Guard(*now.model.law.lift_guard(now.at, now.rate, now.apart))
 
 
-PerKind = tuple[Scalar, Scalar, Scalar, Scalar]  # one number for each `EventKind`
+def _guard_of_turn(now: ContactNow) -> Guard:
+    return now.of_corners[0]
 
 
-def event_kinds(four: tuple[Any, Any, Any, Any]) -> list[EventKind]:
-    """The kinds of events for which there is a number."""
-    return [kind for kind in EventKind if not is_absent(four[kind])]
+def _guard_of_height(now: ContactNow) -> Guard:
+    return now.of_corners[1]
 
 
-def model_events(model: Model) -> list[EventKind]:
-    """The kinds of events that a model has."""
-    if not model.law.has_events:
-        return []
-    corners = [EventKind.TURN, EventKind.HEIGHT] if has_torsion(model) else []
-    return [EventKind.LIFT, *corners, *([EventKind.RUB] if model.law.has_stick else [])]
+def _guard_of_rub(now: ContactNow) -> Guard:
+    return Guard(*now.model.law.friction_guard(now.at, now.rate, now.state.u_s, now.state.mode))
 
 
-class Guards(NamedTuple):
-    """The guards of the current mode: negative while the mode lasts, and absent where the model lacks the event."""
-
-    value: PerKind
-    rate: PerKind  # d(value)/dt; unknown, and set to 0, for RUB in slip and for TURN and HEIGHT in flat contact
-    slip_path: Scalar  # in slip the path of the slider, an integral of the guard RUB; else 0
+def _mode_after_lift(instant: EventInstant) -> Int[Array, ""]:
+    onset = instant.model.law.onset_mode(instant.crossing)
+    return where(instant.state.mode == Mode.APART, onset, jnp.int32(Mode.APART))
 
 
-Violated = dict[EventKind, Bool[Array, ""]]  # whether each guard of the model is above zero
+def _mode_after_friction(instant: EventInstant) -> Int[Array, ""]:
+    return instant.model.law.mode_after_rub(instant.crossing)
 
 
-class GuardEvaluation(NamedTuple):
-    """The contact kinematics and the guards at the end of a trial step."""
-
-    q: Pose
-    at: ContactKinematics
-    rate: ContactRates
-    case: Int[Array, ""]  # the current case; when apart, the case of the position
-    torques: EndTorques
-    guards: Guards
+def _turn_rounding(at: ContactKinematics) -> Scalar:
+    return at.turn_rounding
 
 
-@partial(jax.jit, inline=True)
-def evaluate_guards(z: Motion, Q: Pair, state: State, model: Model) -> GuardEvaluation:
+def _jumps_at_onset(model: Model) -> bool:
+    return model.law.jumps_at_onset
+
+
+def _has_stick(model: Model) -> bool:
+    return model.law.has_stick
+
+
+LIFT = Event(
+    name="lift",
+    label="contact",
+    guard=_guard_of_lift,
+    transition=_mode_after_lift,
+    forces_jump=_jumps_at_onset,
+    counters=("onset_slip", "separation", "grazing"),
+)
+TURN = Event(
+    name="turn",
+    label="corner pair",
+    guard=_guard_of_turn,
+    switches_case=True,
+    exists=has_torsion,
+    forces_jump=always,
+    rounding=_turn_rounding,
+    counters=("switch_14", "switch_23", "flat", "flat_corner"),
+)
+HEIGHT = Event(
+    name="height",
+    label="tip",
+    guard=_guard_of_height,
+    switches_case=True,
+    exists=has_torsion,
+    forces_jump=always,
+    counters=("switch_12", "switch_34"),
+)
+RUB = Event(
+    name="rub",
+    label="friction",
+    guard=_guard_of_rub,
+    transition=_mode_after_friction,
+    exists=_has_stick,
+    counters=("onset_stick", "stick_slip", "slip_stick"),
+)
+EVENTS = (LIFT, TURN, HEIGHT, RUB)  # in order of precedence
+
+
+def number_of(event: Event) -> int:
+    """The number of a built-in event."""
+    return EVENTS.index(event)
+
+
+def happens(kind: Int[Array, ""], *events: Event) -> Bool[Array, ""]:
+    """Whether the event of number `kind` is one of these built-in ones."""
+    return any_of(kind == number_of(event) for event in events)
+
+
+def model_events(model: Model) -> list[Event]:
+    """The built-in events that a model has."""
+    return [event for event in EVENTS if event.exists(model)] if model.law.has_events else []
+
+
+@partial(jax.jit, inline=True, static_argnames=("events",))
+def evaluate_guards(z: Motion, Q: Pair, state: State, model: Model, events: Events = EVENTS) -> GuardEvaluation:
     """The contact kinematics and the guards of the motion `z` in the mode of `state`; `Q` is the drive's wave."""
     placed = place_contact(z, state, model)
-    return guards_at(placed, z, end_torques(z, Q, placed[2], state, model), state, model)
+    return guards_at(placed, z, end_torques(z, Q, placed[2], state, model), state, model, events)
 
 
 def guards_at(
-    placed: tuple[Pose, Any, ContactKinematics], z: Motion, torques: EndTorques, state: State, model: Model
+    placed: tuple[Pose, Any, ContactKinematics],
+    z: Motion,
+    torques: EndTorques,
+    state: State,
+    model: Model,
+    events: Events = EVENTS,
 ) -> GuardEvaluation:
     """`evaluate_guards` of placed blocks under known torques."""
     q, case, at = placed
     rate = contact_rates(at, z, case, model.reading)
-    return GuardEvaluation(q, at, rate, case, torques, guard_values(at, rate, torques, state, case, model.law))
+    guards = guard_values(at, rate, torques, state, case, model, events)
+    return GuardEvaluation(q, at, rate, case, torques, guards)
 
 
 def place_contact(z: Motion, state: State, model: Model) -> tuple[Pose, Any, ContactKinematics]:
@@ -136,57 +182,21 @@ def _case_at_pose(q: Pose, state: State, model: Model) -> Int[Array, ""]:
 
 
 def guard_values(
-    at: ContactKinematics, rate: ContactRates, torques: EndTorques, state: State, case: Int[Array, ""], law: ContactLaw
+    at: ContactKinematics,
+    rate: ContactRates,
+    torques: EndTorques,
+    state: State,
+    case: Int[Array, ""],
+    model: Model,
+    events: Events,
 ) -> Guards:
-    """The values and the rates of the four guards."""
-    apart, flat = state.mode == Mode.APART, case == FLAT
-    values, rates = ([a] for a in law.lift_guard(at, rate, apart))
-    if is_absent(at.turn):
-        values, rates = [*values, ABSENT, ABSENT], [*rates, ABSENT, ABSENT]
-    else:
-        idle = lambda g: where(apart, -1.0, g)
-        still = lambda g: where(apart | flat, 0.0, g)
-        values += map(idle, switch_guards(at, torques, case))
-        turn, height = switch_signs(case)
-        rates += [still(turn * rate.turn), still(height * rate.height)]
-    rub, rub_rate, slip_path = law.friction_guard(at, rate, state.u_s, state.mode)
-    return Guards((*values, rub), (*rates, rub_rate), slip_path)  # pyright: ignore[reportArgumentType]
+    """The values, the rates and the integrals of the guards that a model has."""
+    now = ContactNow(at, rate, torques, state, case, state.mode == Mode.APART, case == FLAT, model)
+    guards = [event.guard(now) if event.exists(model) else NO_GUARD for event in events]
+    return Guards(*zip(*guards, strict=True))
 
 
-def switch_signs(case: Case) -> tuple[Scalar, Scalar]:
-    """The signs that theta_1 - theta_2 and the height take when they leave a case."""
-    return where(is_upper(case), -1.0, 1.0), where(is_upper(case) == tip_is_left(case), 1.0, -1.0)
-
-
-def switch_guards(at: ContactKinematics, torques: EndTorques, case: Case) -> tuple[Scalar, Scalar]:
-    """The values of the guards TURN and HEIGHT in contact."""
-    (turn, height), flat = switch_signs(case), case == FLAT
-    return (
-        where(flat, -torques.lower, turn * at.turn - at.turn_rounding),
-        where(flat, torques.upper, height * at.height),
-    )
-
-
-def any_of(flags: Iterable[Bool[Array, "..."]]) -> Bool[Array, "..."]:
-    """Whether any of the flags is true."""
-    return reduce(jnp.logical_or, flags)
-
-
-def first_kind(violated: Violated) -> Int[Array, ""]:
-    """The kind of the violated guard that takes precedence."""
-    *others, last = violated
-    kind = jnp.asarray(last, jnp.int32)
-    for k in reversed(others):
-        kind = where(violated[k], jnp.int32(k), kind)
-    return kind
-
-
-def forces_jump(kind: Int[Array, ""], state: State, model: Model) -> Bool[Array, ""]:
-    """Whether the forces jump at an event of `kind`: at a loaded case switch, or at any onset of some laws."""
-    jumps = jnp.zeros_like(kind, bool)
-    if has_torsion(model):
-        jumps = ((kind == EventKind.TURN) | (kind == EventKind.HEIGHT)) & (state.case != FLAT)
-    return jumps | (kind == EventKind.LIFT) if model.law.jumps_at_onset else jumps
+NO_GUARD = Guard(ABSENT, ABSENT)
 
 
 class Transition(NamedTuple):
@@ -209,28 +219,26 @@ def transition(
     h: Scalar,
     model: Model,
     rocks: Bool[Array, ""] | None = None,
+    events: Events = EVENTS,
 ) -> Transition:
-    """The transition of `kind` at the motion `z`; the guard was crossed at most `delay` [s] ago, in a step of `h`.
+    """The transition of the event of number `kind` at the motion `z`, in a step of `h` [s].
 
+    The guard was crossed at most `delay` [s] ago.
     `rocks`: the faces are known to turn to and fro within the step, so that their next turn leads into flat contact.
     """
     law, at, unprojected = model.law, view.at, z
-    crossing = GuardCrossing(at, view.rate, state.u_s, state.mode, delay)
     case = _next_case(state, view, kind, h, model, rocks) if has_torsion(model) else view.case
     becomes_flat = (case == FLAT) & (state.case != FLAT)
     if has_torsion(model):
         z = jax.tree.map(lambda parallel, own: where(becomes_flat, parallel, own), _as_parallel(z, model), z)
     new = contact_kinematics(view.q, case, model.block, model.reading)
 
-    mode = where(
-        kind == EventKind.LIFT,
-        where(state.mode == Mode.APART, law.onset_mode(crossing), jnp.int32(Mode.APART)),
-        where(kind == EventKind.RUB, law.mode_after_rub(crossing), state.mode),
-    )
+    instant = EventInstant(view, state, delay, model)
+    mode = next_mode(kind, instant, events)
     w = law.stretch(at.v, at.u, state.u_s, state.mode)
-    u_s = law.slider_after(crossing, w, mode, new.u)
+    u_s = law.slider_after(instant.crossing, w, mode, new.u)
     after = State(z, u_s, mode, where(mode == Mode.APART, 0, case).astype(jnp.int32))
-    guards = guard_values(new, contact_rates(new, z, case, model.reading), view.torques, after, case, law)
+    guards = guard_values(new, contact_rates(new, z, case, model.reading), view.torques, after, case, model, events)
     energy = law.stored_energy(new.v, law.stretch(new.v, new.u, u_s, mode), mode)
     energy = energy - law.stored_energy(at.v, w, state.mode)
     dropped = ABSENT
@@ -252,12 +260,12 @@ def _next_case(
     model: Model,
     rocks: Bool[Array, ""] | None,
 ) -> Int[Array, ""]:
-    """The case after an event of `kind`."""
-    now, turn = view.case, kind == EventKind.TURN
+    """The case after the event of number `kind`."""
+    now, turn = view.case, happens(kind, TURN)
     neighbour = where(turn, 5 - now, now + where(tip_is_left(now), 1, -1))
     corner = where(now == FLAT, corner_case(~turn, view.at.height), neighbour)
-    case = where(turn | (kind == EventKind.HEIGHT), corner, now)
-    touches = (kind == EventKind.LIFT) & (state.mode == Mode.APART)
+    case = where(turn | happens(kind, HEIGHT), corner, now)
+    touches = happens(kind, LIFT) & (state.mode == Mode.APART)
     level = touches & (view.at.turn == 0) & (view.rate.turn == 0)
     soon = _returns_soon(view, h, model) if rocks is None else rocks | _returns_soon(view, h, model)
     return where(level | (turn & (now != FLAT) & soon), FLAT, case)

@@ -8,7 +8,8 @@ from jax import lax
 from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.derivative_limits import first_order_only
-from jaxshroud.march.events import EventKind, Guards, Violated, any_of, event_kinds
+from jaxshroud.march.event import Violated
+from jaxshroud.march.guards import Guards, any_of, present
 from jaxshroud.march.method_names import Locate
 from jaxshroud.march.search import Search, Target
 from jaxshroud.model.arithmetic import Pair, Scalar, is_absent, traced_once, where
@@ -67,29 +68,30 @@ class HermiteCubic(NamedTuple):
         return where(positive, s, 1.0), where(positive, 2 * root, 0.0)
 
 
-def guard_cubic(value: tuple, rate: tuple, slip_path: tuple | None, h: Scalar) -> HermiteCubic:
+def guard_cubic(value: tuple, rate: tuple, integral: tuple | None, h: Scalar) -> HermiteCubic:
     """The cubic of a guard from its values, rates and integrals, if any, at both ends of `h` seconds.
 
-    The slip guard has no rate but an integral, the path of the slider: its cubic is the parabola with the right mean,
-    or the straight line where the path is so short that its rounding error would bend the parabola. The straight line
-    is also taken where no rate is known.
+    A guard with an integral, that of slip with the path of the slider, has no rate: its cubic is the parabola with the
+    right mean, or the straight line where the path is so short that its rounding error would bend the parabola. The
+    straight line is also taken where neither is known.
     """
     g_0, g_1 = value
     secant, unknown = g_1 - g_0, (rate[0] == 0) & (rate[1] == 0)
     m_0, m_1 = (where(unknown, secant, m * h) for m in rate)
-    if slip_path is None:
+    if integral is None:
         return HermiteCubic(g_0, g_1, m_0, m_1)
-    length = slip_path[1] - slip_path[0]
+    length = integral[1] - integral[0]
     excess = 6 * length / where(h > 0, h, 1.0) - 3 * (g_0 + g_1)
-    rounding = jnp.finfo(h.dtype).eps * (jnp.abs(slip_path[0]) + jnp.abs(slip_path[1]))
-    parabola = (slip_path[0] != 0) & (slip_path[1] != 0) & (h > 0) & (jnp.abs(length) > 1000 * rounding)
+    rounding = jnp.finfo(h.dtype).eps * (jnp.abs(integral[0]) + jnp.abs(integral[1]))
+    parabola = (integral[0] != 0) & (integral[1] != 0) & (h > 0) & (jnp.abs(length) > 1000 * rounding)
     m_0, m_1 = where(parabola, secant + excess, m_0), where(parabola, secant - excess, m_1)
     return HermiteCubic(g_0, g_1, m_0, m_1)
 
 
-def slip_path_of(guards: Guards, kind: int) -> Scalar:
-    """The path of the slider for the guard of friction, else 0."""
-    return guards.slip_path if kind == EventKind.RUB else jnp.zeros_like(guards.value[0])
+def integral_of(guards: Guards, kind: int) -> Scalar:
+    """The integral of a guard, 0 where it has none."""
+    integral = guards.integral[kind]
+    return jnp.zeros_like(guards.value[0]) if is_absent(integral) else integral
 
 
 def first_interior_maximum(start: Guards, end: Guards, h: Scalar) -> Scalar:
@@ -98,9 +100,10 @@ def first_interior_maximum(start: Guards, end: Guards, h: Scalar) -> Scalar:
     All guards must be below zero at the end of the trial.
     """
     first = jnp.ones_like(h)
-    for kind in event_kinds(start.value):
+    for kind in present(start.value):
         ends = (start.value[kind], end.value[kind]), (start.rate[kind], end.rate[kind])
-        cubic = guard_cubic(*ends, (start.slip_path, end.slip_path) if kind == EventKind.RUB else None, h)
+        integrals = start.integral[kind], end.integral[kind]
+        cubic = guard_cubic(*ends, None if is_absent(integrals[0]) else integrals, h)
         first = where(cubic.g_0 <= 0, jnp.minimum(first, cubic.interior_maximum[0]), first)
     return first
 
@@ -194,21 +197,27 @@ def first_crossed(low: Guards, end: Guards, violated: Violated, otherwise: Targe
         share = above, above - jnp.minimum(low.value[kind], 0.0)  # numerator, denominator
         earlier = violated[kind] & (share[0] * largest[1] > largest[0] * share[1])
         largest = select(earlier, share, largest)
-        new = Target(jnp.int32(kind), above, end.rate[kind], slip_path_of(end, kind), otherwise.tries)
+        new = Target(jnp.int32(kind), above, end.rate[kind], integral_of(end, kind), otherwise.tries)
         chosen = select(earlier, new, chosen)
     return largest, chosen
 
 
 def next_trial_end(target: Target, low: Guards, below: Scalar, high: Scalar, h: Scalar, tolerance: Scalar):
     """The end of the next trial, just beyond the target's root, and the delay of the upper end after it, in steps."""
-    of_target, width = lambda four: select_guard(four, target.kind), high - below
-    path = jnp.zeros_like(width)
-    if not is_absent(low.slip_path):
-        path = where(target.kind == EventKind.RUB, low.slip_path, 0.0)
+    of_target, width = lambda numbers: select_guard(numbers, target.kind), high - below
+    integral = _selected_integral(low, target.kind, jnp.zeros_like(width))
     values, rates = (of_target(low.value), target.value), (of_target(low.rate), target.rate)
-    cubic = guard_cubic(values, rates, (path, target.slip_path), width * h)
+    cubic = guard_cubic(values, rates, (integral, target.integral), width * h)
     delay = where(cubic.m_1 > 0, jnp.minimum(cubic.g_1 / where(cubic.m_1 > 0, cubic.m_1, 1.0), 1.0), 1.0)
     return jnp.minimum(below + width * cubic_root(cubic) + tolerance / 2, high), delay * width
+
+
+def _selected_integral(guards: Guards, kind: Int[Array, "..."], zero: Scalar) -> Scalar:
+    """The integral of the guard of number `kind`, 0 where it has none."""
+    chosen: Any = 0.0
+    for k in present(guards.integral):
+        chosen = where(kind == k, guards.integral[k], chosen)
+    return chosen if present(guards.integral) else zero
 
 
 def at_least_two(flags: tuple[Bool[Array, ""], ...]) -> Bool[Array, ""]:
@@ -217,12 +226,12 @@ def at_least_two(flags: tuple[Bool[Array, ""], ...]) -> Bool[Array, ""]:
     return any_of([none, *(a & any_of(flags[i + 1 :]) for i, a in enumerate(flags[:-1]))])
 
 
-def select_guard(four, kind: Int[Array, "..."]) -> Any:
+def select_guard(numbers: tuple[Scalar, ...], kind: Int[Array, "..."]) -> Any:
     """The number that belongs to `kind`."""
-    first, *others = event_kinds(four)
-    chosen = four[first]
+    first, *others = present(numbers)
+    chosen = numbers[first]
     for k in others:
-        chosen = where(kind == k, four[k], chosen)
+        chosen = where(kind == k, numbers[k], chosen)
     return chosen
 
 

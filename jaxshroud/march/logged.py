@@ -4,8 +4,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxshroud.march.cubic_extremes import closing_speed, merged_range, updated_extrema, updated_peaks, updated_range
+from jaxshroud.march.event import Event
+from jaxshroud.march.events import EVENTS
 from jaxshroud.march.method import Choices
-from jaxshroud.march.observable import Beginning, BladeTrial, InterfaceTrial, Observable, from_zero, lasting
+from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceTrial, Observable, from_zero, lasting
 from jaxshroud.march.series_extremes import (
     final_closing_speed,
     merged_extrema,
@@ -220,15 +222,34 @@ POSITIONS = Observable(
 BUILT_IN = (TIMES, V_MAX, LARGEST_SIZES, COUNTERS, WITHIN, FORCES, IMPACTS, EXTENT, POSITIONS)
 
 
+def number_of_times(event: Event, kind: int) -> Observable:
+    """How often an event of a user's own, of number `kind`, has happened."""
+
+    def counted(before: Scalar, ending: Ending) -> Scalar:
+        return before + where(ending.fire & (ending.transition.kind == kind), 1.0, 0.0)
+
+    return Observable(
+        name=event.name,
+        label=event.label,
+        unit="1",
+        per="interface",
+        start=lambda at: at.zero,
+        update=counted,
+        reset=lasting,
+        takes="event",
+    )
+
+
 def observables_of(method: Choices) -> tuple[Observable, ...]:
-    """The observables that are logged with a method, its own ones last.
+    """The observables that are logged with a method, its own ones and the counts of its own events last.
 
     Raises:
         InputError: Two of them have one name.
     """
     taken = {*Log._fields}
-    for own in method.observables:
+    counts = [number_of_times(event, kind) for kind, event in enumerate(method.events, start=len(EVENTS))]
+    for own in (*method.observables, *counts):
         if own.name in taken:
-            raise InputError(f"There is another observable with the name {own.name!r}.")
+            raise InputError(f"There is another observable or event with the name {own.name!r}.")
         taken.add(own.name)
-    return *(one for one in BUILT_IN if one.recorded(method)), *method.observables
+    return *(one for one in BUILT_IN if one.recorded(method)), *method.observables, *counts

@@ -7,6 +7,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from jaxshroud.march.event import Event, Events
+from jaxshroud.march.events import EVENTS
 from jaxshroud.march.method_names import TABLEAUS, Locate
 from jaxshroud.march.observable import Observable
 from jaxshroud.march.tableau import DEFAULT_TOLERANCE, RK4, Tableau, TaylorOptions, tableau
@@ -57,10 +59,20 @@ class Choices(NamedTuple):
     margins: bool = False  # log how clearly events happened, with derivatives too
     vibration: bool = False  # integrate the position of the blocks, about which they vibrate
     observables: tuple[Observable, ...] = ()  # a user's own, logged beside the built-in ones
+    events: tuple[Event, ...] = ()  # a user's own, which are counted by their names beside these observables
 
     def __check_init__(self):
         locator_for(self.tableau, self.locate)
         word_argument("precision", self.precision, Precision)
+        if self.events and isinstance(self.tableau, TaylorOptions):
+            raise InputError(
+                f"Power series do not know the guard of the event {self.events[0].name!r}: use js.RungeKutta."
+            )
+
+    @property
+    def all_events(self) -> Events:
+        """The events of the march by their numbers, a user's own last."""
+        return *EVENTS, *self.events
 
     @property
     def recorded(self) -> Recorded:

@@ -1,6 +1,7 @@
 """A Runge-Kutta trial and its outcome: it is accepted, ends at an event, or is repeated."""
 
 from functools import partial
+from itertools import chain
 from typing import Any, NamedTuple
 
 import jax
@@ -22,15 +23,19 @@ from jaxshroud.march.carry import (
     updated_lanes,
     updated_margins,
 )
-from jaxshroud.march.events import (
-    EventKind,
-    any_of,
-    evaluate_guards,
-    event_kinds,
+from jaxshroud.march.event import (
+    Events,
+    case_switches,
+    check_own_events,
     first_kind,
     forces_jump,
-    place_contact,
+    guards_after_event,
+    guards_to_begin_with,
+    rounding_of,
+    violated_guards,
 )
+from jaxshroud.march.events import evaluate_guards, place_contact
+from jaxshroud.march.guards import any_of, present
 from jaxshroud.march.locate import at_event, at_least_two, judge_trial, select, select_guard
 from jaxshroud.march.log import AcceptedTrial, new_tally, updated_tally
 from jaxshroud.march.method import Choices
@@ -54,8 +59,11 @@ def begin_rk(state: State, model: Model, method: Choices) -> Lane:
     zero, step = jnp.zeros_like(state.motion.x[0]), jnp.zeros((), jnp.int32)
     tally = new_tally(state, model, method)
     guards = None
+    check_own_events(method.events, model.law.has_events)
     if model.law.has_events:
-        guards = zeros_for(evaluate_guards, state.motion, (zero, zero), state, model).guards
+        evaluate = partial(evaluate_guards, events=method.all_events)
+        guards = zeros_for(evaluate, state.motion, (zero, zero), state, model).guards
+        guards = guards_to_begin_with(guards, method.all_events)
     search = new_search(zero, zero, jnp.ones((), bool), step, method.locate, method.derivative)
     return Lane(state, step, search, guards, tally, step)
 
@@ -117,14 +125,14 @@ def decide_trial(lane: Lane, end: StepEnd, fixed: Fixed[Model], method: Choices)
     active, not_finite, h = running(lane, stop), ~is_finite(end.state.motion), grid.h
     if not model.law.has_events:
         no = jnp.zeros_like(active)
-        return Decision(active, no, no, jnp.int32(EventKind.LIFT), no, no, not_finite, jnp.zeros_like(h), search)
+        return Decision(active, no, no, jnp.int32(0), no, no, not_finite, jnp.zeros_like(h), search)
     assert lane.guards is not None
-    _, at, _, _, _, guards = evaluate_guards(end.state.motion, end.Q, _with_slider_of(lane.state, end.state), model)
-    counts = (search.length > 0) | search.recheck
-    violated = {kind: (guards.value[kind] > 0) & counts for kind in event_kinds(guards.value)}
+    before, events = _with_slider_of(lane.state, end.state), method.all_events
+    _, at, _, _, _, guards = evaluate_guards(end.state.motion, end.Q, before, model, events)
+    violated = violated_guards(guards, lane.guards, (search.length > 0) | search.recheck, events)
     kind = first_kind(violated)
-    jumps = forces_jump(kind, lane.state, model)
-    rounding = where(kind == EventKind.TURN, at.turn_rounding, at.rounding)
+    jumps = forces_jump(kind, lane.state, model, events)
+    rounding = rounding_of(kind, at, events)
     several = at_least_two(tuple(violated.values()))
     exact = jumps & ~several & (select_guard(guards.value, kind) <= rounding)
     outcome = judge_trial(search, lane.guards, guards, violated, jumps, exact, h, method.locate, method.rk.order)
@@ -155,18 +163,21 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Mo
     state, Q, gain, _ = end
     repeated = decision.search._replace(done=search.done)  # which may have a derivative
     if search.refinements is not None:
-        at_root = _differentiable_event_end(end, lane, kind, fixed)
+        at_root = _differentiable_event_end(end, lane, kind, fixed, method.all_events)
         state, Q, gain, length = select(fire | refine, at_root, (state, Q, gain, search.length))
         refined = repeated._replace(length=length, refinements=search.refinements + 1)
         search, repeated = search._replace(length=length), select(refine, refined, repeated)
     z = state.motion
-    change = event_change(z, Q, _with_slider_of(start, state), fire, kind, decision.delay, fixed)
+    change = event_change(z, Q, _with_slider_of(start, state), fire, kind, decision.delay, fixed, method.all_events)
     view, transition, lift, jumps = change
     state = select(fire, transition.after, state)
-    guards = select(fire, transition.guards, view.guards)
+    assert lane.guards is not None
+    after = guards_after_event(transition.guards, view.guards, lane.guards, kind, method.all_events)
+    guards = select(fire, after.guards, view.guards)
     # where guards may have jumped, or several were violated, a guard that still is fires in a trial of length zero
-    jumped = decision.several | (kind == EventKind.TURN) | (kind == EventKind.HEIGHT) | (transition.after.case == FLAT)
-    recheck = fire & jumped & any_of(guards.value[kind] > 0 for kind in event_kinds(guards.value))
+    jumped = any_of(chain([decision.several], case_switches(kind, method.all_events)))
+    jumped = any_of([jumped | (transition.after.case == FLAT), *after.waiting])
+    recheck = fire & jumped & any_of(guards.value[kind] > 0 for kind in present(guards.value))
     next_search, step = following_search(search, lane.step, fire, recheck, method.locate)
     trial = AcceptedTrial(
         InterfaceTrial(h, start.mode, view.at.v, None, start, z, lift, gain.loads, model),
@@ -214,7 +225,7 @@ def _apply_without_events(lane: Lane, end: StepEnd, decision: Decision, fixed: F
     return Lane(state, step, search, None, tally, where(running(lane, stop), status, lane.status))
 
 
-def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fixed: Fixed[Model]):
+def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fixed: Fixed[Model], events: Events):
     """The end of a trial where the guard of `kind` vanishes, with derivatives: state, wave, integrals and length."""
     assert end.slope is not None
     model, grid, start, length = fixed.model, fixed.grid, lane.state, lane.search.length
@@ -222,7 +233,7 @@ def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fi
 
     def guard(z: Motion, Q: Pair, u_s: Slider) -> Scalar:
         at = _with_slider_of(start, end.state) if is_absent(u_s) else State(start.motion, u_s, start.mode, start.case)
-        return select_guard(evaluate_guards(z, Q, at, model).guards.value, kind)
+        return select_guard(evaluate_guards(z, Q, at, model, events).guards.value, kind)
 
     slope, Q_rate, _ = lax.stop_gradient(end.slope)
     at_end, rates = (end.state.motion, end.Q, flowing(end.state)), (slope.motion, Q_rate, flowing(slope))

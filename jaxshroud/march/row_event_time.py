@@ -77,7 +77,9 @@ def _at_root(
     moving = lambda end: (end.state.motion, end.state.u_s if flows else ABSENT, end.gain)
 
     def guard(end: RowStepEnd, fixed: Fixed[RowModel]) -> OfLanes:
-        values = select_guard(row_guards(end.state, end.wave, fixed.model, each).value, crossing.kind)
+        values = select_guard(
+            row_guards(end.state, end.wave, fixed.model, each, method.all_events).value, crossing.kind
+        )
         return jnp.sum(jnp.where(crossing.fires, values, 0.0), axis=0)
 
     def after(length: OfLanes) -> tuple[Any, OfLanes]:

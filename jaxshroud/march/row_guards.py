@@ -3,12 +3,9 @@
 from functools import partial
 from typing import Any
 
-from jaxshroud.march.events import (
-    GuardEvaluation,
-    Guards,
-    guards_at,
-    place_contact,
-)
+from jaxshroud.march.event import Events
+from jaxshroud.march.events import EVENTS, guards_at, place_contact
+from jaxshroud.march.guards import GuardEvaluation, Guards
 from jaxshroud.march.observables import ContactForces, contact_forces_at
 from jaxshroud.model.arithmetic import ABSENT, Absent, Scalar, is_absent
 from jaxshroud.model.geometry import ContactKinematics
@@ -46,10 +43,10 @@ def row_torques(
     return relative_torques(own, state.case, cluster, model), joint_inertia(cluster, model)
 
 
-def interface_view(torque: Scalar, state: State, model: Model) -> GuardEvaluation:
+def interface_view(torque: Scalar, state: State, model: Model, events: Events = EVENTS) -> GuardEvaluation:
     """The kinematics and the guards of one interface under the relative torque of its corner."""
     placed = place_contact(state.motion, state, model)
-    return guards_at(placed, state.motion, _end_torques(torque, placed[2], state, model), state, model)
+    return guards_at(placed, state.motion, _end_torques(torque, placed[2], state, model), state, model, events)
 
 
 def _end_torques(torque: Scalar, at: ContactKinematics, state: State, model: Model) -> EndTorques:
@@ -71,8 +68,8 @@ def row_contact_forces(state: State, wave: Any, model: RowModel, each: Each) -> 
     return over(each, at_interface, torque, pair_states(state, model.closed), model.interfaces)
 
 
-def row_guards(state: State, wave: Any, model: RowModel, each: Each) -> Guards:
+def row_guards(state: State, wave: Any, model: RowModel, each: Each, events: Events) -> Guards:
     """The guards of each interface in a state."""
     torque, _ = row_torques(state, wave, model, each)
-    guards = lambda torque, state, model: interface_view(torque, state, model).guards
+    guards = lambda torque, state, model: interface_view(torque, state, model, events).guards
     return over(each, guards, torque, pair_states(state, model.closed), model.interfaces)

@@ -6,14 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.march.events import (
-    EventKind,
-    Guards,
-    any_of,
-    event_kinds,
-    first_kind,
-    forces_jump,
-)
+from jaxshroud.march.event import Events, first_kind, forces_jump, rounding_of, violated_guards
+from jaxshroud.march.guards import Guards, any_of
 from jaxshroud.march.locate import (
     CUBIC_TRIALS,
     at_least_two,
@@ -46,7 +40,7 @@ class InterfaceOutcome(NamedTuple):
 
 
 def interface_outcome(
-    torque: Scalar, state: State, low: Guards, counts: Bool[Array, ""], length: Scalar, model: Model
+    torque: Scalar, state: State, low: Guards, counts: Bool[Array, ""], length: Scalar, model: Model, events: Events
 ) -> InterfaceOutcome:
     """The outcome at one interface of a trial of so many seconds that ended in `state`.
 
@@ -57,13 +51,14 @@ def interface_outcome(
         counts: Whether a violated guard counts.
         length: The length of the trial [s].
         model: The constants of the pair.
+        events: The events of the march.
     """
-    view = interface_view(torque, state, model)
+    view = interface_view(torque, state, model, events)
     guards = view.guards
-    violated = {kind: (guards.value[kind] > 0) & counts for kind in event_kinds(guards.value)}
+    violated = violated_guards(guards, low, counts, events)
     kind, hit, several = first_kind(violated), any_of(violated.values()), at_least_two(tuple(violated.values()))
-    jumps = forces_jump(kind, state, model)
-    rounding = where(kind == EventKind.TURN, view.at.turn_rounding, view.at.rounding)
+    jumps = forces_jump(kind, state, model, events)
+    rounding = rounding_of(kind, view.at, events)
     exact = jumps & ~several & (select_guard(guards.value, kind) <= rounding)
     zero, none = jnp.zeros_like(length), jnp.zeros_like(kind)
     share, crossed = first_crossed(low, guards, violated, Target(none, zero, zero, zero, none))

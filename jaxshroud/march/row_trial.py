@@ -23,7 +23,9 @@ from jaxshroud.march.carry import (
     status_of,
     updated_margins,
 )
-from jaxshroud.march.events import FLAT_RETURN, EventKind, any_of, event_kinds
+from jaxshroud.march.event import case_switches, check_own_events, guards_after_event, guards_to_begin_with
+from jaxshroud.march.events import FLAT_RETURN
+from jaxshroud.march.guards import Guards, any_of, present
 from jaxshroud.march.locate import select
 from jaxshroud.march.log import value_in
 from jaxshroud.march.method import Choices
@@ -69,8 +71,10 @@ def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lan
     zero_step = interval_in_step(count, lanes, lanes, TimeGrid(lanes, lanes, lanes))
     nothing = zeros_for(lambda: row_step(zero_step, state, clusters_of(state, model), model, method, each).gain)
     guards = None
+    check_own_events(method.events, model.interfaces.law.has_events)
     if model.interfaces.law.has_events:
-        guards = zeros_for(lambda: row_guards(state, (lanes, lanes), model, each))
+        guards = zeros_for(lambda: row_guards(state, (lanes, lanes), model, each, method.all_events))
+        guards = guards_to_begin_with(guards, method.all_events)
     log = None if method.derivative else new_row_log(state, at, model, method, each)
     margins = no_margins(at) if method.margins else None
     return Lane(state, count, search, guards, Tally(nothing, EnergyJumps(at, lanes), log, margins), count)
@@ -103,13 +107,13 @@ def interface_change(
     """
     if not is_absent(joint):
         model = eqx.tree_at(lambda m: m.mobility.joint, model, joint)
-    view = interface_view(torque, start, model)
+    view = interface_view(torque, start, model, method.all_events)
     rocks = None if turns is None else turns >= MAX_TURNS_PER_STEP
-    change = change_at(view, start.motion, start, fire, kind, delay, h, model, rocks)
+    change = change_at(view, start.motion, start, fire, kind, delay, h, model, rocks, method.all_events)
     now = change.transition.after
     u_s, mode, case = select(fire, (now.u_s, now.mode, now.case), (start.u_s, start.mode, start.case))
     becomes_flat = fire & (case == FLAT) & (start.case != FLAT)
-    turned = (kind == EventKind.TURN) | (kind == EventKind.HEIGHT)
+    turned = any_of(case_switches(kind, method.all_events))
     springs, v = lax.stop_gradient((change.jumps.springs, view.at.v))
     ending = Ending(change.transition, fire, inside)
     takers = [one for one in takers_of_events(method) if one.name in counted]
@@ -149,7 +153,8 @@ def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
     torque, joint = row_torques(end.state, end.wave, model, each)
     counts = (search.length > 0) | search.recheck
     pairs = pair_states(end.state, model.closed)
-    outcome = over(each, interface_outcome, torque, pairs, lane.guards, counts, h, model.interfaces)
+    at_interface = partial(interface_outcome, events=method.all_events)
+    outcome = over(each, at_interface, torque, pairs, lane.guards, counts, h, model.interfaces)
     judge = partial(judge_row, locate=method.locate, order=method.rk.order, derivative=method.derivative)
     of_row = row_outcome(search, outcome, lane.guards)
     decision = each(judge, search._replace(pending=None, turns=None), of_row, running(lane, stop), grid.h)
@@ -178,11 +183,12 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     change = _change_of_row(lane, end, verdict, fixed, method, each)
     after = State(end.state.motion, change.u_s, change.mode, change.case)
     after, dropped = _as_flat(after, change.becomes_flat, model, each)
-    guards = row_guards(*lax.stop_gradient((after, end.wave, model)), each)
+    guards = row_guards(*lax.stop_gradient((after, end.wave, model)), each, method.all_events)
+    guards, waiting = _guards_after_events(guards, lane, verdict, method)
     guards = select(decision.fire, guards, verdict.outcome.guards)
-    violated = any_of([jnp.any(guards.value[kind] > 0, axis=0) for kind in event_kinds(guards.value)])
+    violated = any_of([jnp.any(guards.value[kind] > 0, axis=0) for kind in present(guards.value)])
     several = jnp.sum(decision.fire[None] & verdict.outcome.hit, axis=0) > 1
-    recheck = decision.fire & (jnp.any(change.jumped, axis=0) | several) & violated
+    recheck = decision.fire & any_of([jnp.any(change.jumped, axis=0), several, *waiting]) & violated
     next_search, step = following_search(
         search._replace(turns=change.turns), lane.step, decision.fire, recheck, method.locate
     )
@@ -200,6 +206,17 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
         select(accept, tally, lane.tally),
         jnp.where(active, status, lane.status),
     )
+
+
+def _guards_after_events(
+    after: Guards, lane: Lane, verdict: RowVerdict, method: Choices
+) -> tuple[Guards, list[Bool[Array, " lanes"]]]:
+    """`guards_after_event` of all interfaces, and whether an event waits at any of them."""
+    assert lane.guards is not None
+    crossing = verdict.crossing
+    kind = jnp.where(crossing.fires, crossing.kind, -1) if method.events else crossing.kind
+    guards, waiting = guards_after_event(after, verdict.outcome.guards, lane.guards, kind, method.all_events)
+    return guards, [jnp.any(waits, axis=0) for waits in waiting]
 
 
 def _of_events(log: Log | None, method: Choices) -> dict[str, Any]:

@@ -16,7 +16,7 @@ class Target(NamedTuple):
     kind: Int[Array, "..."]
     value: Scalar
     rate: Scalar
-    slip_path: Scalar
+    integral: Scalar
     tries: Int[Array, "..."]
     place: Int[Array, "..."] | None = None  # the interface of a row; None of a pair
 

@@ -5,7 +5,9 @@ A march crosses these events in its first trials, of length zero; here they are 
 
 import jax.numpy as jnp
 
-from jaxshroud.march.events import GuardEvaluation, any_of, event_kinds, first_kind, transition
+from jaxshroud.march.event import first_kind
+from jaxshroud.march.events import transition
+from jaxshroud.march.guards import GuardEvaluation, any_of, present
 from jaxshroud.march.locate import select
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State
@@ -15,7 +17,7 @@ EVENTS_AT_START = 2  # an onset, and from face-to-face contact the transition to
 
 def next_at_start(state: State, start: State, view: GuardEvaluation, model: Model) -> State:
     """The state after the next event at the instant of a `start` apart, if its guards show one; its motion is kept."""
-    violated = {kind: view.guards.value[kind] > 0 for kind in event_kinds(view.guards.value)}
+    violated = {kind: view.guards.value[kind] > 0 for kind in present(view.guards.value)}
     zero = jnp.zeros_like(view.at.v)
     after = transition(state.motion, state, view, first_kind(violated), zero, zero, model).after
     fires = any_of(violated.values()) & (start.mode == Mode.APART)

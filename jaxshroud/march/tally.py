@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxshroud.march.events import EventKind, model_events
+from jaxshroud.march.events import HEIGHT, LIFT, RUB, TURN, happens, model_events
 from jaxshroud.march.observable import Ending
 from jaxshroud.model.arithmetic import ABSENT, Absent, Scalar, is_absent
 from jaxshroud.model.geometry import is_upper
@@ -41,16 +41,16 @@ def count_event(counters: Counters, ending: Ending) -> Counters:
     """The `counters` with the transition added in which a trial ended, if it did."""
     transition, fired, inside = ending
     kind, mode, before = transition.kind, transition.after.mode, transition.before.mode
-    onset = (kind == EventKind.LIFT) & (before == Mode.APART)
-    rub = kind == EventKind.RUB
-    turn, height = kind == EventKind.TURN, kind == EventKind.HEIGHT
+    onset = happens(kind, LIFT) & (before == Mode.APART)
+    rub = happens(kind, RUB)
+    turn, height = happens(kind, TURN), happens(kind, HEIGHT)
     case, previous = transition.after.case, transition.before.case
     onset_flat, end_flat = (case == FLAT) & (previous != FLAT), (previous == FLAT) & (turn | height)
     outer, corners = (case == 1) | (case == 4), ~onset_flat & ~end_flat
     occurred = dict(
         onset_slip=onset & (mode != Mode.STICK),
         onset_stick=onset & (mode == Mode.STICK),
-        separation=(kind == EventKind.LIFT) & (before != Mode.APART),
+        separation=happens(kind, LIFT) & (before != Mode.APART),
         stick_slip=rub & (before == Mode.STICK),
         slip_stick=rub & (before != Mode.STICK),
         switch_14=turn & corners & outer,
@@ -65,18 +65,10 @@ def count_event(counters: Counters, ending: Ending) -> Counters:
     return Counters(**{name: n + (now & fired).astype(jnp.int32) if not is_absent(n) else n for name, n, now in counts})
 
 
-COUNTED_BY_KIND = {
-    EventKind.TURN: ("switch_14", "switch_23", "switch_12", "switch_34", "flat", "flat_corner"),
-    EventKind.RUB: ("onset_stick", "stick_slip", "slip_stick"),
-}  # counters that a model without events of that kind lacks
-
-
 def no_events(model: Model, zero: Int[Array, "..."]) -> Counters:
     """The counters of the events that a model has, at `zero`."""
-    names, present = Counters.__annotations__, model_events(model)
-    lacking = {name for kind, counted in COUNTED_BY_KIND.items() if kind not in present for name in counted}
-    lacking = lacking if present else set(names)
-    return Counters(**{name: ABSENT if name in lacking else zero for name in names})
+    counted = {name for event in model_events(model) for name in event.counters}
+    return Counters(**{name: zero if name in counted else ABSENT for name in Counters.__annotations__})
 
 
 class ContactTimes(NamedTuple):

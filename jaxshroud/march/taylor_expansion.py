@@ -9,7 +9,8 @@ from jax import lax
 from jaxtyping import Array, Int
 
 from jaxshroud.march.carry import Fixed, Lane
-from jaxshroud.march.events import EventKind, place_contact, switch_guards
+from jaxshroud.march.events import HEIGHT, LIFT, RUB, TURN, number_of, place_contact
+from jaxshroud.march.guards import switch_guards
 from jaxshroud.model.arithmetic import Pair, Scalar, is_absent, sincos_turns, where
 from jaxshroud.model.contact_law import linear_law
 from jaxshroud.model.geometry import ContactKinematics, Pose, contact_rates
@@ -21,7 +22,9 @@ from jaxshroud.model.series import Series, rate_of, truncated
 from jaxshroud.scene.keys import Motion
 
 RADIANS_PER_TURN = 2 * math.pi
-GuardSeries = tuple[EventKind, Any]  # with a `Series`, which stands for a Scalar in the model's equations
+GuardSeries = tuple[
+    int, Any
+]  # the number of the event, and a `Series`, which stands for a Scalar in the model's equations
 
 
 class TaylorExpansion(NamedTuple):
@@ -63,7 +66,7 @@ def taylor_expansion(lane: Lane, fixed: Fixed[Model], order: int, ledger: bool) 
     works = rhs(Q, State(truncated_motion, start.u_s, start.mode, case), model, Recorded(ledger))[1].ledger
 
     at = place.at._replace(v=truncated(place.at.v, order - 1), u=truncated(place.at.u, order - 1))
-    lift = EventKind.LIFT, where(start.mode == Mode.APART, 1.0, -1.0) * at.v
+    lift = number_of(LIFT), where(start.mode == Mode.APART, 1.0, -1.0) * at.v
     guards = [lift, *_switch_series(Q, place, now, model, order), *_friction_series(at, now, model)]
     return TaylorExpansion(now.motion, at.v, at.u, guards, place.pose, works, case, unit)
 
@@ -74,7 +77,7 @@ def without_derivatives(expansion: TaylorExpansion) -> TaylorExpansion:
     def without(a: Any) -> Any:
         if isinstance(a, Series):
             return a.of_each(lax.stop_gradient)
-        return a if isinstance(a, EventKind) else lax.stop_gradient(a)
+        return a if isinstance(a, int) else lax.stop_gradient(a)
 
     return jax.tree.map(without, expansion)
 
@@ -121,11 +124,11 @@ def _switch_series(Q: Pair, place: Placement, now: State, model: Model, order: i
     # where contact ends, LIFT is first
     flat, torque = now.case == FLAT, model.law.normal_stiffness * model.block.l_ab * at.rounding
     slack = where(flat, torque, 0.0), where(flat, torque, at.rounding)
-    return [(EventKind.TURN, turn - slack[0]), (EventKind.HEIGHT, height - slack[1])]
+    return [(number_of(TURN), turn - slack[0]), (number_of(HEIGHT), height - slack[1])]
 
 
 def _friction_series(at: ContactKinematics, now: State, model: Model) -> list[GuardSeries]:
     """The guards of the friction element."""
     rate = contact_rates(at, now.motion, now.case, model.reading)
     guards = linear_law(model.law).friction_series(at, rate, now.u_s, now.mode)
-    return [(EventKind.RUB, guard) for guard in guards]
+    return [(number_of(RUB), guard) for guard in guards]

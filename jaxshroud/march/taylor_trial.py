@@ -27,7 +27,9 @@ from jaxshroud.march.carry import (
     updated_lanes,
     updated_margins,
 )
-from jaxshroud.march.events import FLAT_RETURN, EventKind, any_of
+from jaxshroud.march.event import case_switches
+from jaxshroud.march.events import EVENTS, FLAT_RETURN, LIFT, happens, number_of
+from jaxshroud.march.guards import any_of
 from jaxshroud.march.locate import at_event, select
 from jaxshroud.march.log import AcceptedTrial, found_by_series, new_tally, updated_tally
 from jaxshroud.march.method import Choices
@@ -143,7 +145,7 @@ def _trial_event(
     h = jnp.minimum(
         _accurate_length(expansion, order, search.tolerance, fixed), jnp.maximum(_remaining_angle(lane, fixed), 0.0)
     )
-    rocking = [g.coefficients(2) for kind, g in expansion.guards if kind in (EventKind.TURN, EventKind.HEIGHT)]
+    rocking = [g.coefficients(2) for kind, g in expansion.guards if EVENTS[kind].switches_case]
     # a rocking motion that returns sooner counts as flat contact
     resolved = jnp.maximum(return_length(rocking, h), FLAT_RETURN * RADIANS_PER_TURN * fixed.grid.turn)
     h = jnp.minimum(h, resolved)
@@ -177,7 +179,7 @@ def _found_in_trial(
 ) -> tuple[Scalar, tuple[Any, ...]]:
     """The largest penetration within `s` radians, and what each observable reads off the polynomials."""
     order, start, (motion, v, u, *_) = method.taylor.order, lane.state, expansion
-    onset = (start.mode == Mode.APART) & event.fire & (kind == EventKind.LIFT)
+    onset = (start.mode == Mode.APART) & event.fire & happens(kind, LIFT)
     contact = ContactSeries(v, u, expansion.unit, order, s, start, onset, linear_law(fixed.model.law))
     return deepest_penetration(contact), found_by_series(contact, MotionSeries(motion, order, s), method)
 
@@ -248,7 +250,7 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method
     active, z = running(lane, fixed.stop), trial.motion
     apart = start.mode == Mode.APART
     # when apart, a change of the case has no effect
-    fire = event.fire & ~(apart & (trial.kind != EventKind.LIFT)) & active
+    fire = event.fire & ~(apart & (trial.kind != number_of(LIFT))) & active
     next_search, step = _next_taylor_search(lane, trial, fire, fixed)
     done = step.astype(grid.turn.dtype) + next_search.done
     Q = drive_wave(*sincos_turns(grid.start + done * grid.turn), model.drive)
@@ -286,7 +288,7 @@ def _next_taylor_search(
     next_search = TaylorSearch(
         done=done,
         cap=event.end,
-        recheck=fire & ((trial.kind == EventKind.TURN) | (trial.kind == EventKind.HEIGHT)),
+        recheck=fire & any_of(case_switches(trial.kind, EVENTS)),
         crossed=trial.kind,
         probing=event.probe,
         events=events,

@@ -9,7 +9,7 @@ import numpy as np
 from jaxshroud.batch.marches import march_of
 from jaxshroud.batch.operation_count import TrialSize
 from jaxshroud.batch.runs import stepping_method
-from jaxshroud.march.events import EventKind, model_events
+from jaxshroud.march.events import model_events
 from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import step_limits, steps_for, stiffest
 from jaxshroud.model.arithmetic import Scalar
@@ -23,8 +23,6 @@ from jaxshroud.scene.parts import MOTIONS, Parts
 from jaxshroud.scene.scene import Scene, Shroud, with_parts
 from jaxshroud.scene.typed import typed
 from jaxshroud.verbs.checks import check_row, one_scene
-
-EVENTS = {EventKind.LIFT: "contact", EventKind.TURN: "corner pair", EventKind.HEIGHT: "tip", EventKind.RUB: "friction"}
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,7 @@ def explain(scene: Scene | SceneFile, method: Method | None = None) -> Explanati
     return Explanation(
         parts=scene.parts,
         numbers=size.numbers,
-        events=tuple(EVENTS[kind] for kind in model_events(jax.eval_shape(_model_of_contact, scene))),
+        events=tuple(event.label for event in model_events(jax.eval_shape(_model_of_contact, scene))),
         operations=size.operations,
         full_operations=full_size.operations,
         omega_max=omega_max,

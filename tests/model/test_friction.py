@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from jaxshroud.batch.states import as_arrays
-from jaxshroud.march.events import EventKind, evaluate_guards, first_kind, transition
+from jaxshroud.march.event import first_kind
+from jaxshroud.march.events import EVENTS, evaluate_guards, transition
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State, as_pairs, initial_state, prepared_law, prepared_model
 from jaxshroud.model.spring_contact import BilinearContact, slip_sign
@@ -28,7 +29,7 @@ def led(model: Model, motions: Motion) -> tuple[jax.Array, jax.Array]:
 
     def step(held: State, z: Motion) -> tuple[State, tuple[jax.Array, jax.Array]]:
         view = evaluate_guards(z, STILL, held, model)
-        violated = {kind: view.guards.value[kind] > 0 for kind in EventKind}
+        violated = {kind: view.guards.value[kind] > 0 for kind in range(len(EVENTS))}
         due = jnp.any(jnp.stack(list(violated.values())))
         fired = transition(z, held, view, first_kind(violated), jnp.asarray(0.0), jnp.asarray(0.0), model).after
         stayed = State(z, held.u_s, held.mode, held.case)

@@ -1,0 +1,181 @@
+"""What an event is: a guard that rises through zero at some instant, and what changes there.
+
+The built-in ones stand in `events`; `Choices.events` has a user's own.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from jaxshroud.march.guards import ContactNow, Guard, GuardEvaluation, Guards, any_of, present
+from jaxshroud.model.arithmetic import Scalar, where
+from jaxshroud.model.contact_law import GuardCrossing
+from jaxshroud.model.geometry import ContactKinematics
+from jaxshroud.model.modes import FLAT
+from jaxshroud.model.prepared import Model, State
+from jaxshroud.scene.checks import InputError
+
+
+class EventInstant(NamedTuple):
+    """The instant at which a guard is crossed."""
+
+    view: GuardEvaluation  # there, in the mode before the event
+    state: State  # before the event
+    delay: Scalar  # upper bound of the time since the event [s]
+    model: Model
+
+    @property
+    def crossing(self) -> GuardCrossing:
+        """What the law of contact knows of it."""
+        return GuardCrossing(self.view.at, self.view.rate, self.state.u_s, self.state.mode, self.delay)
+
+
+def always(_: Model) -> bool:
+    """True of every model."""
+    return True
+
+
+def never(_: Model) -> bool:
+    """True of no model."""
+    return False
+
+
+class Event(NamedTuple):
+    """An event at one interface.
+
+    Its functions are traced by JAX, except those of a model alone, whose answer is known while tracing. The events of a
+    march are numbered in their order, built-in ones first; where several guards are crossed at an instant, the event
+    with the lowest number takes precedence, and the others follow in trials of length zero.
+    """
+
+    name: str
+    label: str
+    """What it concerns, in words of results."""
+    guard: Callable[[ContactNow], Guard]
+    """The guard with its rate, or its integral where only that is known: each event is located by a cubic of these."""
+    transition: Callable[[EventInstant], Int[Array, ""]] | None = None
+    """The mode of contact after it; None: the mode stays."""
+    switches_case: bool = False
+    """Whether other corners meet after it, or flat contact ends; of the built-in TURN and HEIGHT, see `events`."""
+    exists: Callable[[Model], bool] = always
+    """Whether a model with modes of contact has it."""
+    forces_jump: Callable[[Model], bool] = never
+    """Whether the forces jump at it, so that its instant is located to rounding; at a switch of the case from a corner
+    only."""
+    rounding: Callable[[ContactKinematics], Scalar] | None = None
+    """The guard's rounding error, below which it counts as zero; None: that of a corner's place [m]."""
+    counters: tuple[str, ...] = ()
+    """The fields of `Counters` that a model has because of it; none of a user's own, which is counted by its name."""
+
+    @property
+    def is_only_counted(self) -> bool:
+        """Whether nothing changes at it. Its guard stays above zero, and it happens again once it has been below."""
+        return self.transition is None and not self.switches_case
+
+
+Events = tuple[Event, ...]  # of a march
+Violated = dict[int, Bool[Array, ""]]  # whether the guard of each event that there is counts as crossed, by its number
+
+
+def violated_guards(guards: Guards, low: Guards, counts: Bool[Array, ""], events: Events) -> Violated:
+    """The guards that are above zero at the end of a trial, if they count.
+
+    Those of events that are only counted must have been below: `low` are the guards where the trial began.
+    """
+    violated = {kind: (guards.value[kind] > 0) & counts for kind in present(guards.value)}
+    return violated | {kind: violated[kind] & (low.value[kind] <= 0) for kind in only_counted(guards, events)}
+
+
+def only_counted(guards: Guards, events: Events) -> list[int]:
+    """The numbers of the events at which nothing changes, of those that there are."""
+    return [kind for kind in present(guards.value) if events[kind].is_only_counted]
+
+
+def first_kind(violated: Violated) -> Int[Array, ""]:
+    """The number of the violated guard that takes precedence."""
+    *others, last = violated
+    kind = jnp.asarray(last, jnp.int32)
+    for k in reversed(others):
+        kind = where(violated[k], jnp.int32(k), kind)
+    return kind
+
+
+def case_switches(kind: Int[Array, ""], events: Events) -> Iterator[Bool[Array, ""]]:
+    """Of every event that switches the case, whether it is that of number `kind`."""
+    return (kind == number for number, event in enumerate(events) if event.switches_case)
+
+
+def forces_jump(kind: Int[Array, ""], state: State, model: Model, events: Events) -> Bool[Array, ""]:
+    """Whether the forces jump at the event of number `kind`."""
+    jumping = {i: event for i, event in enumerate(events) if event.exists(model) and event.forces_jump(model)}
+    switches = [kind == number for number, event in jumping.items() if event.switches_case]
+    jumps = jnp.zeros_like(kind, bool)
+    if switches:
+        jumps = any_of(switches) & (state.case != FLAT)
+    for number, event in jumping.items():
+        jumps = jumps if event.switches_case else jumps | (kind == number)
+    return jumps
+
+
+def rounding_of(kind: Int[Array, ""], at: ContactKinematics, events: Events) -> Scalar:
+    """The rounding error of the guard of the event of number `kind`."""
+    rounding = at.rounding
+    for number, event in enumerate(events):
+        if event.rounding is not None:
+            rounding = where(kind == number, event.rounding(at), rounding)
+    return rounding
+
+
+def next_mode(kind: Int[Array, ""], instant: EventInstant, events: Events) -> Int[Array, ""]:
+    """The mode after the event of number `kind`."""
+    modes = [(kind == i, event.transition(instant)) for i, event in enumerate(events) if event.transition is not None]
+    chosen = instant.state.mode
+    for happened, mode in reversed(modes):
+        chosen = where(happened, mode, chosen)
+    return chosen
+
+
+def check_own_events(own: Events, has_modes: bool) -> None:
+    """InputError if there are events of a user's own, but contact has no modes, and no instants at which they end."""
+    if own and not has_modes:
+        raise InputError(f"The event {own[0].name!r} needs contact with modes, which smooth contact and none lack.")
+
+
+def guards_to_begin_with(guards: Guards, events: Events) -> Guards:
+    """The guards before the first trial. An event that is only counted does not happen where it begins above zero."""
+    value = list(guards.value)
+    for kind in only_counted(guards, events):
+        value[kind] = jnp.ones_like(value[kind])
+    return guards._replace(value=tuple(value))
+
+
+class GuardsAfterEvent(NamedTuple):
+    """The guards with which a march goes on after an event."""
+
+    guards: Guards
+    waiting: list[Bool[Array, "..."]]  # of events that are only counted, whether they happen at this instant too
+
+
+def guards_after_event(
+    after: Guards, end: Guards, low: Guards, kind: Int[Array, "..."], events: Events
+) -> GuardsAfterEvent:
+    """The guards after the event of number `kind`.
+
+    The guard of an event that is only counted waits at 0 if it has risen at the same instant, or jumped above zero.
+
+    Args:
+        after: The guards right after the event.
+        end: Those right before it, where the trial ended.
+        low: Those at the lower end of the bracket.
+        kind: The number of the event.
+        events: The events of the march.
+    """
+    value, waiting = list(after.value), []
+    for counted in only_counted(after, events):
+        was_below = (low.value[counted] <= 0) | (end.value[counted] <= 0)
+        waits = (kind != counted) & was_below & (after.value[counted] > 0)
+        value[counted] = where(waits, 0.0, after.value[counted])
+        waiting.append(waits)
+    return GuardsAfterEvent(after._replace(value=tuple(value)), waiting)

@@ -1,0 +1,206 @@
+"""Events of one's own: penetration beyond a depth, which is counted and changes nothing.
+
+They are defined here, and a pair and a row of three blades march with them without a change of the package. Beside it,
+blades that move along x alone, without friction, are followed by a plain integrator in NumPy.
+"""
+
+import math
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.batch.periods import begin_lanes
+from jaxshroud.batch.plan import Plan
+from jaxshroud.batch.runs import run_lanes
+from jaxshroud.batch.states import initial_states
+from jaxshroud.march.event import Event
+from jaxshroud.march.events import EVENTS
+from jaxshroud.march.guards import ContactNow, Guard
+from jaxshroud.march.logged import observables_of
+from jaxshroud.march.method import FAST, Choices
+from jaxshroud.march.tableau import TaylorOptions
+from jaxshroud.march.tally import Counters
+from jaxshroud.programs.key import UnknownPartError, description
+from jaxshroud.scene.checks import InputError
+from jaxshroud.scene.grids import scenes_at
+
+
+def beyond(depth: float, name: str) -> Event:
+    """The event that the penetration grows beyond a depth [m]."""
+
+    def guard(now: ContactNow) -> Guard:
+        return Guard(now.at.v - depth, now.rate.v)
+
+    return Event(name, f"penetration beyond {depth} m", guard)
+
+
+DEEP = 1e-5  # [m]
+GAMMAS = (2.0, 2.5, 3.0)  # one lane each
+PERIODS, STEPS, FINE = 4, 400, 2000
+SMOOTH_X = ('parts.motion=["x"]', "friction.mu=0")
+LAYOUTS = {
+    "pair": ("table1", SMOOTH_X),
+    "row of three": ("row_ring12", ("row.blades=3", "row.closed=false", "drive.engine_order=1", *SMOOTH_X)),
+}
+
+
+@pytest.fixture(scope="module", params=LAYOUTS)
+def layout(request):
+    return request.param
+
+
+def scene_in(layout):
+    name, changes = LAYOUTS[layout]
+    return js.load(name, list(changes)).scene
+
+
+class Followed(NamedTuple):
+    """A motion by RK4 in plain NumPy, with the axes (lane, instant, blade or interface)."""
+
+    x: np.ndarray
+    v: np.ndarray  # penetration
+
+
+@cache
+def followed(layout):
+    blades = 2 if layout == "pair" else 3
+    phase = math.pi * np.arange(2) if layout == "pair" else 2 * math.pi * np.arange(3) / 3
+    m, k_x, c_x, gap, omega = 0.08, 1e5, 3.57, 22e-6, 536.0
+    force, lean, k = 60.0 * math.cos(math.pi / 6), math.sin(math.pi / 3), np.array(GAMMAS)[:, None] * k_x
+
+    def penetration(x):
+        return (x[..., :-1] - x[..., 1:] - gap) * lean
+
+    def slope(t, z):
+        x, speed = z
+        push = k * np.maximum(penetration(x), 0.0) * lean
+        total = force * np.sin(omega * t + phase) - k_x * x - c_x * speed
+        total[:, :-1] -= push
+        total[:, 1:] += push
+        return np.array([speed, total / m])
+
+    h = 2 * math.pi / omega / FINE
+    states = [np.zeros((2, len(GAMMAS), blades))]
+    for i in range(PERIODS * FINE):
+        t, z = i * h, states[-1]
+        a = slope(t, z)
+        b = slope(t + h / 2, z + h / 2 * a)
+        c = slope(t + h / 2, z + h / 2 * b)
+        states.append(z + h / 6 * (a + 2 * b + 2 * c + slope(t + h, z + h * c)))
+    x = np.stack([z[0] for z in states], axis=1)
+    return Followed(x, penetration(x))
+
+
+def rises(v, depth, every=1):
+    """How often samples have grown beyond a depth by the end of each period."""
+    above = v[:, ::every] > depth
+    rose = above[:, 1:] & ~above[:, :-1]
+    return np.cumsum(rose.reshape(len(v), PERIODS, -1, v.shape[-1]).sum(axis=2), axis=1)
+
+
+@cache
+def depths(layout):
+    """Depths [m]: 10 um, that of an onset, and one for each lane, which it exceeds for less than a step at a time."""
+    peaks = {f"peak {i}": 0.9999 * np.max(v) for i, v in enumerate(followed(layout).v)}
+    return {"deep": DEEP, "onset": 0.0, **peaks}
+
+
+@cache
+def marched(layout, events=None, locate="cubic"):
+    """The run of all lanes, by default with events at all depths."""
+    scenes = scenes_at(scene_in(layout), ["contact.gamma"], np.array(GAMMAS)[:, None])
+    if events is None:
+        events = tuple(beyond(depth, name) for name, depth in depths(layout).items())
+    method = FAST._replace(events=events, locate=locate)
+    return run_lanes(scenes, initial_states(scenes), Plan(0, PERIODS, STEPS, 0.0, method), lambda _: None)
+
+
+def counts(run, name):
+    """How often an event has happened in each lane and at each interface, by the end of each period."""
+    return np.asarray(run.samples.own[name]).reshape(len(GAMMAS), PERIODS, -1)
+
+
+def test_an_event_is_counted_as_often_as_many_samples_rise_beyond_the_depth(layout):
+    run, v = marched(layout), followed(layout).v
+    for name, depth in depths(layout).items():
+        np.testing.assert_array_equal(counts(run, name), rises(v, depth), err_msg=name)
+    assert len(set(counts(run, "deep")[:, -1].ravel())) > 1  # lanes or interfaces differ
+    # Controls: samples at ends of steps alone, and a march that does not locate events, miss short peaks.
+    peaks = [name for name in depths(layout) if name.startswith("peak")]
+    unlocated = marched(layout, locate="none")
+    assert any(np.any(rises(v, depths(layout)[name], FINE // STEPS) < rises(v, depths(layout)[name])) for name in peaks)
+    assert any(np.any(counts(unlocated, name) < counts(run, name)) for name in peaks)
+
+
+def test_an_event_at_the_instant_of_an_onset_is_counted_beside_it(layout):
+    run = marched(layout)
+    onsets = run.last.tally.log.counters.onset_slip
+    np.testing.assert_array_equal(counts(run, "onset")[:, -1], np.reshape(onsets, (len(GAMMAS), -1)))
+
+
+def test_an_event_without_a_transition_does_not_change_the_motion(layout):
+    true = followed(layout).x[:, FINE::FINE]
+    x, plain = (np.reshape(run.samples.motion.x, true.shape) for run in (marched(layout), marched(layout, ())))
+    # Trials end at the events: the motion differs by the error of a step that is made in two, which is a small part of
+    # the error of the method.
+    assert 0 < np.abs(x - plain).max() < 0.02 * np.abs(plain - true).max()
+    assert np.abs(plain - true).max() < 1e-4 * np.abs(true).max()
+    # Control: where no event is located, the built-in ones are not either.
+    unlocated = np.reshape(marched(layout, locate="none").samples.motion.x, true.shape)
+    assert np.abs(unlocated - plain).max() > 1e-3 * np.abs(true).max()
+
+
+@pytest.mark.full
+def test_an_event_that_never_happens_leaves_the_motion_as_it_is():
+    never = marched("pair", (beyond(1.0, "never"),))
+    assert not np.any(counts(never, "never"))
+    x, plain = (np.asarray(run.samples.motion.x) for run in (never, marched("pair", ())))
+    # Two programs round differently: some 1e-16 at each of 1,600 steps, which impacts let grow.
+    np.testing.assert_allclose(x, plain, rtol=0, atol=1e-11 * np.abs(plain).max())
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", ["table1", "table1_light"])
+def test_events_are_counted_where_blocks_rub_and_turn(name):
+    scene, levels = js.load(name).scene, (DEEP, 1e-4, 2e-4)
+    method = FAST._replace(events=tuple(beyond(depth, f"beyond {depth}") for depth in levels))
+    scenes = scenes_at(scene, ["contact.gamma"], np.array([[float(scene.contact.gamma)]]))
+    run = run_lanes(scenes, initial_states(scenes), Plan(0, 2, 1600, 0.0, method), lambda _: None)
+    v = np.asarray(js.simulate(scene, n_periods=2, method=js.RungeKutta("rk4", 25600)).v)
+    got = [float(np.ravel(run.samples.own[event.name])[-1]) for event in method.events]
+    assert got == [np.sum((v[1:] > depth) & (v[:-1] <= depth)) for depth in levels]
+    assert len(set(got)) == len(levels)
+
+
+def test_power_series_refuse_an_event_by_its_name():
+    with pytest.raises(InputError, match="'deep'"):
+        Choices(TaylorOptions(12, 1e-12), "series", events=(beyond(DEEP, "deep"),))
+
+
+def test_contact_without_modes_refuses_an_event_by_its_name():
+    smooth = js.load("table1", ["parts.contact=smooth", "contact.width=50 um"]).scene
+    scenes = scenes_at(smooth, ["contact.gamma"], np.array([[2.5]]))
+    with pytest.raises(InputError, match="'deep'"):
+        begin_lanes(scenes, initial_states(scenes), FAST._replace(events=(beyond(DEEP, "deep"),)))
+
+
+@pytest.mark.parametrize("name", ["deep", "v_max"])
+def test_every_event_has_a_name_of_its_own(name):
+    with pytest.raises(InputError, match=name):
+        observables_of(FAST._replace(events=(beyond(DEEP, "deep"), beyond(0.0, name))))
+
+
+def test_a_program_with_an_event_of_a_user_is_not_kept():
+    description(FAST)  # control
+    with pytest.raises(UnknownPartError):
+        description(FAST._replace(events=(beyond(DEEP, "deep"),)))
+
+
+def test_the_built_in_events_stand_in_one_table():
+    assert [event.name for event in EVENTS] == ["lift", "turn", "height", "rub"]
+    counted = [name for event in EVENTS for name in event.counters]
+    assert sorted(counted) == sorted(Counters.__annotations__)  # each because of one event
+    assert not any(event.is_only_counted for event in EVENTS)
