@@ -21,7 +21,8 @@ from jaxshroud.march.events import (
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Lift
 from jaxshroud.march.tally import EnergyJumps, EventMargins, Tally
-from jaxshroud.model.arithmetic import ANGLE_RANGE, Pair, Scalar, where
+from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, where
+from jaxshroud.model.drive import Waves
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State, has_torsion
 from jaxshroud.scene.keys import Motion
@@ -103,7 +104,7 @@ class EventChange(NamedTuple):
 
 
 def event_change(
-    z: Motion, Q: Pair, start: State, fire: Bool[Array, ""], kind: Int[Array, ""], delay: Scalar, fixed: Fixed[Model]
+    z: Motion, Q: Waves, start: State, fire: Bool[Array, ""], kind: Int[Array, ""], delay: Scalar, fixed: Fixed[Model]
 ) -> EventChange:
     """The change of a lane at the motion `z`, where an event of `kind` happens if `fire` is true."""
     return change_at(evaluate_guards(z, Q, start, fixed.model), z, start, fire, kind, delay, fixed.grid.h, fixed.model)

@@ -34,7 +34,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where
+from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, where
+from jaxshroud.model.drive import Waves
 from jaxshroud.model.friction import Springs, contact_energy, slider_speed, slip_sign, stretch
 from jaxshroud.model.geometry import (
     Case,
@@ -106,7 +107,7 @@ class GuardEvaluation(NamedTuple):
 
 
 @partial(jax.jit, inline=True)
-def evaluate_guards(z: Motion, Q: Pair, state: State, model: Model) -> GuardEvaluation:
+def evaluate_guards(z: Motion, Q: Waves, state: State, model: Model) -> GuardEvaluation:
     """The contact kinematics and the guards of the motion `z` in the mode of `state`; `Q` is the drive's wave."""
     placed = place_contact(z, state, model)
     return guards_at(placed, z, end_torques(z, Q, placed[2], state, model), state, model)

@@ -37,7 +37,8 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import BladeTrial, Ending, InterfaceTrial, Lift
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
 from jaxshroud.march.search import Search, following_search, new_search
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where, zeros_for
+from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, where, zeros_for
+from jaxshroud.model.drive import Waves, drive_waves
 from jaxshroud.model.friction import Slider
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
@@ -55,7 +56,8 @@ def begin_rk(state: State, model: Model, method: Choices) -> Lane:
     tally = new_tally(state, model, method)
     guards = None
     if model.spring.modal:
-        guards = zeros_for(evaluate_guards, state.motion, (zero, zero), state, model).guards
+        waves = lambda: drive_waves(zero, zero, model.drive)
+        guards = zeros_for(lambda: evaluate_guards(state.motion, waves(), state, model)).guards
     search = new_search(zero, zero, jnp.ones((), bool), step, method.locate, method.derivative)
     return Lane(state, step, search, guards, tally, step)
 
@@ -220,7 +222,7 @@ def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fi
     model, grid, start, length = fixed.model, fixed.grid, lane.state, lane.search.length
     flowing = lambda state: state.u_s if model.spring.flows else ABSENT
 
-    def guard(z: Motion, Q: Pair, u_s: Slider) -> Scalar:
+    def guard(z: Motion, Q: Waves, u_s: Slider) -> Scalar:
         at = _with_slider_of(start, end.state) if is_absent(u_s) else State(start.motion, u_s, start.mode, start.case)
         return select_guard(evaluate_guards(z, Q, at, model).guards.value, kind)
 

@@ -17,7 +17,7 @@ from jaxshroud.march.method import StepCount
 from jaxshroud.march.tableau import MIN_STEPS, RK4, Tableau, TaylorOptions
 from jaxshroud.model.arithmetic import Scalar, filled
 from jaxshroud.model.geometry import Corners, contact_kinematics, corners, pose
-from jaxshroud.model.linear import steady_amplitudes
+from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.model.prepared import springs
 from jaxshroud.model.row import pair_at
 from jaxshroud.programs.kept import kept
@@ -101,8 +101,8 @@ def _relaxation(scene: Scene) -> Scalar:
     if laws is None or laws.friction is None:
         return jnp.zeros_like(scene.drive.omega)
     free, lever = steady_amplitudes(scene), (scene.shroud.l_oa + scene.shroud.l_ab) / 2
-    reach = jnp.sum(jnp.abs(free.x) + jnp.abs(free.y) + lever * jnp.abs(free.theta))
-    speed = scene.drive.omega * (reach + jnp.abs(scene.shroud.gap))
+    reach = jnp.sum(free_reach(free, "x") + free_reach(free, "y") + lever * free_reach(free, "theta"))
+    speed = scene.drive.frequency(max(free)) * (reach + jnp.abs(scene.shroud.gap))
     z = jnp.asarray(laws.z, speed.dtype)
 
     def rate(u_t: Scalar) -> Scalar:
