@@ -63,6 +63,7 @@ from .scene.checks import SceneError as SceneError
 from .scene.checks import StepTooLongError as StepTooLongError
 from .scene.checks import StoreError as StoreError
 from .scene.config import load as load
+from .scene.drive import Drive as Drive
 from .scene.file import Axis as Axis
 from .scene.file import SceneFile as SceneFile
 from .scene.grids import scenes_from as scenes_from
@@ -79,7 +80,6 @@ from .scene.laws import NormalLaw as NormalLaw
 from .scene.parts import Parts as Parts
 from .scene.scene import Blades as Blades
 from .scene.scene import Contact as Contact
-from .scene.scene import Drive as Drive
 from .scene.scene import Friction as Friction
 from .scene.scene import Row as Row
 from .scene.scene import Scene as Scene

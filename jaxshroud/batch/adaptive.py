@@ -10,9 +10,10 @@ from jaxshroud.batch.periods import Sample
 from jaxshroud.batch.states import carried_state
 from jaxshroud.batch.tangents import direction
 from jaxshroud.model.arithmetic import Formal, Scalar, filled
+from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.linear import free_rms_displacement
 from jaxshroud.model.prepared import State, initial_state, prepared_model
-from jaxshroud.model.rhs import Recorded, drive_wave, rhs
+from jaxshroud.model.rhs import Recorded, rhs
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene, without_given
@@ -66,7 +67,7 @@ def _lane_period(scene: Scene, moving: MovingState, rtol: float | Scalar, solver
 
     def field(t, y, _):
         z, u_s, _ = y
-        Q = drive_wave(jnp.sin(omega * t), jnp.cos(omega * t), model.drive)
+        Q = drive_waves(jnp.sin(omega * t), jnp.cos(omega * t), model.drive)
         slope, rates = rhs(Q, State(z, u_s, first.mode, first.case), model, Recorded())
         return Motion(z.v_x, z.v_y, z.v_theta, *slope.acceleration), slope.u_s, rates.power
 

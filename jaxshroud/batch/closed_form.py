@@ -23,7 +23,7 @@ from jaxshroud.batch.stretches import Trajectories
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest
 from jaxshroud.march.tally import ContactPeaks, ContactTimes, Counters, Impacts
-from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, sine_versine
+from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, sine_versine, summed
 from jaxshroud.model.contact_law import ContactLoads
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import free_components, free_motion, free_propagators, steady_amplitudes
@@ -44,7 +44,7 @@ MAX_NODES = 1 << 14  # with these, the fastest motion may not be resolved
 def nodes_needed(scenes: Scene) -> int:
     """The number of nodes in a period: exact to rounding, and a power of two so that few programs are compiled."""
     omega_max, period = stiffest(scenes, 1)
-    cycles = omega_max * period / (2 * math.pi)
+    cycles = max(omega_max * period / (2 * math.pi), *scenes.drive.harmonics())
     return min(1 << math.ceil(math.log2(MIN_NODES + 8 * cycles)), MAX_NODES)
 
 
@@ -200,7 +200,8 @@ def _free_statuses(scenes: Scene, largest: Motion) -> Int[Array, " lanes"]:
 
 def free_status(scene: Scene, motion: Motion, turned: Scalar) -> Int[Array, ""]:
     """The status of a run with the `motion`, fields (n, 2), and the largest angle `turned` of its blocks [rad]."""
-    swing, steady = jnp.stack([motion.x, motion.y, motion.theta]), jnp.abs(jnp.stack(steady_amplitudes(scene)))
+    free, swing = steady_amplitudes(scene), jnp.stack([motion.x, motion.y, motion.theta])
+    steady = summed(jnp.abs(jnp.stack(amplitudes)) for amplitudes in free.values())
     lost = steady > MAX_CANCELLATION * jnp.max(jnp.abs(swing), axis=1)  # resonance without damping
     finite = jnp.all(jnp.isfinite(swing**2)) & jnp.isfinite(turned) & ~jnp.any(lost)
     status = jnp.where(turned > ANGLE_RANGE, Status.ANGLE_OUT_OF_RANGE, Status.OK)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxshroud.march.tally import DisplacementRange
-from jaxshroud.model.arithmetic import Scalar, sine_versine
+from jaxshroud.model.arithmetic import Scalar, sine_versine, summed
 from jaxshroud.model.linear import free_components, free_oscillations, free_propagators
 from jaxshroud.model.rhs import Displacements, Means, Moments
 from jaxshroud.scene.keys import Motion
@@ -29,10 +29,13 @@ def free_course(scene: Scene, first: Motion, turns: Scalar, t: Float[Array, " n"
     start, swing = free_components(scene, first, turns), free_oscillations(scene)
     place, rate = free_propagators(scene, t)
     q, w = (jnp.einsum("nbik,bik->nbi", a, start) for a in (place, rate))
-    steady, steady_rate = (jnp.einsum("nbik,bik->nbi", a[..., 2:], start[..., 2:]) for a in (place, rate))
+    columns = {n: slice(2 * k + 2, 2 * k + 4) for k, n in enumerate(swing.steady)}
+    harmonics = lambda a: {n: jnp.einsum("nbik,bik->nbi", a[..., own], start[..., own]) for n, own in columns.items()}
+    by_order, rates_by_order = harmonics(place), harmonics(rate)
+    steady, steady_rate = summed(by_order.values()), summed(rates_by_order.values())
     stiffness = swing.square + swing.damping**2
     decaying = -2 * swing.damping * (w - steady_rate) - stiffness * (q - steady)
-    return FreeCourse(q, w, decaying - scene.drive.omega**2 * steady)
+    return FreeCourse(q, w, decaying - summed(scene.drive.frequency(n) ** 2 * q for n, q in by_order.items()))
 
 
 def free_extent(scene: Scene, first: Motion, turns: Scalar, nodes: int) -> tuple[Moments, DisplacementRange]:

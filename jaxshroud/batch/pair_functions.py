@@ -27,9 +27,10 @@ from jaxshroud.batch.stopped import lost_tangents, replaced_where
 from jaxshroud.batch.xla import best_mapping
 from jaxshroud.march.observables import contact_forces
 from jaxshroud.model.arithmetic import Scalar, filled, sincos_turns
+from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Status
 from jaxshroud.model.prepared import Model, State, prepared_model
-from jaxshroud.model.rhs import Means, drive_wave
+from jaxshroud.model.rhs import Means
 from jaxshroud.scene.scene import Scene
 
 
@@ -47,7 +48,7 @@ def _moments_of_pair(begin: Admitted, schedule: Schedule) -> SampledMoments:
 
 def _moment_at(t: Scalar, turns: Scalar, state: State, stopped: Bool[Array, ""], model: Model) -> Moment:
     carried = carried_state(state, model)
-    forces = contact_forces(drive_wave(*sincos_turns(turns), model.drive), carried, model)
+    forces = contact_forces(drive_waves(*sincos_turns(turns), model.drive), carried, model)
     of_contact = filled((forces.N, forces.F, forces.v, forces.u), forces.v)
     # of the motion in any mode, so that the NaN of a stopped lane reaches all numbers in reverse mode
     return Moment(t, state, *(jnp.where(stopped, state.motion.x[0], a) for a in of_contact))

@@ -30,9 +30,9 @@ from jaxshroud.march.start import EVENTS_AT_START, next_at_start
 from jaxshroud.march.stepper import stepper_for
 from jaxshroud.march.tally import Tally
 from jaxshroud.model.arithmetic import filled, sincos_turns
+from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import State, prepared_model
-from jaxshroud.model.rhs import drive_wave
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Scene
@@ -67,7 +67,7 @@ def _states_once_begun(scenes: Scene, states: State, turns) -> State:
     def one(scene: Scene, state: State) -> State:
         model = prepared_model(scene)
         start = now = carried_state(state, model)
-        wave = drive_wave(*sincos_turns(turns), model.drive)
+        wave = drive_waves(*sincos_turns(turns), model.drive)
         for _ in range(EVENTS_AT_START):
             now = next_at_start(now, start, evaluate_guards(now.motion, wave, now, model), model)
         return with_slider_updated(now, jnp.int32(Status.OK), model)

@@ -9,8 +9,8 @@ import numpy as np
 from jaxshroud.march.log import is_of_blades
 from jaxshroud.march.observables import ContactForces, contact_forces
 from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
+from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
-from jaxshroud.model.rhs import drive_wave
 from jaxshroud.programs.kept import is_traced, kept
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import PAIR, Layout
@@ -129,7 +129,7 @@ def _forces_of_block(scenes: Scene, states: State, turns) -> ContactForces:
 
         def one(state: State, turns) -> ContactForces:
             carried = carried_state(state, model)
-            forces = contact_forces(drive_wave(*sincos_turns(turns), model.drive), carried, model)
+            forces = contact_forces(drive_waves(*sincos_turns(turns), model.drive), carried, model)
             force = lambda a: jnp.zeros_like(forces.v) if is_absent(a) else a
             lost = jnp.isnan(forces.v)
             forces = forces._replace(N=force(forces.N), F=force(forces.F))

@@ -22,8 +22,9 @@ from jaxshroud.march.guards import GuardEvaluation, Guards, any_of
 from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import Lift
 from jaxshroud.march.tally import EnergyJumps, EventMargins, Tally
-from jaxshroud.model.arithmetic import ANGLE_RANGE, Pair, Scalar, where
+from jaxshroud.model.arithmetic import ANGLE_RANGE, Scalar, where
 from jaxshroud.model.contact_law import starts_in_overlap
+from jaxshroud.model.drive import Waves
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State, has_torsion
 from jaxshroud.scene.keys import Motion
@@ -106,7 +107,7 @@ class EventChange(NamedTuple):
 
 def event_change(
     z: Motion,
-    Q: Pair,
+    Q: Waves,
     start: State,
     fire: Bool[Array, ""],
     kind: Int[Array, ""],

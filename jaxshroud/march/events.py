@@ -34,7 +34,8 @@ from jaxtyping import Array, Bool, Int
 
 from jaxshroud.march.event import Event, EventInstant, Events, always, next_mode
 from jaxshroud.march.guards import ContactNow, Guard, GuardEvaluation, Guards, any_of
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, where
+from jaxshroud.model.arithmetic import ABSENT, Scalar, where
+from jaxshroud.model.drive import Waves
 from jaxshroud.model.geometry import (
     ContactKinematics,
     ContactRates,
@@ -146,7 +147,7 @@ def model_events(model: Model) -> list[Event]:
 
 
 @partial(jax.jit, inline=True, static_argnames=("events",))
-def evaluate_guards(z: Motion, Q: Pair, state: State, model: Model, events: Events = EVENTS) -> GuardEvaluation:
+def evaluate_guards(z: Motion, Q: Waves, state: State, model: Model, events: Events = EVENTS) -> GuardEvaluation:
     """The contact kinematics and the guards of the motion `z` in the mode of `state`; `Q` is the drive's wave."""
     placed = place_contact(z, state, model)
     return guards_at(placed, z, end_torques(z, Q, placed[2], state, model), state, model, events)

@@ -1,7 +1,6 @@
 """The tally of a pair through its trials; what is logged, and how, stands in `logged`."""
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -14,6 +13,7 @@ from jaxshroud.march.observable import Beginning, BladeTrial, Ending, InterfaceT
 from jaxshroud.march.series_extremes import ContactSeries, MotionSeries
 from jaxshroud.march.tally import EnergyJumps, Log, Tally, no_margins
 from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, zeros_for
+from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
 from jaxshroud.model.rhs import Integrals, rhs
@@ -43,7 +43,7 @@ def value_in(log: Log, name: str) -> Any:
 def new_tally(state: State, model: Model, method: Choices) -> Tally:
     """The tally of a lane that starts from `state`."""
     zero = jnp.zeros_like(state.motion.x[0])
-    _, none = zeros_for(partial(rhs, recorded=method.recorded), (zero, zero), state, model)
+    _, none = zeros_for(lambda: rhs(drive_waves(zero, zero, model.drive), state, model, method.recorded))
     jumps = EnergyJumps(zero, zero if has_torsion(model) else ABSENT) if method.ledger else None
     margins = no_margins(zero) if method.margins else None
     return Tally(none, jumps, None if method.derivative else _new_log(state, zero, model, method), margins)

@@ -8,8 +8,9 @@ from jaxtyping import Array, Bool
 from jaxshroud.march.carry import PerLane
 from jaxshroud.march.events import place_contact
 from jaxshroud.march.tally import EnergyJumps
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, blended, where
+from jaxshroud.model.arithmetic import ABSENT, Scalar, blended, where
 from jaxshroud.model.contact_law import Slider
+from jaxshroud.model.drive import Waves
 from jaxshroud.model.geometry import Case, ContactKinematics, Pose, is_upper, tip_is_left
 from jaxshroud.model.interface import EndTorques, law_forces
 from jaxshroud.model.modes import FLAT, Mode
@@ -30,7 +31,7 @@ class ContactForces(NamedTuple):
     contact_point: Any  # up the left block's face from its middle [m]; NaN when apart, absent where blocks do not turn
 
 
-def contact_forces(Q: Pair, state: State, model: Model) -> ContactForces:
+def contact_forces(Q: Waves, state: State, model: Model) -> ContactForces:
     """The contact forces in a state; flat contact needs the drive's wave `Q` for the place where it acts."""
     placed = place_contact(state.motion, state, model)
     return contact_forces_at(placed, end_torques(state.motion, Q, placed[2], state, model), state, model)

@@ -11,8 +11,9 @@ from jaxtyping import Array, Int
 from jaxshroud.march.carry import Lane, TimeGrid
 from jaxshroud.march.method import Choices
 from jaxshroud.model.arithmetic import Pair, Scalar, plus, sincos_turns, sine_versine, times, where
+from jaxshroud.model.drive import Waves, drive_wave_rates, drive_waves
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.model.rhs import Integrals, StateDerivative, drive_wave, rhs_once
+from jaxshroud.model.rhs import Integrals, StateDerivative, rhs_once
 from jaxshroud.scene.keys import Motion
 
 
@@ -75,9 +76,9 @@ class StepEnd(NamedTuple):
     """The end of a trial step."""
 
     state: State  # in the mode and case of the step
-    Q: Pair  # the drive's wave
+    Q: Waves  # of the drive
     gain: Integrals  # of the step
-    slope: tuple[State, Pair, Integrals] | None  # d/dt of all three; None without derivatives
+    slope: tuple[State, Waves, Integrals] | None  # d/dt of all three; None without derivatives
 
     @property
     def differentiable(self) -> tuple[Any, ...]:
@@ -97,16 +98,17 @@ def rk_step(partial: Stages, interval: TrialInterval, start: State, model: Model
     return StepEnd(stage, Q, jax.tree.map(lambda a: interval.h * a, gain), slope)
 
 
-def _wave_rates(interval: TrialInterval, model: Model) -> Pair:
-    """The time derivative of the drive's wave at the end of the step."""
-    quarter_later = _drive_waves(interval._replace(turns=interval.turns + 0.25), {1.0}, model)[1.0]
+def _wave_rates(interval: TrialInterval, model: Model) -> Waves:
+    """The time derivative of the drive's waves at the end of the step."""
+    quarter_later = waves_at_nodes(interval._replace(turns=interval.turns + 0.25), {1.0})[1.0]
+    per_radian = drive_wave_rates(*quarter_later, model.drive)
     omega = 2 * math.pi * interval.dturns / where(interval.h > 0, interval.h, 1.0)
-    return omega * quarter_later[0], omega * quarter_later[1]
+    return jax.tree.map(lambda rate: omega * rate, per_radian)
 
 
-def _drive_waves(interval: TrialInterval, nodes: set[float], model: Model) -> dict[float, Pair]:
+def _drive_waves(interval: TrialInterval, nodes: set[float], model: Model) -> dict[float, Waves]:
     """The drive's waves at some nodes of the tableau."""
-    return {c: drive_wave(*wave, model.drive) for c, wave in waves_at_nodes(interval, nodes).items()}
+    return {c: drive_waves(*wave, model.drive) for c, wave in waves_at_nodes(interval, nodes).items()}
 
 
 def waves_at_nodes(interval: TrialInterval, nodes: set[float]) -> dict[float, Pair]:

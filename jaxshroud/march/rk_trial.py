@@ -42,8 +42,9 @@ from jaxshroud.march.method import Choices
 from jaxshroud.march.observable import BladeTrial, Ending, InterfaceTrial, Lift
 from jaxshroud.march.rk_step import NO_STAGES, Stages, StepEnd, rk_stages, rk_step, trial_interval
 from jaxshroud.march.search import Search, following_search, new_search
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, where, zeros_for
+from jaxshroud.model.arithmetic import ABSENT, Scalar, is_absent, where, zeros_for
 from jaxshroud.model.contact_law import Slider
+from jaxshroud.model.drive import Waves, drive_waves
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import Model, State
 from jaxshroud.scene.keys import Motion
@@ -61,9 +62,9 @@ def begin_rk(state: State, model: Model, method: Choices) -> Lane:
     guards = None
     check_own_events(method.events, model.law.has_events)
     if model.law.has_events:
-        evaluate = partial(evaluate_guards, events=method.all_events)
-        guards = zeros_for(evaluate, state.motion, (zero, zero), state, model).guards
-        guards = guards_to_begin_with(guards, method.all_events)
+        waves = lambda: drive_waves(zero, zero, model.drive)
+        evaluate = lambda: evaluate_guards(state.motion, waves(), state, model, method.all_events)
+        guards = guards_to_begin_with(zeros_for(evaluate).guards, method.all_events)
     search = new_search(zero, zero, jnp.ones((), bool), step, method.locate, method.derivative)
     return Lane(state, step, search, guards, tally, step)
 
@@ -231,7 +232,7 @@ def _differentiable_event_end(end: StepEnd, lane: Lane, kind: Int[Array, ""], fi
     model, grid, start, length = fixed.model, fixed.grid, lane.state, lane.search.length
     flowing = lambda state: state.u_s if model.law.flows else ABSENT
 
-    def guard(z: Motion, Q: Pair, u_s: Slider) -> Scalar:
+    def guard(z: Motion, Q: Waves, u_s: Slider) -> Scalar:
         at = _with_slider_of(start, end.state) if is_absent(u_s) else State(start.motion, u_s, start.mode, start.case)
         return select_guard(evaluate_guards(z, Q, at, model, events).guards.value, kind)
 

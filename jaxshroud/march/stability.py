@@ -18,7 +18,7 @@ from jaxshroud.march.tableau import MIN_STEPS, RK4, Tableau, TaylorOptions
 from jaxshroud.model.arithmetic import Scalar, filled
 from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.geometry import Corners, contact_kinematics, corners, pose
-from jaxshroud.model.linear import steady_amplitudes
+from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.model.prepared import prepared_law
 from jaxshroud.model.row import pair_at
 from jaxshroud.programs.kept import kept
@@ -100,8 +100,8 @@ def _relaxation(law: ContactLaw, scene: Scene) -> Scalar:
     if not law.relaxes:
         return jnp.zeros_like(scene.drive.omega)
     free, lever = steady_amplitudes(scene), (scene.shroud.l_oa + scene.shroud.l_ab) / 2
-    reach = jnp.sum(jnp.abs(free.x) + jnp.abs(free.y) + lever * jnp.abs(free.theta))
-    return law.relaxation(scene.drive.omega * (reach + jnp.abs(scene.shroud.gap)))
+    reach = jnp.sum(free_reach(free, "x") + free_reach(free, "y") + lever * free_reach(free, "theta"))
+    return law.relaxation(scene.drive.frequency(max(free)) * (reach + jnp.abs(scene.shroud.gap)))
 
 
 def _frequencies(of: _Stiffness, xp: ModuleType, eigenvalues: Callable[[Any], Any]) -> tuple[Any, Any]:

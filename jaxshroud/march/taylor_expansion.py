@@ -13,11 +13,12 @@ from jaxshroud.march.events import HEIGHT, LIFT, RUB, TURN, number_of, place_con
 from jaxshroud.march.guards import switch_guards
 from jaxshroud.model.arithmetic import Pair, Scalar, is_absent, sincos_turns, where
 from jaxshroud.model.contact_law import linear_law
+from jaxshroud.model.drive import Waves, drive_wave_rates, drive_wave_series, drive_waves
 from jaxshroud.model.geometry import ContactKinematics, Pose, contact_rates
 from jaxshroud.model.interface import EndTorques, Placement, placement
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State, has_torsion
-from jaxshroud.model.rhs import Ledger, Recorded, drive_wave, end_torques_under, rhs, rhs_at
+from jaxshroud.model.rhs import Ledger, Recorded, end_torques_under, rhs, rhs_at
 from jaxshroud.model.series import Series, rate_of, truncated
 from jaxshroud.scene.keys import Motion
 
@@ -49,7 +50,7 @@ def taylor_expansion(lane: Lane, fixed: Fixed[Model], order: int, ledger: bool) 
     unit = grid.h / (RADIANS_PER_TURN * grid.turn)
     model = per_radian(fixed.model, unit)
     s, c = sincos_turns(grid.start + (lane.step.astype(unit.dtype) + lane.search.done) * grid.turn)
-    Q = _wave_series(drive_wave(s, c, model.drive), drive_wave(c, -s, model.drive))
+    Q = drive_wave_series(drive_waves(s, c, model.drive), drive_wave_rates(c, -s, model.drive), model.drive)
     case = place_contact(start.motion, start, model)[1]
 
     accelerations: list = []  # filled once they are known as series
@@ -84,23 +85,13 @@ def without_derivatives(expansion: TaylorExpansion) -> TaylorExpansion:
 
 def per_radian(model: Model, unit: Scalar) -> Model:
     """The model with time in units of `unit` seconds: masses stay, and forces are in kg m / unit^2."""
-    forces = lambda m: (m.blades.k_x, m.blades.k_y, m.blades.k_T, m.drive.F_x, m.drive.F_y, m.drive.M_0)
+    forces = lambda m: (m.blades.k_x, m.blades.k_y, m.blades.k_T, *m.drive.loads)
     dampers = lambda m: (m.blades.c_x, m.blades.c_y, m.blades.c_T)
     springs = lambda m: linear_law(m.law).stiffnesses
     for places, factor in ((forces, unit * unit), (dampers, unit), (springs, unit * unit)):
         scaled = jax.tree.map(lambda a, factor=factor: a * factor, places(model))
         model = eqx.tree_at(places, model, scaled, is_leaf=is_absent)
     return model
-
-
-def _wave_series(wave: Pair, rate: Pair) -> Any:
-    """The series of waves from their values and their derivatives per radian."""
-
-    def of(i: int) -> Series:
-        derivatives = (wave[i], rate[i], -wave[i], -rate[i])
-        return Series(lambda n: derivatives[n % 4] * (1 / math.factorial(n)))
-
-    return of(0), of(1)
 
 
 def _displacement_series(x: Pair, v: Pair, unit: Scalar, k: int, accelerations: list) -> Any:
@@ -114,7 +105,7 @@ def _displacement_series(x: Pair, v: Pair, unit: Scalar, k: int, accelerations: 
     return left, right
 
 
-def _switch_series(Q: Pair, place: Placement, now: State, model: Model, order: int) -> list[GuardSeries]:
+def _switch_series(Q: Waves, place: Placement, now: State, model: Model, order: int) -> list[GuardSeries]:
     """The guards of the case, beyond their rounding. When apart they only end a trial: the position sets the case."""
     if not has_torsion(model):
         return []

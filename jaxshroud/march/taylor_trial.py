@@ -54,9 +54,10 @@ from jaxshroud.march.taylor_integrals import (
 )
 from jaxshroud.model.arithmetic import Scalar, is_absent, sincos_turns, where
 from jaxshroud.model.contact_law import linear_law
+from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import Model, State
-from jaxshroud.model.rhs import Integrals, drive_wave
+from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.series import polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 
@@ -253,7 +254,7 @@ def lane_after_trial(lane: Lane, trial: TaylorTrial, fixed: Fixed[Model], method
     fire = event.fire & ~(apart & (trial.kind != number_of(LIFT))) & active
     next_search, step = _next_taylor_search(lane, trial, fire, fixed)
     done = step.astype(grid.turn.dtype) + next_search.done
-    Q = drive_wave(*sincos_turns(grid.start + done * grid.turn), model.drive)
+    Q = drive_waves(*sincos_turns(grid.start + done * grid.turn), model.drive)
     h = trial.length * grid.h
     change = event_change(z, Q, start, fire, trial.kind, h, fixed)
     transition = change.transition

@@ -3,8 +3,8 @@
 import math
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from functools import wraps
+from collections.abc import Callable, Iterable
+from functools import reduce, wraps
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -145,6 +145,17 @@ def filled(tree: Any, like: Any) -> Any:
     """The `tree` with zeros in place of absent numbers, of the shape and type of `like`."""
     zeros = np.zeros_like if isinstance(like, np.ndarray) else jnp.zeros_like
     return jax.tree.map(lambda a: zeros(like) if is_absent(a) else a, tree, is_leaf=is_absent)
+
+
+def summed(terms: Iterable[Any]) -> Any:
+    """The sum of at least one term; the only one as it is."""
+    return reduce(operator.add, terms)
+
+
+def of_blade(i: int, *trees: Any) -> tuple[Any, ...]:
+    """The numbers of one blade in each of some trees of pairs."""
+    own = lambda tree: jax.tree.map(lambda pair: pair[i], tree, is_leaf=lambda a: type(a) is tuple)
+    return tuple(map(own, trees))
 
 
 def zeros_for(f: Callable[..., Any], *args: Any) -> Any:

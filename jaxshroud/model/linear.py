@@ -1,5 +1,6 @@
 """The closed-form motion of the blades while they do not touch: Eq. (1) without contact forces."""
 
+from itertools import chain
 from typing import Any, NamedTuple
 
 import jax
@@ -8,10 +9,13 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Complex, Float
 
-from jaxshroud.model.arithmetic import Scalar, sincos_turns
+from jaxshroud.model.arithmetic import Scalar, sincos_turns, summed
+from jaxshroud.model.drive import multiple_angle
 from jaxshroud.model.geometry import gyration
+from jaxshroud.scene.drive import DriveHarmonic
+from jaxshroud.scene.fields import PerBlade
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.scene import PerBlade, Scene, Shroud
+from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import typed
 
 SWING_POINTS = 128  # points over one drive period: exact to rounding while the torsion amplitude is below 50 rad
@@ -26,18 +30,21 @@ class Amplitudes(NamedTuple):
     theta: Complex[Array, "blades"]  # [rad]
 
 
-def steady_amplitudes(scene: Scene) -> Amplitudes:
-    """The steady response of the free blades to the drive (Sec. 3.1); infinite at an undamped natural frequency.
+def steady_amplitudes(scene: Scene) -> dict[int, Amplitudes]:
+    """The steady response of the free blades to each harmonic of the drive (Sec. 3.1), by its order.
 
-    The drive is at that frequency where rounding alone tells them apart.
+    It is infinite at an undamped natural frequency, where rounding alone tells both frequencies apart.
     """
-    b, d, omega = scene.mistuned_blades, scene.drive, scene.drive.omega
-    has = scene.parts.has
+    return {n: _steady_response(scene, scene.drive.frequency(n), one) for n, one in scene.drive.harmonics().items()}
+
+
+def _steady_response(scene: Scene, omega: Scalar, drive: DriveHarmonic) -> Amplitudes:
+    b, has = scene.mistuned_blades, scene.parts.has
     moves = lambda name: has(name, 0) if scene.row is not None else jnp.array([has(name, 0), has(name, 1)])
 
     def response(name, load, m, c, k):
         load = jnp.where(moves(name), load, 0.0)
-        force = lax.complex(load * jnp.cos(d.phase), load * jnp.sin(d.phase))
+        force = lax.complex(load * jnp.cos(drive.phase), load * jnp.sin(drive.phase))
         detuning, loss = k - m * omega**2, c * omega
         stiffness = lax.complex(detuning, loss)
         # driven at its natural frequency, up to the rounding of numbers
@@ -46,10 +53,15 @@ def steady_amplitudes(scene: Scene) -> Amplitudes:
         return jnp.where(is_undamped, unbounded, force / jnp.where(is_undamped, 1.0, stiffness))
 
     return Amplitudes(
-        response("x", d.F_0 * jnp.cos(d.beta), b.m, b.c_x, b.k_x),
-        response("y", d.F_0 * jnp.sin(d.beta), b.inertia_y, b.c_y, b.k_y),
-        response("theta", d.M_0, b.I, b.c_T, b.k_T),
+        response("x", drive.F_x, b.m, b.c_x, b.k_x),
+        response("y", drive.F_y, b.inertia_y, b.c_y, b.k_y),
+        response("theta", drive.M_0, b.I, b.c_T, b.k_T),
     )
+
+
+def free_reach(free: dict[int, Amplitudes], name: str) -> Any:
+    """The sum of the amplitudes of x, y or theta over all harmonics, which the free motion does not exceed."""
+    return summed(abs(getattr(one, name)) for one in free.values())
 
 
 def area(shroud: Shroud) -> Float[Array, ""]:
@@ -67,10 +79,26 @@ def free_power(scene: Scene) -> PerBlade:
     """
     free, s = steady_amplitudes(scene), scene.shroud
     tau = jnp.linspace(0, 2 * jnp.pi, SWING_POINTS, endpoint=False, dtype=s.gap.dtype)
-    angle = jnp.abs(free.theta)
-    swing = jnp.sin(jnp.where(jnp.isinf(angle), 0.0, angle)[:, None] * jnp.sin(tau)[None] / 2) ** 2
-    translation = (jnp.abs(free.x) ** 2 + jnp.abs(free.y) ** 2) / 2
+    angle = free_reach(free, "theta")
+    swing = jnp.sin(_free_angles(free, angle, tau) / 2) ** 2
+    translation = summed(_mean_square(n, one) for n, one in free.items())
     return area(s) * (translation + jnp.where(jnp.isinf(angle), jnp.inf, 4 * gyration(s) * jnp.mean(swing, axis=1)))
+
+
+def _mean_square(n: int, free: Amplitudes) -> PerBlade:
+    """The mean square of the translation of the free blades in harmonic `n`; harmonic 0 is constant."""
+    if n == 0:
+        return free.x.imag**2 + free.y.imag**2
+    return (jnp.abs(free.x) ** 2 + jnp.abs(free.y) ** 2) / 2
+
+
+def _free_angles(free: dict[int, Amplitudes], largest: PerBlade, tau: Float[Array, " n"]) -> Float[Array, "blades n"]:
+    """The angles of the free blades over a period, up to a shift of time; 0 where the `largest` is infinite."""
+    is_infinite = jnp.isinf(largest)
+    if len(free) == 1 and 0 not in free:
+        return jnp.where(is_infinite, 0.0, largest)[:, None] * jnp.sin(tau)[None]
+    finite = {n: jnp.where(is_infinite, 0.0, one.theta)[:, None] for n, one in free.items()}
+    return summed(a.real * jnp.sin(n * tau)[None] + a.imag * jnp.cos(n * tau)[None] for n, a in finite.items())
 
 
 def free_rms_displacement(scene: Scene) -> Scalar:
@@ -81,7 +109,7 @@ def free_rms_displacement(scene: Scene) -> Scalar:
 class FreeOscillation(NamedTuple):
     """One coordinate of one free block: its steady response, and the decay of deviations from it."""
 
-    steady: Complex[Array, "..."]  # amplitude
+    steady: dict[int, Complex[Array, "..."]]  # amplitude by the order of the harmonic
     damping: Float[Array, "..."]  # c / 2m [1/s]
     square: Float[Array, "..."]  # k / m - damping^2: of the damped circular frequency, negative if overdamped
 
@@ -116,7 +144,8 @@ def free_oscillations(scene: Scene) -> FreeOscillation:
     stack = lambda *columns: jnp.stack(columns, axis=-1)
     mass = stack(b.m, b.inertia_y, b.I)
     damping = stack(b.c_x, b.c_y, b.c_T) / (2 * mass)
-    return FreeOscillation(stack(*free), damping, stack(b.k_x, b.k_y, b.k_T) / mass - damping**2)
+    steady = {n: stack(*one) for n, one in free.items()}
+    return FreeOscillation(steady, damping, stack(b.k_x, b.k_y, b.k_T) / mass - damping**2)
 
 
 def decay_factors(swing: FreeOscillation, t: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
@@ -133,29 +162,37 @@ def decay_factors(swing: FreeOscillation, t: Float[Array, "..."]) -> tuple[Float
     return even, jnp.where(omega > 0, odd, fade * t)
 
 
-def free_components(scene: Scene, first: Motion, turns: Scalar) -> Float[Array, "2 3 4"]:
+def free_components(scene: Scene, first: Motion, turns: Scalar) -> Float[Array, "2 3 components"]:
     """The deviation, its rate and the steady response of each coordinate, at the motion `first` and phase `turns`.
 
-    The axes are the blades; x, y and theta; and the deviation, its rate, and the real and the imaginary amplitude, on
-    which the `free_propagators` act.
+    The axes are the blades; x, y and theta; and the deviation, its rate, and of each harmonic the real and the
+    imaginary amplitude, on which the `free_propagators` act.
     """
-    swing, omega = free_oscillations(scene), scene.drive.omega
+    swing, drive = free_oscillations(scene), scene.drive
     moves = jnp.array([[scene.parts.has(name, i) for name in ("x", "y", "theta")] for i in (0, 1)])
-    displacement = jnp.where(moves, jnp.stack([first.x, first.y, first.theta], axis=-1), 0.0)
+    deviation = jnp.where(moves, jnp.stack([first.x, first.y, first.theta], axis=-1), 0.0)
     rate = jnp.where(moves, jnp.stack([first.v_x, first.v_y, first.v_theta], axis=-1), 0.0)
-    (s, c), (re, im) = sincos_turns(turns), (swing.steady.real, swing.steady.imag)
-    re, im = re * c - im * s, re * s + im * c  # the amplitude with its phase measured from there
-    return jnp.stack([displacement - im, rate - omega * re, re, im], axis=-1)
+    phase, components = sincos_turns(turns), []
+    for n, steady in swing.steady.items():
+        (s, c), (re, im) = multiple_angle(*phase, n), (steady.real, steady.imag)
+        re, im = re * c - im * s, re * s + im * c  # the amplitude with its phase measured from there
+        deviation, rate = deviation - im, rate - drive.frequency(n) * re
+        components += [re, im]
+    return jnp.stack([deviation, rate, *components], axis=-1)
 
 
-def free_propagators(scene: Scene, t: Float[Array, " n"]) -> tuple[Float[Array, "n 2 3 4"], Float[Array, "n 2 3 4"]]:
+def free_propagators(
+    scene: Scene, t: Float[Array, " n"]
+) -> tuple[Float[Array, "n 2 3 components"], Float[Array, "n 2 3 components"]]:
     """The displacement and the speed, a time `t` later, of a unit of each of the `free_components`."""
-    swing, omega, t = free_oscillations(scene), scene.drive.omega, t[:, None, None]
+    swing, t = free_oscillations(scene), t[:, None, None]
     even, odd = decay_factors(swing, t)
-    s, c = (jnp.broadcast_to(f(omega * t), even.shape) for f in (jnp.sin, jnp.cos))
+    omegas = [scene.drive.frequency(n) for n in swing.steady]
+    waves = [tuple(jnp.broadcast_to(f(omega * t), even.shape) for f in (jnp.sin, jnp.cos)) for omega in omegas]
     stiffness, lag = swing.square + swing.damping**2, swing.damping * odd
-    place = jnp.stack([even + lag, odd, s, c], axis=-1)
-    return place, jnp.stack([-stiffness * odd, even - lag, omega * c, -omega * s], axis=-1)
+    place = jnp.stack([even + lag, odd, *chain(*waves)], axis=-1)
+    rates = ((omega * c, -omega * s) for omega, (s, c) in zip(omegas, waves, strict=True))
+    return place, jnp.stack([-stiffness * odd, even - lag, *chain(*rates)], axis=-1)
 
 
 def free_motion(scene: Scene, first: Motion, turns: Scalar, t: Float[Array, " n"]) -> Motion:

@@ -6,11 +6,13 @@ begins: the blocks at their unloaded angles, corner at corner, without preload. 
 speeds: there is no centrifugal stiffening.
 """
 
+from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.scene.drive import DriveHarmonic
 from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import FloatArray
@@ -69,11 +71,14 @@ def _at_interface(gradient: Any, j: int, count: int) -> Any:
     return jnp.zeros((3, count), gradient.dtype).at[:, sides].add(gradient.reshape(3, 2)).ravel()
 
 
-def drive_load(scene: Scene) -> tuple[Any, Any]:
-    """The in-phase and the quadrature amplitude of the drive's forces and moments, (3 N,) each, as in Eq. (1)."""
-    d = scene.drive
-    size = jnp.concatenate([d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0])
-    return size * jnp.tile(jnp.cos(d.phase), 3), size * jnp.tile(jnp.sin(d.phase), 3)
+def drive_loads(scene: Scene) -> dict[int, tuple[Any, Any]]:
+    """The in-phase and the quadrature amplitude (3 N,) of the forces and moments, as in Eq. (1), of each harmonic."""
+    return {n: _load(one) for n, one in scene.drive.harmonics().items()}
+
+
+def _load(drive: DriveHarmonic) -> tuple[Any, Any]:
+    size = jnp.concatenate([drive.F_x, drive.F_y, drive.M_0])
+    return size * jnp.tile(jnp.cos(drive.phase), 3), size * jnp.tile(jnp.sin(drive.phase), 3)
 
 
 def contact_stiffness(blades: LinearContact, contact: NaturalContact) -> Any:
@@ -110,12 +115,12 @@ def free_directions(moves: np.ndarray, contact: NaturalContact) -> FloatArray:
     return columns[:, moves]
 
 
-def drive_shares(shape: FloatArray, load: np.ndarray) -> FloatArray:
+def drive_shares(shape: FloatArray, loads: Sequence[np.ndarray]) -> FloatArray:
     """The share of the drive that works on each mode (n,): |shape . load|^2 over the sum for all modes.
 
     Args:
         shape: The modes (n, 3 N), normalised by the masses.
-        load: The complex amplitudes (3 N,) of the drive's forces and moments.
+        loads: The complex amplitudes (3 N,) of the forces and moments of each harmonic of the drive.
     """
-    squares = np.abs(shape @ load) ** 2
+    squares = np.sum([np.abs(shape @ load) ** 2 for load in loads], axis=0)
     return squares / max(float(squares.sum()), TINY)

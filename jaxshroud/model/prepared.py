@@ -6,20 +6,21 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar
+from jaxshroud.model.arithmetic import ABSENT, Scalar
 from jaxshroud.model.contact_law import ContactLaw
+from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import (
     Corners,
     corners,
     gyration,
 )
-from jaxshroud.model.linear import steady_amplitudes
+from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.model.smooth_contact import SmoothContact
 from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringContact
 from jaxshroud.model.user_contact import UserContact
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import Parts
-from jaxshroud.scene.scene import Blades, PerBlade, Scene
+from jaxshroud.scene.scene import Blades, Scene
 
 
 class State(eqx.Module):
@@ -43,16 +44,6 @@ def initial_state(motion: Motion) -> State:
 def as_pairs(tree: Any) -> Any:
     """The `tree` with every (2,) array as a pair of scalars: one flat array for each number when lanes are batched."""
     return jax.tree.map(lambda a: (a[0], a[1]) if jnp.ndim(a) == 1 else a, tree)
-
-
-class Excitation(NamedTuple):
-    """The amplitudes and phases of the drive (Sec. 3.1), resolved in x and y."""
-
-    F_x: PerBlade | Pair  # F_0 cos(beta) [N]
-    F_y: PerBlade | Pair  # F_0 sin(beta) [N]
-    M_0: PerBlade | Pair  # [N m]
-    sin_phase: PerBlade | Pair
-    cos_phase: PerBlade | Pair
 
 
 class InverseMasses(NamedTuple):
@@ -86,9 +77,7 @@ class Model(eqx.Module):
 
 def prepared_model(scene: Scene) -> Model:
     """The constants of a scene."""
-    d, s = scene.drive, scene.shroud
-    drive = Excitation(d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase))
-    reading = scene.contact.reading
+    s, drive, reading = scene.shroud, excitation(scene.drive), scene.contact.reading
     block, law, size = corners(s, reading), prepared_law(scene), gyration(s)
     blades, block, drive, size = as_pairs((scene.blades, block, drive, size))
     return Model(blades, block, law, drive, size, _mobility(scene), reading, scene.parts)
@@ -126,8 +115,9 @@ def _friction_element(k: Scalar, scene: Scene) -> tuple[Scalar, Scalar, Scalar]:
 
 def _free_speed(scene: Scene) -> Scalar:
     """The largest approach speed of the free blades, and at least one gap per radian [m/s]."""
-    x = jnp.abs(steady_amplitudes(scene).x)
-    return scene.drive.omega * (x[0] + x[1] + jnp.abs(scene.shroud.gap))
+    free, drive = steady_amplitudes(scene), scene.drive
+    x = free_reach(free, "x")
+    return drive.frequency(max(free)) * (x[0] + x[1] + jnp.abs(scene.shroud.gap))
 
 
 def has_torsion(model: Model) -> bool:

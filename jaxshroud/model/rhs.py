@@ -4,9 +4,10 @@ from typing import Any, NamedTuple
 
 import jax
 
-from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, sine_versine, where
+from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, of_blade, sine_versine, where
 from jaxshroud.model.contact import Load
 from jaxshroud.model.contact_law import ContactLoads, Slider
+from jaxshroud.model.drive import Excitation, Wave, Waves
 from jaxshroud.model.geometry import (
     ContactKinematics,
     Pose,
@@ -21,7 +22,7 @@ from jaxshroud.model.interface import (
     torques_along_face,
 )
 from jaxshroud.model.modes import FLAT
-from jaxshroud.model.prepared import Excitation, InverseMasses, Model, State, has_torsion
+from jaxshroud.model.prepared import InverseMasses, Model, State, has_torsion
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Blades
 
@@ -81,18 +82,6 @@ class Integrals(NamedTuple):
     means: Means | None = None
 
 
-def drive_wave(s: Scalar, c: Scalar, drive: Excitation) -> Pair:
-    """The drive's wave sin(omega t + phase) of each blade from the sine and cosine of omega t."""
-    left, right = (s * drive.cos_phase[i] + c * drive.sin_phase[i] for i in (0, 1))
-    return left, right
-
-
-def of_blade(i: int, *trees: Any) -> tuple[Any, ...]:
-    """The numbers of one blade in each of some trees of pairs."""
-    own = lambda tree: jax.tree.map(lambda pair: pair[i], tree, is_leaf=lambda a: type(a) is tuple)
-    return tuple(map(own, trees))
-
-
 class BladeForces(NamedTuple):
     """The forces of contact on one blade, or on each of several."""
 
@@ -101,16 +90,16 @@ class BladeForces(NamedTuple):
     M: Any  # clockwise, about the block's centre [N m]
 
 
-def blade_accelerations(z: Motion, Q: Scalar, R: BladeForces, b: Blades, d: Excitation, inverse: InverseMasses) -> Any:
+def blade_accelerations(z: Motion, Q: Wave, R: BladeForces, b: Blades, d: Excitation, inverse: InverseMasses) -> Any:
     """The accelerations of one blade by Eq. (1), in x, y and theta; all arguments are its own."""
-    a_x = (d.F_x * Q + R.x - b.c_x * z.v_x - b.k_x * z.x) * inverse.x
-    a_y = (d.F_y * Q + R.y - b.c_y * z.v_y - b.k_y * z.y) * inverse.y
-    a_theta = (d.M_0 * Q + R.M - b.c_T * z.v_theta - b.k_T * z.theta) * inverse.theta
+    a_x = (d.force("x", Q) + R.x - b.c_x * z.v_x - b.k_x * z.x) * inverse.x
+    a_y = (d.force("y", Q) + R.y - b.c_y * z.v_y - b.k_y * z.y) * inverse.y
+    a_theta = (d.force("theta", Q) + R.M - b.c_T * z.v_theta - b.k_T * z.theta) * inverse.theta
     return a_x, a_y, a_theta
 
 
-def accelerations(z: Motion, Q: Pair, load: Load, model: Model) -> Acceleration:
-    """The accelerations by Eq. (1), from the drive's wave `Q` of each blade and the `load` of contact."""
+def accelerations(z: Motion, Q: Waves, load: Load, model: Model) -> Acceleration:
+    """The accelerations by Eq. (1), from the drive's waves `Q` and the `load` of contact."""
     R = BladeForces((load.R_x, -load.R_x), (load.R_y, -load.R_y), load.M)
     own = z, Q, R, model.blades, model.drive, model.mobility.inverse
     left, right = (blade_accelerations(*of_blade(i, *own)) for i in (0, 1))
@@ -123,7 +112,7 @@ def parallel_mean(pair: Pair, model: Model) -> Pair:
     return mean, pair[1] if is_absent(pair[1]) else mean
 
 
-def end_torques(z: Motion, Q: Pair, at: ContactKinematics, state: State, model: Model) -> EndTorques:
+def end_torques(z: Motion, Q: Waves, at: ContactKinematics, state: State, model: Model) -> EndTorques:
     """The torques at both ends of the overlap, from that at the corner of the current case.
 
     Shifting the resultant -N n - F t by s t + r n changes the torque by F r - N s. From d, the corner b is at
@@ -135,7 +124,7 @@ def end_torques(z: Motion, Q: Pair, at: ContactKinematics, state: State, model: 
 
 
 def end_torques_under(
-    loaded: LoadedContact, z: Motion, Q: Pair, at: ContactKinematics, state: State, model: Model
+    loaded: LoadedContact, z: Motion, Q: Waves, at: ContactKinematics, state: State, model: Model
 ) -> EndTorques:
     """`end_torques` of blocks that turn where the forces are known already."""
     left, right = accelerations(z, Q, loaded.load, model).theta
@@ -157,13 +146,12 @@ def mean_square(q: Pose, gyration: Scalar) -> Pair:
     return left, right
 
 
-def blade_powers(z: Motion, Q: Scalar, b: Blades, d: Excitation) -> tuple[Scalar, Scalar]:
+def blade_powers(z: Motion, Q: Wave, b: Blades, d: Excitation) -> tuple[Scalar, Scalar]:
     """The power of the drive on one blade, and that lost in its dampers [W]; all arguments are its own."""
-    drive = (d.F_x * z.v_x + d.F_y * z.v_y + d.M_0 * z.v_theta) * Q
-    return drive, b.c_x * z.v_x**2 + b.c_y * z.v_y**2 + b.c_T * z.v_theta**2
+    return d.power(Q, z), b.c_x * z.v_x**2 + b.c_y * z.v_y**2 + b.c_T * z.v_theta**2
 
 
-def works(z: Motion, Q: Pair, lost: Scalar, model: Model) -> Ledger:
+def works(z: Motion, Q: Waves, lost: Scalar, model: Model) -> Ledger:
     """Rates of the works; `lost` is what contact dissipates."""
     left, right = (blade_powers(*of_blade(i, z, Q, model.blades, model.drive)) for i in (0, 1))
     power = left[0] + right[0]
@@ -193,10 +181,10 @@ def displacement_moments(z: Motion) -> Moments:
     return Moments(first, jax.tree.map(lambda a: a * a, first))
 
 
-def rhs(Q: Pair, now: State, model: Model, recorded: Recorded) -> tuple[StateDerivative, Integrals]:
+def rhs(Q: Waves, now: State, model: Model, recorded: Recorded) -> tuple[StateDerivative, Integrals]:
     """The accelerations by Eq. (1) and the rates of the `recorded` integrals while the mode and the case are fixed.
 
-    `Q` is the `drive_wave` at that time.
+    `Q` are the `drive_waves` at that time.
     """
     return rhs_at(placement(now, model), Q, now, model, recorded)
 
@@ -219,7 +207,7 @@ def contact_effects(place: Placement, now: State, model: Model, recorded: Record
 
 
 def rhs_at(
-    place: Placement, Q: Pair, now: State, model: Model, recorded: Recorded
+    place: Placement, Q: Waves, now: State, model: Model, recorded: Recorded
 ) -> tuple[StateDerivative, Integrals]:
     """`rhs` where the position is known already."""
     contact, z = contact_effects(place, now, model, recorded), now.motion

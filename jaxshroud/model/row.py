@@ -24,10 +24,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxshroud.model.arithmetic import ABSENT, is_absent
+from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import rotation
 from jaxshroud.model.interface import placement
 from jaxshroud.model.modes import FLAT
-from jaxshroud.model.prepared import Excitation, InverseMasses, Model, State, prepared_model
+from jaxshroud.model.prepared import InverseMasses, Model, State, prepared_model
 from jaxshroud.model.rhs import (
     Acceleration,
     BladeForces,
@@ -47,7 +48,7 @@ from jaxshroud.model.rhs import (
 )
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import Parts
-from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
+from jaxshroud.scene.scene import Blades, Contact, Friction, Scene, Shroud
 
 OfBlades = Float[Array, "blades lanes"]
 OfInterfaces = Float[Array, "interfaces lanes"]
@@ -78,11 +79,11 @@ class RowModel(eqx.Module):
 
 def prepared_row(scene: Scene) -> RowModel:
     """The constants of a row; without an axis of lanes."""
-    row, d, has = scene.row, scene.drive, scene.parts.has
+    row, has = scene.row, scene.parts.has
     assert row is not None
     pairs = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))
     blades = scene.mistuned_blades
-    drive = Excitation(d.F_0 * jnp.cos(d.beta), d.F_0 * jnp.sin(d.beta), d.M_0, jnp.sin(d.phase), jnp.cos(d.phase))
+    drive = excitation(scene.drive)
     inverse = InverseMasses(
         1 / blades.m,
         *(1 / mass if has(name, 0) else ABSENT for name, mass in (("y", blades.inertia_y), ("theta", blades.I))),
@@ -92,7 +93,7 @@ def prepared_row(scene: Scene) -> RowModel:
 
 def pair_at(scene: Scene, j: Any) -> Scene:
     """The pair of blades at interface `j`, without their mistuning, which contact does not feel; a pair is its own."""
-    row, s, d = scene.row, scene.shroud, scene.drive
+    row, s = scene.row, scene.shroud
     if row is None:
         return scene
     sides = jnp.stack([j, (j + 1) % row.blades])
@@ -103,7 +104,7 @@ def pair_at(scene: Scene, j: Any) -> Scene:
         Shroud(s.alpha, s.l_oa, s.l_ab, s.gap[j]),
         Contact(scene.k[j], None, width=width),
         Friction(scene.friction.k_d[j], scene.friction.mu[j]),
-        Drive(d.omega, *map(take, (d.beta, d.F_0, d.M_0, d.phase))),
+        scene.drive.of_blades(sides),
         take(scene.initial),
         scene.parts,
     )
@@ -259,7 +260,7 @@ def blade_rates(
     recorded: Recorded,
 ) -> BladeRates:
     """The rates of one blade; `wave` is (sin, cos) of omega t."""
-    Q = wave[0] * d.cos_phase + wave[1] * d.sin_phase
+    Q = d.wave(*wave)
     x, y, theta = blade_accelerations(z, Q, R, b, d, inverse)
     drive, viscous = blade_powers(z, Q, b, d) if recorded.ledger else (None, None)
     means = blade_positions(z) if recorded.means else None

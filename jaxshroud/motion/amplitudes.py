@@ -3,13 +3,12 @@
 import math
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxshroud.batch.cubics import SampledAmplitudes
 from jaxshroud.batch.periods import LANES_PER_CALL, Sample
 from jaxshroud.batch.threads import in_chunks
-from jaxshroud.model.linear import steady_amplitudes
+from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.scene import Scene
@@ -57,7 +56,7 @@ def _like(counted: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def free_amplitudes(scenes: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The amplitudes of x, y and theta without contact, (lanes, blades) each."""
+    """The amplitudes of x, y and theta without contact, (lanes, blades) each, see `free_reach`."""
     count = len(scenes.drive.omega)
     chunk = lambda _, lanes: _free_amplitudes(jax.tree.map(lambda a: np.asarray(a)[lanes], scenes))
     x, y, theta = in_chunks(chunk, count, 1 if count == 1 else LANES_PER_CALL)
@@ -66,7 +65,11 @@ def free_amplitudes(scenes: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @kept()
 def _free_amplitudes(scenes: Scene):
-    return jax.vmap(lambda scene: tuple(jnp.abs(a) for a in steady_amplitudes(scene)))(scenes)
+    def one(scene: Scene):
+        free = steady_amplitudes(scene)
+        return tuple(free_reach(free, name) for name in DISPLACEMENTS)
+
+    return jax.vmap(one)(scenes)
 
 
 def counted_mean(values: np.ndarray, counted: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from jaxshroud.batch.threads import in_chunks
 from jaxshroud.march.tally import ContactTimes, displacements_of
 from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import corners
-from jaxshroud.model.linear import area, free_power, power_reduction, steady_amplitudes
+from jaxshroud.model.linear import area, free_power, free_reach, power_reduction, steady_amplitudes
 from jaxshroud.motion.period import (
     PERIOD_TOLERANCE,
     SETTLED,
@@ -217,8 +217,8 @@ def least_tilt(scenes: Scene) -> float:
 def _tilts(scenes: Scene) -> Array:
     def tilt(scene: Scene) -> Array:
         free = steady_amplitudes(scene)
-        by_bending = jnp.sqrt(jnp.abs(free.x) ** 2 + jnp.abs(free.y) ** 2)
-        return jnp.max(jnp.abs(free.theta)) * half_diagonal(scene.shroud) / jnp.max(by_bending)
+        by_bending = jnp.sqrt(free_reach(free, "x") ** 2 + free_reach(free, "y") ** 2)
+        return jnp.max(free_reach(free, "theta")) * half_diagonal(scene.shroud) / jnp.max(by_bending)
 
     return jax.vmap(tilt)(scenes)
 

@@ -13,6 +13,7 @@ does not move K is undefined, as it is where the faces never touch.
 
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Complex, Float
 
@@ -40,7 +41,7 @@ class LinearBlades(NamedTuple):
     c: PerCoordinate
     k: PerCoordinate
     moves: np.ndarray
-    drive: Harmonic  # complex amplitude of the load
+    drive: Harmonic  # complex amplitude of the load, of the first harmonic
     omega: float
     axes: Float[np.ndarray, "2 2"]  # normal and tangent of the faces at rest, as rows
 
@@ -92,10 +93,10 @@ def equivalent_values(
 
 def linear_blades(scenes: Scene, i: int) -> LinearBlades:
     """The blades of one of many scenes (leading axis)."""
-    b, d = scenes.blades, scenes.drive
+    b, drive = scenes.blades, jax.tree.map(lambda a: np.asarray(a, float)[i], scenes.drive)
+    first = drive.harmonics()[1]
     stacked = lambda *columns: np.stack([np.asarray(a, float)[i] for a in columns], axis=-1)
-    F, beta, phase = (np.asarray(a, float)[i] for a in (d.F_0, d.beta, d.phase))
-    load = np.stack([F * np.cos(beta), F * np.sin(beta), np.asarray(d.M_0, float)[i]], axis=-1)
+    load = np.stack([first.F_x, first.F_y, first.M_0], axis=-1)
     moves = np.array([[scenes.parts.has(name, blade) for name in ("x", "y", "theta")] for blade in (0, 1)])
     alpha = float(np.asarray(scenes.shroud.alpha)[i])
     return LinearBlades(
@@ -103,8 +104,8 @@ def linear_blades(scenes: Scene, i: int) -> LinearBlades:
         c=stacked(b.c_x, b.c_y, b.c_T),
         k=stacked(b.k_x, b.k_y, b.k_T),
         moves=moves,
-        drive=load * np.exp(1j * phase)[:, None],
-        omega=float(np.asarray(d.omega)[i]),
+        drive=load * np.exp(1j * first.phase)[:, None],
+        omega=float(drive.omega),
         axes=np.array([[np.sin(alpha), -np.cos(alpha)], [np.cos(alpha), np.sin(alpha)]]),
     )
 

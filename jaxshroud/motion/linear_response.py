@@ -1,4 +1,7 @@
-"""The steady response of a row whose interfaces all stay in one state of contact: linear, and so in closed form."""
+"""The steady response of a row whose interfaces all stay in one state of contact: linear, and so in closed form.
+
+It is that to the first harmonic of the drive.
+"""
 
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -11,7 +14,13 @@ from jaxtyping import Array, Float, Int
 
 from jaxshroud.march.stability import contact_gradients
 from jaxshroud.model.geometry import corners
-from jaxshroud.model.natural_modes import NaturalContact, contact_stiffness, drive_load, free_directions, linear_contact
+from jaxshroud.model.natural_modes import (
+    NaturalContact,
+    contact_stiffness,
+    drive_loads,
+    free_directions,
+    linear_contact,
+)
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.scene import Scene
 
@@ -53,7 +62,7 @@ def linear_systems(scenes: Scene, contact: NaturalContact, coordinate: int) -> L
         free = jnp.asarray(free_directions(system.moves, contact), omega.dtype)
         diagonal = lambda numbers: jnp.diag(numbers @ free**2)  # no coordinate is in two directions
         coupling = free.T @ contact_stiffness(system, contact) @ free
-        in_phase, quadrature = drive_load(scene)
+        in_phase, quadrature = drive_loads(scene)[1]
         blades = scene.blades.m.shape[-1]
         each = jnp.tile(jnp.eye(blades, dtype=omega.dtype), (3, 1))
         return LinearSystem(

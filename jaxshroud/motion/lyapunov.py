@@ -193,7 +193,7 @@ class LargestExponents(NamedTuple):
 
 def with_phase_shift(scenes: Scene, phase: float) -> Scene:
     """The scenes with their drives advanced by the `phase` [rad]."""
-    return eqx.tree_at(lambda s: s.drive.phase, scenes, scenes.drive.phase + phase) if phase else scenes
+    return eqx.tree_at(lambda s: s.drive, scenes, scenes.drive.advanced(phase)) if phase else scenes
 
 
 def largest_exponents(

@@ -9,12 +9,13 @@ import numpy as np
 from jaxshroud.batch.states import carried_state, initial_states
 from jaxshroud.batch.xla import repeat_lane
 from jaxshroud.march.events import place_contact
-from jaxshroud.model.linear import steady_amplitudes
+from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.model.prepared import State, initial_state, prepared_model
 from jaxshroud.motion.averages import half_diagonal
 from jaxshroud.programs.kept import kept
 from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.quantities import DISPLACEMENTS
 from jaxshroud.scene.scene import Scene
 
 START_SPREAD = 2.0  # contact can double the range of the free motion
@@ -24,14 +25,15 @@ MAX_DRAWS = 64  # for each start, after which overlap is accepted
 def start_range(scene: Scene) -> Motion:
     """The range of initial states to either side, fields (blades,): the steady amplitude without contact plus the gap.
 
-    For angles the gap counts as the turn that moves a corner by it; rates are omega times displacements. Of the gaps of
-    a row the largest counts.
+    For angles the gap counts as the turn that moves a corner by it; rates are the frequency of the highest harmonic
+    times displacements. Of the gaps of a row the largest counts.
 
     Raises:
         InputError: The amplitude is infinite.
     """
-    free, gap, omega = steady_amplitudes(scene), float(np.abs(scene.shroud.gap).max()), float(scene.drive.omega)
-    amplitudes = [np.asarray(np.abs(a), float) for a in free]
+    free, gap = steady_amplitudes(scene), float(np.abs(scene.shroud.gap).max())
+    omega = float(scene.drive.frequency(max(free)))
+    amplitudes = [np.asarray(free_reach(free, name), float) for name in DISPLACEMENTS]
     lever = float(half_diagonal(scene.shroud))
     if not np.isfinite(amplitudes).all():
         raise InputError(

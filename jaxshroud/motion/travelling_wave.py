@@ -19,7 +19,7 @@ from jaxshroud.model.modes import WAVE_RESIDUAL, Status
 from jaxshroud.motion.batched_algorithms import Algorithm, Derivatives
 from jaxshroud.motion.orbit import PeriodicOrbit, determined
 from jaxshroud.motion.shooting import state_scales
-from jaxshroud.scene.engine_order import order_of_phases
+from jaxshroud.scene.engine_order import order_of_drive
 from jaxshroud.scene.scene import Scene, without_given
 
 REAL_SHARE = 1e-6  # of a multiplier's magnitude: a smaller imaginary part is rounding
@@ -51,7 +51,7 @@ def wave_symmetry(scene: Scene) -> WaveSymmetry | None:
     layout = scene.layout
     if not layout.closed or not _is_tuned(scene):
         return None
-    N, order = layout.blades, order_of_phases(scene.drive.phase)
+    N, order = layout.blades, order_of_drive(scene.drive)
     if order is None:
         return None
     common = math.gcd(order, N)
@@ -68,7 +68,7 @@ def _is_tuned(scene: Scene) -> bool:
     """Whether all blades and all interfaces are alike, but for their phases and their initial motion."""
     plain = without_given(scene)
     alike = lambda a: np.all(np.asarray(a) == np.asarray(a)[..., :1]) if np.ndim(a) else True
-    drive = [plain.drive.beta, plain.drive.F_0, plain.drive.M_0]
+    drive = [(one.beta, one.F_0, one.M_0) for one in plain.drive.harmonics().values()]
     parts = (plain.mistuned_blades, plain.shroud.gap, plain.k, plain.contact.width, plain.friction, drive)
     return all(bool(alike(a)) for a in jax.tree.leaves(parts))
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxshroud.programs.kept import is_traced
 from jaxshroud.scene.derived_inputs import check_order, consistent
+from jaxshroud.scene.keys import ALL_KEYS
 from jaxshroud.scene.replacing import renamed_numbers, replace_numbers
 from jaxshroud.scene.scene import Scene
 
@@ -16,11 +17,14 @@ TABLE_NAMES = ("blades", "shroud", "contact", "friction", "drive", "initial", "r
 
 
 def fields_of(scene: Scene) -> dict[str, Any]:
-    """All numbers of a scene, or of many (leading axes), by their keys: arrays of NumPy or JAX, in SI units."""
+    """All numbers of a scene, or of many (leading axes), by their keys: arrays of NumPy or JAX, in SI units.
+
+    Numbers of a drive of one's own that have no key are left out.
+    """
     tables = {table: getattr(scene, table) for table in TABLE_NAMES if getattr(scene, table) is not None}
     fields = {table: part._asdict() if table == "initial" else vars(part) for table, part in tables.items()}
     named = {f"{table}.{name}": value for table, part in fields.items() for name, value in part.items()}
-    return {key: value for key, value in named.items() if hasattr(value, "shape")}
+    return {key: value for key, value in named.items() if key in ALL_KEYS and hasattr(value, "shape")}
 
 
 def numbers_of(scene: Scene) -> dict[str, np.ndarray]:

@@ -1,16 +1,17 @@
 """The scene: blades, shroud, contact, friction, drive and the initial motion."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import ArrayLike
 
 from jaxshroud.scene.capabilities import require_parts
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
+from jaxshroud.scene.drive import Drive
+from jaxshroud.scene.fields import PerBlade, per_blade, scalar
 from jaxshroud.scene.keys import (
     ALL_KEYS,
     AT_REST,
@@ -24,36 +25,8 @@ from jaxshroud.scene.keys import (
 from jaxshroud.scene.laws import FrictionLaw, Laws, NormalLaw, Number, with_checked_shapes
 from jaxshroud.scene.layout import Layout, layout_with, row_layout
 from jaxshroud.scene.parts import Parts, misprints
-from jaxshroud.scene.typed import are_numbers, short_repr, typed
+from jaxshroud.scene.typed import short_repr, typed
 from jaxshroud.scene.valid import KEYS_BY_TABLE, check_number, check_numbers, check_shape
-
-PerBlade = Float[Array, "... blades"]  # left blade first; two in a scene without a row
-
-
-def per_blade(value: Any) -> Any:
-    """The `value` as one number per blade; a single number means equal blades."""
-    if not are_numbers(value):
-        return value  # refused later, with its name
-    if isinstance(value, int | float):
-        return _from_numpy(np.full(2, value, float))
-    if isinstance(value, tuple | list):
-        if all(isinstance(v, int | float) for v in value):
-            return _from_numpy(np.array(value, float))
-        return jnp.stack([jnp.asarray(v, dtype=float) for v in value], axis=-1)
-    value = jnp.asarray(value, dtype=float)
-    return jnp.broadcast_to(value, (2,)) if value.ndim == 0 else value
-
-
-def scalar(value: Any) -> Any:
-    """The `value` as a float array, so that changing it never recompiles."""
-    if not are_numbers(value):
-        return value
-    return _from_numpy(np.array(value, float)) if isinstance(value, int | float) else jnp.asarray(value, dtype=float)
-
-
-def _from_numpy(value: np.ndarray) -> Array:
-    """The JAX array of plain numbers that come by NumPy, so that nothing is compiled."""
-    return jnp.asarray(value, dtype=float)
 
 
 def _motion_per_blade(motion: Any) -> Any:
@@ -143,24 +116,6 @@ class Friction(eqx.Module):
 
     def __check_init__(self):
         check_numbers("friction", self)
-
-
-class Drive(eqx.Module):
-    """The force `Q_i = F_0 sin(omega t + phase)` at an angle `beta` to x, and the moment `M_0 sin(...)` (Sec. 3.1)."""
-
-    omega: Number = eqx.field(converter=scalar)  # circular frequency, common to both blades [rad/s]
-    beta: PerBlade = eqx.field(converter=per_blade)  # direction of the force [rad]
-    F_0: PerBlade = eqx.field(converter=per_blade)  # force amplitude [N]
-    M_0: PerBlade = eqx.field(converter=per_blade)  # moment amplitude [N m]
-    phase: PerBlade = eqx.field(converter=per_blade)  # the paper's phi_1, phi_2 [rad]
-
-    def __check_init__(self):
-        check_numbers("drive", self)
-
-    @property
-    def period(self) -> Number:
-        """The forcing period T = 2 pi / omega [s]."""
-        return 2 * math.pi / self.omega
 
 
 class Row(eqx.Module):

@@ -8,6 +8,7 @@ import numpy as np
 import tomli_w
 
 from jaxshroud.scene.derived_inputs import in_given_form, in_tables
+from jaxshroud.scene.drive import Drive
 from jaxshroud.scene.numbers import given_of, numbers_of
 from jaxshroud.scene.parts import reading_text
 from jaxshroud.scene.replacing import plain_numbers
@@ -24,6 +25,8 @@ def tables_of(scene: Scene) -> dict[str, dict[str, Any]]:
     """One scene as it is given, in plain numbers by table and key, with one number for equal blades."""
     tables = in_tables(plain_numbers(numbers_of(scene)), plain_numbers(given_of(scene)), scene.layout)
     tables["contact"]["reading"] = reading_text(scene.contact.reading)
+    if type(scene.drive) is not Drive:
+        tables["drive"]["own"] = type(scene.drive).__name__  # which no file can name: it is refused there
     if row := scene.row:
         tables = {"row": {"blades": row.blades, "closed": row.closed, **tables.pop("row")}, **tables}
     return {**tables, "parts": {**scene.parts._asdict(), "motion": list(scene.parts.motion)}}

@@ -16,6 +16,7 @@ from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest, stiffness_ratio
+from jaxshroud.model.arithmetic import summed
 from jaxshroud.motion.averages import least_tilt
 from jaxshroud.motion.short_runs import (
     HORIZON,
@@ -164,8 +165,8 @@ def estimated_errors(scenes: Scene, setting: Setting, steps: int, ends: EndState
     Both march to the horizon by `ends`. The finer march is driven by forces that are a few roundings larger, so that
     the growth of roundings counts too.
     """
-    finer, loads = setting.finer(1).exact.method, lambda scenes: (scenes.drive.F_0, scenes.drive.M_0)
-    perturbed = eqx.tree_at(loads, scenes, replace_fn=lambda a: np.asarray(a) * (1 + FORCE_PERTURBATION))
+    finer = setting.finer(1).exact.method
+    perturbed = eqx.tree_at(lambda s: s.drive, scenes, scenes.drive.scaled(1 + FORCE_PERTURBATION))
     return state_errors(ends(scenes, steps, setting.method), ends(perturbed, 2 * steps, finer))
 
 
@@ -188,10 +189,17 @@ def missed_lanes(scenes: Scene, choice: Choice, ends: EndStates = end_states) ->
 
 def _with_moved_start(scenes: Scene, shares: FloatArray) -> Scene:
     """The scenes (leading axis) with x, y, theta of the starts moved by shares of them, or of what the drive bends."""
-    b, d, start = scenes.blades, scenes.drive, scenes.initial
-    static = d.F_0 * np.cos(d.beta) / b.k_x, d.F_0 * np.sin(d.beta) / b.k_y, d.M_0 / b.k_T
+    b, start, harmonics = scenes.blades, scenes.initial, scenes.drive.harmonics().values()
+    static = [
+        summed(np.abs(load) for load in loads) / stiffness
+        for loads, stiffness in (
+            ([one.F_x for one in harmonics], b.k_x),
+            ([one.F_y for one in harmonics], b.k_y),
+            ([one.M_0 for one in harmonics], b.k_T),
+        )
+    ]
     moved = [
-        own + np.maximum(np.abs(own), np.abs(bent)) * share
+        own + np.maximum(np.abs(own), bent) * share
         for own, bent, share in zip((start.x, start.y, start.theta), static, shares, strict=True)
     ]
     return eqx.tree_at(lambda s: (s.initial.x, s.initial.y, s.initial.theta), scenes, tuple(moved))

@@ -11,10 +11,10 @@ from jaxtyping import Array, Float
 
 from jaxshroud.march.stability import steps_for, stiffest
 from jaxshroud.march.tableau import RK4
-from jaxshroud.model.arithmetic import Scalar
+from jaxshroud.model.arithmetic import Scalar, summed
 from jaxshroud.model.geometry import gyration
-from jaxshroud.model.linear import Amplitudes, steady_amplitudes
-from jaxshroud.model.natural_modes import LinearContact, drive_load, linear_contact
+from jaxshroud.model.linear import Amplitudes, free_reach, steady_amplitudes
+from jaxshroud.model.natural_modes import LinearContact, drive_loads, linear_contact
 from jaxshroud.motion.averages import half_diagonal
 from jaxshroud.motion.linear_response import touching_gradients
 from jaxshroud.programs.kept import kept
@@ -85,7 +85,7 @@ def check(
         drive=float(arrays.drive.omega) / RAD_PER_CYCLE,
         gap=float(gaps.min()),
         approach=float(across[nearest]) / math.sin(s.alpha),
-        corner=_floats(lever * np.abs(free.theta)),
+        corner=_floats(lever * free_reach(free, "theta")),
         inertia=_floats(b.I / (b.m * gyration_of_block)),
         gamma=float(k[0] / arrays.blades.k_x[0]),
         omega_max=stiffest(scene, 0)[0],
@@ -134,18 +134,26 @@ def _over_speed(
 @kept()
 def _free_and_touching(
     scene: Scene,
-) -> tuple[Amplitudes, Float[Array, "..."], Scalar, Scalar, LinearContact, tuple[Array, Array]]:
+) -> tuple[dict[int, Amplitudes], Float[Array, "..."], Scalar, Scalar, LinearContact, dict[int, tuple[Array, Array]]]:
     """The free blades' amplitudes, the stiffness of contact, a block's gyration, half its diagonal, a linear system.
 
     The system and the load on it are those of blades whose upper corners meet: there is no gap between them.
     """
     shroud = scene.shroud
     system = linear_contact(scene, touching_gradients(scene))
-    return steady_amplitudes(scene), scene.k, gyration(shroud), half_diagonal(shroud), system, drive_load(scene)
+    return steady_amplitudes(scene), scene.k, gyration(shroud), half_diagonal(shroud), system, drive_loads(scene)
 
 
-def _relative_motions(free: Amplitudes, alpha: float, interfaces: int) -> tuple[np.ndarray, np.ndarray]:
-    """The amplitudes of the free faces' motion across and along each other, without rotation [m], (interfaces,)."""
+def _relative_motions(free: dict[int, Amplitudes], alpha: float, interfaces: int) -> tuple[np.ndarray, np.ndarray]:
+    """The amplitudes of the free faces' motion across and along each other, without rotation [m], (interfaces,).
+
+    Those of all harmonics of the drive are added.
+    """
+    across, along = np.sum([_relative_amplitudes(one, alpha, interfaces) for one in free.values()], axis=0)
+    return across, along
+
+
+def _relative_amplitudes(free: Amplitudes, alpha: float, interfaces: int) -> tuple[np.ndarray, np.ndarray]:
     with np.errstate(invalid="ignore"):  # infinity minus infinity
         x, y = ((a - np.roll(a, -1))[:interfaces] for a in (free.x, free.y))
         across, along = x * math.sin(alpha) - y * math.cos(alpha), x * math.cos(alpha) + y * math.sin(alpha)
@@ -186,14 +194,15 @@ def _end_of_range(modes: Sequence[NaturalMode], omega: float, speed: float) -> f
     return speed * max(SPEED_RANGE, BEYOND_LOWEST * RAD_PER_CYCLE * max(lowest.values()) / omega)
 
 
-def _free_coordinates(arrays: Scene, free: Amplitudes) -> dict[str, Coordinate]:
-    b, d = arrays.mistuned_blades, arrays.drive
-    loads = {"x": d.F_0 * np.cos(d.beta), "y": d.F_0 * np.sin(d.beta), "theta": d.M_0}
-    oscillators = {"x": (b.m, b.c_x, b.k_x), "y": (b.inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}
-    return {
-        name: _coordinate(oscillators[name], np.abs(loads[name]), np.abs(getattr(free, name)))
-        for name in arrays.parts.motion
+def _free_coordinates(arrays: Scene, free: dict[int, Amplitudes]) -> dict[str, Coordinate]:
+    b, harmonics = arrays.mistuned_blades, arrays.drive.harmonics().values()
+    loads = {
+        "x": summed(np.abs(one.F_x) for one in harmonics),
+        "y": summed(np.abs(one.F_y) for one in harmonics),
+        "theta": summed(np.abs(one.M_0) for one in harmonics),
     }
+    oscillators = {"x": (b.m, b.c_x, b.k_x), "y": (b.inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}
+    return {name: _coordinate(oscillators[name], loads[name], free_reach(free, name)) for name in arrays.parts.motion}
 
 
 def _coordinate(oscillator: tuple[Any, Any, Any], load: np.ndarray, amplitude: np.ndarray) -> Coordinate:

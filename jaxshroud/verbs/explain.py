@@ -13,13 +13,13 @@ from jaxshroud.march.events import model_events
 from jaxshroud.march.method import FAST, Choices, Method, choices
 from jaxshroud.march.stability import step_limits, steps_for, stiffest
 from jaxshroud.model.arithmetic import Scalar
-from jaxshroud.model.linear import Amplitudes, steady_amplitudes
+from jaxshroud.model.linear import Amplitudes, free_reach, steady_amplitudes
 from jaxshroud.model.prepared import Model, prepared_model
 from jaxshroud.model.row import pair_at
 from jaxshroud.programs.kept import kept
 from jaxshroud.results.base import PlainResult
 from jaxshroud.scene.file import SceneFile
-from jaxshroud.scene.parts import MOTIONS, Parts
+from jaxshroud.scene.parts import COORDINATES, MOTIONS, Parts
 from jaxshroud.scene.scene import Scene, Shroud, with_parts
 from jaxshroud.scene.typed import typed
 from jaxshroud.verbs.checks import check_row, one_scene
@@ -106,7 +106,7 @@ def _advice(scene: Scene) -> Iterator[str]:
         yield 'mu or k_d is 0: [parts] friction = "none" gives the same motion for less'
     if scene.row is None:
         yield from _advice_on_contact(scene, touches)
-    if parts.motion == MOTIONS[2] and none(scene.drive.M_0) and touches:
+    if parts.motion == MOTIONS[2] and _has_no_moment(scene) and touches:
         yield 'M_0 is 0: the blocks are turned by contact only; compare with [parts] motion = ["x", "y"]'
 
 
@@ -120,13 +120,17 @@ def _advice_on_contact(scene: Scene, touches: bool) -> Iterator[str]:
 
 
 @kept()
-def _free_motion(scene: Scene) -> tuple[Amplitudes, Scalar]:
+def _free_motion(scene: Scene) -> tuple[dict[int, Amplitudes], Scalar]:
     """The amplitudes of the free blades, and the stiffness of the contact [N/m]."""
     return steady_amplitudes(scene), scene.k
 
 
-def _never_touches(free: Amplitudes, s: Shroud) -> bool:
+def _has_no_moment(scene: Scene) -> bool:
+    return not any(np.any(np.asarray(one.M_0)) for one in scene.drive.harmonics().values())
+
+
+def _never_touches(free: dict[int, Amplitudes], s: Shroud) -> bool:
     """Whether the corners stay apart in steady free motion, by the sum of all amplitudes."""
-    x, y, theta = (float(np.sum(np.abs(a))) for a in free)
+    x, y, theta = (float(np.sum(free_reach(free, name))) for name in COORDINATES)
     sine = float(np.sin(s.alpha))
     return float(s.gap) * sine > x + y + theta * float(np.hypot(s.l_oa, s.l_ab))

@@ -33,7 +33,7 @@ class ModeWords(NamedTuple):
 
 
 def modes_of(
-    arrays: Scene, k: np.ndarray, system: LinearContact, loads: tuple[np.ndarray, np.ndarray]
+    arrays: Scene, k: np.ndarray, system: LinearContact, loads: dict[int, tuple[np.ndarray, np.ndarray]]
 ) -> tuple[NaturalMode, ...]:
     """All natural modes: those of the free blades, then those of each state of contact, the lowest first.
 
@@ -41,12 +41,12 @@ def modes_of(
         arrays: The scene, its numbers as NumPy arrays.
         k: The stiffness of the contact [N/m], of a row at each interface.
         system: The blades and their contact, see `linear_contact`.
-        loads: What drives them, see `drive_load`.
+        loads: What drives them, see `drive_loads`.
     """
     blades = LinearContact(*(a if a.dtype == bool else a.astype(float) for a in system))
-    load = loads[0].astype(float) + 1j * loads[1].astype(float)
+    driven = [(a.astype(float) + 1j * b.astype(float)) * blades.moves for a, b in loads.values()]
     words = WORDS_OF_PAIRS if arrays.row is None else _words_of_row(arrays.row.closed)
-    found = [_modes_in(blades, contact, load * blades.moves, words) for contact in _contacts_of(arrays, k)]
+    found = [_modes_in(blades, contact, driven, words) for contact in _contacts_of(arrays, k)]
     return tuple(mode for modes in found for mode in modes)
 
 
@@ -65,10 +65,12 @@ def _has_friction(scene: Scene) -> bool:
     return scene.parts.friction != "none" and bool(np.any((scene.friction.mu > 0) & (scene.friction.k_d > 0)))
 
 
-def _modes_in(blades: LinearContact, contact: NaturalContact, load: np.ndarray, words: ModeWords) -> list[NaturalMode]:
+def _modes_in(
+    blades: LinearContact, contact: NaturalContact, loads: list[np.ndarray], words: ModeWords
+) -> list[NaturalMode]:
     """The modes in one state of contact."""
     omega, zeta, shape = natural_modes(blades, contact)
-    energy, driven = shape**2 * blades.mass, drive_shares(shape, load)
+    energy, driven = shape**2 * blades.mass, drive_shares(shape, loads)
     modes = []
     for i, own_shape in enumerate(shape):
         by_blade = energy[i].reshape(3, -1)

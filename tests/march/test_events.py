@@ -28,7 +28,7 @@ HEIGHT = {1: -H, 2: H, 3: H, 4: -H}
 CONTACTS = (Mode.STICK, Mode.SLIP_PLUS, Mode.SLIP_MINUS)
 SLIPS = CONTACTS[1:]
 SIGMA = {Mode.STICK: 0, Mode.SLIP_PLUS: 1, Mode.SLIP_MINUS: -1}
-STILL = (jnp.asarray(0.0), jnp.asarray(0.0))  # no drive
+STILL = ((jnp.asarray(0.0),), (jnp.asarray(0.0),))  # no drive
 GAP_SIGN = frozenset({"gap_sign"})
 AT_LIFT, AT_TURN, AT_HEIGHT, AT_RUB = range(len(EVENTS))
 

@@ -185,7 +185,7 @@ def test_torques_at_the_ends_of_the_overlap_are_those_of_its_corners(mode):
     ready, rng = as_pairs(prepared_model(realistic_blade(2.5))), np.random.default_rng(3)
     highs = 0
     for _ in range(12):
-        held, Q = pressed_flat(rng, mode), tuple(jnp.asarray(a) for a in rng.uniform(-1, 1, 2))
+        held, Q = pressed_flat(rng, mode), tuple((jnp.asarray(a),) for a in rng.uniform(-1, 1, 2))
         torque = {case: torque_in(held, Q, case, ready) for case in (1, 2, 3, 4)}
         for case in range(1, 6):  # from whichever corner it is looked at
             view = evaluate_guards(held.motion, Q, with_case(held, case), ready)

@@ -24,9 +24,10 @@ from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.march.taylor_events import first_event, return_length
 from jaxshroud.march.taylor_expansion import per_radian, taylor_expansion
 from jaxshroud.model.arithmetic import is_absent
+from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.modes import FLAT, Mode
 from jaxshroud.model.prepared import State, prepared_model
-from jaxshroud.model.rhs import Recorded, drive_wave, mean_square, rhs
+from jaxshroud.model.rhs import Recorded, mean_square, rhs
 from jaxshroud.model.series import Series, polynomial_value, polynomial_value_and_rate
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.scene import Contact
@@ -65,7 +66,7 @@ def expanded(state: State, scene) -> dict:
     at = lambda series: polynomial_value(series.coefficients(ORDER), s)
     z = Motion(*(tuple(map(at, pair)) for pair in way.motion))
     angle = 2 * math.pi * 0.13 + s
-    Q = drive_wave(jnp.sin(angle), jnp.cos(angle), ready.drive)
+    Q = drive_waves(jnp.sin(angle), jnp.cos(angle), ready.drive)
     there = State(z, state.u_s, state.mode, way.case)
     slope, rates = rhs(Q, there, per_radian(ready, way.unit), Recorded(ledger=True))
     accelerations = [polynomial_value_and_rate(a.coefficients(ORDER), s)[1] for pair in way.motion[3:] for a in pair]
@@ -104,7 +105,7 @@ def test_series_obey_the_right_hand_side_in_every_mode_and_case(table1, reading)
 @pytest.mark.full
 def test_a_series_of_one_reading_does_not_obey_another(table1):
     # Control: each misprint alone changes the accelerations by far more than the tolerance above.
-    state, numbers, still = held(np.random.default_rng(4)), {}, (jnp.asarray(0.0), jnp.asarray(0.0))
+    state, numbers, still = held(np.random.default_rng(4)), {}, ((jnp.asarray(0.0),), (jnp.asarray(0.0),))
     accelerated = jax.vmap(lambda s, m: rhs(still, s, m, Recorded())[0], in_axes=(0, None))
     for reading in READINGS:
         contact = Contact(None, 2.5, frozenset(reading))

@@ -18,7 +18,7 @@ from jaxshroud.scene.vary import vary
 
 K, K_D, MU = 1e6, 1e6, 0.5
 LAW = BilinearContact(*(jnp.asarray(value) for value in (K, K_D, MU, MU * K / K_D)))
-STILL = (jnp.asarray(0.0), jnp.asarray(0.0))  # no drive
+STILL = ((jnp.asarray(0.0),), (jnp.asarray(0.0),))  # no drive
 MODES = jnp.arange(4, dtype=jnp.int32)
 AMPLITUDE, STEPS = 2e-4, 64  # [m]; steps in a quarter of a cycle
 

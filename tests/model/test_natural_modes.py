@@ -84,7 +84,7 @@ def jacobian(scene, case):
     @jax.jit
     def accelerations(z):
         motion = Motion(*((z[i], z[i + 1]) for i in range(0, 12, 2)))
-        rates, _ = rhs((zero, zero), State(motion, zero, *codes), model, Recorded())
+        rates, _ = rhs(((zero,), (zero,)), State(motion, zero, *codes), model, Recorded())
         return jnp.stack([rate for pair in rates.acceleration for rate in pair])
 
     steps = np.eye(12) * 1e-6

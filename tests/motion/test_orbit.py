@@ -229,7 +229,7 @@ def orbit_near_resonance(c_x):
     """An orbit without contact that the more a push moves, the less damping there is; in closed form."""
     scene = load("table1", ["shroud.gap=1", f"blades.c_x={c_x}", f"drive.F_0={c_x}", "drive.M_0=0"]).scene
     scene = vary(scene, "drive.omega", float(np.sqrt(scene.blades.k_x[0] / scene.blades.m[0])))
-    swing = steady_amplitudes(scene)
+    swing = steady_amplitudes(scene)[1]
     place, speed = [a.imag for a in swing], [scene.drive.omega * a.real for a in swing]
     return orbit(scene, state=initial_state(Motion(*place, *speed)), q=1, method=js.RungeKutta(steps=20000))
 
@@ -276,7 +276,7 @@ def test_margins_see_grazes_and_misses_within_steps():
     free = load("table1", ['shroud.gap="5 mm"', "drive.F_0=60", "drive.M_0=0", "contact.gamma=2.5"]).scene
     found = orbit(free, method=js.RungeKutta(steps=37))
     missed = grazing_margins(found.cycle()).nearest_miss
-    swing, alpha, deep = steady_amplitudes(free), float(free.shroud.alpha), 1e-8
+    swing, alpha, deep = steady_amplitudes(free)[1], float(free.shroud.alpha), 1e-8
     d_x, d_y = (complex(a[0] - a[1]) for a in (swing.x, swing.y))
     size = abs(d_x * np.sin(alpha) - d_y * np.cos(alpha))
     exact = 5e-3 * np.sin(alpha) - size

@@ -1,0 +1,121 @@
+"""The drive of a blade: its forces at a phase, their rate and their power, as sums of harmonics (Sec. 3.1)."""
+
+import math
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from jaxshroud.model.arithmetic import Scalar, of_blade, summed
+from jaxshroud.model.series import Series
+from jaxshroud.scene.drive import Drive
+from jaxshroud.scene.keys import Motion
+
+Wave = tuple[Any, ...]  # sin(n omega t + phase) for each harmonic n: numbers of one blade, or `Series`
+Waves = tuple[Wave, Wave]  # of the left and the right blade
+
+
+class HarmonicForce(NamedTuple):
+    """The amplitudes and the phase of one harmonic, the force resolved in x and y: of both blades, or of one."""
+
+    x: Any  # F_0 cos(beta) [N]: of each blade, a `Pair`, or one blade's, as are the next
+    y: Any  # F_0 sin(beta) [N]
+    theta: Any  # M_0 [N m]
+    sin_phase: Any
+    cos_phase: Any
+
+    def wave(self, s: Scalar, c: Scalar) -> Scalar:
+        """The wave from the sine and the cosine of n omega t."""
+        return s * self.cos_phase + c * self.sin_phase
+
+
+class Excitation(eqx.Module):
+    """The harmonics of a drive by their order n, prepared for stepping: of both blades, as pairs, or of one.
+
+    Methods are of one blade. A `wave` is what a phase gives once for all of its coordinates.
+    """
+
+    harmonics: dict[int, HarmonicForce]
+
+    @property
+    def loads(self) -> list[Any]:
+        """The amplitudes of all forces and moments."""
+        return [load for one in self.harmonics.values() for load in (one.x, one.y, one.theta)]
+
+    def wave(self, s: Scalar, c: Scalar) -> Wave:
+        """The wave at a phase, from its sine and cosine."""
+        return tuple(one.wave(*multiple_angle(s, c, n)) for n, one in self.harmonics.items())
+
+    def wave_rate(self, s: Scalar, c: Scalar) -> Wave:
+        """The rate of the wave per radian, from the sine and the cosine of the phase a quarter of a turn later."""
+        return tuple(
+            _times(n, one.wave(*_turned_back(*multiple_angle(s, c, n), n - 1))) for n, one in self.harmonics.items()
+        )
+
+    def wave_series(self, wave: Wave, rate: Wave) -> Wave:
+        """The power series of the wave in the phase, from the wave and its rate at the start."""
+        return tuple(_sine_series(*start) for start in zip(self.harmonics, wave, rate, strict=True))
+
+    def force(self, name: str, wave: Wave) -> Any:
+        """The force along x or y [N], or the moment on theta [N m], at a wave: a number, or a `Series` if it is one."""
+        return summed(getattr(one, name) * w for one, w in zip(self.harmonics.values(), wave, strict=True))
+
+    def power(self, wave: Wave, z: Motion) -> Any:
+        """The power on a motion [W]."""
+        waves = zip(self.harmonics.values(), wave, strict=True)
+        return summed((one.x * z.v_x + one.y * z.v_y + one.theta * z.v_theta) * w for one, w in waves)
+
+
+def excitation(drive: Drive) -> Excitation:
+    """The drive of a scene, prepared for stepping; fields (blades,)."""
+    return Excitation(
+        {
+            n: HarmonicForce(one.F_x, one.F_y, one.M_0, jnp.sin(one.phase), jnp.cos(one.phase))
+            for n, one in drive.harmonics().items()
+        }
+    )
+
+
+def drive_waves(s: Scalar, c: Scalar, drive: Excitation) -> Waves:
+    """The wave of each blade of a pair from the sine and cosine of omega t."""
+    left, right = (of_blade(i, drive)[0].wave(s, c) for i in (0, 1))
+    return left, right
+
+
+def drive_wave_rates(s: Scalar, c: Scalar, drive: Excitation) -> Waves:
+    """The rate of each wave of a pair per radian, from (sin, cos) of omega t a quarter of a turn later."""
+    left, right = (of_blade(i, drive)[0].wave_rate(s, c) for i in (0, 1))
+    return left, right
+
+
+def drive_wave_series(waves: Waves, rates: Waves, drive: Excitation) -> Waves:
+    """The power series of the waves of a pair in the drive phase [rad]."""
+    left, right = (drive.wave_series(waves[i], rates[i]) for i in (0, 1))
+    return left, right
+
+
+def multiple_angle(s: Scalar, c: Scalar, n: int) -> tuple[Scalar, Scalar]:
+    """(sin, cos) of `n` times the angle with this sine and cosine, by angle addition."""
+    if n == 0:
+        return jnp.zeros_like(s), jnp.ones_like(c)
+    sine, cosine = s, c
+    for _ in range(n - 1):
+        sine, cosine = sine * c + cosine * s, cosine * c - sine * s
+    return sine, cosine
+
+
+def _turned_back(s: Scalar, c: Scalar, quarters: int) -> tuple[Scalar, Scalar]:
+    """(sin, cos) of an angle so many quarters of a turn before."""
+    for _ in range(quarters % 4):
+        s, c = -c, s
+    return s, c
+
+
+def _times(n: int, value: Any) -> Any:
+    return value if n == 1 else n * value
+
+
+def _sine_series(n: int, value: Scalar, rate: Scalar) -> Series:
+    """The series of a sine of `n` times the phase from its value and its rate per radian."""
+    derivatives = (value, rate, -value, -rate)
+    return Series(lambda k: derivatives[k % 4] * (n ** (k - k % 2) / math.factorial(k)))
