@@ -36,6 +36,10 @@ class Formal(ABC):
     def chosen(condition: Any, yes: Any, no: Any) -> Any:
         """`yes` where the `condition` holds, else `no`; at least one of them is of this class."""
 
+    @abstractmethod
+    def sine_versine(self) -> tuple[Any, Any]:
+        """The sine and the versine of it as an angle."""
+
 
 class Absent(Formal):
     """An exact zero that is known while tracing."""
@@ -44,6 +48,10 @@ class Absent(Formal):
     def chosen(condition: Any, yes: Any, no: Any) -> Any:
         """`yes` where the `condition` holds, else `no`; at least one of them is absent."""
         return where(condition, *(0.0 if is_absent(a) else a for a in (yes, no)))
+
+    def sine_versine(self) -> tuple["Absent", "Absent"]:
+        """Both absent."""
+        return self, self
 
     def __add__(self, other: Any) -> Any:
         """The other number."""

@@ -39,7 +39,7 @@ class LawForces(NamedTuple):
 
     N: Scalar  # [N]
     F: Scalar  # positive against sliding to larger u [N]
-    u_s: Slider  # rate of the slider, where it is integrated with the motion
+    u_s: Slider  # rate of the slider where it is integrated with the motion, else absent
 
 
 class ContactLoads(NamedTuple):

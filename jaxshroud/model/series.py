@@ -14,7 +14,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxshroud.model.arithmetic import ABSENT, Formal, is_absent, minus, plus, times, where
+from jaxshroud.model.arithmetic import ABSENT, Formal, is_absent, minus, plus, sine_versine, times, where
 
 
 class Series(Formal):
@@ -46,6 +46,14 @@ class Series(Formal):
     def rate(self) -> "Series":
         """The derivative."""
         return Series(lambda n: times(n + 1, self[n + 1]))
+
+    def sine_versine(self) -> tuple[Any, Any]:
+        """The series of (sin x, 1 - cos x) of an angle x, from the values at the start: s' = c x', (1 - c)' = s x'."""
+        rate, start = self.rate, sine_versine(self[0])
+        sine = Series(lambda n: times(_product(rate, cosine, n - 1), 1 / n) if n else start[0])
+        versine = Series(lambda n: times(_product(rate, sine, n - 1), 1 / n) if n else start[1])
+        cosine = 1 - versine
+        return sine, versine
 
     def __neg__(self) -> "Series":
         """The negative."""
@@ -142,15 +150,6 @@ def _product(a: Series, b: Series, n: int) -> Any:
 def _square(a: Series, n: int) -> Any:
     half = chained_sum([times(a[k], a[n - k]) for k in range((n + 1) // 2)])
     return plus(plus(half, half), ABSENT if n % 2 else times(a[n // 2], a[n // 2]))
-
-
-def sine_versine_of(angle: Series, start: tuple) -> tuple[Any, Any]:
-    """The series of (sin x, 1 - cos x) of an `angle`, from their values at the `start`: s' = c x', (1 - c)' = s x'."""
-    rate = angle.rate
-    sine = Series(lambda n: times(_product(rate, cosine, n - 1), 1 / n) if n else start[0])
-    versine = Series(lambda n: times(_product(rate, sine, n - 1), 1 / n) if n else start[1])
-    cosine = 1 - versine
-    return sine, versine
 
 
 def polynomial_value(coefficients: tuple, x: Any) -> Any:

@@ -1,0 +1,181 @@
+"""A law of contact of one's own: a normal spring that stiffens with the cube of the penetration, with friction.
+
+It is defined here, and marches a pair and a row of three blades without a change of the package.
+"""
+
+from functools import cache, partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxshroud as js
+from jaxshroud.batch.blocks import run_block
+from jaxshroud.batch.marches import PAIRS, ROWS
+from jaxshroud.batch.periods import Clock, Sample, at_start_of_period, one_call
+from jaxshroud.batch.states import initial_states
+from jaxshroud.batch.xla import best_mapping
+from jaxshroud.march.method import Choices
+from jaxshroud.march.tableau import tableau
+from jaxshroud.model.arithmetic import ABSENT, Scalar, where
+from jaxshroud.model.contact_law import (
+    ContactLaw,
+    ContactPoint,
+    FrictionGuard,
+    GuardCrossing,
+    LawForces,
+    Modes,
+    Slider,
+    linear_law,
+)
+from jaxshroud.model.modes import Mode, Status
+from jaxshroud.model.prepared import prepared_law
+from jaxshroud.model.spring_contact import BilinearContact, slip_sign
+
+
+class CubicContact(ContactLaw):
+    """N = k v + k_3 v^3, and a spring k_d in series with a slider that slips at mu N."""
+
+    has_stick = True
+
+    k: Scalar  # [N/m]
+    k_3: Scalar  # [N/m^3]
+    k_d: Scalar  # [N/m]
+    mu: Scalar
+
+    @property
+    def normal_stiffness(self):
+        return self.k
+
+    @property
+    def tangential_stiffness(self):
+        return self.k_d
+
+    def pressed(self, v):
+        return self.k * v + self.k_3 * v**3
+
+    def slip_stretch(self, v, mode):
+        return slip_sign(mode, v.dtype) * self.mu * self.pressed(v) / self.k_d
+
+    def slip_speed(self, at, rate, mode):
+        """The rate of the slider in slip, u' less that of the stretch; 0 in other modes."""
+        sigma = slip_sign(mode, at.v.dtype)
+        return sigma**2 * rate.u - sigma * self.mu * (self.k + 3 * self.k_3 * at.v**2) * rate.v / self.k_d
+
+    def forces(self, point: ContactPoint) -> LawForces:
+        N = where(point.mode == Mode.APART, 0.0, self.pressed(point.at.v))
+        F = self.k_d * self.stretch(point.at.v, point.at.u, point.u_s, point.mode)
+        return LawForces(N, F, ABSENT)
+
+    def stretch(self, v: Scalar, u: Scalar, u_s: Slider, mode: Modes) -> Slider:
+        return where(mode == Mode.STICK, u - u_s, self.slip_stretch(v, mode))
+
+    def stored_energy(self, v: Scalar, w: Slider, mode: Modes) -> Scalar:
+        return where(mode == Mode.APART, 0.0, self.k * v**2 / 2 + self.k_3 * v**4 / 4 + self.k_d * w**2 / 2)
+
+    def dissipated_power(self, point: ContactPoint, forces: LawForces) -> Scalar:
+        return forces.F * self.slip_speed(point.at, point.rates(), point.mode)
+
+    def carried_slider(self, u_s: Slider, mode: Modes) -> Slider:
+        return u_s
+
+    def friction_guard(self, at, rate, u_s, mode) -> FrictionGuard:
+        stick, sigma, w = mode == Mode.STICK, slip_sign(mode, at.v.dtype), at.u - u_s
+        limit, grows = self.mu * self.pressed(at.v), self.mu * (self.k + 3 * self.k_3 * at.v**2) * rate.v
+        in_slip = where(sigma == 0, -1.0, -sigma * self.slip_speed(at, rate, mode))
+        path = -sigma * at.u + sigma * self.slip_stretch(at.v, mode)
+        return FrictionGuard(
+            where(stick, jnp.abs(w) - limit / self.k_d - 2 * at.rounding, in_slip),
+            where(stick, jnp.sign(w) * rate.u - grows / self.k_d, 0.0),
+            where(stick, 0.0, path),
+        )
+
+    def onset_mode(self, crossing: GuardCrossing) -> Modes:
+        rate = crossing.rate
+        slips = self.k_d * jnp.abs(rate.u) > self.mu * self.k * rate.v  # where v = 0
+        sliding = where(rate.u < 0, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
+        return where(slips, sliding, jnp.int32(Mode.STICK))
+
+    def mode_after_rub(self, crossing: GuardCrossing) -> Modes:
+        sliding = where(crossing.at.u < crossing.u_s, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
+        return where(crossing.mode == Mode.STICK, sliding, jnp.int32(Mode.STICK))
+
+    def slider_after(self, crossing: GuardCrossing, w: Slider, mode: Modes, u: Scalar) -> Slider:
+        return where(crossing.mode == Mode.APART, crossing.at.u, u - w)
+
+
+class WithoutCubicEnergy(CubicContact):
+    """Control: it forgets what the cubic term stores."""
+
+    def stored_energy(self, v: Scalar, w: Slider, mode: Modes) -> Scalar:
+        return where(mode == Mode.APART, 0.0, self.k * v**2 / 2 + self.k_d * w**2 / 2)
+
+
+PERIODS, STEPS = 2, 800
+METHOD = Choices(tableau("dop853"), "bisection")
+STIFFENING = 1e8  # k_3 / k [1/m^2]: a penetration of 0.1 mm, which is reached, has twice the force of a straight spring
+SCENES = {
+    "pair": ("table1", ()),
+    "row of three": ("row_ring12", ("row.blades=3", "row.closed=false", "drive.engine_order=1")),
+}
+LAYOUTS = {"pair": PAIRS, "row of three": ROWS}
+
+
+def scene_of(layout: str) -> js.Scene:
+    name, changes = SCENES[layout]
+    return js.vary(js.load(name, list(changes)).scene, "contact.gamma", 2.5)
+
+
+@cache
+def marched(layout: str, kind: type[ContactLaw] = CubicContact, stiffening: float = STIFFENING) -> Sample:
+    """The samples of a lane whose law of contact is one of those above, or the article's."""
+    scenes = jax.tree.map(lambda a: jnp.asarray(a)[None], scene_of(layout))
+    way = LAYOUTS[layout]
+
+    def own(law: BilinearContact) -> ContactLaw:
+        return law if kind is BilinearContact else kind(law.k, stiffening * law.k, law.k_d, law.mu)
+
+    def constants(scenes):
+        models, periods = way.kernels.constants(scenes)
+        place = lambda model: (model.interfaces if layout != "pair" else model).law
+        return eqx.tree_at(place, models, own(place(models))), periods
+
+    lanes = way.begin(scenes, initial_states(scenes), METHOD)
+    march = partial(run_block, scenes, at_start_of_period(lanes), Clock.from_phase_0(STEPS), one_call(PERIODS), METHOD)
+    end, _, samples = march(PERIODS, best_mapping(), way.kernels._replace(constants=constants))
+    assert np.all(np.asarray(end.lanes.status) == Status.OK)
+    return way.sample(samples)
+
+
+def imbalance(samples: Sample) -> float:
+    """The residual of the energy balance over the gross work, of all periods."""
+    return float(np.abs(samples.residual).max() / np.sum(samples.gross, axis=-1).max())
+
+
+def furthest(a: Sample, b: Sample) -> float:
+    """The largest difference of the motion, over the largest displacement."""
+    return float(np.abs(a.motion.x - b.motion.x).max() / np.abs(b.motion.x).max())
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_energy_of_a_cubic_spring_balances(layout):
+    assert imbalance(marched(layout)) < 1e-9
+    # Control: without the energy of the cubic term in a contact that lasts at the end of a period or switches its case.
+    assert imbalance(marched(layout, WithoutCubicEnergy)) > 1e-6
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_without_the_cubic_term_it_is_the_articles_law(layout):
+    article = marched(layout, BilinearContact)
+    # Rounding, which every impact multiplies: 1e-9 in the row.
+    assert furthest(marched(layout, CubicContact, 0.0), article) < 1e-7
+    assert furthest(marched(layout), article) > 1e-3  # control
+
+
+def test_power_series_march_no_cubic_spring():
+    with pytest.raises(TypeError, match="CubicContact"):
+        linear_law(CubicContact(*(jnp.asarray(1.0) for _ in range(4))))
+    assert linear_law(prepared_law(scene_of("pair")))  # control
