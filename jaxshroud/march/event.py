@@ -153,9 +153,9 @@ class GuardsAfterEvent(NamedTuple):
 
 
 def guards_after_event(
-    after: Guards, end: Guards, low: Guards, kind: Int[Array, "..."], events: Events
+    after: Guards, end: Guards, low: Guards, fire: Bool[Array, "..."], kind: Int[Array, "..."], events: Events
 ) -> GuardsAfterEvent:
-    """The guards after the event of number `kind`.
+    """The guards after the event of number `kind`, if there was one.
 
     The guard of an event that is only counted waits at 0 if it has risen at the same instant, or jumped above zero.
 
@@ -163,13 +163,14 @@ def guards_after_event(
         after: The guards right after the event.
         end: Those right before it, where the trial ended.
         low: Those at the lower end of the bracket.
-        kind: The number of the event.
+        fire: Whether there was an event.
+        kind: Its number.
         events: The events of the march.
     """
     value, waiting = list(after.value), []
     for counted in only_counted(after, events):
         was_below = (low.value[counted] <= 0) | (end.value[counted] <= 0)
-        waits = (kind != counted) & was_below & (after.value[counted] > 0)
+        waits = ~(fire & (kind == counted)) & was_below & (after.value[counted] > 0)
         value[counted] = where(waits, 0.0, after.value[counted])
         waiting.append(waits)
     return GuardsAfterEvent(after._replace(value=tuple(value)), waiting)

@@ -172,7 +172,7 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Mo
     view, transition, lift, jumps = change
     state = select(fire, transition.after, state)
     assert lane.guards is not None
-    after = guards_after_event(transition.guards, view.guards, lane.guards, kind, method.all_events)
+    after = guards_after_event(transition.guards, view.guards, lane.guards, fire, kind, method.all_events)
     guards = select(fire, after.guards, view.guards)
     # where guards may have jumped, or several were violated, a guard that still is fires in a trial of length zero
     jumped = any_of(chain([decision.several], case_switches(kind, method.all_events)))

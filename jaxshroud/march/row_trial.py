@@ -213,9 +213,8 @@ def _guards_after_events(
 ) -> tuple[Guards, list[Bool[Array, " lanes"]]]:
     """`guards_after_event` of all interfaces, and whether an event waits at any of them."""
     assert lane.guards is not None
-    crossing = verdict.crossing
-    kind = jnp.where(crossing.fires, crossing.kind, -1) if method.events else crossing.kind
-    guards, waiting = guards_after_event(after, verdict.outcome.guards, lane.guards, kind, method.all_events)
+    end, (fires, kind, *_) = verdict.outcome.guards, verdict.crossing
+    guards, waiting = guards_after_event(after, end, lane.guards, fires, kind, method.all_events)
     return guards, [jnp.any(waits, axis=0) for waits in waiting]
 
 
