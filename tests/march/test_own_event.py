@@ -200,7 +200,7 @@ def test_a_program_with_an_event_of_a_user_is_not_kept():
 
 
 def test_the_built_in_events_stand_in_one_table():
-    assert [event.name for event in EVENTS] == ["lift", "turn", "height", "rub"]
+    assert [event.name for event in EVENTS[:4]] == ["lift", "turn", "height", "rub"]
+    assert len({event.name for event in EVENTS}) == len(EVENTS)
     counted = [name for event in EVENTS for name in event.counters]
     assert sorted(counted) == sorted(Counters.__annotations__)  # each because of one event
-    assert not any(event.is_only_counted for event in EVENTS)
