@@ -87,6 +87,11 @@ def only_counted(guards: Guards, events: Events) -> list[int]:
     return [kind for kind in present(guards.value) if events[kind].is_only_counted]
 
 
+def above_zero(guards: Guards, events: Events) -> Iterator[Bool[Array, "..."]]:
+    """Of every event at which something changes, whether its guard is above zero."""
+    return (guards.value[kind] > 0 for kind in present(guards.value) if not events[kind].is_only_counted)
+
+
 def first_kind(violated: Violated) -> Int[Array, ""]:
     """The number of the violated guard that takes precedence."""
     *others, last = violated
