@@ -93,6 +93,11 @@ def only_counted(guards: Guards, events: Events) -> list[int]:
     return [kind for kind in present(guards.value) if events[kind].is_only_counted]
 
 
+def above_zero(guards: Guards, events: Events) -> Iterator[Bool[Array, "..."]]:
+    """Of every event at which something changes, whether its guard is above zero."""
+    return (guards.value[kind] > 0 for kind in present(guards.value) if not events[kind].is_only_counted)
+
+
 def first_kind(violated: Violated) -> Int[Array, ""]:
     """The number of the violated guard that takes precedence."""
     *others, last = violated
@@ -159,9 +164,9 @@ class GuardsAfterEvent(NamedTuple):
 
 
 def guards_after_event(
-    after: Guards, end: Guards, low: Guards, kind: Int[Array, "..."], events: Events
+    after: Guards, end: Guards, low: Guards, fire: Bool[Array, "..."], kind: Int[Array, "..."], events: Events
 ) -> GuardsAfterEvent:
-    """The guards after the event of number `kind`.
+    """The guards after the event of number `kind`, if there was one.
 
     The guard of an event that is only counted waits at 0 if it has risen at the same instant, or jumped above zero.
 
@@ -169,13 +174,14 @@ def guards_after_event(
         after: The guards right after the event.
         end: Those right before it, where the trial ended.
         low: Those at the lower end of the bracket.
-        kind: The number of the event.
+        fire: Whether there was an event.
+        kind: Its number.
         events: The events of the march.
     """
     value, waiting = list(after.value), []
     for counted in only_counted(after, events):
         was_below = (low.value[counted] <= 0) | (end.value[counted] <= 0)
-        waits = (kind != counted) & was_below & (after.value[counted] > 0)
+        waits = ~(fire & (kind == counted)) & was_below & (after.value[counted] > 0)
         value[counted] = where(waits, 0.0, after.value[counted])
         waiting.append(waits)
     return GuardsAfterEvent(after._replace(value=tuple(value)), waiting)

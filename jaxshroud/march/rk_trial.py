@@ -25,6 +25,7 @@ from jaxshroud.march.carry import (
 )
 from jaxshroud.march.event import (
     Events,
+    above_zero,
     case_switches,
     check_own_events,
     first_kind,
@@ -35,7 +36,7 @@ from jaxshroud.march.event import (
     violated_guards,
 )
 from jaxshroud.march.events import evaluate_guards, place_contact
-from jaxshroud.march.guards import any_of, present
+from jaxshroud.march.guards import any_of
 from jaxshroud.march.locate import at_event, at_least_two, judge_trial, select, select_guard
 from jaxshroud.march.log import AcceptedTrial, new_tally, updated_tally
 from jaxshroud.march.method import Choices
@@ -173,12 +174,13 @@ def apply_decision(lane: Lane, end: StepEnd, decision: Decision, fixed: Fixed[Mo
     view, transition, lift, jumps = change
     state = select(fire, transition.after, state)
     assert lane.guards is not None
-    after = guards_after_event(transition.guards, view.guards, lane.guards, kind, method.all_events)
+    after = guards_after_event(transition.guards, view.guards, lane.guards, fire, kind, method.all_events)
     guards = select(fire, after.guards, view.guards)
     # where guards may have jumped, or several were violated, a guard that still is fires in a trial of length zero
     jumped = any_of(chain([decision.several], case_switches(kind, method.all_events)))
-    jumped = any_of([jumped | (transition.after.case == FLAT), *after.waiting])
-    recheck = fire & jumped & any_of(guards.value[kind] > 0 for kind in present(guards.value))
+    jumped = jumped | (transition.after.case == FLAT)
+    recheck = fire & jumped & any_of(above_zero(guards, method.all_events))
+    recheck = any_of([recheck, *(fire & waits for waits in after.waiting)])
     next_search, step = following_search(search, lane.step, fire, recheck, method.locate)
     trial = AcceptedTrial(
         InterfaceTrial(h, start.mode, view.at.v, None, start, z, lift, gain.loads, model),

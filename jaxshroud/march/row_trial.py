@@ -23,9 +23,9 @@ from jaxshroud.march.carry import (
     status_of,
     updated_margins,
 )
-from jaxshroud.march.event import case_switches, check_own_events, guards_after_event, guards_to_begin_with
+from jaxshroud.march.event import above_zero, case_switches, check_own_events, guards_after_event, guards_to_begin_with
 from jaxshroud.march.events import FLAT_RETURN
-from jaxshroud.march.guards import Guards, any_of, present
+from jaxshroud.march.guards import Guards, any_of
 from jaxshroud.march.locate import select
 from jaxshroud.march.log import value_in
 from jaxshroud.march.method import Choices
@@ -186,9 +186,10 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     guards = row_guards(*lax.stop_gradient((after, end.wave, model)), each, method.all_events)
     guards, waiting = _guards_after_events(guards, lane, verdict, method)
     guards = select(decision.fire, guards, verdict.outcome.guards)
-    violated = any_of([jnp.any(guards.value[kind] > 0, axis=0) for kind in present(guards.value)])
+    violated = any_of([jnp.any(above, axis=0) for above in above_zero(guards, method.all_events)])
     several = jnp.sum(decision.fire[None] & verdict.outcome.hit, axis=0) > 1
-    recheck = decision.fire & any_of([jnp.any(change.jumped, axis=0), several, *waiting]) & violated
+    recheck = decision.fire & (jnp.any(change.jumped, axis=0) | several) & violated
+    recheck = any_of([recheck, *(decision.fire & waits for waits in waiting)])
     next_search, step = following_search(
         search._replace(turns=change.turns), lane.step, decision.fire, recheck, method.locate
     )
@@ -213,9 +214,8 @@ def _guards_after_events(
 ) -> tuple[Guards, list[Bool[Array, " lanes"]]]:
     """`guards_after_event` of all interfaces, and whether an event waits at any of them."""
     assert lane.guards is not None
-    crossing = verdict.crossing
-    kind = jnp.where(crossing.fires, crossing.kind, -1) if method.events else crossing.kind
-    guards, waiting = guards_after_event(after, verdict.outcome.guards, lane.guards, kind, method.all_events)
+    end, (fires, kind, *_) = verdict.outcome.guards, verdict.crossing
+    guards, waiting = guards_after_event(after, end, lane.guards, fires, kind, method.all_events)
     return guards, [jnp.any(waits, axis=0) for waits in waiting]
 
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from exact import CASES, CONSISTENT
 
+from jaxshroud.march import events
 from jaxshroud.march.event import first_kind
-from jaxshroud.march.events import EVENTS, Transition, evaluate_guards, transition
+from jaxshroud.march.events import Transition, evaluate_guards, transition
 from jaxshroud.march.guards import GuardEvaluation
 from jaxshroud.march.observable import Ending
 from jaxshroud.march.tally import Counters, count_event
@@ -30,7 +31,9 @@ SLIPS = CONTACTS[1:]
 SIGMA = {Mode.STICK: 0, Mode.SLIP_PLUS: 1, Mode.SLIP_MINUS: -1}
 STILL = ((jnp.asarray(0.0),), (jnp.asarray(0.0),))  # no drive
 GAP_SIGN = frozenset({"gap_sign"})
-AT_LIFT, AT_TURN, AT_HEIGHT, AT_RUB = range(len(EVENTS))
+FOUR = AT_LIFT, AT_TURN, AT_HEIGHT, AT_RUB = [
+    events.number_of(event) for event in (events.LIFT, events.TURN, events.HEIGHT, events.RUB)
+]
 
 
 @pytest.fixture(scope="module")
@@ -75,8 +78,9 @@ def crossed(held: State, kind: int, model: Model, late: float = 0.0) -> tuple[Tr
 
 
 def values(held: State, model: Model) -> np.ndarray:
-    """The four guards in the order of `EVENTS`."""
-    return np.array(seen(held, model).guards.value)
+    """The guards of the events that end a mode or a case."""
+    guards = seen(held, model).guards
+    return np.array([guards.value[kind] for kind in FOUR])
 
 
 def force(view: GuardEvaluation, state: State, model: Model) -> float:
@@ -154,7 +158,7 @@ def test_rates_of_the_guards_are_their_derivatives(scene, reading):
     case = np.where(mode == Mode.APART, 0, rng.integers(1, 5, 200)).astype(np.int32)
     got, derivative = guards_and_derivatives(*map(jnp.asarray, (q, rate, mode, case)))
     slip = mode >= Mode.SLIP_PLUS
-    for kind in range(len(EVENTS)):
+    for kind in FOUR:
         asked = ~slip if kind == AT_RUB else slice(None)
         np.testing.assert_allclose(got.rate[kind][asked], derivative.value[kind][asked], rtol=1e-11, atol=1e-13)
     np.testing.assert_allclose(got.value[AT_RUB][slip], derivative.integral[AT_RUB][slip], rtol=1e-11, atol=1e-13)
