@@ -17,7 +17,7 @@ from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import COORDINATES, Parts
 from jaxshroud.scene.scene import Scene
 
-Rows = tuple[tuple[Any, ...], ...]  # a matrix
+MatrixRows = tuple[tuple[Any, ...], ...]  # a matrix
 
 
 class BladeForces(NamedTuple):
@@ -123,14 +123,14 @@ class ElasticBlade(eqx.Module):
     Motions `z` are `ElasticMotion`s, accelerations tuples, and `inverse` is that of its mass matrix.
     """
 
-    mass: Rows
-    damping: Rows
-    stiffness: Rows
+    mass: MatrixRows
+    damping: MatrixRows
+    stiffness: MatrixRows
     map: tuple[Any, ...]  # three rows: x, y and theta of the shroud; absent where blocks cannot move
-    lift: Rows  # n rows: the coordinates of least norm for each displacement of the shroud that is not absent
+    lift: MatrixRows  # n rows: the coordinates of least norm for each displacement of the shroud that is not absent
     I: Any  # inertia of the shroud against a turn by itself [kg m^2]
 
-    def inverse_masses(self, parts: Parts) -> Rows:
+    def inverse_masses(self, parts: Parts) -> MatrixRows:
         """What multiplies forces to accelerations: the inverse of the mass matrix."""
         del parts
         return inverse_of(self.mass)
@@ -145,12 +145,12 @@ class ElasticBlade(eqx.Module):
         of = lambda numbers: tuple(_dot(row, [a for a in numbers if not is_absent(a)]) for row in self.lift)
         return ElasticMotion(of(z[:3]), of(z[3:]))
 
-    def accelerations(self, z: Any, Q: Wave, drive: Excitation, R: BladeForces, inverse: Rows) -> Any:
+    def accelerations(self, z: Any, Q: Wave, drive: Excitation, R: BladeForces, inverse: MatrixRows) -> Any:
         """The accelerations of all coordinates, at the wave `Q` of the drive and the forces `R` of contact."""
         on_shroud = [drive.force(name, Q) + own for name, own in zip(COORDINATES, R, strict=True)]
-        lost = zip(_product(self.damping, z.rate), _product(self.stiffness, z.q), strict=True)
+        lost = zip(_times_vector(self.damping, z.rate), _times_vector(self.stiffness, z.q), strict=True)
         forces = [own - c - k for own, (c, k) in zip(self._generalized(on_shroud), lost, strict=True)]
-        return _product(inverse, forces)
+        return _times_vector(inverse, forces)
 
     def _generalized(self, forces: Sequence[Any]) -> list[Any]:
         """The generalized force on each coordinate of forces on the shroud along x, y and theta."""
@@ -165,22 +165,22 @@ class ElasticBlade(eqx.Module):
         """The angular acceleration of the shroud."""
         return ABSENT if is_absent(self.map[2]) else _dot(self.map[2], a)
 
-    def turned(self, a: tuple[Any, ...], theta: Any, inverse: Rows) -> tuple[Any, ...]:
+    def turned(self, a: tuple[Any, ...], theta: Any, inverse: MatrixRows) -> tuple[Any, ...]:
         """The accelerations once a torque on the shroud gives it the angular acceleration `theta`."""
         torque = self.I * (theta - self.turning(a))
-        return tuple(own + by * torque for own, by in zip(a, _product(inverse, self.map[2]), strict=True))
+        return tuple(own + by * torque for own, by in zip(a, _times_vector(inverse, self.map[2]), strict=True))
 
-    def with_turn(self, z: Any, theta: Any, v_theta: Any, inverse: Rows) -> Any:
+    def with_turn(self, z: Any, theta: Any, v_theta: Any, inverse: MatrixRows) -> Any:
         """The motion once an impulsive torque on the shroud gives it this angle and this angular speed."""
         return ElasticMotion(self.turned(z.q, theta, inverse), self.turned(z.rate, v_theta, inverse))
 
     def viscous_power(self, z: Any) -> Any:
         """The power lost in the dampers [W]."""
-        return _dot(z.rate, _product(self.damping, z.rate))
+        return _dot(z.rate, _times_vector(self.damping, z.rate))
 
     def twice_energy(self, z: Any) -> Any:
         """Twice the kinetic energy and the energy of the springs [J]."""
-        return _dot(z.rate, _product(self.mass, z.rate)) + _dot(z.q, _product(self.stiffness, z.q))
+        return _dot(z.rate, _times_vector(self.mass, z.rate)) + _dot(z.q, _times_vector(self.stiffness, z.q))
 
 
 AnyBlade = LumpedBlade | ElasticBlade
@@ -199,21 +199,21 @@ def blades_of_row(scene: Scene) -> AnyBlade:
 
 def elastic_blades(matrices: BladeMatrices, parts: Parts) -> ElasticBlade:
     """Elastic blades, fields (blades,)."""
-    mass, damping, stiffness, shroud = map(rows_of, matrices)
+    mass, damping, stiffness, shroud = map(matrix_rows, matrices)
     rows = tuple(row if parts.has(name, 0) else ABSENT for name, row in zip(COORDINATES, shroud, strict=True))
     moving = [row for row in rows if not is_absent(row)]
-    gram = inverse_of([_product(moving, row) for row in moving])
-    lift = tuple(_product(gram, [row[j] for row in moving]) for j in range(len(mass)))
-    I = 1 / _dot(shroud[2], _product(inverse_of(mass), shroud[2])) if parts.has("theta", 0) else ABSENT
+    gram = inverse_of([_times_vector(moving, row) for row in moving])
+    lift = tuple(_times_vector(gram, [row[j] for row in moving]) for j in range(len(mass)))
+    I = 1 / _dot(shroud[2], _times_vector(inverse_of(mass), shroud[2])) if parts.has("theta", 0) else ABSENT
     return ElasticBlade(mass, damping, stiffness, rows, lift, I)
 
 
-def rows_of(matrix: Any) -> Rows:
+def matrix_rows(matrix: Any) -> MatrixRows:
     """The entries of matrices (..., r, c)."""
     return tuple(tuple(matrix[..., i, j] for j in range(matrix.shape[-1])) for i in range(matrix.shape[-2]))
 
 
-def inverse_of(matrix: Sequence[Sequence[Any]]) -> Rows:
+def inverse_of(matrix: Sequence[Sequence[Any]]) -> MatrixRows:
     """The inverse of a small symmetric matrix by Gauss-Jordan elimination, without calls of LAPACK."""
     n = len(matrix)
     left, right = [list(row) for row in matrix], [[float(i == j) for j in range(n)] for i in range(n)]
@@ -232,5 +232,5 @@ def _dot(row: Sequence[Any], numbers: Sequence[Any]) -> Any:
     return summed(a * b for a, b in zip(row, numbers, strict=True))
 
 
-def _product(matrix: Sequence[Sequence[Any]], numbers: Sequence[Any]) -> tuple[Any, ...]:
+def _times_vector(matrix: Sequence[Sequence[Any]], numbers: Sequence[Any]) -> tuple[Any, ...]:
     return tuple(_dot(row, numbers) for row in matrix)

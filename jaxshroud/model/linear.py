@@ -10,7 +10,7 @@ from jax import lax
 from jaxtyping import Array, Complex, Float
 
 from jaxshroud.model.arithmetic import Scalar, sincos_turns, summed
-from jaxshroud.model.blade import inverse_of, rows_of
+from jaxshroud.model.blade import inverse_of, matrix_rows
 from jaxshroud.model.drive import multiple_angle
 from jaxshroud.model.geometry import gyration
 from jaxshroud.scene.drive import DriveHarmonic
@@ -44,7 +44,7 @@ def steady_amplitudes(scene: Scene) -> dict[int, Amplitudes]:
 def _elastic_response(scene: Scene, omega: Scalar, drive: DriveHarmonic) -> Amplitudes:
     """The response of the shrouds of elastic blades."""
     assert scene.blade_matrices is not None
-    mass, damping, stiffness, shroud = map(rows_of, scene.blade_matrices)
+    mass, damping, stiffness, shroud = map(matrix_rows, scene.blade_matrices)
     size = range(len(mass))
     dynamic = [
         [lax.complex(stiffness[i][j] - mass[i][j] * omega**2, damping[i][j] * omega) for j in size] for i in size
