@@ -55,6 +55,7 @@ from .results.trajectory import Trajectory as Trajectory
 from .results.tuned import DesignInterval as DesignInterval
 from .results.tuned import DesignJudgement as DesignJudgement
 from .results.tuned import Tuned as Tuned
+from .scene.blades import Blades as Blades
 from .scene.checks import Error as Error
 from .scene.checks import InputError as InputError
 from .scene.checks import KeyNameError as KeyNameError
@@ -78,7 +79,6 @@ from .scene.laws import FrictionLaw as FrictionLaw
 from .scene.laws import Laws as Laws
 from .scene.laws import NormalLaw as NormalLaw
 from .scene.parts import Parts as Parts
-from .scene.scene import Blades as Blades
 from .scene.scene import Contact as Contact
 from .scene.scene import Friction as Friction
 from .scene.scene import Row as Row

@@ -14,8 +14,9 @@ from jaxshroud.march.carry import Lane
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.prepared import State
+from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Row, Scene, Shroud
+from jaxshroud.scene.scene import Contact, Drive, Friction, Row, Scene, Shroud
 
 EXACT_ROW = Choices(tableau("dopri8"), "cubic", True)
 BLOCK, LANES = 4, 8  # periods and lanes in one call: one program for any numbers of them

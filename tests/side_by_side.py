@@ -11,9 +11,10 @@ from jaxshroud.batch.states import initial_states
 from jaxshroud.march.method import REFERENCE, Choices
 from jaxshroud.march.method_names import TABLEAUS
 from jaxshroud.march.tableau import tableau
+from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import AT_REST, Motion
 from jaxshroud.scene.parts import Parts
-from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
+from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.valid import in_precision
 
 # Every method that claims to be of its tableau's order, and steps per period from which on it is.

@@ -71,6 +71,8 @@ def march_of(scenes: Scene) -> March:
 def require_march(scenes: Scene, method: Choices) -> None:
     """Raise InputError unless the march of scenes and the stepper of the method know their contact and each other."""
     march, stepper, contact = march_of(scenes), stepper_for(method), scenes.parts.contact
+    if march is not ROWS and scenes.blade_matrices is not None:
+        raise InputError("Blades with matrices march in rows so far: the pair's kernels know lumped blades.")
     if contact not in march.contacts:
         raise InputError(LIMITED[f'`parts.contact` = "{contact}"'].refusal())
     if stepper not in march.steppers:

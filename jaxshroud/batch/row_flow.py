@@ -56,7 +56,7 @@ def _row_samples_in_lanes(scenes: Scene, states: State, schedule: Schedule) -> R
     time = period * (schedule.every / steps)
 
     def one(lanes, _):
-        empty = tally_of_new_period(lanes.tally, lanes.state.motion, schedule.method)
+        empty = tally_of_new_period(lanes.tally, model.blades.shroud(lanes.state.motion), schedule.method)
         lanes = eqx.tree_at(lambda lane: lane.tally, lanes, empty)
         lanes, sample = next_row_sample(lanes, jnp.int32(schedule.every), model, period, clock, schedule.method, each)
         gain: Any = lanes.tally.integrals.power

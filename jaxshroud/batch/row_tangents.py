@@ -122,7 +122,7 @@ def canonical_row(state: State, model: RowModel, each: EachLane) -> State:
     def slider(state: State, model: Model) -> Any:
         return canonical_slider(place_contact(state.motion, state, model)[2], state, model)
 
-    u_s = over(each, slider, pair_states(state, model.closed), model.interfaces)
+    u_s = over(each, slider, pair_states(state, model), model.interfaces)
     return State(motion, u_s, state.mode, state.case)
 
 

@@ -65,8 +65,11 @@ def rows_at_start(states: State, model: RowModel, method: Choices, each: EachLan
 
 def carried_row(state: State, model: RowModel) -> State:
     """A user's state in the form that compiled loops carry."""
-    moves = lambda name: name.removeprefix("v_") in model.parts.motion
-    motion = Motion(*(a if moves(name) else ABSENT for name, a in zip(Motion._fields, state.motion, strict=True)))
+    motion = state.motion
+    if isinstance(motion, Motion):
+        moves = lambda name: name.removeprefix("v_") in model.parts.motion
+        motion = Motion(*(a if moves(name) else ABSENT for name, a in zip(Motion._fields, motion, strict=True)))
+        motion = model.blades.carried(motion)
     law = model.interfaces.law
     return State(motion, law.carried_slider(state.u_s, state.mode), law.carried_mode(state.mode), state.case)
 
@@ -79,7 +82,7 @@ def march_rows(lanes: Lane, fixed: Fixed, method: Choices, each: EachLane, passe
 
 def energies_in_rows(state: State, model: RowModel, each: EachLane) -> Float[Array, " lanes"]:
     """The energy stored in blades and contact springs [J]."""
-    springs = over(each, contact_spring_energy, pair_states(state, model.closed), model.interfaces)
+    springs = over(each, contact_spring_energy, pair_states(state, model), model.interfaces)
     return jnp.sum(blade_energies(state.motion, model, each), axis=0) + jnp.sum(springs, axis=0)
 
 
@@ -103,8 +106,9 @@ def row_energy_residual(tally: Tally, gained: Any, axis: int) -> Any:
 
 def updated_slider(state: State, status: Int[Array, " lanes"], model: RowModel, each: EachLane) -> State:
     """A state with its sliders updated and zeros for what is absent; NaN where the status is not OK."""
-    u_s = over(each, slider_position, pair_states(state, model.closed), model.interfaces)
-    motion, u_s = filled(state.motion, state.motion.x), filled(u_s, jnp.zeros(state.mode.shape, state.motion.x.dtype))
+    u_s = over(each, slider_position, pair_states(state, model), model.interfaces)
+    z = model.blades.shroud(state.motion)
+    motion, u_s = filled(z, z.x), filled(u_s, jnp.zeros(state.mode.shape, z.x.dtype))
     motion, u_s = jax.tree.map(lambda a: jnp.where(status == Status.OK, a, jnp.nan), (motion, u_s))
     return State(motion, u_s, state.mode, state.case)
 
@@ -113,7 +117,7 @@ def _begin_row_period(
     lanes: Lane, model: RowModel, method: Choices, each: EachLane
 ) -> tuple[Lane, Float[Array, " lanes"]]:
     """The rows with an empty tally, and the energies that they store."""
-    empty = tally_of_new_period(lanes.tally, lanes.state.motion, method)
+    empty = tally_of_new_period(lanes.tally, model.blades.shroud(lanes.state.motion), method)
     return eqx.tree_at(lambda lane: lane.tally, lanes, empty), energies_in_rows(lanes.state, model, each)
 
 
@@ -129,6 +133,7 @@ def _end_row_period(
     """`batch.periods.ended_pairs` for rows; the works in a sample are those of each blade."""
     tally, log, jumps = lanes.tally, lanes.tally.log, row_jumps(lanes.tally)
     gain: Any = tally.integrals
+    z = model.blades.shroud(lanes.state.motion)
     assert log is not None  # only flows with tangents have none
     gained = energies_in_rows(lanes.state, model, each) - before
     works: dict[str, Any] = {}
@@ -140,10 +145,10 @@ def _end_row_period(
             "dropped": jumps.dropped,
             "residual": row_energy_residual(tally, gained, 0),
         }
-    means = mean_position(tally, lanes.state.motion, period, steps, blade_positions)
+    means = mean_position(tally, z, period, steps, blade_positions)
     logged = {name: getattr(log, name) for name in LOGGED_BY_PERIOD}
     sums = {"moments": gain.moments, "means": means}
-    of_blades = {"motion": lanes.state.motion, "largest": logged.pop("largest"), "extent": logged.pop("extent")} | sums
+    of_blades = {"motion": z, "largest": logged.pop("largest"), "extent": logged.pop("extent")} | sums
     told = filled(of_blades, gain.power) | filled({"loads": gain.loads} | logged, jumps.springs)
     sample = Sample(power=gain.power / period[None], **works, **told)
     totals = (jnp.sum(jnp.atleast_2d(a), axis=0) for a in jax.tree.leaves(sample._replace(own=None)))

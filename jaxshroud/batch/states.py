@@ -9,11 +9,13 @@ import numpy as np
 from jaxshroud.march.log import is_of_blades
 from jaxshroud.march.observables import ContactForces, contact_forces
 from jaxshroud.model.arithmetic import ABSENT, filled, is_absent, sincos_turns
+from jaxshroud.model.blade import ElasticMotion
 from jaxshroud.model.drive import drive_waves
 from jaxshroud.model.prepared import Model, State, as_pairs, prepared_model
 from jaxshroud.programs.kept import is_traced, kept
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.layout import PAIR, Layout
+from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.scene import Scene
 from jaxshroud.scene.typed import Tree
 
@@ -70,10 +72,23 @@ def motion_rows(motion: Motion) -> np.ndarray:
 
 
 def final_states(state: State) -> State:
-    """The final state of a compiled loop as an initial state for users."""
+    """The final state of a compiled loop as an initial state for users; of elastic blades with their coordinates."""
+    if isinstance(state.motion, ElasticMotion):
+        return state
     like = np.asarray(jax.tree.leaves(state.motion.x)[0])
     motion, u_s = filled(state.motion, like), filled(state.u_s, np.asarray(state.mode, like.dtype))
     return State(by_blade(motion), u_s, state.mode, state.case)
+
+
+def shroud_motion(motion: Any, scenes: Scene) -> Motion:
+    """The motion of the shrouds, fields (lanes, blades), of final states of scenes (leading axis)."""
+    if not isinstance(motion, ElasticMotion):
+        return motion
+    matrices, has = scenes.blade_matrices, scenes.parts.has
+    assert matrices is not None  # which have such motions
+    moves = np.array([has(name, 0) for name in COORDINATES])
+    of = lambda numbers: np.einsum("lbij,jlb->ilb", np.asarray(matrices.shroud) * moves[:, None], np.stack(numbers))
+    return Motion(*of(motion.q), *of(motion.rate))
 
 
 def in_scene_precision(state: State, scene: Scene) -> State:

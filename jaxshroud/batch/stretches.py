@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxshroud.batch.cubics import RunningAmplitudes, SampledAmplitudes
 from jaxshroud.batch.sampling import EventStates, SampleGrid, Stretch, concatenated_events
-from jaxshroud.batch.states import final_states
+from jaxshroud.batch.states import final_states, shroud_motion
 from jaxshroud.march.observables import ContactForces
 from jaxshroud.march.tally import ContactTimes
 from jaxshroud.model.arithmetic import is_absent
@@ -84,7 +84,8 @@ def march_in_stretches(
     for stretch in grid.stretches(len(lanes.status)):
         counts = stretch.first >= grid.length - grid.counted
         if counts and running is None:
-            running = RunningAmplitudes(final_states(lanes.state).motion, grid.step_lengths(scenes))
+            start = shroud_motion(final_states(lanes.state).motion, scenes)
+            running = RunningAmplitudes(start, grid.step_lengths(scenes))
         lanes, states, some = march(lanes, stretch)
         if running is not None:
             running.add(motion_of(states))

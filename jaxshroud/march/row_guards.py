@@ -36,10 +36,9 @@ def row_torques(
     if not model.turns_by_events:
         return ABSENT, ABSENT
     cluster = clusters(state.case, model)
-    effects = over(
-        each, partial(interface_effects, recorded=ONLY_FORCES), pair_states(state, model.closed), model.interfaces
-    )
-    own = rates_of_blades(state.motion, wave, blade_forces(effects, model), model, ONLY_FORCES, each).theta
+    effects = over(each, partial(interface_effects, recorded=ONLY_FORCES), pair_states(state, model), model.interfaces)
+    own = rates_of_blades(state.motion, wave, blade_forces(effects, model), model, ONLY_FORCES, each)
+    own = model.blades.turning(own.acceleration)
     return relative_torques(own, state.case, cluster, model), joint_inertia(cluster, model)
 
 
@@ -65,11 +64,11 @@ def row_contact_forces(state: State, wave: Any, model: RowModel, each: Each) -> 
         placed = place_contact(state.motion, state, model)
         return contact_forces_at(placed, _end_torques(torque, placed[2], state, model), state, model)
 
-    return over(each, at_interface, torque, pair_states(state, model.closed), model.interfaces)
+    return over(each, at_interface, torque, pair_states(state, model), model.interfaces)
 
 
 def row_guards(state: State, wave: Any, model: RowModel, each: Each, events: Events) -> Guards:
     """The guards of each interface in a state."""
     torque, _ = row_torques(state, wave, model, each)
     guards = lambda torque, state, model: interface_view(torque, state, model, events).guards
-    return over(each, guards, torque, pair_states(state, model.closed), model.interfaces)
+    return over(each, guards, torque, pair_states(state, model), model.interfaces)

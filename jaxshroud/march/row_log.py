@@ -27,7 +27,7 @@ class RowTrial(NamedTuple):
     mode: Any  # of each interface during it
     h: OfLanes  # its length [s]
     end: RowStepEnd  # before what happens there
-    after: Motion  # after it
+    after: Any  # motion after it
     change: InterfaceChange
     dropped: OfLanes  # energy lost where flat contact ended a rocking motion [J]
     step: Any  # in which it was made, and
@@ -36,7 +36,7 @@ class RowTrial(NamedTuple):
 
 def penetrations(state: State, model: RowModel, each: Each) -> OfInterfaces:
     """The penetration at each interface [m]."""
-    return over(each, _penetration_at, pair_states(state, model.closed), model.interfaces)
+    return over(each, _penetration_at, pair_states(state, model), model.interfaces)
 
 
 def _penetration_at(state: State, model: Model) -> Scalar:
@@ -45,7 +45,7 @@ def _penetration_at(state: State, model: Model) -> Scalar:
 
 def new_row_log(state: State, at: OfInterfaces, model: RowModel, method: Choices, each: Each) -> Log:
     """The log of a row that starts from `state`; `at` are zeros."""
-    motion, v = state.motion, penetrations(state, model, each)
+    motion, v = model.blades.shroud(state.motion), penetrations(state, model, each)
     contact = Beginning(None, at, v, model.interfaces)
     zero = jnp.zeros_like(motion.x)
     blades = Beginning(motion, zero, zero, None)
@@ -61,9 +61,10 @@ def updated_row_tally(tally: Tally, trial: RowTrial, model: RowModel, method: Ch
 
 
 def _updated_row_log(log: Log, trial: RowTrial, model: RowModel, method: Choices, each: Each) -> Log:
-    change, end = trial.change, trial.end.state.motion
+    shroud = model.blades.shroud
+    change, end = trial.change, shroud(trial.end.state.motion)
     contact = InterfaceTrial(trial.h, trial.mode, change.v, trial.mode == Mode.APART)
-    blades = BladeTrial(trial.start.motion, end, trial.after, trial.h, trial.step, trial.next_step)
+    blades = BladeTrial(shroud(trial.start.motion), end, shroud(trial.after), trial.h, trial.step, trial.next_step)
     at_once = {
         one.name: one.update(value_in(log, one.name), contact if one.per == "interface" else blades)
         for one in observables_of(method)
@@ -71,7 +72,7 @@ def _updated_row_log(log: Log, trial: RowTrial, model: RowModel, method: Choices
     }
     values = at_once | change.counted
     if takers_of_one("interface", method):
-        start, end = pair_states(trial.start, model.closed), both_sides(end, model.closed)
+        start, end = pair_states(trial.start, model), both_sides(end, model.closed)
         loads = trial.end.gain.loads
         contact = contact._replace(start=start, end=end, lift=change.lift, loads=loads, model=model.interfaces)
         values |= _updated_each(log, contact, takers_of_one("interface", method), each)

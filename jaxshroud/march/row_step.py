@@ -12,7 +12,6 @@ from jaxshroud.model.arithmetic import ABSENT, zeros_for
 from jaxshroud.model.prepared import State
 from jaxshroud.model.rhs import Integrals
 from jaxshroud.model.row import Cluster, Each, RowModel, row_rhs
-from jaxshroud.scene.keys import Motion
 
 OfLanes = Float[Array, " lanes"]
 
@@ -44,7 +43,7 @@ def row_step(
         now = _advanced(start, h, weights[i], slopes, model)
         derivative, rates = row_rhs(jax.tree.map(lambda a: a[i], at_stages), now, cluster, model, method.recorded, each)
         z = now.motion
-        slope = Motion(z.v_x, z.v_y, z.v_theta, *derivative.acceleration), derivative.u_s
+        slope = model.blades.rate(z, derivative.acceleration), derivative.u_s
         gain = jax.tree.map(lambda total, rate: total + b[i] * rate, gain, rates)
         return jax.tree.map(lambda all, one: all.at[i].set(one), slopes, slope), gain
 
@@ -57,7 +56,7 @@ def row_step(
     return RowStepEnd(_advanced(start, h, b, slopes, model), waves[1.0], gain)
 
 
-def _advanced(start: State, h: OfLanes, weights: Array, slopes: tuple[Motion, Any], model: RowModel) -> State:
+def _advanced(start: State, h: OfLanes, weights: Array, slopes: tuple[Any, Any], model: RowModel) -> State:
     """The start + h sum(weights * slopes), the slopes of all stages along the first axis."""
     by_stage = weights[:, None, None]
     add = lambda z, k: z + h[None] * jnp.sum(by_stage * k, axis=0)

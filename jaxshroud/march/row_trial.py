@@ -62,7 +62,7 @@ from jaxshroud.model.row import (
 
 def begin_row(state: State, model: RowModel, method: Choices, each: Each) -> Lane:
     """A row at step 0. The first trial has length zero: it sets the guards, and a start in overlap is an onset."""
-    lanes, shape = jnp.zeros_like(state.motion.x[0]), jnp.shape(state.mode)
+    lanes, shape = jnp.zeros_like(jax.tree.leaves(state.motion)[0][0]), jnp.shape(state.mode)
     count, at = jnp.zeros(lanes.shape, jnp.int32), jnp.zeros(shape, lanes.dtype)
     pending = jnp.zeros(shape, bool) if method.derivative else None
     turns = jnp.zeros(shape, jnp.int32) if model.turns_by_events else None
@@ -152,7 +152,7 @@ def judge_row_trial(lane: Lane, end: RowStepEnd, fixed: Fixed[RowModel], method:
     h = trial_interval(lane, grid).h
     torque, joint = row_torques(end.state, end.wave, model, each)
     counts = (search.length > 0) | search.recheck
-    pairs = pair_states(end.state, model.closed)
+    pairs = pair_states(end.state, model)
     at_interface = partial(interface_outcome, events=method.all_events)
     outcome = over(each, at_interface, torque, pairs, lane.guards, counts, h, model.interfaces)
     judge = partial(judge_row, locate=method.locate, order=method.rk.order, derivative=method.derivative)
@@ -197,7 +197,7 @@ def row_trial(lane: Lane, fixed: Fixed[RowModel], method: Choices, each: Each) -
     tally = updated_row_tally(lane.tally, trial, model, method, each)
     limit = MAX_EVENTS_PER_STEP * len(verdict.outcome.hit)
     too_many = next_search.events > limit
-    status = status_of(_turned(after, verdict.not_finite), verdict.not_finite, too_many)
+    status = status_of(_turned(after, verdict.not_finite, model), verdict.not_finite, too_many)
     status = jnp.where(accept, status, Status.OK).astype(jnp.int32)
     return Lane(
         select(accept, after, lane.state),
@@ -234,7 +234,7 @@ def _change_of_row(
         partial(interface_change, method=method),
         verdict.torque,
         verdict.joint,
-        pair_states(end.state, model.closed),
+        pair_states(end.state, model),
         crossing.fires,
         crossing.kind,
         verdict.outcome.several,
@@ -256,10 +256,11 @@ def _as_flat(
     The angular momentum of each cluster is kept.
     """
     if not model.turns_by_events:
-        return state, jnp.zeros_like(state.motion.x[0])
+        return state, jnp.zeros_like(jax.tree.leaves(state.motion)[0][0])
     z, cluster, now = state.motion, clusters(state.case, model), jnp.any(becomes_flat, axis=0)
     as_one = lambda a: jnp.where(now, cluster.mean(a), a)
-    parallel = z._replace(theta=as_one(z.theta), v_theta=as_one(z.v_theta))
+    shroud = model.blades.shroud(z)
+    parallel = model.blades.with_turn(z, as_one(shroud.theta), as_one(shroud.v_theta), model.inverse)
     before, now_parallel, still = lax.stop_gradient((z, parallel, model))
     lost = jnp.sum(blade_energies(before, still, each) - blade_energies(now_parallel, still, each), axis=0)
     return State(parallel, state.u_s, state.mode, state.case), jnp.where(now, lost, 0.0)
@@ -269,9 +270,9 @@ def _is_finite(state: State) -> Bool[Array, " lanes"]:
     return jnp.isfinite(sum(jnp.sum(a, axis=0) for a in jax.tree.leaves(state.motion)))
 
 
-def _turned(state: State, lost: Bool[Array, " lanes"]) -> Bool[Array, " lanes"]:
+def _turned(state: State, lost: Bool[Array, " lanes"], model: RowModel) -> Bool[Array, " lanes"]:
     """Whether a block has turned too far, or the motion is `lost`."""
-    theta = state.motion.theta
+    theta = model.blades.shroud(state.motion).theta
     return lost if is_absent(theta) else lost | jnp.any(jnp.abs(theta) > ANGLE_RANGE, axis=0)
 
 
@@ -289,7 +290,7 @@ def _without_events(
     trial = RowTrial(lane.state, touches, h, end, motion, change, jnp.zeros_like(h), lane.step, step)
     tally = updated_row_tally(lane.tally, trial, model, method, each)
     lost = ~_is_finite(end.state)
-    status = status_of(_turned(end.state, lost), lost, no)
+    status = status_of(_turned(end.state, lost, model), lost, no)
     return Lane(
         select(active, end.state, lane.state),
         jnp.where(active, step, lane.step),

@@ -10,11 +10,13 @@ from jax import lax
 from jaxtyping import Array, Complex, Float
 
 from jaxshroud.model.arithmetic import Scalar, sincos_turns, summed
+from jaxshroud.model.blade import inverse_of, matrix_rows
 from jaxshroud.model.drive import multiple_angle
 from jaxshroud.model.geometry import gyration
 from jaxshroud.scene.drive import DriveHarmonic
 from jaxshroud.scene.fields import PerBlade
 from jaxshroud.scene.keys import Motion
+from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.scene import Scene, Shroud
 from jaxshroud.scene.typed import typed
 
@@ -35,7 +37,29 @@ def steady_amplitudes(scene: Scene) -> dict[int, Amplitudes]:
 
     It is infinite at an undamped natural frequency, where rounding alone tells both frequencies apart.
     """
-    return {n: _steady_response(scene, scene.drive.frequency(n), one) for n, one in scene.drive.harmonics().items()}
+    response = _steady_response if scene.blade_matrices is None else _elastic_response
+    return {n: response(scene, scene.drive.frequency(n), one) for n, one in scene.drive.harmonics().items()}
+
+
+def _elastic_response(scene: Scene, omega: Scalar, drive: DriveHarmonic) -> Amplitudes:
+    """The response of the shrouds of elastic blades."""
+    assert scene.blade_matrices is not None
+    mass, damping, stiffness, shroud = map(matrix_rows, scene.blade_matrices)
+    size = range(len(mass))
+    dynamic = [
+        [lax.complex(stiffness[i][j] - mass[i][j] * omega**2, damping[i][j] * omega) for j in size] for i in size
+    ]
+    rows = [[lax.complex(a, jnp.zeros_like(a)) for a in row] for row in shroud]
+    sine, cosine = jnp.sin(drive.phase), jnp.cos(drive.phase)
+    moving = [float(scene.parts.has(name, 0)) for name in COORDINATES]
+    loads = [
+        lax.complex(load * cosine * moves, load * sine * moves)
+        for load, moves in zip((drive.F_x, drive.F_y, drive.M_0), moving, strict=True)
+    ]
+    forces = [summed(row[j] * load for row, load in zip(rows, loads, strict=True)) for j in size]
+    q = [summed(a * force for a, force in zip(row, forces, strict=True)) for row in inverse_of(dynamic)]
+    found = (summed(a * b for a, b in zip(row, q, strict=True)) for row in rows)
+    return Amplitudes(*(a * moves for a, moves in zip(found, moving, strict=True)))
 
 
 def _steady_response(scene: Scene, omega: Scalar, drive: DriveHarmonic) -> Amplitudes:

@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from jaxshroud.scene.checks import InputError
 from jaxshroud.scene.drive import DriveHarmonic
 from jaxshroud.scene.parts import COORDINATES
 from jaxshroud.scene.scene import Scene
@@ -50,6 +51,8 @@ def linear_contact(scene: Scene, gradients: Any) -> LinearContact:
         scene: A pair or a row, with its mistuning.
         gradients: dv/dq and du/dq of a pair where the upper corners meet, see `contact_gradients`.
     """
+    if scene.blade_matrices is not None:
+        raise InputError("Natural modes with contact are those of lumped blades so far, not of blades by matrices.")
     b, count = scene.mistuned_blades, scene.blades.m.shape[-1]
     k, k_d = jnp.atleast_1d(scene.k), jnp.atleast_1d(scene.friction.k_d)
     at_interfaces = lambda gradient: jnp.stack([_at_interface(gradient, j, count) for j in range(len(k))])

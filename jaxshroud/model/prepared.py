@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxshroud.model.arithmetic import ABSENT, Scalar
+from jaxshroud.model.blade import InverseMasses, LumpedBlade, lumped_blades
 from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import (
@@ -20,7 +21,7 @@ from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringCon
 from jaxshroud.model.user_contact import UserContact
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import Parts
-from jaxshroud.scene.scene import Blades, Scene
+from jaxshroud.scene.scene import Scene
 
 
 class State(eqx.Module):
@@ -29,7 +30,7 @@ class State(eqx.Module):
     The fields are scalars in compiled code, and arrays of lanes outside.
     """
 
-    motion: Motion
+    motion: Any  # a `Motion`; of marched rows that of the blades' own coordinates
     u_s: Any  # slider of Eq. (2) [m], meaningful in contact only
     mode: Any  # see `Mode`
     case: Any  # 1-4 (Sec. 2.3), 5 in flat contact, 0 when apart
@@ -46,14 +47,6 @@ def as_pairs(tree: Any) -> Any:
     return jax.tree.map(lambda a: (a[0], a[1]) if jnp.ndim(a) == 1 else a, tree)
 
 
-class InverseMasses(NamedTuple):
-    """The reciprocal masses, as products are cheaper than quotients; absent where a block cannot move."""
-
-    x: Any  # 1 / m [1/kg]: a `Pair`, or one blade's
-    y: Any  # [1/kg]
-    theta: Any  # 1 / I [1/(kg m^2)]
-
-
 class Mobility(NamedTuple):
     """What both blocks oppose to forces."""
 
@@ -65,7 +58,7 @@ class Mobility(NamedTuple):
 class Model(eqx.Module):
     """A scene prepared for stepping: everything that can be computed once per lane."""
 
-    blades: Blades
+    blades: LumpedBlade
     block: Corners
     law: ContactLaw
     drive: Excitation
@@ -79,7 +72,7 @@ def prepared_model(scene: Scene) -> Model:
     """The constants of a scene."""
     s, drive, reading = scene.shroud, excitation(scene.drive), scene.contact.reading
     block, law, size = corners(s, reading), prepared_law(scene), gyration(s)
-    blades, block, drive, size = as_pairs((scene.blades, block, drive, size))
+    blades, block, drive, size = as_pairs((lumped_blades(scene.blades), block, drive, size))
     return Model(blades, block, law, drive, size, _mobility(scene), reading, scene.parts)
 
 

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import jax
 
 from jaxshroud.model.arithmetic import ABSENT, Pair, Scalar, is_absent, of_blade, sine_versine, where
+from jaxshroud.model.blade import Acceleration, AnyBlade, BladeForces
 from jaxshroud.model.contact import Load
 from jaxshroud.model.contact_law import ContactLoads, Slider
 from jaxshroud.model.drive import Excitation, Wave, Waves
@@ -22,17 +23,8 @@ from jaxshroud.model.interface import (
     torques_along_face,
 )
 from jaxshroud.model.modes import FLAT
-from jaxshroud.model.prepared import InverseMasses, Model, State, has_torsion
+from jaxshroud.model.prepared import Model, State, has_torsion
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.scene import Blades
-
-
-class Acceleration(NamedTuple):
-    """Second derivatives of the displacements."""
-
-    x: Pair  # [m/s^2]
-    y: Pair
-    theta: Pair  # [rad/s^2]
 
 
 class Ledger(NamedTuple):
@@ -82,27 +74,11 @@ class Integrals(NamedTuple):
     means: Means | None = None
 
 
-class BladeForces(NamedTuple):
-    """The forces of contact on one blade, or on each of several."""
-
-    x: Any  # [N]
-    y: Any
-    M: Any  # clockwise, about the block's centre [N m]
-
-
-def blade_accelerations(z: Motion, Q: Wave, R: BladeForces, b: Blades, d: Excitation, inverse: InverseMasses) -> Any:
-    """The accelerations of one blade by Eq. (1), in x, y and theta; all arguments are its own."""
-    a_x = (d.force("x", Q) + R.x - b.c_x * z.v_x - b.k_x * z.x) * inverse.x
-    a_y = (d.force("y", Q) + R.y - b.c_y * z.v_y - b.k_y * z.y) * inverse.y
-    a_theta = (d.force("theta", Q) + R.M - b.c_T * z.v_theta - b.k_T * z.theta) * inverse.theta
-    return a_x, a_y, a_theta
-
-
 def accelerations(z: Motion, Q: Waves, load: Load, model: Model) -> Acceleration:
     """The accelerations by Eq. (1), from the drive's waves `Q` and the `load` of contact."""
     R = BladeForces((load.R_x, -load.R_x), (load.R_y, -load.R_y), load.M)
-    own = z, Q, R, model.blades, model.drive, model.mobility.inverse
-    left, right = (blade_accelerations(*of_blade(i, *own)) for i in (0, 1))
+    own = z, Q, model.drive, R, model.mobility.inverse
+    left, right = (of_blade(i, model.blades)[0].accelerations(*of_blade(i, *own)) for i in (0, 1))
     return Acceleration(*zip(left, right, strict=True))
 
 
@@ -146,14 +122,14 @@ def mean_square(q: Pose, gyration: Scalar) -> Pair:
     return left, right
 
 
-def blade_powers(z: Motion, Q: Wave, b: Blades, d: Excitation) -> tuple[Scalar, Scalar]:
+def blade_works(z: Any, Q: Wave, blade: AnyBlade, drive: Excitation) -> tuple[Scalar, Scalar]:
     """The power of the drive on one blade, and that lost in its dampers [W]; all arguments are its own."""
-    return d.power(Q, z), b.c_x * z.v_x**2 + b.c_y * z.v_y**2 + b.c_T * z.v_theta**2
+    return drive.power(Q, blade.shroud(z)), blade.viscous_power(z)
 
 
 def works(z: Motion, Q: Waves, lost: Scalar, model: Model) -> Ledger:
     """Rates of the works; `lost` is what contact dissipates."""
-    left, right = (blade_powers(*of_blade(i, z, Q, model.blades, model.drive)) for i in (0, 1))
+    left, right = (blade_works(*of_blade(i, z, Q, model.blades, model.drive)) for i in (0, 1))
     power = left[0] + right[0]
     return Ledger(power, abs(power), left[1] + right[1], lost)
 
@@ -161,7 +137,7 @@ def works(z: Motion, Q: Waves, lost: Scalar, model: Model) -> Ledger:
 class StateDerivative(NamedTuple):
     """The accelerations, and the rate of the slider where it moves without events."""
 
-    acceleration: Acceleration
+    acceleration: Any  # an `Acceleration`, or those of a blade's own coordinates
     u_s: Slider
 
 
@@ -228,13 +204,7 @@ def rhs_at(
 rhs_once = jax.jit(rhs, static_argnames="recorded", inline=True)  # traced once for all stages
 
 
-def twice_blade_energy(z: Motion, b: Blades) -> Scalar:
-    """Twice the kinetic energy and the energy of the springs of one blade [J]; all arguments are its own."""
-    kinetic = b.m * z.v_x**2 + b.inertia_y * z.v_y**2 + b.I * z.v_theta**2
-    return kinetic + b.k_x * z.x**2 + b.k_y * z.y**2 + b.k_T * z.theta**2
-
-
 def stored_energy(z: Motion, model: Model) -> Scalar:
     """The kinetic energy and the energy of the blades' springs [J]."""
-    left, right = (twice_blade_energy(*of_blade(i, z, model.blades)) for i in (0, 1))
+    left, right = (blade.twice_energy(own) for own, blade in (of_blade(i, z, model.blades) for i in (0, 1)))
     return (left + right) / 2

@@ -24,14 +24,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxshroud.model.arithmetic import ABSENT, is_absent
+from jaxshroud.model.blade import AnyBlade, BladeForces, blades_of_row
 from jaxshroud.model.drive import Excitation, excitation
 from jaxshroud.model.geometry import rotation
 from jaxshroud.model.interface import placement
 from jaxshroud.model.modes import FLAT
-from jaxshroud.model.prepared import InverseMasses, Model, State, prepared_model
+from jaxshroud.model.prepared import Model, State, prepared_model
 from jaxshroud.model.rhs import (
-    Acceleration,
-    BladeForces,
     ContactEffects,
     Integrals,
     Ledger,
@@ -39,16 +38,14 @@ from jaxshroud.model.rhs import (
     Moments,
     Recorded,
     StateDerivative,
-    blade_accelerations,
     blade_mean_square,
-    blade_powers,
+    blade_works,
     contact_effects,
     position_at,
-    twice_blade_energy,
 )
 from jaxshroud.scene.keys import Motion
 from jaxshroud.scene.parts import Parts
-from jaxshroud.scene.scene import Blades, Contact, Friction, Scene, Shroud
+from jaxshroud.scene.scene import Contact, Friction, Scene, Shroud
 
 OfBlades = Float[Array, "blades lanes"]
 OfInterfaces = Float[Array, "interfaces lanes"]
@@ -58,9 +55,9 @@ Each = Callable[..., Any]  # (f, *trees) -> `f(*trees)` for every element of the
 class RowModel(eqx.Module):
     """A scene of a row prepared for stepping."""
 
-    blades: Blades  # of each blade, with its mistuning
+    blades: AnyBlade  # of each blade, with its mistuning
     drive: Excitation
-    inverse: InverseMasses
+    inverse: Any  # what multiplies forces to accelerations: `InverseMasses`, or an inverse mass matrix
     gyration: Any  # J_A / A [m^2], one for the row
     interfaces: Model  # the pair at each interface
     closed: bool = eqx.field(static=True)
@@ -79,16 +76,13 @@ class RowModel(eqx.Module):
 
 def prepared_row(scene: Scene) -> RowModel:
     """The constants of a row; without an axis of lanes."""
-    row, has = scene.row, scene.parts.has
+    row = scene.row
     assert row is not None
     pairs = jax.vmap(lambda j: prepared_model(pair_at(scene, j)))(jnp.arange(row.interfaces))
-    blades = scene.mistuned_blades
-    drive = excitation(scene.drive)
-    inverse = InverseMasses(
-        1 / blades.m,
-        *(1 / mass if has(name, 0) else ABSENT for name, mass in (("y", blades.inertia_y), ("theta", blades.I))),
+    blades, drive = blades_of_row(scene), excitation(scene.drive)
+    return RowModel(
+        blades, drive, blades.inverse_masses(scene.parts), pairs.gyration[0], pairs, row.closed, scene.parts
     )
-    return RowModel(blades, drive, inverse, pairs.gyration[0], pairs, row.closed, scene.parts)
 
 
 def pair_at(scene: Scene, j: Any) -> Scene:
@@ -147,9 +141,9 @@ def sum_at_blades(on_left: Array, on_right: Array, closed: bool) -> Array:
     return jnp.concatenate([on_left, none]) + jnp.concatenate([none, on_right])
 
 
-def pair_states(state: State, closed: bool) -> State:
+def pair_states(state: State, model: RowModel) -> State:
     """The state of the pair at each interface."""
-    return State(both_sides(state.motion, closed), state.u_s, state.mode, state.case)
+    return State(both_sides(model.blades.shroud(state.motion), model.closed), state.u_s, state.mode, state.case)
 
 
 def blade_forces(effects: ContactEffects, model: RowModel) -> BladeForces:
@@ -240,9 +234,7 @@ def blade_positions(z: Motion) -> Means:
 class BladeRates(NamedTuple):
     """The accelerations of one blade, and the rates of its integrals."""
 
-    x: Any
-    y: Any
-    theta: Any
+    acceleration: Any  # of its coordinates
     power: Any  # square displacement, `blade_mean_square`
     drive: Any = None  # power of the drive; None where it is not recorded, as is the next
     viscous: Any = None
@@ -250,26 +242,25 @@ class BladeRates(NamedTuple):
 
 
 def blade_rates(
-    z: Motion,
+    z: Any,
     wave: Any,
     R: BladeForces,
-    b: Blades,
-    d: Excitation,
-    inverse: InverseMasses,
+    blade: AnyBlade,
+    drive: Excitation,
+    inverse: Any,
     gyration: Any,
     recorded: Recorded,
 ) -> BladeRates:
     """The rates of one blade; `wave` is (sin, cos) of omega t."""
-    Q = d.wave(*wave)
-    x, y, theta = blade_accelerations(z, Q, R, b, d, inverse)
-    drive, viscous = blade_powers(z, Q, b, d) if recorded.ledger else (None, None)
-    means = blade_positions(z) if recorded.means else None
-    return BladeRates(x, y, theta, blade_mean_square(z.x, z.y, rotation(z.theta)[1], gyration), drive, viscous, means)
+    Q, shroud = drive.wave(*wave), blade.shroud(z)
+    acceleration = blade.accelerations(z, Q, drive, R, inverse)
+    work, viscous = blade_works(z, Q, blade, drive) if recorded.ledger else (None, None)
+    means = blade_positions(shroud) if recorded.means else None
+    power = blade_mean_square(shroud.x, shroud.y, rotation(shroud.theta)[1], gyration)
+    return BladeRates(acceleration, power, work, viscous, means)
 
 
-def rates_of_blades(
-    z: Motion, wave: Any, R: BladeForces, model: RowModel, recorded: Recorded, each: Each
-) -> BladeRates:
+def rates_of_blades(z: Any, wave: Any, R: BladeForces, model: RowModel, recorded: Recorded, each: Each) -> BladeRates:
     """`blade_rates` of every blade: fields (N, lanes)."""
     rates, gyration = partial(blade_rates, recorded=recorded), model.gyration[None]
     return over(each, rates, z, wave, R, model.blades, model.drive, model.inverse, gyration)
@@ -282,7 +273,7 @@ def row_rhs(
 
     Args:
         wave: (sin, cos) of omega t, (lanes,) each.
-        now: The state: motion (N, lanes), and slider, mode and case (E, lanes).
+        now: The state: motion of the blades' coordinates (N, lanes), and slider, mode and case (E, lanes).
         cluster: The blocks that are flat on each other; None where no blocks can be.
         model: The constants.
         recorded: The integrals beside the power.
@@ -291,25 +282,26 @@ def row_rhs(
     Returns:
         The derivative; and the rates of the integrals of each blade, those of contact of each interface.
     """
-    z = now.motion
-    effects = over(
-        each, partial(interface_effects, recorded=recorded), pair_states(now, model.closed), model.interfaces
-    )
-    rates = rates_of_blades(z, wave, blade_forces(effects, model), model, recorded, each)
-    theta: Any = rates.theta if cluster is None else cluster.mean(rates.theta)
+    blades = model.blades
+    effects = over(each, partial(interface_effects, recorded=recorded), pair_states(now, model), model.interfaces)
+    rates = rates_of_blades(now.motion, wave, blade_forces(effects, model), model, recorded, each)
+    a = rates.acceleration
+    if cluster is not None:
+        a = blades.turned(a, cluster.mean(blades.turning(a)), model.inverse)
     ledger = None
     if recorded.ledger:
         ledger = Ledger(rates.drive, jnp.abs(rates.drive), rates.viscous, effects.lost)
     moments = None
     if recorded.moments:
+        z = blades.shroud(now.motion)
         first = (z.x, z.y, z.theta)
         moments = Moments(first, jax.tree.map(lambda a: a * a, first))
     return (
-        StateDerivative(Acceleration(rates.x, rates.y, theta), effects.u_s),
+        StateDerivative(a, effects.u_s),
         Integrals(rates.power, ledger, moments, effects.loads, rates.means),
     )
 
 
-def blade_energies(z: Motion, model: RowModel, each: Each) -> OfBlades:
+def blade_energies(z: Any, model: RowModel, each: Each) -> OfBlades:
     """The kinetic energy and the energy of the springs of each blade [J]."""
-    return over(each, twice_blade_energy, z, model.blades) / 2
+    return over(each, lambda z, blade: blade.twice_energy(z), z, model.blades) / 2

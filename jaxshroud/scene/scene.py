@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
+from jaxshroud.scene.blades import BladeMatrices, Blades
 from jaxshroud.scene.capabilities import require_parts
 from jaxshroud.scene.checks import InputError, type_argument, word_argument
 from jaxshroud.scene.drive import Drive
@@ -50,32 +51,6 @@ def _reading(value: Any) -> Any:
         return misprints(value)
     except ValueError as error:
         raise InputError(f"Argument `reading` = {value!r} {error}") from None
-
-
-class Blades(eqx.Module):
-    """Both blades as lumped masses on springs (Sec. 2.1, Table 1).
-
-    One value per blade: `blades.m[0]` is the paper's m_1. A single number means two equal blades.
-    `m_y` differs from `m` only where Eq. (21) is taken literally.
-    """
-
-    m: PerBlade = eqx.field(converter=per_blade)  # mass [kg]
-    I: PerBlade = eqx.field(converter=per_blade)  # moment of inertia about z [kg m^2]
-    k_x: PerBlade = eqx.field(converter=per_blade)  # bending stiffness [N/m]
-    k_y: PerBlade = eqx.field(converter=per_blade)  # bending stiffness [N/m]
-    k_T: PerBlade = eqx.field(converter=per_blade)  # torsion stiffness [N m/rad]
-    c_x: PerBlade = eqx.field(converter=per_blade)  # damping [N s/m]
-    c_y: PerBlade = eqx.field(converter=per_blade)  # damping [N s/m]
-    c_T: PerBlade = eqx.field(converter=per_blade)  # damping [N m s/rad]
-    m_y: PerBlade | None = eqx.field(converter=per_blade, default=None)  # mass in y [kg]; None: m
-
-    def __check_init__(self):
-        check_numbers("blades", self)
-
-    @property
-    def inertia_y(self) -> Any:
-        """The mass against motion in y [kg]."""
-        return self.m if self.m_y is None else self.m_y
 
 
 class Shroud(eqx.Module):
@@ -219,6 +194,14 @@ class Scene(eqx.Module):
             return self.blades
         of, factor = (lambda b: (b.k_x, b.k_y, b.k_T)), 1 + self.row.mistuning
         return eqx.tree_at(of, self.blades, tuple(factor * k for k in of(self.blades)))
+
+    @property
+    def blade_matrices(self) -> BladeMatrices | None:
+        """The matrices of blades of one's own, with their mistuning; None: lumped blades."""
+        matrices = self.blades.matrices()
+        if matrices is None or self.row is None:
+            return matrices
+        return matrices._replace(stiffness=(1 + self.row.mistuning)[..., None, None] * matrices.stiffness)
 
     @property
     def layout(self) -> Layout:

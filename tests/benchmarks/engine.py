@@ -18,7 +18,8 @@ from jaxshroud.march.carry import Fixed, Lane, running
 from jaxshroud.march.method import Choices
 from jaxshroud.march.tableau import TaylorOptions, tableau
 from jaxshroud.model.prepared import prepared_model
-from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
+from jaxshroud.scene.blades import Blades
+from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.valid import in_precision
 
 SERIES_STEPS = (200, 4000)  # by which only flat contact and chatter are told, for loose and tight tolerances

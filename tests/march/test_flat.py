@@ -17,8 +17,9 @@ from jaxshroud.march.tally import Counters
 from jaxshroud.model.modes import FLAT, Mode, Status
 from jaxshroud.model.prepared import State, as_pairs, prepared_model
 from jaxshroud.model.rhs import Recorded, rhs
+from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.keys import Motion
-from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
+from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.vary import vary
 from jaxshroud.verbs.simulate import simulate
 from jaxshroud.verbs.sweep import sweep

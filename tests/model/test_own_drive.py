@@ -10,10 +10,13 @@ import pytest
 import reference
 
 import jaxshroud as js
+from jaxshroud.batch.xla import vmapped
 from jaxshroud.model.arithmetic import of_blade, sincos_turns
 from jaxshroud.model.drive import drive_wave_rates, drive_wave_series, drive_waves, excitation
 from jaxshroud.model.linear import area, free_power, steady_amplitudes
-from jaxshroud.model.prepared import as_pairs
+from jaxshroud.model.prepared import State, as_pairs, prepared_model
+from jaxshroud.model.rhs import Recorded, rhs
+from jaxshroud.model.row import prepared_row, row_rhs
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.drive import DriveHarmonic
 from jaxshroud.scene.fields import PerBlade, per_blade
@@ -210,3 +213,18 @@ def test_a_file_cannot_name_it():
     run = js.simulate(driven_twice(table1()), n_periods=1, method=js.RungeKutta(steps=200))
     with pytest.raises(js.SceneError, match="no key `own`"):
         parse(run.scene, "the scene")
+
+
+def test_blades_of_a_row_feel_both_harmonics_as_those_of_a_pair():
+    # Apart and at rest the accelerations are the drive alone: those of a row of two are those of the pair, to rounding.
+    changes = ["row.blades=2", "row.closed=false", 'drive.phase=["0 deg","180 deg"]', "drive.beta=30 deg"]
+    row, pair = driven_twice(table1(*changes)), prepared_model(driven_twice(table1()))
+    wave, zero, apart = sincos_turns(jnp.asarray(0.137)), jnp.zeros((2, 1)), jnp.zeros((1, 1), jnp.int32)
+    model = jax.tree.map(lambda a: a[..., None], prepared_row(row))
+    now = State(Motion(*[zero] * 6), jnp.zeros((1, 1)), apart, apart)
+    in_row, _ = row_rhs(tuple(a[None] for a in wave), now, None, model, Recorded(), vmapped)
+    still = Motion(*[(jnp.asarray(0.0),) * 2] * 6)
+    alone = State(still, jnp.asarray(0.0), jnp.int32(0), jnp.int32(0))
+    in_pair, _ = rhs(drive_waves(*wave, pair.drive), alone, pair, Recorded())
+    for found, wanted in zip(in_row.acceleration, in_pair.acceleration, strict=True):
+        np.testing.assert_allclose(found[:, 0], wanted, rtol=1e-14)

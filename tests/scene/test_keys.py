@@ -11,6 +11,7 @@ import pytest
 from jaxshroud.io.scene_numbers import key_attrs
 from jaxshroud.io.variable import MOTION
 from jaxshroud.plotting.style import QUANTITIES
+from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.checks import KeyNameError
 from jaxshroud.scene.keys import (
     ALL_KEYS,
@@ -23,7 +24,7 @@ from jaxshroud.scene.keys import (
     key_parts,
     keys_of_table,
 )
-from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Shroud
+from jaxshroud.scene.scene import Contact, Drive, Friction, Shroud
 from jaxshroud.scene.schema import PHYSICS_TABLES, TABLE_MODELS
 from jaxshroud.scene.units import _parsed_unit
 from jaxshroud.scene.vary import NUMERIC_KEYS, vary

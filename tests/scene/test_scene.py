@@ -8,8 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxshroud.scene.blades import Blades
+from jaxshroud.scene.fields import per_blade
 from jaxshroud.scene.parts import MISPRINTS
-from jaxshroud.scene.scene import Blades, Contact, Friction, per_blade
+from jaxshroud.scene.scene import Contact, Friction
 from jaxshroud.scene.vary import NUMERIC_KEYS, vary
 
 

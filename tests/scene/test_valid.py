@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import jaxshroud as js
+from jaxshroud.scene.blades import Blades
 from jaxshroud.scene.checks import SceneError
 from jaxshroud.scene.config import parse
 from jaxshroud.scene.keys import SCENE_KEYS, Motion
-from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
+from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.scene.vary import vary
 
 BLADES = dict(m=0.08, I=2.46e-3, k_x=1e5, k_y=3e6, k_T=2000.0, c_x=3.57, c_y=19.6, c_T=0.506)

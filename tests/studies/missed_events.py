@@ -32,7 +32,8 @@ from jaxshroud.batch.runs import run_lanes  # noqa: E402
 from jaxshroud.batch.states import initial_states  # noqa: E402
 from jaxshroud.march.method import Choices  # noqa: E402
 from jaxshroud.march.tableau import TaylorOptions, tableau  # noqa: E402
-from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud  # noqa: E402
+from jaxshroud.scene.blades import Blades  # noqa: E402
+from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud  # noqa: E402
 from jaxshroud.version import __version__  # noqa: E402
 
 SCENES, SEED, PERIODS, NUDGE, FACTOR = 2000, 31, 3, 1e-12, 100

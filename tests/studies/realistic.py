@@ -21,7 +21,8 @@ from jaxshroud.march.method import FAST, Choices
 from jaxshroud.march.stability import step_limits, stiffest
 from jaxshroud.march.tableau import tableau
 from jaxshroud.model.modes import Status
-from jaxshroud.scene.scene import Blades, Contact, Drive, Friction, Scene, Shroud
+from jaxshroud.scene.blades import Blades
+from jaxshroud.scene.scene import Contact, Drive, Friction, Scene, Shroud
 from jaxshroud.version import __version__
 
 SCENES, SEED, PERIODS = 2000, 11, 50

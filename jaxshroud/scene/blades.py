@@ -1,0 +1,55 @@
+"""The blades of a scene: lumped masses on springs, or matrices of coordinates of their own."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from jaxshroud.scene.fields import PerBlade, per_blade
+from jaxshroud.scene.valid import check_numbers
+
+
+class BladeMatrices(NamedTuple):
+    """Blades with n coordinates q of their own, as matrices of each blade: M q'' + C q' + K q = S' (forces).
+
+    The forces are those on the shroud along x and y and the moment on its theta: of the drive and of contact. Both
+    matrices M and K are symmetric; M is positive definite, and the rows of S are independent.
+    """
+
+    mass: Float[Array, "blades n n"]
+    damping: Float[Array, "blades n n"]
+    stiffness: Float[Array, "blades n n"]
+    shroud: Float[Array, "blades 3 n"]  # S: x, y and theta of the shroud are S q
+
+
+class Blades(eqx.Module):
+    """Both blades as lumped masses on springs (Sec. 2.1, Table 1).
+
+    One value per blade: `blades.m[0]` is the paper's m_1. A single number means two equal blades.
+    `m_y` differs from `m` only where Eq. (21) is taken literally.
+
+    Blades of one's own are a class derived from this one, with fields of further numbers, of which `matrices` are made.
+    They march in rows; files cannot name them. Units of energy and numbers of steps are still those of the lumped ones.
+    """
+
+    m: PerBlade = eqx.field(converter=per_blade)  # mass [kg]
+    I: PerBlade = eqx.field(converter=per_blade)  # moment of inertia about z [kg m^2]
+    k_x: PerBlade = eqx.field(converter=per_blade)  # bending stiffness [N/m]
+    k_y: PerBlade = eqx.field(converter=per_blade)  # bending stiffness [N/m]
+    k_T: PerBlade = eqx.field(converter=per_blade)  # torsion stiffness [N m/rad]
+    c_x: PerBlade = eqx.field(converter=per_blade)  # damping [N s/m]
+    c_y: PerBlade = eqx.field(converter=per_blade)  # damping [N s/m]
+    c_T: PerBlade = eqx.field(converter=per_blade)  # damping [N m s/rad]
+    m_y: PerBlade | None = eqx.field(converter=per_blade, default=None)  # mass in y [kg]; None: m
+
+    def __check_init__(self):
+        check_numbers("blades", self)
+
+    @property
+    def inertia_y(self) -> Any:
+        """The mass against motion in y [kg]."""
+        return self.m if self.m_y is None else self.m_y
+
+    def matrices(self) -> "BladeMatrices | None":
+        """The matrices of blades with coordinates of their own; None: the lumped blades of the article."""
+        return None
