@@ -73,8 +73,8 @@ def _guard_of_rub(now: ContactNow) -> Guard:
 
 
 def _mode_after_lift(instant: EventInstant) -> Int[Array, ""]:
-    onset = instant.model.law.onset_mode(instant.crossing)
-    return where(instant.state.mode == Mode.APART, onset, jnp.int32(Mode.APART))
+    is_apart = instant.state.mode == Mode.APART
+    return where(is_apart, instant.model.law.onset_mode(instant.crossing), jnp.int32(Mode.APART))
 
 
 def _mode_after_friction(instant: EventInstant) -> Int[Array, ""]:
