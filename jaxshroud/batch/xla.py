@@ -43,7 +43,7 @@ STAGES_WITH_EVENTS = 4  # in one kernel with the rest of a trial
 DUAL_STAGES = 4  # in one kernel with tangents
 DUAL_NUMBERS = 160  # of values and tangents in one kernel; with more, two kernels are faster
 LONG_LAW_STAGE_SHARE = (
-    0.75  # of these stages for laws that are long, as smooth contact's: with more, order 8 is 60 times slower
+    0.75  # of these for laws that are long, as smooth contact's: with more, order 8 is 60 times slower
 )
 
 

@@ -23,9 +23,8 @@ from jaxshroud.model.series import Series, rate_of, truncated
 from jaxshroud.scene.keys import Motion
 
 RADIANS_PER_TURN = 2 * math.pi
-GuardSeries = tuple[
-    int, Any
-]  # the number of the event, and a `Series`, which stands for a Scalar in the model's equations
+# The number of an event, and a `Series`, which stands for a Scalar in the model's equations.
+GuardSeries = tuple[int, Any]
 
 
 class TaylorExpansion(NamedTuple):

@@ -137,20 +137,20 @@ class ElasticBlade(eqx.Module):
 
     def shroud(self, z: Any) -> Motion:
         """The motion of the shroud."""
-        of = lambda numbers: [row if is_absent(row) else _dot(row, numbers) for row in self.map]
+        of = lambda numbers: [row if is_absent(row) else dot(row, numbers) for row in self.map]
         return Motion(*of(z.q), *of(z.rate))
 
     def carried(self, z: Motion) -> Any:
         """The motion of the blade's coordinates, of least norm, that moves its shroud so."""
-        of = lambda numbers: tuple(_dot(row, [a for a in numbers if not is_absent(a)]) for row in self.lift)
+        of = lambda numbers: tuple(dot(row, [a for a in numbers if not is_absent(a)]) for row in self.lift)
         return ElasticMotion(of(z[:3]), of(z[3:]))
 
     def accelerations(self, z: Any, Q: Wave, drive: Excitation, R: BladeForces, inverse: MatrixRows) -> Any:
         """The accelerations of all coordinates, at the wave `Q` of the drive and the forces `R` of contact."""
         on_shroud = [drive.force(name, Q) + own for name, own in zip(COORDINATES, R, strict=True)]
-        lost = zip(_times_vector(self.damping, z.rate), _times_vector(self.stiffness, z.q), strict=True)
+        lost = zip(times_vector(self.damping, z.rate), times_vector(self.stiffness, z.q), strict=True)
         forces = [own - c - k for own, (c, k) in zip(self._generalized(on_shroud), lost, strict=True)]
-        return _times_vector(inverse, forces)
+        return times_vector(inverse, forces)
 
     def _generalized(self, forces: Sequence[Any]) -> list[Any]:
         """The generalized force on each coordinate of forces on the shroud along x, y and theta."""
@@ -163,12 +163,12 @@ class ElasticBlade(eqx.Module):
 
     def turning(self, a: tuple[Any, ...]) -> Any:
         """The angular acceleration of the shroud."""
-        return ABSENT if is_absent(self.map[2]) else _dot(self.map[2], a)
+        return ABSENT if is_absent(self.map[2]) else dot(self.map[2], a)
 
     def turned(self, a: tuple[Any, ...], theta: Any, inverse: MatrixRows) -> tuple[Any, ...]:
         """The accelerations once a torque on the shroud gives it the angular acceleration `theta`."""
         torque = self.I * (theta - self.turning(a))
-        return tuple(own + by * torque for own, by in zip(a, _times_vector(inverse, self.map[2]), strict=True))
+        return tuple(own + by * torque for own, by in zip(a, times_vector(inverse, self.map[2]), strict=True))
 
     def with_turn(self, z: Any, theta: Any, v_theta: Any, inverse: MatrixRows) -> Any:
         """The motion once an impulsive torque on the shroud gives it this angle and this angular speed."""
@@ -176,11 +176,11 @@ class ElasticBlade(eqx.Module):
 
     def viscous_power(self, z: Any) -> Any:
         """The power lost in the dampers [W]."""
-        return _dot(z.rate, _times_vector(self.damping, z.rate))
+        return dot(z.rate, times_vector(self.damping, z.rate))
 
     def twice_energy(self, z: Any) -> Any:
         """Twice the kinetic energy and the energy of the springs [J]."""
-        return _dot(z.rate, _times_vector(self.mass, z.rate)) + _dot(z.q, _times_vector(self.stiffness, z.q))
+        return dot(z.rate, times_vector(self.mass, z.rate)) + dot(z.q, times_vector(self.stiffness, z.q))
 
 
 AnyBlade = LumpedBlade | ElasticBlade
@@ -202,9 +202,9 @@ def elastic_blades(matrices: BladeMatrices, parts: Parts) -> ElasticBlade:
     mass, damping, stiffness, shroud = map(matrix_rows, matrices)
     rows = tuple(row if parts.has(name, 0) else ABSENT for name, row in zip(COORDINATES, shroud, strict=True))
     moving = [row for row in rows if not is_absent(row)]
-    gram = inverse_of([_times_vector(moving, row) for row in moving])
-    lift = tuple(_times_vector(gram, [row[j] for row in moving]) for j in range(len(mass)))
-    I = 1 / _dot(shroud[2], _times_vector(inverse_of(mass), shroud[2])) if parts.has("theta", 0) else ABSENT
+    gram = inverse_of([times_vector(moving, row) for row in moving])
+    lift = tuple(times_vector(gram, [row[j] for row in moving]) for j in range(len(mass)))
+    I = 1 / dot(shroud[2], times_vector(inverse_of(mass), shroud[2])) if parts.has("theta", 0) else ABSENT
     return ElasticBlade(mass, damping, stiffness, rows, lift, I)
 
 
@@ -228,9 +228,11 @@ def inverse_of(matrix: Sequence[Sequence[Any]]) -> MatrixRows:
     return tuple(map(tuple, right))
 
 
-def _dot(row: Sequence[Any], numbers: Sequence[Any]) -> Any:
+def dot(row: Sequence[Any], numbers: Sequence[Any]) -> Any:
+    """The sum of the products of the entries of two vectors."""
     return summed(a * b for a, b in zip(row, numbers, strict=True))
 
 
-def _times_vector(matrix: Sequence[Sequence[Any]], numbers: Sequence[Any]) -> tuple[Any, ...]:
-    return tuple(_dot(row, numbers) for row in matrix)
+def times_vector(matrix: Sequence[Sequence[Any]], numbers: Sequence[Any]) -> tuple[Any, ...]:
+    """A matrix times a vector."""
+    return tuple(dot(row, numbers) for row in matrix)

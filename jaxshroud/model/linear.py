@@ -10,7 +10,7 @@ from jax import lax
 from jaxtyping import Array, Complex, Float
 
 from jaxshroud.model.arithmetic import Scalar, sincos_turns, summed
-from jaxshroud.model.blade import inverse_of, matrix_rows
+from jaxshroud.model.blade import inverse_of, matrix_rows, times_vector
 from jaxshroud.model.drive import multiple_angle
 from jaxshroud.model.geometry import gyration
 from jaxshroud.scene.drive import DriveHarmonic
@@ -56,9 +56,8 @@ def _elastic_response(scene: Scene, omega: Scalar, drive: DriveHarmonic) -> Ampl
         lax.complex(load * cosine * moves, load * sine * moves)
         for load, moves in zip((drive.F_x, drive.F_y, drive.M_0), moving, strict=True)
     ]
-    forces = [summed(row[j] * load for row, load in zip(rows, loads, strict=True)) for j in size]
-    q = [summed(a * force for a, force in zip(row, forces, strict=True)) for row in inverse_of(dynamic)]
-    found = (summed(a * b for a, b in zip(row, q, strict=True)) for row in rows)
+    forces = times_vector([[row[j] for row in rows] for j in size], loads)
+    found = times_vector(rows, times_vector(inverse_of(dynamic), forces))
     return Amplitudes(*(a * moves for a, moves in zip(found, moving, strict=True)))
 
 

@@ -10,11 +10,7 @@ from jaxshroud.model.arithmetic import ABSENT, Scalar
 from jaxshroud.model.blade import InverseMasses, LumpedBlade, lumped_blades
 from jaxshroud.model.contact_law import ContactLaw
 from jaxshroud.model.drive import Excitation, excitation
-from jaxshroud.model.geometry import (
-    Corners,
-    corners,
-    gyration,
-)
+from jaxshroud.model.geometry import Corners, corners, gyration
 from jaxshroud.model.linear import free_reach, steady_amplitudes
 from jaxshroud.model.smooth_contact import SmoothContact
 from jaxshroud.model.spring_contact import BilinearContact, NoContact, SpringContact

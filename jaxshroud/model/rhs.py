@@ -9,10 +9,7 @@ from jaxshroud.model.blade import Acceleration, AnyBlade, BladeForces
 from jaxshroud.model.contact import Load
 from jaxshroud.model.contact_law import ContactLoads, Slider
 from jaxshroud.model.drive import Excitation, Wave, Waves
-from jaxshroud.model.geometry import (
-    ContactKinematics,
-    Pose,
-)
+from jaxshroud.model.geometry import ContactKinematics, Pose
 from jaxshroud.model.interface import (
     EndTorques,
     LoadedContact,

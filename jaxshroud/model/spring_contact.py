@@ -196,13 +196,11 @@ class BilinearContact(SpringContact):
         """
         at, rate = crossing.at, crossing.rate
         slips = ((jnp.abs(rate.u) > self.lag * rate.v) & ~starts_in_overlap(at, crossing.delay)) | (self.mu == 0)
-        sliding = where(rate.u < 0, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
-        return where(slips, sliding, jnp.int32(Mode.STICK))
+        return where(slips, slip_mode(rate.u < 0), jnp.int32(Mode.STICK))
 
     def mode_after_rub(self, crossing: GuardCrossing) -> Modes:
         """Slip away from the slider after stick; stick after slip."""
-        sliding = where(crossing.at.u < crossing.u_s, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
-        return where(crossing.mode == Mode.STICK, sliding, jnp.int32(Mode.STICK))
+        return after_friction(crossing)
 
     def slider_after(self, crossing: GuardCrossing, w: Slider, mode: Modes, u: Scalar) -> Slider:
         """The slide at an onset; else the stretch stays."""
@@ -222,6 +220,17 @@ class BilinearContact(SpringContact):
 def slip_sign(mode: Modes, dtype: Any) -> Scalar:
     """sigma: +1 in slip+, -1 in slip-, 0 otherwise."""
     return (mode == Mode.SLIP_PLUS).astype(dtype) - (mode == Mode.SLIP_MINUS).astype(dtype)
+
+
+def slip_mode(is_negative: Any) -> Modes:
+    """The mode of slip by its direction: slip- where that `is_negative`, else slip+."""
+    return where(is_negative, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
+
+
+def after_friction(crossing: GuardCrossing) -> Modes:
+    """The mode after the guard of a friction element: slip away from the slider after stick; stick after slip."""
+    sliding = slip_mode(crossing.at.u < crossing.u_s)
+    return where(crossing.mode == Mode.STICK, sliding, jnp.int32(Mode.STICK))
 
 
 def is_slipping(mode: Modes) -> Any:

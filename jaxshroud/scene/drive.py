@@ -32,6 +32,10 @@ class DriveHarmonic(NamedTuple):
         """The amplitude of the force along y [N], by NumPy or JAX."""
         return self.F_0 * self.beta.__array_namespace__().sin(self.beta)
 
+    def load(self, name: str) -> Any:
+        """The amplitude of the force along x or y [N], or of the moment on theta [N m]."""
+        return getattr(self, {"x": "F_x", "y": "F_y", "theta": "M_0"}[name])
+
 
 class Drive(eqx.Module):
     """The force `Q_i = F_0 sin(omega t + phase)` at an angle `beta` to x, and the moment `M_0 sin(...)` (Sec. 3.1).
@@ -57,6 +61,13 @@ class Drive(eqx.Module):
     def harmonics(self) -> dict[int, DriveHarmonic]:
         """The force and the moment by the order n of their frequency n omega. Their numbers are fields of the drive."""
         return {1: DriveHarmonic(self.beta, self.F_0, self.M_0, self.phase)}
+
+    def largest_load(self, name: str) -> Any:
+        """The sum over all harmonics of the amplitudes of the force along x or y [N], or of the moment on theta [N m].
+
+        The load never exceeds it; (blades,), by NumPy or JAX.
+        """
+        return sum(abs(one.load(name)) for one in self.harmonics().values())
 
     def frequency(self, order: int) -> Number:
         """The circular frequency of a harmonic [rad/s]."""

@@ -16,7 +16,6 @@ from jaxshroud.batch.periods import LANES_PER_CALL
 from jaxshroud.io.lane_status import AccuracyWarning
 from jaxshroud.march.method import Choices
 from jaxshroud.march.stability import stiffest, stiffness_ratio
-from jaxshroud.model.arithmetic import summed
 from jaxshroud.motion.averages import least_tilt
 from jaxshroud.motion.short_runs import (
     HORIZON,
@@ -189,15 +188,8 @@ def missed_lanes(scenes: Scene, choice: Choice, ends: EndStates = end_states) ->
 
 def _with_moved_start(scenes: Scene, shares: FloatArray) -> Scene:
     """The scenes (leading axis) with x, y, theta of the starts moved by shares of them, or of what the drive bends."""
-    b, start, harmonics = scenes.blades, scenes.initial, scenes.drive.harmonics().values()
-    static = [
-        summed(np.abs(load) for load in loads) / stiffness
-        for loads, stiffness in (
-            ([one.F_x for one in harmonics], b.k_x),
-            ([one.F_y for one in harmonics], b.k_y),
-            ([one.M_0 for one in harmonics], b.k_T),
-        )
-    ]
+    b, load, start = scenes.blades, scenes.drive.largest_load, scenes.initial
+    static = load("x") / b.k_x, load("y") / b.k_y, load("theta") / b.k_T
     moved = [
         own + np.maximum(np.abs(own), bent) * share
         for own, bent, share in zip((start.x, start.y, start.theta), static, shares, strict=True)

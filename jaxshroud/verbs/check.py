@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from jaxshroud.march.stability import steps_for, stiffest
 from jaxshroud.march.tableau import RK4
-from jaxshroud.model.arithmetic import Scalar, summed
+from jaxshroud.model.arithmetic import Scalar
 from jaxshroud.model.geometry import gyration
 from jaxshroud.model.linear import Amplitudes, free_reach, steady_amplitudes
 from jaxshroud.model.natural_modes import LinearContact, drive_loads, linear_contact
@@ -195,14 +195,9 @@ def _end_of_range(modes: Sequence[NaturalMode], omega: float, speed: float) -> f
 
 
 def _free_coordinates(arrays: Scene, free: dict[int, Amplitudes]) -> dict[str, Coordinate]:
-    b, harmonics = arrays.mistuned_blades, arrays.drive.harmonics().values()
-    loads = {
-        "x": summed(np.abs(one.F_x) for one in harmonics),
-        "y": summed(np.abs(one.F_y) for one in harmonics),
-        "theta": summed(np.abs(one.M_0) for one in harmonics),
-    }
+    b, load = arrays.mistuned_blades, arrays.drive.largest_load
     oscillators = {"x": (b.m, b.c_x, b.k_x), "y": (b.inertia_y, b.c_y, b.k_y), "theta": (b.I, b.c_T, b.k_T)}
-    return {name: _coordinate(oscillators[name], loads[name], free_reach(free, name)) for name in arrays.parts.motion}
+    return {name: _coordinate(oscillators[name], load(name), free_reach(free, name)) for name in arrays.parts.motion}
 
 
 def _coordinate(oscillator: tuple[Any, Any, Any], load: np.ndarray, amplitude: np.ndarray) -> Coordinate:

@@ -32,7 +32,7 @@ from jaxshroud.model.contact_law import (
 )
 from jaxshroud.model.modes import Mode, Status
 from jaxshroud.model.prepared import prepared_law
-from jaxshroud.model.spring_contact import BilinearContact, slip_sign
+from jaxshroud.model.spring_contact import BilinearContact, after_friction, slip_mode, slip_sign
 
 
 class CubicContact(ContactLaw):
@@ -95,12 +95,10 @@ class CubicContact(ContactLaw):
     def onset_mode(self, crossing: GuardCrossing) -> Modes:
         rate = crossing.rate
         slips = self.k_d * jnp.abs(rate.u) > self.mu * self.k * rate.v  # where v = 0
-        sliding = where(rate.u < 0, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
-        return where(slips, sliding, jnp.int32(Mode.STICK))
+        return where(slips, slip_mode(rate.u < 0), jnp.int32(Mode.STICK))
 
     def mode_after_rub(self, crossing: GuardCrossing) -> Modes:
-        sliding = where(crossing.at.u < crossing.u_s, jnp.int32(Mode.SLIP_MINUS), jnp.int32(Mode.SLIP_PLUS))
-        return where(crossing.mode == Mode.STICK, sliding, jnp.int32(Mode.STICK))
+        return after_friction(crossing)
 
     def slider_after(self, crossing: GuardCrossing, w: Slider, mode: Modes, u: Scalar) -> Slider:
         return where(crossing.mode == Mode.APART, crossing.at.u, u - w)
